@@ -23,7 +23,7 @@ test-nojit:
 	$(PYTHON) -m coverage run -m pytest -W ignore::RuntimeWarning tests/kernels
 	$(PYTHON) -m coverage run --append -m tests.attack --jobs 0 --start 20260214 --cases $(PLAIN_CASES) --only calls
 	$(PYTHON) -m coverage report --skip-covered
-PLAIN_CASES ?= 1500
+PLAIN_CASES ?= 300
 
 # Kernels with checks of array bounds, optimised less, which compiles sooner.  A cache of its own: numba
 # does not distinguish them.

@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from _timing import G, model_bound, model_exact, model_grid
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay
 
 from adaptsize import CartesianGrid, SimplexMesh
@@ -53,6 +55,7 @@ def named(*methods):
 
 
 BOTH = named("fast-marching", "exact")
+ALL = named("fast-marching", "exact", "auto")
 NODES = {
     "fast-marching": {"method": "fast-marching"},
     "exact": {"method": Exact(face_sources=False)},
@@ -194,13 +197,80 @@ def among_holes(n, n_holes, n_corners):
     return Problem(mesh, h0, some, exact)
 
 
-def among_blocks(n):
-    """Return two point sources among rectangular blocks."""
-    mesh, rings = domains.blocks(n)
+def between_walls(mesh, rings):
+    """Return two point sources among obstacles."""
     h0, nodes = domains.point_sources(mesh, [(-45.0, 45.0), (40.0, -30.0)], (1.0, 5.0))
     some = _some(mesh.n_points)
     exact = geodesics.limited_sizes(rings, mesh.points[some], G, mesh.points[nodes], (1.0, 5.0))
     return Problem(mesh, h0, some, exact)
+
+
+def around_star(n):
+    """Return two point sources around a star of 500 corners."""
+    star = domains._star((0.0, 0.0), 40.0, 34.0, 250, 0.1)
+    square = domains._box(-50.0, 50.0, -50.0, 50.0)
+    mesh = domains._triangulated((square, star), n, 20050718)
+    h0, nodes = domains.point_sources(mesh, [(-45.0, 45.0), (40.0, -40.0)], (1.0, 5.0))
+    some = np.arange(0, mesh.n_points, max(1, mesh.n_points // _FEW))
+    sources = (mesh.points[nodes], (1.0, 5.0))
+    exact = geodesics.limited_sizes((square, star), mesh.points[some], G, *sources)
+    return Problem(mesh, h0, some, exact)
+
+
+def without_reference(mesh):
+    """Return two point sources in the largest component of a mesh, whose sizes are unknown."""
+    label = connected_components(_graph(mesh.n_points, mesh.edges))[1]
+    cells = mesh.cells[label[mesh.cells[:, 0]] == np.bincount(label[mesh.cells[:, 0]]).argmax()]
+    used, number = np.unique(cells, return_inverse=True)
+    mesh = SimplexMesh(mesh.points[used], number.reshape(-1, 3))
+    h0, _ = domains.point_sources(mesh, [(-45.0, 45.0), (40.0, -30.0)], (1.0, 5.0))
+    return Problem(mesh, h0, np.empty(0, np.int64), np.empty(0))
+
+
+def _graph(n, edges):
+    return coo_array((np.ones(len(edges)), edges.T), shape=(n, n))
+
+
+def punched(n):
+    """Return jittered triangles without every fifth one, at random."""
+    mesh = jittered_triangles(n)
+    kept = np.random.default_rng(20050716).random(mesh.n_cells) >= 0.2
+    return without_reference(SimplexMesh(mesh.points, mesh.cells[kept]))
+
+
+def cut_edges(n):
+    """Return jittered triangles that are separated along 30 % of their edges, at random."""
+    mesh = jittered_triangles(n)
+    cells = mesh.cells.astype(np.int64)
+    ends = np.concatenate([cells[:, [k, (k + 1) % 3]] for k in range(3)])
+    corner = np.arange(cells.size).reshape(-1, 3)
+    at = np.concatenate([corner[:, [k, (k + 1) % 3]] for k in range(3)])
+    turned = ends[:, 0] > ends[:, 1]
+    ends[turned], at[turned] = ends[turned][:, ::-1], at[turned][:, ::-1]
+    order = np.lexsort(ends.T)
+    ends, at = ends[order], at[order]
+    first = np.flatnonzero((ends[1:] == ends[:-1]).all(axis=1))
+    first = first[np.random.default_rng(20050717).random(len(first)) >= 0.3]
+    # Two triangles share the nodes of an edge that is whole.
+    pairs = np.column_stack([at[first].ravel(), at[first + 1].ravel()])
+    label = connected_components(_graph(cells.size, pairs))[1]
+    points = np.empty((label.max() + 1, 2))
+    points[label] = mesh.points[cells.ravel()]
+    return without_reference(SimplexMesh(points, label.reshape(-1, 3)))
+
+
+def coast(n):
+    """Return the inside of a closed curve with waves of all lengths and 20 000 corners."""
+    rng = np.random.default_rng(20050719)
+    angle = np.linspace(0.0, 2.0 * np.pi, 200_001)
+    radius = np.full(len(angle), 38.0)
+    for k in range(1, 1500):
+        radius += 6.0 / k**1.3 * np.cos(k * angle + rng.uniform(0.0, 2.0 * np.pi))
+    curve = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
+    at = np.linspace(0.0, along[-1], 20_001)[:-1]
+    ring = np.column_stack([np.interp(at, along, x) for x in curve.T])
+    return without_reference(domains._triangulated((ring,), n, 20050720))
 
 
 def waves_in_a_cube(n):
@@ -339,10 +409,23 @@ SERIES = {
     "star holes": Series(lambda n: around_obstacles("star holes", n), HOLED, BOTH),
     "maze": Series(lambda n: around_obstacles("maze", n), HOLED, BOTH),
     "round holes": Series(lambda n: around_obstacles("round holes", n), HOLED, BOTH),
-    "blocks": Series(among_blocks, HOLED, BOTH),
+    "blocks": Series(lambda n: between_walls(*domains.blocks(n)), HOLED, BOTH),
     "6 holes of 40 corners": Series(lambda n: among_holes(n, 6, 40), (180_000,), BOTH),
     "6 holes of 200 corners": Series(lambda n: among_holes(n, 6, 200), (180_000,), BOTH),
     "100 holes of 24 corners": Series(lambda n: among_holes(n, 100, 24), (180_000,), BOTH),
+    "250 holes of 12 corners": Series(lambda n: among_holes(n, 250, 12), HOLED, ALL),
+    "spiral of 3 turns": Series(lambda n: between_walls(*domains.spiral(n)), HOLED, ALL),
+    "spiral of 9 turns": Series(
+        lambda n: between_walls(*domains.spiral(max(n, 11_000), turns=9)), HOLED, ALL
+    ),
+    "star of 500 corners": Series(around_star, HOLED, ALL),
+    "archipelago, 200 islands of 100 corners": Series(
+        lambda n: without_reference(domains.holes(n, 200, 100)[0]), (45_000, 180_000), ALL
+    ),
+    "coast line of 20 000 corners": Series(coast, (80_000,), ALL),
+    "every fifth triangle punched out": Series(punched, (5_000, 20_000), ALL),
+    "the same, larger": Series(punched, (80_000,), named("fast-marching", "auto")),
+    "30 % of the edges cut": Series(cut_edges, (5_000, 10_000), ALL),
     "wall": Series(lambda n: around_obstacles("wall", n), (5_000, 15_000, 45_000), BOTH),
     "window": Series(lambda n: around_obstacles("window", n), (5_000, 15_000, 45_000), BOTH),
     "leaking slit": Series(leaking_slit, (6_800, 26_000), BOTH),

@@ -25,6 +25,7 @@ from meshes import jittered_cube, jittered_square
 
 CASES = ((2, 100), (2, 250), (2, 500), (3, 16), (3, 28))
 QUICK_CASES = ((2, 40), (3, 10))
+NODAL = ("nodal", "more", "project", "bounded", "another")
 
 
 def pair(dim, n):
@@ -48,6 +49,10 @@ def once(old, new):
     transfer = FieldTransfer(old, new)
     _, took["nodal"] = seconds(lambda: transfer.nodal(nodal))
     _, took["more"] = seconds(lambda: transfer.nodal(nodal))
+    for method in ("project", "bounded"):
+        fresh = FieldTransfer(old, new)
+        _, took[method] = seconds(lambda: fresh.nodal(nodal, method=method))  # noqa: B023
+    _, took["another"] = seconds(lambda: fresh.nodal(nodal, method="project"))
     overlap, took["overlaps"] = seconds(lambda: transfer.overlap)
     _, took["at centroids"] = seconds(lambda: transfer.cells(by_cell, conservative=False))
     made, took["conservative"] = seconds(lambda: transfer.cells(by_cell))
@@ -60,11 +65,11 @@ def measured(dim, n):
     runs = [once(old, new) for _ in range(3)]
     took = {part: min(run[0][part] for run in runs) for part in runs[0][0]}
     per = {
-        part: 1e6 * s / {"tree": old.n_cells, "nodal": new.n_points, "more": new.n_points}.get(
-            part, new.n_cells
-        )
+        part: 1e6
+        * s
+        / (old.n_cells if part == "tree" else new.n_points if part in NODAL else new.n_cells)
         for part, s in took.items()
-    }  # fmt: skip
+    }
     return {
         "dim": dim, "old_cells": old.n_cells, "new_cells": new.n_cells,
         "new_nodes": new.n_points, "seconds": took, "microseconds": per,
@@ -77,13 +82,14 @@ def main():
     for dim, n in QUICK_CASES:
         once(*pair(dim, n // 2))  # compile
     rows = [measured(*case) for case in (QUICK_CASES if arguments.quick else CASES)]
-    parts = ("tree", "nodal", "more", "overlaps", "conservative", "at centroids")
+    parts = ("tree", *NODAL, "overlaps", "conservative", "at centroids")
     text = "\n".join(
         [
             "# Transfer of fields",
             "",
             "Microseconds: of the tree per old cell, of nodal fields per new node, of the rest per "
-            "new cell.",
+            "new cell.  Nodal: interpolated, a further field, projected, projected in bounds, a "
+            "further field projected.",
             "",
             table(
                 ["cells", "old", "new", *parts, "overlaps per cell", "integral changed by"],

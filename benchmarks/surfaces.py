@@ -19,6 +19,10 @@ failed    anything else: a crash, a limit of time or memory, an unclear error, i
 *Band*: share of the edges within sqrt 2 of the size.  *Least*: dihedral angle in degrees.
 *Distance*: of the new boundary from the old surface and back, over the diagonal.  Times are
 processor seconds of the process and the mesh generators: in all, and of each generator.
+
+Below the table stands the factor of the generator for `CELLS_PER_PREDICTED` in `sizes/budget.py`:
+the median of the cells made over the integral of the sizes, and how many meshes are then within
+15 % of the prediction.  ``--backend`` chooses the generator.
 """
 
 import argparse
@@ -41,6 +45,7 @@ from _nasty_surfaces import write_surfaces
 from _timing import table
 
 import adaptsize as ads
+from adaptsize.sizes import Enclosed, predict
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from tests.attack.calls import check_error
@@ -54,7 +59,7 @@ STEPS = {
     "tetrahedralizing with pytetwild": "fTetWild",
     "adapting with Mmg": "Mmg",
 }
-COLUMNS = ("file", "triangles", "predicted", "made", "band", "least", "distance")
+COLUMNS = ("file", "triangles", "predicted", "made", "made/integral", "band", "least", "distance")
 COLUMNS += ("CPU s", *STEPS.values(), "MB", "kind", "outcome")
 SUFFIXES = {".stl", ".off", ".obj", ".ply", ".vtk", ".vtu", ".msh", ".mesh", ".meshb"}
 #: The wall time of a case is limited to this many times its processor time.
@@ -81,17 +86,18 @@ class Clock:
         self.step, self.last = STEPS.get(text, ""), now
 
 
-def outcome_of(file, max_elements, tolerance):
+def outcome_of(file, arguments):
     """Read, size, remesh and check a surface in this process."""
-    row, clock = {}, Clock()
+    row, clock, tolerance = {}, Clock(), arguments.tolerance
     try:
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
             surface = ads.read(file)
             row["triangles"] = surface.n_cells
-            options = {"max_elements": max_elements, "tolerance": tolerance}
+            options = {"max_elements": arguments.max_elements, "tolerance": tolerance}
             size = ads.size_function(surface, **options)
-            made = ads.remesh(surface, size, tolerance=tolerance, progress=clock)
+            backend = arguments.backend
+            made = ads.remesh(surface, size, tolerance=tolerance, backend=backend, progress=clock)
             clock("")
         is_surface = surface.cell_dim == 2 and surface.dim == 3
         found = ads.size_conformity(made, size, surface=surface if is_surface else None)
@@ -106,6 +112,7 @@ def outcome_of(file, max_elements, tolerance):
     row |= {
         "predicted": round(size.report.n_elements),
         "made": made.n_cells,
+        "made/integral": round(made.n_cells / predict(Enclosed(surface), size).cells, 3),
         "band": round(found.edges.share_in_band, 3),
         "least": round(found.angle_min, 1),
         "distance": found.hausdorff_relative,
@@ -139,7 +146,7 @@ def in_child(file, arguments):
                 resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
                 # Of each process: mesh generators run in processes of their own.
                 resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
-                row = outcome_of(file, arguments.max_elements, arguments.tolerance)
+                row = outcome_of(file, arguments)
                 output.write(json.dumps(row).encode())
                 output.flush()
             finally:
@@ -191,7 +198,21 @@ def rows_in(store):
 def table_of_surfaces(rows):
     """Return a line per surface, with what was said about it, and a line of counts."""
     cells = [[shown(row.get(column, "")) for column in COLUMNS] for row in rows]
-    return f"{table(COLUMNS, cells)}\n\n{counts(rows)}\n"
+    return f"{table(COLUMNS, cells)}\n\n{counts(rows)}\n{fitted(rows)}\n"
+
+
+def fitted(rows):
+    """Return the factor of the generator, and how many meshes it predicts."""
+    ratios = np.array([row["made/integral"] for row in rows if "made/integral" in row])
+    if len(ratios) == 0:
+        return "No mesh was made."
+    factor = float(np.median(ratios))
+    close = int((np.abs(ratios / factor - 1.0) <= 0.15).sum())
+    low, high = np.quantile(ratios, [0.1, 0.9])
+    return (
+        f"Cells made over the integral: median {factor:.2f}, 80 % between {low:.2f} and "
+        f"{high:.2f}; {close} of {len(ratios)} within 15 % of the median."
+    )
 
 
 def table_of_defects(rows):
@@ -240,6 +261,7 @@ def parse():
     add("--memory", type=float, default=8.0, help="gigabytes per process")
     add("--max-elements", type=float, default=100_000.0)
     add("--tolerance", type=float, default=1e-3, help="as of remesh")
+    add("--backend", default="auto", help="as of remesh")
     arguments = parser.parse_args()
     if not arguments.folder and not arguments.nasty:
         parser.error("a folder or --nasty is needed")

@@ -1,6 +1,6 @@
 """Make deer.ply, what a scan of a figurine looks like: triangles of all sorts, some noise.
 
-Needs ``pip install adaptsize[plot,mmg]``.
+Needs ``pip install adaptsize[mmg]``.
 
     python data/make_deer.py               # beside this script
     python data/make_deer.py --into /tmp

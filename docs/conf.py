@@ -48,6 +48,7 @@ html_logo = html_favicon = "_static/logo.svg"  # by _ext/make_logo.py
 html_title = f"adaptsize {version}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = ["site.js"]
 html_copy_source = False
 html_math_renderer = "mathml"
 html_theme_options = {"navigation_with_keys": True}

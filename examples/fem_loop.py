@@ -48,11 +48,13 @@ def main(output_dir: Path, *, n_cycles: int = 4, width: int = 700) -> dict[str, 
         counts.append(len(points))
         errors.append(energy_error(points, cells, u))
         title = f"cycle {cycle}: {counts[-1]} nodes\nenergy error {errors[-1]:.4f}"
+        indicator = ads.zz_indicator(mesh, u)
         if cycle in (0, n_cycles):
-            panels.append((title, plot_mesh(mesh, limits=(0.5, 1.0), width=width)))
+            shown = mesh.with_data(cell_data={"error per cell": indicator})
+            look = {"color": "error per cell", "limits": (5e-5, 2e-2), "width": width}
+            panels.append((title, plot_mesh(shown, **look)))
         if cycle == n_cycles:
             break
-        indicator = ads.zz_indicator(mesh, u)
         mesh = ads.adapt(mesh, indicator, elements=800 * 2**cycle, max_refine=8.0).mesh
     save_panels(output_dir / "fem_loop.png", panels)
     # From the first adapted mesh on: the first step resolves what a uniform mesh does not.

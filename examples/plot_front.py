@@ -214,7 +214,7 @@ def start(mesh: ads.SimplexMesh) -> State:
 def on_new_mesh(state: State, mesh: ads.SimplexMesh) -> State:
     """Return the temperature interpolated, and the heat that this lost, cell by cell."""
     transfer = ads.FieldTransfer(state.mesh, mesh)
-    u = transfer.nodal(state.u)
+    u = transfer.nodal(state.u, method="interpolate")
     kept = transfer.cells(state.u[state.mesh.cells].mean(axis=1))  # the heat per area
     return State(mesh, u, kept - u[mesh.cells].mean(axis=1))
 

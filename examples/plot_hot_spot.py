@@ -57,7 +57,7 @@ from skfem.models.elasticity import plane_stress
 
 import adaptsize as ads
 from adaptsize.quality import minimum_angles
-from adaptsize.sizes import predicted_elements
+from adaptsize.sizes import predict
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,7 +91,7 @@ def main(
         found[f"highest stress, {hot:g} mm"] = float(stress.max())
     found["triangles by the command"] = by_command.n_cells
     everywhere = np.full(mesh.n_points, sizes[-1])
-    found["triangles, if uniform"] = predicted_elements(mesh, everywhere)
+    found["triangles, if uniform"] = predict(mesh, everywhere).cells
     found["smallest angle"] = float(minimum_angles(new).min())
     found["distance of the hole from the circle"] = off_the_hole(new)
     for material in MATERIALS:

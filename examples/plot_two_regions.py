@@ -3,8 +3,7 @@
 data/block.vtu is a block of tetrahedra (region 1) with a ball in it (region 2), and tagged
 facets at the ends, the sides and the interface.  A size is prescribed in the ball, and another
 one at a point of one end.  The sizes are limited and the block is remeshed.  Regions and
-facet tags are preserved, as the volumes and areas by tag show.  (The ball grows by two
-per cent, because its coarse facets are rounded.)
+facet tags are preserved, as the volumes and areas by tag show.
 
 ```python
 import numpy as np

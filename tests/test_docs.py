@@ -140,8 +140,8 @@ def test_the_first_block_of_the_readme_is_the_main_job_and_what_ci_runs():
     first = blocks_of((ROOT / "README.md").read_text(encoding="utf-8"))[0]
     assert first.kind == "sh"
     assert first.code.splitlines() == [
-        f'pip install ".[plot,mmg]" && {FIRST}',
-        'pip install -e ".[test,plot,mmg,docs]" && python -m pytest -n 2 --dist loadfile',
+        f'pip install ".[mmg]" && {FIRST}',
+        'pip install -e ".[test,mmg,docs]" && python -m pytest -n 2 --dist loadfile',
     ]
     assert first.output  # of the first line; `make pages` compares it
 
@@ -221,20 +221,6 @@ def test_every_public_name_of_a_submodule_is_in_the_reference(module):
     # Some are in several modules, and listed as members of one.
     found = {id(attrgetter(name)(ads)) for name in REFERENCE}
     assert [n for n in public if id(getattr(home, n)) not in found] == []
-
-
-def test_the_page_of_parameters_has_every_function_with_its_signature(monkeypatch):
-    monkeypatch.syspath_prepend(DOCS / "_ext")
-    page = importlib.import_module("signatures").page(DOCS / "api.rst")
-    rows = {row.split("`")[1]: row for row in page.splitlines() if row.startswith("| {py:")}
-    for name in ads.__all__:
-        if name != "__version__" and callable(getattr(ads, name)):
-            assert any(key.startswith((f"{name} <", f"{name}.")) for key in rows), name
-    written = rows["write <adaptsize.write>"]
-    assert "| `path`, `obj`, `*`, `fields=None`, `file_format=None` |" in written
-    assert rows["SimplexMesh.boundary <adaptsize.SimplexMesh.boundary>"].split("|")[2].strip() == ""
-    located = rows["CartesianGrid.around <adaptsize.CartesianGrid.around>"]
-    assert "| `points`, `spacing`, `margin=0.0` |" in located
 
 
 def test_every_example_is_in_the_gallery_with_its_pictures(extension):

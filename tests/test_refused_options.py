@@ -31,6 +31,7 @@ CALLS = {
     ads.size_from_hessian: (SQUARE, FIELD),
     ads.size_from_curvature: (SQUARE,),
     ads.size_from_feature: (SQUARE,),
+    ads.transfer_fields: (SQUARE, SQUARE),
     pictures.plot_mesh: (SQUARE,),
     pictures.plot_size: (SQUARE, FIELD + 1.0),
     pictures.plot_metric: (ads.MetricFunction(SQUARE, ads.isotropic_metric(FIELD + 1.0, 2)),),

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import gallery
-import signatures
 from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
 from sphinx.util import logging
 
 DOCS = Path(__file__).parents[1]
@@ -27,34 +27,38 @@ COPIES = {
     "CONTRIBUTING.md": "project/contributing",
     "data/README.md": "project/samples",
 }
-# The page that is made from the signatures.
-FUNCTIONS = "project/functions"
 # Links to folders, and what answers to them here.
 FOLDERS = {
     "examples": "gallery/index",
     "benchmarks/results": "benchmarks",
     "docs/decisions": "decisions/README",
     "docs/how-to": "how-to/README",
+    "docs/tutorials": "tutorials/README",
 }
 CONTENTS = {
-    "First steps": ["install", "troubleshooting", "comparison"],
-    "How to": [
-        "how-to/README", "how-to/stl", "how-to/vtk", "how-to/image", "how-to/fem-loop",
-        "how-to/dolfinx", "how-to/export", "bridges",
-    ],
-    "Tutorials": [f"tutorials/{p.stem}" for p in sorted(DOCS.glob("tutorials/*.md"))],
-    "Examples": ["gallery/index"],
+    "First steps": ["install", "how-to/README", "tutorials/README", "gallery/index"],
     "Methods": [
-        "limiting", "exact-limiting", "anisotropic", "anisotropic-meshes", "octrees", "distance",
-        "width", "sizes", "complete-size", "images", "remeshing", "smoothing",
-        "adaptation", "adaptive-loops",
+        "complete-size", "sizes", "width", "distance", "octrees", "images", "limiting",
+        "anisotropic", "remeshing", "adaptation", "distributed",
     ],
     "Reference": [
-        "parameters", "api", FUNCTIONS, "command-line", "generators", "files", "solvers",
-        "glossary", "promises", "benchmarks", "citations",
+        "api", "parameters", "command-line", "files", "glossary", "troubleshooting", "comparison",
+        "promises", "benchmarks",
     ],
-    "Project": ["decisions/README", *COPIES.values()],
 }  # fmt: skip
+# Pages below others.
+BELOW = {
+    "how-to/README": [f"how-to/{p.stem}" for p in sorted(DOCS.glob("how-to/[a-z]*.md"))],
+    "tutorials/README": [f"tutorials/{p.stem}" for p in sorted(DOCS.glob("tutorials/[a-z]*.md"))],
+    "limiting": ["exact-limiting"],
+    "anisotropic": ["anisotropic-meshes", "ugawg"],
+    "remeshing": ["generators", "smoothing"],
+    "adaptation": ["adaptive-loops", "solvers", "bridges"],
+    "promises": ["citations", "decisions/README", *COPIES.values()],
+    "decisions/README": [f"decisions/{p.stem}" for p in sorted(DOCS.glob("decisions/0*.md"))],
+}
+# What is for those who work on the library does not answer searches.
+WITHOUT_SEARCH = ("decisions/", "results/", "project/")
 LINK = re.compile(r"\]\((?!https?:|#|mailto:)([^)#\s]+)(#[^)\s]*)?\)")
 
 
@@ -65,7 +69,6 @@ def write_pages(app: Sphinx) -> None:
         LOG.warning(line)
     pages = {f"gallery/{e.name}": gallery.page_of(e) for e in examples}
     pages["gallery/index"] = gallery.index_of(examples)
-    pages[FUNCTIONS] = signatures.page(DOCS / "api.rst")
     pages |= {
         name: (ROOT / source).read_text(encoding="utf-8") for source, name in _copies().items()
     }
@@ -93,15 +96,22 @@ def mend_page(app: Sphinx, docname: str, source: list[str]) -> None:
     source[0] = LINK.sub(resolved, source[0])
     if docname == app.config.root_doc:
         source[0] += contents()
-    elif docname == "decisions/README":
-        source[0] += _toctree("", sorted(p.stem for p in (DOCS / "decisions").glob("0*.md")))
     elif docname == "benchmarks":
         source[0] += _toctree("", sorted(set(_copies().values()) - set(COPIES.values())))
+    elif docname in BELOW:
+        source[0] += _toctree("", BELOW[docname])
 
 
 def read_again(app: Sphinx, *_: Any) -> list[str]:
     """Return the pages that list others, which may have come or gone since the last build."""
-    return [app.config.root_doc, "benchmarks", "decisions/README"]
+    return [app.config.root_doc, "benchmarks", *BELOW]
+
+
+def leave_out_of_search(app: Sphinx, env: BuildEnvironment) -> None:
+    """Mark the pages whose text is not to be searched."""
+    for name in env.found_docs:
+        if name.startswith(WITHOUT_SEARCH):
+            env.metadata[name]["nosearch"] = ""
 
 
 def target_of(link: str, folder: Path, docname: str) -> str:
@@ -118,7 +128,7 @@ def target_of(link: str, folder: Path, docname: str) -> str:
 
 def contents() -> str:
     """Return the hidden trees of contents; pages that nobody listed end up among the methods."""
-    listed = {name for names in CONTENTS.values() for name in names}
+    listed = {name for names in (*CONTENTS.values(), *BELOW.values()) for name in names}
     found = [p.stem for p in sorted(DOCS.glob("*.md"))]
     others = [name for name in found if name not in listed and name != "index"]
     parts = []
@@ -134,7 +144,7 @@ def _copies() -> dict[str, str]:
 
 
 def _toctree(caption: str, names: list[str]) -> str:
-    entries = "\n".join(f"/{name}" if "/" in name or caption else name for name in names)
+    entries = "\n".join(f"/{name}" for name in names)
     heading = f":caption: {caption}\n" if caption else ""
     return f"\n\n```{{toctree}}\n:hidden:\n{heading}\n{entries}\n```\n"
 
@@ -144,4 +154,5 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("builder-inited", write_pages)
     app.connect("env-get-outdated", read_again)
     app.connect("source-read", mend_page)
+    app.connect("env-updated", leave_out_of_search)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -2,7 +2,7 @@
 
     python docs/_ext/refresh_pictures.py [NAME ...]
 
-Takes about ten minutes for all; names such as plot_slit choose some.  Needs adaptsize[plot,mmg].
+Takes about ten minutes for all; names such as plot_slit choose some.  Needs adaptsize[mmg].
 """
 
 import subprocess

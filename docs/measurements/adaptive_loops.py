@@ -15,7 +15,7 @@ import numpy as np
 
 import adaptsize as ads
 from adaptsize import SimplexMesh
-from adaptsize.sizes import predicted_elements
+from adaptsize.sizes import predict
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
 import domains
@@ -101,7 +101,7 @@ def counts(backend, dim):
                 mesh = make() if dim == 2 else make(fine)
                 for cycle in range(2 if fine or wanted < 5000 else 1):
                     h = sizes_for(mesh, SHAPES[shape](mesh.points), wanted)
-                    predicted = predicted_elements(mesh, h)
+                    predicted = predict(mesh, h).cells
                     mesh = ads.remesh(mesh, ads.SizeFunction(mesh, h), backend=backend)
                     ratios.append(mesh.n_cells / predicted)
                     print(name, shape, wanted, cycle, round(predicted), mesh.n_cells,
@@ -111,10 +111,10 @@ def counts(backend, dim):
 
 def sizes_for(mesh, shape, wanted):
     """Return limited sizes like ``shape`` with the number of elements wanted."""
-    scale = (predicted_elements(mesh, shape) / wanted) ** (1.0 / mesh.cell_dim)
+    scale = (predict(mesh, shape).cells / wanted) ** (1.0 / mesh.cell_dim)
     for _ in range(20):
         h = ads.limit_gradient(mesh, scale * shape, G, method="fast-marching")
-        scale *= (predicted_elements(mesh, h) / wanted) ** (1.0 / mesh.cell_dim)
+        scale *= (predict(mesh, h).cells / wanted) ** (1.0 / mesh.cell_dim)
     return h
 
 

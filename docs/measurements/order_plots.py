@@ -15,7 +15,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.transforms import ScaledTranslation
 
 import adaptsize as ads
-from adaptsize.geometry import boundary_width, level_set_curvature, surface_curvature
+from adaptsize.geometry import boundary_width, level_set_curvature
 from adaptsize.limiting import FastMarching
 from adaptsize.sizes import recovered_gradient, recovered_hessian
 
@@ -353,7 +353,7 @@ def curvature() -> list[Panel]:
     def torus(make):
         def measure(n):
             mesh, kappa = make(n)
-            return mean_edge(mesh), np.mean(np.abs(surface_curvature(mesh) - kappa) / kappa)
+            return mean_edge(mesh), np.mean(np.abs(ads.geometry.curvature(mesh) - kappa) / kappa)
 
         return measure
 

@@ -113,7 +113,9 @@ def main():
         domain = ads.to_dolfinx(result.mesh)
         new = ads.from_dolfinx(domain)
         # DOLFINx has partitioned the mesh anew.
-        u = transfer_fields(result.mesh, new.part, fields=result.fields).fields["u"]
+        u = transfer_fields(
+            result.mesh, new.part, fields=result.fields, method="interpolate"
+        ).fields["u"]
         space = fem.functionspace(domain, ("Lagrange", 1))
         start = fem.Function(space)
         start.x.array[new.dofs(space)] = u

@@ -7,6 +7,7 @@ value and, for an array, the first bad index.
 import os
 import sys
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -83,7 +84,10 @@ def as_points(name: str, value: npt.ArrayLike, dim: int | None = None) -> FloatA
         points.shape[1] in (1, 2, 3) if dim is None else points.shape[1] == dim
     )
     if not good:
-        raise ValueError(f"{name} must have shape {wanted}, got {points.shape}")
+        known = (1, 2, 3) if dim is None else (dim,)
+        is_transposed = points.ndim == 2 and len(points) in known
+        hint = f"; {name} is transposed" if is_transposed else ""
+        raise ValueError(f"{name} must have shape {wanted}, got {points.shape}{hint}")
     refuse_where(name, ~np.isfinite(points), points, "must be finite")
     return points
 
@@ -140,7 +144,9 @@ def as_index_array(
 
 def as_sizes(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     """Return nodal sizes: positive, inf allowed, NaN refused."""
-    sizes = as_float_array(name, value, shape)
+    sizes = as_float_array(name, value)
+    if sizes.shape != shape:
+        raise ValueError(f"{name} must have shape {shape}, got {sizes.shape}; one per node")
     refuse_where(name, ~(sizes > 0.0), sizes, "must be positive (inf where there is no bound)")
     return sizes
 
@@ -316,3 +322,22 @@ def warn_caller(text: str, category: type[Warning]) -> None:
     while frame is not None and frame.f_code.co_filename.startswith(package):
         frame, level = frame.f_back, level + 1
     warnings.warn(text, category, stacklevel=level)
+
+
+def place_text(point: Iterable[float], digits: int = 6) -> str:
+    """Return coordinates for a message, without exponents and without what is only rounding.
+
+    Examples
+    --------
+    >>> place_text([1e6, 0.5, 1e-13])
+    '(1000000, 0.5, 0)'
+    """
+    values = [float(x) for x in point]
+    largest = max(map(abs, values), default=0.0)
+
+    def text(x: float) -> str:
+        x = 0.0 if abs(x) < 1e-12 * largest else x
+        short = f"{x:.{digits}g}"
+        return f"{x:.1f}".removesuffix(".0") if "e+" in short and abs(x) < 1e15 else short
+
+    return f"({', '.join(map(text, values))})"

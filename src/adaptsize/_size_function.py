@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,7 @@ from adaptsize._checks import (
 )
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background.simplex import LaterMethod
 from adaptsize.errors import OutsideError
 from adaptsize.typing import Background, FloatArray
 
@@ -103,7 +104,8 @@ class SizeFunction(ReadOnlyState):
     ValueError
         If ``background`` is of another kind, ``values`` has another shape, a value is not
         positive or is NaN (the message names the first one), ``outside`` is unknown, ``sources``
-        belong to another background, or ``g`` is given for a background that fills its space.
+        belong to a background with other nodes or cells, or ``g`` is given for a background that
+        fills its space.
 
     Notes
     -----
@@ -165,9 +167,10 @@ class SizeFunction(ReadOnlyState):
         if self.sources is None:
             return
         from adaptsize.limiting import SizeSources
+        from adaptsize.limiting.sources import is_same
 
         check_type("sources", self.sources, SizeSources)
-        if self.sources.background is not self.background:
+        if not is_same(self.sources.background, self.background):
             raise ValueError(
                 f"sources must be those of the background, {self.background!r}, "
                 f"got {self.sources!r} on {self.sources.background!r}"
@@ -182,6 +185,8 @@ class SizeFunction(ReadOnlyState):
             n_free = self.values.size - finite.size
             sizes += f", {n_free} nodes inf" if n_free else ""
         return f"SizeFunction({sizes}, on {self.background!r})"
+
+    plot = LaterMethod[Any]("adaptsize.plot", "plot_size")
 
     def __call__(self, points: npt.ArrayLike) -> FloatArray:
         """Return the requested size at each point.

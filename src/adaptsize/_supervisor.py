@@ -1,8 +1,8 @@
 """The processes between a caller and a mesh generator.
 
-``python -m adaptsize._supervisor`` starts the job as a child of its own.  It ends everything that
-the job has started when the job ends, or when the caller ends or closes the pipe to it.  The
-caller cannot do that itself when it is killed.
+The supervisor starts the job as a child of its own.  It ends everything that the job has started
+when the job ends, or when the caller ends or closes the pipe to it.  The caller cannot do that
+itself when it is killed.
 
 Only small modules of Python are imported here, so that both processes are ready to end after a
 few hundredths of a second.
@@ -19,11 +19,18 @@ import threading
 import time
 from pathlib import Path
 
+from adaptsize._isolated import isolated
+
 #: Numbers of <sys/prctl.h>.
 _SET_DEATH_SIGNAL, _SET_CHILD_SUBREAPER = 1, 36
 _POLL_SECONDS = 0.5
 #: Processes that the system cannot end within this time are left to it.
 _PATIENCE = 5.0
+
+
+def supervised(folder: Path) -> list[str]:
+    """Return the command of a supervisor whose job is in a folder."""
+    return isolated(_SUPERVISE, os.getpid(), folder)
 
 
 def supervise(caller: int, folder: str) -> int:
@@ -32,7 +39,7 @@ def supervise(caller: int, folder: str) -> int:
     if not sys.stdin.buffer.readline():
         _end_everything(None, folder)
     job = subprocess.Popen(
-        [sys.executable, "-m", __spec__.name, "job", str(os.getpid())],
+        isolated(_WORK, os.getpid()),
         stdin=subprocess.DEVNULL,
         start_new_session=True,
     )
@@ -135,7 +142,11 @@ def _exit_like(code: int) -> None:
     os._exit(code)
 
 
-if __name__ == "__main__":
-    if sys.argv[1] == "job":
-        _exit_like(work(int(sys.argv[2])))
-    _exit_like(supervise(int(sys.argv[1]), sys.argv[2]))
+_SUPERVISE = f"""
+from {__name__} import _exit_like, supervise
+_exit_like(supervise(int(sys.argv[1]), sys.argv[2]))
+"""
+_WORK = f"""
+from {__name__} import _exit_like, work
+_exit_like(work(int(sys.argv[1])))
+"""

@@ -13,9 +13,10 @@ import numpy.typing as npt
 from adaptsize._checks import as_flag, as_path, one_of
 from adaptsize._formats import assembly, raster, readers, sizes, writers
 from adaptsize._formats.blocks import KINDS
+from adaptsize._formats.completeness import check_end
 from adaptsize._formats.gmsh import refuse_split
 from adaptsize._formats.guards import about_file, check_readable, is_special, write_whole
-from adaptsize._formats.vtk_xml import read_vti
+from adaptsize._formats.limited import read_limited
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.image import Image
@@ -203,6 +204,11 @@ def write(
     others = [name for name in needed if name not in ("h", sizes.METRIC, sizes.LENGTHS)]
     if others and chosen.only_sizes:
         raise ValueError(f"{path.name} holds sizes only, as the field 'h', got {', '.join(others)}")
+    if isinstance(background, SimplexMesh):
+        fields_of_mesh = [*background.point_data, *background.cell_data]
+        chosen.check_names(path, [*nodal, *fields_of_mesh], background.tag_names.values())
+    else:
+        chosen.check_names(path, nodal, ())
     try:
         write_whole(target, writers.writing(background, nodal, chosen))
     except (MeshFileError, OSError) as error:
@@ -254,7 +260,8 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
     if file.suffix.lower() == ".vti":
         try:
             check_readable(file)
-            background, fields = read_vti(file)
+            check_end(".vti", file.read_bytes())
+            background, fields = _grid_in(read_limited("read_vti", file))
         except (ValueError, MemoryError) as error:
             raise about_file(file, error) from error
     else:
@@ -267,6 +274,22 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
         return SizeFunction(background, fields[name], **writers.growth_in(fields, name))
     except ValueError as error:
         raise about_file(file, MeshFileError(f"{name}: {error}")) from error
+
+
+def _grid_in(image: Mapping[str, Any]) -> tuple[CartesianGrid, dict[str, npt.NDArray[Any]]]:
+    """Return the grid of image data and its nodal fields of one component."""
+    origin, spacing, counts = image["origin"], image["spacing"], image["counts"]
+    dim = max((d + 1 for d in range(3) if counts[d] > 1), default=0)
+    for d in range(3):
+        if counts[d] < 2 and (d < dim or origin[d] != 0.0):
+            raise MeshFileError(
+                f"has {counts[d]} nodes along {'xyz'[d]}, at {origin[d]:g}, but needs two or more "
+                "(or one along the last axes, at 0)"
+            )
+    shape = tuple(int(n) for n in counts[:dim])
+    fields = {name: v.reshape(shape, order="F") for name, v in image["fields"].items()}
+    active = None if image["active"] is None else image["active"].reshape(shape, order="F")
+    return CartesianGrid(origin[:dim], spacing[:dim], shape, active=active), fields
 
 
 def read_metric(path: str | os.PathLike[str], *, name: str = "metric") -> Metric:
@@ -374,7 +397,9 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
     file = as_path("path", path)
     try:
         check_readable(file)
-        read, notes = raster.load(file, name=name)
+        raster.check_suffix(file)
+        image, notes = read_limited("read_picture", file, name)
+        read = Image(*image)
     except (ValueError, MemoryError) as error:
         raise about_file(file, error) from error
     if notes:

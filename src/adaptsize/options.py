@@ -39,7 +39,7 @@ from adaptsize._defaults import (
     TOLERANCE,
 )
 from adaptsize.errors import UnitWarning
-from adaptsize.typing import GradientLimit
+from adaptsize.typing import GradientLimit, NodalMethod
 
 __all__ = ["Option", "options_of"]
 
@@ -49,7 +49,7 @@ R = TypeVar("R")
 _WIDTH = 96  # of a docstring
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Option:
     """The declaration of an option.
 
@@ -166,80 +166,80 @@ class SizeOptions(TypedDict, total=False):
     elements_per_radian: Annotated[
         float | None,
         Option(
-            default=None,
+            None,
+            "Elements per radian of curved boundaries; 0 disables this bound.",
             chosen="4",
             short="-K",
-            text="Elements per radian of curved boundaries; 0 disables this bound.",
             details="In a mesh, also of curved interfaces and of tagged facets inside.",
         ),
     ]
     elements_across: Annotated[
         float | None,
         Option(
-            default=None,
+            None,
+            "Elements across narrow regions; 0 disables this bound.",
             chosen="2",
-            text="Elements across narrow regions; 0 disables this bound.",
             details="In a mesh, each region (``cell_tags``) counts separately.",
         ),
     ]
     elements_between: Annotated[
         float | None,
         Option(
-            default=None,
-            chosen="1, or 0 on rough surfaces",
-            text="Elements between features of the boundary that are close and do not meet; 0 "
+            None,
+            "Elements between features of the boundary that are close and do not meet; 0 "
             "disables this bound.",
+            chosen="1, or 0 on rough surfaces",
             details="It has no effect on functions, images and level sets.",
         ),
     ]
     g: Annotated[
         float,
         Option(
-            default=GRADIENT_LIMIT,
+            GRADIENT_LIMIT,
+            "Gradient limit: growth of the size per length.",
             short="-g",
             unusual=10.0,
-            text="Gradient limit: growth of the size per length.",
         ),
     ]
     hmin: Annotated[
         float | None,
         Option(
-            default=None,
+            None,
+            "Smallest size, in the unit of the coordinates.",
             chosen="1/1000 of the diameter of the domain, at least one spacing of a level set and "
             "two pixels",
             unit="length",
             above=True,
-            text="Smallest size, in the unit of the coordinates.",
         ),
     ]
     hmax: Annotated[
         float | None,
         Option(
-            default=None,
+            None,
+            "Largest size, in the unit of the coordinates.",
             chosen="1/20 of the diameter of the domain",
             unit="length",
             above=True,
-            text="Largest size, in the unit of the coordinates.",
         ),
     ]
     crease_angle: Annotated[
         float,
         Option(
-            default=CREASE_ANGLE,
+            CREASE_ANGLE,
+            "Angle above which an edge is a feature edge, not curvature.",
             unit="degrees",
             upper=180.0,
-            text="Angle above which an edge is a feature edge, not curvature.",
         ),
     ]
     tolerance: Annotated[
         float | None,
         Option(
-            default=None,
+            None,
+            "Allowed distance of the boundary of the mesh from that of the domain, over the "
+            "diameter.",
             chosen="1e-3, or more where the number of elements requires it",
             above=True,
             inf=True,
-            text="Allowed distance of the boundary of the mesh from that of the domain, over the "
-            "diameter.",
             details="Sizes on boundaries of radius r are at most 2 sqrt(tolerance * diameter * r), "
             "on the mesh itself.  inf disables this.",
         ),
@@ -250,17 +250,9 @@ class NumberOptions(TypedDict, total=False):
     """Number of elements."""
 
     elements: Annotated[
-        float | None,
-        Option(
-            default=None,
-            lower=1.0,
-            text="Requested number of elements of the mesh.",
-        ),
+        float | None, Option(None, "Requested number of elements of the mesh.", lower=1.0)
     ]
-    nodes: Annotated[
-        float | None,
-        Option(default=None, lower=1.0, text="Requested number of nodes, instead."),
-    ]
+    nodes: Annotated[float | None, Option(None, "Requested number of nodes, instead.", lower=1.0)]
 
 
 class BudgetOptions(NumberOptions, total=False):
@@ -269,12 +261,12 @@ class BudgetOptions(NumberOptions, total=False):
     max_elements: Annotated[
         float | None,
         Option(
-            default=None,
+            None,
+            "Parameters that are not given are relaxed until the mesh has about this many "
+            "elements; inf disables this.",
             chosen=f"{MAX_ELEMENTS:.0f}",
             lower=1.0,
             inf=True,
-            text="Parameters that are not given are relaxed until the mesh has about this many "
-            "elements; inf disables this.",
         ),
     ]
 
@@ -285,37 +277,37 @@ class ImageOptions(TypedDict, total=False):
     spacing: Annotated[
         npt.ArrayLike | None,
         Option(
-            default=None,
+            None,
+            "Size of a pixel, in the unit of the coordinates.",
             chosen="that of the image, 1 for arrays",
             type_text="float or array_like of float, shape (dim,)",
-            text="Size of a pixel, in the unit of the coordinates.",
         ),
     ]
     label: Annotated[
         int | Sequence[int] | None,
         Option(
-            default=None,
+            None,
+            "Labels of the objects in an image.",
             chosen="all but 0",
             type_text="int or sequence of int",
-            text="Labels of the objects in an image.",
         ),
     ]
     threshold: Annotated[
         float | None,
         Option(
-            default=None,
+            None,
+            "Pixels with larger values belong to the objects, instead of labels.",
             lower=-float("inf"),
-            text="Pixels with larger values belong to the objects, instead of labels.",
         ),
     ]
     smoothing: Annotated[
         float | None,
         Option(
-            default=None,
+            None,
+            "Standard deviation of the low-pass filter of the mask.",
             chosen="2",
             unit="pixels",
             upper=1000.0,
-            text="Standard deviation of the low-pass filter of the mask.",
             details="2 removes ripples, lines of 2 pixels, and specks of 3 x 3.",
         ),
     ]
@@ -327,18 +319,18 @@ class GeneratorOptions(TypedDict, total=False):
     backend: Annotated[
         str,
         Option(
-            default="auto",
-            text="Mesh generator: auto, tetwild, mmg or gmsh.",
+            "auto",
+            "Mesh generator: auto, tetwild, mmg or gmsh.",
             details='"auto" is Mmg or fTetWild.',
         ),
     ]
     timeout: Annotated[
         float | None,
         Option(
-            default=3600.0,
+            3600.0,
+            "Time limit of the mesh generators.",
             unit="seconds",
             above=True,
-            text="Time limit of the mesh generators.",
             details="None disables it.",
         ),
     ]
@@ -350,10 +342,10 @@ class LimitOptions(TypedDict, total=False):
     max_elements: Annotated[
         float,
         Option(
-            default=5e6,
+            5e6,
+            "If the sizes require more elements than this, no mesh is made.",
             lower=1.0,
             inf=True,
-            text="If the sizes require more elements than this, no mesh is made.",
         ),
     ]
 
@@ -364,16 +356,16 @@ class MeshOptions(GeneratorOptions, total=False):
     target: Annotated[
         Literal["auto", "tetrahedra", "triangles"],
         Option(
-            default="auto",
-            text="Cells to make from a surface: auto, tetrahedra or triangles.",
+            "auto",
+            "Cells to make from a surface: auto, tetrahedra or triangles.",
             details='"auto" fills it with tetrahedra.',
         ),
     ]
     strict: Annotated[
         bool,
         Option(
-            default=False,
-            text="Whether the mesh must meet all demands of `check_mesh`.",
+            False,
+            "Whether the mesh must meet all demands of `check_mesh`.",
             details="If it does not, smaller tolerances and other generators are tried.",
         ),
     ]
@@ -385,15 +377,12 @@ class PartsOptions(TypedDict, total=False):
     how: Annotated[
         Literal["parts", "gather"],
         Option(
-            default="parts",
-            text="How a mesh in parts is remeshed: each rank its part in rounds, by Mmg, or rank 0 "
+            "parts",
+            "How a mesh in parts is remeshed: each rank its part in rounds, by Mmg, or rank 0 "
             "the whole mesh.",
         ),
     ]
-    rounds: Annotated[
-        int,
-        Option(default=2, lower=1.0, upper=20.0, text='Number of rounds of "parts".'),
-    ]
+    rounds: Annotated[int, Option(2, 'Number of rounds of "parts".', lower=1.0, upper=20.0)]
 
 
 class RemeshOptions(MeshOptions, LimitOptions, PartsOptions, total=False):
@@ -402,30 +391,30 @@ class RemeshOptions(MeshOptions, LimitOptions, PartsOptions, total=False):
     g: Annotated[
         float,
         Option(
-            default=GRADIENT_LIMIT,
+            GRADIENT_LIMIT,
+            "Gradient with which nodal sizes on a surface grow into the volume.",
             unusual=10.0,
             short="-g",
-            text="Gradient with which nodal sizes on a surface grow into the volume.",
             details="A SizeFunction on a surface uses its own g, if it has one.",
         ),
     ]
     hmax: Annotated[
         float,
         Option(
-            default=float("inf"),
+            float("inf"),
+            "Upper limit of the sizes, including those that grow into a volume.",
             unit="length",
             above=True,
             inf=True,
-            text="Upper limit of the sizes, including those that grow into a volume.",
         ),
     ]
     tolerance: Annotated[
         float,
         Option(
-            default=TOLERANCE,
+            TOLERANCE,
+            "Allowed distance of the new boundary from the old one, over the diagonal.",
             above=True,
             upper=1.0,
-            text="Allowed distance of the new boundary from the old one, over the diagonal.",
         ),
     ]
 
@@ -436,24 +425,21 @@ class DistanceOptions(LimitOptions, total=False):
     clip: Annotated[
         bool,
         Option(
-            default=False,
-            text="Whether the domain may extend beyond the box.",
+            False,
+            "Whether the domain may extend beyond the box.",
             details="It is then cut off there.",
         ),
     ]
     seed: Annotated[
         int | np.random.Generator,
         Option(
-            default=2004,
+            2004,
+            "Seed of the random initial points.",
             type_text="int or numpy.random.Generator",
-            text="Seed of the random initial points.",
             details="The same seed gives the same mesh on the same machine.",
         ),
     ]
-    max_iter: Annotated[
-        int,
-        Option(default=150, lower=1.0, text="Maximum number of smoothing steps."),
-    ]
+    max_iter: Annotated[int, Option(150, "Maximum number of smoothing steps.", lower=1.0)]
 
 
 class SizeFunctionOptions(SizeOptions, BudgetOptions, ImageOptions, total=False):
@@ -463,132 +449,121 @@ class SizeFunctionOptions(SizeOptions, BudgetOptions, ImageOptions, total=False)
 class ImageMeshOptions(SizeOptions, BudgetOptions, ImageOptions, total=False):
     """Mesh of an image."""
 
-    seed: Annotated[
-        int,
-        Option(default=2004, text="Seed of the random initial points."),
-    ]
+    seed: Annotated[int, Option(2004, "Seed of the random initial points.")]
 
 
 class RemeshToElementsOptions(SizeOptions, MeshOptions, total=False):
     """Mesh with a number of elements."""
 
 
-class AdaptOptions(NumberOptions, LimitOptions, GeneratorOptions, PartsOptions, total=False):
+class TransferOptions(TypedDict, total=False):
+    """Transfer of fields."""
+
+    method: Annotated[
+        NodalMethod | Mapping[str, NodalMethod] | None,
+        Option(
+            None,
+            "How nodal fields are transferred: all, or those named.",
+            type_text='{"interpolate", "project", "bounded"}, or mapping of str to these',
+            chosen='"bounded", or "interpolate" for triangles in space',
+            details="See `FieldTransfer.nodal`.",
+        ),
+    ]
+    conservative: Annotated[
+        bool,
+        Option(
+            True,
+            "Whether the means over the overlaps are taken for cell fields.",
+            details="See `FieldTransfer.cells`.",
+        ),
+    ]
+    keep_integral: Annotated[
+        bool, Option(False, "Whether the transfer preserves the integrals of cell fields.")
+    ]
+
+
+class AdaptOptions(
+    NumberOptions, LimitOptions, GeneratorOptions, TransferOptions, PartsOptions, total=False
+):
     """Adaptation."""
 
     tolerance: Annotated[
         float | None,
-        Option(
-            default=None,
-            above=True,
-            text="Target for the total error, the root of the sum of the squares.",
-        ),
+        Option(None, "Target for the total error, the root of the sum of the squares.", above=True),
     ]
     order: Annotated[
         float,
         Option(
-            default=1.0,
+            1.0,
+            "The error is proportional to this power of the size.",
             above=True,
-            text="The error is proportional to this power of the size.",
             details="See `size_from_error`.",
         ),
     ]
     g: Annotated[
         GradientLimit | Literal["auto"] | None,
         Option(
-            default="auto",
+            "auto",
+            "Gradient limit as in `limit_gradient`; None disables it.",
             unusual=10.0,
             type_text='float, array_like, callable, tuple, "auto" or None',
             short="-g",
-            text="Gradient limit as in `limit_gradient`; None disables it.",
             details=f'"auto" is {GRADIENT_LIMIT:g}, or {METRIC_GRADIENT_LIMIT:g} of metrics.',
         ),
     ]
-    hmin: Annotated[
-        float | None,
-        Option(default=None, unit="length", above=True, text="Smallest size."),
-    ]
-    hmax: Annotated[
-        float | None,
-        Option(default=None, unit="length", above=True, text="Largest size."),
-    ]
+    hmin: Annotated[float | None, Option(None, "Smallest size.", unit="length", above=True)]
+    hmax: Annotated[float | None, Option(None, "Largest size.", unit="length", above=True)]
     max_refine: Annotated[
-        float,
-        Option(
-            default=4.0,
-            lower=1.0,
-            text="Largest factor by which ``indicator`` reduces the size.",
-        ),
+        float, Option(4.0, "Largest factor by which ``indicator`` reduces the size.", lower=1.0)
     ]
     max_coarsen: Annotated[
         float,
         Option(
-            default=2.0,
-            lower=1.0,
-            inf=True,
-            text="Largest factor by which ``indicator`` increases the size.",
+            2.0, "Largest factor by which ``indicator`` increases the size.", lower=1.0, inf=True
         ),
     ]
     boundary_tolerance: Annotated[
         float,
         Option(
-            default=TOLERANCE,
+            TOLERANCE,
+            "Allowed distance of the new boundary from the old one, over the diagonal.",
             above=True,
             upper=1.0,
-            text="Allowed distance of the new boundary from the old one, over the diagonal.",
             details="In space it bounds the sizes at curved boundaries.",
         ),
     ]
     enough: Annotated[
         float,
         Option(
-            default=0.85,
-            text="The mesh is kept if it already has this share of the next mesh.",
+            0.85,
+            "The mesh is kept if it already has this share of the next mesh.",
             details="A value above 1 always makes a new mesh.",
         ),
     ]
     coarsen_converged: Annotated[
         bool,
-        Option(
-            default=False,
-            text="Whether to coarsen where possible if the error is within the tolerance.",
-        ),
+        Option(False, "Whether to coarsen where possible if the error is within the tolerance."),
     ]
     corner_angle: Annotated[
         float,
         Option(
-            default=CORNER_ANGLE,
+            CORNER_ANGLE,
+            "Angle of boundary facets from which on ``project`` keeps their common nodes.",
             unit="degrees",
-            text="Angle of boundary facets from which on ``project`` keeps their common nodes.",
         ),
-    ]
-    conservative: Annotated[
-        bool,
-        Option(
-            default=True,
-            text="How cell fields are transferred, see `FieldTransfer.cells`.",
-        ),
-    ]
-    keep_integral: Annotated[
-        bool,
-        Option(default=False, text="Whether the transfer preserves the integrals of cell fields."),
     ]
     anisotropic: Annotated[
         bool | str | Sequence[str],
         Option(
-            default=False,
-            type_text="bool, str or sequence of str",
-            text="Whether sizes depend on the direction, such that linear elements interpolate "
+            False,
+            "Whether sizes depend on the direction, such that linear elements interpolate "
             "these nodal ``fields`` best: all, or those named; see `metric_from_hessian`.",
+            type_text="bool, str or sequence of str",
         ),
     ]
-    norm: Annotated[
-        float,
-        Option(default=2.0, lower=1.0, inf=True, text="Norm of that error."),
-    ]
+    norm: Annotated[float, Option(2.0, "Norm of that error.", lower=1.0, inf=True)]
     max_aspect: Annotated[
-        float,
-        Option(default=1000.0, lower=1.0, upper=1e15, text="Limit of the aspect ratio then."),
+        float, Option(1000.0, "Limit of the aspect ratio then.", lower=1.0, upper=1e15)
     ]
 
 
@@ -597,14 +572,9 @@ class ClipOptions(TypedDict, total=False):
 
     hmin: Annotated[
         float | None,
-        Option(
-            default=None, unit="length", above=True, text="Smallest size; it overrides the bound."
-        ),
+        Option(None, "Smallest size; it overrides the bound.", unit="length", above=True),
     ]
-    hmax: Annotated[
-        float | None,
-        Option(default=None, unit="length", above=True, text="Largest size."),
-    ]
+    hmax: Annotated[float | None, Option(None, "Largest size.", unit="length", above=True)]
 
 
 class ScaleOptions(ClipOptions, total=False):
@@ -612,23 +582,19 @@ class ScaleOptions(ClipOptions, total=False):
 
     tolerance: Annotated[
         float | None,
-        Option(
-            default=None, above=True, text="Target for the error.  Either this or ``elements``."
-        ),
+        Option(None, "Target for the error.  Either this or ``elements``.", above=True),
     ]
     elements: Annotated[
         float | None,
-        Option(
-            default=None, lower=1.0, text="Target for the number of elements, after all limits."
-        ),
+        Option(None, "Target for the number of elements, after all limits.", lower=1.0),
     ]
     g: Annotated[
         GradientLimit | None,
         Option(
-            default=None,
+            None,
+            "Gradient limit, as in `limit_gradient`, which is then applied to the sizes.",
             unusual=5.0,
             type_text="float, array_like, callable or tuple",
-            text="Gradient limit, as in `limit_gradient`, which is then applied to the sizes.",
             details="By default the sizes are not limited, so that other bounds can be added "
             "before limiting.",
         ),
@@ -636,9 +602,9 @@ class ScaleOptions(ClipOptions, total=False):
     backend: Annotated[
         str | None,
         Option(
-            default=None,
-            text='If given, ``elements`` is the number that this mesh generator makes ("mmg", '
-            '"tetwild"), see `adaptsize.sizes.predicted_elements`.',
+            None,
+            'If given, ``elements`` is the number that this mesh generator makes ("mmg", '
+            '"tetwild"), see `adaptsize.sizes.predict`.',
             details="Otherwise it is a number of regular simplices.",
         ),
     ]
@@ -650,19 +616,19 @@ class ErrorOptions(ScaleOptions, total=False):
     max_refine: Annotated[
         float,
         Option(
-            default=4.0,
+            4.0,
+            "Largest factor by which sizes may shrink.",
             lower=1.0,
-            text="Largest factor by which sizes may shrink.",
             details="Indicators predict little about much smaller cells at a singular point.",
         ),
     ]
     max_coarsen: Annotated[
         float,
         Option(
-            default=2.0,
+            2.0,
+            "Largest factor by which sizes may grow.",
             lower=1.0,
             inf=True,
-            text="Largest factor by which sizes may grow.",
             details="Indicators predict nothing where they are zero.",
         ),
     ]
@@ -671,10 +637,7 @@ class ErrorOptions(ScaleOptions, total=False):
 class HessianOptions(ScaleOptions, total=False):
     """Sizes from second derivatives."""
 
-    norm: Annotated[
-        float,
-        Option(default=float("inf"), lower=1.0, inf=True, text="Norm q of the error."),
-    ]
+    norm: Annotated[float, Option(float("inf"), "Norm q of the error.", lower=1.0, inf=True)]
 
 
 class CurvatureOptions(ClipOptions, total=False):
@@ -682,20 +645,16 @@ class CurvatureOptions(ClipOptions, total=False):
 
     elements_per_radian: Annotated[
         float,
-        Option(
-            default=4.0,
-            above=True,
-            text="K.  An edge that spans the angle t has 1 / K = 2 sin(t / 2).",
-        ),
+        Option(4.0, "K.  An edge that spans the angle t has 1 / K = 2 sin(t / 2).", above=True),
     ]
     crease_angle: Annotated[
         float,
         Option(
-            default=CREASE_ANGLE,
+            CREASE_ANGLE,
+            "Angle between facets above which their edge is a feature edge (crease), and "
+            "between segments above which their node is a corner.",
             unit="degrees",
             upper=180.0,
-            text="Angle between facets above which their edge is a feature edge (crease), and "
-            "between segments above which their node is a corner.",
             details="It must exceed the angle between the facets of a tessellated smooth surface. "
             "Tagged edges of a surface are feature edges at any angle.  With distances it applies "
             "to kinks, and to boundaries that turn by more within one spacing.",
@@ -704,8 +663,8 @@ class CurvatureOptions(ClipOptions, total=False):
     smoothing: Annotated[
         int,
         Option(
-            default=0,
-            text="Layers of neighbours over which the curvature is averaged; 1 or 2 for scanned "
+            0,
+            "Layers of neighbours over which the curvature is averaged; 1 or 2 for scanned "
             "surfaces.",
             details="Distances are averaged this number of times before they are differentiated, "
             "see `adaptsize.geometry.level_set_curvature`: about 16 for images.",
@@ -714,21 +673,21 @@ class CurvatureOptions(ClipOptions, total=False):
     tolerance: Annotated[
         float | None,
         Option(
-            default=None,
+            None,
+            "Distance up to which a node counts as lying on ``boundary``.",
             chosen="0.001 of the diagonal of ``boundary``; on a grid the diagonal of a box, and on "
             "an octree that of the smallest leaf, to include all corners of the boxes that the "
             "boundary passes; with distances two of the largest spacings",
             unit="length",
-            text="Distance up to which a node counts as lying on ``boundary``.",
         ),
     ]
     g: Annotated[
         float,
         Option(
-            default=GRADIENT_LIMIT,
+            GRADIENT_LIMIT,
+            "Only with distances: the gradient limit that is used afterwards.",
             unusual=5.0,
             upper=STEEPEST,
-            text="Only with distances: the gradient limit that is used afterwards.",
         ),
     ]
 
@@ -739,40 +698,37 @@ class FeatureOptions(ClipOptions, total=False):
     method: Annotated[
         Literal["auto", "rays", "medial-axis"],
         Option(
-            default="auto",
-            text="Definition of the width.",
+            "auto",
+            "Definition of the width.",
             details='"auto" is the medial axis for distances, otherwise rays.',
         ),
     ]
-    elements_across: Annotated[float, Option(default=4.0, above=True, text="Number n of elements.")]
+    elements_across: Annotated[float, Option(4.0, "Number n of elements.", above=True)]
     crease_angle: Annotated[
         float,
         Option(
-            default=CREASE_ANGLE,
+            CREASE_ANGLE,
+            "As for `adaptsize.geometry.boundary_width`.",
             unit="degrees",
             upper=180.0,
-            text="As for `adaptsize.geometry.boundary_width`.",
             details="The medial axis on grids has none.",
         ),
     ]
     corner_angle: Annotated[
         float,
         Option(
-            default=CORNER_ANGLE,
-            unit="degrees",
-            upper=180.0,
-            text="As for `adaptsize.geometry.boundary_width`.",
+            CORNER_ANGLE, "As for `adaptsize.geometry.boundary_width`.", unit="degrees", upper=180.0
         ),
     ]
     tolerance: Annotated[
         float | None,
         Option(
-            default=None,
+            None,
+            "Nodes up to this distance outside ``boundary`` get a size too.",
             chosen="the diagonal of the largest box at a node of a grid or an octree, so that all "
             "corners of the boxes that the boundary passes have a size, otherwise 0.001 of the "
             "diagonal of the boundary",
             unit="length",
-            text="Nodes up to this distance outside ``boundary`` get a size too.",
             details="On a background of lower dimension, only nodes within this distance of "
             "``boundary`` get one.  Only for rays, with ``boundary``.",
         ),
@@ -785,16 +741,16 @@ class PictureOptions(TypedDict, total=False):
     path: Annotated[
         str | os.PathLike[str] | None,
         Option(
-            default=None,
+            None,
+            "File to write (.png, .jpg, .tif or .bmp), completely or not at all.",
             type_text="str or path",
-            text="File to write (.png, .jpg, .tif or .bmp), completely or not at all.",
         ),
     ]
     clip: Annotated[
         Literal["auto", "x", "y", "z"] | None,
         Option(
-            default="auto",
-            text="Axis normal to the plane through the middle at which the mesh is cut.",
+            "auto",
+            "Axis normal to the plane through the middle at which the mesh is cut.",
             details='The whole cells behind the plane are shown.  "auto" cuts tetrahedra and boxes '
             "in space, such that the section is long.  None shows the whole.",
         ),
@@ -802,10 +758,10 @@ class PictureOptions(TypedDict, total=False):
     width: Annotated[
         int,
         Option(
-            default=1600,
+            1600,
+            "Width of the picture in pixels.",
             lower=64.0,
             upper=10_000.0,
-            text="Width of the picture in pixels.",
             details="The height follows from the mesh.",
         ),
     ]
@@ -817,11 +773,11 @@ class ScaledPictureOptions(PictureOptions, total=False):
     limits: Annotated[
         tuple[float, float] | None,
         Option(
-            default=None,
+            None,
+            "Lowest and highest value of the colour bar, for pictures to be compared; not "
+            "for regions.",
             chosen="those of the values",
             type_text="tuple of float",
-            text="Lowest and highest value of the colour bar, for pictures to be compared; not "
-            "for regions.",
         ),
     ]
 

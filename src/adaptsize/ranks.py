@@ -101,12 +101,10 @@ class Communicator(ABC):
     def require_equal(self, **arguments: Any) -> None:
         """Raise a ValueError on all ranks if an argument is not the same on all of them.
 
-        Numbers are compared by value, other objects by their representations.
+        Numbers are compared by value, other objects by their representations.  Of functions and
+        arrays, which may differ between ranks, only the kind is compared.
         """
-        own = {
-            name: float(value) if isinstance(value, Real) else repr(value)
-            for name, value in arguments.items()
-        }
+        own = {name: _comparable(value) for name, value in arguments.items()}
         every = self.allgather(own)
         for name in own:
             differs = [other[name] != every[0][name] for other in every]
@@ -131,6 +129,15 @@ class Communicator(ABC):
             except TypeError:  # the exception takes other arguments
                 failure = RuntimeError(f"{where}{kind.__name__}: {text}")
             raise failure from (own if rank == self.rank else None)
+
+
+def _comparable(value: object) -> float | str:
+    """Return what is compared of an argument."""
+    if isinstance(value, Real):
+        return float(value)
+    if callable(value):
+        return "a function"
+    return "an array" if isinstance(value, np.ndarray) else repr(value)
 
 
 def as_communicator(comm: Any) -> Communicator:

@@ -1,7 +1,7 @@
 """Array aliases and the protocol of a background."""
 
 from collections.abc import Callable
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -12,18 +12,25 @@ __all__ = [
     "FloatArray",
     "GradientLimit",
     "GradientOfSize",
+    "IndexArray",
     "IntArray",
+    "LongArray",
+    "NodalMethod",
     "ProgressCallback",
 ]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.int32]
+LongArray: TypeAlias = npt.NDArray[np.int64]
+IndexArray: TypeAlias = npt.NDArray[np.intp]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 #: ``g(h)``: takes an array of sizes and returns the gradient limit for each.
 GradientOfSize: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 #: A gradient limit: a number, one per node or per cell, ``g(h)``, or a product ``(a, b)``.
 GradientLimit: TypeAlias = npt.ArrayLike | GradientOfSize | tuple[npt.ArrayLike, GradientOfSize]
+#: How a nodal field is transferred to another mesh.
+NodalMethod: TypeAlias = Literal["interpolate", "project", "bounded"]
 #: Called with a text and the share of the work done, 0 to 1 (None: unknown).
 ProgressCallback: TypeAlias = Callable[[str, float | None], Any]
 

@@ -9,7 +9,7 @@ from meshes import structured_square
 from adaptsize import SimplexMesh
 from adaptsize.adaptation import new_mesh
 from adaptsize.remeshing import registry
-from adaptsize.sizes import predicted_elements
+from adaptsize.sizes import predict
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def generator(monkeypatch):
 
         def __call__(self, mesh, size, **options):
             self.calls += 1
-            n_cells = self.factor * predicted_elements(mesh, size.values)
+            n_cells = self.factor * predict(mesh, size.values).cells
             made = structured_square(max(1, round(math.sqrt(n_cells / 2.0))), half_width=1.0)
             if mesh.cell_tags is None:
                 return made

@@ -13,7 +13,7 @@ from scipy.integrate import quad
 
 from adaptsize import SizeFunction, adapt
 from adaptsize.adaptation import new_mesh
-from adaptsize.sizes import predicted_elements
+from adaptsize.sizes import predict
 from adaptsize.sizes.budget import mean_density
 
 
@@ -41,11 +41,11 @@ def test_mean_density_of_constants_is_exact_and_of_no_bound_zero():
 
 def test_the_number_of_elements_is_that_of_the_generator():
     mesh = structured_square(4)
-    plain = predicted_elements(mesh, np.ones(mesh.n_points))
+    plain = predict(mesh, np.ones(mesh.n_points)).cells
     assert plain == pytest.approx(10_000 * 4.0 / math.sqrt(3.0))
     # docs/adaptive-loops.md
-    assert predicted_elements(mesh, np.ones(mesh.n_points), backend="mmg") == 1.00 * plain
-    assert predicted_elements(mesh, np.ones(mesh.n_points), backend="unheard of") == plain
+    assert predict(mesh, np.ones(mesh.n_points), backend="mmg").cells == 1.00 * plain
+    assert predict(mesh, np.ones(mesh.n_points), backend="unheard of").cells == plain
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,7 @@ def test_a_generator_with_a_jump_is_met_from_both_sides(monkeypatch, generator):
     # As fTetWild's at its natural length: twice as many on one side, half as many on the other.
     class Jumping(type(generator)):
         def __call__(self, mesh, size, **options):
-            asked = predicted_elements(mesh, size.values)
+            asked = predict(mesh, size.values).cells
             self.factor = 1.6 if asked > 2500 else 0.75
             return super().__call__(mesh, size, **options)
 

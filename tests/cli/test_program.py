@@ -56,7 +56,7 @@ def test_a_reader_that_leaves_early_is_no_error(unbuffered):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals differ")
 def test_ctrl_c_ends_with_130_and_one_line(tmp_path):
-    (tmp_path / "meshio.py").write_text(
+    (tmp_path / "vtkmodules.py").write_text(
         "import pathlib, time\n"
         "pathlib.Path(__file__).with_name('reading').touch()\n"
         "time.sleep(60)\n"
@@ -110,10 +110,10 @@ def test_closed_streams_are_no_error(closed):
 def test_a_stopped_command_leaves_nothing(tmp_path, number):
     # The writer is slow, and stopped in the middle of the file.
     code = (
-        "import sys, time; from adaptsize._formats import writers; from adaptsize.cli import main\n"
+        "import sys, time; from adaptsize._formats import vtk; from adaptsize.cli import main\n"
         "def slow(path, *_, **__):\n"
         "    path.write_text('half'); print('writing', flush=True); time.sleep(60)\n"
-        "writers._write_with_meshio = slow\n"
+        "vtk._write = slow\n"
         "main()"
     )
     words = ["limit", DATA / "slit.vtu", "-o", "out.vtu", "--field", "h0", "-g", "0.3"]

@@ -1,6 +1,7 @@
 """``adaptsize remesh``: the mesh, the report on it, its files, and open surfaces."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,10 @@ from shapes import CORNERS as UNIT
 from shapes import CUBE_CELLS
 
 from adaptsize import SimplexMesh, read, remesh, size_function, write
+from adaptsize._formats.provenance import read_provenance, write_provenance
+from adaptsize.cli.console import as_typed
 from adaptsize.quality import size_conformity
-from adaptsize.reporting.outcome import Outcome
+from adaptsize.reporting.outcome import Outcome, sharp_cells
 
 DATA = Path(__file__).parents[2] / "data"
 CORNERS = UNIT * [2.0, 1.0, 1.0]
@@ -94,7 +97,7 @@ FLAT = SimplexMesh([[0, 0], [1, 0], [0.5, 0.02]], [[0, 1, 2]])
         (SQUARE, 1.0, 1.0, 0.0, ["2 triangles are 100% more than predicted"]),
         (SQUARE, 1.0, 4.0, 0.0, ["2 triangles are 50% fewer than predicted"]),
         (SQUARE, 1.0, 2.0, -0.2, ["the area has changed by -20.0%"]),
-        (FLAT, 0.6, 1.0, None, ["the smallest angle is 2.3 degrees"]),
+        (SQUARE, 1.0, 2.0, None, []),
     ],
 )
 def test_what_is_out_of_bounds_is_a_warning(mesh, size, predicted, change, warned):
@@ -104,6 +107,19 @@ def test_what_is_out_of_bounds_is_a_warning(mesh, size, predicted, change, warne
     assert all(any(text.startswith(part) for text in printed) for part in warned)
     if not warned:
         assert printed == []
+
+
+def test_small_angles_are_counted_with_the_place_of_the_worst():
+    (text,) = (text for text in outcome_of_remeshing_flat().warnings() if "angle" in text)
+    assert text == (
+        "1 cell has an angle below 10 degrees, the worst, 2.3, at (0.5, 0.00666667); "
+        "smaller sizes there may help"
+    )
+
+
+def outcome_of_remeshing_flat():
+    outcome = Outcome("triangles", size_conformity(FLAT, 0.6), 1.0)
+    return replace(outcome, sharp=sharp_cells(FLAT))
 
 
 def test_verbose_prints_the_messages_of_the_generator(capsys, tmp_path, monkeypatch):
@@ -118,9 +134,66 @@ def test_verbose_prints_the_messages_of_the_generator(capsys, tmp_path, monkeypa
     assert "mmg: " not in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply", ".off"])
+def test_a_surface_written_to_a_format_of_triangles_stays_a_surface(capsys, box, suffix):
+    pytest.importorskip("mmgpy")
+    output = box.with_name(f"new{suffix}")
+    assert call("remesh", box, "-o", output, "--hmax", "0.3") == 0
+    printed = capsys.readouterr()
+    assert "holds triangles: the surface is remeshed" in printed.err
+    count = int(printed.out.split("triangles")[0].split()[-1])
+    assert read(output).n_cells == count
+    assert read(output).measures.sum() == pytest.approx(10.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".msh", ".mesh", ".vtk"])
+def test_check_takes_the_tolerance_with_which_a_mesh_was_made(capsys, tmp_path, suffix):
+    pytest.importorskip("mmgpy")
+    output = tmp_path / f"new{suffix}"
+    words = ["remesh", DATA / "curved.vtu", "-o", output, "--elements", "150", "--json"]
+    assert call(*words) == 0
+    tolerance = json.loads(capsys.readouterr().out)["mesh"]["tolerance"]
+    assert tolerance > 2e-3  # relaxed
+    check = ["check", output, "--original", DATA / "curved.vtu"]
+    assert call(*check) == 0
+    printed = capsys.readouterr()
+    assert "curved.vtu on 20" in printed.err
+    assert f"{tolerance:.3g} allowed" in printed.out
+    assert call(*check, "--tolerance", "1e-4") == 1
+    record = read_provenance(output)
+    assert record["tolerance"] == tolerance
+    assert record["options"] == {"elements": "150.0"}
+    assert record["n_cells"] == read(output).n_cells
+
+
+def test_a_record_of_another_mesh_counts_for_nothing(capsys, tmp_path):
+    for suffix, damage in ((".vtu", b'Name="other"'), (".msh", b"$Comments\nadaptsize {\n$End")):
+        path = tmp_path / f"mesh{suffix}"
+        write(path, SQUARE)
+        plain = path.read_bytes()
+        assert read_provenance(path) == {}
+        write_provenance(path, {"tolerance": 0.5, "n_cells": 7, "input": "größe"})
+        assert read_provenance(path)["input"] == "größe"
+        assert read(path).n_cells == 2
+        assert call("check", path, "--original", path) == 0
+        assert "made by" not in capsys.readouterr().err
+        path.write_bytes(plain + damage)
+        assert read_provenance(path) == {}
+    assert read_provenance(tmp_path / "none.stl") == {}
+    (tmp_path / "none.stl.json").write_text("[1]")
+    assert read_provenance(tmp_path / "none.stl") == {}
+
+
+def test_names_of_python_are_those_of_the_shell_in_messages():
+    flags = {"strict": "--strict", "target": "--target", "tolerance": "--tolerance"}
+    text = "lower the tolerance or use strict=True, or pass target='triangles'"
+    wanted = "lower the tolerance or use --strict, or pass --target triangles"
+    assert as_typed(text, flags) == wanted
+
+
 def test_counts_are_those_of_a_file_that_holds_triangles_only(capsys, box, no_generator):
     output = box.with_name("r.stl")
-    assert call("remesh", box, "-o", output, "--json") == 0
+    assert call("remesh", box, "-o", output, "--json", "--target", "tetrahedra") == 0
     result = json.loads(capsys.readouterr().out)
     written = read(output)
     assert written.cell_dim == 2

@@ -13,7 +13,7 @@ from adaptsize.adaptation.next_sizes import (
     bound_by_tolerance,
 )
 from adaptsize.errors import ResolutionWarning
-from adaptsize.sizes import predicted_elements
+from adaptsize.sizes import predict
 
 
 def _indicator(mesh, rows=slice(None)):
@@ -41,7 +41,7 @@ def test_sizes_from_bounds_are_those_of_one_process(mesh, kind, monkeypatch):
     monkeypatch.setattr("adaptsize.adaptation.in_parts.remesh", _no_mesh)
     rng = np.random.default_rng(75)
     # About the sizes that the mesh has, so that it is kept.
-    of_size_1 = predicted_elements(mesh, np.ones(mesh.n_points))
+    of_size_1 = predict(mesh, np.ones(mesh.n_points)).cells
     size = (1.1 if mesh.dim == 3 else 1.0) * (of_size_1 / mesh.n_cells) ** (1.0 / mesh.dim)
     h0 = size * rng.uniform(0.95, 1.1, mesh.n_points)
     options = {"g": 0.05, "hmin": 0.01, "enough": 0.0, "boundary_tolerance": 8.5e-3}

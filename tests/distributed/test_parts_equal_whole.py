@@ -27,7 +27,7 @@ from adaptsize.background.migration import whole_boundary
 from adaptsize.distributed import PartitionedMesh
 from adaptsize.errors import OutsideWarning
 from adaptsize.limiting import Exact
-from adaptsize.sizes import predicted_elements, recovered_hessian
+from adaptsize.sizes import predict, recovered_hessian
 
 
 def beside_each_other():
@@ -239,7 +239,7 @@ SIZES = {
     "linear field": (lambda m, f: ads.size_from_hessian(m, f.linear, elements=50.0), 0.0),
     "second derivatives": (lambda m, f: recovered_hessian(m, f.u), 1e-6),
     "predicted elements": (
-        lambda m, f: np.full(m.n_points, predicted_elements(m, f.h, backend="mmg")), 1e-13
+        lambda m, f: np.full(m.n_points, predict(m, f.h, backend="mmg").cells), 1e-13
     ),
     "marching, g of cells": (
         lambda m, f: limit_gradient(m, f.h, f.g_cells, method="fast-marching"), 1e-12
@@ -429,7 +429,12 @@ def test_fields_on_another_mesh(dim, kind):
     }[kind]
     nodal = {"u": rng.random(old.n_points), "v": rng.random((old.n_points, 2)) * (1 + 2j)}
     by_cell = {"e": rng.random((old.n_cells, 2)), "k": rng.integers(0, 9, old.n_cells)}
+    jump = {"u": (nodal["u"] > 0.5) * 1.0, "v": nodal["v"]}
     wanted = ads.transfer_fields(old, new, fields=nodal, cell_fields=by_cell)
+    projected = {
+        method: ads.transfer_fields(old, new, fields=jump, method=method).fields
+        for method in ("project", "bounded")
+    }
     anywhere = old.diagonal * (rng.random((50, dim)) - 0.5)
     at_points = ads.interpolate(old, nodal["u"], anywhere)
 
@@ -442,6 +447,11 @@ def test_fields_on_another_mesh(dim, kind):
             fields={name: values[a.global_ids] for name, values in nodal.items()},
             cell_fields={name: values[a.cell_ids] for name, values in by_cell.items()},
         )
+        own = {name: values[a.global_ids] for name, values in jump.items()}
+        for method, whole in projected.items():
+            made = ads.transfer_fields(a, b, fields=own, method=method).fields
+            for name, values in whole.items():
+                np.testing.assert_allclose(made[name], values[b.global_ids], rtol=0.0, atol=1e-12)
         interpolated = ads.interpolate(a, nodal["u"][a.global_ids], anywhere)
         return b.global_ids, b.cell_ids, found, interpolated
 
@@ -456,6 +466,18 @@ def test_fields_on_another_mesh(dim, kind):
                 np.testing.assert_allclose(made[name], values[name][rows], rtol=0.0, atol=1e-12)
 
 
+def rising(part):
+    """Return sizes that grow away from a line."""
+    return 0.1 + np.abs(part.points[:, 0])
+
+
+def at_shared_node(part, value):
+    """Return 1, and another value at one node that other ranks hold, too."""
+    h = np.ones(part.n_points)
+    h[part.shared.every[0]] = value
+    return h
+
+
 # On rank 2 something is wrong or differs: functions of a part and of whether it is rank 2.
 WRONG = {
     "h0": (lambda m, bad: limit_gradient(m, -1.0 if bad else 1.0, 0.3), "rank 2: h0 must be pos"),
@@ -468,6 +490,58 @@ WRONG = {
     "other method": (
         lambda m, bad: limit_gradient(m, 1.0, 0.3, method="fast-marching" if bad else "auto"),
         "method must be the same on all ranks",
+    ),
+    "h0 at a shared node": (
+        lambda m, bad: limit_gradient(m, at_shared_node(m, 1.0 + 1e-6 * bad), 0.3),
+        "h0 must be the same on all ranks that hold a node, got 1.0 and 1.000001 at global node",
+    ),
+    "inf at a shared node": (
+        lambda m, bad: limit_gradient(m, at_shared_node(m, np.inf if bad else 1.0), 0.3),
+        "h0 must be the same on all ranks that hold a node, got 1.0 and inf at global node",
+    ),
+    "size at a shared node": (
+        lambda m, bad: ads.remesh(m, np.full(m.n_points, 0.2 + 0.1 * bad)),
+        "size must be the same on all ranks that hold a node",
+    ),
+    "other g(h)": (
+        lambda m, bad: limit_gradient(m, rising(m), lambda h: 0.3 + 0.1 * bad * h),
+        r"g\(h\) must be the same on all ranks",
+    ),
+    "g(h) and g": (
+        lambda m, bad: limit_gradient(m, rising(m), 0.3 if bad else lambda h: 0.3 + 0 * h),
+        "g must be the same on all ranks",
+    ),
+    "elements": (
+        lambda m, bad: ads.size_from_error(m, np.ones(m.n_cells), order=1, elements=99 + bad),
+        "elements must be the same on all ranks, got 99.0 on rank 0 and 100.0 on rank 2",
+    ),
+    "order": (
+        lambda m, bad: ads.size_from_error(m, np.ones(m.n_cells), order=1 + bad, elements=99),
+        "order must be the same on all ranks",
+    ),
+    "hmax": (
+        lambda m, bad: ads.size_from_hessian(
+            m, m.points[:, 0] ** 2, tolerance=0.1, hmax=None if bad else 1.0
+        ),
+        "hmax must be the same on all ranks",
+    ),
+    "values": (
+        lambda m, bad: ads.size_from_hessian(m, m.points[:, 0] + bad, tolerance=0.1),
+        "values must be the same on all ranks that hold a node",
+    ),
+    "limits or not": (
+        lambda m, bad: ads.size_from_error(
+            m, np.ones(m.n_cells), order=1, elements=99, g=0.3 if bad else None
+        ),
+        "g must be the same on all ranks",
+    ),
+    "elements_per_radian": (
+        lambda m, bad: ads.size_from_curvature(m, elements_per_radian=4 + bad),
+        "elements_per_radian must be the same on all ranks",
+    ),
+    "max_refine": (
+        lambda m, bad: ads.adapt(m, np.ones(m.n_cells), elements=99, max_refine=4 + bad),
+        "max_refine must be the same on all ranks",
     ),
     "initial": (lambda m, _: limit_gradient(m, 1.0, 0.3, initial=1.0), "initial and periodic must"),
     "no bound": (lambda m, _: limit_gradient(m, np.inf, 0.3), "h0 must be finite at one node"),
@@ -563,10 +637,13 @@ def test_exchanges_in_a_frame_of_four_strips():
 
 
 def test_exchanges_of_sizes():
-    """Shared nodes are found in two exchanges, the boundary in two more and one gather."""
+    """Shared nodes are found in two exchanges, the boundary in two more and one gather.
+
+    Options are checked and compared in two reductions.
+    """
     mesh = WITH_TAGS["structured"]
     found = counts(ads.size_from_curvature, mesh)
-    assert {(first[:2], again[:2]) for first, again in found} == {((4, 3), (0, 1))}
+    assert {(first[:2], again[:2]) for first, again in found} == {((4, 5), (0, 3))}
     eta = np.random.default_rng(895).uniform(0.0, 1.0, mesh.n_cells)
     found = counts(
         lambda m: ads.size_from_error(m, eta[m.cell_ids], order=1.0, elements=3000.0), mesh

@@ -1,5 +1,6 @@
 """Sizes chosen from a part, the refined surface they live on, and summaries."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from implicit_domains import disc
 from meshes import jittered_cube, random_sphere, random_square, structured_square
 from numpy.testing import assert_allclose
+from shapes import block
 
 from adaptsize import (
     BallSource,
@@ -139,8 +141,20 @@ def test_every_kind_of_domain_keeps_to_the_number_of_elements(kind):
     kept = size_function(domain, **options, max_elements=0.5 * free.n_elements).report
     assert kept.n_elements <= 1.02 * 0.5 * free.n_elements
     assert kept.relaxation > free.relaxation == 1.0
-    with pytest.warns(ResolutionWarning, match="because of the given parameters"):
+    with pytest.warns(
+        ResolutionWarning, match=r"hmax controls \d+% of them, given parameters: hmax"
+    ):
         size_function(domain, **options, hmax=1e-2, max_elements=10.0)
+
+
+def test_the_number_is_kept_where_narrow_regions_get_less_than_one_element():
+    # A plate 100 x 60 x 1: with one element across, 60 000.
+    cube = block(1).boundary().mesh
+    plate = SimplexMesh(cube.points * [100.0, 60.0, 1.0], cube.cells)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        report = size_function(plate, max_elements=30_000).report
+    assert report.n_elements <= 1.02 * 30_000
 
 
 def test_given_sizes_that_ask_for_too_much_do_not_relax_the_others_to_nothing():

@@ -129,11 +129,26 @@ def test_cells_of_higher_order_are_reduced_to_their_corners(
     assert_array_equal(mesh.cells, [range(n_corners)])
 
 
+@pytest.mark.parametrize("turn", range(9))
+def test_polygons_are_split_inside_however_they_begin(turn):
+    # An L of three unit squares with corners on its edges: fans from most corners overlap.
+    ring = [[0, 0], [1, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2], [0, 1.5], [0, 1]]
+    points = np.roll(np.array(ring, float), turn, axis=0)
+    raw = blocks.RawMesh(points, [("polygon", np.arange(9)[None])])
+    mesh = SimplexMesh(points, blocks.simplices_of(raw, 2).cells)
+    assert mesh.n_cells == 7
+    assert (mesh.signed_measures > 0.0).all()
+    assert mesh.measures.sum() == pytest.approx(3.0, rel=1e-14)
+
+
 def test_cells_that_cannot_be_split_are_refused(tmp_path):
-    raw = [("polygon", [[0, 1, 2, 3, 4]])]
-    file = write_raw(tmp_path / "pentagon.vtu", np.random.default_rng(7313).random((5, 3)), raw)
-    with pytest.raises(MeshFileError, match=r"pentagon\.vtu: .*polygon"):
-        read(file)
+    vtk = pytest.importorskip("pyvista")
+    prism = vtk.UnstructuredGrid(
+        [10, *range(10)], [15], np.random.default_rng(7313).random((10, 3))
+    )
+    prism.save(tmp_path / "prism.vtu")
+    with pytest.raises(MeshFileError, match=r"prism\.vtu: .*VTK type 15 \(pentagonal prism\)"):
+        read(tmp_path / "prism.vtu")
 
 
 def mixed_file(tmp_path):

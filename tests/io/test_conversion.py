@@ -135,9 +135,18 @@ def test_data_sets_of_pyvista_of_all_kinds():
     assert box.measures.sum() == pytest.approx(8.0)
     line = SimplexMesh.from_pyvista(pyvista.MultipleLines([[0, 0, 1], [1, 0, 1], [1, 1, 1]]))
     assert line.cells.tolist() == [[0, 1], [1, 2]]
-    with pytest.raises(ValueError, match=r"VTK type 7, .*triangulate\(\) splits polygons"):
-        SimplexMesh.from_pyvista(pyvista.Polygon(n_sides=6))
-    assert SimplexMesh.from_pyvista(pyvista.Polygon(n_sides=6).triangulate()).n_cells == 4
+    with pytest.warns(MeshRepairWarning, match="1 polygons split into 4 triangles"):
+        hexagon = SimplexMesh.from_pyvista(pyvista.Polygon(n_sides=6))
+    # A regular hexagon of radius 1.
+    assert hexagon.measures.sum() == pytest.approx(3.0**1.5 / 2.0, rel=1e-6)
+    strip = SimplexMesh.from_pyvista(pyvista.Sphere().strip())
+    assert (strip.n_cells, strip.is_closed) == (sphere.n_cells, True)
+    assert strip.measures.sum() == pytest.approx(sphere.measures.sum())
+    blocks = pyvista.MultiBlock({"left": pyvista.Cube(), "right": pyvista.Sphere(center=(3, 0, 0))})
+    with pytest.warns(MeshRepairWarning, match="quadrilaterals"):
+        both = SimplexMesh.from_pyvista(blocks)
+    assert both.tag_names == {(2, 1): "left", (2, 2): "right"}
+    assert np.bincount(both.cell_tags).tolist() == [0, 12, sphere.n_cells]
 
 
 def test_a_format_that_only_meshio_writes(tmp_path):

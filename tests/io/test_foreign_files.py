@@ -102,25 +102,28 @@ def test_off_with_comments_colours_and_polygons_is_read(tmp_path):
         "COFF # by hand\n5 1 0\n0 0 1 9 9 9\n1 0 1 9 9 9 # corner\n2 0.5 1 9 9 9\n"
         "1 1 1 9 9 9\n0 1 1 9 9 9\n5 0 1 2 3 4 0.5 0.5 0.5\n"
     )
-    mesh = read(file)
-    assert_array_equal(mesh.cells, [[0, 1, 2], [0, 2, 3], [0, 3, 4]])
+    with pytest.warns(MeshRepairWarning, match="1 polygons split into 3 triangles"):
+        mesh = read(file)
+    assert {2} < set(mesh.cells.ravel().tolist())
+    assert mesh.n_cells == 3
     assert mesh.measures.sum() == 1.5
 
 
 @pytest.mark.parametrize(
     ("name", "content", "expected"),
     [
-        ("a[red].vtk", "# vtk\n", "(Illegal VTK header; Couldn't read file a[red].vtk as vtk)"),
-        ("[bold]c.vtu", "no XML\n", "(Couldn't read file [bold]c.vtu as vtu)"),
+        ("a[red].vtk", "# vtk\n", "cannot be read (Unrecognized file type: # vtk"),
+        ("[bold]c.vtu", "no XML\n", "is truncated (no </VTKFile>)"),
+        ("c[red].bdf", "BEGIN BULK\nGRID,x\nENDDATA\n", "cannot be read ("),
     ],
 )
-def test_an_error_has_the_words_of_meshio_without_its_markup(
+def test_an_error_has_the_words_of_the_reader(
     tmp_path, monkeypatch, capsys, name, content, expected
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / name).write_text(content)
     with pytest.raises(MeshFileError) as raised:
         read(name)
-    assert str(raised.value) == f"{name}: cannot be read as a mesh {expected}"
+    assert str(raised.value).startswith(f"{name}: {expected}")
     assert run(["info", name]) == 1
     assert capsys.readouterr().err == f"adaptsize: error: {raised.value}\n"

@@ -50,7 +50,7 @@ def with_number(folder, form, binary, number):
 )
 def test_few_nodes_with_large_numbers_are_refused(form, binary, number, tmp_path):
     path = with_number(tmp_path, form, binary, number)
-    with pytest.raises(MeshFileError, match=rf"4 nodes up to {number}, .*renumber") as caught:
+    with pytest.raises(MeshFileError, match="more memory than its size justifies") as caught:
         read(path)
     assert str(path) in str(caught.value)
 

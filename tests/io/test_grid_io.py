@@ -146,8 +146,6 @@ BAD = {
                            , image_head='Origin="0 0 3"'),
     "not along the axes": image('format="ascii">1 2 3 4 5 6</DataArray>',
                                 image_head='Direction="0 1 0 -1 0 0 0 0 1"'),
-    "LZ4": image('format="ascii">1</DataArray>', head='compressor="vtkLZ4DataCompressor"'),
-    "two pieces": ASCII.replace("</ImageData>", '<Piece Extent="0 1 0 1 0 0"/></ImageData>'),
     "no pieces": "<VTKFile/>",
     "no extent": ASCII.replace('<Piece Extent="0 2 0 1 0 0">', "<Piece>"),
     "NaN": image('format="ascii">1 2 3 nan 5 6</DataArray>'),

@@ -11,6 +11,7 @@ import pytest
 import tifffile
 from PIL import Image as Pillow
 
+from adaptsize._formats import raster
 from adaptsize.errors import ImageWarning, MeshFileError
 from adaptsize.io import Image, is_image_file, read_image
 
@@ -228,7 +229,7 @@ def test_a_reader_that_is_missing_is_named_with_how_to_get_it(tmp_path, monkeypa
     Pillow.fromarray(corner()).save(tmp_path / "mask.tif")
     monkeypatch.setitem(sys.modules, "tifffile", None)
     with pytest.raises(MeshFileError, match=r"tifffile.*adaptsize\[image\]"):
-        read_image(tmp_path / "mask.tif")
+        raster.load(tmp_path / "mask.tif", None, [])
 
 
 def test_images_refuse_what_is_none():
@@ -245,3 +246,21 @@ def test_images_own_read_only_copies():
     assert image.values[0, 0]
     for array in (image.values, image.spacing, image.origin):
         assert not array.flags.writeable
+
+
+def test_numbers_of_a_header_are_read_from_its_own_folder_only(tmp_path):
+    folder = tmp_path / "given"
+    folder.mkdir()
+    nrrd.write(str(folder / "v.nhdr"), volume(), detached_header=True)
+    assert read_image(folder / "v.nhdr").values.shape == volume().shape
+    text = (folder / "v.nhdr").read_text()
+    (name,) = [entry.name for entry in folder.iterdir() if entry.name != "v.nhdr"]
+    (folder / name).rename(tmp_path / name)
+    (folder / "link").symlink_to(tmp_path / name)
+    for place in (f"../{name}", tmp_path / name, "link"):
+        (folder / "v.nhdr").write_text(text.replace(name, str(place)))
+        with pytest.raises(MeshFileError, match=r"v\.nhdr: has its numbers in .* outside"):
+            read_image(folder / "v.nhdr")
+    (folder / "v.nhdr").write_text(text)
+    with pytest.raises(MeshFileError, match="No such file"):
+        read_image(folder / "v.nhdr")

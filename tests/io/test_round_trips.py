@@ -83,7 +83,7 @@ def test_gmsh_keeps_all_cells_and_names_of_a_written_file(tmp_path):
     gmsh = pytest.importorskip("gmsh")
     mesh = replace(tagged_mesh(3), cell_tags=None, tag_names={(2, 4): "wall"})
     write(tmp_path / "mesh.msh", mesh)
-    gmsh.initialize()
+    gmsh.initialize(interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.open(str(tmp_path / "mesh.msh"))

@@ -62,6 +62,8 @@ ALLOWED = {
     "local_updates.distance": "points that are scratch, in solids",
     "local_updates.minimum_on_edge": "the same",
     "local_updates.minimum_on_triangle": "the same",
+    "trees.gap2_to_box": "boxes and points",
+    "vectors": "a few operations on tuples and on rows of arrays",
 }
 
 
@@ -84,4 +86,5 @@ def test_each_kernel_is_compiled_once():
     assert len([name for name, types in found.items() if types]) > 30
     for name, signatures in found.items():
         kinds = {tuple(map(without_variants, types)) for types in signatures}
-        assert len(kinds) <= 1 or name in ALLOWED, f"{name} is compiled for {sorted(kinds)}"
+        allowed = name in ALLOWED or name.partition(".")[0] in ALLOWED
+        assert len(kinds) <= 1 or allowed, f"{name} is compiled for {sorted(kinds)}"

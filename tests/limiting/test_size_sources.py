@@ -312,9 +312,18 @@ def test_only_the_exact_method_has_sources():
 def test_sources_of_another_background_are_refused():
     background, h0, _ = two_corners("triangles")
     size, _ = limited(background, h0)
-    other = SimplexMesh(background.points, background.cells)
+    other = SimplexMesh(background.points + 1.0, background.cells)
     with pytest.raises(ValueError, match="sources must be those of the background, SimplexMesh"):
         SizeFunction(other, size.values, sources=size.sources)
+
+
+def test_sources_of_an_equal_background_are_accepted():
+    background, h0, _ = two_corners("triangles")
+    size, _ = limited(background, h0)
+    other = SimplexMesh(background.points.copy(), background.cells.copy())
+    points = np.random.default_rng(939).uniform(-50.0, 50.0, (50, 2))
+    again = SizeFunction(other, size.values, sources=size.sources)
+    assert_array_equal(again(points), size(points))
 
 
 def test_changed_sizes_drop_the_sources():

@@ -35,6 +35,21 @@ def drawn_by(request, monkeypatch):
     return request.param
 
 
+def test_a_module_in_the_working_folder_is_not_run(tmp_path):
+    stranger = "open('executed', 'w').close()\n"
+    (tmp_path / "vtkmodules.py").write_text(stranger)
+    code = "from adaptsize.plot import with_vtk; print(with_vtk._can_draw('vtkNoSuchWindow'))"
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sys; sys.path.remove('')\n{code}"],
+        cwd=tmp_path,
+        capture_output=True,
+        check=True,
+        text=True,
+    )
+    assert done.stdout in ("True\n", "False\n")
+    assert not (tmp_path / "executed").exists()
+
+
 def test_plane_mesh_is_seen_from_above_with_equal_aspect(drawn_by):
     square = structured_square(16)
     mesh = SimplexMesh(square.points * (2.0, 1.0), square.cells)  # 200 x 100
@@ -47,6 +62,15 @@ def test_plane_mesh_is_seen_from_above_with_equal_aspect(drawn_by):
     # Small sizes are on the left (dark), large ones on the right (yellow).
     left, right = np.nonzero(is_near(image[:, : int(1.55 * WIDTH)], YELLOW))[1], columns
     assert left.mean() > right.mean() + 0.2 * np.ptp(columns)
+
+
+def test_meshes_and_sizes_draw_themselves(tmp_path, drawn_by):
+    mesh = structured_square(4)
+    size = SizeFunction(mesh, 0.1 + np.arange(mesh.n_points))
+    assert np.array_equal(mesh.plot(width=WIDTH), plot_mesh(mesh, width=WIDTH))
+    size.plot(width=WIDTH, path=tmp_path / "a.png")
+    shown = np.asarray(Image.open(tmp_path / "a.png"))
+    assert np.array_equal(shown[..., :3], plot_size(size, width=WIDTH))
 
 
 @pytest.mark.parametrize("color", ["quality", "region", "weight"])

@@ -12,7 +12,8 @@ from fake_generators import FakeBackend
 from shapes import block, two_region_rectangle
 
 from adaptsize import size_conformity
-from adaptsize.remeshing import estimate_n_cells, register_backend, registry, remesh
+from adaptsize.remeshing import register_backend, registry, remesh
+from adaptsize.sizes import predict
 
 COARSE = 0.32
 CUBE = block(2)
@@ -100,4 +101,4 @@ def test_the_domain_is_the_same_and_the_cells_are_sound(job):
 def test_the_estimate_of_the_number_of_cells_is_of_the_right_size(job):
     new = made(job, graded=True)
     # Measured cells fill space with edges somewhat off h: within a factor 1.7 either way.
-    assert 1 / 1.7 < estimate_n_cells(new, size_of(job)) / new.n_cells < 1.7
+    assert 1 / 1.7 < predict(new, size_of(job)).cells / new.n_cells < 1.7

@@ -8,7 +8,7 @@ from implicit_domains import box, corner, disc, dumbbell, ellipse, neck_size, ri
 
 import adaptsize as ads
 from adaptsize.errors import ConvergenceWarning, ResolutionWarning, TooManyElementsError
-from adaptsize.remeshing.distmesh.finish import _move_if_good
+from adaptsize.remeshing.distmesh.finish import take_back
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
 from adaptsize.remeshing.distmesh.rejection import examine, sample, with_sizes
 
@@ -268,6 +268,7 @@ def test_moves_that_would_invert_cells_are_taken_back():
     cells = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]], np.int32)
     moved = points.copy()
     there = np.array([[-0.1, -0.1], [0.5, 1.2]])
-    _move_if_good(moved, cells, np.array([0, 4]), there)
+    moved[[0, 4]] = there
+    take_back(moved, cells, points, np.array([0, 4]), np.full(len(points), 0.125))
     np.testing.assert_array_equal(moved[0], there[0])
     np.testing.assert_array_equal(moved[1:], points[1:])

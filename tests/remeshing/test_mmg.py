@@ -8,7 +8,7 @@ from meshes import jittered_square
 
 from adaptsize import SimplexMesh, check_mesh, remesh
 from adaptsize.errors import BackendError
-from adaptsize.remeshing.mmg import MmgBackend, run_adapt
+from adaptsize.remeshing.mmg import MmgBackend, job_of, run_adapt
 from adaptsize.remeshing.preparation import as_problem
 
 
@@ -33,8 +33,10 @@ def test_cells_with_nodes_out_of_range_are_an_error_of_mmg():
     def lying(function, text, arrays, options):
         return {"points": np.zeros((3, 2)), "cells": np.array([[0, 1, 3]], np.int32)}
 
+    mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+    made, options = job_of(as_problem("plane triangles", mesh, 0.1))
     with pytest.raises(BackendError, match="mmg returned cells whose nodes do not exist"):
-        run_adapt({}, np.ones((3, 3)), {}, lying)
+        run_adapt(made, np.ones((3, 3)), options, lying)
 
 
 @pytest.mark.parametrize(("n_sides", "size"), [(24, 0.2), (60, 0.2), (120, 0.3)])

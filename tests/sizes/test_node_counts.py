@@ -5,7 +5,7 @@ import pytest
 from meshes import jittered_cube, structured_square
 
 from adaptsize import SimplexMesh, remesh
-from adaptsize.sizes import predicted_nodes
+from adaptsize.sizes import predict
 from adaptsize.sizes.budget import elements_with_nodes, nodes_of
 
 TETRAHEDRON = SimplexMesh(np.vstack([np.zeros(3), np.eye(3)]), [[0, 1, 2, 3]])
@@ -25,9 +25,9 @@ def test_sizes_are_counted_inside_and_on_the_boundary():
     mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
     triangles = 4.0 / np.sqrt(3.0) * 0.5 / 0.01**2
     segments = (2.0 + np.sqrt(2.0)) / 0.01
-    assert predicted_nodes(mesh, np.full(3, 0.01)) == pytest.approx(0.5 * (triangles + segments))
+    assert predict(mesh, np.full(3, 0.01)).nodes == pytest.approx(0.5 * (triangles + segments))
     line = SimplexMesh([[0.0], [1.0]], [[0, 1]])
-    assert predicted_nodes(line, [0.1, 0.1]) == pytest.approx(11)
+    assert predict(line, [0.1, 0.1]).nodes == pytest.approx(11)
 
 
 def test_tetrahedra_are_those_around_edges():

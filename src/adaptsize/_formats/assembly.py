@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from adaptsize._formats.blocks import (
     KINDS,
+    TAG_NAMES,
     UNTAGGED,
     RawMesh,
     Simplices,
@@ -20,30 +21,6 @@ from adaptsize._formats.blocks import (
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import facets_of, unique_rows
 from adaptsize.errors import MeshFileError
-
-# Names that programs use for the region of a cell, the most likely first.
-_TAG_NAMES = (
-    "cell_tags",
-    "gmsh:physical",
-    "medit:ref",
-    "region",
-    "regions",
-    "material",
-    "materialids",
-    "avsucd:material",
-    "tetgen:ref",
-    "nastran:ref",
-    "su2:tag",
-    "netgen:index",
-    "tag",
-    "tags",
-    "cell_markers",
-    "facet_tags",
-    "boundary",
-    "ref",
-    "attribute",
-    "gmsh:geometrical",
-)
 
 
 def _wanted_dimension(raw: RawMesh, kind: str | None) -> int:
@@ -151,7 +128,7 @@ def _cell_fields(
         values = gather(blocks, simplices)
         if name in (tag_name, "obj:group_ids") or values is None:
             continue
-        if values.dtype.kind in "biuf" and (name.lower() not in _TAG_NAMES or values.any()):
+        if values.dtype.kind in "biuf" and (name.lower() not in TAG_NAMES or values.any()):
             fields[name] = _native(values)
     return fields
 
@@ -177,7 +154,7 @@ def _native(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
 def _tags(raw: RawMesh, simplices: Simplices) -> tuple[str | None, npt.NDArray[np.int32] | None]:
     """Return the most likely tags of the simplices and the name of their field."""
     by_name = {name.lower(): name for name in raw.cell_data}
-    for wanted in _TAG_NAMES:
+    for wanted in TAG_NAMES:
         if wanted not in by_name or not len(simplices.cells):
             continue
         values = gather(raw.cell_data[by_name[wanted]], simplices)

@@ -17,6 +17,7 @@ _SHAPES = {
     "line": (1, 2),
     "triangle": (2, 3),
     "quad": (2, 4),
+    "polygon": (2, 3),
     "tetra": (3, 4),
     "pyramid": (3, 5),
     "wedge": (3, 6),
@@ -25,16 +26,43 @@ _SHAPES = {
 #: Name of the group of untagged cells in Gmsh files.  Gmsh ignores group 0.
 UNTAGGED = "adaptsize untagged"
 _SIMPLEX = {1: "line", 2: "triangle", 3: "tetra"}
+#: Larger polygons would take long, since the time grows with the cube of their corners.
+_MOST_CORNERS = 1000
 KINDS = {"segments": 1, "triangles": 2, "tetrahedra": 3}
 _PLURAL = {
     "line": "segments",
     "triangle": "triangles",
     "quad": "quadrilaterals",
+    "polygon": "polygons",
     "tetra": "tetrahedra",
     "pyramid": "pyramids",
     "wedge": "wedges",
     "hexahedron": "hexahedra",
 }
+
+#: Names that programs use for the region of a cell, the most likely first.
+TAG_NAMES = (
+    "cell_tags",
+    "gmsh:physical",
+    "medit:ref",
+    "region",
+    "regions",
+    "material",
+    "materialids",
+    "avsucd:material",
+    "tetgen:ref",
+    "nastran:ref",
+    "su2:tag",
+    "netgen:index",
+    "tag",
+    "tags",
+    "cell_markers",
+    "facet_tags",
+    "boundary",
+    "ref",
+    "attribute",
+    "gmsh:geometrical",
+)
 
 # Faces of the cells that are not simplices, in the numbering of VTK and Gmsh.  Seen from
 # inside, the corners are counter-clockwise, so that (face, inner point) is positive.
@@ -68,6 +96,18 @@ class RawMesh:
     notes: list[str] = field(default_factory=list)
     """What was left out, for a warning."""
 
+    def packed(self) -> dict[str, Any]:
+        """Return the attributes as lists, dictionaries with texts as keys, texts and arrays."""
+        names = [[*key, name] for key, name in self.tag_names.items()]
+        return {**vars(self), "tag_names": names}
+
+    @classmethod
+    def unpacked(cls, found: Mapping[str, Any]) -> RawMesh:
+        """Return the mesh whose attributes were packed."""
+        names = {(dim, tag): name for dim, tag, name in found["tag_names"]}
+        blocks = [(name, cells) for name, cells in found["blocks"]]
+        return cls(**{**found, "tag_names": names, "blocks": blocks})
+
 
 class Simplices(NamedTuple):
     """The cells of one dimension as simplices, and the origin of each."""
@@ -87,7 +127,7 @@ def dimension_of(cell_type: str) -> int:
     base = _base(cell_type)
     if base is not None:
         return _SHAPES[base][0]
-    return {"vertex": 0, "polygon": 2}.get(cell_type.rstrip("0123456789"), 3)
+    return 0 if cell_type == "vertex" else 3
 
 
 def plural(cell_type: str) -> str:
@@ -165,11 +205,12 @@ def simplices_of(raw: RawMesh, dim: int) -> Simplices:
         base = _base(cell_type)
         if base is None or found.dtype == object:
             raise MeshFileError(f"holds cells of type {cell_type!r}, which cannot be read")
-        corners = found[:, : _SHAPES[base][1]].astype(np.int64)
+        n_corners = found.shape[1] if base == "polygon" else _SHAPES[base][1]
+        corners = found[:, :n_corners].astype(np.int64)
         if found.shape[1] > corners.shape[1]:
             notes.append(f"{len(found)} {plural(base)} of higher order reduced to their corners")
         parts, parent = _split(base, corners, None if in_space else raw.points)
-        if base != _SIMPLEX[dim]:
+        if base != _SIMPLEX[dim] and corners.shape[1] > dim + 1:
             notes.append(
                 f"{len(found)} {plural(base)} split into {len(parts)} {plural(_SIMPLEX[dim])}"
             )
@@ -207,6 +248,9 @@ def _split(
     if base == "quad":
         triangles = _split_quads(cells, points)
         return triangles.reshape(-1, 3), np.repeat(np.arange(len(cells)), 2)
+    if base == "polygon":
+        fans = _split_polygons(cells, points)
+        return fans.reshape(-1, 3), np.repeat(np.arange(len(cells)), fans.shape[1])
     parts, parent = [], []
     smallest = np.argmin(cells, axis=1)
     for apex in range(cells.shape[1]):
@@ -222,6 +266,50 @@ def _split(
             parent.append(np.repeat(rows, n_parts))
     order = np.argsort(np.concatenate(parent), kind="stable")
     return np.concatenate(parts)[order], np.concatenate(parent)[order]
+
+
+def _split_polygons(
+    cells: npt.NDArray[np.int64], points: FloatArray | None
+) -> npt.NDArray[np.int64]:
+    """Return polygons of n corners as triangles, int64[m, n - 2, 3].
+
+    Ears are cut off one after another: of the corners at which the polygon is convex and whose
+    triangle has no other corner inside, the one whose triangle has the largest smallest angle.
+    Without points, the triangles of a polygon have its first corner in common.
+    """
+    n = cells.shape[1]
+    if n > _MOST_CORNERS:
+        raise MeshFileError(f"holds a polygon of {n} corners; {_MOST_CORNERS} can be split")
+    if points is None or n < 4:
+        first = np.broadcast_to(cells[:, :1], (len(cells), n - 2))
+        return np.stack([first, cells[:, 1:-1], cells[:, 2:]], axis=2)
+    corners = np.zeros((*cells.shape, 3))
+    corners[..., : points.shape[1]] = points[cells]
+    return np.array([_ears(cell, x) for cell, x in zip(cells, corners, strict=True)])
+
+
+def _ears(cell: npt.NDArray[np.int64], x: FloatArray) -> npt.NDArray[np.int64]:
+    """Return the triangles of one polygon with the coordinates x, float64[n, 3]."""
+    following = np.roll(x, -1, axis=0)
+    normal = np.cross(x - x[0], following - x[0]).sum(axis=0)
+    ring, ears = list(range(len(cell))), []
+    while len(ring) > 3:
+        at = np.array(ring)
+        corner = np.stack([np.roll(at, 1), at, np.roll(at, -1)], axis=1)
+        turned = x[corner[:, [1, 2, 0]]] - x[corner]  # edges of each triangle
+        area = np.cross(turned[:, 0], turned[:, 1]) @ normal
+        shape = area / np.maximum((turned**2).sum(axis=(1, 2)), 1e-300)
+        for i in np.argsort(-shape, kind="stable").tolist():
+            others = np.setdiff1d(at, corner[i])
+            sides = np.cross(turned[i][:, None], x[others] - x[corner[i]][:, None]) @ normal
+            if area[i] > 0.0 and not (sides >= 0.0).all(axis=0).any():
+                break
+        else:
+            i = int(np.argmax(shape))
+        ears.append(corner[i])
+        del ring[i]
+    triangles: npt.NDArray[np.int64] = cell[np.array([*ears, ring])]
+    return triangles
 
 
 def _split_quads(quads: npt.NDArray[np.int64], points: FloatArray | None) -> npt.NDArray[np.int64]:

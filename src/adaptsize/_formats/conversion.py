@@ -3,30 +3,159 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize._checks import as_flag, check_type, describe
-from adaptsize._formats import assembly, writers
+from adaptsize._formats import assembly, vtk, writers
 from adaptsize._formats.blocks import RawMesh, check_raw
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import MeshFileError, MeshRepairWarning
 
-# VTK cell types by their names in meshio.  Higher-order cells are reduced to their corners.
-_FROM_VTK = {
-    1: "vertex", 3: "line", 5: "triangle", 9: "quad", 10: "tetra", 12: "hexahedron", 13: "wedge",
-    14: "pyramid", 21: "line3", 22: "triangle6", 23: "quad8", 24: "tetra10", 25: "hexahedron20",
-    26: "wedge15", 27: "pyramid13", 28: "quad9", 29: "hexahedron27",
-}  # fmt: skip
-_TO_VTK = {"line": 3, "triangle": 5, "tetra": 10}
-_POLYLINE, _PIXEL, _VOXEL = 4, 8, 11
-# VTK's pixels and voxels number their nodes row by row, unlike other cells.
-_TURNED = {_PIXEL: ("quad", [0, 1, 3, 2]), _VOXEL: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 6])}
-#: PyVista's field of texts "dimension tag name".
-_NAMES = "tag_names"
+
+def from_object(
+    cls: type[SimplexMesh], mesh: Any, *, kind: str | None = None, flatten: bool = True
+) -> SimplexMesh:
+    """Return the simplices of a mesh of another program, with its tags and their names.
+
+    Functions that take a mesh to remesh, limit, write or draw call this themselves.
+
+    Parameters
+    ----------
+    mesh : object
+        A mesh of meshio, PyVista (or a data set of VTK), trimesh, scikit-fem, Netgen or NGSolve.
+        Not changed.
+    kind, flatten
+        Which cells to read, and whether a coordinate z = 0 is dropped, as for `read`.
+
+    Returns
+    -------
+    SimplexMesh
+        Subdomains of scikit-fem and materials of Netgen are cell tags, boundaries are tagged
+        facets, with their names.
+
+    Raises
+    ------
+    ValueError
+        If the object is none of these, or has no such cells.
+
+    Examples
+    --------
+    >>> import trimesh
+    >>> SimplexMesh.from_object(trimesh.creation.box())
+    SimplexMesh(8 points in 3-D, 12 triangles)
+    """
+    package = type(mesh).__module__.partition(".")[0]
+    if package == "meshio":
+        return from_meshio(cls, mesh, kind=kind, flatten=flatten)
+    if package in ("pyvista", "vtkmodules"):
+        return from_pyvista(cls, mesh, kind=kind, flatten=flatten)
+    if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):  # trimesh
+        points, faces = np.array(mesh.vertices), np.array(mesh.faces)
+        return _built(lambda: RawMesh(points, [("triangle", faces)]), kind, flatten)
+    if hasattr(mesh, "boundaries") and hasattr(mesh, "subdomains"):
+        return _built(partial(_raw_of_skfem, mesh), kind, flatten)
+    if hasattr(getattr(mesh, "ngmesh", mesh), "Elements2D"):
+        return _built(partial(_raw_of_netgen, getattr(mesh, "ngmesh", mesh)), kind, flatten)
+    raise ValueError(
+        "mesh must be of meshio, PyVista, VTK, trimesh, scikit-fem, Netgen or NGSolve, "
+        f"got {describe(mesh)}"
+    )
+
+
+def _raw_of_skfem(mesh: Any) -> RawMesh:
+    kinds = {2: "line", 3: "triangle", 4: "tetra"}
+    if not type(mesh).__name__.startswith(("MeshLine", "MeshTri", "MeshTet")):
+        raise MeshFileError("must hold triangles or tetrahedra; use mesh.to_meshtri or to_meshtet")
+    n_corners = mesh.p.shape[0] + 1
+    points, cells = np.array(mesh.p).T, np.array(mesh.t)[:n_corners].T
+    blocks, tags, names = [(kinds[n_corners], cells)], [np.zeros(len(cells), np.int32)], {}
+    for number, (name, part) in enumerate((mesh.subdomains or {}).items(), start=1):
+        tags[0][np.asarray(part)] = number
+        names[n_corners - 1, number] = str(name)
+    if mesh.boundaries and n_corners > 2:
+        parts = [np.array(mesh.facets)[:, np.asarray(part)].T for part in mesh.boundaries.values()]
+        blocks.append((kinds[n_corners - 1], np.concatenate(parts)))
+        numbers = range(1, len(parts) + 1)
+        tags.append(np.repeat(numbers, [len(part) for part in parts]).astype(np.int32))
+        names |= {(n_corners - 2, i): str(n) for i, n in enumerate(mesh.boundaries, start=1)}
+    return RawMesh(points, blocks, {}, {"cell_tags": tags}, names)
+
+
+def _raw_of_netgen(mesh: Any) -> RawMesh:
+    blocks, tags = [], []
+    for n, kind, elements in (
+        (2, "line", mesh.Elements1D()),
+        (3, "triangle", mesh.Elements2D()),
+        (4, "tetra", mesh.Elements3D()),
+    ):
+        found = elements.NumPy()
+        if len(found):
+            blocks.append((kind, found["nodes"][:, :n].astype(np.int64) - 1))
+            tags.append(found["index"].astype(np.int32))
+    dim, names = mesh.dim, {}
+    for of_dim, name_of in ((dim, mesh.GetMaterial), (dim - 1, lambda i: mesh.GetBCName(i - 1))):
+        kind = {1: "line", 2: "triangle", 3: "tetra"}[of_dim]
+        numbers = [tag for (name, _), tag in zip(blocks, tags, strict=True) if name == kind]
+        for number in np.unique(np.concatenate([np.empty(0, np.int32), *numbers])).tolist():
+            names[of_dim, number] = str(name_of(number))
+    points = np.array(mesh.Coordinates(), np.float64)
+    good = {key: name for key, name in names.items() if name not in ("", "default")}
+    return RawMesh(points, blocks, {}, {"cell_tags": tags}, good)
+
+
+def to_trimesh(mesh: SimplexMesh) -> Any:
+    """Return a ``trimesh.Trimesh`` of triangles in space, or of the boundary of tetrahedra.
+
+    Points and triangles are in the same order.  Tags are left out.
+    """
+    import trimesh
+
+    surface = writers.content_of(writers.surface_of(mesh), "cell_tags", pad=True)
+    return trimesh.Trimesh(surface.points, surface.blocks[0][1], process=False)
+
+
+def to_skfem(mesh: SimplexMesh) -> Any:
+    """Return a mesh of scikit-fem with named subdomains and boundaries.
+
+    Returns
+    -------
+    skfem.MeshLine, MeshTri or MeshTet
+        Tags without a name in ``tag_names`` are called by their number.
+
+    Raises
+    ------
+    ValueError
+        If the cells do not have the dimension of the points.
+    """
+    import skfem
+
+    if mesh.cell_dim != mesh.dim:
+        raise ValueError(f"mesh must fill its space for scikit-fem, got {mesh!r}")
+    kind = {1: skfem.MeshLine, 2: skfem.MeshTri, 3: skfem.MeshTet}[mesh.dim]
+    made = kind(np.ascontiguousarray(mesh.points.T), np.ascontiguousarray(mesh.cells.T))
+    if mesh.cell_tags is not None:
+        made = made.with_subdomains(
+            {name: np.flatnonzero(mesh.cell_tags == tag)
+             for tag, name in _named(mesh, mesh.cell_tags, mesh.dim)}
+        )  # fmt: skip
+    if mesh.tagged_facets is not None and mesh.facet_tags is not None:
+        place = {tuple(nodes): i for i, nodes in enumerate(np.sort(made.facets.T, axis=1).tolist())}
+        rows = [place[tuple(nodes)] for nodes in np.sort(mesh.tagged_facets, axis=1).tolist()]
+        made = made.with_boundaries(
+            {name: np.array(rows)[mesh.facet_tags == tag]
+             for tag, name in _named(mesh, mesh.facet_tags, mesh.dim - 1)}
+        )  # fmt: skip
+    return made
+
+
+def _named(mesh: SimplexMesh, tags: Any, dim: int) -> list[tuple[int, str]]:
+    """Return the tags except 0 with their names."""
+    numbers = [tag for tag in np.unique(tags).tolist() if tag]
+    return [(tag, mesh.tag_names.get((dim, tag), str(tag))) for tag in numbers]
 
 
 def from_meshio(
@@ -82,7 +211,7 @@ def from_meshio(
         mesh.cell_data,
         names,
     )
-    return _built(raw, kind, flatten)
+    return _built(lambda: raw, kind, flatten)
 
 
 def to_meshio(mesh: SimplexMesh, *, tag_name: str = "cell_tags") -> Any:
@@ -139,8 +268,8 @@ def from_pyvista(
 
     Parameters
     ----------
-    mesh : pyvista.DataSet
-        An ``UnstructuredGrid``, ``PolyData`` or any other data set.  Not changed.
+    mesh : pyvista.DataSet, pyvista.MultiBlock or object of VTK
+        An ``UnstructuredGrid``, ``PolyData`` or any other data set, or several.  Not changed.
     kind, flatten
         Which cells to read, and whether a coordinate z = 0 is dropped, as for `read`.
 
@@ -153,31 +282,17 @@ def from_pyvista(
     Raises
     ------
     ValueError
-        If it is not a data set, has no such cells, or has polygons of over four corners.
+        If it is not a data set, or has no such cells or polyhedra.
 
     Warns
     -----
     MeshRepairWarning
         If cells were dropped or converted, with their number.
     """
-    import pyvista
-
-    if not isinstance(mesh, pyvista.DataSet):
+    is_a = getattr(mesh, "IsA", lambda name: False)
+    if not (is_a("vtkDataSet") or is_a("vtkCompositeDataSet")):
         raise ValueError(f"mesh must be a PyVista data set, got {describe(mesh)}")
-    grid = mesh.cast_to_unstructured_grid()
-    blocks, parents = [], []
-    for cell_type, cells, parent in _blocks_of(grid):
-        blocks.append((cell_type, cells))
-        parents.append(parent)
-    cell_data = {name: np.asarray(grid.cell_data[name]) for name in grid.cell_data}
-    raw = RawMesh(
-        np.array(grid.points, np.float64),
-        blocks,
-        {name: np.array(grid.point_data[name]) for name in grid.point_data},
-        {name: [values[parent] for parent in parents] for name, values in cell_data.items()},
-        _names_in(mesh),
-    )
-    return _built(raw, kind, flatten)
+    return _built(partial(vtk.raw_of, mesh), kind, flatten)
 
 
 def to_pyvista(mesh: SimplexMesh) -> Any:
@@ -192,26 +307,14 @@ def to_pyvista(mesh: SimplexMesh) -> Any:
     """
     import pyvista
 
-    content = writers.content_of(mesh, "cell_tags", pad=True)
-    rows = [np.insert(cells, 0, cells.shape[1], axis=1).ravel() for _, cells in content.blocks]
-    types = [np.full(len(cells), _TO_VTK[cell_type]) for cell_type, cells in content.blocks]
-    grid = pyvista.UnstructuredGrid(
-        np.concatenate(rows), np.concatenate(types).astype(np.uint8), np.array(content.points)
-    )
-    for name, values in content.point_data.items():
-        grid.point_data[name] = np.array(values)
-    for name, parts in content.cell_data.items():
-        grid.cell_data[name] = np.concatenate(parts)
-    if mesh.tag_names:
-        lines = [f"{dim} {tag} {name}" for (dim, tag), name in mesh.tag_names.items()]
-        grid.field_data[_NAMES] = np.array(lines)
-    return grid
+    return pyvista.wrap(vtk.grid_of(writers.content_of(mesh, "cell_tags", pad=True)))
 
 
-def _built(raw: RawMesh, kind: str | None, flatten: bool) -> SimplexMesh:
+def _built(read: Callable[[], RawMesh], kind: str | None, flatten: bool) -> SimplexMesh:
     flatten = as_flag("flatten", flatten)
     notes: list[str] = []
     try:
+        raw = read()
         check_raw(raw)
         made = assembly.build(raw, kind=kind, flatten=flatten, notes=notes)
     except MeshFileError as error:
@@ -219,39 +322,3 @@ def _built(raw: RawMesh, kind: str | None, flatten: bool) -> SimplexMesh:
     if notes:
         warnings.warn("; ".join(notes), MeshRepairWarning, stacklevel=3)
     return made
-
-
-def _blocks_of(
-    grid: Any,
-) -> Iterator[tuple[str, npt.NDArray[np.int64], npt.NDArray[np.intp]]]:
-    """Yield the cells of each type and size with their numbers in the grid."""
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
-    types = np.asarray(grid.celltypes)
-    start = vtk_to_numpy(grid.GetCells().GetOffsetsArray()).astype(np.int64)
-    nodes, width = np.asarray(grid.cell_connectivity, np.int64), np.diff(start)
-    for vtk_type in np.unique(types):
-        for size in np.unique(width[types == vtk_type]):
-            of_type = np.flatnonzero((types == vtk_type) & (width == size))
-            cells = nodes[start[of_type][:, None] + np.arange(size)]
-            if vtk_type == _POLYLINE:
-                pairs = np.stack([cells[:, :-1], cells[:, 1:]], axis=2)
-                yield "line", pairs.reshape(-1, 2), np.repeat(of_type, size - 1)
-            elif vtk_type in _TURNED:
-                name, order = _TURNED[int(vtk_type)]
-                yield name, cells[:, order], of_type
-            elif vtk_type in _FROM_VTK:
-                yield _FROM_VTK[int(vtk_type)], cells, of_type
-            else:
-                raise ValueError(
-                    f"mesh holds cells of VTK type {vtk_type}, which cannot be converted; "
-                    "mesh.triangulate() splits polygons into triangles"
-                )
-
-
-def _names_in(mesh: Any) -> dict[tuple[int, int], str]:
-    names = {}
-    for line in mesh.field_data.get(_NAMES, ()):
-        dim, tag, name = str(line).split(" ", 2)
-        names[int(dim), int(tag)] = name
-    return names

@@ -1,8 +1,6 @@
-"""Files of Gmsh: names of groups, numbers of nodes, partitions (MSH 4.1, text), views (``.pos``).
+"""Files of Gmsh: names of groups, partitions (MSH 4.1, text), views (``.pos``).
 
 *Names.*  meshio keeps only one group per name, but a volume and its surface may share a name.
-
-*Numbers.*  meshio allocates memory for all numbers up to the largest one.
 
 *Partitions* are in one file, or in one file each.
 
@@ -14,10 +12,9 @@ tensors, the second one L for segments, T for triangles and S for tetrahedra.
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -61,89 +58,6 @@ def add_names(path: Path, names: Mapping[tuple[int, int], str]) -> None:
     section = f"$PhysicalNames\n{len(lines)}\n{''.join(lines)}$EndPhysicalNames\n"
     head, end, rest = path.read_bytes().partition(_END_FORMAT)
     path.write_bytes(head + end + section.encode() + rest)
-
-
-#: Numbers up to this are read whatever the number of nodes: meshio then needs 80 MB.
-_ALWAYS_ALLOWED = 10_000_000
-#: Larger numbers are read if the nodes use at least this share of them.
-_LEAST_SHARE = 0.01
-_FORMAT = re.compile(rb"\$MeshFormat\s+(\d+(?:\.\d+)?)\s+([01])\s+(\d+)")
-_NODES_BEGIN = re.compile(rb"^\$Nodes[ \t\r]*\n", re.MULTILINE)
-_NODES_END = b"$EndNodes"
-
-
-def check_node_numbers(content: bytes) -> None:
-    """Refuse a file whose node numbers are far larger than the number of nodes.
-
-    What cannot be understood is left to the reader.
-
-    Raises
-    ------
-    MeshFileError
-        The message does not have the path.
-    """
-    numbers = _node_numbers(content)
-    if numbers is None or not len(numbers):
-        return
-    largest, count = float(np.max(numbers)), len(numbers)
-    if largest > _ALWAYS_ALLOWED and count < _LEAST_SHARE * largest:
-        raise MeshFileError(
-            f"numbers its {count} nodes up to {largest:.0f}, which takes too much memory; "
-            "renumber them from 1"
-        )
-
-
-def _node_numbers(content: bytes) -> npt.NDArray[Any] | None:
-    """Return the numbers of the nodes, or None."""
-    form = _FORMAT.search(content)
-    begin = None if form is None else _NODES_BEGIN.search(content, form.end())
-    if form is None or begin is None:
-        return None
-    section = content[begin.end() : content.find(_NODES_END, begin.end())]
-    is_text = form[2] == b"0"
-    if float(form[1]) < 4.0:
-        return _parsed(section)[1::4] if is_text else None  # binary ones are 1 to n
-    if form[1] == b"4.0":
-        return _of_text_4(_parsed(section), 2, 4) if is_text else None
-    return _of_text_4(_parsed(section), 4, 1) if is_text else _of_binary_4_1(section)
-
-
-def _parsed(section: bytes) -> npt.NDArray[np.float64]:
-    """Return the numbers at the start of a text."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of what follows the numbers
-        return np.fromstring(section, dtype=np.float64, sep=" ")
-
-
-def _of_text_4(
-    values: npt.NDArray[np.float64], first: int, stride: int
-) -> npt.NDArray[np.float64] | None:
-    """Return the numbers of blocks from ``first`` on.
-
-    A block has rows of a number and three coordinates (stride 4), or all numbers before the
-    coordinates (stride 1).
-    """
-    found, at = [], first
-    while at + 4 <= len(values):
-        count = _count(values[at + 3], len(values))
-        found.append(values[at + 4 : at + 4 + stride * count : stride])
-        at += 4 + 4 * count
-    return np.concatenate(found) if found else None
-
-
-def _count(value: float, most: int) -> int:
-    return int(value) if 0.0 <= value <= most else most
-
-
-def _of_binary_4_1(section: bytes) -> npt.NDArray[np.uint64] | None:
-    found, at = [], 32
-    while at + 20 <= len(section):
-        count = int(np.frombuffer(section, "<u8", 1, at + 12)[0])
-        at += 20
-        count = min(count, (len(section) - at) // 8)
-        found.append(np.frombuffer(section, "<u8", count, at))
-        at += 32 * count
-    return np.concatenate(found) if found else None
 
 
 # Nodes of the elements of Gmsh by their types: points, segments, triangles, tetrahedra.

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._formats.guards import FOREIGN_FAILURES, quiet, reason
-from adaptsize.background.image import Image
+from adaptsize._formats.guards import check_readable
 from adaptsize.errors import MeshFileError
 from adaptsize.typing import FloatArray
 
@@ -24,37 +23,41 @@ _NAMES_OF_VALUES = ("labels", "label", "mask", "segmentation", "image", "values"
 _ALIGNED = 1.0 - 1e-6
 
 
+class Image(NamedTuple):
+    """What `adaptsize.background.image.Image` is made from."""
+
+    values: npt.NDArray[Any]
+    spacing: Any = 1.0
+    origin: Any = None
+
+
 def is_image_file(path: Path) -> bool:
     """Return whether a file is read as an image, from its name."""
     return _suffix(path) in _LOADERS
 
 
-def load(path: Path, *, name: str | None = None) -> tuple[Image, list[str]]:
+def check_suffix(path: Path) -> None:
+    """Refuse a file of an unknown format."""
+    if not is_image_file(path):
+        raise MeshFileError(
+            f"is not an image format that can be read; these can: {', '.join(_LOADERS)}"
+        )
+
+
+def load(path: Path, name: str | None, notes: list[str]) -> Image:
     """Return the image in a file, and notes for a warning.
 
     Raises
     ------
     MeshFileError
-        If the file is damaged, of an unknown format or does not hold a single picture or volume.
+        If the file does not hold a single picture or volume, or its package is not installed.
     """
-    suffix = _suffix(path)
-    if suffix not in _LOADERS:
-        raise MeshFileError(
-            f"is not an image format that can be read; these can: {', '.join(_LOADERS)}"
-        )
-    notes: list[str] = []
     try:
-        with quiet():
-            image = _LOADERS[suffix](path, name, notes)
-    except MeshFileError:
-        raise
+        return _LOADERS[_suffix(path)](path, name, notes)
     except ModuleNotFoundError as error:
         raise MeshFileError(
             f"needs the package {error.name} (pip install 'adaptsize[image]')"
         ) from error
-    except FOREIGN_FAILURES as error:
-        raise MeshFileError(f"cannot be read as an image ({reason(error)})") from error
-    return image, notes
 
 
 def _suffix(path: Path) -> str:
@@ -165,10 +168,7 @@ def _tiff_spacing(file: Any) -> FloatArray:
 def _load_nifti(path: Path, name: str | None, notes: list[str]) -> Image:
     import nibabel
 
-    try:
-        file: Any = nibabel.load(path)
-    except nibabel.filebasedimages.ImageFileError as error:
-        raise MeshFileError(f"cannot be read as an image ({reason(error)})") from error
+    file: Any = nibabel.load(path)
     values = np.asanyarray(file.dataobj)
     while values.ndim > 3 and values.shape[-1] == 1:
         values = values[..., 0]
@@ -184,10 +184,11 @@ def _load_nifti(path: Path, name: str | None, notes: list[str]) -> Image:
 def _load_nrrd(path: Path, name: str | None, notes: list[str]) -> Image:
     import nrrd
 
-    try:
-        values, header = nrrd.read(str(path), index_order="F")
-    except nrrd.NRRDError as error:
-        raise MeshFileError(f"cannot be read as an image ({reason(error)})") from error
+    with path.open("rb") as file:
+        header = nrrd.read_header(file)
+        for key in ("data file", "datafile"):
+            _check_inside(path, str(header.get(key, path.name)))
+        values = nrrd.read_data(header, file, str(path), index_order="F")
     steps = np.asarray(header.get("space directions", np.empty((0, 0))), dtype=np.float64)
     origin = np.asarray(header.get("space origin", ()), dtype=np.float64)
     if steps.size:
@@ -202,6 +203,15 @@ def _load_nrrd(path: Path, name: str | None, notes: list[str]) -> Image:
     given = np.asarray(header.get("spacings", np.ones(values.ndim)), dtype=np.float64)
     spacing = np.where(np.isfinite(given), np.abs(given), 1.0)
     return _without_single_planes(values, spacing, np.zeros(values.ndim))
+
+
+def _check_inside(path: Path, name: str) -> None:
+    """Refuse a file of numbers outside of the folder of its header."""
+    folder = path.parent.resolve()
+    numbers = (folder / name).resolve()
+    if folder not in numbers.parents:
+        raise MeshFileError(f"has its numbers in {name!r}, outside of its folder")
+    check_readable(numbers)
 
 
 def _along_axes(

@@ -1,7 +1,6 @@
 """Which reader reads which mesh file.
 
-meshio and trimesh print, warn on consoles and even exit.  Formats that their readers cannot read
-safely are left out: some readers run forever on a damaged file, and in some formats nothing
+Formats that the readers of other packages cannot read safely are left out: in some formats nothing
 shows that a file ends early.
 """
 
@@ -11,18 +10,16 @@ import re
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
 from adaptsize._formats import fort14
-from adaptsize._formats.blocks import RawMesh, check_raw, join
+from adaptsize._formats.blocks import RawMesh, check_raw
 from adaptsize._formats.completeness import check_counts, check_end
 from adaptsize._formats.gmsh import is_partitioned, read_blocks, read_names, read_view
-from adaptsize._formats.guards import FOREIGN_FAILURES, quiet, reason
+from adaptsize._formats.limited import read_limited
 from adaptsize._formats.surfaces import read_corners, read_off, read_ply
-from adaptsize._formats.vtk_xml import read_xdmf
+from adaptsize._formats.xdmf import read_xdmf
 from adaptsize.background.merging import merge_equal_points
 from adaptsize.errors import MeshFileError
 
@@ -60,126 +57,100 @@ def _loaded(loader: Callable[[Path], RawMesh], path: Path) -> RawMesh:
         raw = loader(path)
     except MeshFileError:
         raise
-    except FOREIGN_FAILURES as error:
-        raise MeshFileError(f"cannot be read as a mesh ({reason(error)})") from error
+    except (
+        ArithmeticError,
+        AttributeError,
+        LookupError,
+        SyntaxError,
+        TypeError,
+        ValueError,
+    ) as error:
+        raise MeshFileError(f"cannot be read as a mesh ({error})") from error
     check_raw(raw)
     return raw
 
 
+def _limited(function: str, *arguments: object) -> Callable[[Path], RawMesh]:
+    """Return a reader by another package."""
+    return lambda path: RawMesh.unpacked(read_limited(function, path, *arguments))
+
+
 def _load_stl(path: Path) -> RawMesh:
     corners = read_corners(path)
-    points, number = merge_equal_points(corners.reshape(-1, 3))
+    with np.errstate(invalid="ignore"):  # numbers that are not finite are refused later
+        points, number = merge_equal_points(corners.reshape(-1, 3))
     return RawMesh(points, [("triangle", number.reshape(-1, 3))])
 
 
-def _load_with_meshio(path: Path) -> RawMesh:
-    import meshio
+def _load_pieces(path: Path) -> RawMesh:
+    """Read a file in pieces, and merge the points at which they meet."""
+    raw = _limited("read_vtk")(path)
+    check_raw(raw)
+    points, number = merge_equal_points(raw.points)
+    first = np.full(len(points), len(number))
+    np.minimum.at(first, number, np.arange(len(number)))
+    raw.point_data = {name: values[first] for name, values in raw.point_data.items()}
+    raw.points, raw.blocks = points, [(name, number[cells]) for name, cells in raw.blocks]
+    return raw
 
-    file_format = "gmsh" if path.suffix.lower() == ".msh" else None
-    with quiet() as printed:
-        try:
-            mesh = meshio.read(path, file_format=file_format)
-        except FOREIGN_FAILURES as error:
-            text = reason(error, printed.getvalue())
-            raise MeshFileError(f"cannot be read as a mesh ({text})") from error
-    # Otherwise meshio omits such cells and prints a line.
-    unknown = re.search(r"cells that meshio cannot handle \(type (\d+)", printed.getvalue())
-    if unknown:
-        raise MeshFileError(f"holds cells of VTK type {unknown[1]}, which cannot be read")
-    points = np.asarray(mesh.points, dtype=np.float64)
-    blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
-    return RawMesh(points, blocks, mesh.point_data, mesh.cell_data, read_names(path))
+
+def _load_edited(path: Path, pattern: str, new: str) -> RawMesh:
+    """Read a copy of a file, in which a pattern is replaced, by meshio."""
+    with tempfile.TemporaryDirectory() as folder:
+        copy = str(Path(folder, path.name))
+        return _limited("read_meshio_edited", pattern, new, copy)(path)
 
 
 def _load_gmsh(path: Path) -> RawMesh:
     """Read a file of Gmsh; meshio does not know the sections of partitioned ones."""
     if is_partitioned(path):
         return read_blocks(path)
-    return _load_with_meshio(path)
-
-
-def _load_vtk_of_new_types(path: Path) -> RawMesh:
-    """Read a legacy VTK file whose integer arrays have the type names of VTK 9.
-
-    meshio accepts these names only in files of version 5.1, but VTK writes them in older versions.
-    """
-    return _load_edited(path, rb"(?m)\bvtktypeint64(\s*)$", rb"long\1")
+    with path.open("rb") as file:
+        is_4_0 = re.match(rb"\$MeshFormat\s+4\s", file.read(100))
+    if is_4_0:  # meshio takes this for version 4.1
+        raw = _load_edited(path, r"\A\$MeshFormat\s+4(?=\s)", "$MeshFormat\n4.0")
+    else:
+        raw = _limited("read_meshio")(path)
+    raw.tag_names = read_names(path)
+    return raw
 
 
 def _load_gmsh_without_cell_fields(path: Path) -> RawMesh:
     """Read a Gmsh file of version 2 with element fields, which meshio does not support."""
-    raw = _load_edited(path, rb"(?ms)^\$ElementData\r?\n.*?^\$EndElementData\r?\n", b"")
+    raw = _load_edited(path, r"(?ms)^\$ElementData\r?\n.*?^\$EndElementData\r?\n", "")
+    raw.tag_names = read_names(path)
     raw.notes.append("cell fields ($ElementData) left out")
     return raw
 
 
-def _load_edited(path: Path, pattern: bytes, replacement: bytes) -> RawMesh:
-    """Read an edited copy with meshio, whose readers need a file."""
-    content, count = re.subn(pattern, replacement, path.read_bytes())
-    if not count:
-        raise MeshFileError("cannot be read as a mesh")
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder, path.name)
-        copy.write_bytes(content)
-        return _load_with_meshio(copy)
+def _load_bulk(path: Path) -> RawMesh:
+    """Read a Nastran file that consists of bulk data only, as Gmsh writes them."""
+    return _load_edited(path, r"(?m)\A(?![\s\S]*^BEGIN BULK)", "BEGIN BULK\n")
 
 
-def _load_vtu(path: Path) -> RawMesh:
-    n_pieces = path.read_bytes().split(b"<AppendedData", 1)[0].count(b"<Piece")
-    return _load_vtu_pieces(path) if n_pieces > 1 else _load_with_meshio(path)
-
-
-def _load_vtu_pieces(path: Path) -> RawMesh:
-    """Read each piece of a VTU file separately.  meshio keeps only the cells of the last piece."""
-    try:
-        tree = ElementTree.parse(path)
-    except (ElementTree.ParseError, ValueError) as error:
-        raise MeshFileError(f"has several pieces and is not plain XML ({error})") from error
-    grid = tree.getroot().find("UnstructuredGrid")
-    if grid is None:
-        raise MeshFileError("cannot be read as a mesh (no UnstructuredGrid)")
-    pieces = []
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder, path.name)
-        for piece in grid.findall("Piece"):
-            if int(piece.get("NumberOfCells", "1")) == 0:
-                continue
-            grid[:] = [piece]
-            tree.write(copy)
-            pieces.append(_load_with_meshio(copy))
-    if not pieces:
-        raise MeshFileError("holds no cells")
-    return join(pieces)
-
-
-def _load_with_trimesh(path: Path) -> RawMesh:
-    import trimesh
-
-    with quiet():
-        mesh: Any = trimesh.load_mesh(path, process=False)
-    points = np.asarray(mesh.vertices, dtype=np.float64)
-    faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
-    if path.suffix.lower() == ".obj" and len(points) and np.isfinite(points).all():
+def _load_scene(path: Path) -> RawMesh:
+    raw = _limited("read_trimesh")(path)
+    if path.suffix.lower() == ".obj" and len(raw.points) and np.isfinite(raw.points).all():
         # One node per pair of position and texture corner: seams would be cracks.
-        points, number = merge_equal_points(points)
-        faces = number[faces]
-    return RawMesh(points, [("triangle", faces)])
+        raw.points, number = merge_equal_points(raw.points)
+        raw.blocks = [(name, number[cells]) for name, cells in raw.blocks]
+    return raw
 
 
+_load_with_meshio, _load_with_vtk = _limited("read_meshio"), _limited("read_vtk")
 #: Each suffix that can be read, with the readers in the order in which they are tried.
 _LOADERS: dict[str, tuple[Callable[[Path], RawMesh], ...]] = {
     **dict.fromkeys((".stl", ".stla", ".stlb"), (_load_stl,)),
-    ".obj": (_load_with_meshio, _load_with_trimesh),  # meshio does not know all spellings
+    ".obj": (_load_with_meshio, _load_scene),  # meshio does not know all spellings
     ".off": (read_off,),
     ".ply": (read_ply,),
-    **dict.fromkeys((".gltf", ".glb"), (_load_with_trimesh,)),
-    ".vtk": (_load_with_meshio, _load_vtk_of_new_types),
-    ".vtu": (_load_vtu,),
+    **dict.fromkeys((".gltf", ".glb", ".3mf"), (_load_scene,)),
+    **dict.fromkeys((".vtk", ".vtu", ".vtp", ".vtr", ".vts", ".vtm", ".vtkhdf"), (_load_with_vtk,)),
+    **dict.fromkeys((".pvtu", ".pvtp"), (_load_pieces,)),
     **dict.fromkeys((".xdmf", ".xmf"), (_load_with_meshio, read_xdmf)),  # meshio needs h5py
     ".msh": (_load_gmsh, _load_gmsh_without_cell_fields),
-    **dict.fromkeys(
-        (".mesh", ".meshb", ".inp", ".bdf", ".nas", ".fem", ".su2"), (_load_with_meshio,)
-    ),
+    **dict.fromkeys((".mesh", ".meshb", ".inp", ".su2"), (_load_with_meshio,)),
+    **dict.fromkeys((".bdf", ".nas", ".fem"), (_load_with_meshio, _load_bulk)),
     **dict.fromkeys((".14", ".grd", ".gr3"), (fort14.read,)),
     ".pos": (read_view,),
 }

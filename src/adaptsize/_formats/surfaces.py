@@ -16,7 +16,7 @@ from adaptsize.typing import FloatArray
 
 
 class Blocks(NamedTuple):
-    """Blocks of triangles and quadrilaterals, and the faces that they come from."""
+    """Blocks of faces with the same number of corners, and the faces that they come from."""
 
     cells: list[tuple[str, npt.NDArray[np.int64]]]
     faces: list[npt.NDArray[np.intp]]
@@ -24,7 +24,7 @@ class Blocks(NamedTuple):
 
 
 def as_blocks(counts: npt.NDArray[Any], nodes: npt.NDArray[Any]) -> Blocks:
-    """Return faces as cells.  Polygons of five corners or more become fans of triangles.
+    """Return faces as cells.
 
     Parameters
     ----------
@@ -46,14 +46,8 @@ def as_blocks(counts: npt.NDArray[Any], nodes: npt.NDArray[Any]) -> Blocks:
     for n in np.unique(counts):
         faces = np.flatnonzero(counts == n)
         corners = nodes[starts[faces][:, None] + np.arange(n)].astype(np.int64)
-        if n == 4:
-            blocks.cells.append(("quad", corners))
-            blocks.faces.append(faces)
-            continue
-        first = np.broadcast_to(corners[:, :1], (len(faces), n - 2))
-        triangles = np.stack([first, corners[:, 1:-1], corners[:, 2:]], axis=2)
-        blocks.cells.append(("triangle", triangles.reshape(-1, 3)))
-        blocks.faces.append(np.repeat(faces, n - 2))
+        blocks.cells.append(({3: "triangle", 4: "quad"}.get(int(n), "polygon"), corners))
+        blocks.faces.append(faces)
     return blocks
 
 

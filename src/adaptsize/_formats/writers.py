@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,20 +14,33 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_sizes, check_type, describe, refuse_where
-from adaptsize._formats import fort14, sizes
+from adaptsize._formats import fort14, sizes, vtk
 from adaptsize._formats.blocks import UNTAGGED, RawMesh
 from adaptsize._formats.gmsh import add_names
-from adaptsize._formats.guards import FOREIGN_FAILURES, quiet, reason
+from adaptsize._formats.limited import call_unlimited
 from adaptsize._formats.sizes import METRIC, as_tensors
 from adaptsize._formats.surfaces import write_binary
-from adaptsize._formats.vtk_xml import write_vti, write_xdmf
+from adaptsize._formats.xdmf import write_xdmf
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.errors import MeshFileError
+from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics import MetricFunction
 from adaptsize.typing import FloatArray
 
 _CELL_TYPES = {1: "line", 2: "triangle", 3: "tetra"}
+
+
+#: What names of fields must match: texts that XML can hold, at most 100 characters.
+_IN_XML = re.compile(r"[^\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]{1,100}")
+#: HDF5 takes slashes for groups, and VTK replaces dots.
+_IN_HDF = re.compile(r"[^\x00/.\ud800-\udfff]{1,100}")
+#: VTK takes braces in names for formats and aborts, and reads 255 bytes, encoded as in addresses.
+_LEGACY = re.compile(
+    r"[^{}\x00-\x1f\x7f-\uffff\U00010000-\U0010ffff]{1,80}|[^{}\x00-\x1f\x7f-\x9f\ud800-\udfff]{1,20}"
+)
+#: Texts in quotation marks on one line, and words.
+_QUOTED = re.compile(r"[^\x00-\x1f\x7f-\xa0\"\\\u2028\u2029\ud800-\udfff]{1,100}")
+_WORD = re.compile(r"(?![xyz]$)[!-~]{1,100}")
 
 
 @dataclass(frozen=True)
@@ -48,6 +62,17 @@ class Format:
     """Whether the file holds only triangles: of tetrahedra, those of the boundary."""
     only_full: bool = False
     """Whether the cells must be triangles in the plane or tetrahedra."""
+    names: re.Pattern[str] = _IN_XML
+    """What the names of fields must match."""
+
+    def check_names(self, path: Path, fields: Iterable[str], tags: Iterable[str]) -> None:
+        """Refuse names that could not be read back."""
+        fields = fields if self.holds_fields and not self.only_sizes else ()
+        tags = () if self.only_sizes or self.only_triangles else tags
+        bad = [name for name in fields if not self.names.fullmatch(name)]
+        bad += [name for name in tags if not _QUOTED.fullmatch(name)]
+        if bad:
+            raise ValueError(f"{path.name} cannot hold the name {describe(bad[0])}; rename it")
 
 
 def content_of(mesh: SimplexMesh, tag_name: str, *, pad: bool) -> RawMesh:
@@ -76,7 +101,7 @@ def content_of(mesh: SimplexMesh, tag_name: str, *, pad: bool) -> RawMesh:
         if facet_tags is not None and n_facets:
             cell_data[tag_name].append(facet_tags)
     point_data = {name: _plain(name, values) for name, values in mesh.point_data.items()}
-    return RawMesh(points, blocks, point_data, cell_data)
+    return RawMesh(points, blocks, point_data, cell_data, mesh.tag_names)
 
 
 def sizes_of(mesh: SimplexMesh, generator: str) -> FloatArray:
@@ -119,22 +144,29 @@ def _plain(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return np.ascontiguousarray(values if values.ndim <= 2 else values.reshape(len(values), -1))
 
 
-def _write_with_meshio(path: Path, content: RawMesh, file_format: str, **options: Any) -> None:
-    import meshio
-
-    with quiet() as printed:
-        try:
-            mesh = meshio.Mesh(
-                content.points, content.blocks, content.point_data, content.cell_data
-            )
-            meshio.write(path, mesh, file_format=file_format, **options)
-        except FOREIGN_FAILURES as error:
-            text = reason(error, printed.getvalue())
-            raise MeshFileError(f"cannot be written ({text})") from error
+def _write_with_meshio(path: Path, content: RawMesh, file_format: str) -> None:
+    call_unlimited("write_meshio", path, content.packed(), file_format)
 
 
-def _write_vtk(path: Path, mesh: SimplexMesh, file_format: str) -> None:
-    _write_with_meshio(path, content_of(mesh, "cell_tags", pad=True), file_format)
+def _write_vtk(path: Path, mesh: SimplexMesh, suffix: str) -> None:
+    vtk.write_file(path, content_of(mesh, "cell_tags", pad=True), suffix)
+
+
+def _write_vti(path: Path, grid: CartesianGrid, fields: Mapping[str, npt.NDArray[Any]]) -> None:
+    """Write nodal fields of the grid's shape.  Inactive nodes are hidden.
+
+    In VTK, x varies fastest, which is the opposite of the order here.
+    """
+    flat = {name: _plain(name, values.ravel(order="F")) for name, values in fields.items()}
+    more = 3 - grid.dim
+    vtk.write_image(
+        path,
+        np.pad(grid.origin, (0, more)),
+        np.pad(grid.spacing, (0, more), constant_values=1.0),
+        (*grid.shape, *(1,) * more),
+        flat,
+        None if grid.active is None else grid.active.ravel(order="F"),
+    )
 
 
 def _write_xdmf(path: Path, mesh: SimplexMesh) -> None:
@@ -233,6 +265,7 @@ def _surface_format(name: str, *, holds_fields: bool = False, holds_metrics: boo
         holds_fields=holds_fields,
         holds_metrics=holds_metrics,
         only_triangles=True,
+        names=_WORD,
     )
 
 
@@ -248,11 +281,18 @@ FORMATS: dict[str, Format] = {
         only_sizes=True,
     ),
     "vti": Format((".vti",), _refuse_mesh, holds_grids=True),
-    "vtu": Format((".vtu",), partial(_write_vtk, file_format="vtu")),
-    # Version 4.2, which every VTK reads.
-    "vtk": Format((".vtk",), partial(_write_vtk, file_format="vtk42")),
+    **{
+        suffix[1:]: Format((suffix,), partial(_write_vtk, suffix=suffix))
+        for suffix in (".vtu", ".vtp")
+    },
+    "vtk": Format((".vtk",), partial(_write_vtk, suffix=".vtk"), names=_LEGACY),
+    "vtkhdf": Format(
+        (".vtkhdf",),
+        partial(_write_vtk, suffix=".vtkhdf"),
+        names=_IN_HDF,
+    ),
     "xdmf": Format((".xdmf", ".xmf"), _write_xdmf),
-    "gmsh": Format((".msh",), _write_gmsh),
+    "gmsh": Format((".msh",), _write_gmsh, names=_QUOTED),
     "medit": Format((".mesh", ".meshb"), _write_medit, holds_fields=False),
     "ply": _surface_format("ply", holds_fields=True, holds_metrics=False),
     "stl": Format((".stl",), _write_stl, holds_fields=False, only_triangles=True),
@@ -287,7 +327,7 @@ def parts_of(
 ) -> tuple[SimplexMesh | CartesianGrid, dict[str, npt.ArrayLike]]:
     """Return the mesh or grid, and the nodal fields that must be written."""
     nodal: dict[str, npt.ArrayLike] = {}
-    background = obj
+    obj = background = as_mesh(obj)
     if isinstance(obj, SizeFunction):
         background = obj.background
         nodal["h"] = obj.values
@@ -341,6 +381,6 @@ def writing(
                 f"fields[{name!r}] must have shape {background.shape}, got {values.shape}"
             )
     if chosen.holds_grids:
-        return partial(write_vti, grid=background, fields=arrays)
+        return partial(_write_vti, grid=background, fields=arrays)
     at_nodes = {name: values.reshape(-1) for name, values in arrays.items()}
     return partial(chosen.write, mesh=background.mesh.with_data(point_data=at_nodes))

@@ -12,13 +12,13 @@ References
    (1997) 25-30.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.trees import DEPTH, cells_of_leaf, descent
+from adaptsize._kernels.vectors import between, cross, dot, minus, norm
 
 
 class Crossings(NamedTuple):
@@ -59,17 +59,12 @@ def _set_normal(tree, t, row, work):
     """Set a row of scratch to the unit normal of a triangle, and return whether it has one."""
     points = tree.points
     a, b, c = tree.cells[t, 0], tree.cells[t, 1], tree.cells[t, 2]
-    length2 = 0.0
-    for d in range(3):
-        e, f = (d + 1) % 3, (d + 2) % 3
-        work[row, d] = (points[b, e] - points[a, e]) * (points[c, f] - points[a, f]) - (
-            points[b, f] - points[a, f]
-        ) * (points[c, e] - points[a, e])
-        length2 += work[row, d] * work[row, d]
-    if not length2 > 0.0:
+    across = cross(between(points, a, b), between(points, a, c))
+    length = norm(across)
+    if not length > 0.0:
         return False
     for d in range(3):
-        work[row, d] /= math.sqrt(length2)
+        work[row, d] = across[d] / length
     return True
 
 
@@ -85,9 +80,7 @@ def _penetration(tree, one, other, slack, row, work):
     a = tree.cells[other, 0]
     for v in range(3):
         i = tree.cells[one, v]
-        away = 0.0
-        for d in range(3):
-            away += work[row - 2, d] * (points[i, d] - points[a, d])
+        away = dot(work[row - 2], between(points, a, i))
         if abs(away) <= slack:
             away = 0.0
         work[row, v] = away
@@ -136,26 +129,19 @@ def _depth(tree, s, t, slack, work):
     _set_segment(tree, t, np.int64(2), work)
     _set_segment(tree, s, np.int64(3), work)
     # The line that both planes have in common.
-    l0 = work[0, 1] * work[1, 2] - work[0, 2] * work[1, 1]
-    l1 = work[0, 2] * work[1, 0] - work[0, 0] * work[1, 2]
-    l2 = work[0, 0] * work[1, 1] - work[0, 1] * work[1, 0]
-    length = math.sqrt(l0 * l0 + l1 * l1 + l2 * l2)
+    line = cross(work[0], work[1])
+    length = norm(line)
     if not length > 0.0:
         return 0.0
     for k in range(4):
-        along = 0.0
-        along += l0 * (work[4 + k, 0] - work[4, 0])
-        along += l1 * (work[4 + k, 1] - work[4, 1])
-        along += l2 * (work[4 + k, 2] - work[4, 2])
-        work[9, k] = along / length
+        work[9, k] = dot(line, minus(work[4 + k], work[4])) / length
     begin = max(min(work[9, 0], work[9, 1]), min(work[9, 2], work[9, 3]))
     end = min(max(work[9, 0], work[9, 1]), max(work[9, 2], work[9, 3]))
     if end - begin <= slack:
         return 0.0
     middle = 0.5 * (begin + end) / length
-    work[8, 0] = work[4, 0] + middle * l0
-    work[8, 1] = work[4, 1] + middle * l1
-    work[8, 2] = work[4, 2] + middle * l2
+    for d in range(3):
+        work[8, d] = work[4, d] + middle * line[d]
     return min(depth, end - begin)
 
 

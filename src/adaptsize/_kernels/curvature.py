@@ -5,7 +5,17 @@ import math
 import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
-from adaptsize._kernels.sectors import cross, dot, normalise
+from adaptsize._kernels.sectors import normalise
+from adaptsize._kernels.vectors import (
+    between,
+    cross,
+    dot,
+    minus,
+    norm,
+    triple,
+    unit,
+    without,
+)
 
 
 @kernel
@@ -35,11 +45,8 @@ def fill_sector_normals(surface, sectors, normals):
                 continue
             squares = 1.0
             for turn in range(1, 3):
-                squared = 0.0
-                for d in range(3):
-                    gap = points[cells[c, (v + turn) % 3], d] - points[cells[c, v], d]
-                    squared += gap * gap
-                squares *= squared
+                edge = between(points, cells[c, v], cells[c, (v + turn) % 3])
+                squares *= dot(edge, edge)
             for d in range(3):
                 normals[s, d] += sign[fan[k]] * areas[c] * face_normals[c, d] / squares
         normalise(normals[s])
@@ -68,35 +75,24 @@ def drop_conical_normals(surface, sectors, limit, normals):
 def fill_fan_angles(surface, sectors, angles):
     """Fill the sum of the corner angles of each sector, in radians (Out: float64[n_sectors])."""
     points, cells = surface.points, surface.cells
-    a, b, normal = np.empty(3), np.empty(3), np.empty(3)
     for s in range(angles.shape[0]):
         angles[s] = 0.0
         for k in range(sectors.fan_ptr[s], sectors.fan_ptr[s + 1]):
             c, v = sectors.fan[k] // 3, sectors.fan[k] % 3
-            for d in range(3):
-                a[d] = points[cells[c, (v + 1) % 3], d] - points[cells[c, v], d]
-                b[d] = points[cells[c, (v + 2) % 3], d] - points[cells[c, v], d]
-            cross(a, b, normal)
-            angles[s] += math.atan2(math.sqrt(dot(normal, normal)), dot(a, b))
+            a = between(points, cells[c, v], cells[c, (v + 1) % 3])
+            b = between(points, cells[c, v], cells[c, (v + 2) % 3])
+            angles[s] += math.atan2(norm(cross(a, b)), dot(a, b))
 
 
 @inner
-def _open_frame(points, i, ends, normal, frame):
-    """Fill tangents u, v at node i: v across the line between the ends of its fan, u along it.
+def _open_frame(points, i, ends, normal):
+    """Return tangents u, v at node i: v across the line between the ends of its fan, u along it.
 
     ``ends``: the far nodes of the feature edges that bound the fan.
     """
-    u, v = frame
-    for d in range(3):
-        u[d] = points[ends[0], d] - points[i, d]
-        v[d] = points[ends[1], d] - points[i, d]
-    normalise(u)
-    normalise(v)
-    for d in range(3):
-        u[d] -= v[d]
-    cross(normal, u, v)
-    normalise(v)
-    cross(v, normal, u)
+    along = minus(unit(between(points, i, ends[0])), unit(between(points, i, ends[1])))
+    v = unit(cross(normal, along))
+    return cross(v, normal), v
 
 
 @inner
@@ -124,13 +120,10 @@ def _chord_sums(surface, sectors, s, normals, frame):
         for turn in range(1, 3):
             there = 3 * c + (w + turn) % 3
             agree = sectors.sign[corner] * sectors.sign[there]
-            squared, along_u, along_v, off = 0.0, 0.0, 0.0, 0.0
-            for d in range(3):
-                gap = points[cells[c, (w + turn) % 3], d] - points[cells[c, w], d]
-                squared += gap * gap
-                along_u += gap * u[d]
-                along_v += gap * v[d]
-                off += gap * (normals[s, d] + agree * normals[sector[there], d])
+            gap = between(points, cells[c, w], cells[c, (w + turn) % 3])
+            squared, along_u, along_v = dot(gap, gap), dot(gap, u), dot(gap, v)
+            other = triple(normals, sector[there], 0)
+            off = dot(gap, without(triple(normals, s, 0), -agree, other))
             if squared == 0.0 or not is_known(normals, np.int64(sector[there])):
                 continue
             weight = 1.0 / (squared * squared)
@@ -166,7 +159,6 @@ def correct_open_normals(surface, sectors, angles, choice, normals, corrected):
         In/Out: the same normals; those of the chosen fans are corrected.
     """
     (corners, limit), ends = choice, sectors.ends
-    u, v = np.empty(3), np.empty(3)
     for s in range(normals.shape[0]):
         is_corner = angles[s] < 150.0 / 180.0 * math.pi
         if ends[s, 0] < 0 or ends[s, 0] == ends[s, 1] or is_corner != corners:
@@ -175,7 +167,7 @@ def correct_open_normals(surface, sectors, angles, choice, normals, corrected):
             continue
         corner = sectors.fan[sectors.fan_ptr[s]]
         i = surface.cells[corner // 3, corner % 3]
-        _open_frame(surface.points, i, ends[s], normals[s], (u, v))
+        u, v = _open_frame(surface.points, i, ends[s], normals[s])
         uu, uv, vv, right_u, right_v = _chord_sums(surface, sectors, s, normals, (u, v))
         # Negligible for regular fans; avoids a division by zero for a fan of needles.
         damp = 1e-6 * (uu + vv)
@@ -194,8 +186,8 @@ def correct_open_normals(surface, sectors, angles, choice, normals, corrected):
 
 
 @inner
-def _face_tensor(x, n, normal, tensor):
-    """Fill the shape operator of one triangle from the normals at its corners.
+def _face_tensor(x, n, normal):
+    """Return the shape operator of one triangle from the normals at its corners.
 
     Least squares (Rusinkiewicz 2004): the symmetric [[a, b], [b, c]] that takes
     each edge to the difference of the normals at its ends, in the plane of the
@@ -203,61 +195,63 @@ def _face_tensor(x, n, normal, tensor):
 
     Parameters
     ----------
-    x, n : float64[3, 3]
+    x, n : tuple of 3 vectors
         Corners and the normals there.
     normal : float64[3]
         Unit normal of the triangle.
-    tensor : tuple of 3 float64[3]
-        Out: the frame u, v, and a, b, c.
+
+    Returns
+    -------
+    tuple of 3 vectors
+        The frame u, v, and a, b, c.
     """
-    u, v, shape = tensor
     longest, best = 0, -1.0
+    u = (0.0, 0.0, 0.0)
     for k in range(3):
-        for d in range(3):
-            v[d] = x[(k + 2) % 3, d] - x[(k + 1) % 3, d]
-        if dot(v, v) > best:
-            longest, best = k, dot(v, v)
-            for d in range(3):
-                u[d] = v[d]
-    normalise(u)
-    cross(normal, u, v)
+        edge = minus(x[(k + 2) % 3], x[(k + 1) % 3])
+        if dot(edge, edge) > best:
+            longest, best, u = k, dot(edge, edge), edge
+    u = unit(u)
+    v = cross(normal, u)
     xx, xy, yy, xp, yq, mixed = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3
-        ex, ey, p, q = 0.0, 0.0, 0.0, 0.0
-        for d in range(3):
-            e, dn = x[j, d] - x[i, d], n[j, d] - n[i, d]
-            ex += e * u[d]
-            ey += e * v[d]
-            p += dn * u[d]
-            q += dn * v[d]
-        if k == longest:
-            ey = 0.0  # by choice of u
+        edge, turn = minus(x[j], x[i]), minus(n[j], n[i])
+        ex, p, q = dot(edge, u), dot(turn, u), dot(turn, v)
+        ey = 0.0 if k == longest else dot(edge, v)  # by choice of u
         xx += ex * ex
         xy += ex * ey
         yy += ey * ey
         xp += ex * p
         yq += ey * q
         mixed += ey * p + ex * q
-    shape[1] = (mixed - xy * (xp / xx + yq / yy)) / (xx + yy - xy * xy * (1.0 / xx + 1.0 / yy))
-    shape[0] = (xp - shape[1] * xy) / xx
-    shape[2] = (yq - shape[1] * xy) / yy
+    b = (mixed - xy * (xp / xx + yq / yy)) / (xx + yy - xy * xy * (1.0 / xx + 1.0 / yy))
+    return u, v, ((xp - b * xy) / xx, b, (yq - b * xy) / yy)
 
 
 @inner
-def _turn_into(a, b, w, out):
-    """Fill ``out`` with w turned by the smallest rotation that takes unit a to unit b."""
+def _normal_at(sectors, normals, corner, face):
+    """Return the normal at a corner; the tip of a cone is as flat as the face."""
+    s, sign = np.int64(sectors.sector[corner]), sectors.sign[corner]
+    if not is_known(normals, s):
+        return face
+    return sign * normals[s, 0], sign * normals[s, 1], sign * normals[s, 2]
+
+
+@inner
+def _turn_into(a, b, w):
+    """Return w turned by the smallest rotation that takes unit a to unit b."""
     # w + (a x b) x w + (a x b) x ((a x b) x w) / (1 + a.b); opposite a, b never meet here
     # but for folded sheets, where any turn is as good: the denominator is kept off zero.
-    axis = np.empty(3)
-    once = np.empty(3)
-    twice = np.empty(3)
-    cross(a, b, axis)
-    cross(axis, w, once)
-    cross(axis, once, twice)
+    axis = cross(a, b)
+    once = cross(axis, w)
+    twice = cross(axis, once)
     below = max(1.0 + dot(a, b), 1e-8)
-    for d in range(3):
-        out[d] = w[d] + once[d] + twice[d] / below
+    return (
+        w[0] + once[0] + twice[0] / below,
+        w[1] + once[1] + twice[1] / below,
+        w[2] + once[2] + twice[2] / below,
+    )
 
 
 @inner
@@ -266,19 +260,16 @@ def _add_turned(normal, tensor, weight, target, sum_tensor):
 
     Parameters
     ----------
-    normal, target : float64[3]
+    normal, target : vectors
         Unit normals from and to.
-    tensor : tuple of 3 float64[3]
+    tensor : tuple of 3 vectors
         u, v, and a, b, c.
     weight : float
     sum_tensor : float64[6]
         In/Out: xx, yy, zz, yz, xz, xy.
     """
     u, v, shape = tensor
-    tu = np.empty(3)
-    tv = np.empty(3)
-    _turn_into(normal, target, u, tu)
-    _turn_into(normal, target, v, tv)
+    tu, tv = _turn_into(normal, target, u), _turn_into(normal, target, v)
     a, b, c = weight * shape[0], weight * shape[1], weight * shape[2]
     for d in range(3):
         sum_tensor[d] += a * tu[d] * tu[d] + 2.0 * b * tu[d] * tv[d] + c * tv[d] * tv[d]
@@ -305,29 +296,30 @@ def fill_tensors(surface, sectors, normals, tensors):
         surface.points, surface.cells, surface.areas, surface.normals,
     )  # fmt: skip
     sector, sign = sectors.sector, sectors.sign
-    x, n = np.empty((3, 3)), np.empty((3, 3))
-    tensor = (np.empty(3), np.empty(3), np.empty(3))
     weights = np.zeros(tensors.shape[0])
     for c in range(cells.shape[0]):
         if areas[c] == 0.0:
             continue
-        for k in range(3):
-            corner = 3 * c + k
-            for d in range(3):
-                x[k, d] = points[cells[c, k], d]
-                n[k, d] = sign[corner] * normals[sector[corner], d]
-            if not is_known(normals, np.int64(sector[corner])):
-                # The tip of a cone is as flat as the face.
-                for d in range(3):
-                    n[k, d] = face_normals[c, d]
-        _face_tensor(x, n, face_normals[c], tensor)
+        corners = (np.int64(3 * c), np.int64(3 * c + 1), np.int64(3 * c + 2))
+        x = (
+            triple(points, cells[c, 0], 0),
+            triple(points, cells[c, 1], 0),
+            triple(points, cells[c, 2], 0),
+        )
+        face = triple(face_normals, c, 0)
+        n = (
+            _normal_at(sectors, normals, corners[0], face),
+            _normal_at(sectors, normals, corners[1], face),
+            _normal_at(sectors, normals, corners[2], face),
+        )
+        tensor = _face_tensor(x, n, face)
         for k in range(3):
             corner = 3 * c + k
             s = np.int64(sector[corner])
             if not is_known(normals, s):
                 continue
             # The tensor changes sign with the normal, the sum is in the sector's orientation.
-            _add_turned(face_normals[c], tensor, sign[corner] * areas[c], n[k], tensors[s])
+            _add_turned(face, tensor, sign[corner] * areas[c], n[k], tensors[s])
             weights[s] += areas[c]
     for s in range(tensors.shape[0]):
         for d in range(6):
@@ -335,30 +327,27 @@ def fill_tensors(surface, sectors, normals, tensors):
 
 
 @inner
-def _frame(normal, u, v):
-    """Fill u, v so that (u, v, normal) is an orthonormal frame."""
+def _frame(normal):
+    """Return u, v so that (u, v, normal) is an orthonormal frame."""
     least = 0
     for d in range(1, 3):
         if abs(normal[d]) < abs(normal[least]):
             least = d
-    for d in range(3):
-        v[d] = 0.0
-    v[least] = 1.0
-    cross(normal, v, u)
-    normalise(u)
-    cross(normal, u, v)
+    axis = (1.0 if least == 0 else 0.0, 1.0 if least == 1 else 0.0, 1.0 if least == 2 else 0.0)
+    u = unit(cross(normal, axis))
+    return u, cross(normal, u)
 
 
 @inner
-def _restrict(tensor, u, v, shape):
-    """Fill (a, b, c), the components of a symmetric tensor float64[6] in the frame u, v."""
-    for d in range(3):
-        shape[d] = 0.0
+def _restrict(tensor, u, v):
+    """Return (a, b, c), the components of a symmetric tensor float64[6] in the frame u, v."""
+    a, b, c = 0.0, 0.0, 0.0
     for d in range(3):
         i, j = (d + 1) % 3, (d + 2) % 3
-        shape[0] += tensor[d] * u[d] * u[d] + 2.0 * tensor[3 + d] * u[i] * u[j]
-        shape[1] += tensor[d] * u[d] * v[d] + tensor[3 + d] * (u[i] * v[j] + u[j] * v[i])
-        shape[2] += tensor[d] * v[d] * v[d] + 2.0 * tensor[3 + d] * v[i] * v[j]
+        a += tensor[d] * u[d] * u[d] + 2.0 * tensor[3 + d] * u[i] * u[j]
+        b += tensor[d] * u[d] * v[d] + tensor[3 + d] * (u[i] * v[j] + u[j] * v[i])
+        c += tensor[d] * v[d] * v[d] + 2.0 * tensor[3 + d] * v[i] * v[j]
+    return a, b, c
 
 
 @kernel
@@ -375,7 +364,6 @@ def smooth_tensors(surface, sectors, normals, tensors, smoothed):
         Out.
     """
     areas, sign, fan, fan_ptr = surface.areas, sectors.sign, sectors.fan, sectors.fan_ptr
-    u, v, shape, source = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for s in range(tensors.shape[0]):
         for d in range(6):
             smoothed[s, d] = 0.0
@@ -388,11 +376,9 @@ def smooth_tensors(surface, sectors, normals, tensors, smoothed):
                 if not is_known(normals, t):
                     continue
                 turn = sign[fan[k]] * sign[corner]
-                for d in range(3):
-                    source[d] = turn * normals[t, d]
-                _frame(normals[t], u, v)
-                _restrict(tensors[t], u, v, shape)
-                tensor = (u, v, shape)
+                source = (turn * normals[t, 0], turn * normals[t, 1], turn * normals[t, 2])
+                u, v = _frame(normals[t])
+                tensor = (u, v, _restrict(tensors[t], u, v))
                 _add_turned(source, tensor, turn * areas[c], normals[s], smoothed[s])
                 total += areas[c]
         for d in range(6):
@@ -410,9 +396,7 @@ def fill_largest_curvature(normals, tensors, kappa):
     kappa : float64[n_sectors]
         Out: >= 0.
     """
-    u, v, shape = np.empty(3), np.empty(3), np.empty(3)
     for s in range(tensors.shape[0]):
-        _frame(normals[s], u, v)
-        _restrict(tensors[s], u, v, shape)
-        mean = 0.5 * (shape[0] + shape[2])
-        kappa[s] = abs(mean) + math.hypot(0.5 * (shape[0] - shape[2]), shape[1])
+        u, v = _frame(normals[s])
+        a, b, c = _restrict(tensors[s], u, v)
+        kappa[s] = abs(0.5 * (a + c)) + math.hypot(0.5 * (a - c), b)

@@ -12,6 +12,7 @@ vertices; that moves no closest point by more than its height.
 import math
 
 from adaptsize._kernels.compiling import inner, kernel
+from adaptsize._kernels.vectors import between, cross, dot, offset, without
 
 # |sine| of a corner (solid for tetrahedra) below which a simplex counts as flat: the
 # determinant, of relative error 1e-16 / sine, still has three digits there.
@@ -23,42 +24,6 @@ _TINY = 1e-290
 
 #: What weights are worth: none, refined (signs in doubt), accurate.
 NO_WEIGHTS, REFINED, ACCURATE = 0, 1, 2
-
-
-@inner
-def _vector(points, i, j):
-    """Return x_j - x_i."""
-    return (
-        points[j, 0] - points[i, 0],
-        points[j, 1] - points[i, 1],
-        points[j, 2] - points[i, 2],
-    )
-
-
-@inner
-def _vector_to(points, i, x):
-    """Return x - x_i."""
-    return (x[0] - points[i, 0], x[1] - points[i, 1], x[2] - points[i, 2])
-
-
-@inner
-def _dot(u, v):
-    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
-
-
-@kernel
-def _cross(u, v):
-    return (
-        u[1] * v[2] - u[2] * v[1],
-        u[2] * v[0] - u[0] * v[2],
-        u[0] * v[1] - u[1] * v[0],
-    )
-
-
-@inner
-def _without(r, t, e):
-    """Return r - t e."""
-    return (r[0] - t * e[0], r[1] - t * e[1], r[2] - t * e[2])
 
 
 @inner
@@ -79,16 +44,16 @@ def closest_on_segment(points, a, b, x):
     float64, float64
         Weights of a and b.
     """
-    e = _vector(points, a, b)
-    r = _vector_to(points, a, x)
-    length2 = _dot(e, e)
+    e = between(points, a, b)
+    r = offset(points, a, x)
+    length2 = dot(e, e)
     t = 0.0
     if length2 > _TINY:
-        t = min(max(_dot(r, e) / length2, 0.0), 1.0)
-        if 0.0 < t < 1.0 and _is_zero(_cross(r, e)):
+        t = min(max(dot(r, e) / length2, 0.0), 1.0)
+        if 0.0 < t < 1.0 and _is_zero(cross(r, e)):
             return 0.0, 1.0 - t, t
-    rest = _vector_to(points, b, x) if t == 1.0 else _without(r, t, e)
-    return _dot(rest, rest), 1.0 - t, t
+    rest = offset(points, b, x) if t == 1.0 else without(r, t, e)
+    return dot(rest, rest), 1.0 - t, t
 
 
 @inner
@@ -122,25 +87,25 @@ def triangle_weights(points, a, b, c, x):
     float64
         Squared distance of x to the plane, 0 where r . n is 0 exactly.
     """
-    e1 = _vector(points, a, b)
-    e2 = _vector(points, a, c)
-    r = _vector_to(points, a, x)
-    n = _cross(e1, e2)
-    nn = _dot(n, n)
-    sides = _dot(e1, e1) * _dot(e2, e2)
+    e1 = between(points, a, b)
+    e2 = between(points, a, c)
+    r = offset(points, a, x)
+    n = cross(e1, e2)
+    nn = dot(n, n)
+    sides = dot(e1, e1) * dot(e2, e2)
     if nn <= _TINY or nn <= _FLAT * _FLAT * sides:
         return NO_WEIGHTS, 1.0, 0.0, 0.0, 0.0
-    w_b = _dot(_cross(r, e2), n) / nn
-    w_c = _dot(_cross(e1, r), n) / nn
+    w_b = dot(cross(r, e2), n) / nn
+    w_c = dot(cross(e1, r), n) / nn
     accuracy = ACCURATE
-    rest = _without(_without(r, w_b, e1), w_c, e2)
+    rest = without(without(r, w_b, e1), w_c, e2)
     if nn < _NEARLY_FLAT * _NEARLY_FLAT * sides:
         accuracy = REFINED
         for _ in range(2):
-            w_b += _dot(_cross(rest, e2), n) / nn
-            w_c += _dot(_cross(e1, rest), n) / nn
-            rest = _without(_without(r, w_b, e1), w_c, e2)
-    height2 = 0.0 if _dot(r, n) == 0.0 else _dot(rest, rest)
+            w_b += dot(cross(rest, e2), n) / nn
+            w_c += dot(cross(e1, rest), n) / nn
+            rest = without(without(r, w_b, e1), w_c, e2)
+    height2 = 0.0 if dot(r, n) == 0.0 else dot(rest, rest)
     return accuracy, 1.0 - w_b - w_c, w_b, w_c, height2
 
 
@@ -206,28 +171,28 @@ def tetrahedron_weights(points, corners, x):
         Weights, any sign, of sum 1.
     """
     a, b, c, d = corners
-    e1 = _vector(points, a, b)
-    e2 = _vector(points, a, c)
-    e3 = _vector(points, a, d)
-    r = _vector_to(points, a, x)
-    n1 = _cross(e2, e3)
-    n2 = _cross(e3, e1)
-    n3 = _cross(e1, e2)
-    volume = _dot(e1, n1)
-    sides = math.sqrt(_dot(e1, e1) * _dot(e2, e2)) * math.sqrt(_dot(e3, e3))
+    e1 = between(points, a, b)
+    e2 = between(points, a, c)
+    e3 = between(points, a, d)
+    r = offset(points, a, x)
+    n1 = cross(e2, e3)
+    n2 = cross(e3, e1)
+    n3 = cross(e1, e2)
+    volume = dot(e1, n1)
+    sides = math.sqrt(dot(e1, e1) * dot(e2, e2)) * math.sqrt(dot(e3, e3))
     if abs(volume) <= _TINY or abs(volume) <= _FLAT * sides:
         return NO_WEIGHTS, 1.0, 0.0, 0.0, 0.0
-    w1 = _dot(r, n1) / volume
-    w2 = _dot(r, n2) / volume
-    w3 = _dot(r, n3) / volume
+    w1 = dot(r, n1) / volume
+    w2 = dot(r, n2) / volume
+    w3 = dot(r, n3) / volume
     accuracy = ACCURATE
     if abs(volume) < _NEARLY_FLAT * sides:
         accuracy = REFINED
         for _ in range(3):
-            rest = _without(_without(_without(r, w1, e1), w2, e2), w3, e3)
-            w1 += _dot(rest, n1) / volume
-            w2 += _dot(rest, n2) / volume
-            w3 += _dot(rest, n3) / volume
+            rest = without(without(without(r, w1, e1), w2, e2), w3, e3)
+            w1 += dot(rest, n1) / volume
+            w2 += dot(rest, n2) / volume
+            w3 += dot(rest, n3) / volume
     return accuracy, 1.0 - w1 - w2 - w3, w1, w2, w3
 
 

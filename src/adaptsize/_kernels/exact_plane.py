@@ -49,9 +49,6 @@ from adaptsize._kernels.trees import DEPTH, items_of_leaf
 #: Columns of a table.
 CONE, KIND, ROW, CORNER, COLUMNS = 6, 10, 11, 12, 13
 
-# Directions within this angle of a wall are along the wall.
-_AHEAD = 1e-9
-
 # Number of entries that lowered sizes in one block and are tested first in the next.
 _RECENT = 8
 
@@ -228,10 +225,15 @@ def lower_seen(
 
 
 @lean
-def _set_wedge(table, k, walls, dx, dy):
+def _set_wedge(table, k, walls, dx, dy, slack):
     """Set the cone of corner k, at which a path arrives in direction (dx, dy), to its wedge.
 
-    ``walls``: float64[c, 4], unit vectors along the two walls.  Returns whether there is a wedge.
+    The corner hides what lies straight ahead from the start of the path, also what is up to
+    ``slack`` off.  So the wedge begins earlier, by a few times the angle of ``slack`` at the
+    distance of the nearest node, before or behind the corner, and a path that points into the
+    obstacle by no more than this angle is along the wall.
+
+    ``walls``: float64[c, 5], as in `solve_corners`.  Returns whether there is a wedge.
     """
     if table[k, KIND] == ANY:  # paths may leave in all sectors of the node
         return True
@@ -240,19 +242,28 @@ def _set_wedge(table, k, walls, dx, dy):
         return False
     dx, dy = dx / length, dy / length
     sx, sy, ex, ey = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
+    nil = 4.0 * slack / min(length, walls[k, 4])
     after_start, before_end = sx * dy - sy * dx, dx * ey - dy * ex
-    to_right = after_start >= -_AHEAD and before_end <= _AHEAD
-    to_left = after_start <= _AHEAD and before_end >= -_AHEAD
+    to_right = after_start >= -nil and before_end <= nil
+    to_left = after_start <= nil and before_end >= -nil
     if not (to_right or to_left):
         return False  # the obstacle lies straight ahead
-    # At the tip of a slit, paths along it continue in the whole sector.
-    table[k, KIND] = WIDE if to_right and to_left else NARROW
-    if to_right and not to_left:
-        along = after_start < 0.0 and sx * dx + sy * dy > 0.0
-        ex, ey = (sx, sy) if along else (dx, dy)
-    elif to_left and not to_right:
-        along = before_end < 0.0 and ex * dx + ey * dy > 0.0
-        sx, sy = (ex, ey) if along else (dx, dy)
+    if to_right and to_left:
+        if sx * ex + sy * ey > 0.0:  # paths along a slit continue in the whole sector at its tip
+            table[k, KIND] = WIDE
+        else:  # along a wall that is nearly straight
+            to_right = sx * dx + sy * dy > 0.0
+            to_left = not to_right
+    if not (to_right and to_left):
+        table[k, KIND] = NARROW
+        if to_right:
+            dx, dy = dx - nil * dy, dy + nil * dx
+            along = sx * dy - sy * dx < 0.0 and sx * dx + sy * dy > 0.0
+            ex, ey = (sx, sy) if along else (dx, dy)
+        else:
+            dx, dy = dx + nil * dy, dy - nil * dx
+            along = dx * ey - dy * ex < 0.0 and ex * dx + ey * dy > 0.0
+            sx, sy = (ex, ey) if along else (dx, dy)
     table[k, CONE], table[k, CONE + 1], table[k, CONE + 2], table[k, CONE + 3] = sx, sy, ex, ey
     return True
 
@@ -283,9 +294,9 @@ def solve_corners(
         The corners, and 0 to c - 1; the corners are sorted along a Morton curve.
     table : float64[c, COLUMNS]
         In/Out: the corners as entries.  Paths leave corners of the kind ANY in all sectors.
-    walls : float64[c, 4]
-        Unit vectors along the two walls of each corner; the sector extends counterclockwise from
-        the first to the second.
+    walls : float64[c, 5]
+        Unit vectors along the two walls of each corner, and the length of the shortest edge there;
+        the sector extends counterclockwise from the first wall to the second.
     sizes : float64[c]
         In/Out.
     arrivals : float64[c, 2]
@@ -307,7 +318,7 @@ def solve_corners(
             return
         waiting[c] = False
         table[c, 4] = least
-        serves[c] = _set_wedge(table, c, walls, arrivals[c, 0], arrivals[c, 1])
+        serves[c] = _set_wedge(table, c, walls, arrivals[c, 0], arrivals[c, 1], sight.slack)
         if not serves[c]:
             continue
         for start in range(0, n, BLOCK):

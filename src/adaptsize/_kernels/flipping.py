@@ -14,32 +14,21 @@ import math
 import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
+from adaptsize._kernels.vectors import between, cross, dot, norm
 
 
 @lean
 def _angle(points, a, b, c):
     """Return cosine and sine, 0 to 180 degrees, of the angle at a between b and c; or zeros."""
-    ux = points[b, 0] - points[a, 0]
-    uy = points[b, 1] - points[a, 1]
-    uz = points[b, 2] - points[a, 2]
-    vx = points[c, 0] - points[a, 0]
-    vy = points[c, 1] - points[a, 1]
-    vz = points[c, 2] - points[a, 2]
-    x = uy * vz - uz * vy
-    y = uz * vx - ux * vz
-    z = ux * vy - uy * vx
-    scale = math.sqrt((ux * ux + uy * uy + uz * uz) * (vx * vx + vy * vy + vz * vz))
-    if scale == 0.0:
-        return 0.0, 0.0
-    return (ux * vx + uy * vy + uz * vz) / scale, math.sqrt(x * x + y * y + z * z) / scale
+    u, v = between(points, a, b), between(points, a, c)
+    scale = math.sqrt(dot(u, u) * dot(v, v))
+    return (dot(u, v) / scale, norm(cross(u, v)) / scale) if scale > 0.0 else (0.0, 0.0)
 
 
 @lean
 def _squared(points, a, b):
-    x = points[b, 0] - points[a, 0]
-    y = points[b, 1] - points[a, 1]
-    z = points[b, 2] - points[a, 2]
-    return x * x + y * y + z * z
+    edge = between(points, a, b)
+    return dot(edge, edge)
 
 
 @lean

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
+from adaptsize._kernels.vectors import cross, dot, unit
 
 
 @kernel
@@ -101,20 +102,15 @@ def _mean_and_half_difference(normal, tensor):
     """
     (nx, ny, nz), (xx, yy, zz, xy, xz, yz) = normal, tensor
     # u is normal to n and to the axis that n is farthest from.
+    u = (ny, -nx, 0.0)
     if abs(nx) <= abs(ny) and abs(nx) <= abs(nz):
-        ux, uy, uz = 0.0, nz, -ny
+        u = (0.0, nz, -ny)
     elif abs(ny) <= abs(nz):
-        ux, uy, uz = -nz, 0.0, nx
-    else:
-        ux, uy, uz = ny, -nx, 0.0
-    length = math.sqrt(ux * ux + uy * uy + uz * uz)
-    ux, uy, uz = ux / length, uy / length, uz / length
-    vx, vy, vz = ny * uz - nz * uy, nz * ux - nx * uz, nx * uy - ny * ux
-    ax = xx * ux + xy * uy + xz * uz
-    ay = xy * ux + yy * uy + yz * uz
-    az = xz * ux + yz * uy + zz * uz
-    a = ux * ax + uy * ay + uz * az
-    b = vx * ax + vy * ay + vz * az
+        u = (-nz, 0.0, nx)
+    u = unit(u)
+    vx, vy, vz = v = cross(normal, u)
+    bend = (dot((xx, xy, xz), u), dot((xy, yy, yz), u), dot((xz, yz, zz), u))
+    a, b = dot(u, bend), dot(v, bend)
     c = xx * vx * vx + yy * vy * vy + zz * vz * vz
     c += 2.0 * (xy * vx * vy + xz * vx * vz + yz * vy * vz)
     return 0.5 * (a + c), math.sqrt(0.25 * (a - c) ** 2 + b * b)

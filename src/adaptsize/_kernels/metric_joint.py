@@ -30,11 +30,13 @@ import numpy as np
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.metrics import (
     column_norm,
+    copy_metric,
     factorise,
     fill_factor,
     intersect_into,
     invert,
     invert_lower,
+    multiply,
     rotate_columns,
     sandwich,
     sizes_of_factor,
@@ -207,18 +209,8 @@ def _improve(axes, count, joint, p, mu, inside):
         for i in range(dim):
             for j in range(dim):
                 dt[i, j] = -dt[i, j]
-        for i in range(dim):
-            for j in range(dim):
-                total = 0.0
-                for n in range(dim):
-                    total += dt[i, n] * x[n, j]
-                half[i, j] = total
-        for i in range(dim):
-            for j in range(dim):
-                total = 0.0
-                for n in range(dim):
-                    total += y[i, n] * half[n, j]
-                product[i, j] = total
+        multiply(axes, dt, x, (False, False), half)
+        multiply(axes, y, half, (False, False), product)
         for i in range(dim):
             for j in range(dim):
                 dy[i, j] = mu * x[i, j] - y[i, j] - 0.5 * (product[i, j] + product[j, i])
@@ -319,15 +311,11 @@ def _optimise(axes, count, joint, p):
 @lean
 def two_by_two(axes, count, joint):
     """Fill the result (Out: h_all, r_all) of intersecting two by two, one after another."""
-    dim = len(axes)
-    h, r = joint.h_all, joint.r_all
-    for j in range(dim):
-        h[j] = joint.h[0, j]
-        for i in range(dim):
-            r[i, j] = joint.r[0, i, j]
+    both = (joint.h_all, joint.r_all)
+    copy_metric(axes, (joint.h[0], joint.r[0]), 0.0, both)
     for s in range(1, count):
         other = (joint.h[s], joint.r[s])
-        intersect_into(axes, (h, r), other, joint.small[1], joint.small[2])
+        intersect_into(axes, both, other, joint.small[1], joint.small[2])
 
 
 @lean
@@ -341,23 +329,16 @@ def _as_metric(axes, count, joint, p):
     factorise(axes, p, c)
     largest = 0.0
     for s in range(count):
-        for i in range(dim):
-            for j in range(dim):
-                value = 0.0
-                for n in range(dim):
-                    value += joint.k[s, n, i] * c[n, j]
-                g[i, j] = value
+        multiply(axes, joint.k[s], c, (True, False), g)
         rotate_columns(axes, g, None)
         for j in range(dim):
             largest = max(largest, column_norm(axes, g, j))
     invert_lower(axes, c, low)
     fill_factor(axes, joint.h_all, joint.r_all, base)
+    multiply(axes, base, low, (False, True), g)
     for i in range(dim):
         for j in range(dim):
-            total = 0.0
-            for n in range(dim):
-                total += base[i, n] * low[j, n]
-            g[i, j] = total * largest
+            g[i, j] *= largest
     sizes_of_factor(axes, g, joint.h_all, joint.r_all)
 
 
@@ -373,12 +354,10 @@ def intersect_several(axes, count, joint):
         if count <= 2:
             return count
         for s in range(count):  # K' = S^T K with S = R diag(h)
+            multiply(axes, joint.r_all, joint.r[s], (True, False), joint.k[s])
             for i in range(dim):
                 for j in range(dim):
-                    total = 0.0
-                    for n in range(dim):
-                        total += joint.r_all[n, i] * joint.r[s, n, j]
-                    joint.k[s, i, j] = total * (joint.h_all[i] / joint.h[s, j])
+                    joint.k[s, i, j] *= joint.h_all[i] / joint.h[s, j]
         left = _optimise(axes, count, joint, p)
         kept = _drop_inactive(axes, left, joint)
         if kept == left and kept > 2:
@@ -401,16 +380,10 @@ def intersect_stacks(axes, stacks, out, joint):
     joint : Joint
     """
     (h, r), (h_all, r_all) = stacks, out
-    dim, count = len(axes), h.shape[0]
+    count = h.shape[0]
     for v in range(h.shape[1]):
         for s in range(count):
-            for j in range(dim):
-                joint.h[s, j] = h[s, v, j]
-                for i in range(dim):
-                    joint.r[s, i, j] = r[s, v, i, j]
+            copy_metric(axes, (h[s, v], r[s, v]), 0.0, (joint.h[s], joint.r[s]))
             joint.number[s] = s
         intersect_several(axes, count, joint)
-        for j in range(dim):
-            h_all[v, j] = joint.h_all[j]
-            for i in range(dim):
-                r_all[v, i, j] = joint.r_all[i, j]
+        copy_metric(axes, (joint.h_all, joint.r_all), 0.0, (h_all[v], r_all[v]))

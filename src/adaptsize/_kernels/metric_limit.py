@@ -26,7 +26,7 @@ from adaptsize._kernels.metric_sources import (
     most_excessive,
     set_present,
 )
-from adaptsize._kernels.metrics import extremes, fill_relative, is_above
+from adaptsize._kernels.metrics import copy_metric, extremes, fill_relative, is_above
 from adaptsize._kernels.sight import sees
 from adaptsize._kernels.trees import descent_by_bound, items_of_leaf
 
@@ -102,12 +102,8 @@ def find_dominating(axes, first, last, sources, g, by, scratch, view):
 @lean
 def _add(axes, joint, count, h, r, more, number):
     """Add a grown metric to those to intersect (In/Out: joint)."""
-    dim = len(axes)
     joint.number[count] = number
-    for j in range(dim):
-        joint.h[count, j] = h[j] + more
-        for i in range(dim):
-            joint.r[count, i, j] = r[i, j]
+    copy_metric(axes, (h, r), more, (joint.h[count], joint.r[count]))
 
 
 @lean
@@ -150,15 +146,12 @@ def _limit(axes, x, v, sources, g, count, scratch, view):
 
     Returns the number of metrics that determine it, and the largest excess that remains.
     """
-    dim, joint = len(axes), scratch.joint
+    joint = scratch.joint
     # The share by which sources are listed.
     share, best = 1.03, 1.0
     for _ in range(_ROUNDS):
         set_present(axes, joint.h_all, joint.r_all, scratch)
-        for j in range(dim):
-            scratch.h[j] = joint.h_all[j]
-            for i in range(dim):
-                scratch.r[i, j] = joint.r_all[i, j]
+        copy_metric(axes, (joint.h_all, joint.r_all), 0.0, (scratch.h, scratch.r))
         n = find_above(axes, x, v, sources, g, share, scratch, scratch.above, view)
         listed = min(n, MANY)
         count, best = _intersect(

@@ -25,7 +25,14 @@ from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.metric_joint import MOST, Joint, new_joint
 from adaptsize._kernels.metrics import excess, extremes, intersect_into
 from adaptsize._kernels.sight import sees
-from adaptsize._kernels.trees import LEAF, Stack, descent_by_bound, items_of_leaf, new_stack
+from adaptsize._kernels.trees import (
+    LEAF,
+    Stack,
+    descent_by_bound,
+    gap2_to_box,
+    items_of_leaf,
+    new_stack,
+)
 
 #: Most sources that `find_above` lists.
 MANY = 1024
@@ -163,13 +170,7 @@ def fill_tree(axes, sources, k, g):
 @lean
 def distance_to_box(axes, boxes, b, x, v):
     """Return the distance of point v from a box; inf if the box is empty."""
-    dim = len(axes)
-    square = 0.0
-    for d in range(dim):
-        gap = max(boxes[b, d] - x[v, d], x[v, d] - boxes[b, dim + d])
-        if gap > 0.0:
-            square += gap * gap
-    return math.sqrt(square)
+    return math.sqrt(gap2_to_box(boxes, b, axes, (x[v], x[v])))
 
 
 @lean

@@ -94,15 +94,35 @@ def sizes_of_factor(axes, k, h, r):
 
 
 @lean
+def multiply(axes, a, b, turns, out):
+    """Fill the product of two matrices (Out); ``turns``: which of them is transposed."""
+    turn_a, turn_b = turns
+    for i in range(len(axes)):
+        for j in range(len(axes)):
+            total = 0.0
+            for k in range(len(axes)):
+                total += (a[k, i] if turn_a else a[i, k]) * (b[j, k] if turn_b else b[k, j])
+            out[i, j] = total
+
+
+@lean
+def copy_metric(axes, source, more, target):
+    """Set the sizes and directions of a metric to those of another one, sizes plus ``more``."""
+    (h, r), (h_new, r_new) = source, target
+    for j in range(len(axes)):
+        h_new[j] = h[j] + more
+        for i in range(len(axes)):
+            r_new[i, j] = r[i, j]
+
+
+@lean
 def relative_factor(axes, a, b, g):
     """Fill G with G^T G = S^T B S for S = R_a diag(h_a) (Out: g)."""
     (h_a, r_a), (h_b, r_b), dim = a, b, len(axes)
+    multiply(axes, r_b, r_a, (True, False), g)
     for i in range(dim):
         for j in range(dim):
-            total = 0.0
-            for k in range(dim):
-                total += r_b[k, i] * r_a[k, j]
-            g[i, j] = total * (h_a[j] / h_b[i])
+            g[i, j] *= h_a[j] / h_b[i]
 
 
 @lean
@@ -119,7 +139,7 @@ def intersect_into(axes, a, b, k, g):
     k, g : float64[dim, dim]
         Scratch.
     """
-    (h_a, r_a), (h_b, r_b), dim = a, b, len(axes)
+    (h_a, r_a), dim = a, len(axes)
     relative_factor(axes, a, b, g)
     fill_factor(axes, h_a, r_a, k)
     rotate_columns(axes, g, k)
@@ -130,10 +150,7 @@ def intersect_into(axes, a, b, k, g):
     if largest <= 1.0:
         return
     if least >= 1.0:
-        for j in range(dim):
-            h_a[j] = h_b[j]
-            for i in range(dim):
-                r_a[i, j] = r_b[i, j]
+        copy_metric(axes, b, 0.0, a)
         return
     for j in range(dim):
         s = max(1.0, column_norm(axes, g, j))
@@ -251,9 +268,13 @@ def extremes(axes, h, r, more, s, n):
 @lean
 def factorise(axes, a, c):
     """Fill the lower triangle of the Cholesky factor (Out: c); return whether a is definite."""
-    dim = len(axes)
-    for j in range(dim):
-        for i in range(j, dim):
+    return _factorise(len(axes), a, c)
+
+
+@lean
+def _factorise(n, a, c):
+    for j in range(n):
+        for i in range(j, n):
             total = a[i, j]
             for k in range(j):
                 total -= c[i, k] * c[j, k]
@@ -284,51 +305,25 @@ def invert_lower(axes, c, inverse):
 @lean
 def invert(axes, a, c, lower, inverse):
     """Fill the inverse of a positive definite matrix (Out); c, lower: scratch."""
-    dim = len(axes)
     if not factorise(axes, a, c):
         return False
     invert_lower(axes, c, lower)
-    for i in range(dim):
-        for j in range(dim):
-            total = 0.0
-            for k in range(dim):
-                total += lower[k, i] * lower[k, j]
-            inverse[i, j] = total
+    multiply(axes, lower, lower, (True, False), inverse)
     return True
 
 
 @lean
 def sandwich(axes, k, a, transposed, half, out):
     """Fill K A K^T, or K^T A K if ``transposed`` (Out: out); half: scratch."""
-    dim = len(axes)
-    for i in range(dim):
-        for j in range(dim):
-            total = 0.0
-            for m in range(dim):
-                total += (k[m, i] if transposed else k[i, m]) * a[m, j]
-            half[i, j] = total
-    for i in range(dim):
-        for j in range(dim):
-            total = 0.0
-            for m in range(dim):
-                total += half[i, m] * (k[m, j] if transposed else k[j, m])
-            out[i, j] = total
+    multiply(axes, k, a, (transposed, False), half)
+    multiply(axes, half, k, (False, not transposed), out)
 
 
 @lean
 def solve(m, a):
     """Solve m equations with the right-hand side in column 6 (In/Out); lower triangle given."""
-    for j in range(m):
-        for i in range(j, m):
-            total = a[i, j]
-            for k in range(j):
-                total -= a[i, k] * a[j, k]
-            if i == j:
-                if not total > 0.0:
-                    return False
-                a[j, j] = math.sqrt(total)
-            else:
-                a[i, j] = total / a[j, j]
+    if not _factorise(m, a, a):
+        return False
     for i in range(m):
         for k in range(i):
             a[i, 6] -= a[i, k] * a[k, 6]

@@ -1,9 +1,16 @@
-"""Overlaps of the cells of two meshes: their measures, and means over them.
+"""Intersections of the cells of two meshes: their measures, and integrals over them.
 
-One of two cells is cut by the sides of the other.  In the plane what is left is a convex polygon.
-In space it is kept as a list of tetrahedra, because a plane cuts a tetrahedron into tetrahedra
-and prisms, and a prism is three of them.  Coordinates are taken relative to a corner of the
-cell that is cut, so that none is larger than the two cells.
+The new cell is cut by the sides of the old one.  Its corners are given by their barycentric
+coordinates in the old cell, so that a side of that cell is where one coordinate is zero.  In the
+plane what is left is a convex polygon.  In space it is a convex polyhedron of which three edges
+meet at each corner; it is kept as a graph of its corners, which is cut by the signs of one
+coordinate alone [1]_.  Corners that coincide by degeneracy do no harm then.  Coordinates in space
+are taken relative to a corner of the new cell, so that none is larger than the two cells.
+
+References
+----------
+.. [1] D. Powell, T. Abel, "An exact general remeshing scheme applied to physically conservative
+   voxelization", J. Comput. Phys. 297 (2015) 340-356.
 """
 
 import math
@@ -11,17 +18,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.compiling import inner, kernel
+from adaptsize._kernels.compiling import inlined, kernel, lean, lean_kernel
 from adaptsize._kernels.trees import DEPTH, cells_of_leaf, descent
 
-# A triangle cut three times has at most six corners.
-MAX_CORNERS = 8
-
-# A tetrahedron cut by a plane leaves at most three, and so for each of four planes.
-MAX_PIECES = 81
-
-# Where corners lie from a plane.
-_BEHIND, _ACROSS, _BEFORE = -1, 0, 1
+# A tetrahedron cut by four planes has at most 8 faces, so 12 corners and 18 edges, on each of which
+# a corner may be added before others are removed.  A triangle cut three times has at most 6.
+MAX_CORNERS = 32
 
 
 class Clipping(NamedTuple):
@@ -29,265 +31,393 @@ class Clipping(NamedTuple):
 
     Parameters
     ----------
-    polygons : float64[2, MAX_CORNERS, 2]
-    pieces : float64[2, MAX_PIECES, 4, 3]
-    prism : float64[6, 3]
-    height : float64[4]
-    order : int64[4]
-    where : int64[4]
     start : float64[3]
         First corner of the new cell, from which coordinates are taken.
     cut : float64[4, 3]
         Corners of the new cell.
-    sides : float64[2, 4, 3]
-        Normals and origins of its planes.
     corners : float64[4, 3]
         Corners of the old cell.
-    old_sides : float64[2, 4, 3]
-        Normals and origins of its planes.
+    gradients, old_gradients : float64[4, 3]
+        Gradients of the barycentric coordinates of the two cells, from the second one on.
+    mixed : float64[4, 4]
+        Coordinates in the new cell (rows) of the corners of the old one (columns).
+    back : float64[4, 4]
+        Coordinates in the old cell (columns) of the corners of the new one (rows).
+    place, other : float64[MAX_CORNERS, 4]
+        Barycentric coordinates of the corners of what is left, in the cell that cuts.
+    edges : int64[MAX_CORNERS, 3]
+        The corners to which edges lead, in the same sense around each corner.
+    seen : bool[MAX_CORNERS, 3]
+        Edges of the faces that were visited.
+    first : float64[3]
+        Integrals of coordinates relative to a corner of what is left.
+    second : float64[3, 3]
+        Integrals of their products.
+    products : float64[4, 4]
+        Integrals of the products of these coordinates.
+    local : float64[4, 4]
+        Integrals of the products of coordinates in the new cell (rows) and in the old one.
+    stack : int64[DEPTH]
+    box, other_box : float64[6]
     """
 
-    polygons: np.ndarray
-    pieces: np.ndarray
-    prism: np.ndarray
-    height: np.ndarray
-    order: np.ndarray
-    where: np.ndarray
     start: np.ndarray
     cut: np.ndarray
-    sides: np.ndarray
     corners: np.ndarray
-    old_sides: np.ndarray
+    gradients: np.ndarray
+    old_gradients: np.ndarray
+    mixed: np.ndarray
+    back: np.ndarray
+    place: np.ndarray
+    other: np.ndarray
+    edges: np.ndarray
+    seen: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+    products: np.ndarray
+    local: np.ndarray
+    stack: np.ndarray
+    box: np.ndarray
+    other_box: np.ndarray
 
 
-@inner
-def _triangles_overlap(old, k, new, c, polygons):
-    """Return the area that old cell k and new cell c have in common."""
-    (old_points, old_cells), (new_points, new_cells) = old, new
-    here, there = polygons[0], polygons[1]
-    x0, y0 = new_points[new_cells[c, 0], 0], new_points[new_cells[c, 0], 1]
-    n = 3
-    for v in range(3):
-        here[v, 0] = new_points[new_cells[c, v], 0] - x0
-        here[v, 1] = new_points[new_cells[c, v], 1] - y0
-    i, j, m = old_cells[k, 0], old_cells[k, 1], old_cells[k, 2]
-    turn = (old_points[j, 0] - old_points[i, 0]) * (old_points[m, 1] - old_points[i, 1]) - (
-        old_points[j, 1] - old_points[i, 1]
-    ) * (old_points[m, 0] - old_points[i, 0])
-    if turn == 0.0:
-        return 0.0
-    if turn < 0.0:
-        j, m = m, j
-    for _ in range(3):
-        # The side from i to j; what lies to its left is kept.
-        ax, ay = old_points[i, 0] - x0, old_points[i, 1] - y0
-        ex, ey = old_points[j, 0] - old_points[i, 0], old_points[j, 1] - old_points[i, 1]
-        left = 0
-        px, py = here[n - 1, 0], here[n - 1, 1]
-        before = ex * (py - ay) - ey * (px - ax)
-        for v in range(n):
-            qx, qy = here[v, 0], here[v, 1]
-            after = ex * (qy - ay) - ey * (qx - ax)
-            if (before >= 0.0) != (after >= 0.0):
-                t = before / (before - after)
-                there[left, 0] = px + t * (qx - px)
-                there[left, 1] = py + t * (qy - py)
-                left += 1
-            if after >= 0.0:
-                there[left, 0] = qx
-                there[left, 1] = qy
-                left += 1
-            px, py, before = qx, qy, after
-        if left < 3:
+def new_clipping() -> Clipping:
+    """Return scratch for one thread."""
+    return Clipping(
+        np.empty(3), np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3)),
+        np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((MAX_CORNERS, 4)), np.zeros((MAX_CORNERS, 4)),
+        np.zeros((MAX_CORNERS, 3), np.int64), np.zeros((MAX_CORNERS, 3), np.bool_),
+        np.zeros(3), np.zeros((3, 3)), np.zeros((4, 4)), np.zeros((4, 4)),
+        np.empty(DEPTH, np.int64), np.empty(6), np.empty(6),
+    )  # fmt: skip
+
+
+@lean
+def _set_gradients(x, k, gradients):
+    """Set the gradients of the barycentric coordinates; return the measure, 0 of a flat cell."""
+    e0, e1, e2 = x[1, 0] - x[0, 0], x[1, 1] - x[0, 1], x[1, 2] - x[0, 2]
+    f0, f1, f2 = x[2, 0] - x[0, 0], x[2, 1] - x[0, 1], x[2, 2] - x[0, 2]
+    if k == 3:
+        twice = e0 * f1 - e1 * f0
+        if twice == 0.0:
             return 0.0
-        n = left
-        here, there = there, here
-        i, j, m = j, m, i
-    twice = 0.0
-    for v in range(1, n - 1):
-        twice += (here[v, 0] - here[0, 0]) * (here[v + 1, 1] - here[0, 1]) - (
-            here[v, 1] - here[0, 1]
-        ) * (here[v + 1, 0] - here[0, 0])
-    return 0.5 * abs(twice)
+        gradients[1, 0], gradients[1, 1] = f1 / twice, -f0 / twice
+        gradients[2, 0], gradients[2, 1] = -e1 / twice, e0 / twice
+        return 0.5 * abs(twice)
+    g0, g1, g2 = x[3, 0] - x[0, 0], x[3, 1] - x[0, 1], x[3, 2] - x[0, 2]
+    a0, a1, a2 = f1 * g2 - f2 * g1, f2 * g0 - f0 * g2, f0 * g1 - f1 * g0
+    six = e0 * a0 + e1 * a1 + e2 * a2
+    if six == 0.0:
+        return 0.0
+    s = 1.0 / six
+    gradients[1, 0], gradients[1, 1], gradients[1, 2] = s * a0, s * a1, s * a2
+    gradients[2, 0] = s * (g1 * e2 - g2 * e1)
+    gradients[2, 1] = s * (g2 * e0 - g0 * e2)
+    gradients[2, 2] = s * (g0 * e1 - g1 * e0)
+    gradients[3, 0] = s * (e1 * f2 - e2 * f1)
+    gradients[3, 1] = s * (e2 * f0 - e0 * f2)
+    gradients[3, 2] = s * (e0 * f1 - e1 * f0)
+    return abs(six) / 6.0
 
 
-@inner
-def _between(piece, i, j, t, corner):
-    """Set ``corner`` to the point at fraction t from corner i to corner j of a piece."""
-    for d in range(3):
-        corner[d] = piece[i, d] + t * (piece[j, d] - piece[i, d])
+@lean
+def _set_coordinates(gradients, corners, x, k, result):
+    """Set the barycentric coordinates of points in a cell, ``result[i, v]`` coordinate v of i."""
+    for i in range(k):
+        r0, r1, r2 = x[i, 0] - corners[0, 0], x[i, 1] - corners[0, 1], x[i, 2] - corners[0, 2]
+        rest = 1.0
+        for v in range(1, k):
+            value = gradients[v, 0] * r0 + gradients[v, 1] * r1
+            if k == 4:
+                value += gradients[v, 2] * r2
+            result[i, v] = value
+            rest -= value
+        result[i, 0] = rest
 
 
-@inner
-def _add_prism(prism, pieces, n):
-    """Append the three tetrahedra of a prism; return the new number of pieces.
+@inlined
+def _clip_polygon(work, v, n):
+    """Cut a polygon of n corners where coordinate v is negative; return how many are left."""
+    place, other = work.place, work.other
+    left = 0
+    p = n - 1
+    before = place[p, v]
+    for q in range(n):
+        after = place[q, v]
+        if (before >= 0.0) != (after >= 0.0):
+            t = before / (before - after)
+            for a in range(3):
+                other[left, a] = place[p, a] + t * (place[q, a] - place[p, a])
+            left += 1
+        if after >= 0.0:
+            for a in range(3):
+                other[left, a] = place[q, a]
+            left += 1
+        p, before = q, after
+    for q in range(left):
+        for a in range(3):
+            place[q, a] = other[q, a]
+    return left
 
-    ``prism``: the corners of one triangle, then the corresponding ones of the other.
-    """
-    for t in range(3):
-        for v in range(4):
-            for d in range(3):
-                pieces[n + t, v, d] = prism[t + v, d]
-    return n + 3
+
+@lean
+def _set_tetrahedron(edges):
+    """Set the graph of a tetrahedron."""
+    edges[0, 0], edges[0, 1], edges[0, 2] = 1, 3, 2
+    edges[1, 0], edges[1, 1], edges[1, 2] = 2, 3, 0
+    edges[2, 0], edges[2, 1], edges[2, 2] = 0, 3, 1
+    edges[3, 0], edges[3, 1], edges[3, 2] = 1, 2, 0
 
 
-@inner
-def _cut(pieces, n, plane, kept, work):
-    """Cut n tetrahedra by a half space; return how many are left (Out: kept).
+@lean
+def _next_edge(edges, p, q):
+    """Return the edge of corner q that follows the one from corner p on a face."""
+    if edges[q, 0] == p:
+        return 1
+    return 2 if edges[q, 1] == p else 0
 
-    What has ``(x - origin) . normal >= 0`` is kept; ``plane``: normal and origin.
-    """
-    (normal, origin), prism, height, order = plane, work.prism, work.height, work.order
-    m = 0
-    n0, n1, n2 = normal[0], normal[1], normal[2]
-    o0, o1, o2 = origin[0], origin[1], origin[2]
+
+@inlined
+def _clip_polyhedron(work, v, n):
+    """Cut a polyhedron of n corners where coordinate v is negative; return how many are left."""
+    place, edges = work.place, work.edges
+    if n > 12:  # not convex, which rounding of flat cells might cause
+        return n
+    # A corner on each edge that crosses the plane.
+    total = n
     for p in range(n):
-        # Corners that are kept come first in ``order``.
-        n_in = 0
-        n_out = 0
-        for v in range(4):
-            above = (
-                (pieces[p, v, 0] - o0) * n0
-                + (pieces[p, v, 1] - o1) * n1
-                + (pieces[p, v, 2] - o2) * n2
+        if place[p, v] < 0.0:
+            continue
+        for e in range(3):
+            q = edges[p, e]
+            if q >= n or place[q, v] >= 0.0:
+                continue
+            t = place[p, v] / (place[p, v] - place[q, v])
+            for a in range(4):
+                place[total, a] = place[p, a] + t * (place[q, a] - place[p, a])
+            edges[total, 0] = p
+            edges[p, e] = total
+            total += 1
+    # The edges between them: along what is left of each face that was cut, to the next one.
+    for new in range(n, total):
+        before, here = new, edges[new, 0]
+        while here < n:
+            after = edges[here, _next_edge(edges, before, here)]
+            before, here = here, after
+        edges[new, 2] = here
+        edges[here, 1] = new
+    # The last corners take the places of those that are cut off.
+    for p in range(n):
+        if p >= total or place[p, v] >= 0.0:
+            continue
+        total -= 1
+        while total > p and total < n and place[total, v] < 0.0:
+            total -= 1
+        if total == p:
+            break
+        for a in range(4):
+            place[p, a] = place[total, a]
+        for e in range(3):
+            q = edges[total, e]
+            edges[p, e] = q
+            edges[q, (_next_edge(edges, total, q) + 2) % 3] = p
+    return total
+
+
+@inlined
+def _polygon_integrals(work, n, whole):
+    """Return the area of a polygon over that of the old cell; set the integrals of coordinates."""
+    place = work.place
+    o1, o2 = place[0, 1], place[0, 2]
+    area = f1 = f2 = s11 = s12 = s22 = 0.0
+    x1, x2 = place[1, 1] - o1, place[1, 2] - o2
+    for q in range(2, n):
+        y1, y2 = place[q, 1] - o1, place[q, 2] - o2
+        twice = x1 * y2 - x2 * y1
+        area += twice
+        if whole:
+            t1, t2 = x1 + y1, x2 + y2
+            f1 += twice * t1
+            f2 += twice * t2
+            s11 += twice * (x1 * x1 + y1 * y1 + t1 * t1)
+            s12 += twice * (x1 * x2 + y1 * y2 + t1 * t2)
+            s22 += twice * (x2 * x2 + y2 * y2 + t2 * t2)
+        x1, x2 = y1, y2
+    sign = 1.0 if area > 0.0 else -1.0
+    work.first[0], work.first[1] = sign * f1 / 3.0, sign * f2 / 3.0
+    work.second[0, 0], work.second[1, 1] = sign * s11 / 12.0, sign * s22 / 12.0
+    work.second[0, 1] = work.second[1, 0] = sign * s12 / 12.0
+    return abs(area)
+
+
+@inlined
+def _polyhedron_integrals(work, n, whole):
+    """Return the volume of a polyhedron over that of the old cell; set the integrals."""
+    place, edges, seen = work.place, work.edges, work.seen
+    o1, o2, o3 = place[0, 1], place[0, 2], place[0, 3]
+    volume = f1 = f2 = f3 = s11 = s12 = s13 = s22 = s23 = s33 = 0.0
+    for p in range(n):
+        for e in range(3):
+            # Faces at corner 0, from which coordinates are taken, count nothing.
+            seen[p, e] = p == 0
+    for e in range(3):
+        before, here = np.int64(0), edges[0, e]
+        while here != 0:
+            e_next = _next_edge(edges, before, here)
+            seen[here, e_next] = True
+            before, here = here, edges[here, e_next]
+    for start in range(1, n):
+        for e in range(3):
+            if seen[start, e]:
+                continue
+            # A fan of triangles from the first corner of the face.
+            a1, a2, a3 = place[start, 1] - o1, place[start, 2] - o2, place[start, 3] - o3
+            before, here = start, edges[start, e]
+            x1, x2, x3 = place[here, 1] - o1, place[here, 2] - o2, place[here, 3] - o3
+            while True:
+                e_next = _next_edge(edges, before, here)
+                seen[here, e_next] = True
+                before, here = here, edges[here, e_next]
+                if here == start:
+                    break
+                y1, y2, y3 = place[here, 1] - o1, place[here, 2] - o2, place[here, 3] - o3
+                six = a1 * (x2 * y3 - x3 * y2) + a2 * (x3 * y1 - x1 * y3) + a3 * (x1 * y2 - x2 * y1)
+                volume += six
+                if whole:
+                    t1, t2, t3 = a1 + x1 + y1, a2 + x2 + y2, a3 + x3 + y3
+                    f1 += six * t1
+                    f2 += six * t2
+                    f3 += six * t3
+                    s11 += six * (a1 * a1 + x1 * x1 + y1 * y1 + t1 * t1)
+                    s12 += six * (a1 * a2 + x1 * x2 + y1 * y2 + t1 * t2)
+                    s13 += six * (a1 * a3 + x1 * x3 + y1 * y3 + t1 * t3)
+                    s22 += six * (a2 * a2 + x2 * x2 + y2 * y2 + t2 * t2)
+                    s23 += six * (a2 * a3 + x2 * x3 + y2 * y3 + t2 * t3)
+                    s33 += six * (a3 * a3 + x3 * x3 + y3 * y3 + t3 * t3)
+                x1, x2, x3 = y1, y2, y3
+    sign = 1.0 if volume > 0.0 else -1.0
+    work.first[0], work.first[1], work.first[2] = sign * f1 / 4, sign * f2 / 4, sign * f3 / 4
+    second = work.second
+    second[0, 0], second[1, 1], second[2, 2] = sign * s11 / 20, sign * s22 / 20, sign * s33 / 20
+    second[0, 1] = second[1, 0] = sign * s12 / 20
+    second[0, 2] = second[2, 0] = sign * s13 / 20
+    second[1, 2] = second[2, 1] = sign * s23 / 20
+    return abs(volume)
+
+
+@inlined
+def _set_products(work, k, measure, share):
+    """Set the integrals of the products of coordinates in the old cell, of the given measure.
+
+    Those over what is left, the given share of the cell, follow from the integrals of coordinates
+    relative to corner 0 of what is left, and from the sum of all coordinates, which is 1.
+    """
+    products, place = work.products, work.place
+    for a in range(1, k):
+        for b in range(1, k):
+            products[a, b] = measure * (
+                work.second[a - 1, b - 1]
+                + place[0, a] * work.first[b - 1]
+                + place[0, b] * (work.first[a - 1] + share * place[0, a])
             )
-            height[v] = above
-            if above >= 0.0:
-                order[n_in] = v
-                n_in += 1
-            else:
-                n_out += 1
-                order[4 - n_out] = v
-        if n_in == 0:
-            continue
-        if n_in == 4:
-            for v in range(4):
-                for d in range(3):
-                    kept[m, v, d] = pieces[p, v, d]
-            m += 1
-            continue
-        if n_in == 1:
-            i = order[0]
-            for d in range(3):
-                kept[m, 0, d] = pieces[p, i, d]
-            for v in range(1, 4):
-                j = order[v]
-                _between(pieces[p], i, j, height[i] / (height[i] - height[j]), kept[m, v])
-            m += 1
-            continue
-        if n_in == 3:  # the tip is cut off
-            o = order[3]
-            for v in range(3):
-                i = order[v]
-                for d in range(3):
-                    prism[v, d] = pieces[p, i, d]
-                _between(pieces[p], i, o, height[i] / (height[i] - height[o]), prism[3 + v])
-        else:  # an edge is cut off
-            for v in range(2):
-                i = order[v]
-                for d in range(3):
-                    prism[3 * v, d] = pieces[p, i, d]
-                for w in range(2):
-                    j = order[2 + w]
-                    t = height[i] / (height[i] - height[j])
-                    _between(pieces[p], i, j, t, prism[3 * v + 1 + w])
-        m = _add_prism(prism, kept, m)
-    return m
+    products[0, 0] = measure * share
+    for a in range(1, k):
+        rest = measure * (work.first[a - 1] + share * place[0, a])
+        products[0, 0] -= rest
+        for b in range(1, k):
+            rest -= products[a, b]
+        products[0, a] = products[a, 0] = rest
+        products[0, 0] -= rest
 
 
-@inner
-def _six_volumes(x, a, b, c, d):
-    """Return (b - a) x (c - a) . (d - a) of four rows of x, float64[.., 3]."""
-    e0, e1, e2 = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
-    f0, f1, f2 = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
-    g0, g1, g2 = x[d, 0] - x[a, 0], x[d, 1] - x[a, 1], x[d, 2] - x[a, 2]
-    return g0 * (e1 * f2 - e2 * f1) + g1 * (e2 * f0 - e0 * f2) + g2 * (e0 * f1 - e1 * f0)
+@inlined
+def _intersection(old, k, new_measure, work, whole):
+    """Return the measure that old cell k and the new cell of the scratch have in common.
 
-
-@inner
-def _set_plane(corners, v, normal, origin):
-    """Set the plane of the side opposite to corner v of four, its normal towards the corner."""
-    a, b, c = (v + 1) % 4, (v + 2) % 4, (v + 3) % 4
-    e0, e1, e2 = (
-        corners[b, 0] - corners[a, 0], corners[b, 1] - corners[a, 1], corners[b, 2] - corners[a, 2]
-    )  # fmt: skip
-    f0, f1, f2 = (
-        corners[c, 0] - corners[a, 0], corners[c, 1] - corners[a, 1], corners[c, 2] - corners[a, 2]
-    )  # fmt: skip
-    normal[0] = e1 * f2 - e2 * f1
-    normal[1] = e2 * f0 - e0 * f2
-    normal[2] = e0 * f1 - e1 * f0
-    side = 0.0
-    for d in range(3):
-        origin[d] = corners[a, d]
-        side += (corners[v, d] - corners[a, d]) * normal[d]
-    if side < 0.0:
-        for d in range(3):
-            normal[d] = -normal[d]
-
-
-@inner
-def _side_of(normal, origin, corners):
-    """Return if four corners, float64[4, 3], lie all behind a plane (or in it), before, or both."""
-    lowest = math.inf
-    highest = -math.inf
-    for w in range(4):
-        height = (
-            (corners[w, 0] - origin[0]) * normal[0]
-            + (corners[w, 1] - origin[1]) * normal[1]
-            + (corners[w, 2] - origin[2]) * normal[2]
-        )
-        lowest = min(lowest, height)
-        highest = max(highest, height)
-    if highest <= 0.0:
-        return _BEHIND
-    return _BEFORE if lowest >= 0.0 else _ACROSS
-
-
-@inner
-def _set_planes(corners, sides):
-    """Set the planes of the four sides of a tetrahedron, normals inwards."""
-    for v in range(4):
-        _set_plane(corners, v, sides[0, v], sides[1, v])
-
-
-@inner
-def _tetrahedra_overlap(old, k, work):
-    """Return the volume that old cell k and the new cell of the scratch have in common."""
-    (points, cells), corners, where = old, work.corners, work.where
-    for v in range(4):
-        for d in range(3):
+    If ``whole``, set the integrals of the products of coordinates in the new and the old cell.
+    """
+    (points, cells), corners, mixed, place = old, work.corners, work.mixed, work.place
+    n_corners = cells.shape[1]
+    dim = n_corners - 1
+    for v in range(n_corners):
+        for d in range(dim):
             corners[v, d] = points[cells[k, v], d] - work.start[d]
     # A side of one cell that has all of the other beyond it: nothing to be cut.
-    for v in range(4):
-        if _side_of(work.sides[0, v], work.sides[1, v], corners) == _BEHIND:
+    for i in range(1, n_corners):
+        g0, g1, g2 = work.gradients[i, 0], work.gradients[i, 1], work.gradients[i, 2]
+        highest = -math.inf
+        for v in range(n_corners):
+            value = g0 * corners[v, 0] + g1 * corners[v, 1]
+            if dim == 3:
+                value += g2 * corners[v, 2]
+            mixed[i, v] = value
+            highest = max(highest, value)
+        if highest <= 0.0:
             return 0.0
-    if _six_volumes(corners, 0, 1, 2, 3) == 0.0:
+    highest = -math.inf
+    for v in range(n_corners):
+        rest = 1.0
+        for i in range(1, n_corners):
+            rest -= mixed[i, v]
+        mixed[0, v] = rest
+        highest = max(highest, rest)
+    if highest <= 0.0:
         return 0.0
-    _set_planes(corners, work.old_sides)
-    for v in range(4):
-        where[v] = _side_of(work.old_sides[0, v], work.old_sides[1, v], work.cut)
-        if where[v] == _BEHIND:
+    measure = _set_gradients(corners, n_corners, work.old_gradients)
+    if measure == 0.0:
+        return 0.0
+    _set_coordinates(work.old_gradients, corners, work.cut, n_corners, work.back)
+    cuts = 0
+    for v in range(n_corners):
+        highest, lowest = -math.inf, math.inf
+        for i in range(n_corners):
+            highest, lowest = max(highest, work.back[i, v]), min(lowest, work.back[i, v])
+        if highest <= 0.0:
             return 0.0
-    here, there = work.pieces[0], work.pieces[1]
-    n = 1
-    for v in range(4):
-        for d in range(3):
-            here[0, v, d] = work.cut[v, d]
-    for v in range(4):
-        if where[v] == _BEFORE:
+        cuts += lowest < 0.0
+    # The cell that has fewer sides through the other one cuts it.
+    for i in range(n_corners):
+        lowest = math.inf
+        for v in range(n_corners):
+            lowest = min(lowest, mixed[i, v])
+        cuts -= lowest < 0.0
+    turned = cuts > 0
+    if turned:
+        measure = new_measure
+    for i in range(n_corners):
+        for v in range(n_corners):
+            place[i, v] = mixed[v, i] if turned else work.back[i, v]
+    n = n_corners
+    if dim == 3:
+        _set_tetrahedron(work.edges)
+    for v in range(n_corners):
+        lowest = math.inf
+        for i in range(n):
+            lowest = min(lowest, place[i, v])
+        if lowest >= 0.0:
             continue
-        n = _cut(here, n, (work.old_sides[0, v], work.old_sides[1, v]), there, work)
-        if n == 0:
+        n = _clip_polygon(work, v, n) if dim == 2 else _clip_polyhedron(work, v, n)
+        if n < n_corners:
             return 0.0
-        here, there = there, here
-    total = 0.0
-    for p in range(n):
-        total += abs(_six_volumes(here[p], 0, 1, 2, 3))
-    return total / 6.0
+    if dim == 2:
+        share = _polygon_integrals(work, n, whole)
+    else:
+        share = _polyhedron_integrals(work, n, whole)
+    if whole:
+        _set_products(work, n_corners, measure, share)
+        for i in range(n_corners):
+            for j in range(n_corners):
+                total = 0.0
+                for a in range(n_corners):
+                    if turned:
+                        total += work.products[i, a] * work.back[a, j]
+                    else:
+                        total += mixed[i, a] * work.products[a, j]
+                work.local[i, j] = total
+    return measure * share
 
 
-@inner
+@lean
 def _set_box(points, cells, c, box):
     """Set ``box``, float64[6], to the lower and the upper corner of the box around a cell."""
     for d in range(3):
@@ -298,7 +428,7 @@ def _set_box(points, cells, c, box):
             box[3 + d] = max(box[3 + d], points[cells[c, v], d])
 
 
-@inner
+@lean
 def _apart(box, other):
     """Return whether two boxes, float64[6], have no point in common."""
     apart = False
@@ -307,29 +437,61 @@ def _apart(box, other):
     return apart
 
 
-@inner
+@lean
 def _meets(boxes, node, box):
-    return not _apart(box, boxes[node])
+    apart = False
+    for d in range(3):
+        apart = apart or box[d] > boxes[node, 3 + d] or box[3 + d] < boxes[node, d]
+    return not apart
 
 
 _meeting_leaf = descent(_meets)
 
 
-@kernel
-def fill_overlaps(old, points, cells, which, out):
-    """Find the old cells that overlap each new cell, and the measures of the overlaps.
+@lean
+def _add_products(cells, c, work, place, used, members):
+    """Add the products of an intersection to those of the new cell; return the number of rows.
+
+    ``c``: the old cell; ``place``: first row of the new cell.
+    """
+    _, node_of, slot, products = members
+    k = cells.shape[1]
+    for v in range(k):
+        node = cells[c, v]
+        row = np.int64(slot[node])
+        if row < place or row >= used or node_of[row] != node:
+            row = used
+            slot[node] = row
+            node_of[row] = node
+            for i in range(k):
+                products[row, i] = 0.0
+            used += 1
+        for i in range(k):
+            products[row, i] += work.local[i, v]
+    return used
+
+
+@lean_kernel
+def fill_overlaps(old, new, which, work, overlaps, members):
+    r"""Find the old cells that overlap each new cell, and integrals over the intersections.
 
     Parameters
     ----------
     old : Tree
         Triangles in the plane or tetrahedra.
-    points, cells : float64[n_new, 3], int32[m_new, k + 1]
-        The new cells.
+    new : tuple of float64[n_new, 3], int32[m_new, k]
+        The new points and cells.
     which : int64[n]
         New cells to process, in this order, as many as there is room for.
-    out : tuple of int64[m_new], int32[room], float64[room]
+    work : Clipping
+        Scratch.
+    overlaps : tuple of int64[m_new], int32[room], float64[room]
         Out: the number of old cells that overlap each new cell; the old cells, those of one new
-        cell after the other; their overlaps, > 0.
+        cell after the other; the measures of the overlaps, > 0.
+    members : tuple of int64[m_new], int32[room], int32[n_old], float64[room, k]
+        Out: the number of nodes of these old cells, for each new cell; the nodes, those of one new
+        cell after the other; scratch; the integrals of :math:`\phi_i \phi_j` over the new cell,
+        for its corners i and the old node j.  Not filled if there is room for none.
 
     Returns
     -------
@@ -337,46 +499,68 @@ def fill_overlaps(old, points, cells, which, out):
         Number of new cells that were processed; 0 if there is no room for one.
     int
         Number of overlaps.
+    int
+        Number of nodes.
     """
-    counts, found, measures = out
-    planar = cells.shape[1] == 3
-    old_cells, new = (old.points, old.cells), (points, cells)
-    stack, box, other = np.empty(DEPTH, np.int64), np.empty(6), np.empty(6)
-    work = Clipping(
-        np.empty((2, MAX_CORNERS, 2)), np.empty((2, MAX_PIECES, 4, 3)), np.empty((6, 3)),
-        np.empty(4), np.empty(4, np.int64), np.empty(4, np.int64), np.empty(3), np.empty((4, 3)),
-        np.empty((2, 4, 3)), np.empty((4, 3)), np.empty((2, 4, 3)),
-    )  # fmt: skip
-    used = 0
+    points, cells = new
+    counts, found, measures = overlaps
+    n_nodes, node_of, _, _ = members
+    k = cells.shape[1]
+    whole = node_of.shape[0] > 0
+    old_cells = (old.points, old.cells)
+    stack, box, other = work.stack, work.box, work.other_box
+    used = n_used = np.int64(0)  # callees would be compiled for a literal, too
     for place in range(which.shape[0]):
         c = which[place]
-        start = used
+        start, first = used, n_used
+        counts[c] = 0
         _set_box(points, cells, c, box)
-        if not planar:
-            for v in range(4):
-                for d in range(3):
-                    work.start[d] = points[cells[c, 0], d]
-                    work.cut[v, d] = points[cells[c, v], d] - work.start[d]
-            _set_planes(work.cut, work.sides)
-        stack[0], height = 1, np.int64(1)
+        for v in range(k):
+            for d in range(3):
+                work.start[d] = points[cells[c, 0], d]
+                work.cut[v, d] = points[cells[c, v], d] - work.start[d]
+        size = _set_gradients(work.cut, k, work.gradients)
+        stack[0], height = 1, np.int64(1 if size > 0.0 else 0)
         while height > 0:
             leaf, height = _meeting_leaf(old.boxes, stack, height, box)
-            for k in range(*cells_of_leaf(leaf, old.boxes, old.cells.shape[0])):
-                _set_box(old.points, old.cells, k, other)
+            for row in range(*cells_of_leaf(leaf, old.boxes, old.cells.shape[0])):
+                _set_box(old.points, old.cells, row, other)
                 if _apart(box, other):
                     continue
-                if planar:
-                    measure = _triangles_overlap(old_cells, k, new, c, work.polygons)
-                else:
-                    measure = _tetrahedra_overlap(old_cells, k, work)
+                measure = _intersection(old_cells, row, size, work, whole)
                 if measure > 0.0:
-                    if used == found.shape[0]:
-                        return place, start
-                    found[used] = k
+                    if used == found.shape[0] or (whole and n_used + k > node_of.shape[0]):
+                        return place, start, first
+                    found[used] = row
                     measures[used] = measure
                     used += 1
+                    if whole:
+                        n_used = _add_products(old.cells, row, work, first, n_used, members)
         counts[c] = used - start
-    return which.shape[0], used
+        if whole:
+            n_nodes[c] = n_used - first
+    return which.shape[0], used, n_used
+
+
+@lean_kernel
+def add_mass(cells, share, x, y):
+    """Add the product of the mass matrix of linear elements with columns.
+
+    Parameters
+    ----------
+    cells : int32[m, k]
+    share : float64[m]
+        The measures of the cells over k (k + 1).
+    x, y : float64[n, columns]
+        ``y``: In/Out.
+    """
+    for c in range(cells.shape[0]):
+        for j in range(x.shape[1]):
+            total = 0.0
+            for v in range(cells.shape[1]):
+                total += x[cells[c, v], j]
+            for v in range(cells.shape[1]):
+                y[cells[c, v], j] += share[c] * (x[cells[c, v], j] + total)
 
 
 @kernel

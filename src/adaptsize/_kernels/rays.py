@@ -17,6 +17,7 @@ import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.trees import DEPTH, Stack, cells_of_leaf, descent, descent_by_bound
+from adaptsize._kernels.vectors import cross, dot, minus, triple
 
 #: Numbers of a facet.
 FACET = 15
@@ -115,14 +116,10 @@ def fill_facets(corners, normals, slack, facets):
             b = np.zeros(3)
         else:
             q = corners[t, 2] - c
-            across = np.array([
-                n[1] * q[2] - n[2] * q[1], n[2] * q[0] - n[0] * q[2], n[0] * q[1] - n[1] * q[0],
-            ])  # fmt: skip
-            a = across / (across[0] * p[0] + across[1] * p[1] + across[2] * p[2])
-            across = np.array([
-                n[1] * p[2] - n[2] * p[1], n[2] * p[0] - n[0] * p[2], n[0] * p[1] - n[1] * p[0],
-            ])  # fmt: skip
-            b = across / (across[0] * q[0] + across[1] * q[1] + across[2] * q[2])
+            across = np.array(cross(n, q))
+            a = across / dot(across, p)
+            across = np.array(cross(n, p))
+            b = across / dot(across, q)
         lengths = np.zeros(3)
         for d in range(3):
             facets[t, d], facets[t, 3 + d] = c[d], n[d]
@@ -140,14 +137,14 @@ def hit(facets, t, x, way):
 
     The distance is inf if the ray misses the facet or runs along its plane.
     """
-    cosine = way[0] * facets[t, 3] + way[1] * facets[t, 4] + way[2] * facets[t, 5]
+    normal = triple(facets, t, 3)
+    cosine = dot(way, normal)
     if not abs(cosine) > 1e-9:
         return math.inf, 0.0
-    rx, ry, rz = facets[t, 0] - x[0], facets[t, 1] - x[1], facets[t, 2] - x[2]
-    along = (rx * facets[t, 3] + ry * facets[t, 4] + rz * facets[t, 5]) / cosine
-    rx, ry, rz = along * way[0] - rx, along * way[1] - ry, along * way[2] - rz
-    u = facets[t, 6] * rx + facets[t, 7] * ry + facets[t, 8] * rz
-    v = facets[t, 9] * rx + facets[t, 10] * ry + facets[t, 11] * rz
+    to = minus(triple(facets, t, 0), x)
+    along = dot(to, normal) / cosine
+    there = minus((along * way[0], along * way[1], along * way[2]), to)
+    u, v = dot(triple(facets, t, 6), there), dot(triple(facets, t, 9), there)
     if u >= -facets[t, 12] and v >= -facets[t, 13] and 1.0 - u - v >= -facets[t, 14]:
         return along, cosine
     return math.inf, 0.0
@@ -221,8 +218,7 @@ def shoot(walls, rule, rays, begin, end):
     facets, slack, two_sided = walls.facets, walls.slack, rule.two_sided
     stack = Stack(np.empty(DEPTH, np.int64), np.empty(DEPTH))
     for r in range(begin, end):
-        x = (rays.starts[r, 0], rays.starts[r, 1], rays.starts[r, 2])
-        way = (rays.directions[r, 0], rays.directions[r, 1], rays.directions[r, 2])
+        x, way = triple(rays.starts, r, 0), triple(rays.directions, r, 0)
         ray = (x, _inverse(way), slack)
         nearest, sheet, counts = math.inf, math.inf, math.inf
         stack.box[0], stack.bound[0], height = 1, 0.0, np.int64(1)
@@ -276,8 +272,7 @@ def find_entries(walls, two_sided, places, directions, enters):
     facets, slack = walls.facets, 2.0 * walls.slack
     stack = np.empty(DEPTH, np.int64)
     for r in range(places.shape[0]):
-        x = (places[r, 0], places[r, 1], places[r, 2])
-        way = (directions[r, 0], directions[r, 1], directions[r, 2])
+        x, way = triple(places, r, 0), triple(directions, r, 0)
         enters[r] = False
         stack[0], height = 1, np.int64(1)
         while height > 0 and not enters[r]:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel, lean_kernel
+from adaptsize._kernels.vectors import between, cross, dot, norm, triple, unit
 
 
 class Surface(NamedTuple):
@@ -81,20 +82,6 @@ def fill_facet_cells(cell_facets, facet_cells):
                 facet_cells[f, 1] = c
 
 
-@kernel
-def cross(a, b, out):
-    """Fill ``out`` with the cross product of two float64[3]."""
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-
-
-@kernel
-def dot(a, b):
-    """Return the inner product of two float64[3]."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
 @inner
 def normalise(a):
     """Scale float64[3] to length 1 (In/Out) and return its old length; zero stays zero."""
@@ -140,23 +127,23 @@ def fill_face_normals(points, cells, flat_share, normals, areas):
     areas : float64[m]
         Out: zero where degenerate.
     """
-    edge = np.empty((3, 3))
     for c in range(cells.shape[0]):
         longest, shortest = 0, 0
+        i, j, k = cells[c, 0], cells[c, 1], cells[c, 2]
+        edge = (between(points, j, k), between(points, k, i), between(points, i, j))
         for v in range(3):
-            for d in range(3):
-                edge[v, d] = points[cells[c, (v + 2) % 3], d] - points[cells[c, (v + 1) % 3], d]
             if dot(edge[v], edge[v]) > dot(edge[longest], edge[longest]):
                 longest = v
             if dot(edge[v], edge[v]) < dot(edge[shortest], edge[shortest]):
                 shortest = v
         # The product with the shortest edge loses least to cancellation.
-        cross(edge[shortest], edge[(shortest + 1) % 3], normals[c])
-        areas[c] = 0.5 * normalise(normals[c])
-        if areas[c] <= flat_share * dot(edge[longest], edge[longest]):
+        across = cross(edge[shortest], edge[(shortest + 1) % 3])
+        normal, areas[c] = unit(across), 0.5 * norm(across)
+        is_flat = areas[c] <= flat_share * dot(edge[longest], edge[longest])
+        for d in range(3):
+            normals[c, d] = 0.0 if is_flat else normal[d]
+        if is_flat:
             areas[c] = 0.0
-            for d in range(3):
-                normals[c, d] = 0.0
 
 
 @kernel
@@ -172,12 +159,9 @@ def replace_degenerate_normals(surface):
             continue
         longest, best = 0, -1.0
         for v in range(3):
-            squared = 0.0
-            for d in range(3):
-                gap = points[cells[c, (v + 1) % 3], d] - points[cells[c, (v + 2) % 3], d]
-                squared += gap * gap
-            if squared > best:
-                longest, best = v, squared
+            edge = between(points, cells[c, (v + 1) % 3], cells[c, (v + 2) % 3])
+            if dot(edge, edge) > best:
+                longest, best = v, dot(edge, edge)
         f = surface.cell_facets[c, longest]
         if surface.facet_counts[f] != 2:
             continue
@@ -203,16 +187,16 @@ def mark_creases(surface, facets, angle, is_crease):
     is_crease : bool[n_facets]
         Out.
     """
-    normals, product = surface.normals, np.empty(3)
+    normals = surface.normals
     for f in range(facets.shape[0]):
         is_crease[f] = True
         if surface.facet_counts[f] != 2:
             continue
         c, other = np.int64(surface.facet_cells[f, 0]), np.int64(surface.facet_cells[f, 1])
         sign = _agreement(surface.cells, c, other, facets[f, 0], facets[f, 1])
-        cross(normals[c], normals[other], product)
+        one, two = triple(normals, c, 0), triple(normals, other, 0)
         # atan2 keeps small angles exact, where acos loses half the digits.
-        turn = math.atan2(math.sqrt(dot(product, product)), sign * dot(normals[c], normals[other]))
+        turn = math.atan2(norm(cross(one, two)), sign * dot(one, two))
         is_crease[f] = turn > angle
 
 

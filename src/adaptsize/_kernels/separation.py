@@ -8,13 +8,8 @@ import numpy as np
 from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.distance import closest_on_segment, closest_on_triangle
 from adaptsize._kernels.rays import ALONG, holds, is_blocked
-from adaptsize._kernels.trees import (
-    DEPTH,
-    Stack,
-    Tree,
-    cells_of_leaf,
-    nearest_leaf,
-)
+from adaptsize._kernels.trees import DEPTH, Stack, Tree, cells_of_leaf, nearest_leaf
+from adaptsize._kernels.vectors import cross, dot, mean, minus, norm, triple, without
 
 #: Numbers of a sector: two unit vectors along its sides, its unit outward normal, and its angle.
 SECTOR = 10
@@ -83,11 +78,7 @@ def _closest(tree, t, x):
     elif cells.shape[1] == 3:
         j, k = cells[t, 1], cells[t, 2]
         _, s, u, v = closest_on_triangle(points, i, j, k, x)
-    return (
-        s * points[i, 0] + u * points[j, 0] + v * points[k, 0],
-        s * points[i, 1] + u * points[j, 1] + v * points[k, 1],
-        s * points[i, 2] + u * points[j, 2] + v * points[k, 2],
-    )
+    return mean(points, (i, j, k), (s, u, v))
 
 
 @inner
@@ -102,19 +93,18 @@ def _side_of(queries, r, way):
     .. [1] J. A. Baerentzen, H. Aanaes, "Signed distance computation using the angle weighted
        pseudonormal", IEEE Trans. Vis. Comput. Graph. 11 (2005) 243-253.
     """
-    ux, uy, uz = way
+    sectors = queries.sectors
     best, side = math.inf, 0.0
     for s in range(queries.first_sector[r], queries.first_sector[r + 1]):
-        row = queries.sectors[s]
-        a, b = (row[0], row[1], row[2]), (row[3], row[4], row[5])
-        height = ux * row[6] + uy * row[7] + uz * row[8]
-        p = (ux - height * row[6], uy - height * row[7], uz - height * row[8])
-        turn = _turn(row, a, b)
+        a, b, normal = triple(sectors, s, 0), triple(sectors, s, 3), triple(sectors, s, 6)
+        height = dot(way, normal)
+        p = without(way, height, normal)
+        turn = dot(normal, cross(a, b))
         if (
             turn != 0.0
-            and p[0] * p[0] + p[1] * p[1] + p[2] * p[2] > _EQUAL * _EQUAL
-            and turn * _turn(row, a, p) >= 0.0
-            and turn * _turn(row, p, b) >= 0.0
+            and dot(p, p) > _EQUAL * _EQUAL
+            and turn * dot(normal, cross(a, p)) >= 0.0
+            and turn * dot(normal, cross(p, b)) >= 0.0
         ):
             if abs(height) < best - _EQUAL:
                 best, side = abs(height), 0.0
@@ -122,34 +112,16 @@ def _side_of(queries, r, way):
                 side += height
             continue
         for k in range(2):
-            along = ux * row[3 * k] + uy * row[3 * k + 1] + uz * row[3 * k + 2]
-            weight = 1.0
+            along, weight = dot(way, triple(sectors, s, 3 * k)), 1.0
             if along <= _EQUAL:
-                along, weight = 0.0, row[9]
-            qx, qy = ux - along * row[3 * k], uy - along * row[3 * k + 1]
-            qz = uz - along * row[3 * k + 2]
-            length = math.sqrt(qx * qx + qy * qy + qz * qz)
+                along, weight = 0.0, sectors[s, 9]
+            q = without(way, along, triple(sectors, s, 3 * k))
+            length = norm(q)
             if length < best - _EQUAL:
                 best, side = length, 0.0
             if length <= best + _EQUAL:
-                side += weight * (qx * row[6] + qy * row[7] + qz * row[8])
+                side += weight * dot(q, normal)
     return 0.0 if best <= ALONG else side
-
-
-@inner
-def _turn(row, a, b):
-    """Return the component of the cross product of two vectors along the normal of a sector."""
-    return (
-        row[6] * (a[1] * b[2] - a[2] * b[1])
-        + row[7] * (a[2] * b[0] - a[0] * b[2])
-        + row[8] * (a[0] * b[1] - a[1] * b[0])
-    )
-
-
-@inner
-def _distance(x, y):
-    dx, dy, dz = y[0] - x[0], y[1] - x[1], y[2] - x[2]
-    return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @inner
@@ -161,9 +133,8 @@ def _counts(elements, queries, r, t, x, length):
     for e in range(2):
         corner = queries.ends[r, e]
         if corner >= 0 and holds(elements.touched, np.int64(elements.owner[t]), corner):
-            end = queries.end_places[r, e]
-            away = _distance(x, (end[0], end[1], end[2]))
-            if not length < queries.sine * away:
+            away = minus(queries.end_places[r, e], x)
+            if not length < queries.sine * norm(away):
                 return False
     return True
 
@@ -185,7 +156,7 @@ def lower_separations(elements, queries, walls, part, distances):
     tree = elements.tree
     stack, node_stack = Stack(np.empty(DEPTH, np.int64), np.empty(DEPTH)), np.empty(DEPTH, np.int64)
     for r in range(part[0], part[1]):
-        x = (queries.places[r, 0], queries.places[r, 1], queries.places[r, 2])
+        x = triple(queries.places, r, 0)
         stack.box[0], stack.bound[0] = 1, 0.0
         height = np.int64(1)
         while height > 0:
@@ -195,7 +166,7 @@ def lower_separations(elements, queries, walls, part, distances):
                 if holds(queries.skipped, r, elements.owner[t]):
                     continue
                 y = _closest(tree, t, x)
-                length = _distance(x, y)
+                length = norm(minus(y, x))
                 if not walls.slack < length < distances[r]:
                     continue
                 if not _counts(elements, queries, r, t, x, length):

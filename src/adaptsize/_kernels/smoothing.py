@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel, lean
+from adaptsize._kernels.vectors import between, cross, dot
 
 #: A change must gain this much.
 GAIN = 1e-3
@@ -37,24 +38,11 @@ def _triangle(points, a, b, c):
 @lean
 def tetrahedron(points, a, b, c, d):
     """Return 6 sqrt(2) V / (root mean square edge)^3, signed."""
-    ux = points[b, 0] - points[a, 0]
-    uy = points[b, 1] - points[a, 1]
-    uz = points[b, 2] - points[a, 2]
-    vx = points[c, 0] - points[a, 0]
-    vy = points[c, 1] - points[a, 1]
-    vz = points[c, 2] - points[a, 2]
-    wx = points[d, 0] - points[a, 0]
-    wy = points[d, 1] - points[a, 1]
-    wz = points[d, 2] - points[a, 2]
-    six = ux * (vy * wz - vz * wy) + uy * (vz * wx - vx * wz) + uz * (vx * wy - vy * wx)
-    u = ux * ux + uy * uy + uz * uz
-    v = vx * vx + vy * vy + vz * vz
-    w = wx * wx + wy * wy + wz * wz
-    uv = ux * vx + uy * vy + uz * vz
-    uw = ux * wx + uy * wy + uz * wz
-    vw = vx * wx + vy * wy + vz * wz
-    # The squares of the other three edges are u + v - 2 uv and so on.
-    mean = (3.0 * (u + v + w) - 2.0 * (uv + uw + vw)) / 6.0
+    u, v, w = between(points, a, b), between(points, a, c), between(points, a, d)
+    six = dot(u, cross(v, w))
+    # The squares of the other three edges are u . u + v . v - 2 u . v and so on.
+    squares, products = dot(u, u) + dot(v, v) + dot(w, w), dot(u, v) + dot(u, w) + dot(v, w)
+    mean = (3.0 * squares - 2.0 * products) / 6.0
     if mean <= 0.0:
         return 0.0
     return math.sqrt(2.0) * six / (mean * math.sqrt(mean))

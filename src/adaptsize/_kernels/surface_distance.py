@@ -11,6 +11,7 @@ import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.distance import closest_on_segment, closest_on_triangle
+from adaptsize._kernels.vectors import dot, mean, minus, offset
 
 
 class GridFrame(NamedTuple):
@@ -92,11 +93,8 @@ def _distance2_to_facet(points, facets, f, x):
         return closest_on_triangle(points, facets[f, 0], facets[f, 1], facets[f, 2], x)[0]
     if facets.shape[1] == 2:
         return closest_on_segment(points, facets[f, 0], facets[f, 1], x)[0]
-    total = 0.0
-    for d in range(3):
-        gap = points[facets[f, 0], d] - x[d]
-        total += gap * gap
-    return total
+    gap = offset(points, facets[f, 0], x)
+    return dot(gap, gap)
 
 
 @kernel
@@ -206,10 +204,8 @@ def _nearest_around(features, f, x):
             best, s, t = closest_on_segment(points, i, j, x)
             if s > 0.0 and t > 0.0:
                 return f, best
-        y0 = s * points[i, 0] + t * points[j, 0] + u * points[k, 0]
-        y1 = s * points[i, 1] + t * points[j, 1] + u * points[k, 1]
-        y2 = s * points[i, 2] + t * points[j, 2] + u * points[k, 2]
-        r0, r1, r2 = x[0] - y0, x[1] - y1, x[2] - y2
+        y = mean(points, (i, j, k), (s, t, u))
+        away = minus(x, y)
         # The nodes of f that y lies between: one, or two.
         a = corners[f, 0] if s > 0.0 else (corners[f, 1] if t > 0.0 else corners[f, width - 1])
         b = a
@@ -225,8 +221,8 @@ def _nearest_around(features, f, x):
             for v in range(width):
                 beside = beside or corners[other, v] == b
                 p = facets[other, v]
-                descent = r0 * (points[p, 0] - y0) + r1 * (points[p, 1] - y1)
-                descent += r2 * (points[p, 2] - y2)
+                descent = away[0] * (points[p, 0] - y[0]) + away[1] * (points[p, 1] - y[1])
+                descent += away[2] * (points[p, 2] - y[2])
                 ahead = ahead or descent > 0.0
             if not (beside and ahead) or other == f:
                 continue
@@ -247,9 +243,8 @@ def _nearest_point_around(points, ring_ptr, ring, f, x):
         found = f
         for place in range(ring_ptr[f] - 1, ring_ptr[f + 1]):
             other = f if place < ring_ptr[f] else ring[place]
-            gap0, gap1 = points[other, 0] - x[0], points[other, 1] - x[1]
-            gap2 = points[other, 2] - x[2]
-            distance2 = gap0 * gap0 + gap1 * gap1 + gap2 * gap2
+            gap = offset(points, other, x)
+            distance2 = dot(gap, gap)
             if distance2 < best:
                 best = distance2
                 found = other

@@ -206,15 +206,21 @@ def sort_along_curve(points, curve, keys, order, counts):
 
 
 @lean
-def distance_to_box(boxes, b, axes, box):
-    """Return the distance of box b of a tree from the box float64[2 * dim]; inf if b is empty."""
-    dim = len(axes)
+def gap2_to_box(boxes, b, axes, corners):
+    """Return the squared distance between box b and the box with two corners, low and high."""
+    (low, high), dim = corners, len(axes)
     square = 0.0
     for d in range(dim):
-        gap = max(boxes[b, d] - box[dim + d], box[d] - boxes[b, dim + d])
+        gap = max(boxes[b, d] - high[d], low[d] - boxes[b, dim + d])
         if gap > 0.0:
             square += gap * gap
-    return math.sqrt(square)
+    return square
+
+
+@lean
+def distance_to_box(boxes, b, axes, box):
+    """Return the distance of box b of a tree from the box float64[2 * dim]; inf if b is empty."""
+    return math.sqrt(gap2_to_box(boxes, b, axes, (box, box[len(axes) :])))
 
 
 @lean_kernel
@@ -358,12 +364,7 @@ def fill_boxes(points, cells, boxes):
 @inner
 def distance2_to_box(boxes, node, x):
     """Return the squared distance of x to the box of a node, 0 inside."""
-    total = 0.0
-    for d in range(3):
-        gap = max(boxes[node, d] - x[d], x[d] - boxes[node, 3 + d])
-        if gap > 0.0:
-            total += gap * gap
-    return total
+    return gap2_to_box(boxes, node, x, (x, x))
 
 
 #: Descends to the leaves nearest to a point, by squared distances.

@@ -18,6 +18,7 @@ import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel, lean, lean_kernel
 from adaptsize._kernels.trees import cells_of_leaf
+from adaptsize._kernels.vectors import cross, dot, minus, norm
 
 #: Columns of the array of moments, see `fill_moments`.
 N_MOMENTS = 34
@@ -115,23 +116,13 @@ def _angle(points, cells, c, x):
     Segments: atan2 of cross and dot product.  Triangles: van Oosterom and Strackee (1983).
     """
     i, j = cells[c, 0], cells[c, 1]
-    ax, ay, az = points[i, 0] - x[0], points[i, 1] - x[1], points[i, 2] - x[2]
-    bx, by, bz = points[j, 0] - x[0], points[j, 1] - x[1], points[j, 2] - x[2]
+    u, v = minus(points[i], x), minus(points[j], x)
     if cells.shape[1] == 2:
-        return math.atan2(ax * by - ay * bx, ax * bx + ay * by) / (2.0 * math.pi)
-    k = cells[c, 2]
-    cx, cy, cz = points[k, 0] - x[0], points[k, 1] - x[1], points[k, 2] - x[2]
-    a = math.sqrt(ax * ax + ay * ay + az * az)
-    b = math.sqrt(bx * bx + by * by + bz * bz)
-    c_ = math.sqrt(cx * cx + cy * cy + cz * cz)
-    volume = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
-    rest = (
-        a * b * c_
-        + (ax * bx + ay * by + az * bz) * c_
-        + (bx * cx + by * cy + bz * cz) * a
-        + (cx * ax + cy * ay + cz * az) * b
-    )
-    return math.atan2(volume, rest) / (2.0 * math.pi)
+        return math.atan2(u[0] * v[1] - u[1] * v[0], u[0] * v[0] + u[1] * v[1]) / (2.0 * math.pi)
+    w = minus(points[cells[c, 2]], x)
+    a, b, c_ = norm(u), norm(v), norm(w)
+    rest = a * b * c_ + dot(u, v) * c_ + dot(v, w) * a + dot(w, u) * b
+    return math.atan2(dot(u, cross(v, w)), rest) / (2.0 * math.pi)
 
 
 @lean

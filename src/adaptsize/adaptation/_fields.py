@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_plain_array, check_type, describe, refuse_where
-from adaptsize.typing import FloatArray
+from adaptsize._checks import as_plain_array, check_type, describe, one_of, refuse_where
+from adaptsize.background import AnyMesh
+from adaptsize.typing import FloatArray, NodalMethod
 
 
 def as_fields(
@@ -33,6 +34,34 @@ def as_field(name: str, values: npt.ArrayLike, n: int) -> npt.NDArray[Any]:
     array = array.astype(np.complex128 if array.dtype.kind == "c" else np.float64)
     refuse_where(name, ~np.isfinite(array), array, "must be finite")
     return array
+
+
+def methods_of(
+    method: NodalMethod | Mapping[str, NodalMethod] | None,
+    fields: Mapping[str, npt.NDArray[Any]],
+    mesh: AnyMesh,
+) -> dict[str, NodalMethod]:
+    """Return the checked method of transfer of each nodal field."""
+    if not isinstance(method, Mapping):
+        return {name: as_method("method", method, mesh) for name in fields}
+    for name in method:
+        if name not in fields:
+            raise ValueError(f"method must be for names of fields, got {name!r}")
+    return {name: as_method(f"method[{name!r}]", method.get(name), mesh) for name in fields}
+
+
+def as_method(name: str, method: NodalMethod | None, mesh: AnyMesh) -> NodalMethod:
+    """Return the checked method of transfer of one nodal field."""
+    on_surface = mesh.cell_dim != mesh.dim
+    if method is None:
+        return "interpolate" if on_surface else "bounded"
+    found: NodalMethod = one_of(name, method, get_args(NodalMethod))  # type: ignore[assignment]
+    if on_surface and found != "interpolate":
+        raise ValueError(
+            f'{name} must be "interpolate" for triangles in space: two triangulations of a '
+            f'curved surface do not overlap, got "{found}"'
+        )
+    return found
 
 
 def as_columns(field: npt.NDArray[Any]) -> FloatArray:

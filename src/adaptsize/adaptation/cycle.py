@@ -12,7 +12,7 @@ import numpy.typing as npt
 from adaptsize._checks import check_type, describe, one_of, warn_caller
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
-from adaptsize.adaptation._fields import as_fields
+from adaptsize.adaptation._fields import as_fields, methods_of
 from adaptsize.adaptation.boundary_moves import ProjectionLike, check_projection
 from adaptsize.adaptation.in_parts import adapt_in_parts
 from adaptsize.adaptation.new_mesh import NewMesh, make_mesh
@@ -31,6 +31,7 @@ from adaptsize.adaptation.report import AdaptReport, lost_tags
 from adaptsize.adaptation.transfer import FieldTransfer
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.background.partitioned import PartitionedMesh
+from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import ResolutionWarning
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, checked, with_options
@@ -46,6 +47,9 @@ if TYPE_CHECKING:
 
 Fields: TypeAlias = Mapping[str, npt.ArrayLike]
 Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
+
+
+_HOW = {"interpolate": "interpolated", "project": "projected", "bounded": "projected in bounds"}
 
 
 @dataclass(frozen=True)
@@ -118,7 +122,7 @@ def adapt(
         Without ``indicator`` they are the requested sizes.  A `Metric` at the nodes, a
         `MetricFunction` or a callable that returns a Metric depends on the direction (Mmg only).
     fields : mapping of str to array_like, optional
-        Nodal fields, shape (n_points, ...), interpolated; see `FieldTransfer.nodal`.
+        Nodal fields, shape (n_points, ...); see ``method``.
     cell_fields : mapping of str to array_like, optional
         Cell fields, shape (n_cells, ...); see `FieldTransfer.cells`.
     project : callable, or mapping of int to callable, optional
@@ -171,6 +175,7 @@ def adapt(
             mesh, indicator, h0=cast("BoundLike | None", h0), fields=fields,
             cell_fields=cell_fields, progress=progress, **options,
         )  # fmt: skip
+    mesh = as_mesh(mesh)
     task = _task(mesh)
     given = checked(AdaptOptions, options)
     check_projection(project)
@@ -178,6 +183,7 @@ def adapt(
     by_cell = as_fields("cell_fields", cell_fields, mesh.n_cells)
     if isinstance(given["g"], str):
         one_of("g", given["g"], ("auto",))
+    methods_of(given["method"], nodal, mesh)
     is_metric = as_anisotropic(given["anisotropic"]) is not False
     is_metric = is_metric or as_metric_bound(h0, mesh) is not None
     refuse_two_numbers(given)
@@ -252,13 +258,19 @@ def _result(
         conservative = request.options["conservative"]
         keep = request.options["keep_integral"]
         transfer = FieldTransfer(old, new, progress=progress)
-        moved = {name: transfer.nodal(values) for name, values in nodal.items()}
+        methods = methods_of(request.options["method"], nodal, old)
+        moved = {
+            name: transfer.nodal(values, method=methods[name]) for name, values in nodal.items()
+        }
         moved_by_cell = {
             name: transfer.cells(values, conservative=conservative, keep_integral=keep)
             for name, values in by_cell.items()
         }
         for name, values in nodal.items():
-            how[name] = "nearest node" if values.dtype.kind in "biu" else "interpolated"
+            how[name] = "nearest node"
+            if values.dtype.kind not in "biu":
+                how[name] = _HOW[methods[name]]
+                integrals[name] = transfer.integrals(values, moved[name], nodal=True)
         for name, values in by_cell.items():
             how[name] = "value at the centroid"
             if values.dtype.kind not in "biu":

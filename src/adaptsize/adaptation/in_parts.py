@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import check_type, one_of, warn_caller
 from adaptsize._progress import reporting
-from adaptsize.adaptation._fields import as_fields
+from adaptsize.adaptation._fields import as_fields, methods_of
 from adaptsize.adaptation.new_mesh import BestMesh, meet_target
 from adaptsize.adaptation.next_sizes import (
     BoundLike,
@@ -34,6 +34,7 @@ from adaptsize.adaptation.transfer_in_parts import TransferredFields
 from adaptsize.background import SimplexMesh, interpolate
 from adaptsize.background.migration import boundary_facets
 from adaptsize.background.partitioned import PartitionedMesh
+from adaptsize.background.requests import ask_nearest, boxes_around
 from adaptsize.errors import ResolutionWarning
 from adaptsize.limiting import limit_gradient
 from adaptsize.metrics import Metric, MetricFunction
@@ -51,11 +52,6 @@ if TYPE_CHECKING:
 Fields = Mapping[str, npt.ArrayLike]
 
 _OF_WHOLE_MESHES = {"corner_angle", "keep_integral", "anisotropic", "norm", "max_aspect"}
-#: Options that must be the same on all ranks.
-_EQUAL = (
-    "order", "tolerance", "elements", "nodes", "hmin", "hmax", "max_refine", "max_coarsen",
-    "enough", "coarsen_converged", "boundary_tolerance",
-)  # fmt: skip
 
 
 def adapt_in_parts(
@@ -108,13 +104,13 @@ def adapt_in_parts(
             as_fields("fields", fields, part.n_points),
             as_fields("cell_fields", cell_fields, part.n_cells),
         )
+        methods_of(given["method"], old_fields.fields, part)
         return given, request, old_fields
 
     given, request, old_fields = comm.agree(check)
-    comm.require_equal(
-        indicator=_is_given(indicator), h0=_is_given(h0), g=_is_given(given["g"]),
-        **{name: given[name] for name in _EQUAL},  # type: ignore[literal-required]
-    )  # fmt: skip
+    comm.require_equal(indicator=indicator is None, h0=h0 is None, **given)
+    if request.h0 is not None:
+        part.require_equal_values("h0", request.h0)
     allowed = given["boundary_tolerance"]
     if given["nodes"] is not None:
         given = {**given, "elements": _expected(part, given["nodes"])}
@@ -150,17 +146,12 @@ def adapt_in_parts(
         report("fields", None)
         new_fields = transfer_fields(
             part, best.mesh, fields=old_fields.fields, cell_fields=old_fields.cell_fields,
-            conservative=given["conservative"],
+            conservative=given["conservative"], method=given["method"],
         )  # fmt: skip
         result = _result(part, request, decision, best, new_fields)
     if comm.rank == 0:
         _warn(result.report, allowed * extent)
     return result
-
-
-def _is_given(value: object) -> str:
-    """Return whether an argument that may differ between ranks is given."""
-    return "None" if value is None else "a value"
 
 
 def _expected(part: PartitionedMesh, nodes: float) -> float:
@@ -312,14 +303,19 @@ def _tags(part: PartitionedMesh) -> set[tuple[str, int]]:
 def boundary_distance(old: PartitionedMesh, new: PartitionedMesh) -> float:
     """Return the largest distance of a boundary node of a mesh to the boundary of another one.
 
-    Collective.  All ranks get the boundary of the old mesh.
+    Collective.  Nodes are sent to the ranks with the nearest facets.
     """
-    corners = np.concatenate(old.ranks.allgather(old.points[boundary_facets(old)]))
+    facets = boundary_facets(old)
     nodes = np.unique(boundary_facets(new))
-    rows = np.arange(corners.shape[0] * corners.shape[1]).reshape(corners.shape[:2])
-    skin = SimplexMesh(corners.reshape(-1, old.dim), rows)
-    own = float(skin.locator.nearest(new.points[nodes])[2].max()) if len(nodes) else 0.0
-    return float(old.ranks.allreduce(own, "max"))
+    skin = SimplexMesh(old.points, facets) if len(facets) else None
+
+    def distances(points: FloatArray) -> FloatArray:
+        assert skin is not None
+        return skin.locator.nearest(points)[2][:, None]
+
+    boxes = boxes_around(old.points[np.unique(facets)], old.ranks)
+    found = ask_nearest(old, boxes, new.points[nodes], distances)
+    return float(old.ranks.allreduce(float(found.max(initial=0.0)), "max"))
 
 
 def compare_with(part: PartitionedMesh, sizes: NextSizes) -> Present:

@@ -119,7 +119,7 @@ class AdaptReport(CycleReport):
     transferred : dict of str to str
         How each field was transferred.
     integrals : dict of str to (ndarray, ndarray)
-        Integrals of cell fields over the old and the new mesh.
+        Integrals of the fields over the old and the new mesh, except for integers.
     """
 
     backend: str

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._progress import silent
-from adaptsize.adaptation.overlaps import OUTSIDE, overlaps_of
+from adaptsize.adaptation.overlaps import OUTSIDE, intersections_of
+from adaptsize.adaptation.projection import Projection, sums_over
 from adaptsize.background import PartitionedMesh, SimplexMesh
-from adaptsize.background.requests import ask_nearest, ask_ranks, boxes_of, values_at
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.background.requests import ask_nearest, ask_ranks, boxes_of, ranks_within, values_at
+from adaptsize.typing import FloatArray, IntArray, NodalMethod
 
 
 class TransferredFields(NamedTuple):
@@ -32,13 +33,17 @@ def transfer_in_parts(
     by_cell: dict[str, npt.NDArray[Any]],
     *,
     conservative: bool,
+    method: Mapping[str, NodalMethod],
 ) -> TransferredFields:
     """Return checked fields on another mesh, as `adaptsize.transfer_fields`; collective."""
     old.ranks.require_equal(
-        fields=_kinds(nodal), cell_fields=_kinds(by_cell), conservative=conservative
-    )
+        fields=_kinds(nodal), cell_fields=_kinds(by_cell), conservative=conservative,
+        method=dict(method),
+    )  # fmt: skip
     boxes = boxes_of(old)
-    found = {name: _nodal(old, new, boxes, values) for name, values in nodal.items()}
+    found = {
+        name: _nodal(old, new, boxes, values, method=method[name]) for name, values in nodal.items()
+    }
     cells = {
         name: _cells(old, new, boxes, values, averaged=conservative)
         for name, values in by_cell.items()
@@ -67,11 +72,43 @@ def _restored(columns: FloatArray, field: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def _nodal(
-    old: PartitionedMesh, new: PartitionedMesh, boxes: FloatArray, field: npt.NDArray[Any]
+    old: PartitionedMesh,
+    new: PartitionedMesh,
+    boxes: FloatArray,
+    field: npt.NDArray[Any],
+    *,
+    method: NodalMethod,
 ) -> npt.NDArray[Any]:
     whole = field.dtype.kind in "biu"
-    answer = partial(values_at, old.mesh, _columns(field), of_one_node=whole)
-    return _restored(ask_nearest(old, boxes, new.points, answer)[:, 1:], field)
+    columns = _columns(field)
+    answer = partial(values_at, old.mesh, columns, of_one_node=whole)
+    values = ask_nearest(old, boxes, new.points, answer)[:, 1:]
+    if whole or method == "interpolate":
+        return _restored(values, field)
+    bounded = method == "bounded"
+    k, n_corners = columns.shape[1], new.cells.shape[1]
+    measures = np.zeros(0) if new.mesh is None else new.mesh.measures
+    projection = Projection(new.cells, measures, new.shared, new.n_points)
+
+    def integrals(sent: SimplexMesh) -> FloatArray:
+        assert old.mesh is not None
+        products = intersections_of(old.mesh, sent, silent, products=True).products
+        assert products is not None
+        return sums_over(products, columns, ranges=bounded).reshape(sent.n_cells, -1)
+
+    which, parts = _ask_cells(old, boxes, new.points[new.cells], integrals)
+    # One row for each node of each cell that was sent.
+    nodes, rows = new.cells[which].ravel(), parts.reshape(-1, parts.shape[1] // n_corners)
+    sums = np.zeros((new.n_points, 1 + k))
+    np.add.at(sums, nodes, rows[:, : 1 + k])
+    merged = [new.shared.merge(sums, np.add)]
+    for place, (merge, neutral) in enumerate(((np.minimum, np.inf), (np.maximum, -np.inf))):
+        if bounded:
+            ends = np.full((new.n_points, k), neutral)
+            first = 1 + (1 + place) * k
+            merge.at(ends, nodes, rows[:, first : first + k])
+            merged.append(new.shared.merge(ends, merge))
+    return _restored(projection.field(np.hstack(merged), values, bounded=bounded), field)
 
 
 def _cells(
@@ -88,7 +125,15 @@ def _cells(
     values = ask_nearest(old, boxes, corners.mean(axis=1), holders)[:, 1:]
     if not averaged or field.dtype.kind in "biu":
         return _restored(values, field)
-    sums = _overlap_sums(old, boxes, corners, columns)
+
+    def integrals(sent: SimplexMesh) -> FloatArray:
+        assert old.mesh is not None
+        overlap = intersections_of(old.mesh, sent, silent).measures
+        return np.column_stack([np.asarray(overlap.sum(axis=1)).ravel(), overlap @ columns])
+
+    which, parts = _ask_cells(old, boxes, corners, integrals)
+    sums = np.zeros((len(corners), 1 + columns.shape[1]))
+    np.add.at(sums, which, parts)  # in order of rank
     measures = np.zeros(0) if new.mesh is None else new.mesh.measures
     inside = sums[:, 0] > OUTSIDE * measures
     values[inside] = sums[inside, 1:] / sums[inside, :1]
@@ -102,24 +147,22 @@ def _values_in(mesh: SimplexMesh | None, columns: FloatArray, points: FloatArray
     return np.column_stack([distance, columns[cells]])
 
 
-def _overlap_sums(
-    old: PartitionedMesh, boxes: FloatArray, corners: FloatArray, columns: FloatArray
-) -> FloatArray:
-    """Return the measure of each new cell in the old domain, and the integrals of the columns."""
+def _ask_cells(
+    old: PartitionedMesh,
+    boxes: FloatArray,
+    corners: FloatArray,
+    answer: Callable[[SimplexMesh], FloatArray],
+) -> tuple[npt.NDArray[np.int64], FloatArray]:
+    """Return the new cells that meet the boxes of ranks, and the answer of each; collective."""
     low, high = corners.min(axis=1, initial=np.inf), corners.max(axis=1, initial=-np.inf)
-    meets = ((low[:, None] <= boxes[:, 1]) & (high[:, None] >= boxes[:, 0])).all(axis=2)
-    which, rank = np.nonzero(meets)
+    # Nearer than the smallest number is at distance 0.
+    reach = np.full(len(corners), np.nextafter(0.0, 1.0))
+    which, rank = ranks_within(low, high, boxes, reach)
     shape = corners.shape[1:]
 
-    def answer(rows: FloatArray) -> FloatArray:
-        assert old.mesh is not None
+    def of_rows(rows: FloatArray) -> FloatArray:
         cells: IntArray = np.arange(len(rows) * shape[0], dtype=np.int32).reshape(-1, shape[0])
-        sent = SimplexMesh(rows.reshape(-1, shape[1]), cells)
-        overlap = overlaps_of(old.mesh, sent, silent)
-        return np.column_stack([np.asarray(overlap.sum(axis=1)).ravel(), overlap @ columns])
+        return answer(SimplexMesh(rows.reshape(-1, shape[1]), cells))
 
     flat = corners.reshape(len(corners), shape[0] * shape[1])
-    parts = ask_ranks(old, flat, which, rank, answer)
-    sums = np.zeros((len(corners), parts.shape[1]))
-    np.add.at(sums, which, parts)  # in order of rank
-    return sums
+    return which, ask_ranks(old, flat, which, rank, of_rows)

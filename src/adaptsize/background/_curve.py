@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize._kernels.trees import (
     BITS,
@@ -18,7 +17,7 @@ from adaptsize._kernels.trees import (
     sort_for_tree,
 )
 from adaptsize.background._mesh_arrays import read_only
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import FloatArray, IntArray, LongArray
 
 
 def along_curve(points: FloatArray) -> IntArray:
@@ -43,15 +42,15 @@ def along_curve(points: FloatArray) -> IntArray:
 
 
 @cache
-def _spread(dim: int) -> npt.NDArray[np.int64]:
+def _spread(dim: int) -> LongArray:
     """Return the numbers below 2^DIGIT with dim - 1 zeros after each of their bits."""
     bits = np.arange(DIGIT)
     ones = (np.arange(2**DIGIT)[:, None] >> bits) & 1
-    spread: npt.NDArray[np.int64] = np.sum(ones << (bits * dim), axis=1)
+    spread: LongArray = np.sum(ones << (bits * dim), axis=1)
     return spread
 
 
-def tree_over(points: FloatArray, cells: IntArray) -> tuple[Tree, npt.NDArray[np.int64]]:
+def tree_over(points: FloatArray, cells: IntArray) -> tuple[Tree, LongArray]:
     """Return a tree over cells, and the cell in each of its rows.
 
     Parameters

@@ -24,19 +24,17 @@ from adaptsize._kernels.octree import (
     number_corners,
 )
 from adaptsize.background.refinement import NeedsRefinement
-from adaptsize.typing import BoolArray, FloatArray
-
-CodeArray = npt.NDArray[np.int64]
+from adaptsize.typing import BoolArray, FloatArray, LongArray
 
 
-def indices_of(codes: CodeArray, level: int, root_shape: tuple[int, ...]) -> CodeArray:
+def indices_of(codes: LongArray, level: int, root_shape: tuple[int, ...]) -> LongArray:
     """Return the integer coordinates of cells among those of their level, int64[n, dim]."""
     indices = np.zeros((len(codes), len(root_shape)), np.int64)
     decode(codes, level, np.array(root_shape, np.int64), indices)
     return indices
 
 
-def codes_of(indices: CodeArray, level: int, root_shape: tuple[int, ...]) -> CodeArray:
+def codes_of(indices: LongArray, level: int, root_shape: tuple[int, ...]) -> LongArray:
     """Return the codes of cells; inverse of `indices_of`."""
     codes = np.empty(len(indices), np.int64)
     encode(indices, level, np.array(root_shape, np.int64), codes)
@@ -50,12 +48,12 @@ def refine(
     needs_refinement: NeedsRefinement,
     max_level: int,
     max_leaves: int,
-) -> list[CodeArray]:
+) -> list[LongArray]:
     """Return the cells of each level that the criterion refines."""
     dim = len(root_shape)
     cells = np.arange(np.prod(root_shape), dtype=np.int64)
     n_leaves = len(cells)
-    refined: list[CodeArray] = []
+    refined: list[LongArray] = []
     for level in range(max_level):
         counts = np.array(root_shape) << level
         share = (indices_of(cells, level, root_shape) + 0.5) / counts
@@ -80,7 +78,7 @@ def refuse_too_many(n_leaves: int, level: int, max_leaves: int) -> None:
         )
 
 
-def balance(refined: list[CodeArray], root_shape: tuple[int, ...]) -> list[CodeArray]:
+def balance(refined: list[LongArray], root_shape: tuple[int, ...]) -> list[LongArray]:
     """Return the refined cells such that the levels of touching leaves differ by at most one.
 
     Proceeds from the finest level to coarser ones.  Every neighbour of a refined cell, at
@@ -101,7 +99,7 @@ def balance(refined: list[CodeArray], root_shape: tuple[int, ...]) -> list[CodeA
     return balanced
 
 
-def leaf_levels(refined: list[CodeArray], root_shape: tuple[int, ...]) -> npt.NDArray[np.int8]:
+def leaf_levels(refined: list[LongArray], root_shape: tuple[int, ...]) -> npt.NDArray[np.int8]:
     """Return the levels of the leaves along the Z curve, given the refined cells."""
     dim, depth = len(root_shape), len(refined)
     cells = np.arange(np.prod(root_shape), dtype=np.int64)
@@ -120,9 +118,9 @@ def leaf_levels(refined: list[CodeArray], root_shape: tuple[int, ...]) -> npt.ND
     return np.concatenate(levels)[order]
 
 
-def _children(parents: CodeArray, dim: int) -> CodeArray:
+def _children(parents: LongArray, dim: int) -> LongArray:
     """Return the codes of all children, sorted if the parents are."""
-    children: CodeArray = (parents[:, None] << dim) | np.arange(2**dim)
+    children: LongArray = (parents[:, None] << dim) | np.arange(2**dim)
     return children.ravel()
 
 
@@ -142,21 +140,21 @@ class Lattice(NamedTuple):
     Parameters
     ----------
     depth : int
-    counts : npt.NDArray[np.int64]
+    counts : LongArray
         Number of intervals along each axis, int64[dim].
-    strides : npt.NDArray[np.int64]
+    strides : LongArray
         Step of the key along each axis, int64[dim].
-    starts : CodeArray
+    starts : LongArray
         Code of the first smallest cell in each leaf, int64[n_leaves], ascending.
-    indices : npt.NDArray[np.int64]
+    indices : LongArray
         Lower corner of each leaf, int64[n_leaves, dim].
     """
 
     depth: int
-    counts: npt.NDArray[np.int64]
-    strides: npt.NDArray[np.int64]
-    starts: CodeArray
-    indices: npt.NDArray[np.int64]
+    counts: LongArray
+    strides: LongArray
+    starts: LongArray
+    indices: LongArray
 
 
 def lattice_of(levels: npt.NDArray[np.int8], root_shape: tuple[int, ...]) -> Lattice:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from adaptsize._kernels.flipping import flip
@@ -56,11 +58,4 @@ def flip_edges(mesh: SimplexMesh, kept: IntArray) -> SimplexMesh:
     queue, is_queued = np.empty(n_edges, np.int32), np.empty(n_edges, np.bool_)
     if flip(in_space(mesh.points), parts, tags, is_free, (queue, is_queued)) == 0:
         return mesh
-    return SimplexMesh(
-        mesh.points,
-        cells,
-        cell_tags=mesh.cell_tags,
-        tagged_facets=mesh.tagged_facets,
-        facet_tags=mesh.facet_tags,
-        tag_names=mesh.tag_names,
-    )
+    return replace(mesh, cells=cells, point_data={}, cell_data={})

@@ -28,7 +28,7 @@ from adaptsize._checks import (
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background.grid_location import GridLocator
 from adaptsize.background.simplex import SimplexMesh
-from adaptsize.typing import BoolArray, FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 # Nodes are numbered with 32 bits.
 _MOST_NODES = 2**31 - 1
@@ -363,7 +363,7 @@ def simplices_of_boxes(shape: tuple[int, ...]) -> IntArray:
         Nodes of the simplices, all of positive orientation.
     """
     dim = len(shape)
-    strides = [int(np.prod(shape[d + 1 :], dtype=np.int64)) for d in range(dim)]
+    strides = strides_of(shape)
     number = np.arange(np.prod(shape, dtype=np.int64), dtype=np.int32).reshape(shape)
     first = number[(slice(-1),) * dim]
     orders = list(permutations(range(dim)))
@@ -409,6 +409,18 @@ def both_ways(finite: BoolArray, active: BoolArray | None) -> IntArray:
     pieces = [np.stack(t, axis=1)[falling] for t in ((a, b, c), (b, d, c))]
     pieces += [np.stack(t, axis=1)[rising] for t in ((a, b, d), (a, d, c))]
     return np.concatenate(pieces)
+
+
+def span_of(marked: BoolArray) -> IndexArray:
+    """Return the first and the last index with any mark along each axis, intp[dim, 2]."""
+    axes = range(marked.ndim)
+    along = [marked.any(axis=tuple(e for e in axes if e != d)) for d in axes]
+    return np.array([np.flatnonzero(found)[[0, -1]] for found in along])
+
+
+def strides_of(shape: Sequence[int]) -> tuple[int, ...]:
+    """Return the difference of flat indices between neighbours along each axis."""
+    return tuple(math.prod(shape[d + 1 :]) for d in range(len(shape)))
 
 
 def whole_boxes(active: BoolArray) -> BoolArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from adaptsize.background.simplex import SimplexMesh
 from adaptsize.typing import FloatArray
 
 Outside = Literal["nearest", "nan"]
+AnyBackground: TypeAlias = SimplexMesh | CartesianGrid | Octree
 
 
 def interpolate(

@@ -14,7 +14,7 @@ from adaptsize._checks import as_float_array, as_points
 from adaptsize._kernels.interpolate import Located, interpolate, list_within, locate
 from adaptsize._kernels.trees import new_stack
 from adaptsize.background._curve import along_curve, tree_over
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import FloatArray, IntArray, LongArray
 
 if TYPE_CHECKING:
     from adaptsize.background.simplex import SimplexMesh
@@ -80,6 +80,8 @@ class SimplexLocator:
         points = in_space(mesh.points[nodes] * self.scale)
         # Points and cells that are close in space are stored close in memory.
         along = along_curve(points)
+        #: The node of the mesh in each row of the points of the tree.
+        self.node_of_point = nodes[along].astype(np.int32)
         number = np.zeros(mesh.n_points, np.int32)
         number[nodes[along]] = np.arange(len(nodes), dtype=np.int32)
         #: The tree, whose coordinates are multiplied by ``scale``.
@@ -123,9 +125,7 @@ class SimplexLocator:
             locate(self.tree, full, queries, order[first:last], stack, found)
         return self.cell_of_row[found.cell], found.weights, found.distance / self.scale
 
-    def within(
-        self, points: npt.ArrayLike, reach: npt.ArrayLike
-    ) -> tuple[npt.NDArray[np.int64], IntArray]:
+    def within(self, points: npt.ArrayLike, reach: npt.ArrayLike) -> tuple[LongArray, IntArray]:
         """Return all cells that are at most a given distance away from each point.
 
         Unlike the cell that `nearest` chooses among several, they depend on nothing but the point

@@ -10,13 +10,13 @@ import numpy.typing as npt
 
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.background.topology import components_of
-from adaptsize.typing import FloatArray
+from adaptsize.typing import FloatArray, IndexArray
 
 # Larger coordinates, in units of the distance, are clipped, as their squares would overflow.
 _FARTHEST = 1e150
 
 
-def place_numbers(points: FloatArray, within: float) -> npt.NDArray[np.intp]:
+def place_numbers(points: FloatArray, within: float) -> IndexArray:
     """Return for each point the number of its place, starting from 0.
 
     Two points are in the same place if their distance is at most ``within``, or if a chain of
@@ -46,7 +46,7 @@ def place_numbers(points: FloatArray, within: float) -> npt.NDArray[np.intp]:
     return number
 
 
-def merge_equal_points(points: npt.NDArray[Any]) -> tuple[FloatArray, npt.NDArray[np.intp]]:
+def merge_equal_points(points: npt.NDArray[Any]) -> tuple[FloatArray, IndexArray]:
     """Return the distinct points in order of first appearance, and the number of each.
 
     Points are merged if all coordinates are equal (0 equals -0), not if they are only close.
@@ -69,14 +69,14 @@ def merge_equal_points(points: npt.NDArray[Any]) -> tuple[FloatArray, npt.NDArra
     return exact[first[order]], rank[number]
 
 
-def first_at_place(points: FloatArray, within: float) -> npt.NDArray[np.intp]:
+def first_at_place(points: FloatArray, within: float) -> IndexArray:
     """Return for each point the first point that is in the same place (see `place_numbers`)."""
     number = place_numbers(points, within)
     first = np.unique(number, return_index=True)[1]
     return np.asarray(first[number])
 
 
-def _joined(points: FloatArray, within: float) -> npt.NDArray[np.intp]:
+def _joined(points: FloatArray, within: float) -> IndexArray:
     """Return the component number of each of a set of distinct points."""
     from scipy.spatial import cKDTree
 
@@ -86,7 +86,7 @@ def _joined(points: FloatArray, within: float) -> npt.NDArray[np.intp]:
     return components_of(pairs, len(points))
 
 
-def ordered_by_place(mesh: SimplexMesh) -> tuple[SimplexMesh, npt.NDArray[np.intp]]:
+def ordered_by_place(mesh: SimplexMesh) -> tuple[SimplexMesh, IndexArray]:
     """Return a mesh with its nodes sorted by their coordinates, and its cells by their nodes.
 
     What is computed from it is the same for any order of nodes and cells, bit by bit, unless nodes
@@ -106,21 +106,28 @@ def ordered_by_place(mesh: SimplexMesh) -> tuple[SimplexMesh, npt.NDArray[np.int
     ([[0, 2, 1]], [1, 2, 0])
     """
     nodes = np.lexsort(mesh.points.T[::-1])
-    number = np.empty(mesh.n_points, np.int32)
-    number[nodes] = np.arange(mesh.n_points, dtype=np.int32)
-    cells = number[mesh.cells]
+    ordered = reordered(mesh, nodes)
+    cells = ordered.cells
     if mesh.cell_dim == 2:  # begin with the first node and keep the orientation
         start = cells.argmin(axis=1)[:, None]
         cells = np.take_along_axis(cells, (start + np.arange(3)) % 3, axis=1)
     order = np.lexsort(cells.T[::-1])
-    facets = mesh.tagged_facets
-    ordered = replace(
+    tags = None if mesh.cell_tags is None else mesh.cell_tags[order]
+    return replace(ordered, cells=cells[order], cell_tags=tags), nodes
+
+
+def reordered(
+    mesh: SimplexMesh, nodes: IndexArray, cells: IndexArray | slice = slice(None)
+) -> SimplexMesh:
+    """Return a mesh with its nodes and cells in another order.  Data are dropped."""
+    number = np.empty(mesh.n_points, np.int32)
+    number[nodes] = np.arange(mesh.n_points, dtype=np.int32)
+    return replace(
         mesh,
         points=mesh.points[nodes],
-        cells=cells[order],
-        cell_tags=None if mesh.cell_tags is None else mesh.cell_tags[order],
-        tagged_facets=None if facets is None else number[facets],
+        cells=number[mesh.cells[cells]],
+        cell_tags=None if mesh.cell_tags is None else mesh.cell_tags[cells],
+        tagged_facets=None if mesh.tagged_facets is None else number[mesh.tagged_facets],
         point_data={},
         cell_data={},
     )
-    return ordered, nodes

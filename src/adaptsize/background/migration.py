@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize._checks import refuse_where
 from adaptsize.background.partitioned import PartitionedMesh
@@ -285,7 +284,7 @@ def _joined(pieces: Sequence[Piece]) -> tuple[SimplexMesh | None, Ids]:
     return mesh, keys
 
 
-def _cell_tags(mesh: SimplexMesh) -> npt.NDArray[np.int32]:
+def _cell_tags(mesh: SimplexMesh) -> IntArray:
     return np.zeros(mesh.n_cells, np.int32) if mesh.cell_tags is None else mesh.cell_tags
 
 

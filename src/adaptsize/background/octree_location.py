@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -11,12 +11,11 @@ from adaptsize._checks import as_float_array, as_points
 from adaptsize._kernels.interpolate import interpolate
 from adaptsize._kernels.octree import fill_places, fill_weights
 from adaptsize.background._octree_growth import codes_of
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import FloatArray, IndexArray, IntArray
 
 if TYPE_CHECKING:
     from adaptsize.background.octree import Octree
 
-_Order: TypeAlias = npt.NDArray[np.intp]
 _T = TypeVar("_T", bound=np.generic)
 
 
@@ -127,7 +126,7 @@ class OctreeLocator:
         interpolate(nodes, nodal, np.arange(len(nodes), dtype=np.int32), weights, result)
         return _put_back(order, result), distances
 
-    def _find(self, points: npt.ArrayLike) -> tuple[_Order, FloatArray, IntArray, FloatArray]:
+    def _find(self, points: npt.ArrayLike) -> tuple[IndexArray, FloatArray, IntArray, FloatArray]:
         """Return points as lattice coordinates, their leaves, and their distances.
 
         Coordinates and leaves are in the order along the Z curve that is returned first, so
@@ -145,7 +144,7 @@ class OctreeLocator:
         leaves = np.searchsorted(lattice.starts, codes[order], side="right") - 1
         return order, places[order], leaves.astype(np.int32), distances
 
-    def _weigh(self, points: npt.ArrayLike) -> tuple[_Order, IntArray, FloatArray, FloatArray]:
+    def _weigh(self, points: npt.ArrayLike) -> tuple[IndexArray, IntArray, FloatArray, FloatArray]:
         """Return the result of `weights`, with nodes and weights in the order returned first."""
         order, places, leaves, distances = self._find(points)
         nodes = np.empty((len(leaves), self._octree.dim + 1), np.int32)
@@ -154,7 +153,7 @@ class OctreeLocator:
         return order, nodes, weights, distances
 
 
-def _put_back(order: _Order, values: npt.NDArray[_T]) -> npt.NDArray[_T]:
+def _put_back(order: IndexArray, values: npt.NDArray[_T]) -> npt.NDArray[_T]:
     """Return rows in their order before sorting."""
     result = np.empty_like(values)
     result[order] = values

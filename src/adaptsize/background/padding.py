@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from adaptsize._kernels.fast_marching_grid import Buckets
+from adaptsize.background.grid import strides_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -79,5 +80,4 @@ def unpad(grid: CartesianGrid, padded: FloatArray, width: int = 1) -> FloatArray
 
 def strides_of_padded(grid: CartesianGrid, width: int = 1) -> tuple[int, ...]:
     """Return the steps between neighbours along each axis in the array of `pad`."""
-    n = [m + 2 * width for m in grid.shape]
-    return tuple(int(np.prod(n[a + 1 :])) for a in range(grid.dim))
+    return strides_of([n + 2 * width for n in grid.shape])

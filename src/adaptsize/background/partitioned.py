@@ -17,6 +17,9 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 T = TypeVar("T")
 
+# Relative deviation of values at shared nodes from which on they are different.
+_ROUNDING = 1e-9
+
 
 @dataclass(init=False, frozen=True, eq=False, repr=False)
 class PartitionedMesh:
@@ -283,6 +286,41 @@ class PartitionedMesh:
 
         own: FloatArray = self.ranks.alltoall(self.ranks.agree(split))[0]
         return own
+
+    def require_equal_values(self, name: str, values: FloatArray) -> None:
+        """Raise a ValueError on all ranks if shared nodes have other values on other ranks.
+
+        One reduction.  With weights that depend on the node, its owner adds the value as often as
+        others subtract it.  Deviations below 1e-9 of the sum of all shared values are rounding.
+        """
+        nodes = self.shared.every
+        if self.ranks.size == 1:
+            return
+        others = np.bincount(np.concatenate(self.shared.nodes), minlength=self.n_points)[nodes]
+        count = np.where(self.is_owned[nodes], others, -1.0)
+        mixed = self.global_ids[nodes].astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+        weights = 0.5 + (mixed >> np.uint64(11)) * 2.0**-53
+        finite = np.isfinite(values[nodes])
+        own = np.where(finite, values[nodes], 0.0)
+        sums = np.array(
+            [
+                weights @ (count * own),
+                weights @ (count * ~finite),
+                weights @ np.abs(count * own),
+            ]
+        )
+        balance, of_inf, scale = self.ranks.allreduce(sums, "sum").tolist()
+        if abs(balance) <= _ROUNDING * scale and abs(of_inf) < _ROUNDING * self.n_global_points:
+            return
+        low, high = (self.shared.merge(values, merge) for merge in (np.minimum, np.maximum))
+
+        differ = np.flatnonzero(high > low)
+        text = ""
+        if len(differ):
+            i = differ[0]
+            text = f"{low[i]} and {high[i]} at global node {self.global_ids[i]}"
+        found = next(filter(None, self.ranks.allgather(text)), "others")
+        raise ValueError(f"{name} must be the same on all ranks that hold a node, got {found}")
 
     def on_whole(self, function: Callable[[SimplexMesh], FloatArray]) -> FloatArray:
         """Return nodal values that rank 0 computes on the whole mesh; collective."""

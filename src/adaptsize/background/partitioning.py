@@ -14,7 +14,7 @@ from adaptsize.background._curve import along_curve
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.background.topology import unique_rows
 from adaptsize.ranks import Ids
-from adaptsize.typing import IntArray
+from adaptsize.typing import BoolArray, IntArray
 
 
 class Part(NamedTuple):
@@ -81,9 +81,9 @@ def cut_part(mesh: SimplexMesh, rank_of: IntArray, owner: IntArray, rank: int) -
     return Part(piece, nodes, owner[nodes], cell_ids)
 
 
-def _are_facets(cells: IntArray, facets: IntArray, n: int) -> npt.NDArray[np.bool_]:
+def _are_facets(cells: IntArray, facets: IntArray, n: int) -> BoolArray:
     """Return which facets, given by their nodes with -1 for others, belong to a cell."""
-    inside: npt.NDArray[np.bool_] = np.all(facets >= 0, axis=1)
+    inside: BoolArray = np.all(facets >= 0, axis=1)
     own = [np.delete(cells, v, axis=1) for v in range(cells.shape[1])]
     number = unique_rows(np.concatenate([*own, facets[inside]]), n)[1]
     inside[inside] = np.isin(number[cells.size :], number[: cells.size])

@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize.background._curve import along_curve
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.background.simplex import SimplexMesh
-from adaptsize.ranks import split_rows
-from adaptsize.typing import FloatArray
+from adaptsize.ranks import Communicator, split_rows
+from adaptsize.typing import FloatArray, IntArray, LongArray
+
+# Points that are compared at once with the boxes of the ranks near all of them.
+_CHUNK = 1024
 
 
 def boxes_of(part: PartitionedMesh) -> FloatArray:
     """Return the corners of the boxes of all parts, float64[size, 2, dim]; inf without cells."""
-    box = np.full((2, part.dim), np.inf)
-    if part.mesh is not None:
-        used = part.points[np.unique(part.cells)]
-        box = np.stack([used.min(axis=0), used.max(axis=0)])
-    return np.array(part.ranks.allgather(box))
+    return boxes_around(part.points[np.unique(part.cells)], part.ranks)
+
+
+def boxes_around(points: FloatArray, ranks: Communicator) -> FloatArray:
+    """Return the corners of the boxes around the points of all ranks; inf without points."""
+    box = np.full((2, points.shape[1]), np.inf)
+    if len(points):
+        box = np.stack([points.min(axis=0), points.max(axis=0)])
+    return np.array(ranks.allgather(box))
 
 
 def ask_nearest(
@@ -34,18 +42,11 @@ def ask_nearest(
     The first column of an answer is the distance.  First the part with the nearest box is asked,
     then all those whose boxes are nearer than the distance that it found.
     """
-    away = np.linalg.norm(
-        np.maximum(0.0, np.maximum(boxes[:, 0] - points[:, None], points[:, None] - boxes[:, 1])),
-        axis=2,
-    )
-    away[np.isnan(away)] = np.inf
-    here = away[:, old.ranks.rank] <= away.min(axis=1, initial=np.inf)
-    first = np.where(here, old.ranks.rank, away.argmin(axis=1))
-    every = np.arange(len(points))
-    best = ask_ranks(old, points, every, first, answer)
-    nearer = away < best[:, :1]
-    nearer[every, first] = False
-    which, rank = np.nonzero(nearer)
+    first = _nearest_boxes(points, boxes, old.ranks.rank)
+    best = ask_ranks(old, points, np.arange(len(points)), first, answer)
+    which, rank = ranks_within(points, points, boxes, best[:, 0])
+    others = rank != first[which]
+    which, rank = which[others], rank[others]
     more = ask_ranks(old, points, which, rank, answer)
     order = np.lexsort((rank, more[:, 0], which))[::-1]  # the nearest one, of the lowest rank, last
     which, more = which[order], more[order]
@@ -54,10 +55,62 @@ def ask_nearest(
     return best
 
 
+def _nearest_boxes(points: FloatArray, boxes: FloatArray, own: int) -> LongArray:
+    """Return the rank of the nearest box to each point, this rank if none is nearer."""
+    first = np.empty(len(points), np.int64)
+    for rows in _chunks(points):
+        low, high = points[rows].min(axis=0), points[rows].max(axis=0)
+        gap = _distances(low, high, boxes)
+        # The box nearest to those of all points is at most so far from each of them.
+        near = np.flatnonzero(gap <= gap.min() + np.linalg.norm(high - low))
+        away = _distances(points[rows, None], points[rows, None], boxes[near])
+        here = (away[:, near == own] <= away.min(axis=1, keepdims=True)).any(axis=1)
+        first[rows] = np.where(here, own, near[away.argmin(axis=1)])
+    return first
+
+
+def ranks_within(
+    low: FloatArray, high: FloatArray, boxes: FloatArray, reach: FloatArray
+) -> tuple[LongArray, LongArray]:
+    """Return all pairs of a box and a rank whose box is nearer than a distance, in their order.
+
+    Boxes are compared in chunks along a curve, with the ranks near a chunk, so that neither time
+    nor memory is proportional to the number of boxes times that of ranks.
+
+    Parameters
+    ----------
+    low, high : float64[n, dim]
+    boxes : float64[ranks, 2, dim]
+    reach : float64[n]
+    """
+    pairs = [np.empty((0, 2), np.int64)]
+    for rows in _chunks(low):
+        gap = _distances(low[rows].min(axis=0), high[rows].max(axis=0), boxes)
+        near = np.flatnonzero(gap < reach[rows].max())
+        away = _distances(low[rows, None], high[rows, None], boxes[near])
+        which, place = np.nonzero(away < reach[rows, None])
+        pairs.append(np.column_stack([rows[which], near[place]]))
+    which, rank = np.concatenate(pairs).T
+    order = np.lexsort((rank, which))
+    return which[order], rank[order]
+
+
+def _chunks(points: FloatArray) -> Iterator[IntArray]:
+    order = along_curve(points)
+    for begin in range(0, len(order), _CHUNK):
+        yield order[begin : begin + _CHUNK]
+
+
+def _distances(low: FloatArray, high: FloatArray, boxes: FloatArray) -> FloatArray:
+    """Return the distances between boxes; inf from those without cells."""
+    gaps = np.maximum(0.0, np.maximum(boxes[:, 0] - high, low - boxes[:, 1]))
+    return np.asarray(np.linalg.norm(gaps, axis=-1))
+
+
 def ask_ranks(
     old: PartitionedMesh,
     points: FloatArray,
-    which: npt.NDArray[np.int64],
+    which: LongArray,
     rank: npt.NDArray[Any],
     answer: Callable[[FloatArray], FloatArray],
 ) -> FloatArray:

@@ -8,7 +8,7 @@ from functools import cached_property
 from importlib import import_module
 from math import factorial
 from types import MethodType
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -45,15 +45,26 @@ class Boundary(NamedTuple):
     cells: IntArray
 
 
-class _Conversion(Generic[_Result]):
+#: Packages whose meshes `SimplexMesh.from_object` takes.
+_OTHER_PROGRAMS = {"meshio", "pyvista", "vtkmodules", "trimesh", "skfem", "netgen", "ngsolve"}
+
+
+def as_mesh(value: _Result) -> _Result:
+    """Return the mesh of another program as a SimplexMesh, and anything else as it is."""
+    is_foreign = type(value).__module__.partition(".")[0] in _OTHER_PROGRAMS
+    return cast(_Result, SimplexMesh.from_object(value)) if is_foreign else value
+
+
+class LaterMethod(Generic[_Result]):
     """A method that a module of a higher layer defines, which is imported on its first use."""
 
-    module = "adaptsize._formats.conversion"
+    def __init__(self, module: str = "adaptsize._formats.conversion", name: str = "") -> None:
+        self.module, self.name = module, name
 
     def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
+        self.name = self.name or name
 
-    def __get__(self, mesh: SimplexMesh | None, owner: type) -> Callable[..., _Result]:
+    def __get__(self, mesh: object, owner: type) -> Callable[..., _Result]:
         function: Callable[..., _Result] = getattr(import_module(self.module), self.name)
         bound = owner if self.name.startswith("from_") else mesh
         return function if bound is None else MethodType(function, bound)
@@ -314,10 +325,14 @@ class SimplexMesh(ReadOnlyState):
         )
         return Boundary(mesh, nodes.astype(np.int32), cell.astype(np.int32))
 
-    from_meshio = _Conversion["SimplexMesh"]()
-    from_pyvista = _Conversion["SimplexMesh"]()
-    to_meshio = _Conversion[Any]()
-    to_pyvista = _Conversion[Any]()
+    from_object = LaterMethod["SimplexMesh"]()
+    from_meshio = LaterMethod["SimplexMesh"]()
+    from_pyvista = LaterMethod["SimplexMesh"]()
+    to_meshio = LaterMethod[Any]()
+    to_pyvista = LaterMethod[Any]()
+    to_skfem = LaterMethod[Any]()
+    to_trimesh = LaterMethod[Any]()
+    plot = LaterMethod[Any]("adaptsize.plot", "plot_mesh")
 
     def with_data(
         self,

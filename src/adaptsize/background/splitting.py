@@ -1,16 +1,16 @@
-"""New nodes in the middle of chosen edges of a triangle mesh."""
+"""New nodes in the middle of chosen edges."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.background.topology import are_among, unique_rows
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 
 class SplitMesh(NamedTuple):
@@ -21,21 +21,21 @@ class SplitMesh(NamedTuple):
     mesh : SimplexMesh
         The old nodes, then one per split edge, then those inside triangles; with tags, no
         data.
-    split_edges : npt.NDArray[np.intp]
+    split_edges : IndexArray
         New node k lies in the middle of edge ``split_edges[k]`` of the old mesh.
-    inside : npt.NDArray[np.intp]
+    inside : IndexArray
         The triangle of the old mesh in which each of the last nodes lies.
-    parents : npt.NDArray[np.intp]
+    parents : IndexArray
         The triangle of the old mesh of which each triangle is a part.
     """
 
     mesh: SimplexMesh
-    split_edges: npt.NDArray[np.intp]
-    inside: npt.NDArray[np.intp]
-    parents: npt.NDArray[np.intp]
+    split_edges: IndexArray
+    inside: IndexArray
+    parents: IndexArray
 
 
-def split_edges(mesh: SimplexMesh, chosen: npt.NDArray[np.bool_]) -> SplitMesh:
+def split_edges(mesh: SimplexMesh, chosen: BoolArray) -> SplitMesh:
     """Return triangles with a new node in the middle of each chosen edge.
 
     A triangle is split into 2, 3 or 4 triangles, depending on the number of chosen edges.
@@ -94,9 +94,7 @@ def split_edges(mesh: SimplexMesh, chosen: npt.NDArray[np.bool_]) -> SplitMesh:
     return SplitMesh(new_mesh, where, np.flatnonzero(isosceles), owner)
 
 
-def _have_equal_sides(
-    mesh: SimplexMesh, middles: IntArray, rows: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.bool_]:
+def _have_equal_sides(mesh: SimplexMesh, middles: IntArray, rows: BoolArray) -> BoolArray:
     """Return whether the two edges to be split are of equal length, of some triangles."""
     lengths = np.where(middles[rows] >= 0, mesh.edge_lengths[mesh.cell_facets[rows]], np.nan)
     # Lengths that differ by a smaller share are equal.
@@ -148,10 +146,7 @@ def halved_edges(edges: IntArray, split: IntArray, n_points: int) -> IntArray:
 
 
 def with_short_edges(
-    mesh: SimplexMesh,
-    size: Callable[[FloatArray], FloatArray],
-    share: float,
-    max_cells: float,
+    mesh: SimplexMesh, size: Callable[[FloatArray], FloatArray], share: float, max_cells: float
 ) -> SimplexMesh:
     """Return triangles with edges no longer than a share of the size, split at their middles.
 
@@ -184,14 +179,83 @@ def with_short_edges(
         mesh = split_edges(mesh, long).mesh
 
 
-def _into_two(corners: IntArray, new: IntArray, _: npt.NDArray[np.float64]) -> list[IntArray]:
+def bisect_edges(mesh: SimplexMesh, chosen: BoolArray) -> SplitMesh:
+    """Return cells of any kind, those at some of the chosen edges divided into two.
+
+    Of the chosen edges, those are split that are longest in all of their cells, so that no cell is
+    divided twice.  Chosen edges that remain can be split by further calls.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+    chosen : bool[n_edges]
+        One entry per edge of ``mesh.edges``.
+
+    Returns
+    -------
+    SplitMesh
+        Tags of cells and facets are kept.  No nodes are added inside cells.
+
+    Examples
+    --------
+    >>> mesh = SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
+    >>> bisect_edges(mesh, mesh.edges[:, 0] == 0).mesh.cells.tolist()
+    [[4, 1, 2, 3], [0, 4, 2, 3]]
+    """
+    number = _edge_numbers(mesh, mesh.cells)
+    rank = np.full(len(mesh.edges), -1)
+    rank[np.argsort(-mesh.edge_lengths, kind="stable")] = np.arange(len(mesh.edges))[::-1]
+    rank[~chosen] = -1
+    highest = np.full(len(mesh.edges), -1)
+    np.maximum.at(highest, number, rank[number].max(axis=1)[:, None])
+    where = np.flatnonzero(chosen & (highest == rank))
+    middle = np.full(len(mesh.edges), -1, np.int32)
+    middle[where] = mesh.n_points + np.arange(len(where), dtype=np.int32)
+    cells, owner = _bisected(mesh.cells, middle[number])
+    facets, tags = mesh.tagged_facets, mesh.facet_tags
+    if facets is not None and tags is not None:
+        facets, of_facet = _bisected(facets, middle[_edge_numbers(mesh, facets)])
+        tags = tags[of_facet]
+    new = SimplexMesh(
+        np.concatenate([mesh.points, mesh.points[mesh.edges[where]].mean(axis=1)]),
+        cells,
+        cell_tags=None if mesh.cell_tags is None else mesh.cell_tags[owner],
+        tagged_facets=facets,
+        facet_tags=tags,
+        tag_names=mesh.tag_names,
+    )
+    return SplitMesh(new, where, np.empty(0, np.intp), owner)
+
+
+def _edge_numbers(mesh: SimplexMesh, simplices: IntArray) -> IndexArray:
+    """Return the row in ``mesh.edges`` of each edge of each simplex, in order of `combinations`."""
+    pairs = np.array(list(combinations(range(simplices.shape[1]), 2)))
+    keys = mesh.edges.astype(np.int64) @ np.array([mesh.n_points, 1])  # in increasing order
+    ends = np.sort(simplices[:, pairs], axis=2).astype(np.int64)
+    return np.asarray(np.searchsorted(keys, ends @ np.array([mesh.n_points, 1])))
+
+
+def _bisected(simplices: IntArray, middle: IntArray) -> tuple[IntArray, IndexArray]:
+    """Return simplices with at most one edge each split, and the old number of each.
+
+    ``middle``: the new node on each edge of each simplex, -1 where it is not split.
+    """
+    cut = np.flatnonzero((middle >= 0).any(axis=1))
+    rows, edge = np.arange(len(cut)), (middle[cut] >= 0).argmax(axis=1)
+    pairs = np.array(list(combinations(range(simplices.shape[1]), 2)))
+    halves = [simplices[cut], simplices[cut]]
+    for half, end in zip(halves, pairs[edge].T, strict=True):
+        half[rows, end] = middle[cut, edge]
+    whole = np.setdiff1d(np.arange(len(simplices)), cut)
+    return np.concatenate([simplices[whole], *halves]), np.concatenate([whole, cut, cut])
+
+
+def _into_two(corners: IntArray, new: IntArray, _: FloatArray) -> list[IntArray]:
     a, b, c = corners.T
     return [np.column_stack([a, b, new[:, 0]]), np.column_stack([a, new[:, 0], c])]
 
 
-def _into_three(
-    corners: IntArray, new: IntArray, points: npt.NDArray[np.float64]
-) -> list[IntArray]:
+def _into_three(corners: IntArray, new: IntArray, points: FloatArray) -> list[IntArray]:
     a, b, c = corners.T
     on_ab, on_ca = new[:, 2], new[:, 1]
     # The rest b, c, on_ca, on_ab is a trapezium, cut along its shorter diagonal.
@@ -203,7 +267,7 @@ def _into_three(
     return [np.column_stack([a, on_ab, on_ca]), first, second]
 
 
-def _into_five(corners: IntArray, new: IntArray, _: npt.NDArray[np.float64]) -> list[IntArray]:
+def _into_five(corners: IntArray, new: IntArray, _: FloatArray) -> list[IntArray]:
     a, b, c = corners.T
     centre, on_ca, on_ab = new.T
     around = (on_ab, b, c, on_ca)
@@ -211,7 +275,7 @@ def _into_five(corners: IntArray, new: IntArray, _: npt.NDArray[np.float64]) -> 
     return [np.column_stack(three) for three in [(a, on_ab, on_ca), *pieces]]
 
 
-def _into_four(corners: IntArray, new: IntArray, _: npt.NDArray[np.float64]) -> list[IntArray]:
+def _into_four(corners: IntArray, new: IntArray, _: FloatArray) -> list[IntArray]:
     a, b, c = corners.T
     on_bc, on_ca, on_ab = new.T
     outer = [(a, on_ab, on_ca), (b, on_bc, on_ab), (c, on_ca, on_bc)]

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.ranks import Ids
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import FloatArray, IndexArray, IntArray
 
 
 class Surroundings(NamedTuple):
@@ -92,5 +91,5 @@ def _find_surroundings(part: PartitionedMesh) -> Surroundings:
 def _merged(parts: list[_Cells]) -> _Cells:
     """Return all cells once, in the order of the whole mesh."""
     numbers, nodes, places = (np.concatenate(column) for column in zip(*parts, strict=True))
-    unique: tuple[Ids, npt.NDArray[np.intp]] = np.unique(numbers, return_index=True)
+    unique: tuple[Ids, IndexArray] = np.unique(numbers, return_index=True)
     return _Cells(unique[0], nodes[unique[1]], places[unique[1]])

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from adaptsize._kernels.topology import fill_rings, group_rows
 from adaptsize.background._mesh_arrays import read_only
-from adaptsize.typing import BoolArray, IntArray
+from adaptsize.typing import BoolArray, IndexArray, IntArray, LongArray
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
@@ -36,7 +36,7 @@ def rings(cells: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
     return ring_ptr, ring
 
 
-def unique_rows(rows: npt.NDArray[np.int32], n_points: int) -> tuple[IntArray, IntArray]:
+def unique_rows(rows: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
     """Return the unique sorted rows in lexicographic order, and the number of each row.
 
     Parameters
@@ -89,7 +89,7 @@ def facets_of(cells: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
 
 
 def oriented_facets(
-    cells: IntArray, opposite: npt.NDArray[Any], inverted: npt.NDArray[np.bool_] | None
+    cells: IntArray, opposite: npt.NDArray[Any], inverted: BoolArray | None
 ) -> IntArray:
     """Return the facets opposite to the given vertices, normals out of their cells.
 
@@ -130,7 +130,7 @@ def tags_of_facets(facets: IntArray, tagged: IntArray, tags: IntArray, n_points:
 
 def regions_beside(
     cell_facets: IntArray, regions: IntArray, n_facets: int
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+) -> tuple[LongArray, LongArray]:
     """Return the lowest and the highest region of the cells at each facet, int64[n_facets]."""
     lowest = np.full(n_facets, np.iinfo(np.int32).max, np.int64)
     highest = np.full(n_facets, np.iinfo(np.int32).min, np.int64)
@@ -140,7 +140,7 @@ def regions_beside(
     return lowest, highest
 
 
-def components_of(links: npt.NDArray[Any], n: int) -> npt.NDArray[np.intp]:
+def components_of(links: npt.NDArray[Any], n: int) -> IndexArray:
     """Return the connected component of each of n objects, numbered in the order of the first ones.
 
     Parameters
@@ -156,7 +156,7 @@ def components_of(links: npt.NDArray[Any], n: int) -> npt.NDArray[np.intp]:
     return np.asarray(connected_components(graph, directed=False)[1], np.intp)
 
 
-def pairs_of_cells(mesh: SimplexMesh, facets: BoolArray) -> npt.NDArray[np.intp]:
+def pairs_of_cells(mesh: SimplexMesh, facets: BoolArray) -> IndexArray:
     """Return the corners opposite to chosen facets, each between two cells, intp[n, 2].
 
     Corners are positions in ``mesh.cells.ravel()``.

@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING, Any
 from adaptsize.cli.console import Console
 from adaptsize.cli.files import check_files, draw, nodal_field, print_written, write_mesh
 from adaptsize.cli.options import FIELD, PLOT, Given, Input, MeshOutput, command
-from adaptsize.options import AdaptOptions, SizeOptions, options_of
+from adaptsize.options import AdaptOptions, SizeOptions, TransferOptions, options_of
+from adaptsize.typing import FloatArray, NodalMethod
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
     from adaptsize.adaptation.cycle import AdaptResult
     from adaptsize.background import SimplexMesh
 
@@ -31,6 +29,7 @@ _SIZES = "h"
     ),
     AdaptOptions,
     options_of(SizeOptions)["g"],
+    replace(options_of(TransferOptions)["method"], type=NodalMethod),
     PLOT,
     without="conservative corner_angle anisotropic norm max_aspect how rounds",
 )
@@ -74,7 +73,7 @@ def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> No
     print_written(console, *written)
 
 
-def indicator_of(mesh: SimplexMesh, name: str) -> npt.NDArray[np.float64]:
+def indicator_of(mesh: SimplexMesh, name: str) -> FloatArray:
     """Return the error of each cell: a cell field, or estimated from a nodal field.
 
     Raises

@@ -77,8 +77,10 @@ def info(console: Console, file: Input) -> None:
 def check(console: Console, file: Input, given: Given) -> None:
     """Check a mesh: validity, domain, conformity with its sizes.
 
-    The exit code is 1 if a demand is not met.  The worst places are listed.
+    The exit code is 1 if a demand is not met.  The worst places are listed.  The tolerance is that
+    with which remesh made the mesh, unless another one is given.
     """
+    from adaptsize._formats.provenance import read_provenance
     from adaptsize.quality import check_mesh, size_conformity
     from adaptsize.quality.boundary import skin_of
     from adaptsize.remeshing.preparation import repair_mesh
@@ -87,6 +89,13 @@ def check(console: Console, file: Input, given: Given) -> None:
     with console.steps(2) as steps:
         steps.begin("reading")
         mesh = read_mesh(file)
+        made = read_provenance(file)
+        if made.get("n_cells") == mesh.n_cells and isinstance(made.get("tolerance"), float):
+            given = {"tolerance": made["tolerance"]} | given
+            console.say(
+                f"made by adaptsize {made.get('version')} from {made.get('input')} on "
+                f"{made.get('date')} with the tolerance {made['tolerance']:.3g}"
+            )
         other = None if original is None else repair_mesh(read_mesh(original)).mesh
         if field is None and "h" in mesh.point_data:
             field = "h"

@@ -164,7 +164,7 @@ class Console:
 
     def warn(self, text: str) -> None:
         """Print a warning, unless the same has been printed before."""
-        text = _as_typed(text, self._flags)
+        text = as_typed(text, self._flags)
         if text not in self.warnings:
             self.warnings.append(text)
             self.say(f"warning: {text}")
@@ -176,7 +176,7 @@ class Console:
 
     def fail(self, text: str) -> None:
         """Print an error, also in the JSON object; on several ranks, only keep it."""
-        self._failure = _as_typed(text, self._flags)
+        self._failure = as_typed(text, self._flags)
         if self.world is None:
             self.print_failure()
 
@@ -242,11 +242,15 @@ class Console:
         print(json.dumps(_plain(whole), indent=2, allow_nan=False))
 
 
-def _as_typed(text: str, flags: Mapping[str, str]) -> str:
+def as_typed(text: str, flags: Mapping[str, str]) -> str:
     """Return a message in which options have the names that they have on the command line.
 
     Names that are also words count only before "must", "=" and the like.
     """
+    # As in Python: strict=True, target='triangles'.
+    for name, flag in flags.items():
+        text = re.sub(rf"(?<![\w.-]){name}=True\b", flag, text)
+        text = re.sub(rf"(?<![\w.-]){name}=(['\"])(\w+)\1", rf"{flag} \2", text)
     names = [f"{name}(?= must | = | is in )" if "_" not in name else name for name in flags]
     pattern = rf"(?<![\w.'\"-])(?:{'|'.join(names)})(?!\w|\.\w)"
     return re.sub(pattern, lambda match: flags[match[0]], text) if flags else text

@@ -131,8 +131,8 @@ def check_place(path: Path) -> None:
         raise ValueError(f"{path}: no permission to write")
 
 
-def nodal_field(mesh: SimplexMesh, name: str) -> npt.NDArray[Any]:
-    """Return a nodal field with one number per node.
+def field_of(mesh: SimplexMesh, name: str) -> npt.NDArray[Any]:
+    """Return a nodal field.
 
     Raises
     ------
@@ -142,7 +142,12 @@ def nodal_field(mesh: SimplexMesh, name: str) -> npt.NDArray[Any]:
     if name not in mesh.point_data:
         listed = ", ".join(mesh.point_data) or "none"
         raise ValueError(f"the mesh has no nodal field {name!r}; it has: {listed}")
-    values = np.asarray(mesh.point_data[name])
+    return np.asarray(mesh.point_data[name])
+
+
+def nodal_field(mesh: SimplexMesh, name: str) -> npt.NDArray[Any]:
+    """Return a nodal field with one number per node, or raise a ValueError as `field_of`."""
+    values = field_of(mesh, name)
     if values.ndim == 2 and values.shape[1] == 1:
         values = values[:, 0]
     if values.ndim != 1:
@@ -189,9 +194,7 @@ def write_sizes(
 
 
 def contents(
-    path: Path,
-    background: SimplexMesh | CartesianGrid | Octree,
-    more_fields: tuple[str, ...] = (),
+    path: Path, background: SimplexMesh | CartesianGrid | Octree, more_fields: tuple[str, ...] = ()
 ) -> dict[str, Any]:
     """Return what a written file holds: counts of points and cells, and names of fields."""
     from adaptsize._formats.writers import format_of, surface_of

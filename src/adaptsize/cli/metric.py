@@ -41,21 +41,19 @@ def _check(console: Console, file: Path, output: Path, given: Given, allowed: se
 def _read(file: Path, given: Given) -> tuple[SimplexMesh, Metric]:
     """Return the mesh in a file and the metric at its nodes, within limits of the sizes."""
     from adaptsize._formats.sizes import metric_in
-    from adaptsize.cli.files import read_mesh
+    from adaptsize.cli.files import field_of, read_mesh
     from adaptsize.io import read_metric
 
     mesh, metric = read_mesh(file), given["metric"]
     if Path(metric).suffix.lower() in _FILES:
         found = read_metric(metric)
         found.check_mesh(mesh)
-    elif metric in mesh.point_data:
+    else:
+        values = field_of(mesh, metric)
         try:
-            found = metric_in(mesh.point_data[metric], mesh.dim)
+            found = metric_in(values, mesh.dim)
         except ValueError as error:
             raise ValueError(f"field {metric!r}: {error}") from error
-    else:
-        listed = ", ".join(mesh.point_data) or "none"
-        raise ValueError(f"the mesh has no nodal field {metric!r}; it has: {listed}")
     limits = {name: given[name] for name in ("hmin", "hmax") if name in given}
     return mesh, found.clip(**limits) if limits else found
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -101,6 +103,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> N
 def _remesh_whole(console: Console, file: Path, output: Path, given: Given) -> None:
     """Make a mesh in this process, with sizes that do not depend on the direction."""
     from adaptsize._checks import as_tolerance
+    from adaptsize._formats.provenance import write_provenance
     from adaptsize.domain_size.elements import report_of, tolerance_of
     from adaptsize.domain_size.request import largest_number
     from adaptsize.remeshing.registry import check_installed
@@ -121,12 +124,14 @@ def _remesh_whole(console: Console, file: Path, output: Path, given: Given) -> N
     with console.steps(5) as steps:
         steps.begin("reading")
         mesh = _read(console, file, output, given)
+        options = {name: value for name, value in given.items() if name != "sources"}
         new, size = _made(console, steps, mesh, given)
         found = report_of(size)
         allowed = tolerance_of(found, given.get("tolerance"))
         new = new.with_data(point_data={"h": size(new.points)})
         steps.begin("writing")
         written = write_mesh(output, new)
+        write_provenance(output, _provenance(file, options, as_dict(found), allowed, new))
         steps.begin("checks")
         outcome = outcome_of_remeshing(new, mesh, size, allowed, elements)
         draw(console, "size", plot, new)
@@ -137,11 +142,43 @@ def _remesh_whole(console: Console, file: Path, output: Path, given: Given) -> N
     _print_report(console, outcome, written, None if nodes is None else (new.n_points, nodes))
 
 
+def _provenance(
+    file: Path, options: Given, sizes: Mapping[str, Any], tolerance: float, mesh: SimplexMesh
+) -> dict[str, Any]:
+    """Return what is stored with a mesh, plain values."""
+    from adaptsize import __version__
+
+    numbers = {
+        name: value if math.isfinite(value) else None
+        for name, value in sizes.items()
+        if isinstance(value, float | int)
+    }
+    return {
+        "command": "remesh",
+        "version": __version__,
+        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "input": str(file),
+        "options": {name: str(value) for name, value in options.items()},
+        "tolerance": tolerance,
+        "sizes": numbers,
+        "units": {"length": "unit of the coordinates", "tolerance": "diagonal of the input"},
+        "n_points": mesh.n_points,
+        "n_cells": mesh.n_cells,
+    }
+
+
 def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMesh:
     """Return the mesh in the file, closed if that is requested; refuse what cannot be meshed."""
     from adaptsize.remeshing.driver import check_backend
 
-    mesh, target, close = read_mesh(file), given.get("target", "auto"), given.pop("close", False)
+    mesh, close = read_mesh(file), given.pop("close", False)
+    if "target" not in given and not close and _is_for_surfaces(output, mesh, given):
+        given["target"] = "triangles"
+        console.say(
+            f"{output.name} holds triangles: the surface is remeshed; --target tetrahedra fills it "
+            "and writes the boundary"
+        )
+    target = given.get("target", "auto")
     check_backend(mesh, target, given.get("backend", "auto"))
     if mesh.cell_dim < mesh.dim and target != "triangles":
         allowed = given.get("tolerance", TOLERANCE) * mesh.diagonal
@@ -150,6 +187,17 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
         raise ValueError(f"--close applies to surfaces that become tetrahedra, got {mesh!r}")
     _announce(console, output, mesh, target)
     return mesh
+
+
+def _is_for_surfaces(output: Path, mesh: SimplexMesh, given: Given) -> bool:
+    """Return whether a surface is to be written to a file of triangles, and can be remeshed."""
+    from adaptsize._formats.writers import format_of
+    from adaptsize.remeshing.registry import is_usable
+
+    remeshes = given.get("backend", "auto") == "mmg" or (
+        given.get("backend", "auto") == "auto" and is_usable("mmg")
+    )
+    return format_of(output, None).only_triangles and mesh.cell_dim < mesh.dim == 3 and remeshes
 
 
 def _made(
@@ -234,14 +282,14 @@ def _accepted(
         If the surface is open, or has bodies that overlap or are closer than the tolerance, and
         this is ``strict``.
     """
-    from adaptsize.remeshing.hole_filling import close_holes
+    from adaptsize.remeshing.hole_filling import close_holes, merged_surface
     from adaptsize.remeshing.surface_checks import near_bodies, open_boundary, overlapping_bodies
 
     holes = open_boundary(mesh, tolerance)
     if close and holes is not None:
         closed = close_holes(mesh)
         console.record(closed_boundary=vars(holes))
-        count = closed.n_cells - mesh.n_cells
+        count = closed.n_cells - merged_surface(mesh).n_cells  # STL files repeat triangles
         console.say(f"surface closed by {count} triangles; it had {holes}")
         mesh = closed
     elif holes is not None:

@@ -33,7 +33,13 @@ from adaptsize.cli.options import (
     own,
 )
 from adaptsize.cli.sources import parse_source
-from adaptsize.options import ImageMeshOptions, ImageOptions, SizeFunctionOptions, options_of
+from adaptsize.options import (
+    ImageMeshOptions,
+    ImageOptions,
+    SizeFunctionOptions,
+    checked,
+    options_of,
+)
 
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
@@ -143,7 +149,7 @@ def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -
     """
     from adaptsize.domain_size.images import mesh_image
     from adaptsize.io import read_image
-    from adaptsize.reporting.outcome import outcome_of_mesh
+    from adaptsize.reporting.outcome import outcome_of_image
 
     plot = given.pop("plot", None)
     check_files([file], output, "mesh", plot=plot)
@@ -157,7 +163,8 @@ def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -
         steps.begin("writing")
         written = write_mesh(output, mesh)
         steps.begin("checks")
-        outcome = outcome_of_mesh(mesh)
+        chosen = {name: given[name] for name in options_of(ImageOptions) if name in given}
+        outcome = outcome_of_image(mesh, pixels, checked(ImageOptions, chosen))
         draw(console, "size", plot, mesh)
     console.record(input=str(file), mesh=outcome.as_dict())
     console.print(outcome)

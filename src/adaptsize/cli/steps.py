@@ -37,11 +37,7 @@ class Steps:
     """
 
     def __init__(
-        self,
-        count: int,
-        say: Callable[[str], None],
-        times: list[tuple[str, float]],
-        level: int,
+        self, count: int, say: Callable[[str], None], times: list[tuple[str, float]], level: int
     ) -> None:
         self._count, self._say, self._times = count, say, times
         on_terminal = sys.stderr.isatty()

@@ -5,10 +5,4 @@ from adaptsize.domain_size.complete_size import size_function
 from adaptsize.domain_size.elements import MeshOfElements, remesh_to_elements
 from adaptsize.domain_size.images import mesh_image
 
-__all__ = [
-    "MeshOfElements",
-    "SizeReport",
-    "mesh_image",
-    "remesh_to_elements",
-    "size_function",
-]
+__all__ = ["MeshOfElements", "SizeReport", "mesh_image", "remesh_to_elements", "size_function"]

@@ -15,8 +15,8 @@ from adaptsize.domain_size.by_domain import MeshDomain, SizedDomain
 from adaptsize.domain_size.on_surface import SurfaceDomain, warn_where_missed
 from adaptsize.domain_size.request import Request
 from adaptsize.errors import ResolutionWarning
-from adaptsize.remeshing.estimate import estimate_n_cells
-from adaptsize.sizes.budget import calibration, nodes_of, predicted_elements
+from adaptsize.sizes import predict
+from adaptsize.sizes.budget import calibration
 
 #: A predicted number of elements is close enough if its logarithm is off by less.
 _CLOSE = 0.02
@@ -55,13 +55,15 @@ def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
 
 def _with_fewer_elements(domain: SizedDomain, request: Request) -> tuple[SizeFunction, SizeReport]:
     """Return the size function, relaxed to at most the predicted number of elements allowed."""
-    relaxation, step, before, power = 1.0, 1.0, np.inf, float(domain.dim)
-    for _ in range(9):
+    relaxation, step, before, power, n_flat = 1.0, 1.0, np.inf, float(domain.dim), 0
+    for _ in range(16):
         size, report = _relaxed(domain, request, relaxation)
         n_elements = report.n_elements
         if n_elements <= (1.0 + _CLOSE) * request.max_elements:
             return size, report
-        if request.is_fixed or n_elements > 0.95 * before:
+        # Where a bound no longer grows, hmin does, and exceeds it in the end.
+        n_flat = n_flat + 1 if n_elements > 0.95 * before else 0
+        if request.is_fixed or n_flat == (1 if _given(request) else 6):
             break
         if step > 1.0:  # the last step shows how the number depends on the relaxation
             power = float(np.clip(np.log(before / n_elements) / np.log(step), 1.0, domain.dim))
@@ -70,11 +72,27 @@ def _with_fewer_elements(domain: SizedDomain, request: Request) -> tuple[SizeFun
         relaxation *= step
     warn_caller(
         f"the sizes require about {n_elements:.2g} elements, more than max_elements = "
-        f"{request.max_elements:.3g}, because of the given parameters: relax these or raise "
+        f"{request.max_elements:.3g}: {_what_forbids(request, report)}; relax that or raise "
         "max_elements",
         ResolutionWarning,
     )
     return size, report
+
+
+def _given(request: Request) -> list[str]:
+    """Return the names of the given bounds, which are not relaxed."""
+    names = ("elements_per_radian", "elements_across", "elements_between", "hmin", "hmax")
+    given = [name for name in (*names, "tolerance") if request.options.get(name) is not None]
+    given += ["sources"] if len(request.sources) else []
+    return [*given, "h0"] if request.h0 is not None else given
+
+
+def _what_forbids(request: Request, report: SizeReport) -> str:
+    """Return which bound controls most of the elements, and which parameters are given."""
+    cause = max(report.element_shares, key=lambda name: report.element_shares[name])
+    given = ", ".join(_given(request)) or "none"
+    share = report.element_shares[cause]
+    return f"{cause} controls {share:.0%} of them, given parameters: {given}"
 
 
 def _with_number(
@@ -88,7 +106,7 @@ def _with_number(
     steps: list[tuple[float, float]] = []  # logarithms of relaxation and number over the wanted
     best: tuple[SizeFunction, SizeReport] | None = None
     relaxation, least, slope, n_flat = 1.0, np.inf, -float(domain.dim), 0
-    for _ in range(8):
+    for _ in range(12):
         found = _relaxed(domain, request, relaxation)
         steps.append((np.log(relaxation), np.log(_number(found[1], what) / wanted)))
         off = abs(steps[-1][1])
@@ -100,16 +118,15 @@ def _with_number(
             (x0, y0), (x1, y1) = steps[-2:]
             slope = (y1 - y0) / (x1 - x0)
             n_flat = n_flat + 1 if slope > _LEAST_SLOPE else 0
-            if n_flat == 3:  # the given parameters determine the number
+            if n_flat == (3 if _given(request) else 6):  # the given parameters determine the number
                 break
             slope = min(slope, _LEAST_SLOPE)
         relaxation *= np.exp(np.clip(-steps[-1][1] / slope, -1.5, 1.5))
     assert best is not None
     if least > 0.1:
         warn_caller(
-            f"the sizes require about {_number(best[1], what):.2g} {what} instead of {wanted:.6g}, "
-            "because of the given parameters, or because curvature and narrow regions would get "
-            "less than one element",
+            f"the sizes require about {_number(best[1], what):.2g} {what} instead of {wanted:.6g}: "
+            f"{_what_forbids(request, best[1])}",
             ResolutionWarning,
         )
     return best
@@ -140,18 +157,11 @@ def _predicted(domain: SizedDomain, size: SizeFunction, report: SizeReport) -> t
     The number of nodes is nan where that of the boundary facets is not known.
     """
     if isinstance(domain, SurfaceDomain):
-        surface = size.background
-        assert isinstance(surface, SimplexMesh)
-        inside = domain.samples.estimate(size)
-        facets = predicted_elements(surface, size.values)
-        cells = calibration("mmg", 3) * max(inside, facets)
-        return cells, nodes_of(3, cells, calibration("mmg", 2) * facets)
+        predicted = predict(domain.inside, size, backend="mmg")
+        return predicted.cells, predicted.nodes
     if isinstance(domain, MeshDomain) and isinstance(size.background, SimplexMesh):
         mesh = domain.mesh
-        dim = mesh.cell_dim
-        if dim >= mesh.dim - 1:
-            cells, facets = calibration("mmg", dim) * estimate_n_cells(mesh, size), 0.0
-            if dim > 1 and (mesh.facet_cell_counts == 1).any():
-                facets = calibration("mmg", dim - 1) * estimate_n_cells(mesh.boundary().mesh, size)
-            return cells, nodes_of(dim, cells, facets)
+        if mesh.cell_dim >= mesh.dim - 1:
+            predicted = predict(mesh, size, backend="mmg")
+            return predicted.cells, predicted.nodes
     return calibration("mmg", domain.dim) * report.n_elements, np.nan

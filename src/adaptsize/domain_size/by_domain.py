@@ -7,14 +7,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize._defaults import CORNER_ANGLE
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport, nodal_measures
-from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
+from adaptsize.background.grid import span_of
 from adaptsize.domain_size.on_surface import SurfaceDomain
-from adaptsize.domain_size.request import AnyBackground, Bounds, PointBounds, Request
+from adaptsize.domain_size.request import Bounds, PointBounds, Request
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import Separation
@@ -79,10 +79,7 @@ class LevelSet:
         """
         grid, phi = self.grid, self.phi
         inside = _inside(grid, phi)
-        corners = [
-            axis[np.flatnonzero(inside.any(axis=tuple(set(range(grid.dim)) - {d})))[[0, -1]]]
-            for d, axis in enumerate(grid.axes)
-        ]
+        corners = [axis[ends] for axis, ends in zip(grid.axes, span_of(inside), strict=True)]
         diagonal = float(np.linalg.norm(np.ptp(np.array(corners), axis=1)))
         least = float(grid.spacing.max()) * (2.0 if self.is_image else 1.0)
         bounds = {}
@@ -109,7 +106,7 @@ class LevelSet:
         return _on_grid(phi, Bounds(grid, bounds, limits), request, **options)
 
 
-def _inside(grid: CartesianGrid, phi: FloatArray) -> npt.NDArray[np.bool_]:
+def _inside(grid: CartesianGrid, phi: FloatArray) -> BoolArray:
     inside = phi < 0.0
     if grid.active is not None:
         inside &= grid.active
@@ -240,10 +237,7 @@ class MeshDomain:
             bounds["curvature"] = request.on_curves(radius, mesh.diameter)
         elif request.per_radian > 0.0:  # not the size on the boundary alone: no tolerance
             bounds["curvature"] = size_from_curvature(
-                background,
-                boundary,
-                elements_per_radian=request.per_radian,
-                crease_angle=angle,
+                background, boundary, elements_per_radian=request.per_radian, crease_angle=angle
             )
         if request.across > 0.0:
             width = self._cached.get("width", lambda: self._widths(background, boundary, request))

@@ -10,22 +10,17 @@ import numpy.typing as npt
 from adaptsize._checks import as_float_array, as_plain_array, as_points, check_type, describe
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
-from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background import AnyBackground, CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.image import Image
+from adaptsize.background.simplex import as_mesh
 from adaptsize.domain_size.budget import within_budget
 from adaptsize.domain_size.by_domain import LevelSet, SizedDomain, mesh_domain
 from adaptsize.domain_size.image_mask import distance_to_edge, mask_of
 from adaptsize.domain_size.implicit import ImplicitDomain, octree_around
-from adaptsize.domain_size.request import AnyBackground, Implicit, Request
+from adaptsize.domain_size.request import Implicit, Request
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.implicit_surface import checked as checked_function
-from adaptsize.options import (
-    ImageOptions,
-    SizeFunctionOptions,
-    checked,
-    options_of,
-    with_options,
-)
+from adaptsize.options import ImageOptions, SizeFunctionOptions, checked, options_of, with_options
 from adaptsize.typing import FloatArray, ProgressCallback
 
 if TYPE_CHECKING:
@@ -149,6 +144,7 @@ def _as_domain(
     domain: Domain, background: AnyBackground | None, box: Any, request: Request
 ) -> SizedDomain:
     """Return the domain as one of the supported kinds."""
+    domain = as_mesh(domain)
     is_image = not (isinstance(domain, SimplexMesh | tuple) or callable(domain))
     if not is_image:
         for name in options_of(ImageOptions):
@@ -196,9 +192,7 @@ def _implicit_domain(
     )
 
 
-def _corners_of(
-    box: tuple[npt.ArrayLike, npt.ArrayLike] | None,
-) -> tuple[FloatArray, FloatArray]:
+def _corners_of(box: tuple[npt.ArrayLike, npt.ArrayLike] | None) -> tuple[FloatArray, FloatArray]:
     """Return the checked corners of a box."""
     if box is None:
         raise ValueError(

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_plain_array, describe, refuse_where, warn_caller
 from adaptsize.background import CartesianGrid
+from adaptsize.background.grid import span_of
 from adaptsize.background.image import Image
 from adaptsize.errors import ImageWarning
 from adaptsize.geometry.distance.signed_distance import signed_distance
@@ -135,11 +136,7 @@ def _cut(image: Image, inside: BoolArray, what: str, labels: npt.NDArray[Any] | 
             f"image must have pixels outside the objects, got none: all of {image!r} {what}; "
             "is it inverted?"
         )
-    spans = [
-        np.flatnonzero(inside.any(axis=tuple(set(range(inside.ndim)) - {d})))[[0, -1]]
-        for d in range(inside.ndim)
-    ]
-    first, last = np.array(spans).T + np.array([[0], [1]])
+    first, last = span_of(inside).T + np.array([[0], [1]])
     n_at_border = sum(
         int(np.count_nonzero(np.take(inside, end, axis=d)))
         for d in range(image.dim)

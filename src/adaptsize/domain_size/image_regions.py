@@ -5,12 +5,11 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.domain_size.image_mask import Mask
 from adaptsize.quality import radius_ratios
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 
 # Standard deviation in pixels of the filter between labels that touch; pixels leave no steps.
 _DEVIATION = 1.0
@@ -55,10 +54,10 @@ class Labels:
         """Return the smoothed indicator of a label at points, between 0 and 1."""
         return self.grid.locator.interpolate(self._fields[name], points)[0]
 
-    def at(self, points: FloatArray) -> npt.NDArray[np.int32]:
+    def at(self, points: FloatArray) -> IntArray:
         """Return the label with the largest share at each point."""
         shares = np.stack([self.share(name, points) for name in self.names])
-        found: npt.NDArray[np.int32] = np.array(self.names, np.int32)[shares.argmax(axis=0)]
+        found: IntArray = np.array(self.names, np.int32)[shares.argmax(axis=0)]
         return found
 
     def step_to_interface(self, a: int, b: int, points: FloatArray) -> FloatArray:
@@ -113,7 +112,7 @@ def _with_smooth_interfaces(mesh: SimplexMesh, labels: Labels) -> SimplexMesh:
     return SimplexMesh(points, mesh.cells, cell_tags=mesh.cell_tags)
 
 
-def _nodes_of(mesh: SimplexMesh, cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+def _nodes_of(mesh: SimplexMesh, cells: BoolArray) -> BoolArray:
     marked = np.zeros(mesh.n_points, np.bool_)
     marked[mesh.cells[cells]] = True
     return marked
@@ -177,7 +176,7 @@ def _facets_between(mesh: SimplexMesh, regions: IntArray) -> tuple[IntArray, Int
     return faces[order[first[kept]]], sides
 
 
-def _borders(corners: FloatArray, mask: Mask) -> npt.NDArray[np.int64]:
+def _borders(corners: FloatArray, mask: Mask) -> LongArray:
     """Return for each facet the border of the image on which it lies, 2 d + side, or -1."""
     # The border of an object that leaves the image lies half a pixel beyond the last centre.
     found = np.full(len(corners), -1, np.int64)

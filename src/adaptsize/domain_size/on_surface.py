@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize._checks import warn_caller
 from adaptsize._defaults import CORNER_ANGLE
@@ -16,18 +15,18 @@ from adaptsize._progress import silent
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
-from adaptsize.background.merging import ordered_by_place
+from adaptsize.background.merging import ordered_by_place, reordered
 from adaptsize.background.splitting import SplitMesh, split_edges
 from adaptsize.domain_size.request import Bounds, PointBounds, Request, bound_at_nodes
 from adaptsize.errors import OpenSurfaceWarning, OutsideWarning
 from adaptsize.geometry.faces import Faces, folds_of
 from adaptsize.geometry.separation import FeaturePoints, Separation
 from adaptsize.geometry.width import Width
-from adaptsize.remeshing.estimate import InsideSamples
 from adaptsize.remeshing.surface_checks import overlapping_bodies
+from adaptsize.sizes import Enclosed
 from adaptsize.sizes.curvature import radius_at_curves
 from adaptsize.sizes.sources import BallSource, BoxSource, CurveSource, PointSource
-from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, ProgressCallback
 
 
 @dataclass
@@ -36,7 +35,7 @@ class SurfaceDomain:
 
     mesh: SimplexMesh
     """Its nodes and cells ordered by their places."""
-    nodes: npt.NDArray[np.intp]
+    nodes: IndexArray
     """The node of the given surface at each node."""
     overlaps: bool
     """Whether bodies of the surface overlap, or intersect themselves."""
@@ -58,9 +57,9 @@ class SurfaceDomain:
         return self.mesh.dim
 
     @cached_property
-    def samples(self) -> InsideSamples:
-        """Points inside, where numbers of elements are estimated."""
-        return InsideSamples.of(self.mesh)
+    def inside(self) -> Enclosed:
+        """The solid, to predict the number of elements in it."""
+        return Enclosed(self.mesh)
 
     def limited(self, request: Request) -> tuple[SizeFunction, SizeReport]:
         """Return the limited sizes on a refined copy, and which cause controls them where.
@@ -108,13 +107,7 @@ class SurfaceDomain:
         number = np.arange(mesh.n_points, dtype=np.int32)
         number[: len(self.nodes)] = self.nodes
         place = np.argsort(number)
-        facets = mesh.tagged_facets
-        given = replace(
-            mesh,
-            points=mesh.points[place],
-            cells=number[mesh.cells],
-            tagged_facets=None if facets is None else number[facets],
-        )
+        given = reordered(mesh, place)
         values, cause = size(mesh.points)[place], report.cause[place]
         cause.flags.writeable = False
         bounds = {name: bound[place] for name, bound in report.bounds.items()}
@@ -175,7 +168,7 @@ class _Shape:
         return self.width.nodal(found), places, found.widths[kept] / frame.scale
 
     def widths(
-        self, places: FloatArray, owners: npt.NDArray[np.intp], report: ProgressCallback
+        self, places: FloatArray, owners: IndexArray, report: ProgressCallback
     ) -> FloatArray:
         """Return the width at points in given facets, places in the frame."""
         return self.width.shoot(places, owners, report) / self.faces.frame.scale
@@ -187,7 +180,7 @@ class _Shape:
         return self.separations(nodes.node, nodes, silent, self.faces.mesh.n_points)
 
     def separations(
-        self, at: npt.NDArray[np.intp], which: FeaturePoints, report: ProgressCallback, n: int
+        self, at: IndexArray, which: FeaturePoints, report: ProgressCallback, n: int
     ) -> FloatArray:
         """Return n separations, those at given places in the list and inf elsewhere."""
         nodal = np.full(n, np.inf)
@@ -201,10 +194,10 @@ class _Marked:
 
     edges: IntArray
     """int32[k, 2], rows sorted."""
-    row: npt.NDArray[np.intp]
+    row: IndexArray
     """int[k]: what each lies on."""
 
-    def find(self, edges: IntArray) -> npt.NDArray[np.intp]:
+    def find(self, edges: IntArray) -> IndexArray:
         """Return for each edge, int32[n, 2], what it lies on, else -1."""
         width = 1 + int(max(edges.max(initial=0), self.edges.max(initial=0)))
         keys, known = (rows.astype(np.int64) @ [width, 1] for rows in (edges, self.edges))
@@ -233,7 +226,7 @@ class _Surface:
 
     shape: _Shape
     mesh: SimplexMesh
-    owner: npt.NDArray[np.intp]
+    owner: IndexArray
     """The facet of the given surface of which each triangle is a part."""
     nodal: dict[str, FloatArray]
     """Bounds at the nodes."""
@@ -332,11 +325,7 @@ class _Surface:
         return longer
 
     def _in_new_facets(
-        self,
-        split: SplitMesh,
-        owner: npt.NDArray[np.intp],
-        widths: FloatArray,
-        request: Request,
+        self, split: SplitMesh, owner: IndexArray, widths: FloatArray, request: Request
     ) -> tuple[str, FloatArray, FloatArray]:
         """Return the widths at the centroids of new triangles with a node where none counts.
 
@@ -351,9 +340,7 @@ class _Surface:
         counts = np.isfinite(found)
         return "width", middles[counts], found[counts]
 
-    def _starts(
-        self, split: SplitMesh
-    ) -> tuple[npt.NDArray[np.intp], FloatArray, npt.NDArray[np.intp]]:
+    def _starts(self, split: SplitMesh) -> tuple[IndexArray, FloatArray, IndexArray]:
         """Return new nodes, points in the frame where rays for them start, and their facets.
 
         On the edge between two facets of the given surface, a ray starts beside it on each, at

@@ -13,7 +13,7 @@ from adaptsize._checks import as_limits, as_sizes
 from adaptsize._defaults import MAX_ELEMENTS, TOLERANCE
 from adaptsize._progress import silent
 from adaptsize._size_report import NONE, SizeReport, measure_dim, nodal_measures
-from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
 from adaptsize.limiting import LimitingInfo, limit_gradient
 from adaptsize.limiting.exact import limit_points
 from adaptsize.options import BudgetOptions, SizeFunctionOptions
@@ -24,7 +24,6 @@ from adaptsize.sizes.sources import as_sources
 from adaptsize.typing import FloatArray, ProgressCallback
 
 Implicit: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
-AnyBackground: TypeAlias = SimplexMesh | CartesianGrid | Octree
 #: Bounds at points between the nodes: the name of their cause, float64[k, dim] and float64[k].
 PointBounds: TypeAlias = Sequence[tuple[str, FloatArray, FloatArray]]
 

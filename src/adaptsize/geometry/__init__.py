@@ -8,12 +8,7 @@ from typing import TYPE_CHECKING
 from adaptsize._lazy import lazily
 
 if TYPE_CHECKING:
-    from adaptsize.geometry.curvature import (
-        corner_curvature,
-        crease_curvature,
-        polyline_curvature,
-        surface_curvature,
-    )
+    from adaptsize.geometry.curvatures import curvature
     from adaptsize.geometry.distance.function import SignedDistance
     from adaptsize.geometry.distance.signed_distance import signed_distance
     from adaptsize.geometry.faces import crease_edges, tag_faces
@@ -23,11 +18,8 @@ if TYPE_CHECKING:
     from adaptsize.geometry.width import boundary_width
 
 _HOMES = {
-    "corner_curvature": "curvature",
-    "crease_curvature": "curvature",
     "crease_edges": "faces",
-    "polyline_curvature": "curvature",
-    "surface_curvature": "curvature",
+    "curvature": "curvatures",
     "SignedDistance": "distance.function",
     "signed_distance": "distance.signed_distance",
     "tag_faces": "faces",
@@ -46,15 +38,12 @@ __all__ = [
     "SignedDistance",
     "boundary_separation",
     "boundary_width",
-    "corner_curvature",
-    "crease_curvature",
     "crease_edges",
+    "curvature",
     "feature_size",
     "level_set_curvature",
     "medial_axis",
-    "polyline_curvature",
     "signed_distance",
-    "surface_curvature",
     "tag_faces",
 ]
 

@@ -25,11 +25,22 @@ import numpy.typing as npt
 from adaptsize._kernels import topology as kernels
 from adaptsize._kernels.sight import ANY, NARROW, WIDE
 from adaptsize.background.topology import unique_rows
-from adaptsize.geometry.convexity import FLAT
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
+
+# Distance from a line below which a node is on it, in units of the rounding of the coordinates.
+# Rounding moves a node by at most .71 of these, and so from a straight line by 1.42.
+_ON_LINE = 4.0
+
+# The distance for lines of sight, in units of that one.  Two nodes of a merged wall are each at
+# most one off its line, and a cross product rounds by less than 1.5 of the diagonal times epsilon,
+# which is 4.2 of the units above.
+_SIGHT = 4.0
+
+# A sector narrower than this (radians) surrounds the tip of a slit, whose faces may not coincide.
+_SLIT = 1e-9
 
 
 class FlatBoundary(NamedTuple):
@@ -46,8 +57,7 @@ class FlatBoundary(NamedTuple):
     alias : int32[n_points]
         Representative of each node, if cells join coincident nodes.
     has_flat : bool
-        Whether any cell has no measure, or so little at the boundary that it counts as
-        none.
+        Whether any cell has no measure.
     """
 
     facets: IntArray
@@ -74,6 +84,8 @@ class PlaneBoundary(NamedTuple):
         Nodes at which shortest paths may bend.
     free : bool[c]
         Whether a path may go from one sector of the corner into another.
+    reach : float64[c]
+        Length of the shortest edge of the boundary at the corner.
     slack : float
         Distance from a line below which a point is on the line.
     """
@@ -84,6 +96,7 @@ class PlaneBoundary(NamedTuple):
     sectors: FloatArray
     corners: IntArray
     free: BoolArray
+    reach: FloatArray
     slack: float
 
 
@@ -97,19 +110,20 @@ def flat_boundary(mesh: SimplexMesh, threads: int = 1) -> FlatBoundary:
 
 def _walls(points: FloatArray, cells: IntArray, threads: int, may_merge: bool) -> FlatBoundary:
     n = len(points)
-    sums, flat = _sums(points, cells, threads)
-    if flat and may_merge:
+    sums, found = _sums(points, cells, threads)
+    if found & kernels.HAS_COINCIDENT and may_merge:
         merged, alias = _without_short_edges(points, cells)
-        if alias is not None:
-            return _walls(points, merged, 1, False)._replace(alias=alias, has_flat=True)
+        return _walls(points, merged, 1, False)._replace(alias=alias, has_flat=True)
+    has_flat = bool(found & kernels.HAS_FLAT)
     rows, side, cell = _facets_at(points, cells, sums != 0)
     if len(rows) == 0:  # only folds
-        return FlatBoundary(rows, cell, False, has_flat=flat)
+        return FlatBoundary(rows, cell, False, has_flat=has_flat)
     unique, group = unique_rows(rows, n)
-    if (side == 0).any():
-        flat = True
-        kept = _without_flat_cells(group, side, cell, len(unique))
-        rows, side, cell, group = rows[kept], side[kept], cell[kept], group[kept]
+    if has_flat:
+        removed = np.zeros(len(group), np.bool_)
+        times = np.bincount(group, minlength=len(unique)).astype(np.int32)
+        kernels.remove_flat_cells(group, side, cell, times, removed)
+        rows, side, cell, group = rows[~removed], side[~removed], cell[~removed], group[~removed]
     joined = np.zeros(len(unique), bool)
     joined[group[side == 0]] = True
     left, right = (np.bincount(group[side == s], minlength=len(unique)) for s in (1, -1))
@@ -120,77 +134,48 @@ def _walls(points: FloatArray, cells: IntArray, threads: int, may_merge: bool) -
     flip = left[is_wall] == 0
     facets[flip, :2] = facets[flip, 1::-1]
     is_simple = bool((left + right)[is_wall].max(initial=1) == 1)
-    return FlatBoundary(facets, owner[is_wall], is_simple, has_flat=flat)
+    return FlatBoundary(facets, owner[is_wall], is_simple, has_flat=has_flat)
 
 
-def _sums(points: FloatArray, cells: IntArray, threads: int) -> tuple[npt.NDArray[np.uint64], bool]:
-    """Return the sums of `kernels.sum_facets`, and whether any cell has no measure."""
+def _sums(points: FloatArray, cells: IntArray, threads: int) -> tuple[npt.NDArray[np.uint64], int]:
+    """Return the sums and the result of `kernels.sum_facets`."""
     n, m = len(points), len(cells)
     axes = (0,) * points.shape[1]
     # Smallest number of cells for a second thread.
     if threads == 1 or m < 100_000:
         sums = np.zeros(n, np.uint64)
-        return sums, bool(kernels.sum_facets(points, axes, cells, sums))
+        return sums, int(kernels.sum_facets(points, axes, cells, sums))
     marks = np.linspace(0, m, 4 * threads + 1).astype(int).tolist()
     unused = [np.zeros(n, np.uint64) for _ in range(threads)]
     every = list(unused)
 
-    def add(first: int, last: int) -> bool:
+    def add(first: int, last: int) -> int:
         own = unused.pop()  # there are as many as threads
-        flat = bool(kernels.sum_facets(points, axes, cells[first:last], own))
+        found = int(kernels.sum_facets(points, axes, cells[first:last], own))
         unused.append(own)
-        return flat
+        return found
 
     with ThreadPoolExecutor(threads) as pool:
-        flats = list(pool.map(add, marks[:-1], marks[1:]))
+        results = list(pool.map(add, marks[:-1], marks[1:]))
     sums = every[0]
     for own in every[1:]:
         sums += own
-    return sums, any(flats)
+    return sums, int(np.bitwise_or.reduce(results))
 
 
 def _facets_at(
     points: FloatArray, cells: IntArray, marked: BoolArray
 ) -> tuple[IntArray, npt.NDArray[np.int8], IntArray]:
-    """Return the facets all of whose nodes are marked, once for each of their cells.
-
-    Returns
-    -------
-    facets : int32[f, dim]
-        Nodes.
-    side : int8[f]
-        1 if the normal of the facet, its nodes in ascending order, points out of its cell, -1 if
-        into it, 0 if the cell has no measure.
-    cell : int32[f]
-        Its cell.
-    """
-    dim = cells.shape[1] - 1
-    near = _cells_with(cells, marked, dim)
-    own = cells[near]
-    on = marked[own.T]
-    at, opposite = np.nonzero((on.all(axis=0) | ~on).T)
-    nodes = own[at[:, None], (opposite[:, None] + np.arange(1, dim + 1)) % (dim + 1)]
-    is_odd = nodes[:, 0] > nodes[:, 1]
-    if dim == 3:
-        is_odd ^= (nodes[:, 1] > nodes[:, 2]) ^ (nodes[:, 0] > nodes[:, 2]) ^ (opposite % 2 == 1)
-    measure = _relative_measures(points, own)[at]
-    side = np.where(is_odd != (measure < 0.0), -1, 1).astype(np.int8)
-    # Cells with a smaller ratio of measure to the power of the longest edge have no measure.
-    side[np.abs(measure) < 1e-12] = 0
-    return nodes, side, near[at]
-
-
-def _relative_measures(points: FloatArray, cells: IntArray) -> FloatArray:
-    """Return signed determinants of cells whose longest edge at the first node has length 1."""
-    corners = [points.T[:, nodes] for nodes in cells.T]
-    edges = [corner - corners[0] for corner in corners[1:]]
-    longest = np.sqrt(np.maximum.reduce([np.einsum("ij,ij->j", e, e) for e in edges]))
-    scale = 1.0 / np.where(longest > 0.0, longest, 1.0)
-    a, b, *more = [e * scale for e in edges]
-    if not more:
-        return np.asarray(a[0] * b[1] - a[1] * b[0])
-    normal = [a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3)]
-    return np.asarray(sum(n * c for n, c in zip(normal, more[0], strict=True)))
+    """Return the facets all of whose nodes are marked, as from `kernels.list_facets`."""
+    room = 64 + 8 * int(np.count_nonzero(marked))  # enough but for piles
+    while True:
+        rows = np.empty((room, points.shape[1]), np.int32)
+        side, cell = np.empty(room, np.int8), np.empty(room, np.int32)
+        axes = (0,) * points.shape[1]
+        count = kernels.list_facets(points, axes, cells, marked, rows, side, cell)
+        if count <= room:
+            return rows[:count], side[:count], cell[:count]
+        room = count
 
 
 def _cells_with(cells: IntArray, marked: BoolArray, least: int) -> IntArray:
@@ -203,13 +188,11 @@ def _cells_with(cells: IntArray, marked: BoolArray, least: int) -> IntArray:
     return found[:count]
 
 
-def _without_short_edges(points: FloatArray, cells: IntArray) -> tuple[IntArray, IntArray | None]:
+def _without_short_edges(points: FloatArray, cells: IntArray) -> tuple[IntArray, IntArray]:
     """Return the cells with coincident nodes of a cell merged, and the representatives."""
     parent = np.arange(len(points), dtype=np.int32)
     pairs = [cells[:, [v, w]] for v in range(cells.shape[1]) for w in range(v)]
     short = [rows[(points[rows[:, 0]] == points[rows[:, 1]]).all(axis=1)] for rows in pairs]
-    if not any(map(len, short)):
-        return cells, None
     kernels.join_cells(np.ascontiguousarray(np.concatenate(short)), parent)
     while not np.array_equal(parent, parent[parent]):
         parent = parent[parent]
@@ -219,21 +202,22 @@ def _without_short_edges(points: FloatArray, cells: IntArray) -> tuple[IntArray,
     return np.ascontiguousarray(merged[whole]), parent
 
 
-def _without_flat_cells(
-    group: IntArray, side: npt.NDArray[np.int8], cell: IntArray, n_groups: int
-) -> BoolArray:
-    """Return which rows are left after flat cells with a free facet are removed repeatedly."""
-    kept = np.ones(len(group), bool)
-    while True:
-        times = np.bincount(group[kept], minlength=n_groups)
-        lost = np.unique(cell[kept & (side == 0) & (times[group] == 1)])
-        if len(lost) == 0:
-            return kept
-        kept &= ~((side == 0) & np.isin(cell, lost))
-
-
 def plane_boundary(mesh: SimplexMesh, boundary: FlatBoundary) -> PlaneBoundary:
-    """Return walls, sectors and corners of a mesh of triangles in the plane.
+    r"""Return walls, sectors and corners of a mesh of triangles in the plane.
+
+    Walls on a straight line are merged.  "On a line" is decided by one distance,
+    :math:`\delta = 4 u`, where :math:`u = \epsilon \max |x|` is the rounding of the coordinates:
+    the nodes of a merged wall are within :math:`\delta` of its chord.  The domain is that within
+    the chords, and all the rest follows from them: the sectors of its nodes, and its corners, which
+    are all vertices with an angle above 180 degrees.  So walls that are straight up to coarser
+    noise are polygons, with a corner at every node that points inwards, and what they hide, their
+    corners see.
+
+    *Error.*  A path within the chords becomes one in the domain if its pieces along a chord follow
+    the nodes of the walls instead.  Each of these is at most :math:`\delta` away, so that the
+    path grows by at most :math:`2 \delta` per node that it passes, and vice versa: a size changes
+    by less than :math:`2 \delta g k` if k nodes were merged.  (To first order; along walls of
+    length :math:`\ell` it is :math:`\delta^2 / \ell` per node.)
 
     At a node where one wall enters and one leaves, there is one sector between them.  At other
     nodes the cells are traversed from wall to wall.
@@ -241,31 +225,40 @@ def plane_boundary(mesh: SimplexMesh, boundary: FlatBoundary) -> PlaneBoundary:
     points, (start, end) = mesh.points, boundary.facets.T
     n = mesh.n_points
     nodes = np.unique(boundary.facets).astype(np.int32)
-    # Distances between a point and a line below this share of the diagonal are zero.
-    slack = 1e-11 * float(np.hypot(*np.ptp(points[nodes], axis=0)))
+    tolerance = _ON_LINE * float(np.finfo(float).eps * np.abs(points[nodes]).max())
     regular = np.bincount(start, minlength=n)[nodes] == 1
     regular &= np.bincount(end, minlength=n)[nodes] == 1
     leaving, entering = np.zeros(n, np.int32), np.zeros(n, np.int32)
     leaving[start] = entering[end] = np.arange(len(start))
     i = nodes[regular]
-    ahead, back = points[end[leaving[i]]] - points[i], points[start[entering[i]]] - points[i]
-    owner, cones = i, np.concatenate([_unit(ahead), _unit(back)], axis=1)
+    back, ahead = points[i] - points[start[entering[i]]], points[end[leaving[i]]] - points[i]
+    off = np.abs(back[:, 0] * ahead[:, 1] - back[:, 1] * ahead[:, 0])
+    is_end = np.ones(n, np.bool_)
+    # If this node and both neighbours are within the distance of one chord, it is within twice
+    # the distance of that between the neighbours.
+    near = off <= 2.0 * tolerance * np.hypot(*(back + ahead).T)
+    is_end[i[near & (np.einsum("ij,ij->i", back, ahead) > 0.0)]] = False
+    piece, ends = np.empty(len(start), np.int32), np.empty((len(start), 2), np.int32)
+    count = kernels.merge_walls(points, (start, end, leaving[end]), is_end, tolerance, piece, ends)
+    walls = points[ends[:count]].reshape(-1, 4)
+    along = _unit(walls[:, 2:] - walls[:, :2])[piece]
+    owner, cones = i, np.concatenate([along[leaving[i]], -along[entering[i]]], axis=1)
     if not regular.all():
-        several, fans = _fans(mesh, boundary, nodes[~regular])
+        several, fans = _fans(mesh, boundary, nodes[~regular], along)
         owner, cones = np.concatenate([i, several]), np.concatenate([cones, fans])
     rows, first, sectors, angles = _sectors(n, nodes, owner, cones)
     if boundary.alias is not None:
         rows = rows[boundary.alias]
 
     turn = np.maximum.reduceat(angles, first[:-1])
-    is_end = np.ones(n, np.bool_)
-    is_end[nodes[regular & (np.abs(turn - np.pi) < FLAT)]] = False
-    walls = np.empty((len(start), 4))
-    pieces = (start, end, leaving[end], is_end[start])
-    count = kernels.merge_walls(points, pieces, is_end, slack, walls)
     free = (np.diff(first) != 1) | (sectors[first[:-1], 4] == ANY)
     bends = is_end[nodes] & (free | (turn > np.pi))
-    return PlaneBoundary(walls[:count], rows, first, sectors, nodes[bends], free[bends], slack)
+    reach = np.full(n, np.inf)
+    length = np.hypot(*(points[end] - points[start]).T)
+    np.minimum.at(reach, start, length)
+    np.minimum.at(reach, end, length)
+    corners, slack = nodes[bends], _SIGHT * tolerance
+    return PlaneBoundary(walls, rows, first, sectors, corners, free[bends], reach[corners], slack)
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
@@ -287,16 +280,18 @@ def _sectors(
     cross = cones[:, 0] * cones[:, 3] - cones[:, 1] * cones[:, 2]
     dot = cones[:, 0] * cones[:, 2] + cones[:, 1] * cones[:, 3]
     angles = np.mod(np.arctan2(cross, dot), 2.0 * np.pi)
-    angles[angles < FLAT] = 2.0 * np.pi  # both faces of a slit: a sector has some width
+    angles[angles < _SLIT] = 2.0 * np.pi  # both faces of a slit: a sector has some width
     kinds = np.where(angles > np.pi, WIDE, NARROW)
     kinds[(cones == 0.0).all(axis=1)] = ANY
     return rows, first.astype(np.int32), np.column_stack([cones, kinds]), angles
 
 
 def _fans(
-    mesh: SimplexMesh, boundary: FlatBoundary, nodes: IntArray
+    mesh: SimplexMesh, boundary: FlatBoundary, nodes: IntArray, along: FloatArray
 ) -> tuple[IntArray, FloatArray]:
     """Return the sectors at nodes with several walls: their nodes and cones.
+
+    ``along``: float64[f, 2], the directions of the walls.
 
     A fan of cells begins at a wall and continues through edges that are not walls to the next
     wall.  With folded cells this may fail.  Then all directions are allowed; the walls restrict
@@ -305,8 +300,9 @@ def _fans(
     marked = np.zeros(mesh.n_points, np.bool_)
     marked[nodes] = True
     around = _cells_with(mesh.cells, marked, 1)
-    at_wall = marked[boundary.facets].any(axis=1)
-    walls = {tuple(sorted(pair)) for pair in boundary.facets[at_wall].tolist()}
+    at_wall = np.flatnonzero(marked[boundary.facets].any(axis=1)).tolist()
+    ends = map(tuple, boundary.facets[at_wall].tolist())
+    walls = dict(zip(ends, at_wall, strict=True))
     after: dict[int, dict[int, int]] = {i: {} for i in nodes.tolist()}
     folded = set()
     signed = mesh.signed_measures[around]
@@ -320,9 +316,8 @@ def _fans(
     for i in nodes.tolist():
         pairs = [] if i in folded else _sectors_at(i, after[i], walls)
         for p, q in pairs:
-            arms = _unit(mesh.points[[p, q]] - mesh.points[i])
             owner.append(i)
-            cones.append(arms.ravel())
+            cones.append(np.concatenate([along[walls[i, p]], -along[walls[q, i]]]))
         if not pairs:
             owner.append(i)
             cones.append(np.zeros(4))
@@ -330,19 +325,19 @@ def _fans(
 
 
 def _sectors_at(
-    i: int, after: dict[int, int], walls: set[tuple[int, int]]
+    i: int, after: dict[int, int], walls: dict[tuple[int, int], int]
 ) -> list[tuple[int, int]]:
     """Return the first and last neighbour of each fan around node i; none if inconsistent."""
     pairs = []
     for p, next_to_p in after.items():
-        if (min(i, p), max(i, p)) not in walls:
+        if (i, p) not in walls:
             continue
         q = next_to_p
         for _ in after:
-            if (min(i, q), max(i, q)) in walls or q not in after:
+            if (q, i) in walls or q not in after:
                 break
             q = after[q]
-        if (min(i, q), max(i, q)) not in walls:
+        if (q, i) not in walls:
             return []
         pairs.append((p, q))
     return pairs

@@ -24,7 +24,7 @@ from adaptsize.background.topology import (
     unique_rows,
 )
 from adaptsize.geometry.distance.orientation import MERGE_SHARE, oriented
-from adaptsize.typing import BoolArray, FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 # A triangle whose area is below this share of its longest edge squared has no normal.
 _FLAT_SHARE = 1e-12
@@ -95,9 +95,9 @@ class Faces:
     ----------
     mesh : SimplexMesh
         Oriented: normals outward.  The nodes are those of the given boundary.
-    targets : npt.NDArray[np.intp]
+    targets : IndexArray
         Node into which each node was merged.
-    rows : npt.NDArray[np.intp]
+    rows : IndexArray
         The cell of ``mesh`` for each cell of the given boundary; -1 if it has become
         degenerate.
     face : int32[n_cells]
@@ -112,8 +112,8 @@ class Faces:
     """
 
     mesh: SimplexMesh
-    targets: npt.NDArray[np.intp]
-    rows: npt.NDArray[np.intp]
+    targets: IndexArray
+    rows: IndexArray
     face: IntArray
     features: IntArray
     curve: IntArray
@@ -189,9 +189,7 @@ def _normals_of(corners: FloatArray) -> FloatArray:
     return edges[:, 0, [1, 0, 2]] * [1.0, -1.0, 0.0]
 
 
-def _clean(
-    boundary: SimplexMesh,
-) -> tuple[SimplexMesh, npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+def _clean(boundary: SimplexMesh) -> tuple[SimplexMesh, IndexArray, IndexArray]:
     """Return the oriented boundary, the merged nodes, and its cell for each given one."""
     targets = first_at_place(boundary.points, MERGE_SHARE * boundary.diagonal)
     cells = targets[boundary.cells].astype(np.int32)
@@ -224,7 +222,7 @@ def _clean(
     return replace(mesh, cells=oriented(mesh)[0].cells), targets, of_given
 
 
-def _merged_facets(boundary: SimplexMesh, targets: npt.NDArray[np.intp]) -> IntArray | None:
+def _merged_facets(boundary: SimplexMesh, targets: IndexArray) -> IntArray | None:
     if boundary.tagged_facets is None:
         return None
     merged = targets[boundary.tagged_facets].astype(np.int32)
@@ -233,9 +231,7 @@ def _merged_facets(boundary: SimplexMesh, targets: npt.NDArray[np.intp]) -> IntA
     return merged
 
 
-def _split_line(
-    mesh: SimplexMesh, targets: npt.NDArray[np.intp], rows: npt.NDArray[np.intp], angle: float
-) -> Faces:
+def _split_line(mesh: SimplexMesh, targets: IndexArray, rows: IndexArray, angle: float) -> Faces:
     """Return the faces of segments in the plane; the angle in radians."""
     smooth, one, other = smooth_passages(mesh, angle)
     face = components_of(np.column_stack([one, other]), mesh.n_cells)
@@ -251,9 +247,7 @@ def _split_line(
     return Faces(mesh, targets, rows, of_cells, corners[:, None], curve, is_corner, meets)
 
 
-def _split_surface(
-    mesh: SimplexMesh, targets: npt.NDArray[np.intp], rows: npt.NDArray[np.intp], angle: float
-) -> Faces:
+def _split_surface(mesh: SimplexMesh, targets: IndexArray, rows: IndexArray, angle: float) -> Faces:
     """Return the faces of triangles in space; the angle in radians."""
     normals = normals_of(mesh)
     sharp, is_feature = (f(mesh, normals, angle) for f in (sharp_facets, feature_facets))
@@ -290,7 +284,7 @@ def _all_pairs(around: Lists, which: npt.NDArray[np.integer], n: int) -> Lists:
     return Lists.of(np.concatenate(own), np.concatenate(other), n)
 
 
-def _cells_at_tips(mesh: SimplexMesh, on_feature: BoolArray) -> npt.NDArray[np.intp]:
+def _cells_at_tips(mesh: SimplexMesh, on_feature: BoolArray) -> IndexArray:
     """Return a cell at each tip: a node on no feature edge, with too small a sum of angles."""
     total = np.zeros(mesh.n_points)
     corners = mesh.points[mesh.cells]
@@ -329,7 +323,7 @@ class Passages(NamedTuple):
         The angle between them, in radians.
     """
 
-    nodes: npt.NDArray[np.intp]
+    nodes: IndexArray
     segments: IntArray
     arriving: FloatArray
     leaving: FloatArray
@@ -350,9 +344,7 @@ class Passages(NamedTuple):
         return cls(nodes, segments, arriving, leaving, turn)
 
 
-def smooth_passages(
-    line: SimplexMesh, angle: float
-) -> tuple[npt.NDArray[np.intp], IntArray, IntArray]:
+def smooth_passages(line: SimplexMesh, angle: float) -> tuple[IndexArray, IntArray, IntArray]:
     """Return the nodes where two segments meet and turn by at most an angle, and the segments."""
     passages = Passages.of(line)
     smooth = passages.turn <= angle

@@ -55,28 +55,15 @@ class LevelFrame(NamedTuple):
 
 def gradient_of(
     function: Implicit, points: FloatArray, step: float | FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the function and its gradient, by central differences.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the function, its gradient, and the largest jump of a derivative along an axis.
 
     Parameters
     ----------
     function : callable
     points : float64[n, dim]
     step : float or float64[n]
-    """
-    f, gradient, _ = gradient_and_jump(function, points, step)
-    return f, gradient
-
-
-def gradient_and_jump(
-    function: Implicit, points: FloatArray, step: float | FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the function, its gradient, and the largest jump of a derivative along an axis.
-
-    Parameters
-    ----------
-    function, points, step
-        As for `gradient_of`.
+        Of central differences.
     """
     n, dim = points.shape
     steps = np.broadcast_to(step, n)
@@ -125,7 +112,7 @@ def frame_at(function: Implicit, points: FloatArray, step: float | FloatArray) -
         Of second differences; those of first ones are shorter.
     """
     # Steps of first differences, relative to the steps given for second ones.
-    f, gradient = gradient_of(function, points, (1.0 / 30.0) * np.asarray(step))
+    f, gradient = gradient_of(function, points, (1.0 / 30.0) * np.asarray(step))[:2]
     m, dim = points.shape
     steep = np.linalg.norm(gradient, axis=1)
     normal = gradient / np.maximum(steep, 1e-300)[:, None]
@@ -150,11 +137,7 @@ def frame_at(function: Implicit, points: FloatArray, step: float | FloatArray) -
 
 
 def largest_curvature(
-    function: Implicit,
-    points: FloatArray,
-    step: FloatArray,
-    *,
-    least_step: float,
+    function: Implicit, points: FloatArray, step: FloatArray, *, least_step: float
 ) -> FloatArray:
     """Return the principal curvature of larger modulus at points of the zero level.
 

@@ -11,11 +11,9 @@ from adaptsize._checks import as_flag, as_float_array, as_number, as_whole_numbe
 from adaptsize._kernels.level_sets import fill_level_set_curvature
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid
-from adaptsize.geometry.curvature import MOST_TURNS
+from adaptsize.geometry.curvatures import MOST_TURNS
 from adaptsize.geometry.distance.propagation import frame_of
-from adaptsize.typing import FloatArray, ProgressCallback
-
-_Nodes = npt.NDArray[np.int64]
+from adaptsize.typing import FloatArray, LongArray, ProgressCallback
 
 # A kink by 90 degrees leaves a gradient of 0.71; a circle of a radius of one spacing, 0.75.
 _TOLERANCE = 0.25
@@ -90,7 +88,7 @@ def level_set_curvature(
 
     See Also
     --------
-    adaptsize.geometry.surface_curvature : Curvature of triangulated surfaces.
+    adaptsize.geometry.curvature : Curvature of triangulated surfaces and of lines.
     adaptsize.size_from_curvature : Size from the curvature; also accepts phi.
 
     Notes
@@ -140,7 +138,7 @@ def level_set_curvature(
 def curvature_at_nodes(
     grid: CartesianGrid,
     phi: FloatArray,
-    nodes: _Nodes,
+    nodes: LongArray,
     *,
     gradient_tolerance: float = _TOLERANCE,
     smoothing: int = 0,
@@ -170,7 +168,7 @@ def as_level_set(name: str, value: npt.ArrayLike, grid: CartesianGrid) -> FloatA
     return as_float_array(name, value, grid.shape)
 
 
-def _nodes_within(grid: CartesianGrid, phi: FloatArray, width: float, start: int) -> _Nodes:
+def _nodes_within(grid: CartesianGrid, phi: FloatArray, width: float, start: int) -> LongArray:
     """Return the active nodes of a batch with ``abs(phi) <= width``."""
     part = slice(start, start + _NODES_AT_ONCE)
     wanted = np.abs(phi.ravel()[part]) <= width
@@ -182,7 +180,7 @@ def _nodes_within(grid: CartesianGrid, phi: FloatArray, width: float, start: int
 def _curvature_at(
     grid: CartesianGrid,
     fields: tuple[FloatArray, FloatArray],
-    nodes: _Nodes,
+    nodes: LongArray,
     choice: tuple[float, bool],
 ) -> FloatArray:
     """Return the principal curvatures of the level sets through nodes, float64[m, dim - 1]."""

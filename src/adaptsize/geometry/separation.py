@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize._checks import as_angle
 from adaptsize._defaults import CORNER_ANGLE, CREASE_ANGLE, TOLERANCE
@@ -20,7 +19,7 @@ from adaptsize.background._curve import tree_over
 from adaptsize.background.topology import unique_rows
 from adaptsize.geometry.faces import ANGLE_SLACK, Faces, Lists, sorted_by_place
 from adaptsize.geometry.width import Walls, check_boundary
-from adaptsize.typing import FloatArray, IntArray, ProgressCallback
+from adaptsize.typing import FloatArray, IndexArray, IntArray, ProgressCallback
 
 # A compiled loop cannot be interrupted; one call of it processes this many points.
 _POINTS_PER_CALL = 20_000
@@ -32,15 +31,15 @@ class FeaturePoints(NamedTuple):
     Parameters
     ----------
     places : float64[n, 3]
-    node : npt.NDArray[np.intp]
+    node : IndexArray
         Node of the boundary, -1 inside an edge.
-    edge : npt.NDArray[np.intp]
+    edge : IndexArray
         Row of ``faces.features``: one with the node, or that with the point.
     """
 
     places: FloatArray
-    node: npt.NDArray[np.intp]
-    edge: npt.NDArray[np.intp]
+    node: IndexArray
+    edge: IndexArray
 
 
 class BoundarySeparation(NamedTuple):
@@ -341,8 +340,8 @@ class Separation:
 
 
 def _listed(
-    rows: npt.NDArray[np.intp], first: IntArray, items: IntArray, lists: npt.NDArray[np.intp]
-) -> tuple[npt.NDArray[np.intp], IntArray]:
+    rows: IndexArray, first: IntArray, items: IntArray, lists: IndexArray
+) -> tuple[IndexArray, IntArray]:
     """Return the items of one list for each row, and the row of each item."""
     count = np.diff(first)[lists]
     start = np.cumsum(count) - count
@@ -350,15 +349,10 @@ def _listed(
     return rows[row], items[np.arange(len(row)) - start[row] + first[lists][row]]
 
 
-def _chosen(
-    at_corner: Lists, on_curve: Lists, node: npt.NDArray[np.intp], curve: npt.NDArray[np.intp]
-) -> Lists:
+def _chosen(at_corner: Lists, on_curve: Lists, node: IndexArray, curve: IndexArray) -> Lists:
     """Return for each point the list of its corner, or of its curve if that is not -1."""
     corners, curves = np.flatnonzero(curve < 0), np.flatnonzero(curve >= 0)
-    pairs = [
-        _listed(corners, *at_corner, node[corners]),
-        _listed(curves, *on_curve, curve[curves]),
-    ]
+    pairs = [_listed(corners, *at_corner, node[corners]), _listed(curves, *on_curve, curve[curves])]
     owners, items = (np.concatenate(column) for column in zip(*pairs, strict=True))
     return Lists.of(owners, items, len(node))
 

@@ -21,7 +21,7 @@ from adaptsize.background.location import parts_of
 from adaptsize.background.topology import components_of, pairs_of_cells
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.faces import ANGLE_SLACK, Faces
-from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, LongArray, ProgressCallback
 
 # Distances below this, in units of the longest side of the boundary's box, are rounding.
 SLACK = 1e-9
@@ -122,12 +122,12 @@ class Walls(NamedTuple):
 
     Parameters
     ----------
-    order : npt.NDArray[np.int64]
+    order : LongArray
         Number of the facet in each row.
     tree : kernels.Walls
     """
 
-    order: npt.NDArray[np.int64]
+    order: LongArray
     tree: kernels.Walls
 
     @classmethod
@@ -163,7 +163,7 @@ class Width:
         return Walls.of(self.faces)
 
     @cached_property
-    def _pieces(self) -> npt.NDArray[np.intp]:
+    def _pieces(self) -> IndexArray:
         """The piece of the boundary of each facet, joined over edges of two facets."""
         mesh = self.faces.mesh
         links = pairs_of_cells(mesh, mesh.facet_cell_counts == 2) // (mesh.cell_dim + 1)
@@ -327,16 +327,16 @@ class Samples(NamedTuple):
     ----------
     points : float64[n, 3]
     widths : float64[n]
-    cell : npt.NDArray[np.intp]
+    cell : IndexArray
         Facet of each point.
-    corner : npt.NDArray[np.intp]
+    corner : IndexArray
         Corner next to which each point lies, -1 at centroids.
     """
 
     points: FloatArray
     widths: FloatArray
-    cell: npt.NDArray[np.intp]
-    corner: npt.NDArray[np.intp]
+    cell: IndexArray
+    corner: IndexArray
 
 
 def _inside(weights: FloatArray) -> FloatArray:

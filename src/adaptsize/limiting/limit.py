@@ -19,7 +19,14 @@ from adaptsize._checks import (
 )
 from adaptsize._progress import reporting, silent
 from adaptsize._with_info import with_info
-from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh, SimplexMesh
+from adaptsize.background import (
+    AnyMesh,
+    CartesianGrid,
+    Octree,
+    PartitionedMesh,
+    SimplexMesh,
+)
+from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import ConvergenceWarning
 from adaptsize.limiting import gradient_limit
 from adaptsize.limiting.barth_sethian import PositiveCoefficient
@@ -31,7 +38,8 @@ from adaptsize.limiting.hamilton_jacobi import HamiltonJacobi
 from adaptsize.limiting.in_parts.limit import Request, limit_in_parts
 from adaptsize.limiting.info import LimitingInfo
 from adaptsize.limiting.periodic import Periodicity, as_periodicity
-from adaptsize.limiting.problem import PointBounds, Problem, Scheme
+from adaptsize.limiting.problem import PointBounds, Problem, Scheme, Solution, TooManyCorners
+from adaptsize.limiting.sources import is_equal, is_same
 from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
 
 SCHEMES: dict[str, type[Scheme]] = {
@@ -93,7 +101,10 @@ def limit_gradient(
           to rounding in convex domains and in the plane; see the notes.
         * ``"fast-marching"`` (`FastMarching`) is of first order and monotone, and works on every
           background.  ``FastMarching(order=2)`` is of second order, on grids.
-        * ``"auto"`` takes the exact method where it applies, else fast marching.
+        * ``"auto"`` takes the exact method where it applies, else fast marching.  It also takes
+          fast marching in plane domains with so many corners that the exact method would be
+          many times slower: with c > 256 reflex corners and fewer than c^2 / 40 nodes in a
+          component.  ``info.method`` names the method.
         * ``"positive-coefficient"`` (`PositiveCoefficient`), on meshes, is the iteration of Barth
           and Sethian [2]_.
         * ``"hamilton-jacobi"`` (`HamiltonJacobi`), on grids, is the upwind iteration of [1]_.
@@ -231,7 +242,7 @@ def limit_gradient(
         with reporting(progress) as report:
             found = limit_in_parts(part, check, limit_gradient.with_info, report, wants_info)
         return found[0], cast(LimitingInfo, found[1])
-    domain = _as_domain(background)
+    domain = _as_domain(background := as_mesh(background))
     scheme = as_scheme(method)
     bound = _as_bound("h0", h0, background)
     if np.may_share_memory(bound, h0):
@@ -259,18 +270,19 @@ def limit_gradient(
         # Below h0 it is within the table of the transformation.
         start = np.minimum(_as_bound("initial", start, background), bound)
         start = _forward(start, transform, None)
+    # Only the exact method takes bounds at points.
+    at_any_price = scheme is not None or extra is not None
     if scheme is None:
         scheme = _automatic(domain, slope, cell)
     with reporting(progress) as report:
         u0 = _forward(bound, transform, earlier)
-        problem = Problem(domain, u0, slope, start, extra, cell, report)
+        problem = Problem(domain, u0, slope, start, extra, cell, report, at_any_price)
         _refuse_unsupported(scheme, problem)
         if earlier is not None:
             _refuse_other_calls(earlier, background, scheme, problem, transform)
-        if earlier is not None and earlier.transform is transform:
-            solution = scheme.solve_again(problem, earlier.problem, earlier.solution)
-        else:  # sizes below those of the table have another transformation
-            solution = scheme.solve(problem)
+        # Sizes below those of the table have another transformation.
+        is_warm = earlier is not None and earlier.transform is transform
+        scheme, solution = _solve(scheme, problem, earlier if is_warm else None)
     if solution.unfinished:
         warn_caller(solution.unfinished, ConvergenceWarning)
     # The back transformation rounds.
@@ -278,6 +290,19 @@ def limit_gradient(
     problem = replace(problem, report=silent, initial=None)
     own = solution.h if transform is None else h.copy()
     return h, LimitingInfo(scheme, problem, solution, background, bound, own, transform)
+
+
+def _solve(
+    scheme: Scheme, problem: Problem, earlier: LimitingInfo | None
+) -> tuple[Scheme, Solution]:
+    """Return the scheme that solved the problem, and the solution."""
+    try:
+        if earlier is not None and earlier.method == scheme.name:
+            return scheme, scheme.solve_again(problem, earlier.problem, earlier.solution)
+        return scheme, scheme.solve(problem)
+    except TooManyCorners:
+        scheme = FastMarching()
+        return scheme, scheme.solve(problem)
 
 
 def as_scheme(method: Scheme | str) -> Scheme | None:
@@ -316,7 +341,8 @@ def _refuse_other_calls(
     transform: SizeTransform | None,
 ) -> None:
     """Raise a ValueError if the earlier call differs in more than the bounds."""
-    if earlier.method != scheme.name:
+    automatic = not (earlier.problem.at_any_price or problem.at_any_price)
+    if earlier.method != scheme.name and not automatic:
         raise ValueError(
             f"initial must come from the same method: it is of method={earlier.method!r}, "
             f"this call of method={scheme.name!r}"
@@ -324,11 +350,11 @@ def _refuse_other_calls(
     _refuse_background(earlier, background)
     then, now = earlier.transform, transform
     same = then is now or (then is not None and now is not None and then.is_same_limit(now))
-    if not (same and _equal(earlier.problem.slope.values, problem.slope.values)):
+    if not (same and is_equal(earlier.problem.slope.values, problem.slope.values)):
         raise ValueError("initial must come from a call with the same g, got a different g")
     if earlier.problem.periodic is not None:
         raise ValueError("initial must not come from a call with periodic")
-    for name in ("order", "face_sources", "floor"):
+    for name in () if automatic else ("order", "face_sources", "floor"):
         before, after = getattr(earlier.scheme, name, None), getattr(scheme, name, None)
         if before != after:
             raise ValueError(f"initial must come from a call with {name}={after!r}, got {before!r}")
@@ -338,39 +364,11 @@ def _refuse_background(
     earlier: LimitingInfo, background: SimplexMesh | CartesianGrid | Octree
 ) -> None:
     """Raise a ValueError if the earlier call had another background."""
-    if not _is_same(earlier.background, background):
+    if not is_same(earlier.background, background):
         raise ValueError(
             f"initial must come from the same background: it is of {earlier.background!r}, "
             f"this call of {background!r}; leave it out after remeshing"
         )
-
-
-def _is_same(a: object, b: object) -> bool:
-    """Return whether two backgrounds have the same nodes and cells."""
-    if a is b:
-        return True
-    if isinstance(a, SimplexMesh) and isinstance(b, SimplexMesh):
-        return _equal(a.points, b.points) and _equal(a.cells, b.cells)
-    if isinstance(a, Octree) and isinstance(b, Octree):
-        return (
-            a.root_shape == b.root_shape
-            and _equal(a.lower, b.lower)
-            and _equal(a.upper, b.upper)
-            and _equal(a.levels, b.levels)
-        )
-    if isinstance(a, CartesianGrid) and isinstance(b, CartesianGrid):
-        return (
-            a.shape == b.shape
-            and _equal(a.origin, b.origin)
-            and _equal(a.spacing, b.spacing)
-            and (a.active is None) == (b.active is None)
-            and (a.active is None or _equal(a.active, b.active))
-        )
-    return False
-
-
-def _equal(a: object, b: object) -> bool:
-    return a is b or bool(np.array_equal(a, b))  # type: ignore[arg-type]
 
 
 def _as_domain(

@@ -41,6 +41,13 @@ class Problem:
     point_sources: PointBounds | None = None
     periodic: Periodicity | None = None
     report: ProgressCallback = silent
+    at_any_price: bool = True
+    """Whether the exact method solves domains in which it is slow, instead of raising
+    `TooManyCorners`."""
+
+
+class TooManyCorners(Exception):
+    """The exact method would be much slower than fast marching."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_points
+from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from adaptsize.background import CartesianGrid, Octree, SimplexMesh
     from adaptsize.limiting.exact import ExactSolution
     from adaptsize.limiting.exact.scheme import Part
     from adaptsize.limiting.gradient_limit import SizeTransform
@@ -149,7 +149,12 @@ class SizeSources:
                 member[part.nodes] = True
                 inside = member[heaviest]
             if part.found.proved is None:
-                value[inside] = part.found.field.evaluate(points[inside], bound[inside])
+                places = points[inside]
+                if part.found.field.sight is not None and isinstance(self.background, SimplexMesh):
+                    # Walls hide points that are outside by more than rounding.
+                    corners = self.background.points[around[inside]]
+                    places = np.einsum("ij,ijd->id", weights[inside], corners)
+                value[inside] = part.found.field.evaluate(places, bound[inside])
         return value
 
 
@@ -159,3 +164,32 @@ def _interpolate(values: FloatArray, around: IntArray, weights: FloatArray) -> F
     infinite = np.isinf(nodal).any(axis=1)
     nodal[infinite] = 0.0
     return np.where(infinite, np.inf, np.einsum("ij,ij->i", weights, nodal))
+
+
+def is_same(a: object, b: object) -> bool:
+    """Return whether two backgrounds have the same nodes and cells."""
+    if a is b:
+        return True
+    if isinstance(a, SimplexMesh) and isinstance(b, SimplexMesh):
+        return is_equal(a.points, b.points) and is_equal(a.cells, b.cells)
+    if isinstance(a, Octree) and isinstance(b, Octree):
+        return (
+            a.root_shape == b.root_shape
+            and is_equal(a.lower, b.lower)
+            and is_equal(a.upper, b.upper)
+            and is_equal(a.levels, b.levels)
+        )
+    if isinstance(a, CartesianGrid) and isinstance(b, CartesianGrid):
+        return (
+            a.shape == b.shape
+            and is_equal(a.origin, b.origin)
+            and is_equal(a.spacing, b.spacing)
+            and (a.active is None) == (b.active is None)
+            and (a.active is None or is_equal(a.active, b.active))
+        )
+    return False
+
+
+def is_equal(a: object, b: object) -> bool:
+    """Return whether two arrays are the same or have the same entries."""
+    return a is b or bool(np.array_equal(a, b))  # type: ignore[arg-type]

@@ -7,7 +7,7 @@ import numpy as np
 from adaptsize._checks import as_aspect, as_number, check_type
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize.background import SimplexMesh
-from adaptsize.geometry.curvature import polyline_curvature, sector_curvatures
+from adaptsize.geometry.curvatures import curvature, sector_curvatures
 from adaptsize.geometry.faces import crease_edges
 from adaptsize.metrics.layers import frames
 from adaptsize.metrics.metric import Metric, isotropic_metric
@@ -126,9 +126,9 @@ def _of_edges(surface: SimplexMesh, per_radian: float, crease_angle: float) -> M
     edges = crease_edges(surface, crease_angle=crease_angle)
     if len(edges):
         line = SimplexMesh(surface.points, edges)
-        curvature = polyline_curvature(line, crease_angle=crease_angle)
-        curved = np.flatnonzero(curvature).astype(np.int32)
-        sizes[curved, 0] = 1.0 / (per_radian * curvature[curved])
+        kappa = curvature(line, crease_angle=crease_angle)
+        curved = np.flatnonzero(kappa).astype(np.int32)
+        sizes[curved, 0] = 1.0 / (per_radian * kappa[curved])
         along[curved] = _chords(line, curved)
     return Metric.of(sizes, frames(along))
 

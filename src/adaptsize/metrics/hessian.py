@@ -64,7 +64,7 @@ def metric_from_hessian(
         Limit of the aspect ratio, at least 1.
     backend : str, optional
         If given, ``elements`` is the number that this mesh generator makes, see
-        `adaptsize.sizes.predicted_elements`.  Otherwise it is the number of simplices that are
+        `adaptsize.sizes.predict`.  Otherwise it is the number of simplices that are
         regular in the metric.
 
     Returns

@@ -7,18 +7,12 @@ from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
-from adaptsize._checks import (
-    as_plain_array,
-    as_slope,
-    as_whole_number,
-    check_type,
-    describe,
-)
+from adaptsize._checks import as_plain_array, as_slope, as_whole_number, check_type, describe
 from adaptsize._kernels import metric_limit as kernels
 from adaptsize._kernels.metric_sources import Sources, fill_tree, new_scratch
 from adaptsize._progress import reporting
 from adaptsize._with_info import with_info
-from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background import AnyBackground, CartesianGrid, Octree, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.limiting.exact.field import Workers, boxes_over
@@ -47,7 +41,7 @@ class MetricLimitingInfo:
 
 @with_info
 def limit_metric(
-    background: SimplexMesh | CartesianGrid | Octree,
+    background: AnyBackground,
     metric: Metric,
     g: float,
     *,
@@ -172,11 +166,11 @@ def as_gradient_limit(g: Any) -> float:
     return as_slope("g", g)
 
 
-def _is_plane(background: SimplexMesh | CartesianGrid | Octree) -> TypeGuard[SimplexMesh]:
+def _is_plane(background: AnyBackground) -> TypeGuard[SimplexMesh]:
     return isinstance(background, SimplexMesh) and background.cell_dim == background.dim == 2
 
 
-def _on_active(background: SimplexMesh | CartesianGrid | Octree, sizes: FloatArray) -> FloatArray:
+def _on_active(background: AnyBackground, sizes: FloatArray) -> FloatArray:
     """Return sizes without a bound at the inactive nodes of a grid."""
     if not isinstance(background, CartesianGrid) or background.active is None:
         return sizes

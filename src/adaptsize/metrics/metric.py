@@ -23,7 +23,7 @@ from adaptsize._kernels.metric_joint import MOST
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import SimplexMesh
 from adaptsize.metrics import algebra
-from adaptsize.typing import FloatArray
+from adaptsize.typing import BoolArray, FloatArray
 
 # Largest difference of M from its transpose, relative to M.
 _SKEW = 1e-6
@@ -181,7 +181,7 @@ class Metric(ReadOnlyState):
     def __len__(self) -> int:
         return self.n
 
-    def __getitem__(self, nodes: slice | npt.NDArray[np.int_] | npt.NDArray[np.bool_]) -> Metric:
+    def __getitem__(self, nodes: slice | npt.NDArray[np.int_] | BoolArray) -> Metric:
         """Return the metric at some nodes, given as a slice, or an array of numbers or booleans."""
         return Metric.of(np.atleast_2d(self.sizes[nodes]), self.directions[nodes].reshape(
             -1, self.dim, self.dim
@@ -296,10 +296,7 @@ class Metric(ReadOnlyState):
         return Metric.of(self.sizes * np.reshape(f, (-1, 1)), self.directions)
 
     def clip(
-        self,
-        hmin: float | None = None,
-        hmax: float | None = None,
-        max_aspect: float | None = None,
+        self, hmin: float | None = None, hmax: float | None = None, max_aspect: float | None = None
     ) -> Metric:
         """Return the metric with limits on its sizes and aspect ratio.
 

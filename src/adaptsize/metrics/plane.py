@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse.csgraph import shortest_path
 
 from adaptsize._kernels.metric_sources import Scratch, Sources, fill_entering, new_scratch
@@ -15,7 +14,7 @@ from adaptsize.background._mesh_arrays import read_only
 from adaptsize.geometry.boundary import flat_boundary, plane_boundary
 from adaptsize.geometry.convexity import is_convex
 from adaptsize.limiting.exact.plane import plane_of
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import FloatArray, IntArray, LongArray
 
 # Sources that a corner may see first.
 _GUESSES = 64
@@ -95,7 +94,7 @@ def around_corners(points: FloatArray, sources: Sources, g: float, walls: Walls)
 
 def _entering(
     points: FloatArray, sources: Sources, g: float, corner: int, view: View, scratch: Scratch
-) -> tuple[npt.NDArray[np.int64], FloatArray]:
+) -> tuple[LongArray, FloatArray]:
     """Return sources that a corner sees, without those dominated there, and their distances."""
     distance = np.linalg.norm(sources.x - points[corner], axis=1)
     order = np.argsort(sources.h.max(axis=1) + g * distance, kind="stable")
@@ -111,7 +110,7 @@ def _entering(
     return np.empty(0, np.int64), np.empty(0)
 
 
-def undominated(h: FloatArray, r: FloatArray) -> npt.NDArray[np.int64]:
+def undominated(h: FloatArray, r: FloatArray) -> LongArray:
     """Return the metrics at one place that are nowhere above another one, which is kept."""
     left = np.argsort(np.log(h).sum(axis=1), kind="stable")
     kept = []

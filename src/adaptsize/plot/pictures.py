@@ -17,6 +17,7 @@ from adaptsize._formats.guards import write_whole
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import PlotError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import PictureOptions, ScaledPictureOptions, checked, with_options
@@ -68,8 +69,6 @@ def plot_size(
     ------
     ValueError
         If an argument is bad or ``mesh`` has no field ``h``.
-    ImportError
-        If pyvista is not installed.
     PlotError
         If this machine can draw nothing at all.
 
@@ -120,8 +119,6 @@ def plot_mesh(
     ------
     ValueError
         If an argument is bad, or the mesh has no such field.
-    ImportError
-        If pyvista is not installed.
     PlotError
         If this machine can draw nothing at all.
 
@@ -131,6 +128,7 @@ def plot_mesh(
     >>> plot_mesh(mesh, path="square.png")  # doctest: +SKIP
     """
     picture = _checked(ScaledPictureOptions, options)
+    mesh = as_mesh(mesh)
     check_type("mesh", mesh, SimplexMesh)
     values, on_nodes = _values_to_show(mesh, color)
     label, classes = "radius ratio" if color == "quality" else printable(color), color == "region"
@@ -160,8 +158,6 @@ def plot_causes(report: SizeReport, **options: Unpack[PictureOptions]) -> Image:
     ------
     ValueError
         If an argument is bad.
-    ImportError
-        If pyvista is not installed.
     PlotError
         If this machine can draw nothing at all.
 
@@ -207,8 +203,6 @@ def plot_metric(
     ------
     ValueError
         If an argument is bad.
-    ImportError
-        If pyvista is not installed.
     PlotError
         If this machine can draw nothing at all.
 
@@ -261,8 +255,6 @@ def _checked(record: type, options: Any) -> dict[str, Any]:
                 f"limits must be finite and in ascending order, got {describe(limits)}"
             )
         given["limits"] = low, high
-    if find_spec("pyvista") is None:
-        raise ImportError('pictures need pyvista; install it with: pip install "adaptsize[plot]"')
     return given
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._isolated import environment, isolated
 from adaptsize.plot.scene import CLASS_COLORS, Scene
 
 _WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
@@ -53,14 +55,16 @@ def _render_window() -> str | None:
 def _can_draw(window: str) -> bool:
     chosen = {_WINDOW_VARIABLE: window} if window else {}
     try:
-        child = subprocess.run(
-            [sys.executable, "-c", _PROBE],
-            env={**os.environ, **chosen, "PYTHONFAULTHANDLER": ""},
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            timeout=60.0,
-            check=False,
-        )
+        with tempfile.TemporaryDirectory(prefix="adaptsize-") as folder:
+            child = subprocess.run(
+                isolated(_PROBE),
+                cwd=folder,
+                env={**environment(), **chosen},
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                timeout=60.0,
+                check=False,
+            )
     except (OSError, subprocess.TimeoutExpired):
         return False
     return child.returncode == 0 and child.stdout.strip() == b"drawn"

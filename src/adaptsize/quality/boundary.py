@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize.background import SimplexMesh
+from adaptsize.background.interfaces import interfaces
 from adaptsize.background.topology import components_of
 from adaptsize.geometry.enclosed import enclosed_measure
 from adaptsize.typing import FloatArray
@@ -46,6 +47,31 @@ class Topology(NamedTuple):
 def skin_of(mesh: SimplexMesh) -> SimplexMesh:
     """Return the boundary of cells of full dimension; a surface or curve itself."""
     return mesh.boundary().mesh if mesh.cell_dim == mesh.dim else mesh
+
+
+def interface_distances(mesh: SimplexMesh, original: SimplexMesh) -> list[Distances]:
+    """Return the distances of the interfaces of two meshes from each other, in both directions.
+
+    Interfaces are facets between regions and tagged facets inside of them.  The list is empty if
+    one of the meshes has none.
+    """
+    if mesh.cell_dim < mesh.dim or original.cell_dim < original.dim:
+        return []
+    found = [interfaces(mesh), interfaces(original)]
+    surfaces = [one[0] for one in found if one is not None]
+    if len(surfaces) < 2:
+        return []
+    new, old = surfaces
+    return [distances_from(old, new), distances_from(new, old)]
+
+
+def region_measures(mesh: SimplexMesh) -> dict[int, float]:
+    """Return the volume or area of each region."""
+    if mesh.cell_tags is None:
+        return {}
+    tags, number = np.unique(mesh.cell_tags, return_inverse=True)
+    sums = np.bincount(number.reshape(-1), weights=mesh.measures)
+    return dict(zip(tags.tolist(), sums.tolist(), strict=True))
 
 
 def distances_from(skin: SimplexMesh, other: SimplexMesh) -> Distances:

@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from adaptsize._checks import as_number, as_tolerance, check_type
+from adaptsize._checks import as_number, as_tolerance, check_type, place_text
 from adaptsize.background import SimplexMesh
 from adaptsize.quality.boundary import (
     Distances,
     Topology,
     distances_from,
+    interface_distances,
+    region_measures,
     skin_of,
     topology_of,
 )
@@ -44,7 +46,8 @@ class Demand:
     Attributes
     ----------
     name : str
-        ``"cells"``, ``"facets"``, ``"boundary"``, ``"measure"``, ``"topology"`` or ``"edges"``.
+        ``"cells"``, ``"facets"``, ``"boundary"``, ``"interface"``, ``"regions"``, ``"measure"``,
+        ``"topology"`` or ``"edges"``.
     is_met : bool
     text : str
         What was measured and what is allowed.
@@ -92,8 +95,7 @@ class MeshCheck:
         for demand in self.demands:
             lines.append(f"{demand.name:9} {'ok' if demand.is_met else 'FAILED':7} {demand.text}")
             for place in demand.places:
-                at = ", ".join(f"{x:.6g}" for x in place.point)
-                lines.append(f"{'':18}{place.value:.4g} at ({at})")
+                lines.append(f"{'':18}{place.value:.4g} at {place_text(place.point)}")
         lines += [f"{'note':17} {note}" for note in self.notes]
         return "\n".join(lines)
 
@@ -143,6 +145,10 @@ def check_mesh(
     - *boundary*: each boundary is within the tolerance of the other one, measured at the nodes,
       the midpoints of the edges and the centroids of the facets.  If ``original`` is an open
       surface, only its own distance from the boundary of ``mesh`` counts.
+    - *interface*: the same for facets between regions and tagged facets inside of them, if both
+      meshes have any.
+    - *regions*: both meshes have the same ones, and the volume or area of each has changed by at
+      most the tolerance times its boundary.
     - *measure*: the volume or area is the enclosed one, up to the tolerance times the area of the
       boundary, and up to twice the integral of the distance over the boundary, the larger of the
       two directions.  On parts that generators make, the second is 2 to 300 times stricter.
@@ -218,7 +224,15 @@ def _same_domain(
         away.append(distances_from(skin, old))
     else:
         notes.append("the original is open: only its distance from the mesh is compared")
-    yield _near(away, allowed, original.diagonal, count)
+    yield _near("boundary", away, allowed, original.diagonal, count)
+    if original.cell_dim == original.dim == mesh.cell_dim:
+        inside = interface_distances(mesh, original)
+        if inside:
+            yield _near("interface", inside, allowed, original.diagonal, count)
+        if original.cell_tags is not None and mesh.cell_tags is not None:
+            yield _regions(mesh, original, allowed)
+        elif original.cell_tags is not None:
+            notes.append("regions are not compared: the mesh has none")
     new_topology, old_topology = topology_of(skin), topology_of(old)
     if old_topology is None:
         notes.append("volume and topology are not compared: the original is no closed manifold")
@@ -235,14 +249,36 @@ def _same_domain(
     yield _topology(new_topology, old_topology)
 
 
-def _near(away: list[Distances], allowed: float, diagonal: float, count: int) -> Demand:
+def _near(name: str, away: list[Distances], allowed: float, diagonal: float, count: int) -> Demand:
     points = np.concatenate([found.points for found in away])
     distance = np.concatenate([found.distance for found in away])
     largest = float(distance.max())
     text = f"within {largest / diagonal:.3g} of the diagonal, {allowed / diagonal:.3g} allowed"
     bad = np.flatnonzero(distance > allowed * (1.0 + _ROUNDING))
     worst = bad[np.argsort(-distance[bad])][:count]
-    return Demand("boundary", len(bad) == 0, text, _places(points[worst], distance[worst], count))
+    return Demand(name, len(bad) == 0, text, _places(points[worst], distance[worst], count))
+
+
+def _regions(mesh: SimplexMesh, original: SimplexMesh, allowed: float) -> Demand:
+    new, old = region_measures(mesh), region_measures(original)
+    if new.keys() != old.keys():
+        return Demand("regions", False, f"{_listed(new)}; original: {_listed(old)}")
+    # Changes over the allowed ones.
+    excess, texts = -1.0, ""
+    for tag, measure in old.items():
+        region = SimplexMesh(original.points, original.cells[original.cell_tags == tag])
+        change, most = new[tag] / measure - 1.0, allowed * region.boundary().mesh.measures.sum()
+        share = abs(change) / (most / measure + _ROUNDING)
+        if share > excess:
+            excess = share
+            texts = (
+                f"{tag} changed by {100.0 * change:+.3g}%, {100.0 * most / measure:.3g}% allowed"
+            )
+    return Demand("regions", bool(excess <= 1.0), f"{len(old)}; {texts}")
+
+
+def _listed(regions: dict[int, float]) -> str:
+    return ", ".join(str(tag) for tag in regions) or "none"
 
 
 def _measure(mesh: SimplexMesh, new: Topology | None, old: Topology, allowed: float) -> Demand:

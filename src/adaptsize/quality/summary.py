@@ -9,6 +9,7 @@ import numpy as np
 
 from adaptsize._checks import check_type
 from adaptsize.background import SimplexMesh
+from adaptsize.background.simplex import as_mesh
 from adaptsize.quality.boundary import n_components
 from adaptsize.quality.elements import minimum_angles, radius_ratios
 
@@ -110,6 +111,7 @@ def summarize(mesh: SimplexMesh) -> MeshSummary:
     >>> summary.n_boundary_facets, summary.measure, summary.angle_min
     (4, 1.0, 45.0)
     """
+    mesh = as_mesh(mesh)
     check_type("mesh", mesh, SimplexMesh)
     used = np.unique(mesh.cells)
     cell_tags, facet_tags = _counts(mesh.cell_tags), _counts(mesh.facet_tags)

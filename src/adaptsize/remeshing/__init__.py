@@ -13,7 +13,6 @@ _HOMES = {
     "register_backend": "registry",
     "Backend": "protocol",
     "Problem": "protocol",
-    "estimate_n_cells": "estimate",
     "close_holes": "hole_filling",
     "open_boundary": "surface_checks",
     "OpenBoundary": "surface_checks",

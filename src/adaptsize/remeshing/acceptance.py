@@ -9,7 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptsize._checks import place_text
 from adaptsize.background import SimplexMesh
+from adaptsize.background.interfaces import interfaces
 from adaptsize.errors import (
     BackendError,
     BackendTimeoutError,
@@ -70,7 +72,7 @@ def _refuse_beyond(far: float, distance: float, what: str, problem: Problem, bac
 def warn_of_deviation(
     new: SimplexMesh, old: SimplexMesh, tolerance: float, *, may_be_joined: bool = False
 ) -> None:
-    """Warn if the boundary of a mesh is much farther from the given one than the tolerance.
+    """Warn if boundary or interfaces are much farther from the given ones than the tolerance.
 
     Only nodes are measured.  At any distance, another topology is warned of.  An open surface is
     left out: of that `warn_of_surface` warns.
@@ -94,13 +96,21 @@ def warn_of_deviation(
     # Distances of a boundary over the tolerance that are warned of.  Mmg on a first volume by
     # fTetWild reaches 4 times the tolerance, everything else less.
     far = 4.0 * tolerance
-    deviations = (
+    deviations: tuple[tuple[str, float, FloatArray], ...] = (
         (
             "the mesh misses part of the domain: its boundary is",
             *_farthest(old_skin.points, new, far),
         ),
         ("the boundary of the mesh is", *_farthest(skin.points, old_skin, far)),
     )
+    inside = [interfaces(mesh) for mesh in (new, old) if mesh.cell_dim == mesh.dim]
+    surfaces = [one[0] for one in inside if one is not None]
+    if len(surfaces) == 2:
+        made, given = surfaces
+        deviations += (
+            ("an interface of the mesh is", *_farthest(made.points, given, far)),
+            ("the mesh misses part of an interface: it is", *_farthest(given.points, made, far)),
+        )
     what, distance, where = max(deviations, key=lambda deviation: deviation[1])
     advice = "lower the tolerance if thin parts are lost, or use strict=True"
     if distance == 0.0 and not may_be_joined:
@@ -111,9 +121,9 @@ def warn_of_deviation(
         if not may_be_joined:
             _warn_of_topology(skin, old_skin)
         return
-    place = ", ".join(f"{x:.4g}" for x in where)
+    place = place_text(where, 4)
     warnings.warn(
-        f"{what} {distance:.3g} from the given one at ({place}), where the tolerance is "
+        f"{what} {distance:.3g} from the given one at {place}, where the tolerance is "
         f"{tolerance:.3g}; {advice}",
         BoundaryWarning,
         stacklevel=3,
@@ -240,7 +250,7 @@ def _in_short(text: str) -> str:
 def _worst(check: MeshCheck) -> str:
     """Return the worst place of each demand that is not met."""
     places = [
-        f"{demand.name} at ({', '.join(f'{x:.6g}' for x in demand.places[0].point)})"
+        f"{demand.name} at {place_text(demand.places[0].point)}"
         for demand in check.failures
         if demand.places
     ]

@@ -13,14 +13,16 @@ import numpy.typing as npt
 
 from adaptsize._checks import check_type
 from adaptsize._progress import reporting
+from adaptsize._size_function import SizeFunction
 from adaptsize.background import PartitionedMesh, SimplexMesh
-from adaptsize.errors import BackendError, BackendTimeoutError
+from adaptsize.background.simplex import as_mesh
+from adaptsize.errors import BackendError, BackendTimeoutError, TooManyElementsError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
 from adaptsize.quality import minimum_angles
 from adaptsize.remeshing.acceptance import remesh_strictly, routes, warn_of_deviation
-from adaptsize.remeshing.estimate import estimate_n_cells, estimate_n_enclosed, refuse_too_many
 from adaptsize.remeshing.first_volume import first_volume
+from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.in_parts import remesh_parts
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.preparation import (
@@ -39,7 +41,9 @@ from adaptsize.remeshing.sizing import (
     known_points,
     mean_size,
 )
+from adaptsize.remeshing.surface import facets_of, refine_facets, refine_surface
 from adaptsize.remeshing.surface_checks import warn_of_surface
+from adaptsize.sizes import Enclosed, predict
 from adaptsize.typing import ProgressCallback
 
 if TYPE_CHECKING:
@@ -58,6 +62,9 @@ _SECONDS_PER_CELL = 1e-3
 #: tolerance is far too small for the sizes.
 _LONGEST = 60.0
 _LONGEST_PER_CELL = 0.02
+#: Points in a surface at which sizes are evaluated to find out whether there are too many elements.
+_GUARD_POINTS = 1000
+_NO_RIDGES = np.empty((0, 2), np.int32)
 
 
 @with_options(RemeshOptions)
@@ -163,6 +170,7 @@ def remesh(
     ...
     adaptsize.errors.TooManyElementsError: the sizes require about 2.31e+10 elements, ...
     """
+    mesh = as_mesh(mesh)
     check_type("mesh", mesh, SimplexMesh, PartitionedMesh)
     given = mesh.ranks.agree(lambda: checked(RemeshOptions, options))
     if isinstance(mesh, PartitionedMesh):
@@ -193,14 +201,21 @@ def remesh(
     may_be_joined = task == "surface to tetrahedra" and warn_of_surface(repaired.mesh, allowed)
     frame = Frame.around(repaired.mesh)
     required = as_required(required_facets, mesh, repaired)
+    own, ridges, own_size = frame.mesh(repaired.mesh), _NO_RIDGES, frame.size(wanted)
+    # Only Mmg rounds what it is given.
+    if chosen.name == "mmg" and task in ("tetrahedra", "surface") and required is None:
+        is_plain = task == "surface" and own.is_closed and own.tagged_facets is None
+        refined = refine_surface if is_plain else refine_facets
+        own, ridges = refined(own, own_size, tolerance * own.diagonal)
     problem = replace(
-        as_problem(task, frame.mesh(repaired.mesh), tolerance, required),
-        size=frame.size(wanted),
+        as_problem(task, own, tolerance, required),
+        size=own_size,
+        ridges=ridges,
         size_nodes=frame.to_own(known_points(sizes, mesh.dim)),
         metric=None if metric is None else frame.metric(metric),
     )
-    n_cells = _estimate(problem)
-    refuse_too_many(n_cells, given["max_elements"])
+    n_cells = _known_number(mesh, size) or _estimate(problem)
+    _refuse_too_many(n_cells, given["max_elements"])
     problem = replace(problem, seconds=_LONGEST + _LONGEST_PER_CELL * n_cells)
     with reporting(progress) as report:
         timeout = given["timeout"]
@@ -210,6 +225,8 @@ def remesh(
             new = _filled(problem, chosen, run, n_cells)
         else:
             new = restore(chosen.solve(problem, run), problem, chosen.name)
+            if new.cell_dim == 3 and metric is None and required is None:
+                new = _improved(new, problem)
     made = frame.restored(new, repaired.mesh)
     warn_of_deviation(made, repaired.mesh, allowed, may_be_joined=may_be_joined)
     return made
@@ -224,10 +241,10 @@ def check_backend(mesh: SimplexMesh, target: str = "auto", backend: str = "auto"
 
 
 def _filled(problem: Problem, chosen: Backend, run: IsolatedRunner, n_cells: float) -> SimplexMesh:
-    """Return the tetrahedra in a surface, adapted from a first volume.
+    """Return the tetrahedra in a surface, adapted from a first volume and improved.
 
-    If cells are flat, fTetWild fills the surface with the same sizes, and the mesh with the larger
-    smallest angle is returned.  It also does if the generator fails on the first volume.
+    If cells are still flat, fTetWild fills the surface with the same sizes, and the mesh with the
+    larger smallest angle is returned.  It also does if the generator fails on the first volume.
     """
     assert problem.size is not None
     first = first_volume(problem, problem.size, run)
@@ -242,7 +259,7 @@ def _filled(problem: Problem, chosen: Backend, run: IsolatedRunner, n_cells: flo
     )
     new, angle, failure = None, -np.inf, None
     try:
-        new = restore(chosen.solve(inner, run), inner, chosen.name)
+        new = _improved(restore(chosen.solve(inner, run), inner, chosen.name), problem)
         angle = float(minimum_angles(new).min())
     except BackendTimeoutError:
         raise
@@ -253,7 +270,7 @@ def _filled(problem: Problem, chosen: Backend, run: IsolatedRunner, n_cells: flo
         return new
     try:
         raw = backend_named("tetwild").solve(problem, replace(run, backend="tetwild"))
-        other = restore(raw, problem, "tetwild")
+        other = _improved(restore(raw, problem, "tetwild"), problem)
     except BackendError as error:
         if new is None:
             raise failure or error from None
@@ -261,12 +278,32 @@ def _filled(problem: Problem, chosen: Backend, run: IsolatedRunner, n_cells: flo
     return other if new is None or float(minimum_angles(other).min()) > angle else new
 
 
+def _improved(new: SimplexMesh, problem: Problem) -> SimplexMesh:
+    return improved(new, facets_of(problem.mesh), problem.ridges, problem.tolerance)
+
+
+def _known_number(mesh: SimplexMesh, size: object) -> float | None:
+    """Return the number that was predicted with the sizes, if they are those of this surface."""
+    if not isinstance(size, SizeFunction) or size.report is None or mesh.cell_dim == mesh.dim:
+        return None
+    nodes = size.background.points[: mesh.n_points]  # of its refined copy, the given ones first
+    return size.report.n_elements if np.array_equal(nodes, mesh.points) else None
+
+
 def _estimate(problem: Problem) -> float:
     """Return the estimated number of cells."""
     assert problem.size is not None
-    if problem.task == "surface to tetrahedra":
-        return estimate_n_enclosed(problem.mesh, problem.size)
-    return estimate_n_cells(problem.mesh, problem.size)
+    if problem.task != "surface to tetrahedra":
+        return predict(problem.mesh, problem.size).cells
+    return predict(Enclosed(problem.mesh, _GUARD_POINTS), problem.size).cells
+
+
+def _refuse_too_many(estimate: float, max_elements: float) -> None:
+    if estimate > max_elements:
+        raise TooManyElementsError(
+            f"the sizes require about {estimate:.3g} elements, more than "
+            f"max_elements = {max_elements:.3g}; increase the sizes or raise max_elements"
+        )
 
 
 def _check_metric(task: Task, *, strict: bool) -> None:

@@ -19,6 +19,12 @@ from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.surface import THINNEST, refine_surface, remove_slivers, sliver_height
 from adaptsize.typing import IntArray
 
+#: Mmg's ``hausd`` over the tolerance in the two runs on a surface.  Mmg divides edges whose middle
+#: is farther than that from the tangent planes at their ends, which is twice the distance from an
+#: arc.  With ``hausd`` the tolerance, it divides all edges longer than the bound that
+#: `size_function` takes from curvature.
+_HAUSD = (2.0, 1.2)
+
 
 @dataclass(frozen=True)
 class FirstVolume:
@@ -104,13 +110,13 @@ def adapt_surface(
     regions, tags = number_regions(surface)
     none = np.empty(0, np.int32)
     facets = Facets(none.reshape(0, 2), none, none.astype(bool), none.astype(np.int64), False)
-    # The tolerance is lower, since the volume is adapted afterwards.
-    problem = Problem("surface", surface, 0.8 * tolerance, facets, regions, tags, ridges=ridges)
+    problem = Problem("surface", surface, tolerance, facets, regions, tags, ridges=ridges)
     made, options = job_of(problem)
     factor = 1.0
-    # The first run, on triangles of all shapes, makes far too many.  The second one corrects that.
-    # Both take a tenth of the time that the volume takes.
-    for _ in range(2):
+    # The first run, on triangles of all shapes, makes too many, and the more the smaller its
+    # ``hausd``.  The second one corrects that.
+    for hausd in _HAUSD:
+        options["hausd"] = hausd * tolerance
         sizes = factor * size(made["points"])
         made = run_adapt(made, sizes, options, run, "adapting the surface with Mmg")
         if len(made["cells"]) == 0:

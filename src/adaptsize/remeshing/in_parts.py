@@ -26,9 +26,11 @@ from adaptsize.background.migration import (
     number_nodes,
 )
 from adaptsize.background.partitioned import PartitionedMesh
+from adaptsize.background.requests import boxes_of, ranks_within
 from adaptsize.errors import BackendError
 from adaptsize.options import RemeshOptions
 from adaptsize.quality import minimum_angles
+from adaptsize.ranks import split_rows
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 # Parts are divided anew in the end if one has more cells than the mean times this.
@@ -58,6 +60,7 @@ def remesh_parts(
     h = ranks.agree(check)
     by_name = {name: given[name] for name in ("how", "rounds", "tolerance")}
     ranks.require_equal(**by_name)
+    part.require_equal_values("size", h)
     if given["how"] == "gather" or ranks.size == 1:
         new, places = _gathered(part, h, remesh), np.empty((0, part.dim))
     else:
@@ -76,7 +79,7 @@ def _gathered(part: PartitionedMesh, sizes: FloatArray, remesh: Remesh) -> Parti
 def _by_parts(
     part: PartitionedMesh, sizes: FloatArray, remesh: Remesh, given: RemeshOptions
 ) -> tuple[PartitionedMesh, FloatArray]:
-    """Return the mesh, and the nodes and middles of all interfaces of the rounds but the last."""
+    """Return the mesh, and the nodes and middles of the interfaces that this rank has frozen."""
     work, h = part, sizes
     places: list[FloatArray] = []
     for number in range(given["rounds"]):
@@ -92,7 +95,7 @@ def _by_parts(
         work = _stitched(work, made, frozen)
     if max(work.ranks.allgather(work.n_cells)) * work.ranks.size > _IMBALANCE * work.n_global_cells:
         work = migrate(work, balanced(work))
-    return work, np.concatenate(part.ranks.allgather(np.concatenate(places)))
+    return work, np.concatenate(places)
 
 
 def _remeshed(
@@ -197,17 +200,33 @@ def interface_quality(part: PartitionedMesh, h: npt.ArrayLike) -> InterfaceQuali
     >>> interface_quality(fine, np.full(fine.n_points, 0.1)).everywhere.share_in_band > 0.8
     True
     """
-    from scipy.spatial import cKDTree
-
     check_type("part", part, PartitionedMesh)
     h = part.ranks.agree(lambda: as_sizes("h", h, part.nodal_shape))
-    places = part.once("_former_interfaces", lambda: np.empty((0, part.dim)))
-    near = np.zeros(part.n_cells, bool)
-    if part.mesh is not None and len(places):
-        centroids = part.points[part.cells].mean(axis=1)
-        near = cKDTree(places).query(centroids)[0] < 2.0 * h[part.cells].mean(axis=1)
     every = np.ones(part.n_cells, bool)
-    return InterfaceQuality(_quality(part, h, every), _quality(part, h, near))
+    return InterfaceQuality(_quality(part, h, every), _quality(part, h, _at_interfaces(part, h)))
+
+
+def _at_interfaces(part: PartitionedMesh, h: FloatArray) -> BoolArray:
+    """Return which cells have their centroid within two sizes of an interface; collective.
+
+    Each rank knows the interfaces of the parts it had.  They go to the ranks whose cells they may
+    be near.
+    """
+    from scipy.spatial import cKDTree
+
+    own = part.once("_former_interfaces", lambda: np.empty((0, part.dim)))
+    reach = 2.0 * h[part.cells].mean(axis=1)
+    boxes = boxes_of(part)
+    widest = np.array(part.ranks.allgather(float(reach.max(initial=0.0))))
+    boxes += np.array([-1.0, 1.0])[:, None] * widest[:, None, None]
+    which, rank = ranks_within(own, own, boxes, np.full(len(own), np.nextafter(0.0, 1.0)))
+    sent = split_rows(own[which], rank, part.ranks.size)
+    places = np.concatenate(part.ranks.alltoallv(sent))
+    near = np.zeros(part.n_cells, bool)
+    if part.n_cells and len(places):
+        centroids = part.points[part.cells].mean(axis=1)
+        near = cKDTree(places).query(centroids)[0] < reach
+    return near
 
 
 def _quality(part: PartitionedMesh, h: FloatArray, chosen: BoolArray) -> Quality:

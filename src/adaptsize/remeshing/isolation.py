@@ -27,9 +27,10 @@ from typing import Any, NoReturn
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._isolated import environment
+from adaptsize._supervisor import supervised
 from adaptsize.errors import BackendError, BackendTimeoutError
 
-_SUPERVISOR = "adaptsize._supervisor"
 #: The messages of the generators; they are silent unless its level is DEBUG.
 _LOGGER = logging.getLogger("adaptsize.remeshing")
 #: Codes that colour the text of a terminal.
@@ -100,9 +101,9 @@ class IsolatedRunner:
     ) -> int:
         with open(folder / "log.txt", "wb") as log:
             child = subprocess.Popen(
-                [sys.executable, "-m", _SUPERVISOR, str(os.getpid()), str(folder)],
+                supervised(folder),
                 cwd=folder,
-                env=_environment(),
+                env=environment(),
                 stdin=subprocess.PIPE,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -160,16 +161,6 @@ def _log_messages(backend: str, log: Path) -> None:
         for line in log.read_text(encoding="utf-8", errors="replace").splitlines():
             if line.strip():
                 _LOGGER.debug("%s: %s", backend, line.strip())
-
-
-def _environment() -> dict[str, str]:
-    """Return the environment of a child that can import what this process can import.
-
-    Its output is not buffered, in the C library either: it ends without cleanup, or by a signal.
-    """
-    paths = [os.path.abspath(path) for path in sys.path]  # "" is the working directory
-    own = {"PYTHONPATH": os.pathsep.join(paths), "PYTHONFAULTHANDLER": "", "PYTHONUNBUFFERED": "1"}
-    return {**os.environ, **own}
 
 
 def _own_group() -> dict[str, Any]:

@@ -51,6 +51,8 @@ RIDGE_ANGLE = {"MmgMesh3D": 30.0, "MmgMesh2D": 20.0, "MmgMeshS": 30.0}
 #: with sizes too large for the tolerance, it was up to 1.5 times ``hausd`` on circles.  With a
 #: factor of 1.6 it was up to 7 times, and with .7 a notch of coarse arcs was rounded farther.
 _TOLERANCE_FACTOR = {"MmgMesh3D": 1.0, "MmgMesh2D": 1.3, "MmgMeshS": 1.0}
+#: Factor of ``hausd`` for a volume whose surface has the requested sizes already.
+_ADAPTED_FACTOR = 1.2
 #: Mmg reads sizes at the nodes of its input mesh.  If that is coarse, they are read again on the
 #: new mesh.
 #: Mmg does not change edges within sqrt 2 of the requested length.  If this shifts the median,
@@ -80,6 +82,8 @@ class MmgBackend(Backend):
         """Return the adapted mesh with its regions and groups of facets."""
         assert problem.size is not None
         made, options = job_of(problem)
+        if problem.is_adapted:  # as in the runs on the surface, see `first_volume`
+            options["hausd"] *= _ADAPTED_FACTOR
         best, best_share = made, -1.0
         # From a first volume with a surface of the requested sizes, edges come out shorter by this
         # factor.
@@ -161,7 +165,7 @@ def run_adapt(
     new = run(
         "adaptsize.remeshing.mmg:adapt",
         text,
-        {**made, "sizes": sizes},
+        {**made, "sizes": sizes, "corners": _corners(made, options)},
         {**options, "hgrad": hgrad},
     )
     # The result is checked as a whole later, but its edges are measured before.
@@ -253,13 +257,8 @@ def adapt(
         if required.any():
             set_required = getattr(mesh, f"set_required_{facet_name}")
             set_required(np.flatnonzero(required).astype(np.int32))
-    if options["class"] == "MmgMesh2D":
-        corners = np.union1d(
-            np.intersect1d(arrays["facets"][required], arrays["facets"][~required]),
-            _nodes_to_keep(arrays, options["hausd"] / _TOLERANCE_FACTOR["MmgMesh2D"]),
-        )
-        if len(corners):
-            mesh.set_corners(corners.astype(np.int32))
+    if len(arrays["corners"]):
+        mesh.set_corners(arrays["corners"])
     if len(ridges):
         mesh.set_edges(np.ascontiguousarray(ridges), np.full(len(ridges), _RIDGE, np.int32))
         mesh.set_ridge_edges(np.arange(len(ridges), dtype=np.int32))
@@ -277,25 +276,64 @@ def adapt(
     return _result(mesh, cell_name, facet_name, first_group, options["n_groups"])
 
 
+def _corners(
+    made: Mapping[str, npt.NDArray[Any]], options: Mapping[str, Any]
+) -> npt.NDArray[np.int32]:
+    """Return the nodes at which curves must not be rounded.
+
+    These are the ends of required edges in the plane, and nodes of the boundary, of feature edges
+    and of edges between groups where a smooth curve would bulge too far.
+    """
+    kind, ends = options["class"], np.empty(0, np.int32)
+    curves = made["facets"]
+    if kind == "MmgMesh2D":
+        required = np.isin(made["facet_groups"], options["required_groups"])
+        ends = np.intersect1d(curves[required], curves[~required])
+    else:
+        curves = _curves(made, kind)
+    tolerance = options["hausd"] / _TOLERANCE_FACTOR[kind]
+    kept = _nodes_to_keep(made["points"], curves, tolerance)
+    return np.union1d(ends, kept).astype(np.int32)
+
+
+def _curves(made: Mapping[str, npt.NDArray[Any]], kind: str) -> npt.NDArray[np.int32]:
+    """Return the edges in space that Mmg keeps on curves, int32[n, 2]."""
+    from adaptsize.background import SimplexMesh
+    from adaptsize.background.topology import are_among, regions_beside
+    from adaptsize.geometry.faces import normals_of, sharp_facets
+
+    names = ("cells", "regions") if kind == "MmgMeshS" else ("facets", "facet_groups")
+    triangles, groups = (made[name] for name in names)
+    surface = SimplexMesh(made["points"], triangles)
+    lowest, highest = regions_beside(surface.cell_facets, groups, len(surface.facets))
+    kept = sharp_facets(surface, normals_of(surface), np.radians(RIDGE_ANGLE[kind]))
+    kept |= (lowest != highest) | are_among(surface.edges, made["ridges"])
+    return np.asarray(surface.edges[kept])
+
+
 def _nodes_to_keep(
-    arrays: Mapping[str, npt.NDArray[Any]], tolerance: float
+    points: FloatArray, curves: npt.NDArray[np.integer], tolerance: float
 ) -> npt.NDArray[np.intp]:
-    """Return the nodes of edges in the plane at which a smooth curve would bulge too far.
+    """Return the nodes of two edges at which a smooth curve would bulge too far.
 
     A smooth curve through the ends of an edge of length l bulges by about l a / 8 if its direction
-    turns by the angle a on the way to the next edge.
+    turns by the angle a on the way to the next edge.  Nodes of other numbers of edges are kept by
+    Mmg.
     """
-    ends = arrays["points"][arrays["facets"]]
-    along = ends[:, 1] - ends[:, 0]
-    length = np.linalg.norm(along, axis=1)
-    nodes = arrays["facets"].ravel()
+    nodes = curves.ravel()
     order = np.argsort(nodes, kind="stable")
-    first = np.flatnonzero(np.diff(nodes[order]) == 0)
-    one, other = order[first] // 2, order[first + 1] // 2
-    sine = np.abs(along[one, 0] * along[other, 1] - along[one, 1] * along[other, 0])
-    angle = sine / np.maximum(length[one] * length[other], np.finfo(float).tiny)
-    bulge = angle * np.maximum(length[one], length[other]) / 8.0
-    return np.asarray(nodes[order[first]][bulge > 0.2 * tolerance])
+    number, first, count = np.unique(nodes[order], return_index=True, return_counts=True)
+    first = first[count == 2]
+    (one, at_one), (other, at_other) = (np.divmod(order[first + k], 2) for k in (0, 1))
+    middle = points[number[count == 2]]
+    arriving = middle - points[curves[one, 1 - at_one]]
+    leaving = points[curves[other, 1 - at_other]] - middle
+    lengths = np.linalg.norm([arriving, leaving], axis=2)
+    cosine = np.einsum("ij,ij->i", arriving, leaving) / np.maximum(
+        lengths.prod(axis=0), np.finfo(float).tiny
+    )
+    bulge = np.arccos(np.clip(cosine, -1.0, 1.0)) * lengths.max(axis=0) / 8.0
+    return np.union1d(number[count > 2], number[count == 2][bulge > 0.2 * tolerance])
 
 
 def _references(numbers: npt.NDArray[Any], first: int) -> npt.NDArray[np.int32]:

@@ -16,10 +16,17 @@ from scipy.sparse import coo_matrix, csr_matrix
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.flipping import flip_edges
-from adaptsize.background.splitting import halved_edges, split_edges
-from adaptsize.background.topology import are_among, is_tagged, pairs_of_cells, renumbered_edges
+from adaptsize.background.splitting import bisect_edges, halved_edges, split_edges
+from adaptsize.background.topology import (
+    are_among,
+    edges_of,
+    is_tagged,
+    pairs_of_cells,
+    renumbered_edges,
+)
 from adaptsize.geometry.faces import folds_of, normals_of, sharp_facets
 from adaptsize.remeshing.mmg import RIDGE_ANGLE
+from adaptsize.remeshing.preparation import collect_facets, number_regions
 from adaptsize.remeshing.sizing import Size
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -57,7 +64,8 @@ def refine_surface(
     height = sliver_height(mesh, size, thinnest * tolerance)
     mesh, _ = _without_slivers(mesh, height)
     mesh = _with_better_facets(mesh)
-    kept = _edges_to_keep(mesh, tolerance)
+    # Mmg makes cells too small beside ridges that are closer than the sizes, so that they are few.
+    kept = _edges_to_keep(mesh, 0.5 * tolerance)
     while True:
         middles = mesh.points[mesh.edges].mean(axis=1)
         # Edges are divided until they are four sizes long, or there are too many triangles.
@@ -69,6 +77,57 @@ def refine_surface(
         mesh, new_node = _without_slivers(split.mesh, height)
         kept = renumbered_edges(kept, new_node)
         mesh = _with_better_facets(mesh)
+
+
+def refine_facets(mesh: SimplexMesh, size: Size, tolerance: float) -> tuple[SimplexMesh, IntArray]:
+    """Return the same mesh with shorter edges on its facets, and those that must not be rounded.
+
+    A generator fits smooth surfaces through boundary and interfaces.  Between coarse facets these
+    bulge by more than the tolerance, which makes an inclusion larger.  Edges where they would do so
+    are ridges.  They and the facets beside them are divided until their edges are at most two sizes
+    long, because Mmg has no normals at both ends of a ridge between corners and bends such facets.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Tetrahedra, or triangles in space, whose edges are not divided.
+    size : callable
+    tolerance : float
+        Allowed distance, in the unit of the coordinates.
+
+    Returns
+    -------
+    SimplexMesh
+        With tags, its first nodes those of ``mesh``.
+    int32[n, 2]
+        Edges that must not be rounded, rows sorted.
+    """
+    surface = facets_of(mesh)
+    kept = _edges_to_keep(surface, 0.25 * tolerance)
+    while mesh.cell_dim == 3:
+        beside = np.isin(surface.cells, kept).any(axis=1)
+        long = are_among(mesh.edges, edges_of(surface.cells[beside], mesh.n_points))
+        long[long] = mesh.edge_lengths[long] > 2.0 * size(
+            mesh.points[mesh.edges[long]].mean(axis=1)
+        )
+        if not long.any():
+            break
+        split = bisect_edges(mesh, long)
+        kept = halved_edges(kept, mesh.edges[split.split_edges], mesh.n_points)
+        mesh = split.mesh
+        surface = facets_of(mesh)
+    return mesh, _ridges(surface, kept, size)
+
+
+def facets_of(mesh: SimplexMesh) -> SimplexMesh:
+    """Return boundary, interfaces and tagged facets of tetrahedra; triangles themselves.
+
+    The cell tags number groups of facets with the same tag between the same regions.
+    """
+    if mesh.cell_dim == 2:
+        return mesh
+    found = collect_facets(mesh, number_regions(mesh)[0], None)
+    return SimplexMesh(mesh.points, found.nodes, cell_tags=found.groups)
 
 
 def sliver_height(mesh: SimplexMesh, size: Size, height: float) -> float:
@@ -95,8 +154,8 @@ def _with_better_facets(mesh: SimplexMesh) -> SimplexMesh:
     return flip_edges(mesh, np.concatenate([folds.bent, folds.sharp]))
 
 
-def _edges_to_keep(mesh: SimplexMesh, tolerance: float) -> IntArray:
-    """Return the edges, not sharp, at which a smooth surface would bulge too far.
+def _edges_to_keep(mesh: SimplexMesh, bulge: float) -> IntArray:
+    """Return the edges, not sharp, at which a smooth surface would bulge farther.
 
     A smooth surface through the corners of a triangle of height l bulges by about l a / 8 if its
     normal turns by the angle a on the way to the next triangle.
@@ -106,9 +165,7 @@ def _edges_to_keep(mesh: SimplexMesh, tolerance: float) -> IntArray:
     one, other = normals.facet_cells[bent].T
     sine = np.linalg.norm(np.cross(normals.normals[one], normals.normals[other]), axis=1)
     height = 2.0 * np.maximum(normals.areas[one], normals.areas[other]) / mesh.edge_lengths[bent]
-    # Mmg rounds the triangles at an edge that is not a feature edge.  They may bulge by this share
-    # of the tolerance.
-    return np.asarray(mesh.edges[bent][sine * height / 8.0 > 0.25 * tolerance])
+    return np.asarray(mesh.edges[bent][sine * height / 8.0 > bulge])
 
 
 def _ridges(mesh: SimplexMesh, kept: IntArray, size: Size) -> IntArray:

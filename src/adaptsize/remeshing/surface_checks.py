@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number
+from adaptsize._checks import as_number, place_text
 from adaptsize._kernels.crossings import find_crossings, new_crossings
 from adaptsize.background import SimplexMesh
 from adaptsize.background.location import parts_of
@@ -58,9 +58,9 @@ class OverlappingBodies:
             many = len(itself) > 1
             verb = "intersect themselves" if many else "intersects itself"
             parts.append(f"{'bodies' if many else 'body'} {_listed(itself)} {verb}")
-        place = ", ".join(f"{x:.4g}" for x in self.place)
+        place = place_text(self.place, 4)
         crossing = f": {self.n_crossing} triangles cross others" if self.n_crossing > 0 else ""
-        return f"{' and '.join(parts)}{crossing}, by up to {self.depth:.3g} at ({place})"
+        return f"{' and '.join(parts)}{crossing}, by up to {self.depth:.3g} at {place}"
 
 
 def overlapping_bodies(surface: SimplexMesh) -> OverlappingBodies | None:
@@ -218,13 +218,13 @@ class OpenBoundary:
 
     def __str__(self) -> str:
         """Return counts and the largest hole."""
-        place = ", ".join(f"{x:.4g}" for x in self.place)
+        place = place_text(self.place, 4)
         edges = f"{self.n_edges} open edge" + ("s" if self.n_edges > 1 else "")
         if self.n_loops == 0:
-            return f"{edges} around ({place})"
+            return f"{edges} around {place}"
         loops = f"{self.n_loops} loop" + ("s" if self.n_loops > 1 else "")
         largest = "the largest " if self.n_loops > 1 else ""
-        return f"{edges} in {loops}, {largest}{self.length:.4g} long around ({place})"
+        return f"{edges} in {loops}, {largest}{self.length:.4g} long around {place}"
 
 
 @dataclass(frozen=True)
@@ -240,13 +240,13 @@ class NearBodies:
 
     def __str__(self) -> str:
         """Return the number of pairs, and the distance and place of the closest one."""
-        place = ", ".join(f"{x:.4g}" for x in self.place)
+        place = place_text(self.place, 4)
         pairs = (
             "1 pair of bodies is only"
             if self.n_pairs == 1
             else (f"{self.n_pairs} pairs of bodies are down to")
         )
-        return f"{pairs} {self.distance:.3g} apart at ({place})"
+        return f"{pairs} {self.distance:.3g} apart at {place}"
 
 
 def open_boundary(surface: SimplexMesh, within: float = 0.0) -> OpenBoundary | None:

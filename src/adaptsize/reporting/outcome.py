@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from adaptsize._checks import place_text
+
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
     from adaptsize.background import SimplexMesh
+    from adaptsize.background.image import Image
+    from adaptsize.options import ImageOptions
     from adaptsize.quality import Conformity
+
+
+#: Cells with smaller angles, in degrees, draw a warning.
+_SHARP = 10.0
 
 
 def kind_of(mesh: SimplexMesh) -> str:
@@ -32,6 +40,15 @@ class Outcome:
     """Allowed distance of the boundary over the diagonal."""
     change: float | None = None
     """Relative change of the area or volume; None if the old mesh encloses none."""
+    interface: float | None = None
+    """Distance of the interfaces between regions over the diagonal; None if there are none."""
+    regions: dict[int, tuple[float, float]] = field(default_factory=dict)
+    """Area or volume of each region, and its relative change."""
+    sharp: tuple[int, tuple[float, ...]] = (0, ())
+    """Number of cells with an angle below 10 degrees, and the place of the worst."""
+    pinched: tuple[int, tuple[float, ...]] = (0, ())
+    """Number of edges (nodes, in the plane) of the boundary in more than two of its facets, and the
+    place of one."""
 
     @property
     def excess(self) -> float | None:
@@ -57,6 +74,15 @@ class Outcome:
             result[f"n_cells_{self._expectation}"] = self.expected
             result["tolerance"] = self.tolerance
             result["measure_change"] = self.change
+            result["interface_relative"] = self.interface
+        else:
+            result["measure_change"] = self.change
+            result["n_pinched"] = self.pinched[0]
+        result["n_sharp"] = self.sharp[0]
+        result["regions"] = {
+            tag: {"measure": measure, "change": change}
+            for tag, (measure, change) in self.regions.items()
+        }
         return result
 
     @property
@@ -75,6 +101,14 @@ class Outcome:
         if self.distance is not None:
             text = f"{self.distance:.2g} of the diagonal from the old one"
             rows.append(("boundary", f"{text}, tolerance {self.tolerance:.2g}"))
+        if self.interface is not None:
+            text = f"{self.interface:.2g} of the diagonal from the old one"
+            rows.append(("interface", f"{text}, tolerance {self.tolerance:.2g}"))
+        several = self.regions if len(self.regions) > 1 else {}
+        for tag, (measure, change) in several.items():
+            rows.append(
+                (f"region {tag}", f"{self._measure} {measure:.6g}, changed by {change:+.2%}")
+            )
         if self.change is not None:
             rows.append((self._measure, f"changed by {self.change:+.2%}"))
         return rows
@@ -93,6 +127,12 @@ class Outcome:
         if (self.distance or 0.0) > (self.tolerance or np.inf):
             lines.append(
                 f"the boundary is {self.distance:.2g} of the diagonal from the old one, more "
+                f"than the tolerance, {self.tolerance:.2g}; smaller sizes keep it closer, and "
+                "adaptsize check lists the places"
+            )
+        if (self.interface or 0.0) > (self.tolerance or np.inf):
+            lines.append(
+                f"an interface is {self.interface:.2g} of the diagonal from the old one, more "
                 f"than the tolerance, {self.tolerance:.2g}; smaller sizes keep it closer"
             )
         if found.share_in_band < 0.8:
@@ -105,10 +145,23 @@ class Outcome:
                 f"{found.n_cells} {self.kind} are {abs(self.excess):.0%} "
                 f"{'more' if self.excess > 0.0 else 'fewer'} than predicted"
             )
-        if found.angle_min < 5.0:
-            lines.append(f"the smallest angle is {found.angle_min:.2g} degrees")
-        if self.change is not None and abs(self.change) > 0.01:
+        if self.sharp[0]:
+            n, place = self.sharp
+            lines.append(
+                f"{n} cell{'s have' if n > 1 else ' has'} an angle below {_SHARP:g} degrees, the "
+                f"worst, {found.angle_min:.2g}, at {place_text(place)}; smaller sizes there"
+                f"{', or the backend tetwild,' if found.cell_dim == 3 else ''} may help"
+            )
+        # Pixels at an edge are not resolved.
+        if self.change is not None and abs(self.change) > (0.05 if self.expected is None else 0.01):
             lines.append(f"the {self._measure} has changed by {self.change:+.1%}")
+        if self.pinched[0]:
+            n, place = self.pinched
+            lines.append(
+                f"the boundary is not manifold: {n} {'edges' if found.cell_dim == 3 else 'nodes'} "
+                f"of it belong to more than two facets, one at {place_text(place)}; more smoothing "
+                "or smaller sizes separate what touches there"
+            )
         return lines
 
 
@@ -121,8 +174,12 @@ def outcome_of_remeshing(
 ) -> Outcome:
     """Compare a new mesh with the old one, with the sizes, and with the number requested."""
     from adaptsize.quality import size_conformity
+    from adaptsize.quality.boundary import interface_distances, region_measures
 
     surface = old if old.cell_dim < new.cell_dim or old.dim > old.cell_dim else old.boundary().mesh
+    between = interface_distances(new, old)
+    same_kind = old.cell_dim == new.cell_dim
+    was, made = (region_measures(mesh) if same_kind else {} for mesh in (old, new))
     return Outcome(
         kind_of(new),
         size_conformity(new, size, surface=surface),
@@ -130,24 +187,52 @@ def outcome_of_remeshing(
         elements is not None,
         tolerance,
         _change(new, old),
+        max((d.largest for d in between), default=0.0) / old.diagonal if between else None,
+        {tag: (made[tag], made[tag] / was[tag] - 1.0) for tag in was if tag in made},
+        sharp_cells(new),
     )
 
 
-def outcome_of_mesh(mesh: SimplexMesh) -> Outcome:
-    """Compare a mesh with its nodal field h."""
-    from adaptsize.quality import size_conformity
+def sharp_cells(mesh: SimplexMesh) -> tuple[int, tuple[float, ...]]:
+    """Return the number of cells with small angles, and the centroid of the worst."""
+    from adaptsize.quality import minimum_angles
 
-    return Outcome(kind_of(mesh), size_conformity(mesh, mesh.point_data["h"]))
+    angles = minimum_angles(mesh)
+    worst = int(angles.argmin())
+    place = tuple(mesh.points[mesh.cells[worst]].mean(axis=0).tolist())
+    return int((angles < _SHARP).sum()), place
+
+
+def outcome_of_image(mesh: SimplexMesh, image: Image, options: ImageOptions) -> Outcome:
+    """Compare a mesh of an image with its nodal field h, and its volume with that of the voxels."""
+    from adaptsize.domain_size.image_mask import mask_of
+    from adaptsize.quality import size_conformity
+    from adaptsize.quality.boundary import region_measures
+
+    mask = mask_of(image, options)
+    pixels, made = np.prod(mask.grid.spacing), region_measures(mesh)
+    labels = mask.inside.astype(int) if mask.labels is None else mask.labels
+    was = {tag: pixels * (labels == tag).sum() for tag in made}
+    skin = mesh.boundary().mesh
+    pinched = skin.facets[skin.facet_cell_counts > 2]
+    return Outcome(
+        kind_of(mesh),
+        size_conformity(mesh, mesh.point_data["h"]),
+        change=float(mesh.measures.sum() / (pixels * mask.inside.sum()) - 1.0),
+        regions={tag: (made[tag], float(made[tag] / was[tag] - 1.0)) for tag in made if was[tag]},
+        sharp=sharp_cells(mesh),
+        pinched=(len(pinched), tuple(skin.points[pinched[:1]].mean(axis=1).ravel().tolist())),
+    )
 
 
 def _predicted(new: SimplexMesh, size: SizeFunction) -> float:
     """Return the predicted number of cells of the kind that was made."""
     from adaptsize.background import SimplexMesh
-    from adaptsize.sizes import predicted_elements
+    from adaptsize.sizes import predict
 
     background = size.background
     if new.cell_dim < new.dim and isinstance(background, SimplexMesh):  # a surface, not a volume
-        return predicted_elements(background, size.values)
+        return predict(background, size.values).cells
     assert size.report is not None
     return size.report.n_elements
 

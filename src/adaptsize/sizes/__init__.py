@@ -1,9 +1,9 @@
 """Upper bounds on the size, one nodal array per cause; inf where there is no bound."""
 
-from adaptsize.sizes.budget import predicted_elements, predicted_nodes
 from adaptsize.sizes.curvature import size_from_curvature
 from adaptsize.sizes.error import size_from_error, size_from_hessian
 from adaptsize.sizes.feature import size_from_feature
+from adaptsize.sizes.prediction import Enclosed, Prediction, predict
 from adaptsize.sizes.recovery import recovered_gradient, recovered_hessian, zz_indicator
 from adaptsize.sizes.separation import size_from_separation
 from adaptsize.sizes.sources import (
@@ -22,11 +22,12 @@ __all__ = [
     "BoundarySource",
     "BoxSource",
     "CurveSource",
+    "Enclosed",
     "PointSource",
+    "Prediction",
     "RegionSource",
     "Source",
-    "predicted_elements",
-    "predicted_nodes",
+    "predict",
     "recovered_gradient",
     "recovered_hessian",
     "size_from_curvature",

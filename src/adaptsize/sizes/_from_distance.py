@@ -9,11 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.background import CartesianGrid
+from adaptsize.background.grid import strides_of
 from adaptsize.geometry.level_sets import as_level_set, curvature_at_nodes
 from adaptsize.options import CurvatureOptions
-from adaptsize.typing import BoolArray, FloatArray
-
-_Nodes = npt.NDArray[np.int64]
+from adaptsize.typing import BoolArray, FloatArray, LongArray
 
 # Curvature is used up to this distance from the boundary, in largest spacings.
 _REACH = 2.0
@@ -49,7 +48,7 @@ def size_from_distance(
     return h0.reshape(grid.shape)
 
 
-def _nodes_near(grid: CartesianGrid, phi: FloatArray, tolerance: float | None) -> _Nodes:
+def _nodes_near(grid: CartesianGrid, phi: FloatArray, tolerance: float | None) -> LongArray:
     """Return the active nodes up to ``tolerance`` from the boundary, flat indices."""
     within = _REACH * float(grid.spacing.max()) if tolerance is None else tolerance
     near = np.abs(phi) <= within
@@ -72,7 +71,7 @@ def _refuse_no_distance(kappa: FloatArray) -> None:
         )
 
 
-def _away_from_corners(grid: CartesianGrid, nodes: _Nodes, smooth: BoolArray) -> BoolArray:
+def _away_from_corners(grid: CartesianGrid, nodes: LongArray, smooth: BoolArray) -> BoolArray:
     """Return which nodes are smooth themselves, and all of their neighbours among ``nodes``.
 
     Differences across a corner give a curvature of the order of 1 / spacing, which depends on the
@@ -91,7 +90,7 @@ def _away_from_corners(grid: CartesianGrid, nodes: _Nodes, smooth: BoolArray) ->
 
 
 def _sizes_beside_boundary(
-    grid: CartesianGrid, phi: FloatArray, nodes: _Nodes, per_size: FloatArray, g: float
+    grid: CartesianGrid, phi: FloatArray, nodes: LongArray, per_size: FloatArray, g: float
 ) -> FloatArray:
     """Return nodal sizes that give 1 / ``per_size`` at the closest point of the boundary.
 
@@ -112,12 +111,12 @@ def _sizes_beside_boundary(
     return h0
 
 
-def _slope_along(grid: CartesianGrid, nodes: _Nodes, per_size: FloatArray) -> FloatArray:
+def _slope_along(grid: CartesianGrid, nodes: LongArray, per_size: FloatArray) -> FloatArray:
     """Return the slope of 1 / ``per_size`` at nodes, from their valid neighbours."""
     nodal = np.full(grid.n_points, np.nan)
     nodal[nodes] = per_size
     total = np.zeros(len(nodes))
-    for stride, spacing in zip(_strides(grid), grid.spacing, strict=True):
+    for stride, spacing in zip(strides_of(grid.shape), grid.spacing, strict=True):
         below, above = nodal[nodes - stride], nodal[nodes + stride]
         steps = np.isfinite(below).astype(float) + np.isfinite(above)
         rise = np.where(np.isnan(above), per_size, above) - np.where(
@@ -128,7 +127,7 @@ def _slope_along(grid: CartesianGrid, nodes: _Nodes, per_size: FloatArray) -> Fl
     return np.asarray(np.sqrt(total) / np.where(per_size > 0.0, per_size, np.inf) ** 2)
 
 
-def _beside_inside(grid: CartesianGrid, phi: FloatArray, nodes: _Nodes) -> BoolArray:
+def _beside_inside(grid: CartesianGrid, phi: FloatArray, nodes: LongArray) -> BoolArray:
     """Return which nodes share a box with an inside node; none may be on the grid border."""
     inside = phi.ravel() <= 0.0
     found = np.zeros(len(nodes), np.bool_)
@@ -140,9 +139,4 @@ def _beside_inside(grid: CartesianGrid, phi: FloatArray, nodes: _Nodes) -> BoolA
 def _steps_to_neighbours(grid: CartesianGrid) -> list[int]:
     """Return the offsets of flat indices to the nodes in the same boxes, including 0."""
     all_steps = np.array(list(product((-1, 0, 1), repeat=grid.dim)))
-    return [int(step) for step in all_steps @ _strides(grid)]
-
-
-def _strides(grid: CartesianGrid) -> list[int]:
-    """Return the stride of the flat index along each axis."""
-    return [math.prod(grid.shape[d + 1 :]) for d in range(grid.dim)]
+    return [int(step) for step in all_steps @ strides_of(grid.shape)]

@@ -15,9 +15,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_float_array
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.sizes._touched import Nearby, Pieces
-from adaptsize.typing import BoolArray, FloatArray
-
-_Indices = npt.NDArray[np.int64]
+from adaptsize.typing import BoolArray, FloatArray, LongArray
 
 #: Returns the requested sizes at some distances from a source.
 SizeAt = Callable[[FloatArray], FloatArray]
@@ -98,7 +96,7 @@ def at_active_nodes(
     return values
 
 
-def nodes_near(grid: CartesianGrid, mesh: SimplexMesh, within: float) -> _Indices:
+def nodes_near(grid: CartesianGrid, mesh: SimplexMesh, within: float) -> LongArray:
     """Return the active nodes up to a distance from a mesh, int64[n, dim].
 
     Blocks of nodes are halved along each axis while they may contain such nodes.
@@ -136,7 +134,7 @@ def boundary_nodes(grid: CartesianGrid) -> BoolArray:
     return active & ~inner
 
 
-def _boxes_around(grid: CartesianGrid, points: FloatArray) -> _Indices:
+def _boxes_around(grid: CartesianGrid, points: FloatArray) -> LongArray:
     """Return the indices of the box around each point, or of the closest box."""
     last = np.array(grid.shape) - 2
     # Clipped before they become integers: points may be far away.
@@ -144,7 +142,7 @@ def _boxes_around(grid: CartesianGrid, points: FloatArray) -> _Indices:
     return along.astype(np.int64)
 
 
-def _nearest_active(grid: CartesianGrid, points: FloatArray) -> _Indices:
+def _nearest_active(grid: CartesianGrid, points: FloatArray) -> LongArray:
     """Return the nearest active node of each point in or outside boxes without any."""
     from scipy.spatial import cKDTree
 
@@ -154,14 +152,14 @@ def _nearest_active(grid: CartesianGrid, points: FloatArray) -> _Indices:
     return np.asarray(nodes[nearest])
 
 
-def _coordinates(grid: CartesianGrid, nodes: _Indices) -> FloatArray:
+def _coordinates(grid: CartesianGrid, nodes: LongArray) -> FloatArray:
     """Return the coordinates of nodes, float64[n, dim]."""
     return grid.origin + grid.spacing * nodes
 
 
 def _pieces_in_boxes(
     grid: CartesianGrid, curve: SimplexMesh
-) -> tuple[npt.NDArray[np.int64], FloatArray, FloatArray]:
+) -> tuple[LongArray, FloatArray, FloatArray]:
     """Split the segments of a curve at each plane of nodes that they cross.
 
     Each piece lies in one box, or has one closest box if it lies outside.

@@ -13,7 +13,7 @@ from adaptsize._checks import as_plain_array
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.background.migration import boundary_facets
 from adaptsize.background.partitioned import local_mesh
-from adaptsize.typing import BoolArray, FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 
 # Points within this distance, in diagonals of the mesh, count as inside, and cells whose distances
 # from a point differ by less are equally close.
@@ -27,7 +27,7 @@ _SMALLEST_SPACING = 1e-6
 class Touched(NamedTuple):
     """The cells that contain points, or else those that are closest to them."""
 
-    which: npt.NDArray[np.int64]
+    which: LongArray
     """int64[k]: a point of each pair of a point and a cell."""
     cells: IntArray
     """int32[k]"""
@@ -134,7 +134,7 @@ def cells_along(
     return cells, segment, along, inside
 
 
-def nodes_of(mesh: AnyMesh, cells: IntArray, which: npt.NDArray[np.int64]) -> Nearby:
+def nodes_of(mesh: AnyMesh, cells: IntArray, which: LongArray) -> Nearby:
     """Return the nodes of ``cells[k]``, which belong to the point or piece ``which[k]``."""
     nodes = mesh.cells[cells].ravel()
     return Nearby(np.repeat(which, mesh.cell_dim + 1), nodes, mesh.points[nodes])
@@ -209,13 +209,13 @@ def _spacing(mesh: AnyMesh, at: Touched) -> FloatArray:
     return np.maximum(spacing, _SMALLEST_SPACING * mesh.diagonal)
 
 
-_Integers = IntArray | npt.NDArray[np.int64]
+_Integers = IntArray | LongArray
 
 
 class Nearby(NamedTuple):
     """Pairs of a point, or a piece of a curve, and a node of a cell that it touches."""
 
-    which: npt.NDArray[np.int64]
+    which: LongArray
     """int64[k]: the point or the piece."""
     nodes: _Integers
     """int[k]: flat index of the node."""

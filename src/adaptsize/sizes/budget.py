@@ -1,4 +1,4 @@
-"""Predicted numbers of elements and nodes of sizes, and scaling of sizes to a number."""
+"""Numbers of elements and nodes of nodal sizes, and scaling of sizes to a number."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
-from adaptsize._checks import as_number, as_sizes, check_type
-from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
+from adaptsize._checks import as_number, check_type
+from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.typing import FloatArray
 
 #: Elements of edge length 1 per unit of measure: of segments, regular triangles and tetrahedra.
 ELEMENTS_PER_MEASURE = {1: 1.0, 2: 4.0 / math.sqrt(3.0), 3: 6.0 * math.sqrt(2.0)}
 
 #: Cells that generators make per predicted cell, by dimension of the cells: measured medians
-#: (docs/adaptive-loops.md).
+#: (docs/adaptive-loops.md); "mmg inside" is Mmg on a first volume in a surface (docs/remeshing.md).
 CELLS_PER_PREDICTED: dict[tuple[str, int], float] = {
     ("mmg", 2): 1.00,
     ("mmg", 3): 1.22,
+    ("mmg inside", 3): 1.18,
     ("tetwild", 3): 1.04,
 }
 
@@ -32,46 +32,6 @@ _TOLERANCE = 1e-4
 # Bound on the logarithm of the scale, and the value that stands for the logarithm of zero.
 _REACH = 40.0
 _NOTHING = -700.0
-
-
-def predicted_elements(mesh: AnyMesh, size: npt.ArrayLike, *, backend: str | None = None) -> float:
-    r"""Return the predicted number of elements of the given sizes in the domain of a mesh.
-
-    It is the integral of 1 over the measure of a regular simplex of edge h, linear in each cell,
-
-    .. math:: c_d \int h^{-d} \, dx, \qquad c_1 = 1, \; c_2 = 4 / \sqrt 3, \; c_3 = 6 \sqrt 2,
-
-    where d is the dimension of the cells.
-
-    Parameters
-    ----------
-    mesh : SimplexMesh or PartitionedMesh
-    size : array_like of float, shape (n_points,)
-        Requested edge lengths at the nodes, positive.  Cells with ``inf`` at a node are ignored.
-    backend : str, optional
-        Multiply by the measured number of elements that this mesh generator makes per predicted
-        element (median).
-
-    Returns
-    -------
-    float
-        Without ``backend``, generators make about this number of triangles, but more tetrahedra,
-        because these cannot all be regular.
-
-    Raises
-    ------
-    ValueError
-        If the sizes have another shape or are not positive.
-
-    Examples
-    --------
-    >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
-    >>> round(predicted_elements(mesh, [0.1, 0.1, 0.1]))
-    115
-    """
-    check_type("mesh", mesh, SimplexMesh, PartitionedMesh)
-    h = mesh.ranks.agree(lambda: as_sizes("size", size, mesh.nodal_shape))
-    return calibration(backend, mesh.cell_dim) * count_elements(mesh, h)
 
 
 def count_elements(mesh: AnyMesh, h: FloatArray) -> float:
@@ -186,51 +146,6 @@ _CELLS_AROUND_EDGE = 5.13
 #: Nodes per cell and per boundary facet, by dimension of the cells.
 _PER_CELL = {1: 1.0, 2: 0.5, 3: 6.0 / _CELLS_AROUND_EDGE - 1.0}
 _PER_FACET = {1: 0.5, 2: 0.5, 3: 0.25}
-
-
-def predicted_nodes(mesh: SimplexMesh, size: npt.ArrayLike, *, backend: str | None = None) -> float:
-    r"""Return the predicted number of nodes of the given sizes in the domain of a mesh.
-
-    With T cells and B boundary facets of these sizes, it is
-
-    .. math:: T + B / 2, \qquad T / 2 + B / 2, \qquad (6 / q - 1) \, T + B / 4
-
-    for segments, triangles and tetrahedra.  These are Euler's formulas without the Euler
-    characteristic, which is a few nodes.  In space, q = 5.13 tetrahedra are around an inner edge
-    and half as many around a boundary edge.
-
-    Parameters
-    ----------
-    mesh : SimplexMesh
-    size : array_like of float, shape (n_points,)
-        As in `predicted_elements`.
-    backend : str, optional
-        As in `predicted_elements`.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    ValueError
-        If the sizes have another shape or are not positive.
-
-    Examples
-    --------
-    >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
-    >>> round(predicted_nodes(mesh, [0.1, 0.1, 0.1]))
-    75
-    """
-    check_type("mesh", mesh, SimplexMesh)
-    h = as_sizes("size", size, (mesh.n_points,))
-    d = mesh.cell_dim
-    cells = calibration(backend, d) * count_elements(mesh, h)
-    if d == 1 or _n_boundary_facets(mesh) == 0:
-        return nodes_of(d, cells, 2.0 if d == 1 else 0.0)
-    boundary = mesh.boundary()
-    facets = count_elements(boundary.mesh, h[boundary.nodes])
-    return nodes_of(d, cells, calibration(backend, d - 1) * facets)
 
 
 def nodes_of(cell_dim: int, cells: float, facets: float) -> float:

@@ -9,16 +9,18 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_slope, check_type, describe
 from adaptsize._defaults import CREASE_ANGLE, GRADIENT_LIMIT, TOLERANCE
-from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh, SimplexMesh
+from adaptsize.background import (
+    AnyBackground,
+    AnyMesh,
+    CartesianGrid,
+    Octree,
+    PartitionedMesh,
+    SimplexMesh,
+)
 from adaptsize.background.interfaces import interfaces
 from adaptsize.background.merging import ordered_by_place
 from adaptsize.background.migration import whole_boundary
-from adaptsize.geometry.curvature import (
-    corner_curvature,
-    crease_curvature,
-    polyline_curvature,
-    surface_curvature,
-)
+from adaptsize.geometry.curvatures import curvature
 from adaptsize.geometry.faces import crease_edges
 from adaptsize.options import CurvatureOptions, checked, with_options
 from adaptsize.sizes._from_distance import size_from_distance
@@ -75,7 +77,7 @@ def size_from_curvature(
 
     See Also
     --------
-    adaptsize.geometry.surface_curvature : the estimate of the curvature, and its accuracy.
+    adaptsize.geometry.curvature : the estimate of the curvature, and its accuracy.
     adaptsize.geometry.level_set_curvature : the same from distances.
     limit_gradient : the next step, after which the sizes grow gradually from the boundary.
 
@@ -167,6 +169,8 @@ def _in_parts(
     part: PartitionedMesh, boundary: SimplexMesh | npt.ArrayLike | None, options: CurvatureOptions
 ) -> FloatArray:
     """Return the sizes on a mesh in parts; collective."""
+    given = part.ranks.agree(lambda: checked(CurvatureOptions, options))
+    part.ranks.require_equal(boundary=boundary is None, **given)
     if boundary is not None or part.cell_dim < part.dim or part.dim == 1:
         return part.on_whole(lambda whole: size_from_curvature(whole, boundary, **options))
     outer = whole_boundary(part)
@@ -192,29 +196,16 @@ def _nodal_curvature(mesh: SimplexMesh, given: CurvatureOptions) -> FloatArray:
     Sums run in the order of places, so that they do not depend on the numbers of nodes.
     """
     ordered, nodes = ordered_by_place(mesh)
-    crease_angle, smoothing = given["crease_angle"], given["smoothing"]
-    if mesh.cell_dim == 1:
-        _refuse_smoothing(mesh, smoothing)
-        found = polyline_curvature(ordered, crease_angle=crease_angle)
-    else:
-        surface = surface_curvature(ordered, crease_angle=crease_angle, smoothing=smoothing)
-        found = np.maximum(surface, crease_curvature(ordered, crease_angle=crease_angle))
+    angle = given["crease_angle"]
+    found = curvature(ordered, crease_angle=angle, smoothing=given["smoothing"])
+    if mesh.cell_dim == 2:
+        found = np.maximum(found, curvature(ordered, crease_angle=angle, of="creases"))
     kappa = np.empty(mesh.n_points)
     kappa[nodes] = found
     return kappa
 
 
-def _refuse_smoothing(line: SimplexMesh, smoothing: int) -> None:
-    if smoothing != 0:
-        raise ValueError(
-            f"smoothing must be 0 for segments (curvature is not averaged), got {smoothing!r} "
-            f"for {line!r}"
-        )
-
-
-def _refuse_other_boundary(
-    boundary: SimplexMesh, background: SimplexMesh | CartesianGrid | Octree
-) -> None:
+def _refuse_other_boundary(boundary: SimplexMesh, background: AnyBackground) -> None:
     dim = background.dim
     cell_dim = background.cell_dim if isinstance(background, SimplexMesh) else dim
     if boundary.dim != dim or dim == 1 or boundary.cell_dim > min(dim - 1, cell_dim):
@@ -223,9 +214,7 @@ def _refuse_other_boundary(
 
 
 def _nodes_on(
-    boundary: SimplexMesh,
-    background: SimplexMesh | CartesianGrid | Octree,
-    tolerance: float | None,
+    boundary: SimplexMesh, background: AnyBackground, tolerance: float | None
 ) -> tuple[npt.NDArray[np.integer[Any]], FloatArray, float]:
     """Return the nodes of the background that lie on the boundary, where, and the tolerance."""
     if tolerance is not None:
@@ -259,16 +248,15 @@ def _curvature_at(
     crease_angle, smoothing = given["crease_angle"], given["smoothing"]
     cells, weights, _ = boundary.locator.nearest(points)
     if boundary.cell_dim == 1:
-        _refuse_smoothing(boundary, smoothing)
-        nodal = polyline_curvature(boundary, crease_angle=crease_angle)
+        nodal = curvature(boundary, crease_angle=crease_angle, smoothing=smoothing)
         return np.asarray((weights * nodal[boundary.cells[cells]]).sum(axis=1))
     # By corner: the rim of a flat cap must not affect the middle of the cap.
-    corners = corner_curvature(boundary, crease_angle=crease_angle, smoothing=smoothing)
+    corners = curvature(boundary, crease_angle=crease_angle, smoothing=smoothing, of="corners")
     kappa = (weights * corners[cells]).sum(axis=1)
     edges = crease_edges(boundary, crease_angle=crease_angle)
     if len(edges) > 0:
         # On a feature edge the closest triangle may be on either side.  Use the larger value.
-        nodal = crease_curvature(boundary, crease_angle=crease_angle)
+        nodal = curvature(boundary, crease_angle=crease_angle, of="creases")
         np.maximum.at(nodal, boundary.cells, corners)
         lines = SimplexMesh(boundary.points, edges)
         at_crease, distances = lines.locator.interpolate(nodal, points)

@@ -12,20 +12,8 @@ import numpy.typing as npt
 from adaptsize._checks import as_number, as_values, check_type, refuse_where
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.limiting import limit_gradient
-from adaptsize.options import (
-    ErrorOptions,
-    HessianOptions,
-    ScaleOptions,
-    checked,
-    with_options,
-)
-from adaptsize.sizes.budget import (
-    as_goal,
-    calibration,
-    count_elements,
-    present_sizes,
-    scale_to,
-)
+from adaptsize.options import ErrorOptions, HessianOptions, ScaleOptions, checked, with_options
+from adaptsize.sizes.budget import as_goal, calibration, count_elements, present_sizes, scale_to
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.recovery import as_nodal_field, second_derivatives
 from adaptsize.typing import FloatArray
@@ -39,11 +27,7 @@ Finish = Callable[[FloatArray], FloatArray]
 
 @with_options(ErrorOptions)
 def size_from_error(
-    mesh: AnyMesh,
-    indicator: npt.ArrayLike,
-    *,
-    order: float,
-    **options: Unpack[ErrorOptions],
+    mesh: AnyMesh, indicator: npt.ArrayLike, *, order: float, **options: Unpack[ErrorOptions]
 ) -> FloatArray:
     r"""Return the size that gives all elements of the next mesh the same share of the error.
 
@@ -122,6 +106,7 @@ def size_from_error(
         return eta, as_number("order", order, lower=0.0, strict=True), given
 
     eta, p, given = mesh.ranks.agree(check)
+    mesh.ranks.require_equal(order=p, **given)
     return scaled_by_error(mesh, eta, p, given, _finishing(mesh, given))
 
 
@@ -240,6 +225,9 @@ def size_from_hessian(
         return as_nodal_field("values", values, mesh), given
 
     nodal, given = mesh.ranks.agree(check)
+    mesh.ranks.require_equal(**given)
+    if isinstance(mesh, PartitionedMesh):
+        mesh.require_equal_values("values", nodal)
     ends = np.array([nodal.min(initial=np.inf), -nodal.max(initial=-np.inf)])
     low, minus_high = mesh.ranks.allreduce(ends, "min").tolist()
     hessian = second_derivatives(mesh, nodal)

@@ -10,7 +10,14 @@ import numpy.typing as npt
 from adaptsize._checks import as_number, check_type, describe
 from adaptsize._defaults import CORNER_ANGLE, CREASE_ANGLE, TOLERANCE
 from adaptsize._progress import reporting
-from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh, SimplexMesh
+from adaptsize.background import (
+    AnyBackground,
+    AnyMesh,
+    CartesianGrid,
+    Octree,
+    PartitionedMesh,
+    SimplexMesh,
+)
 from adaptsize.background.migration import whole_boundary
 from adaptsize.geometry.distance.closest_points import DistanceFunction
 from adaptsize.geometry.distance.signed_distance import signed_distance
@@ -191,20 +198,27 @@ def _at_own_nodes(
     background: SimplexMesh, angles: tuple[float, float], report: ProgressCallback
 ) -> tuple[FloatArray, SimplexMesh]:
     """Return the width at each node of a mesh, and the boundary of the mesh."""
+    boundary, nodes = own_boundary(background)
+    width = _width_of(boundary, *angles)
+    if boundary is background:
+        return width.at_nodes(report), boundary
+    row = np.full(background.n_points, -1, np.int32)
+    row[nodes] = np.arange(len(nodes))
+    used = np.zeros(background.n_points, np.bool_)
+    used[background.cells] = True
+    return _widths_in(width, background.points, row, used, report), boundary
+
+
+def own_boundary(background: SimplexMesh) -> tuple[SimplexMesh, IntArray]:
+    """Return the boundary of a volume, or the boundary itself, and its nodes in the background."""
     if background.dim == 1 or background.cell_dim < background.dim - 1:
         raise ValueError(
             "background must be a volume, or the boundary of one, in 2-D or 3-D, "
             f"got {background!r}"
         )
-    if background.cell_dim < background.dim:
-        return _width_of(background, *angles).at_nodes(report), background
-    boundary = background.boundary()
-    row = np.full(background.n_points, -1, np.int32)
-    row[boundary.nodes] = np.arange(len(boundary.nodes))
-    used = np.zeros(background.n_points, np.bool_)
-    used[background.cells] = True
-    width = _width_of(boundary.mesh, *angles)
-    return _widths_in(width, background.points, row, used, report), boundary.mesh
+    if background.cell_dim == background.dim:
+        return background.boundary()[:2]
+    return background, np.arange(background.n_points, dtype=np.int32)
 
 
 def _width_of(boundary: SimplexMesh, crease_angle: float, corner_angle: float) -> Width:
@@ -274,7 +288,7 @@ def _is_staircase(faces: Faces) -> bool:
 
 
 def _near_boundary(
-    background: SimplexMesh | CartesianGrid | Octree,
+    background: AnyBackground,
     boundary: SimplexMesh,
     tolerance: float | None,
     angles: tuple[float, float],
@@ -291,7 +305,7 @@ def _near_boundary(
 
 
 def _not_outside(
-    background: SimplexMesh | CartesianGrid | Octree,
+    background: AnyBackground,
     boundary: SimplexMesh,
     points: FloatArray,
     tolerance: float | None,
@@ -313,9 +327,7 @@ def _not_outside(
     return np.asarray(wanted)
 
 
-def _reach(
-    background: SimplexMesh | CartesianGrid | Octree, boundary: SimplexMesh
-) -> float | FloatArray:
+def _reach(background: AnyBackground, boundary: SimplexMesh) -> float | FloatArray:
     """Return the largest distance outside of a node of a cell that the boundary passes."""
     if isinstance(background, CartesianGrid):
         return float(np.linalg.norm(background.spacing))

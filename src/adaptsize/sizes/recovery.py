@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from adaptsize._checks import as_values, check_type
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.surroundings import surroundings_of
-from adaptsize.typing import BoolArray, FloatArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 
 # Of normal matrices in coordinates of unit covariance, the smallest eigenvalue over the largest:
 # around nodes of good meshes 0.003 to 0.05, below where the nodes nearly lie on a conic.
@@ -226,7 +226,7 @@ def gradient_operators(mesh: SimplexMesh) -> list[csr_array]:
     return [csr_array((both[:, d], (rows, columns)), shape=(n, n)) for d in range(mesh.dim)]
 
 
-def _row_of_entry(matrix: csr_array) -> npt.NDArray[np.int64]:
+def _row_of_entry(matrix: csr_array) -> LongArray:
     return np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
 
 
@@ -237,7 +237,7 @@ def _on_boundary(mesh: SimplexMesh) -> BoolArray:
 
 
 def _weights_of_fits(
-    points: FloatArray, patches: csr_array, nodes: npt.NDArray[np.int64], least: float
+    points: FloatArray, patches: csr_array, nodes: LongArray, least: float
 ) -> tuple[FloatArray, BoolArray]:
     """Return the weights of the nodes of patches in the gradients of fits.
 
@@ -326,11 +326,11 @@ class PatchPart(NamedTuple):
 
     rows: slice
     entries: slice
-    members: npt.NDArray[np.int32]
+    members: IntArray
     """Nodes of all patches of the part, one patch after the other."""
-    starts: npt.NDArray[np.int32]
+    starts: IntArray
     """First member of each patch."""
-    patch: npt.NDArray[np.int64]
+    patch: LongArray
     """Patch of each member, from 0 in each part."""
 
 
@@ -440,7 +440,7 @@ def monomials_of(unit: FloatArray) -> FloatArray:
     return np.stack([np.ones(unit.shape[1]), *unit, *(unit[a] * unit[b] for a, b in pairs)])
 
 
-def sums_of_products(rows: FloatArray, starts: npt.NDArray[np.int32]) -> FloatArray:
+def sums_of_products(rows: FloatArray, starts: IntArray) -> FloatArray:
     """Return the sums over each patch of the products of rows, float64[m, n_rows, n_rows]."""
     n = len(rows)
     total = np.empty((len(starts), n, n))

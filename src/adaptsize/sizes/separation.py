@@ -12,6 +12,7 @@ from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import Separation
 from adaptsize.geometry.width import Walls
 from adaptsize.sizes.combine import minimum
+from adaptsize.sizes.feature import own_boundary
 from adaptsize.typing import FloatArray, ProgressCallback
 
 
@@ -86,14 +87,7 @@ def size_from_separation(
     n = as_number("elements_between", elements_between, lower=0.0, strict=True)
     angles = as_angle("crease_angle", crease_angle), as_angle("corner_angle", corner_angle)
     share = as_number("tolerance", tolerance, lower=0.0)
-    if background.dim == 1 or background.cell_dim < background.dim - 1:
-        raise ValueError(
-            "background must be a volume, or the boundary of one, in 2-D or 3-D, "
-            f"got {background!r}"
-        )
-    boundary, nodes = background, np.arange(background.n_points, dtype=np.int32)
-    if background.cell_dim == background.dim:
-        boundary, nodes = background.boundary()[:2]
+    boundary, nodes = own_boundary(background)
     faces = Faces.of(boundary, angles[0])
     separation = Separation(faces, angles[1], Walls.of(faces))
     at_boundary = np.full(boundary.n_points, np.inf)

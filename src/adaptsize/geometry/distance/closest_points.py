@@ -9,7 +9,6 @@ from typing import NamedTuple, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, refuse_where
 from adaptsize._progress import silent
 from adaptsize.background import Octree, SimplexMesh
 from adaptsize.geometry.distance.implicit import crossings_of
@@ -18,8 +17,8 @@ from adaptsize.geometry.distance.projection import project
 from adaptsize.geometry.distance.surface import inside_surface
 from adaptsize.geometry.distance.winding import WindingNumber, is_cycle
 from adaptsize.geometry.faces import crease_edges
-from adaptsize.geometry.implicit_surface import Implicit, gradient_of
-from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
+from adaptsize.geometry.implicit_surface import Implicit, checked, gradient_of
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, ProgressCallback
 
 #: Takes points, float64[n, dim]; returns the signed distance of each.
 DistanceFunction: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
@@ -165,7 +164,7 @@ class FunctionBoundary:
     vertices = np.empty((0, 3))
 
     def __init__(self, function: DistanceFunction, extent: float) -> None:
-        self._function = function
+        self._values = checked(function)
         # Step of finite differences, as a share of the extent.  The error of rounding is 1e-16 /
         # 1e-7. Steps must be much shorter than the smallest part of an edge on which a kink is
         # located.
@@ -218,11 +217,6 @@ class FunctionBoundary:
             step[axis] = self._step
             gradient[:, axis] = self._values(points + step) - self._values(points - step)
         return gradient / (2.0 * self._step)
-
-    def _values(self, points: FloatArray) -> FloatArray:
-        values = as_float_array("boundary(points)", self._function(points), (len(points),))
-        refuse_where("boundary(points)", ~np.isfinite(values), values, "must be finite")
-        return values
 
 
 def depths_of(
@@ -294,7 +288,7 @@ class ZeroLevelBoundary:
         spacings = self._spacings[nearest]
         return project(self._function, points, self._samples[nearest], spacings, report)
 
-    def _starts(self, points: FloatArray) -> npt.NDArray[np.intp]:
+    def _starts(self, points: FloatArray) -> IndexArray:
         """Return for each point the sample whose tangent plane is nearest, among near samples.
 
         At corners, the nearest sample may lie on another piece than the closest point.
@@ -323,7 +317,7 @@ def is_distance(function: Implicit, points: FloatArray, extent: float) -> bool:
     """
     # Step of the gradient for the test of a distance, as a share of the extent.
     step = 1e-6 * extent
-    values, gradient = gradient_of(function, points, step)
+    values, gradient = gradient_of(function, points, step)[:2]
     smooth = np.abs(np.linalg.norm(gradient, axis=1) - 1.0) < _SLOPE_ERROR
     if smooth.mean() < _LEAST_SMOOTH:
         return False

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_near_points, as_points, describe
 from adaptsize.background import SimplexMesh
 from adaptsize.geometry.distance.closest_points import SurfaceBoundary
-from adaptsize.typing import FloatArray
+from adaptsize.typing import BoolArray, FloatArray
 
 _Outline: TypeAlias = SimplexMesh | npt.ArrayLike | Sequence[npt.ArrayLike]
 
@@ -115,7 +115,7 @@ def _segments(polygons: list[FloatArray]) -> SimplexMesh:
     return SimplexMesh(np.concatenate(polygons), np.concatenate(pairs))
 
 
-def _inside(outline: SimplexMesh, points: FloatArray) -> npt.NDArray[np.bool_]:
+def _inside(outline: SimplexMesh, points: FloatArray) -> BoolArray:
     """Return which points an odd number of polygons contains, by crossings of a ray along x.
 
     Segments are sorted into strips of y, so that a point meets those of its strip only.
@@ -137,7 +137,7 @@ def _inside(outline: SimplexMesh, points: FloatArray) -> npt.NDArray[np.bool_]:
     return inside
 
 
-def _crosses_oddly(points: FloatArray, start: FloatArray, end: FloatArray) -> npt.NDArray[np.bool_]:
+def _crosses_oddly(points: FloatArray, start: FloatArray, end: FloatArray) -> BoolArray:
     """Return whether the ray from each point to the right crosses an odd number of segments."""
     odd = np.empty(len(points), np.bool_)
     at_once = max(1, 2_000_000 // len(start))

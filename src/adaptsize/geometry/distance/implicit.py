@@ -7,16 +7,11 @@ from itertools import product
 import numpy as np
 
 from adaptsize._kernels.surface_distance import Features, Nearest
-from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
 from adaptsize.geometry.distance.projection import project
-from adaptsize.geometry.distance.propagation import (
-    AnyBackground,
-    Nodes,
-    places_of,
-    propagate,
-)
+from adaptsize.geometry.distance.propagation import places_of, propagate
 from adaptsize.geometry.implicit_surface import Implicit, LevelFrame, frame_at
-from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray, ProgressCallback
 
 # Nodes per batch beyond the band.
 _NODES_AT_ONCE = 100_000
@@ -105,14 +100,14 @@ def crossings_of(
     return a + t[:, None] * (b - a), np.asarray(np.linalg.norm(a - b, axis=1))
 
 
-def _layer(background: AnyBackground, values: FloatArray) -> Nodes:
+def _layer(background: AnyBackground, values: FloatArray) -> LongArray:
     """Return the nodes of boxes that the zero level passes through, in meshes of such edges."""
     if isinstance(background, CartesianGrid):
         return _nodes_of_mixed_boxes(values > 0.0)
     return np.unique(np.concatenate(_edges_across(background, values)))
 
 
-def _nodes_of_mixed_boxes(positive: BoolArray) -> Nodes:
+def _nodes_of_mixed_boxes(positive: BoolArray) -> LongArray:
     """Return the nodes of boxes that have corners of both kinds."""
     some = every = positive
     for axis in range(positive.ndim):
@@ -126,7 +121,7 @@ def _nodes_of_mixed_boxes(positive: BoolArray) -> Nodes:
     return np.flatnonzero(at)
 
 
-def _edges_across(background: AnyBackground, values: FloatArray) -> tuple[Nodes, Nodes]:
+def _edges_across(background: AnyBackground, values: FloatArray) -> tuple[LongArray, LongArray]:
     """Return the ends of all edges with the function positive at one end only."""
     positive = values > 0.0
     if not isinstance(background, CartesianGrid):
@@ -143,8 +138,8 @@ def _edges_across(background: AnyBackground, values: FloatArray) -> tuple[Nodes,
 
 
 def _nearest_feet(
-    background: AnyBackground, layer: Nodes, feet: FloatArray, report: ProgressCallback
-) -> tuple[Nodes, FloatArray]:
+    background: AnyBackground, layer: LongArray, feet: FloatArray, report: ProgressCallback
+) -> tuple[LongArray, FloatArray]:
     """Return for each node the nearest of the feet of the nodes of a layer, and its distance."""
     from scipy.spatial import cKDTree
 
@@ -165,7 +160,7 @@ def _nearest_feet(
 
 
 def _neighbours(
-    shape: tuple[int, ...], layer: Nodes, number: IntArray
+    shape: tuple[int, ...], layer: LongArray, number: IntArray
 ) -> tuple[IntArray, IntArray]:
     """Return the numbers of the nodes of a layer around each of its nodes, as compressed rows."""
     at = np.stack(np.unravel_index(layer, shape), axis=1)
@@ -183,7 +178,7 @@ def _neighbours(
 
 
 def _distance_to_parabola(
-    x: FloatArray, feet: FloatArray, surface: LevelFrame, which: Nodes, spacing: float
+    x: FloatArray, feet: FloatArray, surface: LevelFrame, which: LongArray, spacing: float
 ) -> FloatArray:
     """Return the distances of points to the paraboloids at given feet, inf where in doubt.
 

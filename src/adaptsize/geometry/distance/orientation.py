@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import first_at_place
 from adaptsize.background.topology import components_of, pairs_of_cells
 from adaptsize.geometry.enclosed import cone_measures
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 # Points closer than this, relative to the diagonal, are one point.
 MERGE_SHARE = 1e-9
 
 
-def oriented(boundary: SimplexMesh) -> tuple[SimplexMesh, npt.NDArray[np.intp]]:
+def oriented(boundary: SimplexMesh) -> tuple[SimplexMesh, IndexArray]:
     """Return a boundary whose normals point outward, as far as this can be determined.
 
     Coincident nodes are merged.  If the orientations of neighbouring facets are inconsistent, the
@@ -58,7 +57,7 @@ def oriented(boundary: SimplexMesh) -> tuple[SimplexMesh, npt.NDArray[np.intp]]:
     return SimplexMesh(merged.points, flipped), target
 
 
-def _merged(cells: IntArray, target: npt.NDArray[np.intp]) -> IntArray:
+def _merged(cells: IntArray, target: IndexArray) -> IntArray:
     """Return the cells with merged nodes; cells that would degenerate keep their nodes."""
     new = target[cells].astype(np.int32)
     ordered = np.sort(new, axis=1)
@@ -67,9 +66,7 @@ def _merged(cells: IntArray, target: npt.NDArray[np.intp]) -> IntArray:
     return cells if (new == cells).all() else new
 
 
-def _consistent(
-    mesh: SimplexMesh,
-) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
+def _consistent(mesh: SimplexMesh) -> tuple[BoolArray, IndexArray, BoolArray]:
     """Return which cells to flip, the piece of each cell, and which cells are inconsistent.
 
     Each cell is in a graph twice, flipped and not flipped.  Neighbours are joined in consistent
@@ -91,9 +88,7 @@ def _consistent(
     return turned | ties, piece.reshape(-1), contradicts
 
 
-def _neighbours(
-    mesh: SimplexMesh,
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
+def _neighbours(mesh: SimplexMesh) -> tuple[IndexArray, IndexArray, BoolArray]:
     """Return the pairs of cells at facets of two cells, and whether their orientations agree."""
     width = mesh.cells.shape[1]
     corner, corner_other = pairs_of_cells(mesh, mesh.facet_cell_counts == 2).T
@@ -101,9 +96,7 @@ def _neighbours(
     return corner // width, corner_other // width, forward[0] != forward[1]
 
 
-def _runs_forward(
-    mesh: SimplexMesh, corner: npt.NDArray[np.intp], width: int
-) -> npt.NDArray[np.bool_]:
+def _runs_forward(mesh: SimplexMesh, corner: IndexArray, width: int) -> BoolArray:
     """Return the direction of the facet opposite to a corner: its end, or if its nodes ascend."""
     cell, v = np.divmod(corner, width)
     if width == 2:
@@ -111,7 +104,7 @@ def _runs_forward(
     return np.asarray(mesh.cells[cell, (v + 1) % 3] < mesh.cells[cell, (v + 2) % 3])
 
 
-def _volumes(mesh: SimplexMesh, piece: npt.NDArray[np.intp]) -> FloatArray:
+def _volumes(mesh: SimplexMesh, piece: IndexArray) -> FloatArray:
     """Return the contribution of each cell to the volume of its piece."""
     corners = mesh.points[mesh.cells]
     count = np.bincount(piece)
@@ -121,9 +114,7 @@ def _volumes(mesh: SimplexMesh, piece: npt.NDArray[np.intp]) -> FloatArray:
     return cone_measures(mesh, middle[piece][:, None, :])
 
 
-def _are_sheets(
-    mesh: SimplexMesh, sign: FloatArray, piece: npt.NDArray[np.intp]
-) -> npt.NDArray[np.bool_]:
+def _are_sheets(mesh: SimplexMesh, sign: FloatArray, piece: IndexArray) -> BoolArray:
     """Return which pieces enclose nothing; for closed ones, normals times areas sum to zero."""
     edges = mesh.points[mesh.cells[:, 1:]] - mesh.points[mesh.cells[:, :1]]
     if mesh.cell_dim == 1:

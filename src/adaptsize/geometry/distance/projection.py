@@ -3,15 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from adaptsize.geometry.implicit_surface import (
-    Implicit,
-    gradient_and_jump,
-    gradient_of,
-    second_derivative,
-)
-from adaptsize.typing import FloatArray, ProgressCallback
+from adaptsize.geometry.implicit_surface import Implicit, gradient_of, second_derivative
+from adaptsize.typing import FloatArray, IndexArray, ProgressCallback
 
 # Points per batch; the function is evaluated at several points around each.
 _POINTS_AT_ONCE = 100_000
@@ -69,7 +63,7 @@ def _project_part(
     # Smooth functions need 3 to 5 iterations; at kinks the iteration does not converge.
     for _ in range(15):
         at, to, spacing = y[active], x[active], spacings[active]
-        f, gradient, jump = gradient_and_jump(function, at, _STEP * spacing)
+        f, gradient, jump = gradient_of(function, at, _STEP * spacing)
         steep = np.linalg.norm(gradient, axis=1)
         regular = steep > 0.0
         per_steep = np.where(regular, 1.0 / np.where(regular, steep, 1.0), 0.0)
@@ -118,7 +112,7 @@ def _at_kinks(function: Implicit, x: FloatArray, feet: FloatArray, reach: FloatA
     n, dim = x.shape
     around = np.concatenate([np.eye(dim), -np.eye(dim)])
     at = feet[:, None] + reach[:, None, None] * around
-    f, gradient = gradient_of(function, at.reshape(-1, dim), _STEP * np.repeat(reach, 2 * dim))
+    f, gradient = gradient_of(function, at.reshape(-1, dim), _STEP * np.repeat(reach, 2 * dim))[:2]
     steep = np.maximum(np.linalg.norm(gradient, axis=1), 1e-300)
     normals = (gradient / steep[:, None]).reshape(n, 2 * dim, dim)
     heights = (normals * at).sum(axis=2) - (f / steep).reshape(n, 2 * dim)
@@ -142,7 +136,7 @@ def _at_kinks(function: Implicit, x: FloatArray, feet: FloatArray, reach: FloatA
     return result
 
 
-def _distinct(normals: FloatArray) -> list[npt.NDArray[np.intp]]:
+def _distinct(normals: FloatArray) -> list[IndexArray]:
     """Return numbers of the two (and, in space, three) most different of several normals.
 
     First each of two alone, int[n, 1], then several together.

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize._kernels.surface_distance import (
     Features,
@@ -15,12 +13,10 @@ from adaptsize._kernels.surface_distance import (
     Queue,
     propagate_features,
 )
-from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.typing import FloatArray, ProgressCallback
+from adaptsize.background import AnyBackground, CartesianGrid
+from adaptsize.typing import FloatArray, LongArray, ProgressCallback
 
 #: Numbers of nodes.
-Nodes: TypeAlias = npt.NDArray[np.int64]
-AnyBackground: TypeAlias = SimplexMesh | CartesianGrid | Octree
 
 # Nodes accepted between two progress reports: about 0.3 s.
 _NODES_AT_ONCE = 200_000
@@ -51,7 +47,7 @@ def propagate(
         report("distance beyond the band", min(accepted / n, 1.0))
 
 
-def places_of(background: AnyBackground) -> Callable[[Nodes], FloatArray]:
+def places_of(background: AnyBackground) -> Callable[[LongArray], FloatArray]:
     """Return a function that maps node numbers to coordinates, float64[n, dim]."""
     if not isinstance(background, CartesianGrid):
         return lambda nodes: background.points[nodes]

@@ -6,13 +6,12 @@ import math
 import warnings
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize._kernels.level_sets import Band, measure_cuts, relax
 from adaptsize.background import CartesianGrid
 from adaptsize.errors import ConvergenceWarning
 from adaptsize.geometry.distance.propagation import frame_of
-from adaptsize.typing import FloatArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 # Width of the margin beyond the band in spacings; difference stencils extend over two.
 _MARGIN = 3
@@ -117,9 +116,7 @@ def _scale_of(grid: CartesianGrid, values: FloatArray) -> float:
     return 1.0 / float(np.median(np.concatenate(slopes)))
 
 
-def _near_zero(
-    grid: CartesianGrid, positive: npt.NDArray[np.bool_], farthest: float
-) -> npt.NDArray[np.bool_]:
+def _near_zero(grid: CartesianGrid, positive: BoolArray, farthest: float) -> BoolArray:
     """Return the nodes of boxes around all changes of sign."""
     from scipy import ndimage
 

@@ -18,10 +18,9 @@ from adaptsize._checks import (
     refuse_where,
 )
 from adaptsize._progress import reporting
-from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background import AnyBackground, CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.distance.image import GridSpline, smooth_mask
 from adaptsize.geometry.distance.implicit import implicit_distance
-from adaptsize.geometry.distance.propagation import AnyBackground
 from adaptsize.geometry.distance.reinitialization import reinitialize
 from adaptsize.geometry.distance.surface import inside_surface, surface_distance
 from adaptsize.geometry.implicit_surface import Implicit, checked

@@ -9,18 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.surface_distance import Features, Nearest, scan_facets
-from adaptsize.background import CartesianGrid, SimplexMesh, topology
+from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh, topology
 from adaptsize.background.location import in_space
 from adaptsize.geometry.distance.orientation import oriented
-from adaptsize.geometry.distance.propagation import (
-    AnyBackground,
-    Nodes,
-    frame_of,
-    places_of,
-    propagate,
-)
+from adaptsize.geometry.distance.propagation import frame_of, places_of, propagate
 from adaptsize.geometry.distance.winding import WindingNumber, is_cycle, same_places
-from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray, ProgressCallback
 
 # Facets are split for the scan down to this length in spacings: boxes around long oblique facets
 # would contain many nodes far from them.
@@ -31,10 +25,7 @@ _POINTS_AT_ONCE = 20_000
 
 
 def surface_distance(
-    background: AnyBackground,
-    surface: SimplexMesh,
-    band: float,
-    report: ProgressCallback,
+    background: AnyBackground, surface: SimplexMesh, band: float, report: ProgressCallback
 ) -> FloatArray:
     """Return the unsigned distance of each node to a surface, of ``nodal_shape``.
 
@@ -136,10 +127,7 @@ def _seed_hull(
 
 
 def inside_surface(
-    background: AnyBackground,
-    surface: SimplexMesh,
-    distance: FloatArray,
-    report: ProgressCallback,
+    background: AnyBackground, surface: SimplexMesh, distance: FloatArray, report: ProgressCallback
 ) -> BoolArray:
     """Return which nodes lie inside a surface, given their distances to it.
 
@@ -160,7 +148,7 @@ def inside_surface(
     return np.asarray(inside[label]).reshape(background.nodal_shape)
 
 
-def _connected(background: AnyBackground, distance: FloatArray) -> Nodes:
+def _connected(background: AnyBackground, distance: FloatArray) -> LongArray:
     """Return for each node the number of its group, from 0.
 
     If the sum of the distances of two neighbours to the surface exceeds the distance between them,
@@ -171,7 +159,7 @@ def _connected(background: AnyBackground, distance: FloatArray) -> Nodes:
     if isinstance(background, CartesianGrid):
         apart = distance > 0.5 * float(background.spacing.max()) * (1.0 + 1e-9)
         label, n = ndimage.label(apart)
-        groups: Nodes = label.astype(np.int64) - 1
+        groups: LongArray = label.astype(np.int64) - 1
         alone = ~apart
         groups[alone] = n + np.arange(int(alone.sum()))
         return groups

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_angle, as_float_array, check_type, describe, refuse_where
 from adaptsize._defaults import CORNER_ANGLE, CREASE_ANGLE
 from adaptsize._progress import reporting
-from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background import AnyBackground, CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.distance.closest_points import (
     Boundary,
     DistanceFunction,
@@ -18,7 +18,6 @@ from adaptsize.geometry.distance.closest_points import (
     OwnBoundary,
     SurfaceBoundary,
 )
-from adaptsize.geometry.distance.propagation import AnyBackground
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.medial.fronts import MedialAxis
 from adaptsize.geometry.medial.on_grids import DomainOnGrid

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._pickling import ReadOnlyState
-from adaptsize.typing import BoolArray, FloatArray
+from adaptsize.typing import BoolArray, FloatArray, LongArray
 
 #: Closer to the boundary, in spacings, corners and directions are not resolved.
 RESOLVED = 3.0
@@ -55,7 +55,7 @@ class Fronts(Rows):
     points: FloatArray
     radii: FloatArray
     directions: FloatArray
-    ends: npt.NDArray[np.int64]
+    ends: LongArray
 
     @property
     def cosine(self) -> FloatArray:

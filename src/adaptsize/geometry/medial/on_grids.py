@@ -8,17 +8,15 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize._defaults import CORNER_ANGLE
 from adaptsize._kernels.level_sets import fill_level_set_curvature
 from adaptsize.background import CartesianGrid
+from adaptsize.background.grid import span_of
 from adaptsize.background.merging import place_numbers
 from adaptsize.geometry.distance.fast_marching import march_distance
 from adaptsize.geometry.medial.fronts import RESOLVED, Fronts, MedialAxis, Rows, meet_at_corner
-from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
-
-_Nodes = npt.NDArray[np.int64]
+from adaptsize.typing import BoolArray, FloatArray, LongArray, ProgressCallback
 
 # Factor on curvatures.  They are evaluated one node away, and one-sided gradients correspond to
 # points two spacings apart.  Below 2, smooth fronts are mistaken for crossings.
@@ -115,10 +113,7 @@ def _is_inside(grid: CartesianGrid, inside: BoolArray) -> BoolArray:
 
 def _diameter_inside(grid: CartesianGrid, phi: FloatArray) -> float:
     """Return the diagonal of the box of the inside nodes, enlarged by a cell."""
-    from scipy.ndimage import find_objects
-
-    box = find_objects(_is_inside(grid, phi < 0.0).view(np.int8))[0]
-    n = np.array([along.stop - along.start for along in box])
+    n = np.diff(span_of(_is_inside(grid, phi < 0.0)), axis=1)[:, 0] + 1
     return float(np.sqrt(((n * grid.spacing) ** 2).sum()))
 
 
@@ -130,7 +125,7 @@ class Padded(NamedTuple):
 
     values: FloatArray
     shape: tuple[int, ...]
-    strides: _Nodes
+    strides: LongArray
     spacing: FloatArray
 
     @classmethod
@@ -141,7 +136,7 @@ class Padded(NamedTuple):
         strides = np.array(values.strides) // values.itemsize
         return cls(values.reshape(-1), values.shape, strides, grid.spacing)
 
-    def positions(self, nodes: _Nodes) -> _Nodes:
+    def positions(self, nodes: LongArray) -> LongArray:
         """Return the positions of nodes in the grid, int64[n, dim]."""
         return np.stack(np.unravel_index(nodes, self.shape), axis=-1) - _BORDER
 
@@ -164,8 +159,8 @@ class Crossings(Rows):
         Distance from the boundary at the crossing.
     """
 
-    nodes: _Nodes
-    axis: _Nodes
+    nodes: LongArray
+    axis: LongArray
     place: FloatArray
     rise: FloatArray
     depth: FloatArray
@@ -221,7 +216,7 @@ def find_crossings(
     return Crossings.joined(parts)
 
 
-def _intersections(phi: Padded, nodes: _Nodes, axis: _Nodes) -> Crossings:
+def _intersections(phi: Padded, nodes: LongArray, axis: LongArray) -> Crossings:
     """Return where the parabolas through three nodes on either side of edges intersect on them."""
     step = phi.strides[axis]
     f1, f2, f3, f4, f5, f6 = (phi.values[nodes + s * step] for s in range(-2, 4))
@@ -254,7 +249,7 @@ def _differ(phi: Padded, found: Crossings, tolerance: float) -> BoolArray:
     return np.asarray(cosine < np.minimum(bound, 1.0 - 0.5 * (scale * tolerance) ** 2))
 
 
-def _curvature(phi: Padded, nodes: _Nodes) -> FloatArray:
+def _curvature(phi: Padded, nodes: LongArray) -> FloatArray:
     """Return the largest modulus of a principal curvature of the level sets, 0 where unknown."""
     dim, shape, spacing = len(phi.shape), np.ones(3, np.int64), np.ones(3)
     shape[:dim], spacing[:dim] = phi.shape, phi.spacing
@@ -266,7 +261,7 @@ def _curvature(phi: Padded, nodes: _Nodes) -> FloatArray:
     return np.asarray(np.nan_to_num(np.abs(kappa)).max(axis=1, initial=0.0))
 
 
-def _gradient(phi: Padded, nodes: _Nodes, axis: _Nodes, side: int) -> FloatArray:
+def _gradient(phi: Padded, nodes: LongArray, axis: LongArray, side: int) -> FloatArray:
     """Return gradients, from one side (-1 or 1) along an axis and from the smoother one across."""
     steps = phi.strides[axis]
     columns = [_smoother_difference(phi.values, nodes, int(step)) for step in phi.strides]
@@ -275,7 +270,7 @@ def _gradient(phi: Padded, nodes: _Nodes, axis: _Nodes, side: int) -> FloatArray
     return np.where(is_along, along[:, None], np.column_stack(columns)) / phi.spacing
 
 
-def _smoother_difference(values: FloatArray, nodes: _Nodes, step: int) -> FloatArray:
+def _smoother_difference(values: FloatArray, nodes: LongArray, step: int) -> FloatArray:
     """Return one-sided differences on the side with the smaller second difference.
 
     A side whose second difference is large holds a kink; taking the side *upwind* in the sense of
@@ -389,8 +384,8 @@ def _interpolated(grid: CartesianGrid, values: FloatArray, points: FloatArray) -
 
 
 def _around(
-    grid: CartesianGrid, nodes: _Nodes, reach: int
-) -> Iterator[tuple[tuple[int, ...], tuple[_Nodes, ...]]]:
+    grid: CartesianGrid, nodes: LongArray, reach: int
+) -> Iterator[tuple[tuple[int, ...], tuple[LongArray, ...]]]:
     """Yield steps of up to some nodes along each axis, and where they lead, as an index."""
     last = np.array(grid.shape) - 1
     for step in itertools.product(range(-reach, reach + 1), repeat=grid.dim):
@@ -413,7 +408,7 @@ def _reach_diagonally(grid: CartesianGrid, inside: BoolArray, distances: FloatAr
 
 def _deepest(
     grid: CartesianGrid, phi: FloatArray, inside: BoolArray, distances: FloatArray
-) -> tuple[_Nodes, ...]:
+) -> tuple[LongArray, ...]:
     """Return the inside nodes that are deeper than all neighbours, with no crossing nearby.
 
     Each is next to the centre of a ball that touches the boundary on all sides.

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize._defaults import CORNER_ANGLE
 from adaptsize.background import SimplexMesh
@@ -18,7 +17,7 @@ from adaptsize.geometry.distance.fast_marching import march_through_mesh
 from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.geometry.faces import smooth_passages
 from adaptsize.geometry.medial.fronts import Fronts, MedialAxis, Rows, meet_at_corner
-from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, LongArray, ProgressCallback
 
 #: Default of the smallest angle, in degrees, between the directions to the boundary.
 SEPARATION_ANGLE = 40.0
@@ -114,7 +113,7 @@ class DomainOnMesh:
             self.report("finding the medial axis", share)
         return Fronts.joined(found)
 
-    def _candidates(self, edges: npt.NDArray[np.int64]) -> _Parts:
+    def _candidates(self, edges: LongArray) -> _Parts:
         """Return the edges on which the depth may have a ridge inside."""
         start, end = self.mesh.points[edges.T]
         at = np.tile([0.0, 1.0], (len(edges), 1))
@@ -193,9 +192,7 @@ class DomainOnMesh:
             found.append(self._on_rays(corners.ends, start, way, Depths(depth, outward)))
         return Fronts.joined(found)
 
-    def _on_rays(
-        self, ends: npt.NDArray[np.int64], start: FloatArray, way: FloatArray, seen: Depths
-    ) -> Fronts:
+    def _on_rays(self, ends: LongArray, start: FloatArray, way: FloatArray, seen: Depths) -> Fronts:
         """Return the first points on rays from inside points where another front is met."""
         # The ball around an inside point is inside.
         far = self.boundary.seen_from(start + way, np.linalg.norm(way, axis=1) < seen.depth)
@@ -377,7 +374,7 @@ class _Parts(Rows):
     outward : float64[n, 2, dim]
     """
 
-    ends: npt.NDArray[np.int64]
+    ends: LongArray
     start: FloatArray
     way: FloatArray
     at: FloatArray
@@ -432,13 +429,13 @@ class InnerCells(NamedTuple):
     Parameters
     ----------
     mesh : SimplexMesh
-    nodes : npt.NDArray[np.int64]
+    nodes : LongArray
         Node of the background of which each node is a copy.
     inside : BoolArray
     """
 
     mesh: SimplexMesh
-    nodes: npt.NDArray[np.int64]
+    nodes: LongArray
     inside: BoolArray
 
 
@@ -453,7 +450,7 @@ def _bound_outside(inner: InnerCells, size: FloatArray) -> None:
     size[outside] = np.maximum(size[outside], 0.5 * least[outside])
 
 
-def _links(mesh: SimplexMesh) -> npt.NDArray[np.int64]:
+def _links(mesh: SimplexMesh) -> LongArray:
     """Return the ends of edges and their other ends, each edge both ways, int64[2, n]."""
     return np.concatenate([mesh.edges.T, mesh.edges.T[::-1]], axis=1).astype(np.int64)
 
@@ -472,9 +469,7 @@ def _inner_cells(mesh: SimplexMesh, inside: BoolArray) -> InnerCells:
     return InnerCells(SimplexMesh(mesh.points[nodes], numbers), nodes, inside[nodes])
 
 
-def _copies(
-    cells: npt.NDArray[np.int64], inside: BoolArray
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+def _copies(cells: LongArray, inside: BoolArray) -> tuple[IndexArray, IndexArray]:
     """Return the outside corners of cells (flat numbers), and the number of the copy for each."""
     corner = np.flatnonzero(~inside[cells])
     around = cells[corner // cells.shape[1]]

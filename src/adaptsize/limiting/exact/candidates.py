@@ -74,6 +74,8 @@ class Component(NamedTuple):
     """
     merge: MergeRows | None = None
     """Adds what other processes know about edges and faces; None on a single one."""
+    at_any_price: bool = True
+    """As in `Problem`."""
 
     @property
     def cells(self) -> IntArray:

@@ -23,7 +23,21 @@ from adaptsize.limiting.exact.field import (
     node_table,
     sorted_entries,
 )
+from adaptsize.limiting.problem import TooManyCorners
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
+
+# Corners that are never too many: they take up to 5 ms.
+_FEW = 256
+
+# Limit of the squared number of corners over the number of nodes.  Corners take up to 70 ns times
+# the square of their number, and fast marching 300 to 450 ns per node.
+_MOST = 40
+
+
+def check_price(n_corners: int, n_nodes: int) -> None:
+    """Raise `TooManyCorners` if corners will take many times as long as fast marching."""
+    if n_corners > _FEW and n_corners * n_corners > _MOST * n_nodes:
+        raise TooManyCorners
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +51,8 @@ class Plane:
     table: FloatArray
     """float64[c, COLUMNS]: as entries."""
     walls: FloatArray
-    """float64[c, 4]: unit vectors along the two walls; the sector extends counterclockwise from
-    the first to the second."""
+    """float64[c, 5]: unit vectors along the two walls, and the length of the shortest edge there;
+    the sector extends counterclockwise from the first wall to the second."""
     sizes: FloatArray
     """float64[c]"""
     merge: Callable[[FloatArray, FloatArray, BoolArray], None] | None = None
@@ -67,7 +81,8 @@ def plane_of(points: FloatArray, boundary: PlaneBoundary) -> Plane:
     rows = boundary.rows[nodes]
     table[:, ROW], table[:, CORNER] = rows, 1.0
     table[:, KIND] = np.where(boundary.free[order], ANY, NARROW)
-    walls = boundary.sectors[boundary.first[rows], :4]
+    walls = boundary.sectors[boundary.first[rows]]
+    walls[:, 4] = boundary.reach[order]
     return Plane(boundary, sight, nodes, table, walls, sizes)
 
 

@@ -149,7 +149,8 @@ class Exact(Scheme):
         """Return the problem on a mesh, or a grid, as one component."""
         workers = Workers.of(self.threads, problem.report)
         g = problem.slope.number(self.name)
-        return Component(domain, problem.h0.ravel(), g, self.face_sources, workers, extra)
+        h0, price = problem.h0.ravel(), problem.at_any_price
+        return Component(domain, h0, g, self.face_sources, workers, extra, at_any_price=price)
 
     def _solve(self, problem: Problem) -> ExactSolution:
         """Solve on a domain without images."""
@@ -192,7 +193,8 @@ class Exact(Scheme):
             if not lowered.any():
                 break
             seeds = np.where(lowered, along, np.inf).ravel()
-            more = of_nodes._solve(Problem(mesh, seeds, problem.slope, report=problem.report))
+            rest = replace(problem, domain=mesh, h0=seeds, point_sources=None)
+            more = of_nodes._solve(rest)
             unfinished = unfinished or more.unfinished
             lower = np.minimum(along, more.h.reshape(h.shape))
             if grid.dim == 3:

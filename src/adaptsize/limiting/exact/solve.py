@@ -12,11 +12,19 @@ from adaptsize._kernels import exact_candidates as candidates
 from adaptsize._kernels.exact_plane import CORNER, ROW
 from adaptsize.background._curve import along_curve
 from adaptsize.geometry.boundary import FlatBoundary, plane_boundary
+from adaptsize.geometry.convexity import count_corners
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.candidates import Component, candidates_of, sources_on_cells
 from adaptsize.limiting.exact.field import Entries, ExactField, Points, node_entries
 from adaptsize.limiting.exact.origins import Paths, complete
-from adaptsize.limiting.exact.plane import Plane, along_walls, at_nodes, plane_of, with_corners
+from adaptsize.limiting.exact.plane import (
+    Plane,
+    along_walls,
+    at_nodes,
+    check_price,
+    plane_of,
+    with_corners,
+)
 from adaptsize.ranks import SingleRank
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -84,6 +92,8 @@ def solve_on_mesh(component: Component, boundary: FlatBoundary, convex: bool) ->
         return solve_by_sight(component, None, boundary)
     if mesh.dim == 3:
         return _solve_in_space(component, boundary)
+    if not component.at_any_price:
+        check_price(count_corners(mesh.points, boundary), mesh.n_points)
     plane = plane_of(mesh.points, plane_boundary(mesh, boundary))
     found = solve_by_sight(component, plane, boundary)
     if rises_too_fast(component, found.h):

@@ -46,6 +46,14 @@ class Piece(NamedTuple):
             marked[nodes] = True
         return marked
 
+    @property
+    def n_own(self) -> int:
+        """Number of nodes that no rank before this one holds."""
+        own = np.ones(len(self.ids), np.bool_)
+        for nodes in self.shared[: self.ranks.rank]:
+            own[nodes] = False
+        return int(np.count_nonzero(own))
+
     def bounds(self, h0: FloatArray) -> FloatArray:
         """Return the bounds at the nodes of ``mesh``, given those of the part."""
         return np.full(self.mesh.n_points, np.inf) if self.is_empty else h0[self.nodes]

@@ -16,9 +16,10 @@ from adaptsize._kernels.exact_candidates import have_neighbours
 from adaptsize.background._curve import along_curve
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.geometry.boundary import plane_boundary
+from adaptsize.geometry.convexity import count_corners
 from adaptsize.limiting.exact.candidates import Component, Extra, Kinks, margin_for
 from adaptsize.limiting.exact.field import ExactField, Points, Workers
-from adaptsize.limiting.exact.plane import Plane, plane_of
+from adaptsize.limiting.exact.plane import Plane, check_price, plane_of
 from adaptsize.limiting.exact.scheme import OUTSIDE
 from adaptsize.limiting.exact.solve import (
     ComponentSolution,
@@ -59,6 +60,8 @@ class Settings(NamedTuple):
     point_sources: PointBounds | None
     trace: bool
     """Whether to return the sources of the sizes."""
+    at_any_price: bool = True
+    """As in `Problem`."""
 
 
 def solve_exact(part: PartitionedMesh, h0: FloatArray, settings: Settings) -> Solved | None:
@@ -122,6 +125,9 @@ def _solve_piece(
     if mesh.dim == 3:
         body = part.once(f"_body_{number}", lambda: find_body(piece, skeleton))
         return solve_body(part, piece, body, component, ids, tracing=settings.trace)
+    if not settings.at_any_price:
+        n_corners = count_corners(skeleton.points, skeleton.boundary)
+        check_price(n_corners, comm.allreduce(piece.n_own, "sum"))
     plane, corners = part.once(f"_plane_{number}", lambda: _plane_on(piece, skeleton))
     numbers = Numbers(ids, corners) if settings.trace else None
     found = _with_others(piece, component, plane.without_sizes(), skeleton, numbers)

@@ -27,11 +27,15 @@ from adaptsize.limiting.in_parts.info import (
 )
 from adaptsize.limiting.in_parts.marching import solve_fast_marching
 from adaptsize.limiting.info import LimitingInfo
-from adaptsize.limiting.problem import PointBounds, Scheme
+from adaptsize.limiting.problem import PointBounds, Scheme, TooManyCorners
+from adaptsize.ranks import Communicator
 from adaptsize.typing import FloatArray, GradientOfSize, ProgressCallback
 
 #: `limit_gradient.with_info`.
 LimitWhole = Callable[..., tuple[FloatArray, LimitingInfo]]
+
+# Sizes at which the functions g(h) of the ranks are compared.
+_PROBES = 9
 
 
 class Request(NamedTuple):
@@ -56,6 +60,7 @@ class _Summary(NamedTuple):
     method: str
     point_sources: str
     with_info: bool
+    depends_on_size: bool
 
 
 class _Limit(NamedTuple):
@@ -85,11 +90,7 @@ def limit_in_parts(
     request, limit, own = comm.agree(lambda: _summarized(part, check(), wants_info))
     every: list[_Summary] = comm.allgather(own)
     least = min(summary.least for summary in every)
-    if least == np.inf:
-        raise ValueError("h0 must be finite at one node at least, got inf at all of them")
-    for name in ("g", "method", "point_sources", "with_info"):
-        if len({getattr(summary, name) for summary in every} - {None}) > 1:
-            raise ValueError(f"{name} must be the same on all ranks")
+    _refuse_differing(part, request, every)
     if any(summary.in_cells for summary in every) and np.shape(limit.in_space) == (part.n_cells,):
         values = as_float_array("g", limit.in_space)
         limit = limit._replace(slope=Slope(np.where(values < 1.0 / STEEPEST, 0.0, values)))
@@ -106,6 +107,7 @@ def limit_in_parts(
     transform, of_size = None, limit.of_size
     if of_size is not None:
         ends = least, max(summary.largest for summary in every)
+        _refuse_other_functions(comm, of_size, ends)
         transform = comm.agree(lambda: SizeTransform(of_size, *ends))
     u0, at_points = bound, extra
     if transform is not None:
@@ -114,16 +116,18 @@ def limit_in_parts(
             at_points = extra._replace(sizes=transform.forward(extra.sizes))
     if isinstance(scheme, Exact):
         threads = 1 if scheme.threads is None and comm.size > 1 else scheme.threads
-        settings = Settings(g, scheme.face_sources, threads, report, at_points, wants_info)
-        solved = solve_exact(part, u0, settings)
-    else:
+        price = request.scheme is not None or extra is not None
+        settings = Settings(g, scheme.face_sources, threads, report, at_points, wants_info, price)
+        try:
+            solved = solve_exact(part, u0, settings)
+        except TooManyCorners:  # on all ranks
+            scheme = FastMarching()
+    if isinstance(scheme, FastMarching):
         solved = solve_fast_marching(part, u0, limit.slope, report, residual=wants_info)
     if solved is None:
         per_cell = np.broadcast_to(limit.slope.values, part.n_cells) if varies else None
         in_space = g if per_cell is None else part.gather_cells(per_cell)
-        given = request._replace(
-            scheme=scheme, g=in_space if of_size is None else (in_space, of_size)
-        )
+        given = request._replace(g=in_space if of_size is None else (in_space, of_size))
         return _collected(part, given, limit_whole, wants_info)
     if not comm.allreduce(int(solved.finished), "min") and comm.rank == 0:
         warn_caller(UNFINISHED, ConvergenceWarning)
@@ -131,6 +135,27 @@ def limit_in_parts(
     h = u if transform is None else comm.agree(lambda: transform.backward(u))
     info = info_of(part, scheme.name, u0, solved, limit.slope) if wants_info else None
     return np.minimum(h, bound), info
+
+
+def _refuse_differing(part: PartitionedMesh, request: Request, every: list[_Summary]) -> None:
+    """Raise a ValueError on all ranks if the requests do not fit together; collective."""
+    if min(summary.least for summary in every) == np.inf:
+        raise ValueError("h0 must be finite at one node at least, got inf at all of them")
+    names = {"g": "g", "depends_on_size": "g"}
+    names |= {name: name for name in ("method", "point_sources", "with_info")}
+    for attribute, name in names.items():
+        if len({getattr(summary, attribute) for summary in every} - {None}) > 1:
+            raise ValueError(f"{name} must be the same on all ranks")
+    part.require_equal_values("h0", request.h0)
+
+
+def _refuse_other_functions(
+    comm: Communicator, of_size: GradientOfSize, ends: tuple[float, float]
+) -> None:
+    """Raise a ValueError on all ranks if the functions g(h) differ between the given sizes."""
+    sizes = np.geomspace(*ends, _PROBES)
+    found = comm.agree(lambda: np.broadcast_to(np.asarray(of_size(sizes)), sizes.shape))
+    comm.require_equal(**{"g(h)": [f"{value:.12g}" for value in found]})
 
 
 def _summarized(
@@ -166,6 +191,7 @@ def _summarized(
         repr(scheme),
         sha256(words).hexdigest(),
         wants_info,
+        of_size is not None,
     )
     return request, _Limit(slope, of_size, in_space), summary
 
@@ -180,7 +206,11 @@ def _collected(
         if whole is None or bounds is None:
             return None, None, None
         h, info = limit_whole(
-            whole, bounds, request.g, method=request.scheme, point_sources=request.point_sources
+            whole,
+            bounds,
+            request.g,
+            method="auto" if request.scheme is None else request.scheme,
+            point_sources=request.point_sources,
         )
         if not wants_info:
             return h, None, None

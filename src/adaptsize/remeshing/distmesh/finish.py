@@ -10,7 +10,7 @@ from adaptsize._kernels.swapping import MOST_AROUND, Tetrahedra, new_work, swap
 from adaptsize.background import topology
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
 from adaptsize.remeshing.distmesh.relaxation import ON_BOUNDARY, nodes_of, skin_of, triangulate
-from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, ProgressCallback
 
 #: Rounds of triangulation and projection.  Two are usually enough.
 _ROUNDS = 8
@@ -24,11 +24,7 @@ TOLERANCE = 1e-6
 
 
 def finish(
-    domain: ImplicitDomain,
-    points: FloatArray,
-    *,
-    n_fixed: int,
-    report: ProgressCallback,
+    domain: ImplicitDomain, points: FloatArray, *, n_fixed: int, report: ProgressCallback
 ) -> tuple[FloatArray, IntArray]:
     """Return a mesh of these nodes with its boundary nodes on the boundary of the domain.
 
@@ -46,13 +42,12 @@ def finish(
         at = at[at >= n_fixed]
         there, _ = domain.project(points[at], h[at], tolerance=TOLERANCE, max_steps=20)
         near = np.linalg.norm(there - points[at], axis=1) <= ON_BOUNDARY * h[at]
+        before = points.copy()
+        points[at] = there
         if near.all():
-            points[at] = there
             break
-        if k < _ROUNDS - 1:
-            points[at] = there
-        else:
-            _move_if_good(points, cells, at, there)
+    else:  # only nodes whose cells keep their quality are moved
+        take_back(points, cells, before, at, np.full(len(points), 0.5 * _FLAT))
     if len(cells) == 0:
         raise ValueError(
             "size must be small enough for the domain, got sizes for which no cell fits into it"
@@ -60,16 +55,7 @@ def finish(
     return improved(domain, points, cells, h, n_fixed=n_fixed, report=report)
 
 
-def _move_if_good(
-    points: FloatArray, cells: IntArray, nodes: npt.NDArray[np.intp], there: FloatArray
-) -> None:
-    """Move the nodes whose cells keep their quality.  Changes ``points``."""
-    old = points.copy()
-    points[nodes] = there
-    _take_back(points, cells, old, nodes, np.full(len(points), 0.5 * _FLAT))
-
-
-def _take_back(
+def take_back(
     points: FloatArray,
     cells: IntArray,
     old: FloatArray,
@@ -78,7 +64,7 @@ def _take_back(
 ) -> None:
     """Take back moves of nodes whose cells have less than the least quality."""
     for _ in range(_ROUNDS):  # taking back one move may spoil another
-        worse = nodes[_worst_of_nodes(points, cells)[nodes] < least[nodes]]
+        worse = nodes[worst_of_nodes(points, cells)[nodes] < least[nodes]]
         worse = worse[(points[worse] != old[worse]).any(axis=1)]
         if len(worse) == 0:
             return
@@ -93,9 +79,7 @@ def without_flat(points: FloatArray, cells: IntArray, n_fixed: int) -> IntArray:
     straight part of the boundary, in space slivers between four boundary nodes.
     """
     for _ in range(10):
-        quality = np.empty(len(cells))
-        fill_quality(points, cells, quality)
-        flat = np.flatnonzero(quality < _FLAT)
+        flat = np.flatnonzero(_quality(points, cells) < _FLAT)
         gone = _one_sided(points, cells, flat, n_fixed) if len(flat) else []
         if len(gone) == 0:
             break
@@ -103,9 +87,7 @@ def without_flat(points: FloatArray, cells: IntArray, n_fixed: int) -> IntArray:
     return cells
 
 
-def _one_sided(
-    points: FloatArray, cells: IntArray, flat: npt.NDArray[np.intp], n_fixed: int
-) -> list[int]:
+def _one_sided(points: FloatArray, cells: IntArray, flat: IndexArray, n_fixed: int) -> list[int]:
     """Return the flat cells that can be removed, no two of them with a common node."""
     width = cells.shape[1]
     facets, cell_facets = topology.facets_of(cells, len(points))
@@ -122,9 +104,7 @@ def _one_sided(
         outer = single[cell_facets[c]]
         if not outer.any() or outer.all() or touched[nodes].any():
             continue
-        hidden = nodes[
-            outer
-        ]  # each opposite to a facet on the boundary: they become boundary nodes
+        hidden = nodes[outer]  # opposite to facets on the boundary: they become boundary nodes
         if len(hidden) == 1:
             closed = bool(on_boundary[hidden[0]])
         elif len(hidden) == width - 1:  # their common node would be lost
@@ -176,9 +156,8 @@ def improved(
     for k in range(_PASSES):
         report("improving cells", k / _PASSES)
         if dim == 3:
-            cells = _swapped(points, cells)
-        quality = np.empty(len(cells))
-        fill_quality(points, cells, quality)
+            cells = swapped(points, cells)
+        quality = _quality(points, cells)
         bad = quality < _BAD[dim]
         state = (round(float(quality.min()), 2), -int(bad.sum()))
         if state <= best:
@@ -196,12 +175,11 @@ def improved(
     return points, cells
 
 
-def _swapped(points: FloatArray, cells: IntArray) -> IntArray:
+def swapped(points: FloatArray, cells: IntArray) -> IntArray:
     """Return tetrahedra with edges and faces swapped until no swap improves the quality."""
     work = new_work()
     for _ in range(10):
-        quality = np.empty(len(cells))
-        fill_quality(points, cells, quality)
+        quality = _quality(points, cells)
         bad = np.flatnonzero(quality < _BAD[3])
         bad = bad[np.argsort(quality[bad])]
         ring_ptr, ring = topology.rings(cells, len(points))
@@ -230,21 +208,25 @@ def _move_nodes(
     normals[at] = domain.normals(points[at], h[at])
     sharp = at[~normals[at].any(axis=1) | _is_crease(points, cells, normals)[at]]
     nodes = np.setdiff1d(nodes, sharp).astype(np.int64)
-    before, old = _worst_of_nodes(points, cells), points.copy()
+    before, old = worst_of_nodes(points, cells), points.copy()
     smooth_nodes(points, cells, topology.rings(cells, len(points)), (nodes, normals, steps))
     at = np.setdiff1d(at, sharp)
     at = at[(points[at] != old[at]).any(axis=1)]
     points[at], _ = domain.project(points[at], h[at], tolerance=TOLERANCE, max_steps=20)
-    _take_back(points, cells, old, at, before)
+    take_back(points, cells, old, at, before)
 
 
-def _worst_of_nodes(points: FloatArray, cells: IntArray) -> FloatArray:
+def worst_of_nodes(points: FloatArray, cells: IntArray) -> FloatArray:
     """Return the smallest quality of the cells around each node."""
+    worst = np.ones(len(points))
+    np.minimum.at(worst, cells, _quality(points, cells)[:, None])
+    return worst
+
+
+def _quality(points: FloatArray, cells: IntArray) -> FloatArray:
     quality = np.empty(len(cells))
     fill_quality(points, cells, quality)
-    worst = np.ones(len(points))
-    np.minimum.at(worst, cells.ravel(), np.repeat(quality, cells.shape[1]))
-    return worst
+    return quality
 
 
 def _is_crease(points: FloatArray, cells: IntArray, normals: FloatArray) -> BoolArray:

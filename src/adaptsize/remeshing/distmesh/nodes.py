@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
-from adaptsize.typing import BoolArray, FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongArray
 
 #: Edges shorter or longer than this lose a node or get one at their midpoint, in sizes.
 _TOO_SHORT, _TOO_LONG = 0.6, 1.55
@@ -60,9 +59,7 @@ def adapted(
     return None if same or len(changed) > max_nodes else changed
 
 
-def _short_and_long(
-    ratio: FloatArray, n_points: int, dim: int
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+def _short_and_long(ratio: FloatArray, n_points: int, dim: int) -> tuple[IndexArray, IndexArray]:
     """Return which edges lose a node, and which get one, the worst first.
 
     If edges are too long on average, nodes are missing, and the longest edges are split too.
@@ -78,7 +75,7 @@ def _short_and_long(
     return order[:n_short], order[::-1][:n_long]
 
 
-def _chosen(short: IntArray, mesh: MeshEdges) -> npt.NDArray[np.int64]:
+def _chosen(short: IntArray, mesh: MeshEdges) -> LongArray:
     """Return one node of each short edge, such that no two of them share a short edge."""
     gone: list[int] = []
     touched: set[int] = set()
@@ -141,11 +138,7 @@ _ROUNDS = 3
 
 
 def with_corners(
-    domain: ImplicitDomain,
-    points: FloatArray,
-    h: FloatArray,
-    skin_edges: IntArray,
-    n_fixed: int,
+    domain: ImplicitDomain, points: FloatArray, h: FloatArray, skin_edges: IntArray, n_fixed: int
 ) -> tuple[FloatArray | None, int]:
     """Return the nodes with some moved to corners, or added there.
 

@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize._checks import refuse_where
 from adaptsize.errors import TooManyElementsError
@@ -29,14 +28,11 @@ from adaptsize.remeshing.distmesh.implicit_domain import (
     estimated_slope,
     grid_of,
 )
-from adaptsize.typing import FloatArray
+from adaptsize.typing import BoolArray, FloatArray, LongArray
 
 #: Edges of a box that holds two points of a lattice whose mean edge is 1.  In space the
 #: body-centred cubic lattice has 3 edges of length a and 4 of sqrt(3)/2 a per point.
-_BOX = {
-    2: np.array([1.0, math.sqrt(3.0)]),
-    3: np.full(3, 7.0 / (3.0 + 2.0 * math.sqrt(3.0))),
-}
+_BOX = {2: np.array([1.0, math.sqrt(3.0)]), 3: np.full(3, 7.0 / (3.0 + 2.0 * math.sqrt(3.0)))}
 #: Positions of the two points in their box.
 _PLACES = (0.25, 0.75)
 #: Initial boxes along the longest side.  Narrower parts are found by the slope of phi.
@@ -67,16 +63,22 @@ class Sampling:
     measure: float
 
 
-class _Lattice(NamedTuple):
+class _Boxes(NamedTuple):
+    """Some boxes of a level of the lattice."""
+
     lower: FloatArray
     spacing: float
-    """Of level 0."""
     box: FloatArray
     """Edges of a box for spacing 1."""
+    cells: LongArray
+    """Their numbers along the axes, int64[n, dim]."""
 
-    def at(self, index: npt.NDArray[np.int64], level: int, place: float) -> FloatArray:
-        edge = self.box * math.ldexp(self.spacing, -level)
-        return np.asarray(self.lower + (index + place) * edge)
+    @property
+    def edges(self) -> FloatArray:
+        return self.box * self.spacing
+
+    def at(self, place: float) -> FloatArray:
+        return np.asarray(self.lower + (self.cells + place) * self.edges)
 
 
 def with_sizes(domain: ImplicitDomain, size: Size) -> ImplicitDomain:
@@ -139,16 +141,17 @@ def sample(domain: ImplicitDomain, rng: np.random.Generator, *, max_elements: fl
     TooManyElementsError
         If the sizes require more elements than ``max_elements``.
     """
-    lattice, index = _root(domain)
+    boxes = _root(domain)
+    coarsest = boxes.spacing
     limit = max_elements / ELEMENTS_PER_NODE[domain.dim]
     points, probes = [], []
     measure, expected = 0.0, 0.0
     for level in range(_MAX_LEVEL + 1):
-        index, is_leaf, to_come = _leaves(domain, lattice, index, level)
-        leaves = index[is_leaf | (level == _MAX_LEVEL)]
-        index = index[~is_leaf]
-        kept, weight = _draw(domain, lattice, leaves, level, rng)
-        inside, volume = _probe(domain, lattice, leaves, level, rng)
+        boxes, is_leaf, to_come = _leaves(domain, boxes, coarsest)
+        leaves = boxes._replace(cells=boxes.cells[is_leaf | (level == _MAX_LEVEL)])
+        index = boxes.cells[~is_leaf]
+        kept, weight = _draw(domain, leaves, rng)
+        inside, volume = _probe(domain, leaves, rng)
         points.append(kept)
         probes.append(inside)
         expected += weight
@@ -158,6 +161,7 @@ def sample(domain: ImplicitDomain, rng: np.random.Generator, *, max_elements: fl
             break
         offsets = np.indices((2,) * domain.dim).reshape(domain.dim, -1).T
         index = (2 * index[:, None] + offsets).reshape(-1, domain.dim)
+        boxes = boxes._replace(spacing=0.5 * boxes.spacing, cells=index)
     places = np.concatenate(probes)
     if len(places) == 0:
         raise ValueError(
@@ -168,8 +172,8 @@ def sample(domain: ImplicitDomain, rng: np.random.Generator, *, max_elements: fl
     return Sampling(np.concatenate(points), places, measure)
 
 
-def _root(domain: ImplicitDomain) -> tuple[_Lattice, npt.NDArray[np.int64]]:
-    """Return the lattice and the boxes of level 0, which cover the domain.
+def _root(domain: ImplicitDomain) -> _Boxes:
+    """Return the boxes of level 0, which cover the domain.
 
     The smallest size found is the spacing of some level, so a constant size gives the lattice.
     """
@@ -185,63 +189,47 @@ def _root(domain: ImplicitDomain) -> tuple[_Lattice, npt.NDArray[np.int64]]:
     # Centred, so that the lattice does not depend on the position of the box.
     lower = domain.lower - 0.5 * (shape * box * spacing - extent)
     index = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), axis=-1)
-    return _Lattice(lower, spacing, box), index.reshape(-1, domain.dim)
+    return _Boxes(lower, spacing, box, index.reshape(-1, domain.dim))
 
 
 def _leaves(
-    domain: ImplicitDomain,
-    lattice: _Lattice,
-    index: npt.NDArray[np.int64],
-    level: int,
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_], float]:
+    domain: ImplicitDomain, boxes: _Boxes, coarsest: float
+) -> tuple[_Boxes, BoolArray, float]:
     """Return the boxes that may meet the domain, and which of them are small enough.
 
     The number is a lower bound on the number of points from the other boxes.
     """
-    spacing = math.ldexp(lattice.spacing, -level)
-    centres = lattice.at(index, level, 0.5)
-    radius = 0.5 * spacing * float(np.linalg.norm(lattice.box))
-    phi = domain.phi(centres)
+    spacing = boxes.spacing
+    radius = 0.5 * spacing * float(np.linalg.norm(boxes.box))
+    phi = domain.phi(boxes.at(0.5))
     near = phi <= domain.slope * radius
-    index, centres, phi = index[near], centres[near], phi[near]
-    sizes = np.stack(
-        [domain.size(p) for p in (centres, *(lattice.at(index, level, at) for at in _PLACES))]
-    )
+    boxes, phi = boxes._replace(cells=boxes.cells[near]), phi[near]
+    sizes = np.stack([domain.size(boxes.at(place)) for place in (0.5, *_PLACES)])
     known = np.where(np.isnan(sizes), np.inf, sizes).min(axis=0)
     # Where the size is unknown, outside the domain: the smallest size on this level.
-    known[np.isinf(known)] = known.min(initial=lattice.spacing)
+    known[np.isinf(known)] = known.min(initial=coarsest)
     is_leaf = spacing <= known * (1.0 + 1e-9)
     whole = ~is_leaf & (phi < -domain.slope * radius)
     to_come = 2.0 * float(((spacing / sizes[:, whole].max(axis=0)) ** domain.dim).sum())
-    return index, is_leaf, to_come
+    return boxes, is_leaf, to_come
 
 
 def _draw(
-    domain: ImplicitDomain,
-    lattice: _Lattice,
-    leaves: npt.NDArray[np.int64],
-    level: int,
-    rng: np.random.Generator,
+    domain: ImplicitDomain, leaves: _Boxes, rng: np.random.Generator
 ) -> tuple[FloatArray, float]:
     """Return the points that are kept, and their expected number."""
-    points = np.concatenate([lattice.at(leaves, level, place) for place in _PLACES])
+    points = np.concatenate([leaves.at(place) for place in _PLACES])
     points = points[domain.phi(points) < 0.0]
-    spacing = math.ldexp(lattice.spacing, -level)
-    share = np.minimum((spacing / domain.size(points)) ** domain.dim, 1.0)
+    share = np.minimum((leaves.spacing / domain.size(points)) ** domain.dim, 1.0)
     share[share > 1.0 - 1e-6] = 1.0
     return points[rng.random(len(points)) < share], float(share.sum())
 
 
 def _probe(
-    domain: ImplicitDomain,
-    lattice: _Lattice,
-    leaves: npt.NDArray[np.int64],
-    level: int,
-    rng: np.random.Generator,
+    domain: ImplicitDomain, leaves: _Boxes, rng: np.random.Generator
 ) -> tuple[FloatArray, float]:
     """Return points inside the domain, and the measure of the domain in these boxes."""
-    edges = lattice.box * math.ldexp(lattice.spacing, -level)
-    centres = lattice.at(leaves, level, 0.5)
+    edges, centres = leaves.edges, leaves.at(0.5)
     phi = domain.phi(centres)
     crossed = np.abs(phi) <= domain.slope * 0.5 * float(np.linalg.norm(edges))
     n = _SUBSAMPLES[domain.dim]

@@ -207,11 +207,7 @@ def _forces(points: FloatArray, edges: IntArray, h: FloatArray) -> FloatArray:
 
 
 def _put_back(
-    domain: ImplicitDomain,
-    points: FloatArray,
-    h: FloatArray,
-    on_boundary: BoolArray,
-    n_fixed: int,
+    domain: ImplicitDomain, points: FloatArray, h: FloatArray, on_boundary: BoolArray, n_fixed: int
 ) -> FloatArray:
     """Return the nodes, with outside nodes and boundary nodes projected onto the boundary."""
     outside = domain.phi(points) > 0.0

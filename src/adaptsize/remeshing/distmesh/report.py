@@ -131,11 +131,8 @@ def describe(
 
 def _components(mesh: SimplexMesh) -> npt.NDArray[np.integer]:
     """Return the component of each cell.  Components have no facet in common."""
-    n_facets = len(mesh.facets)
-    cell = np.repeat(np.arange(mesh.n_cells), mesh.cells.shape[1]) + n_facets
-    links = np.column_stack([cell, mesh.cell_facets.ravel()])
-    labels = topology.components_of(links, n_facets + mesh.n_cells)[n_facets:]
-    return np.asarray(np.unique(labels, return_inverse=True)[1])
+    links = topology.pairs_of_cells(mesh, mesh.facet_cell_counts == 2) // mesh.cells.shape[1]
+    return topology.components_of(links, mesh.n_cells)
 
 
 def _n_broken(mesh: SimplexMesh, component: npt.NDArray[np.integer], domain: ImplicitDomain) -> int:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from adaptsize._checks import as_angle, as_whole_number, check_type
+from adaptsize._checks import as_angle, as_whole_number, check_type, one_of
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._kernels import curvature as kernels
 from adaptsize._kernels.sectors import Sectors, Surface, fill_sectors
@@ -21,47 +22,71 @@ from adaptsize.geometry.faces import (
 )
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
+#: What the curvature is returned for.
+Part: TypeAlias = Literal["nodes", "corners", "creases"]
+
 #: Largest number of averages; each spreads a value by one layer of neighbours.
 MOST_TURNS = 1000
 #: Curvatures below this, in units of one over the diagonal, are noise.
 FLAT = 1e-7
 
 
-def surface_curvature(
-    surface: SimplexMesh, *, crease_angle: float = CREASE_ANGLE, smoothing: int = 0
+def curvature(
+    boundary: SimplexMesh,
+    *,
+    of: Part = "nodes",
+    crease_angle: float = CREASE_ANGLE,
+    smoothing: int = 0,
 ) -> FloatArray:
-    r"""Return the principal curvature of larger absolute value at the nodes of a surface.
+    r"""Return the curvature of a triangulated surface, or of polylines.
 
-    Each triangle gets the symmetric tensor that maps its edges to the differences of the
-    normals at its corners [1]_.  Each node gets the area-weighted mean of these tensors.
-    At a node on feature edges (creases), every sector between them has its own normal [2]_ and
-    its own tensor, and the largest curvature is returned.  Neither feature edges nor tips of
-    cones count as curvature of the surface; see `crease_curvature` for the curvature of the
-    feature edges as curves.
+    *Triangles in space.*  Each triangle gets the symmetric tensor that maps its edges to the
+    differences of the normals at its corners [1]_.  Each node gets the area-weighted mean of these
+    tensors, and the result is the principal curvature of larger absolute value.  At a node on
+    feature edges (creases), every sector between them has its own normal [2]_ and its own tensor.
+    Neither feature edges nor tips of cones count as curvature of the surface.
+
+    *Segments*, and the feature edges of a surface.  This is the curvature of the circle through a
+    node and its two neighbours a and c [3]_,
+
+    .. math:: \kappa = 2 \sin\theta / |a - c|,
+
+    with the turning angle :math:`\theta` at the node.  It is exact for circles with any spacing.
+    The turning angle divided by the mean length would have an error of second order in the spacing.
 
     Parameters
     ----------
-    surface : SimplexMesh
-        Triangles in space, in any orientation.  Open, non-manifold or non-orientable
-        surfaces and degenerate triangles are allowed.
+    boundary : SimplexMesh
+        Triangles in space, or segments in the plane or in space, in any orientation.  Open,
+        non-manifold or non-orientable surfaces and degenerate triangles are allowed.
+    of : {"nodes", "corners", "creases"}
+        Of the nodes, the largest of the sectors at each; of the corners of the triangles, which
+        differ at a node only across feature edges (at the rim of a cylinder, the corners of the
+        flat cap have curvature 0); or of the feature edges as curves, at the nodes.
     crease_angle : float, default 40
         Edges where the normals of the two triangles differ by more than this angle are feature
         edges; so are edges of one, three or more triangles, and tagged edges (``tagged_facets``
-        with another tag than 0).  In degrees, from 0 to 180.  The angle must exceed that between
-        the facets of a tessellated smooth surface.
+        with another tag than 0).  Nodes where a line turns by more are corners.  In degrees, from
+        0 to 180.  The angle must exceed that between the facets of a tessellated smooth surface.
     smoothing : int, default 0
         How often the tensors are averaged over the triangles of each node.  Use 1 or 2 for
-        scanned, noisy surfaces.
+        scanned, noisy surfaces.  0 for lines.
 
     Returns
     -------
-    ndarray of float64, shape (n_points,)
-        Curvature, 1 / length, >= 0; 0 where flat and at nodes in no triangle.
+    ndarray of float64, shape (n_points,), or of corners (n_cells, 3)
+        Curvature, 1 / length, >= 0; 0 where flat and at nodes in no cell.  Of lines, 0 at corners,
+        at ends, where three or more segments meet, and next to a segment of length zero.
 
     Raises
     ------
     ValueError
-        If the cells are not triangles in space, or an option is out of range.
+        If the cells are neither triangles in space nor segments in the plane or in space, or an
+        option is out of range or not for segments.
+
+    See Also
+    --------
+    level_set_curvature : The same for signed distances on a grid.
 
     Notes
     -----
@@ -77,6 +102,8 @@ def surface_curvature(
        meshes", 3DPVT 2004, 486-493.
     .. [2] N. Max, "Weights for computing vertex normals from facet normals", Journal
        of Graphics Tools 4 (1999) 1-6.
+    .. [3] J. C. Leger, "Menger curvature and rectifiability", Annals of Mathematics
+       149 (1999) 831-869.
 
     Examples
     --------
@@ -84,45 +111,60 @@ def surface_curvature(
 
     >>> points = [[1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0], [0, 0, -1]]
     >>> cells = [[a, b, c] for a in (0, 3) for b in (1, 4) for c in (2, 5)]
-    >>> surface_curvature(SimplexMesh(points, cells), crease_angle=80.0).round(12)
+    >>> curvature(SimplexMesh(points, cells), crease_angle=80.0).round(12)
     array([1., 1., 1., 1., 1., 1.])
-    >>> surface_curvature(SimplexMesh(points, cells))
+    >>> curvature(SimplexMesh(points, cells))
     array([0., 0., 0., 0., 0., 0.])
+
+    Four points of a circle of radius 5, and a corner:
+
+    >>> points = [[5, 0], [4, 3], [3, 4], [0, 5], [0, 9]]
+    >>> line = SimplexMesh(points, [[0, 1], [2, 1], [2, 3], [3, 4]])
+    >>> curvature(line).round(12)
+    array([0. , 0.2, 0.2, 0. , 0. ])
     """
-    corners = corner_curvature(surface, crease_angle=crease_angle, smoothing=smoothing)
-    kappa = np.zeros(surface.n_points)
-    np.maximum.at(kappa, surface.cells, corners)
+    check_type("boundary", boundary, SimplexMesh)
+    one_of("of", of, get_args(Part))
+    if (boundary.cell_dim, boundary.dim) not in {(1, 2), (1, 3), (2, 3)}:
+        raise ValueError(
+            "boundary must consist of triangles in 3-D, or of segments in 2-D or 3-D, "
+            f"got {boundary!r}"
+        )
+    if boundary.cell_dim == 1:
+        if of != "nodes":
+            raise ValueError(f"of must be 'nodes' for segments, got {of!r} for {boundary!r}")
+        if smoothing != 0:
+            raise ValueError(
+                "smoothing must be 0 for segments (curvature is not averaged), "
+                f"got {smoothing!r} for {boundary!r}"
+            )
+        return _of_lines(boundary, crease_angle)
+    if of == "creases":
+        edges = crease_edges(boundary, crease_angle=crease_angle)
+        kappa = np.zeros(boundary.n_points)
+        return _of_lines(SimplexMesh(boundary.points, edges), crease_angle) if len(edges) else kappa
+    sectors, normals, tensors = tensors_of(boundary, crease_angle, smoothing)
+    largest = np.empty(len(normals))
+    kernels.fill_largest_curvature(normals, tensors, largest)
+    corners: FloatArray = _without_rounding(largest, boundary)[sectors.sector].reshape(-1, 3)
+    if of == "corners":
+        return corners
+    kappa = np.zeros(boundary.n_points)
+    np.maximum.at(kappa, boundary.cells, corners)
     return kappa
 
 
-def corner_curvature(
-    surface: SimplexMesh, *, crease_angle: float = CREASE_ANGLE, smoothing: int = 0
-) -> FloatArray:
-    """Return the principal curvature of larger absolute value at each corner of each triangle.
-
-    The corners at a node differ only across feature edges.  At the rim of a cylinder, for
-    example, the corners of the flat cap have curvature 0.
-
-    Parameters
-    ----------
-    surface, crease_angle, smoothing
-        As for `surface_curvature`.
-
-    Returns
-    -------
-    ndarray of float64, shape (n_cells, 3)
-        Curvature at ``surface.cells``, 1 / length, >= 0.
-
-    Raises
-    ------
-    ValueError
-        If the cells are not triangles in space, or an option is out of range.
-    """
-    sectors, normals, tensors = tensors_of(surface, crease_angle, smoothing)
-    kappa = np.empty(len(normals))
-    kernels.fill_largest_curvature(normals, tensors, kappa)
-    found: FloatArray = _without_rounding(kappa, surface)[sectors.sector].reshape(-1, 3)
-    return found
+def _of_lines(line: SimplexMesh, crease_angle: float) -> FloatArray:
+    """Return the curvature of segments at their nodes."""
+    angle = math.radians(as_angle("crease_angle", crease_angle))
+    passed, _, arriving, leaving, turn = Passages.of(line)
+    chord = np.linalg.norm(arriving + leaving, axis=1)
+    lengths = np.linalg.norm(arriving, axis=1) * np.linalg.norm(leaving, axis=1)
+    across = twice_area(arriving, leaving)
+    smooth = (turn <= angle) & (lengths > 0.0) & (chord > 0.0)
+    kappa = np.zeros(line.n_points)
+    kappa[passed[smooth]] = 2.0 * across[smooth] / (lengths[smooth] * chord[smooth])
+    return _without_rounding(kappa, line)
 
 
 def tensors_of(
@@ -142,92 +184,6 @@ def tensors_of(
         kernels.smooth_tensors(faces, sectors, normals, tensors, smoothed)
         tensors = smoothed
     return sectors, normals, tensors
-
-
-def crease_curvature(surface: SimplexMesh, *, crease_angle: float = CREASE_ANGLE) -> FloatArray:
-    """Return the curvature of the feature edges of a surface, as curves, at its nodes.
-
-    Parameters
-    ----------
-    surface : SimplexMesh
-        Triangles in space, in any orientation.
-    crease_angle : float, default 40
-        As for `crease_edges`; also used for the corners of the curves.
-
-    Returns
-    -------
-    ndarray of float64, shape (n_points,)
-        Curvature, 1 / length, >= 0.  It is 0 at nodes on no feature edge and where
-        `polyline_curvature` is 0.
-
-    Raises
-    ------
-    ValueError
-        If the cells are not triangles in space, or the angle is out of range.
-    """
-    edges = crease_edges(surface, crease_angle=crease_angle)
-    if len(edges) == 0:
-        return np.zeros(surface.n_points)
-    return polyline_curvature(SimplexMesh(surface.points, edges), crease_angle=crease_angle)
-
-
-def polyline_curvature(line: SimplexMesh, *, crease_angle: float = CREASE_ANGLE) -> FloatArray:
-    r"""Return the curvature of polylines at their nodes.
-
-    This is the curvature of the circle through a node and its two neighbours [1]_,
-
-    .. math:: \kappa = 2 \sin\theta / |a - c|,
-
-    with the turning angle :math:`\theta` at the node and its neighbours a and c.  It is exact
-    for circles with any spacing.  The turning angle divided by the mean length would have an
-    error of second order in the spacing.
-
-    Parameters
-    ----------
-    line : SimplexMesh
-        Segments in the plane or in space, in any orientation.
-    crease_angle : float, default 40
-        Nodes where the line turns by more than this angle are corners.  In degrees, from 0 to
-        180.
-
-    Returns
-    -------
-    ndarray of float64, shape (n_points,)
-        Curvature, 1 / length, >= 0.  It is 0 at corners, at ends, where three or more segments
-        meet, next to a segment of length zero, and at nodes in no segment.
-
-    Raises
-    ------
-    ValueError
-        If the cells are not segments in the plane or in space, or the angle is out of
-        range.
-
-    References
-    ----------
-    .. [1] J. C. Leger, "Menger curvature and rectifiability", Annals of Mathematics
-       149 (1999) 831-869.
-
-    Examples
-    --------
-    Four points of a circle of radius 5, and a corner:
-
-    >>> points = [[5, 0], [4, 3], [3, 4], [0, 5], [0, 9]]
-    >>> line = SimplexMesh(points, [[0, 1], [2, 1], [2, 3], [3, 4]])
-    >>> polyline_curvature(line).round(12)
-    array([0. , 0.2, 0.2, 0. , 0. ])
-    """
-    check_type("line", line, SimplexMesh)
-    if line.cell_dim != 1 or line.dim == 1:
-        raise ValueError(f"line must consist of segments in 2-D or 3-D, got {line!r}")
-    angle = math.radians(as_angle("crease_angle", crease_angle))
-    passed, _, arriving, leaving, turn = Passages.of(line)
-    chord = np.linalg.norm(arriving + leaving, axis=1)
-    lengths = np.linalg.norm(arriving, axis=1) * np.linalg.norm(leaving, axis=1)
-    across = twice_area(arriving, leaving)
-    smooth = (turn <= angle) & (lengths > 0.0) & (chord > 0.0)
-    kappa = np.zeros(line.n_points)
-    kappa[passed[smooth]] = 2.0 * across[smooth] / (lengths[smooth] * chord[smooth])
-    return _without_rounding(kappa, line)
 
 
 def _without_rounding(kappa: FloatArray, mesh: SimplexMesh) -> FloatArray:
@@ -273,7 +229,7 @@ def sector_curvatures(
     Parameters
     ----------
     surface, crease_angle, smoothing
-        As for `surface_curvature`.
+        As for `curvature`.
 
     Returns
     -------

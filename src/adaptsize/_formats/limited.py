@@ -1,0 +1,301 @@
+"""Calls of other packages in a child process with limited memory and time.
+
+Readers of other packages print, warn, exit, run forever on a damaged file, expand a small one to
+any size, or crash.  None of that reaches the caller: one child serves all calls of this process,
+until it has been idle for some seconds or this process ends.  A child that exceeds its limits is
+replaced.  Memory and processor time are limited where the system can do it (memory: Linux).
+
+The child imports numpy and the package that it calls, and is ready after some tenths of a second.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import io
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import warnings
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from adaptsize._isolated import environment, isolated
+from adaptsize.errors import MeshFileError
+
+#: What the largest file of a few bytes may take, and what each further byte may.
+_MEMORY, _MEMORY_PER_BYTE = 700_000_000, 80
+_SECONDS, _SECONDS_PER_BYTE = 5.0, 5e-6
+#: Waiting time over processor time, for a machine that does other things as well.
+_PATIENCE = 10.0
+_IDLE_SECONDS = 15.0
+_SERVE = f"\nfrom {__name__} import _serve\n_serve()\n"
+
+_LOCK = threading.Lock()
+_CHILD: subprocess.Popen[bytes] | None = None
+
+
+def read_limited(function: str, path: Path, *arguments: Any) -> Any:
+    """Call ``function(path, *arguments)``, with limits that follow from the size of the file.
+
+    Parameters
+    ----------
+    function : str
+        Name of a function in ``adaptsize._formats.foreign``.
+
+    Returns
+    -------
+    Any
+        Of lists, dictionaries with texts as keys, texts, numbers and arrays.
+
+    Raises
+    ------
+    MeshFileError
+        If the function raises, crashes or exceeds a limit.
+    """
+    size = _bytes_of(path)
+    limits = [_MEMORY + _MEMORY_PER_BYTE * size, _SECONDS + _SECONDS_PER_BYTE * size]
+    return _call([function, str(path.absolute()), *arguments], limits)
+
+
+def call_unlimited(function: str, path: Path, *arguments: Any) -> Any:
+    """Call a function that writes a file, or reads what this package has written."""
+    return _call([function, str(path.absolute()), *arguments], None)
+
+
+def _bytes_of(path: Path) -> int:
+    """Return the size of a file and of the files in its folder that it names, if it is an index."""
+    size = path.stat().st_size
+    if path.suffix.lower() in (".pvtu", ".pvtp", ".vtm", ".gltf", ".xdmf", ".xmf", ".nhdr"):
+        words = set(path.read_text(encoding="utf-8", errors="replace").replace(">", '"').split('"'))
+        lines = {line.rpartition(":")[2].strip() for word in words for line in word.splitlines()}
+        named = (path.parent / line for line in lines if 0 < len(line) < 200 and "\0" not in line)
+        size += sum(file.stat().st_size for file in named if file.is_file())
+    return size
+
+
+def _call(job: list[Any], limits: list[float] | None) -> Any:
+    with _LOCK, tempfile.TemporaryDirectory(prefix="adaptsize-") as folder:
+        with open(Path(folder, "job"), "wb") as file:
+            _store(file, [job, limits])
+        code = _answered(folder, None if limits is None else _PATIENCE * limits[1])
+        if code:
+            raise MeshFileError(_reason(code, limits))
+        with open(Path(folder, "result"), "rb") as file:
+            result, error = _loaded(file)
+    if error is not None:
+        raise MeshFileError(error)
+    return result
+
+
+def _answered(folder: str, seconds: float | None) -> int:
+    """Have the child do the job in a folder.  Return 0, or the code with which it ended."""
+    global _CHILD  # noqa: PLW0603 - one for all calls
+    while True:
+        if _CHILD is not None and _CHILD.poll() is not None:
+            _drop()  # writing to it could end this process, too, by SIGPIPE
+        child = _CHILD = _CHILD or _started()
+        assert child.stdin is not None
+        assert child.stdout is not None
+        timer = threading.Timer(seconds or 0.0, child.kill)
+        try:
+            if seconds is not None:
+                timer.start()
+            with contextlib.suppress(BrokenPipeError):  # it has ended
+                child.stdin.write(f"{folder}\n".encode())
+                child.stdin.flush()
+            if child.stdout.readline():
+                return 0
+        except BaseException:  # an interrupt
+            child.kill()
+            _drop()
+            raise
+        finally:
+            timer.cancel()
+        if code := _drop():  # otherwise it was idle for too long
+            return code
+
+
+def _started() -> subprocess.Popen[bytes]:
+    own_group: dict[str, Any] = {"start_new_session": True}
+    if sys.platform == "win32":
+        own_group = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
+    return subprocess.Popen(
+        isolated(_SERVE),
+        cwd=tempfile.gettempdir(),
+        env={**environment(), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        **own_group,
+    )
+
+
+def _drop() -> int:
+    """End the child if there is one, and return its exit code."""
+    global _CHILD
+    child, _CHILD = _CHILD, None
+    if child is None:
+        return 0
+    for pipe in (child.stdin, child.stdout):
+        with contextlib.suppress(OSError):
+            if pipe is not None:
+                pipe.close()
+    return child.wait()
+
+
+def _forget() -> None:
+    """Leave the child to the parent of a forked process."""
+    global _CHILD, _LOCK
+    if _CHILD is not None:
+        _CHILD.returncode = 0
+    _CHILD, _LOCK = None, threading.Lock()
+
+
+atexit.register(_drop)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget)
+
+
+def _reason(code: int, limits: list[float] | None) -> str:
+    if limits is not None and -code in (getattr(signal, "SIGXCPU", 0), signal.SIGTERM, 9):
+        return (
+            f"takes more than {limits[1]:.2g} s of processor time or too much memory, which its "
+            "size does not justify; it is damaged or malicious"
+        )
+    name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+    return f"makes its reader crash ({name}); it is damaged or too large for this machine"
+
+
+# --- both processes -------------------------------------------------------------------------------
+
+
+def _store(file: BinaryIO, value: Any) -> None:
+    """Write a value: a line of JSON in which arrays are numbered, and the arrays."""
+    arrays: list[Any] = []
+
+    def plain(part: Any) -> Any:
+        if isinstance(part, np.ndarray):
+            arrays.append(part)
+            return {"array": len(arrays) - 1}
+        if isinstance(part, dict):
+            return {"dict": [[str(key), plain(item)] for key, item in part.items()]}
+        return [plain(item) for item in part] if isinstance(part, list | tuple) else part
+
+    text = json.dumps(plain(value))
+    file.write(f"{len(arrays)} {text}\n".encode())
+    for array in arrays:
+        np.save(file, array, allow_pickle=False)
+
+
+def _loaded(file: BinaryIO) -> Any:
+    n, _, text = file.readline().decode().partition(" ")
+    arrays = [np.load(file, allow_pickle=False) for _ in range(int(n))]
+
+    def full(part: Any) -> Any:
+        if isinstance(part, list):
+            return [full(item) for item in part]
+        if not isinstance(part, dict):
+            return part
+        if "array" in part:
+            return arrays[part["array"]]
+        return {key: full(item) for key, item in part["dict"]}
+
+    return full(json.loads(text))
+
+
+# --- the child ------------------------------------------------------------------------------------
+
+
+def _serve() -> None:
+    """Do the jobs in the folders that are written to standard input."""
+    replies = os.fdopen(os.dup(1), "wb", 0)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    for folder in _requests():
+        with open(Path(folder, "job"), "rb") as file:
+            job, limits = _loaded(file)
+        with _limited(limits):
+            result = _done(job)
+            with open(Path(folder, "result"), "wb") as file:
+                try:
+                    _store(file, result)
+                except (ValueError, MemoryError) as error:
+                    file.seek(0)
+                    file.truncate()
+                    _store(file, (None, f"cannot be read ({_line(error, '')})"))
+        replies.write(b"done\n")
+
+
+def _requests() -> Iterator[str]:
+    while sys.platform == "win32" or select.select([0], [], [], _IDLE_SECONDS)[0]:
+        line = sys.stdin.readline()
+        if not line:
+            return
+        yield line.rstrip("\n")
+
+
+@contextlib.contextmanager
+def _limited(limits: list[float] | None) -> Iterator[None]:
+    if limits is None or sys.platform == "win32":
+        yield
+        return
+    import resource
+
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    wanted = {
+        resource.RLIMIT_DATA: int(limits[0]),
+        resource.RLIMIT_CPU: int(time.process_time() + limits[1]) + 1,
+    }
+    before = {kind: resource.getrlimit(kind) for kind in wanted}
+    for kind, value in wanted.items():
+        hard = before[kind][1]
+        is_lower = hard == resource.RLIM_INFINITY or value < hard
+        resource.setrlimit(kind, (value if is_lower else hard, hard))
+    try:
+        yield
+    finally:
+        for kind, values in before.items():
+            resource.setrlimit(kind, values)
+
+
+def _done(job: list[Any]) -> tuple[Any, str | None]:
+    """Return the result of a call, or the text of its error."""
+    name, path, *arguments = job
+    printed = io.StringIO()
+    with (
+        contextlib.redirect_stdout(printed),
+        contextlib.redirect_stderr(printed),
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("ignore")
+        try:
+            function = getattr(import_module("adaptsize._formats.foreign"), name)
+            return function(Path(path), *arguments), None
+        except MeshFileError as error:
+            return None, str(error)
+        except MemoryError:
+            return None, "needs more memory than its size justifies"
+        # Packages derive some errors from Exception only, and meshio calls sys.exit.
+        except (Exception, SystemExit) as error:
+            return None, f"cannot be read ({_line(error, printed.getvalue())})"
+
+
+def _line(error: BaseException, printed: str) -> str:
+    """Return one short line with the error of another package."""
+    if isinstance(error, ModuleNotFoundError) and error.name:
+        return f"needs the package {error.name} (pip install {error.name})"
+    lines = printed if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
+    text = "; ".join(line.strip().rstrip(".") for line in lines.splitlines() if line.strip())
+    line = " ".join(text.split()) or type(error).__name__
+    return line if len(line) <= 160 else line[:157] + "..."

@@ -1,0 +1,434 @@
+"""Data sets of VTK: their conversion to and from the content of files, and the files themselves.
+
+Only the modules of VTK that are needed are imported; all of them, or pyvista, take seconds.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+from xml.sax.saxutils import escape
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._formats.blocks import TAG_NAMES, RawMesh, join
+from adaptsize.errors import MeshFileError
+
+# VTK cell types by their names in meshio.  Of cells of higher order, the corners come first.
+_FROM_VTK = {
+    1: "vertex", 3: "line", 5: "triangle", 7: "polygon", 9: "quad", 10: "tetra", 12: "hexahedron",
+    13: "wedge", 14: "pyramid",
+    **dict.fromkeys((21, 35, 68, 75), "line3"), **dict.fromkeys((22, 34, 69, 76), "triangle6"),
+    **dict.fromkeys((23, 28, 30, 70, 77), "quad8"), **dict.fromkeys((24, 71, 78), "tetra10"),
+    **dict.fromkeys((25, 29, 33, 72, 79), "hexahedron20"),
+    **dict.fromkeys((26, 31, 32, 73, 80), "wedge15"),
+    **dict.fromkeys((27, 37, 74, 81), "pyramid13"),
+}  # fmt: skip
+_REFUSED = {15: "pentagonal prism", 16: "hexagonal prism", 36: "curved polygon", 42: "polyhedron"}
+_TO_VTK = {"line": 3, "triangle": 5, "tetra": 10}
+_EMPTY, _POLYVERTEX, _POLYLINE, _STRIP, _PIXEL, _VOXEL = 0, 2, 4, 6, 8, 11
+# VTK's pixels and voxels number their nodes row by row, unlike other cells.
+_TURNED = {_PIXEL: ("quad", [0, 1, 3, 2]), _VOXEL: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 6])}
+#: The field of texts "dimension tag name".
+NAMES = "tag_names"
+#: The array by which VTK hides nodes, and the bit for hidden nodes; of cells, that for copies.
+_GHOSTS, _HIDDEN, _COPY = "vtkGhostType", 2, 1
+
+XML = (".vtu", ".vtp", ".vti", ".vtr", ".vts", ".vtm", ".pvtu", ".pvtp")
+SUFFIXES = (*XML, ".vtk", ".vtkhdf")
+_WRITERS = {
+    ".vtu": "vtkIOXML.vtkXMLUnstructuredGridWriter",
+    ".vtp": "vtkIOXML.vtkXMLPolyDataWriter",
+    ".vti": "vtkIOXML.vtkXMLImageDataWriter",
+    ".vtk": "vtkIOLegacy.vtkUnstructuredGridWriter",
+    ".vtkhdf": "vtkIOHDF.vtkHDFWriter",
+}
+
+
+def _get(name: str) -> Any:
+    """Return a class of VTK by the name of its module and its own."""
+    module, _, own = name.rpartition(".")
+    return getattr(import_module(f"vtkmodules.{module}"), own)
+
+
+# --- data sets ------------------------------------------------------------------------------------
+
+
+def raw_of(data: Any) -> RawMesh:
+    """Return the cells and fields of a data set, or of all in a composite one.
+
+    Cells of parts without tags are tagged by the number of the part, from 1.
+    """
+    pieces, names = [], []
+    for part, name in _parts_of(data):
+        piece = _raw_of_part(part)
+        if piece.blocks:
+            pieces.append(piece)
+            names.append(name)
+    if not pieces:
+        raise MeshFileError("holds no cells")
+    if len(pieces) == 1:
+        return pieces[0]
+    fields = {name.lower() for piece in pieces for name in piece.cell_data}
+    if any(names) and not fields & set(TAG_NAMES):
+        for number, (piece, name) in enumerate(zip(pieces, names, strict=True), start=1):
+            tags = [np.full(len(cells), number, np.int32) for _, cells in piece.blocks]
+            piece.cell_data = {**piece.cell_data, "region": tags}
+            piece.tag_names = {(dim, number): name for dim in (2, 3) if name}
+    joined = join(pieces)
+    joined.tag_names = {key: text for piece in pieces for key, text in piece.tag_names.items()}
+    return joined
+
+
+def _parts_of(data: Any) -> Iterator[tuple[Any, str]]:
+    """Yield the data sets in an object, with their names."""
+    if data is None:
+        return
+    if data.IsA("vtkDataSet"):
+        yield data, ""
+        return
+    if not data.IsA("vtkCompositeDataSet"):
+        raise MeshFileError(f"holds a {data.GetClassName()}, not a mesh")
+    at = data.NewIterator()
+    at.InitTraversal()
+    while not at.IsDoneWithTraversal():
+        held = at.HasCurrentMetaData() and at.GetCurrentMetaData()
+        key = _get("vtkCommonDataModel.vtkCompositeDataSet").NAME()
+        part = at.GetCurrentDataObject()
+        if part.IsA("vtkDataSet"):
+            yield part, (held.Get(key) or "") if held and held.Has(key) else ""
+        at.GoToNextItem()
+
+
+def _raw_of_part(data: Any) -> RawMesh:
+    if data.GetNumberOfPoints() == 0:
+        return RawMesh(np.empty((0, 3)), [])
+    grid = data
+    if not data.IsA("vtkUnstructuredGrid"):
+        append = _get("vtkFiltersCore.vtkAppendFilter")()
+        append.SetOutputPointsPrecision(1 if data.IsA("vtkImageData") else 2)
+        append.AddInputData(data)
+        append.Update()
+        grid = append.GetOutput()
+    fields = _arrays_in(grid.GetCellData())
+    copies = fields.pop(_GHOSTS, np.zeros(grid.GetNumberOfCells(), np.uint8)) & _COPY
+    blocks, cell_data = [], {name: list[Any]() for name in fields}
+    for cell_type, cells, parent in _blocks_of(grid):
+        kept = copies[parent] == 0
+        blocks.append((cell_type, cells[kept]))
+        for name, values in fields.items():
+            cell_data[name].append(values[parent[kept]])
+    nodal = _arrays_in(grid.GetPointData())
+    nodal.pop(_GHOSTS, None)
+    points = _numpy(grid.GetPoints().GetData()).astype(np.float64)
+    return RawMesh(points, blocks, nodal, cell_data, _names_in(data))
+
+
+def _numpy(array: Any) -> npt.NDArray[Any]:
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    return np.array(vtk_to_numpy(array))
+
+
+def _arrays_in(data: Any) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays of numbers of the nodes or cells by their names."""
+    arrays = {}
+    for i in range(data.GetNumberOfArrays()):
+        array = data.GetArray(i)
+        if array is not None:
+            arrays[data.GetArrayName(i) or f"field {i}"] = _numpy(array)
+    return arrays
+
+
+def _blocks_of(
+    grid: Any,
+) -> Iterator[tuple[str, npt.NDArray[np.int64], npt.NDArray[np.intp]]]:
+    """Yield the cells of each type and size with their numbers in the grid."""
+    if not grid.GetNumberOfCells():
+        return
+    try:
+        types = _numpy(grid.GetCellTypes())
+    except TypeError:  # before VTK 9.6, it needs an argument
+        types = _numpy(grid.GetCellTypesArray())
+    start = _numpy(grid.GetCells().GetOffsetsArray()).astype(np.int64)
+    nodes = _numpy(grid.GetCells().GetConnectivityArray()).astype(np.int64)
+    width = np.diff(start)
+    if len(start) != len(types) + 1 or (width < 0).any() or start[0] or start[-1] > len(nodes):
+        raise MeshFileError("has cells that begin or end outside of their list of nodes")
+    for vtk_type in np.unique(types).tolist():
+        for size in np.unique(width[types == vtk_type]).tolist():
+            of_type = np.flatnonzero((types == vtk_type) & (width == size))
+            if vtk_type == _EMPTY or size == 0:
+                continue
+            if len(of_type) == len(types):
+                cells = nodes[: start[-1]].reshape(-1, size)
+            else:
+                cells = nodes[start[of_type][:, None] + np.arange(size)]
+            if vtk_type == _POLYVERTEX:
+                yield "vertex", cells.reshape(-1, 1), np.repeat(of_type, size)
+            elif vtk_type == _POLYLINE:
+                pairs = np.stack([cells[:, :-1], cells[:, 1:]], axis=2)
+                yield "line", pairs.reshape(-1, 2), np.repeat(of_type, size - 1)
+            elif vtk_type == _STRIP:
+                rows = np.stack([cells[:, :-2], cells[:, 1:-1], cells[:, 2:]], axis=2)
+                rows[:, 1::2] = rows[:, 1::2, [1, 0, 2]]  # every other one is turned
+                yield "triangle", rows.reshape(-1, 3), np.repeat(of_type, max(size - 2, 0))
+            elif vtk_type in _TURNED:
+                name, order = _TURNED[vtk_type]
+                if size != len(order):
+                    raise MeshFileError(f"has a {name} of {size} nodes")
+                yield name, cells[:, order], of_type
+            elif vtk_type in _FROM_VTK:
+                yield _FROM_VTK[vtk_type], cells, of_type
+            else:
+                name = _REFUSED.get(vtk_type, "unknown")
+                raise MeshFileError(
+                    f"holds cells of VTK type {vtk_type} ({name}), which cannot be read"
+                )
+
+
+def _names_in(data: Any) -> dict[tuple[int, int], str]:
+    found = data.GetFieldData().GetAbstractArray(NAMES)
+    names = {}
+    for i in range(found.GetNumberOfValues() if found and found.IsA("vtkStringArray") else 0):
+        words = found.GetValue(i).split(" ", 2)
+        if len(words) == 3 and words[0].isdigit() and words[1].lstrip("-").isdigit():
+            names[int(words[0]), int(words[1])] = words[2]
+    return names
+
+
+def grid_of(mesh: RawMesh) -> Any:
+    """Return a vtkUnstructuredGrid of simplices, with names of tags as texts."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+
+    grid = _get("vtkCommonDataModel.vtkUnstructuredGrid")()
+    grid.SetPoints(_points(mesh))
+    cells = _get("vtkCommonDataModel.vtkCellArray")()
+    ids = np.concatenate([rows.ravel() for _, rows in mesh.blocks]).astype(np.int64)
+    widths = np.concatenate([np.full(len(rows), rows.shape[1]) for _, rows in mesh.blocks])
+    offsets = np.concatenate([[0], np.cumsum(widths)])
+    cells.SetData(*(numpy_to_vtk(a.astype(np.int64), deep=True) for a in (offsets, ids)))
+    types = [np.full(len(rows), _TO_VTK[name], np.uint8) for name, rows in mesh.blocks]
+    grid.SetCells(numpy_to_vtk(np.concatenate(types), deep=True), cells)
+    _add_fields(grid, mesh)
+    return grid
+
+
+def _points(mesh: RawMesh) -> Any:
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+
+    points = _get("vtkCommonCore.vtkPoints")()
+    points.SetData(numpy_to_vtk(np.ascontiguousarray(mesh.points, np.float64), deep=True))
+    return points
+
+
+def _surface_of(mesh: RawMesh) -> Any:
+    """Return a vtkPolyData of segments and triangles, in VTK's order: segments first."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+
+    surface = _get("vtkCommonDataModel.vtkPolyData")()
+    surface.SetPoints(_points(mesh))
+    order = sorted(range(len(mesh.blocks)), key=lambda i: mesh.blocks[i][0])
+    for i in order:
+        name, rows = mesh.blocks[i]
+        if name == "tetra":
+            raise ValueError("obj must hold triangles or segments for .vtp; write .vtu")
+        cells = _get("vtkCommonDataModel.vtkCellArray")()
+        cells.SetData(rows.shape[1], numpy_to_vtk(rows.ravel().astype(np.int64), deep=True))
+        (surface.SetLines if name == "line" else surface.SetPolys)(cells)
+    sorted_data = {name: [parts[i] for i in order] for name, parts in mesh.cell_data.items()}
+    _add_fields(surface, RawMesh(mesh.points, [], mesh.point_data, sorted_data, mesh.tag_names))
+    return surface
+
+
+def _add_fields(data: Any, mesh: RawMesh) -> None:
+    _add(data.GetPointData(), mesh.point_data)
+    cell_data = {name: np.concatenate(parts) for name, parts in mesh.cell_data.items()}
+    _add(data.GetCellData(), cell_data)
+    if mesh.tag_names:
+        texts = _get("vtkCommonCore.vtkStringArray")()
+        texts.SetName(NAMES)
+        for (dim, tag), name in mesh.tag_names.items():
+            texts.InsertNextValue(f"{dim} {tag} {name}")
+        data.GetFieldData().AddArray(texts)
+
+
+def _add(data: Any, fields: Mapping[str, npt.NDArray[Any]]) -> None:
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+
+    for name, values in fields.items():
+        array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
+        array.SetName(name)
+        data.AddArray(array)
+
+
+# --- files ----------------------------------------------------------------------------------------
+
+
+class _Heard:
+    """Collects the errors that VTK prints."""
+
+    #: VTK passes this type of data to an observer.
+    CallDataType = "string0"
+
+    def __init__(self) -> None:
+        self.errors: list[str] = []
+        self._window = _get("vtkCommonCore.vtkOutputWindow").GetInstance()
+        self._tag = self._window.AddObserver("ErrorEvent", self)
+
+    def __call__(self, window: Any, event: str, text: str) -> None:
+        """Add an error without the place in VTK."""
+        text = re.sub(r"^.*?\(0x[0-9a-f]+\): ", "", text, flags=re.DOTALL)
+        self.errors.append(" ".join(text.split()))
+
+    def end(self) -> None:
+        self._window.RemoveObserver(self._tag)
+
+
+def read_file(path: Path) -> Any:
+    """Return the data object in a file.  VTK's first error is raised, and others are printed."""
+    heard = _Heard()
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".vtk":
+            data = _read_legacy(path.read_bytes())
+        else:
+            name = "XML.vtkXMLGenericDataObjectReader" if suffix in XML else "HDF.vtkHDFReader"
+            reader = _get(f"vtkIO{name}")()
+            reader.SetFileName(str(path))
+            reader.Update()
+            data = reader.GetOutputDataObject(0)
+    finally:
+        heard.end()
+    if heard.errors or data is None:
+        reason = (heard.errors or ["no data"])[0].replace(str(path), path.name)
+        raise MeshFileError(f"cannot be read ({reason[:160]})")
+    return data
+
+
+#: The name of an array that is added to legacy files.
+_END = "adaptsize end"
+_LINES = re.MULTILINE | re.IGNORECASE
+#: Types that meshio calls by names that VTK does not know.
+_LEGACY_TYPES = {
+    b"int8": b"char", b"int16": b"short", b"int32": b"int",
+    b"uint8": b"unsigned_char", b"uint16": b"unsigned_short", b"uint32": b"unsigned_int",
+}  # fmt: skip
+_MESHIO_TYPES = re.compile(rb"vtktype(u?int(?:8|16|32))(?=\s*$)", re.MULTILINE)
+
+
+def _read_legacy(content: bytes) -> Any:
+    """Return the data object in a legacy file.
+
+    VTK reads a file that ends early without an error.  An array after the end is only found if the
+    last section is complete.
+    """
+    content = _MESHIO_TYPES.sub(lambda found: _LEGACY_TYPES[found[1]], content)
+    capitals = content.upper()  # rfind is much faster than an expression
+    last = max(capitals.rfind(b"\nPOINT_DATA"), capitals.rfind(b"\nCELL_DATA"))
+    section = (
+        re.match(rb"\n\w+[ \t]+(\d{1,12})\b", content[last : last + 100]) if last > 0 else None
+    )
+    points = re.search(rb"^[ \t]*POINTS[ \t]+(\d{1,12})\b", content, _LINES)
+    counts = re.search(rb"^[ \t]*DIMENSIONS((?:[ \t]+\d{1,9}){3})", content, _LINES)
+    if section:
+        n, head = int(section[1]), ""
+    else:
+        n = int(points[1]) if points else math.prod(map(int, counts[1].split())) if counts else 0
+        head = f"POINT_DATA {n}\n"
+    is_binary = re.match(rb"[^\n]*\n[^\n]*\n\s*BINARY", content, re.IGNORECASE)
+    head = f"\n\n{head}FIELD FieldData 1\n{quote(_END)} 1 {n} unsigned_char\n"
+    content += head.encode() + (b"\0" if is_binary else b"0 ") * n + b"\n"
+    reader = _get("vtkIOLegacy.vtkGenericDataObjectReader")()
+    for kind in ("Scalars", "Vectors", "Normals", "Tensors", "ColorScalars", "TCoords", "Fields"):
+        getattr(reader, f"ReadAll{kind}On")()
+    reader.ReadFromInputStringOn()
+    reader.SetBinaryInputString(content, len(content))
+    reader.Update()
+    data = reader.GetOutputDataObject(0)
+    if data is not None and data.IsA("vtkDataSet"):
+        fields = [f for f in (data.GetPointData(), data.GetCellData()) if f.HasArray(_END)]
+        if not fields:
+            raise MeshFileError("is truncated (its last section is incomplete)")
+        fields[0].RemoveArray(_END)
+    return data
+
+
+def image_of(data: Any) -> dict[str, Any]:
+    """Return origin, spacing, numbers of nodes and nodal fields of image data, x fastest."""
+    if not data.IsA("vtkImageData"):
+        raise MeshFileError(f"holds a {data.GetClassName()}, not image data")
+    matrix = data.GetDirectionMatrix()
+    if any(matrix.GetElement(i, j) != (i == j) for i in range(3) for j in range(3)):
+        raise MeshFileError("holds a grid that is not axis-aligned")
+    fields = _arrays_in(data.GetPointData())
+    ghosts = fields.pop(_GHOSTS, None)
+    extent = np.reshape(data.GetExtent(), (3, 2))
+    spacing = np.array(data.GetSpacing())
+    return {
+        "origin": np.array(data.GetOrigin()) + spacing * extent[:, 0],
+        "spacing": spacing,
+        "counts": extent[:, 1] - extent[:, 0] + 1,
+        "fields": {name: values for name, values in fields.items() if values.ndim == 1},
+        "active": None if ghosts is None else ghosts & _HIDDEN == 0,
+    }
+
+
+def write_image(
+    path: Path,
+    origin: npt.NDArray[Any],
+    spacing: npt.NDArray[Any],
+    counts: tuple[int, ...],
+    fields: Mapping[str, npt.NDArray[Any]],
+    active: npt.NDArray[np.bool_] | None,
+) -> None:
+    """Write image data in three dimensions with nodal fields, x fastest, as ``.vti``."""
+    image = _get("vtkCommonDataModel.vtkImageData")()
+    image.SetOrigin(*origin)
+    image.SetSpacing(*spacing)
+    image.SetDimensions(*counts)
+    hidden = {} if active is None else {_GHOSTS: np.where(active, 0, _HIDDEN).astype(np.uint8)}
+    _add(image.GetPointData(), {_written(name): v for name, v in {**fields, **hidden}.items()})
+    _write(path, ".vti", image)
+
+
+def write_file(path: Path, mesh: RawMesh, suffix: str) -> None:
+    """Write simplices and fields as ``.vtu``, ``.vtp``, ``.vtk`` or ``.vtkhdf``."""
+    if suffix in XML:
+        mesh = RawMesh(
+            mesh.points,
+            mesh.blocks,
+            {_written(name): values for name, values in mesh.point_data.items()},
+            {_written(name): parts for name, parts in mesh.cell_data.items()},
+            mesh.tag_names,
+        )
+    _write(path, suffix, _surface_of(mesh) if suffix == ".vtp" else grid_of(mesh))
+
+
+def _written(name: str) -> str:
+    """Return a name as it stands in XML.  VTK's writers do not escape it."""
+    return escape(name, {'"': "&quot;", "\t": "&#9;", "\n": "&#10;", "\r": "&#13;"})
+
+
+def _write(path: Path, suffix: str, data: Any) -> None:
+    heard = _Heard()
+    try:
+        writer = _get(_WRITERS[suffix])()
+        writer.SetFileName(str(path))
+        writer.SetInputDataObject(data)
+        if suffix == ".vtk":
+            writer.SetFileTypeToBinary()
+            writer.SetFileVersion(42)  # which every VTK reads
+        elif suffix in XML:
+            writer.SetHeaderTypeToUInt64()
+        is_written = writer.Write()
+    finally:
+        heard.end()
+    if heard.errors or not is_written:
+        raise MeshFileError(f"cannot be written ({(heard.errors or ['no reason'])[0][:160]})")

@@ -1,0 +1,206 @@
+r"""The L2 projection of nodal fields onto the linear elements of another mesh.
+
+The projection :math:`u = \sum_j u_j \phi_j` of a field :math:`v` has the same integrals with all
+hat functions :math:`\phi_i` of the new mesh:
+
+.. math::
+
+    M u = b, \qquad M_{ij} = \int \phi_i \phi_j, \qquad b_i = \int \phi_i v = \sum_j B_{ij} v_j.
+
+The mixed mass matrix :math:`B` holds integrals over the intersections of the cells of both meshes
+[1]_.  The sum of all equations says that the integral is preserved, because the hat functions sum
+to 1.  Where the new domain extends beyond the old one, the interpolated field continues :math:`v`.
+
+References
+----------
+.. [1] P. E. Farrell, M. D. Piggott, C. C. Pain, G. J. Gorman, C. R. Wilson, "Conservative
+   interpolation between unstructured meshes via supermesh construction", Comput. Methods Appl.
+   Mech. Eng. 198 (2009) 2632-2642.
+.. [2] A. J. Wathen, "Realistic eigenvalue bounds for the Galerkin mass matrix", IMA J. Numer.
+   Anal. 7 (1987) 449-457.
+.. [3] A. J. Wathen, T. Rees, "Chebyshev semi-iteration in preconditioning for problems including
+   the mass matrix", Electron. Trans. Numer. Anal. 34 (2009) 125-135.
+.. [4] D. Kuzmin, M. Moeller, J. N. Shadid, M. Shashkov, "Failsafe flux limiting and constrained
+   data projections for equations of gas dynamics", J. Comput. Phys. 229 (2010) 8766-8779.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from adaptsize._kernels.overlap import add_mass
+from adaptsize.background import SimplexMesh
+from adaptsize.ranks import SharedNodes
+from adaptsize.typing import BoolArray, FloatArray, IntArray
+
+#: Relative error of the solution of M u = b.
+_ACCURACY = 1e-13
+
+#: Share of the range of a field by which bounds may be exceeded before fluxes are limited.
+_ROUNDING = 1e-12
+
+
+def sums_over(mixed: csr_array, columns: FloatArray, *, ranges: bool) -> FloatArray:
+    """Return what the projection needs of old nodal values, float64[rows of the matrix, ...].
+
+    The columns are the sum of the row, the integrals of the fields, and if ``ranges``, the least
+    and the largest values of the fields at nodes in the row.
+    """
+    parts = [np.asarray(mixed.sum(axis=1)).reshape(-1, 1), mixed @ columns]
+    if ranges:
+        rows = np.flatnonzero(np.diff(mixed.indptr))
+        for merge, neutral in ((np.minimum, np.inf), (np.maximum, -np.inf)):
+            extreme = np.full((mixed.shape[0], columns.shape[1]), neutral)
+            if len(rows):
+                values = columns[mixed.indices]
+                extreme[rows] = merge.reduceat(values, mixed.indptr[rows], axis=0)
+            parts.append(extreme)
+    return np.hstack(parts)
+
+
+def hat_integrals(mesh: SimplexMesh) -> FloatArray:
+    """Return the integrals of the hat functions of a mesh, float64[n_points]."""
+    shares = np.repeat(mesh.measures / mesh.cells.shape[1], mesh.cells.shape[1])
+    return np.asarray(np.bincount(mesh.cells.ravel(), shares, mesh.n_points), np.float64)
+
+
+class Projection:
+    """The projection onto the linear elements of a mesh, or of one part of it.
+
+    Parameters
+    ----------
+    cells : int32[n_cells, k]
+    measures : float64[n_cells]
+    shared : SharedNodes
+        The nodes that other ranks hold, too.
+    n_points : int
+    """
+
+    def __init__(
+        self, cells: IntArray, measures: FloatArray, shared: SharedNodes, n_points: int
+    ) -> None:
+        k = cells.shape[1]
+        self.cells = np.ascontiguousarray(cells)
+        self.shared = shared
+        self._n = n_points
+        # The mass matrix of a cell is this share times 1 + delta_ij.
+        self._share = measures / (k * (k + 1))
+        #: Integrals of the hat functions, the lumped mass matrix.
+        self.lumped = self._gathered(np.repeat((k + 1) * self._share[:, None], k, axis=1))
+        self._inverse = np.zeros(n_points)
+        np.divide(1.0, self.lumped, out=self._inverse, where=self.lumped > 0.0)
+
+    def field(
+        self, sums: FloatArray, interpolated: FloatArray, *, bounded: bool = False
+    ) -> FloatArray:
+        """Return the projected columns; collective.
+
+        Parameters
+        ----------
+        sums : float64[n_points, 1 + k or 1 + 3 k]
+            Those of `sums_over`, over all ranks.
+        interpolated : float64[n_points, k]
+            The values at the nodes, which count where the old domain does not extend.
+        bounded : bool
+            Whether nodal values keep within the range of the old ones nearby.
+        """
+        k = interpolated.shape[1]
+        outside = self.lumped - sums[:, 0]
+        load = sums[:, 1 : 1 + k] + outside[:, None] * interpolated
+        found = self._solved(load, interpolated)
+        if bounded:
+            low = np.minimum(interpolated, sums[:, 1 + k : 1 + 2 * k])
+            high = np.maximum(interpolated, sums[:, 1 + 2 * k :])
+            for j in range(k):
+                found[:, j] = self._within(found[:, j], low[:, j], high[:, j])
+        return found
+
+    def _solved(self, load: FloatArray, start: FloatArray) -> FloatArray:
+        r"""Return the solution of M u = b by the Chebyshev semi-iteration [3]_.
+
+        The eigenvalues of the mass matrix, preconditioned by lumping, are those of its cells at
+        the extremes [2]_: 1 / (d + 2) and 1.  So the number of steps is known, without scalar
+        products, and does not depend on the mesh.  The last step is one of the preconditioner,
+        after which the integral is exact.
+        """
+        smallest, largest = 1.0 / (self.cells.shape[1] + 1), 1.0
+        middle, radius = 0.5 * (largest + smallest), 0.5 * (largest - smallest)
+        ratio = middle / radius
+        steps = math.ceil(math.acosh(1.0 / _ACCURACY) / math.acosh(ratio))
+        found = np.array(start, np.float64, order="C")
+        rest = self._rest(load, found)
+        step = rest / middle
+        rho = 1.0 / ratio
+        for _ in range(steps):
+            found += step
+            rest = self._rest(load, found)
+            before, rho = rho, 1.0 / (2.0 * ratio - rho)
+            step = rho * before * step + (2.0 * rho / radius) * rest
+        return np.asarray(found + rest)
+
+    def _rest(self, load: FloatArray, found: FloatArray) -> FloatArray:
+        """Return the preconditioned residual."""
+        product = np.zeros_like(found)
+        add_mass(self.cells, self._share, found, product)
+        rest: FloatArray = load - self.shared.merge(product, np.add)
+        rest *= self._inverse[:, None]
+        return rest
+
+    def _within(self, found: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+        r"""Return values between bounds with the same integral: flux-corrected transport [4]_.
+
+        With lumping, :math:`b_i / L_i` is a mean of old values and so within the bounds.  The
+        projection differs from it by fluxes between the nodes of each cell, which sum to zero.
+        They are kept, except in cells at whose nodes the bounds would be exceeded, where they are
+        multiplied by the largest factor for which no node can exceed its bounds.
+        """
+        ranks, used = self.shared.ranks, self.lumped > 0.0
+        ends = np.array([-low[used].min(initial=np.inf), high[used].max(initial=-np.inf)])
+        slack = _ROUNDING * max(float(ranks.allreduce(ends, "max").sum()), 0.0)
+        cells = self.cells
+        values = found[cells]
+        flux = self._share[:, None] * (cells.shape[1] * values - values.sum(axis=1)[:, None])
+        limited = np.zeros(len(cells), np.bool_)
+        base = found
+        while True:
+            exceeded = used & ((base < low - slack) | (base > high + slack))
+            more = exceeded[cells].any(axis=1) & ~limited
+            if not ranks.allreduce(int(more.any()), "max"):
+                break
+            limited |= more
+            base = found - self._inverse * self._gathered(flux, limited)
+        if base is not found:
+            base = base + self._inverse * self._limited(base, flux, limited, (low, high))
+        return np.clip(base, low, high)
+
+    def _limited(
+        self,
+        base: FloatArray,
+        flux: FloatArray,
+        where: BoolArray,
+        bounds: tuple[FloatArray, FloatArray],
+    ) -> FloatArray:
+        """Return the sums of fluxes, multiplied by factors for which the bounds hold (Zalesak)."""
+        low, high = bounds
+        factor = np.ones(len(self.cells))
+        for sign, bound in ((1.0, high), (-1.0, low)):
+            part = np.maximum(sign * flux, 0.0)
+            most = self._gathered(part, where)
+            room = np.maximum(self.lumped * (sign * (bound - base)), 0.0)
+            share = np.ones(self._n)
+            np.divide(room, most, out=share, where=most > room)
+            corners = np.where(part > 0.0, share[self.cells], 1.0)
+            factor = np.minimum(factor, corners.min(axis=1))
+        return self._gathered(factor[:, None] * flux, where)
+
+    def _gathered(self, by_corner: FloatArray, where: BoolArray | None = None) -> FloatArray:
+        """Return the sums at the nodes of values at the corners of cells, of some cells."""
+        cells = self.cells
+        if where is not None:
+            cells, by_corner = cells[where], by_corner[where]
+        # bincount of nothing is an array of integers.
+        sums = np.bincount(cells.ravel(), by_corner.ravel(), self._n).astype(np.float64)
+        return np.asarray(self.shared.merge(sums, np.add))

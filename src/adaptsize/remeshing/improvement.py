@@ -1,0 +1,272 @@
+"""Tetrahedra after a generator: nodes that left the boundary, and the worst cells.
+
+Mmg puts single nodes beside corners off the surface, by up to five times its tolerance.  They are
+projected back, and the few edges that are still too far away get a node on the surface.  Then edges
+and faces of the worst cells are swapped, each region on its own, and nodes are moved: inside of
+regions freely, on smooth boundaries and interfaces along these.  No move is kept that makes the
+worst cell around a node worse or brings a facet farther away than the tolerance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from adaptsize._kernels.smoothing import smooth_nodes
+from adaptsize.background import SimplexMesh, topology
+from adaptsize.background.interfaces import interfaces
+from adaptsize.background.splitting import bisect_edges
+from adaptsize.geometry.faces import normals_of
+from adaptsize.quality.elements import minimum_angles
+from adaptsize.remeshing.distmesh.finish import swapped, take_back, worst_of_nodes
+from adaptsize.remeshing.surface import facets_of
+from adaptsize.typing import BoolArray, FloatArray, IntArray
+
+#: Cells with smaller dihedral angles, in degrees, are improved.
+_SMALL_ANGLE = 20.0
+_PASSES = 8
+_ROUNDS = 3
+#: Nodes farther from the old surface than this share of the tolerance are projected, unless a cell
+#: becomes worse than the least quality.  Moves along a surface are not kept if a facet gets farther
+#: away than that and than before.
+_FAR = 0.5
+_LEAST = 0.2
+#: If more than this share of the nodes is beyond the tolerance, these are no stray nodes: the
+#: generator has made another surface, which projection would only hide.
+_STRAY = 0.2
+#: Edges of facets whose middle is farther from the old surface than this share of the tolerance are
+#: divided, unless they are more than the other share.
+_NEAR, _FEW = 0.9, 0.02
+#: Cosine of the angle between a facet and the plane at a node up to which a surface is smooth.
+_SMOOTH = 0.97
+
+
+def improved(
+    mesh: SimplexMesh, old: SimplexMesh, ridges: IntArray, tolerance: float
+) -> SimplexMesh:
+    """Return tetrahedra with facets within the tolerance and better cells, where that is possible.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Tetrahedra of positive volume.
+    old : SimplexMesh
+        The boundary and interfaces of the given mesh: triangles in space.
+    ridges : int32[n, 2]
+        Edges of ``old`` that must stay sharp.
+    tolerance : float
+        Allowed distance of boundary and interfaces from ``old``, in the unit of the coordinates.
+
+    Returns
+    -------
+    SimplexMesh
+        With the same tags and the same facets, but that those are divided which are too far, and
+        with the same nodes, some of them moved.
+    """
+    surface = facets_of(mesh)
+    points, cells = mesh.points.copy(), mesh.cells
+    _project(points, cells, surface, old, tolerance)
+    for _ in range(_ROUNDS if len(ridges) else 0):
+        _snap(points, cells, surface, old, ridges, tolerance)
+    mesh = _divided(replace(mesh, points=points), old, tolerance)
+    surface, points, cells = facets_of(mesh), mesh.points.copy(), mesh.cells
+    groups = np.zeros(len(cells), np.int32) if mesh.cell_tags is None else mesh.cell_tags
+    on_sheet = _nodes_of_sheets(mesh)
+    angles = minimum_angles(SimplexMesh(points, cells))
+    best, wider = -1.0, 0
+    for _ in range(_PASSES):
+        bad = angles < _SMALL_ANGLE
+        least = float(angles.min())
+        wider += int(least < best + 0.1)
+        best = max(least, best)
+        if not bad.any() or wider > 2:
+            break
+        is_moved = np.zeros(len(points), np.bool_)
+        is_moved[cells[bad]] = True
+        for _ in range(wider):  # the neighbours must move, too
+            is_moved[cells[is_moved[cells].any(axis=1)]] = True
+        near = is_moved[cells].any(axis=1)
+        part, of_part = _swapped(points, cells[near], groups[near], on_sheet)
+        _move(points, part, np.flatnonzero(is_moved), surface, old, tolerance)
+        cells = np.concatenate([cells[~near], part])
+        groups = np.concatenate([groups[~near], of_part])
+        angles = np.concatenate([angles[~near], minimum_angles(SimplexMesh(points, part))])
+    tags = None if mesh.cell_tags is None else groups
+    return replace(mesh, points=points, cells=cells, cell_tags=tags)
+
+
+def _divided(mesh: SimplexMesh, old: SimplexMesh, tolerance: float) -> SimplexMesh:
+    """Return the mesh with nodes of the old surface on edges of facets that are too far from it."""
+    for _ in range(_ROUNDS):
+        surface = facets_of(mesh)
+        ends = surface.edges
+        is_far = _nearest(old, surface.points[ends].mean(axis=1))[1] > _NEAR * tolerance
+        if not 0 < is_far.sum() <= _FEW * len(ends):
+            break
+        far = np.sort(ends[is_far], axis=1).astype(np.int64) @ [mesh.n_points, 1]
+        chosen = np.isin(np.sort(mesh.edges, axis=1).astype(np.int64) @ [mesh.n_points, 1], far)
+        before, mesh = mesh, bisect_edges(mesh, chosen).mesh
+        nodes = np.arange(before.n_points, mesh.n_points)
+        points, start = mesh.points.copy(), mesh.points
+        points[nodes] = _nearest(old, points[nodes])[0]
+        least = np.minimum(worst_of_nodes(start, mesh.cells), _LEAST)
+        take_back(points, mesh.cells, start, nodes, least)
+        mesh = replace(mesh, points=points)
+    return mesh
+
+
+def _nodes_of_sheets(mesh: SimplexMesh) -> BoolArray:
+    """Return which nodes are on tagged facets with the same region on both sides."""
+    found = np.zeros(mesh.n_points, np.bool_)
+    if mesh.tagged_facets is not None:
+        inside = interfaces(replace(mesh, tagged_facets=None, facet_tags=None))
+        between = mesh.facets[mesh.facet_cell_counts == 1]
+        if inside is not None:
+            between = np.concatenate([between, inside[1][inside[0].cells]])
+        rows = np.concatenate([between, mesh.tagged_facets]).astype(np.int32)
+        number = topology.unique_rows(rows, mesh.n_points)[1]
+        is_sheet = ~np.isin(number[len(between) :], number[: len(between)])
+        found[mesh.tagged_facets[is_sheet]] = True
+    return found
+
+
+def _project(
+    points: FloatArray, cells: IntArray, surface: SimplexMesh, old: SimplexMesh, tolerance: float
+) -> None:
+    """Move nodes of a surface that are too far from the old one onto it.  Changes ``points``."""
+    nodes = np.unique(surface.cells)
+    there, distance = _nearest(old, points[nodes])
+    far = distance > _FAR * tolerance
+    if not 0.0 < (distance > tolerance).mean() <= _STRAY:
+        return
+    before = points.copy()
+    least = np.minimum(worst_of_nodes(points, cells), _LEAST)
+    points[nodes[far]] = there[far]
+    take_back(points, cells, before, nodes[far], least)
+
+
+def _snap(
+    points: FloatArray,
+    cells: IntArray,
+    surface: SimplexMesh,
+    old: SimplexMesh,
+    ridges: IntArray,
+    tolerance: float,
+) -> None:
+    """Move nodes onto ridges that facets cut off too far.  Changes ``points``."""
+    lines = SimplexMesh(old.points, ridges)
+    new = SimplexMesh(points.copy(), surface.cells)
+    samples = np.concatenate(
+        [new.points[new.cells].mean(axis=1), new.points[new.edges].mean(axis=1)]
+    )
+    cut = _nearest(lines, samples[_nearest(old, samples)[1] > tolerance])[0]
+    on_lines = np.concatenate([old.points[np.unique(ridges)], old.points[ridges].mean(axis=1)])
+    missed = on_lines[_nearest(new, on_lines)[1] > tolerance]
+    wanted = np.concatenate([missed, cut])
+    if len(wanted) == 0:
+        return
+    nodes = np.unique(surface.cells)
+    nodes = nodes[cKDTree(on_lines).query(points[nodes])[0] > 1e-12]  # not at corners
+    nearest = nodes[cKDTree(points[nodes]).query(wanted)[1]]
+    chosen, first = np.unique(nearest, return_index=True)
+    before, least = points.copy(), np.minimum(worst_of_nodes(points, cells), _LEAST)
+    points[chosen] = wanted[first]
+    take_back(points, cells, before, chosen, least)
+
+
+def _nearest(old: SimplexMesh, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the closest points of a surface, and their distances."""
+    cells, weights, distance = old.locator.nearest(points)
+    return np.einsum("ij,ijk->ik", weights, old.points[old.cells[cells]]), distance
+
+
+def _swapped(
+    points: FloatArray, cells: IntArray, groups: IntArray, on_sheet: BoolArray
+) -> tuple[IntArray, IntArray]:
+    """Return cells with edges and faces swapped, each region on its own, and their regions."""
+    fixed = on_sheet[cells].any(axis=1)
+    parts, of_parts = [cells[fixed]], [groups[fixed]]
+    for group in np.unique(groups):
+        part = swapped(points, cells[(groups == group) & ~fixed])
+        parts.append(part)
+        of_parts.append(np.full(len(part), group, groups.dtype))
+    return np.concatenate(parts), np.concatenate(of_parts)
+
+
+def _move(
+    points: FloatArray,
+    cells: IntArray,
+    nodes: npt.NDArray[np.intp],
+    surface: SimplexMesh,
+    old: SimplexMesh,
+    tolerance: float,
+) -> None:
+    """Move nodes to better positions.  Changes ``points``.
+
+    ``cells`` are all cells at ``nodes``.
+    """
+    normals, on_surface, is_smooth = _normals_at(points, surface)
+    nodes = nodes[~on_surface[nodes] | is_smooth[nodes]]
+    edges = topology.edges_of(cells, len(points))
+    lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+    steps = np.full(len(points), np.inf)
+    np.minimum.at(steps, edges, lengths[:, None])
+    before, start = worst_of_nodes(points, cells), points.copy()
+    smooth_nodes(
+        points,
+        cells,
+        topology.rings(cells, len(points)),
+        (nodes.astype(np.int64), normals, steps * 0.3),
+    )
+    at = nodes[on_surface[nodes] & (points[nodes] != start[nodes]).any(axis=1)]
+    if len(at) == 0:
+        return
+    points[at] = _nearest(old, points[at])[0]
+    has_moved = np.zeros(len(points), np.bool_)
+    has_moved[at] = True
+    facets = surface.cells[has_moved[surface.cells].any(axis=1)]
+    allowed = np.maximum(_off(old, start[facets]), _FAR * tolerance)
+    far = _off(old, points[facets]) > allowed
+    points[facets[far]] = start[facets[far]]
+    take_back(points, cells, start, nodes, before)
+
+
+def _off(old: SimplexMesh, corners: FloatArray) -> FloatArray:
+    """Return the distance of triangles from a surface: of centroids and middles of edges."""
+    middles = (corners[:, [k, k - 1]].mean(axis=1) for k in range(3))
+    samples = np.concatenate([corners.mean(axis=1), *middles])
+    return np.asarray(_nearest(old, samples)[1].reshape(4, -1).max(axis=0))
+
+
+def _normals_at(
+    points: FloatArray, surface: SimplexMesh
+) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """Return the normals at nodes of a surface, which nodes are on it, and where it is smooth.
+
+    Nodes inside the mesh have the normal 0.  A surface is smooth where its facets deviate little
+    from the mean plane, and all edges have two facets of the same group.
+    """
+    moved = SimplexMesh(points, surface.cells)
+    normal = normals_of(moved).normals
+    tensor = np.zeros((len(points), 3, 3))
+    outer = normal[:, :, None] * normal[:, None, :]
+    for k in range(3):
+        np.add.at(tensor, surface.cells[:, k], outer)
+    used = np.unique(surface.cells)
+    normals = np.zeros_like(points)
+    normals[used] = np.linalg.eigh(tensor[used])[1][:, :, 2]
+    on_surface, is_smooth = (np.zeros(len(points), np.bool_) for _ in range(2))
+    on_surface[used] = is_smooth[used] = True
+    cosine = np.abs(np.einsum("ij,ikj->ik", normal, normals[surface.cells]))
+    is_smooth[surface.cells[cosine < _SMOOTH]] = False
+    uneven = surface.facet_cell_counts != 2
+    if surface.cell_tags is not None:
+        lowest, highest = topology.regions_beside(
+            surface.cell_facets, surface.cell_tags, len(surface.facets)
+        )
+        uneven |= lowest != highest
+    is_smooth[surface.edges[uneven]] = False
+    return normals, on_surface, is_smooth

@@ -1,0 +1,184 @@
+"""Walls that are straight up to the rounding of their coordinates, or up to coarser noise.
+
+The reference is the same problem before its coordinates were turned, moved and rounded.
+"""
+
+from functools import cache
+
+import domains
+import numpy as np
+import pytest
+from meshes import structured_square
+from numpy.testing import assert_allclose, assert_array_equal
+
+from adaptsize import SimplexMesh, SizeFunction, limit_gradient
+from adaptsize._kernels.topology import merge_walls
+from adaptsize.geometry.boundary import flat_boundary, plane_boundary
+from adaptsize.geometry.convexity import is_convex
+from adaptsize.limiting import Exact
+
+G = 0.3
+EPS = np.finfo(float).eps
+
+#: All walls are straight, so that each has a dozen nodes between its corners.
+SHAPES = {
+    "L": domains.l_shape,
+    "slit": domains.slit_square,
+    "blocks": domains.blocks,
+    "maze": domains.maze,
+    "spiral": domains.spiral,
+    "star holes": domains.star_holes,
+    "30 squares": lambda n, seed: domains.holes(n, 30, 4, seed=seed),
+}
+
+#: A path passes at most 15 corners in these domains.  Where noise moves them, each piece between
+#: two of them changes by the noise at both of its ends.
+N_BENDS = 15
+
+
+def turned(points):
+    cosine, sine = np.cos(0.3), np.sin(0.3)
+    return points @ np.array([[cosine, sine], [-sine, cosine]])
+
+
+def rounded(decimals):
+    return lambda points, rng: np.round(turned(points), decimals), 0.5 * 10.0**-decimals
+
+
+def moved(distance):
+    return lambda points, rng: turned(points) + np.array([distance, 0.7 * distance]), EPS * distance
+
+
+def noisy(share):
+    return lambda points, rng: points + 100.0 * share * rng.uniform(-1, 1, points.shape), (
+        100.0 * share
+    )
+
+
+VARIANTS = {
+    "float32": (lambda points, rng: turned(points).astype(np.float32).astype(float), 4e-6),
+    **{f"{k} decimals": rounded(k) for k in range(6, 17)},
+    **{f"at {x:g}": moved(x) for x in (1.0, 1e2, 1e4, 1e6, 1e8)},
+    **{f"noise {x:g}": noisy(x) for x in 10.0 ** np.arange(-16, -5)},
+}
+
+
+@cache
+def original(name, n_nodes=1200):
+    mesh, _ = SHAPES[name](n_nodes, seed=2251)
+    h0, _ = domains.point_sources(mesh, [(-45, 45), (45, -45)], (1.0, 5.0))
+    return mesh, h0, limit_gradient(mesh, h0, G, method=Exact(face_sources=False))
+
+
+def assert_off_by_noise_only(name, change, noise, rng):
+    mesh, h0, expected = original(name)
+    points = change(mesh.points, rng)
+    other = SimplexMesh(points, mesh.cells)
+    h, info = limit_gradient.with_info(other, h0, G, method=Exact(face_sources=False))
+    # Turning rounds, too.
+    off_by = noise + 4.0 * EPS * np.abs(points).max()
+    assert_allclose(h, expected, rtol=0.0, atol=2.0 * np.sqrt(2.0) * (N_BENDS + 1) * G * off_by)
+    assert info.n_proved == mesh.n_points
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("name", SHAPES)
+def test_rounded_coordinates_change_sizes_by_the_rounding_only(name, variant):
+    rng = np.random.default_rng(2252)
+    assert_off_by_noise_only(name, *VARIANTS[variant], rng)
+
+
+@pytest.mark.parametrize("share", [3e-16, 1e-15, 3e-15, 1e-14, 3e-14, 1e-13])
+def test_noise_about_the_tolerance_leaves_no_node_without_its_path(share):
+    # Regression: corners that a path passes within the tolerance hid what was behind them.
+    for seed in range(30):
+        assert_off_by_noise_only("maze", *noisy(share), np.random.default_rng(seed))
+
+
+def test_points_on_and_just_outside_of_slanted_walls_see_their_sources():
+    mesh, h0, _ = original("L")
+    mesh = SimplexMesh(turned(mesh.points), mesh.cells)
+    h, info = limit_gradient.with_info(mesh, h0, G)
+    size = SizeFunction(mesh, h, sources=info.sources)
+    t = np.linspace(0.01, 0.99, 99)[:, None]
+    on_wall = turned(np.concatenate([t * [0.0, 50.0], t * [50.0, 0.0]]))
+    expected = size(on_wall)
+    assert np.isfinite(expected).all()
+    for distance in (1e-13, 1e-11, 1e-8):
+        for direction in ([1, 0], [-1, 0], [0, 1], [0, -1]):
+            found = size(on_wall + distance * np.array(direction))
+            assert_allclose(found, expected, rtol=0.0, atol=2.0 * G * distance + 1e-12)
+
+
+def merged(points, tolerance):
+    """Return the first and last nodes of the merged walls of an open chain of nodes."""
+    n = len(points)
+    start, end = np.arange(n - 1, dtype=np.int32), np.arange(1, n, dtype=np.int32)
+    is_end = np.zeros(n, bool)
+    is_end[[0, -1]] = True
+    piece, ends = np.empty(n - 1, np.int32), np.empty((n - 1, 2), np.int32)
+    after = np.minimum(end, n - 2).astype(np.int32)
+    count = merge_walls(points, (start, end, after), is_end, tolerance, piece, ends)
+    assert_array_equal(np.flatnonzero(is_end), np.append(ends[:count, 0], n - 1))
+    assert_array_equal(ends[piece, 0] <= start, True)
+    assert_array_equal(ends[piece, 1] >= end, True)
+    return ends[:count]
+
+
+def is_near_chord(points, first, last, tolerance):
+    """Return whether the nodes between two are near their chord, and in order along it."""
+    chord = points[last] - points[first]
+    to = points[first : last + 1] - points[first]
+    off = np.abs(chord[0] * to[:, 1] - chord[1] * to[:, 0]) / np.hypot(*chord)
+    return off.max() <= tolerance and (np.diff(to @ chord) > 0.0).all()
+
+
+@pytest.mark.parametrize("seed", range(2260, 2280))
+def test_walls_are_merged_as_far_as_their_nodes_are_near_the_chord(seed):
+    rng = np.random.default_rng(seed)
+    points = np.column_stack([np.cumsum(rng.uniform(0.1, 1.0, 200)), rng.normal(0, 1e-3, 200)])
+    ends = merged(points, 2e-3)
+    assert len(ends) > 2
+    for first, last in ends:
+        assert is_near_chord(points, first, last, 2e-3 * (1.0 + 1e-6))
+        # One more wall would be too many.
+        assert last == 199 or not is_near_chord(points, first, last + 1, 2e-3 * (1.0 - 1e-6))
+
+
+def test_a_wall_that_turns_back_is_not_merged():
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [1.5, 0.0], [3.0, 0.0]])
+    assert_array_equal(merged(points, 1e-9), [[0, 2], [2, 3], [3, 4]])
+
+
+@pytest.mark.parametrize("distance", [0.0, 1e3, 1e6])
+def test_walls_straight_to_rounding_are_one_and_others_are_not(distance):
+    mesh = original("L")[0]
+    points = turned(mesh.points) + distance
+    unit = EPS * np.abs(points).max()
+    for noise, straight in ((0.5 * unit, True), (100.0 * unit, False)):
+        rng = np.random.default_rng(2281)
+        changed = SimplexMesh(points + noise * rng.uniform(-1, 1, points.shape), mesh.cells)
+        found = plane_boundary(changed, flat_boundary(changed))
+        assert (len(found.walls) == 6) == straight
+        assert (len(found.corners) == 1) == straight
+
+
+def sagging_square(n, inwards):
+    """Return a square whose lower side turns inwards by this angle at each of its inner nodes."""
+    mesh = structured_square(n, half_width=1.0)
+    points = mesh.points.copy()
+    on_side = np.flatnonzero(points[:, 1] == -1.0)
+    x = points[on_side, 0]
+    points[on_side, 1] += inwards * (1.0 - x * x) * n / 4.0  # a parabola: second difference
+    return SimplexMesh(points, mesh.cells), on_side
+
+
+@pytest.mark.parametrize(("total", "expected"), [(1e-7, True), (4e-7, False)])
+def test_sides_may_turn_inwards_as_long_as_no_distance_changes(total, expected):
+    n = 40
+    mesh, on_side = sagging_square(n, total / (n - 1))
+    assert is_convex(mesh.points, flat_boundary(mesh)) == expected
+    side = mesh.points[on_side[np.argsort(mesh.points[on_side, 0])]]
+    length = np.linalg.norm(np.diff(side, axis=0), axis=1).sum()
+    straight = np.linalg.norm(side[-1] - side[0])
+    assert (length / straight - 1.0 <= 5e-15) or not expected
