@@ -229,17 +229,17 @@ def test_a_failure_of_mmg_leaves_the_tetrahedra_that_fill_the_adapted_surface(mo
 def test_mmg_has_a_limit_of_processor_time_on_a_first_volume(monkeypatch):
     pytest.importorskip("resource", reason="the system has no limit of processor time")
     monkeypatch.setattr(driver, "_LEAST_ANGLE", 0.0)
-    monkeypatch.setattr(driver, "_SECONDS", 0.0)
-    monkeypatch.setattr(driver, "_SECONDS_PER_CELL", 1e-5)
+    monkeypatch.setattr(driver, "_SECONDS", -1.0)  # the limit is rounded up to whole seconds
+    monkeypatch.setattr(driver, "_SECONDS_PER_CELL", 1e-9)
     with pytest.warns(ResolutionWarning, match="limit of processor time"):
-        new = remesh(cylinder(16), 0.035)
+        new = remesh(cylinder(16), 0.025)
     assert_allclose(new.measures.sum(), enclosed(cylinder(16)), rtol=0.01)
 
 
 def test_a_mesh_that_would_take_too_long_is_given_up(monkeypatch):
     pytest.importorskip("resource", reason="the system has no limit of processor time")
-    monkeypatch.setattr(driver, "_LONGEST", 0.0)
-    monkeypatch.setattr(driver, "_LONGEST_PER_CELL", 1e-6)
+    monkeypatch.setattr(driver, "_LONGEST", -1.0)
+    monkeypatch.setattr(driver, "_LONGEST_PER_CELL", 1e-9)
     square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     with pytest.raises(BackendError, match=r"limit of processor time .* too large for the tol"):
         remesh(square, 0.002)
