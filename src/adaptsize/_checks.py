@@ -23,8 +23,6 @@ STEEPEST = 1e30
 #: Products of four lengths and two such gradients must stay in the range of float64.
 FARTHEST = 1e60
 NEAREST = 1e-60
-# Angles up to this look like radians.  Those of edges are hardly smaller than 3 degrees.
-_LARGEST_IN_RADIANS = 3.2
 
 
 def as_plain_array(name: str, value: npt.ArrayLike) -> npt.NDArray[Any]:
@@ -180,7 +178,8 @@ def as_number(
         raise ValueError(f"{name} must be {finite}{sign} {lower:g}, got {number:g}")
     if upper is not None and number > upper:
         raise ValueError(f"{name} must be at most {upper:g}{unit and ' '}{unit}, got {number:g}")
-    if unit == "degrees" and 0.0 < number <= _LARGEST_IN_RADIANS:
+    # Angles of edges are hardly smaller than 3 degrees: this looks like radians.
+    if unit == "degrees" and 0.0 < number <= 3.2:
         warn_caller(
             f"{name} is in degrees, got {number:g}; if this is in radians, pass "
             f"{np.degrees(number):.4g}",

@@ -23,7 +23,6 @@ from adaptsize._isolated import isolated
 
 #: Numbers of <sys/prctl.h>.
 _SET_DEATH_SIGNAL, _SET_CHILD_SUBREAPER = 1, 36
-_POLL_SECONDS = 0.5
 #: Processes that the system cannot end within this time are left to it.
 _PATIENCE = 5.0
 
@@ -76,7 +75,7 @@ def _end_with(
     if sys.platform == "win32":
         sys.stdin.buffer.read()
     else:  # another child of the caller may keep the pipe open
-        while os.getppid() == caller and not select.select([0], [], [], _POLL_SECONDS)[0]:
+        while os.getppid() == caller and not select.select([0], [], [], 0.5)[0]:
             pass
     ending.acquire()
     _end_everything(job, folder)

@@ -11,16 +11,8 @@ from adaptsize.domain_size.image_mask import Mask
 from adaptsize.quality import radius_ratios
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 
-# Standard deviation in pixels of the filter between labels that touch; pixels leave no steps.
-_DEVIATION = 1.0
-# Nodes of an interface move onto it in so many steps, ...
+# Nodes of an interface move onto it in so many steps.
 _STEPS = 4
-# ... by at most this share of the shortest edge at the node in each, ...
-_LONGEST_MOVE = 0.25
-# ... as long as no cell around becomes worse than this radius ratio and than it was.
-_WORST = 0.2
-# Step of the differences for the gradient, in pixels.
-_DIFFERENCE = 0.5
 
 
 class Labels:
@@ -45,8 +37,9 @@ class Labels:
         )
         extended = mask.labels[tuple(nearest)]
         self.names = [int(name) for name in np.unique(extended)]
+        # With a deviation of one pixel, labels that touch have no steps between them.
         self._fields = {
-            name: ndimage.gaussian_filter((extended == name).astype(np.float64), _DEVIATION)
+            name: ndimage.gaussian_filter((extended == name).astype(np.float64), 1.0)
             for name in self.names
         }
 
@@ -62,7 +55,7 @@ class Labels:
 
     def step_to_interface(self, a: int, b: int, points: FloatArray) -> FloatArray:
         """Return Newton's step from points to the interface between two labels."""
-        eps = _DIFFERENCE * self.grid.spacing
+        eps = 0.5 * self.grid.spacing  # half a pixel
         value = self.share(a, points) - self.share(b, points)
         slope = np.empty_like(points)
         for d in range(points.shape[1]):
@@ -106,7 +99,7 @@ def _with_smooth_interfaces(mesh: SimplexMesh, labels: Labels) -> SimplexMesh:
             nodes = np.flatnonzero(touches[a] & touches[b] & ~several & ~on_skin)
             step = labels.step_to_interface(a, b, points[nodes])
             length = np.linalg.norm(step, axis=1)
-            most = _LONGEST_MOVE * reach[nodes]
+            most = 0.25 * reach[nodes]  # of the shortest edge at the node
             moved[nodes] += step * np.minimum(1.0, most / np.maximum(length, 1e-300))[:, None]
         points = _without_bad_cells(mesh, points, moved, ratios)
     return SimplexMesh(points, mesh.cells, cell_tags=mesh.cell_tags)
@@ -126,7 +119,8 @@ def _without_bad_cells(
     while True:
         tried = SimplexMesh(after, mesh.cells)
         now = np.where(tried.signed_measures > 0.0, radius_ratios(tried), -1.0)
-        bad = (now < _WORST) & (now < ratios)
+        # Moves may not make a cell worse than this radius ratio and than it was.
+        bad = (now < 0.2) & (now < ratios)
         back = np.unique(mesh.cells[bad])
         back = back[(after[back] != before[back]).any(axis=1)]
         if len(back) == 0:

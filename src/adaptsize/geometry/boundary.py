@@ -30,18 +30,6 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
 
-# Distance from a line below which a node is on it, in units of the rounding of the coordinates.
-# Rounding moves a node by at most .71 of these, and so from a straight line by 1.42.
-_ON_LINE = 4.0
-
-# The distance for lines of sight, in units of that one.  Two nodes of a merged wall are each at
-# most one off its line, and a cross product rounds by less than 1.5 of the diagonal times epsilon,
-# which is 4.2 of the units above.
-_SIGHT = 4.0
-
-# A sector narrower than this (radians) surrounds the tip of a slit, whose faces may not coincide.
-_SLIT = 1e-9
-
 
 class FlatBoundary(NamedTuple):
     """The walls of triangles in the plane or of tetrahedra.
@@ -178,13 +166,13 @@ def _facets_at(
         room = count
 
 
-def _cells_with(cells: IntArray, marked: BoolArray, least: int) -> IntArray:
-    """Return the cells with at least so many marked nodes."""
+def _cells_with(cells: IntArray, marked: BoolArray) -> IntArray:
+    """Return the cells with a marked node."""
     found = np.empty(64 + 8 * int(np.count_nonzero(marked)), np.int32)  # enough but for piles
-    count = kernels.list_cells(cells, marked, least, found)
+    count = kernels.list_cells(cells, marked, 1, found)
     if count > len(found):
         found = np.empty(count, np.int32)
-        kernels.list_cells(cells, marked, least, found)
+        kernels.list_cells(cells, marked, 1, found)
     return found[:count]
 
 
@@ -225,7 +213,9 @@ def plane_boundary(mesh: SimplexMesh, boundary: FlatBoundary) -> PlaneBoundary:
     points, (start, end) = mesh.points, boundary.facets.T
     n = mesh.n_points
     nodes = np.unique(boundary.facets).astype(np.int32)
-    tolerance = _ON_LINE * float(np.finfo(float).eps * np.abs(points[nodes]).max())
+    # A node is on a line within this distance, in units of the rounding of the coordinates, which
+    # moves a node by at most .71 of these, and so from a straight line by 1.42.
+    tolerance = 4.0 * float(np.finfo(float).eps * np.abs(points[nodes]).max())
     regular = np.bincount(start, minlength=n)[nodes] == 1
     regular &= np.bincount(end, minlength=n)[nodes] == 1
     leaving, entering = np.zeros(n, np.int32), np.zeros(n, np.int32)
@@ -257,7 +247,10 @@ def plane_boundary(mesh: SimplexMesh, boundary: FlatBoundary) -> PlaneBoundary:
     length = np.hypot(*(points[end] - points[start]).T)
     np.minimum.at(reach, start, length)
     np.minimum.at(reach, end, length)
-    corners, slack = nodes[bends], _SIGHT * tolerance
+    # For lines of sight, in units of the tolerance: two nodes of a merged wall are each at most one
+    # off its line, and a cross product rounds by less than 1.5 of the diagonal times epsilon, which
+    # is 4.2 of the units of rounding.
+    corners, slack = nodes[bends], 4.0 * tolerance
     return PlaneBoundary(walls, rows, first, sectors, corners, free[bends], reach[corners], slack)
 
 
@@ -280,7 +273,8 @@ def _sectors(
     cross = cones[:, 0] * cones[:, 3] - cones[:, 1] * cones[:, 2]
     dot = cones[:, 0] * cones[:, 2] + cones[:, 1] * cones[:, 3]
     angles = np.mod(np.arctan2(cross, dot), 2.0 * np.pi)
-    angles[angles < _SLIT] = 2.0 * np.pi  # both faces of a slit: a sector has some width
+    # A narrower sector (radians) surrounds the tip of a slit, whose faces may not coincide.
+    angles[angles < 1e-9] = 2.0 * np.pi
     kinds = np.where(angles > np.pi, WIDE, NARROW)
     kinds[(cones == 0.0).all(axis=1)] = ANY
     return rows, first.astype(np.int32), np.column_stack([cones, kinds]), angles
@@ -299,7 +293,7 @@ def _fans(
     """
     marked = np.zeros(mesh.n_points, np.bool_)
     marked[nodes] = True
-    around = _cells_with(mesh.cells, marked, 1)
+    around = _cells_with(mesh.cells, marked)
     at_wall = np.flatnonzero(marked[boundary.facets].any(axis=1)).tolist()
     ends = map(tuple, boundary.facets[at_wall].tolist())
     walls = dict(zip(ends, at_wall, strict=True))

@@ -12,9 +12,6 @@ from adaptsize.typing import FloatArray, IntArray
 if TYPE_CHECKING:
     from adaptsize.geometry.boundary import FlatBoundary
 
-# Sum of the angles (radians) by which the boundary of a convex domain may turn inwards.
-_INWARD = 2e-7
-
 
 def is_convex(points: FloatArray, boundary: FlatBoundary) -> bool:
     r"""Return whether the domain within a boundary is convex, to rounding.
@@ -37,7 +34,8 @@ def is_convex(points: FloatArray, boundary: FlatBoundary) -> bool:
         if in_plane
         else turns_of(points, boundary).angles
     )
-    if not -float(np.minimum(angles, 0.0).sum()) <= _INWARD:  # nan at irregular places
+    # A convex boundary may turn inwards by this sum of angles (radians).
+    if not -float(np.minimum(angles, 0.0).sum()) <= 2e-7:  # nan at irregular places
         return False
     if in_plane:
         return abs(float(angles.sum()) - 2.0 * np.pi) < 1e-3

@@ -22,7 +22,6 @@ _MOST_CHANGES = 8
 # The curvature is evaluated again with these shares of the step.  At a kink it grows, by more than
 # this factor.  Beside a kink it falls.
 _SHORTER = (0.25, 0.0625)
-_AT_KINK = 2.0
 
 
 def checked(function: Callable[[FloatArray], object]) -> Implicit:
@@ -174,7 +173,7 @@ def largest_curvature(
     for share in _SHORTER:
         fine = _modulus(frame_at(function, points, share * steps))
         least = np.minimum(least, fine)
-    return np.where(fine > _AT_KINK * kappa, 0.0, least)
+    return np.where(fine > 2.0 * kappa, 0.0, least)
 
 
 def _modulus(frame: LevelFrame) -> FloatArray:

@@ -39,9 +39,6 @@ _KEEP_ROUGHLY = 1.0 - 1e-3
 # Nodes of the second-order pass between two progress reports.
 _REFINED_AT_ONCE = 1_000_000
 
-# Sizes that differ by less than this share are equal.
-_UNCHANGED = 1e-12
-
 _TEXT = "limiting the gradient"
 
 
@@ -118,7 +115,7 @@ class FastMarching(Scheme):
                 return solution
             lowered = problem.periodic.least(solution.h)
             with np.errstate(invalid="ignore"):
-                changed = lowered < solution.h * (1.0 - _UNCHANGED)
+                changed = lowered < solution.h * (1.0 - 1e-12)  # by more than rounding
             if not changed.any():
                 return replace(solution, h=lowered)
             problem = replace(problem, h0=lowered)

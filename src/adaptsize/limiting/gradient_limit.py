@@ -16,10 +16,6 @@ from adaptsize.typing import FloatArray, GradientLimit, GradientOfSize
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
 
-# Intervals of the table per factor e of h: linear interpolation then errs by
-# 1/(8 * 8192^2) = 2e-9 relative where g(h) changes by a factor e as fast as h does.
-_PER_E_FOLD = 8192
-
 # Larger sizes mean that g(h) is unbounded and the solution overflows.
 _SMALLEST, _LARGEST = NEAREST, FARTHEST
 
@@ -117,7 +113,9 @@ class SizeTransform:
                 f"got {float(self._h[0]):g} to {largest:g}"
             )
         start = float(self._h[-1])
-        count = max(2, math.ceil(_PER_E_FOLD * math.log(largest / start)))
+        # Intervals of the table per factor e of h: linear interpolation then errs by
+        # 1/(8 * 8192^2) = 2e-9 relative where g(h) changes by a factor e as fast as h does.
+        count = max(2, math.ceil(8192 * math.log(largest / start)))
         h = np.geomspace(start, largest, count + 1)
         step = np.diff(h)
         middle = 0.5 * (h[1:] + h[:-1])

@@ -18,8 +18,6 @@ from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
 
-_WORK_PER_CHUNK = 5e7  # nodes, times axes: about 0.1 s between two progress calls
-
 
 @dataclass(frozen=True)
 class HamiltonJacobi(Scheme):
@@ -179,7 +177,8 @@ def _iterate(
     spare = np.full_like(u, np.nan)
     stage = np.full_like(u, np.nan) if order == 2 else spare
     work = len(rows) * n_row * len(strides) * (1 if order == 1 else 6)
-    chunk = max(1, int(_WORK_PER_CHUNK / max(work, 1)))
+    # The work is in nodes times axes: about 0.1 s between two progress calls.
+    chunk = max(1, int(5e7 / max(work, 1)))
     taken, moving = 0, 1
     while moving and taken < max_iter:
         steps, moving = iterate_hamilton_jacobi(

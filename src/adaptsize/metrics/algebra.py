@@ -15,9 +15,6 @@ from adaptsize.typing import FloatArray, IntArray
 UNBOUNDED = 1e30
 AS_UNBOUNDED = 1e20
 
-# Largest difference of R^T R from the identity.
-_SQUARE = 1e-6
-
 # Lengths whose ratio is nearer to 1 than this have their arithmetic as logarithmic mean.
 _EQUAL = 1e-4
 
@@ -102,6 +99,6 @@ def orthonormal(r: FloatArray) -> FloatArray:
     for _ in range(2):  # Newton's iteration to the polar factor: 1e-6, 1e-12, 1e-24
         excess = r.swapaxes(1, 2) @ r - np.eye(r.shape[1])
         worst = np.abs(excess).max(axis=(1, 2), initial=0.0)
-        refuse_where("directions", worst > _SQUARE, r, "must have orthonormal columns")
+        refuse_where("directions", worst > 1e-6, r, "must have orthonormal columns")
         r = r - 0.5 * (r @ excess)
     return r

@@ -14,8 +14,6 @@ from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, as_goal, calibration, s
 from adaptsize.sizes.recovery import recovered_hessian, second_derivatives_of_fits
 from adaptsize.typing import FloatArray
 
-# Second derivatives below this share of the largest one are rounding.
-_NOISE = 1e-12
 # Largest difference of a Hessian from its transpose, relative to it.
 _SKEW = 1e-6
 
@@ -208,7 +206,8 @@ def _eigen(second: FloatArray, aspect: float) -> tuple[FloatArray, FloatArray]:
     values = np.take_along_axis(values, order, axis=1)
     vectors = np.take_along_axis(vectors, order[:, None, :], axis=2)
     largest = values[:, -1:]
-    values[largest[:, 0] <= max(_NOISE * largest.max(initial=0.0), NEAREST)] = 0.0
+    # Second derivatives below this share of the largest one are rounding.
+    values[largest[:, 0] <= max(1e-12 * largest.max(initial=0.0), NEAREST)] = 0.0
     return np.maximum(values, largest / aspect**2), vectors
 
 

@@ -21,11 +21,6 @@ from adaptsize.metrics.metric import Metric
 from adaptsize.metrics.plane import Walls, around_corners, walls_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
-# Sizes up to this much larger than the bound count as equal to it.
-_KEPT = 1e-9
-
-_MOST_THREADS = 10_000
-
 
 @dataclass(frozen=True, eq=False)
 class MetricLimitingInfo:
@@ -142,7 +137,7 @@ def limit_metric(
         )
     slope = as_gradient_limit(g)
     if threads is not None:
-        threads = as_whole_number("threads", threads, lower=1, upper=_MOST_THREADS)
+        threads = as_whole_number("threads", threads, lower=1, upper=10_000)
     sizes = _on_active(background, metric.sizes)
     if not np.isfinite(sizes).any():
         raise ValueError("metric must have a finite size at one node at least, got inf everywhere")
@@ -152,7 +147,8 @@ def limit_metric(
         found, active, n_sources = _limited(field, slope, Workers.of(threads, report), mesh)
     h = _on_active(background, found.h)
     limited = Metric.of(h, found.r)
-    kept = (limited.density <= metric.density * (1.0 + _KEPT)) & np.isfinite(sizes).any(axis=1)
+    # Sizes up to this much larger than the bound count as equal to it.
+    kept = (limited.density <= metric.density * (1.0 + 1e-9)) & np.isfinite(sizes).any(axis=1)
     return limited, MetricLimitingInfo(active, kept, n_sources)
 
 

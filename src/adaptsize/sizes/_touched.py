@@ -18,10 +18,6 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 # Points within this distance, in diagonals of the mesh, count as inside, and cells whose distances
 # from a point differ by less are equally close.
 _INSIDE = 1e-9
-# Samples of a curve per mean edge length of the cell that it passes.
-_SAMPLES_PER_CELL = 4.0
-# Cells that are smaller, in diagonals of the mesh, are degenerate and need no denser samples.
-_SMALLEST_SPACING = 1e-6
 
 
 class Touched(NamedTuple):
@@ -205,8 +201,10 @@ def _spacing(mesh: AnyMesh, at: Touched) -> FloatArray:
     lengths = [np.linalg.norm(step, axis=1) for _, step in _edges(corners)]
     widths = np.full(len(at.distances), np.inf)
     np.minimum.at(widths, at.which, np.mean(lengths, axis=0))
-    spacing: FloatArray = mesh.ranks.allreduce(widths, "min") / _SAMPLES_PER_CELL
-    return np.maximum(spacing, _SMALLEST_SPACING * mesh.diagonal)
+    # So many samples of a curve per mean edge length of the cell that it passes.
+    spacing: FloatArray = mesh.ranks.allreduce(widths, "min") / 4.0
+    # Smaller cells are degenerate and need no denser samples.
+    return np.maximum(spacing, 1e-6 * mesh.diagonal)
 
 
 _Integers = IntArray | LongArray

@@ -23,10 +23,6 @@ CELLS_PER_PREDICTED: dict[tuple[str, int], float] = {
     ("tetwild", 3): 1.04,
 }
 
-_GAUSS_POINTS = 16
-#: Larger densities of elements are cut, since powers of tiny sizes overflow.
-_DENSEST = 1e300
-
 # Tolerance of the logarithm of the scale: a hundredth of a per cent of the size.
 _TOLERANCE = 1e-4
 # Bound on the logarithm of the scale, and the value that stands for the logarithm of zero.
@@ -68,12 +64,13 @@ def mean_density(corner_sizes: FloatArray) -> FloatArray:
     m = np.sqrt(h.min(axis=1)) * np.sqrt(h.max(axis=1))
     over_m = h / m[:, None]  # powers of small or large sizes stay in range
     total = np.zeros(len(m))
-    for x, weight in zip(*np.polynomial.legendre.leggauss(_GAUSS_POINTS), strict=True):
+    for x, weight in zip(*np.polynomial.legendre.leggauss(16), strict=True):
         product = np.full(len(m), 2.0 * d * weight * (1.0 - x) ** (d - 1))
         for i in range(d + 1):
             product /= over_m[:, i] * (1.0 - x) + (1.0 + x)
         total += product
-    return np.where(free, 0.0, total * np.maximum(m, _DENSEST ** (-1.0 / d)) ** -d)
+    # Larger densities of elements are cut, since powers of tiny sizes overflow.
+    return np.where(free, 0.0, total * np.maximum(m, 1e300 ** (-1.0 / d)) ** -d)
 
 
 def calibration(backend: str | None, cell_dim: int) -> float:
@@ -140,11 +137,9 @@ def as_goal(tolerance: float | None, elements: float | None) -> tuple[str, float
     return "elements", as_number("elements", elements, lower=1.0)
 
 
-#: Tetrahedra around an edge: 5.104 if they were regular, 5.127 to 5.132 in meshes by Mmg.
-_CELLS_AROUND_EDGE = 5.13
-
-#: Nodes per cell and per boundary facet, by dimension of the cells.
-_PER_CELL = {1: 1.0, 2: 0.5, 3: 6.0 / _CELLS_AROUND_EDGE - 1.0}
+#: Nodes per cell and per boundary facet, by dimension of the cells.  Around an edge are 5.104
+#: tetrahedra if they were regular, 5.127 to 5.132 in meshes by Mmg.
+_PER_CELL = {1: 1.0, 2: 0.5, 3: 6.0 / 5.13 - 1.0}
 _PER_FACET = {1: 0.5, 2: 0.5, 3: 0.25}
 
 
@@ -153,7 +148,7 @@ def nodes_of(cell_dim: int, cells: float, facets: float) -> float:
     return _PER_CELL[cell_dim] * cells + _PER_FACET[cell_dim] * facets
 
 
-def elements_with_nodes(mesh: SimplexMesh, nodes: float, name: str = "nodes") -> float:
+def elements_with_nodes(mesh: SimplexMesh, nodes: float) -> float:
     """Return the number of cells of a mesh of the same domain with so many nodes.
 
     The number of boundary facets is taken to grow as that of a uniformly refined mesh: as the
@@ -165,7 +160,7 @@ def elements_with_nodes(mesh: SimplexMesh, nodes: float, name: str = "nodes") ->
     >>> round(elements_with_nodes(square, 101**2))  # 2 * 100^2 and 4 * 100
     20002
     """
-    wanted = as_number(name, nodes, lower=1.0)
+    wanted = as_number("nodes", nodes, lower=1.0)
     return cells_for_nodes(wanted, mesh.cell_dim, mesh.n_cells, _n_boundary_facets(mesh))
 
 

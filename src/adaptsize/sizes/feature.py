@@ -34,9 +34,6 @@ if TYPE_CHECKING:
 # Sizes must not require more than 10^6 elements along the part where a part tapers to nothing.
 SMALLEST_SHARE = 1e-6
 
-# A boundary of fewer faces is no staircase of voxels.
-_LEAST_STEPS = 24
-
 
 @with_options(FeatureOptions)
 def size_from_feature(
@@ -281,7 +278,8 @@ def _is_staircase(faces: Faces) -> bool:
     dim = faces.mesh.dim
     small = np.bincount(faces.face) <= dim - 1
     areas = np.bincount(faces.face, faces.mesh.measures)[small]
-    if 2 * len(areas) <= faces.n_faces or faces.n_faces < _LEAST_STEPS:
+    # A boundary of fewer faces is no staircase of voxels.
+    if 2 * len(areas) <= faces.n_faces or faces.n_faces < 24:
         return False
     kinds = np.unique(np.round(areas / areas.max(), 4))
     return len(kinds) <= dim  # one for each direction of the axes

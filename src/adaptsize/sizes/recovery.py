@@ -15,10 +15,6 @@ from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.surroundings import surroundings_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 
-# Of normal matrices in coordinates of unit covariance, the smallest eigenvalue over the largest:
-# around nodes of good meshes 0.003 to 0.05, below where the nodes nearly lie on a conic.
-_WELL_DETERMINED = 3e-3
-
 
 def recovered_gradient(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     """Return the gradient of a nodal field at the nodes, by polynomial preserving recovery.
@@ -215,7 +211,9 @@ def gradient_operators(mesh: SimplexMesh) -> list[csr_array]:
     near = nodes_within_an_edge(mesh)
     inner = np.flatnonzero(~_on_boundary(mesh))
     narrow = near[inner]
-    weights, good = _weights_of_fits(mesh.points, narrow, inner, _WELL_DETERMINED)
+    # The smallest eigenvalue over the largest of normal matrices in coordinates of unit covariance:
+    # around nodes of good meshes 0.003 to 0.05, below where the nodes nearly lie on a conic.
+    weights, good = _weights_of_fits(mesh.points, narrow, inner, 3e-3)
     weights[~good[_row_of_entry(narrow)]] = 0.0
     others = np.setdiff1d(np.arange(n), inner[good])
     wide = csr_array(near[others] @ near)

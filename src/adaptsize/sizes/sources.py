@@ -30,9 +30,6 @@ from adaptsize.sizes import _on_grid, _touched
 from adaptsize.sizes._touched import lower_along, lower_at_points
 from adaptsize.typing import FloatArray
 
-# Points this far outside, relative to the diagonal of the background, count as inside.
-_OUTSIDE = 1e-9
-
 SizeOfPoint: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 _Mesh: TypeAlias = AnyMesh | CartesianGrid
 
@@ -303,7 +300,7 @@ class BallSource:
 
 def _warn_of_outside(points: FloatArray, away: FloatArray, diagonal: float) -> None:
     """Warn of point sources that lie outside a flat domain, given their distances from it."""
-    outside = away > _OUTSIDE * diagonal
+    outside = away > 1e-9 * diagonal  # more than rounding
     if outside.any():
         first = int(np.argmax(outside))
         place = ", ".join(f"{x:.6g}" for x in points[first])

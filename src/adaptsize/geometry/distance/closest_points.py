@@ -27,10 +27,6 @@ DistanceFunction: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 _CHUNK = 20_000
 # The gradient is then evaluated at this offset, in steps; few kinks have this direction.
 _BESIDE = np.array([2.6, 3.7, 5.1])
-# The distance of a foot from the boundary must be below this share of that of the node, and ...
-_NEAR_FOOT = 0.01
-# ... at least this share of the nodes must have a foot: all except those at the medial axis.
-_LEAST_NEAR_FEET = 0.5
 
 
 class Depths(NamedTuple):
@@ -178,8 +174,10 @@ class FunctionBoundary:
         # Smaller distances are dominated by rounding.
         away = np.abs(seen.depth) > 100.0 * self._step
         left = self.distance(seen.feet(background.points)[away])
-        good = left <= _NEAR_FOOT * np.abs(seen.depth[away]) + self._step
-        if away.any() and good.mean() < _LEAST_NEAR_FEET:
+        # A foot is nearer to the boundary than this share of the distance of its node ...
+        good = left <= 0.01 * np.abs(seen.depth[away]) + self._step
+        # ... for at least this share of the nodes: all except those at the medial axis.
+        if away.any() and good.mean() < 0.5:
             raise ValueError(
                 "boundary must be a signed distance, for which a step of that length along the "
                 f"gradient ends at its zero level; this holds at {good.sum()} of {away.sum()} nodes"
@@ -230,10 +228,6 @@ def depths_of(
     return Depths(depth, way)
 
 
-# A function is a distance if the length of its gradient differs from 1 by less, at this share of
-# the points: all except those at the medial axis.
-_SLOPE_ERROR = 1e-3
-_LEAST_SMOOTH = 0.9
 # From these, steps along the gradient end at the zero level, up to this share of the step, at this
 # share of the points.
 _FOOT_SHARE = 1e-3
@@ -318,8 +312,9 @@ def is_distance(function: Implicit, points: FloatArray, extent: float) -> bool:
     # Step of the gradient for the test of a distance, as a share of the extent.
     step = 1e-6 * extent
     values, gradient = gradient_of(function, points, step)[:2]
-    smooth = np.abs(np.linalg.norm(gradient, axis=1) - 1.0) < _SLOPE_ERROR
-    if smooth.mean() < _LEAST_SMOOTH:
+    # A distance has a gradient of length 1 at almost all points: not at the medial axis.
+    smooth = np.abs(np.linalg.norm(gradient, axis=1) - 1.0) < 1e-3
+    if smooth.mean() < 0.9:
         return False
     values, gradient = values[smooth], gradient[smooth]
     left = np.abs(function(points[smooth] - values[:, None] * gradient))

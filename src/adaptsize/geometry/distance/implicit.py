@@ -15,10 +15,6 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray, Progres
 
 # Nodes per batch beyond the band.
 _NODES_AT_ONCE = 100_000
-# The parabola at a foot is used only for feet up to this distance from it, in spacings, ...
-_WITHIN = 1.5
-# ... and not near or beyond its focus.
-_OFF_FOCUS = 0.25
 
 
 def implicit_distance(
@@ -193,10 +189,12 @@ def _distance_to_parabola(
     matrix = height[:, None, None] * bend + np.eye(bend.shape[1])
     if bend.shape[1] == 0:
         return np.full(len(x), np.inf)
-    reliable = _least_eigenvalue(matrix) > _OFF_FOCUS
+    # The parabola is not used near or beyond its focus, ...
+    reliable = _least_eigenvalue(matrix) > 0.25
     matrix[~reliable] = np.eye(bend.shape[1])
     to = np.linalg.solve(matrix, sideways[:, :, None])[:, :, 0]
-    reliable &= np.linalg.norm(to, axis=1) <= _WITHIN * spacing
+    # ... and only up to this distance from the foot where it touches, in spacings.
+    reliable &= np.linalg.norm(to, axis=1) <= 1.5 * spacing
     drop = 0.5 * np.einsum("mk,mkl,ml->m", to, bend, to)
     along = np.linalg.norm(sideways - to, axis=1)
     return np.where(reliable, np.hypot(along, height + drop), np.inf)

@@ -35,9 +35,7 @@ _NODES_AT_ONCE = 2**15
 # Roots this little outside of an edge are at its node: rounding must not lose them between two.
 _ROUNDING = 1e-9
 
-# Number of evaluations of the direction of a front half way to the boundary, ...
-_LOOKS = 2
-# ... and shortest gradient there, if there is no kink.
+# Shortest gradient half way to the boundary, if there is no kink.
 _SMOOTH = 0.9
 # How far the point where a front comes from may be from the boundary, in spacings and as a share
 # of the path: farther if the gradient mixes several fronts.
@@ -338,7 +336,7 @@ def _look_half_way(grid: CartesianGrid, phi: FloatArray, fronts: Fronts) -> Fron
     sets there is less than twice the reciprocal of the length.
     """
     resolved = fronts.radii >= RESOLVED * grid.spacing.max()
-    for _ in range(_LOOKS):
+    for _ in range(2):
         found = _gradients(grid, phi, fronts.feet(0.5))
         length = np.linalg.norm(found, axis=2)
         # If the segment is short, or there is another kink at its midpoint, keep the direction.
