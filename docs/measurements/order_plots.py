@@ -189,10 +189,10 @@ def octree() -> list[Panel]:
 def distance() -> list[Panel]:
     """Measure the unit circle: of a function that is no distance, and of masks."""
 
-    def quartic(n, method, inside):
+    def quartic(n, inside):
         grid = ads.CartesianGrid([-1.61, -1.63], 3.2 / n, (n + 2, n + 2))
         radius = np.linalg.norm(grid.points, axis=-1).reshape(grid.shape)
-        phi = ads.signed_distance(grid, lambda x: (x**2).sum(axis=1) ** 2 - 1.0, method=method)
+        phi = ads.signed_distance(grid, lambda x: (x**2).sum(axis=1) ** 2 - 1.0)
         band = (np.abs(radius - 1.0) < 2.5 * 3.2 / n) == inside
         away = band & (radius > 0.3)
         return 3.2 / n, np.abs(phi - (radius - 1.0))[away].max()
@@ -220,18 +220,8 @@ def distance() -> list[Panel]:
             "distance to the zero level of $r^4 - 1$",
             "largest error",
             [
-                curve("projection, in the band", sizes, lambda n: quartic(n, "projection", True)),
-                curve("projection, beyond", sizes, lambda n: quartic(n, "projection", False)),
-                curve(
-                    "reinitialization, in the band",
-                    sizes,
-                    lambda n: quartic(n, "reinitialization", True),
-                ),
-                curve(
-                    "reinitialization, beyond",
-                    sizes,
-                    lambda n: quartic(n, "reinitialization", False),
-                ),
+                curve("in the band", sizes, lambda n: quartic(n, True)),
+                curve("beyond", sizes, lambda n: quartic(n, False)),
             ],
         ),
         Panel(

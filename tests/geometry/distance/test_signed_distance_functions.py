@@ -7,8 +7,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import CartesianGrid, Octree, signed_distance
 
-BOTH = pytest.mark.parametrize("method", ["projection", "reinitialization"])
-
 
 def radius(x):
     return np.linalg.norm(x, axis=1)
@@ -58,23 +56,6 @@ def test_everywhere_exact_with_an_endless_band(function):
     phi = signed_distance(grid, function, band=np.inf)
     # Beside the centre the way to the foot is ill conditioned, by 1 over the share of the radius.
     assert_allclose(phi, exact_on(grid), atol=1e-5 * grid.spacing.max())
-
-
-@EACH
-def test_reinitialization_is_of_second_order_and_more(function):
-    errors = []
-    for n in (40, 80, 160):
-        grid = grid_of(n)
-        exact, h = exact_on(grid), grid.spacing.max()
-        phi = signed_distance(grid, function, method="reinitialization")
-        near = np.abs(exact) <= 3.0 * h
-        errors.append(np.abs(phi - exact)[near].max())
-        clear = np.abs(exact) > 0.03 * h
-        assert_array_equal(phi[clear] < 0.0, exact[clear] < 0.0)
-        assert_allclose(phi, exact, atol=0.1 * h)
-    order = np.log2(np.divide(errors[:-1], errors[1:]))
-    assert (order > 2.0).all(), f"errors {errors}, orders {order}"
-    assert errors[-1] < 3e-3 * h
 
 
 @EACH
@@ -133,9 +114,8 @@ def test_meshes_and_octrees():
 
 def test_zeros_at_nodes():
     grid = CartesianGrid([-1.0, -1.0], 0.25, (9, 9))
-    for method in ("projection", "reinitialization"):
-        phi = signed_distance(grid, lambda x: x[:, 0] * (3.0 + x[:, 1]), method=method)
-        assert_allclose(phi, grid.points[:, 0].reshape(9, 9), atol=1e-6)
+    phi = signed_distance(grid, lambda x: x[:, 0] * (3.0 + x[:, 1]))
+    assert_allclose(phi, grid.points[:, 0].reshape(9, 9), atol=1e-6)
 
 
 def test_samples_of_a_function_count_as_a_spline():
@@ -163,8 +143,7 @@ def test_parts_smaller_than_a_box_are_not_seen_but_do_no_harm():
     assert_allclose(phi, exact, atol=1e-3)
 
 
-@BOTH
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_functions_of_one_sign_are_refused(method, sign):
+def test_functions_of_one_sign_are_refused(sign):
     with pytest.raises(ValueError, match="boundary must change its sign"):
-        signed_distance(grid_of(4), lambda x: sign * (1.0 + radius(x)), method=method)
+        signed_distance(grid_of(4), lambda x: sign * (1.0 + radius(x)))

@@ -7,7 +7,6 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from adaptsize import CartesianGrid, SimplexMesh, signed_distance
-from adaptsize.errors import ConvergenceWarning
 
 
 def disc(radius, shift, spacing=(1.0, 1.0)):
@@ -126,17 +125,3 @@ def test_smoothing_is_refused_for_other_boundaries(boundary):
     }[boundary]
     with pytest.raises(ValueError, match="smoothing is for boolean images"):
         signed_distance(grid, given, smoothing=1.5)
-
-
-def test_unfinished_reinitialization_warns(monkeypatch):
-    module = "adaptsize.geometry.distance.reinitialization"
-    grid = CartesianGrid([-2.0, -2.0], 0.1, (41, 41))
-
-    def steep(x):
-        return (x**2).sum(axis=1) ** 2 - 1.0
-
-    signed_distance(grid, steep, method="reinitialization")  # no warning
-    monkeypatch.setattr(f"{module}._MOST", 2)
-    monkeypatch.setattr(f"{module}._MOST_PER_SPACING", 0)
-    with pytest.warns(ConvergenceWarning, match="reinitialization stopped after 2 iterations"):
-        signed_distance(grid, steep, method="reinitialization")

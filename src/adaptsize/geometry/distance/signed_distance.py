@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -14,20 +14,16 @@ from adaptsize._checks import (
     as_plain_array,
     check_type,
     describe,
-    one_of,
     refuse_where,
 )
 from adaptsize._progress import reporting
 from adaptsize.background import AnyBackground, CartesianGrid, Octree, SimplexMesh
 from adaptsize.geometry.distance.image import GridSpline, smooth_mask
 from adaptsize.geometry.distance.implicit import implicit_distance
-from adaptsize.geometry.distance.reinitialization import reinitialize
 from adaptsize.geometry.distance.surface import inside_surface, surface_distance
 from adaptsize.geometry.implicit_surface import Implicit, checked
 from adaptsize.typing import FloatArray, ProgressCallback
 
-Method: TypeAlias = Literal["projection", "reinitialization"]
-METHODS = get_args(Method)
 _Boundary: TypeAlias = SimplexMesh | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 
 
@@ -36,7 +32,6 @@ def signed_distance(
     boundary: _Boundary | None = None,
     *,
     band: float = 3.0,
-    method: Method = "projection",
     smoothing: float | None = None,
     progress: ProgressCallback | bool | None = None,
 ) -> FloatArray:
@@ -71,9 +66,6 @@ def signed_distance(
         Width in spacings, at least 1; inf is allowed.  Nodes within this distance are computed
         most accurately (see Notes): exactly for surfaces, by projection for functions and
         images.
-    method : {"projection", "reinitialization"}
-        For functions and images: the method in the band.  Reinitialization needs a
-        CartesianGrid; it uses the values of the function at the nodes only.
     smoothing : float, optional
         Only for boolean images: standard deviation of the low-pass filter, in pixels, >= 0.  The
         default is 1.5.
@@ -90,11 +82,6 @@ def signed_distance(
         If an argument is out of range, the boundary does not fit the background, or a
         function or image has the same sign at all nodes.  Also if ``smoothing`` is given for
         a boundary that is not a boolean image.
-
-    Warns
-    -----
-    ConvergenceWarning
-        If reinitialization stops at its limit of iterations.
 
     See Also
     --------
@@ -130,10 +117,6 @@ def signed_distance(
     error is a thousandth of a spacing.  Parts of the zero level between two neighbouring nodes
     of the same sign are not detected.
 
-    *Reinitialization* solves :math:`\phi_t + \mathrm{sign}(f) (|\nabla \phi| - 1) = 0` to a steady
-    state [4]_, with one-sided differences of second order up to the zero level [5]_.  The result
-    is at least of second order in the spacing.
-
     *Images.*  The distance to the nearest pixel of the other kind is smoothed by a filter that
     does not shrink convex objects.  After each of four passes, every pixel centre is moved back
     to its side, so that no object of at least one pixel is lost.  The mean error on discs of
@@ -151,10 +134,6 @@ def signed_distance(
        numbers for soups and clouds", ACM Trans. Graph. 37 (2018) 43.
     .. [3] P.-O. Persson, G. Strang, "A simple mesh generator in MATLAB", SIAM Rev. 46 (2004)
        329-345.
-    .. [4] M. Sussman, P. Smereka, S. Osher, "A level set approach for computing solutions to
-       incompressible two-phase flow", J. Comput. Phys. 114 (1994) 146-159.
-    .. [5] C. Min, "On reinitializing level set functions", J. Comput. Phys. 229 (2010)
-       2764-2772.
 
     Examples
     --------
@@ -169,9 +148,6 @@ def signed_distance(
     """
     _check_background(background)
     band = as_number("band", band, lower=1.0, allow_inf=True)
-    one_of("method", method, METHODS)
-    if method == "reinitialization" and not isinstance(background, CartesianGrid):
-        raise ValueError(f"method='reinitialization' needs a CartesianGrid, got {background!r}")
     if smoothing is not None and not _is_mask(boundary):
         raise ValueError(
             f"smoothing is for boolean images, got {describe(smoothing)} for {describe(boundary)}"
@@ -180,13 +156,8 @@ def signed_distance(
         if boundary is None:
             return _to_own_boundary(background, report)
         if isinstance(boundary, SimplexMesh):
-            if method == "reinitialization":
-                raise ValueError(f"method='reinitialization' needs a function, got {boundary!r}")
             return _to_surface(background, boundary, band, report)
         function, values = _as_implicit(background, boundary, smoothing)
-        if method == "reinitialization":
-            assert isinstance(background, CartesianGrid)
-            return _by_reinitialization(background, values, band, report)
         return implicit_distance(background, function, values, band, report)
 
 
@@ -226,23 +197,6 @@ def _to_surface(
     distance = surface_distance(background, surface, band, report)
     inside = inside_surface(background, surface, distance, report)
     return np.where(inside, -distance, distance)
-
-
-def _by_reinitialization(
-    grid: CartesianGrid, values: FloatArray, band: float, report: ProgressCallback
-) -> FloatArray:
-    """Return reinitialized values in the band, and beyond it the distance to their zero level."""
-    if (values > 0.0).all() or not (values > 0.0).any():
-        raise ValueError(
-            "boundary must change its sign between two neighbouring nodes of the background, got "
-            f"values from {values.min():g} to {values.max():g}"
-        )
-    phi = reinitialize(grid, values, band, report)
-    near = np.abs(phi) <= band * float(grid.spacing.max())
-    if near.all():
-        return phi
-    distance = implicit_distance(grid, GridSpline(grid, phi), phi, 1.0, report)
-    return np.where(near, phi, distance)
 
 
 def _as_implicit(
