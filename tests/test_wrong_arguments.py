@@ -12,7 +12,6 @@ from adaptsize import limiting, quality
 SQUARE = ads.SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 TETRAHEDRON = ads.SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
 INSIDE = ads.sizes.Enclosed(TETRAHEDRON.boundary().mesh)
-TETRAHEDRON = ads.SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
 LINE = SQUARE.boundary().mesh
 GRID = ads.CartesianGrid([0.0, 0.0], 0.25, (5, 5))
 SIZE = ads.SizeFunction(SQUARE, np.full(4, 0.2))
