@@ -9,7 +9,7 @@ unless
   theirs, possibly at an end of the wall: the path that bends there has the same length.
 
 A point on the line of a wall, so each of its ends, is not hidden by it.  "Strictly" is by more
-than ``slack``, a length: 1e-11 of the diagonal of the domain.
+than ``slack``, a length: some roundings of the coordinates (see `plane_boundary`).
 
 A *cone* contains the directions in which an entry acts.  It is given by five numbers: two unit
 vectors s and e, counterclockwise, and its kind, `ANY`, `NARROW` (up to pi) or `WIDE`.

@@ -15,13 +15,14 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_nodes
 from adaptsize._kernels.simplex import fill_measures
+from adaptsize._kernels.topology import mark_nodes
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import _mesh_arrays as arrays
 from adaptsize.background import topology
 from adaptsize.background.enclosing import enclosing_diameter
 from adaptsize.background.location import SimplexLocator
 from adaptsize.ranks import Communicator, SharedNodes, no_shared_nodes
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 _Result = TypeVar("_Result")
 _CELL_NAMES = {1: "segments", 2: "triangles", 3: "tetrahedra"}
@@ -192,10 +193,9 @@ class SimplexMesh(ReadOnlyState):
     @cached_property
     def diagonal(self) -> float:
         """Length of the diagonal of the bounding box of the nodes that belong to a cell."""
-        in_a_cell = np.zeros(self.n_points, bool)
-        in_a_cell[self.cells] = True
-        used = self.points[in_a_cell]
-        return float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
+        in_a_cell = self._in_a_cell()
+        # Several times faster than along an axis.
+        return float(np.linalg.norm([np.ptp(x[in_a_cell]) for x in self.points.T]))
 
     @cached_property
     def diameter(self) -> float:
@@ -203,9 +203,12 @@ class SimplexMesh(ReadOnlyState):
 
         It does not depend on the orientation of the mesh, as the diagonal does.
         """
-        in_a_cell = np.zeros(self.n_points, bool)
-        in_a_cell[self.cells] = True
-        return enclosing_diameter(self.points[in_a_cell])
+        return enclosing_diameter(self.points[self._in_a_cell()])
+
+    def _in_a_cell(self) -> BoolArray:
+        used = np.zeros(self.n_points, bool)
+        mark_nodes(self.cells, used)
+        return used
 
     @property
     def ranks(self) -> Communicator:
