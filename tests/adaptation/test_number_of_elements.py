@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from adaptive_loops import SEED, indicator
+from adaptive_loops import SEED, disc, indicator
 from hypothesis import given
 from hypothesis import strategies as st
 from meshes import jittered_square, structured_square
@@ -112,3 +112,15 @@ def test_bounds_hold_beside_an_indicator(generator):
     i, j = mesh.edges.T
     assert (np.abs(h[i] - h[j]) <= 0.3 * mesh.edge_lengths * (1.0 + 1e-12)).all()
     assert result.report.predicted_elements == pytest.approx(3000, rel=1e-2)
+
+
+@pytest.mark.parametrize(("rings", "number", "met"), [(10, 500, True), (40, 8000, True),
+                                                      (40, 500, False)])  # fmt: skip
+def test_discs_by_mmg_meet_the_number_unless_cells_may_not_grow_so_much(rings, number, met):
+    pytest.importorskip("mmgpy")
+    mesh = disc(rings)
+    result = adapt(mesh, indicator(mesh), elements=number)
+    assert bool(result.report.budget_met) is met
+    assert (abs(result.mesh.n_cells / number - 1.0) <= 0.15) is met
+    if not met:  # 9600 cells: twice as long edges are a quarter of them
+        assert result.mesh.n_cells == pytest.approx(9600 / 4, rel=0.15)

@@ -13,6 +13,7 @@ from shapes import block
 
 from adaptsize import SimplexMesh
 from adaptsize.sizes import (
+    error,
     predict,
     recovered_gradient,
     recovered_hessian,
@@ -20,7 +21,7 @@ from adaptsize.sizes import (
     size_from_hessian,
     zz_indicator,
 )
-from adaptsize.sizes.budget import present_sizes
+from adaptsize.sizes.budget import present_sizes, scale_to
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -47,6 +48,37 @@ def isolated_ratios(mesh, eta, **options):
     h = size_from_error(alone, eta, **options).reshape(mesh.cells.shape)
     assert_allclose(h, h[:, :1] * np.ones(mesh.cells.shape[1]), rtol=1e-12)
     return h[:, 0] / present_sizes(mesh)
+
+
+@pytest.mark.parametrize(("dim", "number"), [(2, 300), (2, 5000), (3, 4000)])
+def test_few_trials_scale_sizes_to_a_number(monkeypatch, dim, number):
+    mesh = MESHES["jittered" if dim == 2 else "cube"](12 if dim == 2 else 6)
+    center = mesh.points[mesh.cells].mean(axis=1)
+    eta = np.exp(-9.0 * np.linalg.norm(center, axis=1))
+    trials, limit = [], error.limit_gradient
+    monkeypatch.setattr(error, "limit_gradient", lambda *a: trials.append(a) or limit(*a))
+    h = size_from_error(mesh, eta, order=1, elements=number, g=0.3, max_refine=50)
+    assert predict(mesh, h).cells == pytest.approx(number, rel=3e-4)
+    assert len(trials) <= 4  # each costs gradient limiting on the whole mesh
+
+
+@given(st.floats(0.3, 3.0), st.floats(-15.0, 15.0), st.floats(0.01, 5.0), st.booleans())
+def test_scales_are_found_beyond_bounds_and_at_jumps(order, start, half, jump):
+    # Values e^(-order x), bounded by e^(+-half) or with a jump by e^(2 half) at scale 1.
+    def value(scale):
+        x = np.log(scale)
+        if jump:
+            return np.exp(-order * x - half * np.sign(x))
+        return np.exp(np.clip(-order * x, -half, half))
+
+    at = scale_to(1.0, float, value, np.exp(start), order)
+    assert abs(np.log(at)) <= 1e-3
+    for wanted in (np.exp(half + 1.0), np.exp(-half - 1.0)):
+        scaled = scale_to(wanted, float, value, np.exp(start), order)
+        if jump:
+            assert abs(np.log(scaled)) == pytest.approx(1.0 / order, abs=1e-3)
+        else:
+            assert value(scaled) == np.exp(np.sign(np.log(wanted)) * half)
 
 
 def test_predicted_error_is_the_tolerance():

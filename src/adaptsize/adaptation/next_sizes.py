@@ -252,7 +252,7 @@ def next_sizes(
         assert bound is not None
         start = count(finished(bound))
         first = (start / goal) ** (1.0 / mesh.cell_dim) if start > 0.0 else 1.0
-        return finished(scale_to(goal, lambda s: count(finished(s * bound)), first) * bound)
+        return scale_to(goal, lambda s: finished(s * bound), count, first, mesh.cell_dim)
 
     target, capped = options["elements"], False
     h: FloatArray | None = None

@@ -137,12 +137,10 @@ def metric_from_hessian(
     if not np.isfinite(shape).any():
         return metric(1.0)
 
-    def number(scale: float) -> float:
-        return calibration(backend, d) * predicted_simplices(mesh, metric(scale))
-
     once = predicted_simplices(mesh, Metric.of(shape, directions))
     start = (once / wanted) ** (1.0 / d) if once > 0.0 else 1.0
-    return metric(scale_to(wanted, number, start))
+    wanted /= calibration(backend, d)
+    return scale_to(wanted, metric, lambda m: predicted_simplices(mesh, m), start, d)
 
 
 def predicted_simplices(mesh: SimplexMesh, metric: Metric) -> float:

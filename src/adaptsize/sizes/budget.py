@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 
 from adaptsize._checks import as_number, check_type
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.typing import FloatArray
+
+T = TypeVar("T")
 
 #: Elements of edge length 1 per unit of measure: of segments, regular triangles and tetrahedra.
 ELEMENTS_PER_MEASURE = {1: 1.0, 2: 4.0 / math.sqrt(3.0), 3: 6.0 * math.sqrt(2.0)}
@@ -23,8 +26,8 @@ CELLS_PER_PREDICTED: dict[tuple[str, int], float] = {
     ("tetwild", 3): 1.04,
 }
 
-# Tolerance of the logarithm of the scale: a hundredth of a per cent of the size.
-_TOLERANCE = 1e-4
+# Tolerance of the logarithms of the scale and of the value.
+_TOLERANCE = 2e-4
 # Bound on the logarithm of the scale, and the value that stands for the logarithm of zero.
 _REACH = 40.0
 _NOTHING = -700.0
@@ -86,45 +89,76 @@ def present_sizes(mesh: AnyMesh) -> FloatArray:
     return np.asarray((ELEMENTS_PER_MEASURE[d] * mesh.measures) ** (1.0 / d))
 
 
-def scale_to(wanted: float, falling: Callable[[float], float], start: float) -> float:
-    """Return where a decreasing function of a positive number has a value, or is nearest to it.
+def scale_to(
+    wanted: float,
+    make: Callable[[float], T],
+    value: Callable[[T], float],
+    start: float,
+    order: float,
+) -> T:
+    """Return the sizes whose value is as wanted, or nearest to it.
+
+    Secants of the logarithms, and a bracket with Brent's method where they fail: each trial
+    may limit the gradient on the whole mesh.
 
     Parameters
     ----------
     wanted : float
         Positive.
-    falling : callable
-        Non-increasing; may be bounded on either side.
+    make : callable
+        Returns the sizes of a positive scale.
+    value : callable
+        Returns the value of sizes: non-increasing with the scale; may be bounded on either side.
     start : float
-        Positive, near the result.
+        Positive scale, near the result.
+    order : float
+        The value falls about as the scale to this power.
 
     Returns
     -------
-    float
-        The point where ``falling`` leaves its bound if ``wanted`` is beyond it.
+    object
+        What ``make`` returned.  If ``wanted`` is beyond a bound, ``value`` is at its bound.
     """
     from scipy.optimize import brentq  # slow to import
 
-    def excess(exponent: float) -> float:
-        value = falling(start * math.exp(exponent))
-        return max(math.log(value / wanted), _NOTHING) if value > 0.0 else _NOTHING
+    def excess(made: T) -> float:
+        found = value(made)
+        return max(math.log(found / wanted), _NOTHING) if found > 0.0 else _NOTHING
+
+    def excess_at(exponent: float) -> float:
+        return excess(make(start * math.exp(exponent)))
+
+    x, slope = 0.0, order
+    last_x = last = math.nan
+    for trial in range(6):
+        made = make(start * math.exp(x))
+        off = excess(made)
+        if abs(off) <= _TOLERANCE:
+            return made
+        if trial == 0:
+            at_start = off
+        else:
+            slope = (last - off) / (x - last_x)
+            if not 0.25 * order < slope < 4.0 * order:
+                break
+        last_x, last = x, off
+        x += min(max(off / slope, -3.0), 3.0)
 
     low = high = 0.0
-    at_low = at_high = excess(0.0)
+    at_low = at_high = at_start
     step = math.log(2.0)
     while at_low < 0.0 and low > -_REACH:
         high, at_high = low, at_low
         low, step = low - step, 2.0 * step
-        at_low = excess(low)
+        at_low = excess_at(low)
     while at_high > 0.0 and high < _REACH:
         low, at_low = high, at_high
         high, step = high + step, 2.0 * step
-        at_high = excess(high)
-    if at_low <= 0.0:
-        return start * math.exp(low)
-    if at_high >= 0.0:
-        return start * math.exp(high)
-    return start * math.exp(float(brentq(excess, low, high, xtol=_TOLERANCE)))
+        at_high = excess_at(high)
+    exponent = low if at_low <= 0.0 else high
+    if at_low > 0.0 > at_high:
+        exponent = float(brentq(excess_at, low, high, xtol=_TOLERANCE))
+    return make(start * math.exp(exponent))
 
 
 def as_goal(tolerance: float | None, elements: float | None) -> tuple[str, float]:

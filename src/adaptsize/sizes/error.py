@@ -141,11 +141,14 @@ def scaled_by_error(
             error = math.sqrt(mesh.ranks.allreduce(float(errors @ errors), "sum"))
             return math.inf if error == 0.0 else 1.0 / float(error)
 
-        scale = scale_to(1.0 / wanted, gain, 1.0)
-    else:
-        factor = calibration(given["backend"], d)
-        scale = scale_to(wanted, lambda s: factor * count_elements(mesh, sizes(s)), 1.0)
-    return sizes(scale)
+        return sizes(scale_to(1.0 / wanted, float, gain, 1.0, order))
+    wanted /= calibration(given["backend"], d)
+
+    def unlimited(scale: float) -> float:
+        return float(mesh.ranks.allreduce(float((ratios(scale) ** -d).sum()), "sum"))
+
+    start = scale_to(wanted, float, unlimited, 1.0, d)
+    return scale_to(wanted, sizes, lambda h: count_elements(mesh, h), start, d)
 
 
 @with_options(HessianOptions)
@@ -272,7 +275,7 @@ def _scaled_by_derivative(mesh: AnyMesh, steepest: FloatArray, given: HessianOpt
     # A feasible initial value: cells with an inf node count only after limiting.
     once = count_elements(mesh, np.minimum(shape, largest))
     start = (once / wanted) ** (1.0 / d)
-    return sizes(scale_to(wanted, lambda s: factor * count_elements(mesh, sizes(s)), start))
+    return scale_to(wanted / factor, sizes, lambda h: count_elements(mesh, h), start, d)
 
 
 def _check_goal(given: ScaleOptions) -> None:
