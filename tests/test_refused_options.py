@@ -27,6 +27,7 @@ CALLS = {
     ads.remesh_to_elements: (SQUARE, 1000),
     ads.mesh_from_distance: (distance, 0.1, [0, 0], [1, 1]),
     ads.adapt: (SQUARE, ETA),
+    ads.needs_remeshing: (SQUARE, 0.1),
     ads.size_from_error: (SQUARE, ETA),
     ads.size_from_hessian: (SQUARE, FIELD),
     ads.size_from_curvature: (SQUARE,),

@@ -50,6 +50,7 @@ _HOMES = {
     "size_conformity": "quality",
     "check_mesh": "quality",
     "adapt": "adaptation",
+    "needs_remeshing": "adaptation",
     "transfer_fields": "adaptation",
     "FieldTransfer": "adaptation",
     "report": "reporting",

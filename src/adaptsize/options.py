@@ -482,9 +482,38 @@ class TransferOptions(TypedDict, total=False):
     ]
 
 
+class StoppingOptions(TypedDict, total=False):
+    """Adaptation."""
+
+    enough: Annotated[
+        float,
+        Option(
+            0.85,
+            "The mesh is kept if it already has this share of the next mesh.",
+            details="A value above 1 always makes a new mesh.",
+        ),
+    ]
+
+
+class NeedOptions(StoppingOptions, total=False):
+    """Whether to remesh."""
+
+    least_angle: Annotated[
+        float,
+        Option(
+            5.0,
+            "Smallest angle of a triangle, or dihedral angle of a tetrahedron, that is allowed.",
+            unit="degrees",
+            upper=60.0,
+            details="0 accepts all.",
+        ),
+    ]
+
+
 class AdaptOptions(
-    NumberOptions, LimitOptions, GeneratorOptions, TransferOptions, PartsOptions, total=False
-):
+    NumberOptions, LimitOptions, GeneratorOptions, StoppingOptions, TransferOptions, PartsOptions,
+    total=False,
+):  # fmt: skip
     """Adaptation."""
 
     tolerance: Annotated[
@@ -530,14 +559,6 @@ class AdaptOptions(
             above=True,
             upper=1.0,
             details="In space it bounds the sizes at curved boundaries.",
-        ),
-    ]
-    enough: Annotated[
-        float,
-        Option(
-            0.85,
-            "The mesh is kept if it already has this share of the next mesh.",
-            details="A value above 1 always makes a new mesh.",
         ),
     ]
     coarsen_converged: Annotated[
@@ -819,6 +840,8 @@ _GROUPS: tuple[type, ...] = (
     RemeshOptions,
     DistanceOptions,
     ImageMeshOptions,
+    StoppingOptions,
+    NeedOptions,
     AdaptOptions,
     ClipOptions,
     ScaleOptions,

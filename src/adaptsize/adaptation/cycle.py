@@ -24,7 +24,7 @@ from adaptsize.adaptation.next_sizes import (
     SizeRequest,
     as_bound,
     check_goal,
-    decide_remeshing,
+    decide,
     refuse_two_numbers,
 )
 from adaptsize.adaptation.report import AdaptReport, lost_tags
@@ -208,7 +208,7 @@ def adapt(
         if generator != "gmsh":  # it has no tolerance
             request = request.within(mesh, tolerance)
         sizes = request.next(mesh, calibration(generator, mesh.cell_dim))
-        decision = decide_remeshing(mesh, sizes, request)
+        decision = decide(mesh, sizes, request)
         made = NewMesh(mesh, sizes, generator)
         if decision.remesh:
             made = make_mesh(mesh, made, request, report)

@@ -19,12 +19,10 @@ from adaptsize.adaptation.next_sizes import (
     BoundLike,
     Decision,
     NextSizes,
-    Present,
     SizeRequest,
     as_bound,
     check_goal,
     decide,
-    edge_weights,
     next_sizes,
     refuse_two_numbers,
 )
@@ -44,7 +42,7 @@ from adaptsize.remeshing.in_parts import InterfaceQuality, Quality, interface_qu
 from adaptsize.sizes.budget import calibration, cells_for_nodes
 from adaptsize.sizes.curvature import size_from_curvature, size_of_chords
 from adaptsize.sizes.error import as_indicator
-from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
+from adaptsize.typing import FloatArray, ProgressCallback
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -139,7 +137,7 @@ def adapt_in_parts(
             radius = size_from_curvature(part, elements_per_radian=1.0)
             request = replace(request, chords=size_of_chords(radius, allowed * extent))
         sizes = next_for(calibration("mmg", part.cell_dim))
-        decision = decide(compare_with(part, sizes), sizes, request)
+        decision = decide(part, sizes, request)
         if not decision.remesh:
             return _result(part, request, decision, BestMesh(sizes, part, 0), old_fields)
         best = meet_target(request, sizes, make, count, next_for)
@@ -316,31 +314,3 @@ def boundary_distance(old: PartitionedMesh, new: PartitionedMesh) -> float:
     boxes = boxes_around(old.points[np.unique(facets)], old.ranks)
     found = ask_nearest(old, boxes, new.points[nodes], distances)
     return float(old.ranks.allreduce(float(found.max(initial=0.0)), "max"))
-
-
-def compare_with(part: PartitionedMesh, sizes: NextSizes) -> Present:
-    """Return how the mesh compares with the next sizes; collective."""
-    weights, longest = np.zeros(3), 0.0
-    counted = _counted_edges(part)
-    if part.mesh is not None:
-        pieces = sizes.pieces(part.mesh)
-        weights, longest = edge_weights(pieces[counted], part.cell_dim), float(pieces.max())
-    return Present(
-        part.n_global_cells,
-        part.ranks.allreduce(weights, "sum"),
-        float(part.ranks.allreduce(longest, "max")),
-    )
-
-
-def _counted_edges(part: PartitionedMesh) -> BoolArray:
-    """Return whether this rank is the lowest one that has each of its edges; one exchange."""
-    comm = part.ranks
-    edges = np.empty((0, 2), np.int32) if part.mesh is None else part.mesh.edges
-    low, high = np.sort(part.global_ids[edges], axis=1).T
-    keys = low * part.n_global_points + high
-    sent = []
-    for rank, nodes in enumerate(part.shared.nodes):
-        held = np.zeros(part.n_points, np.bool_)
-        held[nodes] = rank > comm.rank
-        sent.append(keys[held[edges].all(axis=1)])
-    return np.isin(keys, np.concatenate(comm.alltoallv(sent)), invert=True)

@@ -22,6 +22,7 @@ from adaptsize._checks import (
 )
 from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize._size_function import SizeFunction
+from adaptsize.adaptation.need import Requested, present_of
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.limiting import limit_gradient
@@ -36,8 +37,6 @@ from adaptsize.typing import FloatArray, GradientLimit
 #: Types that ``adapt`` accepts as ``h0``.
 BoundLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 
-#: An edge is in band if neither halving nor doubling it brings it nearer to its size.
-_BAND = 0.5 * math.log(2.0)
 #: The limits allow a requested number if the prediction is this close to it.
 REACHED = 0.05
 
@@ -125,32 +124,10 @@ class NextSizes(NamedTuple):
             return MetricFunction(mesh, self.metric)
         return SizeFunction(mesh, self.h)
 
-    def pieces(self, mesh: SimplexMesh) -> FloatArray:
-        """Return the number of pieces of the requested size for each edge."""
-        if self.metric is not None:
-            return self.metric.edge_lengths(mesh.points, mesh.edges)
-        return _pieces(mesh, self.h)
-
     @property
-    def stretched(self) -> bool:
-        """Whether cells are divided along some directions only."""
-        return self.metric is not None
-
-
-class Present(NamedTuple):
-    """How the present mesh compares with the next sizes."""
-
-    n_cells: int
-    weights: FloatArray
-    """float64[3]: see `edge_weights`."""
-    longest: float
-    """Largest number of pieces into which an edge is to be divided."""
-
-    @property
-    def shares(self) -> tuple[float, float, float]:
-        """Return the shares of the next mesh that are in band, too long and too short."""
-        too_long, too_short = (self.weights[1:] / self.weights[0]).tolist()
-        return 1.0 - too_long - too_short, too_long, too_short
+    def at_nodes(self) -> Requested:
+        """Return the metric, or the sizes that do not depend on the direction."""
+        return self.h if self.metric is None else self.metric
 
 
 class Decision(NamedTuple):
@@ -283,16 +260,9 @@ def _refuse_free(mesh: AnyMesh, h: FloatArray) -> None:
     )  # fmt: skip
 
 
-def decide_remeshing(mesh: SimplexMesh, found: NextSizes, request: Request) -> Decision:
-    """Return whether to remesh, and why."""
-    pieces = found.pieces(mesh)
-    weights = edge_weights(pieces, 1 if found.stretched else mesh.cell_dim)
-    present = Present(mesh.n_cells, weights, float(pieces.max()))
-    return decide(present, found, request)
-
-
-def decide(present: Present, found: NextSizes, request: Request) -> Decision:
-    """Return whether to remesh, and why, given how the present mesh compares with the sizes."""
+def decide(mesh: AnyMesh, found: NextSizes, request: Request) -> Decision:
+    """Return whether to remesh, and why; collective."""
+    present = present_of(mesh, found.at_nodes)
     shares = present.shares
     error, tolerance = request.error, request.tolerance
     within = tolerance is not None and error is not None and error <= tolerance
@@ -300,16 +270,10 @@ def decide(present: Present, found: NextSizes, request: Request) -> Decision:
         reason = f"estimated error {error:.3g} is within the tolerance {tolerance:.3g}"
         return Decision(False, True, reason, *shares)
     ratio = found.predicted / present.n_cells
-    same = shares[0] >= request.options["enough"] and abs(ratio - 1.0) <= BUDGET_TOLERANCE
-    # A region that is much too coarse counts, however few cells it has.
-    same = same and present.longest <= 3.0
+    same = present.has_sizes(found.predicted, request.options["enough"])
     finer = tolerance is not None and not within and ratio > 1.02
     if not same or finer:
-        reason = (
-            f"remeshed: {shares[1]:.0%} of the next mesh is too coarse in the old one, "
-            f"{shares[2]:.0%} too fine"
-        )
-        return Decision(True, False, reason, *shares)
+        return Decision(True, False, f"remeshed: {present.reason}", *shares)
     reason = f"not remeshed: the old mesh already has {shares[0]:.0%} of the next mesh"
     if tolerance is not None and not within:
         reason += (
@@ -329,27 +293,3 @@ def decide(present: Present, found: NextSizes, request: Request) -> Decision:
             "boundary_tolerance)"
         )
     return Decision(False, met, reason, *shares)
-
-
-def _pieces(mesh: SimplexMesh, h: FloatArray) -> FloatArray:
-    """Return the number of pieces of the requested size for each edge, with h linear along it."""
-    i, j = mesh.edges.T
-    mean = 0.5 * (h[i] + h[j])
-    half = np.abs(h[i] - h[j]) / (2.0 * mean)  # below 1
-    # The mean of 1/h over the mean's inverse is artanh(x) / x.
-    near = half < 1e-4
-    growth = np.where(near, 1.0, np.arctanh(half) / np.where(near, 1.0, half))
-    return np.asarray(mesh.edge_lengths / mean * growth)
-
-
-def edge_weights(ratio: FloatArray, power: int) -> FloatArray:
-    """Return the total weight of edges, and the weights of those too long and too short.
-
-    An edge to be divided into r pieces is weighted by the r^d cells that replace it, or r in a
-    metric, where cells are divided along one direction.  A few cells that are much too long at a
-    singular point can become most of the next mesh.
-    """
-    weight = np.maximum(ratio, 1.0) ** power
-    with np.errstate(divide="ignore"):
-        off = np.log(ratio)
-    return np.array([weight.sum(), weight[off > _BAND].sum(), weight[off < -_BAND].sum()])

@@ -1,0 +1,382 @@
+"""Whether a mesh needs to be remeshed for given sizes: whether, where and why."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_plain_array, as_sizes, check_type, refuse_where
+from adaptsize.adaptation.report import BUDGET_TOLERANCE
+from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
+from adaptsize.metrics import Metric, MetricFunction, predicted_simplices
+from adaptsize.options import NeedOptions, checked, with_options
+from adaptsize.quality import minimum_angles
+from adaptsize.quality.conformity import SizeLike, nodal_metric
+from adaptsize.sizes.budget import calibration, count_elements
+from adaptsize.typing import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+#: Sizes at the nodes of a mesh, or the metric there.
+Requested: TypeAlias = FloatArray | Metric
+
+#: An edge is in band if neither halving nor doubling it brings it nearer to its size.
+_BAND = 0.5 * math.log(2.0)
+#: Edges of more pieces need a new mesh, however few cells they have.
+_MOST_PIECES = 3.0
+#: Number of places that are reported, and their distance over the diagonal.
+_N_PLACES, _APART = 5, 0.1
+
+
+class Place(NamedTuple):
+    """A place where a mesh differs from the requested sizes."""
+
+    severity: float
+    """Factor by which an edge or an angle there misses what it should be; inf if cells overlap."""
+    point: tuple[float, ...]
+    """Centroid of the worst cell."""
+    reason: str
+
+    def __str__(self) -> str:
+        """Return the point and the reason."""
+        return f"({', '.join(f'{x:.4g}' for x in self.point)}): {self.reason}"
+
+
+@dataclass(frozen=True)
+class RemeshingNeed:
+    """What `needs_remeshing` returns.  It is true if a new mesh is needed.
+
+    Attributes
+    ----------
+    needed : bool
+    reason : str
+        Why, or why not.
+    share_in_band : float
+        Share of the cells of the next mesh that the mesh already has, see `AdaptReport`.
+    share_too_long, share_too_short : float
+        Shares of the next mesh where the edges are too long and too short.
+    n_cells, predicted_cells : float
+        Number of cells now, and predicted for the sizes.
+    cells : int32[n]
+        Cells, of this rank, with an edge out of the band, an angle that is too small, or that
+        overlap a neighbour; the worst first.
+    places : tuple of Place
+        At most five places of the worst cells, a tenth of the diagonal apart.
+    """
+
+    needed: bool
+    reason: str
+    share_in_band: float
+    share_too_long: float
+    share_too_short: float
+    n_cells: int
+    predicted_cells: float
+    cells: IntArray
+    places: tuple[Place, ...]
+
+    def __bool__(self) -> bool:
+        """Return whether a new mesh is needed."""
+        return self.needed
+
+    def __str__(self) -> str:
+        """Return the reason and the places."""
+        lines = [
+            self.reason,
+            f"{self.n_cells} cells, predicted {self.predicted_cells:.0f}; "
+            f"{self.share_in_band:.0%} of the next mesh present already, "
+            f"{self.share_too_long:.0%} too long, {self.share_too_short:.0%} too short",
+        ]
+        return "\n".join([*lines, *(f"  at {place}" for place in self.places)])
+
+
+@with_options(NeedOptions)
+def needs_remeshing(
+    mesh: AnyMesh, size: SizeLike | Metric | MetricFunction, **options: Unpack[NeedOptions]
+) -> RemeshingNeed:
+    """Return whether a mesh needs to be remeshed for given sizes, where, and why.
+
+    A new mesh is needed if less than ``enough`` of the next mesh is there, as in `adapt`, if the
+    number of cells would change by more than 15 %, if an edge is to be divided into more than
+    three, or if a cell has a small angle or overlaps a neighbour.  No mesh is made.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh or PartitionedMesh
+        Triangles or tetrahedra, for instance one whose nodes have moved.
+    size : SizeFunction, callable, array_like of float, shape (n_points,), or float
+        Requested edge length, finite, evaluated at the nodes; its gradient is not limited here.
+        Or a `Metric` at the nodes, a `MetricFunction` or a callable that returns a Metric, for
+        whole meshes.  Angles do not count then, since cells in a metric are thin.
+    **options
+
+    Returns
+    -------
+    RemeshingNeed
+        ``needed``, ``reason``, shares of the next mesh, ``cells`` and ``places``.  It can be used
+        as a condition.  On several ranks all but ``cells`` is the same everywhere.
+
+    Raises
+    ------
+    ValueError
+        If the mesh consists of segments, or a size is not finite and positive.
+
+    Notes
+    -----
+    The cost is that of some passes over edges and cells: 2 microseconds per triangle and 4 per
+    tetrahedron.  Collective for a mesh in parts.
+
+    The orientation of cells does not matter: two cells overlap if they are on one side of their
+    common facet.  Cells on different ranks are not compared.  Corners of the domain sharper than
+    ``least_angle`` count, too, though no mesh can avoid them.
+
+    Examples
+    --------
+    Two triangles need a new mesh where the sizes are small:
+
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> need = needs_remeshing(mesh, [0.1, 1.0, 1.0, 1.0])
+    >>> need.needed, need.cells
+    (True, array([0, 1], dtype=int32))
+    >>> bool(needs_remeshing(mesh, 1.1))
+    False
+    """
+    check_type("mesh", mesh, SimplexMesh, PartitionedMesh)
+    if mesh.cell_dim == 1:
+        raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
+
+    def check() -> tuple[NeedOptions, Requested]:
+        return checked(NeedOptions, options), _as_requested(mesh, size)
+
+    given, requested = mesh.ranks.agree(check)
+    mesh.ranks.require_equal(**given)
+    metric = requested if isinstance(requested, Metric) else None
+    if metric is None:
+        assert not isinstance(requested, Metric)
+        simplices = count_elements(mesh, requested)
+    else:
+        assert isinstance(mesh, SimplexMesh)
+        simplices = predicted_simplices(mesh, metric)
+    predicted = calibration("mmg", mesh.cell_dim) * simplices
+    present = present_of(mesh, requested)
+    misses = _Misses.of(mesh, requested, 0.0 if metric is not None else given["least_angle"])
+    reasons = []
+    if not present.has_sizes(predicted, given["enough"]):
+        reasons.append(present.reason)
+    counts = np.array([np.count_nonzero(misses.flat), np.count_nonzero(misses.folded)])
+    n_flat, n_folded = mesh.ranks.allreduce(counts, "sum").tolist()
+    if n_folded:
+        reasons.append(f"cells that overlap a neighbour: {n_folded}")
+    if n_flat:
+        least = -mesh.ranks.allreduce(-float(misses.angles.min(initial=np.inf)), "max")
+        reasons.append(
+            f"cells with angles below {given['least_angle']:g} degrees: {n_flat}, "
+            f"the smallest {least:.2g}"
+        )
+    share = present.shares[0]
+    text = f"needed: {'; '.join(reasons)}" if reasons else f"not needed: {share:.0%} is there"
+    severity = misses.severity
+    worst = np.argsort(-severity, kind="stable")[: np.count_nonzero(severity > math.exp(_BAND))]
+    return RemeshingNeed(
+        bool(reasons), text, *present.shares, present.n_cells, predicted,
+        worst.astype(np.int32), _places(mesh, misses, worst),
+    )  # fmt: skip
+
+
+def _as_requested(mesh: AnyMesh, size: SizeLike | Metric | MetricFunction) -> Requested:
+    """Return the checked sizes or the metric at the nodes."""
+    if isinstance(mesh, SimplexMesh):
+        metric = nodal_metric(mesh, size)
+        if metric is not None:
+            return metric
+    elif isinstance(size, Metric | MetricFunction):
+        raise ValueError("size must be sizes on several ranks, got a metric")
+    if callable(size):
+        given = size(mesh.points) if mesh.n_points else np.empty(0)
+        h = as_sizes("size(points)", cast(npt.ArrayLike, given), mesh.nodal_shape)
+    elif as_plain_array("size", size).ndim == 0:
+        h = np.full(mesh.nodal_shape, as_sizes("size", size, ())[()])
+    else:
+        h = as_sizes("size", size, mesh.nodal_shape)
+    refuse_where("size", np.isinf(h), h, "must be finite")
+    return h
+
+
+def pieces_of(points: FloatArray, edges: IntArray, requested: Requested) -> FloatArray:
+    """Return the number of pieces of the requested size for each edge, with h linear along it."""
+    if isinstance(requested, Metric):
+        return requested.edge_lengths(points, edges)
+    i, j = edges.T
+    h = requested
+    mean = 0.5 * (h[i] + h[j])
+    half = np.abs(h[i] - h[j]) / (2.0 * mean)  # below 1
+    # The mean of 1/h over the mean's inverse is artanh(x) / x.
+    near = half < 1e-4
+    growth = np.where(near, 1.0, np.arctanh(half) / np.where(near, 1.0, half))
+    return np.asarray(np.linalg.norm(points[i] - points[j], axis=1) / mean * growth)
+
+
+class Present(NamedTuple):
+    """How the present mesh compares with the next sizes."""
+
+    n_cells: int
+    weights: FloatArray
+    """float64[3]: see `edge_weights`."""
+    longest: float
+    """Largest number of pieces into which an edge is to be divided."""
+
+    @property
+    def shares(self) -> tuple[float, float, float]:
+        """Return the shares of the next mesh that are in band, too long and too short."""
+        too_long, too_short = (self.weights[1:] / self.weights[0]).tolist()
+        return 1.0 - too_long - too_short, too_long, too_short
+
+    def has_sizes(self, predicted: float, enough: float) -> bool:
+        """Return whether the mesh has the sizes, for which a number of cells is predicted."""
+        same = abs(predicted / self.n_cells - 1.0) <= BUDGET_TOLERANCE
+        # A region that is much too coarse counts, however few cells it has.
+        return same and self.shares[0] >= enough and self.longest <= _MOST_PIECES
+
+    @property
+    def reason(self) -> str:
+        """Return how the mesh differs from the sizes."""
+        _, too_long, too_short = self.shares
+        text = f"{too_long:.0%} of the next mesh is too coarse in the old one, "
+        text += f"{too_short:.0%} too fine"
+        if self.longest > _MOST_PIECES:
+            text += f", an edge is {self.longest:.2g} times too long"
+        return text
+
+
+def present_of(mesh: AnyMesh, requested: Requested) -> Present:
+    """Return how a mesh compares with the next sizes; collective."""
+    weights, longest = np.zeros(3), 0.0
+    counted = _counted_edges(mesh) if isinstance(mesh, PartitionedMesh) else slice(None)
+    whole = mesh.mesh if isinstance(mesh, PartitionedMesh) else mesh
+    if whole is not None:
+        pieces = pieces_of(whole.points, whole.edges, requested)
+        power = 1 if isinstance(requested, Metric) else whole.cell_dim
+        weights, longest = edge_weights(pieces[counted], power), float(pieces.max())
+    ranks, n_cells = mesh.ranks, len(mesh.cells)
+    total = ranks.allreduce(weights, "sum")
+    return Present(
+        int(ranks.allreduce(n_cells, "sum")), total, float(ranks.allreduce(longest, "max"))
+    )
+
+
+def edge_weights(ratio: FloatArray, power: int) -> FloatArray:
+    """Return the total weight of edges, and the weights of those too long and too short.
+
+    An edge to be divided into r pieces is weighted by the r^d cells that replace it, or r in a
+    metric, where cells are divided along one direction.  A few cells that are much too long at a
+    singular point can become most of the next mesh.
+    """
+    weight = np.maximum(ratio, 1.0) ** power
+    with np.errstate(divide="ignore"):
+        off = np.log(ratio)
+    return np.array([weight.sum(), weight[off > _BAND].sum(), weight[off < -_BAND].sum()])
+
+
+def _counted_edges(part: PartitionedMesh) -> BoolArray:
+    """Return whether this rank is the lowest one that has each of its edges; one exchange."""
+    comm = part.ranks
+    edges = np.empty((0, 2), np.int32) if part.mesh is None else part.mesh.edges
+    low, high = np.sort(part.global_ids[edges], axis=1).T
+    keys = low * part.n_global_points + high
+    sent = []
+    for rank, nodes in enumerate(part.shared.nodes):
+        held = np.zeros(part.n_points, np.bool_)
+        held[nodes] = rank > comm.rank
+        sent.append(keys[held[edges].all(axis=1)])
+    return np.isin(keys, np.concatenate(comm.alltoallv(sent)), invert=True)
+
+
+class _Misses(NamedTuple):
+    """By how much the cells of a mesh miss the sizes and the least angle."""
+
+    longest: FloatArray
+    """Largest number of pieces of an edge, float64[n_cells]."""
+    shortest: FloatArray
+    angles: FloatArray
+    """Degrees, of cells that are flat."""
+    flat: BoolArray
+    folded: BoolArray
+    least_angle: float
+
+    @classmethod
+    def of(cls, mesh: AnyMesh, requested: Requested, least_angle: float) -> _Misses:
+        """Measure the cells of this rank."""
+        whole = mesh.mesh if isinstance(mesh, PartitionedMesh) else mesh
+        n = len(mesh.cells)
+        folded = np.zeros(n, np.bool_)
+        longest, shortest, angles = np.zeros(n), np.full(n, np.inf), np.full(n, np.inf)
+        if whole is not None:
+            for pair in combinations(range(mesh.cell_dim + 1), 2):
+                ratio = pieces_of(whole.points, whole.cells[:, pair], requested)
+                longest, shortest = np.maximum(longest, ratio), np.minimum(shortest, ratio)
+            if least_angle > 0.0:
+                angles = minimum_angles(whole)
+            if whole.cell_dim == whole.dim:
+                folded = _folded_cells(whole)
+        flat = angles < least_angle
+        return cls(longest, shortest, angles[flat], flat, folded, least_angle)
+
+    @property
+    def severity(self) -> FloatArray:
+        """Return the factor by which each cell misses the request."""
+        with np.errstate(divide="ignore"):
+            found = np.maximum(self.longest, 1.0 / self.shortest)
+            found[self.flat] = np.maximum(found[self.flat], 2.0 * self.least_angle / self.angles)
+        found[self.folded] = np.inf
+        return found
+
+    def reason(self, cell: int) -> str:
+        """Return what is wrong with a cell."""
+        if self.folded[cell]:
+            return "a cell that overlaps a neighbour"
+        long, short = float(self.longest[cell]), float(self.shortest[cell])
+        if self.flat[cell]:
+            angle = self.angles[np.count_nonzero(self.flat[:cell])]
+            return f"an angle of {angle:.2g} degrees"
+        if long * short >= 1.0:
+            return f"an edge {long:.2g} times too long"
+        return f"an edge {1.0 / max(short, 1e-300):.2g} times too short"
+
+
+def _folded_cells(mesh: SimplexMesh) -> BoolArray:
+    """Return which cells are on the same side of a facet as their neighbour there."""
+    # The side follows from the sign of the cell and the order of its nodes.
+    cells = mesh.cells
+    side = np.sign(mesh.signed_measures)
+    for i, j in combinations(range(cells.shape[1]), 2):
+        side = np.where(cells[:, i] < cells[:, j], side, -side)
+    rank = (cells[:, None, :] < cells[:, :, None]).sum(axis=2)
+    sides = np.where(rank % 2 == 0, side[:, None], -side[:, None])
+    sums = np.bincount(mesh.cell_facets.ravel(), sides.ravel())
+    between = (mesh.facet_cell_counts == 2) & (np.abs(sums) == 2.0)
+    return np.asarray(between[mesh.cell_facets].any(axis=1))
+
+
+def _places(mesh: AnyMesh, misses: _Misses, worst: npt.NDArray[np.intp]) -> tuple[Place, ...]:
+    """Return places of the worst cells that are apart from each other; collective."""
+    severity, free = misses.severity[worst], np.ones(len(worst), np.bool_)
+    centroids = mesh.points[mesh.cells[worst]].mean(axis=1)
+    distance = _APART * mesh.diagonal
+    places: list[Place] = []
+    while len(places) < _N_PLACES:
+        own = None
+        if free.any():
+            row = int(free.argmax())
+            point = tuple(centroids[row].tolist())
+            own = Place(float(severity[row]), point, misses.reason(worst[row]))
+        every = [place for place in mesh.ranks.allgather(own) if place is not None]
+        if not every:
+            break
+        places.append(min(every, key=lambda place: (-place.severity, place.point)))
+        free &= np.linalg.norm(centroids - np.array(places[-1].point), axis=1) > distance
+    return tuple(places)

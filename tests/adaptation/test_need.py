@@ -1,0 +1,121 @@
+"""`needs_remeshing`: whether, where and why."""
+
+import numpy as np
+import pytest
+from meshes import jittered_cube, jittered_square, structured_square
+from numpy.testing import assert_allclose
+from partitions import on_ranks, partition
+
+from adaptsize import SimplexMesh, SizeFunction, adapt, isotropic_metric, needs_remeshing
+
+SEED = 91133
+
+
+def layer(x):
+    """Small sizes at the left side."""
+    return 0.05 + 0.1 * np.abs(x[:, 0] + 1.0)
+
+
+@pytest.mark.parametrize("size", [0.2145, 0.4, 0.21])
+def test_the_decision_is_that_of_adapt(generator, size):
+    mesh = structured_square(10, half_width=1.0)
+    need = needs_remeshing(mesh, size)
+    result = adapt(mesh, h0=size, g=None)
+    assert need.needed == result.remeshed
+    shares = (need.share_in_band, need.share_too_long, need.share_too_short)
+    report = result.report
+    assert shares == (report.share_in_band, report.share_too_long, report.share_too_short)
+    assert need.predicted_cells == pytest.approx(report.predicted_elements)
+
+
+@pytest.mark.parametrize("mesh", [jittered_square(10, SEED), jittered_cube(5, SEED)])
+def test_the_worst_cells_are_those_where_the_size_is_missed_most(mesh):
+    spot = mesh.points[mesh.n_points // 3]
+    edge = np.median(mesh.edge_lengths)
+    h = np.minimum(edge, 0.2 * edge + np.linalg.norm(mesh.points - spot, axis=1))
+    need = needs_remeshing(mesh, h, least_angle=0.0)
+    assert need
+    x = mesh.points[mesh.cells]
+    assert np.linalg.norm(x[need.cells[0]].mean(axis=0) - spot) < 1.5 * edge
+    assert_allclose(need.places[0].point, x[need.cells[0]].mean(axis=0))
+    assert "times too long" in need.places[0].reason
+    for place, other in zip(need.places, need.places[1:], strict=False):
+        assert place.severity >= other.severity
+        assert np.linalg.norm(np.subtract(place.point, other.point)) > 0.1 * mesh.diagonal
+    assert "% of the next mesh is too coarse" in need.reason
+    assert str(need).count("\n  at (") == len(need.places) > 0
+
+
+def test_flat_and_inverted_cells_of_a_moved_mesh_are_found():
+    mesh = structured_square(10, half_width=1.0)
+    assert not needs_remeshing(mesh, 0.2145)
+    points = mesh.points.copy()
+    middle = int(np.argmin(np.linalg.norm(points - 0.01, axis=1)))
+    points[middle] += [0.17, 0.02]
+    flat = SimplexMesh(points, mesh.cells)
+    need = needs_remeshing(flat, 0.2145, least_angle=12.0)
+    assert "cells with angles below 12 degrees" in need.reason
+    assert (flat.cells[need.cells[0]] == middle).any()
+    assert "degrees" in need.places[0].reason
+    assert not needs_remeshing(flat, 0.2145, least_angle=0.0)
+    points[middle] += [0.1, 0.0]
+    cells = np.random.default_rng(SEED).permuted(mesh.cells, axis=1)
+    assert not needs_remeshing(SimplexMesh(mesh.points, cells), 0.2145)
+    folded = needs_remeshing(SimplexMesh(points, cells), 0.2145, least_angle=0.0)
+    assert "cells that overlap a neighbour" in folded.reason
+    assert folded.places[0].reason == "a cell that overlaps a neighbour"
+
+
+def test_overlaps_of_tetrahedra_are_those_of_cells_whose_sign_has_changed():
+    mesh = jittered_cube(5, SEED, half_width=1.0)  # the orientation of its cells varies
+    points = mesh.points.copy()
+    middle = int(np.argmin(np.linalg.norm(points, axis=1)))
+    points[middle] += [0.4, 0.5, 0.3]
+    moved = SimplexMesh(points, mesh.cells)
+    turned = np.flatnonzero(mesh.signed_measures * moved.signed_measures < 0.0)
+    assert len(turned) > 2
+    need = needs_remeshing(moved, mesh.edge_lengths.mean())
+    worst = need.cells[: int(need.reason.split("neighbour: ")[1].split(";")[0])]
+    assert np.isin(turned, worst).all()
+    assert (mesh.cells[worst] == middle).any(axis=1).mean() > 0.5
+
+
+def test_a_metric_of_sizes_decides_like_these():
+    mesh = jittered_square(9, SEED, half_width=1.0)
+    h = layer(mesh.points)
+    by_size = needs_remeshing(mesh, h, least_angle=0.0)
+    by_metric = needs_remeshing(mesh, isotropic_metric(h, 2))
+    assert by_size
+    assert by_metric
+    assert_allclose(by_size.predicted_cells, by_metric.predicted_cells, rtol=0.05)
+    assert np.isin(by_size.cells[:20], by_metric.cells).all()
+
+
+@pytest.mark.parametrize("kind", ["random", "some empty"])
+def test_parts_decide_like_the_whole_mesh(kind):
+    mesh = jittered_cube(5, SEED, half_width=1.0)
+    size = SizeFunction(mesh, layer(mesh.points))
+    whole = needs_remeshing(mesh, size)
+    owner = partition(mesh, kind, 3, np.random.default_rng(SEED))
+    found, _ = on_ranks(
+        mesh, owner, 3, lambda part: (needs_remeshing(part, layer), part.points[part.cells])
+    )
+    for need, _ in found:
+        assert need.reason == whole.reason
+        # Cells at one edge may take each other's place.
+        assert [place.reason for place in need.places] == [p.reason for p in whole.places]
+        assert need.places[0].severity == pytest.approx(whole.places[0].severity, rel=1e-12)
+        assert need.predicted_cells == pytest.approx(whole.predicted_cells, rel=1e-12)
+    assert sum(len(need.cells) for need, _ in found) == len(whole.cells)
+    corners = np.concatenate([x[need.cells] for need, x in found])
+    expected = mesh.points[mesh.cells[whole.cells]]
+    order = [np.lexsort(x.reshape(len(x), -1).T) for x in (corners, expected)]
+    assert_allclose(corners[order[0]], expected[order[1]])
+
+
+def test_wrong_sizes_are_refused():
+    mesh = structured_square(2)
+    with pytest.raises(ValueError, match="size must be finite"):
+        needs_remeshing(mesh, np.full(mesh.n_points, np.inf))
+    with pytest.raises(ValueError, match="mesh must consist of triangles or tetrahedra"):
+        needs_remeshing(mesh.boundary().mesh, 0.1)
