@@ -196,13 +196,12 @@ def _as_requested(mesh: AnyMesh, size: SizeLike | Metric | MetricFunction) -> Re
             return metric
     elif isinstance(size, Metric | MetricFunction):
         raise ValueError("size must be sizes on several ranks, got a metric")
+    given = cast(npt.ArrayLike, size)
     if callable(size):
-        given = size(mesh.points) if mesh.n_points else np.empty(0)
-        h = as_sizes("size(points)", cast(npt.ArrayLike, given), mesh.nodal_shape)
-    elif as_plain_array("size", size).ndim == 0:
-        h = np.full(mesh.nodal_shape, as_sizes("size", size, ())[()])
-    else:
-        h = as_sizes("size", size, mesh.nodal_shape)
+        given = cast(npt.ArrayLike, size(mesh.points) if mesh.n_points else np.empty(0))
+    elif as_plain_array("size", given).ndim == 0:
+        given = np.full(mesh.n_points, as_sizes("size", given, ())[()])
+    h = as_sizes("size(points)" if callable(size) else "size", given, mesh.nodal_shape)
     refuse_where("size", np.isinf(h), h, "must be finite")
     return h
 
