@@ -9,9 +9,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import Delaunay
 
 from adaptsize import CartesianGrid, FieldTransfer, SimplexMesh, adapt, transfer_fields
-from adaptsize._progress import silent
 from adaptsize.adaptation.overlaps import intersections_of
 from adaptsize.adaptation.projection import hat_integrals
+from adaptsize.limiting.exact.field import Workers
 
 SEED = 91127
 PROJECTIONS = ("project", "bounded")
@@ -25,7 +25,7 @@ def pair(dim, n=None):
 
 
 def mixed(old, new):
-    return intersections_of(old, new, silent, products=True).products
+    return intersections_of(old, new, Workers(1), products=True).products
 
 
 def coordinates(corners, x):

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-import time
 from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from adaptsize._kernels.overlap import fill_overlaps, new_clipping
+from adaptsize._kernels.trees import Tree
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
-from adaptsize.typing import FloatArray, IntArray, ProgressCallback
+from adaptsize.limiting.exact.field import Workers
+from adaptsize.typing import FloatArray, IntArray
 
 # A cell with less than this share of its measure in the old domain counts as outside.
 OUTSIDE = 1e-9
+
+# By dimension, new cells of one task, some hundredths of a second, and room for old cells for each.
+_CELLS = {2: 4096, 3: 1024}
+_ROOM = {2: 16, 3: 48}
 
 
 class Intersections(NamedTuple):
@@ -32,54 +37,35 @@ class Intersections(NamedTuple):
 
 
 def intersections_of(
-    old: SimplexMesh, new: SimplexMesh, report: ProgressCallback, *, products: bool = False
+    old: SimplexMesh, new: SimplexMesh, workers: Workers, *, products: bool = False
 ) -> Intersections:
-    """Return integrals over the intersections of the cells of two meshes."""
+    """Return integrals over the intersections of the cells of two meshes.
+
+    The result does not depend on the number of threads, to the last bit.
+    """
     locator = old.locator
     points = np.zeros((new.n_points, 3))
     points[:, : new.dim] = new.points * locator.scale
     cells = np.array(new.cells)
     order = along_curve(new.points[new.cells].mean(axis=1)).astype(np.int64)
-    counts, n_nodes = np.zeros(new.n_cells, np.int64), np.zeros(new.n_cells, np.int64)
-    slot = np.zeros(len(locator.tree.points), np.int32)
-    parts: list[tuple[IntArray, FloatArray]] = []
-    assembled: list[tuple[IntArray, csr_array]] = []
-    first, step, room = 0, 256, 1_000_000
-    found, measures, nodes, values = _buffers(room, cells, products)
-    work = new_clipping()
-    while first < new.n_cells:
-        begin = time.perf_counter()
-        reached, used, n_used = fill_overlaps(
-            locator.tree, (points, cells), order[first : first + step], work,
-            (counts, found, measures), (n_nodes, nodes, slot, values),
-        )  # fmt: skip
-        seconds = time.perf_counter() - begin
-        if reached == 0:  # a single cell has more overlaps
-            room *= 2
-            found, measures, nodes, values = _buffers(room, cells, products)
-            continue
-        parts.append((found[:used].copy(), measures[:used].copy()))
-        if products:
-            done = order[first : first + reached]
-            start = np.concatenate([[0], np.cumsum(n_nodes[done])])
-            rows = [
-                csr_array((values[:n_used, v], nodes[:n_used], start), (reached, len(slot)))
-                for v in range(cells.shape[1])
-            ]
-            assembled.append(_summed(cells[done].T.ravel(), vstack(rows), new.n_points))
-        # A compiled loop cannot be interrupted.  One call should take about 0.3 s.
-        step = 2 * step if seconds < 0.15 else max(step // 2, 1)
-        first += reached
-        report("overlaps of the cells of two meshes", first / new.n_cells)
+    found: dict[int, _Part] = {}
+
+    def task(first: int, last: int) -> None:
+        found[first] = _part(locator.tree, (points, cells), order[first:last], products)
+
+    text = "overlaps of the cells of two meshes"
+    workers.in_chunks(task, new.n_cells, _CELLS[new.dim], text)
+    parts = [found[first] for first in sorted(found)]
     unit = locator.scale**-new.dim
-    columns = locator.cell_of_row[np.concatenate([part[0] for part in parts])]
-    data = np.concatenate([part[1] for part in parts]) * unit
+    counts = np.concatenate([part.counts for part in parts])
+    columns = locator.cell_of_row[np.concatenate([part.found for part in parts])]
+    data = np.concatenate([part.measures for part in parts]) * unit
     shape = (new.n_cells, old.n_cells)
-    by_cell = csr_array((data, (np.repeat(order, counts[order]), columns)), shape=shape)
+    by_cell = csr_array((data, (np.repeat(order, counts), columns)), shape=shape)
     if not products:
         return Intersections(by_cell, None)
-    every = np.concatenate([numbers for numbers, _ in assembled])
-    numbers, matrix = _summed(every, vstack([part for _, part in assembled]), new.n_points)
+    every = np.concatenate([part.numbers for part in parts])
+    numbers, matrix = _summed(every, vstack([part.rows for part in parts]))
     start = np.zeros(new.n_points + 1, matrix.indptr.dtype)
     start[1 + numbers] = np.diff(matrix.indptr)
     mixed = csr_array(
@@ -89,21 +75,80 @@ def intersections_of(
     return Intersections(by_cell, mixed)
 
 
+class _Part(NamedTuple):
+    """Integrals over the intersections of some new cells, in the rows of the tree."""
+
+    counts: IntArray
+    """Number of old cells that overlap each new cell."""
+    found: IntArray
+    measures: FloatArray
+    numbers: IntArray
+    """The nodes of the new cells."""
+    rows: csr_array
+    """The rows of the mixed mass matrix of these nodes."""
+
+
+def _part(tree: Tree, new: tuple[FloatArray, IntArray], which: IntArray, products: bool) -> _Part:
+    """Return the integrals for some new cells."""
+    cells = new[1]
+    k = cells.shape[1]
+    counts, n_nodes = np.zeros(len(cells), np.int64), np.zeros(len(cells), np.int64)
+    slot = np.zeros(len(tree.points), np.int32)
+    room = _ROOM[k - 1] * len(which)
+    found, measures, nodes, values = _buffers(room, k, products)
+    work = new_clipping()
+    overlaps: list[tuple[IntArray, FloatArray]] = []
+    numbers: list[IntArray] = []
+    assembled: list[csr_array] = []
+    first = 0
+    while first < len(which):
+        reached, used, n_used = fill_overlaps(
+            tree,
+            new,
+            which[first:],
+            work,
+            (counts, found, measures),
+            (n_nodes, nodes, slot, values),
+        )
+        if reached == 0:  # a single cell has more overlaps
+            room *= 2
+            found, measures, nodes, values = _buffers(room, k, products)
+            continue
+        overlaps.append((found[:used].copy(), measures[:used].copy()))
+        if products:
+            done = which[first : first + reached]
+            start = np.concatenate([[0], np.cumsum(n_nodes[done])])
+            assembled += [
+                csr_array((values[:n_used, v], nodes[:n_used], start), (reached, len(slot)))
+                for v in range(k)
+            ]
+            numbers += list(cells[done].T)
+        first += reached
+    rows = csr_array((0, len(slot)))
+    at: IntArray = np.empty(0, np.int32)
+    if products:
+        at, rows = _summed(np.concatenate(numbers), vstack(assembled))
+    return _Part(
+        counts[which],
+        *(np.concatenate(columns) for columns in zip(*overlaps, strict=True)),
+        at,
+        rows,
+    )
+
+
 def _buffers(
-    room: int, cells: IntArray, products: bool
+    room: int, k: int, products: bool
 ) -> tuple[IntArray, FloatArray, IntArray, FloatArray]:
     """Return room for old cells and measures, and for nodes and their products."""
     nodes = np.empty(room if products else 0, np.int32)
-    return np.empty(room, np.int32), np.empty(room), nodes, np.empty((len(nodes), cells.shape[1]))
+    return np.empty(room, np.int32), np.empty(room), nodes, np.empty((len(nodes), k))
 
 
-def _summed(numbers: IntArray, rows: csr_array, n: int) -> tuple[IntArray, csr_array]:
-    """Return the sums of rows with the same number below n, and these numbers, ascending."""
-    present = np.zeros(n, np.bool_)
-    present[numbers] = True
-    place = np.cumsum(present, dtype=np.int32) - 1
+def _summed(numbers: IntArray, rows: csr_array) -> tuple[IntArray, csr_array]:
+    """Return the sums of rows with the same number, and these numbers, ascending."""
+    unique, place = np.unique(numbers, return_inverse=True)
     ones = csr_array(
-        (np.ones(len(numbers)), place[numbers], np.arange(len(numbers) + 1)),
-        shape=(len(numbers), int(place[-1]) + 1),
+        (np.ones(len(numbers)), place.astype(np.int32), np.arange(len(numbers) + 1)),
+        shape=(len(numbers), len(unique)),
     )
-    return np.flatnonzero(present).astype(np.int32), ones.T.tocsr() @ rows
+    return unique, ones.T.tocsr() @ rows

@@ -25,6 +25,7 @@ from adaptsize.adaptation.overlaps import OUTSIDE, Intersections, intersections_
 from adaptsize.adaptation.projection import Projection, hat_integrals, sums_over
 from adaptsize.adaptation.transfer_in_parts import TransferredFields, transfer_in_parts
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
+from adaptsize.limiting.exact.field import Workers
 from adaptsize.options import TransferOptions, checked, with_options
 from adaptsize.typing import FloatArray, IntArray, NodalMethod, ProgressCallback
 
@@ -377,12 +378,12 @@ class FieldTransfer:
         if "_with_products" in self.__dict__:
             return self._with_products.measures
         with reporting(self._progress) as report:
-            return intersections_of(self.old, self.new, report).measures
+            return intersections_of(self.old, self.new, Workers.of(None, report)).measures
 
     @cached_property
     def _with_products(self) -> Intersections:
         with reporting(self._progress) as report:
-            return intersections_of(self.old, self.new, report, products=True)
+            return intersections_of(self.old, self.new, Workers.of(None, report), products=True)
 
     @cached_property
     def _located(self) -> tuple[IntArray, FloatArray, FloatArray]:

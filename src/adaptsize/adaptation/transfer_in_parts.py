@@ -9,12 +9,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._progress import silent
 from adaptsize.adaptation.overlaps import OUTSIDE, intersections_of
 from adaptsize.adaptation.projection import Projection, sums_over
 from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.background.requests import ask_nearest, ask_ranks, boxes_of, ranks_within, values_at
+from adaptsize.limiting.exact.field import Workers
 from adaptsize.typing import FloatArray, IntArray, NodalMethod
+
+#: One thread on each rank.
+_WORKERS = Workers(1)
 
 
 class TransferredFields(NamedTuple):
@@ -92,7 +95,7 @@ def _nodal(
 
     def integrals(sent: SimplexMesh) -> FloatArray:
         assert old.mesh is not None
-        products = intersections_of(old.mesh, sent, silent, products=True).products
+        products = intersections_of(old.mesh, sent, _WORKERS, products=True).products
         assert products is not None
         return sums_over(products, columns, ranges=bounded).reshape(sent.n_cells, -1)
 
@@ -128,7 +131,7 @@ def _cells(
 
     def integrals(sent: SimplexMesh) -> FloatArray:
         assert old.mesh is not None
-        overlap = intersections_of(old.mesh, sent, silent).measures
+        overlap = intersections_of(old.mesh, sent, _WORKERS).measures
         return np.column_stack([np.asarray(overlap.sum(axis=1)).ravel(), overlap @ columns])
 
     which, parts = _ask_cells(old, boxes, corners, integrals)

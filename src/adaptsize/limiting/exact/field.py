@@ -69,14 +69,19 @@ class Workers(NamedTuple):
 
         return Workers(self.threads, report_part)
 
-    def in_chunks(self, task: Callable[[int, int], object], n: int) -> None:
-        """Run ``task(first, last)`` on chunks of 0..n - 1.
+    def in_chunks(
+        self,
+        task: Callable[[int, int], object],
+        n: int,
+        step: int = _CHUNK,
+        text: str = "limiting the gradient",
+    ) -> None:
+        """Run ``task(first, last)`` on chunks of 0..n - 1, of ``step`` items.
 
         Tasks release the interpreter lock and write to disjoint memory.  An exception, also one in
         the report, stops the work after the chunks that have begun.
         """
-        chunks = [(first, min(first + _CHUNK, n)) for first in range(0, n, _CHUNK)]
-        text = "limiting the gradient"
+        chunks = [(first, min(first + step, n)) for first in range(0, n, step)]
         if self.threads == 1 or len(chunks) < 2:
             for first, last in chunks:
                 task(first, last)
