@@ -147,6 +147,19 @@ def test_topology_is_worked_out_once():
         assert getattr(mesh, name) is getattr(mesh, name)
 
 
+def test_meshes_with_moved_nodes_share_topology_and_keep_tags():
+    given, fields = _tagged_square()
+    mesh = SimplexMesh(**given, **fields)
+    moved = mesh.moved(mesh.points + 1.0)
+    assert moved.cell_facets is mesh.cell_facets  # computed by either
+    assert moved.points.tolist() == (mesh.points + 1.0).tolist()
+    assert moved.facet_tags.tolist() == [5, 6]
+    assert not moved.point_data
+    assert moved.diagonal == mesh.diagonal
+    with pytest.raises(ValueError, match=r"points must have shape \(4, 2\), got \(5, 2\)"):
+        mesh.moved(np.zeros((5, 2)))
+
+
 def test_names_itself_with_its_counts():
     assert repr(SimplexMesh(SQUARE, HALVES)) == "SimplexMesh(4 points in 2-D, 2 triangles)"
     assert (

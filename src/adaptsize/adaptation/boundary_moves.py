@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from typing import TypeAlias
 
@@ -118,7 +118,7 @@ def move_to_boundary(
         largest_move=float((share * length).max(initial=0.0)),
         largest_rest=float(((1.0 - share) * length)[moving].max(initial=0.0)),
     )
-    return replace(mesh, points=mesh.points + share[:, None] * move), report
+    return mesh.moved(mesh.points + share[:, None] * move), report
 
 
 def _facets_to_move(

@@ -251,7 +251,7 @@ def _result(
     """Return fields on the new mesh, and the report."""
     sizes, new, (nodal, by_cell) = made.sizes, made.mesh, fields
     requested = sizes.requested(old)
-    before = after = size_conformity(old, requested)
+    before = after = size_conformity(old, sizes.at_nodes)
     how: dict[str, str] = {}
     integrals: dict[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]] = {}
     if decision.remesh:

@@ -237,9 +237,13 @@ class SimplexMesh(ReadOnlyState):
         return arrays.read_only(volumes)
 
     @cached_property
+    def _topology(self) -> topology.CellTopology:
+        return topology.CellTopology(self.cells, self.n_points)
+
+    @property
     def edges(self) -> IntArray:
         """Unique edges, int32[n_edges, 2], ``i < j``, in lexicographic order."""
-        return arrays.read_only(topology.edges_of(self.cells, self.n_points))
+        return self._topology.edges
 
     @cached_property
     def edge_lengths(self) -> FloatArray:
@@ -247,32 +251,25 @@ class SimplexMesh(ReadOnlyState):
         i, j = self.edges.T
         return arrays.read_only(np.linalg.norm(self.points[i] - self.points[j], axis=1))
 
-    @cached_property
-    def _facets(self) -> tuple[IntArray, IntArray]:
-        facets, cell_facets = topology.facets_of(self.cells, self.n_points)
-        return arrays.read_only(facets), arrays.read_only(cell_facets)
-
     @property
     def facets(self) -> IntArray:
         """Unique facets, int32[n_facets, cell_dim], sorted indices, in lexicographic order."""
-        return self._facets[0]
+        return self._topology.facets[0]
 
     @property
     def cell_facets(self) -> IntArray:
         """``cell_facets[c, v]`` is the facet of cell c opposite to its vertex v."""
-        return self._facets[1]
+        return self._topology.facets[1]
 
-    @cached_property
+    @property
     def facet_cell_counts(self) -> IntArray:
         """Number of cells at each facet: 1 on the boundary, 2 inside, 3 or more non-manifold."""
-        counts = np.bincount(self.cell_facets.ravel(), minlength=len(self.facets))
-        return arrays.read_only(counts.astype(np.int32))
+        return self._topology.facet_cell_counts
 
-    @cached_property
+    @property
     def rings(self) -> tuple[IntArray, IntArray]:
         """Cells around each node as compressed rows ``(ring_ptr, ring)``, cells ascending."""
-        ring_ptr, ring = topology.rings(self.cells, self.n_points)
-        return arrays.read_only(ring_ptr), arrays.read_only(ring)
+        return self._topology.rings
 
     @cached_property
     def locator(self) -> SimplexLocator:
@@ -351,4 +348,28 @@ class SimplexMesh(ReadOnlyState):
         )
         for name, value in self.__dict__.items():  # values of cached properties
             new.__dict__.setdefault(name, value)
+        return new
+
+    def moved(self, points: npt.ArrayLike) -> SimplexMesh:
+        """Return the mesh with its nodes at other points, without fields; topology is shared.
+
+        Parameters
+        ----------
+        points : array_like of float, shape (n_points, dim)
+
+        Returns
+        -------
+        SimplexMesh
+            With the same cells and tags.
+
+        Examples
+        --------
+        >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+        >>> float(mesh.moved(2.0 * mesh.points).measures[0])
+        2.0
+        """
+        new = replace(self, points=as_nodes("points", points), point_data={}, cell_data={})
+        if new.points.shape != self.points.shape:
+            raise ValueError(f"points must have shape {self.points.shape}, got {new.points.shape}")
+        new.__dict__["_topology"] = self._topology
         return new

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,43 @@ from adaptsize.typing import BoolArray, IndexArray, IntArray, LongArray
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
+
+
+class CellTopology:
+    """Edges, facets and rings of cells, found on first use.  Meshes with the same cells share it.
+
+    Parameters
+    ----------
+    cells : int32[n_cells, k]
+    n_points : int
+    """
+
+    def __init__(self, cells: IntArray, n_points: int) -> None:
+        self._cells, self._n_points = cells, n_points
+
+    @cached_property
+    def edges(self) -> IntArray:
+        """See `SimplexMesh.edges`."""
+        return read_only(edges_of(self._cells, self._n_points))
+
+    @cached_property
+    def facets(self) -> tuple[IntArray, IntArray]:
+        """See `SimplexMesh.facets` and `SimplexMesh.cell_facets`."""
+        facets, cell_facets = facets_of(self._cells, self._n_points)
+        return read_only(facets), read_only(cell_facets)
+
+    @cached_property
+    def facet_cell_counts(self) -> IntArray:
+        """See `SimplexMesh.facet_cell_counts`."""
+        facets, cell_facets = self.facets
+        counts = np.bincount(cell_facets.ravel(), minlength=len(facets))
+        return read_only(counts.astype(np.int32))
+
+    @cached_property
+    def rings(self) -> tuple[IntArray, IntArray]:
+        """See `SimplexMesh.rings`."""
+        ring_ptr, ring = rings(self._cells, self._n_points)
+        return read_only(ring_ptr), read_only(ring)
 
 
 def rings(cells: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
@@ -132,11 +170,11 @@ def regions_beside(
     cell_facets: IntArray, regions: IntArray, n_facets: int
 ) -> tuple[LongArray, LongArray]:
     """Return the lowest and the highest region of the cells at each facet, int64[n_facets]."""
-    lowest = np.full(n_facets, np.iinfo(np.int32).max, np.int64)
-    highest = np.full(n_facets, np.iinfo(np.int32).min, np.int64)
-    of_cells = np.broadcast_to(regions[:, None], cell_facets.shape)
-    np.minimum.at(lowest, cell_facets, of_cells)
-    np.maximum.at(highest, cell_facets, of_cells)
+    order = np.argsort(regions, kind="stable")
+    highest, lowest = (np.empty(n_facets, np.int64) for _ in range(2))
+    # The last value that is assigned stays.
+    for extreme, rows in ((highest, order), (lowest, order[::-1])):
+        extreme[cell_facets[rows]] = regions[rows, None]
     return lowest, highest
 
 

@@ -71,7 +71,7 @@ def improved(
     _project(points, cells, surface, old, tolerance)
     for _ in range(_ROUNDS if len(ridges) else 0):
         _snap(points, cells, surface, old, ridges, tolerance)
-    mesh = _divided(replace(mesh, points=points), old, tolerance)
+    mesh = _divided(mesh.moved(points), old, tolerance)
     surface, points, cells = facets_of(mesh), mesh.points.copy(), mesh.cells
     groups = np.zeros(len(cells), np.int32) if mesh.cell_tags is None else mesh.cell_tags
     on_sheet = _nodes_of_sheets(mesh)
@@ -94,6 +94,8 @@ def improved(
         cells = np.concatenate([cells[~near], part])
         groups = np.concatenate([groups[~near], of_part])
         angles = np.concatenate([angles[~near], minimum_angles(SimplexMesh(points, part))])
+    if cells is mesh.cells:
+        return mesh.moved(points)
     tags = None if mesh.cell_tags is None else groups
     return replace(mesh, points=points, cells=cells, cell_tags=tags)
 
@@ -114,7 +116,7 @@ def _divided(mesh: SimplexMesh, old: SimplexMesh, tolerance: float) -> SimplexMe
         points[nodes] = _nearest(old, points[nodes])[0]
         least = np.minimum(worst_of_nodes(start, mesh.cells), _LEAST)
         take_back(points, mesh.cells, start, nodes, least)
-        mesh = replace(mesh, points=points)
+        mesh = mesh.moved(points)
     return mesh
 
 

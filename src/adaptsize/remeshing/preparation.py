@@ -49,12 +49,17 @@ def repair_mesh(mesh: SimplexMesh) -> RepairedMesh:
     cells = np.array(mesh.cells)
     target = np.arange(mesh.n_points)
     kept = np.ones(mesh.n_cells, bool)
+    used = np.zeros(mesh.n_points, bool)
+    used[mesh.cells] = True
     if mesh.cell_dim == 2 and mesh.dim == 3:
         target = first_at_place(mesh.points, MERGE_DISTANCE * mesh.diagonal)
         kept = _useful_triangles(mesh, target[cells])
         _warn_of_repairs(mesh, target, kept)
     elif mesh.cell_dim == mesh.dim:
         inverted = mesh.signed_measures < 0.0
+        if used.all() and not inverted.any():
+            numbers = target.astype(np.int32)
+            return RepairedMesh(mesh.moved(mesh.points), numbers, numbers)
         cells[inverted, :2] = cells[inverted, 1::-1]
     kept_cells = target[cells[kept]]
     nodes, local = np.unique(kept_cells, return_inverse=True)
@@ -217,7 +222,7 @@ class Frame(NamedTuple):
 
     def mesh(self, mesh: SimplexMesh) -> SimplexMesh:
         """Return a mesh in the coordinates of the part, without fields."""
-        return _with_points(mesh, self.to_own(mesh.points))
+        return mesh.moved(self.to_own(mesh.points))
 
     def size(self, size: Size) -> Size:
         """Return a size as a function of points in the coordinates of the part."""
@@ -246,18 +251,7 @@ class Frame(NamedTuple):
         distance, number = tree.query(new.points, distance_upper_bound=1e-13)
         kept = np.isfinite(distance)
         points[kept] = old.points[number[kept]]
-        return _with_points(new, points)
-
-
-def _with_points(mesh: SimplexMesh, points: FloatArray) -> SimplexMesh:
-    return SimplexMesh(
-        points,
-        mesh.cells,
-        cell_tags=mesh.cell_tags,
-        tagged_facets=mesh.tagged_facets,
-        facet_tags=mesh.facet_tags,
-        tag_names=mesh.tag_names,
-    )
+        return new.moved(points)
 
 
 def restore(raw: RawMesh, problem: Problem, backend: str) -> SimplexMesh:
@@ -274,7 +268,8 @@ def restore(raw: RawMesh, problem: Problem, backend: str) -> SimplexMesh:
         out of range, inverted cells, or a mesh of another domain.
     """
     points, cells, nodes = _checked(raw, backend)
-    refuse_other_domain(SimplexMesh(points, cells), problem, backend)
+    plain = SimplexMesh(points, cells)
+    refuse_other_domain(plain, problem, backend)
     old = problem.mesh
     cell_tags = None
     if old.cell_tags is not None and problem.task != "surface to tetrahedra":
@@ -284,6 +279,8 @@ def restore(raw: RawMesh, problem: Problem, backend: str) -> SimplexMesh:
         cell_tags = problem.region_tags[regions]
     wants_facets = problem.task == "surface to tetrahedra" and old.cell_tags is not None
     if old.tagged_facets is None and not wants_facets:
+        if cell_tags is None and not old.tag_names:
+            return plain
         return SimplexMesh(points, cells, cell_tags=cell_tags, tag_names=old.tag_names)
     if raw.facets is not None and raw.facet_groups is not None:
         found, tags = nodes[raw.facets], problem.facets.tag_of_group[raw.facet_groups]
