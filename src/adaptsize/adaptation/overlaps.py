@@ -12,7 +12,7 @@ from adaptsize._kernels.trees import Tree
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.limiting.exact.field import Workers
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import FloatArray, IntArray, LongArray
 
 # A cell with less than this share of its measure in the old domain counts as outside.
 OUTSIDE = 1e-9
@@ -78,7 +78,7 @@ def intersections_of(
 class _Part(NamedTuple):
     """Integrals over the intersections of some new cells, in the rows of the tree."""
 
-    counts: IntArray
+    counts: LongArray
     """Number of old cells that overlap each new cell."""
     found: IntArray
     measures: FloatArray
@@ -88,7 +88,7 @@ class _Part(NamedTuple):
     """The rows of the mixed mass matrix of these nodes."""
 
 
-def _part(tree: Tree, new: tuple[FloatArray, IntArray], which: IntArray, products: bool) -> _Part:
+def _part(tree: Tree, new: tuple[FloatArray, IntArray], which: LongArray, products: bool) -> _Part:
     """Return the integrals for some new cells."""
     cells = new[1]
     k = cells.shape[1]
@@ -103,13 +103,9 @@ def _part(tree: Tree, new: tuple[FloatArray, IntArray], which: IntArray, product
     first = 0
     while first < len(which):
         reached, used, n_used = fill_overlaps(
-            tree,
-            new,
-            which[first:],
-            work,
-            (counts, found, measures),
-            (n_nodes, nodes, slot, values),
-        )
+            tree, new, which[first:], work,
+            (counts, found, measures), (n_nodes, nodes, slot, values),
+        )  # fmt: skip
         if reached == 0:  # a single cell has more overlaps
             room *= 2
             found, measures, nodes, values = _buffers(room, k, products)
@@ -128,12 +124,8 @@ def _part(tree: Tree, new: tuple[FloatArray, IntArray], which: IntArray, product
     at: IntArray = np.empty(0, np.int32)
     if products:
         at, rows = _summed(np.concatenate(numbers), vstack(assembled))
-    return _Part(
-        counts[which],
-        *(np.concatenate(columns) for columns in zip(*overlaps, strict=True)),
-        at,
-        rows,
-    )
+    of_cells, common = (np.concatenate(arrays) for arrays in zip(*overlaps, strict=True))
+    return _Part(counts[which], of_cells, common, at, rows)
 
 
 def _buffers(
