@@ -36,7 +36,7 @@ SUBJECTS = {
     ],
     "Geometry: distance, curvature, width": [
         "plot_distance", "plot_medial_axis", "plot_curved_boundary", "plot_feature_and_curvature",
-        "plot_width", "plot_level_set_curvature", "plot_octree", "plot_octree_feature_size",
+        "plot_width", "plot_level_set_curvature", "plot_octree",
     ],
     "Meshes of parts, scans, images and implicit domains": [
         "plot_scan", "plot_two_regions", "plot_volume", "plot_smooth_boundaries",

@@ -716,14 +716,6 @@ class CurvatureOptions(ClipOptions, total=False):
 class FeatureOptions(ClipOptions, total=False):
     """Sizes from the local width."""
 
-    method: Annotated[
-        Literal["auto", "rays", "medial-axis"],
-        Option(
-            "auto",
-            "Definition of the width.",
-            details='"auto" is the medial axis for distances, otherwise rays.',
-        ),
-    ]
     elements_across: Annotated[float, Option(4.0, "Number n of elements.", above=True)]
     crease_angle: Annotated[
         float,
@@ -732,7 +724,7 @@ class FeatureOptions(ClipOptions, total=False):
             "As for `adaptsize.geometry.boundary_width`.",
             unit="degrees",
             upper=180.0,
-            details="The medial axis on grids has none.",
+            details="Distances on grids have none.",
         ),
     ]
     corner_angle: Annotated[

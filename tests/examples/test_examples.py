@@ -312,16 +312,6 @@ def test_two_ellipses_keep_their_sizes_and_share_the_domain(run):
     assert found["nodes with both"] > 300
 
 
-def test_a_quadtree_refined_by_its_own_size_has_the_widths_of_the_part(run):
-    found = run("plot_octree_feature_size", spacing=0.5, rounds=2)
-    # Already the first quadtree, whose leaves are wider than the fin, knows how wide it is.
-    assert found["half the width of the fin, first quadtree"] == pytest.approx(0.15, rel=0.02)
-    assert found["half the width of the fin"] == pytest.approx(0.15, rel=0.01)
-    assert found["half the width of the foot"] == pytest.approx(0.6, rel=0.01)
-    assert found["half the width of the web above the hole"] == pytest.approx(0.125, rel=0.03)
-    assert found["leaves"] < 0.25 * found["leaves of the finest size in the box"]
-
-
 def test_a_scan_is_meshed_finely_where_it_is_thin_and_curved(run, tmp_path):
     ring, _ = smooth_torus(24)
     noise = np.random.default_rng(1709).normal(0.0, 0.001, ring.points.shape)

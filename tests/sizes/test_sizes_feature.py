@@ -252,18 +252,13 @@ def test_remeshed_plates_with_a_varying_gap_have_the_elements_across():
     [
         ((CartesianGrid([0, 0], 1.0, (3, 3)),), {}, "boundary must be given"),
         ((structured_square(2).boundary().mesh, structured_square(2)), {}, "consist of segments"),
-        ((structured_square(2), np.zeros(9)), {}, "nodes are for a CartesianGrid"),
+        ((structured_square(2), np.zeros(9)), {}, "or distances on a CartesianGrid"),
         ((SimplexMesh([[0.0], [1.0]], [[0, 1]]),), {}, "background must be a volume"),
-        ((structured_square(2),), {"tolerance": 0.1}, "tolerance is for method='rays'"),
-        (
-            (structured_square(2), outline(circle(8))),
-            {"tolerance": 0.1, "method": "medial-axis"},
-            "tolerance is for method='rays'",
-        ),
+        ((structured_square(2),), {"tolerance": 0.1}, "tolerance is for a SimplexMesh as boundary"),
         (
             (CartesianGrid([0, 0], 1.0, (3, 3)), np.ones((3, 3))),
             {"crease_angle": 30.0},
-            "crease_angle has no effect on the medial axis on a CartesianGrid, got 30",
+            "crease_angle has no effect on distances, got 30",
         ),
     ],
 )

@@ -99,9 +99,7 @@ class ImplicitDomain:
         boundary = boundary_of(self.function, tree, values, self._is_distance)
         nodes = boundary.from_nodes(tree, report)
         domain = DomainOnMesh(tree.mesh, boundary, nodes, report)
-        medial = domain.medial_axis()
-        everywhere, inner, width = domain.sizes_inside(medial, request.crease_angle)
-        assert inner is not None
+        everywhere, inner, width = domain.sizes_inside()
         feet = nodes.feet(tree.points)[inner.nodes]
         reach = longest_edges(inner.mesh)
         near = nodes.depth[inner.nodes] <= reach

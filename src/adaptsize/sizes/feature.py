@@ -47,11 +47,13 @@ def size_from_feature(
 
     .. math:: h_0(x) = W(x) / n, \qquad n = \mathrm{elements\_across},
 
-    at nodes inside and on the boundary.  With ``"rays"``, W(x) is the width of the domain at the
-    boundary facet closest to x: the length of a ray from there to the opposite wall
+    at nodes inside and on the boundary.  W(x) is the width of the domain at the boundary facet
+    closest to x: the length of a ray from there to the opposite wall
     (`adaptsize.geometry.boundary_width`).  The size is therefore constant across a plate, and each
-    node is computed independently.  With ``"medial-axis"``, W is twice the local feature size, the
-    distance to the boundary plus the distance to the medial axis, equation (6) of [1]_
+    node is computed independently.
+
+    Where only distances on a grid are given, W is twice the local feature size, the distance to
+    the boundary plus the distance to the medial axis, equation (6) of [1]_
     (`adaptsize.feature_size`), and n is 2 R.
 
     Parameters
@@ -61,9 +63,8 @@ def size_from_feature(
         segments in the plane), or a grid or an octree around a domain.
     boundary : SimplexMesh, callable or array_like of float, optional
         Triangles in space or segments in the plane, as for `boundary_width`.  By
-        default the boundary of the background, or the background itself.  For the medial axis it
-        may also be the signed distance, negative inside: a function of points, or on a
-        CartesianGrid an array.
+        default the boundary of the background, or the background itself.  On a CartesianGrid it
+        may also be the signed distance, negative inside: a function of points, or an array.
     progress : callable, bool or None
         As in `limit_gradient`.
     **options
@@ -121,40 +122,33 @@ def size_from_feature(
     if isinstance(background, PartitionedMesh):
         return _in_parts(background, boundary, progress, options)
     given = checked(FeatureOptions, options)
-    method, tolerance = given["method"], given["tolerance"]
-    by_distance = boundary is not None and not isinstance(boundary, SimplexMesh)
-    if method == "rays" and by_distance:
-        raise ValueError(f"method='rays' needs a SimplexMesh, got {describe(boundary)}")
-    by_medial_axis = method == "medial-axis" or by_distance
-    if tolerance is not None and (by_medial_axis or boundary is None):
+    tolerance, angles = given["tolerance"], (given["crease_angle"], given["corner_angle"])
+    if tolerance is not None and not isinstance(boundary, SimplexMesh):
         raise ValueError(
-            "tolerance is for method='rays' with a SimplexMesh as boundary, "
-            f"got {describe(tolerance)} for method={method!r} and {describe(boundary)}"
+            "tolerance is for a SimplexMesh as boundary, "
+            f"got {describe(tolerance)} for {describe(boundary)}"
         )
-    angles = (given["crease_angle"], given["corner_angle"])
-    is_grid = isinstance(background, CartesianGrid)
-    if by_medial_axis and is_grid and angles[0] != CREASE_ANGLE:
-        raise ValueError(
-            f"crease_angle has no effect on the medial axis on a CartesianGrid, got {angles[0]!r}"
-        )
-    if boundary is None and not isinstance(background, SimplexMesh):
-        raise ValueError(f"boundary must be given, as there is none in {background!r}")
     with reporting(progress) as report:
-        if by_medial_axis:
-            widths = 2.0 * feature_size(
-                background, boundary, crease_angle=angles[0], corner_angle=angles[1],
-                progress=report,
-            )  # fmt: skip
-            smallest = 0.0 if is_grid else SMALLEST_SHARE * background.diagonal
-        else:
-            if boundary is None:
-                assert isinstance(background, SimplexMesh)
-                widths, source = _at_own_nodes(background, angles, report)
-            else:
-                assert isinstance(boundary, SimplexMesh)
-                source = boundary
-                widths = _near_boundary(background, boundary, tolerance, angles, report)
+        if isinstance(boundary, SimplexMesh):
+            widths = _near_boundary(background, boundary, tolerance, angles, report)
+            smallest = SMALLEST_SHARE * boundary.diameter
+        elif boundary is None:
+            if not isinstance(background, SimplexMesh):
+                raise ValueError(f"boundary must be given, as there is none in {background!r}")
+            widths, source = _at_own_nodes(background, angles, report)
             smallest = SMALLEST_SHARE * source.diameter
+        elif not isinstance(background, CartesianGrid):
+            raise ValueError(
+                "boundary must be a SimplexMesh, or distances on a CartesianGrid, "
+                f"got {describe(boundary)} on {background!r}"
+            )
+        elif angles[0] != CREASE_ANGLE:
+            raise ValueError(f"crease_angle has no effect on distances, got {angles[0]!r}")
+        else:
+            widths = 2.0 * feature_size(
+                background, boundary, corner_angle=angles[1], progress=report
+            )
+            smallest = 0.0
     h0 = np.maximum(widths / given["elements_across"], smallest)
     return minimum(h0.reshape(background.nodal_shape), hmin=given["hmin"], hmax=given["hmax"])
 
@@ -167,8 +161,8 @@ def _in_parts(
 ) -> FloatArray:
     """Return the sizes on a mesh in parts; collective."""
     given = part.ranks.agree(lambda: checked(FeatureOptions, options))
-    by_rays = given["method"] != "medial-axis" and given["tolerance"] is None
-    if boundary is not None or part.cell_dim < part.dim or part.dim == 1 or not by_rays:
+    wants_rays = boundary is None and given["tolerance"] is None
+    if not wants_rays or part.cell_dim < part.dim or part.dim == 1:
         return part.on_whole(
             lambda whole: size_from_feature(whole, boundary, progress=progress, **options)
         )

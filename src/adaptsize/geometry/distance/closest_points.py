@@ -1,30 +1,23 @@
-"""Closest points of a boundary for arbitrary points."""
+"""Depths of points inside the zero level of a function, and directions to it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
 from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._progress import silent
-from adaptsize.background import Octree, SimplexMesh
+from adaptsize.background import Octree
 from adaptsize.geometry.distance.implicit import crossings_of
-from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.geometry.distance.projection import project
-from adaptsize.geometry.distance.surface import inside_surface
-from adaptsize.geometry.distance.winding import WindingNumber, is_cycle
-from adaptsize.geometry.faces import crease_edges
-from adaptsize.geometry.implicit_surface import Implicit, checked, gradient_of
+from adaptsize.geometry.implicit_surface import Implicit, gradient_of
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, ProgressCallback
 
 #: Takes points, float64[n, dim]; returns the signed distance of each.
 DistanceFunction: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 
-# Points between two progress reports: about 0.2 s.
-_CHUNK = 20_000
 # The gradient is then evaluated at this offset, in steps; few kinks have this direction.
 _BESIDE = np.array([2.6, 3.7, 5.1])
 
@@ -52,12 +45,7 @@ class Depths(NamedTuple):
 class Boundary(Protocol):
     """A boundary that provides the closest point for every point."""
 
-    @property
-    def vertices(self) -> FloatArray:
-        """Points where three or more sharp edges meet, float64[n, dim], as far as known."""
-        ...
-
-    def from_nodes(self, background: SimplexMesh | Octree, report: ProgressCallback) -> Depths:
+    def from_nodes(self, background: Octree, report: ProgressCallback) -> Depths:
         """Return the depths of the nodes."""
         ...
 
@@ -70,76 +58,6 @@ class Boundary(Protocol):
         ...
 
 
-class SurfaceBoundary:
-    """Triangles in space or segments in the plane.
-
-    Parameters
-    ----------
-    surface : SimplexMesh
-        May be defective.
-    """
-
-    def __init__(self, surface: SimplexMesh) -> None:
-        self.surface = surface
-
-    def from_nodes(self, background: SimplexMesh | Octree, report: ProgressCallback) -> Depths:
-        """Return what the nodes see."""
-        points = background.points
-        feet, distance = np.empty(points.shape), np.empty(len(points))
-        for first in range(0, len(points), _CHUNK):
-            part = slice(first, first + _CHUNK)
-            feet[part], distance[part] = self._nearest(points[part])
-            report("distance", min(1.0, (first + _CHUNK) / len(points)))
-        inside = inside_surface(background, self.surface, distance, report)
-        return depths_of(points, feet, distance, inside)
-
-    def distance(self, points: FloatArray) -> FloatArray:
-        """Return distances without sign."""
-        found = self.surface.locator.nearest(points.reshape(-1, points.shape[-1]))[2]
-        return found.reshape(points.shape[:-1])
-
-    def seen_from(self, points: FloatArray, is_inside: BoolArray | None = None) -> Depths:
-        """Return what points see."""
-        feet, distance = self._nearest(points)
-        inside = np.ones(len(points), np.bool_) if is_inside is None else is_inside.copy()
-        unknown = slice(None) if is_inside is None else ~is_inside
-        inside[unknown] = self._winding.contains(points[unknown])
-        return depths_of(points, feet, distance, inside)
-
-    def _nearest(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        nodes, weights, distance = self.surface.locator.weights(points)
-        return np.einsum("ij,ijk->ik", weights, self.surface.points[nodes]), distance
-
-    @cached_property
-    def vertices(self) -> FloatArray:
-        """Points where three or more sharp edges meet."""
-        if self.surface.dim == 2:
-            return np.empty((0, 2))
-        merged = oriented(self.surface)[0]
-        meeting = np.bincount(crease_edges(merged).ravel(), minlength=merged.n_points)
-        return merged.points[meeting > 2]
-
-    @cached_property
-    def _winding(self) -> WindingNumber:
-        surface = self.surface
-        return WindingNumber(surface if is_cycle(surface) else oriented(surface)[0])
-
-
-class OwnBoundary(SurfaceBoundary):
-    """The boundary of the background itself, a mesh of full dimension."""
-
-    def __init__(self, mesh: SimplexMesh) -> None:
-        super().__init__(mesh.boundary().mesh)
-
-    def from_nodes(self, background: SimplexMesh | Octree, report: ProgressCallback) -> Depths:
-        """Return what the nodes see."""
-        feet, distance = self._nearest(background.points)
-        assert isinstance(background, SimplexMesh)
-        on_it = background.boundary().nodes
-        feet[on_it], distance[on_it] = background.points[on_it], 0.0
-        return depths_of(background.points, feet, distance, np.ones(len(feet), np.bool_))
-
-
 class FunctionBoundary:
     """The zero level of a signed distance function.
 
@@ -149,41 +67,19 @@ class FunctionBoundary:
         Takes points, float64[n, dim]; returns exact distances, negative inside.
     extent : float
         Length of the part.
-
-    Raises
-    ------
-    ValueError
-        If the extent is so small that differences underflow.  On evaluation, if the function does
-        not return one finite number per point, or is not a distance.
     """
 
-    vertices = np.empty((0, 3))
-
-    def __init__(self, function: DistanceFunction, extent: float) -> None:
-        self._values = checked(function)
+    def __init__(self, function: Implicit, extent: float) -> None:
+        self._values = function
         # Step of finite differences, as a share of the extent.  The error of rounding is 1e-16 /
         # 1e-7. Steps must be much shorter than the smallest part of an edge on which a kink is
         # located.
         self._step = 1e-7 * extent
-        if self._step < np.finfo(np.float64).tiny:
-            raise ValueError(f"background must have an extent, got one with diagonal {extent:g}")
 
-    def from_nodes(self, background: SimplexMesh | Octree, report: ProgressCallback) -> Depths:
+    def from_nodes(self, background: Octree, report: ProgressCallback) -> Depths:
         """Return what the nodes see."""
-        seen = self.seen_from(background.points)
-        # Smaller distances are dominated by rounding.
-        away = np.abs(seen.depth) > 100.0 * self._step
-        left = self.distance(seen.feet(background.points)[away])
-        # A foot is nearer to the boundary than this share of the distance of its node ...
-        good = left <= 0.01 * np.abs(seen.depth[away]) + self._step
-        # ... for at least this share of the nodes: all except those at the medial axis.
-        if away.any() and good.mean() < 0.5:
-            raise ValueError(
-                "boundary must be a signed distance, for which a step of that length along the "
-                f"gradient ends at its zero level; this holds at {good.sum()} of {away.sum()} nodes"
-            )
-        report("distance", 1.0)
-        return seen
+        report("distance", 0.0)
+        return self.seen_from(background.points)
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Return distances without sign."""
@@ -245,8 +141,6 @@ class ZeroLevelBoundary:
         The zero level is searched for along the edges of its mesh.
     """
 
-    vertices = np.empty((0, 3))
-
     def __init__(self, function: Implicit, background: Octree, values: FloatArray) -> None:
         from scipy.spatial import cKDTree
 
@@ -258,7 +152,7 @@ class ZeroLevelBoundary:
         self._normals = gradient / steep[:, None]
         self._tree = cKDTree(self._samples)
 
-    def from_nodes(self, background: SimplexMesh | Octree, report: ProgressCallback) -> Depths:
+    def from_nodes(self, background: Octree, report: ProgressCallback) -> Depths:
         """Return what the nodes see."""
         return self._seen(background.points, report)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -10,7 +11,8 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_near_points, as_points, describe
 from adaptsize.background import SimplexMesh
-from adaptsize.geometry.distance.closest_points import SurfaceBoundary
+from adaptsize.geometry.distance.orientation import oriented
+from adaptsize.geometry.distance.winding import WindingNumber, is_cycle
 from adaptsize.typing import BoolArray, FloatArray
 
 _Outline: TypeAlias = SimplexMesh | npt.ArrayLike | Sequence[npt.ArrayLike]
@@ -56,24 +58,31 @@ class SignedDistance:
             boundary = _segments(self._polygons)
         elif boundary.cell_dim == boundary.dim:
             boundary = boundary.boundary().mesh
-        self._boundary = SurfaceBoundary(boundary)
+        self._mesh = boundary
 
     @property
     def mesh(self) -> SimplexMesh:
         """The boundary as a mesh of segments or triangles."""
-        return self._boundary.surface
+        return self._mesh
 
     def __call__(self, points: npt.ArrayLike) -> FloatArray:
         """Return the signed distance of each point, float64[n]."""
         where = as_near_points("points", points, self.mesh.dim)
+        distance = self.mesh.locator.nearest(where)[2]
         if self._polygons is None:
-            return -self._boundary.seen_from(where).depth
-        distance = self._boundary.distance(where)
-        return np.where(_inside(self.mesh, where), -distance, distance)
+            inside = self._winding.contains(where)
+        else:
+            inside = _inside(self.mesh, where)
+        return np.where(inside, -distance, distance)
+
+    @cached_property
+    def _winding(self) -> WindingNumber:
+        mesh = self.mesh
+        return WindingNumber(mesh if is_cycle(mesh) else oriented(mesh)[0])
 
     def unsigned(self, points: npt.ArrayLike) -> FloatArray:
         """Return the distance of each point without a sign, float64[n], for instance to a coast."""
-        return self._boundary.distance(as_near_points("points", points, self.mesh.dim))
+        return self.mesh.locator.nearest(as_near_points("points", points, self.mesh.dim))[2]
 
     def __repr__(self) -> str:
         """Return the number of facets."""

@@ -125,13 +125,12 @@ def meet_at_corner(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MedialAxis(ReadOnlyState):
-    """Points of a medial axis, found on the edges of a grid, an octree or a mesh.
+    """Points of a medial axis, found on the edges of a grid.
 
     Parameters
     ----------
     points : float64[n, dim]
-        Points where two fronts meet.  They lie on an edge; on octrees and meshes, points around
-        curves of the axis and at its rim may be off the edge by up to twice its length.
+        Points where two fronts meet.  They lie on edges of the grid.
     normals : float64[n, dim]
         Unit normals of the medial axis at these points, of either sign.  Where the axis is a curve
         in space (or a point in the plane), one of the directions across it.

@@ -87,8 +87,8 @@ class DomainOnGrid:
         away = away * np.column_stack([found.place, 1.0 - found.place])
         return MedialAxis.of(fronts, away, apex[sharp], grid.shape)
 
-    def feature_size(self, medial: MedialAxis, _: float) -> FloatArray:
-        """Return the local feature size; the angle of creases is not used."""
+    def feature_size(self, medial: MedialAxis) -> FloatArray:
+        """Return the local feature size."""
         grid, phi = self.grid, self.phi
         inside = _is_inside(grid, phi <= 0.0)
         seeds = medial.distances.copy()

@@ -1,4 +1,7 @@
-"""The medial axis of a boundary and the feature size, on a mesh, which may be that of an octree."""
+"""The feature size inside the zero level of a function, on a mesh such as that of an octree.
+
+On and near the edges of the mesh, points of the medial axis are found, where two fronts meet.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +15,13 @@ import numpy as np
 from adaptsize._defaults import CORNER_ANGLE
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import components_of
-from adaptsize.geometry.distance.closest_points import Boundary, Depths, SurfaceBoundary
+from adaptsize.geometry.distance.closest_points import Boundary, Depths
 from adaptsize.geometry.distance.fast_marching import march_through_mesh
-from adaptsize.geometry.distance.orientation import oriented
-from adaptsize.geometry.faces import smooth_passages
-from adaptsize.geometry.medial.fronts import Fronts, MedialAxis, Rows, meet_at_corner
+from adaptsize.geometry.medial.fronts import Fronts, Rows, meet_at_corner
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, LongArray, ProgressCallback
 
-#: Default of the smallest angle, in degrees, between the directions to the boundary.
-SEPARATION_ANGLE = 40.0
+# Cosine of the smallest angle, 40 degrees, between the directions to the boundary.
+_LEAST = float(np.cos(np.radians(40.0)))
 
 # Edges processed between two progress reports.
 _EDGES_AT_ONCE = 200_000
@@ -63,16 +64,12 @@ class DomainOnMesh:
     nodes : Depths
         Depths of the nodes of the mesh.
     report : callable
-    corner_angle, separation_angle : float
-        As for `adaptsize.medial_axis`, degrees.
     """
 
     mesh: SimplexMesh
     boundary: Boundary
     nodes: Depths
     report: ProgressCallback
-    corner_angle: float = CORNER_ANGLE
-    separation_angle: float = SEPARATION_ANGLE
 
     @cached_property
     def inside(self) -> BoolArray:
@@ -80,23 +77,12 @@ class DomainOnMesh:
         # Nodes closer to the boundary, in diagonals of the background, are on it.
         return np.asarray(self.nodes.depth >= -1e-12 * self.mesh.diagonal)
 
-    @cached_property
-    def _least(self) -> float:
-        """Cosine of the smallest angle between the directions to the boundary."""
-        # Below 1, as the normal of the axis is a difference of directions.
-        return min(float(np.cos(np.radians(self.separation_angle))), 1.0 - _ROUNDING)
-
-    def medial_axis(self) -> MedialAxis:
-        """Return the medial axis."""
+    def _fronts(self) -> Fronts:
+        """Return points of the medial axis."""
         found = self._find_fronts()
-        if len(found.ends) == 0 and not (self.nodes.depth > 0.0).any():
-            raise ValueError(
-                "boundary must have a node or an edge of the background in it, got none"
-            )
-        dropped, corners = self._at_corners(found)
+        dropped = self._at_corners(found)
         rim = self._beyond_corners(found.taken(dropped))
-        fronts = Fronts.joined([found.taken(~dropped), rim.taken(~self._at_corners(rim)[0])])
-        return MedialAxis.of(fronts, self._distances(fronts), corners, (self.mesh.n_points,))
+        return Fronts.joined([found.taken(~dropped), rim.taken(~self._at_corners(rim))])
 
     def _find_fronts(self) -> Fronts:
         """Return the points inside where fronts from different parts of the boundary meet.
@@ -129,7 +115,7 @@ class DomainOnMesh:
         turn = parts.outward[:, 1] - parts.outward[:, 0]
         # Outward at both ends: the depth has a ridge.  Inward: the outside has one.
         ridge = (turn * parts.way).sum(axis=1) > 0.0
-        return parts.taken(directed & ridge & (parts.cosine <= self._least))
+        return parts.taken(directed & ridge & (parts.cosine <= _LEAST))
 
     def _leave_boundary(
         self, parts: _Parts, at: FloatArray, offset: FloatArray, seen: Depths
@@ -153,7 +139,7 @@ class DomainOnMesh:
             self._leave_boundary(part, middle, offset, seen)
             cosines = (part.outward * seen.outward[:, None, :]).sum(axis=2)
             first = cosines[:, 0] < cosines[:, 1]
-            jumps = cosines.min(axis=1, initial=1.0) <= self._least
+            jumps = cosines.min(axis=1, initial=1.0) <= _LEAST
             going, first, middle = going[jumps], first[jumps], middle[jumps]
             side = np.where(first, 1, 0)
             parts.at[going, side] = middle
@@ -199,7 +185,7 @@ class DomainOnMesh:
         depth = np.column_stack([seen.depth, far.depth])
         outward = np.stack([seen.outward, far.outward], axis=1)
         rays = _Parts(ends, start, way, np.tile([0.0, 1.0], (len(ends), 1)), depth, outward)
-        rays = rays.taken((seen.depth > 0.0) & (rays.cosine <= self._least))
+        rays = rays.taken((seen.depth > 0.0) & (rays.cosine <= _LEAST))
         self._narrow(rays)
         return _equidistant(rays.taken(rays.has_jump))
 
@@ -208,33 +194,18 @@ class DomainOnMesh:
         way = np.diff(self.mesh.points[fronts.ends], axis=1)[:, 0]
         return np.asarray(np.linalg.norm(way, axis=1))
 
-    def _at_corners(self, fronts: Fronts) -> tuple[BoolArray, FloatArray]:
-        """Return which points to drop: at corners, unresolved, or outside; and the corners.
-
-        Where reentrant edges meet in a vertex, as at the corners of a rib on a plate, fronts come
-        from edges; tangent planes do not detect these corners.
-        """
-        from scipy.spatial import cKDTree
-
-        meet, apex = meet_at_corner(self.boundary.distance, 0.0, fronts, self.corner_angle)
+    def _at_corners(self, fronts: Fronts) -> BoolArray:
+        """Return which points to drop: at corners, unresolved, or outside."""
+        meet, _ = meet_at_corner(self.boundary.distance, 0.0, fronts, CORNER_ANGLE)
         # Directions at the ends of the last part of an edge are those of a point if its radius is
         # this share of the edge at least, sixteen times that part.
         small = fronts.radii < (1.0 / 16.0) * self._edge_lengths(fronts)
-        dropped = small.copy()
-        vertices = self.boundary.vertices
-        if len(vertices) and len(fronts.radii):
-            vertex = vertices[cKDTree(vertices).query(fronts.points)[1]]
-            away = np.linalg.norm(fronts.feet() - vertex[:, None, :], axis=2)
-            # If both feet are at most this number of radii away from a vertex, they are on its
-            # edges; the feet on a vertex and a wall are farther apart by a factor of the square
-            # root of 2.
-            dropped |= (away <= 1.2 * fronts.radii[:, None]).all(axis=1)
-        dropped &= fronts.cosine > -np.cos(np.radians(self.corner_angle))
+        dropped = small & (fronts.cosine > -np.cos(np.radians(CORNER_ANGLE)))
         # If an edge leaves the domain between two inside points, directions reverse there.
         for side in range(2):
             half_way = fronts.feet(0.5)[small, side]
             dropped[small] |= self.boundary.seen_from(half_way).depth <= 0.0
-        return meet | dropped, apex[meet]
+        return np.asarray(meet | dropped)
 
     def _distances(self, fronts: Fronts) -> FloatArray:
         """Return the distances of the ends of the edges from the medial axis, float64[n, 2].
@@ -255,56 +226,36 @@ class DomainOnMesh:
         is_inside = (1.0 + _ACROSS) * aside[oblique] < fronts.radii[oblique[0]]
         sides = [self.boundary.seen_from(foot + sign * off, is_inside) for sign in (-1.0, 1.0)]
         turn = sides[1].outward - sides[0].outward
-        goes_on = (sides[0].outward * sides[1].outward).sum(axis=1) <= self._least
+        goes_on = (sides[0].outward * sides[1].outward).sum(axis=1) <= _LEAST
         goes_on &= (turn * off).sum(axis=1) > 0.0
         goes_on &= (sides[0].depth > 0.0) & (sides[1].depth > 0.0)
         distances[oblique] = np.where(goes_on, np.abs(across[oblique]), distances[oblique])
         return np.asarray(distances)
 
-    def feature_size(self, medial: MedialAxis, crease_angle: float) -> FloatArray:
-        """Return the local feature size at the nodes of the mesh, as `adaptsize.feature_size`."""
-        return self.sizes_inside(medial, crease_angle)[0]
-
-    def sizes_inside(
-        self, medial: MedialAxis, crease_angle: float
-    ) -> tuple[FloatArray, InnerCells | None, FloatArray]:
+    def sizes_inside(self) -> tuple[FloatArray, InnerCells, FloatArray]:
         """Return the local feature size at the nodes of the mesh, and at those of its cells inside.
-
-        Parameters
-        ----------
-        medial : MedialAxis
-        crease_angle : float
-            Smallest turn at a corner of a plane boundary, in degrees.
 
         Returns
         -------
         size : float64[mesh.n_points]
-            As for `adaptsize.feature_size`; the smallest if a node outside has several copies.
-        inner : InnerCells or None
-            None if no node is inside.
+            The smallest if a node outside has several copies; inf if it has none.
+        inner : InnerCells
         of_inner : float64[inner.mesh.n_points]
             The size at the nodes of the inner cells.
         """
-        seeds, surface = medial.distances.copy(), self.boundary
+        fronts, seeds = self._fronts(), np.full(self.mesh.n_points, np.inf)
+        np.minimum.at(seeds, fronts.ends, self._distances(fronts))
         centres = self._add_deepest(seeds)
         size = np.where(self.inside, np.inf, seeds + self.nodes.depth)
-        if not self.inside.any():
-            return size, None, np.empty(0)
         inner = _inner_cells(self.mesh, self.inside)
         depth = self.nodes.depth[inner.nodes]
-        marched = depth + self._from_axis(inner, seeds, medial, centres)
+        marched = depth + self._from_axis(inner, seeds, fronts, centres)
         _bound_outside(inner, marched)
-        if self.mesh.dim == 2 and isinstance(surface, SurfaceBoundary):
-            lengths = edge_lengths(surface.surface, crease_angle)
-            along = lengths[surface.surface.locator.nearest(inner.mesh.points)[0]] + np.abs(depth)
-            text = "marching from edges"
-            grown = march_through_mesh(inner.mesh, along, report=self.report, text=text)
-            marched = np.minimum(marched, grown)
         np.minimum.at(size, inner.nodes, marched)
         return size, inner, marched
 
     def _from_axis(
-        self, inner: InnerCells, seeds: FloatArray, medial: MedialAxis, centres: FloatArray
+        self, inner: InnerCells, seeds: FloatArray, fronts: Fronts, centres: FloatArray
     ) -> FloatArray:
         """Return the distances of nodes from the medial axis and from centres of balls.
 
@@ -316,9 +267,9 @@ class DomainOnMesh:
         starts = np.where(inner.inside, seeds[inner.nodes], np.inf)
         text = "marching from the medial axis"
         marched = march_through_mesh(inner.mesh, starts, report=self.report, text=text)
-        points = np.concatenate([medial.points, centres])
+        points = np.concatenate([fronts.points, centres])
         if len(points):
-            radii = np.concatenate([medial.radii, self.boundary.distance(centres)])
+            radii = np.concatenate([fronts.radii, self.boundary.distance(centres)])
             straight, nearest = cKDTree(points).query(inner.mesh.points)
             # The segment between a node and a point of the medial axis is assumed to be in the
             # domain if the balls around them, the latter enlarged by this factor, overlap.
@@ -479,32 +430,6 @@ def _copies(cells: LongArray, inside: BoolArray) -> tuple[IndexArray, IndexArray
     names, hub = np.unique(shared, return_inverse=True)
     links = np.column_stack([row, len(corner) + hub.reshape(-1)])
     return corner, components_of(links, len(corner) + len(names))[: len(corner)]
-
-
-def edge_lengths(line: SimplexMesh, crease_angle: float) -> FloatArray:
-    """Return for each segment the length of the edge between corners that it belongs to.
-
-    Parameters
-    ----------
-    line : SimplexMesh
-        Segments in the plane.
-    crease_angle : float
-        Nodes where the line turns by more are corners, in degrees; so are ends and branch points.
-
-    Returns
-    -------
-    float64[n_cells]
-        inf for closed lines without corners.
-    """
-    whole = oriented(line)[0]
-    passed, one, other = smooth_passages(whole, np.radians(crease_angle))
-    edge = components_of(np.column_stack([one, other]), whole.n_cells)
-    is_corner = np.ones(whole.n_points, np.bool_)
-    is_corner[passed] = False
-    total = np.bincount(edge, whole.measures)
-    has_corner = np.zeros(len(total), np.bool_)
-    has_corner[edge[is_corner[whole.cells].any(axis=1)]] = True
-    return np.asarray(np.where(has_corner, total, np.inf)[edge])
 
 
 # Centres of balls
