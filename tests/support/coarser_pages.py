@@ -158,7 +158,6 @@ COARSER = {
     "docs/width.md": [
         ("spacing=1.0", "spacing=4.0"),
         ("spacing=3.0", "spacing=12.0"),
-        ("g=0.25), max_level=12", "g=0.25), max_level=3"),
     ],
     # The essential lines of examples.
     "examples/fem_loop.py": [("800, 1600, 3200, 6400", "400, 800")],
