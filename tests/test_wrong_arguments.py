@@ -48,7 +48,7 @@ WRONG = [
     ),
     ("hmin must be a number, got int 1000", lambda: SIZE.clip(hmin=10**400)),
     ("sources must be a list of them", lambda: ads.size_from_sources(SQUARE, np.array(None))),
-    ("medial must be a MedialAxis, got 3", lambda: ads.feature_size(ads.CartesianGrid([0, 0], 1.0, (3, 3)), LINE, 3)),
+    ("medial must be a MedialAxis, got 3", lambda: ads.feature_size(GRID, LINE, 3)),
     ("function must be a function of points, got inf", lambda: GRID.sample(np.inf)),
     (
         "needs_refinement must be a function of centres and sizes, got array",
