@@ -134,8 +134,14 @@ class Faces:
 
     @property
     def is_rough(self) -> bool:
-        """Whether most faces are single facets, as on surfaces with noise."""
-        return 2 * int(np.count_nonzero(np.bincount(self.face) == 1)) > self.n_faces
+        """Whether most faces are single facets, as on surfaces with noise; never in the plane.
+
+        There, faces are the lines between corners, and a polygon has one segment on each.
+        """
+        return (
+            self.mesh.dim == 3
+            and 2 * int(np.count_nonzero(np.bincount(self.face) == 1)) > self.n_faces
+        )
 
     @cached_property
     def frame(self) -> Frame:
