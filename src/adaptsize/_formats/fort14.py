@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import re
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +19,14 @@ from adaptsize.errors import MeshFileError
 
 #: The nodal field that the third column holds.
 DEPTH = "depth"
+#: Words in the names of open boundaries.
+_OPEN = re.compile(r"\b(open|ocean)\b", re.IGNORECASE)
+#: Types of boundaries without flow: of the mainland, and of islands, whose lists are not closed.
+_MAINLAND, _ISLANDS = 0, (1, 11, 21)
 
 
 def read(path: Path) -> RawMesh:
-    """Return the triangles and the depth.  Lists of boundaries are left out.
+    """Return the triangles, the depth, and the open and land boundaries as tagged edges.
 
     Raises
     ------
@@ -50,7 +57,51 @@ def read(path: Path) -> RawMesh:
     place = np.searchsorted(names, cells[:, 2:]).clip(0, max(n_points - 1, 0))
     if n_points == 0 or (names[place] != cells[:, 2:]).any():
         raise MeshFileError("has an element with a node that is not in the file")
-    return RawMesh(points[:, 1:3], [("triangle", order[place])], {DEPTH: points[:, 3]})
+    raw = RawMesh(points[:, 1:3], [("triangle", order[place])], {DEPTH: points[:, 3]})
+    _add_boundaries(raw, lines[2 + n_points + n_cells :], order, names)
+    return raw
+
+
+def _add_boundaries(
+    raw: RawMesh, lines: Sequence[bytes], order: npt.NDArray[Any], names: npt.NDArray[Any]
+) -> None:
+    """Add the lists of boundaries to a mesh, or a note if they are damaged."""
+    try:
+        found = list(_lists(iter(lines)))
+    except (ValueError, IndexError, StopIteration, RuntimeError):
+        if any(line.strip() for line in lines):
+            raw.notes.append("the lists of boundaries cannot be read and are left out")
+        return
+    found = [(name, nodes) for name, nodes in found if len(nodes) > 1]
+    if not found:
+        return
+    labels = sorted({name for name, _ in found})
+    edges = np.array([pair for _, nodes in found for pair in pairwise(nodes)])
+    place = np.searchsorted(names, edges).clip(0, len(names) - 1)
+    if (names[place] != edges).any():
+        raise MeshFileError("has a boundary with a node that is not in the file")
+    tags = np.repeat(
+        [labels.index(name) + 1 for name, _ in found], [len(nodes) - 1 for _, nodes in found]
+    )
+    raw.blocks.append(("line", order[place]))
+    raw.cell_data = {"cell_tags": [np.zeros(len(raw.blocks[0][1]), np.int32), tags]}
+    raw.tag_names = {(1, k + 1): name for k, name in enumerate(labels)}
+
+
+def _lists(lines: Iterator[bytes]) -> Iterator[tuple[str, list[int]]]:
+    """Yield the name and the nodes of each boundary, closed if it is that of an island."""
+    for kind in ("open", "land"):
+        n_lists = int(next(lines).split()[0])
+        next(lines)  # the number of nodes in all
+        for _ in range(n_lists):
+            head, _, comment = next(lines).partition(b"=")
+            words = head.split()
+            is_island = kind == "land" and len(words) > 1 and int(words[1]) in _ISLANDS
+            nodes = [int(next(lines).split()[0]) for _ in range(int(words[0]))]
+            if is_island and nodes and nodes[0] != nodes[-1]:
+                nodes.append(nodes[0])
+            name = comment.decode("utf-8", "replace").partition(":")[2].strip()
+            yield name or ("island" if is_island else kind), nodes
 
 
 def _columns(rows: list[list[bytes]], count: int, dtype: type) -> npt.NDArray[Any]:
@@ -64,8 +115,9 @@ def _columns(rows: list[list[bytes]], count: int, dtype: type) -> npt.NDArray[An
 def write(path: Path, mesh: SimplexMesh) -> None:
     """Write triangles in the plane with the nodal field ``depth``, or 0 without it.
 
-    The last part of the file, the lists of open and land boundaries, has no entry: they follow
-    from what the flow model does at each boundary.
+    If there are tagged facets, all edges of the boundary are in the lists at the end.  Those with
+    the word "open" or "ocean" in the name of their tag are open.  The others are land, of type 0,
+    or 1 around islands.
     """
     if mesh.dim != 2 or mesh.cell_dim != 2:
         raise ValueError(f"obj must be triangles in the plane for fort.14, got {mesh!r}")
@@ -79,6 +131,53 @@ def write(path: Path, mesh: SimplexMesh) -> None:
     three = np.full(mesh.n_cells, 3)
     cells = np.column_stack([np.arange(1, mesh.n_cells + 1), three, mesh.cells + 1])
     np.savetxt(text, cells, fmt="%d")
-    text.write("0 = number of open boundaries\n0 = total number of open boundary nodes\n")
-    text.write("0 = number of land boundaries\n0 = total number of land boundary nodes\n")
-    path.write_text(text.getvalue(), encoding="ascii")
+    boundaries = [] if mesh.tagged_facets is None else list(_boundaries(mesh))
+    for kind in ("open", "land"):
+        lists = [(n, t, own) for n, t, own in boundaries if (t is None) == (kind == "open")]
+        total = sum(len(own) for *_, own in lists)
+        text.write(f"{len(lists)} = number of {kind} boundaries\n")
+        text.write(f"{total} = total number of {kind} boundary nodes\n")
+        for number, (name, ibtype, own) in enumerate(lists, 1):
+            count = len(own) if ibtype is None else f"{len(own)} {ibtype}"
+            text.write(f"{count} = number of nodes for {kind} boundary {number}: {name}\n")
+            np.savetxt(text, own + 1, fmt="%d")
+    path.write_text(text.getvalue(), encoding="utf-8")
+
+
+def _boundaries(mesh: SimplexMesh) -> Iterator[tuple[str, int | None, npt.NDArray[Any]]]:
+    """Yield the name of each part of the boundary, its type or None if it is open, and its nodes.
+
+    The domain is to the left.
+    """
+    found = mesh.boundary()
+    edges, tags = found.nodes[found.mesh.cells], found.mesh.cell_tags
+    assert tags is not None
+    for ring in _rings(edges):
+        start = edges[ring, 0]
+        x, y = (mesh.points[start] - mesh.points[start[0]]).T
+        is_island = float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) < 0.0
+        breaks = np.flatnonzero(tags[ring] != np.roll(tags[ring], 1))
+        turned = np.roll(ring, -breaks[0] if len(breaks) else 0)
+        for part in np.split(turned, (breaks - breaks[0])[1:] if len(breaks) else []):
+            name = mesh.tag_names.get((1, int(tags[part[0]])), "land")
+            is_open = _OPEN.search(name) is not None
+            nodes = np.append(edges[part, 0], edges[part[-1], 1])
+            if is_island and not is_open and not len(breaks):
+                nodes = nodes[:-1]
+            yield name, None if is_open else _ISLANDS[0] if is_island else _MAINLAND, nodes
+
+
+def _rings(edges: npt.NDArray[Any]) -> Iterator[npt.NDArray[np.intp]]:
+    """Yield the numbers of the edges of each ring in order."""
+    leaving: dict[int, list[int]] = {}
+    for number, node in enumerate(edges[:, 0].tolist()):
+        leaving.setdefault(node, []).append(number)
+    ends = edges[:, 1].tolist()
+    while leaving:
+        node, ring = next(iter(leaving)), []
+        while node in leaving:
+            ring.append(leaving[node].pop())
+            if not leaving[node]:
+                del leaving[node]
+            node = ends[ring[-1]]
+        yield np.array(ring)
