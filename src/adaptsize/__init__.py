@@ -54,6 +54,7 @@ _HOMES = {
     "transfer_fields": "adaptation",
     "FieldTransfer": "adaptation",
     "report": "reporting",
+    "polygons": "io",
     "read": "io",
     "read_cad": "remeshing",
     "read_image": "io",

@@ -17,13 +17,14 @@ from adaptsize._formats.completeness import check_end
 from adaptsize._formats.gmsh import refuse_split
 from adaptsize._formats.guards import about_file, check_readable, is_special, write_whole
 from adaptsize._formats.limited import read_limited
+from adaptsize._formats.polygons import polygons
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.image import Image
 from adaptsize.errors import ImageWarning, MeshFileError, MeshRepairWarning
 from adaptsize.metrics import Metric, MetricFunction
 
-__all__ = ["is_image_file", "read", "read_image", "read_metric", "read_size", "write"]
+__all__ = ["is_image_file", "polygons", "read", "read_image", "read_metric", "read_size", "write"]
 
 
 def read(

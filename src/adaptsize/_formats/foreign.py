@@ -56,6 +56,27 @@ def read_meshio_edited(path: Path, pattern: str, new: str, copy: str) -> dict[st
     return read_meshio(Path(copy))
 
 
+def read_shp(path: Path) -> list[Any]:
+    """Return the polygons and lines in a shapefile, and the number of other shapes.
+
+    Each has the fields of its record, whether it is a polygon, its points, and where its parts
+    begin.
+    """
+    import shapefile
+
+    found: list[Any] = []
+    with shapefile.Reader(str(path), encodingErrors="replace") as reader:
+        shapes = reader.shapes()
+        records = reader.records() if reader.dbf is not None else [None] * len(shapes)
+    for shape, record in zip(shapes, records, strict=True):
+        if shape.shapeType % 10 in (3, 5) and shape.points:
+            fields = {} if record is None else record.as_dict()
+            texts = {name: text for name, text in fields.items() if isinstance(text, str)}
+            points = np.array([point[:2] for point in shape.points], dtype=np.float64)
+            found.append([texts, shape.shapeType % 10 == 5, points, [int(k) for k in shape.parts]])
+    return [found, len(shapes) - len(found)]
+
+
 def read_trimesh(path: Path) -> dict[str, Any]:
     """Return the triangles of all parts of a scene, in its coordinates."""
     import trimesh

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from adaptsize._formats import fort14
+from adaptsize._formats import fort14, polygon_files
 from adaptsize._formats.blocks import RawMesh, check_raw
 from adaptsize._formats.completeness import check_counts, check_end
 from adaptsize._formats.gmsh import is_partitioned, read_blocks, read_names, read_view
@@ -153,4 +153,5 @@ _LOADERS: dict[str, tuple[Callable[[Path], RawMesh], ...]] = {
     **dict.fromkeys((".bdf", ".nas", ".fem"), (_load_with_meshio, _load_bulk)),
     **dict.fromkeys((".14", ".grd", ".gr3"), (fort14.read,)),
     ".pos": (read_view,),
+    **dict.fromkeys(polygon_files.READERS, (polygon_files.load,)),
 }

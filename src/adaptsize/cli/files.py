@@ -71,12 +71,24 @@ def check_files(
             taken[place] = option
 
 
-def read_mesh(path: Path) -> SimplexMesh:
-    """Return the mesh in a file, or the triangulated surface of a CAD model."""
-    from adaptsize.io import read
+def read_mesh(path: Path, tolerance: float = 0.0) -> SimplexMesh:
+    """Return the mesh in a file, the surface of a CAD model, or the domain between polygons.
+
+    The latter are simplified within the tolerance, over the diameter.
+    """
+    from adaptsize.io import polygons, read
     from adaptsize.remeshing.cad import is_cad_file, read_cad
 
+    if is_of_polygons(path):
+        return polygons(path, tolerance=tolerance)
     return read_cad(path) if is_cad_file(path) else read(path)
+
+
+def is_of_polygons(path: Path) -> bool:
+    """Return whether a file holds polygons or lines, by its name."""
+    from adaptsize._formats.polygon_files import READERS
+
+    return path.suffix.lower() in READERS
 
 
 def beside(path: Path) -> Path | None:

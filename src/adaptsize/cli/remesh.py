@@ -18,6 +18,7 @@ from adaptsize.cli.files import (
     beside,
     check_files,
     draw,
+    is_of_polygons,
     print_written,
     read_mesh,
     write_mesh,
@@ -171,7 +172,11 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
     """Return the mesh in the file, closed if that is requested; refuse what cannot be meshed."""
     from adaptsize.remeshing.driver import check_backend
 
-    mesh, close = read_mesh(file), given.pop("close", False)
+    # Half of the tolerance is for the mesh generator.
+    mesh = read_mesh(file, 0.5 * given.get("tolerance", TOLERANCE))
+    if is_of_polygons(file):
+        console.say("the lines are simplified within half of the tolerance")
+    close = given.pop("close", False)
     if "target" not in given and not close and _is_for_surfaces(output, mesh, given):
         given["target"] = "triangles"
         console.say(

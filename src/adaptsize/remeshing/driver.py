@@ -328,5 +328,8 @@ def _task(mesh: SimplexMesh, target: str) -> Task:
     if given == (2, 3):
         return "surface" if target == "triangles" else "surface to tetrahedra"
     if given[0] == 1:
-        raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
+        raise ValueError(
+            f"mesh must consist of triangles or tetrahedra, got {mesh!r}; "
+            "adaptsize.polygons returns the domain between closed lines in the plane"
+        )
     raise ValueError(f"target {target!r} cannot be made from {mesh!r}")
