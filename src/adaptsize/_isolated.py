@@ -22,7 +22,13 @@ def isolated(program: str, *arguments: object) -> list[str]:
 def environment() -> dict[str, str]:
     """Return the environment of a child that imports from the folders of this process.
 
-    The working folder is not among them, even where this process imports from it.
+    The working folder is not among them, even where this process imports from it, unless it holds
+    this package.
     """
-    paths = [os.path.abspath(path) for path in sys.path if path]
-    return {**os.environ, _PATH: os.pathsep.join(paths)}
+    try:
+        here = os.getcwd()
+    except OSError:  # it has been removed
+        here = ""
+    paths = {os.path.abspath(path): None for path in sys.path if path not in ("", here)}
+    package = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    return {**os.environ, _PATH: os.pathsep.join({**paths, package: None})}

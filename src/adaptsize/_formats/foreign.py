@@ -7,7 +7,10 @@ Modules with compiled kernels are not imported here, because that would take a s
 from __future__ import annotations
 
 import re
+import sys
+from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -35,8 +38,7 @@ def read_picture(path: Path, name: str | None) -> list[Any]:
 
 def read_meshio(path: Path) -> dict[str, Any]:
     """Return the mesh in any other file."""
-    import meshio
-
+    meshio = _meshio()
     mesh = meshio.read(path, file_format="gmsh" if path.suffix.lower() == ".msh" else None)
     blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
     ragged = next((name for name, cells in blocks if cells.dtype == object), None)
@@ -77,20 +79,35 @@ def read_shp(path: Path) -> list[Any]:
     return [found, len(shapes) - len(found)]
 
 
+def _meshio() -> Any:
+    """Return the package, which imports h5py for XDMF even where all numbers are text."""
+    import meshio
+
+    if "h5py" not in sys.modules and find_spec("h5py") is None:
+        sys.modules["h5py"] = _NoHdf5("h5py")
+    return meshio
+
+
+class _NoHdf5(ModuleType):
+    def __getattr__(self, name: str) -> Any:
+        raise MeshFileError("holds numbers in a file of HDF5, which needs the package h5py")
+
+
 def read_trimesh(path: Path) -> dict[str, Any]:
     """Return the triangles of all parts of a scene, in its coordinates."""
     import trimesh
 
-    mesh: Any = trimesh.load_mesh(path, process=False)
+    mesh: Any = trimesh.load_mesh(path, process=False, skip_materials=True)
     points = np.asarray(mesh.vertices, dtype=np.float64)
     faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
     return RawMesh(points, [("triangle", faces)]).packed()
 
 
-def write_meshio(path: Path, packed: dict[str, Any], file_format: str) -> None:
+def write_meshio(
+    path: Path, packed: dict[str, Any], file_format: str, options: dict[str, Any]
+) -> None:
     """Write a mesh by meshio."""
-    import meshio
-
+    meshio = _meshio()
     raw = RawMesh.unpacked(packed)
     mesh = meshio.Mesh(raw.points, raw.blocks, raw.point_data, raw.cell_data)
-    meshio.write(path, mesh, file_format=file_format)
+    meshio.write(path, mesh, file_format=file_format, **options)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import secrets
 import shutil
 import tempfile
 from collections.abc import Callable
+from html import unescape
 from pathlib import Path
+from urllib.parse import unquote
 
 from adaptsize.errors import MeshFileError
 
@@ -28,6 +31,46 @@ def check_readable(path: Path) -> None:
         raise MeshFileError(f"{error.strerror or error}") from error
     if empty:
         raise MeshFileError("is empty")
+
+
+#: Lines that may have names of other files, by suffix, and the words in them that may be names.
+_WITH_LETTERS = re.compile(r"^.*[A-DF-Za-df-z/\\].*$", re.MULTILINE)
+_NAMING = {
+    **dict.fromkeys((".pvtu", ".pvtp", ".vtm", ".gltf", ".xdmf", ".xmf", ".nhdr"), _WITH_LETTERS),
+    ".inp": re.compile(r"^\s*\*\s*INCLUDE.*$", re.MULTILINE | re.IGNORECASE),
+}
+_WORDS = re.compile(r"[^\"'<>\r\n:=,]+")
+
+
+def files_named_in(path: Path) -> list[Path]:
+    """Return the existing files that a file names.
+
+    Raises
+    ------
+    MeshFileError
+        If one is outside of its folder, or a device or pipe.  The message does not have the path.
+    """
+    lines = _NAMING.get(path.suffix.lower())
+    if lines is None:
+        return []
+    text = unquote(unescape(path.read_text(encoding="utf-8", errors="replace")))
+    words = {
+        word.strip()
+        for line in lines.findall(text)
+        for word in _WORDS.findall(line)
+        if len(word) < 300
+    }
+    folder, found = path.parent.resolve(), []
+    for word in words:
+        file = folder / word
+        if not os.path.exists(file) or file.is_dir():  # Path.exists raises for long names
+            continue
+        if folder not in file.resolve().parents:
+            raise MeshFileError(f"names the file {word!r}, which is outside of its folder")
+        if is_special(file):
+            raise MeshFileError(f"names {word!r}, which is a device or a pipe")
+        found.append(file)
+    return found
 
 
 def about_file(path: str | os.PathLike[str], error: BaseException) -> MeshFileError:

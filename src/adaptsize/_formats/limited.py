@@ -15,6 +15,7 @@ import contextlib
 import io
 import json
 import os
+import re
 import select
 import signal
 import subprocess
@@ -30,6 +31,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from adaptsize._formats.guards import files_named_in
 from adaptsize._isolated import environment, isolated
 from adaptsize.errors import MeshFileError
 
@@ -63,7 +65,7 @@ def read_limited(function: str, path: Path, *arguments: Any) -> Any:
     MeshFileError
         If the function raises, crashes or exceeds a limit.
     """
-    size = _bytes_of(path)
+    size = sum(file.stat().st_size for file in [path, *files_named_in(path)])
     limits = [_MEMORY + _MEMORY_PER_BYTE * size, _SECONDS + _SECONDS_PER_BYTE * size]
     return _call([function, str(path.absolute()), *arguments], limits)
 
@@ -71,17 +73,6 @@ def read_limited(function: str, path: Path, *arguments: Any) -> Any:
 def call_unlimited(function: str, path: Path, *arguments: Any) -> Any:
     """Call a function that writes a file, or reads what this package has written."""
     return _call([function, str(path.absolute()), *arguments], None)
-
-
-def _bytes_of(path: Path) -> int:
-    """Return the size of a file and of the files in its folder that it names, if it is an index."""
-    size = path.stat().st_size
-    if path.suffix.lower() in (".pvtu", ".pvtp", ".vtm", ".gltf", ".xdmf", ".xmf", ".nhdr"):
-        words = set(path.read_text(encoding="utf-8", errors="replace").replace(">", '"').split('"'))
-        lines = {line.rpartition(":")[2].strip() for word in words for line in word.splitlines()}
-        named = (path.parent / line for line in lines if 0 < len(line) < 200 and "\0" not in line)
-        size += sum(file.stat().st_size for file in named if file.is_file())
-    return size
 
 
 def _call(job: list[Any], limits: list[float] | None) -> Any:
@@ -293,8 +284,8 @@ def _done(job: list[Any]) -> tuple[Any, str | None]:
 
 def _line(error: BaseException, printed: str) -> str:
     """Return one short line with the error of another package."""
-    if isinstance(error, ModuleNotFoundError) and error.name:
-        return f"needs the package {error.name} (pip install {error.name})"
+    if missing := re.search(r"No module named '(\w+)", str(error)):
+        return f"needs the package {missing[1]} (pip install {missing[1]})"
     lines = printed if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
     text = "; ".join(line.strip().rstrip(".") for line in lines.splitlines() if line.strip())
     line = " ".join(text.split()) or type(error).__name__

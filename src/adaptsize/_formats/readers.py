@@ -19,7 +19,6 @@ from adaptsize._formats.completeness import check_counts, check_end
 from adaptsize._formats.gmsh import is_partitioned, read_blocks, read_names, read_view
 from adaptsize._formats.limited import read_limited
 from adaptsize._formats.surfaces import read_corners, read_off, read_ply
-from adaptsize._formats.xdmf import read_xdmf
 from adaptsize.background.merging import merge_equal_points
 from adaptsize.errors import MeshFileError
 
@@ -147,9 +146,8 @@ _LOADERS: dict[str, tuple[Callable[[Path], RawMesh], ...]] = {
     **dict.fromkeys((".gltf", ".glb", ".3mf"), (_load_scene,)),
     **dict.fromkeys((".vtk", ".vtu", ".vtp", ".vtr", ".vts", ".vtm", ".vtkhdf"), (_load_with_vtk,)),
     **dict.fromkeys((".pvtu", ".pvtp"), (_load_pieces,)),
-    **dict.fromkeys((".xdmf", ".xmf"), (_load_with_meshio, read_xdmf)),  # meshio needs h5py
     ".msh": (_load_gmsh, _load_gmsh_without_cell_fields),
-    **dict.fromkeys((".mesh", ".meshb", ".inp", ".su2"), (_load_with_meshio,)),
+    **dict.fromkeys((".mesh", ".meshb", ".inp", ".su2", ".xdmf", ".xmf"), (_load_with_meshio,)),
     **dict.fromkeys((".bdf", ".nas", ".fem"), (_load_with_meshio, _load_bulk)),
     **dict.fromkeys((".14", ".grd", ".gr3"), (fort14.read,)),
     ".pos": (read_view,),

@@ -20,7 +20,6 @@ from adaptsize._formats.gmsh import add_names
 from adaptsize._formats.limited import call_unlimited
 from adaptsize._formats.sizes import METRIC, as_tensors
 from adaptsize._formats.surfaces import write_binary
-from adaptsize._formats.xdmf import write_xdmf
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.simplex import as_mesh
@@ -144,8 +143,8 @@ def _plain(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return np.ascontiguousarray(values if values.ndim <= 2 else values.reshape(len(values), -1))
 
 
-def _write_with_meshio(path: Path, content: RawMesh, file_format: str) -> None:
-    call_unlimited("write_meshio", path, content.packed(), file_format)
+def _write_with_meshio(path: Path, content: RawMesh, file_format: str, **options: Any) -> None:
+    call_unlimited("write_meshio", path, content.packed(), file_format, options)
 
 
 def _write_vtk(path: Path, mesh: SimplexMesh, suffix: str) -> None:
@@ -170,7 +169,8 @@ def _write_vti(path: Path, grid: CartesianGrid, fields: Mapping[str, npt.NDArray
 
 
 def _write_xdmf(path: Path, mesh: SimplexMesh) -> None:
-    write_xdmf(path, content_of(mesh, "cell_tags", pad=mesh.dim == 1))
+    content = content_of(mesh, "cell_tags", pad=mesh.dim == 1)
+    _write_with_meshio(path, content, "xdmf", data_format="XML")
 
 
 def _write_gmsh(path: Path, mesh: SimplexMesh) -> None:
