@@ -21,7 +21,7 @@ from adaptsize._checks import (
 )
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.background.simplex import LaterMethod
+from adaptsize.background.simplex import LaterMethod, as_mesh, as_own
 from adaptsize.errors import OutsideError
 from adaptsize.typing import Background, FloatArray
 
@@ -144,6 +144,7 @@ class SizeFunction(ReadOnlyState):
     report: SizeReport | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "background", as_own(self.background))
         if not hasattr(self.background, "nodal_shape"):
             raise ValueError(
                 "background must be a SimplexMesh, a CartesianGrid or an Octree, "
@@ -308,7 +309,7 @@ class SizeFunction(ReadOnlyState):
             Of the same dimension.  ``outside`` determines the values at its nodes outside
             this background.
         """
-        check_type("background", background, SimplexMesh, CartesianGrid, Octree)
+        background = as_mesh("background", background, CartesianGrid, Octree)
         values = _at_nodes(self, background)
         return SizeFunction(background, values, outside=self.outside)
 

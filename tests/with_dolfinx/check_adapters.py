@@ -9,6 +9,7 @@ import numpy as np
 from dolfinx import fem, mesh
 from petsc4py import PETSc
 
+from adaptsize import SimplexMesh
 from adaptsize import distributed as ads
 
 comm = MPI.COMM_WORLD
@@ -43,6 +44,29 @@ def check_dolfinx(domain, measure, dim):
         assert abs(again.measures.sum() - measure) < 1e-12
         order = [np.lexsort(m.points.T) for m in (whole, again)]
         assert np.array_equal(whole.points[order[0]], again.points[order[1]])
+
+
+def check_names(dim):
+    """Compare a mesh on this process with what comes back from DOLFINx."""
+    size = [4, 3, 2][:dim]
+    names = {(dim, 1): "left", (dim, 2): "right", (dim - 1, 5): "skin"}
+    box = mesh.create_unit_square if dim == 2 else mesh.create_unit_cube
+    plain = SimplexMesh.from_object(box(MPI.COMM_SELF, *size))
+    boundary = plain.boundary()
+    tagged = SimplexMesh(
+        plain.points,
+        plain.cells,
+        cell_tags=1 + (plain.points[plain.cells].mean(axis=1)[:, 0] > 0.5),
+        tagged_facets=boundary.nodes[boundary.mesh.cells],
+        facet_tags=np.full(boundary.mesh.n_cells, 5),
+        tag_names=names,
+    )
+    back = SimplexMesh.from_object(tagged.to_dolfinx())
+    assert back.tag_names == names
+    assert np.array_equal(back.cell_tags - 1, back.points[back.cells].mean(axis=1)[:, 0] > 0.5)
+    assert len(back.tagged_facets) == len(tagged.tagged_facets)
+    assert (back.facet_tags == 5).all()
+    assert np.isclose(back.measures.sum(), 1.0)
 
 
 def plex_of_box(dim):
@@ -115,6 +139,8 @@ def check_all():
             except ValueError:
                 continue
             raise AssertionError
+    check_names(2)
+    check_names(3)
     check_petsc(2)
     check_petsc(3)
     check_metric(2)

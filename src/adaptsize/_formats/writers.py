@@ -22,7 +22,7 @@ from adaptsize._formats.sizes import METRIC, as_tensors
 from adaptsize._formats.surfaces import write_binary
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.background.simplex import as_mesh
+from adaptsize.background.simplex import as_own
 from adaptsize.metrics import MetricFunction
 from adaptsize.typing import FloatArray
 
@@ -327,7 +327,7 @@ def parts_of(
 ) -> tuple[SimplexMesh | CartesianGrid, dict[str, npt.ArrayLike]]:
     """Return the mesh or grid, and the nodal fields that must be written."""
     nodal: dict[str, npt.ArrayLike] = {}
-    obj = background = as_mesh(obj)
+    obj = background = as_own(obj)
     if isinstance(obj, SizeFunction):
         background = obj.background
         nodal["h"] = obj.values

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import check_type, describe, one_of, warn_caller
+from adaptsize._checks import describe, one_of, warn_caller
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation._fields import as_fields, methods_of
@@ -31,7 +31,7 @@ from adaptsize.adaptation.report import AdaptReport, lost_tags
 from adaptsize.adaptation.transfer import FieldTransfer
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.background.partitioned import PartitionedMesh
-from adaptsize.background.simplex import as_mesh
+from adaptsize.background.simplex import as_mesh, as_own
 from adaptsize.errors import ResolutionWarning
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, checked, with_options
@@ -175,7 +175,7 @@ def adapt(
             mesh, indicator, h0=cast("BoundLike | None", h0), fields=fields,
             cell_fields=cell_fields, progress=progress, **options,
         )  # fmt: skip
-    mesh = as_mesh(mesh)
+    mesh = as_own(mesh)
     task = _task(mesh)
     given = checked(AdaptOptions, options)
     check_projection(project)
@@ -228,7 +228,7 @@ def adapt(
 
 def _task(mesh: SimplexMesh) -> Task:
     """Return the meshing task."""
-    check_type("mesh", mesh, SimplexMesh)
+    mesh = as_mesh("mesh", mesh)
     tasks: dict[tuple[int, int], Task] = {
         (3, 3): "tetrahedra", (2, 2): "plane triangles", (2, 3): "surface"
     }  # fmt: skip

@@ -25,6 +25,7 @@ from adaptsize.adaptation.overlaps import OUTSIDE, Intersections, intersections_
 from adaptsize.adaptation.projection import Projection, hat_integrals, sums_over
 from adaptsize.adaptation.transfer_in_parts import TransferredFields, transfer_in_parts
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
+from adaptsize.background.simplex import as_mesh, as_own
 from adaptsize.limiting.exact.field import Workers
 from adaptsize.options import TransferOptions, checked, with_options
 from adaptsize.typing import FloatArray, IntArray, NodalMethod, ProgressCallback
@@ -83,6 +84,7 @@ def transfer_fields(
     >>> made.cell_fields["heat"]
     array([2., 2.])
     """
+    old, new = as_own(old), as_own(new)
     _check_kinds(old, new)
 
     def check() -> tuple[TransferOptions, dict[str, Any], dict[str, Any]]:
@@ -195,8 +197,7 @@ class FieldTransfer:
         *,
         progress: ProgressCallback | bool | None = None,
     ) -> None:
-        for name, mesh in (("old", old), ("new", new)):
-            check_type(name, mesh, SimplexMesh)
+        old, new = as_mesh("old", old), as_mesh("new", new)
         _check_kinds(old, new)
         self.old = old
         self.new = new

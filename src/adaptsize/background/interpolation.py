@@ -8,12 +8,12 @@ from typing import Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_points, check_type, one_of
+from adaptsize._checks import as_float_array, as_points, one_of
 from adaptsize.background.grid import CartesianGrid
 from adaptsize.background.octree import Octree
 from adaptsize.background.partitioned import AnyMesh, PartitionedMesh
 from adaptsize.background.requests import ask_nearest, boxes_of, values_at
-from adaptsize.background.simplex import SimplexMesh
+from adaptsize.background.simplex import SimplexMesh, as_mesh
 from adaptsize.typing import FloatArray
 
 Outside = Literal["nearest", "nan"]
@@ -61,7 +61,7 @@ def interpolate(
     >>> interpolate(grid, [[0, 1], [2, 3]], [[0.5, 0.25], [9, 9]], outside="nan").tolist()
     [1.25, nan]
     """
-    check_type("background", background, SimplexMesh, PartitionedMesh, CartesianGrid, Octree)
+    background = as_mesh("background", background, PartitionedMesh, CartesianGrid, Octree)
 
     def check() -> tuple[FloatArray, FloatArray]:
         one_of("outside", outside, ("nearest", "nan"))

@@ -7,13 +7,13 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
 from math import factorial
-from types import MethodType
+from types import MethodType, ModuleType
 from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_nodes
+from adaptsize._checks import as_nodes, check_type
 from adaptsize._kernels.simplex import fill_measures
 from adaptsize._kernels.topology import mark_nodes
 from adaptsize._pickling import ReadOnlyState
@@ -47,19 +47,31 @@ class Boundary(NamedTuple):
 
 
 #: Packages whose meshes `SimplexMesh.from_object` takes.
-_OTHER_PROGRAMS = {"meshio", "pyvista", "vtkmodules", "trimesh", "skfem", "netgen", "ngsolve"}
+_OTHER_PROGRAMS = (
+    *("dolfinx", "gmsh", "meshio", "mfem", "netgen"),
+    *("ngsolve", "pyvista", "skfem", "trimesh", "vtkmodules"),
+)
 
 
-def as_mesh(value: _Result) -> _Result:
+def as_own(value: _Result) -> _Result:
     """Return the mesh of another program as a SimplexMesh, and anything else as it is."""
-    is_foreign = type(value).__module__.partition(".")[0] in _OTHER_PROGRAMS
+    owner = value if isinstance(value, type | ModuleType) else type(value)  # gmsh.model is a class
+    name = getattr(owner, "__module__", owner.__name__)
+    is_foreign = name.partition(".")[0] in _OTHER_PROGRAMS
     return cast(_Result, SimplexMesh.from_object(value)) if is_foreign else value
+
+
+def as_mesh(name: str, value: _Result, *others: type) -> _Result:
+    """Return a mesh, also of another program, or an object of other classes; refuse the rest."""
+    own = as_own(value)
+    check_type(name, own, SimplexMesh, *others)
+    return own
 
 
 class LaterMethod(Generic[_Result]):
     """A method that a module of a higher layer defines, which is imported on its first use."""
 
-    def __init__(self, module: str = "adaptsize._formats.conversion", name: str = "") -> None:
+    def __init__(self, module: str = "adaptsize.bridges.meshes", name: str = "") -> None:
         self.module, self.name = module, name
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -330,8 +342,12 @@ class SimplexMesh(ReadOnlyState):
     from_pyvista = LaterMethod["SimplexMesh"]()
     to_meshio = LaterMethod[Any]()
     to_pyvista = LaterMethod[Any]()
-    to_skfem = LaterMethod[Any]()
     to_trimesh = LaterMethod[Any]()
+    to_dolfinx = LaterMethod[Any]("adaptsize.bridges.solvers")
+    to_gmsh = LaterMethod[Any]("adaptsize.bridges.solvers")
+    to_mfem = LaterMethod[Any]("adaptsize.bridges.solvers")
+    to_netgen = LaterMethod[Any]("adaptsize.bridges.solvers")
+    to_skfem = LaterMethod[Any]("adaptsize.bridges.solvers")
     plot = LaterMethod[Any]("adaptsize.plot", "plot_mesh")
 
     def with_data(

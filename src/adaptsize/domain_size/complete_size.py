@@ -12,7 +12,7 @@ from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import AnyBackground, CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.image import Image
-from adaptsize.background.simplex import as_mesh
+from adaptsize.background.simplex import as_own
 from adaptsize.domain_size.budget import within_budget
 from adaptsize.domain_size.by_domain import LevelSet, SizedDomain, mesh_domain
 from adaptsize.domain_size.image_mask import distance_to_edge, mask_of
@@ -144,7 +144,7 @@ def _as_domain(
     domain: Domain, background: AnyBackground | None, box: Any, request: Request
 ) -> SizedDomain:
     """Return the domain as one of the supported kinds."""
-    domain = as_mesh(domain)
+    domain = as_own(domain)
     is_image = not (isinstance(domain, SimplexMesh | tuple) or callable(domain))
     if not is_image:
         for name in options_of(ImageOptions):

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, check_type, warn_caller
+from adaptsize._checks import as_number, warn_caller
 from adaptsize._defaults import TOLERANCE
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import AnyBackground, SimplexMesh
 from adaptsize.background.merging import reordered
+from adaptsize.background.simplex import as_mesh
 from adaptsize.background.splitting import with_short_edges
 from adaptsize.domain_size.complete_size import size_function
 from adaptsize.domain_size.request import Implicit
@@ -106,7 +107,7 @@ def remesh_to_elements(
     >>> 950 <= remesh_to_elements(square, nodes=1000).mesh.n_points <= 1050
     True
     """
-    check_type("mesh", mesh, SimplexMesh)
+    mesh = as_mesh("mesh", mesh)
     given = checked(RemeshToElementsOptions, options)
     tolerance = given["tolerance"]
     check_backend(mesh, given["target"], given["backend"])

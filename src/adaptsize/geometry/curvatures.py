@@ -7,11 +7,12 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from adaptsize._checks import as_angle, as_whole_number, check_type, one_of
+from adaptsize._checks import as_angle, as_whole_number, one_of
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._kernels import curvature as kernels
 from adaptsize._kernels.sectors import Sectors, Surface, fill_sectors
 from adaptsize.background import SimplexMesh
+from adaptsize.background.simplex import as_mesh
 from adaptsize.geometry.faces import (
     Passages,
     crease_edges,
@@ -123,7 +124,7 @@ def curvature(
     >>> curvature(line).round(12)
     array([0. , 0.2, 0.2, 0. , 0. ])
     """
-    check_type("boundary", boundary, SimplexMesh)
+    boundary = as_mesh("boundary", boundary)
     one_of("of", of, get_args(Part))
     if (boundary.cell_dim, boundary.dim) not in {(1, 2), (1, 3), (2, 3)}:
         raise ValueError(

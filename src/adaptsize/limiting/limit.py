@@ -12,7 +12,6 @@ from adaptsize._checks import (
     as_float_array,
     as_points,
     as_sizes,
-    check_type,
     describe,
     one_of,
     warn_caller,
@@ -26,7 +25,7 @@ from adaptsize.background import (
     PartitionedMesh,
     SimplexMesh,
 )
-from adaptsize.background.simplex import as_mesh
+from adaptsize.background.simplex import as_mesh, as_own
 from adaptsize.errors import ConvergenceWarning
 from adaptsize.limiting import gradient_limit
 from adaptsize.limiting.barth_sethian import PositiveCoefficient
@@ -242,7 +241,7 @@ def limit_gradient(
         with reporting(progress) as report:
             found = limit_in_parts(part, check, limit_gradient.with_info, report, wants_info)
         return found[0], cast(LimitingInfo, found[1])
-    domain = _as_domain(background := as_mesh(background))
+    domain = _as_domain(background := as_own(background))
     scheme = as_scheme(method)
     bound = _as_bound("h0", h0, background)
     if np.may_share_memory(bound, h0):
@@ -375,7 +374,7 @@ def _as_domain(
     background: SimplexMesh | CartesianGrid | Octree,
 ) -> SimplexMesh | CartesianGrid:
     """Return the mesh or grid that the schemes run on."""
-    check_type("background", background, SimplexMesh, PartitionedMesh, CartesianGrid, Octree)
+    background = as_mesh("background", background, PartitionedMesh, CartesianGrid, Octree)
     return background.mesh if isinstance(background, Octree) else background
 
 

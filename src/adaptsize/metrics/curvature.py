@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from adaptsize._checks import as_aspect, as_number, check_type
+from adaptsize._checks import as_aspect, as_number
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize.background import SimplexMesh
+from adaptsize.background.simplex import as_mesh
 from adaptsize.geometry.curvatures import curvature, sector_curvatures
 from adaptsize.geometry.faces import crease_edges
 from adaptsize.metrics.layers import frames
@@ -76,7 +77,7 @@ def metric_from_curvature(
     >>> metric_from_curvature(tube).sizes[40].round(3)
     array([0.25, 2.5 , 2.5 ])
     """
-    check_type("mesh", mesh, SimplexMesh)
+    mesh = as_mesh("mesh", mesh)
     aspect = as_aspect("max_aspect", max_aspect)
     per_radian = as_number("elements_per_radian", elements_per_radian, lower=0.0, strict=True)
     if mesh.dim != 3 or mesh.cell_dim == 1:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_points, check_type
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import SimplexMesh
+from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics.metric import Metric
 
 
@@ -44,7 +45,7 @@ class MetricFunction(ReadOnlyState):
     metric: Metric
 
     def __post_init__(self) -> None:
-        check_type("mesh", self.mesh, SimplexMesh)
+        object.__setattr__(self, "mesh", as_mesh("mesh", self.mesh))
         check_type("metric", self.metric, Metric)
         self.metric.check_mesh(self.mesh)
 

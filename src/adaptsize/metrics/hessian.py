@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import NEAREST, as_aspect, as_number, as_values, check_type, refuse_where
 from adaptsize.background import SimplexMesh
+from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics.metric import Metric
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, as_goal, calibration, scale_to
 from adaptsize.sizes.recovery import recovered_hessian, second_derivatives_of_fits
@@ -109,7 +110,7 @@ def metric_from_hessian(
     >>> metric_from_hessian(mesh, hessian=H, tolerance=0.5, norm=np.inf).sizes[0]
     array([0.1, 1. ])
     """
-    check_type("mesh", mesh, SimplexMesh)
+    mesh = as_mesh("mesh", mesh)
     frames = _tangents(mesh) if (mesh.cell_dim, mesh.dim) == (2, 3) else None
     second = _second_derivatives(mesh, values, hessian, frames)
     q = as_number("norm", norm, lower=1.0, allow_inf=True)
@@ -164,7 +165,7 @@ def predicted_simplices(mesh: SimplexMesh, metric: Metric) -> float:
     >>> round(predicted_simplices(mesh, isotropic_metric([0.1, 0.1, 0.1], 2)))
     115
     """
-    check_type("mesh", mesh, SimplexMesh)
+    mesh = as_mesh("mesh", mesh)
     check_type("metric", metric, Metric)
     return ELEMENTS_PER_MEASURE[mesh.cell_dim] * metric.complexity(mesh)
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from adaptsize._checks import check_type, refuse_where
+from adaptsize._checks import refuse_where
 from adaptsize.background import SimplexMesh
+from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics.metric import Metric
 from adaptsize.typing import FloatArray
 
@@ -42,7 +43,7 @@ def implied_metric(mesh: SimplexMesh) -> Metric:
     >>> metric.sizes.round(12), metric.aspect_ratio.round(12)
     (array([[ 1., 10.]]), array([10.]))
     """
-    check_type("mesh", mesh, SimplexMesh)
+    mesh = as_mesh("mesh", mesh)
     if mesh.cell_dim != mesh.dim or mesh.dim == 1:
         raise ValueError(f"mesh must be triangles in the plane or tetrahedra, got {mesh!r}")
     directions, sizes, _ = np.linalg.svd(from_regular(mesh))

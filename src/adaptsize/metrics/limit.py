@@ -15,6 +15,7 @@ from adaptsize._with_info import with_info
 from adaptsize.background import AnyBackground, CartesianGrid, Octree, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
+from adaptsize.background.simplex import as_mesh
 from adaptsize.limiting.exact.field import Workers, boxes_over
 from adaptsize.metrics.algebra import AS_UNBOUNDED, UNBOUNDED, power_of_two
 from adaptsize.metrics.metric import Metric
@@ -127,7 +128,7 @@ def limit_metric(
            [0.434, 0.924],
            [0.31 , 0.8  ]])
     """
-    check_type("background", background, SimplexMesh, CartesianGrid, Octree)
+    background = as_mesh("background", background, CartesianGrid, Octree)
     check_type("metric", metric, Metric)
     points = np.ascontiguousarray(background.points)
     if points.shape != metric.sizes.shape:

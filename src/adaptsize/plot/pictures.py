@@ -17,7 +17,7 @@ from adaptsize._formats.guards import write_whole
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.background.simplex import as_mesh
+from adaptsize.background.simplex import as_mesh, as_own
 from adaptsize.errors import PlotError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import PictureOptions, ScaledPictureOptions, checked, with_options
@@ -128,8 +128,7 @@ def plot_mesh(
     >>> plot_mesh(mesh, path="square.png")  # doctest: +SKIP
     """
     picture = _checked(ScaledPictureOptions, options)
-    mesh = as_mesh(mesh)
-    check_type("mesh", mesh, SimplexMesh)
+    mesh = as_mesh("mesh", mesh)
     values, on_nodes = _values_to_show(mesh, color)
     label, classes = "radius ratio" if color == "quality" else printable(color), color == "region"
     look: Any = {"on_nodes": on_nodes, "label": label, "classes": classes}
@@ -214,7 +213,7 @@ def plot_metric(
         if metric is not None:
             raise ValueError("metric must be None with a MetricFunction, got both")
         metric, mesh = mesh.metric, mesh.mesh
-    check_type("mesh", mesh, SimplexMesh)
+    mesh = as_mesh("mesh", mesh)
     check_type("metric", metric, Metric)
     assert metric is not None
     metric.check_mesh(mesh)
@@ -264,6 +263,7 @@ def _scene_of_sizes(
     label: str,
     clip: str | None,
 ) -> Scene:
+    background = as_own(background)
     if isinstance(background, CartesianGrid) and background.dim == 1:
         background = background.mesh
     if not isinstance(background, SimplexMesh | CartesianGrid | Octree):

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from adaptsize._checks import as_number, as_tolerance, check_type, place_text
+from adaptsize._checks import as_number, as_tolerance, place_text
 from adaptsize.background import SimplexMesh
+from adaptsize.background.simplex import as_mesh
 from adaptsize.quality.boundary import (
     Distances,
     Topology,
@@ -167,7 +168,7 @@ def check_mesh(
     >>> check.is_met, [demand.name for demand in check.failures]
     (False, ['boundary', 'measure'])
     """
-    check_type("mesh", mesh, SimplexMesh)
+    mesh = as_mesh("mesh", mesh)
     if mesh.cell_dim == 1:
         raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
     tolerance = as_tolerance("tolerance", tolerance)
@@ -179,7 +180,7 @@ def check_mesh(
     if mesh.cell_dim == mesh.dim:
         demands.append(_facets(mesh, count))
     if original is not None:
-        check_type("original", original, SimplexMesh)
+        original = as_mesh("original", original)
         _refuse_other_dimensions(mesh, original)
         demands += _same_domain(mesh, original, tolerance, count, notes)
     if size is not None:

@@ -9,9 +9,10 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import FARTHEST, as_plain_array, as_sizes, check_type, refuse_where
+from adaptsize._checks import FARTHEST, as_plain_array, as_sizes, refuse_where
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh, topology
+from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.quality.boundary import distances_from
 from adaptsize.quality.elements import minimum_angles, radius_ratios
@@ -177,9 +178,9 @@ def size_conformity(
     >>> conformity.edges.q50, conformity.share_in_band, round(conformity.angle_min, 6)
     (1.0, 1.0, 45.0)
     """
-    check_type("mesh", mesh, SimplexMesh)
+    mesh = as_mesh("mesh", mesh)
     if surface is not None:
-        check_type("surface", surface, SimplexMesh)
+        surface = as_mesh("surface", surface)
     if mesh.cell_dim == 1:
         raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
     metric = nodal_metric(mesh, size)

@@ -8,6 +8,7 @@ import numpy as np
 
 from adaptsize._checks import check_type
 from adaptsize.background import SimplexMesh
+from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics import Metric, predicted_simplices
 from adaptsize.metrics.implied import from_regular
 from adaptsize.typing import FloatArray
@@ -79,7 +80,7 @@ def metric_qualities(mesh: SimplexMesh, metric: Metric) -> FloatArray:
     >>> metric_qualities(mesh, isotropic_metric([1.0, 1.0, 1.0], 2)).round(3)
     array([0.198])
     """
-    check_type("mesh", mesh, SimplexMesh)
+    mesh = as_mesh("mesh", mesh)
     check_type("metric", metric, Metric)
     metric.check_mesh(mesh)
     k = mesh.cell_dim

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from adaptsize._checks import check_type
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.quality.boundary import n_components
@@ -111,8 +110,7 @@ def summarize(mesh: SimplexMesh) -> MeshSummary:
     >>> summary.n_boundary_facets, summary.measure, summary.angle_min
     (4, 1.0, 45.0)
     """
-    mesh = as_mesh(mesh)
-    check_type("mesh", mesh, SimplexMesh)
+    mesh = as_mesh("mesh", mesh)
     used = np.unique(mesh.cells)
     cell_tags, facet_tags = _counts(mesh.cell_tags), _counts(mesh.facet_tags)
     points = mesh.points[used]

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import check_type
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import PartitionedMesh, SimplexMesh
@@ -170,8 +169,7 @@ def remesh(
     ...
     adaptsize.errors.TooManyElementsError: the sizes require about 2.31e+10 elements, ...
     """
-    mesh = as_mesh(mesh)
-    check_type("mesh", mesh, SimplexMesh, PartitionedMesh)
+    mesh = as_mesh("mesh", mesh, PartitionedMesh)
     given = mesh.ranks.agree(lambda: checked(RemeshOptions, options))
     if isinstance(mesh, PartitionedMesh):
         if required_facets is not None:
@@ -319,7 +317,7 @@ def _check_metric(task: Task, *, strict: bool) -> None:
 
 def _task(mesh: SimplexMesh, target: str) -> Task:
     """Return the meshing task: from which cells to which cells."""
-    check_type("mesh", mesh, SimplexMesh)
+    mesh = as_mesh("mesh", mesh)
     given = (mesh.cell_dim, mesh.dim)
     if given == (3, 3) and target != "triangles":
         return "tetrahedra"

@@ -16,6 +16,7 @@ from adaptsize._formats.guards import write_whole
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
+from adaptsize.background.simplex import as_mesh
 from adaptsize.quality import check_mesh, size_conformity
 from adaptsize.quality.certificate import MeshCheck
 from adaptsize.reporting.outcome import Outcome, kind_of, outcome_of_remeshing
@@ -91,7 +92,7 @@ def report(
     target = as_path("path", path)
     if target.suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"path must end in .html or .htm, got {os.fspath(path)!r}")
-    check_type("mesh", mesh, SimplexMesh)
+    mesh = as_mesh("mesh", mesh)
     if mesh.cell_dim == 1:
         raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
     for name, value, kind in (

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_slope, check_type, describe
+from adaptsize._checks import as_slope, describe
 from adaptsize._defaults import CREASE_ANGLE, GRADIENT_LIMIT, TOLERANCE
 from adaptsize.background import (
     AnyBackground,
@@ -20,6 +20,7 @@ from adaptsize.background import (
 from adaptsize.background.interfaces import interfaces
 from adaptsize.background.merging import ordered_by_place
 from adaptsize.background.migration import whole_boundary
+from adaptsize.background.simplex import as_mesh
 from adaptsize.geometry.curvatures import curvature
 from adaptsize.geometry.faces import crease_edges
 from adaptsize.options import CurvatureOptions, checked, with_options
@@ -129,7 +130,7 @@ def size_from_curvature(
     >>> (phi[10, [3, 4, 6]], h0[10, [3, 4, 6]].round(3))
     (array([ 0.1, -0.2, -0.8]), array([0.483, 0.543,   inf]))
     """
-    check_type("background", background, SimplexMesh, PartitionedMesh, CartesianGrid, Octree)
+    background = as_mesh("background", background, PartitionedMesh, CartesianGrid, Octree)
     if isinstance(background, PartitionedMesh):
         return _in_parts(background, boundary, options)
     given = checked(CurvatureOptions, options)

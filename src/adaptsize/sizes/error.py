@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, as_values, check_type, refuse_where
-from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
+from adaptsize._checks import as_number, as_values, refuse_where
+from adaptsize.background import AnyMesh, PartitionedMesh
+from adaptsize.background.simplex import as_mesh
 from adaptsize.limiting import limit_gradient
 from adaptsize.options import ErrorOptions, HessianOptions, ScaleOptions, checked, with_options
 from adaptsize.sizes.budget import as_goal, calibration, count_elements, present_sizes, scale_to
@@ -97,7 +98,7 @@ def size_from_error(
         h = ads.size_from_error(mesh, eta, order=1, elements=5000, g=0.25)
         mesh = ads.remesh(mesh, ads.SizeFunction(mesh, h))
     """
-    check_type("mesh", mesh, SimplexMesh, PartitionedMesh)
+    mesh = as_mesh("mesh", mesh, PartitionedMesh)
 
     def check() -> tuple[FloatArray, float, ErrorOptions]:
         given = checked(ErrorOptions, options)
@@ -220,7 +221,7 @@ def size_from_hessian(
     >>> np.unique(size_from_hessian(mesh, points[:, 0] ** 2, tolerance=0.01).round(6))
     array([0.1])
     """
-    check_type("mesh", mesh, SimplexMesh, PartitionedMesh)
+    mesh = as_mesh("mesh", mesh, PartitionedMesh)
 
     def check() -> tuple[FloatArray, HessianOptions]:
         given = checked(HessianOptions, options)

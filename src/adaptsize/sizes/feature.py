@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, check_type, describe
+from adaptsize._checks import as_number, describe
 from adaptsize._defaults import CORNER_ANGLE, CREASE_ANGLE, TOLERANCE
 from adaptsize._progress import reporting
 from adaptsize.background import (
@@ -19,6 +19,7 @@ from adaptsize.background import (
     SimplexMesh,
 )
 from adaptsize.background.migration import whole_boundary
+from adaptsize.background.simplex import as_mesh
 from adaptsize.geometry.distance.closest_points import DistanceFunction
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.faces import Faces
@@ -118,7 +119,7 @@ def size_from_feature(
     >>> size_from_feature(grid, plate.boundary().mesh, elements_across=5)[2]
     array([0.2, 0.2, 0.2])
     """
-    check_type("background", background, SimplexMesh, PartitionedMesh, CartesianGrid, Octree)
+    background = as_mesh("background", background, PartitionedMesh, CartesianGrid, Octree)
     if isinstance(background, PartitionedMesh):
         return _in_parts(background, boundary, progress, options)
     given = checked(FeatureOptions, options)

@@ -8,8 +8,9 @@ from typing import Any, NamedTuple, TypeAlias, cast
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_sizes, as_whole_number, check_function, check_type
+from adaptsize._checks import as_sizes, as_whole_number, check_function
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
+from adaptsize.background.simplex import as_mesh
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.sizes.budget import (
     ELEMENTS_PER_MEASURE,
@@ -65,7 +66,7 @@ class Enclosed:
     """
 
     def __init__(self, surface: SimplexMesh, n_points: int = 4000) -> None:
-        check_type("surface", surface, SimplexMesh)
+        surface = as_mesh("surface", surface)
         if surface.cell_dim != 2 or surface.dim != 3:
             raise ValueError(f"surface must consist of triangles in space, got {surface}")
         self.surface = surface
@@ -208,7 +209,7 @@ def predict(
     >>> round(predict(mesh, lambda x: 0.1 + 0.0 * x[:, 0]).cells)
     115
     """
-    check_type("domain", domain, SimplexMesh, PartitionedMesh, Enclosed)
+    domain = as_mesh("domain", domain, PartitionedMesh, Enclosed)
     if isinstance(domain, Enclosed):
         check_function("size", size, "points")
         at, maker = cast(SizeAt, size), "mmg inside" if backend == "mmg" else backend
@@ -217,7 +218,7 @@ def predict(
         return Prediction(cells, found.facets, nodes_of(3, cells, found.facets))
     d = domain.cell_dim
     if callable(size):
-        check_type("domain", domain, SimplexMesh)
+        domain = as_mesh("domain", domain)
         mesh = cast(SimplexMesh, domain)
         facets = _integral(mesh.boundary().mesh, size) if _has_facets(mesh) else 0.0
         return _predicted(d, _integral(mesh, size), facets, backend)

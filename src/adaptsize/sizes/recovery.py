@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
-from adaptsize._checks import as_values, check_type
+from adaptsize._checks import as_values
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
+from adaptsize.background.simplex import as_mesh
 from adaptsize.background.surroundings import surroundings_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 
@@ -64,7 +65,7 @@ def recovered_gradient(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     >>> bool(np.allclose(gradient, points[:, ::-1]))
     True
     """
-    check_type("mesh", mesh, SimplexMesh)
+    mesh = as_mesh("mesh", mesh)
     nodal = as_nodal_field("values", values, mesh)
     return np.column_stack([operator @ nodal for operator in gradient_operators(mesh)])
 
@@ -124,7 +125,7 @@ def recovered_hessian(mesh: AnyMesh, values: npt.ArrayLike) -> FloatArray:
     >>> bool(np.allclose(hessian, [[2.0, 3.0], [3.0, 0.0]]))
     True
     """
-    check_type("mesh", mesh, SimplexMesh, PartitionedMesh)
+    mesh = as_mesh("mesh", mesh, PartitionedMesh)
     return second_derivatives(
         mesh, mesh.ranks.agree(lambda: as_nodal_field("values", values, mesh))
     )
@@ -180,7 +181,7 @@ def zz_indicator(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     >>> zz_indicator(mesh, [0.0, 2.0, 1.0, 3.0]).round(9)
     array([0., 0.])
     """
-    check_type("mesh", mesh, SimplexMesh)
+    mesh = as_mesh("mesh", mesh)
     nodal = as_nodal_field("values", values, mesh)
     recovered = recovered_gradient(mesh, nodal)
     defect = recovered[mesh.cells] - _cell_gradients(mesh, nodal)[:, None]

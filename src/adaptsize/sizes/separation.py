@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from adaptsize._checks import as_angle, as_number, check_type
+from adaptsize._checks import as_angle, as_number
 from adaptsize._defaults import CORNER_ANGLE, CREASE_ANGLE, TOLERANCE
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
+from adaptsize.background.simplex import as_mesh
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import Separation
 from adaptsize.geometry.width import Walls
@@ -83,7 +84,7 @@ def size_from_separation(
     >>> size_from_separation(SimplexMesh(points, cells)).round(3)
     array([0.9, inf, 1. , 1. , 0.1, 0.1, 0.9])
     """
-    check_type("background", background, SimplexMesh)
+    background = as_mesh("background", background)
     n = as_number("elements_between", elements_between, lower=0.0, strict=True)
     angles = as_angle("crease_angle", crease_angle), as_angle("corner_angle", corner_angle)
     share = as_number("tolerance", tolerance, lower=0.0)

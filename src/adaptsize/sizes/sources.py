@@ -18,12 +18,12 @@ from adaptsize._checks import (
     as_points,
     as_sizes,
     as_slope,
-    check_type,
     describe,
     refuse_where,
 )
 from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh, SimplexMesh
+from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import OutsideWarning
 from adaptsize.ranks import SingleRank
 from adaptsize.sizes import _on_grid, _touched
@@ -434,7 +434,7 @@ def size_from_sources(
            [0.11 , 0.234],
            [  inf,   inf]])
     """
-    check_type("background", background, SimplexMesh, PartitionedMesh, CartesianGrid, Octree)
+    background = as_mesh("background", background, PartitionedMesh, CartesianGrid, Octree)
     on = background.mesh if isinstance(background, Octree) else background
     h0 = np.full(background.nodal_shape, np.inf)
     ranks = SingleRank() if isinstance(on, CartesianGrid) else on.ranks

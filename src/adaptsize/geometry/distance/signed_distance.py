@@ -18,6 +18,7 @@ from adaptsize._checks import (
 )
 from adaptsize._progress import reporting
 from adaptsize.background import AnyBackground, CartesianGrid, Octree, SimplexMesh
+from adaptsize.background.simplex import as_own
 from adaptsize.geometry.distance.image import GridSpline, smooth_mask
 from adaptsize.geometry.distance.implicit import implicit_distance
 from adaptsize.geometry.distance.surface import inside_surface, surface_distance
@@ -146,6 +147,7 @@ def signed_distance(
     >>> float(np.round(phi[20, 20], 4)), float(np.round(phi[40, 20], 4))
     (-1.0, 1.0)
     """
+    background = as_own(background)
     _check_background(background)
     band = as_number("band", band, lower=1.0, allow_inf=True)
     if smoothing is not None and not _is_mask(boundary):

@@ -1,4 +1,4 @@
-"""Conversion of meshes to and from objects of meshio and PyVista: methods of `SimplexMesh`."""
+"""Meshes of other programs and packages: methods of `SimplexMesh`."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from adaptsize._checks import as_flag, check_type, describe
 from adaptsize._formats import assembly, vtk, writers
 from adaptsize._formats.blocks import RawMesh, check_raw
 from adaptsize.background import SimplexMesh
+from adaptsize.bridges import solvers
 from adaptsize.errors import MeshFileError, MeshRepairWarning
 
 
@@ -26,16 +27,17 @@ def from_object(
     Parameters
     ----------
     mesh : object
-        A mesh of meshio, PyVista (or a data set of VTK), trimesh, scikit-fem, Netgen or NGSolve.
-        Not changed.
+        A mesh of meshio, PyVista (or a data set of VTK), trimesh, scikit-fem, DOLFINx (also with
+        its tags, as ``model_to_mesh`` returns it), MFEM, Netgen or NGSolve, or ``gmsh.model``, the
+        current model of Gmsh.  Not changed.
     kind, flatten
         Which cells to read, and whether a coordinate z = 0 is dropped, as for `read`.
 
     Returns
     -------
     SimplexMesh
-        Subdomains of scikit-fem and materials of Netgen are cell tags, boundaries are tagged
-        facets, with their names.
+        Subdomains, materials, attributes and physical groups are cell tags, those of boundaries
+        are tagged facets, with their names.
 
     Raises
     ------
@@ -53,58 +55,16 @@ def from_object(
         return from_meshio(cls, mesh, kind=kind, flatten=flatten)
     if package in ("pyvista", "vtkmodules"):
         return from_pyvista(cls, mesh, kind=kind, flatten=flatten)
+    read = solvers.reader_of(mesh)
+    if read is not None:
+        return _built(read, kind, flatten)
     if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):  # trimesh
         points, faces = np.array(mesh.vertices), np.array(mesh.faces)
         return _built(lambda: RawMesh(points, [("triangle", faces)]), kind, flatten)
-    if hasattr(mesh, "boundaries") and hasattr(mesh, "subdomains"):
-        return _built(partial(_raw_of_skfem, mesh), kind, flatten)
-    if hasattr(getattr(mesh, "ngmesh", mesh), "Elements2D"):
-        return _built(partial(_raw_of_netgen, getattr(mesh, "ngmesh", mesh)), kind, flatten)
     raise ValueError(
-        "mesh must be of meshio, PyVista, VTK, trimesh, scikit-fem, Netgen or NGSolve, "
-        f"got {describe(mesh)}"
+        "mesh must be of meshio, PyVista, VTK, trimesh, scikit-fem, DOLFINx, MFEM, Netgen or "
+        f"NGSolve, or gmsh.model, got {describe(mesh)}"
     )
-
-
-def _raw_of_skfem(mesh: Any) -> RawMesh:
-    kinds = {2: "line", 3: "triangle", 4: "tetra"}
-    if not type(mesh).__name__.startswith(("MeshLine", "MeshTri", "MeshTet")):
-        raise MeshFileError("must hold triangles or tetrahedra; use mesh.to_meshtri or to_meshtet")
-    n_corners = mesh.p.shape[0] + 1
-    points, cells = np.array(mesh.p).T, np.array(mesh.t)[:n_corners].T
-    blocks, tags, names = [(kinds[n_corners], cells)], [np.zeros(len(cells), np.int32)], {}
-    for number, (name, part) in enumerate((mesh.subdomains or {}).items(), start=1):
-        tags[0][np.asarray(part)] = number
-        names[n_corners - 1, number] = str(name)
-    if mesh.boundaries and n_corners > 2:
-        parts = [np.array(mesh.facets)[:, np.asarray(part)].T for part in mesh.boundaries.values()]
-        blocks.append((kinds[n_corners - 1], np.concatenate(parts)))
-        numbers = range(1, len(parts) + 1)
-        tags.append(np.repeat(numbers, [len(part) for part in parts]).astype(np.int32))
-        names |= {(n_corners - 2, i): str(n) for i, n in enumerate(mesh.boundaries, start=1)}
-    return RawMesh(points, blocks, {}, {"cell_tags": tags}, names)
-
-
-def _raw_of_netgen(mesh: Any) -> RawMesh:
-    blocks, tags = [], []
-    for n, kind, elements in (
-        (2, "line", mesh.Elements1D()),
-        (3, "triangle", mesh.Elements2D()),
-        (4, "tetra", mesh.Elements3D()),
-    ):
-        found = elements.NumPy()
-        if len(found):
-            blocks.append((kind, found["nodes"][:, :n].astype(np.int64) - 1))
-            tags.append(found["index"].astype(np.int32))
-    dim, names = mesh.dim, {}
-    for of_dim, name_of in ((dim, mesh.GetMaterial), (dim - 1, lambda i: mesh.GetBCName(i - 1))):
-        kind = {1: "line", 2: "triangle", 3: "tetra"}[of_dim]
-        numbers = [tag for (name, _), tag in zip(blocks, tags, strict=True) if name == kind]
-        for number in np.unique(np.concatenate([np.empty(0, np.int32), *numbers])).tolist():
-            names[of_dim, number] = str(name_of(number))
-    points = np.array(mesh.Coordinates(), np.float64)
-    good = {key: name for key, name in names.items() if name not in ("", "default")}
-    return RawMesh(points, blocks, {}, {"cell_tags": tags}, good)
 
 
 def to_trimesh(mesh: SimplexMesh) -> Any:
@@ -116,46 +76,6 @@ def to_trimesh(mesh: SimplexMesh) -> Any:
 
     surface = writers.content_of(writers.surface_of(mesh), "cell_tags", pad=True)
     return trimesh.Trimesh(surface.points, surface.blocks[0][1], process=False)
-
-
-def to_skfem(mesh: SimplexMesh) -> Any:
-    """Return a mesh of scikit-fem with named subdomains and boundaries.
-
-    Returns
-    -------
-    skfem.MeshLine, MeshTri or MeshTet
-        Tags without a name in ``tag_names`` are called by their number.
-
-    Raises
-    ------
-    ValueError
-        If the cells do not have the dimension of the points.
-    """
-    import skfem
-
-    if mesh.cell_dim != mesh.dim:
-        raise ValueError(f"mesh must fill its space for scikit-fem, got {mesh!r}")
-    kind = {1: skfem.MeshLine, 2: skfem.MeshTri, 3: skfem.MeshTet}[mesh.dim]
-    made = kind(np.ascontiguousarray(mesh.points.T), np.ascontiguousarray(mesh.cells.T))
-    if mesh.cell_tags is not None:
-        made = made.with_subdomains(
-            {name: np.flatnonzero(mesh.cell_tags == tag)
-             for tag, name in _named(mesh, mesh.cell_tags, mesh.dim)}
-        )  # fmt: skip
-    if mesh.tagged_facets is not None and mesh.facet_tags is not None:
-        place = {tuple(nodes): i for i, nodes in enumerate(np.sort(made.facets.T, axis=1).tolist())}
-        rows = [place[tuple(nodes)] for nodes in np.sort(mesh.tagged_facets, axis=1).tolist()]
-        made = made.with_boundaries(
-            {name: np.array(rows)[mesh.facet_tags == tag]
-             for tag, name in _named(mesh, mesh.facet_tags, mesh.dim - 1)}
-        )  # fmt: skip
-    return made
-
-
-def _named(mesh: SimplexMesh, tags: Any, dim: int) -> list[tuple[int, str]]:
-    """Return the tags except 0 with their names."""
-    numbers = [tag for tag in np.unique(tags).tolist() if tag]
-    return [(tag, mesh.tag_names.get((dim, tag), str(tag))) for tag in numbers]
 
 
 def from_meshio(

@@ -1,0 +1,384 @@
+"""Meshes of scikit-fem, MFEM, Netgen, DOLFINx and Gmsh, with the names of their tags."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._formats import writers
+from adaptsize._formats.blocks import UNTAGGED, RawMesh
+from adaptsize.background import SimplexMesh
+from adaptsize.errors import MeshFileError
+
+_KINDS = {1: "line", 2: "triangle", 3: "tetra"}
+
+
+def reader_of(mesh: Any) -> Callable[[], RawMesh] | None:
+    """Return the function that reads a mesh; None if it is of none of these programs."""
+    if hasattr(getattr(mesh, "model", mesh), "getPhysicalGroups"):
+        return partial(_raw_of_gmsh, getattr(mesh, "model", mesh))
+    if hasattr(mesh, "GetBdrElement"):
+        return partial(_raw_of_mfem, mesh)
+    if hasattr(mesh, "boundaries") and hasattr(mesh, "subdomains"):
+        return partial(_raw_of_skfem, mesh)
+    if hasattr(getattr(mesh, "ngmesh", mesh), "Elements2D"):
+        return partial(_raw_of_netgen, getattr(mesh, "ngmesh", mesh))
+    if hasattr(getattr(mesh, "mesh", mesh), "topology"):
+        return partial(_raw_of_dolfinx, mesh)
+    return None
+
+
+class _Groups(NamedTuple):
+    """The cells and the tagged facets of a mesh, each with a positive tag."""
+
+    cells: list[npt.NDArray[Any]]
+    """The cells and, if there are any, the tagged facets."""
+    tags: list[npt.NDArray[np.int32]]
+    names: dict[tuple[int, int], str]
+    """Names by dimension and tag; of tags without a name, the number."""
+
+
+def _groups_of(mesh: SimplexMesh, *, with_boundary: bool = False) -> _Groups:
+    """Return the groups for programs in which each cell has a positive tag.
+
+    Untagged cells of a mesh with tags get a group of their own, as in files of Gmsh.  Solvers need
+    ``with_boundary``: if no facets are tagged, all of the boundary is a group.
+    """
+    content = writers.content_of(mesh, "gmsh:physical", pad=True)
+    if mesh.cell_dim == mesh.dim:  # MFEM needs cells of positive orientation
+        turned = np.array(mesh.cells)
+        turned[mesh.signed_measures < 0.0, :2] = turned[mesh.signed_measures < 0.0, 1::-1]
+        content.blocks[0] = (content.blocks[0][0], turned)
+    groups, names = writers.gmsh_groups(mesh, content)
+    cells = [rows for _, rows in content.blocks]
+    tags = [np.ones(len(rows), np.int32) for rows in cells]
+    tags = [np.asarray(part, np.int32) for part in groups.get("gmsh:physical", tags)]
+    if with_boundary and len(cells) == 1 and mesh.cell_dim > 1:
+        boundary = mesh.boundary()
+        cells.append(boundary.nodes[boundary.mesh.cells])
+        tags.append(np.ones(len(cells[1]), np.int32))
+    if min(part.min(initial=1) for part in tags) < 1:
+        raise ValueError("cell_tags and facet_tags must be positive for this program")
+    held = [(rows.shape[1] - 1, tag) for rows, part in zip(cells, tags, strict=True)
+            for tag in np.unique(part).tolist()]  # fmt: skip
+    return _Groups(cells, tags, {key: names.get(key, str(key[1])) for key in held})
+
+
+def _raw_of_skfem(mesh: Any) -> RawMesh:
+    if not type(mesh).__name__.startswith(("MeshLine", "MeshTri", "MeshTet")):
+        raise MeshFileError("must hold triangles or tetrahedra; use mesh.to_meshtri or to_meshtet")
+    n_corners = mesh.p.shape[0] + 1
+    points, cells = np.array(mesh.p).T, np.array(mesh.t)[:n_corners].T
+    blocks, tags, names = [(_KINDS[n_corners - 1], cells)], [np.zeros(len(cells), np.int32)], {}
+    for number, (name, part) in enumerate((mesh.subdomains or {}).items(), start=1):
+        tags[0][np.asarray(part)] = number
+        names[n_corners - 1, number] = str(name)
+    if mesh.boundaries and n_corners > 2:
+        parts = [np.array(mesh.facets)[:, np.asarray(part)].T for part in mesh.boundaries.values()]
+        blocks.append((_KINDS[n_corners - 2], np.concatenate(parts)))
+        numbers = range(1, len(parts) + 1)
+        tags.append(np.repeat(numbers, [len(part) for part in parts]).astype(np.int32))
+        names |= {(n_corners - 2, i): str(n) for i, n in enumerate(mesh.boundaries, start=1)}
+    return RawMesh(points, blocks, {}, {"cell_tags": tags}, names)
+
+
+def _raw_of_netgen(mesh: Any) -> RawMesh:
+    blocks, tags = [], []
+    for n, kind, elements in (
+        (2, "line", mesh.Elements1D()),
+        (3, "triangle", mesh.Elements2D()),
+        (4, "tetra", mesh.Elements3D()),
+    ):
+        found = elements.NumPy()
+        if len(found):
+            blocks.append((kind, found["nodes"][:, :n].astype(np.int64) - 1))
+            tags.append(found["index"].astype(np.int32))
+    dim, names = mesh.dim, {}
+    for of_dim, name_of in ((dim, mesh.GetMaterial), (dim - 1, lambda i: mesh.GetBCName(i - 1))):
+        numbers = [t for (kind, _), t in zip(blocks, tags, strict=True) if kind == _KINDS[of_dim]]
+        for number in np.unique(np.concatenate([np.empty(0, np.int32), *numbers])).tolist():
+            names[of_dim, number] = str(name_of(number))
+    points = np.array(mesh.Coordinates(), np.float64)
+    good = {key: name for key, name in names.items() if name not in ("", "default")}
+    return RawMesh(points, blocks, {}, {"cell_tags": tags}, good)
+
+
+def to_skfem(mesh: SimplexMesh) -> Any:
+    """Return a mesh of scikit-fem with named subdomains and boundaries.
+
+    Returns
+    -------
+    skfem.MeshLine, MeshTri or MeshTet
+        Tags without a name in ``tag_names`` are called by their number.
+
+    Raises
+    ------
+    ValueError
+        If the cells do not have the dimension of the points.
+    """
+    import skfem
+
+    if mesh.cell_dim != mesh.dim:
+        raise ValueError(f"mesh must fill its space for scikit-fem, got {mesh!r}")
+    kind = {1: skfem.MeshLine, 2: skfem.MeshTri, 3: skfem.MeshTet}[mesh.dim]
+    made = kind(np.ascontiguousarray(mesh.points.T), np.ascontiguousarray(mesh.cells.T))
+    if mesh.cell_tags is not None:
+        made = made.with_subdomains(
+            {name: np.flatnonzero(mesh.cell_tags == tag)
+             for tag, name in _named(mesh, mesh.cell_tags, mesh.dim)}
+        )  # fmt: skip
+    if mesh.tagged_facets is not None and mesh.facet_tags is not None:
+        place = {tuple(nodes): i for i, nodes in enumerate(np.sort(made.facets.T, axis=1).tolist())}
+        rows = [place[tuple(nodes)] for nodes in np.sort(mesh.tagged_facets, axis=1).tolist()]
+        made = made.with_boundaries(
+            {name: np.array(rows)[mesh.facet_tags == tag]
+             for tag, name in _named(mesh, mesh.facet_tags, mesh.dim - 1)}
+        )  # fmt: skip
+    return made
+
+
+def _named(mesh: SimplexMesh, tags: Any, dim: int) -> list[tuple[int, str]]:
+    """Return the tags except 0 with their names."""
+    numbers = [tag for tag in np.unique(tags).tolist() if tag]
+    return [(tag, mesh.tag_names.get((dim, tag), str(tag))) for tag in numbers]
+
+
+#: Names of the cells of MFEM by the codes of its geometries, and of Gmsh by its names.
+_OF_MFEM = {1: "line", 2: "triangle", 3: "quad", 4: "tetra", 5: "hexahedron", 6: "wedge",
+            7: "pyramid"}  # fmt: skip
+_OF_GMSH = {"Point": "vertex", "Line": "line", "Triangle": "triangle", "Quadrilateral": "quad",
+            "Pyramid": "pyramid", "Tetrahedron": "tetra", "Hexahedron": "hexahedron",
+            "Prism": "wedge"}  # fmt: skip
+
+
+def _raw_of_mfem(mesh: Any) -> RawMesh:
+    dim, blocks, tags, names = mesh.Dimension(), [], [], {}
+    for of_dim, count, element, attributes, sets in (
+        (dim, mesh.GetNE(), mesh.GetElement, mesh.GetAttributeArray, "attribute_sets"),
+        (dim - 1, mesh.GetNBE(), mesh.GetBdrElement, mesh.GetBdrAttributeArray,
+         "bdr_attribute_sets"),
+    ):  # fmt: skip
+        elements = [element(i) for i in range(count)]
+        types = np.array([each.GetGeometryType() for each in elements], np.int64)
+        for code in np.unique(types).tolist() if of_dim else []:
+            rows = np.flatnonzero(types == code)
+            blocks.append(
+                (_OF_MFEM[code], np.array([elements[i].GetVerticesArray() for i in rows]))
+            )
+            tags.append(np.asarray(attributes(), np.int32)[rows])
+        held: Any = getattr(mesh, sets, None)  # since MFEM 4.7
+        for name in sorted(held.GetAttributeSetNames()) if held is not None else ():
+            numbers = list(held.GetAttributeSet(name).ToList())
+            if len(numbers) == 1:
+                names[of_dim, int(numbers[0])] = str(name)
+    points = np.array(mesh.GetVertexArray(), np.float64)
+    return RawMesh(points, blocks, {}, {"cell_tags": tags}, names)
+
+
+def to_mfem(mesh: SimplexMesh) -> Any:
+    """Return an ``mfem.ser.Mesh``, tags as attributes and their names as sets of attributes.
+
+    Without tagged facets, the boundary has the attribute 1.
+
+    Raises
+    ------
+    ValueError
+        If a tag is negative, or 0 on a facet.
+    """
+    import mfem.ser
+
+    groups = _groups_of(mesh, with_boundary=True)
+    counts = [len(rows) for rows in groups.cells]
+    made = mfem.ser.Mesh(mesh.cell_dim, mesh.n_points, counts[0], sum(counts[1:]), mesh.dim)
+    for point in np.pad(mesh.points, ((0, 0), (0, 3 - mesh.dim))).tolist():
+        made.AddVertex(*point)
+    add = {1: made.AddSegment, 2: made.AddTriangle, 3: made.AddTet}
+    add_boundary = {1: made.AddBdrSegment, 2: made.AddBdrTriangle}
+    for i, (rows, tags) in enumerate(zip(groups.cells, groups.tags, strict=True)):
+        add_one = (add_boundary if i else add)[rows.shape[1] - 1]
+        for nodes, tag in zip(rows.tolist(), tags.tolist(), strict=True):
+            add_one(nodes, tag)
+    made.FinalizeTopology()
+    made.Finalize()
+    for (dim, tag), name in groups.names.items():
+        sets = made.attribute_sets if dim == mesh.cell_dim else made.bdr_attribute_sets
+        if (dim, tag) in mesh.tag_names or name == UNTAGGED:
+            sets.SetAttributeSet(name, mfem.ser.intArray([tag]))
+    return made
+
+
+def to_netgen(mesh: SimplexMesh) -> Any:
+    """Return a ``netgen.meshing.Mesh``; ``ngsolve.Mesh`` of it is that of NGSolve.
+
+    Tags are materials and boundaries, called by their names or their numbers.  Cells and points
+    keep their order.  Without tagged facets, the boundary is one region.
+
+    Raises
+    ------
+    ValueError
+        If the mesh does not fill the plane or the space, a tag is negative, or 0 on a facet.
+    """
+    from netgen.meshing import FaceDescriptor
+    from netgen.meshing import Mesh as NetgenMesh
+
+    if mesh.cell_dim != mesh.dim or mesh.dim == 1:
+        raise ValueError(f"mesh must be triangles in the plane or tetrahedra, got {mesh!r}")
+    groups = _groups_of(mesh, with_boundary=True)
+    made = NetgenMesh(dim=mesh.dim)
+    made.AddPoints(np.ascontiguousarray(np.pad(mesh.points, ((0, 0), (0, 3 - mesh.dim)))))
+    for rows, tags in zip(groups.cells, groups.tags, strict=True):
+        dim = rows.shape[1] - 1
+        kinds, index = np.unique(tags, return_inverse=True)
+        for number, tag in enumerate(kinds.tolist(), start=1):
+            if dim == 2:
+                made.Add(
+                    FaceDescriptor(surfnr=number, domin=number if mesh.dim == 2 else 1, bc=number)
+                )
+            name = groups.names[dim, tag]
+            if dim == mesh.dim:
+                made.SetMaterial(number, name)
+            else:
+                made.SetBCName(number - 1, name)
+        for part in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(index)) + 1):
+            data = np.ascontiguousarray(rows[part], np.int32)
+            made.AddElements(dim=dim, index=int(index[part[0]]) + 1, data=data, base=0)
+    return made
+
+
+def _raw_of_gmsh(model: Any) -> RawMesh:
+    """Return the mesh of a model of Gmsh in the order of its numbers, with physical groups."""
+    numbers, coordinates, _ = model.mesh.getNodes()
+    order = np.argsort(numbers)
+    place = np.zeros(int(max(numbers, default=0)) + 1, np.int64)
+    place[numbers[order].astype(np.int64)] = np.arange(len(numbers))
+    held: dict[str, list[Any]] = {}
+    for dim, entity in model.getEntities():
+        groups = model.getPhysicalGroupsForEntity(dim, entity)
+        for kind, tags, nodes in zip(*model.mesh.getElements(dim, entity), strict=True):
+            name, _, _, width, _, n_corners = model.mesh.getElementProperties(kind)
+            base = _OF_GMSH.get(name.split()[0])
+            if base is None:
+                raise MeshFileError(f"holds elements of the type {name!r}")
+            rows = place[nodes.astype(np.int64)].reshape(-1, width)
+            base = base if width == n_corners else f"{base}{width}"
+            group = np.full(len(rows), groups[0] if len(groups) else 0, np.int32)
+            held.setdefault(base, []).append((tags, rows, group))
+    blocks, physical = [], []
+    for base, parts in held.items():
+        tags, rows, group = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        blocks.append((base, rows[np.argsort(tags)]))
+        physical.append(group[np.argsort(tags)])
+    found = {key: model.getPhysicalName(*key) for key in model.getPhysicalGroups()}
+    names = {key: name for key, name in found.items() if name}
+    points = coordinates.reshape(-1, 3)[order]
+    return RawMesh(points, blocks, {}, {"gmsh:physical": physical}, names)
+
+
+def to_gmsh(mesh: SimplexMesh, name: str = "adaptsize") -> Any:
+    """Make the mesh a new model of Gmsh, with tags as physical groups, and return ``gmsh.model``.
+
+    Parameters
+    ----------
+    name : str
+        Of the model.  Gmsh is initialized if it is not yet.
+
+    Raises
+    ------
+    ValueError
+        If a tag is negative, or 0 on a facet.
+    """
+    import gmsh
+
+    groups = _groups_of(mesh)
+    if not gmsh.isInitialized():
+        gmsh.initialize(interruptible=False)
+    gmsh.model.add(name)
+    points, n_elements = np.pad(mesh.points, ((0, 0), (0, 3 - mesh.dim))), 0
+    for rows, tags in zip(groups.cells, groups.tags, strict=True):
+        dim = rows.shape[1] - 1
+        for tag in np.unique(tags).tolist():
+            entity = gmsh.model.addDiscreteEntity(dim)
+            if len(points):  # on the first entity; Gmsh moves them to their own
+                gmsh.model.mesh.addNodes(dim, entity, np.arange(1, len(points) + 1), points.ravel())
+                points = points[:0]
+            own = np.flatnonzero(tags == tag)
+            kind, numbers = {1: 1, 2: 2, 3: 4}[dim], n_elements + 1 + own
+            gmsh.model.mesh.addElementsByType(entity, kind, numbers, rows[own].ravel() + 1)
+            if mesh.cell_tags is not None or len(groups.cells) > 1:
+                group = groups.names[dim, tag]
+                named = (dim, tag) in mesh.tag_names or group == UNTAGGED
+                gmsh.model.addPhysicalGroup(dim, [entity], tag, group if named else "")
+        n_elements += len(rows)
+    gmsh.model.mesh.reclassifyNodes()
+    return gmsh.model
+
+
+class DolfinxMesh(NamedTuple):
+    """A mesh of DOLFINx with its tags."""
+
+    mesh: Any
+    cell_tags: Any
+    """``dolfinx.mesh.MeshTags`` or None."""
+    facet_tags: Any
+    physical_groups: dict[str, tuple[int, int]]
+    """Dimension and tag of each name."""
+
+
+def _raw_of_dolfinx(mesh: Any) -> RawMesh:
+    from adaptsize.distributed import from_dolfinx
+
+    domain = getattr(mesh, "mesh", mesh)
+    if domain.comm.size > 1:
+        raise MeshFileError("is distributed; use adaptsize.distributed.from_dolfinx")
+    tags = {key: getattr(mesh, key, None) for key in ("cell_tags", "facet_tags")}
+    part = from_dolfinx(domain, **tags).part.mesh
+    assert part is not None
+    groups = getattr(mesh, "physical_groups", None) or {}
+    names = {(int(group[0]), int(group[1])): str(name) for name, group in groups.items()}
+    content = writers.content_of(part, "cell_tags", pad=False)
+    content.tag_names = names
+    return content
+
+
+def to_dolfinx(mesh: SimplexMesh) -> DolfinxMesh:
+    """Return a ``dolfinx.mesh.Mesh`` on this process, with its tags.
+
+    ``mesh.topology.original_cell_index`` and ``mesh.geometry.input_global_indices`` of the result
+    are the numbers of the cells and points here.  For many processes see
+    `adaptsize.distributed.to_dolfinx`.
+
+    Returns
+    -------
+    DolfinxMesh
+        ``(mesh, cell_tags, facet_tags, physical_groups)``.
+    """
+    from mpi4py import MPI  # isort: skip - before DOLFINx
+    import basix.ufl
+    import dolfinx
+    import ufl
+
+    kind = {1: "interval", 2: "triangle", 3: "tetrahedron"}[mesh.cell_dim]
+    element = basix.ufl.element("Lagrange", kind, 1, shape=(mesh.dim,))
+    domain = dolfinx.mesh.create_mesh(
+        MPI.COMM_SELF, mesh.cells.astype(np.int64), ufl.Mesh(element), mesh.points.copy()
+    )
+    dim, topology, tags = mesh.cell_dim, domain.topology, list[Any]([None, None])
+    if mesh.cell_tags is not None:
+        rows = np.arange(mesh.n_cells, dtype=np.int32)
+        values = mesh.cell_tags[topology.original_cell_index[rows]]
+        tags[0] = dolfinx.mesh.meshtags(domain, dim, rows, values)
+    if mesh.tagged_facets is not None and dim > 1:
+        topology.create_connectivity(0, dim)
+        topology.create_connectivity(dim - 1, dim)
+        vertices = np.arange(topology.index_map(0).size_local, dtype=np.int32)
+        nodes = dolfinx.mesh.entities_to_geometry(domain, 0, vertices).ravel()
+        vertex_of = np.zeros(mesh.n_points, np.int32)
+        vertex_of[domain.geometry.input_global_indices[nodes]] = vertices
+        facets = dolfinx.graph.adjacencylist(vertex_of[mesh.tagged_facets])
+        tags[1] = dolfinx.mesh.meshtags_from_entities(domain, dim - 1, facets, mesh.facet_tags)
+    groups = {name: key for key, name in mesh.tag_names.items()}
+    return DolfinxMesh(domain, tags[0], tags[1], groups)

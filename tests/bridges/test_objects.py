@@ -1,0 +1,184 @@
+"""Meshes of other programs are taken as they are, and made from ours with their names."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mesh_files import SQUARE, TWO_TRIANGLES, tagged_mesh
+from numpy.testing import assert_array_equal
+
+import adaptsize as ads
+from adaptsize import SimplexMesh
+from adaptsize.errors import MeshRepairWarning
+from adaptsize.quality import summarize
+
+
+def box_of_trimesh():
+    import trimesh
+
+    return trimesh.creation.box((2.0, 1.0, 1.0))
+
+
+def square_of_meshio():
+    import meshio
+
+    return meshio.Mesh(np.array(SQUARE, float), [("triangle", np.array(TWO_TRIANGLES))])
+
+
+def sphere_of_pyvista():
+    return pytest.importorskip("pyvista").Sphere()
+
+
+def square_of_skfem():
+    skfem = pytest.importorskip("skfem")
+    square = skfem.MeshTri().refined(2).with_boundaries({"left": lambda x: x[0] == 0.0})
+    return square.with_subdomains({"core": lambda x: x[0] < 0.5})
+
+
+def cube_of_netgen():
+    return pytest.importorskip("netgen.csg").unit_cube.GenerateMesh(maxh=0.5)
+
+
+OBJECTS = {
+    box_of_trimesh: 10.0, square_of_meshio: 1.0, square_of_skfem: 1.0, cube_of_netgen: 1.0,
+    sphere_of_pyvista: 3.1255,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("make", OBJECTS)
+def test_functions_take_objects_of_other_programs(tmp_path, make):
+    made = make()
+    assert summarize(made).measure == pytest.approx(OBJECTS[make], rel=1e-3)
+    mesh = SimplexMesh.from_object(made)
+    assert mesh.measures.sum() == pytest.approx(OBJECTS[make], rel=1e-3)
+    h0 = np.where(np.arange(mesh.n_points) == 0, 0.1, 1.0)
+    assert_array_equal(ads.limit_gradient(made, h0, 0.3), ads.limit_gradient(mesh, h0, 0.3))
+    ads.write(tmp_path / "a.vtu", made, fields={"h": h0})
+    back = ads.read(tmp_path / "a.vtu")
+    assert_array_equal(back.cells, mesh.cells)
+    assert_array_equal(back.point_data["h"], h0)
+    assert back.tag_names == mesh.tag_names
+
+
+def test_every_function_for_meshes_takes_them(tmp_path):
+    square, h = square_of_skfem(), np.full(25, 0.3)
+    size = ads.SizeFunction(square, h)
+    calls = [
+        lambda: ads.check_mesh(square, size=size),
+        lambda: ads.size_conformity(square, size),
+        lambda: ads.size_from_hessian(square, square.p[0] ** 2, tolerance=0.1),
+        lambda: ads.size_from_error(square, np.ones(32), order=1, tolerance=1.0),
+        lambda: ads.zz_indicator(square, h),
+        lambda: ads.size_from_sources(square, [ads.PointSource([0, 0], 0.1)]),
+        lambda: ads.metric_from_hessian(square, square.p[0] ** 2, tolerance=0.1),
+        lambda: ads.MetricFunction(square, ads.isotropic_metric(h, 2)),
+        lambda: ads.transfer_fields(square, square, fields={"u": h}),
+        lambda: ads.signed_distance(square, lambda x: x[:, 0] - 0.5),
+        lambda: ads.SizeFunction(square, h).on(square),
+        lambda: ads.plot.plot_size(square, h, width=100),
+    ]
+    for call in calls:
+        assert call() is not None
+
+
+def test_tags_of_scikit_fem_and_netgen_have_their_names():
+    mesh = SimplexMesh.from_object(square_of_skfem())
+    assert mesh.tag_names == {(2, 1): "core", (1, 1): "left"}
+    centres = mesh.points[mesh.cells].mean(axis=1)
+    assert_array_equal(mesh.cell_tags == 1, centres[:, 0] < 0.5)
+    assert (mesh.points[mesh.tagged_facets][..., 0] == 0.0).all()
+    assert len(mesh.tagged_facets) == 4
+    cube = SimplexMesh.from_object(cube_of_netgen())
+    assert len(cube.tagged_facets) == len(cube.boundary().mesh.cells)
+    names = {name for (dim, _), name in cube.tag_names.items() if dim == 2}
+    assert {"back", "front", "left", "right", "top", "bottom"} == names
+
+
+def named(mesh, cells, tags):
+    """The corners of cells with the names of their tags, in an order that is that of places."""
+    names = [mesh.tag_names.get((cells.shape[1] - 1, tag), str(tag)) for tag in tags.tolist()]
+    corners = [tuple(sorted(map(tuple, mesh.points[cell].tolist()))) for cell in cells]
+    return sorted(zip(corners, names, strict=True))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("program", ["skfem", "mfem", "netgen", "gmsh"])
+def test_a_mesh_comes_back_from_a_program_with_all_names(program, dim):
+    pytest.importorskip(program)
+    names = {(dim, 1): "core & shell", (dim, 2): "same", (dim - 1, 4): "same"}
+    mesh = replace(tagged_mesh(dim), tag_names=names)
+    back = SimplexMesh.from_object(getattr(mesh, f"to_{program}")())
+    assert_array_equal(back.points, mesh.points)
+    assert_array_equal(np.sort(back.cells), np.sort(mesh.cells))
+    untagged = back.cell_tags == 0
+    assert_array_equal(untagged, mesh.cell_tags == 0)
+    assert named(back, back.cells, back.cell_tags) == named(mesh, mesh.cells, mesh.cell_tags)
+    given = named(mesh, mesh.tagged_facets, mesh.facet_tags)
+    assert named(back, back.tagged_facets, back.facet_tags) == given
+
+
+def test_ngsolve_integrates_over_a_named_boundary():
+    ngsolve = pytest.importorskip("ngsolve")
+    square = SimplexMesh(SQUARE, TWO_TRIANGLES, tagged_facets=[[0, 1]], facet_tags=[3])
+    made = ngsolve.Mesh(replace(square, tag_names={(1, 3): "bottom"}).to_netgen())
+    assert made.GetBoundaries() == ("bottom",)
+    bottom = made.Boundaries("bottom")
+    assert ngsolve.Integrate(1 + ngsolve.y, bottom) == pytest.approx(1.0)
+    whole = ngsolve.Mesh(SimplexMesh(SQUARE, TWO_TRIANGLES).to_netgen())
+    assert ngsolve.Integrate(1, whole, ngsolve.BND) == pytest.approx(4.0)
+
+
+def test_the_current_model_of_gmsh_is_a_mesh():
+    gmsh = pytest.importorskip("gmsh")
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.add("box")
+        gmsh.model.occ.addBox(0, 0, 0, 1, 0.5, 0.25)
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(3, [1], 7, "body")
+        gmsh.model.addPhysicalGroup(2, [1, 2], 9, "ends")
+        gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.setOrder(2)
+        with pytest.warns(MeshRepairWarning, match="reduced to their corners"):
+            mesh = SimplexMesh.from_object(gmsh.model)
+        gmsh.model.mesh.setOrder(1)
+        assert summarize(gmsh.model).measure == pytest.approx(0.125)
+    finally:
+        gmsh.finalize()
+    assert mesh.tag_names == {(3, 7): "body", (2, 9): "ends"}
+    assert set(mesh.points[mesh.tagged_facets][..., 0].ravel()) == {0.0, 1.0}
+    assert len(np.unique(mesh.cells)) == mesh.n_points
+
+
+def test_programs_with_positive_tags_refuse_others():
+    mesh = SimplexMesh(SQUARE, TWO_TRIANGLES, cell_tags=[1, -2])
+    for program in ("mfem", "netgen", "gmsh"):
+        pytest.importorskip(program)
+        with pytest.raises(ValueError, match="cell_tags and facet_tags must be positive"):
+            getattr(mesh, f"to_{program}")()
+
+
+def test_a_surface_of_trimesh_comes_back_in_the_same_order():
+    mesh = SimplexMesh(np.eye(4, 3), [[0, 1, 2], [0, 1, 3]])
+    back = SimplexMesh.from_object(mesh.to_trimesh())
+    assert_array_equal(back.points, mesh.points)
+    assert_array_equal(back.cells, mesh.cells)
+
+
+def test_other_objects_are_refused():
+    with pytest.raises(ValueError, match=r"mesh must be of meshio, PyVista, .*got 3"):
+        SimplexMesh.from_object(3)
+    skfem = pytest.importorskip("skfem")
+    with pytest.raises(ValueError, match="to_meshtri"):
+        SimplexMesh.from_object(skfem.MeshQuad())
+    with pytest.raises(ValueError, match="must fill its space"):
+        SimplexMesh(np.eye(3), [[0, 1, 2]]).to_skfem()
+
+
+def test_arrays_of_the_wrong_shape_are_explained():
+    mesh = SimplexMesh(SQUARE, TWO_TRIANGLES)
+    with pytest.raises(ValueError, match=r"h0 must have shape \(4,\), got \(2,\); one per node"):
+        ads.limit_gradient(mesh, [0.1, 0.2], 0.3)
+    with pytest.raises(ValueError, match="points is transposed"):
+        ads.SizeFunction(mesh, np.ones(4))(np.ones((2, 5)))
