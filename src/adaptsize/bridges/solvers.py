@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._formats import writers
-from adaptsize._formats.blocks import UNTAGGED, RawMesh
+from adaptsize._formats.blocks import UNTAGGED, RawMesh, dimension_of
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import MeshFileError
 
@@ -268,10 +268,14 @@ def _raw_of_gmsh(model: Any) -> RawMesh:
             group = np.full(len(rows), groups[0] if len(groups) else 0, np.int32)
             held.setdefault(base, []).append((tags, rows, group))
     blocks, physical = [], []
+    top = max(map(dimension_of, held), default=0)
     for base, parts in held.items():
         tags, rows, group = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-        blocks.append((base, rows[np.argsort(tags)]))
-        physical.append(group[np.argsort(tags)])
+        by_number = np.argsort(tags)
+        if dimension_of(base) < top:  # boundaries in no group are left out
+            by_number = by_number[group[by_number] != 0]
+        blocks.append((base, rows[by_number]))
+        physical.append(group[by_number])
     found = {key: model.getPhysicalName(*key) for key in model.getPhysicalGroups()}
     names = {key: name for key, name in found.items() if name}
     points = coordinates.reshape(-1, 3)[order]
