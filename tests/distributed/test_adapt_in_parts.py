@@ -5,6 +5,7 @@ import pytest
 from meshes import jittered_square, random_sphere
 from partitions import on_ranks, partition
 from scipy.spatial import Delaunay
+from simulated_ranks import SimulatedCommunicator
 
 import adaptsize as ads
 from adaptsize import CartesianGrid, SimplexMesh, adapt
@@ -12,6 +13,7 @@ from adaptsize.adaptation.in_parts import boundary_distance, lost_tags
 from adaptsize.adaptation.next_sizes import (
     bound_by_tolerance,
 )
+from adaptsize.distributed import PartitionedMesh
 from adaptsize.errors import ResolutionWarning
 from adaptsize.sizes import predict
 
@@ -222,3 +224,25 @@ def test_metrics_are_refused():
     metric = ads.metrics.isotropic_metric(np.ones(mesh.n_points), 2)
     with pytest.raises(ValueError, match="h0 must be sizes on several ranks, got a metric"):
         adapt(ads.distributed.PartitionedMesh.from_serial(mesh), h0=metric)
+
+
+def test_cells_inside_the_parts_are_sent_to_no_other_rank():
+    def sent(n):
+        old, new = jittered_square(n, 78), jittered_square(n + n // 10, 79)
+        # Parts whose boxes overlap by most of their length.
+        rank_of = [(m.points[m.cells].mean(axis=1).sum(axis=1) > 0.0) * 1 for m in (old, new)]
+
+        def work(comm):
+            parts = [
+                PartitionedMesh.from_serial(mesh if comm.rank == 0 else None, rank, comm)
+                for mesh, rank in zip((old, new), rank_of, strict=True)
+            ]
+            assert all(part.shared.every is not None for part in parts)
+            before = comm.traffic.bytes_sent
+            ads.transfer_fields(*parts, fields={"x": parts[0].points[:, 0]}, method="bounded")
+            return comm.traffic.bytes_sent - before
+
+        return max(SimulatedCommunicator.run(2, work))
+
+    # Four times the cells, and twice those at the diagonal.
+    assert sent(40) < 2.6 * sent(20)

@@ -12,12 +12,21 @@ import numpy.typing as npt
 from adaptsize.adaptation.overlaps import OUTSIDE, intersections_of
 from adaptsize.adaptation.projection import Projection, sums_over
 from adaptsize.background import PartitionedMesh, SimplexMesh
-from adaptsize.background.requests import ask_nearest, ask_ranks, boxes_of, ranks_within, values_at
+from adaptsize.background.requests import (
+    ask_nearest,
+    ask_ranks,
+    boxes_of,
+    boxes_of_pieces,
+    ranks_that_meet,
+    values_at,
+)
 from adaptsize.limiting.exact.field import Workers
 from adaptsize.typing import FloatArray, IntArray, NodalMethod
 
 #: One thread on each rank.
 _WORKERS = Workers(1)
+#: A cell of which less than this share is missing lies in a part.
+_COVERED = 1e-13
 
 
 class TransferredFields(NamedTuple):
@@ -99,7 +108,9 @@ def _nodal(
         assert products is not None
         return sums_over(products, columns, ranges=bounded).reshape(sent.n_cells, -1)
 
-    which, parts = _ask_cells(old, boxes, new.points[new.cells], integrals)
+    which, parts = _ask_cells(
+        old, new.points[new.cells], measures, integrals, 1 + (3 if bounded else 1) * k
+    )
     # One row for each node of each cell that was sent.
     nodes, rows = new.cells[which].ravel(), parts.reshape(-1, parts.shape[1] // n_corners)
     sums = np.zeros((new.n_points, 1 + k))
@@ -134,10 +145,11 @@ def _cells(
         overlap = intersections_of(old.mesh, sent, _WORKERS).measures
         return np.column_stack([np.asarray(overlap.sum(axis=1)).ravel(), overlap @ columns])
 
-    which, parts = _ask_cells(old, boxes, corners, integrals)
-    sums = np.zeros((len(corners), 1 + columns.shape[1]))
-    np.add.at(sums, which, parts)  # in order of rank
     measures = np.zeros(0) if new.mesh is None else new.mesh.measures
+    width = 1 + columns.shape[1]
+    which, parts = _ask_cells(old, corners, measures, integrals, width)
+    sums = np.zeros((len(corners), width))
+    np.add.at(sums, which, parts)
     inside = sums[:, 0] > OUTSIDE * measures
     values[inside] = sums[inside, 1:] / sums[inside, :1]
     return _restored(values, field)
@@ -152,20 +164,44 @@ def _values_in(mesh: SimplexMesh | None, columns: FloatArray, points: FloatArray
 
 def _ask_cells(
     old: PartitionedMesh,
-    boxes: FloatArray,
     corners: FloatArray,
+    measures: FloatArray,
     answer: Callable[[SimplexMesh], FloatArray],
+    width: int,
 ) -> tuple[npt.NDArray[np.int64], FloatArray]:
-    """Return the new cells that meet the boxes of ranks, and the answer of each; collective."""
-    low, high = corners.min(axis=1, initial=np.inf), corners.max(axis=1, initial=-np.inf)
-    # Nearer than the smallest number is at distance 0.
-    reach = np.full(len(corners), np.nextafter(0.0, 1.0))
-    which, rank = ranks_within(low, high, boxes, reach)
-    shape = corners.shape[1:]
+    """Return new cells and the answers about them of the ranks that they overlap; collective.
+
+    Cells that lie in the part of this rank, which nearly all do, are sent to no other.
+
+    Parameters
+    ----------
+    corners : float64[n, k, dim]
+    measures : float64[n]
+    answer : callable
+        Returns a row for each cell, in runs of ``width`` columns.  The first columns of these add
+        up to the measure that the cell has in common with the part.
+    width : int
+    """
+    flat = corners.reshape(len(corners), corners.shape[1] * corners.shape[2])
 
     def of_rows(rows: FloatArray) -> FloatArray:
-        cells: IntArray = np.arange(len(rows) * shape[0], dtype=np.int32).reshape(-1, shape[0])
-        return answer(SimplexMesh(rows.reshape(-1, shape[1]), cells))
+        n, k, dim = len(rows), *corners.shape[1:]
+        cells: IntArray = np.arange(n * k, dtype=np.int32).reshape(n, k)
+        return answer(SimplexMesh(rows.reshape(-1, dim), cells))
 
-    flat = corners.reshape(len(corners), shape[0] * shape[1])
-    return which, ask_ranks(old, flat, which, rank, of_rows)
+    has_own = old.mesh is not None and len(flat) > 0
+    own = old.ranks.agree(lambda: of_rows(flat) if has_own else None)
+    missing = np.arange(len(flat))
+    if own is not None:
+        missing = np.flatnonzero(own[:, ::width].sum(axis=1) < (1.0 - _COVERED) * measures)
+    low = corners[missing].min(axis=1, initial=np.inf)
+    high = corners[missing].max(axis=1, initial=-np.inf)
+    which, rank = ranks_that_meet(low, high, boxes_of_pieces(old))
+    others = rank != old.ranks.rank
+    which, rank = missing[which[others]], rank[others]
+    asked = ask_ranks(old, flat, which, rank, of_rows)
+    if own is None:
+        return which, asked
+    if len(which) == 0:  # then the width of the answers may be unknown
+        return np.arange(len(flat)), own
+    return np.concatenate([np.arange(len(flat)), which]), np.concatenate([own, asked])

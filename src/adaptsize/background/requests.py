@@ -16,6 +16,8 @@ from adaptsize.typing import FloatArray, IntArray, LongArray
 
 # Points that are compared at once with the boxes of the ranks near all of them.
 _CHUNK = 1024
+# Pieces of a part that have their own boxes.
+_PIECES = 32
 
 
 def boxes_of(part: PartitionedMesh) -> FloatArray:
@@ -29,6 +31,42 @@ def boxes_around(points: FloatArray, ranks: Communicator) -> FloatArray:
     if len(points):
         box = np.stack([points.min(axis=0), points.max(axis=0)])
     return np.array(ranks.allgather(box))
+
+
+def boxes_of_pieces(part: PartitionedMesh) -> FloatArray:
+    """Return the corners of boxes around pieces of all parts, float64[size, pieces, 2, dim].
+
+    The pieces are runs of cells along a curve.  Their boxes leave out most of what is in the box
+    of a part but not in the part.  They are inf without cells.
+    """
+    boxes = np.full((_PIECES, 2, part.dim), np.inf)
+    if part.n_cells:
+        corners = part.points[part.cells]
+        corners = corners[along_curve(corners.mean(axis=1))]
+        starts = np.arange(_PIECES) * part.n_cells // _PIECES
+        boxes[:, 0] = np.minimum.reduceat(corners.min(axis=1), starts)
+        boxes[:, 1] = np.maximum.reduceat(corners.max(axis=1), starts)
+    return np.array(part.ranks.allgather(boxes))
+
+
+def ranks_that_meet(
+    low: FloatArray, high: FloatArray, pieces: FloatArray
+) -> tuple[LongArray, LongArray]:
+    """Return all pairs of a box and a rank with a piece that meets it, in their order.
+
+    Parameters
+    ----------
+    low, high : float64[n, dim]
+    pieces : float64[ranks, pieces, 2, dim]
+        Those of `boxes_of_pieces`.
+    """
+    # Nearer than the smallest number is at distance 0.
+    reach = np.full(len(low), np.nextafter(0.0, 1.0))
+    which, piece = ranks_within(low, high, pieces.reshape(-1, 2, low.shape[1]), reach)
+    rank = piece // pieces.shape[1]
+    first = np.ones(len(which), np.bool_)
+    first[1:] = (which[1:] != which[:-1]) | (rank[1:] != rank[:-1])
+    return which[first], rank[first]
 
 
 def ask_nearest(
