@@ -73,6 +73,24 @@ class Communicator(ABC):
         received = self.alltoallv([as_words(value) for value in values])
         return [pickle.loads(words.tobytes()) for words in received]
 
+    def ask(
+        self,
+        rows: npt.NDArray[Any],
+        ranks: npt.NDArray[Any],
+        answer: Callable[[npt.NDArray[Any], npt.NDArray[Any]], npt.NDArray[Any]],
+    ) -> npt.NDArray[Any]:
+        """Send each row to a rank, and return what is answered to each; two exchanges.
+
+        ``answer(rows, by)`` takes the rows that this rank is sent and the ranks that sent them.
+        """
+        asked = self.alltoallv(split_rows(rows, ranks, self.size))
+        lengths = [len(part) for part in asked]
+        replies = answer(np.concatenate(asked), np.repeat(np.arange(self.size), lengths))
+        answers = np.concatenate(self.alltoallv(np.split(replies, np.cumsum(lengths)[:-1])))
+        found = np.empty_like(answers)
+        found[np.argsort(ranks, kind="stable")] = answers
+        return found
+
     @abstractmethod
     def bcast(self, value: T, root: int = 0) -> T:
         """Return the value of one rank on all ranks."""

@@ -13,7 +13,7 @@ from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.background.partitioning import cut_part
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.background.topology import oriented_facets, tags_of_facets
-from adaptsize.ranks import Communicator, Ids, split_rows
+from adaptsize.ranks import Communicator, Ids
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 # Bits per axis of keys along a Morton curve.
@@ -64,19 +64,13 @@ def _free_facets(part: PartitionedMesh) -> tuple[IntArray, BoolArray]:
         free = part.mesh.facets[part.mesh.facet_cell_counts == 1]
     candidates = is_shared[free].all(axis=1)
     keys = np.sort(part.global_ids[free[candidates]], axis=1)
-    at = keys[:, 0] % comm.size
-    order = np.argsort(at, kind="stable")
-    asked = comm.alltoallv(split_rows(keys, at, comm.size))
-    rows = np.concatenate(asked)
-    by = np.repeat(np.arange(comm.size), [len(part) for part in asked])
-    count = np.zeros(0, np.int64)
-    if len(rows):
+
+    def count(rows: Ids, _: Ids) -> Ids:
         _, group, times = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
-        count = times[group.ravel()]
-    found = np.empty(len(keys), np.int64)
-    found[order] = np.concatenate(comm.alltoallv(split_rows(count, by, comm.size)))
+        return np.asarray(times[group.ravel()])
+
     is_between = np.zeros(len(free), np.bool_)
-    is_between[candidates] = found > 1
+    is_between[candidates] = comm.ask(keys, keys[:, 0] % comm.size, count) > 1
     return free, is_between
 
 
@@ -326,19 +320,15 @@ def number_nodes(comm: Communicator, keys: Ids) -> tuple[Ids, IntArray]:
     """
     largest = comm.allreduce(int(keys.max(initial=-1)), "max")
     share = largest // comm.size + 1
-    at = keys // share
-    order = np.argsort(at, kind="stable")
-    asked = comm.alltoallv(split_rows(keys, at, comm.size))
-    every = np.concatenate(asked)
-    by = np.repeat(np.arange(comm.size, dtype=np.int64), [len(part) for part in asked])
-    known, group = np.unique(every, return_inverse=True)
-    owner = np.full(len(known), comm.size, np.int64)
-    np.minimum.at(owner, group, by)
-    counts = comm.allgather(len(known))
-    numbers = group + sum(counts[: comm.rank])
-    answers = comm.alltoallv(split_rows(np.column_stack([numbers, owner[group]]), by, comm.size))
-    found = np.empty((len(keys), 2), np.int64)
-    found[order] = np.concatenate(answers)
+
+    def number(every: Ids, by: Ids) -> Ids:
+        known, group = np.unique(every, return_inverse=True)
+        owner = np.full(len(known), comm.size, np.int64)
+        np.minimum.at(owner, group, by)
+        counts = comm.allgather(len(known))
+        return np.column_stack([group + sum(counts[: comm.rank]), owner[group]])
+
+    found = comm.ask(keys, keys // share, number)
     return found[:, 0].copy(), found[:, 1].astype(np.int32)
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from adaptsize.background._curve import along_curve
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.background.simplex import SimplexMesh
-from adaptsize.ranks import Communicator, split_rows
+from adaptsize.ranks import Communicator
 from adaptsize.typing import FloatArray, IntArray, LongArray
 
 # Points that are compared at once with the boxes of the ranks near all of them.
@@ -154,16 +154,13 @@ def ask_ranks(
 ) -> FloatArray:
     """Return the answers of given ranks for given points, one row for each; collective."""
     comm = old.ranks
-    order = np.argsort(rank, kind="stable")
-    asked = comm.alltoallv(split_rows(points[which], rank, comm.size))
-    every = np.concatenate(asked)
-    replies = comm.agree(lambda: answer(every) if len(every) else None)
-    width = comm.allreduce(1 if replies is None else replies.shape[1], "max")
-    rows = np.empty((0, width)) if replies is None else replies
-    ends = np.cumsum([len(part) for part in asked])
-    found = np.empty((len(which), width))
-    found[order] = np.concatenate(comm.alltoallv(np.split(rows, ends[:-1])))
-    return found
+
+    def reply(asked: FloatArray, _: npt.NDArray[Any]) -> FloatArray:
+        replies = comm.agree(lambda: answer(asked) if len(asked) else None)
+        width = comm.allreduce(1 if replies is None else replies.shape[1], "max")
+        return np.empty((0, width)) if replies is None else replies
+
+    return comm.ask(points[which], rank, reply)
 
 
 def values_at(

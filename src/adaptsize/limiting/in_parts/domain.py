@@ -12,7 +12,7 @@ from adaptsize.background import SimplexMesh, topology
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
 from adaptsize.geometry.convexity import is_convex
-from adaptsize.ranks import Communicator, Ids, split_rows
+from adaptsize.ranks import Communicator, Ids
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 
@@ -207,23 +207,18 @@ def _statuses(piece: Piece, facets: Ids) -> npt.NDArray[np.int8]:
 
     Each facet is compared on one rank with the same facet of other ranks.
     """
-    comm = piece.ranks
-    judge = (facets.min(axis=1) % comm.size) if len(facets) else np.zeros(0, np.int64)
-    received = comm.alltoallv(split_rows(facets, judge, comm.size))
-    found = np.concatenate(received)
-    if len(found):
+
+    def judge(found: Ids, _: Ids) -> npt.NDArray[np.int8]:
+        if len(found) == 0:
+            return np.zeros(0, np.int8)
         number, group = np.unique(np.sort(found, axis=1), axis=0, return_inverse=True)
         group = group.ravel()
         even = np.bincount(group, weights=_is_even(found), minlength=len(number))[group]
         count = np.bincount(group)[group]
         answer = np.where(count == 1, _WALL, np.where((count == 2) & (even == 1), _INNER, _ODD))
-    else:
-        answer = np.zeros(0, np.int64)
-    ends = np.cumsum([len(part) for part in received])[:-1]
-    replies = comm.alltoallv(np.split(answer.astype(np.int8), ends))
-    statuses = np.empty(len(facets), np.int8)
-    statuses[np.argsort(judge, kind="stable")] = np.concatenate(replies)
-    return statuses
+        return answer.astype(np.int8)
+
+    return piece.ranks.ask(facets, facets.min(axis=1) % piece.ranks.size, judge)
 
 
 def _is_even(rows: Ids) -> BoolArray:

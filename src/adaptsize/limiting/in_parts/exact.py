@@ -18,15 +18,13 @@ from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.geometry.boundary import plane_boundary
 from adaptsize.geometry.convexity import count_corners
 from adaptsize.limiting.exact.candidates import Component, Extra, Kinks, margin_for
-from adaptsize.limiting.exact.field import ExactField, Points, Workers
+from adaptsize.limiting.exact.field import Points, Workers
 from adaptsize.limiting.exact.plane import Plane, check_price, plane_of
 from adaptsize.limiting.exact.scheme import OUTSIDE
 from adaptsize.limiting.exact.solve import (
     ComponentSolution,
-    entries_of_nodes,
     rises_too_fast,
     solve_by_sight,
-    survivors_of,
 )
 from adaptsize.limiting.in_parts.domain import (
     Piece,
@@ -67,8 +65,11 @@ class Settings(NamedTuple):
 def solve_exact(part: PartitionedMesh, h0: FloatArray, settings: Settings) -> Solved | None:
     """Return the limited sizes on the nodes of this rank; collective.
 
-    Returns None, on all ranks, if the mesh has cells without measure or cells that overlap.
+    Returns None, on all ranks, if the mesh has cells without measure or cells that overlap, or
+    consists of segments.
     """
+    if part.dim == 1:
+        return None
     traced = untraced(part) if settings.trace else None
     whole = Solved(h0.copy(), 0, n_hidden=0)
     numbers = components_of(part).bounded(part.ranks, h0)
@@ -78,8 +79,7 @@ def solve_exact(part: PartitionedMesh, h0: FloatArray, settings: Settings) -> So
     for number in numbers:
         piece = piece_of(part, number)
         extra = None if located is None else located.extra(number, piece)
-        solve = _solve_interval if part.dim == 1 else _solve_piece
-        found = solve(part, number, h0, settings, extra)
+        found = _solve_piece(part, number, h0, settings, extra)
         if found is None:
             return None
         whole.h[piece.nodes] = found.h[: len(piece.nodes)]
@@ -104,7 +104,7 @@ def _solve_piece(
     if skeleton is None:
         return None
     mesh, comm, bound = piece.mesh, piece.ranks, piece.bounds(h0)
-    least = _least(bound, extra)
+    least = min(float(bound.min()), np.inf if extra is None else float(extra.sizes.min()))
     facts = comm.allgather((least, bool(have_neighbours(mesh.cells, bound))))
     component = Component(
         mesh,
@@ -133,46 +133,6 @@ def _solve_piece(
     found = _with_others(piece, component, plane.without_sizes(), skeleton, numbers)
     folded = not piece.is_empty and rises_too_fast(component, found.h)
     return None if comm.allreduce(int(folded), "max") else found
-
-
-def _least(bound: FloatArray, extra: Extra | None) -> float:
-    """Return the smallest bound at nodes of this rank and at points between the nodes."""
-    least = float(bound.min())
-    return least if extra is None else min(least, float(extra.sizes.min()))
-
-
-def _solve_interval(
-    part: PartitionedMesh, number: int, h0: FloatArray, settings: Settings, extra: Extra | None
-) -> Solved:
-    """Return the sizes in one component of segments on a line; one exchange."""
-    g, workers = settings.g, Workers.of(settings.threads, settings.report)
-    piece = piece_of(part, number)
-    mesh, bound = piece.mesh, piece.bounds(h0)
-    places = mesh.points
-    order = along_curve(places)[: len(piece.ids)]
-    ends = part.once(f"_ends_{number}", lambda: _ends(piece))
-    least = piece.ranks.allreduce(_least(bound, extra), "min")
-    nodes = np.flatnonzero(np.isfinite(bound)).astype(np.int32)
-    component = Component(
-        mesh, bound, g, False, workers, extra, margin=margin_for(least, g, ends[1] - ends[0])
-    )
-    entries = entries_of_nodes(component, nodes)
-    entries = survivors_of(entries, component)
-    h, source = bound.copy(), np.full(len(bound), -1, np.int32)
-    points = Points(places, order, np.empty(0, np.int32))
-    found = ComponentSolution(h, source, ExactField(g, None, False, [entries]))
-    found.field.lower_by_last(points, h, source, workers)
-    ids = numbers_of(piece, component, part.n_global_points)
-    numbers = Numbers(ids, piece.ids[:0]) if settings.trace else None
-    return _exchanged(piece, component, found, points, numbers)
-
-
-def _ends(piece: Piece) -> tuple[float, float]:
-    """Return the ends of an interval; collective."""
-    own = piece.mesh.points[: len(piece.ids)]
-    ends = np.array([own.min(initial=np.inf), -own.max(initial=-np.inf)])
-    low, high = piece.ranks.allreduce(ends, "min").tolist()
-    return low, -high
 
 
 def _with_others(

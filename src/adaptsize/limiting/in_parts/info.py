@@ -229,11 +229,8 @@ def _look_up(comm: Communicator, held: Ids, share: int, ids: Ids, n: int) -> Ids
     Two exchanges.
     """
     asking = np.flatnonzero((ids >= 0) & (ids < n))
-    at = ids[asking] // share
-    asked = comm.alltoallv(split_rows(ids[asking], at, comm.size))
-    answers = comm.alltoallv([held[some - comm.rank * share] for some in asked])
-    found = ids.copy()
-    found[asking[np.argsort(at, kind="stable")]] = np.concatenate(answers)
+    found, first = ids.copy(), comm.rank * share
+    found[asking] = comm.ask(ids[asking], ids[asking] // share, lambda some, _: held[some - first])
     return found
 
 

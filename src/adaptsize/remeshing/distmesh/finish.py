@@ -1,4 +1,4 @@
-"""From converged nodes to a mesh: projection of boundary nodes, repair of flat cells."""
+"""From converged nodes to a mesh: projection of boundary nodes, improvement of bad cells."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from adaptsize._kernels.swapping import MOST_AROUND, Tetrahedra, new_work, swap
 from adaptsize.background import topology
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
 from adaptsize.remeshing.distmesh.relaxation import ON_BOUNDARY, nodes_of, skin_of, triangulate
-from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 #: Rounds of triangulation and projection.  Two are usually enough.
 _ROUNDS = 8
-#: Cells of lower quality at the boundary are removed if nothing is lost.
+#: Cells of lower quality are improved with their neighbours.
 _FLAT = 0.25
 #: Cells of lower quality are improved.
 _BAD = {2: 0.6, 3: 0.45}
@@ -37,7 +37,7 @@ def finish(
     for k in range(_ROUNDS):
         report("fitting the boundary", k / _ROUNDS)
         h, phi = domain.size(points), domain.phi(points)
-        cells = without_flat(points, triangulate(domain, points, phi, h), n_fixed)
+        cells = triangulate(domain, points, phi, h)
         at = np.flatnonzero(nodes_of(skin_of(cells, len(points)), len(points)))
         at = at[at >= n_fixed]
         there, _ = domain.project(points[at], h[at], tolerance=TOLERANCE, max_steps=20)
@@ -70,66 +70,6 @@ def take_back(
             return
         points[worse] = old[worse]
     points[:] = old
-
-
-def without_flat(points: FloatArray, cells: IntArray, n_fixed: int) -> IntArray:
-    """Return the cells without flat cells that have all facets of one side on the boundary.
-
-    The other side then becomes the boundary.  In the plane these cells are triangles at a
-    straight part of the boundary, in space slivers between four boundary nodes.
-    """
-    for _ in range(10):
-        flat = np.flatnonzero(_quality(points, cells) < _FLAT)
-        gone = _one_sided(points, cells, flat, n_fixed) if len(flat) else []
-        if len(gone) == 0:
-            break
-        cells = np.delete(cells, gone, axis=0)
-    return cells
-
-
-def _one_sided(points: FloatArray, cells: IntArray, flat: IndexArray, n_fixed: int) -> list[int]:
-    """Return the flat cells that can be removed, no two of them with a common node."""
-    width = cells.shape[1]
-    facets, cell_facets = topology.facets_of(cells, len(points))
-    single = np.bincount(cell_facets.ravel(), minlength=len(facets)) == 1
-    skin = facets[single]
-    on_boundary = np.zeros(len(points), np.bool_)
-    on_boundary[skin] = True
-    pairs = {tuple(pair) for pair in topology.edges_of(skin, len(points)).tolist()}
-    n_cells = np.bincount(cells.ravel(), minlength=len(points))
-    touched = np.zeros(len(points), np.bool_)
-    gone = []
-    for c in flat.tolist():
-        nodes = cells[c]
-        outer = single[cell_facets[c]]
-        if not outer.any() or outer.all() or touched[nodes].any():
-            continue
-        hidden = nodes[outer]  # opposite to facets on the boundary: they become boundary nodes
-        if len(hidden) == 1:
-            closed = bool(on_boundary[hidden[0]])
-        elif len(hidden) == width - 1:  # their common node would be lost
-            lost = nodes[~outer][0]
-            closed = bool(lost < n_fixed or n_cells[lost] > 1)
-        else:
-            closed = tuple(sorted(hidden.tolist())) in pairs
-        if closed or not _is_one_side(points[nodes], outer):
-            continue
-        touched[nodes] = True
-        gone.append(c)
-    return gone
-
-
-def _is_one_side(corners: FloatArray, outer: BoolArray) -> bool:
-    """Return whether the facets in ``outer`` cover a flat cell from one side."""
-    normals = np.stack([_facet_normals(np.delete(corners, v, axis=0)) for v in range(len(corners))])
-    centre = corners.mean(axis=0)
-    for v in range(len(corners)):
-        if normals[v] @ (centre - corners[v]) < 0.0:  # outward: away from the opposite corner
-            normals[v] *= -1.0
-    area = np.linalg.norm(normals, axis=1)
-    covered = float(area[outer].sum())
-    shown = float(np.linalg.norm(normals[outer].sum(axis=0)))
-    return shown > 0.8 * covered and float(area[~outer].sum()) < 1.25 * covered
 
 
 def _facet_normals(corners: FloatArray) -> FloatArray:
