@@ -10,7 +10,7 @@ import numpy as np
 
 from adaptsize._checks import refuse_where
 from adaptsize.background.partitioned import PartitionedMesh
-from adaptsize.background.partitioning import cut_part
+from adaptsize.background.partitioning import cut_part, joined
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.background.topology import oriented_facets, tags_of_facets
 from adaptsize.ranks import Communicator, Ids
@@ -236,50 +236,36 @@ def _joined(pieces: Sequence[Piece]) -> tuple[SimplexMesh | None, Ids]:
         return None, np.empty(0, np.int64)
     meshes = [piece.mesh for piece in pieces]
     every = np.concatenate([piece.keys for piece in pieces if piece.keys is not None])
-    keys, first, number = np.unique(every, return_index=True, return_inverse=True)
-    ends = np.cumsum([mesh.n_points for mesh in meshes])
-    numbers = np.split(number.astype(np.int32), ends[:-1])
-    cells = [new[mesh.cells] for new, mesh in zip(numbers, meshes, strict=True)]
-    common = {"point": set(meshes[0].point_data), "cell": set(meshes[0].cell_data)}
-    for mesh in meshes:
-        common["point"] &= set(mesh.point_data)
-        common["cell"] &= set(mesh.cell_data)
-    tagged: dict[str, Any] = {}
-    if any(mesh.cell_tags is not None for mesh in meshes):
-        tagged["cell_tags"] = np.concatenate([_cell_tags(mesh) for mesh in meshes])
-    rows = [
-        new[mesh.tagged_facets]
-        for new, mesh in zip(numbers, meshes, strict=True)
-        if mesh.tagged_facets is not None
-    ]
-    if rows:
-        # A facet between two pieces may be in both.
-        facets = np.concatenate(rows)
-        once = np.sort(np.unique(np.sort(facets, axis=1), axis=0, return_index=True)[1])
-        tags = [mesh.facet_tags for mesh in meshes if mesh.facet_tags is not None]
-        tagged["tagged_facets"] = facets[once]
-        tagged["facet_tags"] = np.concatenate(tags)[once]
-    mesh = SimplexMesh(
-        np.concatenate([mesh.points for mesh in meshes])[first],
-        np.concatenate(cells),
-        tag_names={key: name for mesh in meshes for key, name in mesh.tag_names.items()},
-        point_data={
-            name: np.concatenate([mesh.point_data[name] for mesh in meshes])[first]
-            for name in meshes[0].point_data
-            if name in common["point"] and name != NODE_NUMBERS
-        },
-        cell_data={
-            name: np.concatenate([mesh.cell_data[name] for mesh in meshes])
-            for name in meshes[0].cell_data
-            if name in common["cell"]
-        },
-        **tagged,
+    keys, number = np.unique(every, return_inverse=True)
+    numbers = np.split(number, np.cumsum([mesh.n_points for mesh in meshes])[:-1])
+    rows = np.split(
+        np.arange(sum(mesh.n_cells for mesh in meshes)),
+        np.cumsum([mesh.n_cells for mesh in meshes])[:-1],
     )
-    return mesh, keys
+    in_cells = any(mesh.cell_tags is not None for mesh in meshes)
+    on_facets = any(mesh.tagged_facets is not None for mesh in meshes)
+    at_nodes = set.intersection(*(set(mesh.point_data) for mesh in meshes)) - {NODE_NUMBERS}
+    of_cells = set.intersection(*(set(mesh.cell_data) for mesh in meshes))
+    alike = [
+        replace(
+            _tagged(mesh, in_cells, on_facets),
+            point_data={k: v for k, v in mesh.point_data.items() if k in at_nodes},
+            cell_data={k: v for k, v in mesh.cell_data.items() if k in of_cells},
+        )
+        for mesh in meshes
+    ]
+    return joined(list(zip(alike, numbers, rows, strict=True))), keys
 
 
-def _cell_tags(mesh: SimplexMesh) -> IntArray:
-    return np.zeros(mesh.n_cells, np.int32) if mesh.cell_tags is None else mesh.cell_tags
+def _tagged(mesh: SimplexMesh, in_cells: bool, on_facets: bool) -> SimplexMesh:
+    """Return the mesh with the tags 0 in its cells, and no facets that are tagged, if missing."""
+    added: dict[str, Any] = {}
+    if in_cells and mesh.cell_tags is None:
+        added["cell_tags"] = np.zeros(mesh.n_cells, np.int32)
+    if on_facets and mesh.tagged_facets is None:
+        added["tagged_facets"] = np.empty((0, mesh.cell_dim), np.int32)
+        added["facet_tags"] = np.empty(0, np.int32)
+    return replace(mesh, **added) if added else mesh
 
 
 def _with_common_tags(comm: Communicator, mesh: SimplexMesh | None) -> SimplexMesh | None:
@@ -296,13 +282,7 @@ def _with_common_tags(comm: Communicator, mesh: SimplexMesh | None) -> SimplexMe
         return None
     if mesh.dim == 3 and not given[0]:
         mesh = replace(mesh, points=mesh.points[:, :2])
-    added: dict[str, Any] = {}
-    if given[1] and not has_cells:
-        added["cell_tags"] = _cell_tags(mesh)
-    if given[2] and not has_facets:
-        added["tagged_facets"] = np.empty((0, mesh.cell_dim), np.int32)
-        added["facet_tags"] = np.empty(0, np.int32)
-    return replace(mesh, **added) if added else mesh
+    return _tagged(mesh, bool(given[1]), bool(given[2]))
 
 
 def number_nodes(comm: Communicator, keys: Ids) -> tuple[Ids, IntArray]:

@@ -121,7 +121,7 @@ def joined(pieces: Sequence[tuple[SimplexMesh | None, Ids, Ids]]) -> SimplexMesh
         cell_tags=cell_tags,
         tagged_facets=facets,
         facet_tags=tags,
-        tag_names=first.tag_names,
+        tag_names={key: name for mesh in meshes for key, name in mesh.tag_names.items()},
         point_data={k: nodal([mesh.point_data[k] for mesh in meshes]) for k in first.point_data},
         cell_data={
             k: np.concatenate([mesh.cell_data[k] for mesh in meshes])[order]

@@ -12,9 +12,10 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, refuse_where
 from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background.topology import components_of
 from adaptsize.geometry.boundary import flat_boundary
 from adaptsize.geometry.convexity import is_convex
-from adaptsize.typing import BoolArray, FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 # Nodes coincide if they are closer than this share of the diagonal.
 _SAME = 1e-7
@@ -33,17 +34,10 @@ class Periodicity:
     """int32[n, 2]: nodes and their images."""
 
     @cached_property
-    def classes(self) -> tuple[IntArray, IntArray]:
+    def classes(self) -> tuple[IntArray, IndexArray]:
         """Nodes that have an image, and for each of them the number of its class."""
         nodes, local = np.unique(self.pairs, return_inverse=True)
-        local = local.reshape(-1, 2)
-        label = np.arange(len(nodes))
-        while True:  # a class has at most 2^k nodes, so this ends after a few passes
-            before = label.copy()
-            for ends in (local, local[:, ::-1]):
-                np.minimum.at(label, ends[:, 0], label[ends[:, 1]])
-            if np.array_equal(label, before):
-                return nodes.astype(np.int32), label.astype(np.int32)
+        return nodes.astype(np.int32), components_of(local.reshape(-1, 2), len(nodes))
 
     def least(self, sizes: FloatArray) -> FloatArray:
         """Return sizes of the nodal shape, the smallest of each class at all of its nodes."""
