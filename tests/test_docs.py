@@ -62,6 +62,7 @@ def coarse_data(tmp_path_factory):
     folder = tmp_path_factory.mktemp("coarse")
     for name in (
         "bracket.stl", "slit.vtu", "block.vtu", "lshape.vtu", "curved.vtu", "plate.vtk",
+        "coast.geojson",
     ):  # fmt: skip
         shutil.copy(ROOT / "data" / name, folder)
     corners = np.array([[x, y, z] for x in (0, 20) for y in (0, 12) for z in (0, 8)], dtype=float)

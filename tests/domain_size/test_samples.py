@@ -19,6 +19,7 @@ NAMES = [
     "block.vtu",
     "plate.vtk",
     "deer.ply",
+    "coast.geojson",
 ]
 
 

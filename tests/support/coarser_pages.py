@@ -106,16 +106,6 @@ COARSER = {
             "hmin  ...\ncurvature  ...\nwidth  ...\n",
         ),
     ],
-    "docs/tutorials/coast.md": [
-        ("12_000", "1_200"),
-        ("8_000", "800"),
-        ("h_shore = 1.0", "h_shore = 6.0"),
-        ("/ 300.0  # tide", "/ 60.0  # tide"),
-        ("/ 20.0\n", "/ 5.0\n"),
-        ("elements_across=4", "elements_across=2"),
-        words("5924 points in 2-D, 11373 triangles)\n5924 points, 11373 triangles"),
-        words("1.149   1.009   99.35%     17297"),
-    ],
     "docs/tutorials/cad.md": [
         ('"flange.step")\nprint', '"flange.step", elements_per_circle=16, largest=10.0)\nprint'),
         ("(3, 1.0)", "(3, 4.0)"),
