@@ -188,6 +188,7 @@ class SizeFunction(ReadOnlyState):
         return f"SizeFunction({sizes}, on {self.background!r})"
 
     plot = LaterMethod[Any]("adaptsize.plot", "plot_size")
+    sparse = LaterMethod[Any]("adaptsize.domain_size.sparse", "sparse_size")
 
     def __call__(self, points: npt.ArrayLike) -> FloatArray:
         """Return the requested size at each point.

@@ -8,14 +8,17 @@ import numpy as np
 
 from adaptsize._checks import check_type
 from adaptsize._size_function import SizeFunction
+from adaptsize.domain_size.sparse import SparseSize
 
 
-def gmsh_callback(size: SizeFunction) -> Callable[[int, int, float, float, float, float], float]:
+def gmsh_callback(
+    size: SizeFunction | SparseSize,
+) -> Callable[[int, int, float, float, float, float], float]:
     """Return the function that ``gmsh.model.mesh.setSizeCallback`` takes.
 
     Parameters
     ----------
-    size : SizeFunction
+    size : SizeFunction or SparseSize
         In the plane, the third coordinate is ignored.
 
     Returns
@@ -44,8 +47,8 @@ def gmsh_callback(size: SizeFunction) -> Callable[[int, int, float, float, float
     >>> round(f(2, 1, 0.5, 0.0, 0.0, 1e22), 12)
     0.15
     """
-    check_type("size", size, SizeFunction)
-    dim = size.background.dim
+    check_type("size", size, SizeFunction, SparseSize)
+    dim = size.points.shape[1] if isinstance(size, SparseSize) else size.background.dim
 
     def callback(_dim: int, _tag: int, x: float, y: float, z: float, lc: float) -> float:
         h = float(size([(x, y, z)[:dim]])[0])

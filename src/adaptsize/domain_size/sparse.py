@@ -1,0 +1,189 @@
+"""Sizes as a few points, each with a size that grows from it: `SparseSize`."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, check_type
+from adaptsize._formats.guards import about_file, write_whole
+from adaptsize._progress import silent
+from adaptsize._size_function import SizeFunction
+from adaptsize.errors import MeshFileError
+from adaptsize.limiting.exact import limit_points
+from adaptsize.limiting.exact.field import ExactField, node_entries
+from adaptsize.typing import FloatArray, IntArray
+
+#: Sizes are raised by this share to see which of them others allow; more than rounding.
+_LIFT = 1e-12
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SparseSize:
+    r"""A size function given by points: :math:`\min(h_\text{max}, \min_i h_i + g |x - x_i|)`.
+
+    `SizeFunction.sparse` computes it.  Called with points of shape (n, dim), it returns n sizes,
+    as a `SizeFunction` does.
+    """
+
+    points: FloatArray
+    """float64[k, dim]"""
+    sizes: FloatArray
+    """float64[k]: sizes at the points, the smallest first."""
+    g: float
+    """Gradient limit."""
+    hmax: float
+    """Largest size."""
+
+    def __call__(self, points: npt.ArrayLike) -> FloatArray:
+        """Return the size at each of some points, shape (n, dim)."""
+        where = as_points("points", points, self.points.shape[1])
+        field = ExactField(self.g, None, False)
+        if len(self.sizes):
+            field.add(node_entries(self.points, self.sizes, _numbers(self.sizes)))
+        return field.evaluate(where, np.full(len(where), self.hmax))
+
+    def __repr__(self) -> str:
+        """Return the number of points and the parameters."""
+        return f"SparseSize({len(self.sizes)} points, g = {self.g:g}, hmax = {self.hmax:g})"
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write a table, completely or not at all.
+
+        Parameters
+        ----------
+        path : str or path
+            ``.csv``: after the lines ``# g = ...``, ``# hmax = ...`` and a line of names, one row
+            x, y, z, h per point (no z in the plane).  ``.npz``: the arrays of the same names as the
+            attributes.  Numbers are stored without loss.
+        """
+        target = _checked(path)
+        try:
+            write_whole(target, self._write_to)
+        except OSError as error:
+            raise about_file(target, error) from error
+
+    def _write_to(self, path: Path) -> None:
+        if path.suffix == ".npz":
+            np.savez(path, points=self.points, sizes=self.sizes, g=self.g, hmax=self.hmax)
+            return
+        names = ",".join([*"xyz"[: self.points.shape[1]], "h"])
+        head = f"# g = {self.g!r}\n# hmax = {self.hmax!r}\n{names}\n"
+        rows = np.column_stack([self.points, self.sizes]).tolist()
+        lines = (",".join(map(repr, row)) + "\n" for row in rows)
+        path.write_text(head + "".join(lines), encoding="ascii")
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> SparseSize:
+        """Return the sizes in a file that `write` has written."""
+        source = _checked(path)
+        try:
+            if source.suffix == ".npz":
+                with np.load(source) as file:
+                    points, sizes, g, hmax = (file[n] for n in ("points", "sizes", "g", "hmax"))
+            else:
+                lines = source.read_text(encoding="ascii").splitlines()
+                g, hmax = (float(lines[k].partition("=")[2]) for k in (0, 1))
+                table = np.array([[float(word) for word in line.split(",")] for line in lines[3:]])
+                dim = lines[2].count(",")
+                points, sizes = np.split(table.reshape(-1, dim + 1), [dim], axis=1)
+                sizes = sizes[:, 0]
+        except OSError as error:
+            raise about_file(source, error) from error
+        except (ValueError, KeyError, IndexError, BadZipFile, EOFError) as error:
+            raise MeshFileError(f"{source}: is no table of SparseSize.write: {error}") from error
+        places = as_points("points", as_float_array("points", points))
+        return cls(places, as_sizes("sizes", sizes, places.shape[:1]), float(g), float(hmax))
+
+
+def sparse_size(size: SizeFunction, g: float | None = None) -> SparseSize:
+    r"""Return the same sizes as a few points from which they grow.
+
+    Of the nodes and point sources, those are kept whose size is not allowed by another one.
+
+    Parameters
+    ----------
+    size : SizeFunction
+        With the gradient limited.
+    g : float, optional
+        The gradient limit, if ``size`` is not from `size_function`.
+
+    Returns
+    -------
+    SparseSize
+
+    Raises
+    ------
+    ValueError
+        If g is not known.
+
+    Notes
+    -----
+    At the nodes of a convex domain, the sizes are the same up to rounding.  Between them, the
+    result is the largest function of gradient g with these nodal values; it is the limited size
+    itself if that grows from nodes and point sources only.  In other domains distances are straight
+    here, so that sizes at nodes are never larger, but smaller across slits and gaps.  The work
+    is that of limiting.
+
+    Examples
+    --------
+    >>> from adaptsize import PointSource, SimplexMesh, size_function
+    >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> size = size_function(square, sources=PointSource([0.3, 0.4], 0.01), hmax=0.2)
+    >>> sparse = size.sparse()
+    >>> sparse
+    SparseSize(1 points, g = 0.25, hmax = 0.2)
+    >>> bool(np.allclose(sparse(square.points), size.values, rtol=1e-12))
+    True
+    """
+    check_type("size", size, SizeFunction)
+    if g is None:
+        g = size.report.g if size.report is not None else size.g
+    if g is None:
+        raise ValueError("g must be given for a size function that is not from size_function")
+    limit = as_number("g", g, lower=0.0)
+    values = np.asarray(size.values).ravel()
+    hmax = float(size.hmax) if size.g is not None else float(values.max())
+    places, sizes = _extra_points(size)
+    places = np.concatenate([size.background.points, places])
+    sizes = np.concatenate([values, sizes])
+    used = np.flatnonzero(sizes < hmax)
+    places, sizes = np.ascontiguousarray(places[used]), sizes[used]
+    if len(sizes):
+        lifted = sizes * (1.0 + _LIFT)
+        roots = limit_points(places, lifted, len(sizes), limit, silent)[1]
+        kept = np.unique(roots)
+        kept = kept[np.argsort(sizes[kept], kind="stable")]
+        places, sizes = places[kept], sizes[kept]
+    return SparseSize(places, sizes, limit, hmax)
+
+
+def _extra_points(size: SizeFunction) -> tuple[FloatArray, FloatArray]:
+    """Return the places and sizes of the sources between the nodes."""
+    dim = size.background.dim
+    places, sizes = [np.empty((0, dim))], [np.empty(0)]
+    if size.sources is not None and size.sources.transform is None:
+        for part in size.sources.parts:
+            n = len(size.sources.bound) if part.nodes is None else len(part.nodes)
+            for entries in part.found.field.groups:
+                between = entries.nodes[:, 0] >= n
+                places.append(entries.places[between, 0])
+                sizes.append(entries.sizes[between, 0])
+    return np.concatenate(places), np.concatenate(sizes)
+
+
+def _numbers(sizes: FloatArray) -> IntArray:
+    return np.arange(len(sizes), dtype=np.int32)
+
+
+def _checked(path: str | os.PathLike[str]) -> Path:
+    """Return a path whose suffix is that of a table."""
+    checked = Path(path)
+    if checked.suffix not in (".csv", ".npz"):
+        raise ValueError(f"path must end in .csv or .npz, got {str(path)!r}")
+    return checked
