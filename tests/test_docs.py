@@ -31,8 +31,8 @@ DOCS = ROOT / "docs"
 FULL = os.environ.get("ADAPTSIZE_PAGES") == "full"
 METHODS = [
     "adaptation", "adaptive-loops", "anisotropic", "anisotropic-meshes", "complete-size",
-    "distance", "exact-limiting", "files", "images", "limiting", "octrees", "remeshing", "sizes",
-    "smoothing", "width",
+    "distance", "exact-limiting", "files", "images", "limiting", "mesh-families", "octrees",
+    "remeshing", "sizes", "smoothing", "sparse-sizes", "width",
 ]  # fmt: skip
 PAGES = [
     "README.md",

@@ -25,6 +25,7 @@ CALLS = {
     ads.mesh_image: (PIXELS,),
     ads.remesh: (SQUARE, 0.1),
     ads.remesh_to_elements: (SQUARE, 1000),
+    ads.mesh_family: (SQUARE,),
     ads.mesh_from_distance: (distance, 0.1, [0, 0], [1, 1]),
     ads.adapt: (SQUARE, ETA),
     ads.needs_remeshing: (SQUARE, 0.1),

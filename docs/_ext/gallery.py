@@ -32,7 +32,7 @@ SUBJECTS = {
     "Gradient limiting": [
         "plot_one_dimension", "plot_two_sources", "plot_slit", "plot_exact_maze", "plot_sources",
         "plot_grid_schemes", "plot_space_dependent_g", "plot_g_of_h", "plot_g_on_a_domain",
-        "plot_backgrounds", "plot_great_circles",
+        "plot_backgrounds", "plot_great_circles", "plot_sparse_sizes",
     ],
     "Geometry: distance, curvature, width": [
         "plot_distance", "plot_medial_axis", "plot_curved_boundary", "plot_feature_and_curvature",
@@ -40,7 +40,7 @@ SUBJECTS = {
     ],
     "Meshes of parts, scans, images and implicit domains": [
         "plot_scan", "plot_two_regions", "plot_volume", "plot_smooth_boundaries",
-        "plot_implicit_background",
+        "plot_implicit_background", "plot_mesh_family",
     ],
     "Adaptive solutions": [
         "plot_lshape", "plot_fichera", "plot_hot_spot", "plot_front", "plot_euler_bump",

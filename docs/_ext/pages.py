@@ -39,7 +39,8 @@ CONTENTS = {
     "First steps": ["install", "how-to/README", "tutorials/README", "gallery/index"],
     "Methods": [
         "complete-size", "sizes", "width", "distance", "octrees", "images", "limiting",
-        "anisotropic", "remeshing", "adaptation", "distributed",
+        "anisotropic", "remeshing", "adaptation", "mesh-families", "sparse-sizes",
+        "distributed",
     ],
     "Reference": [
         "api", "parameters", "command-line", "files", "glossary", "troubleshooting", "comparison",

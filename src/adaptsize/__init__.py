@@ -43,6 +43,7 @@ _HOMES = {
     "metric_from_layers": "metrics",
     "limit_metric": "metrics",
     "size_function": "domain_size",
+    "mesh_family": "domain_size",
     "mesh_image": "domain_size",
     "remesh_to_elements": "domain_size",
     "remesh": "remeshing",

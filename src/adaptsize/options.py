@@ -456,6 +456,16 @@ class RemeshToElementsOptions(SizeOptions, MeshOptions, total=False):
     """Mesh with a number of elements."""
 
 
+class FamilyOptions(SizeOptions, BudgetOptions, MeshOptions, total=False):
+    """Mesh family."""
+
+    levels: Annotated[int, Option(4, "Number of meshes.", lower=2.0, upper=20.0)]
+    ratio: Annotated[
+        float,
+        Option(2.0**0.5, "Size of each mesh over that of the next one.", lower=1.05, upper=10.0),
+    ]
+
+
 class TransferOptions(TypedDict, total=False):
     """Transfer of fields."""
 
@@ -834,6 +844,7 @@ _GROUPS: tuple[type, ...] = (
     ImageMeshOptions,
     StoppingOptions,
     NeedOptions,
+    FamilyOptions,
     AdaptOptions,
     ClipOptions,
     ScaleOptions,

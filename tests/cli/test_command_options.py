@@ -21,12 +21,13 @@ WORDS = {
     "limit": ["in.vtu", "-o", "o.vtu", "-g", "0.3"],
     "adapt": ["in.vtu", "-o", "o.vtu", "--field", "u"],
     "check": ["in.vtu"],
-} | {name: ["in.vtu", "-o", "o.vtu"] for name in ("size", "remesh", "image")}
+} | {name: ["in.vtu", "-o", "o.vtu"] for name in ("size", "remesh", "family", "image")}
 NUMBERS = [
     (name, option.opts[-1])
     for name, command in COMMANDS.items()
     for option in command.params
-    if option.metavar in ("NUMBER", "LENGTH", "DEGREES") and option.name != "rounds"  # whole
+    if option.metavar in ("NUMBER", "LENGTH", "DEGREES")
+    and option.name not in ("rounds", "levels")  # whole
 ]
 
 

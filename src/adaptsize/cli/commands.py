@@ -10,6 +10,7 @@ import typer
 
 from adaptsize.cli.adapt import adapt
 from adaptsize.cli.console import Console
+from adaptsize.cli.family import family
 from adaptsize.cli.files import nodal_field, read_mesh
 from adaptsize.cli.limit import limit
 from adaptsize.cli.options import Given, GroupedCommand, Input, command, own
@@ -114,5 +115,5 @@ def check(console: Console, file: Input, given: Given) -> None:
         raise typer.Exit(1)
 
 
-for function in (info, size, limit, remesh, adapt, image, check, warmup):
+for function in (info, size, limit, remesh, family, adapt, image, check, warmup):
     app.command(cls=GroupedCommand)(function)

@@ -191,7 +191,7 @@ def reach_number(
             break
         if old is mesh and mesh.dim == mesh.cell_dim == 2:
             # Edges of at most half the size, and at most 2 million cells.
-            old = _without_order(with_short_edges(mesh, size, 0.5, 2_000_000))
+            old = without_order(with_short_edges(mesh, size, 0.5, 2_000_000))
             continue  # the first mesh says little about one from this
         # Sizes larger by a factor s have s^-dim as many elements, and s^-cell_dim cells.
         power = new.dim / new.cell_dim
@@ -209,7 +209,7 @@ def reach_number(
     return best
 
 
-def _without_order(mesh: SimplexMesh) -> SimplexMesh:
+def without_order(mesh: SimplexMesh) -> SimplexMesh:
     """Return the same mesh with nodes and cells in a random order, always the same one."""
     rng = np.random.default_rng(mesh.n_cells)
     return reordered(mesh, rng.permutation(mesh.n_points), rng.permutation(mesh.n_cells))

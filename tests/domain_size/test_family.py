@@ -1,0 +1,74 @@
+"""Mesh families are self-similar, and the order observed on them is that of the method."""
+
+import importlib.util
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import call
+
+import adaptsize as ads
+from adaptsize.domain_size import Convergence
+
+ROOT = Path(__file__).parents[2]
+
+
+def measurements():
+    path = ROOT / "docs" / "measurements" / "mesh_families.py"
+    spec = importlib.util.spec_from_file_location("mesh_families", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_linear_elements_have_their_order_on_four_meshes_and_sizes_are_in_proportion():
+    pytest.importorskip("mmgpy")
+    pytest.importorskip("skfem")
+    square = ads.SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    source = ads.PointSource([0.3, 0.4], 0.02)
+    family = ads.mesh_family(square, hmax=0.14, sources=source)
+    error = [measurements().errors(mesh) for mesh in family.meshes]
+    slopes = np.polyfit(np.log(family.mean_sizes), np.log(error), 1)[0]
+    assert slopes[0] == pytest.approx(1.0, abs=0.05)
+    assert slopes[1] == pytest.approx(2.0, abs=0.15)  # varies more with the mesh
+    coarse, fine = family.sizes[0], family.sizes[-1]
+    where = np.random.default_rng(20261124).random((50, 2))
+    np.testing.assert_allclose(fine(where) * 2.0**1.5, coarse(where), rtol=1e-12)
+
+
+@pytest.mark.parametrize("order", [0.5, 1.7, 4.0])
+def test_order_and_value_of_exact_powers_are_found(order):
+    h = np.array([0.3, 0.2, 0.11, 0.07])
+    f = 7.0 - 2.0 * h**order
+    for count in (3, 4):
+        found = Convergence.of(h[:count], f[:count])
+        assert (found.order, found.value) == pytest.approx((order, 7.0), rel=1e-4)
+    assert Convergence.of(h[:2], f[:2], order=order).value == pytest.approx(7.0)
+
+
+def test_index_is_that_of_the_published_example():
+    # Celik et al. (2008), table 1, first column: 18000, 8000 and 4500 cells in the plane.
+    found = Convergence.of([1.0, 1.5, 2.0], [6.063, 5.972, 5.863])
+    assert found.order == pytest.approx(1.53, abs=0.02)
+    assert found.value == pytest.approx(6.1685, abs=2e-3)
+    assert found.gci == pytest.approx(0.022, abs=5e-4)
+
+
+@pytest.mark.parametrize("values", [[1.0, 2.0, 1.0], [1.0, 2.0, 3.0, 4.0]])
+def test_numbers_without_an_order_are_refused(values):
+    with pytest.raises(ValueError, match="values must approach a value"):
+        Convergence.of([1.0, 0.5, 0.25, 0.125][: len(values)], values)
+
+
+def test_command_writes_the_meshes_and_finds_the_order_of_numbers_on_them(tmp_path, capsys):
+    pytest.importorskip("mmgpy")
+    part, output = ROOT / "data" / "lshape.vtu", tmp_path / "new.vtu"
+    assert call("family", part, "-o", output, "--hmax", "0.3", "--levels", "3", "--json") == 0
+    h = np.array(json.loads(capsys.readouterr().out)["mean_sizes"])
+    assert len(ads.read(tmp_path / "new-3.vtu").cells) > len(ads.read(tmp_path / "new-1.vtu").cells)
+    values = ",".join(str(x) for x in 5.0 + h**2)
+    assert call("family", part, "-o", output, "--values", values) == 0
+    assert "order 2, extrapolated value 5," in capsys.readouterr().out
+    assert call("family", part, "-o", output, "--values", "1,x") == 1
+    assert "--values must be numbers" in capsys.readouterr().err
