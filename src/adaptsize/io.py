@@ -151,7 +151,8 @@ def write(
     file_format : str, optional
         ``"vti"`` (grids only), ``"vtu"``, ``"vtk"``, ``"xdmf"`` (text, self-contained),
         ``"gmsh"`` (version 2.2), ``"medit"``, ``"ply"``, ``"stl"`` (binary), ``"obj"``,
-        ``"off"``.  Formats that hold only the sizes ``h`` or the metric are ``"gmsh-view"``
+        ``"off"``, ``"abaqus"`` (``.inp``, also for CalculiX), ``"nastran"`` (``.bdf``), ``"su2"``.
+        Formats that hold only the sizes ``h`` or the metric are ``"gmsh-view"``
         (``.pos``), ``"medit-sol"`` (``.sol``, for Mmg) and, for sizes, ``"jigsaw"``
         (``.jig.msh``, because ``.msh`` is Gmsh's).
 
@@ -172,14 +173,18 @@ def write(
     cells in no group, so untagged cells of a mesh with tags are written as a separate group.
 
     *Fields.*  Other cell fields are written only to VTU, VTK and XDMF, with NaN (integers: 0) on
-    the facets.  Medit, STL, OBJ and OFF hold no nodal fields.  For these formats the fields of the
-    mesh are left out, and ``fields`` and size functions are refused.  PLY holds nodal fields of
-    one component.
+    the facets.  Medit, STL, OBJ, OFF and solvers' formats hold no nodal fields.  For these the
+    fields of the mesh are left out, and ``fields`` and size functions are refused.  PLY holds
+    nodal fields of one component.
 
     *Cells.*  STL, OBJ, OFF and PLY hold only triangles without tags; for tetrahedra the boundary
     is written.  STL rounds to float32.  All formats except XDMF and Medit have z = 0 for 2-D
     meshes.  VTI is VTK's image data with numbers of full precision, 8 bytes each, and no cells.
     Inactive nodes are marked by ``vtkGhostType``, so that ParaView hides them.
+
+    *Solvers.*  Abaqus files have a set of elements per tag of cells, and a set of nodes per tag of
+    facets.  In Nastran's, tags are numbers of properties, and coordinates have 10 digits.  In
+    SU2's, tags of facets are markers.
 
     A Gmsh view holds sizes on the cells and nothing outside them.  JIGSAW takes triangles in
     the plane and tetrahedra.

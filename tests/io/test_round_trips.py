@@ -96,6 +96,24 @@ def test_gmsh_keeps_all_cells_and_names_of_a_written_file(tmp_path):
     assert again.tag_names == {(2, 4): "wall"}
 
 
+@pytest.mark.parametrize("mesh", [tagged_mesh(2), tagged_mesh(3)])
+def test_solvers_get_cells_regions_and_boundaries(tmp_path, mesh):
+    dim = mesh.dim
+    mesh = replace(mesh, tag_names={(dim, 2): "soft part", (dim - 1, 5): "wall"})
+    for suffix in (".inp", ".bdf", ".su2"):
+        back = there_and_back(tmp_path / f"mesh{suffix}", mesh)
+        assert np.abs(back.points - mesh.points).max() < 1e-10 * mesh.diagonal
+        assert_array_equal(back.cells, mesh.cells)
+        if suffix == ".bdf":  # properties are numbered from 1
+            assert_array_equal(back.cell_tags, np.maximum(mesh.cell_tags, 1))
+    assert (tmp_path / "mesh.su2").read_text().count("MARKER_TAG= wall\n") == 1
+    sets = meshio.read(tmp_path / "mesh.inp")
+    assert_array_equal(sets.cell_sets["soft_part"][0], np.flatnonzero(mesh.cell_tags == 2))
+    assert list(sets.point_sets)[:3] == ["boundary4", "wall", "boundary6"]
+    wall = np.unique(mesh.tagged_facets[mesh.facet_tags == 5])
+    assert_array_equal(sets.point_sets["wall"], wall)
+
+
 @pytest.mark.parametrize("suffix", [".stl", *SURFACE_FORMATS])
 def test_surfaces_come_back_to_the_last_bit_that_the_format_holds(tmp_path, suffix):
     mesh = random_sphere(50, 7304)

@@ -19,6 +19,7 @@ from adaptsize._formats.blocks import UNTAGGED, RawMesh
 from adaptsize._formats.gmsh import add_names
 from adaptsize._formats.limited import call_unlimited
 from adaptsize._formats.sizes import METRIC, as_tensors
+from adaptsize._formats.solvers import write_abaqus, write_nastran, write_su2
 from adaptsize._formats.surfaces import write_binary
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
@@ -299,6 +300,9 @@ FORMATS: dict[str, Format] = {
     "obj": _surface_format("obj"),
     "fort.14": Format((".14", ".grd", ".gr3"), fort14.write, holds_fields=False, only_full=True),
     "off": _surface_format("off"),
+    "abaqus": Format((".inp",), write_abaqus, holds_fields=False),
+    "nastran": Format((".bdf",), write_nastran, holds_fields=False),
+    "su2": Format((".su2",), write_su2, holds_fields=False, only_full=True),
 }
 
 

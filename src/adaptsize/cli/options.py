@@ -48,7 +48,8 @@ MeshOutput = Annotated[
     Path,
     _output(
         "Mesh to write.  The suffix selects the format: .vtu, .vtk, .xdmf, .msh, .mesh (with a "
-        ".sol); .ply, .stl, .obj and .off hold triangles only."
+        ".sol); .inp (Abaqus, CalculiX), .bdf (Nastran), .su2 (SU2); .ply, .stl, .obj and .off "
+        "hold triangles only."
     ),
 ]
 SizesOutput = Annotated[
