@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_limits, as_sizes
+from adaptsize._checks import FARTHEST, as_limits, as_sizes
 from adaptsize._defaults import MAX_ELEMENTS, TOLERANCE
 from adaptsize._progress import silent
 from adaptsize._size_report import NONE, SizeReport, measure_dim, nodal_measures
@@ -357,7 +357,7 @@ def _tolerance_of(
     curved = np.isfinite(bound) & np.isfinite(h)
     if not curved.any():
         return TOLERANCE
-    bound, size = bound[curved], h[curved]
+    bound, size = np.minimum(bound[curved], FARTHEST), h[curved]
     # The bound is the smaller one of radius / K and the size of chords.
     radius = np.maximum(request.per_radian * bound, np.square(bound) / (4.0 * largest * diameter))
     required = np.square(size) / (4.0 * radius * diameter)

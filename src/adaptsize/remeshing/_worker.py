@@ -40,4 +40,6 @@ def limit_processor_time(seconds: float) -> None:
     _, hard = resource.getrlimit(resource.RLIMIT_CPU)
     used = time.process_time()
     limit = math.ceil(used + seconds)
+    if hard != resource.RLIM_INFINITY:
+        limit = min(limit, hard)
     resource.setrlimit(resource.RLIMIT_CPU, (limit, hard))
