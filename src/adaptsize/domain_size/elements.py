@@ -65,8 +65,8 @@ def remesh_to_elements(
     """Return a mesh of a domain with a given number of elements or nodes, within 5 %.
 
     The sizes are those of `size_function` with this predicted number.  If the mesh has another
-    number, new sizes are predicted with the ratio of the two: at most three meshes are made, and
-    the one with the nearest number is returned.  A plane mesh is refined before the second one.
+    number, new sizes are predicted from those made: at most three meshes are made, and the one
+    with the nearest number is returned.  A plane mesh is refined before the second one.
 
     Parameters
     ----------
@@ -180,6 +180,7 @@ def reach_number(
     goal = as_number(what, elements if nodes is None else nodes, lower=1.0)
     best: MeshOfElements | None = None
     old, least, wanted = mesh, np.inf, goal
+    steps: list[tuple[float, float]] = []  # predicted and made numbers
     for _ in range(3):
         size = sized(**{what: wanted})
         new = meshed(old, size)
@@ -193,17 +194,21 @@ def reach_number(
             # Edges of at most half the size, and at most 2 million cells.
             old = without_order(with_short_edges(mesh, size, 0.5, 2_000_000))
             continue  # the first mesh says little about one from this
+        report = report_of(size)
+        steps.append((report.n_elements if nodes is None else report.n_nodes, made))
         # Sizes larger by a factor s have s^-dim as many elements, and s^-cell_dim cells.
         power = new.dim / new.cell_dim
-        report = report_of(size)
-        predicted = report.n_elements if nodes is None else report.n_nodes
-        wanted = max(predicted * math.pow(goal / made, power), 1.0)
+        if len(steps) == 2:  # details that the sizes do not resolve change the exponent
+            (x0, y0), (x1, y1) = np.log(steps)
+            power = float(np.clip((x1 - x0) / (y1 - y0), 0.4, 2.0)) if y1 != y0 else power
+        wanted = max(steps[-1][0] * math.pow(goal / made, power), 1.0)
     assert best is not None
     if least > _ACCEPTED:
         made = best.mesh.n_cells if nodes is None else best.mesh.n_points
+        tried = ", ".join(f"{found} for sizes that predict {told:.0f}" for told, found in steps)
         warn_caller(
-            f"the mesh has {made} {what} instead of {goal:.6g}: "
-            "the mesh generator, details of the domain or the given parameters do not allow it",
+            f"the mesh has {made} {what} instead of {goal:.6g}; made were {tried}: the mesh "
+            "generator, details of the domain or the given parameters do not allow it",
             ResolutionWarning,
         )
     return best
