@@ -16,9 +16,11 @@ deviates  the same without a warning
 refused   an error of one line
 failed    anything else: a crash, a limit of time or memory, an unclear error, inverted cells
 
-*Band*: share of the edges within sqrt 2 of the size.  *Least*: dihedral angle in degrees.
-*Distance*: of the new boundary from the old surface and back, over the diagonal.  Times are
-processor seconds of the process and the mesh generators: in all, and of each generator.
+*Made/told*: cells over those predicted with the sizes.  *Band*: share of the edges within sqrt 2 of
+the size.  *Least*: dihedral angle in degrees.  *Quality*: least radius ratio.  *Boundary* and
+*interface*: largest distance of the new one from the old one and back, over the tolerance, which is
+as of the command line if it is not given.  Times are processor seconds of the process and the mesh
+generators: in all, of the sizes, of each generator, and of the rest of meshing.
 
 Below the table stands the factor of the generator for `CELLS_PER_PREDICTED` in `sizes/budget.py`:
 the median of the cells made over the integral of the sizes, and how many meshes are then within
@@ -45,6 +47,7 @@ from _nasty_surfaces import write_surfaces
 from _timing import table
 
 import adaptsize as ads
+from adaptsize.domain_size.elements import tolerance_of
 from adaptsize.sizes import Enclosed, predict
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -58,9 +61,21 @@ STEPS = {
     "filling the surface with Netgen": "Netgen",
     "tetrahedralizing with pytetwild": "fTetWild",
     "adapting with Mmg": "Mmg",
+    "": "rest",
+    "sizes": "sizes",
 }
-COLUMNS = ("file", "triangles", "predicted", "made", "made/integral", "band", "least", "distance")
-COLUMNS += ("CPU s", *STEPS.values(), "MB", "kind", "outcome")
+COLUMNS = (
+    "file",
+    "cells",
+    "told",
+    "made",
+    "made/told",
+    "made/integral",
+    "band",
+    "least",
+    "quality",
+)
+COLUMNS += ("boundary", "interface", "CPU s", *STEPS.values(), "MB", "kind", "outcome")
 SUFFIXES = {".stl", ".off", ".obj", ".ply", ".vtk", ".vtu", ".msh", ".mesh", ".meshb"}
 #: The wall time of a case is limited to this many times its processor time.
 PATIENCE = 20.0
@@ -83,25 +98,27 @@ class Clock:
         """Take a progress report."""
         now = self._now()
         self.seconds[self.step] += now - self.last
-        self.step, self.last = STEPS.get(text, ""), now
+        self.step, self.last = STEPS.get(text, "rest"), now
 
 
 def outcome_of(file, arguments):
     """Read, size, remesh and check a surface in this process."""
-    row, clock, tolerance = {}, Clock(), arguments.tolerance
+    row, clock = {}, Clock()
     try:
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
-            surface = ads.read(file)
-            row["triangles"] = surface.n_cells
-            options = {"max_elements": arguments.max_elements, "tolerance": tolerance}
-            size = ads.size_function(surface, **options)
-            backend = arguments.backend
-            made = ads.remesh(surface, size, tolerance=tolerance, backend=backend, progress=clock)
+            given = ads.read(file)
+            row["cells"] = given.n_cells
+            clock("sizes")
+            options = {"max_elements": arguments.max_elements, "tolerance": arguments.tolerance}
+            size = ads.size_function(given, **options)
+            tolerance = tolerance_of(size.report, arguments.tolerance)
             clock("")
-        is_surface = surface.cell_dim == 2 and surface.dim == 3
-        found = ads.size_conformity(made, size, surface=surface if is_surface else None)
-        check = ads.check_mesh(made, original=surface, size=size, tolerance=tolerance)
+            options = {"tolerance": tolerance, "backend": arguments.backend}
+            made = ads.remesh(given, size, **options, hmax=size.report.hmax, progress=clock)
+            clock("")
+        found = ads.size_conformity(made, size)
+        check = ads.check_mesh(made, original=given, size=size, tolerance=tolerance)
     except Exception as error:
         try:
             check_error(error)
@@ -109,13 +126,16 @@ def outcome_of(file, arguments):
             return row | {"kind": "failed", "outcome": f"{failure}"}
         # An error of a mesh generator names it, all others are about the input.
         return row | {"kind": "refused", "outcome": f"{type(error).__name__}: {error}"}
+    domain = given if given.cell_dim == given.dim else Enclosed(given)
     row |= {
-        "predicted": round(size.report.n_elements),
+        "told": round(size.report.n_elements),
         "made": made.n_cells,
-        "made/integral": round(made.n_cells / predict(Enclosed(surface), size).cells, 3),
+        "made/told": round(made.n_cells / size.report.n_elements, 3),
+        "made/integral": round(made.n_cells / predict(domain, size).cells, 3),
         "band": round(found.edges.share_in_band, 3),
         "least": round(found.angle_min, 1),
-        "distance": found.hausdorff_relative,
+        "quality": float(ads.quality.radius_ratios(made).min()),
+        **{demand.name: distance_over(demand, tolerance) for demand in of_distances(check)},
         **{step: round(clock.seconds[step], 1) for step in STEPS.values()},
     }
     odd = [w for w in warned if not issubclass(w.category, UserWarning)]
@@ -128,6 +148,16 @@ def outcome_of(file, arguments):
     parts += [f"warned: {said}"] if said else []
     kind = "kept" if not missed else "warned" if said else "deviates"
     return row | {"kind": kind, "outcome": "; ".join(parts)}
+
+
+def of_distances(check):
+    """Return the demands about distances."""
+    return [demand for demand in check.demands if demand.name in ("boundary", "interface")]
+
+
+def distance_over(demand, tolerance):
+    """Return the distance in the text of a demand over the tolerance."""
+    return float(demand.text.split()[1]) / tolerance
 
 
 def in_child(file, arguments):
@@ -260,7 +290,7 @@ def parse():
     add("--timeout", type=float, default=900.0, help="seconds of processor time per process")
     add("--memory", type=float, default=8.0, help="gigabytes per process")
     add("--max-elements", type=float, default=100_000.0)
-    add("--tolerance", type=float, default=1e-3, help="as of remesh")
+    add("--tolerance", type=float, help="as of remesh")
     add("--backend", default="auto", help="as of remesh")
     arguments = parser.parse_args()
     if not arguments.folder and not arguments.nasty:
