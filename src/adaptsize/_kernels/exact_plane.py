@@ -225,7 +225,7 @@ def lower_seen(
 
 
 @lean
-def _set_wedge(table, k, walls, dx, dy, slack):
+def set_wedge(table, k, walls, dx, dy, slack):
     """Set the cone of corner k, at which a path arrives in direction (dx, dy), to its wedge.
 
     The corner hides what lies straight ahead from the start of the path, also what is up to
@@ -318,7 +318,7 @@ def solve_corners(
             return
         waiting[c] = False
         table[c, 4] = least
-        serves[c] = _set_wedge(table, c, walls, arrivals[c, 0], arrivals[c, 1], sight.slack)
+        serves[c] = set_wedge(table, c, walls, arrivals[c, 0], arrivals[c, 1], sight.slack)
         if not serves[c]:
             continue
         for start in range(0, n, BLOCK):

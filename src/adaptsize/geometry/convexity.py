@@ -69,9 +69,9 @@ def turns_in_plane(points: FloatArray, facets: IntArray) -> tuple[IntArray, Floa
     Positive where the domain is convex; nan unless one wall enters and one leaves.
     """
     n = len(points)
-    nodes = np.unique(facets)
-    once = np.bincount(facets.T[0], minlength=n)[nodes] == 1
-    once &= np.bincount(facets.T[1], minlength=n)[nodes] == 1
+    n_out, n_in = (np.bincount(ends, minlength=n) for ends in facets.T)
+    nodes = np.flatnonzero(n_out + n_in)
+    once = (n_out[nodes] == 1) & (n_in[nodes] == 1)
     before, after = np.zeros(n, np.int64), np.zeros(n, np.int64)
     after[facets[:, 0]] = facets[:, 1]
     before[facets[:, 1]] = facets[:, 0]

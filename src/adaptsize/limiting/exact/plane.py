@@ -23,7 +23,6 @@ from adaptsize.limiting.exact.field import (
     node_table,
     sorted_entries,
 )
-from adaptsize.limiting.problem import TooManyCorners
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 # Corners that are never too many: they take up to 5 ms.
@@ -34,10 +33,9 @@ _FEW = 256
 _MOST = 40
 
 
-def check_price(n_corners: int, n_nodes: int) -> None:
-    """Raise `TooManyCorners` if corners will take many times as long as fast marching."""
-    if n_corners > _FEW and n_corners * n_corners > _MOST * n_nodes:
-        raise TooManyCorners
+def has_many_corners(n_corners: int, n_nodes: int) -> bool:
+    """Return whether lines of sight will take many times as long as fast marching."""
+    return n_corners > _FEW and n_corners * n_corners > _MOST * n_nodes
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,16 +15,18 @@ from adaptsize.geometry.boundary import FlatBoundary, plane_boundary
 from adaptsize.geometry.convexity import count_corners
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.candidates import Component, candidates_of, sources_on_cells
+from adaptsize.limiting.exact.expansion import expand_from_nodes
 from adaptsize.limiting.exact.field import Entries, ExactField, Points, node_entries
 from adaptsize.limiting.exact.origins import Paths, complete
 from adaptsize.limiting.exact.plane import (
     Plane,
     along_walls,
     at_nodes,
-    check_price,
+    has_many_corners,
     plane_of,
     with_corners,
 )
+from adaptsize.limiting.problem import TooManyCorners
 from adaptsize.ranks import SingleRank
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -92,13 +94,36 @@ def solve_on_mesh(component: Component, boundary: FlatBoundary, convex: bool) ->
         return solve_by_sight(component, None, boundary)
     if mesh.dim == 3:
         return _solve_in_space(component, boundary)
-    if not component.at_any_price:
-        check_price(count_corners(mesh.points, boundary), mesh.n_points)
+    if has_many_corners(count_corners(mesh.points, boundary), mesh.n_points):
+        expanded = _solve_by_expansion(component, boundary)
+        if expanded is not None:
+            return expanded
+        if not component.at_any_price:
+            raise TooManyCorners
     plane = plane_of(mesh.points, plane_boundary(mesh, boundary))
     found = solve_by_sight(component, plane, boundary)
     if rises_too_fast(component, found.h):
         _keep_edges(component, found)
     return found
+
+
+def _solve_by_expansion(component: Component, boundary: FlatBoundary) -> ComponentSolution | None:
+    """Solve by triangular expansion; None if sources are not at nodes only, or cells overlap."""
+    nodes, steep = candidates_of(component)
+    if component.extra is not None or (steep is not None and component.face_sources):
+        return None
+    expanded = expand_from_nodes(component, boundary, nodes)
+    if expanded is None:
+        return None
+    h, root, bend = expanded
+    used = np.flatnonzero(np.bincount(root[np.isfinite(h)], minlength=len(h))).astype(np.int32)
+    field = ExactField(component.g, None, False)
+    field.add(node_entries(component.mesh.points[used], h[used], used))
+    named = np.full((len(h), 2), -1, np.int32)
+    named[:, 0] = root
+    # With ``proved``, sizes between the nodes are interpolated.
+    unnamed, proved = np.full(len(h), -1, np.int32), np.ones(len(h), np.bool_)
+    return ComponentSolution(h, unnamed, field, bend, proved, nodes=named)
 
 
 def rises_too_fast(component: Component, h: FloatArray) -> bool:

@@ -19,7 +19,7 @@ from adaptsize.geometry.boundary import plane_boundary
 from adaptsize.geometry.convexity import count_corners
 from adaptsize.limiting.exact.candidates import Component, Extra, Kinks, margin_for
 from adaptsize.limiting.exact.field import Points, Workers
-from adaptsize.limiting.exact.plane import Plane, check_price, plane_of
+from adaptsize.limiting.exact.plane import Plane, has_many_corners, plane_of
 from adaptsize.limiting.exact.scheme import OUTSIDE
 from adaptsize.limiting.exact.solve import (
     ComponentSolution,
@@ -43,7 +43,7 @@ from adaptsize.limiting.in_parts.info import (
     with_piece,
 )
 from adaptsize.limiting.in_parts.solids import find_body, solve_body
-from adaptsize.limiting.problem import PointBounds
+from adaptsize.limiting.problem import PointBounds, TooManyCorners
 from adaptsize.ranks import Communicator, Ids
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
@@ -127,7 +127,8 @@ def _solve_piece(
         return solve_body(part, piece, body, component, ids, tracing=settings.trace)
     if not settings.at_any_price:
         n_corners = count_corners(skeleton.points, skeleton.boundary)
-        check_price(n_corners, comm.allreduce(piece.n_own, "sum"))
+        if has_many_corners(n_corners, comm.allreduce(piece.n_own, "sum")):
+            raise TooManyCorners
     plane, corners = part.once(f"_plane_{number}", lambda: _plane_on(piece, skeleton))
     numbers = Numbers(ids, corners) if settings.trace else None
     found = _with_others(piece, component, plane.without_sizes(), skeleton, numbers)

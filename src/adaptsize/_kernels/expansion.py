@@ -1,0 +1,291 @@
+"""The limited size in a plane domain with very many corners, by triangular expansion.
+
+Sources and corners are processed in order of size, as in Dijkstra's algorithm.  Each of them, the
+*root*, floods the triangles that it sees: a *window* is a cone of rays from the root that enters a
+triangle through one of its edges.  The opposite node gets a size if it lies in the window, and
+divides the window in two, which go on through the other two edges until they meet a wall
+(Bungiu et al., Efficient computation of visibility polygons, 2014).
+
+A window with root r and size U ends early where the node v of the edge through which it passes is
+better: let B be the point of the window on the edge that is farthest from v.  If
+
+    U + g |r - B| > h(v) + g |v - B|,
+
+this holds at all points of the window on the edge, because |r - y| - |v - y| does not rise if y
+moves away from v (Xin and Wang, Improving Chen and Han's algorithm, 2009).  So no shortest path
+goes through the window.  The time is that for windows crossed and not that for pairs of corners.
+But a window, once divided, stays so: in wide areas without corners, the lines of sight of
+`exact_plane` are faster.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptsize._kernels.compiling import lean, lean_kernel
+from adaptsize._kernels.exact_plane import CONE, KIND, set_wedge
+from adaptsize._kernels.heap import Heap, pop, push_or_decrease
+from adaptsize._kernels.sight import NARROW, side_in_cone
+
+
+class Triangles(NamedTuple):
+    """A mesh of triangles.
+
+    Parameters
+    ----------
+    points : float64[n, 2]
+    cells : int32[m, 3]
+        Counterclockwise.
+    beyond : int32[m, 3]
+        The triangle behind the edge opposite to each node, -1 at walls.
+    ring_ptr, ring : int32[n + 1], int32[3 * m]
+        Triangles around each node, as from `topology.fill_rings`.
+    """
+
+    points: np.ndarray
+    cells: np.ndarray
+    beyond: np.ndarray
+    ring_ptr: np.ndarray
+    ring: np.ndarray
+
+
+class Front(NamedTuple):
+    """Sizes, and what is known of the roots.
+
+    Parameters
+    ----------
+    h : float64[n]
+        Sizes.
+    root : int32[n]
+        The root that lowered each size, -1 for none.
+    corner : int32[n]
+        Number of each node that is a corner, else -1.
+    table, walls : float64[c, COLUMNS], float64[c, 5]
+        The corners, as in `exact_plane.solve_corners`.
+    arrivals : float64[c, 2]
+        Directions in which paths arrive at the corners.
+    heap : Heap
+        Roots that have not been processed.
+    windows : int32[2 * m + 16, 3]
+        Scratch: the triangle of each window, and the right and the left node of its edge.
+    rays : float64[2 * m + 16, 4]
+        Scratch: its right and its left ray.
+    """
+
+    h: np.ndarray
+    root: np.ndarray
+    corner: np.ndarray
+    table: np.ndarray
+    walls: np.ndarray
+    arrivals: np.ndarray
+    heap: Heap
+    windows: np.ndarray
+    rays: np.ndarray
+
+
+@lean
+def _turn(a, b):
+    return a[0] * b[1] - a[1] * b[0]
+
+
+@lean_kernel
+def connect(triangles):
+    """Turn triangles counterclockwise, and fill those behind their edges (In/Out: triangles).
+
+    Returns whether each edge has at most one triangle on either side.
+    """
+    points, cells, beyond = triangles.points, triangles.cells, triangles.beyond
+    for t in range(cells.shape[0]):
+        i, j, k = cells[t, 0], cells[t, 1], cells[t, 2]
+        u = (points[j, 0] - points[i, 0], points[j, 1] - points[i, 1])
+        v = (points[k, 0] - points[i, 0], points[k, 1] - points[i, 1])
+        if _turn(u, v) < 0.0:
+            cells[t, 1], cells[t, 2] = k, j
+        beyond[t, 0] = beyond[t, 1] = beyond[t, 2] = -1
+    for t in range(cells.shape[0]):
+        for v in range(3):
+            if beyond[t, v] >= 0:
+                continue
+            i, j = cells[t, (v + 1) % 3], cells[t, (v + 2) % 3]
+            for r in range(triangles.ring_ptr[i], triangles.ring_ptr[i + 1]):
+                other = triangles.ring[r]
+                w = 0
+                while cells[other, w] != i:
+                    w += 1
+                if cells[other, (w + 1) % 3] == j and other != t:
+                    return False
+                if cells[other, (w + 2) % 3] == j:
+                    if beyond[t, v] >= 0:
+                        return False
+                    beyond[t, v], beyond[other, (w + 1) % 3] = other, t
+    return True
+
+
+@lean_kernel
+def push_all(heap, nodes, h):
+    """Put nodes into a heap, with their sizes as keys."""
+    for i in range(nodes.shape[0]):
+        push_or_decrease(heap, nodes[i], h[nodes[i]])
+
+
+@lean
+def _offer(front, root, i, value, way):
+    """Lower the size of node i to a value, and remember that it may be a root then."""
+    if not value < front.h[i]:
+        return
+    front.h[i], front.root[i] = value, root
+    k = front.corner[i]
+    if k >= 0:
+        front.arrivals[k, 0], front.arrivals[k, 1] = way
+        push_or_decrease(front.heap, np.int64(i), value)
+
+
+@lean
+def _push(front, top, beyond, edge, right, left):
+    """Put a window on the stack, unless it ends at a wall or has no width; return the height."""
+    if beyond < 0 or not _turn(right, left) > 0.0:
+        return top
+    windows, rays = front.windows, front.rays
+    windows[top, 0], (windows[top, 1], windows[top, 2]) = beyond, edge
+    rays[top, 0], rays[top, 1] = right
+    rays[top, 2], rays[top, 3] = left
+    return top + 1
+
+
+@lean
+def _start(triangles, front, root, size, g, narrow, cone, slack):
+    """Offer sizes to the neighbours of a root, and put its first windows on the stack."""
+    points, cells = triangles.points, triangles.cells
+    x, y = points[root, 0], points[root, 1]
+    top = np.int64(0)
+    start, end = (cone[0], cone[1]), (cone[2], cone[3])
+    for r in range(triangles.ring_ptr[root], triangles.ring_ptr[root + 1]):
+        t = triangles.ring[r]
+        v = 0
+        while cells[t, v] != root:
+            v += 1
+        i, j = np.int64(cells[t, (v + 1) % 3]), np.int64(cells[t, (v + 2) % 3])
+        right = (points[i, 0] - x, points[i, 1] - y)
+        left = (points[j, 0] - x, points[j, 1] - y)
+        if side_in_cone(cone, right, slack) > 0:
+            length = math.sqrt(right[0] * right[0] + right[1] * right[1])
+            _offer(front, root, i, size + g * length, right)
+        if side_in_cone(cone, left, slack) > 0:
+            length = math.sqrt(left[0] * left[0] + left[1] * left[1])
+            _offer(front, root, j, size + g * length, left)
+        edge = (i, j)
+        if narrow:  # of at most half a turn: both cones meet in one
+            first, last = right, left
+            if _turn(right, start) > 0.0 and _turn(start, left) > 0.0:
+                first = start
+            elif _turn(start, right) < 0.0 or _turn(right, end) < 0.0:
+                continue
+            if _turn(right, end) > 0.0 and _turn(end, left) > 0.0:
+                last = end
+            elif _turn(start, left) < 0.0 or _turn(left, end) < 0.0:
+                continue
+            right, left = first, last
+        top = _push(front, top, triangles.beyond[t, v], edge, right, left)
+    return top
+
+
+@lean
+def _is_better(h, v, way, end, size, g, margin):
+    """Return whether a node allows less than the root at one end of a window.
+
+    ``way``: from the root to node v; ``end``: from the root to the end.
+    """
+    from_node = math.sqrt((end[0] - way[0]) ** 2 + (end[1] - way[1]) ** 2)
+    from_root = math.sqrt(end[0] * end[0] + end[1] * end[1])
+    return size + g * from_root > h[v] + g * from_node + margin
+
+
+@lean
+def _flood(triangles, front, root, size, top, g, slack, margin):
+    """Follow the windows of a root; return how many there were."""
+    points, cells, h = triangles.points, triangles.cells, front.h
+    windows, rays = front.windows, front.rays
+    x, y = points[root, 0], points[root, 1]
+    count = np.int64(0)
+    while top > 0:
+        top -= 1
+        count += 1
+        t, i, j = windows[top, 0], windows[top, 1], windows[top, 2]
+        right, left = (rays[top, 0], rays[top, 1]), (rays[top, 2], rays[top, 3])
+        to_i = (points[i, 0] - x, points[i, 1] - y)
+        to_j = (points[j, 0] - x, points[j, 1] - y)
+        edge = (to_j[0] - to_i[0], to_j[1] - to_i[1])
+        # The ends of the window on the edge; inf if the rays are along it.
+        area = _turn(to_i, edge)
+        far, near = area / _turn(left, edge), area / _turn(right, edge)
+        if _is_better(h, i, to_i, (far * left[0], far * left[1]), size, g, margin):
+            continue
+        if _is_better(h, j, to_j, (near * right[0], near * right[1]), size, g, margin):
+            continue
+        v = 0
+        while cells[t, v] == i or cells[t, v] == j:
+            v += 1
+        k = np.int64(cells[t, v])
+        way = (points[k, 0] - x, points[k, 1] - y)
+        after, before = _turn(right, way), _turn(way, left)
+        value = size + g * math.sqrt(way[0] * way[0] + way[1] * way[1])
+        if value < h[k]:
+            inside = min(after, before) >= 0.0
+            if not inside:
+                inside = after >= -slack * math.sqrt(
+                    right[0] * right[0] + right[1] * right[1]
+                ) and before >= -slack * math.sqrt(left[0] * left[0] + left[1] * left[1])
+            if inside:
+                _offer(front, root, k, value, way)
+        # In the triangle, j follows k and i follows j.
+        behind_j, behind_i = triangles.beyond[t, (v + 1) % 3], triangles.beyond[t, (v + 2) % 3]
+        if after > 0.0:
+            top = _push(front, top, behind_j, (i, k), right, way if before > 0.0 else left)
+        if before > 0.0:
+            top = _push(front, top, behind_i, (k, j), way if after > 0.0 else right, left)
+    return count
+
+
+@lean_kernel
+def expand(triangles, front, g, slack, margin, most):
+    """Process roots in order of size, until there are none or so many windows were followed.
+
+    Parameters
+    ----------
+    triangles : Triangles
+    front : Front
+        In/Out.
+    g : float64
+    slack : float64
+        Distance from a line below which a point is on the line.
+    margin : float64
+        Sizes that differ by less do not end windows.
+    most : int
+
+    Returns
+    -------
+    bool
+        Whether roots are left.
+    """
+    count = np.int64(0)
+    while front.heap.size[0] > 0 and count < most:
+        root = pop(front.heap)
+        size, k = front.h[root], front.corner[root]
+        cone = (0.0, 0.0, 0.0, 0.0, 0.0)
+        if front.root[root] >= 0:  # not by its own bound
+            if k < 0:
+                continue
+            front.table[k, 4] = size
+            dx, dy = front.arrivals[k, 0], front.arrivals[k, 1]
+            if not set_wedge(front.table, k, front.walls, dx, dy, slack):
+                continue
+            table = front.table
+            cone = (
+                table[k, CONE], table[k, CONE + 1], table[k, CONE + 2], table[k, CONE + 3],
+                table[k, KIND],
+            )  # fmt: skip
+        narrow = cone[4] == NARROW
+        top = _start(triangles, front, root, size, g, narrow, cone, slack)
+        count += 1 + _flood(triangles, front, root, size, top, g, slack, margin)
+    return front.heap.size[0] > 0
