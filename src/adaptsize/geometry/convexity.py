@@ -70,7 +70,7 @@ def turns_in_plane(points: FloatArray, facets: IntArray) -> tuple[IntArray, Floa
     """
     n = len(points)
     n_out, n_in = (np.bincount(ends, minlength=n) for ends in facets.T)
-    nodes = np.flatnonzero(n_out + n_in)
+    nodes = np.flatnonzero(n_out + n_in).astype(np.int32)
     once = (n_out[nodes] == 1) & (n_in[nodes] == 1)
     before, after = np.zeros(n, np.int64), np.zeros(n, np.int64)
     after[facets[:, 0]] = facets[:, 1]

@@ -103,7 +103,8 @@ def limit_gradient(
         * ``"auto"`` takes the exact method where it applies, else fast marching.  It also takes
           fast marching in plane domains with so many corners that the exact method would be
           many times slower: with c > 256 reflex corners and fewer than c^2 / 40 nodes in a
-          component.  ``info.method`` names the method.
+          component, if edges are sources, too, or the mesh is in parts.  ``info.method`` names
+          the method.
         * ``"positive-coefficient"`` (`PositiveCoefficient`), on meshes, is the iteration of Barth
           and Sethian [2]_.
         * ``"hamilton-jacobi"`` (`HamiltonJacobi`), on grids, is the upwind iteration of [1]_.

@@ -109,13 +109,17 @@ def solve_on_mesh(component: Component, boundary: FlatBoundary, convex: bool) ->
 
 def _solve_by_expansion(component: Component, boundary: FlatBoundary) -> ComponentSolution | None:
     """Solve by triangular expansion; None if sources are not at nodes only, or cells overlap."""
-    nodes, steep = candidates_of(component)
-    if component.extra is not None or (steep is not None and component.face_sources):
+    if component.extra is not None:
         return None
+    nodes, steep = candidates_of(component)
     expanded = expand_from_nodes(component, boundary, nodes)
     if expanded is None:
         return None
     h, root, bend = expanded
+    if component.face_sources and steep is not None:
+        edges = sources_on_cells(component, steep, h)
+        if edges is not None:
+            return None
     used = np.flatnonzero(np.bincount(root[np.isfinite(h)], minlength=len(h))).astype(np.int32)
     field = ExactField(component.g, None, False)
     field.add(node_entries(component.mesh.points[used], h[used], used))
