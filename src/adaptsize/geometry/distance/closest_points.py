@@ -53,8 +53,8 @@ class Boundary(Protocol):
         """Return unsigned distances, for points of any shape [..., dim]."""
         ...
 
-    def seen_from(self, points: FloatArray, is_inside: BoolArray | None = None) -> Depths:
-        """Return the depths of points; ``is_inside`` is computed if it is not given."""
+    def seen_from(self, points: FloatArray) -> Depths:
+        """Return the depths of points."""
         ...
 
 
@@ -85,9 +85,9 @@ class FunctionBoundary:
         """Return distances without sign."""
         return np.abs(self._values(points.reshape(-1, points.shape[-1]))).reshape(points.shape[:-1])
 
-    def seen_from(self, points: FloatArray, is_inside: BoolArray | None = None) -> Depths:
+    def seen_from(self, points: FloatArray) -> Depths:
         """Return what points see."""
-        gradient = self._gradient(points)
+        values, gradient, _ = gradient_of(self._values, points, self._step)
         length = np.linalg.norm(gradient, axis=1)
         # Differences across a kink mix two fronts; next to the kink there is only one.
         # If that mixes fronts, too, at these multiples of the offset.
@@ -98,19 +98,10 @@ class FunctionBoundary:
             if len(mixed) == 0:
                 break
             beside = times * self._step * _BESIDE[: points.shape[1]]
-            gradient[mixed] = self._gradient(points[mixed] + beside)
+            gradient[mixed] = gradient_of(self._values, points[mixed] + beside, self._step)[1]
             length[mixed] = np.linalg.norm(gradient[mixed], axis=1)
         outward = gradient / np.where(length > 0.0, length, 1.0)[:, None]
-        return Depths(-self._values(points), outward)
-
-    def _gradient(self, points: FloatArray) -> FloatArray:
-        """Return central differences."""
-        gradient = np.empty(points.shape)
-        for axis in range(points.shape[1]):
-            step = np.zeros(points.shape[1])
-            step[axis] = self._step
-            gradient[:, axis] = self._values(points + step) - self._values(points - step)
-        return gradient / (2.0 * self._step)
+        return Depths(-values, outward)
 
 
 def depths_of(
@@ -162,7 +153,7 @@ class ZeroLevelBoundary:
         found = np.linalg.norm(self._feet(rows, silent) - rows, axis=1)
         return np.asarray(found.reshape(points.shape[:-1]))
 
-    def seen_from(self, points: FloatArray, is_inside: BoolArray | None = None) -> Depths:
+    def seen_from(self, points: FloatArray) -> Depths:
         """Return what points see."""
         return self._seen(points, silent)
 

@@ -133,8 +133,7 @@ class DomainOnMesh:
         for _ in range(_HALVINGS):
             part = parts.taken(going)
             middle = 0.5 * (part.at[:, 0] + part.at[:, 1])
-            is_inside = np.asarray((part.depth > 0.0).all(axis=1))
-            seen = self.boundary.seen_from(part.points(middle), is_inside)
+            seen = self.boundary.seen_from(part.points(middle))
             offset = _OFF_BOUNDARY * np.diff(part.at, axis=1)[:, 0]
             self._leave_boundary(part, middle, offset, seen)
             cosines = (part.outward * seen.outward[:, None, :]).sum(axis=2)
@@ -180,8 +179,7 @@ class DomainOnMesh:
 
     def _on_rays(self, ends: LongArray, start: FloatArray, way: FloatArray, seen: Depths) -> Fronts:
         """Return the first points on rays from inside points where another front is met."""
-        # The ball around an inside point is inside.
-        far = self.boundary.seen_from(start + way, np.linalg.norm(way, axis=1) < seen.depth)
+        far = self.boundary.seen_from(start + way)
         depth = np.column_stack([seen.depth, far.depth])
         outward = np.stack([seen.outward, far.outward], axis=1)
         rays = _Parts(ends, start, way, np.tile([0.0, 1.0], (len(ends), 1)), depth, outward)
@@ -223,8 +221,7 @@ class DomainOnMesh:
         oblique = np.nonzero(aside > _ASIDE * distances)
         foot = (fronts.points[:, None, :] + along)[oblique]
         off = _ACROSS * aside[oblique][:, None] * normals[oblique[0], 0]
-        is_inside = (1.0 + _ACROSS) * aside[oblique] < fronts.radii[oblique[0]]
-        sides = [self.boundary.seen_from(foot + sign * off, is_inside) for sign in (-1.0, 1.0)]
+        sides = [self.boundary.seen_from(foot + sign * off) for sign in (-1.0, 1.0)]
         turn = sides[1].outward - sides[0].outward
         goes_on = (sides[0].outward * sides[1].outward).sum(axis=1) <= _LEAST
         goes_on &= (turn * off).sum(axis=1) > 0.0
