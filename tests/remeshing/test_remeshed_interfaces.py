@@ -13,7 +13,7 @@ from adaptsize._kernels.smoothing import fill_quality
 from adaptsize.background.splitting import bisect_edges
 from adaptsize.background.topology import are_among
 from adaptsize.quality import minimum_angles
-from adaptsize.quality.boundary import interface_distances, region_measures
+from adaptsize.quality.boundary import distances_from, interface_distances, region_measures
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.surface import facets_of
 
@@ -185,3 +185,18 @@ def test_few_edges_of_facets_far_from_the_surface_get_a_node_on_it():
     assert 0 < new.n_points - ball.n_points < 15
     assert (new.signed_measures > 0.0).all()
     assert new.measures.sum() > ball.measures.sum()
+
+
+def test_a_place_of_the_surface_that_the_facets_miss_gets_a_node():
+    mesh = block(6)
+    skin = mesh.boundary().mesh
+    top = np.linalg.norm(skin.points[skin.cells].mean(axis=1) - [0.5, 0.5, 1.0], axis=1).argmin()
+    i, j, k = skin.cells[top]
+    peak = skin.points[[i, j, k]].mean(axis=0)
+    peak[2] += 0.04
+    n = skin.n_points
+    cells = np.concatenate([np.delete(skin.cells, top, axis=0), [[i, j, n], [j, k, n], [k, i, n]]])
+    old = SimplexMesh([*skin.points, peak], cells)
+    made = improved(mesh, old, np.empty((0, 2), np.int32), 0.03)
+    away = [distances_from(old, one.boundary().mesh).largest for one in (mesh, made)]
+    assert away[0] > 0.03 > away[1]

@@ -40,7 +40,12 @@ from adaptsize.remeshing.sizing import (
     known_points,
     mean_size,
 )
-from adaptsize.remeshing.surface import facets_of, refine_facets, refine_surface
+from adaptsize.remeshing.surface import (
+    facets_of,
+    feature_edges,
+    refine_facets,
+    refine_surface,
+)
 from adaptsize.remeshing.surface_checks import warn_of_surface
 from adaptsize.sizes import Enclosed, predict
 from adaptsize.typing import ProgressCallback
@@ -277,7 +282,10 @@ def _filled(problem: Problem, chosen: Backend, run: IsolatedRunner, n_cells: flo
 
 
 def _improved(new: SimplexMesh, problem: Problem) -> SimplexMesh:
-    return improved(new, facets_of(problem.mesh), problem.ridges, problem.tolerance)
+    old, ridges = facets_of(problem.mesh), problem.ridges
+    if problem.task == "surface to tetrahedra":  # it was refined for the first volume only
+        ridges = feature_edges(old)
+    return improved(new, old, ridges, problem.tolerance)
 
 
 def _known_number(mesh: SimplexMesh, size: object) -> float | None:

@@ -101,23 +101,51 @@ def improved(
 
 
 def _divided(mesh: SimplexMesh, old: SimplexMesh, tolerance: float) -> SimplexMesh:
-    """Return the mesh with nodes of the old surface on edges of facets that are too far from it."""
+    """Return the mesh with nodes of the old surface on edges of facets that are too far from it.
+
+    Then edges near places of the old surface that the facets miss get a node there.
+    """
     for _ in range(_ROUNDS):
         surface = facets_of(mesh)
-        ends = surface.edges
-        is_far = _nearest(old, surface.points[ends].mean(axis=1))[1] > _NEAR * tolerance
-        if not 0 < is_far.sum() <= _FEW * len(ends):
+        there, distance = _nearest(old, surface.points[surface.edges].mean(axis=1))
+        far = np.flatnonzero(distance > _NEAR * tolerance)
+        if not 0 < len(far) <= _FEW * len(surface.edges):
             break
-        far = np.sort(ends[is_far], axis=1).astype(np.int64) @ [mesh.n_points, 1]
-        chosen = np.isin(np.sort(mesh.edges, axis=1).astype(np.int64) @ [mesh.n_points, 1], far)
-        before, mesh = mesh, bisect_edges(mesh, chosen).mesh
-        nodes = np.arange(before.n_points, mesh.n_points)
-        points, start = mesh.points.copy(), mesh.points
-        points[nodes] = _nearest(old, points[nodes])[0]
-        least = np.minimum(worst_of_nodes(start, mesh.cells), _LEAST)
-        take_back(points, mesh.cells, start, nodes, least)
-        mesh = mesh.moved(points)
+        mesh = _with_nodes(mesh, surface.edges[far], there[far])
+    places = np.concatenate([old.points[np.unique(old.cells)], old.points[old.edges].mean(axis=1)])
+    for _ in range(_ROUNDS):
+        surface = facets_of(mesh)
+        cells, _, distance = surface.locator.nearest(places)
+        missed = np.flatnonzero(distance > tolerance)
+        if not 0 < len(missed) <= _FEW * len(places):
+            break
+        missed = missed[np.argsort(-distance[missed])]
+        sides = surface.cell_facets[cells[missed]]
+        middles = surface.points[surface.edges[sides]].mean(axis=2)
+        away = np.linalg.norm(middles - places[missed][:, None], axis=2)
+        nearest = sides[np.arange(len(missed)), away.argmin(axis=1)]
+        edges, first = np.unique(nearest, return_index=True)  # the farthest place of each
+        mesh = _with_nodes(mesh, surface.edges[edges], places[missed[first]])
     return mesh
+
+
+def _with_nodes(mesh: SimplexMesh, edges: IntArray, there: FloatArray) -> SimplexMesh:
+    """Return the mesh with some of the edges divided, with nodes at the given points.
+
+    A node that would spoil cells stays in the middle of its edge.
+    """
+    factors = np.array([mesh.n_points, 1])
+    keys = np.sort(edges, axis=1).astype(np.int64) @ factors
+    rows = np.searchsorted(mesh.edges.astype(np.int64) @ factors, keys)  # in increasing order
+    target = np.full((len(mesh.edges), mesh.dim), np.nan)
+    target[rows] = there
+    split = bisect_edges(mesh, ~np.isnan(target[:, 0]))
+    nodes = mesh.n_points + np.arange(len(split.split_edges))
+    points, start = split.mesh.points.copy(), split.mesh.points
+    points[nodes] = target[split.split_edges]
+    least = np.minimum(worst_of_nodes(start, split.mesh.cells), _LEAST)
+    take_back(points, split.mesh.cells, start, nodes, least)
+    return replace(split.mesh, points=points)
 
 
 def _nodes_of_sheets(mesh: SimplexMesh) -> BoolArray:
