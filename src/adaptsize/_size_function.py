@@ -18,11 +18,13 @@ from adaptsize._checks import (
     check_type,
     describe,
     one_of,
+    place_text,
+    warn_caller,
 )
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.simplex import LaterMethod, as_mesh, as_own
-from adaptsize.errors import OutsideError
+from adaptsize.errors import OutsideError, OutsideWarning
 from adaptsize.typing import Background, FloatArray
 
 if TYPE_CHECKING:
@@ -32,6 +34,8 @@ if TYPE_CHECKING:
 
 # Points this far outside, relative to the diagonal of the background, count as inside.
 _TOLERANCE = 1e-9
+# Likewise: points this far outside are probably a mistake.
+_FAR = 10.0
 
 
 class Locator(Protocol):
@@ -189,6 +193,7 @@ class SizeFunction(ReadOnlyState):
 
     plot = LaterMethod[Any]("adaptsize.plot", "plot_size")
     sparse = LaterMethod[Any]("adaptsize.domain_size.sparse", "sparse_size")
+    _repr_html_ = LaterMethod[str]("adaptsize.plot.notebook", "html_of")
 
     def __call__(self, points: npt.ArrayLike) -> FloatArray:
         """Return the requested size at each point.
@@ -224,6 +229,8 @@ class SizeFunction(ReadOnlyState):
         sizes, distances = self.background.locator.interpolate(self.values, where)
         if self.outside == "error":
             self._refuse_outside(where, distances)
+        elif distances.max(initial=0.0) > _FAR * self.background.diagonal:
+            self._warn_outside(where, distances)
         return sizes
 
     @cached_property
@@ -246,6 +253,18 @@ class SizeFunction(ReadOnlyState):
         if outside.any():
             sizes[outside] = self.background.locator.interpolate(self.values, points[outside])[0]
         return sizes
+
+    def _warn_outside(self, points: FloatArray, distances: FloatArray) -> None:
+        """Warn once of points so far away that their unit may be another one."""
+        if self.__dict__.setdefault("_has_warned", False):
+            return
+        self.__dict__["_has_warned"] = True
+        far = int(np.argmax(distances))
+        warn_caller(
+            f"point {far}, {place_text(points[far])}, is {distances[far]:.4g} outside of the "
+            "background; it gets the size at the closest point of it (outside='error' refuses it)",
+            OutsideWarning,
+        )
 
     def _refuse_outside(self, points: FloatArray, distances: FloatArray) -> None:
         outside = distances > _TOLERANCE * self.background.diagonal

@@ -1,5 +1,8 @@
 """Pictures: what the pixels show, and machines that cannot draw."""
 
+import base64
+import io
+import re
 import subprocess
 import sys
 
@@ -62,6 +65,30 @@ def test_plane_mesh_is_seen_from_above_with_equal_aspect(drawn_by):
     # Small sizes are on the left (dark), large ones on the right (yellow).
     left, right = np.nonzero(is_near(image[:, : int(1.55 * WIDTH)], YELLOW))[1], columns
     assert left.mean() > right.mean() + 0.2 * np.ptp(columns)
+
+
+def test_notebooks_show_a_picture_and_a_table(drawn_by):
+    mesh = structured_square(4)
+    tags = np.repeat([1, 2], mesh.n_cells // 2)
+    mesh = SimplexMesh(mesh.points, mesh.cells, cell_tags=tags, tag_names={(2, 1): "a<b"})
+    for shown in (mesh, SizeFunction(mesh, np.ones(mesh.n_points))):
+        text = shown._repr_html_()
+        data = re.search(r"src='data:image/png;base64,([^']+)'", text)[1]
+        assert Image.open(io.BytesIO(base64.b64decode(data))).width == 480
+        assert "<td style='text-align:left'>a&lt;b, 2</td>" in text
+    assert "32 triangles" in text
+    assert "1 to 1" in text
+    # Several regions have their colours; one shows the quality.
+    assert np.array_equal(mesh.plot(width=WIDTH), plot_mesh(mesh, color="region", width=WIDTH))
+
+
+def test_what_cannot_be_drawn_is_a_table(monkeypatch):
+    mesh = structured_square(2)
+    for name in ("with_vtk.is_possible", "find_spec"):
+        monkeypatch.setattr(f"adaptsize.plot.pictures.{name}", lambda *_: None)
+    text = mesh._repr_html_()
+    assert "<img" not in text
+    assert "8 triangles" in text
 
 
 def test_meshes_and_sizes_draw_themselves(tmp_path, drawn_by):

@@ -88,6 +88,13 @@ class AdaptResult:
     report: AdaptReport
     metric: MetricFunction | None = None
 
+    def __repr__(self) -> str:
+        return f"AdaptResult({self.mesh!r}, {self.reason})"
+
+    def plot(self, **options: Any) -> Any:
+        """Draw the mesh, with the options of `adaptsize.plot.plot_mesh`."""
+        return self.mesh.plot(**options)
+
     def __str__(self) -> str:
         """Return the reason and the report."""
         return f"{self.reason}\n{self.report}"

@@ -349,6 +349,7 @@ class SimplexMesh(ReadOnlyState):
     to_netgen = LaterMethod[Any]("adaptsize.bridges.solvers")
     to_skfem = LaterMethod[Any]("adaptsize.bridges.solvers")
     plot = LaterMethod[Any]("adaptsize.plot", "plot_mesh")
+    _repr_html_ = LaterMethod[str]("adaptsize.plot.notebook", "html_of")
 
     def with_data(
         self,

@@ -44,6 +44,10 @@ class MeshOfElements(NamedTuple):
     mesh: SimplexMesh
     size: SizeFunction
 
+    def plot(self, **options: Any) -> Any:
+        """Draw the mesh, with the options of `adaptsize.plot.plot_mesh`."""
+        return self.mesh.plot(**options)
+
     @property
     def report(self) -> SizeReport:
         """The report on the sizes."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Callable
 from dataclasses import replace
@@ -29,7 +30,18 @@ from adaptsize.typing import FloatArray
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-Image = npt.NDArray[np.uint8]
+
+class Picture(np.ndarray):
+    """A picture, an array of uint8 that notebooks show."""
+
+    def _repr_png_(self) -> bytes:
+        from PIL import Image as Pillow
+
+        file = io.BytesIO()
+        Pillow.fromarray(np.asarray(self)).save(file, "png")
+        return file.getvalue()
+
+
 #: Formats of pictures.
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 
@@ -41,7 +53,7 @@ def plot_size(
     *,
     label: str = "mesh size h",
     **options: Unpack[ScaledPictureOptions],
-) -> Image:
+) -> Picture:
     """Draw nodal sizes on a mesh, grid or octree, off-screen.
 
     Plane meshes are shown from above, surfaces and tetrahedra in an isometric view.
@@ -62,8 +74,8 @@ def plot_size(
 
     Returns
     -------
-    ndarray of uint8, shape (height, width, 3)
-        The picture, red, green, blue.
+    Picture
+        ndarray of uint8, shape (height, width, 3): red, green, blue.  Notebooks show it.
 
     Raises
     ------
@@ -97,14 +109,15 @@ def plot_size(
 
 @with_options(ScaledPictureOptions)
 def plot_mesh(
-    mesh: SimplexMesh, *, color: str = "quality", **options: Unpack[ScaledPictureOptions]
-) -> Image:
+    mesh: SimplexMesh, *, color: str | None = None, **options: Unpack[ScaledPictureOptions]
+) -> Picture:
     """Draw a mesh coloured by the quality or the region of its cells, off-screen.
 
     Parameters
     ----------
     mesh : SimplexMesh
-    color : {"quality", "region"} or str
+    color : {"quality", "region"} or str, optional
+        By default ``"region"`` for a mesh of several regions, otherwise ``"quality"``.
         ``"quality"`` is the radius ratio (1 equilateral, 0 degenerate), ``"region"`` the
         cell tags, labelled by their names in ``mesh.tag_names``.  Otherwise the
         name of a field of ``mesh`` with one number per node or cell.
@@ -112,8 +125,8 @@ def plot_mesh(
 
     Returns
     -------
-    ndarray of uint8, shape (height, width, 3)
-        The picture, red, green, blue.
+    Picture
+        ndarray of uint8, shape (height, width, 3): red, green, blue.  Notebooks show it.
 
     Raises
     ------
@@ -129,6 +142,9 @@ def plot_mesh(
     """
     picture = _checked(ScaledPictureOptions, options)
     mesh = as_mesh("mesh", mesh)
+    if color is None:
+        has_regions = mesh.cell_tags is not None and np.ptp(mesh.cell_tags) > 0
+        color = "region" if has_regions else "quality"
     values, on_nodes = _values_to_show(mesh, color)
     label, classes = "radius ratio" if color == "quality" else printable(color), color == "region"
     look: Any = {"on_nodes": on_nodes, "label": label, "classes": classes}
@@ -136,7 +152,7 @@ def plot_mesh(
 
 
 @with_options(PictureOptions)
-def plot_causes(report: SizeReport, **options: Unpack[PictureOptions]) -> Image:
+def plot_causes(report: SizeReport, **options: Unpack[PictureOptions]) -> Picture:
     """Draw which cause controls the size where, off-screen.
 
     A cell has the colour of the majority of its nodes.  The exterior of the domain is
@@ -150,8 +166,8 @@ def plot_causes(report: SizeReport, **options: Unpack[PictureOptions]) -> Image:
 
     Returns
     -------
-    ndarray of uint8, shape (height, width, 3)
-        The picture, red, green, blue.
+    Picture
+        ndarray of uint8, shape (height, width, 3): red, green, blue.  Notebooks show it.
 
     Raises
     ------
@@ -177,7 +193,7 @@ def plot_metric(
     *,
     n_glyphs: int = 400,
     **options: Unpack[ScaledPictureOptions],
-) -> Image:
+) -> Picture:
     """Draw a metric as ellipses (in space: ellipsoids), off-screen.
 
     The axes of a glyph are proportional to the sizes at its node.  All glyphs are scaled to the
@@ -195,8 +211,8 @@ def plot_metric(
 
     Returns
     -------
-    ndarray of uint8, shape (height, width, 3)
-        The picture, red, green, blue.
+    Picture
+        ndarray of uint8, shape (height, width, 3): red, green, blue.  Notebooks show it.
 
     Raises
     ------
@@ -312,7 +328,7 @@ def _field_h(background: SimplexMesh | CartesianGrid | Octree) -> npt.NDArray[An
     return background.point_data["h"]
 
 
-def _draw(scene: Scene, picture: dict[str, Any]) -> Image:
+def _draw(scene: Scene, picture: dict[str, Any]) -> Picture:
     width, path = picture["width"], picture["path"]
     if not scene.classes:
         scene = replace(scene, color_range=picture["limits"])
@@ -332,4 +348,4 @@ def _draw(scene: Scene, picture: dict[str, Any]) -> Image:
         from PIL import Image as Pillow
 
         write_whole(Path(path), Pillow.fromarray(image).save)
-    return image
+    return image.view(Picture)
