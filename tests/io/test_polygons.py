@@ -163,6 +163,13 @@ BAD = {
     "none": ([], {}, "outer must have at least one polygon, got none"),
     "number": (3, {}, "outer must be polygons, got 3"),
     "in space": (np.pad(SQUARE, ((0, 0), (0, 1))), {}, "outer must have shape (n, 2), got (4, 3)"),
+    "tiny": (1e-70 * SQUARE, {}, "points must have coordinates of 1e-60 to 1e+60 in size"),
+    "tiny hole": (
+        SQUARE,
+        {"holes": 1e-200 * TRIANGLE},
+        "a ring is too small or too thin to be divided",
+    ),
+    "name": ({1: SQUARE}, {}, "outer must have names of 1 to 100 letters, got 1"),
     "all small": (SQUARE, {"tolerance": 1}, "tolerance must be smaller: all rings are in circles"),
 }
 

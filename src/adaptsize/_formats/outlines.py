@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._checks import place_text
+from adaptsize._checks import check_range, place_text
 from adaptsize.background.merging import merge_equal_points
 from adaptsize.typing import FloatArray, IndexArray, IntArray
 
@@ -43,6 +43,7 @@ class Outline(NamedTuple):
 def outline_of(lines: Sequence[Line], names: list[str], notes: list[str]) -> Outline:
     """Return the segments of all lines, and refuse what are not rings."""
     points, number = merge_equal_points(np.concatenate([line.points for line in lines]))
+    check_range("points", points)
     nodes = np.split(number, np.cumsum([len(line.points) for line in lines])[:-1])
     nodes = _without_repeated(points, nodes, notes)
     for k, (own, line) in enumerate(zip(nodes, lines, strict=True)):

@@ -141,7 +141,7 @@ def _points(rows: Any, source: str) -> FloatArray:
     """Return the first two coordinates of each point."""
     try:
         return as_points(source, [row[:2] for row in rows], 2)
-    except TypeError as error:
+    except (TypeError, OverflowError) as error:
         raise ValueError(f"{source} must have lists of points, got {describe(rows)}") from error
 
 

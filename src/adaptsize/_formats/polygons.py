@@ -127,7 +127,7 @@ def _lines_of(what: str, given: Any) -> list[Line]:
     """Return the rings or lines in an argument."""
     if isinstance(given, Mapping):
         named = [
-            line._replace(name=str(name))
+            line._replace(name=_as_name(what, name))
             for name, part in given.items()
             for line in _lines_of(f"{what}[{name!r}]", part)
         ]
@@ -145,6 +145,12 @@ def _lines_of(what: str, given: Any) -> list[Line]:
     return [
         Line(as_points(name, ring, 2), None, name, is_hole=is_hole) for name, ring in rings.items()
     ]
+
+
+def _as_name(what: str, name: Any) -> str:
+    if not isinstance(name, str) or not 0 < len(name) <= 100:
+        raise ValueError(f"{what} must have names of 1 to 100 letters, got {describe(name)}")
+    return name
 
 
 def _segments_of(what: str, mesh: SimplexMesh) -> list[Line]:
@@ -204,7 +210,10 @@ def domain_of(
         shapely.Polygon(parts[k][0], [parts[j][0] for j in np.flatnonzero(parent == k)])
         for k in np.flatnonzero(depth % 2 == 0)
     ]
-    corners = shapely.get_coordinates(shapely.constrained_delaunay_triangles(cut))
+    try:
+        corners = shapely.get_coordinates(shapely.constrained_delaunay_triangles(cut))
+    except shapely.GEOSException as error:
+        raise ValueError(f"a ring is too small or too thin to be divided ({error})") from error
     corners = corners.reshape(-1, 4, 2)[:, 2::-1].reshape(-1, 2)  # closed, and clockwise
     given = np.concatenate([points for points, _ in parts])
     points, number = merge_equal_points(np.concatenate([given, corners]))
