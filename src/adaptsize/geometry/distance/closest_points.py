@@ -115,12 +115,6 @@ def depths_of(
     return Depths(depth, way)
 
 
-# From these, steps along the gradient end at the zero level, up to this share of the step, at this
-# share of the points.
-_FOOT_SHARE = 1e-3
-_LEAST_FEET = 0.998
-
-
 class ZeroLevelBoundary:
     """The zero level of a function with a gradient there.
 
@@ -203,8 +197,9 @@ def is_distance(function: Implicit, points: FloatArray, extent: float) -> bool:
         return False
     values, gradient = values[smooth], gradient[smooth]
     left = np.abs(function(points[smooth] - values[:, None] * gradient))
-    good = left <= _FOOT_SHARE * np.abs(values) + step
-    return bool(good.mean() >= _LEAST_FEET)
+    # A step along the gradient ends at the zero level, up to a share of the step.
+    good = left <= 1e-3 * np.abs(values) + step
+    return bool(good.mean() >= 0.998)
 
 
 def boundary_of(
