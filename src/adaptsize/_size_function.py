@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
 # Points this far outside, relative to the diagonal of the background, count as inside.
 _TOLERANCE = 1e-9
-# Likewise: points this far outside are probably a mistake.
-_FAR = 10.0
 
 
 class Locator(Protocol):
@@ -229,7 +227,7 @@ class SizeFunction(ReadOnlyState):
         sizes, distances = self.background.locator.interpolate(self.values, where)
         if self.outside == "error":
             self._refuse_outside(where, distances)
-        elif distances.max(initial=0.0) > _FAR * self.background.diagonal:
+        elif distances.max(initial=0.0) > 10.0 * self.background.diagonal:
             self._warn_outside(where, distances)
         return sizes
 
