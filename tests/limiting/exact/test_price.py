@@ -12,7 +12,7 @@ from adaptsize import limit_gradient
 from adaptsize.geometry.boundary import flat_boundary
 from adaptsize.geometry.convexity import count_corners
 from adaptsize.limiting import Exact
-from adaptsize.limiting.exact import plane
+from adaptsize.limiting.exact import expansion, plane
 
 G = 0.3
 
@@ -82,6 +82,19 @@ def test_many_corners_are_solved_exactly_from_single_bounds(monkeypatch):
     expected, same = by_sight(monkeypatch, mesh, h0, G)
     assert_allclose(h, expected, rtol=1e-12)
     assert_array_equal(info.sources.roots(), same.sources.roots())
+
+
+def test_windows_end_where_sizes_are_better(monkeypatch):
+    mesh, h0 = MANY
+    monkeypatch.setattr(expansion, "_AT_ONCE", mesh.n_points)
+    n_reports = 0
+
+    def count(text, share):
+        nonlocal n_reports
+        n_reports += share is None
+
+    limit_gradient(mesh, h0, G, progress=count)
+    assert 0 < n_reports < 30  # windows per node
 
 
 def test_fast_marching_is_taken_where_edges_are_sources_among_many_corners():
