@@ -1,4 +1,4 @@
-"""Sizes of twenty problems are those stored, to the last bit where the processor is the same.
+"""Sizes of twenty problems are those stored, to the last bit where system and versions are equal.
 
 On other systems and processors the standard functions of C (hypot, exp, log, atan2), the linear
 algebra of numpy and fused multiply-adds may round differently.  There the sums must agree to 1e-12.
@@ -14,6 +14,7 @@ import platform
 import sys
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 
@@ -22,7 +23,8 @@ from adaptsize.limiting import EdgeBased, Exact, FastMarching
 
 STORED = Path(__file__).with_name("stored_sizes.json")
 DATA = Path(__file__).parents[2] / "data"
-THIS = f"{platform.system()} {platform.machine()}"
+VERSIONS = f"numpy {np.__version__}, numba {numba.__version__}"
+THIS = f"{platform.system()} {platform.machine()}, {VERSIONS}"
 
 
 def jittered(dim, n):
