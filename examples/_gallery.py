@@ -7,11 +7,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import matplotlib
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh
+from adaptsize.plot.style import CURVES, FIELDS, INK, QUALITY, SETTINGS, draw_mesh
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,10 +22,14 @@ if TYPE_CHECKING:
 DATA = Path(__file__).parent.parent / "data"
 OUTPUT = Path(__file__).parent / "output"
 
-#: Colours of curves that differ for everyone (Okabe and Ito), without red beside green.
-CURVES = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#444444"]
+matplotlib.rcParams.update(SETTINGS)
 
 Image = npt.NDArray[np.uint8]
+
+__all__ = [
+    "CURVES", "DATA", "FIELDS", "INK", "QUALITY", "draw_mesh", "drawing", "has_mmg",
+    "jittered_rectangle", "node_at", "run", "save_drawing", "save_panels",
+]  # fmt: skip
 
 
 def run(main: Callable[[Path], dict[str, Any]]) -> None:
@@ -66,30 +72,31 @@ def node_at(mesh: SimplexMesh, place: Sequence[float]) -> int:
 
 
 def save_panels(
-    path: Path, panels: Sequence[tuple[str, Image]], *, columns: int | None = None
+    path: Path, panels: Sequence[tuple[str, Image]], *, columns: int | None = None, thumb: int = -1
 ) -> None:
     """Write pictures in rows of ``columns`` (all in one row if None), each under its title.
 
-    Several panels get the letters (a), (b), ... in front of their titles.
+    Several panels get the letters (a), (b), ... in front of their titles.  Panel ``thumb``, without
+    its colour bar, becomes the thumbnail.
     """
-    from PIL import Image as Pillow
-    from PIL import ImageDraw, ImageFont
-
     columns = columns or len(panels)
-    rows = -(-len(panels) // columns)
     width = max(image.shape[1] for _, image in panels)
-    size = max(12, width // 26)
-    head = 3 * size  # two lines of title
-    height = max(image.shape[0] for _, image in panels) + head
-    sheet = Pillow.new("RGB", (columns * width, rows * height), "white")
-    pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(size)
-    for number, (title, image) in enumerate(panels):
-        row, column = divmod(number, columns)
-        left, top = column * width, row * height
-        sheet.paste(Pillow.fromarray(image), (left, top + head))
-        text = _lettered(title, number, len(panels))
-        pen.multiline_text((left + size, top + size // 4), text, fill="black", font=font)
-    sheet.save(path)
+    shape = max(image.shape[0] for _, image in panels) / width
+    figure, axes = drawing(columns, -(-len(panels) // columns), width, shape=shape + 0.11)
+    for panel, (title, image) in zip(axes, panels, strict=False):
+        panel.imshow(image, interpolation="antialiased")
+        panel.set_title(title, loc="left")
+    for panel in axes:
+        panel.axis("off")
+    save_drawing(path, figure)
+    image = panels[thumb][1]
+    empty = image[:, :, 3].max(axis=0) == 0
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], empty, [0]]))).reshape(-1, 2)
+    inner = ends[(ends[:, 0] > 0.35 * width) & (ends[:, 1] < image.shape[1])]
+    right = inner[np.argmax(inner[:, 1] - inner[:, 0]), 0] if len(inner) else image.shape[1]
+    figure, (panel,) = drawing(1, 1, width)
+    panel.imshow(image[:, :right])
+    save_thumbnail(path, figure, panel)
 
 
 def drawing(
@@ -112,15 +119,38 @@ def drawing(
     return figure, panels
 
 
-def save_drawing(path: Path, figure: Figure) -> None:
+def save_drawing(path: Path, figure: Figure, thumb: Axes | None = None) -> None:
     """Write a figure without the date, so that the same drawing is the same file.
 
-    Several panels get the letters (a), (b), ... in front of their titles.
+    Several panels get the letters (a), (b), ... in front of their titles.  Panel ``thumb`` becomes
+    the thumbnail.
     """
-    panels = [axes for axes in figure.axes if axes.get_title()]
+    panels = [axes for axes in figure.axes if axes.get_title() or axes.get_title("left")]
     for number, axes in enumerate(panels):
-        axes.title.set_text(_lettered(axes.get_title(), number, len(panels)))
+        for title in (axes.title, axes._left_title):
+            title.set_text(_lettered(title.get_text(), number, len(panels)))
     figure.savefig(path, metadata={"Software": None})
+    if thumb is not None:
+        save_thumbnail(path, figure, thumb)
+
+
+def save_thumbnail(path: Path, figure: Figure, panel: Axes) -> None:
+    """Write one panel without texts as a square, ``NAME.thumb.png`` beside the picture."""
+    for axes in figure.axes:
+        axes.set_visible(axes is panel)
+    figure.set_layout_engine("none")
+    figure.set_size_inches(3.2, 3.2)
+    plain = panel.get_aspect() == 1.0
+    panel.set_position((0.02, 0.02, 0.96, 0.96))
+    panel.set_title("")
+    panel.set_title("", loc="left")
+    panel.set(xlabel="", ylabel="", xticks=[], yticks=[])
+    panel.minorticks_off()
+    if legend := panel.get_legend():
+        legend.remove()
+    if plain:
+        panel.axis("off")
+    figure.savefig(path.with_suffix(".thumb.png"), dpi=100, metadata={"Software": None})
 
 
 def _lettered(title: str, number: int, count: int) -> str:

@@ -46,7 +46,17 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import CURVES, drawing, jittered_rectangle, run, save_drawing, save_panels
+from _gallery import (
+    CURVES,
+    FIELDS,
+    INK,
+    draw_mesh,
+    drawing,
+    jittered_rectangle,
+    run,
+    save_drawing,
+    save_panels,
+)
 
 import adaptsize as ads
 from adaptsize.metrics import implied_metric
@@ -179,12 +189,12 @@ def draw(path: Path, loops: dict[tuple[str, str], list[Step]], width: int) -> No
         plain, thin, aspect, errors = panels[4 * row : 4 * row + 4]
         for panel, kind, place in ((plain, "isotropic", 0), (thin, "anisotropic", -2)):
             mesh = loops[name, kind][place].mesh
-            panel.triplot(*_triangles(mesh), color="black", linewidth=0.2)
+            draw_mesh(panel, mesh, width=0.4)
             error = loops[name, kind][place].error
             panel.set_title(f"{kind}: {mesh.n_cells} triangles\nerror {error:.1e}")
         mesh = loops[name, "anisotropic"][-2].mesh
         ratio = implied_metric(mesh).aspect_ratio
-        colours = aspect.tripcolor(*_triangles(mesh), ratio, cmap="viridis", norm=scale)
+        colours = aspect.tripcolor(*_triangles(mesh), ratio, cmap=FIELDS, norm=scale)
         bar = figure.colorbar(colours, ax=aspect, shrink=0.8, format="%g", extend="max")
         bar.set_ticks([1, 2, 5, 10, 20, 50, 100], minor=False)
         aspect.set_title("aspect ratio")
@@ -195,10 +205,10 @@ def draw(path: Path, loops: dict[tuple[str, str], list[Step]], width: int) -> No
             n = [step.mesh.n_cells for step in steps]
             errors.loglog(n, [step.error for step in steps], "o-", color=colour, label=kind)
         n = np.array([1e3, 2e4])
-        errors.loglog(n, 2.0 / n, color="black", linewidth=0.7, label="2 / N")
+        errors.loglog(n, 2.0 / n, color=INK, linewidth=0.7, label="2 / N")
         errors.set(xlabel="triangles", title="error of interpolation\nin the norm of L2")
         errors.legend(loc="lower left")
-    save_drawing(path, figure)
+    save_drawing(path, figure, panels[1])
 
 
 def _triangles(mesh: ads.SimplexMesh) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int32]]:

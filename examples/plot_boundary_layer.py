@@ -57,7 +57,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import drawing, run, save_drawing
+from _gallery import FIELDS, INK, draw_mesh, drawing, run, save_drawing
 
 import adaptsize as ads
 from adaptsize.errors import BoundaryWarning
@@ -215,24 +215,23 @@ def height_jumps(mesh: ads.SimplexMesh, wall: Wall) -> FloatArray:
 def draw(path: Path, mesh: ads.SimplexMesh, wall: Wall, first: float, width: int) -> None:
     """Draw the mesh in four windows, each ten times smaller, and the heights."""
     figure, panels = drawing(3, 2, width, shape=0.85)
-    triangles = (mesh.points[:, 0], mesh.points[:, 1], mesh.cells)
     upper = wall.line.points[: len(wall.lengths) // 2]
     place = upper[np.argmin(np.abs(upper[:, 0] - 0.3))]
     for panel, half in zip(panels[:4], (0.8, 0.08, 0.008, 0.0008), strict=True):
         centre = MIDDLE if half == 0.8 else place + np.array([0.0, 0.7 * half])
-        panel.triplot(*triangles, color="black", linewidth=0.3)
         around = np.array([-half, half])
         panel.set(xlim=centre[0] + around, ylim=centre[1] + around, aspect="equal")
+        draw_mesh(panel, mesh)
         panel.set_title(f"window of {2 * half:g}", fontsize="medium")
         panel.tick_params(labelsize="small")
         panel.locator_params(nbins=4)
     distance, height, aspect = heights(mesh, wall)
     requested = first + (GROWTH - 1.0) * distance
     plot, ratio = panels[4:]
-    colours = plot.scatter(distance + first, height, c=aspect, s=3, cmap="viridis", norm="log")
+    colours = plot.scatter(distance + first, height, c=aspect, s=3, cmap=FIELDS, norm="log")
     figure.colorbar(colours, ax=plot, label="aspect ratio")
     at = np.geomspace(first, AWAY, 200)
-    plot.loglog(at, first + (GROWTH - 1.0) * (at - first), color="black", linewidth=1.0,
+    plot.loglog(at, first + (GROWTH - 1.0) * (at - first), color=INK, linewidth=1.0,
                 label=f"{first:g} + {GROWTH - 1.0:.1f} d")  # fmt: skip
     plot.set(xlabel="d, plus the first height", title="height of triangles")
     plot.legend()
@@ -247,7 +246,7 @@ def draw(path: Path, mesh: ads.SimplexMesh, wall: Wall, first: float, width: int
     ratio.set(xscale="log", xlabel="distance from the wall", ylim=(0.0, 2.0),
               title="height / requested height")  # fmt: skip
     ratio.legend()
-    save_drawing(path, figure)
+    save_drawing(path, figure, panels[1])
 
 
 if __name__ == "__main__":

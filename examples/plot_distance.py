@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import CURVES, DATA, drawing, run, save_drawing
+from _gallery import CURVES, DATA, INK, drawing, run, save_drawing
 from scipy.spatial import cKDTree
 
 import adaptsize as ads
@@ -70,7 +70,7 @@ def main(output_dir: Path, *, n: int = 160, width: int = 520) -> dict[str, float
         **of_pixels(panels[4]),
         **of_a_part(panels[2], panels[5], n),
     }
-    save_drawing(output_dir / "distance.png", figure)
+    save_drawing(output_dir / "distance.png", figure, panels[1])
     return found
 
 
@@ -88,7 +88,7 @@ def with_gaps(panel: Axes, n: int) -> dict[str, float]:
     phi = ads.signed_distance(plane, outline)
     draw(panel, plane, phi, 0.1, 0.8, "an outline with 20 gaps", bold=False)
     a, b = outline.points[outline.cells].transpose(1, 2, 0)
-    panel.plot(np.stack([a[0], b[0]]), np.stack([a[1], b[1]]), color="black", linewidth=1.6)
+    panel.plot(np.stack([a[0], b[0]]), np.stack([a[1], b[1]]), color=INK, linewidth=1.6)
     angle = np.arctan2(*plane.points.T[::-1])
     inside = np.linalg.norm(plane.points, axis=1) < 1.0 + 0.25 * np.tanh(4.0 * np.sin(7.0 * angle))
     agree = (inside == (phi < 0.0).ravel())[np.abs(phi).ravel() > 0.05]

@@ -51,7 +51,7 @@ import _euler as euler
 import numpy as np
 import numpy.typing as npt
 import plot_euler_bump as bump
-from _gallery import drawing, run, save_drawing
+from _gallery import FIELDS, draw_mesh, drawing, run, save_drawing
 
 import adaptsize as ads
 from adaptsize.metrics import implied_metric
@@ -175,18 +175,18 @@ def draw(path: Path, results: dict[str, bump.Cycle], width: int) -> None:
         mesh = result.mesh
         triangles = (mesh.points[:, 0], mesh.points[:, 1], mesh.cells)
         whole, zoom, flow = panels[4 * row : 4 * row + 3]
-        whole.triplot(*triangles, color="black", linewidth=0.18)
         bump.window(whole, bump.AROUND, f"{name}: {mesh.n_cells} triangles")
+        draw_mesh(whole, mesh, width=0.4)
         aspect = implied_metric(mesh).aspect_ratio
         colours = zoom.tripcolor(*triangles, np.log10(aspect), vmin=0, vmax=np.log10(ASPECT),
-                                 cmap="viridis", edgecolors="white", linewidth=0.15)  # fmt: skip
+                                 cmap=FIELDS, edgecolors="white", linewidth=0.15)  # fmt: skip
         bar = figure.colorbar(colours, ax=zoom, label="aspect ratio", shrink=0.7)
         bar.set_ticks(np.log10([1, 2, 5, 10, 20]), labels=["1", "2", "5", "10", "20"])
         thick = shock_thickness(result)
         bump.window(zoom, bump.AT_SHOCK, f"at the shocks; thickness {thick:.3f}")
         bump.draw_flow(flow, result)
         bump.window(flow, bump.AROUND, f"Mach number; {result.solution.steps} steps")
-    save_drawing(path, figure)
+    save_drawing(path, figure, panels[4])
 
 
 if __name__ == "__main__":

@@ -72,7 +72,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import _euler as euler
 import numpy as np
 import numpy.typing as npt
-from _gallery import CURVES, drawing, run, save_drawing
+from _gallery import CURVES, FIELDS, INK, QUALITY, draw_mesh, drawing, run, save_drawing
 
 import adaptsize as ads
 from adaptsize.errors import ConvergenceWarning, ResolutionWarning
@@ -213,20 +213,18 @@ def draw_meshes(path: Path, results: dict[str, Cycle], width: int) -> None:
     for row, name in enumerate(NAMES):
         result = results[name]
         mesh, solution = result.mesh, result.solution
-        triangles = (mesh.points[:, 0], mesh.points[:, 1], mesh.cells)
         angles = minimum_angles(mesh)
         whole, zoom, flow = panels[3 * row : 3 * row + 3]
-        whole.triplot(*triangles, color="black", linewidth=0.18)
         title = f"{name} gradient limiting: {mesh.n_cells} triangles"
         window(whole, AROUND, title)
-        colours = zoom.tripcolor(*triangles, angles, vmin=0, vmax=60, cmap="viridis",
-                                 edgecolors="black", linewidth=0.2)  # fmt: skip
-        figure.colorbar(colours, ax=zoom, label="smallest angle", shrink=0.7)
+        draw_mesh(whole, mesh, width=0.4)
         window(zoom, AT_SHOCK, f"at the shocks; worst {angles.min():.1f}°")
+        colours = draw_mesh(zoom, mesh, angles, vmin=0, vmax=60, cmap=QUALITY)
+        figure.colorbar(colours, ax=zoom, label="smallest angle", shrink=0.7)
         draw_flow(flow, result)
         end = "" if solution.converged else ", not converged"
         window(flow, AROUND, f"Mach number; {solution.steps} steps{end}")
-    save_drawing(path, figure)
+    save_drawing(path, figure, panels[3])
 
 
 def draw_flow(panel: Axes, result: Cycle) -> None:
@@ -234,7 +232,7 @@ def draw_flow(panel: Axes, result: Cycle) -> None:
     mesh, solution = result.mesh, result.solution
     mach = solution.at_nodes(euler.mach_number(solution.w))
     triangles = (mesh.points[:, 0], mesh.points[:, 1], mesh.cells)
-    colours = panel.tricontourf(*triangles, mach, levels=np.linspace(0.4, 2.0, 33), cmap="viridis")
+    colours = panel.tricontourf(*triangles, mach, levels=np.linspace(0.4, 2.0, 33), cmap=FIELDS)
     panel.tricontour(*triangles, mach, levels=[1.0], colors="black", linewidths=0.8)
     panel.figure.colorbar(colours, ax=panel, shrink=0.7, ticks=[0.4, 0.8, 1.2, 1.6, 2.0])
 
@@ -257,7 +255,7 @@ def draw_comparison(path: Path, results: dict[str, Cycle], width: int) -> None:
         cells = mesh.locator.nearest(along)[0]
         line.plot(along[:, 0], solution.w[cells, 0], linewidth=1.0, **look)
     angle.set(title="smallest angles of the triangles", xlabel="degrees", ylabel="triangles")
-    steps.axhline(TOLERANCE, color="black", linewidth=0.6)
+    steps.axhline(TOLERANCE, color=INK, linewidth=0.6)
     steps.set(title="convergence on the last mesh", xlabel="steps", ylabel="imbalance / inflow")
     line.set(title="density at y = 0.3", xlabel="x")
     for panel in (angle, steps, line):

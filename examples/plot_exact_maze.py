@@ -90,7 +90,7 @@ def main(output_dir: Path, *, spacing: float = 0.05, width: int = 1440) -> dict[
         panel.plot(*mesh.points[path[0]], "o", color="black", markersize=2.2)
     draw_bounds(panel, mesh.points, h0, h)
     add_legend(panel)
-    save_drawing(output_dir / "exact_maze.png", figure)
+    save_drawing(output_dir / "exact_maze.png", figure, panel)
     ends = [path[0] for path in paths]
     steps = [np.linalg.norm(np.diff(mesh.points[path], axis=0), axis=1) for path in paths]
     along = [h0[path[-1]] + G * lengths.sum() for path, lengths in zip(paths, steps, strict=True)]

@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import drawing, run, save_drawing
+from _gallery import draw_mesh, drawing, run, save_drawing
 
 import adaptsize as ads
 from adaptsize.quality import minimum_angles
@@ -80,12 +80,12 @@ def main(output_dir: Path, *, width: int = 560, spacing: float = 0.005) -> dict[
     )
     for panel, (values, title, span) in zip(panels, fields, strict=False):
         _draw_field(panel, grid, np.where(inside, values, np.nan), title, span)
-    panels[3].triplot(*mesh.points.T, mesh.cells, color="black", linewidth=0.35)
+    draw_mesh(panels[3], mesh)
     panels[3].set_title(f"mesh, {mesh.n_cells} triangles")
     for panel in panels:
         panel.set(xlim=(LOWER[0], UPPER[0]), ylim=(LOWER[1], UPPER[1]), aspect="equal")
         panel.set(xticks=[], yticks=[])
-    save_drawing(output_dir / "feature_and_curvature.png", figure)
+    save_drawing(output_dir / "feature_and_curvature.png", figure, panels[2])
     return {
         "steepest bound over g": _steepest(bound, inside, spacing) / G,
         "steepest size over g": _steepest(size.values, inside, spacing) / G,

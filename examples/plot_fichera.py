@@ -199,7 +199,7 @@ def draw(path: Path, loops: dict[str, list[Cycle]], width: int) -> None:
         where = "from outside" if clip is None else "behind x = 0"
         panel.set_title(f"{name}, {shown[name].n_cells} tetrahedra, {where}")
         panel.axis("off")
-    save_drawing(path, figure)
+    save_drawing(path, figure, panels[2])
 
 
 def edges_at_nodes(mesh: ads.SimplexMesh) -> FloatArray:

@@ -48,7 +48,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import drawing, run, save_drawing
+from _gallery import FIELDS, draw_mesh, drawing, run, save_drawing
 from scipy.sparse.linalg import splu
 from skfem import Basis, BilinearForm, ElementTriP1, LinearForm, MeshTri
 from skfem.helpers import dot, grad
@@ -277,17 +277,17 @@ def draw(path: Path, states: list[State], fine: State, plan: Plan, width: int) -
         state = states[number]
         now = plan.step * min((number + 1) * plan.steps_per_mesh, plan.n_steps)
         image = above.tripcolor(
-            *state.mesh.points.T, state.mesh.cells, state.u, shading="gouraud", cmap="inferno",
+            *state.mesh.points.T, state.mesh.cells, state.u, shading="gouraud", cmap=FIELDS,
             vmin=0.0, vmax=top, rasterized=True,
         )  # fmt: skip
         above.set_title(f"temperature, t = {now:.2f}")
-        below.triplot(*state.mesh.points.T, state.mesh.cells, color="k", linewidth=0.2)
+        draw_mesh(below, state.mesh, width=0.4)
         below.set_title(f"{state.mesh.n_points} nodes")
         for panel in (above, below):
-            panel.plot(*burner(now), "o", color="#33bbee", markersize=4)
+            panel.plot(*burner(now), "o", color="#0072b2", markersize=4)
             panel.set(aspect="equal", xlim=(0, 1), ylim=(0, 1), xticks=[], yticks=[])
     figure.colorbar(image, ax=panels[:3], label="temperature", shrink=0.8)
-    save_drawing(path, figure)
+    save_drawing(path, figure, panels[4])
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import adaptsize as ads
-from adaptsize.plot import plot_size
+from adaptsize.plot import plot_mesh, plot_size
 
 SOURCES = {(0.2, 0.3): 0.002, (0.75, 0.65): 0.002, (0.25, 0.8): 0.02}
 SMALLEST, LARGE = 0.002, 0.1
@@ -60,7 +60,7 @@ def main(output_dir: Path, *, n_side: int = 401, width: int = 560) -> dict[str, 
     }
     panels = [
         ("gradient limit g(h(x))\n0.6 for small, 0.2 for large elements",
-         plot_size(mesh, g_of_h(h), label="g(h)", width=width)),
+         plot_mesh(mesh.with_data(point_data={"g(h)": g_of_h(h)}), color="g(h)", width=width)),
         (f"size, {SMALLEST} to {h.max():.2f}\nlargest error {np.abs(error).max():.0e}",
          plot_size(mesh, h, limits=(SMALLEST, h.max()), width=width)),
     ]  # fmt: skip

@@ -27,7 +27,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import drawing, has_mmg, run, save_drawing
+from _gallery import draw_mesh, drawing, has_mmg, run, save_drawing
 from scipy.spatial import Delaunay, cKDTree
 
 import adaptsize as ads
@@ -101,9 +101,9 @@ def main(output_dir: Path, *, n_nodes: int = 401, width: int = 480) -> dict[str,
         if of_mesh:
             new = ads.remesh(starting_mesh(0.04), ads.SizeFunction(grid, h))
             found[f"triangles, {name}"] = new.n_cells
-            draw_mesh(of_mesh[0], new)
+            draw_triangles(of_mesh[0], new)
             of_mesh[0].set(xlim=of_h.get_xlim(), ylim=of_h.get_ylim())
-    save_drawing(output_dir / "g_on_a_domain.png", figure)
+    save_drawing(output_dir / "g_on_a_domain.png", figure, panels[1])
     return found
 
 
@@ -123,9 +123,9 @@ def draw_field(panel, grid, values, title, label, limits):
     panel.set(title=title, aspect="equal", xlabel="x", ylabel="y")
 
 
-def draw_mesh(panel, mesh):
-    """Draw the edges of a plane mesh."""
-    panel.triplot(*mesh.points.T, mesh.cells, color="black", linewidth=0.4)
+def draw_triangles(panel, mesh):
+    """Draw a plane mesh."""
+    draw_mesh(panel, mesh)
     panel.set(title=f"mesh, {mesh.n_cells} triangles", aspect="equal", xlabel="x", ylabel="y")
 
 

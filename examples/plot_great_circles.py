@@ -75,7 +75,7 @@ def draw(
         (axes[0], h, "along great circles"),
         (axes[1], on_map, "along straight lines on the map"),
     ):
-        filled = ax.contourf(x, y, sizes.T, levels, cmap="viridis")
+        filled = ax.contourf(x, y, sizes.T, levels)
         ax.contour(x, y, sizes.T, levels, colors="k", linewidths=0.4)
         for name, place in PLACES.items():
             left = place[0] > 100
@@ -95,7 +95,7 @@ def draw(
         ax.set(aspect=1.0, xticks=range(-180, 181, 60), yticks=range(-90, 91, 30))
     axes[1].set_xlabel("longitude, degrees")
     figure.colorbar(filled, ax=axes, label="size h, km", shrink=0.7)
-    save_drawing(path, figure)
+    save_drawing(path, figure, axes[0])
 
 
 if __name__ == "__main__":

@@ -58,12 +58,12 @@ def main(output_dir: Path, *, n_cells: int = 100, width: int = 480) -> dict[str,
     for panel in panels[len(fields) :]:
         panel.set_axis_off()
     for title, h, panel in zip(titles, fields, panels, strict=False):
-        filled = panel.contourf(*grid.axes, h.T, levels, cmap="viridis", extend="max")
+        filled = panel.contourf(*grid.axes, h.T, levels, extend="max")
         panel.contour(*grid.axes, h.T, levels, colors="black", linewidths=0.5)
         panel.plot([-10, 10], [0, 0], "w.", markersize=4)
         panel.set(title=title, xlabel="x", ylabel="y", aspect="equal")
     figure.colorbar(filled, ax=panels, label="mesh size h", shrink=0.6)
-    save_drawing(output_dir / "grid_schemes.png", figure)
+    save_drawing(output_dir / "grid_schemes.png", figure, panels[1])
     return found
 
 

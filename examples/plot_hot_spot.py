@@ -48,7 +48,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import DATA, drawing, run, save_drawing
+from _gallery import DATA, FIELDS, draw_mesh, drawing, run, save_drawing
 from skfem import Basis, BilinearForm, ElementTriP1, ElementVector, FacetBasis, LinearForm, MeshTri
 from skfem import condense as without
 from skfem import solve as solved
@@ -183,10 +183,10 @@ def draw(path: Path, states: list[tuple[ads.SimplexMesh, FloatArray]], width: in
         (panels[0], old, in_file, "the file"),
         (panels[1], new, stress, "after three cycles"),
     ):
-        image = draw_stress(panel, mesh, values, top, 0.25)
+        image = draw_stress(panel, mesh, values, top, 0.6)
         panel.set_title(f"{name}: {mesh.n_cells} triangles,\nhighest stress {values.max():.0f} MPa")
-    draw_stress(panels[2], new, stress, top, 0.25)
     panels[2].set(xlim=(HOLE[0] - 5, HOLE[0] + 5), ylim=(HOLE[1] + 6, HOLE[1] + 12))
+    draw_stress(panels[2], new, stress, top, 0.6)
     panels[2].set_title("the hot spot above the hole")
     panels[3].tripcolor(
         *new.points.T, new.cells, (new.cell_tags == 20).astype(float), cmap="Pastel1", vmin=0,
@@ -194,25 +194,20 @@ def draw(path: Path, states: list[tuple[ads.SimplexMesh, FloatArray]], width: in
     )  # fmt: skip
     panels[3].set_title("materials, kept")
     for place, name in (((8, 50), "material 10"), ((78, 28.5), "material 20")):
-        panels[3].text(*place, name, backgroundcolor="white", fontsize=10)
+        panels[3].text(*place, name, color="black", fontsize=10)
     for panel in panels:
         panel.set(aspect="equal", xticks=[], yticks=[])
     for panel in (panels[0], panels[1], panels[3]):
         panel.set(xlim=(0, 100), ylim=(0, 60))
     figure.colorbar(image, ax=panels, label="von Mises stress in MPa", shrink=0.6)
-    save_drawing(path, figure)
+    save_drawing(path, figure, panels[2])
 
 
 def draw_stress(
     panel: Axes, mesh: ads.SimplexMesh, values: FloatArray, top: float, line: float
 ) -> TriMesh:
     """Draw nodal values smoothly, under the triangles."""
-    image = panel.tripcolor(
-        *mesh.points.T, mesh.cells, values, shading="gouraud", cmap="inferno", vmin=0, vmax=top,
-        rasterized=True,
-    )  # fmt: skip
-    panel.triplot(*mesh.points.T, mesh.cells, color="k", linewidth=line)
-    return image
+    return draw_mesh(panel, mesh, values, cmap=FIELDS, vmin=0, vmax=top, width=line)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import CURVES, DATA, drawing, run, save_drawing
+from _gallery import CURVES, DATA, draw_mesh, drawing, run, save_drawing
 
 import adaptsize as ads
 from adaptsize.domain_size.image_mask import distance_to_edge, mask_of
@@ -51,7 +51,7 @@ def main(
     _draw_mesh(last, mesh)
     for panel in (top, right, left, last):
         panel.set(xlim=(28, 472), ylim=(28, 330), aspect="equal", xticks=[], yticks=[])
-    save_drawing(output_dir / "image.png", figure)
+    save_drawing(output_dir / "image.png", figure, left)
 
     pixels = every**2 * np.count_nonzero(image.values)
     kept = size_conformity(mesh, size)
@@ -89,7 +89,7 @@ def _draw_sizes(panel: Axes, size: ads.SizeFunction, phi: npt.NDArray[np.float64
     grid = size.background
     inside = np.ma.masked_where(phi > 0.0, size.values)
     x, y = grid.axes
-    drawn = panel.pcolormesh(x, y, inside.T, norm=LogNorm(), cmap="viridis", rasterized=True)
+    drawn = panel.pcolormesh(x, y, inside.T, norm=LogNorm(), rasterized=True)
     ticks = [2, 4, 8, 16]
     bar = panel.figure.colorbar(drawn, ax=panel, shrink=0.7, ticks=ticks, format="%g")
     bar.minorticks_off()
@@ -101,8 +101,7 @@ def _draw_mesh(panel: Axes, mesh: ads.SimplexMesh) -> None:
     from matplotlib.colors import ListedColormap
 
     colours = ListedColormap(CURVES[: int(mesh.cell_tags.max())])
-    panel.tripcolor(*mesh.points.T, mesh.cells, facecolors=mesh.cell_tags, cmap=colours, alpha=0.5)
-    panel.triplot(*mesh.points.T, mesh.cells, color="black", linewidth=0.3)
+    draw_mesh(panel, mesh, mesh.cell_tags, cmap=colours, alpha=0.6)
     panel.set_title(f"mesh, {mesh.n_cells} triangles")
 
 

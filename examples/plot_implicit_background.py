@@ -30,7 +30,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import drawing, run, save_drawing
+from _gallery import INK, drawing, run, save_drawing
 
 import adaptsize as ads
 
@@ -60,18 +60,18 @@ def main(output_dir: Path, *, width: int = 640) -> dict[str, float]:
     figure, panels = drawing(2, 1, width, shape=0.9)
     t = np.linspace(0.0, 2.0 * np.pi, 721)
     for panel, reach in zip(panels, (1.1, 0.05), strict=True):
-        leaves = PolyCollection(squares, edgecolor="black", facecolor="white", linewidth=0.25)
-        leaves.set(array=colours, cmap="viridis", norm=LogNorm(0.004, 0.1))
+        leaves = PolyCollection(squares, edgecolor="#0f172966", linewidth=0.25)
+        leaves.set(array=colours, norm=LogNorm(0.004, 0.1))
         panel.add_collection(leaves)
         for centre, radius in ((0.0, 1.0), (-RADIUS - HALF, RADIUS), (RADIUS + HALF, RADIUS)):
-            panel.plot(centre + radius * np.cos(t), radius * np.sin(t), "black", linewidth=1.6)
+            panel.plot(centre + radius * np.cos(t), radius * np.sin(t), color=INK, linewidth=1.6)
         panel.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="x")
         panel.figure.colorbar(leaves, ax=panel, label="mesh size h", shrink=0.8,
                               ticks=[0.004, 0.01, 0.03, 0.1], format="%g")  # fmt: skip
     panels[0].set_ylabel("y")
     panels[0].set_title(f"{tree.n_leaves} leaves, {tree.n_points} nodes")
     panels[1].set_title("around the wall between the holes")
-    save_drawing(output_dir / "implicit_background.png", figure)
+    save_drawing(output_dir / "implicit_background.png", figure, panels[1])
     return {
         "nodes": tree.n_points,
         "smallest leaf": float(tree.leaf_sizes.min()),

@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import CURVES, drawing, run, save_drawing
+from _gallery import CURVES, INK, drawing, run, save_drawing
 
 import adaptsize as ads
 from adaptsize.geometry import level_set_curvature, signed_distance
@@ -68,7 +68,7 @@ def main(
     draw_ratios(left, cells[0])
     draw_orders(middle, cells, errors)
     found = draw_sizes(right, cells[1])
-    save_drawing(output_dir / "level_set_curvature.png", figure)
+    save_drawing(output_dir / "level_set_curvature.png", figure, middle)
     steps = np.log(cells[-1] / cells[-2])
     return {
         **{f"largest error, {name}": error[-1] for name, error in errors.items()},
@@ -107,7 +107,7 @@ def exact_sizes(x: FloatArray) -> FloatArray:
 
 
 def draw_ratios(panel: Axes, n: int) -> None:
-    panel.axhline(1.0, color="black", linewidth=0.8)
+    panel.axhline(1.0, color=INK, linewidth=0.8)
     panel.set(title=f"curvature found over that of the boundary\n{n} boxes along the ellipse",
               xlabel="distance phi / spacing", ylabel="found / exact")  # fmt: skip
     panel.legend(markerscale=3)
@@ -147,7 +147,7 @@ def draw_sizes(panel: Axes, n: int) -> dict[str, float]:
             found[f"{name}, largest error {place}"] = float(np.abs(error).max())
             panel.plot(np.degrees(t), 100.0 * error, style, color=colour, linewidth=1.0,
                        label=name if depth == 0.0 else None)  # fmt: skip
-    panel.axhline(0.0, color="black", linewidth=0.8)
+    panel.axhline(0.0, color=INK, linewidth=0.8)
     panel.set(title=f"error of the limited size\n{n} boxes along the ellipse",
               xlabel="parameter in degrees, 0: sharp end",
               ylabel="per cent; dashed: 4 spacings inside")  # fmt: skip

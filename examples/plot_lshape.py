@@ -48,7 +48,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import CURVES, drawing, run, save_drawing
+from _gallery import CURVES, draw_mesh, drawing, run, save_drawing
+from matplotlib.colors import LogNorm
 from scipy.sparse import diags_array
 from scipy.sparse.linalg import cg
 from skfem import (
@@ -69,7 +70,7 @@ from adaptsize.quality import minimum_angles, radius_ratios
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.collections import PolyCollection, TriMesh
+    from matplotlib.cm import ScalarMappable
 
 FloatArray = npt.NDArray[np.float64]
 G = 0.25
@@ -245,21 +246,21 @@ def draw(
     figure, panels = drawing(2, 2, width, shape=0.9)
     draw_errors(panels[0], loops)
     middle = loops[2]["limited"][min(4, len(loops[2]["limited"]) - 1)]
-    draw_mesh(panels[1], middle.mesh, 1.0)
+    draw_corner(panels[1], middle.mesh, 1.0, (1e-5, 0.2))
     panels[1].set_title(f"adapted to P2: {middle.mesh.n_cells} triangles")
     corner = panels[1].inset_axes((0.56, 0.02, 0.42, 0.42))
     magnified = 10.0 ** np.floor(np.log10(0.05 / middle.mesh.edge_lengths.min()))
-    draw_mesh(corner, middle.mesh, 1.0 / magnified)
+    draw_corner(corner, middle.mesh, 1.0 / magnified, (1e-5, 0.2))
     corner.set_title(f"the corner, {magnified:.0f} times", fontsize="small")
     for panel, (name, state) in zip(panels[2:], jump.items(), strict=True):
-        image = draw_mesh(panel, state.mesh, 0.3)
+        image = draw_corner(panel, state.mesh, 0.3, (0.002, 0.1))
         angle = minimum_angles(state.mesh).min()
         panel.set_title(
             f"marked triangles to 1/16, {name}\n{state.mesh.n_cells} triangles, "
             f"smallest angle {angle:.0f} degrees, error {state.error:.4f}", fontsize="medium",
         )  # fmt: skip
-    figure.colorbar(image, ax=panels[2:], label="radius ratio", shrink=0.8)
-    save_drawing(path, figure)
+    figure.colorbar(image, ax=panels[2:], label="mesh size h", shrink=0.8)
+    save_drawing(path, figure, panels[3])
 
 
 def draw_errors(panel: Axes, loops: dict[int, dict[str, list[Cycle]]]) -> None:
@@ -287,15 +288,14 @@ def draw_slope(panel: Axes, cycles: list[Cycle], power: float) -> None:
     panel.annotate(names[power], (ends[1], y[1]), (4, -9), textcoords="offset points")
 
 
-def draw_mesh(panel: Axes, mesh: ads.SimplexMesh, half_width: float) -> TriMesh | PolyCollection:
-    """Draw triangles around the corner, coloured by quality."""
-    image = panel.tripcolor(
-        *mesh.points.T, mesh.cells, radius_ratios(mesh), vmin=0.0, vmax=1.0, cmap="viridis",
-        edgecolors="k", linewidth=0.2,
-    )  # fmt: skip
+def draw_corner(
+    panel: Axes, mesh: ads.SimplexMesh, half_width: float, sizes: tuple[float, float]
+) -> ScalarMappable:
+    """Draw triangles around the corner, coloured by their sizes."""
     panel.set(xlim=(-half_width, half_width), ylim=(-half_width, half_width), aspect="equal")
     panel.set(xticks=[], yticks=[])
-    return image
+    h = np.sqrt(4.0 / np.sqrt(3.0) * mesh.measures)
+    return draw_mesh(panel, mesh, h, norm=LogNorm(*sizes))
 
 
 if __name__ == "__main__":

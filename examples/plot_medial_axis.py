@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import drawing, run, save_drawing
+from _gallery import INK, drawing, run, save_drawing
 
 import adaptsize as ads
 
@@ -58,7 +58,7 @@ def main(output_dir: Path, *, n: int = 180, width: int = 400) -> dict[str, float
         inside = np.isfinite(size)
         found[f"smallest, {name}"] = float(size[inside].min())
         found[f"largest, {name}"] = float(size[inside].max())
-    save_drawing(output_dir / "medial_axis.png", figure)
+    save_drawing(output_dir / "medial_axis.png", figure, panels[8])
     return found
 
 
@@ -125,9 +125,9 @@ def draw(
 ) -> None:
     """Draw the feature size inside, the boundary and the points of the medial axis."""
     shown = np.ma.masked_invalid(size)
-    mesh = panel.pcolormesh(*grid.axes, shown.T, cmap="viridis", vmin=0.0, shading="nearest")
+    mesh = panel.pcolormesh(*grid.axes, shown.T, vmin=0.0, shading="nearest")
     panel.figure.colorbar(mesh, ax=panel, label="local feature size", shrink=0.85)
-    panel.contour(*grid.axes, phi.T, [0.0], colors="black", linewidths=1.0)
+    panel.contour(*grid.axes, phi.T, [0.0], colors=INK, linewidths=1.0)
     panel.plot(
         *medial.points.T,
         ".",

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import jittered_rectangle, node_at, run
+from _gallery import FIELDS, INK, drawing, jittered_rectangle, node_at, run, save_drawing
 
 import adaptsize as ads
 from adaptsize.metrics import Metric
@@ -80,23 +80,18 @@ def draw(
     width: int,
 ) -> None:
     """Draw the requested ellipses, and the limited ones over the map of the aspect ratio."""
-    import matplotlib as mpl
+    from matplotlib.colors import LogNorm
 
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, (before, after) = plt.subplots(2, 1, figsize=(8.0, 7.6), layout="constrained")
-    before.set_title(
-        f"(a) requested: two points, no bound elsewhere (drawn at {SCALE:g} of the size)"
-    )
+    figure, (before, after) = drawing(1, 2, width, shape=0.5)
+    before.set_title(f"requested: two points, no bound elsewhere (drawn at {SCALE:g} of the size)")
     some = np.array([node_at(mesh, place) for place in POINTS])
     ellipses(before, mesh.points[some], bound[some], 2.0)
-    before.plot(*mesh.points[some].T, "k.", markersize=3)
+    before.plot(*mesh.points[some].T, ".", color=INK, markersize=3)
 
-    after.set_title(f"(b) limited with g = {G:g}; left of the dashed line both points are active")
+    after.set_title(f"limited with g = {G:g}; left of the dashed line both points are active")
     filled = after.tripcolor(
-        *mesh.points.T, mesh.cells, limited.aspect_ratio, shading="gouraud", cmap="YlGnBu",
-        norm=mpl.colors.LogNorm(1.0, limited.aspect_ratio.max()),
+        *mesh.points.T, mesh.cells, limited.aspect_ratio, shading="gouraud", cmap=FIELDS,
+        norm=LogNorm(1.0, limited.aspect_ratio.max()),
     )  # fmt: skip
     figure.colorbar(filled, ax=after, label="aspect ratio", format="%g", ticks=[1, 2, 5, 10, 20])
     x, y = np.meshgrid(np.linspace(0.15, 2.85, 10), np.linspace(0.12, 1.28, 5))
@@ -110,8 +105,7 @@ def draw(
     )  # fmt: skip
     for axes in (before, after):
         axes.set(aspect="equal", xlim=(0.0, 3.0), ylim=(0.0, 1.4), xlabel="x", ylabel="y")
-    figure.savefig(path, dpi=width / 8.0)
-    plt.close(figure)
+    save_drawing(path, figure, after)
 
 
 def ellipses(axes: Axes, centres: npt.NDArray[np.float64], metric: Metric, width: float) -> None:
@@ -121,7 +115,7 @@ def ellipses(axes: Axes, centres: npt.NDArray[np.float64], metric: Metric, width
     for centre, size, directions in zip(centres, metric.sizes, metric.directions, strict=True):
         angle = np.rad2deg(np.arctan2(directions[1, 0], directions[0, 0]))
         axes.add_patch(
-            Ellipse(centre, *(2.0 * SCALE * size), angle=angle, fill=False, color="k", lw=width)
+            Ellipse(centre, *(2.0 * SCALE * size), angle=angle, fill=False, color=INK, lw=width)
         )
 
 

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import drawing, run, save_drawing
+from _gallery import INK, drawing, run, save_drawing
 
 import adaptsize as ads
 
@@ -80,7 +80,7 @@ def main(output_dir: Path, *, level: int = 6, width: int = 640) -> dict[str, flo
     panels[0].set_title(f"refined at the boundary\n{tree.n_leaves} leaves")
     panels[1].set_title(f"sizes limited on it, g = {G}\nh {h.min():.4f} to {h.max():.3f}")
     panels[2].set_title(f"refined to these sizes\n{fine.n_leaves} leaves")
-    save_drawing(output_dir / "octree.png", figure)
+    save_drawing(output_dir / "octree.png", figure, panels[2])
     return {
         "leaves at the boundary": tree.n_leaves,
         "times as many leaves, 8 times finer": finer.n_leaves / tree.n_leaves,
@@ -96,16 +96,16 @@ def draw(panel: Axes, tree: ads.Octree, h: npt.NDArray[np.float64] | None) -> No
     from matplotlib.colors import LogNorm
 
     squares = tree.points[tree.leaf_corners[:, [0, 2, 3, 1]]]
-    leaves = PolyCollection(squares, edgecolor="black", facecolor="white", linewidth=0.25)
+    leaves = PolyCollection(squares, edgecolor="#0f172966", facecolor="#eff2eb", linewidth=0.3)
     if h is not None:
-        leaves.set(array=h[tree.leaf_corners].mean(axis=1), cmap="viridis", norm=LogNorm(0.01, 0.3))
+        leaves.set(array=h[tree.leaf_corners].mean(axis=1), norm=LogNorm(0.01, 0.3))
         panel.figure.colorbar(leaves, ax=panel, label="mesh size h", shrink=0.8,
                               ticks=[0.01, 0.03, 0.1, 0.3], format="%g")  # fmt: skip
     panel.add_collection(leaves)
     for centre, radius in HOLES:
         t = np.linspace(0.0, 2.0 * np.pi, 181)
         circle = np.array(centre)[:, None] + radius * np.stack([np.cos(t), np.sin(t)])
-        panel.plot(*circle, color="black", linewidth=1.6)
+        panel.plot(*circle, color=INK, linewidth=1.6)
     panel.set(xlim=(0, 2), ylim=(0, 1), aspect="equal", xlabel="x", ylabel="y")
 
 

@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import drawing, run, save_drawing
+from _gallery import INK, drawing, run, save_drawing
 
 import adaptsize as ads
 
@@ -51,12 +51,12 @@ def main(output_dir: Path, *, n_nodes: int = 401, width: int = 480) -> dict[str,
         found[f"share lowered, g = {g:g}"] = info.n_changed / n_nodes
         found[f"steepest slope over g, g = {g:g}"] = info.largest_edge_slope
         found[f"difference from formula (11), g = {g:g}"] = float(np.abs(h - exact).max())
-        panel.plot(x, h0, "--", color="gray", label="$h_0$")
+        panel.plot(x, h0, "--", color=INK, label="$h_0$")
         panel.plot(x, h, label="$h$, limited")
         panel.set(title=f"g = {g:g}: {info.n_changed / n_nodes:.0%} of the nodes lowered")
         panel.set(xlabel="x", ylabel="mesh size", xlim=(0, 1), ylim=(0, 1.1))
     panels[0].legend(loc="upper left")
-    save_drawing(output_dir / "one_dimension.png", figure)
+    save_drawing(output_dir / "one_dimension.png", figure, panels[2])
     return found
 
 

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import DATA, drawing, has_mmg, node_at, run, save_drawing
+from _gallery import DATA, draw_mesh, drawing, has_mmg, node_at, run, save_drawing
 from matplotlib.colors import LogNorm
 
 import adaptsize as ads
@@ -64,7 +64,7 @@ def main(output_dir: Path, *, width: int = 800) -> dict[str, float]:
     bar = figure.colorbar(colours, ax=panels, shrink=0.5, extend="max", label="mesh size h")
     bar.set_ticks([0.04, 0.05, 0.1, 0.2, 0.3], labels=["0.04", "0.05", "0.1", "0.2", "0.3"])
     bar.minorticks_off()
-    save_drawing(output_dir / "slit.png", figure)
+    save_drawing(output_dir / "slit.png", figure, panels[2 if has_mmg() else 0])
     return found
 
 
@@ -72,9 +72,7 @@ def draw(
     panel: Axes, mesh: ads.SimplexMesh, h: npt.NDArray[np.float64], title: str, scale: LogNorm
 ) -> TriMesh:
     """Draw nodal sizes and edges; return the colours."""
-    triangles = (*mesh.points.T, mesh.cells)
-    colours = panel.tripcolor(*triangles, h, norm=scale, shading="gouraud")
-    panel.triplot(*triangles, color="black", linewidth=0.25)
+    colours = draw_mesh(panel, mesh, h, norm=scale)
     panel.set(title=title, aspect="equal", xlabel="x", ylabel="y")
     return colours
 

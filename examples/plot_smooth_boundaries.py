@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import drawing, run, save_drawing, save_panels
+from _gallery import INK, draw_mesh, drawing, run, save_drawing, save_panels
 
 import adaptsize as ads
 
@@ -146,11 +146,11 @@ def draw_plane(path: Path, plane: Problem, mesh: ads.SimplexMesh, width: int) ->
     panels[0].set_title("medial axis, feature size")
     shade(panels[1], plane, plane.size.values, "mesh size h")
     panels[1].set_title(f"mesh size h, g = {G}")
-    panels[2].triplot(*mesh.points.T, mesh.cells, color="black", linewidth=0.4)
+    draw_mesh(panels[2], mesh)
     panels[2].set_title(f"mesh, {mesh.n_cells} triangles")
     for panel in panels:
         panel.set(xlim=(-1.8, 1.8), ylim=(-1.2, 1.5), aspect="equal", xlabel="x", ylabel="y")
-    save_drawing(path, figure)
+    save_drawing(path, figure, panels[1])
 
 
 def shade(panel: Axes, plane: Problem, values: Array, label: str) -> None:
@@ -159,9 +159,9 @@ def shade(panel: Axes, plane: Problem, values: Array, label: str) -> None:
     inside = np.where((plane.phi < 0.0) & np.isfinite(values), values, np.nan)
     from matplotlib.ticker import MaxNLocator
 
-    image = panel.pcolormesh(x, y, inside, cmap="viridis", shading="nearest")
+    image = panel.pcolormesh(x, y, inside, shading="nearest")
     panel.figure.colorbar(image, ax=panel, label=label, shrink=0.8, ticks=MaxNLocator(5))
-    panel.contour(x, y, plane.phi, [0.0], colors="black", linewidths=0.8)
+    panel.contour(x, y, plane.phi, [0.0], colors=INK, linewidths=0.8)
 
 
 def draw_solid(path: Path, space: Problem, body: ads.SimplexMesh, width: int) -> None:

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import DATA, drawing, node_at, run, save_drawing
+from _gallery import DATA, INK, drawing, node_at, run, save_drawing
 
 import adaptsize as ads
 
@@ -62,7 +62,7 @@ def main(output_dir: Path, *, width: int = 640) -> dict[str, float]:
     draw_regions(panels[0], mesh, (h0, h), roots, causes)
     panels[0].plot(*line.T, "k--", linewidth=1)
     draw_difference(panels[1], line[:, 1], interpolated(line) - exact(line), place[1])
-    save_drawing(output_dir / "sources.png", figure)
+    save_drawing(output_dir / "sources.png", figure, panels[0])
     shares = {f"share of nodes, {CAUSES[i]}": (causes[roots] == i).mean() for i in range(4)}
     return {
         **{name: float(share) for name, share in shares.items()},
@@ -119,7 +119,7 @@ def draw_difference(
     """Draw what interpolation adds along the line."""
     panel.axhline(0.0, color="0.7", linewidth=0.8)
     panel.axvline(place, color=COLOURS[-1], linewidth=0.8, label="the node with h = 0.05")
-    panel.plot(y, difference, "k", linewidth=1)
+    panel.plot(y, difference, color=INK, linewidth=1)
     panel.legend(fontsize="small")
     title = "interpolated size less size from the sources"
     panel.set(xlabel="y along the dashed line of (a)", title=title)

@@ -32,7 +32,7 @@ import numpy as np
 from _gallery import jittered_rectangle, node_at, run, save_panels
 
 import adaptsize as ads
-from adaptsize.plot import plot_size
+from adaptsize.plot import plot_mesh, plot_size
 
 G = 0.3
 
@@ -57,7 +57,15 @@ def main(output_dir: Path, *, n_side: int = 401, width: int = 560) -> dict[str, 
     for method, error in errors.items():
         title = f"{method}\nerror {error.min():.2f} to {error.max():.2f}, mean {error.mean():.2f}"
         panels.append(
-            (title, plot_size(mesh, error, label="error of h", limits=scale, width=width))
+            (
+                title,
+                plot_mesh(
+                    mesh.with_data(point_data={"error of h": error}),
+                    color="error of h",
+                    limits=scale,
+                    width=width,
+                ),
+            )
         )
         found[f"max error {method}"] = float(np.abs(error).max())
         found[f"mean error {method}"] = float(np.abs(error).mean())

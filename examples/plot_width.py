@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import drawing, run, save_drawing
+from _gallery import INK, drawing, run, save_drawing
 
 import adaptsize as ads
 from adaptsize.geometry import boundary_separation, boundary_width
@@ -93,7 +93,7 @@ def main(output_dir: Path, *, step: float = 0.15, width: int = 640) -> dict[str,
     drawn = draw_lines(panels[0], rays, widths, norm=lengths, linewidth=thin, zorder=1)
     draw_lines(panels[1], links, separation.distances, norm=lengths, linewidth=2.0, zorder=3)
     draw_circles(panels[1], boundary, separation, lengths)
-    panels[1].plot(*separation.points.T, "o", color="black", markersize=2.8, zorder=4)
+    panels[1].plot(*separation.points.T, "o", color=INK, markersize=2.8, zorder=4)
     bar = figure.colorbar(drawn, ax=panels[:2], label="W, F", pad=0.01, aspect=15)
     bar.set_ticks([0.2, 0.5, 1, 2, 5], labels=["0.2", "0.5", "1", "2", "5"])
     bar.minorticks_off()
@@ -107,7 +107,7 @@ def main(output_dir: Path, *, step: float = 0.15, width: int = 640) -> dict[str,
     panels[1].set_title("separation F: nearest feature of each corner")
     panels[2].set_title(f"size from the width, W / {ACROSS:g}")
     panels[3].set_title("size from the separation, F / 1")
-    save_drawing(output_dir / "width.png", figure)
+    save_drawing(output_dir / "width.png", figure, panels[2])
 
     corner = np.array(WINDOWS) + HALF_WINDOW * np.array([(1, 1), (-1, -1)])
     gap = float(np.linalg.norm(corner[1] - corner[0]))
@@ -172,7 +172,7 @@ def draw_lines(panel: Axes, lines: Array, values: Array, **style: Any) -> Any:
     from matplotlib.collections import LineCollection
 
     order = np.argsort(-values)
-    drawn = LineCollection(list(lines[order]), cmap="viridis", **style)
+    drawn = LineCollection(list(lines[order]), **style)
     drawn.set_array(values[order])
     panel.add_collection(drawn)
     return drawn
@@ -194,7 +194,7 @@ def draw_circles(
     )  # fmt: skip
     panel.add_patch(inside)
     for place, radius in zip(found.points, found.distances, strict=True):
-        colour = colormaps["viridis"](norm(radius))
+        colour = colormaps["adaptsize"](norm(radius))
         circle = Circle(place, radius, facecolor=(*colour[:3], 0.08), edgecolor=colour)
         circle.set_linewidth(0.8)
         panel.add_patch(circle)
@@ -210,7 +210,7 @@ def draw_size(panel: Axes, boundary: ads.SimplexMesh, size: ads.SizeFunction) ->
     inside = ads.signed_distance(grid, boundary) <= 0.0
     x, y = grid.points.reshape(*grid.shape, 2).transpose(2, 0, 1)
     sizes = np.ma.array(size.values, mask=~inside)
-    return panel.pcolormesh(x, y, sizes, shading="nearest", cmap="viridis", norm=LogNorm(0.1, 1.0))
+    return panel.pcolormesh(x, y, sizes, shading="nearest", norm=LogNorm(0.1, 1.0))
 
 
 def draw_boundary(panel: Axes, boundary: ads.SimplexMesh) -> None:
@@ -218,7 +218,7 @@ def draw_boundary(panel: Axes, boundary: ads.SimplexMesh) -> None:
     from matplotlib.collections import LineCollection
 
     lines = boundary.points[boundary.cells]
-    panel.add_collection(LineCollection(list(lines), color="black", linewidth=0.9))
+    panel.add_collection(LineCollection(list(lines), color=INK, linewidth=0.9))
     panel.set(xlim=(-0.2, 10.2), ylim=(-0.2, 5.2), aspect="equal")
     panel.set_axis_off()
 

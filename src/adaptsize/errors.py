@@ -40,10 +40,6 @@ class BackendUnavailableError(ImportError):
     """The requested mesh generator is not installed.  The message says how to install it."""
 
 
-class PlotError(RuntimeError):
-    """A picture cannot be drawn on this machine."""
-
-
 class ConvergenceWarning(UserWarning):
     """A method stopped at ``max_iter``, or at another limit, before it converged."""
 

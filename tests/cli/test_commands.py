@@ -184,20 +184,6 @@ def test_size_is_read_and_size_function(tmp_path, name):
     np.testing.assert_allclose(read(output).point_data["h"], size.values, rtol=1e-6)
 
 
-def test_missing_picture_is_told_and_the_result_is_written(capsys, monkeypatch, square):
-    from adaptsize.errors import PlotError
-
-    def refuse(*_, **__):
-        raise PlotError("no way to draw here")
-
-    monkeypatch.setattr("adaptsize.plot.plot_size", refuse)
-    output = square.with_name("limited.vtu")
-    words = ["--field", "h0", "-g", "0.3", "-o", output, "--plot", square.with_name("h.png")]
-    assert call("limit", square, *words) == 0
-    assert capsys.readouterr().err == "adaptsize: warning: no picture: no way to draw here\n"
-    assert output.exists()
-
-
 @pytest.fixture
 def cubes(tmp_path):
     """A cube, its surface, and a cube that is a little larger."""

@@ -251,18 +251,13 @@ def _content_of(held: Mapping[str, Any]) -> str:
 
 
 def draw(console: Console, kind: str, path: Path | None, *what: Any) -> None:
-    """Draw with ``plot_kind``, if a path is given.  If that is impossible, print a warning."""
+    """Draw with ``plot_kind``, if a path is given."""
     if path is None:
         return
     from adaptsize import plot
-    from adaptsize.errors import PlotError
 
-    try:
-        getattr(plot, f"plot_{kind}")(*what, path=path)
-    except (PlotError, ImportError) as error:
-        console.warn(f"no picture: {error}")
-    else:
-        console.wrote(file=str(path), kind="picture")
+    getattr(plot, f"plot_{kind}")(*what, path=path)
+    console.wrote(file=str(path), kind="picture")
 
 
 def announce_memory_of_sizes(console: Console, mesh: SimplexMesh) -> None:

@@ -6,7 +6,6 @@ import io
 import os
 from collections.abc import Callable
 from dataclasses import replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,12 +18,12 @@ from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.simplex import as_mesh, as_own
-from adaptsize.errors import PlotError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import PictureOptions, ScaledPictureOptions, checked, with_options
 from adaptsize.plot import with_matplotlib, with_vtk
 from adaptsize.plot.ellipsoids import scene_of_metric
 from adaptsize.plot.scene import Scene, printable, scene_of_grid, scene_of_mesh, scene_of_octree
+from adaptsize.plot.style import FIELDS, QUALITY, share_of_scene, with_bar
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -44,6 +43,8 @@ class Picture(np.ndarray):
 
 #: Formats of pictures.
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+#: Those without transparency: the background is white.
+OPAQUE = (".jpg", ".jpeg", ".bmp")
 
 
 @with_options(ScaledPictureOptions)
@@ -75,14 +76,12 @@ def plot_size(
     Returns
     -------
     Picture
-        ndarray of uint8, shape (height, width, 3): red, green, blue.  Notebooks show it.
+        ndarray of uint8, shape (height, width, 4): red, green, blue, opacity.  Notebooks show it.
 
     Raises
     ------
     ValueError
         If an argument is bad or ``mesh`` has no field ``h``.
-    PlotError
-        If this machine can draw nothing at all.
 
     Notes
     -----
@@ -97,7 +96,7 @@ def plot_size(
     --------
     >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     >>> plot_size(mesh, [0.1, 0.3, 0.5, 0.3], width=320).shape  # doctest: +SKIP
-    (243, 320, 3)
+    (249, 320, 4)
     """
     picture = _checked(ScaledPictureOptions, options)
     check_type("label", label, str)
@@ -126,14 +125,12 @@ def plot_mesh(
     Returns
     -------
     Picture
-        ndarray of uint8, shape (height, width, 3): red, green, blue.  Notebooks show it.
+        ndarray of uint8, shape (height, width, 4): red, green, blue, opacity.  Notebooks show it.
 
     Raises
     ------
     ValueError
         If an argument is bad, or the mesh has no such field.
-    PlotError
-        If this machine can draw nothing at all.
 
     Examples
     --------
@@ -147,7 +144,8 @@ def plot_mesh(
         color = "region" if has_regions else "quality"
     values, on_nodes = _values_to_show(mesh, color)
     label, classes = "radius ratio" if color == "quality" else printable(color), color == "region"
-    look: Any = {"on_nodes": on_nodes, "label": label, "classes": classes}
+    colors = QUALITY if color == "quality" else None if color == "h" else FIELDS
+    look: Any = {"on_nodes": on_nodes, "label": label, "classes": classes, "colors": colors}
     return _draw(scene_of_mesh(mesh, values, picture["clip"], **look), picture)
 
 
@@ -167,14 +165,12 @@ def plot_causes(report: SizeReport, **options: Unpack[PictureOptions]) -> Pictur
     Returns
     -------
     Picture
-        ndarray of uint8, shape (height, width, 3): red, green, blue.  Notebooks show it.
+        ndarray of uint8, shape (height, width, 4): red, green, blue, opacity.  Notebooks show it.
 
     Raises
     ------
     ValueError
         If an argument is bad.
-    PlotError
-        If this machine can draw nothing at all.
 
     Examples
     --------
@@ -212,14 +208,12 @@ def plot_metric(
     Returns
     -------
     Picture
-        ndarray of uint8, shape (height, width, 3): red, green, blue.  Notebooks show it.
+        ndarray of uint8, shape (height, width, 4): red, green, blue, opacity.  Notebooks show it.
 
     Raises
     ------
     ValueError
         If an argument is bad.
-    PlotError
-        If this machine can draw nothing at all.
 
     Examples
     --------
@@ -334,18 +328,16 @@ def _draw(scene: Scene, picture: dict[str, Any]) -> Picture:
         scene = replace(scene, color_range=picture["limits"])
     low, high = scene.frame
     across, up = np.maximum((high - low)[:2], 1e-12 * max(np.abs(high - low).max(), 1e-300))
-    height = int(np.clip(width * 0.76 * up / across, 0.4 * width, 0.9 * width))
-    if with_vtk.is_possible():
-        image = with_vtk.draw(scene, width, height)
-    elif find_spec("matplotlib") is not None:
-        image = with_matplotlib.draw(scene, width, height)
-    else:
-        raise PlotError(
-            "pictures cannot be drawn: VTK finds neither OpenGL nor EGL nor OSMesa on this "
-            "machine, and matplotlib is not installed"
-        )
+    inner = round(width * share_of_scene(scene, width))
+    height = int(np.clip(inner * up / across, 0.25 * width, 0.9 * width))
+    backend = with_vtk if with_vtk.is_possible() else with_matplotlib
+    image = with_bar(backend.draw(scene, inner, height), scene, width)
     if path is not None:
         from PIL import Image as Pillow
 
-        write_whole(Path(path), Pillow.fromarray(image).save)
+        file = Pillow.fromarray(image)
+        if Path(path).suffix.lower() in OPAQUE:
+            white = Pillow.new("RGBA", file.size, "white")
+            file = Pillow.alpha_composite(white, file).convert("RGB")
+        write_whole(Path(path), file.save)
     return image.view(Picture)

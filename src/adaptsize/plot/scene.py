@@ -18,8 +18,6 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Direction towards the viewer for surfaces and solids: from the right, the front and above.
 _EYE = np.array([0.75, -1.0, 0.8])
-#: Colours of regions, chosen for colour-blind readers (Okabe and Ito 2008).
-CLASS_COLORS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#0072B2", "#D55E00")
 _AXES = ("x", "y", "z")
 #: Finer grids are drawn with this number of nodes along an axis.  More cannot be distinguished.
 _MOST_NODES = {2: 512, 3: 256}
@@ -49,6 +47,8 @@ class Scene:
         Whether edges are not drawn.
     color_range : tuple of float, optional
         The values at the ends of the colour bar, by default the lowest and the highest.
+    colors : str, optional
+        Name of matplotlib's colours, by default those of sizes.
     """
 
     points: FloatArray
@@ -61,6 +61,7 @@ class Scene:
     class_names: Mapping[int, str] = field(default_factory=dict)
     plain: bool = False
     color_range: tuple[float, float] | None = None
+    colors: str | None = None
 
     @property
     def axes(self) -> FloatArray:
@@ -111,9 +112,12 @@ class Scene:
         return _round_numbers(low, high, logarithmic=self.is_logarithmic)
 
     @property
-    def is_shaded(self) -> bool:
-        """Whether cells are lit: not those with quantities, whose colours could not be read."""
-        return not self.flat and (self.classes or self.plain)
+    def light(self) -> float:
+        """How much darker a face is that is seen from its side, 0 to 1.
+
+        Little for quantities: their colours are to be read.
+        """
+        return 0.0 if self.flat else 0.45 if self.classes or self.plain else 0.2
 
     @property
     def shows_edges(self) -> bool:

@@ -6,80 +6,61 @@ others correctly if the cells are of moderate size, which is sufficient for mesh
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize.plot.scene import CLASS_COLORS, Scene
+from adaptsize.plot.scene import Scene
+from adaptsize.plot.style import NOTHING, colors_of, edge_colors
 from adaptsize.typing import FloatArray
-
-if TYPE_CHECKING:
-    from matplotlib.cm import ScalarMappable
 
 
 def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
-    """Return the picture as uint8[height, width, 3]."""
+    """Return the scene alone as uint8[height, width, 4], red, green, blue and opacity."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.collections import PolyCollection
+    from matplotlib.colors import to_rgba
     from matplotlib.figure import Figure
 
-    colors = _color_map(scene)
     seen = scene.points @ scene.axes.T
     corners = seen[scene.cells]
     order = np.argsort(corners[:, :, 2].mean(axis=1), kind="stable")
     values = scene.values_of_cells
     shown = np.searchsorted(scene.names, values) if scene.classes else values
-    faces = colors.to_rgba(np.where(np.isfinite(values), shown, scene.limits[0]))
-    faces[~np.isfinite(values)] = (0.83, 0.83, 0.83, 1.0)
+    faces = colors_of(scene).to_rgba(np.where(np.isfinite(values), shown, scene.limits[0]))
+    faces[~np.isfinite(values)] = to_rgba(NOTHING)
     faces[:, :3] *= _brightness(scene, corners)[:, None]
 
-    figure = Figure(figsize=(width / 100.0, height / 100.0), dpi=100.0)
+    figure = Figure(figsize=(width / 100.0, height / 100.0), dpi=100.0, facecolor="none")
     canvas = FigureCanvasAgg(figure)
-    axes = figure.add_axes((0.02, 0.03, 0.80, 0.94))
+    axes = figure.add_axes((0.02, 0.02, 0.96, 0.96))
     axes.set_aspect("equal")
     axes.axis("off")
-    edges = (0.13, 0.13, 0.13, 1.0) if scene.shows_edges else "face"
+    edges = faces
+    if scene.shows_edges:
+        low, high = scene.frame
+        pixels = 0.96 * min(width / max(high[0] - low[0], 1e-300), height / (high[1] - low[1]))
+        lengths = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1) * pixels
+        lines = edge_colors(lengths, width)
+        edges = faces.copy()
+        edges[:, :3] += lines[:, 3:] * (lines[:, :3] - edges[:, :3])
     axes.add_collection(
         PolyCollection(
             list(corners[order][:, :, :2]),
             facecolors=faces[order],
-            edgecolors=edges,
+            edgecolors=edges[order],
             linewidths=0.4 * width / 1600,
         )
     )
     axes.autoscale_view()
-    if np.isfinite(scene.values).any():
-        bar = figure.colorbar(colors, cax=figure.add_axes((0.86, 0.15, 0.025, 0.7)))
-        bar.set_label(scene.label, size=max(6.0, 0.012 * width))
-        bar.ax.tick_params(labelsize=max(6.0, 0.010 * width), which="both")
-        bar.minorticks_off()
-        if scene.classes:
-            bar.set_ticks(range(len(scene.names)), labels=scene.class_labels)
-        else:
-            bar.set_ticks(scene.ticks.tolist(), labels=[f"{tick:.4g}" for tick in scene.ticks])
     canvas.draw()
-    return np.array(canvas.buffer_rgba())[:, :, :3]
-
-
-def _color_map(scene: Scene) -> ScalarMappable:
-    """Return the colours of values, or of positions in ``scene.names`` for classes."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import ListedColormap, LogNorm, Normalize
-
-    low, high = scene.limits
-    if scene.classes:
-        n = len(scene.names)
-        colors = [CLASS_COLORS[i % len(CLASS_COLORS)] for i in range(n)]
-        return ScalarMappable(Normalize(-0.5, n - 0.5), ListedColormap(colors))
-    return ScalarMappable((LogNorm if scene.is_logarithmic else Normalize)(low, high), "viridis")
+    return np.array(canvas.buffer_rgba())
 
 
 def _brightness(scene: Scene, corners: FloatArray) -> FloatArray:
-    """Return the brightness of each cell: if shaded, from its angle to the viewer."""
-    if not scene.is_shaded or corners.shape[1] < 3:
+    """Return the brightness of each cell, from its angle to the viewer: see `Scene.light`."""
+    if scene.flat or corners.shape[1] < 3:
         return np.ones(len(corners))
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
-    brightness: FloatArray = 0.55 + 0.45 * np.abs(normal[:, 2]) / length
+    brightness: FloatArray = 1.0 - scene.light * (1.0 - np.abs(normal[:, 2]) / length)
     return brightness

@@ -15,11 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._isolated import environment, isolated
-from adaptsize.plot.scene import CLASS_COLORS, Scene
+from adaptsize.plot.scene import Scene
+from adaptsize.plot.style import EDGE, NOTHING, colors_of, edge_colors
 
 _WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
-#: Place of a colour bar with names, which are left of it, over the picture's width.
-_BAR_OF_NAMES = 0.89
+#: Pixels that are drawn for one of the picture, in each direction.
+_FINER = 2
 
 _PROBE = """
 import vtkmodules.vtkRenderingOpenGL2
@@ -87,8 +88,9 @@ def _chosen_window() -> Iterator[None]:
 
 
 def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
-    """Return the picture as uint8[height, width, 3]."""
+    """Return the scene alone as uint8[height, width, 4], red, green, blue and opacity."""
     import pyvista
+    from PIL import Image
 
     rows = np.insert(scene.cells, 0, scene.cells.shape[1], axis=1).ravel()
     lines = scene.cells.shape[1] == 2
@@ -99,110 +101,72 @@ def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
     if scene.classes:
         places = np.searchsorted(scene.names, values).astype(np.float64)
         values = np.where(np.isfinite(values), places, np.nan)
+    size = [_FINER * width, _FINER * height]
     with _chosen_window():
-        plotter: Any = pyvista.Plotter(off_screen=True, window_size=[width, height])
+        plotter: Any = pyvista.Plotter(off_screen=True, window_size=size, lighting="none")
         try:
-            plotter.set_background("white")
             plotter.add_mesh(drawn, scalars=values, **_appearance(scene, width))
-            if not scene.classes:
-                _write_ticks(plotter, scene)
-            if not (scene.flat or scene.is_shaded or lines):
-                # Without shading, edges of more than 30 degrees show the shape.
+            if not scene.flat:
+                plotter.add_light(pyvista.Light(light_type="headlight"))
+                # Edges of more than 30 degrees show the shape.
                 edges = drawn.extract_feature_edges(30.0, clear_data=True)
                 if edges.n_cells:
-                    plotter.add_mesh(edges, color="#202020", line_width=width / 800, lighting=False)
-            _place_camera(plotter.camera, scene, width / height, _mesh_share(scene, width))
-            plotter.enable_anti_aliasing("ssaa")
-            image = plotter.screenshot(return_img=True)
+                    plotter.add_mesh(edges, **_lines(1.4 * width), color=EDGE, opacity=0.8)
+            _place_camera(plotter.camera, scene, width / height)
+            if scene.shows_edges and not lines:
+                pixels = 0.5 * height / plotter.camera.parallel_scale
+                edges, colors = _element_edges(scene, width, pixels)
+                plotter.add_mesh(edges, scalars=colors, rgba=True, **_lines(width))
+            large = plotter.screenshot(transparent_background=True, return_img=True)
         finally:
             plotter.close()
-    return np.ascontiguousarray(image[:, :, :3], dtype=np.uint8)
+    # Averaging pixels smooths edges also against the transparent background.
+    image = Image.fromarray(np.asarray(large, np.uint8)).convert("RGBa")
+    return np.array(image.resize((width, height), Image.Resampling.BOX).convert("RGBA"))
 
 
 def _appearance(scene: Scene, width: int) -> dict[str, Any]:
+    colors = colors_of(scene)
+    low, high = colors.norm.vmin, colors.norm.vmax
     return {
         "preference": "point" if scene.on_nodes else "cell",
-        "nan_color": "lightgrey",
-        "show_edges": scene.shows_edges,
-        "edge_color": "#202020",
-        "line_width": max(0.5, width / 1600),
-        "lighting": scene.is_shaded,
-        "ambient": 0.25,
+        "nan_color": NOTHING,
+        "line_width": _FINER * max(0.8, width / 800),
+        "lighting": not scene.flat,
+        "ambient": 1.0 - scene.light,
+        "diffuse": scene.light,
+        "specular": 0.0,
         "interpolate_before_map": True,
-        **(_class_colors(scene) if scene.classes else _range_colors(scene)),
-        "show_scalar_bar": bool(np.isfinite(scene.values).any()),
-        "scalar_bar_args": _bar(scene, _text_size(width)),
+        "cmap": colors.cmap,
+        "clim": (low, high),
+        "log_scale": scene.is_logarithmic,
+        "show_scalar_bar": False,
     }
 
 
-def _text_size(width: int) -> int:
-    """Return the height of letters in pixels, relatively larger in small pictures.
-
-    Those stand side by side, scaled down to the width of a page.
-    """
-    return max(8, round(0.036 * width if width < 560 else 17.4 + 0.005 * width))
+def _lines(width: float) -> dict[str, Any]:
+    return {"line_width": _FINER * max(0.5, width / 1600), "lighting": False}
 
 
-def _range_colors(scene: Scene) -> dict[str, Any]:
-    low, high = scene.limits
-    if high <= low:  # VTK needs a nonempty range
-        low, high = low - 0.5 * abs(low), low + 0.5 * max(abs(low), 1e-300)
-    return {"cmap": "viridis", "clim": (low, high), "log_scale": scene.is_logarithmic}
+def _element_edges(scene: Scene, width: int, pixels: float) -> tuple[Any, npt.NDArray[np.uint8]]:
+    """Return the edges of the cells and their colours; a unit of length has so many pixels."""
+    import pyvista
+
+    around = [scene.cells, np.roll(scene.cells, -1, axis=1)]
+    pairs = np.unique(np.sort(np.stack(around, axis=-1).reshape(-1, 2), axis=1), axis=0)
+    seen = scene.points @ scene.axes[:2].T
+    lengths = np.linalg.norm(seen[pairs[:, 1]] - seen[pairs[:, 0]], axis=1) * pixels
+    lines = pyvista.PolyData(scene.points, lines=np.insert(pairs, 0, 2, axis=1).ravel())
+    return lines, np.asarray(np.rint(255.0 * edge_colors(lengths, width)), np.uint8)
 
 
-def _class_colors(scene: Scene) -> dict[str, Any]:
-    n = len(scene.names)
-    named = {float(i): label for i, label in enumerate(scene.class_labels)}
-    return {
-        "cmap": [CLASS_COLORS[i % len(CLASS_COLORS)] for i in range(n)],
-        "clim": (-0.5, n - 0.5),
-        "annotations": named if n <= 24 else None,  # more would overlap
-    }
-
-
-def _bar(scene: Scene, text: int) -> dict[str, Any]:
-    return {
-        "title": scene.label + "\n",  # the empty line separates it from the first number
-        "vertical": True,
-        "fmt": " %.4g",
-        "n_labels": 0 if scene.classes else 5,  # `_write_ticks` replaces them
-        "position_x": _BAR_OF_NAMES if scene.class_names else 0.815,
-        "position_y": 0.15,
-        "width": 0.07,
-        "height": 0.7,
-        "title_font_size": text,
-        "label_font_size": text,
-        "color": "black",
-        "unconstrained_font_size": True,
-    }
-
-
-def _write_ticks(plotter: Any, scene: Scene) -> None:
-    """Write round numbers at the colour bar, where they belong."""
-    from pyvista import convert_array
-
-    for bar in plotter.scalar_bars.values():
-        bar.SetCustomLabels(convert_array(scene.ticks))
-        bar.UseCustomLabelsOn()
-
-
-def _mesh_share(scene: Scene, width: int) -> float:
-    """Return the share of the picture's width that the colour bar and its names leave."""
-    if not scene.class_names:
-        return 0.76
-    longest = max((len(name) for name in scene.class_labels), default=0)
-    # Letters are 0.6 times as wide as high, on average.
-    return min(0.76, _BAR_OF_NAMES - 0.6 * longest * _text_size(width) / width)
-
-
-def _place_camera(camera: Any, scene: Scene, aspect: float, share: float) -> None:
-    """Set up a parallel projection along ``scene.axes``, the mesh in this share of the width."""
+def _place_camera(camera: Any, scene: Scene, aspect: float) -> None:
+    """Set up a parallel projection along ``scene.axes`` that shows the whole scene."""
     axes = scene.axes
     low, high = scene.frame
     size = np.maximum(high - low, 1e-12 * max(float((high - low).max()), 1e-300))
-    tall = 1.06 * max(size[1], size[0] / (share * aspect))
+    tall = 1.04 * max(size[1], size[0] / aspect)
     focus = 0.5 * (low + high)
-    focus[0] += 0.5 * (1.0 - share) * tall * aspect
     far = 2.0 * float(np.linalg.norm(size)) + tall
     camera.focal_point = focus @ axes
     camera.position = (focus + np.array([0.0, 0.0, far])) @ axes

@@ -1,0 +1,186 @@
+"""One style for all pictures: dark is fine, light is coarse, and the background is transparent.
+
+Text and frames are grey, which can be read on white pages and on dark ones.  Edges are fainter
+where they are dense, so that the colours of fine regions remain visible.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib import colormaps
+from matplotlib.colors import Colormap, LinearSegmentedColormap, to_rgb
+
+from adaptsize.plot.scene import Scene
+from adaptsize.typing import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.figure import Figure
+
+    from adaptsize.background import SimplexMesh
+
+#: Text, frames and ticks: a contrast of at least 4 on white and on dark pages.
+INK = "#7b8087"
+#: Edges of elements.
+EDGE = (0.06, 0.09, 0.16)
+#: What has no value.
+NOTHING = "#b9bcc0"
+#: Colours from fine to coarse.  The lightness rises evenly, from 24 to 95 of 100.
+STOPS = (
+    "#561868", "#4d2e82", "#4d4ba3", "#376ebb", "#3691c4", "#5fafca", "#90c9d2", "#c2dfde",
+    "#eff2eb",
+)  # fmt: skip
+SIZES: Colormap = LinearSegmentedColormap.from_list("adaptsize", STOPS)
+SIZES.set_bad(NOTHING)
+colormaps.register(SIZES, force=True)
+#: Other quantities, whose large values matter; reversed where the small ones do.
+FIELDS, QUALITY = "YlOrRd", "YlOrRd_r"
+#: Colours of regions and curves, chosen for colour-blind readers (Okabe and Ito 2008).
+CLASS_COLORS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#0072B2", "#D55E00")
+CURVES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", INK)
+#: Settings of matplotlib for this style.
+SETTINGS: dict[str, Any] = {
+    **dict.fromkeys(
+        (
+            "text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color",
+            "grid.color", "legend.labelcolor", "hatch.color",
+        ),
+        INK,
+    ),
+    **dict.fromkeys(("figure.facecolor", "axes.facecolor", "savefig.facecolor"), "none"),
+    "font.family": "DejaVu Sans",
+    "image.cmap": "adaptsize",
+    "legend.frameon": False,
+    "axes.grid": False,
+    "grid.alpha": 0.4,
+    "axes.titlesize": "medium",
+}  # fmt: skip
+
+#: Pictures are shown about this wide on a page.  Lengths of edges are measured there, in pixels.
+_PAGE = 800.0
+#: Opacity of long edges, and the length in pixels from which on they have it.
+_OPAQUE, _LONG = 0.75, 9.0
+
+
+def opacities(lengths: FloatArray, width: float) -> FloatArray:
+    """Return the opacity of edges from their lengths, in pixels of a picture this wide."""
+    shown = lengths * (_PAGE / width)
+    opacity: FloatArray = _OPAQUE * np.clip((shown - 0.8) / _LONG, 0.03, 1.0)
+    return opacity
+
+
+def edge_colors(lengths: FloatArray, width: float) -> FloatArray:
+    """Return the colours of edges, float64[n, 4], fainter where edges are short."""
+    return np.column_stack([np.tile(EDGE, (len(lengths), 1)), opacities(lengths, width)])
+
+
+def draw_mesh(
+    panel: Axes,
+    mesh: SimplexMesh,
+    values: npt.NDArray[Any] | None = None,
+    *,
+    width: float = 0.6,
+    **look: Any,
+) -> ScalarMappable:
+    """Draw a plane mesh with its edges on axes of matplotlib, and return the colours.
+
+    ``values`` of nodes or cells are by default the sizes of the triangles.  Edges get fainter where
+    they are short in the limits of the axes; without limits, these are set to the mesh.  ``width``
+    is that of long edges, in points; ``look`` goes to matplotlib's ``tripcolor``.
+    """
+    from matplotlib.collections import LineCollection
+    from matplotlib.colors import LogNorm
+
+    if values is None:
+        values = np.sqrt(4.0 / np.sqrt(3.0) * mesh.measures)
+        low, high = np.quantile(values, (0.002, 0.998))
+        look.setdefault("norm", LogNorm(low, max(high, 1.001 * low)))
+    if len(values) == mesh.n_points:
+        look.setdefault("shading", "gouraud")
+    drawn = panel.tripcolor(*mesh.points.T, mesh.cells, values, rasterized=True, **look)
+    whole, (left, right) = panel.get_figure(root=True), panel.get_xlim()
+    assert whole is not None
+    lines = mesh.points[mesh.edges]
+    pixels = mesh.edge_lengths * (100.0 * panel.get_position().width * whole.get_figwidth())
+    pixels = pixels / abs(right - left)  # on the page
+    colors = edge_colors(pixels, _PAGE)
+    outline = mesh.facet_cell_counts == 1
+    ends = np.sort(mesh.facets[outline], axis=1) @ [mesh.n_points, 1]
+    outer = np.isin(np.sort(mesh.edges, axis=1) @ [mesh.n_points, 1], ends)
+    colors[outer] = (*to_rgb(INK), 1.0)
+    widths = np.where(outer, 1.5 * width, width * np.clip(0.4 + pixels / 25.0, 0.4, 1.0))
+    panel.add_collection(LineCollection(list(lines), colors=colors, linewidths=widths))
+    return drawn
+
+
+def colors_of(scene: Scene) -> ScalarMappable:
+    """Return the colours of values, or of positions in ``scene.names`` for classes."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import ListedColormap, LogNorm, Normalize
+
+    low, high = scene.limits
+    if scene.classes:
+        n = len(scene.names)
+        colors = [CLASS_COLORS[i % len(CLASS_COLORS)] for i in range(n)]
+        return ScalarMappable(Normalize(-0.5, n - 0.5), ListedColormap(colors))
+    if high <= low:
+        low, high = low - 0.5 * abs(low), low + 0.5 * max(abs(low), 1e-300)
+    return ScalarMappable(
+        (LogNorm if scene.is_logarithmic else Normalize)(low, high), scene.colors or SIZES
+    )
+
+
+def text_size(width: float) -> float:
+    """Return the height of letters in pixels, relatively larger in small pictures.
+
+    Those stand side by side, scaled down to the width of a page.
+    """
+    return max(8.0, 0.036 * width if width < 560 else 17.0 + 0.008 * width)
+
+
+def with_bar(image: npt.NDArray[np.uint8], scene: Scene, width: int) -> npt.NDArray[np.uint8]:
+    """Return a drawing of a scene with its colour bar to the right, ``width`` pixels wide."""
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    height = image.shape[0]
+    with rc_context(SETTINGS | {"font.size": 0.72 * text_size(width)}):
+        figure = Figure(figsize=(width / 100.0, height / 100.0), dpi=100.0)
+        canvas = FigureCanvasAgg(figure)
+        figure.figimage(image)
+        if np.isfinite(scene.values).any():
+            _add_bar(figure, scene, image.shape[1] / width)
+        canvas.draw()
+        return np.array(canvas.buffer_rgba())
+
+
+def _add_bar(figure: Figure, scene: Scene, left: float) -> None:
+    """Add the colour bar, its title above it, to the right of this share of the figure."""
+    high = min(0.7, 0.55 * figure.get_figwidth() / figure.get_figheight())
+    place = (left + 0.01, 0.5 - 0.5 * high, 0.022, high)
+    bar = figure.colorbar(colors_of(scene), cax=figure.add_axes(place))
+    bar.outline.set_visible(False)  # type: ignore[operator]
+    bar.ax.tick_params(length=2, which="major")
+    bar.minorticks_off()
+    if scene.classes and len(scene.names) <= 24:  # more would overlap
+        bar.set_ticks(range(len(scene.names)), labels=scene.class_labels)
+    elif scene.classes:
+        bar.set_ticks([])
+    else:
+        bar.set_ticks(scene.ticks.tolist(), labels=[f"{tick:.4g}" for tick in scene.ticks])
+    bar.ax.set_title(scene.label, loc="left", pad=0.6 * figure.get_figheight() + 6.0)
+
+
+def share_of_scene(scene: Scene, width: int) -> float:
+    """Return the share of a picture's width that the colour bar and its texts leave."""
+    if not np.isfinite(scene.values).any():
+        return 1.0
+    longest = max((len(name) for name in scene.class_labels), default=0) if scene.classes else 5
+    letters = max(longest + 3.0, len(scene.label))
+    # Letters are 0.58 times as wide as they are high here, on average.
+    return min(0.88, max(0.45, 0.96 - 0.44 * letters * text_size(width) / width))
