@@ -83,12 +83,12 @@ def draw(
     from matplotlib.colors import LogNorm
 
     figure, (before, after) = drawing(1, 2, width, shape=0.5)
-    before.set_title(f"requested: two points, no bound elsewhere (drawn at {SCALE:g} of the size)")
+    before.set_title(f"requested at two points, drawn at {SCALE:g} of the size")
     some = np.array([node_at(mesh, place) for place in POINTS])
     ellipses(before, mesh.points[some], bound[some], 2.0)
     before.plot(*mesh.points[some].T, ".", color=INK, markersize=3)
 
-    after.set_title(f"limited with g = {G:g}; left of the dashed line both points are active")
+    after.set_title(f"limited, g = {G:g}; dashed: both points to its left")
     filled = after.tripcolor(
         *mesh.points.T, mesh.cells, limited.aspect_ratio, shading="gouraud", cmap=FIELDS,
         norm=LogNorm(1.0, limited.aspect_ratio.max()),

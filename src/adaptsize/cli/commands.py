@@ -71,9 +71,9 @@ def info(console: Console, file: Input) -> None:
 
 
 @command(
-    own("Demands", "original", Path, "Mesh or surface whose domain the mesh must fill."),
-    own("Demands", "field", str, "Nodal field with the sizes.", chosen="h, if present"),
-    replace(options_of(RemeshOptions)["tolerance"], group="Demands"),
+    own("Checks", "original", Path, "Mesh or surface whose domain the mesh must fill."),
+    own("Checks", "field", str, "Nodal field with the sizes.", chosen="h, if present"),
+    replace(options_of(RemeshOptions)["tolerance"], group="Checks"),
 )
 def check(console: Console, file: Input, given: Given) -> None:
     """Check a mesh: validity, domain, conformity with its sizes.

@@ -113,6 +113,8 @@ class Console:
         The warnings so far, each once.
     times : list of tuple
         Names and seconds of the steps so far.
+    typed : str
+        The command as it was typed.
     world : World or None
         The ranks of MPI; None in a single process.  Only the first prints.
     """
@@ -125,7 +127,7 @@ class Console:
         self.as_json = False
         self.level = NORMAL
         self.warnings: list[str] = []
-        self._command = ""
+        self._command = self.typed = ""
         self._result: dict[str, Any] = {}
         self._written: list[dict[str, Any]] = []
         self.times: list[tuple[str, float]] = []

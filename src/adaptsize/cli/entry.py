@@ -5,6 +5,7 @@ from __future__ import annotations
 import _thread
 import contextlib
 import os
+import shlex
 import signal
 import sys
 import threading
@@ -88,6 +89,7 @@ def run(arguments: list[str]) -> int:
         Console().fail(_in_one_line(error))
         return REFUSED
     console = Console(world)
+    console.typed = shlex.join(["adaptsize", *arguments])
     if world is None:
         return _run(arguments, console)
     try:

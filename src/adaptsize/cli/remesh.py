@@ -58,11 +58,11 @@ if TYPE_CHECKING:
 _PARTS = {
     "adapting the surface with Mmg": "surface",
     "filling the surface with Netgen": "first volume",
-    "tetrahedralizing with pytetwild": "first volume",
+    "tetrahedralizing with fTetWild": "first volume",
     "adapting with Mmg": "Mmg",
     "meshing with Gmsh": "Gmsh",
 }
-_PARTS_WITHOUT_MMG = {"tetrahedralizing with pytetwild": "fTetWild"}
+_PARTS_WITHOUT_MMG = {"tetrahedralizing with fTetWild": "fTetWild"}
 
 
 @command(
@@ -109,12 +109,10 @@ def _remesh_whole(console: Console, file: Path, output: Path, given: Given) -> N
     from adaptsize.domain_size.request import largest_number
     from adaptsize.remeshing.registry import check_installed
     from adaptsize.reporting.outcome import outcome_of_remeshing
-    from adaptsize.reporting.page import check_plotly, report
+    from adaptsize.reporting.page import report
 
     plot, page = given.pop("plot", None), given.pop("report", None)
     check_files([file], output, "mesh", plot=plot, report=page)
-    if page is not None:
-        check_plotly()
     check_installed(given.get("backend", "auto"))
     as_tolerance("tolerance", given.get("tolerance", TOLERANCE))
     elements, nodes = given.get("elements"), given.get("nodes")
@@ -126,7 +124,8 @@ def _remesh_whole(console: Console, file: Path, output: Path, given: Given) -> N
         steps.begin("reading")
         mesh = _read(console, file, output, given)
         options = {name: value for name, value in given.items() if name != "sources"}
-        new, size = _made(console, steps, mesh, given)
+        generators: list[str] = []
+        new, size = _made(console, steps, mesh, given, generators)
         found = report_of(size)
         allowed = tolerance_of(found, given.get("tolerance"))
         new = new.with_data(point_data={"h": size(new.points)})
@@ -137,7 +136,13 @@ def _remesh_whole(console: Console, file: Path, output: Path, given: Given) -> N
         outcome = outcome_of_remeshing(new, mesh, size, allowed, elements)
         draw(console, "size", plot, new)
         if page is not None:
-            report(page, new, size, original=mesh, tolerance=allowed, times=console.times)
+            about = {
+                "input": str(file),
+                "command": console.typed,
+                "generator": " and ".join(dict.fromkeys(generators)),
+            }
+            report(page, new, size, original=mesh, tolerance=allowed, times=console.times,
+                   about=about)  # fmt: skip
             console.say(f"report: {page}")
     console.record(input=str(file), size=as_dict(found), mesh=outcome.as_dict())
     _print_report(console, outcome, written, None if nodes is None else (new.n_points, nodes))
@@ -206,9 +211,9 @@ def _is_for_surfaces(output: Path, mesh: SimplexMesh, given: Given) -> bool:
 
 
 def _made(
-    console: Console, steps: Steps, mesh: SimplexMesh, given: Given
+    console: Console, steps: Steps, mesh: SimplexMesh, given: Given, generators: list[str]
 ) -> tuple[SimplexMesh, SizeFunction]:
-    """Return the new mesh, and the sizes that it was made for."""
+    """Return the new mesh, and the sizes that it was made for; append the names of generators."""
     from adaptsize import remeshing
     from adaptsize.domain_size.elements import reach_number, report_of, tolerance_of
     from adaptsize.errors import OpenSurfaceWarning
@@ -223,6 +228,12 @@ def _made(
         steps.begin("sizes")
         return size_of_domain(console, mesh, for_sizes | number)
 
+    name_of = _names_of_parts(given.get("backend", "auto"))
+
+    def part_of(text: str) -> str:
+        generators.extend(text.split(" with ")[1:])
+        return name_of(text)
+
     def meshed(old: SimplexMesh, size: SizeFunction) -> SimplexMesh:
         report = report_of(size)
         announce_memory_of_mesh(console, mesh, given.get("target", "auto"), report.n_elements)
@@ -232,7 +243,7 @@ def _made(
             g=given.get("g", GRADIENT_LIMIT),
             hmax=report.hmax,
             tolerance=tolerance_of(report, given.get("tolerance")),
-            progress=steps.following(_names_of_parts(given.get("backend", "auto"))),
+            progress=steps.following(part_of),
             **for_mesh,
         )
         return new

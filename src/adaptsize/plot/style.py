@@ -35,7 +35,6 @@ STOPS = (
     "#eff2eb",
 )  # fmt: skip
 SIZES: Colormap = LinearSegmentedColormap.from_list("adaptsize", STOPS)
-SIZES.set_bad(NOTHING)
 colormaps.register(SIZES, force=True)
 #: Other quantities, whose large values matter; reversed where the small ones do.
 FIELDS, QUALITY = "YlOrRd", "YlOrRd_r"

@@ -78,7 +78,7 @@ def _run_twice(
     BackendError
         That of the first run, if both fail.
     """
-    function, text = "adaptsize.remeshing.tetwild:tetrahedralize", "tetrahedralizing with pytetwild"
+    function, text = "adaptsize.remeshing.tetwild:tetrahedralize", "tetrahedralizing with fTetWild"
     try:
         return run(function, text, arrays, options)
     except BackendTimeoutError:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from datetime import datetime
 from html import escape
-from importlib.util import find_spec
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -19,23 +21,16 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.quality import check_mesh, size_conformity
 from adaptsize.quality.certificate import MeshCheck
+from adaptsize.reporting.charts import histogram_of_angles, histogram_of_lengths
 from adaptsize.reporting.outcome import Outcome, kind_of, outcome_of_remeshing
+from adaptsize.reporting.scenes import data_of, scenes_of_mesh
 
-_STYLE = """
-body { color: #222; font: 15px/1.45 system-ui, sans-serif; margin: 1rem auto; max-width: 1100px;
-  padding: 0 1rem; }
-h1 { font-size: 1.5rem; margin: 0.5rem 0; } h2 { font-size: 1.15rem; margin: 1.5rem 0 0.5rem; }
-table { border-collapse: collapse; } .scroll { overflow-x: auto; }
-td, th { border-bottom: 1px solid #ddd; padding: 0.25rem 0.9rem 0.25rem 0; text-align: left;
-  vertical-align: top; }
-th { font-weight: 600; white-space: nowrap; } .number { font-variant-numeric: tabular-nums; }
-.failed { color: #a33c00; font-weight: 600; } footer { color: #666; margin: 2rem 0; }
-/* The scale of a scene follows its height: on narrow pages the mesh would be cut at its sides. */
-.scene { height: min(640px, 60px + 64vw); } .scene > div { height: 100%; }
-.charts { display: grid; gap: 1rem;
-  grid-template-columns: repeat(auto-fill, minmax(min(26rem, 100%), 1fr)); }
-.warning { background: #fff6e0; border-left: 4px solid #d99a00; padding: 0.3rem 0.8rem; }
-"""
+_SCENE = """<div class="tools"><select id="scenes" aria-label="what to show"></select>
+<label><input type="checkbox" id="edges" checked> edges</label>
+<button id="whole">whole mesh</button>
+<span>Drag to turn, shift and drag to move, scroll to zoom, click for values.</span></div>
+<div class="scene"><canvas id="view" tabindex="0" aria-label="the mesh"></canvas>
+<div id="bar"></div><div id="mark" hidden></div></div><p id="note"></p>"""
 
 
 def report(
@@ -47,13 +42,15 @@ def report(
     tolerance: float = 1e-3,
     title: str | None = None,
     times: Sequence[tuple[str, float]] = (),
+    about: Mapping[str, str] | None = None,
 ) -> None:
     """Write a page with the mesh in 3-D, its sizes and quality, and the worst places.
 
     The page is one HTML file without references to the network.  It shows the mesh as a
     scene that can be turned, whole and cut open, with the sizes, the quality, the edge length
-    over the size, and what controls the sizes.  Below are histograms of edge lengths over sizes
-    and of angles, the comparison with the request, and the worst places with their coordinates.
+    over the size, the regions, and what controls the sizes.  Below are histograms of edge lengths
+    over sizes and of angles, the comparison with the request, and the checks.  A click on one of
+    the worst places shows it in the mesh.
 
     Parameters
     ----------
@@ -72,17 +69,19 @@ def report(
         Heading of the page; by default the name of the file.
     times : sequence of (str, float)
         Names of steps and the seconds they took, for the table.
+    about : mapping of str to str, optional
+        Where the mesh comes from, such as the input, the command and the generator.  It is printed
+        at the head of the page, above the date and the version.
 
     Raises
     ------
     ValueError
         If an argument is invalid.
-    ImportError
-        If plotly is not installed.
 
     Notes
     -----
-    The file has about 5 MB for the viewer (plotly.js) and 150 bytes per triangle shown.
+    The file has 20 kB for the viewer and about 10 bytes per triangle shown.  It needs a browser
+    with WebGL 2, of 2023 or later.
 
     Examples
     --------
@@ -103,9 +102,6 @@ def report(
         if value is not None:
             check_type(name, value, kind)
     tolerance = as_tolerance("tolerance", tolerance)
-    check_plotly()
-    from adaptsize.reporting import figures
-
     if size is None and "h" in mesh.point_data:
         size = SizeFunction(mesh, mesh.point_data["h"])
     outcome = None
@@ -114,32 +110,32 @@ def report(
     elif size is not None:
         outcome = Outcome(kind_of(mesh), size_conformity(mesh, size))
     warnings = [] if outcome is None else outcome.warnings()
-    charts = [] if size is None else [figures.histogram_of_lengths(mesh, size)]
-    charts.append(figures.histogram_of_angles(mesh))
-    config = {"responsive": True, "displaylogo": False}
-    scene, *bars = (
-        figure.to_html(full_html=False, include_plotlyjs=number == 0, config=config)
-        for number, figure in enumerate(
-            [figures.figure_of(figures.scenes_of_mesh(mesh, size)), *charts]
-        )
-    )
+    charts = [] if size is None else [histogram_of_lengths(mesh, size)]
+    charts.append(histogram_of_angles(mesh))
     heading = f"{escape(title or target.stem)}: {kind_of(mesh)}"
+    data = json.dumps(data_of(scenes_of_mesh(mesh, size))).replace("<", "\\u003c")
+    head = [
+        *(about or {}).items(),
+        ("date", datetime.now().astimezone().isoformat(" ", "seconds")),
+        ("version", f"adaptsize {adaptsize.__version__}"),
+        ("units", "lengths in the unit of the coordinates, angles in degrees"),
+    ]
     parts = [
         "<!doctype html>",
         '<html lang="en"><head><meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<title>{heading}</title><style>{_STYLE}</style></head><body>",
-        f"<h1>{heading}</h1>",
+        f"<title>{heading}</title><style>{_file('page.css')}</style></head><body>",
+        f'<h1>{heading}</h1><div class="head">{_table(head)}</div>',
         *(f'<p class="warning">{escape(text)}</p>' for text in warnings),
-        "<h2>Mesh</h2><p>Choose what to show from the list; drag to turn, scroll to zoom.</p>",
-        f'<div class="scene">{scene}</div>',
+        "<h2>Mesh</h2>",
+        _SCENE,
         "<h2>Summary</h2>",
         _table(_rows(mesh, outcome, None if size is None else size.report, times)),
         '<h2>Edge lengths and angles</h2><div class="charts">',
-        *bars,
-        "</div><h2>Demands</h2>",
-        _demands(check_mesh(mesh, original=original, size=size, tolerance=tolerance)),
-        f"<footer>adaptsize {escape(adaptsize.__version__)}</footer>",
+        *(f"<figure>{chart}</figure>" for chart in charts),
+        "</div><h2>Checks</h2>",
+        _checks(check_mesh(mesh, original=original, size=size, tolerance=tolerance)),
+        f"<script>const DATA = {data};\n{_file('viewer.js')}</script>",
         "</body></html>",
     ]
 
@@ -149,10 +145,8 @@ def report(
     write_whole(target, write_text)
 
 
-def check_plotly() -> None:
-    """Refuse a report without plotly."""
-    if find_spec("plotly") is None:
-        raise ImportError('reports need plotly; install it with: pip install "adaptsize[report]"')
+def _file(name: str) -> str:
+    return files("adaptsize.reporting").joinpath(name).read_text(encoding="utf-8")
 
 
 def _rows(
@@ -181,18 +175,20 @@ def _table(rows: Sequence[tuple[str, str]]) -> str:
     return f'<div class="scroll"><table>{body}</table></div>'
 
 
-def _demands(check: MeshCheck) -> str:
-    """Return the table of demands, with the worst places below those that are not met."""
+def _checks(check: MeshCheck) -> str:
+    """Return the table of checks, with the worst places below those that failed."""
     rows = []
     for demand in check.demands:
-        state = "met" if demand.is_met else '<span class="failed">not met</span>'
+        state = "passed" if demand.is_met else '<span class="failed">failed</span>'
         rows.append(
             f"<tr><th>{escape(demand.name)}</th><td>{state}</td><td>{escape(demand.text)}</td></tr>"
         )
         for place in demand.places:
             at = ", ".join(f"{x:.6g}" for x in place.point)
+            button = f'<button data-at="[{at}]">show</button>'
             rows.append(
-                f'<tr><td></td><td></td><td class="number">{place.value:.4g} at ({at})</td></tr>'
+                f'<tr><td></td><td>{button}</td><td class="number">{place.value:.4g} at ({at})</td>'
+                "</tr>"
             )
     rows += [f"<tr><th>note</th><td></td><td>{escape(note)}</td></tr>" for note in check.notes]
     return f'<div class="scroll"><table>{"".join(rows)}</table></div>'
