@@ -52,7 +52,7 @@ def test_worst_places_are_listed_and_names_cannot_break_out_of_the_page(square, 
     text = (tmp_path / "x.html").read_text(encoding="utf-8")
     assert "<script>alert(1)" not in text
     assert "failed" in text
-    (worst, *_) = re.findall(r'<button data-at="(\[.*?\])">.*?0\.0\d+ at \((.*?)\)', text)
+    (worst, *_) = re.findall(r'<button data-at="(\[.*?\])">.*? degrees at \((.*?)\)', text)
     assert worst[0] == f"[{worst[1]}]"
 
 

@@ -19,7 +19,7 @@ from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import as_mesh
-from adaptsize.quality import check_mesh, size_conformity
+from adaptsize.quality import check_mesh, minimum_angles, size_conformity
 from adaptsize.quality.certificate import MeshCheck
 from adaptsize.reporting.charts import histogram_of_angles, histogram_of_lengths
 from adaptsize.reporting.outcome import Outcome, kind_of, outcome_of_remeshing
@@ -133,7 +133,9 @@ def report(
         _table(_rows(mesh, outcome, None if size is None else size.report, times)),
         '<h2>Edge lengths and angles</h2><div class="charts">',
         *(f"<figure>{chart}</figure>" for chart in charts),
-        "</div><h2>Checks</h2>",
+        "</div><h2>Cells with the smallest angles</h2>",
+        _worst_cells(mesh),
+        "<h2>Checks</h2>",
         _checks(check_mesh(mesh, original=original, size=size, tolerance=tolerance)),
         f"<script>const DATA = {data};\n{_file('viewer.js')}</script>",
         "</body></html>",
@@ -183,12 +185,25 @@ def _checks(check: MeshCheck) -> str:
         rows.append(
             f"<tr><th>{escape(demand.name)}</th><td>{state}</td><td>{escape(demand.text)}</td></tr>"
         )
-        for place in demand.places:
-            at = ", ".join(f"{x:.6g}" for x in place.point)
-            button = f'<button data-at="[{at}]">show</button>'
-            rows.append(
-                f'<tr><td></td><td>{button}</td><td class="number">{place.value:.4g} at ({at})</td>'
-                "</tr>"
-            )
+        rows += [_place(place.point, f"{place.value:.4g}") for place in demand.places]
     rows += [f"<tr><th>note</th><td></td><td>{escape(note)}</td></tr>" for note in check.notes]
     return f'<div class="scroll"><table>{"".join(rows)}</table></div>'
+
+
+def _worst_cells(mesh: SimplexMesh) -> str:
+    """Return the table of the cells with the smallest angles."""
+    angles = minimum_angles(mesh)
+    worst = np.argsort(angles)[:5]
+    middles = mesh.points[mesh.cells[worst]].mean(axis=1).tolist()
+    rows = [
+        _place(middle, f"{angle:.3g} degrees")
+        for middle, angle in zip(middles, angles[worst].tolist(), strict=True)
+    ]
+    return f"<table>{''.join(rows)}</table>"
+
+
+def _place(point: Sequence[float], value: str) -> str:
+    """Return a row with a button that shows a place in the mesh."""
+    at = ", ".join(f"{x:.6g}" for x in point)
+    button = f'<button data-at="[{at}]">show</button>'
+    return f'<tr><td></td><td>{button}</td><td class="number">{value} at ({at})</td></tr>'

@@ -266,7 +266,7 @@
       while (marked.length < 3) marked.push(0);
       view.focus = marked.map((p, d) => p - geometry.middle[d]);
       view.tall = Math.min(view.tall, 0.12 * Math.hypot(...geometry.size));
-      note.textContent = button.closest("td").textContent;
+      note.textContent = button.closest("tr").lastElementChild.textContent;
       box.scrollIntoView({ behavior: "smooth", block: "center" });
       frame();
     });
