@@ -138,6 +138,8 @@ def save_thumbnail(path: Path, figure: Figure, panel: Axes) -> None:
     """Write one panel without texts as a square, ``NAME.thumb.png`` beside the picture."""
     for axes in figure.axes:
         axes.set_visible(axes is panel)
+    for legend in figure.legends:
+        legend.set_visible(False)
     figure.set_layout_engine("none")
     figure.set_size_inches(3.2, 3.2)
     plain = panel.get_aspect() == 1.0

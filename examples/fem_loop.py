@@ -56,7 +56,7 @@ def main(output_dir: Path, *, n_cycles: int = 4, width: int = 700) -> dict[str, 
         if cycle == n_cycles:
             break
         mesh = ads.adapt(mesh, indicator, elements=800 * 2**cycle, max_refine=8.0).mesh
-    save_panels(output_dir / "fem_loop.png", panels)
+    save_panels(output_dir / "fem_loop.png", panels, thumb=0)
     # From the first adapted mesh on: the first step resolves what a uniform mesh does not.
     slope = np.log(errors[-1] / errors[1]) / np.log(counts[-1] / counts[1])
     return {

@@ -60,7 +60,7 @@ def main(output_dir: Path, *, width: int = 560) -> dict[str, float]:
             f"{conformity.share_in_band:.0%} of the edges within sqrt 2 of h"
         )
         panels.append((title, plot_mesh(new, width=width)))
-    save_panels(output_dir / "curved_boundary.png", panels)
+    save_panels(output_dir / "curved_boundary.png", panels, thumb=1)
     return found
 
 

@@ -98,7 +98,7 @@ def draw(path: Path, mesh: ads.SimplexMesh, size: ads.SizeFunction, width: int) 
         (f"{mesh.n_cells} tetrahedra, split view", plot_size(mesh, h, clip="y", width=width)),
         ("quality, head and antlers", plot_mesh(head, clip=None, width=width)),
     ]
-    save_panels(path, panels)
+    save_panels(path, panels, thumb=1)
 
 
 if __name__ == "__main__":

@@ -71,7 +71,7 @@ def main(output_dir: Path, *, n_side: int = 401, width: int = 560) -> dict[str, 
         found[f"mean error {method}"] = float(np.abs(error).mean())
     title = f"exact, formula (11)\nh {exact.min():.2f} to {exact.max():.2f}"
     panels.append((title, plot_size(mesh, exact, width=width)))
-    save_panels(output_dir / "two_sources.png", panels)
+    save_panels(output_dir / "two_sources.png", panels, thumb=0)
     return found
 
 

@@ -51,7 +51,7 @@ def main(
         ("regions", plot_mesh(mesh, color="region", clip=None, width=width)),
         ("quality of the tetrahedra", plot_mesh(mesh, color="quality", width=width)),
     ]
-    save_panels(output_dir / "volume.png", panels, columns=2)
+    save_panels(output_dir / "volume.png", panels, columns=2, thumb=2)
     voxel = float(np.prod(image.spacing))
     volumes = {
         f"volume of region {k} over that of its voxels": float(

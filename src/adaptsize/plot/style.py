@@ -181,5 +181,5 @@ def share_of_scene(scene: Scene, width: int) -> float:
         return 1.0
     longest = max((len(name) for name in scene.class_labels), default=0) if scene.classes else 5
     letters = max(longest + 3.0, len(scene.label))
-    # Letters are 0.58 times as wide as they are high here, on average.
-    return min(0.88, max(0.45, 0.96 - 0.44 * letters * text_size(width) / width))
+    # Letters are 0.6 times as wide as they are high, on average.
+    return min(0.88, max(0.45, 0.965 - 0.6 * letters * text_size(width) / width))
