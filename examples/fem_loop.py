@@ -1,4 +1,7 @@
-"""An adaptive finite element loop for any solver.
+"""Adaptive loop with any solver.
+
+The error of each cell on the L-shaped domain. At first it sits in the inner corner; after four
+cycles every triangle has about the same error.
 
 Section 7.1 of Persson's paper, on the L-shape (data/lshape.vtu).  The loop runs four times: solve,
 estimate, `adaptsize.adapt`.  The solver is a few lines of numpy and scipy for the Laplace

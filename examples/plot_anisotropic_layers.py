@@ -1,4 +1,7 @@
-"""Anisotropic adaptation: an S-shaped layer, and two layers that cross.
+"""Anisotropic meshes of two layers.
+
+With about as many triangles, stretched ones (b, f) have a smaller error than equilateral ones (a,
+e). The triangles are up to 100 times longer than wide along the layers (c, g).
 
 Linear elements interpolate u = tanh(60 (x - 1/2 - sin(2 pi y) / 10)) and
 u = tanh(60 (x - 1/2)) + tanh(60 (y - 1/2)) on the unit square.  Each cycle of `adapt` takes the

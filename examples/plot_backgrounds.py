@@ -1,4 +1,7 @@
-"""One problem on three backgrounds: a grid, a quadtree, triangles.
+"""Three backgrounds, one problem.
+
+The same size function on a grid, a quadtree and triangles: the fields agree, and only the cells
+that carry them differ.
 
 Figure 1 of Persson's paper names the three; `limit_gradient` takes each of them.  Asked for
 are a size of 0.01 at two points and 0.05 on a segment; the limited sizes are compared with the

@@ -1,4 +1,7 @@
-"""Boundary layer of an airfoil: the first height is a ten-thousandth of the chord.
+"""Boundary layer of an airfoil.
+
+Each window is ten times smaller than the one before, down to the first layer of triangles at the
+wall. Their heights follow the request over four decades (e, f).
 
 Around a NACA 0012 airfoil (chord 1, closed trailing edge), `metric_from_layers` requests
 triangles that are 1e-4 high at the wall, with heights that grow by 1.2 from layer to layer.  Their

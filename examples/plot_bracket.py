@@ -1,4 +1,7 @@
-"""From the STL file of a CAD part to graded tetrahedra, and their conformity with the sizes.
+"""From STL to graded tetrahedra.
+
+The part is cut open: dark, small tetrahedra in the thin rib and in the bores, light, large ones
+where nothing requires small ones.
 
 The way of Figures 9 and 10 of Persson's paper, from curvature and width: data/bracket.stl,
 an L-bracket in millimetres with bores, a fillet and a thin rib.  Sizes are put on its

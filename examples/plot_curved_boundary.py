@@ -1,4 +1,7 @@
-"""Sizes from the curvature of the boundary, gradient limiting, and the mesh.
+"""Sizes from boundary curvature.
+
+(a) Bounds on the curved parts of the boundary only. (b) Gradient limiting propagates them
+inwards. (c) The mesh follows, with well-shaped triangles.
 
 Figure 5 of Persson's paper, on a rectangle with three arcs of radius 1.5, 0.5 and 4
 (data/curved.vtu).  From left to right: the bound h0 = 1 / (K kappa) on the arcs, with K = 6

@@ -1,4 +1,7 @@
-"""Signed distances from a function, from outlines with gaps, from pixels and from a part.
+"""Signed distances from four inputs.
+
+Blue is inside, red outside, and the lines are equidistant: the distance is found from a function,
+from an outline with gaps, from pixels and from the triangles of a part.
 
 Lines are a fixed distance apart, the zero level is bold; blue is inside.  Top left: a function
 whose slope varies by a factor of twenty, and below it the distance to its zero level.  Top

@@ -1,4 +1,6 @@
-"""Exact gradient limiting in a maze: survivors, corners with their wedges, and lines of sight.
+"""Exact limiting in a maze.
+
+Each colour is the region that one bound controls; distances lead around the walls.
 
 Six bounds are given in a maze, with g = 0.2.  Two of them are undercut: another bound allows less
 there.  The other four survive.  The bound of 0.8 survives only because a wall hides it.  Along a

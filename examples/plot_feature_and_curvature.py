@@ -1,4 +1,9 @@
-"""Sizes from feature size and curvature, without and with gradient limiting (Persson's Figure 7).
+"""Sizes from width and curvature.
+
+Narrow bridges between the holes get small (dark) sizes from the width (a); round corners from the
+curvature (b). Gradient limiting makes the transitions smooth (c).
+
+This is Figure 7 of Persson's paper.
 
 A plate between arcs, with holes close to each other and to its edge.  The feature size drops
 where walls come together, faster than elements may shrink from one to the next, and curvature asks

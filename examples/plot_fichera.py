@@ -1,4 +1,7 @@
-"""The corner of a cube without an octant: tetrahedra for edges and a corner, by Mmg and fTetWild.
+"""Fichera corner with tetrahedra.
+
+The tetrahedra are small (dark) along the three inner edges and smallest in the corner where these
+meet, and the error falls faster than on uniform meshes (a).
 
 A solution with the singularities of the Fichera corner, known everywhere: the sum of r^(2/3) for
 the distances r from the three inner edges.  Linear elements by scikit-fem, the error estimated by

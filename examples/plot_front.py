@@ -1,4 +1,6 @@
-"""A moving heat source: meshes that follow it, and transfer of the temperature.
+"""Meshes follow a moving source.
+
+The hot spot (dot) moves along a circle, and small triangles are where it was and will soon be.
 
 A burner moves in a circle on an insulated plate.  The mesh is renewed every eight time steps.  It
 is fine where the burner will be until the next mesh, and elsewhere as fine as the second

@@ -1,4 +1,6 @@
-"""A gradient limit that depends on the size itself.
+"""Gradient limit by size.
+
+Small elements grow faster than large ones: g(h) is large (red) only close to the three sources.
 
 Figure 15 of Persson's paper: g(h) falls smoothly from 0.6 for small elements to 0.2 for
 large ones, so that small elements grow fast and large ones slowly.  The paper leaves open

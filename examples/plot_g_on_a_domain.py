@@ -1,4 +1,7 @@
-"""Gradient limits that vary in space or with the size, on a domain with a smooth boundary.
+"""Varying gradient limits, smooth boundary.
+
+Where the gradient limit is small (dark, left), sizes (middle) grow slowly and the mesh (right) is
+finer.
 
 Figures 14 and 15 of Persson's paper.  The prescribed sizes are 1 / (K kappa) on the boundary of
 a three-lobed domain with a hole, with known curvature kappa and K = 6 elements per radian.  They

@@ -1,4 +1,7 @@
-"""Sizes on the sphere: along great circles, or along the lines of a map.
+"""Sizes on the sphere.
+
+Sizes grow with the distance along great circles (a): across the date line and around the poles.
+On the flat map (b) they do not.
 
 Three places need elements of 20 km: Hilo, Longyearbyen at 78 degrees north, and McMurdo at 78
 degrees south.  From there the sizes grow by 0.2 per length, up to 800 km.  Nodes are at every

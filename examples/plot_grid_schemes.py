@@ -1,4 +1,7 @@
-"""Contours of the gradient limiting schemes on a Cartesian grid.
+"""Limiting schemes on grids.
+
+The contours should be circles around the two sources, as in (a) and (e). Along the edges of the
+grid (b) they become squares.
 
 Figure 11 of Persson's paper: two point sources, 1 at (-10, 0) and 5 at (10, 0), in the
 square (-50, 50)^2 of 100 x 100 squares, g = 0.3.  With edge-based limiting, circles become

@@ -1,4 +1,7 @@
-"""Refining a mesh from another program where stresses are highest, with materials preserved.
+"""Refining where stresses are highest.
+
+Triangles become small only at the edge of the hole, where the stress (red) is highest; the two
+materials keep their interface (d).
 
 data/plate.vtk holds a plate with a hole and a stiff inlay, pulled at its ends, as a simulation left
 it: "Material" in the cells, "von_mises" and "displacement" at the nodes.  Sizes come from the

@@ -1,4 +1,9 @@
-"""Meshing the objects in a picture: mask, distance, size and mesh (after Persson's Figure 13).
+"""From a picture to triangles.
+
+From the mask (a) to the distance (b), the sizes, small (dark) where objects are narrow or curved
+(c), and the mesh, with one region per object (d).
+
+After Figure 13 of Persson's paper.
 
 A mask from the segmentation of a photo is smoothed.  The distance to its boundary gives the
 curvature and the medial axis, and these give the sizes.  Distance and sizes give the mesh.

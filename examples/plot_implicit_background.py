@@ -1,4 +1,6 @@
-"""The background of an implicit domain: a quadtree that is refined by the size itself.
+"""Quadtree background of implicit domains.
+
+The wall between the two holes is a 200th of the disc. Leaves are small (dark) only there (b).
 
 Between two holes of a disc there is a wall that is 1/250 of the disc wide.  `size_function` chooses
 the quadtree.  It is refined until sizes between its nodes are right within 5 %: along the wall, at

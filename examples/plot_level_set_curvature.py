@@ -1,4 +1,7 @@
-"""Curvature of a boundary from its signed distance, and the sizes from it.
+"""Curvature from a signed distance.
+
+Off the boundary, the curvature of the level set is not that of the boundary. The corrected values
+(blue) converge with second order (b).
 
 Section 3 of Persson's paper on an ellipse.  The curvature at a node at the distance phi is that of
 the level set through the node, not that of the boundary.  Left: the ratio of the computed

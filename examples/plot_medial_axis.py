@@ -1,4 +1,6 @@
-"""The medial axis of planar shapes, and the local feature size from it.
+"""Medial axis of planar shapes.
+
+Dark is narrow. The grey points of the medial axis lie in the middle between opposite walls.
 
 After Figure 3 of Persson's paper.  Colours show the local feature size, the sum of the distances
 from the boundary and from the medial axis (dots).  It is half the width between parallel walls.

@@ -1,4 +1,7 @@
-"""Anisotropic sizes: the metrics of two points, before and after gradient limiting.
+"""Gradient limiting of metrics.
+
+Two stretched ellipses are requested (a). Limited metrics (b) turn gradually into circles away
+from them.
 
 A metric is drawn as its ellipse: an edge from the centre to the outline has the requested length.
 Two points request flat ellipses in different directions.  `limit_metric` lets all of

@@ -1,4 +1,7 @@
-"""Quadtrees refined at the boundary, and refined to the size function.
+"""Quadtrees refined to the size.
+
+Leaves refined at the boundary alone (a) carry the sizes poorly (b). Refined to the sizes, fewer
+leaves carry them well (c).
 
 The octree of Figure 1 of Persson's paper.  Left: refined at the boundary of a plate
 with two holes, by its signed distance.  The number of leaves is proportional to the length of the

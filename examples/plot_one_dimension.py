@@ -1,4 +1,7 @@
-"""Gradient limiting in one dimension, for four limits.
+"""Gradient limiting in one dimension.
+
+The limited size (blue) is the largest function below the bound (dashed) whose slope is at most g:
+the smaller g, the more nodes are lowered.
 
 Figure 4 of Persson's paper: where h0 (dashed) is steeper than g it is lowered by as much
 as is needed and no more, and elsewhere h (solid) is h0; smoothing would change all of it.

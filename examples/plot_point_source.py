@@ -1,4 +1,7 @@
-"""A small size at one point of a plate, propagated inside the domain.
+"""Small size at a point.
+
+Three centres of small (dark) sizes: the prescribed point, the notch by its curvature, and the end
+of the slit by the separation of its corners.
 
 The script of the README, with a picture: data/slit.vtu is a plate with a notch and a narrow slit.
 The size is prescribed at one point to the right of the slit.  The notch and the narrow regions also

@@ -1,4 +1,7 @@
-"""Size function of a scanned figurine from curvature and feature size.
+"""Tetrahedra of a scanned figurine.
+
+Antlers and legs get small (dark) tetrahedra from their width and curvature, the trunk large ones;
+the quality is uniform (c).
 
 Figure 10 of Persson's paper, with a model of our own (data/deer.ply, triangles as of a
 scanner, with some noise).  The signed distance is put on a Cartesian grid, whose medial

@@ -1,4 +1,7 @@
-"""Small sizes do not reach across a slit.
+"""Sizes do not cross slits.
+
+Measured inside the domain (a, c), the small sizes of the notch end at the slit. Straight
+distances (b, d) refine the other side for nothing.
 
 Figure 6 of Persson's paper (data/slit.vtu): small sizes are prescribed on a round notch in
 the top, close to a narrow slit.  `limit_gradient` measures distances inside the domain: the

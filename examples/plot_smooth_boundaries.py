@@ -1,4 +1,6 @@
-"""Mesh generation from distance functions: an object with smooth boundaries, and a solid.
+"""Meshes from distance functions.
+
+The ring is narrow, so its feature size (a), its size (b) and its triangles (c) are small.
 
 Figures 8 and 9 of Persson's paper.  The plane object is the region where a sum of poles is large,
 minus a hole.  This function is far from a distance, so its signed distance is computed on a

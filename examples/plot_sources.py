@@ -1,4 +1,7 @@
-"""Controlling sources of the sizes, and evaluation between the nodes without interpolation.
+"""Which source controls the size.
+
+Colours show the controlling source, lines the size. Between the nodes, interpolation adds little
+(b).
 
 A plate with three arcs (data/curved.vtu) and a point with a prescribed size.
 The exact method returns the source of the size at every node.  Left: the parts controlled by

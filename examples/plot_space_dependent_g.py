@@ -1,4 +1,6 @@
-"""A gradient limit that varies in space.
+"""Gradient limit by place.
+
+The same size at two points: on the left, where g is twice as large, elements grow twice as fast.
 
 Figure 14 of Persson's paper: g = 0.4 in the left half and 0.2 in the right, given per
 cell because it is discontinuous.  From the same small size at two points, the size grows twice as

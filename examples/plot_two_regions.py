@@ -1,4 +1,7 @@
-"""A mesh of two materials: small elements in one of them, with tags preserved by remeshing.
+"""Two materials, one mesh.
+
+The ball has small tetrahedra, the block around it large ones, and the interface between the two
+is preserved.
 
 data/block.vtu is a block of tetrahedra (region 1) with a ball in it (region 2), and tagged
 facets at the ends, the sides and the interface.  A size is prescribed in the ball, and another

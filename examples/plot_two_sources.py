@@ -1,4 +1,7 @@
-"""Two point sources: why the gradient is limited in the cells, not along the edges.
+"""Errors of limiting along edges.
+
+Distances along edges are too long, so the sizes are too large (red, a) in most directions.
+Marching through the triangles is accurate (b).
 
 Figure 11 and section 6.2 of Persson's paper, on jittered Delaunay triangles: the size is
 1 at (-10, 0) and 5 at (10, 0) in the square (-50, 50)^2, and g = 0.3.  Shortest paths

@@ -1,4 +1,7 @@
-"""Tetrahedra from a segmented volume: two organs that touch, with one region each.
+"""From a volume to tetrahedra.
+
+Two organs that touch become two regions (c) with a common interface; the small one gets small
+tetrahedra (b).
 
 The input are labels on voxels, as from a CT scan.  Their boundary is smoothed, sizes come from its
 curvature and from the width of the organs, and the tetrahedra keep the labels.  Also writes

@@ -1,4 +1,7 @@
-"""The width of a domain and the separation of its features.
+"""Width and separation.
+
+Rays to the opposite wall measure the width (a); circles, the distance to the nearest feature (b).
+Narrow places (dark) get small sizes (c, d).
 
 The section of a part: a foot with a round hole, a fin, a wall that tapers, a step, a slot, and two
 windows that nearly touch.  Left: rays from the boundary along the inward normal to the opposite

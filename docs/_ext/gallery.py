@@ -55,10 +55,11 @@ ELSEWHERE = {2: "[how the medial axis is found](../width.md#the-medial-axis-of-t
 
 @dataclass(frozen=True)
 class Example:
-    """One script: what its docstring says, and which pictures it writes."""
+    """One script: title, caption and text of its docstring, and the pictures it writes."""
 
     path: Path
     title: str
+    caption: str
     text: str
     code: str
     pictures: tuple[str, ...]
@@ -71,9 +72,9 @@ class Example:
         return self.path.stem
 
     @property
-    def short_title(self) -> str:
-        """The title up to its first colon, comma or bracket, for lists of contents."""
-        return re.split(r"[:,(]", self.title)[0].strip()
+    def thumbnail(self) -> str:
+        """The square picture on its card."""
+        return self.pictures[0].replace(".png", ".thumb.png")
 
 
 def read_examples(folder: Path) -> list[Example]:
@@ -90,11 +91,13 @@ def read_example(path: Path) -> Example:
         raise ValueError(f"{path.name} has no docstring, of which its page would be made")
     title, _, text = docstring.partition("\n")
     text, code = essential_lines(path.name, text)
+    caption, _, text = text.partition("\n\n")
     numbers = re.findall(r"Figures? ((?:\d+(?:, | and )?)+)", docstring)
     figures = sorted({int(number) for found in numbers for number in re.findall(r"\d+", found)})
     return Example(
         path=path,
         title=title.rstrip("."),
+        caption=" ".join(caption.split()),
         text=text,
         code=code,
         pictures=tuple(dict.fromkeys(_pictures(tree)))
@@ -120,7 +123,7 @@ def missing_pictures(examples: Sequence[Example], figures: Path) -> list[str]:
     return [
         f"{example.path.name} writes {picture}, which is not in {figures.name}: make gallery"
         for example in examples
-        for picture in example.pictures
+        for picture in (*example.pictures, example.thumbnail)
         if not (figures / picture).is_file()
     ]
 
@@ -128,7 +131,8 @@ def missing_pictures(examples: Sequence[Example], figures: Path) -> list[str]:
 def page_of(example: Example) -> str:
     """Return the page of an example, in Markdown, for a folder beside ``figures``."""
     script = f"../../examples/{example.path.name}"
-    pictures = [f"![{example.title}](../figures/{picture})" for picture in example.pictures]
+    alt = re.split(r"(?<=[.:]) ", example.caption)[0].rstrip(".:")
+    pictures = [f"![{alt}](../figures/{picture})" for picture in example.pictures]
     whole = [
         f"```{{literalinclude}} {script}",
         ":language: python",
@@ -138,6 +142,7 @@ def page_of(example: Example) -> str:
     parts = [
         f"# {example.title}",
         *pictures,
+        f":::{{container}} caption\n{example.caption}\n:::",
         example.text,
         "## The essential lines",
         "They run as they are in a clone of the repository, and are shorter than the script that "
@@ -181,7 +186,7 @@ def index_of(examples: Sequence[Example]) -> str:
             "```{toctree}",
             ":hidden:",
             "",
-            *[f"{e.short_title} <{e.name}>" for _, chosen in _by_subject(examples) for e in chosen],
+            *[f"{e.title} <{e.name}>" for _, chosen in _by_subject(examples) for e in chosen],
             "```",
             "",
         ]
@@ -210,7 +215,7 @@ def _card(example: Example) -> str:
     return "\n".join(
         [
             "::::{container} card",
-            f"[![{example.title}](../figures/{example.pictures[0]})]({link})",
+            f"[![{example.title}](../figures/{example.thumbnail})]({link})",
             "",
             f"[{example.title}]({link})",
             "::::",

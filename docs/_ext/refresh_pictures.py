@@ -2,7 +2,8 @@
 
     python docs/_ext/refresh_pictures.py [NAME ...]
 
-Takes about ten minutes for all; names such as plot_slit choose some.  Needs adaptsize[mmg].
+Takes about ten minutes for all; names such as plot_slit choose some.  Needs adaptsize[mmg], and the
+program pngquant, which reduces pictures to 256 colours.
 """
 
 import subprocess
@@ -26,21 +27,27 @@ def main(names: list[str]) -> None:
             continue
         with tempfile.TemporaryDirectory() as folder:
             subprocess.run([sys.executable, str(example.path), folder], check=True)
-            for picture in example.pictures:
-                size = shrink(Path(folder, picture), FIGURES / picture)
-                print(f"{picture}: {size / 1000:.0f} kB", flush=True)
+            put(example, Path(folder))
+
+
+def put(example: gallery.Example, folder: Path) -> None:
+    """Put the pictures of an example from a folder into docs/figures."""
+    for picture in (*example.pictures, example.thumbnail):
+        size = shrink(folder / picture, FIGURES / picture)
+        print(f"{picture}: {size / 1000:.0f} kB", flush=True)
 
 
 def shrink(source: Path, target: Path) -> int:
     """Write a picture with a palette, smaller if it must be; return its size in bytes."""
-    picture = Image.open(source).convert("RGB")
+    picture = Image.open(source).convert("RGBA")
     width = min(picture.width, WIDEST)
     while True:
         height = round(picture.height * width / picture.width)
-        scaled = picture.resize((width, height), Image.Resampling.LANCZOS)
-        # The default palette of Pillow loses rare dark colours, such as those of lines.
-        palette = scaled.quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
-        palette.save(target, optimize=True)
+        # Premultiplied, so that transparent pixels do not darken the edges.
+        scaled = picture.convert("RGBa").resize((width, height), Image.Resampling.LANCZOS)
+        scaled.convert("RGBA").save(target)
+        words = ["pngquant", "--force", "--strip", "--speed", "1", "--nofs", "--output"]
+        subprocess.run([*words, str(target), "256", str(target)], check=True)
         if (size := target.stat().st_size) <= LARGEST:
             return size
         width = int(0.9 * width)

@@ -4,3 +4,19 @@ document.addEventListener("DOMContentLoaded", () => {
   const entry = contents?.querySelector(".current-page");
   if (entry) contents.scrollTop += entry.getBoundingClientRect().top - contents.clientHeight / 2;
 });
+
+// Pictures that are not links open in full size.
+document.addEventListener("click", (event) => {
+  const image = event.target.closest?.("article img.large");
+  if (!image) return;
+  const dialog = document.body.appendChild(document.createElement("dialog"));
+  dialog.className = "picture";
+  dialog.append(Object.assign(new Image(), { src: image.src, alt: image.alt }));
+  dialog.addEventListener("click", () => dialog.close());
+  dialog.addEventListener("close", () => dialog.remove());
+  dialog.showModal();
+});
+document.addEventListener("DOMContentLoaded", () => {
+  for (const image of document.querySelectorAll("article img"))
+    if (!image.closest("a")) image.classList.add("large");
+});

@@ -161,6 +161,10 @@ def draw(results):
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
+    from adaptsize.plot.style import SETTINGS
+
+    mpl.rcParams.update(SETTINGS)
+
     figure, axes = plt.subplots(1, 2, figsize=(9.5, 3.6), layout="constrained")
     looks = {None: ("0.55", ":", "uniform mesh"), "interpolate": ("C3", "-", "interpolate")}
     looks |= {"project": ("C0", "-", "project"), "bounded": ("C1", "--", "bounded")}

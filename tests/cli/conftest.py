@@ -29,11 +29,12 @@ def refused(capsys):
     """Return a function that runs a command, which prints one line only, and returns the line."""
 
     def run(*words):
-        assert call(*words) == 1
+        code = call(*words)
         printed = capsys.readouterr()
         assert printed.out == ""
         assert printed.err.startswith("adaptsize: error: ")
         assert printed.err.count("\n") == 1
+        assert code == (2 if printed.err.startswith("adaptsize: error: --") else 1)
         return printed.err
 
     return run

@@ -176,11 +176,15 @@ class Console:
         if not self._is_silent:
             _print_message(text)
 
-    def fail(self, text: str) -> None:
-        """Print an error, also in the JSON object; on several ranks, only keep it."""
+    def fail(self, text: str) -> bool:
+        """Print an error, also in the JSON object; on several ranks, only keep it.
+
+        Return whether it begins with the name of an option, which has a bad value then.
+        """
         self._failure = as_typed(text, self._flags)
         if self.world is None:
             self.print_failure()
+        return self._failure.startswith("--")
 
     def print_failure(self, where: str = "") -> None:
         """Print the error that ended the command, if there is any."""

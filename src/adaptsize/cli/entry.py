@@ -23,7 +23,7 @@ DONE, REFUSED, USAGE, INTERRUPTED = 0, 1, 2, 130
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit.
 
-    The codes are 0 done, 1 refused or failed, 2 wrong usage, 130 interrupted, 143 terminated.
+    The codes are 0 done, 1 failed, 2 wrong usage (also a bad value of an option), 130 interrupted, 143 terminated.
 
     Parameters
     ----------
@@ -144,8 +144,8 @@ def _run(arguments: list[str], console: Console) -> int:
     except (ValueError, RuntimeError, ImportError, OSError, MemoryError) as error:
         if debug:
             traceback.print_exc()
-        console.fail(_in_one_line(error))
-        return REFUSED
+        about_an_option = console.fail(_in_one_line(error))
+        return USAGE if about_an_option and isinstance(error, ValueError) else REFUSED
 
 
 @contextlib.contextmanager
