@@ -28,7 +28,7 @@ Image = npt.NDArray[np.uint8]
 
 __all__ = [
     "CURVES", "DATA", "FIELDS", "INK", "QUALITY", "draw_mesh", "drawing", "has_mmg",
-    "jittered_rectangle", "node_at", "run", "save_drawing", "save_panels",
+    "jittered_rectangle", "node_at", "run", "save_drawing", "save_image_thumbnail", "save_panels",
 ]  # fmt: skip
 
 
@@ -89,7 +89,12 @@ def save_panels(
     for panel in axes:
         panel.axis("off")
     save_drawing(path, figure)
-    image = panels[thumb][1]
+    save_image_thumbnail(path, panels[thumb][1])
+
+
+def save_image_thumbnail(path: Path, image: Image) -> None:
+    """Write a picture without its colour bar as the thumbnail of ``path``."""
+    width = image.shape[1]
     empty = image[:, :, 3].max(axis=0) == 0
     ends = np.flatnonzero(np.diff(np.concatenate([[0], empty, [0]]))).reshape(-1, 2)
     inner = ends[(ends[:, 0] > 0.35 * width) & (ends[:, 1] < image.shape[1])]

@@ -23,7 +23,7 @@ ads.plot.plot_size(new, size, label="mesh size h, mm", path="bracket.png")
 
 from pathlib import Path
 
-from _gallery import DATA, run
+from _gallery import DATA, run, save_image_thumbnail
 
 import adaptsize as ads
 from adaptsize.plot import plot_size
@@ -45,7 +45,8 @@ def main(
     new = ads.remesh(surface, size)
     h = size(new.points)
     conformity = ads.size_conformity(new, h, surface=surface)
-    plot_size(new, h, path=output_dir / "bracket.png", label="mesh size h, mm", width=width)
+    path = output_dir / "bracket.png"
+    save_image_thumbnail(path, plot_size(new, h, path=path, label="mesh size h, mm", width=width))
     ads.write(output_dir / "bracket.vtu", new, fields={"h": h})
     return {
         "tetrahedra": new.n_cells,
