@@ -23,7 +23,8 @@ DONE, REFUSED, USAGE, INTERRUPTED = 0, 1, 2, 130
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit.
 
-    The codes are 0 done, 1 failed, 2 wrong usage (also a bad value of an option), 130 interrupted, 143 terminated.
+    The codes are 0 done, 1 failed, 2 wrong usage (also a bad value of an option), 130 interrupted,
+    143 terminated.
 
     Parameters
     ----------

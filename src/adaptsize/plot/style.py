@@ -100,7 +100,9 @@ def draw_mesh(
         look.setdefault("norm", LogNorm(low, max(high, 1.001 * low)))
     if len(values) == mesh.n_points:
         look.setdefault("shading", "gouraud")
-    drawn = panel.tripcolor(*mesh.points.T, mesh.cells, values, rasterized=True, **look)
+    tripcolor: Any = panel.tripcolor  # whose overloads do not take unpacked arguments
+    x, y = mesh.points.T
+    drawn: ScalarMappable = tripcolor(x, y, mesh.cells, values, rasterized=True, **look)
     whole, (left, right) = panel.get_figure(root=True), panel.get_xlim()
     assert whole is not None
     lines = mesh.points[mesh.edges]
@@ -148,7 +150,8 @@ def with_bar(image: npt.NDArray[np.uint8], scene: Scene, width: int) -> npt.NDAr
     from matplotlib.figure import Figure
 
     height = image.shape[0]
-    with rc_context(SETTINGS | {"font.size": 0.72 * text_size(width)}):
+    settings: Any = SETTINGS | {"font.size": 0.72 * text_size(width)}
+    with rc_context(settings):
         figure = Figure(figsize=(width / 100.0, height / 100.0), dpi=100.0)
         canvas = FigureCanvasAgg(figure)
         figure.figimage(image)
@@ -163,7 +166,7 @@ def _add_bar(figure: Figure, scene: Scene, left: float) -> None:
     high = min(0.7, 0.55 * figure.get_figwidth() / figure.get_figheight())
     place = (left + 0.01, 0.5 - 0.5 * high, 0.022, high)
     bar = figure.colorbar(colors_of(scene), cax=figure.add_axes(place))
-    bar.outline.set_visible(False)  # type: ignore[operator]
+    bar.outline.set_visible(False)
     bar.ax.tick_params(length=2, which="major")
     bar.minorticks_off()
     if scene.classes and len(scene.names) <= 24:  # more would overlap

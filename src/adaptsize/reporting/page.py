@@ -23,7 +23,6 @@ from adaptsize.quality import check_mesh, minimum_angles, size_conformity
 from adaptsize.quality.certificate import MeshCheck
 from adaptsize.reporting.charts import histogram_of_angles, histogram_of_lengths
 from adaptsize.reporting.outcome import Outcome, kind_of, outcome_of_remeshing
-from adaptsize.reporting.scenes import data_of, scenes_of_mesh
 
 _SCENE = """<div class="tools"><select id="scenes" aria-label="what to show"></select>
 <label><input type="checkbox" id="edges" checked> edges</label>
@@ -102,6 +101,8 @@ def report(
         if value is not None:
             check_type(name, value, kind)
     tolerance = as_tolerance("tolerance", tolerance)
+    from adaptsize.reporting.scenes import data_of, scenes_of_mesh  # matplotlib takes a while
+
     if size is None and "h" in mesh.point_data:
         size = SizeFunction(mesh, mesh.point_data["h"])
     outcome = None
