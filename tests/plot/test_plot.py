@@ -82,15 +82,6 @@ def test_notebooks_show_a_picture_and_a_table(drawn_by):
     assert np.array_equal(mesh.plot(width=WIDTH), plot_mesh(mesh, color="region", width=WIDTH))
 
 
-def test_what_cannot_be_drawn_is_a_table(monkeypatch):
-    mesh = structured_square(2)
-    for name in ("with_vtk.is_possible", "find_spec"):
-        monkeypatch.setattr(f"adaptsize.plot.pictures.{name}", lambda *_: None)
-    text = mesh._repr_html_()
-    assert "<img" not in text
-    assert "8 triangles" in text
-
-
 def test_meshes_and_sizes_draw_themselves(tmp_path, drawn_by):
     mesh = structured_square(4)
     size = SizeFunction(mesh, 0.1 + np.arange(mesh.n_points))
