@@ -24,8 +24,6 @@ from adaptsize.typing import FloatArray
 
 #: Properties that may hold the name of a feature, the first that is there.
 _NAMES = ("boundary", "name", "type", "kind")
-#: Brackets within each other: a MultiPolygon in a collection has 8.
-_DEEPEST = 100
 _DEGREES = (
     "coordinates look like longitude and latitude: all lengths and sizes are in degrees, which "
     "differ in the two directions; project them to a plane first, for example by pyproj or ogr2ogr"
@@ -86,7 +84,8 @@ def _read_geojson(path: Path, notes: list[str]) -> Content:
     content = path.read_bytes()
     letters = np.frombuffer(content, np.uint8)
     opened, closed = (np.isin(letters, np.frombuffer(both, np.uint8)) for both in (b"[{", b"]}"))
-    if np.cumsum(opened.astype(np.int8) - closed.astype(np.int8), dtype=np.int32).max() > _DEEPEST:
+    # Brackets within each other: a MultiPolygon in a collection has 8.
+    if np.cumsum(opened.astype(np.int8) - closed.astype(np.int8), dtype=np.int32).max() > 100:
         raise MeshFileError("is nested too deeply for GeoJSON")
     return of_geojson(json.loads(content), notes)
 

@@ -18,9 +18,7 @@ from adaptsize.background.merging import merge_equal_points
 from adaptsize.errors import MeshRepairWarning
 from adaptsize.typing import FloatArray, IndexArray, IntArray
 
-#: Nodes in the box around the domain, of which those inside carry sizes away from the boundary;
-#: and the longest edge of the boundary over the diameter, for the same reason.
-_N_INNER = 2000
+#: The longest edge of the boundary over the diameter, so that nodes carry sizes along it.
 _LONGEST_EDGE = 1.0 / 50.0
 #: Barycentric coordinates of a new node: triangles must not become flat.
 _LEAST_SHARE = 0.01
@@ -322,11 +320,12 @@ def _check_holes(holes: npt.NDArray[Any], in_holes: FloatArray | None) -> None:
 def _with_inner_nodes(mesh: SimplexMesh, boundary: IntArray) -> SimplexMesh:
     """Return a Delaunay triangulation with more nodes inside, the boundary as it is.
 
-    The places are those of the R2 sequence: evenly spread, with no three in a line.
+    They carry sizes away from the boundary.  The places are 2 000 of the R2 sequence in the box
+    around the domain: evenly spread, with no three in a line.
     """
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     golden = np.array([0.7548776662466927, 0.5698402909980532])
-    new = low + (np.arange(1, _N_INNER + 1)[:, None] * golden % 1.0) * (high - low)
+    new = low + (np.arange(1, 2001)[:, None] * golden % 1.0) * (high - low)
     new = new[mesh.locator.nearest(new)[2] == 0.0]
     while len(new):
         cell, shares, _ = mesh.locator.nearest(new)

@@ -25,8 +25,6 @@ from adaptsize.typing import FloatArray, IntArray, NodalMethod
 
 #: One thread on each rank.
 _WORKERS = Workers(1)
-#: A cell of which less than this share is missing lies in a part.
-_COVERED = 1e-13
 
 
 class TransferredFields(NamedTuple):
@@ -193,7 +191,8 @@ def _ask_cells(
     own = old.ranks.agree(lambda: of_rows(flat) if has_own else None)
     missing = np.arange(len(flat))
     if own is not None:
-        missing = np.flatnonzero(own[:, ::width].sum(axis=1) < (1.0 - _COVERED) * measures)
+        # What is missing up to rounding lies in the part.
+        missing = np.flatnonzero(own[:, ::width].sum(axis=1) < (1.0 - 1e-13) * measures)
     low = corners[missing].min(axis=1, initial=np.inf)
     high = corners[missing].max(axis=1, initial=-np.inf)
     which, rank = ranks_that_meet(low, high, boxes_of_pieces(old))

@@ -19,9 +19,6 @@ from adaptsize.limiting.exact import limit_points
 from adaptsize.limiting.exact.field import ExactField, node_entries
 from adaptsize.typing import FloatArray, IntArray
 
-#: Sizes are raised by this share to see which of them others allow; more than rounding.
-_LIFT = 1e-12
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SparseSize:
@@ -155,7 +152,8 @@ def sparse_size(size: SizeFunction, g: float | None = None) -> SparseSize:
     used = np.flatnonzero(sizes < hmax)
     places, sizes = np.ascontiguousarray(places[used]), sizes[used]
     if len(sizes):
-        lifted = sizes * (1.0 + _LIFT)
+        # Raised by more than rounding, to see which of them others allow.
+        lifted = sizes * (1.0 + 1e-12)
         roots = limit_points(places, lifted, len(sizes), limit, silent)[1]
         kept = np.unique(roots)
         kept = kept[np.argsort(sizes[kept], kind="stable")]
