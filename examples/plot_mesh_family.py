@@ -26,7 +26,7 @@ import importlib.util
 from pathlib import Path
 
 import numpy as np
-from _gallery import CURVES, DATA, drawing, run, save_drawing
+from _gallery import CURVES, DATA, draw_mesh, drawing, run, save_drawing
 
 import adaptsize as ads
 
@@ -40,7 +40,7 @@ def main(output_dir: Path, *, width: int = 600) -> dict[str, float]:
     figure, panels = drawing(2, 2, width)
     for panel, level in zip(panels, (0, 1, 3), strict=False):
         new = family.meshes[level]
-        panel.triplot(*new.points.T, new.cells, color="black", linewidth=0.3)
+        draw_mesh(panel, new)
         h = family.mean_sizes[level]
         title = f"mesh {level + 1}: {new.n_cells} triangles, mean size {h:.3f}"
         panel.set(title=title, aspect="equal", xlabel="x", ylabel="y")
@@ -60,7 +60,7 @@ def main(output_dir: Path, *, width: int = 600) -> dict[str, float]:
     plot.set_yticks([5, 10, 20, 40], labels=["5", "10", "20", "40"])
     plot.minorticks_off()
     plot.legend()
-    save_drawing(output_dir / "mesh_family.png", figure)
+    save_drawing(output_dir / "mesh_family.png", figure, panels[1])
     return found
 
 

@@ -44,7 +44,7 @@ def main(output_dir: Path, *, width: int = 700) -> dict[str, float]:
         figure.colorbar(colours, ax=panel, shrink=0.8)
         panel.set(title=name, aspect="equal", xlabel="x", ylabel="y")
     panels[0].plot(*sparse.points.T, ".", color="#d55e00", markersize=5)
-    save_drawing(output_dir / "sparse_sizes.png", figure)
+    save_drawing(output_dir / "sparse_sizes.png", figure, panels[0])
     return {
         "points": len(sparse.sizes),
         "nodes": mesh.n_points,

@@ -17,7 +17,7 @@ def run(tmp_path, monkeypatch):
     def call(name, **settings):
         found = load(name).main(tmp_path, width=160, **settings)
         picture = name.removeprefix("plot_")
-        assert (tmp_path / f"{picture}.png").stat().st_size > 10_000
+        assert (tmp_path / f"{picture}.png").stat().st_size > 2_000
         return found
 
     yield call

@@ -351,3 +351,16 @@ def test_the_width_resolves_walls_and_the_separation_gaps_between_corners(run):
     assert found["size from the separation there"] < 1.15 * found["gap of the windows"]
     assert found["size from the width there"] > 2.0 * found["gap of the windows"]
     assert found["elements across the fin"] == pytest.approx(2.0, rel=1e-9)
+
+
+def test_a_few_points_give_sizes_that_are_not_too_large(run):
+    found = run("plot_sparse_sizes")
+    assert found["points"] < 0.1 * found["nodes"]
+    assert found["largest share"] <= 1.0 + 1e-12
+
+
+def test_errors_fall_with_the_mean_size_of_a_family(run):
+    pytest.importorskip("mmgpy")
+    found = run("plot_mesh_family")
+    assert found["order, family, over the mean size"] > 0.9
+    assert found["order, halved hmax, over hmax"] < 0.85
