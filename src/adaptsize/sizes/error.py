@@ -89,6 +89,7 @@ def size_from_error(
     Two triangles of a square, one with 8 times the error of the other.  With p = 1 and d = 2, the
     sizes are proportional to the inverse root of the error:
 
+    >>> from adaptsize import SimplexMesh
     >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     >>> size_from_error(mesh, [0.8, 0.1], order=1, elements=9).round(3)
     array([0.48 , 0.36 , 0.48 , 1.018])
@@ -215,6 +216,7 @@ def size_from_hessian(
 
     >>> import numpy as np
     >>> x, y = np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5))
+    >>> from adaptsize import SimplexMesh
     >>> from scipy.spatial import Delaunay
     >>> points = np.column_stack([x.ravel(), y.ravel()])
     >>> mesh = SimplexMesh(points, Delaunay(points).simplices)
