@@ -16,11 +16,11 @@ deviates  the same without a warning
 refused   an error of one line
 failed    anything else: a crash, a limit of time or memory, an unclear error, inverted cells
 
-*Made/told*: cells over those predicted with the sizes.  *Band*: share of the edges within sqrt 2 of
-the size.  *Least*: dihedral angle in degrees.  *Quality*: least radius ratio.  *Boundary* and
-*interface*: largest distance of the new one from the old one and back, over the tolerance, which is
-as of the command line if it is not given.  Times are processor seconds of the process and the mesh
-generators: in all, of the sizes, of each generator, and of the rest of meshing.
+*Made/predicted*: cells over those predicted with the sizes.  *Band*: share of the edges within
+sqrt 2 of the size.  *Least*: dihedral angle in degrees.  *Quality*: least radius ratio.  *Boundary*
+and *interface*: largest distance of the new one from the old one and back, over the tolerance,
+which is as of the command line if it is not given.  Times are processor seconds of the process and
+the mesh generators: in all, of the sizes, of each generator, and of the rest of meshing.
 
 Below the table stands the factor of the generator for `CELLS_PER_PREDICTED` in `sizes/budget.py`:
 the median of the cells made over the integral of the sizes, and how many meshes are then within
@@ -67,9 +67,9 @@ STEPS = {
 COLUMNS = (
     "file",
     "cells",
-    "told",
+    "predicted",
     "made",
-    "made/told",
+    "made/predicted",
     "made/integral",
     "band",
     "least",
@@ -128,9 +128,9 @@ def outcome_of(file, arguments):
         return row | {"kind": "refused", "outcome": f"{type(error).__name__}: {error}"}
     domain = given if given.cell_dim == given.dim else Enclosed(given)
     row |= {
-        "told": round(size.report.n_elements),
+        "predicted": round(size.report.n_elements),
         "made": made.n_cells,
-        "made/told": round(made.n_cells / size.report.n_elements, 3),
+        "made/predicted": round(made.n_cells / size.report.n_elements, 3),
         "made/integral": round(made.n_cells / predict(domain, size).cells, 3),
         "band": round(found.edges.share_in_band, 3),
         "least": round(found.angle_min, 1),

@@ -209,9 +209,9 @@ def reach_number(
     assert best is not None
     if least > _ACCEPTED:
         made = best.mesh.n_cells if nodes is None else best.mesh.n_points
-        tried = ", ".join(f"{found} for sizes that predict {told:.0f}" for told, found in steps)
+        tried = ", ".join(f"{found} where {aimed:.0f} were predicted" for aimed, found in steps)
         warn_caller(
-            f"the mesh has {made} {what} instead of {goal:.6g}; made were {tried}: the mesh "
+            f"the mesh has {made} {what} instead of {goal:.6g}; the meshes had {tried}: the mesh "
             "generator, details of the domain or the given parameters do not allow it",
             ResolutionWarning,
         )
