@@ -79,7 +79,7 @@ def polygons(
     A point is in the domain if an odd number of rings contains it, as for `SignedDistance`.  So a
     ring in a hole bounds another part of the domain.
 
-    50 000 points take about 5 seconds.
+    50 000 points take about 2.5 seconds.
 
     References
     ----------
