@@ -28,7 +28,7 @@ extensions = [
     "pages",
     "unbroken",
 ]
-exclude_patterns = ["_build", "measurements", "decisions/template.md"]
+exclude_patterns = ["_build"]
 templates_path = ["_templates"]
 nitpicky = True
 

@@ -55,11 +55,15 @@ BELOW = {
     "anisotropic": ["anisotropic-meshes", "ugawg"],
     "remeshing": ["generators", "smoothing"],
     "adaptation": ["adaptive-loops", "solvers", "bridges"],
+    "benchmarks": [
+        *(f"results/{p.stem}" for p in sorted(ROOT.glob("benchmarks/results/*.md"))),
+        *(f"measurements/{p.stem}" for p in sorted(DOCS.glob("measurements/*.md"))),
+    ],
     "promises": ["citations", "decisions/README", *COPIES.values()],
     "decisions/README": [f"decisions/{p.stem}" for p in sorted(DOCS.glob("decisions/0*.md"))],
 }
 # What is for those who work on the library does not answer searches.
-WITHOUT_SEARCH = ("decisions/", "results/", "project/")
+WITHOUT_SEARCH = ("decisions/", "measurements/", "results/", "project/")
 LINK = re.compile(r"\]\((?!https?:|#|mailto:)([^)#\s]+)(#[^)\s]*)?\)")
 
 
@@ -97,15 +101,13 @@ def mend_page(app: Sphinx, docname: str, source: list[str]) -> None:
     source[0] = LINK.sub(resolved, source[0])
     if docname == app.config.root_doc:
         source[0] += contents()
-    elif docname == "benchmarks":
-        source[0] += _toctree("", sorted(set(_copies().values()) - set(COPIES.values())))
     elif docname in BELOW:
         source[0] += _toctree("", BELOW[docname])
 
 
 def read_again(app: Sphinx, *_: Any) -> list[str]:
     """Return the pages that list others, which may have come or gone since the last build."""
-    return [app.config.root_doc, "benchmarks", *BELOW]
+    return [app.config.root_doc, *BELOW]
 
 
 def leave_out_of_search(app: Sphinx, env: BuildEnvironment) -> None:

@@ -99,7 +99,7 @@ class Exact(Scheme):
 
     Notes
     -----
-    See docs/exact-limiting.md for theory, proofs, and measured errors and times.
+    See docs/exact-limiting.md for theory and measured errors and times.
     """
 
     name: ClassVar[str] = "exact"
