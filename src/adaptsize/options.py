@@ -8,8 +8,9 @@ an option, declare it here and use it in the function.
 
 import inspect
 import os
+import re
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cache
@@ -24,6 +25,7 @@ from typing import (
     get_args,
     get_origin,
     get_type_hints,
+    is_typeddict,
 )
 
 import numpy as np
@@ -46,7 +48,7 @@ __all__ = ["Option", "options_of"]
 F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R")
 
-_WIDTH = 96  # of a docstring
+_WIDTH = 100  # of a docstring
 
 
 @dataclass(frozen=True)
@@ -54,17 +56,13 @@ class Option:
     """The declaration of an option.
 
     What is not given here is that of the annotated type: whether None is allowed, and the choices
-    of a ``Literal``.  Values of other types than numbers, flags and choices are checked where they
-    are used.
+    of a ``Literal``.  The text is in the docstring of the record.  Values of other types than
+    numbers, flags and choices are checked where they are used.
     """
 
-    default: Any
-    text: str
-    """What it is, in one sentence; also the help of the command line."""
-    details: str = ""
-    """Further sentences, for the docstring only."""
+    default: Any = None
     chosen: str = ""
-    """The default in words, if None stands for one that depends on the other arguments."""
+    """The default in words, if it depends on the other arguments."""
     unit: Literal["", "length", "degrees", "seconds", "pixels"] = ""
     lower: float = 0.0
     above: bool = False
@@ -78,6 +76,10 @@ class Option:
     """The type in words, if it is not a number, a flag or one of some choices."""
     short: str = ""
     """The short name on the command line."""
+    text: str = ""
+    """What it is: the first sentence in the docstring; also the help of the command line."""
+    details: str = ""
+    """Further sentences, for docstrings of functions only."""
     # The following are those of the field, set by `options_of`.
     name: str = ""
     type: Any = None
@@ -145,301 +147,209 @@ class Option:
             self.name, inspect.Parameter.KEYWORD_ONLY, default=self.default, annotation=kind
         )
 
-    def as_doc(self, indent: str) -> str:
-        """Return the entry of the option in a docstring."""
+    @property
+    def doc(self) -> tuple[str, str]:
+        """Type and default, and the text, for the docstring of a function."""
         listed = ", ".join(f'"{choice}"' for choice in self.choices)
         kind = self.type_text or (f"{{{listed}}}" if listed else self.type.__name__)
-        default = "optional" if self.default is None else f"default {self.default}"
+        default, chosen = f"default {self.default}", self.chosen
         if isinstance(self.default, float):
             default = f"default {self.default:.10g}"
-        chosen = f"The default is {self.chosen}." if self.chosen else ""
-        text = "  ".join(part for part in (self.text, self.details, chosen) if part)
-        lines = textwrap.wrap(text, _WIDTH - len(indent) - 4, fix_sentence_endings=True)
-        return "\n".join(
-            [f"{indent}{self.name} : {kind}, {default}", *(f"{indent}    {x}" for x in lines)]
-        )
+        elif self.default is None:
+            default = "optional"
+        if chosen and len(kind + chosen) < 64:
+            default, chosen = f"default {chosen}", ""
+        last = f"The default is {chosen}." if chosen else ""
+        text = "  ".join(part for part in (self.text, self.details, last) if part)
+        return f"{kind}, {default}", text
 
 
 class SizeOptions(TypedDict, total=False):
-    """Sizes."""
+    """Sizes.
 
-    elements_per_radian: Annotated[
-        float | None,
-        Option(
-            None,
-            "Elements per radian of curved boundaries; 0 disables this bound.",
-            chosen="4",
-            short="-K",
-            details="In a mesh, also of curved interfaces and of tagged facets inside.",
-        ),
-    ]
-    elements_across: Annotated[
-        float | None,
-        Option(
-            None,
-            "Elements across narrow regions; 0 disables this bound.",
-            chosen="2",
-            details="In a mesh, each region (``cell_tags``) counts separately.",
-        ),
-    ]
-    elements_between: Annotated[
-        float | None,
-        Option(
-            None,
-            "Elements between features of the boundary that are close and do not meet; 0 "
-            "disables this bound.",
-            chosen="1, or 0 on rough surfaces",
-            details="It has no effect on functions, images and level sets.",
-        ),
-    ]
-    g: Annotated[
-        float,
-        Option(
-            GRADIENT_LIMIT,
-            "Gradient limit: growth of the size per length.",
-            short="-g",
-            unusual=10.0,
-        ),
-    ]
+    elements_per_radian
+        Elements per radian of curved boundaries, interfaces and tagged facets; 0 disables this.
+    elements_across
+        Elements across narrow domains, and each region (``cell_tags``) of a mesh; 0 disables this.
+    elements_between
+        Elements between close features of the boundary that do not meet; 0 disables this.
+        It has no effect on functions, images and level sets.
+    g
+        Gradient limit: growth of the size per length.
+    hmin
+        Smallest size, in the unit of the coordinates.
+    hmax
+        Largest size, in the unit of the coordinates.
+    crease_angle
+        Angle above which an edge is a feature edge, not curvature.
+    tolerance
+        Allowed distance of the mesh from the boundary of the domain, over the diameter; inf
+        disables this.  Sizes at a radius r of a mesh are at most 2 sqrt(tolerance * diameter * r).
+    """
+
+    elements_per_radian: Annotated[float | None, Option(chosen="4", short="-K")]
+    elements_across: Annotated[float | None, Option(chosen="2")]
+    elements_between: Annotated[float | None, Option(chosen="1, or 0 on rough surfaces")]
+    g: Annotated[float, Option(GRADIENT_LIMIT, short="-g", unusual=10.0)]
     hmin: Annotated[
         float | None,
         Option(
-            None,
-            "Smallest size, in the unit of the coordinates.",
-            chosen="1/1000 of the diameter of the domain, at least one spacing of a level set and "
-            "two pixels",
+            chosen="1/1000 of the diameter of the domain, at least a spacing or two pixels",
             unit="length",
             above=True,
         ),
     ]
     hmax: Annotated[
         float | None,
-        Option(
-            None,
-            "Largest size, in the unit of the coordinates.",
-            chosen="1/20 of the diameter of the domain",
-            unit="length",
-            above=True,
-        ),
+        Option(chosen="1/20 of the diameter of the domain", unit="length", above=True),
     ]
-    crease_angle: Annotated[
-        float,
-        Option(
-            CREASE_ANGLE,
-            "Angle above which an edge is a feature edge, not curvature.",
-            unit="degrees",
-            upper=180.0,
-        ),
-    ]
+    crease_angle: Annotated[float, Option(CREASE_ANGLE, unit="degrees", upper=180.0)]
     tolerance: Annotated[
         float | None,
         Option(
-            None,
-            "Allowed distance of the boundary of the mesh from that of the domain, over the "
-            "diameter.",
-            chosen="1e-3, or more where the number of elements requires it",
+            chosen="1e-3, or more to allow the number of elements",
             above=True,
             inf=True,
-            details="Sizes on boundaries of radius r are at most 2 sqrt(tolerance * diameter * r), "
-            "on the mesh itself.  inf disables this.",
         ),
     ]
 
 
 class NumberOptions(TypedDict, total=False):
-    """Number of elements."""
+    """Number of elements.
 
-    elements: Annotated[
-        float | None, Option(None, "Requested number of elements of the mesh.", lower=1.0)
-    ]
-    nodes: Annotated[float | None, Option(None, "Requested number of nodes, instead.", lower=1.0)]
+    elements
+        Requested number of elements of the mesh.
+    nodes
+        Requested number of nodes, instead.
+    """
+
+    elements: Annotated[float | None, Option(lower=1.0)]
+    nodes: Annotated[float | None, Option(lower=1.0)]
 
 
 class BudgetOptions(NumberOptions, total=False):
-    """Number of elements."""
+    """Number of elements.
 
-    max_elements: Annotated[
-        float | None,
-        Option(
-            None,
-            "Parameters that are not given are relaxed until the mesh has about this many "
-            "elements; inf disables this.",
-            chosen=f"{MAX_ELEMENTS:.0f}",
-            lower=1.0,
-            inf=True,
-        ),
-    ]
+    max_elements
+        Parameters that are not given are relaxed to allow about this many; inf disables this.
+    """
+
+    max_elements: Annotated[float | None, Option(chosen=f"{MAX_ELEMENTS:.0f}", lower=1.0, inf=True)]
 
 
 class ImageOptions(TypedDict, total=False):
-    """Image."""
+    """Image.
+
+    spacing
+        Size of a pixel, in the unit of the coordinates.
+    label
+        Labels of the objects in an image.
+    threshold
+        Pixels with larger values belong to the objects, instead of labels.
+    smoothing
+        Standard deviation of the filter of the mask; 2 removes lines of 2 and specks of 3 pixels.
+    """
 
     spacing: Annotated[
         npt.ArrayLike | None,
         Option(
-            None,
-            "Size of a pixel, in the unit of the coordinates.",
-            chosen="that of the image, 1 for arrays",
-            type_text="float or array_like of float, shape (dim,)",
+            chosen="that of the image, or 1",
+            type_text="float or array_like, shape (dim,)",
         ),
     ]
     label: Annotated[
         int | Sequence[int] | None,
-        Option(
-            None,
-            "Labels of the objects in an image.",
-            chosen="all but 0",
-            type_text="int or sequence of int",
-        ),
+        Option(chosen="all but 0", type_text="int or sequence of int"),
     ]
-    threshold: Annotated[
-        float | None,
-        Option(
-            None,
-            "Pixels with larger values belong to the objects, instead of labels.",
-            lower=-float("inf"),
-        ),
-    ]
-    smoothing: Annotated[
-        float | None,
-        Option(
-            None,
-            "Standard deviation of the low-pass filter of the mask.",
-            chosen="2",
-            unit="pixels",
-            upper=1000.0,
-            details="2 removes ripples, lines of 2 pixels, and specks of 3 x 3.",
-        ),
-    ]
+    threshold: Annotated[float | None, Option(lower=-float("inf"))]
+    smoothing: Annotated[float | None, Option(chosen="2", unit="pixels", upper=1000.0)]
 
 
 class GeneratorOptions(TypedDict, total=False):
-    """Mesh generator."""
+    """Mesh generator.
 
-    backend: Annotated[
-        str,
-        Option(
-            "auto",
-            "Mesh generator: auto, tetwild, mmg or gmsh.",
-            details='"auto" is Mmg or fTetWild.',
-        ),
-    ]
-    timeout: Annotated[
-        float | None,
-        Option(
-            3600.0,
-            "Time limit of the mesh generators.",
-            unit="seconds",
-            above=True,
-            details="None disables it.",
-        ),
-    ]
+    backend
+        Mesh generator: auto, tetwild, mmg or gmsh.  "auto" is Mmg or fTetWild.
+    timeout
+        Time limit of the mesh generators.  None disables it.
+    """
+
+    backend: Annotated[str, Option("auto")]
+    timeout: Annotated[float | None, Option(3600.0, unit="seconds", above=True)]
 
 
 class LimitOptions(TypedDict, total=False):
-    """Number of elements."""
+    """Number of elements.
 
-    max_elements: Annotated[
-        float,
-        Option(
-            5e6,
-            "If the sizes require more elements than this, no mesh is made.",
-            lower=1.0,
-            inf=True,
-        ),
-    ]
+    max_elements
+        If the sizes require more elements than this, no mesh is made.
+    """
+
+    max_elements: Annotated[float, Option(5e6, lower=1.0, inf=True)]
 
 
 class MeshOptions(GeneratorOptions, total=False):
-    """Mesh generator."""
+    """Mesh generator.
 
-    target: Annotated[
-        Literal["auto", "tetrahedra", "triangles"],
-        Option(
-            "auto",
-            "Cells to make from a surface: auto, tetrahedra or triangles.",
-            details='"auto" fills it with tetrahedra.',
-        ),
-    ]
-    strict: Annotated[
-        bool,
-        Option(
-            False,
-            "Whether the mesh must meet all demands of `check_mesh`.",
-            details="If it does not, smaller tolerances and other generators are tried.",
-        ),
-    ]
+    target
+        Cells to make from a surface: auto, tetrahedra or triangles.  "auto" fills it with
+        tetrahedra.
+    strict
+        Whether the mesh must meet all demands of `check_mesh`.  If it does not, smaller
+        tolerances and other generators are tried.
+    """
+
+    target: Annotated[Literal["auto", "tetrahedra", "triangles"], Option("auto")]
+    strict: Annotated[bool, Option(False)]
 
 
 class PartsOptions(TypedDict, total=False):
-    """Meshes in parts."""
+    """Meshes in parts.
 
-    how: Annotated[
-        Literal["parts", "gather"],
-        Option(
-            "parts",
-            "How a mesh in parts is remeshed: each rank its part in rounds, by Mmg, or rank 0 "
-            "the whole mesh.",
-        ),
-    ]
-    rounds: Annotated[int, Option(2, 'Number of rounds of "parts".', lower=1.0, upper=20.0)]
+    how
+        How a mesh in parts is remeshed: each part in rounds by Mmg, or gathered on rank 0.
+    rounds
+        Number of rounds of "parts".
+    """
+
+    how: Annotated[Literal["parts", "gather"], Option("parts")]
+    rounds: Annotated[int, Option(2, lower=1.0, upper=20.0)]
 
 
 class RemeshOptions(MeshOptions, LimitOptions, PartsOptions, total=False):
-    """Remeshing."""
+    """Remeshing.
 
-    g: Annotated[
-        float,
-        Option(
-            GRADIENT_LIMIT,
-            "Gradient with which nodal sizes on a surface grow into the volume.",
-            unusual=10.0,
-            short="-g",
-            details="A SizeFunction on a surface uses its own g, if it has one.",
-        ),
-    ]
-    hmax: Annotated[
-        float,
-        Option(
-            float("inf"),
-            "Upper limit of the sizes, including those that grow into a volume.",
-            unit="length",
-            above=True,
-            inf=True,
-        ),
-    ]
-    tolerance: Annotated[
-        float,
-        Option(
-            TOLERANCE,
-            "Allowed distance of the new boundary from the old one, over the diagonal.",
-            above=True,
-            upper=1.0,
-        ),
-    ]
+    g
+        Gradient with which nodal sizes on a surface grow into the volume.  A SizeFunction on a
+        surface uses its own g, if it has one.
+    hmax
+        Upper limit of the sizes, including those that grow into a volume.
+    tolerance
+        Allowed distance of the new boundary from the old one, over the diagonal.
+    """
+
+    g: Annotated[float, Option(GRADIENT_LIMIT, unusual=10.0, short="-g")]
+    hmax: Annotated[float, Option(float("inf"), unit="length", above=True, inf=True)]
+    tolerance: Annotated[float, Option(TOLERANCE, above=True, upper=1.0)]
 
 
 class DistanceOptions(LimitOptions, total=False):
-    """Mesh from a distance."""
+    """Mesh from a distance.
 
-    clip: Annotated[
-        bool,
-        Option(
-            False,
-            "Whether the domain may extend beyond the box.",
-            details="It is then cut off there.",
-        ),
-    ]
+    clip
+        Whether the domain may extend beyond the box.  It is then cut off there.
+    seed
+        Seed of the random initial points.  The same seed gives the same mesh on the same
+        machine.
+    max_iter
+        Maximum number of smoothing steps.
+    """
+
+    clip: Annotated[bool, Option(False)]
     seed: Annotated[
-        int | np.random.Generator,
-        Option(
-            2004,
-            "Seed of the random initial points.",
-            type_text="int or numpy.random.Generator",
-            details="The same seed gives the same mesh on the same machine.",
-        ),
+        int | np.random.Generator, Option(2004, type_text="int or numpy.random.Generator")
     ]
-    max_iter: Annotated[int, Option(150, "Maximum number of smoothing steps.", lower=1.0)]
+    max_iter: Annotated[int, Option(150, lower=1.0)]
 
 
 class SizeFunctionOptions(SizeOptions, BudgetOptions, ImageOptions, total=False):
@@ -447,9 +357,13 @@ class SizeFunctionOptions(SizeOptions, BudgetOptions, ImageOptions, total=False)
 
 
 class ImageMeshOptions(SizeOptions, BudgetOptions, ImageOptions, total=False):
-    """Mesh of an image."""
+    """Mesh of an image.
 
-    seed: Annotated[int, Option(2004, "Seed of the random initial points.")]
+    seed
+        Seed of the random initial points.
+    """
+
+    seed: Annotated[int, Option(2004)]
 
 
 class RemeshToElementsOptions(SizeOptions, MeshOptions, total=False):
@@ -457,351 +371,270 @@ class RemeshToElementsOptions(SizeOptions, MeshOptions, total=False):
 
 
 class FamilyOptions(SizeOptions, BudgetOptions, MeshOptions, total=False):
-    """Mesh family."""
+    """Mesh family.
 
-    levels: Annotated[int, Option(4, "Number of meshes.", lower=2.0, upper=20.0)]
-    ratio: Annotated[
-        float,
-        Option(2.0**0.5, "Size of each mesh over that of the next one.", lower=1.05, upper=10.0),
-    ]
+    levels
+        Number of meshes.
+    ratio
+        Size of each mesh over that of the next one.
+    """
+
+    levels: Annotated[int, Option(4, lower=2.0, upper=20.0)]
+    ratio: Annotated[float, Option(2.0**0.5, lower=1.05, upper=10.0)]
 
 
 class TransferOptions(TypedDict, total=False):
-    """Transfer of fields."""
+    """Transfer of fields.
+
+    method
+        How nodal fields are transferred, all or those named; see `FieldTransfer.nodal`.
+    conservative
+        Whether cell fields are means over the overlaps, see `FieldTransfer.cells`.
+    keep_integral
+        Whether the transfer preserves the integrals of cell fields.
+    """
 
     method: Annotated[
         NodalMethod | Mapping[str, NodalMethod] | None,
         Option(
-            None,
-            "How nodal fields are transferred: all, or those named.",
             type_text='{"interpolate", "project", "bounded"}, or mapping of str to these',
             chosen='"bounded", or "interpolate" for triangles in space',
-            details="See `FieldTransfer.nodal`.",
         ),
     ]
-    conservative: Annotated[
-        bool,
-        Option(
-            True,
-            "Whether the means over the overlaps are taken for cell fields.",
-            details="See `FieldTransfer.cells`.",
-        ),
-    ]
-    keep_integral: Annotated[
-        bool, Option(False, "Whether the transfer preserves the integrals of cell fields.")
-    ]
+    conservative: Annotated[bool, Option(True)]
+    keep_integral: Annotated[bool, Option(False)]
 
 
 class StoppingOptions(TypedDict, total=False):
-    """Adaptation."""
+    """Adaptation.
 
-    enough: Annotated[
-        float,
-        Option(
-            0.85,
-            "The mesh is kept if it already has this share of the next mesh.",
-            details="A value above 1 always makes a new mesh.",
-        ),
-    ]
+    enough
+        The mesh is kept if it has this share of the next one; above 1, it never is.
+    """
+
+    enough: Annotated[float, Option(0.85)]
 
 
 class NeedOptions(StoppingOptions, total=False):
-    """Whether to remesh."""
+    """Whether to remesh.
 
-    least_angle: Annotated[
-        float,
-        Option(
-            5.0,
-            "Smallest angle of a triangle, or dihedral angle of a tetrahedron, that is allowed.",
-            unit="degrees",
-            upper=60.0,
-            details="0 accepts all.",
-        ),
-    ]
+    least_angle
+        Smallest angle of a triangle, or dihedral angle of a tetrahedron, that is allowed.  0
+        accepts all.
+    """
+
+    least_angle: Annotated[float, Option(5.0, unit="degrees", upper=60.0)]
+
+
+class ClipOptions(TypedDict, total=False):
+    """Limits of the sizes.
+
+    hmin
+        Smallest size; it overrides the bound.
+    hmax
+        Largest size.
+    """
+
+    hmin: Annotated[float | None, Option(unit="length", above=True)]
+    hmax: Annotated[float | None, Option(unit="length", above=True)]
 
 
 class AdaptOptions(
     NumberOptions, LimitOptions, GeneratorOptions, StoppingOptions, TransferOptions, PartsOptions,
-    total=False,
+    ClipOptions, total=False,
 ):  # fmt: skip
-    """Adaptation."""
+    """Adaptation.
 
-    tolerance: Annotated[
-        float | None,
-        Option(None, "Target for the total error, the root of the sum of the squares.", above=True),
-    ]
-    order: Annotated[
-        float,
-        Option(
-            1.0,
-            "The error is proportional to this power of the size.",
-            above=True,
-            details="See `size_from_error`.",
-        ),
-    ]
+    tolerance
+        Target for the total error, the root of the sum of the squares.
+    order
+        The error is proportional to this power of the size.  See `size_from_error`.
+    g
+        Gradient limit; None disables it.
+    max_refine
+        Largest factor by which ``indicator`` reduces the size.
+    max_coarsen
+        Largest factor by which ``indicator`` increases the size.
+    boundary_tolerance
+        Allowed distance of the boundaries, over the diagonal; in space it also bounds sizes there.
+    coarsen_converged
+        Whether to coarsen where possible if the error is within the tolerance.
+    corner_angle
+        Angle of boundary facets from which on ``project`` keeps their common nodes.
+    anisotropic
+        Whether sizes depend on the direction, for all or some ``fields``.
+    norm
+        Norm of the interpolation error of these fields.
+    max_aspect
+        Limit of the aspect ratio then, see `metric_from_hessian`.
+    """
+
+    tolerance: Annotated[float | None, Option(above=True)]
+    order: Annotated[float, Option(1.0, above=True)]
     g: Annotated[
         GradientLimit | Literal["auto"] | None,
         Option(
             "auto",
-            "Gradient limit as in `limit_gradient`; None disables it.",
             unusual=10.0,
-            type_text='float, array_like, callable, tuple, "auto" or None',
+            type_text="as in `limit_gradient`, or None",
             short="-g",
-            details=f'"auto" is {GRADIENT_LIMIT:g}, or {METRIC_GRADIENT_LIMIT:g} of metrics.',
+            chosen=f"{GRADIENT_LIMIT:g}, {METRIC_GRADIENT_LIMIT:g} of metrics",
         ),
     ]
-    hmin: Annotated[float | None, Option(None, "Smallest size.", unit="length", above=True)]
-    hmax: Annotated[float | None, Option(None, "Largest size.", unit="length", above=True)]
-    max_refine: Annotated[
-        float, Option(4.0, "Largest factor by which ``indicator`` reduces the size.", lower=1.0)
-    ]
-    max_coarsen: Annotated[
-        float,
-        Option(
-            2.0, "Largest factor by which ``indicator`` increases the size.", lower=1.0, inf=True
-        ),
-    ]
-    boundary_tolerance: Annotated[
-        float,
-        Option(
-            TOLERANCE,
-            "Allowed distance of the new boundary from the old one, over the diagonal.",
-            above=True,
-            upper=1.0,
-            details="In space it bounds the sizes at curved boundaries.",
-        ),
-    ]
-    coarsen_converged: Annotated[
-        bool,
-        Option(False, "Whether to coarsen where possible if the error is within the tolerance."),
-    ]
-    corner_angle: Annotated[
-        float,
-        Option(
-            CORNER_ANGLE,
-            "Angle of boundary facets from which on ``project`` keeps their common nodes.",
-            unit="degrees",
-        ),
-    ]
+    max_refine: Annotated[float, Option(4.0, lower=1.0)]
+    max_coarsen: Annotated[float, Option(2.0, lower=1.0, inf=True)]
+    boundary_tolerance: Annotated[float, Option(TOLERANCE, above=True, upper=1.0)]
+    coarsen_converged: Annotated[bool, Option(False)]
+    corner_angle: Annotated[float, Option(CORNER_ANGLE, unit="degrees")]
     anisotropic: Annotated[
-        bool | str | Sequence[str],
-        Option(
-            False,
-            "Whether sizes depend on the direction, such that linear elements interpolate "
-            "these nodal ``fields`` best: all, or those named; see `metric_from_hessian`.",
-            type_text="bool, str or sequence of str",
-        ),
+        bool | str | Sequence[str], Option(False, type_text="bool, str or sequence of str")
     ]
-    norm: Annotated[float, Option(2.0, "Norm of that error.", lower=1.0, inf=True)]
-    max_aspect: Annotated[
-        float, Option(1000.0, "Limit of the aspect ratio then.", lower=1.0, upper=1e15)
-    ]
-
-
-class ClipOptions(TypedDict, total=False):
-    """Limits of the sizes."""
-
-    hmin: Annotated[
-        float | None,
-        Option(None, "Smallest size; it overrides the bound.", unit="length", above=True),
-    ]
-    hmax: Annotated[float | None, Option(None, "Largest size.", unit="length", above=True)]
+    norm: Annotated[float, Option(2.0, lower=1.0, inf=True)]
+    max_aspect: Annotated[float, Option(1000.0, lower=1.0, upper=1e15)]
 
 
 class ScaleOptions(ClipOptions, total=False):
-    """Sizes scaled to an error or a number of elements."""
+    """Sizes scaled to an error or a number of elements.
 
-    tolerance: Annotated[
-        float | None,
-        Option(None, "Target for the error.  Either this or ``elements``.", above=True),
-    ]
-    elements: Annotated[
-        float | None,
-        Option(None, "Target for the number of elements, after all limits.", lower=1.0),
-    ]
+    tolerance
+        Target for the error.  Either this or ``elements``.
+    elements
+        Target for the number of elements, after all limits.
+    g
+        Gradient limit, as in `limit_gradient`, which is then applied to the sizes.  By default
+        the sizes are not limited, so that other bounds can be added before limiting.
+    backend
+        If given, ``elements`` is the number that this mesh generator makes ("mmg", "tetwild"),
+        see `adaptsize.sizes.predict`.  Otherwise it is a number of regular simplices.
+    """
+
+    tolerance: Annotated[float | None, Option(above=True)]
+    elements: Annotated[float | None, Option(lower=1.0)]
     g: Annotated[
         GradientLimit | None,
-        Option(
-            None,
-            "Gradient limit, as in `limit_gradient`, which is then applied to the sizes.",
-            unusual=5.0,
-            type_text="float, array_like, callable or tuple",
-            details="By default the sizes are not limited, so that other bounds can be added "
-            "before limiting.",
-        ),
+        Option(unusual=5.0, type_text="float, array_like, callable or tuple"),
     ]
-    backend: Annotated[
-        str | None,
-        Option(
-            None,
-            'If given, ``elements`` is the number that this mesh generator makes ("mmg", '
-            '"tetwild"), see `adaptsize.sizes.predict`.',
-            details="Otherwise it is a number of regular simplices.",
-        ),
-    ]
+    backend: Annotated[str | None, Option()]
 
 
 class ErrorOptions(ScaleOptions, total=False):
-    """Sizes from errors."""
+    """Sizes from errors.
 
-    max_refine: Annotated[
-        float,
-        Option(
-            4.0,
-            "Largest factor by which sizes may shrink.",
-            lower=1.0,
-            details="Indicators predict little about much smaller cells at a singular point.",
-        ),
-    ]
-    max_coarsen: Annotated[
-        float,
-        Option(
-            2.0,
-            "Largest factor by which sizes may grow.",
-            lower=1.0,
-            inf=True,
-            details="Indicators predict nothing where they are zero.",
-        ),
-    ]
+    max_refine
+        Largest factor by which sizes may shrink.  Indicators predict little about much smaller
+        cells at a singular point.
+    max_coarsen
+        Largest factor by which sizes may grow.  Indicators predict nothing where they are zero.
+    """
+
+    max_refine: Annotated[float, Option(4.0, lower=1.0)]
+    max_coarsen: Annotated[float, Option(2.0, lower=1.0, inf=True)]
 
 
 class HessianOptions(ScaleOptions, total=False):
-    """Sizes from second derivatives."""
+    """Sizes from second derivatives.
 
-    norm: Annotated[float, Option(float("inf"), "Norm q of the error.", lower=1.0, inf=True)]
+    norm
+        Norm q of the error.
+    """
+
+    norm: Annotated[float, Option(float("inf"), lower=1.0, inf=True)]
 
 
 class CurvatureOptions(ClipOptions, total=False):
-    """Sizes from curvature."""
+    """Sizes from curvature.
 
-    elements_per_radian: Annotated[
-        float,
-        Option(4.0, "K.  An edge that spans the angle t has 1 / K = 2 sin(t / 2).", above=True),
-    ]
-    crease_angle: Annotated[
-        float,
-        Option(
-            CREASE_ANGLE,
-            "Angle between facets above which their edge is a feature edge (crease), and "
-            "between segments above which their node is a corner.",
-            unit="degrees",
-            upper=180.0,
-            details="It must exceed the angle between the facets of a tessellated smooth surface. "
-            "Tagged edges of a surface are feature edges at any angle.  With distances it applies "
-            "to kinks, and to boundaries that turn by more within one spacing.",
-        ),
-    ]
-    smoothing: Annotated[
-        int,
-        Option(
-            0,
-            "Layers of neighbours over which the curvature is averaged; 1 or 2 for scanned "
-            "surfaces.",
-            details="Distances are averaged this number of times before they are differentiated, "
-            "see `adaptsize.geometry.level_set_curvature`: about 16 for images.",
-        ),
-    ]
+    elements_per_radian
+        K.  An edge that spans the angle t has 1 / K = 2 sin(t / 2).
+    crease_angle
+        Angle between facets above which their edge is a feature edge (crease), and between
+        segments above which their node is a corner.  It must exceed the angle between the
+        facets of a tessellated smooth surface.  Tagged edges of a surface are feature edges at
+        any angle.  With distances it applies to kinks, and to boundaries that turn by more
+        within one spacing.
+    smoothing
+        Layers of neighbours over which the curvature is averaged; 1 or 2 for scanned surfaces.
+        Distances are averaged this number of times before they are differentiated, see
+        `adaptsize.geometry.level_set_curvature`: about 16 for images.
+    tolerance
+        Distance up to which a node counts as lying on ``boundary``.
+    g
+        Only with distances: the gradient limit that is used afterwards.
+    """
+
+    elements_per_radian: Annotated[float, Option(4.0, above=True)]
+    crease_angle: Annotated[float, Option(CREASE_ANGLE, unit="degrees", upper=180.0)]
+    smoothing: Annotated[int, Option(0)]
     tolerance: Annotated[
         float | None,
         Option(
-            None,
-            "Distance up to which a node counts as lying on ``boundary``.",
             chosen="0.001 of the diagonal of ``boundary``; on a grid the diagonal of a box, and on "
             "an octree that of the smallest leaf, to include all corners of the boxes that the "
             "boundary passes; with distances two of the largest spacings",
             unit="length",
         ),
     ]
-    g: Annotated[
-        float,
-        Option(
-            GRADIENT_LIMIT,
-            "Only with distances: the gradient limit that is used afterwards.",
-            unusual=5.0,
-            upper=STEEPEST,
-        ),
-    ]
+    g: Annotated[float, Option(GRADIENT_LIMIT, unusual=5.0, upper=STEEPEST)]
 
 
 class FeatureOptions(ClipOptions, total=False):
-    """Sizes from the local width."""
+    """Sizes from the local width.
 
-    elements_across: Annotated[float, Option(4.0, "Number n of elements.", above=True)]
-    crease_angle: Annotated[
-        float,
-        Option(
-            CREASE_ANGLE,
-            "As for `adaptsize.geometry.boundary_width`.",
-            unit="degrees",
-            upper=180.0,
-            details="Distances on grids have none.",
-        ),
-    ]
-    corner_angle: Annotated[
-        float,
-        Option(
-            CORNER_ANGLE, "As for `adaptsize.geometry.boundary_width`.", unit="degrees", upper=180.0
-        ),
-    ]
+    elements_across
+        Number n of elements.
+    crease_angle
+        As for `adaptsize.geometry.boundary_width`.  Distances on grids have none.
+    corner_angle
+        As for `adaptsize.geometry.boundary_width`.
+    tolerance
+        Nodes up to this distance outside ``boundary`` get a size too.  On a background of lower
+        dimension, only nodes within this distance of ``boundary`` get one.  Only for rays, with
+        ``boundary``.
+    """
+
+    elements_across: Annotated[float, Option(4.0, above=True)]
+    crease_angle: Annotated[float, Option(CREASE_ANGLE, unit="degrees", upper=180.0)]
+    corner_angle: Annotated[float, Option(CORNER_ANGLE, unit="degrees", upper=180.0)]
     tolerance: Annotated[
         float | None,
         Option(
-            None,
-            "Nodes up to this distance outside ``boundary`` get a size too.",
             chosen="the diagonal of the largest box at a node of a grid or an octree, so that all "
             "corners of the boxes that the boundary passes have a size, otherwise 0.001 of the "
             "diagonal of the boundary",
             unit="length",
-            details="On a background of lower dimension, only nodes within this distance of "
-            "``boundary`` get one.  Only for rays, with ``boundary``.",
         ),
     ]
 
 
 class PictureOptions(TypedDict, total=False):
-    """Picture."""
+    """Picture.
 
-    path: Annotated[
-        str | os.PathLike[str] | None,
-        Option(
-            None,
-            "File to write (.png, .jpg, .tif or .bmp), completely or not at all.",
-            type_text="str or path",
-        ),
-    ]
-    clip: Annotated[
-        Literal["auto", "x", "y", "z"] | None,
-        Option(
-            "auto",
-            "Axis normal to the plane through the middle at which the mesh is cut.",
-            details='The whole cells behind the plane are shown.  "auto" cuts tetrahedra and boxes '
-            "in space, such that the section is long.  None shows the whole.",
-        ),
-    ]
-    width: Annotated[
-        int,
-        Option(
-            1600,
-            "Width of the picture in pixels.",
-            lower=64.0,
-            upper=10_000.0,
-            details="The height follows from the mesh.",
-        ),
-    ]
+    path
+        File to write (.png, .jpg, .tif or .bmp), completely or not at all.
+    clip
+        Axis normal to the plane through the middle at which the mesh is cut.  The whole cells
+        behind the plane are shown.  "auto" cuts tetrahedra and boxes in space, such that the
+        section is long.  None shows the whole.
+    width
+        Width of the picture in pixels.  The height follows from the mesh.
+    """
+
+    path: Annotated[str | os.PathLike[str] | None, Option(type_text="str or path")]
+    clip: Annotated[Literal["auto", "x", "y", "z"] | None, Option("auto")]
+    width: Annotated[int, Option(1600, lower=64.0, upper=10_000.0)]
 
 
 class ScaledPictureOptions(PictureOptions, total=False):
-    """Picture with a colour bar."""
+    """Picture with a colour bar.
+
+    limits
+        Lowest and highest value of the colour bar, for pictures to be compared; not for
+        regions.
+    """
 
     limits: Annotated[
         tuple[float, float] | None,
-        Option(
-            None,
-            "Lowest and highest value of the colour bar, for pictures to be compared; not "
-            "for regions.",
-            chosen="those of the values",
-            type_text="tuple of float",
-        ),
+        Option(chosen="those of the values", type_text="tuple of float"),
     ]
 
 
@@ -816,45 +649,24 @@ def options_of(record: type) -> Mapping[str, Option]:
         if optional:
             rest = tuple(member for member in members if member is not NoneType)
             types = rest[0] if len(rest) == 1 else types
-        options[name] = replace(
-            option, name=name, type=types, optional=optional, group=_group_of(name, option)
-        )
+        declared = {"name": name, "type": types, "optional": optional}
+        options[name] = replace(option, **declared, **_texts_of(record, name))
     return options
 
 
-def _group_of(name: str, option: Option) -> str:
-    """Return the title of the first record with an option."""
-    for record in _GROUPS:
-        kind = record.__annotations__.get(name)
-        if kind is not None and option in get_args(kind):
-            return (record.__doc__ or "").split(".", maxsplit=1)[0]
-    return "Options"
-
-
-#: Records that declare options; their titles are those of the groups on the command line.
-_GROUPS: tuple[type, ...] = (
-    SizeOptions,
-    BudgetOptions,
-    ImageOptions,
-    LimitOptions,
-    MeshOptions,
-    PartsOptions,
-    RemeshOptions,
-    DistanceOptions,
-    ImageMeshOptions,
-    StoppingOptions,
-    NeedOptions,
-    FamilyOptions,
-    AdaptOptions,
-    ClipOptions,
-    ScaleOptions,
-    ErrorOptions,
-    HessianOptions,
-    CurvatureOptions,
-    FeatureOptions,
-    PictureOptions,
-    ScaledPictureOptions,
-)
+def _texts_of(record: type, name: str) -> dict[str, str]:
+    """Return the text, the details and the group of an option, from the docstrings of records."""
+    items = record.__annotations__.items()
+    bases = [
+        b for b in globals().values() if is_typeddict(b) and b.__annotations__.items() <= items
+    ]
+    for base in (record, *bases):
+        title, _, entries = inspect.cleandoc(base.__doc__ or "").partition(".\n\n")
+        entry = re.search(rf"^{name}\n((?:    .*\n?)+)", entries, re.MULTILINE)
+        if entry is not None:
+            text, _, details = " ".join(entry[1].split()).partition(". ")
+            return {"text": text.removesuffix(".") + ".", "details": details, "group": title}
+    return {"group": "Options"}  # without docstrings (python -OO)
 
 
 def checked(record: type[R], given: Mapping[str, Any]) -> R:
@@ -895,9 +707,26 @@ def with_options(record: type) -> Callable[[F], F]:
         for number, line in enumerate(lines):
             if line.strip() == "**options":
                 indent = line[: len(line) - len(line.lstrip())]
-                lines[number] = "\n".join(option.as_doc(indent) for option in options.values())
+                lines[number] = _entries(options.values(), indent)
         function.__doc__ = "\n".join(lines)
         function.__options__ = record  # type: ignore[attr-defined]
         return function
 
     return decorate
+
+
+def _entries(options: Iterable[Option], indent: str) -> str:
+    """Return the entries of options in a docstring; short ones of the same type share one."""
+    entries: list[tuple[str, str, str]] = []
+    width = _WIDTH - len(indent) - 4
+    for option in options:
+        names, (kind, text) = option.name, option.doc
+        if entries and entries[-1][1] == kind and len(f"{entries[-1][2]}  {text}") <= width:
+            before = entries.pop()
+            names, text = f"{before[0]}, {names}", f"{before[2]}  {text}"
+        entries.append((names, kind, text))
+    lines = []
+    for names, kind, text in entries:
+        wrapped = textwrap.wrap(text, width, fix_sentence_endings=True)
+        lines += [f"{indent}{names} : {kind}", *(f"{indent}    {line}" for line in wrapped)]
+    return "\n".join(lines)

@@ -115,8 +115,8 @@ def adapt(
     """Return the next mesh of an adaptive loop, with the fields of the present mesh on it.
 
     Sizes come from error indicators, upper bounds, or both, and their gradient is limited.  The
-    domain is remeshed, fields are transferred and tags are kept.  Of up to three meshes, that with
-    the nearest number of elements is returned; the given one if it already has the sizes.
+    domain is remeshed, fields are transferred and tags are kept.  The result is the best of three
+    meshes by the number of elements, or the given one if it already has the sizes.
 
     Parameters
     ----------
@@ -125,17 +125,13 @@ def adapt(
     indicator : array_like of float, shape (n_cells,), optional
         Error of each cell, >= 0.  Requires ``tolerance``, ``elements`` or ``nodes``.
     h0 : SizeFunction, callable, array_like of float, shape (n_points,), or float, optional
-        Upper bounds on the size, evaluated at the nodes of ``mesh``; inf where there is none.
-        Without ``indicator`` they are the requested sizes.  A `Metric` at the nodes, a
-        `MetricFunction` or a callable that returns a Metric depends on the direction (Mmg only).
-    fields : mapping of str to array_like, optional
-        Nodal fields, shape (n_points, ...); see ``method``.
-    cell_fields : mapping of str to array_like, optional
-        Cell fields, shape (n_cells, ...); see `FieldTransfer.cells`.
+        Upper bounds on the size at the nodes; without ``indicator``, the requested sizes.  Those of
+        a `Metric`, `MetricFunction` or callable that returns a Metric have directions (Mmg only).
+    fields, cell_fields : mapping of str to array_like, optional
+        Nodal fields, shape (n_points, ...), and cell fields, shape (n_cells, ...).
     project : callable, or mapping of int to callable, optional
-        Takes new nodes of the boundary, float64[n, dim], and returns their projections onto the
-        true one; a mapping has one callable for the facets of each tag.  Corners, ridges and nodes
-        between two projections are kept.  Moves that would degrade a cell are shortened.
+        Takes new nodes of the boundary, float64[n, dim], and returns their places on the true one;
+        a mapping has one for each facet tag.  Corners, ridges and nodes between two of them stay.
     progress : callable, bool or None
         Called with a text and the fraction completed or None.  True shows a progress bar.
     **options
@@ -148,30 +144,24 @@ def adapt(
 
     Raises
     ------
-    ValueError
-        If an argument is invalid (checked first), or sizes are inf after limiting.
-    TooManyElementsError
-        If the sizes require more than ``max_elements`` elements.
-    BackendUnavailableError, BackendError, BackendTimeoutError
-        If no generator for this mesh is installed, it failed, or was stopped.
+    ValueError, TooManyElementsError, BackendUnavailableError, BackendError, BackendTimeoutError
+        If an argument is invalid (checked first); if sizes are inf after limiting, or require more
+        than ``max_elements``; if no generator for this mesh is installed, it failed or was stopped.
 
     Warns
     -----
     ResolutionWarning
-        If the new mesh has lost a tag, or if, without ``project``, the new boundary is farther
-        from the old one than ``boundary_tolerance``.
+        If a tag is lost, or the boundary moves beyond ``boundary_tolerance`` without ``project``.
 
     Examples
     --------
     A mesh that is refined at the origin (with Mmg installed):
 
     >>> import numpy as np
-    >>> x, y = np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9))
-    >>> from scipy.spatial import Delaunay
-    >>> points = np.column_stack([x.ravel(), y.ravel()])
-    >>> mesh = SimplexMesh(points, Delaunay(points).simplices)
-    >>> eta = np.exp(-9.0 * np.linalg.norm(points[mesh.cells].mean(axis=1), axis=1))
-    >>> result = adapt(mesh, eta, elements=500, fields={"x": points[:, 0]})
+    >>> from adaptsize import CartesianGrid
+    >>> mesh = CartesianGrid([0, 0], 0.125, (9, 9)).mesh
+    >>> eta = np.exp(-9.0 * np.linalg.norm(mesh.points[mesh.cells].mean(axis=1), axis=1))
+    >>> result = adapt(mesh, eta, elements=500, fields={"x": mesh.points[:, 0]})
     >>> result.remeshed, bool(result.report.budget_met)
     (True, True)
     """

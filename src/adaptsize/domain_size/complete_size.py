@@ -44,22 +44,16 @@ def size_function(
 ) -> SizeFunction:
     r"""Return the size function of a domain, with gradient limiting.
 
-    As in [1]_, it combines the bounds from the shape of the domain with the bounds that you
-    prescribe:
-
-    .. math:: h_0 = \min(h_\text{curvature}, h_\text{feature}, h_\text{external}), \qquad
-        |\nabla h| \le g.
+    The least of the bounds by curvature, width and separation and of the prescribed ones is
+    limited to :math:`|\nabla h| \le g`: equations (18) and (19) of P.-O. Persson, Engineering with
+    Computers 22 (2006) 95-109.
 
     Parameters
     ----------
     domain : SimplexMesh, callable, Image, array, or tuple (CartesianGrid, array)
-        One of:
-
-        * a mesh of tetrahedra, or of triangles in the plane;
-        * a surface, or a closed polyline in the plane, which stands for the region it encloses;
-        * an implicit function f(points[n, dim]) -> [n], negative inside;
-        * an image, or an array of labels or booleans;
-        * a grid and the signed distance at its nodes, negative inside.
+        A mesh of tetrahedra, or of triangles in the plane; a surface, or a closed polyline in the
+        plane, for the region it encloses; an implicit function f(points[n, dim]) -> [n], negative
+        inside; an image, or an array of labels or booleans; a grid and the signed distance there.
     background : SimplexMesh, CartesianGrid, Octree, "auto" or None
         Carries the sizes.  By default the mesh itself; of a surface a copy, refined where its
         triangles are long; of a closed polyline, a level set or an image a grid; of a callable an
@@ -69,8 +63,8 @@ def size_function(
     sources : as in `size_from_sources`
         Prescribed sizes: points, curves, boxes, boundary tags, callables ...
     h0 : array_like of float, SizeFunction or callable, optional
-        Further upper bounds: a value per node of the background (of ``domain`` by default), or a
-        function of points.  For a callable domain without ``background`` it must be a function.
+        Further upper bounds: values at the nodes of the background (of ``domain`` by default), or
+        a function of points, as it must be for callables without ``background``.
     progress : callable or bool, optional
         Called with a text and the fraction completed.  True shows a progress bar on a terminal.
     **options
@@ -90,30 +84,18 @@ def size_function(
 
     Warns
     -----
-    ResolutionWarning
-        If the given parameters do not allow the number of elements or nodes, or if the octree of a
-        callable domain would need too many leaves.
-    OutsideWarning
-        If a source lies outside the domain, or off the surface that carries the sizes.
-    ImageWarning
-        If objects reach the border of the image, or if smoothing removes objects.
+    ResolutionWarning, OutsideWarning, ImageWarning
+        If the parameters do not allow the number of elements; if an octree would need too many
+        leaves; if a source lies outside; if objects are lost, or at the border of the image.
 
     Notes
     -----
-    To stay within ``max_elements`` elements, those of ``elements_per_radian``,
-    ``elements_across`` (both down to 1), ``elements_between``, ``hmin``, ``hmax`` and
-    ``tolerance`` that are not given are relaxed.  With ``elements`` or ``nodes`` (of a mesh or a
-    surface) they are relaxed or tightened until the prediction is within 2 %, if the given ones
-    allow that.  `remesh_to_elements` also allows for what the mesh generator makes of it.
+    To stay within ``max_elements``, or to predict ``elements`` or ``nodes`` (of a mesh or a
+    surface) within 2 %, those of ``elements_per_radian`` and ``elements_across`` (both down to 1),
+    ``elements_between``, ``hmin``, ``hmax`` and ``tolerance`` that are not given are changed.
 
-    The boundaries of objects in an image are rounded with a radius of about ``smoothing``, and
-    objects less than one or two pixels apart merge, see section 7.2 of [1]_.  On a given
-    octree, or a mesh of more than the domain, sizes propagate also through the outside.
-
-    References
-    ----------
-    .. [1] P.-O. Persson, "Mesh size functions for implicit geometries and PDE-based
-       gradient limiting", Engineering with Computers 22 (2006) 95-109, (18)-(19).
+    Smoothing rounds the objects of an image, and merges those less than one or two pixels apart.
+    On a given octree, or a mesh of more than the domain, sizes propagate also through the outside.
 
     Examples
     --------
@@ -121,10 +103,8 @@ def size_function(
 
     >>> def disc(x):
     ...     return np.linalg.norm(x, axis=1) - 1.0
-    >>> size = size_function(
-    ...     disc, box=([-1.1, -1.1], [1.1, 1.1]), elements_per_radian=2, elements_across=0,
-    ...     g=0.1, hmax=2.0,
-    ... )
+    >>> box = [-1.1, -1.1], [1.1, 1.1]
+    >>> size = size_function(disc, box=box, elements_per_radian=2, elements_across=0, g=0.1, hmax=2)
     >>> size([[1.0, 0.0], [0.0, 0.0]]).round(2)
     array([0.5, 0.6])
     >>> size.report
