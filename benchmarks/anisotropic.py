@@ -34,7 +34,6 @@ from _fields import layer_in_space, second_derivatives, spherical_layer
 from _timing import arguments_of, machine, table, three, write
 
 import adaptsize as ads
-from adaptsize.metrics import implied_metric, predicted_simplices
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
@@ -89,7 +88,7 @@ def rows_of(name, kind, numbers):
             "largest": layers.interpolation_error(mesh, field, norm=np.inf),
             "scaled": step.error * mesh.n_cells ** (2.0 / mesh.dim),
             "order": layers.order(steps) if len(steps) > 1 else None, "in band": step.in_band,
-            "aspect": float(implied_metric(mesh).aspect_ratio.max()), "s": took,
+            "aspect": float(mesh.implied_metric().aspect_ratio.max()), "s": took,
         })  # fmt: skip
     return steps, rows
 
@@ -108,7 +107,7 @@ def regular_number(case, kind, g, goal, number):
     for _ in range(8):
         metric = ads.metric_from_hessian(mesh, hessian=requested, elements=number, hmax=layers.HMAX)
         limited = metric if g is None else ads.limit_metric(grid, metric, g)
-        found = predicted_simplices(mesh, limited)
+        found = limited.predicted_elements(mesh)
         excess = np.log(error_of_regular(mesh, limited, hessian) / goal)
         if abs(excess) < 0.03:
             break

@@ -41,10 +41,10 @@ def overlaps(n_triangles):
         points = np.concatenate([ball.points, ball.points + 1.0])
         return ads.SimplexMesh(points, np.concatenate([ball.cells, ball.cells + n_points]))
 
-    ads.remeshing.overlapping_bodies(two(1_000))
+    two(1_000).overlapping_bodies()
     surface = two(n_triangles // 4 + 2)
     start, _ = used(resource.RUSAGE_SELF)
-    assert ads.remeshing.overlapping_bodies(surface) is not None
+    assert surface.overlapping_bodies() is not None
     end, memory = used(resource.RUSAGE_SELF)
     return f"{memory:.0f} MB, {end - start:.1f} s"
 

@@ -14,7 +14,7 @@ import numpy as np
 from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import interpolate, remesh
-from adaptsize.distributed import PartitionedMesh, interface_quality
+from adaptsize.distributed import PartitionedMesh
 from distributed import kuhn_cube
 
 
@@ -32,7 +32,7 @@ def run(mesh, edge, how, n_ranks):
         # Finer at a corner, with a slope of 0.25.
         h = np.minimum(edge * 0.5 + 0.25 * np.linalg.norm(part.points, axis=1), edge)
         new = remesh(part, h, how=how)
-        return interface_quality(new, interpolate(part, h, new.points))
+        return new.interface_quality(interpolate(part, h, new.points))
 
     before = seconds()
     quality = SimulatedCommunicator.run(n_ranks, work)[0]

@@ -134,7 +134,7 @@ def outcome_of(file, arguments):
         "made/integral": round(made.n_cells / predict(domain, size).cells, 3),
         "band": round(found.edges.share_in_band, 3),
         "least": round(found.angle_min, 1),
-        "quality": float(ads.quality.radius_ratios(made).min()),
+        "quality": float(made.radius_ratios().min()),
         **{demand.name: distance_over(demand, tolerance) for demand in of_distances(check)},
         **{step: round(clock.seconds[step], 1) for step in STEPS.values()},
     }

@@ -10,6 +10,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
+from names import records
+
 import adaptsize
 
 project = "adaptsize"
@@ -36,6 +38,7 @@ myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
 myst_heading_anchors = 3
 
 autosummary_generate = True
+autosummary_context = {"records": records()}
 autodoc_typehints = "none"  # the docstrings state the types, with shapes and units
 autodoc_member_order = "bysource"
 numpydoc_show_class_members = False  # autodoc shows them

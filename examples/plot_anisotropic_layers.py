@@ -62,7 +62,6 @@ from _gallery import (
 )
 
 import adaptsize as ads
-from adaptsize.metrics import implied_metric
 from adaptsize.plot import plot_metric
 
 FloatArray = npt.NDArray[np.float64]
@@ -100,7 +99,7 @@ def main(
             found[f"{name}, {kind}: errors"] = " ".join(f"{s.error:.2e}" for s in steps)
             found[f"{name}, {kind}: for an error of {GOAL:g}"] = number_for(steps, GOAL)
             found[f"{name}, {kind}: order in 1 / N"] = order(steps)
-        last = implied_metric(loops[name, "anisotropic"][-1].mesh)
+        last = loops[name, "anisotropic"][-1].mesh.implied_metric()
         found[f"{name}: largest aspect ratio"] = float(last.aspect_ratio.max())
     draw(output_dir / "anisotropic_layers.png", loops, width)
     metrics = {name: loops[name, "anisotropic"][1].metric for name in ("S-shaped", "crossing")}
@@ -196,7 +195,7 @@ def draw(path: Path, loops: dict[tuple[str, str], list[Step]], width: int) -> No
             error = loops[name, kind][place].error
             panel.set_title(f"{kind}: {mesh.n_cells} triangles\nerror {error:.1e}")
         mesh = loops[name, "anisotropic"][-2].mesh
-        ratio = implied_metric(mesh).aspect_ratio
+        ratio = mesh.implied_metric().aspect_ratio
         colours = aspect.tripcolor(*_triangles(mesh), ratio, cmap=FIELDS, norm=scale)
         bar = figure.colorbar(colours, ax=aspect, shrink=0.8, format="%g", extend="max")
         bar.set_ticks([1, 2, 5, 10, 20, 50, 100], minor=False)

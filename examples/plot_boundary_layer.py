@@ -64,7 +64,7 @@ from _gallery import FIELDS, INK, draw_mesh, drawing, run, save_drawing
 
 import adaptsize as ads
 from adaptsize.errors import BoundaryWarning
-from adaptsize.metrics import implied_metric, metric_from_layers
+from adaptsize.metrics import metric_from_layers
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -158,7 +158,7 @@ def heights(mesh: ads.SimplexMesh, wall: Wall) -> tuple[FloatArray, FloatArray, 
     middle = mesh.points[mesh.cells].mean(axis=1)
     distance, normals, _ = wall.foot(middle)
     beside = (middle[:, 0] > ALONG[0]) & (middle[:, 0] < ALONG[1]) & (distance < AWAY)
-    implied = implied_metric(mesh)[beside]
+    implied = mesh.implied_metric()[beside]
     return distance[beside], implied.size_along(normals[beside]), implied.aspect_ratio
 
 
@@ -205,7 +205,7 @@ def height_jumps(mesh: ads.SimplexMesh, wall: Wall) -> FloatArray:
     """Return ratios of heights of triangles with a common edge, at least 1, around the wall."""
     middle = mesh.points[mesh.cells].mean(axis=1)
     distance, normals, _ = wall.foot(middle)
-    height = implied_metric(mesh).size_along(normals)
+    height = mesh.implied_metric().size_along(normals)
     order = np.argsort(mesh.cell_facets.ravel(), kind="stable")
     facet = mesh.cell_facets.ravel()[order]
     twice = np.flatnonzero(facet[1:] == facet[:-1])

@@ -57,7 +57,6 @@ import plot_euler_bump as bump
 from _gallery import FIELDS, draw_mesh, drawing, run, save_drawing
 
 import adaptsize as ads
-from adaptsize.metrics import implied_metric
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -129,7 +128,7 @@ def summary(result: bump.Cycle) -> dict[str, float | str]:
     return {
         "triangles": mesh.n_cells,
         "thickness of the shock": shock_thickness(result),
-        "largest aspect ratio": float(implied_metric(mesh).aspect_ratio.max()),
+        "largest aspect ratio": float(mesh.implied_metric().aspect_ratio.max()),
         "boundary nodes off the boundary": float(np.abs(bump.channel(boundary)).max()),
         "steps": solution.steps,
         "converged": str(solution.converged),
@@ -180,7 +179,7 @@ def draw(path: Path, results: dict[str, bump.Cycle], width: int) -> None:
         whole, zoom, flow = panels[4 * row : 4 * row + 3]
         bump.window(whole, bump.AROUND, f"{name}: {mesh.n_cells} triangles")
         draw_mesh(whole, mesh, width=0.4)
-        aspect = implied_metric(mesh).aspect_ratio
+        aspect = mesh.implied_metric().aspect_ratio
         colours = zoom.tripcolor(*triangles, np.log10(aspect), vmin=0, vmax=np.log10(ASPECT),
                                  cmap=FIELDS, edgecolors="white", linewidth=0.15)  # fmt: skip
         bar = figure.colorbar(colours, ax=zoom, label="aspect ratio", shrink=0.7)

@@ -79,7 +79,6 @@ from _gallery import CURVES, FIELDS, INK, QUALITY, draw_mesh, drawing, run, save
 
 import adaptsize as ads
 from adaptsize.errors import ConvergenceWarning, ResolutionWarning
-from adaptsize.quality import minimum_angles, radius_ratios
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -189,7 +188,7 @@ def adapted(result: Cycle, n_triangles: float, *, limited: bool) -> Cycle:
 def summary(result: Cycle) -> dict[str, float | str]:
     """Return the figures of a mesh and of the flow on it."""
     mesh, solution = result.mesh, result.solution
-    angles, ratios = minimum_angles(mesh), radius_ratios(mesh)
+    angles, ratios = mesh.minimum_angles(), mesh.radius_ratios()
     boundary = mesh.points[mesh.boundary().nodes]
     wave = euler.mach_number(solution.w)
     return {
@@ -216,7 +215,7 @@ def draw_meshes(path: Path, results: dict[str, Cycle], width: int) -> None:
     for row, name in enumerate(NAMES):
         result = results[name]
         mesh, solution = result.mesh, result.solution
-        angles = minimum_angles(mesh)
+        angles = mesh.minimum_angles()
         whole, zoom, flow = panels[3 * row : 3 * row + 3]
         title = f"{name} gradient limiting: {mesh.n_cells} triangles"
         window(whole, AROUND, title)
@@ -253,7 +252,7 @@ def draw_comparison(path: Path, results: dict[str, Cycle], width: int) -> None:
     for name, colour in zip(NAMES, CURVES[1::-1], strict=True):
         mesh, solution = results[name].mesh, results[name].solution
         look = {"color": colour, "label": f"{name} limiting"}
-        angle.hist(minimum_angles(mesh), bins=np.arange(0, 61, 2), histtype="step", **look)
+        angle.hist(mesh.minimum_angles(), bins=np.arange(0, 61, 2), histtype="step", **look)
         steps.semilogy(np.arange(solution.steps), solution.history, **look)
         cells = mesh.locator.nearest(along)[0]
         line.plot(along[:, 0], solution.w[cells, 0], linewidth=1.0, **look)

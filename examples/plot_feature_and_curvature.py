@@ -40,7 +40,6 @@ import numpy.typing as npt
 from _gallery import draw_mesh, drawing, run, save_drawing
 
 import adaptsize as ads
-from adaptsize.quality import minimum_angles
 from adaptsize.remeshing.distmesh.from_distance import mesh_from_distance
 
 if TYPE_CHECKING:
@@ -95,7 +94,7 @@ def main(output_dir: Path, *, width: int = 560, spacing: float = 0.005) -> dict[
         "steepest bound over g": _steepest(bound, inside, spacing) / G,
         "steepest size over g": _steepest(size.values, inside, spacing) / G,
         "triangles": mesh.n_cells,
-        "smallest angle": float(minimum_angles(mesh).min()),
+        "smallest angle": float(mesh.minimum_angles().min()),
         **{f"share of {name}": share for name, share in report.domain_shares.items()},
     }
 

@@ -50,7 +50,6 @@ from skfem.helpers import dot, grad
 
 import adaptsize as ads
 from adaptsize.plot import plot_size
-from adaptsize.quality import minimum_angles, radius_ratios
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -175,8 +174,8 @@ def summary(name: str, cycles: list[Cycle]) -> dict[str, float | str]:
         f"{name}: rate": rate(cycles[-3:]),
         f"{name}: estimate over error": float(np.linalg.norm(last.indicator)) / last.error,
         f"{name}: iterations": last.iterations,
-        f"{name}: smallest angle": min(float(minimum_angles(m).min()) for m in adapted_meshes),
-        f"{name}: worst radius ratio": min(float(radius_ratios(m).min()) for m in adapted_meshes),
+        f"{name}: smallest angle": min(float(m.minimum_angles().min()) for m in adapted_meshes),
+        f"{name}: worst radius ratio": min(float(m.radius_ratios().min()) for m in adapted_meshes),
         f"{name}: smallest edge": float(last.mesh.edge_lengths.min()),
     }
 

@@ -46,7 +46,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -57,7 +57,6 @@ from skfem.helpers import dot, grad
 
 import adaptsize as ads
 from adaptsize.limiting import Exact
-from adaptsize.quality import minimum_angles
 
 OF_NODES = Exact(face_sources=False)
 FloatArray = npt.NDArray[np.float64]
@@ -130,7 +129,7 @@ def main(
         "heat lost by interpolation": sum(lost) / plan.heat,
         "heat lost, put back": drift(states[-1], plan),
         "heat lost, uniform": drift(fine, plan),
-        "smallest angle": min(float(minimum_angles(state.mesh).min()) for state in states),
+        "smallest angle": min(float(state.mesh.minimum_angles().min()) for state in states),
         "share of bounds changed": float(np.mean(follower.changed)),
         "cost of limiting, warm over cold": float(np.divide(*np.median(follower.seconds, axis=0))),
         "largest difference, warm and cold": max(follower.differences),
@@ -155,7 +154,7 @@ class Follower:
     def __init__(self, background: ads.SimplexMesh, plan: Plan) -> None:
         self.background, self.plan = background, plan
         self.h0 = np.full(background.n_points, HMAX)
-        self.info: ads.limiting.LimitingInfo | None = None
+        self.info: Any = None
         self.changed: list[float] = []
         self.differences: list[float] = []
         self.seconds: list[tuple[float, float]] = []

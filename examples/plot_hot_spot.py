@@ -59,7 +59,6 @@ from skfem.helpers import ddot, eye, sym_grad, trace
 from skfem.models.elasticity import plane_stress
 
 import adaptsize as ads
-from adaptsize.quality import minimum_angles
 from adaptsize.sizes import predict
 
 if TYPE_CHECKING:
@@ -95,7 +94,7 @@ def main(
     found["triangles by the command"] = by_command.n_cells
     everywhere = np.full(mesh.n_points, sizes[-1])
     found["triangles, if uniform"] = predict(mesh, everywhere).cells
-    found["smallest angle"] = float(minimum_angles(new).min())
+    found["smallest angle"] = float(new.minimum_angles().min())
     found["distance of the hole from the circle"] = off_the_hole(new)
     for material in MATERIALS:
         for name, other in (("", new), (" by the command", by_command)):

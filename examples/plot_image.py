@@ -31,7 +31,7 @@ from _gallery import CURVES, DATA, draw_mesh, drawing, run, save_drawing
 import adaptsize as ads
 from adaptsize.domain_size.image_mask import distance_to_edge, mask_of
 from adaptsize.options import ImageOptions, checked
-from adaptsize.quality import minimum_angles, size_conformity
+from adaptsize.quality import size_conformity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,7 +64,7 @@ def main(
         "objects": len(np.unique(mesh.cell_tags)),
         "triangles": mesh.n_cells,
         "area of the mesh over that of the pixels": float(mesh.measures.sum() / pixels),
-        "smallest angle": float(minimum_angles(mesh).min()),
+        "smallest angle": float(mesh.minimum_angles().min()),
         "share of edges in band": kept.edges.share_in_band,
         **{f"share of {name}": share for name, share in report.domain_shares.items()},
     }

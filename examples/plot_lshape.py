@@ -69,7 +69,6 @@ from skfem import (
 from skfem.helpers import dot, grad
 
 import adaptsize as ads
-from adaptsize.quality import minimum_angles, radius_ratios
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -229,8 +228,8 @@ def summary(name: str, cycles: list[Cycle]) -> dict[str, float | str]:
         f"{name}: estimate over error": float(np.linalg.norm(last.indicator)) / last.error,
         f"{name}: iterations": last.iterations,
         f"{name}: iterations over root of unknowns": last.iterations / last.unknowns**0.5,
-        f"{name}: smallest angle": min(float(minimum_angles(t.mesh).min()) for t in cycles),
-        f"{name}: worst radius ratio": min(float(radius_ratios(t.mesh).min()) for t in cycles),
+        f"{name}: smallest angle": min(float(t.mesh.minimum_angles().min()) for t in cycles),
+        f"{name}: worst radius ratio": min(float(t.mesh.radius_ratios().min()) for t in cycles),
     }
     if len(cycles) > 2:
         numbers[f"{name}: rate"] = rate(cycles[-3:])
@@ -257,7 +256,7 @@ def draw(
     corner.set_title(f"the corner, {magnified:.0f} times", fontsize="small")
     for panel, (name, state) in zip(panels[2:], jump.items(), strict=True):
         image = draw_corner(panel, state.mesh, 0.3, (0.002, 0.1))
-        angle = minimum_angles(state.mesh).min()
+        angle = state.mesh.minimum_angles().min()
         panel.set_title(
             f"marked triangles to 1/16, {name}\n{state.mesh.n_cells} triangles, "
             f"smallest angle {angle:.0f} degrees, error {state.error:.4f}", fontsize="medium",

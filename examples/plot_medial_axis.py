@@ -28,7 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -122,9 +122,7 @@ def three_parabolas(x: Array, *, bend: float = 1.4, reach: float = 0.85) -> Arra
     return np.asarray(np.max(sides, axis=0))
 
 
-def draw(
-    panel: Axes, grid: ads.CartesianGrid, phi: Array, size: Array, medial: ads.geometry.MedialAxis
-) -> None:
+def draw(panel: Axes, grid: ads.CartesianGrid, phi: Array, size: Array, medial: Any) -> None:
     """Draw the feature size inside, the boundary and the points of the medial axis."""
     shown = np.ma.masked_invalid(size)
     mesh = panel.pcolormesh(*grid.axes, shown.T, vmin=0.0, shading="nearest")

@@ -59,7 +59,7 @@ def main(output_dir: Path, *, n_side: int = 121, width: int = 1040) -> dict[str,
         "smallest size": float(limited.sizes.min()),
         "largest aspect ratio": float(limited.aspect_ratio.max()),
         "nodes with both": int((info.n_active == 2).sum()),
-        "elements": ads.metrics.predicted_simplices(mesh, limited),
+        "elements": limited.predicted_elements(mesh),
     }
 
 

@@ -29,7 +29,6 @@ from _gallery import DATA, run, save_panels
 import adaptsize as ads
 from adaptsize.errors import ResolutionWarning
 from adaptsize.plot import plot_causes, plot_mesh, plot_size
-from adaptsize.quality import minimum_angles
 
 
 def main(
@@ -62,7 +61,7 @@ def main(
         )
         for k in (1, 2)
     }
-    angles = minimum_angles(mesh)
+    angles = mesh.minimum_angles()
     return {
         "tetrahedra": mesh.n_cells,
         "smallest size in mm": float(size.values.min()),

@@ -157,7 +157,7 @@ def rays_of(boundary: ads.SimplexMesh) -> tuple[Array, Array]:
     return np.stack([start, stop], axis=1), widths[counted]
 
 
-def links_of(boundary: ads.SimplexMesh, separation: ads.geometry.BoundarySeparation) -> Array:
+def links_of(boundary: ads.SimplexMesh, separation: Any) -> Array:
     """Return a segment from each corner to a point of the boundary as far away as the feature."""
     a, b = boundary.points[boundary.cells].transpose(1, 0, 2)
     links = []
@@ -181,9 +181,7 @@ def draw_lines(panel: Axes, lines: Array, values: Array, **style: Any) -> Any:
     return drawn
 
 
-def draw_circles(
-    panel: Axes, boundary: ads.SimplexMesh, found: ads.geometry.BoundarySeparation, norm: Any
-) -> None:
+def draw_circles(panel: Axes, boundary: ads.SimplexMesh, found: Any, norm: Any) -> None:
     """Draw circles of the radius F around the corners, as far as they are in the part."""
     from matplotlib import colormaps
     from matplotlib.patches import Circle, PathPatch

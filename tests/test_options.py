@@ -9,7 +9,7 @@ import pytest
 
 import adaptsize as ads
 from adaptsize import options as records
-from adaptsize.errors import UnitWarning
+from adaptsize.errors import InputWarning
 from adaptsize.options import AdaptOptions, RemeshOptions, SizeFunctionOptions, checked, options_of
 
 
@@ -38,12 +38,12 @@ def test_an_unknown_name_that_is_like_no_other_is_refused_with_all():
 
 @pytest.mark.parametrize("name", ["crease_angle"])
 def test_an_angle_in_radians_draws_a_warning_that_gives_degrees(name):
-    with pytest.warns(UnitWarning, match=r"is in degrees, got 0.7; .* pass 40.11"):
+    with pytest.warns(InputWarning, match=r"is in degrees, got 0.7; .* pass 40.11"):
         checked(SizeFunctionOptions, {name: 0.7})
 
 
 def test_a_gradient_limit_in_per_cent_draws_a_warning():
-    with pytest.warns(UnitWarning, match=re.escape("g = 25 hardly limits anything")):
+    with pytest.warns(InputWarning, match=re.escape("g = 25 hardly limits anything")):
         checked(AdaptOptions, {"g": 25})
 
 

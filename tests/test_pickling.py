@@ -12,9 +12,12 @@ from numpy.testing import assert_array_equal
 from shapes import block, two_region_rectangle
 
 import adaptsize as ads
-from adaptsize.adaptation import AdaptReport, TransferredFields
-from adaptsize.background import Boundary
-from adaptsize.quality import Conformity, MeshSummary, summarize
+from adaptsize.adaptation.report import AdaptReport
+from adaptsize.adaptation.transfer_in_parts import TransferredFields
+from adaptsize.background.simplex import Boundary
+from adaptsize.geometry.medial.fronts import MedialAxis
+from adaptsize.quality.conformity import Conformity
+from adaptsize.quality.summary import MeshSummary, summarize
 from adaptsize.remeshing import available_backends
 
 
@@ -85,9 +88,9 @@ MAKE = {
     "SizeReport": a_size_report,
     "AdaptResult": an_adaptation,
     "Conformity": lambda: ads.size_conformity(tagged_square(), 0.2),
-    "Metric": lambda: ads.isotropic_metric([0.1, 0.2], 2),
+    "Metric": lambda: ads.Metric.isotropic([0.1, 0.2], 2),
     "MetricFunction": lambda: ads.MetricFunction(
-        tagged_square(), ads.isotropic_metric(np.full(tagged_square().n_points, 0.1), 2)
+        tagged_square(), ads.Metric.isotropic(np.full(tagged_square().n_points, 0.1), 2)
     ),
     "MeshSummary": lambda: summarize(tagged_square()),
     "PointSource": lambda: ads.PointSource([0.0, 0.0], 0.1),
@@ -95,7 +98,7 @@ MAKE = {
 WAYS = {"pickle": lambda value: pickle.loads(pickle.dumps(value)), "deepcopy": copy.deepcopy}
 READ_ONLY = (
     ads.SimplexMesh, ads.CartesianGrid, ads.Octree, ads.background.Image,
-    ads.geometry.MedialAxis, ads.Metric,
+    MedialAxis, ads.Metric,
 )  # fmt: skip
 
 

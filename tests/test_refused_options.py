@@ -36,7 +36,7 @@ CALLS = {
     ads.transfer_fields: (SQUARE, SQUARE),
     pictures.plot_mesh: (SQUARE,),
     pictures.plot_size: (SQUARE, FIELD + 1.0),
-    pictures.plot_metric: (ads.MetricFunction(SQUARE, ads.isotropic_metric(FIELD + 1.0, 2)),),
+    pictures.plot_metric: (ads.MetricFunction(SQUARE, ads.Metric.isotropic(FIELD + 1.0, 2)),),
     pictures.plot_causes: (SIZE.report,),
 }
 #: Required keywords.

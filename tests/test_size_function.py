@@ -8,7 +8,7 @@ from meshes import jittered_cube, random_sphere, random_square, structured_squar
 from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import SimplexMesh, SizeFunction
-from adaptsize.errors import OutsideError, OutsideWarning
+from adaptsize.errors import InputWarning, OutsideError
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 
@@ -246,7 +246,7 @@ def test_the_growth_is_kept_by_clip_and_minimum_and_spent_by_on():
 def test_points_far_outside_are_reported_once():
     size = SizeFunction(SQUARE, [0.1, 0.2, 0.3, 0.2])
     assert size([[5.0, 0.0]]) == [0.2]  # near enough
-    with pytest.warns(OutsideWarning, match=r"point 1, \(100, 2\), is 99\.01 outside") as caught:
+    with pytest.warns(InputWarning, match=r"point 1, \(100, 2\), is 99\.01 outside") as caught:
         assert_array_equal(size([[0, 0], [100, 2]]), [0.1, 0.3])
     assert caught[0].filename == __file__
     size([[100, 2]])

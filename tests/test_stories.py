@@ -77,7 +77,7 @@ def test_a_coast_gets_open_and_land_boundaries_in_fort_14(tmp_path):
     coast_to_fort14(tmp_path)
     mesh = ads.read(tmp_path / "fort.14")
     assert sorted(mesh.tag_names.values()) == ["island", "land", "open sea"]
-    assert ads.quality.minimum_angles(mesh).min() > 10.0
+    assert mesh.minimum_angles().min() > 10.0
     length = {}
     for (_, tag), name in mesh.tag_names.items():
         ends = mesh.points[mesh.tagged_facets[mesh.facet_tags == tag]]

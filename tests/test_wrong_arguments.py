@@ -68,7 +68,7 @@ WRONG = [
     ),
     (
         "directions must be at most 1e+60 in size, got directions[0] = 1e+300",
-        lambda: ads.isotropic_metric(H0, 2).size_along([1e300, 0.0]),
+        lambda: ads.Metric.isotropic(H0, 2).size_along([1e300, 0.0]),
     ),
     (
         "values must be at most 1e+60 in size, got values[1] = 1e+200 (and 2 more)",
@@ -99,5 +99,5 @@ def test_wrong_arguments_are_refused_by_one_clear_line(expected, call, tmp_path,
 
 def test_angles_and_ratios_of_cells_as_small_as_the_range_allows():
     tiny = ads.SimplexMesh(1e-59 * TETRAHEDRON.points, TETRAHEDRON.cells)
-    assert quality.minimum_angles(tiny) == pytest.approx(quality.minimum_angles(TETRAHEDRON))
-    assert quality.radius_ratios(tiny) == pytest.approx(quality.radius_ratios(TETRAHEDRON))
+    assert tiny.minimum_angles() == pytest.approx(TETRAHEDRON.minimum_angles())
+    assert tiny.radius_ratios() == pytest.approx(TETRAHEDRON.radius_ratios())

@@ -19,13 +19,52 @@ DOCS = Path(__file__).parents[1]
 NAME = re.compile(r"^   ([A-Za-z_.]+)$", re.MULTILINE)
 #: What may stand around a name: ``ads.limit_gradient(mesh, h0)``.
 WRITTEN = re.compile(r"^(?:ads\.|adaptsize\.)?([A-Za-z_][\w.]*)(?:\(.*\))?$", re.DOTALL)
+#: Types of results and arguments that are described on the page of a function or class.
+RECORDS = {
+    "SimplexMesh": "background.simplex.Boundary quality.summary.MeshSummary "
+    "remeshing.surface_checks.OpenBoundary remeshing.surface_checks.OverlappingBodies "
+    "remeshing.surface_checks.NearBodies",
+    "medial_axis": "geometry.medial.fronts.MedialAxis",
+    "geometry.boundary_separation": "geometry.separation.BoundarySeparation",
+    "size_from_sources": "sizes.sources.Source",
+    "sizes.predict": "sizes.prediction.Prediction",
+    "adapt": "adaptation.cycle.AdaptResult adaptation.report.AdaptReport "
+    "adaptation.in_parts.AdaptedParts adaptation.in_parts.PartsReport",
+    "needs_remeshing": "adaptation.need.RemeshingNeed adaptation.need.Place",
+    "transfer_fields": "adaptation.transfer_in_parts.TransferredFields",
+    "limit_gradient": "limiting.info.LimitingInfo limiting.sources.SizeSources "
+    "limiting.problem.Scheme limiting.in_parts.info.PartsLimitingInfo "
+    "limiting.in_parts.info.PartsSources",
+    "limit_metric": "metrics.limit.MetricLimitingInfo",
+    "size_function": "_size_report.SizeReport",
+    "remesh_to_elements": "domain_size.elements.MeshOfElements",
+    "mesh_family": "domain_size.family.MeshFamily domain_size.family.Convergence",
+    "check_mesh": "quality.certificate.MeshCheck quality.certificate.Demand "
+    "quality.certificate.Place",
+    "size_conformity": "quality.conformity.Conformity quality.conformity.RatioStatistics "
+    "quality.metric.MetricQuality",
+    "mesh_from_distance": "remeshing.distmesh.report.SmoothingReport",
+    "remeshing.register_backend": "remeshing.protocol.Problem",
+    "distributed.PartitionedMesh": "remeshing.in_parts.InterfaceQuality ranks.Communicator "
+    "ranks.Traffic",
+    "distributed.from_dolfinx": "distributed.from_dolfinx.DolfinxPart",
+    "distributed.from_dmplex": "distributed.from_petsc.PlexPart",
+}
+
+
+def records() -> dict[str, list[str]]:
+    """Return the full names of `RECORDS` by that of the function or class."""
+    return {
+        f"adaptsize.{name}": [f"adaptsize.{record}" for record in found.split()]
+        for name, found in RECORDS.items()
+    }
 
 
 def public_names(reference: Path) -> dict[str, str]:
     """Return full names by what is written in pages, with or without the module."""
     full = [f"adaptsize.{name}" for name in NAME.findall(reference.read_text(encoding="utf-8"))]
     found = {name.removeprefix("adaptsize."): name for name in full}
-    for name in full:
+    for name in [*full, *(record for found in records().values() for record in found)]:
         last = name.rpartition(".")[2]
         if last[0].isupper():  # functions of submodules have the names of plain words
             found.setdefault(last, name)

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import adaptsize as ads
-from adaptsize.metrics import metric_from_layers, predicted_simplices
+from adaptsize.metrics import metric_from_layers
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples"))
@@ -87,7 +87,7 @@ def measure_laws():
                     hmax=0.25,
                 )  # fmt: skip
                 for _ in range(3):
-                    found = predicted_simplices(mesh, limited(mesh, metric, g, laws[law]))
+                    found = limited(mesh, metric, g, laws[law]).predicted_elements(mesh)
                     metric = metric.scaled(np.sqrt(found / 2000))
                 mesh = ads.remesh(mesh, limited(mesh, metric, g, laws[law]))
             number = mesh.n_cells * layers.interpolation_error(mesh, field) / 1e-3
@@ -110,7 +110,7 @@ def measure_counts():
 
         new = ads.remesh(mesh, metric)
         found = ads.size_conformity(new, metric)
-        share = new.n_cells / predicted_simplices(mesh, metric(mesh.points))
+        share = new.n_cells / metric(mesh.points).predicted_elements(mesh)
         print(
             f"| {' x '.join(map(str, sizes))} | {new.n_cells} | {share:.2f} | "
             f"{found.share_in_band:.2f} | {found.metric.quality_mean:.2f} |",

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize.errors import UnitWarning
+from adaptsize.errors import InputWarning
 from adaptsize.typing import FloatArray, IntArray
 
 #: Squares of gradients times four lengths must stay in the range of float64.
@@ -183,7 +183,7 @@ def as_number(
         warn_caller(
             f"{name} is in degrees, got {number:g}; if this is in radians, pass "
             f"{np.degrees(number):.4g}",
-            UnitWarning,
+            InputWarning,
         )
     least, most = within
     if 0.0 < number < least:

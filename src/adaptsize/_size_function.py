@@ -24,13 +24,13 @@ from adaptsize._checks import (
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.simplex import LaterMethod, as_mesh, as_own
-from adaptsize.errors import OutsideError, OutsideWarning
+from adaptsize.errors import InputWarning, OutsideError
 from adaptsize.typing import Background, FloatArray
 
 if TYPE_CHECKING:
     from adaptsize._size_report import SizeReport
-    from adaptsize.limiting import SizeSources
     from adaptsize.limiting.exact.field import ExactField
+    from adaptsize.limiting.sources import SizeSources
 
 # Points this far outside, relative to the diagonal of the background, count as inside.
 _TOLERANCE = 1e-9
@@ -169,8 +169,7 @@ class SizeFunction(ReadOnlyState):
             raise ValueError(f"hmax needs g, got hmax = {hmax:g} alone")
         if self.sources is None:
             return
-        from adaptsize.limiting import SizeSources
-        from adaptsize.limiting.sources import is_same
+        from adaptsize.limiting.sources import SizeSources, is_same
 
         check_type("sources", self.sources, SizeSources)
         if not is_same(self.sources.background, self.background):
@@ -261,7 +260,7 @@ class SizeFunction(ReadOnlyState):
         warn_caller(
             f"point {far}, {place_text(points[far])}, is {distances[far]:.4g} outside of the "
             "background; it gets the size at the closest point of it (outside='error' refuses it)",
-            OutsideWarning,
+            InputWarning,
         )
 
     def _refuse_outside(self, points: FloatArray, distances: FloatArray) -> None:

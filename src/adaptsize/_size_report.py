@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.limiting import LimitingInfo
+from adaptsize.limiting.info import LimitingInfo
 from adaptsize.typing import FloatArray
 
 #: Cause of nodes outside the domain, and of nodes that no bound reaches.

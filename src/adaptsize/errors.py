@@ -44,8 +44,13 @@ class ConvergenceWarning(UserWarning):
     """A method stopped at ``max_iter``, or at another limit, before it converged."""
 
 
-class MeshRepairWarning(UserWarning):
-    """An input mesh was repaired: points merged, cells dropped.  The message gives the counts."""
+class InputWarning(UserWarning):
+    """The input was repaired, used in part only, or looks wrong.  The message says what and where.
+
+    Points of a mesh were merged or cells dropped, part of an image was left out, a source lies
+    outside the domain and acts on the closest part of it, or a value looks like one in another
+    unit, such as radians instead of degrees.
+    """
 
 
 class OpenSurfaceWarning(UserWarning):
@@ -53,10 +58,6 @@ class OpenSurfaceWarning(UserWarning):
 
     The message says where.
     """
-
-
-class ImageWarning(UserWarning):
-    """Part of an image was left out or interpreted differently.  The message says which."""
 
 
 class ResolutionWarning(UserWarning):
@@ -68,14 +69,3 @@ class ResolutionWarning(UserWarning):
 
 class BoundaryWarning(ResolutionWarning):
     """The boundary of a new mesh is much farther from the given one than the tolerance."""
-
-
-class OutsideWarning(UserWarning):
-    """A source lies outside the domain, or off the surface that carries the sizes.
-
-    It acts only on the closest part of it.
-    """
-
-
-class UnitWarning(UserWarning):
-    """A value is allowed but looks like one in another unit, such as radians instead of degrees."""

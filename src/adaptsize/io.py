@@ -21,10 +21,10 @@ from adaptsize._formats.polygons import polygons
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.image import Image
-from adaptsize.errors import ImageWarning, MeshFileError, MeshRepairWarning
+from adaptsize.errors import InputWarning, MeshFileError
 from adaptsize.metrics import Metric, MetricFunction
 
-__all__ = ["is_image_file", "polygons", "read", "read_image", "read_metric", "read_size", "write"]
+__all__ = ["polygons", "read", "read_image", "read_metric", "read_size", "write"]
 
 
 def read(
@@ -65,7 +65,7 @@ def read(
 
     Warns
     -----
-    MeshRepairWarning
+    InputWarning
         If cells were dropped or converted, with their number.
 
     Notes
@@ -120,7 +120,7 @@ def read(
     except (ValueError, MemoryError) as error:
         raise about_file(file, error) from error
     if notes:
-        warnings.warn(f"{file}: {'; '.join(notes)}", MeshRepairWarning, stacklevel=2)
+        warnings.warn(f"{file}: {'; '.join(notes)}", InputWarning, stacklevel=2)
     return mesh
 
 
@@ -371,7 +371,7 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
 
     Warns
     -----
-    ImageWarning
+    InputWarning
         If only part of the file was read, or the axes of a volume are oblique in space.
 
     Notes
@@ -409,10 +409,5 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
     except (ValueError, MemoryError) as error:
         raise about_file(file, error) from error
     if notes:
-        warnings.warn(f"{file}: {'; '.join(notes)}", ImageWarning, stacklevel=2)
+        warnings.warn(f"{file}: {'; '.join(notes)}", InputWarning, stacklevel=2)
     return read
-
-
-def is_image_file(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file is an image for `read_image`, by its name."""
-    return raster.is_image_file(as_path("path", path))

@@ -40,7 +40,7 @@ from adaptsize._defaults import (
     METRIC_GRADIENT_LIMIT,
     TOLERANCE,
 )
-from adaptsize.errors import UnitWarning
+from adaptsize.errors import InputWarning
 from adaptsize.typing import GradientLimit, NodalMethod
 
 __all__ = ["Option", "options_of"]
@@ -136,7 +136,7 @@ class Option:
             warn_caller(
                 f"{self.name} = {value:g} hardly limits anything: it is a gradient, not a "
                 "percentage; 0.25 lets neighbouring edges differ by about a quarter",
-                UnitWarning,
+                InputWarning,
             )
         return value
 

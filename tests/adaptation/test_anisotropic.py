@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from shapes import block, two_region_rectangle
 
-from adaptsize import Metric, SizeFunction, adapt, isotropic_metric
+from adaptsize import Metric, SizeFunction, adapt
 from adaptsize._defaults import METRIC_GRADIENT_LIMIT
-from adaptsize.metrics import MetricFunction, implied_metric, limit_metric
+from adaptsize.metrics import MetricFunction, limit_metric
+from adaptsize.metrics.implied import implied_metric
 
 pytest.importorskip("mmgpy")
 
@@ -92,7 +93,7 @@ def test_a_mesh_that_has_the_metric_is_returned():
 
 
 def test_the_gradient_limit_has_the_default_of_metrics():
-    metric = isotropic_metric(np.where(MESH.points[:, 0] < 0.5, 0.05, 0.6), 2)
+    metric = Metric.isotropic(np.where(MESH.points[:, 0] < 0.5, 0.05, 0.6), 2)
     found = adapt(MESH, h0=metric, enough=0.0).metric.metric.sizes
     np.testing.assert_array_equal(found, limit_metric(MESH, metric, METRIC_GRADIENT_LIMIT).sizes)
 
@@ -149,9 +150,9 @@ def test_tetrahedra_are_stretched_too(monkeypatch):
         ({"anisotropic": np.True_}, "anisotropic needs a field in fields"),
         ({"anisotropic": ["u"]}, "fields need tolerance or elements"),
         ({"anisotropic": "u"}, "fields need tolerance or elements"),
-        ({"h0": isotropic_metric([1.0], 2)}, "metric must have .* nodes"),
-        ({"h0": isotropic_metric(np.ones(MESH.n_points), 2), "tolerance": 1.0}, "tolerance needs"),
-        ({"h0": isotropic_metric(np.full(MESH.n_points, np.inf), 2)}, "finite size at one node"),
+        ({"h0": Metric.isotropic([1.0], 2)}, "metric must have .* nodes"),
+        ({"h0": Metric.isotropic(np.ones(MESH.n_points), 2), "tolerance": 1.0}, "tolerance needs"),
+        ({"h0": Metric.isotropic(np.full(MESH.n_points, np.inf), 2)}, "finite size at one node"),
     ],
 )
 def test_bad_requests_are_refused(options, message):

@@ -11,7 +11,7 @@ from meshes import jittered_cube, jittered_square, random_sphere, structured_squ
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import Delaunay
 
-from adaptsize import SimplexMesh, adapt, isotropic_metric
+from adaptsize import Metric, SimplexMesh, adapt
 from adaptsize.adaptation.boundary_moves import move_to_boundary
 from adaptsize.adaptation.next_metric import metric_by_tolerance, metric_request
 from adaptsize.adaptation.next_sizes import bound_by_tolerance
@@ -71,7 +71,7 @@ def test_bounds_by_the_tolerance_are_those_of_chords():
     assert np.median(radius) == pytest.approx(1.0, rel=0.02)
     of_metric = metric_by_tolerance(mesh, 1e-3)
     assert np.median(of_metric.sizes[:, 0] / sizes) == pytest.approx(1.0, rel=0.05)
-    metric = isotropic_metric(np.full(mesh.n_points, 0.9), 3)
+    metric = Metric.isotropic(np.full(mesh.n_points, 0.9), 3)
     request = metric_request(mesh, metric, {}, checked(AdaptOptions, {"g": None}))
     found = request.within(mesh, 1e-3).next(mesh, 1.0).metric
     assert_allclose(found.sizes, np.minimum(of_metric.sizes, 0.9), rtol=1e-9)

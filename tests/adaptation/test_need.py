@@ -6,7 +6,7 @@ from meshes import jittered_cube, jittered_square, structured_square
 from numpy.testing import assert_allclose
 from partitions import on_ranks, partition
 
-from adaptsize import SimplexMesh, SizeFunction, adapt, isotropic_metric, needs_remeshing
+from adaptsize import Metric, SimplexMesh, SizeFunction, adapt, needs_remeshing
 
 SEED = 91133
 
@@ -84,7 +84,7 @@ def test_a_metric_of_sizes_decides_like_these():
     mesh = jittered_square(9, SEED, half_width=1.0)
     h = layer(mesh.points)
     by_size = needs_remeshing(mesh, h, least_angle=0.0)
-    by_metric = needs_remeshing(mesh, isotropic_metric(h, 2))
+    by_metric = needs_remeshing(mesh, Metric.isotropic(h, 2))
     assert by_size
     assert by_metric
     assert_allclose(by_size.predicted_cells, by_metric.predicted_cells, rtol=0.05)

@@ -141,9 +141,9 @@ _OWNERS: dict[str, Callable[[World], Any]] = {
     "SizeFunction": lambda w: w.size,
     "FieldTransfer": lambda w: ads.FieldTransfer(w.background, w.other),
     "SignedDistance": lambda w: ads.geometry.SignedDistance(w.boundary),
-    "Metric": lambda w: ads.isotropic_metric(w.nodal().ravel(), w.dim),
+    "Metric": lambda w: ads.Metric.isotropic(w.nodal().ravel(), w.dim),
     "MetricFunction": lambda w: ads.metrics.MetricFunction(
-        w.mesh or w.other, ads.isotropic_metric(np.full(w.mesh.n_points, 0.1), w.dim)
+        w.mesh or w.other, ads.Metric.isotropic(np.full(w.mesh.n_points, 0.1), w.dim)
     ),
     "PartitionedMesh": lambda w: ads.distributed.PartitionedMesh.from_serial(w.mesh),
 }

@@ -13,7 +13,7 @@ from adaptsize import SimplexMesh
 from adaptsize.background.flipping import flip_edges
 from adaptsize.background.topology import are_among, pairs_of_cells
 from adaptsize.geometry.faces import folds_of
-from adaptsize.quality import minimum_angles
+from adaptsize.quality.elements import minimum_angles
 
 NONE = np.empty((0, 2), np.int32)
 KITE = np.array([[0, 0], [4, 0], [2, 1], [2, -1]], float)

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import CartesianGrid, SimplexMesh, SizeFunction
 from adaptsize.background import grid as grid_module
-from adaptsize.errors import OutsideError, OutsideWarning
+from adaptsize.errors import InputWarning, OutsideError
 
 INF = np.inf
 SHAPES = [(7,), (5, 4), (4, 5, 3)]
@@ -228,7 +228,7 @@ def test_nodes_that_are_not_active_do_not_count(shape, seed):
 def test_far_and_huge_coordinates():
     grid = CartesianGrid([1e9, -1e9], 1.0, (3, 3))
     size = SizeFunction(grid, [[1.0, 2.0, 3.0]] * 3)
-    with pytest.warns(OutsideWarning, match="1.414e\\+300 outside"):
+    with pytest.warns(InputWarning, match="1.414e\\+300 outside"):
         assert_allclose(size([[1e300, -1e9 + 0.5], [-1e300, 1e300]]), [1.5, 3.0])
     assert grid.locator.interpolate(size.values, [[1e9, 1e300]])[1][0] == 1e300
 

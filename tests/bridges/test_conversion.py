@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 from shapes import block, two_region_block, two_region_rectangle
 
 from adaptsize import SimplexMesh, read, write
-from adaptsize.errors import MeshRepairWarning
+from adaptsize.errors import InputWarning
 
 
 def with_everything(mesh):
@@ -81,7 +81,7 @@ def test_the_result_may_be_written_into(convert):
 def test_other_cells_are_converted_and_counted():
     square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
     given = meshio.Mesh(square, [("quad", [[0, 1, 2, 3]])])
-    with pytest.warns(MeshRepairWarning, match="1 quadrilaterals split into 2 triangles") as caught:
+    with pytest.warns(InputWarning, match="1 quadrilaterals split into 2 triangles") as caught:
         assert SimplexMesh.from_meshio(given).n_cells == 2
     assert caught[0].filename == __file__
 
@@ -129,13 +129,13 @@ def test_data_sets_of_pyvista_of_all_kinds():
     pyvista = pytest.importorskip("pyvista")
     sphere = SimplexMesh.from_pyvista(pyvista.Sphere())
     assert (sphere.dim, sphere.cell_dim, sphere.is_closed) == (3, 2, True)
-    with pytest.warns(MeshRepairWarning, match="8 hexahedra split into 48 tetrahedra"):
+    with pytest.warns(InputWarning, match="8 hexahedra split into 48 tetrahedra"):
         box = SimplexMesh.from_pyvista(pyvista.ImageData(dimensions=(3, 3, 3)))
     assert (box.signed_measures > 0.0).all()
     assert box.measures.sum() == pytest.approx(8.0)
     line = SimplexMesh.from_pyvista(pyvista.MultipleLines([[0, 0, 1], [1, 0, 1], [1, 1, 1]]))
     assert line.cells.tolist() == [[0, 1], [1, 2]]
-    with pytest.warns(MeshRepairWarning, match="1 polygons split into 4 triangles"):
+    with pytest.warns(InputWarning, match="1 polygons split into 4 triangles"):
         hexagon = SimplexMesh.from_pyvista(pyvista.Polygon(n_sides=6))
     # A regular hexagon of radius 1.
     assert hexagon.measures.sum() == pytest.approx(3.0**1.5 / 2.0, rel=1e-6)
@@ -143,7 +143,7 @@ def test_data_sets_of_pyvista_of_all_kinds():
     assert (strip.n_cells, strip.is_closed) == (sphere.n_cells, True)
     assert strip.measures.sum() == pytest.approx(sphere.measures.sum())
     blocks = pyvista.MultiBlock({"left": pyvista.Cube(), "right": pyvista.Sphere(center=(3, 0, 0))})
-    with pytest.warns(MeshRepairWarning, match="quadrilaterals"):
+    with pytest.warns(InputWarning, match="quadrilaterals"):
         both = SimplexMesh.from_pyvista(blocks)
     assert both.tag_names == {(2, 1): "left", (2, 2): "right"}
     assert np.bincount(both.cell_tags).tolist() == [0, 12, sphere.n_cells]

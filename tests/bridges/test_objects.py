@@ -9,8 +9,8 @@ from numpy.testing import assert_array_equal
 
 import adaptsize as ads
 from adaptsize import SimplexMesh
-from adaptsize.errors import MeshRepairWarning
-from adaptsize.quality import summarize
+from adaptsize.errors import InputWarning
+from adaptsize.quality.summary import summarize
 
 
 def box_of_trimesh():
@@ -71,7 +71,7 @@ def test_every_function_for_meshes_takes_them(tmp_path):
         lambda: ads.zz_indicator(square, h),
         lambda: ads.size_from_sources(square, [ads.PointSource([0, 0], 0.1)]),
         lambda: ads.metric_from_hessian(square, square.p[0] ** 2, tolerance=0.1),
-        lambda: ads.MetricFunction(square, ads.isotropic_metric(h, 2)),
+        lambda: ads.MetricFunction(square, ads.Metric.isotropic(h, 2)),
         lambda: ads.transfer_fields(square, square, fields={"u": h}),
         lambda: ads.signed_distance(square, lambda x: x[:, 0] - 0.5),
         lambda: ads.SizeFunction(square, h).on(square),
@@ -140,7 +140,7 @@ def test_the_current_model_of_gmsh_is_a_mesh():
         gmsh.model.addPhysicalGroup(2, [1, 2], 9, "ends")
         gmsh.model.mesh.generate(3)
         gmsh.model.mesh.setOrder(2)
-        with pytest.warns(MeshRepairWarning, match="reduced to their corners"):
+        with pytest.warns(InputWarning, match="reduced to their corners"):
             mesh = SimplexMesh.from_object(gmsh.model)
         gmsh.model.mesh.setOrder(1)
         assert summarize(gmsh.model).measure == pytest.approx(0.125)

@@ -221,7 +221,7 @@ def test_bad_arguments_are_reported_by_all_ranks(options, text):
 
 def test_metrics_are_refused():
     mesh = jittered_square(5, 81)
-    metric = ads.metrics.isotropic_metric(np.ones(mesh.n_points), 2)
+    metric = ads.metrics.Metric.isotropic(np.ones(mesh.n_points), 2)
     with pytest.raises(ValueError, match="h0 must be sizes on several ranks, got a metric"):
         adapt(ads.distributed.PartitionedMesh.from_serial(mesh), h0=metric)
 

@@ -25,7 +25,7 @@ import adaptsize as ads
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.background.migration import whole_boundary
 from adaptsize.distributed import PartitionedMesh
-from adaptsize.errors import OutsideWarning
+from adaptsize.errors import InputWarning
 from adaptsize.limiting import Exact
 from adaptsize.sizes import predict, recovered_hessian
 
@@ -369,7 +369,7 @@ WITH_TAGS = {
 
 def assert_sources_equal(mesh, sources, rank_of, g=0.25):
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", OutsideWarning)
+        warnings.simplefilter("ignore", InputWarning)
         whole = ads.size_from_sources(mesh, sources, g=g)
         results, parts = on_ranks(
             mesh, rank_of, SIZE, lambda part: ads.size_from_sources(part, sources, g=g)
@@ -411,7 +411,7 @@ def test_tags_of_other_parts_are_known():
 
 def test_a_point_outside_is_reported_once():
     source = ads.PointSource([5, 0.5], 0.1)
-    with pytest.warns(OutsideWarning, match="lies 2 outside") as caught:
+    with pytest.warns(InputWarning, match="lies 2 outside") as caught:
         on_ranks(WITH_TAGS["structured"], None, SIZE, lambda m: ads.size_from_sources(m, source))
     assert len(caught) == 1
 

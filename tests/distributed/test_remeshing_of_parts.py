@@ -5,8 +5,9 @@ import pytest
 from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import CartesianGrid, SimplexMesh, interpolate, remesh
-from adaptsize.distributed import PartitionedMesh, interface_quality
+from adaptsize.distributed import PartitionedMesh
 from adaptsize.errors import TooManyElementsError
+from adaptsize.remeshing.in_parts import interface_quality
 
 
 def _box(dim, n):

@@ -9,7 +9,7 @@ import pytest
 from command_line import call
 
 import adaptsize as ads
-from adaptsize.domain_size import Convergence
+from adaptsize.domain_size.family import Convergence
 
 ROOT = Path(__file__).parents[2]
 

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from adaptsize import PointSource, mesh_image, size_function
 from adaptsize.background import Image
-from adaptsize.errors import ImageWarning, ResolutionWarning, TooManyElementsError
+from adaptsize.errors import InputWarning, ResolutionWarning, TooManyElementsError
 from adaptsize.limiting import limit_gradient
 
 SHAPE = (100, 80)
@@ -122,7 +122,7 @@ def test_point_sources_count(image, at, h):
 def test_bars_of_three_pixels_stay_and_lines_of_two_go():
     image = block(slice(5, 35), slice(5, 8)) | block(slice(5, 35), slice(15, 17))
     with pytest.warns(
-        ImageWarning, match=r"smoothing removes 1 of 2 objects, the largest of 60 pixels"
+        InputWarning, match=r"smoothing removes 1 of 2 objects, the largest of 60 pixels"
     ):
         mesh = mesh_image(image, hmin=1.0)
     assert mesh.points[:, 1].max() < 9.0
@@ -221,7 +221,7 @@ def test_a_threshold_cuts_grey_values():
 @pytest.mark.parametrize("turn", [0, 1])
 def test_objects_at_the_border_end_there_with_a_warning(turn):
     image = np.rot90(block(slice(0, 20), slice(8, 22)), turn)
-    with pytest.warns(ImageWarning, match="reach the border of the image at 14 pixels"):
+    with pytest.warns(InputWarning, match="reach the border of the image at 14 pixels"):
         mesh = mesh_image(image)
     # Pixels reach half a pixel beyond their centres, and corners are rounded.
     assert mesh.measures.sum() == pytest.approx(20 * 14, rel=0.04)

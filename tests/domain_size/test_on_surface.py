@@ -23,7 +23,7 @@ from adaptsize import (
     size_function,
 )
 from adaptsize.background.splitting import split_edges
-from adaptsize.errors import OutsideWarning, ResolutionWarning
+from adaptsize.errors import InputWarning, ResolutionWarning
 
 DATA = Path(__file__).parents[2] / "data"
 
@@ -279,7 +279,7 @@ def test_a_size_along_a_tagged_edge_of_a_surface_is_kept_by_its_refinement():
 )
 def test_a_source_that_no_node_of_the_surface_is_near_is_reported(source):
     kind = type(source).__name__
-    with pytest.warns(OutsideWarning, match=rf"{kind} requests the size 0\.1 at \(0, 0, .*off the"):
+    with pytest.warns(InputWarning, match=rf"{kind} requests the size 0\.1 at \(0, 0, .*off the"):
         size_function(cylinder(12), sources=source, hmax=2, elements_across=0)
 
 

@@ -17,10 +17,8 @@ from scipy.spatial.transform import Rotation
 from solids import box, outline
 
 from adaptsize import SimplexMesh
-from adaptsize.geometry import (
-    crease_edges,
-    curvature,
-)
+from adaptsize.geometry import curvature
+from adaptsize.geometry.faces import crease_edges
 
 
 def circle(n, seed, radius=1.0):

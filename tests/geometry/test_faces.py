@@ -8,8 +8,7 @@ from shapes import block
 from solids import circle, hull, outline
 
 from adaptsize import SimplexMesh
-from adaptsize.geometry import tag_faces
-from adaptsize.geometry.faces import Faces
+from adaptsize.geometry.faces import Faces, tag_faces
 
 CUBE = block(3).boundary().mesh
 

@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 
 from adaptsize import SimplexMesh, read, write
 from adaptsize._formats import blocks
-from adaptsize.errors import MeshFileError, MeshRepairWarning
+from adaptsize.errors import InputWarning, MeshFileError
 
 CUBE = np.array([[x, y, z] for z in (0, 1) for x, y in SQUARE], dtype=float)  # as VTK numbers it
 
@@ -17,7 +17,7 @@ CUBE = np.array([[x, y, z] for z in (0, 1) for x, y in SQUARE], dtype=float)  # 
 def test_quadrilaterals_are_cut_along_the_shorter_diagonal(tmp_path):
     points = [[0, 0, 0], [3, 0, 0], [4, 1, 0], [1, 1, 0]]  # 0-2 is longer than 1-3
     file = write_raw(tmp_path / "quad.vtu", points, [("quad", [[0, 1, 2, 3]])])
-    with pytest.warns(MeshRepairWarning, match="1 quadrilaterals split into 2 triangles"):
+    with pytest.warns(InputWarning, match="1 quadrilaterals split into 2 triangles"):
         mesh = read(file)
     assert {frozenset(cell) for cell in mesh.cells.tolist()} == {
         frozenset({1, 2, 3}),
@@ -31,7 +31,7 @@ def test_a_dented_quadrilateral_is_cut_inside(tmp_path, turn):
     # two triangles of base sqrt(0.08) along the diagonal, each 0.5 * 0.2 * 1.
     ring = np.roll([[0, 0, 0], [1, 0, 0], [0.2, 0.2, 0], [0, 1, 0]], turn, axis=0)
     file = write_raw(tmp_path / "dart.vtu", ring, [("quad", [[0, 1, 2, 3]])])
-    with pytest.warns(MeshRepairWarning):
+    with pytest.warns(InputWarning):
         mesh = read(file)
     assert (mesh.signed_measures > 0).all()
     assert mesh.measures.sum() == pytest.approx(0.2, rel=1e-14)
@@ -98,7 +98,7 @@ def test_split_hexahedra_carry_their_tags_fields_and_boundary_quads(tmp_path):
         [("hexahedron", cells), ("quad", bottom)],
         cell_data={"region": [tags, np.full(4, 5)], "rho": [tags / 2, np.zeros(4)]},
     )
-    with pytest.warns(MeshRepairWarning, match="8 hexahedra split into 48 tetrahedra"):
+    with pytest.warns(InputWarning, match="8 hexahedra split into 48 tetrahedra"):
         mesh = read(file)
     assert_array_equal(mesh.cell_tags, np.repeat(tags, 6))
     assert_array_equal(mesh.cell_data["rho"], np.repeat(tags / 2, 6))
@@ -120,7 +120,7 @@ def test_cells_of_higher_order_are_reduced_to_their_corners(
         [(cell_type, [range(n_nodes)])],
         point_data={"x": points[:, 0]},
     )
-    with pytest.warns(MeshRepairWarning, match="reduced to their corners"):
+    with pytest.warns(InputWarning, match="reduced to their corners"):
         mesh = read(file)
     # The node of no cell at all stays, the mid-side nodes go.
     kept = points[[*range(n_corners), n_nodes]]
@@ -217,7 +217,7 @@ def test_tagged_facets_that_bound_no_cell_are_dropped_and_counted(tmp_path):
         [("triangle", TWO_TRIANGLES), ("line", [[1, 0], [1, 3], [2, 4]])],
         cell_data={"tag": [np.array([0, 0]), np.array([5, 6, 7])]},
     )
-    with pytest.warns(MeshRepairWarning, match="2 tagged facets that bound no cell dropped"):
+    with pytest.warns(InputWarning, match="2 tagged facets that bound no cell dropped"):
         mesh = read(file)
     assert_array_equal(mesh.tagged_facets, [[1, 0]])
     assert_array_equal(mesh.facet_tags, [5])

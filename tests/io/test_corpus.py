@@ -13,7 +13,7 @@ from numpy.testing import assert_array_equal
 from adaptsize import SimplexMesh, read
 from adaptsize.errors import MeshFileError
 
-pytestmark = pytest.mark.filterwarnings("ignore::adaptsize.errors.MeshRepairWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::adaptsize.errors.InputWarning")
 
 _RNG = np.random.default_rng(7411)
 TETRAHEDRA = np.array([[0, 1, 2, 3], [1, 2, 3, 4], [2, 3, 4, 5]])

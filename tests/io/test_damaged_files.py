@@ -146,7 +146,7 @@ WHOLE_FILES = {
 
 
 @pytest.mark.parametrize("name", WHOLE_FILES)
-@pytest.mark.filterwarnings("ignore::adaptsize.errors.MeshRepairWarning")
+@pytest.mark.filterwarnings("ignore::adaptsize.errors.InputWarning")
 def test_a_file_cut_at_any_byte_is_refused_or_read_completely(tmp_path, name):
     file = tmp_path / name
     WHOLE_FILES[name](file)

@@ -6,7 +6,7 @@ from numpy.testing import assert_array_equal
 
 from adaptsize import read
 from adaptsize.cli.entry import run
-from adaptsize.errors import MeshFileError, MeshRepairWarning
+from adaptsize.errors import InputWarning, MeshFileError
 
 VTU_PIECE = """<Piece NumberOfPoints="3" NumberOfCells="1"><Points>
 <DataArray type="Float64" NumberOfComponents="3" format="ascii">{}</DataArray></Points><Cells>
@@ -56,7 +56,7 @@ def test_gmsh_2_files_with_element_fields_are_read_without_them(tmp_path):
         "$Elements\n2\n1 1 2 4 1 1 2\n2 2 2 6 1 1 2 3\n$EndElements\n"
         '$ElementData\n1\n"q"\n1\n0\n3\n0\n1\n2\n1 0.5\n2 0.25\n$EndElementData\n'
     )
-    with pytest.warns(MeshRepairWarning, match="ElementData"):
+    with pytest.warns(InputWarning, match="ElementData"):
         mesh = read(file)
     assert_array_equal(mesh.cell_tags, [6])
     assert_array_equal(mesh.facet_tags, [4])
@@ -85,7 +85,7 @@ def test_gmsh_4_files_give_physical_groups(tmp_path):
         "f 1/1 2/2 3/3\nf 1/2 3/1 4/1",  # texture seam: still one node per corner
     ],
 )
-@pytest.mark.filterwarnings("ignore::adaptsize.errors.MeshRepairWarning")
+@pytest.mark.filterwarnings("ignore::adaptsize.errors.InputWarning")
 def test_obj_faces_in_all_spellings_give_the_same_surface(tmp_path, faces):
     corners = "v 0 0 0\nv 1 0 0\nv 1 1 1\nv 0 1 1\nvt 0 0\nvt 1 0\nvt 1 1\nvn 0 0 1\n"
     file = tmp_path / "square.obj"
@@ -102,7 +102,7 @@ def test_off_with_comments_colours_and_polygons_is_read(tmp_path):
         "COFF # by hand\n5 1 0\n0 0 1 9 9 9\n1 0 1 9 9 9 # corner\n2 0.5 1 9 9 9\n"
         "1 1 1 9 9 9\n0 1 1 9 9 9\n5 0 1 2 3 4 0.5 0.5 0.5\n"
     )
-    with pytest.warns(MeshRepairWarning, match="1 polygons split into 3 triangles"):
+    with pytest.warns(InputWarning, match="1 polygons split into 3 triangles"):
         mesh = read(file)
     assert {2} < set(mesh.cells.ravel().tolist())
     assert mesh.n_cells == 3

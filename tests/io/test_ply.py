@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from adaptsize import read
-from adaptsize.errors import MeshRepairWarning
+from adaptsize.errors import InputWarning
 
 PLY_OF_ALL_TYPES = """ply
 format ascii 1.0
@@ -64,7 +64,7 @@ def test_ply_elements_lists_and_fields_of_all_kinds_are_read(tmp_path, order):
     file = tmp_path / "a.ply"
     content = PLY_OF_ALL_TYPES
     file.write_bytes(content.encode() if order == "ascii" else as_binary_ply(content, order))
-    with pytest.warns(MeshRepairWarning, match="1 quadrilaterals split"):
+    with pytest.warns(InputWarning, match="1 quadrilaterals split"):
         mesh = read(file)
     assert mesh.points.tolist() == [[0, 0, 1], [1, 0, 1], [2, 0.5, 1], [1, 1, 1], [0, 1, 1]]
     cells, tags = mesh.cells.tolist(), mesh.cell_tags.tolist()

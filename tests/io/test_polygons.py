@@ -11,7 +11,7 @@ from command_line import call
 
 import adaptsize as ads
 from adaptsize import polygons, read
-from adaptsize.errors import MeshFileError, MeshRepairWarning, UnitWarning
+from adaptsize.errors import InputWarning, MeshFileError
 
 SQUARE = np.array([(0, 0), (4, 0), (4, 4), (0, 4)], float)
 TRIANGLE = np.array([(1, 1), (2, 1), (2, 2)], float)
@@ -110,7 +110,7 @@ def test_names_belong_to_their_parts_of_the_boundary():
 
 def test_other_objects_give_the_same_domain():
     mesh = polygons(SQUARE, holes=[TRIANGLE])
-    with pytest.warns(UnitWarning, match="look like longitude and latitude"):
+    with pytest.warns(InputWarning, match="look like longitude and latitude"):
         of_shapely = polygons(shapely.Polygon(SQUARE, [TRIANGLE]))
     np.testing.assert_array_equal(of_shapely.points, mesh.points)
     of_segments = polygons(mesh.boundary().mesh)
@@ -122,9 +122,7 @@ def test_lines_are_simplified_within_the_tolerance_and_their_ends_stay():
     shore = np.column_stack([x, np.sin(x) + 0.02 * np.sin(100.0 * x)])
     sea = [shore[-1], (8.0, -6.0), (0.0, -6.0), shore[0]]
     rocks = [TRIANGLE - (0.0, 5.0), 0.01 * TRIANGLE + (4.0, -3.0)]
-    with pytest.warns(
-        MeshRepairWarning, match=r"1 rings in circles of the tolerance, 0\.\d+, left"
-    ):
+    with pytest.warns(InputWarning, match=r"1 rings in circles of the tolerance, 0\.\d+, left"):
         mesh = polygons({"land": shore, "open": sea}, holes={"rock": rocks}, tolerance=5e-3)
     length = 5e-3 * np.hypot(8.0, 6.0 + shore[:, 1].max())
     facets = mesh.tagged_facets[mesh.facet_tags == 1]
@@ -183,7 +181,7 @@ def test_lines_that_are_no_rings_are_refused_with_the_place(case):
 
 
 def test_repeated_points_are_merged_with_a_warning():
-    with pytest.warns(MeshRepairWarning, match=r"^2 points that repeat .* the first at \(4, 4\)"):
+    with pytest.warns(InputWarning, match=r"^2 points that repeat .* the first at \(4, 4\)"):
         mesh = polygons(np.repeat(SQUARE, [1, 1, 3, 1], axis=0))
     assert mesh.measures.sum() == pytest.approx(16.0)
 
@@ -209,7 +207,7 @@ def test_sizes_follow_from_the_shape_and_from_sources_far_from_the_boundary():
     assert size([[2.0, 8.0]])[0] > 1.2
     new = ads.remesh(mesh, ads.size_function(mesh, hmin=0.05, hmax=1.0))
     assert new.measures.sum() == pytest.approx(mesh.measures.sum(), rel=1e-3)
-    assert ads.quality.minimum_angles(new).min() > 15.0
+    assert new.minimum_angles().min() > 15.0
 
 
 def test_a_step_between_sides_of_one_segment_each_is_resolved():
@@ -286,7 +284,7 @@ FILES = {
 }
 
 
-@pytest.mark.filterwarnings("ignore::adaptsize.errors.MeshRepairWarning")
+@pytest.mark.filterwarnings("ignore::adaptsize.errors.InputWarning")
 @pytest.mark.parametrize("name", FILES)
 def test_files_give_the_domain_and_the_names(tmp_path, name):
     FILES[name](tmp_path / name)
@@ -302,23 +300,23 @@ def test_files_give_the_domain_and_the_names(tmp_path, name):
 
 def test_what_is_left_out_is_reported(tmp_path):
     geojson_polygon(tmp_path / "a.geojson")
-    with pytest.warns(MeshRepairWarning, match=r"1 points left out, the first in features\[2\]"):
+    with pytest.warns(InputWarning, match=r"1 points left out, the first in features\[2\]"):
         read(tmp_path / "a.geojson")
     shapes(tmp_path / "a.shp")
-    with pytest.warns(MeshRepairWarning, match="1 shapes that are no polygons or lines left out"):
+    with pytest.warns(InputWarning, match="1 shapes that are no polygons or lines left out"):
         read(tmp_path / "a.shp")
 
 
 def test_degrees_draw_a_warning_unless_the_file_names_other_coordinates(tmp_path):
     data = feature("Polygon", [RINGS["wall"].tolist()])
     (tmp_path / "a.geojson").write_text(json.dumps(data))
-    with pytest.warns(UnitWarning, match="project them to a plane first"):
+    with pytest.warns(InputWarning, match="project them to a plane first"):
         read(tmp_path / "a.geojson")
     shapes(tmp_path / "b.shp")
     (tmp_path / "b.prj").write_text('GEOGCS["GCS_WGS_1984",DATUM["D_WGS_1984"]]')
     with (
-        pytest.warns(UnitWarning, match="project them to a plane first"),
-        pytest.warns(MeshRepairWarning),
+        pytest.warns(InputWarning, match="project them to a plane first"),
+        pytest.warns(InputWarning),
     ):
         read(tmp_path / "b.shp")
 
@@ -351,7 +349,7 @@ DAMAGED = {
 }
 
 
-@pytest.mark.filterwarnings("ignore::adaptsize.errors.UnitWarning")
+@pytest.mark.filterwarnings("ignore::adaptsize.errors.InputWarning")
 @pytest.mark.parametrize("name", DAMAGED)
 def test_damaged_files_are_refused_in_one_line(tmp_path, name):
     text, message = DAMAGED[name]

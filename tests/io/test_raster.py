@@ -12,8 +12,9 @@ import tifffile
 from PIL import Image as Pillow
 
 from adaptsize._formats import raster
-from adaptsize.errors import ImageWarning, MeshFileError
-from adaptsize.io import Image, is_image_file, read_image
+from adaptsize._formats.raster import is_image_file
+from adaptsize.errors import InputWarning, MeshFileError
+from adaptsize.io import Image, read_image
 
 
 def corner(shape=(7, 5), dtype=np.uint8):
@@ -143,7 +144,7 @@ def test_volumes_lie_where_the_file_says_along_the_axes_of_space(tmp_path, name,
 def test_volumes_that_are_askew_keep_their_own_axes_with_a_warning(tmp_path, name, write):
     c, s = np.cos(0.3), np.sin(0.3)
     write(tmp_path / name, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) * 1.5)
-    with pytest.warns(ImageWarning, match="oblique in space"):
+    with pytest.warns(InputWarning, match="oblique in space"):
         image = read_image(tmp_path / name)
     np.testing.assert_array_equal(image.values, volume())
     np.testing.assert_allclose(image.spacing, 1.5, rtol=1e-6)

@@ -10,7 +10,7 @@ from stl_files import ASCII_STL, binary_stl
 
 from adaptsize import read
 from adaptsize.background.merging import merge_equal_points
-from adaptsize.errors import MeshRepairWarning
+from adaptsize.errors import InputWarning
 
 
 def test_ascii_stl_corners_are_merged_where_equal_and_minus_zero_is_zero(tmp_path):
@@ -47,7 +47,7 @@ def test_stl_triangles_with_a_repeated_corner_are_dropped_and_counted(tmp_path):
     corners = np.random.default_rng(7311).random((6, 3, 3))
     corners[[1, 4], 2] = corners[[1, 4], 0]
     file.write_bytes(binary_stl(corners))
-    with pytest.warns(MeshRepairWarning, match=r"degenerate\.stl: 2 cells .* dropped"):
+    with pytest.warns(InputWarning, match=r"degenerate\.stl: 2 cells .* dropped"):
         mesh = read(file)
     assert mesh.n_cells == 4
     assert_array_equal(np.unique(mesh.cells), np.arange(mesh.n_points))  # no node left over

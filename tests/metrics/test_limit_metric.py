@@ -7,7 +7,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import Delaunay
 
 import adaptsize as ads
-from adaptsize.metrics import Metric, MetricLimitingInfo, isotropic_metric, limit_metric
+from adaptsize.metrics import Metric, limit_metric
+from adaptsize.metrics.limit import MetricLimitingInfo
 
 G = 0.3
 
@@ -88,7 +89,7 @@ def test_a_node_without_any_guess_lists_sources_in_parts():
 def test_one_dimension_is_that_of_sizes():
     grid = ads.CartesianGrid(origin=[0.0], spacing=1 / 512, shape=(513,))
     h = np.random.default_rng(1953).uniform(0.05, 1.0, 513)
-    limited = limit_metric(grid, isotropic_metric(h, 1), G)
+    limited = limit_metric(grid, Metric.isotropic(h, 1), G)
     expected = ads.limit_gradient(grid, h, G, method=ads.limiting.Exact(face_sources=False))
     assert_allclose(limited.sizes[:, 0], expected, rtol=1e-13)
 
@@ -97,7 +98,7 @@ def test_one_dimension_is_that_of_sizes():
 def test_isotropic_metrics_are_limited_as_sizes(dim):
     mesh, rng = random_mesh(29, 300, dim)
     h = np.where(rng.random(mesh.n_points) < 0.5, 10.0 ** rng.uniform(-2, 0, mesh.n_points), np.inf)
-    limited = limit_metric(mesh, isotropic_metric(h, dim), G)
+    limited = limit_metric(mesh, Metric.isotropic(h, dim), G)
     expected = ads.limit_gradient(mesh, h, G, method=ads.limiting.Exact(face_sources=False))
     assert_allclose(limited.sizes, np.repeat(expected[:, None], dim, axis=1), rtol=1e-13)
 
@@ -120,7 +121,7 @@ def test_inactive_nodes_of_a_grid_have_no_bound_and_no_effect():
     active[3, 3] = False
     grid = ads.CartesianGrid([0.0, 0.0], 0.25, (4, 4), active=active)
     h = np.where(active, 1.0, 0.01).ravel()
-    limited = limit_metric(grid, isotropic_metric(h, 2), G)
+    limited = limit_metric(grid, Metric.isotropic(h, 2), G)
     assert_array_equal(limited.sizes[:-1], 1.0)
     assert np.isinf(limited.sizes[-1]).all()
 
@@ -175,7 +176,7 @@ def test_info_counts_sources():
 def test_g_zero_spreads_the_smallest_sizes():
     mesh, _ = random_mesh(59, 30, 2)
     h = np.linspace(0.5, 1.0, mesh.n_points)
-    assert_array_equal(limit_metric(mesh, isotropic_metric(h, 2), 0.0).sizes, 0.5)
+    assert_array_equal(limit_metric(mesh, Metric.isotropic(h, 2), 0.0).sizes, 0.5)
 
 
 def test_metrics_without_a_bound_in_one_direction():
@@ -194,14 +195,14 @@ def test_metrics_without_a_bound_in_one_direction():
         ({"g": -0.1}, "g must be finite and >= 0"),
         ({"g": np.full(30, 0.3)}, "g must be one number"),
         ({"g": lambda h: 0.3}, "g must be one number"),
-        ({"metric": isotropic_metric([1.0, 1.0], 2)}, "metric must have 30 nodes in 2-D"),
-        ({"metric": isotropic_metric(np.full(30, np.inf), 2)}, "must have a finite size"),
+        ({"metric": Metric.isotropic([1.0, 1.0], 2)}, "metric must have 30 nodes in 2-D"),
+        ({"metric": Metric.isotropic(np.full(30, np.inf), 2)}, "must have a finite size"),
         ({"metric": np.ones(30)}, "metric must be a Metric"),
         ({"background": 3}, "background must be a SimplexMesh, a CartesianGrid or an Octree"),
     ],
 )
 def test_bad_arguments_are_refused(arguments, message):
     mesh, _ = random_mesh(67, 30, 2)
-    given = {"background": mesh, "metric": isotropic_metric(np.ones(30), 2), "g": G, **arguments}
+    given = {"background": mesh, "metric": Metric.isotropic(np.ones(30), 2), "g": G, **arguments}
     with pytest.raises(ValueError, match=message):
         limit_metric(given.pop("background"), given.pop("metric"), given.pop("g"), **given)

@@ -6,7 +6,7 @@ from metric_oracle import excess, largest_inscribed, largest_ratio, random_metri
 from numpy.testing import assert_allclose, assert_array_equal
 
 import adaptsize as ads
-from adaptsize.metrics import Metric, isotropic_metric
+from adaptsize.metrics import Metric
 
 DECADES = [0.0, 1e-8, 0.1, 1.0, 3.0, 6.0]  # condition numbers of M up to 1e12
 
@@ -33,7 +33,7 @@ def test_lengths_are_the_inverse_root_of_the_matrices():
     identity = np.broadcast_to(np.eye(3), length.shape)
     assert_allclose(length @ metric.matrices @ length, identity, atol=1e-12)
     with pytest.raises(ValueError, match=r"sizes must be finite for `lengths`, got sizes\[1, 0\]"):
-        _ = isotropic_metric([1.0, np.inf], 2).lengths
+        _ = Metric.isotropic([1.0, np.inf], 2).lengths
 
 
 def test_size_along_is_the_length_of_unit_edges():
@@ -42,12 +42,12 @@ def test_size_along_is_the_length_of_unit_edges():
     size = metric.size_along(u)
     edge = size[:, None] * u / np.linalg.norm(u, axis=1)[:, None]
     assert_allclose(np.einsum("ni,nij,nj->n", edge, metric.matrices, edge), 1.0, rtol=1e-9)
-    assert_array_equal(isotropic_metric([np.inf], 2).size_along([3.0, 4.0]), [np.inf])
+    assert_array_equal(Metric.isotropic([np.inf], 2).size_along([3.0, 4.0]), [np.inf])
 
 
 def test_edge_lengths_integrate_a_geometric_size():
     # h = 0.1 * 4^x between two points at distance 1: the integral of 1 / h.
-    metric = isotropic_metric([0.1, 0.4, 0.1], 2)
+    metric = Metric.isotropic([0.1, 0.4, 0.1], 2)
     points = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
     found = metric.edge_lengths(points, [[0, 1], [0, 2], [1, 1]])
     assert_allclose(found, [7.5 / np.log(4.0), 10.0, 0.0], rtol=1e-14)
@@ -55,7 +55,7 @@ def test_edge_lengths_integrate_a_geometric_size():
 
 def test_the_logarithmic_mean_is_smooth_where_lengths_are_nearly_equal():
     for share in (0.9e-4, 1.1e-4):
-        metric = isotropic_metric([1.0, 1.0 / (1.0 - share)], 2)
+        metric = Metric.isotropic([1.0, 1.0 / (1.0 - share)], 2)
         found = metric.edge_lengths([[0.0, 0.0], [1.0, 0.0]], [[0, 1]])[0]
         assert_allclose(found, share / -np.log1p(-share), rtol=1e-14)
 
@@ -95,7 +95,7 @@ def test_interpolation_is_geometric_and_keeps_nodal_values():
     logs = np.log(metric.density[:3]) @ [0.2, 0.3, 0.5]
     assert_allclose(np.log(mean.density), logs)
     assert largest_ratio(metric.interpolate([[4, 1]], [[1.0, 0.0]]), metric[[4]]) < 1e-9
-    free = isotropic_metric([0.5, np.inf], 2)
+    free = Metric.isotropic([0.5, np.inf], 2)
     assert_array_equal(free.interpolate([[0, 1]], [[1.0, 0.0]]).sizes, [[0.5, 0.5]])
     assert_array_equal(free.interpolate([[0, 1]], [[0.5, 0.5]]).sizes, [[np.inf, np.inf]])
 
@@ -115,7 +115,7 @@ def test_the_intersection_of_two_touches_both(dim, decades):
 def test_the_intersection_with_a_metric_nowhere_above_is_exact(dim):
     a = random_metric(np.random.default_rng(23), 100, dim, 4.0)
     assert largest_ratio(a.intersect(a), a) < 1e-11
-    for other in (a.scaled(2.0), isotropic_metric(np.full(100, np.inf), dim)):
+    for other in (a.scaled(2.0), Metric.isotropic(np.full(100, np.inf), dim)):
         both = a.intersect(other)
         assert_array_equal(both.sizes, a.sizes)
         assert_array_equal(both.directions, a.directions)

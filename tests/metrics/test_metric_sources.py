@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import Delaunay
 
 import adaptsize as ads
-from adaptsize.metrics import Metric, predicted_simplices
+from adaptsize.metrics import Metric
 
 
 def square(n, dim=2):
@@ -63,7 +63,7 @@ def test_the_target_number_of_elements_is_met_after_the_limits(norm):
     metric = ads.metric_from_hessian(
         mesh, values, elements=3000, norm=norm, hmin=0.005, hmax=0.3, max_aspect=20.0
     )
-    assert_allclose(predicted_simplices(mesh, metric), 3000, rtol=1e-3)
+    assert_allclose(metric.predicted_elements(mesh), 3000, rtol=1e-3)
     assert metric.sizes.min() >= 0.005
     assert metric.sizes.max() <= 0.3
     assert metric.aspect_ratio.max() <= 20.0 * (1.0 + 1e-12)

@@ -8,7 +8,7 @@ from metric_oracle import largest_ratio, limited_by_all, random_metric
 from numpy.testing import assert_allclose, assert_array_equal
 
 import adaptsize as ads
-from adaptsize.metrics import Metric, isotropic_metric, limit_metric
+from adaptsize.metrics import Metric, limit_metric
 
 G = 0.3
 DOMAINS = {f.__name__: f for f in (slit_square, star_holes, maze, l_shape)}
@@ -58,7 +58,7 @@ def test_a_component_without_a_bound_has_none():
     mesh = ads.SimplexMesh(
         np.vstack([square, square + np.array([3.0, 0.0])]), np.vstack([cells, cells + 4])
     )
-    limited = limit_metric(mesh, isotropic_metric([0.1] + [np.inf] * 7, 2), G)
+    limited = limit_metric(mesh, Metric.isotropic([0.1] + [np.inf] * 7, 2), G)
     assert np.isfinite(limited.sizes[:4]).all()
     assert np.isinf(limited.sizes[4:]).all()
 

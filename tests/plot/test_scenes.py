@@ -5,7 +5,7 @@ import pytest
 from meshes import jittered_cube, structured_square
 from shapes import block, two_region_rectangle
 
-from adaptsize import CartesianGrid, Metric, SimplexMesh, isotropic_metric
+from adaptsize import CartesianGrid, Metric, SimplexMesh
 from adaptsize.background import Octree
 from adaptsize.plot.ellipsoids import scene_of_metric
 from adaptsize.plot.scene import scene_of_grid, scene_of_mesh, scene_of_octree
@@ -182,5 +182,5 @@ def test_glyphs_have_the_proportions_and_directions_of_the_sizes(mesh, n_corners
 
 def test_some_glyph_is_drawn_where_no_node_is_near_the_cut():
     mesh = SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
-    scene = scene_of_metric(mesh, isotropic_metric(np.full(4, 0.1), 3), 10_000, "y")
+    scene = scene_of_metric(mesh, Metric.isotropic(np.full(4, 0.1), 3), 10_000, "y")
     assert len(scene.points) > 0

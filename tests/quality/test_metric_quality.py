@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from shapes import block, two_region_rectangle
 
-from adaptsize import Metric, SimplexMesh, isotropic_metric, size_conformity
-from adaptsize.metrics import implied_metric
-from adaptsize.quality import metric_qualities
+from adaptsize import Metric, SimplexMesh, size_conformity
+from adaptsize.metrics.implied import implied_metric
+from adaptsize.quality.metric import metric_qualities
 
 REGULAR = {
     2: [[0, 0], [1, 0], [0.5, np.sqrt(3) / 2]],
@@ -58,9 +58,9 @@ def test_quality_does_not_change_if_space_and_metric_are_mapped_together(mesh):
 def test_the_mean_ratio_of_a_right_triangle():
     # J^T J of a triangle with the legs a = b = 1: q = 2 sqrt(det) / trace = sqrt(3) / 2.
     mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
-    assert metric_qualities(mesh, isotropic_metric([1, 1, 1], 2)) == pytest.approx(np.sqrt(0.75))
+    assert metric_qualities(mesh, Metric.isotropic([1, 1, 1], 2)) == pytest.approx(np.sqrt(0.75))
     flat = SimplexMesh([[0, 0], [1, 0], [2, 0]], [[0, 1, 2]])
-    assert metric_qualities(flat, isotropic_metric([1, 1, 1], 2)) == [0.0]
+    assert metric_qualities(flat, Metric.isotropic([1, 1, 1], 2)) == [0.0]
 
 
 def test_a_triangle_in_space_counts_the_metric_of_its_plane():
@@ -73,7 +73,7 @@ def test_a_triangle_in_space_counts_the_metric_of_its_plane():
 
 def test_the_report_has_the_metric():
     mesh = two_region_rectangle(3)
-    metric = isotropic_metric(np.full(mesh.n_points, 1.0 / 3.0), 2)
+    metric = Metric.isotropic(np.full(mesh.n_points, 1.0 / 3.0), 2)
     conformity = size_conformity(mesh, metric)
     assert "quality in the metric: min 0.866" in str(conformity)
     assert conformity.metric.complexity == pytest.approx(18.0)  # area 2, size 1/3
@@ -87,9 +87,9 @@ def test_the_report_has_the_metric():
 def test_a_metric_that_does_not_fit_is_refused():
     mesh = two_region_rectangle(3)
     with pytest.raises(ValueError, match="metric must have 28 nodes in 2-D"):
-        size_conformity(mesh, isotropic_metric([1.0, 1.0], 2))
+        size_conformity(mesh, Metric.isotropic([1.0, 1.0], 2))
     with pytest.raises(ValueError, match="must be finite in all directions"):
-        size_conformity(mesh, isotropic_metric(np.full(28, np.inf), 2))
+        size_conformity(mesh, Metric.isotropic(np.full(28, np.inf), 2))
     surface = block(1).boundary().mesh
     with pytest.raises(ValueError, match="triangles in the plane or tetrahedra"):
         implied_metric(surface)

@@ -10,7 +10,7 @@ from meshes import jittered_cube, random_sphere, structured_square
 from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import SimplexMesh, SizeFunction, size_conformity
-from adaptsize.quality import minimum_angles, radius_ratios
+from adaptsize.quality.elements import minimum_angles, radius_ratios
 
 # Corners, radius ratio, smallest (dihedral) angle in degrees.
 EXACT = {

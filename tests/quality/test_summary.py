@@ -3,7 +3,7 @@
 import json
 
 from adaptsize import SimplexMesh
-from adaptsize.quality import summarize
+from adaptsize.quality.summary import summarize
 
 NAMED = SimplexMesh(
     [[0, 0], [1, 0], [1, 1], [0, 1]],

@@ -8,7 +8,7 @@ from fake_generators import FakeBackend
 from shapes import block, two_region_rectangle
 
 from adaptsize import SimplexMesh, SizeFunction, remesh
-from adaptsize.errors import BackendUnavailableError, MeshRepairWarning, TooManyElementsError
+from adaptsize.errors import BackendUnavailableError, InputWarning, TooManyElementsError
 from adaptsize.remeshing import available_backends, register_backend, registry
 from adaptsize.remeshing.preparation import MERGE_DISTANCE, repair_mesh
 from adaptsize.remeshing.sizing import sample_in_box
@@ -124,7 +124,7 @@ def test_soup_is_repaired_and_the_repairs_are_counted():
     soup = triangle_soup()
     cube = CUBE.boundary().mesh
     message = f"{soup.n_points - cube.n_points} duplicate points merged, 2 degenerate or duplicate"
-    with pytest.warns(MeshRepairWarning, match=message):
+    with pytest.warns(InputWarning, match=message):
         repaired = repair_mesh(soup)
     assert (repaired.mesh.n_points, repaired.mesh.n_cells) == (cube.n_points, cube.n_cells)
     assert repaired.mesh.is_closed
@@ -137,7 +137,7 @@ def test_points_closer_than_the_merge_distance_are_one_across_a_lattice_border()
     border = np.floor(1.0 / merge_distance) + 0.5  # where rounding to a lattice changes
     x = (border + np.array([-0.1, 0.1])) * merge_distance
     points = [[0, 0, 0], [0, 2, 0], [x[0], 0, 0], [x[1], 0, 0], [0, 2, 0], [1, 2, 0]]
-    with pytest.warns(MeshRepairWarning, match="2 duplicate points merged, 0 degenerate"):
+    with pytest.warns(InputWarning, match="2 duplicate points merged, 0 degenerate"):
         repaired = repair_mesh(SimplexMesh(points, [[0, 2, 1], [3, 5, 4]])).mesh
     assert repaired.n_points == 4
 

@@ -12,7 +12,7 @@ from solids import hull
 from adaptsize import SimplexMesh, remesh, size_conformity
 from adaptsize.errors import BackendError, OpenSurfaceWarning, ResolutionWarning
 from adaptsize.geometry.enclosed import is_oriented
-from adaptsize.quality import minimum_angles
+from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing import driver, first_volume, mmg, netgen
 from adaptsize.remeshing.first_volume import adapt_surface
 from adaptsize.remeshing.isolation import IsolatedRunner

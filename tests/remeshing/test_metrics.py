@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from shapes import block, two_region_block, two_region_rectangle
 
-from adaptsize import Metric, SimplexMesh, isotropic_metric, remesh, size_conformity
-from adaptsize.metrics import MetricFunction, implied_metric, predicted_simplices
+from adaptsize import Metric, SimplexMesh, remesh, size_conformity
+from adaptsize.metrics import MetricFunction
+from adaptsize.metrics.implied import implied_metric
 
 pytest.importorskip("mmgpy")
 
@@ -52,7 +53,7 @@ def test_edges_have_the_requested_length_in_every_direction(job):
         assert np.median(along[mainly, axis]) == pytest.approx(size, rel=0.2)
     # Measured .97 and 1.5 cells per cell that the complexity predicts.
     given = constant(sizes, turned(mesh.dim), mesh.n_points)
-    assert 0.8 < new.n_cells / predicted_simplices(mesh, given) < 1.7
+    assert 0.8 < new.n_cells / given.predicted_elements(mesh) < 1.7
 
 
 def test_a_surface_is_stretched_along_its_axis():
@@ -128,7 +129,7 @@ def test_what_cannot_be_made_is_refused():
     with pytest.raises(ValueError, match=r"size\(points\) must be a Metric with 15 nodes"):
         remesh(mesh, lambda x: metric[:1])
     surface = block(1).boundary().mesh
-    of_surface = isotropic_metric(np.full(surface.n_points, 0.2), 3)
+    of_surface = Metric.isotropic(np.full(surface.n_points, 0.2), 3)
     with pytest.raises(ValueError, match="backend 'gmsh' cannot follow a Metric"):
         remesh(surface, of_surface, target="triangles", backend="gmsh")
     with pytest.raises(ValueError, match="must not be a Metric for a surface to be filled"):

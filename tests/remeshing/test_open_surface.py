@@ -7,7 +7,8 @@ from shapes import CUBE_CELLS
 
 from adaptsize import SimplexMesh
 from adaptsize.errors import OpenSurfaceWarning
-from adaptsize.remeshing import close_holes, near_bodies, open_boundary
+from adaptsize.remeshing.hole_filling import close_holes
+from adaptsize.remeshing.surface_checks import near_bodies, open_boundary
 
 CORNERS = UNIT * [2.0, 1.0, 1.0]
 CUBE = CUBE_CELLS.tolist()

@@ -10,8 +10,7 @@ from solids import hull
 
 from adaptsize import SimplexMesh, size_function
 from adaptsize.errors import OpenSurfaceWarning
-from adaptsize.remeshing import near_bodies, overlapping_bodies
-from adaptsize.remeshing.surface_checks import warn_of_surface
+from adaptsize.remeshing.surface_checks import near_bodies, overlapping_bodies, warn_of_surface
 
 
 def boxes(*bounds, at=0.0):

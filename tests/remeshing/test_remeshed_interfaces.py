@@ -12,8 +12,8 @@ from adaptsize import SimplexMesh, check_mesh, remesh, size_function
 from adaptsize._kernels.smoothing import fill_quality
 from adaptsize.background.splitting import bisect_edges
 from adaptsize.background.topology import are_among
-from adaptsize.quality import minimum_angles
 from adaptsize.quality.boundary import distances_from, interface_distances, region_measures
+from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.surface import facets_of
 

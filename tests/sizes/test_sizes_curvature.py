@@ -8,8 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh, size_from_curvature, size_function
-from adaptsize.geometry import tag_faces
-from adaptsize.geometry.faces import folds_of
+from adaptsize.geometry.faces import folds_of, tag_faces
 
 
 def disk(n, seed, *, radius=1.0):

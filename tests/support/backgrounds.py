@@ -13,14 +13,8 @@ from meshes import jittered_cube, jittered_square, random_sphere, random_square
 from scipy.spatial import Delaunay
 
 from adaptsize import CartesianGrid, Octree, SimplexMesh, limit_gradient
-from adaptsize.limiting import (
-    EdgeBased,
-    Exact,
-    FastMarching,
-    HamiltonJacobi,
-    PositiveCoefficient,
-    Scheme,
-)
+from adaptsize.limiting import EdgeBased, Exact, FastMarching, HamiltonJacobi, PositiveCoefficient
+from adaptsize.limiting.problem import Scheme
 from adaptsize.typing import FloatArray
 
 Background = SimplexMesh | CartesianGrid | Octree

@@ -19,7 +19,7 @@ from adaptsize._formats.guards import about_file, check_readable
 from adaptsize._formats.limited import read_limited
 from adaptsize._formats.outlines import Line
 from adaptsize._formats.polygons import domain_of
-from adaptsize.errors import MeshFileError, UnitWarning
+from adaptsize.errors import InputWarning, MeshFileError
 from adaptsize.typing import FloatArray
 
 #: Properties that may hold the name of a feature, the first that is there.
@@ -163,7 +163,7 @@ def _line(points: FloatArray, name: str | None, source: str, *, is_ring: bool) -
 def _warn_of_degrees(lines: Sequence[Line]) -> None:
     largest = np.max([np.abs(line.points).max(axis=0) for line in lines], axis=0)
     if (largest <= (180.0, 90.0)).all():
-        warn_caller(_DEGREES, UnitWarning)
+        warn_caller(_DEGREES, InputWarning)
 
 
 # --- other formats --------------------------------------------------------------------------------
@@ -180,7 +180,7 @@ def _read_shp(path: Path, notes: list[str]) -> Content:
             lines.append(_line(part, _name_in(fields), source, is_ring=is_ring))
     about = path.with_suffix(".prj")
     if about.is_file() and about.read_bytes()[:100].lstrip().startswith((b"GEOGCS", b"GEOGCRS")):
-        warn_caller(_DEGREES, UnitWarning)
+        warn_caller(_DEGREES, InputWarning)
     return Content(lines)
 
 

@@ -15,7 +15,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.enclosing import enclosing_diameter
 from adaptsize.background.flipping import flip_edges
 from adaptsize.background.merging import merge_equal_points
-from adaptsize.errors import MeshRepairWarning
+from adaptsize.errors import InputWarning
 from adaptsize.typing import FloatArray, IndexArray, IntArray
 
 #: The longest edge of the boundary over the diameter, so that nodes carry sizes along it.
@@ -71,7 +71,7 @@ def polygons(
 
     Warns
     -----
-    MeshRepairWarning
+    InputWarning
         If points are repeated, or rings are left out.
 
     Notes
@@ -117,7 +117,7 @@ def polygons(
     with polygon_files.naming(outer):
         mesh = domain_of(lines, notes, share, content.in_holes)
     if notes:
-        warn_caller("; ".join(notes), MeshRepairWarning)
+        warn_caller("; ".join(notes), InputWarning)
     return mesh
 
 

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import MeshFileError
-from adaptsize.metrics import Metric, isotropic_metric
+from adaptsize.metrics import Metric
 from adaptsize.typing import FloatArray
 
 _ROWS_AT_ONCE = 20_000  # formatted together, for speed; the text is limited to a few MB
@@ -116,7 +116,7 @@ def metric_in(values: npt.NDArray[Any], dim: int) -> Metric:
     n = len(values)
     columns = np.asarray(values, np.float64).reshape(n, -1)
     if columns.shape[1] == 1:
-        return isotropic_metric(columns[:, 0], dim)
+        return Metric.isotropic(columns[:, 0], dim)
     if columns.shape[1] == 9:
         return Metric.from_matrices(columns.reshape(n, 3, 3)[:, :dim, :dim])
     if columns.shape[1] == dim * dim:
@@ -138,7 +138,7 @@ def read_sol(path: Path) -> Metric:
     if len(values) < n * width:
         raise MeshFileError(f"ends after {len(values)} of {n * width} numbers")
     if kinds[0] == _SCALAR:
-        return isotropic_metric(values, dim)
+        return Metric.isotropic(values, dim)
     i, j = np.tril_indices(dim)
     matrices = np.empty((n, dim, dim))
     matrices[:, i, j] = matrices[:, j, i] = values.reshape(n, width)

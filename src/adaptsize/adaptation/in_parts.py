@@ -214,7 +214,7 @@ def _warn(report: PartsReport, allowed: float) -> None:
 class PartsReport(CycleReport):
     """One adaptation cycle of a distributed mesh; the same on all ranks.
 
-    The attributes that `adaptsize.adaptation.AdaptReport` has as well mean the same, for the whole
+    The attributes that `AdaptReport` has as well mean the same, for the whole
     mesh.
 
     Attributes

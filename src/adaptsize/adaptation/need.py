@@ -13,10 +13,10 @@ import numpy.typing as npt
 from adaptsize._checks import as_plain_array, as_sizes, check_type, refuse_where
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
-from adaptsize.metrics import Metric, MetricFunction, predicted_simplices
+from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import NeedOptions, checked, with_options
-from adaptsize.quality import minimum_angles
 from adaptsize.quality.conformity import SizeLike, nodal_metric
+from adaptsize.quality.elements import minimum_angles
 from adaptsize.sizes.budget import calibration, count_elements
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -161,7 +161,7 @@ def needs_remeshing(
         simplices = count_elements(mesh, requested)
     else:
         assert isinstance(mesh, SimplexMesh)
-        simplices = predicted_simplices(mesh, metric)
+        simplices = metric.predicted_elements(mesh)
     predicted = calibration("mmg", mesh.cell_dim) * simplices
     present = present_of(mesh, requested)
     misses = _Misses.of(mesh, requested, 0.0 if metric is not None else given["least_angle"])

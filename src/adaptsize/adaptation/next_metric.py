@@ -20,11 +20,9 @@ from adaptsize.background.interfaces import interfaces
 from adaptsize.metrics import (
     Metric,
     MetricFunction,
-    isotropic_metric,
     limit_metric,
     metric_from_curvature,
     metric_from_hessian,
-    predicted_simplices,
 )
 from adaptsize.metrics.limit import as_gradient_limit
 from adaptsize.options import AdaptOptions
@@ -80,7 +78,7 @@ def metric_request(
     if bound is None and h0 is not None:
         sizes = as_bound(h0, mesh)  # type: ignore[arg-type]
         assert sizes is not None
-        bound = isotropic_metric(sizes, mesh.dim)
+        bound = Metric.isotropic(sizes, mesh.dim)
     anisotropic = as_anisotropic(options["anisotropic"])
     chosen = tuple(fields[name] for name in _names(anisotropic, fields))
     accuracy = options["tolerance"]
@@ -162,14 +160,14 @@ def next_metric(mesh: SimplexMesh, request: MetricRequest, factor: float) -> Nex
     metric: Metric | None = None
     if options["tolerance"] is not None or target is None:
         metric = _finished(mesh, request, _wanted(mesh, request, None))
-        capped = target is not None and factor * predicted_simplices(mesh, metric) > target
+        capped = target is not None and factor * metric.predicted_elements(mesh) > target
     if target is not None and (metric is None or capped):
         metric = _of_number(mesh, request, max(target / factor, 1.0))
     assert metric is not None
     used = np.unique(mesh.cells)
     bad = np.isinf(metric.sizes[used])
     refuse_where("sizes", bad, metric.sizes[used], "must be finite after limiting: pass hmax")
-    simplices = predicted_simplices(mesh, metric)
+    simplices = metric.predicted_elements(mesh)
     predicted = factor * simplices
     in_reach = target is not None and abs(predicted / target - 1.0) <= REACHED
     return NextSizes(metric.sizes[:, 0], predicted, in_reach, capped, simplices, metric)
@@ -211,7 +209,7 @@ def _of_number(mesh: SimplexMesh, request: MetricRequest, number: float) -> Metr
     best, best_miss = wanted, math.inf
     for _ in range(5):
         metric = _finished(mesh, request, wanted.scaled(scale))
-        miss = math.log(max(predicted_simplices(mesh, metric), 1e-3) / number)
+        miss = math.log(max(metric.predicted_elements(mesh), 1e-3) / number)
         if abs(miss) < best_miss:
             best, best_miss = metric, abs(miss)
         if abs(miss) <= 0.03:

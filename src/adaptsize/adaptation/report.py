@@ -8,7 +8,7 @@ import numpy as np
 
 from adaptsize.adaptation.boundary_moves import BoundaryMoves
 from adaptsize.background import SimplexMesh
-from adaptsize.quality import Conformity
+from adaptsize.quality.conformity import Conformity
 from adaptsize.typing import FloatArray
 
 #: Allowed relative deviation from the requested number of elements.

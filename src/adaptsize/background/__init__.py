@@ -6,12 +6,11 @@ from adaptsize.background.interpolation import AnyBackground, interpolate
 from adaptsize.background.octree import Octree
 from adaptsize.background.partitioned import AnyMesh, PartitionedMesh
 from adaptsize.background.refinement import refine_at_boundary, refine_to_size
-from adaptsize.background.simplex import Boundary, SimplexMesh
+from adaptsize.background.simplex import SimplexMesh
 
 __all__ = [
     "AnyBackground",
     "AnyMesh",
-    "Boundary",
     "CartesianGrid",
     "Image",
     "Octree",

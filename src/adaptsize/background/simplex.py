@@ -349,6 +349,17 @@ class SimplexMesh(ReadOnlyState):
     to_netgen = LaterMethod[Any]("adaptsize.bridges.solvers")
     to_skfem = LaterMethod[Any]("adaptsize.bridges.solvers")
     plot = LaterMethod[Any]("adaptsize.plot", "plot_mesh")
+    summarize = LaterMethod[Any]("adaptsize.quality.summary")
+    radius_ratios = LaterMethod[FloatArray]("adaptsize.quality.elements")
+    minimum_angles = LaterMethod[FloatArray]("adaptsize.quality.elements")
+    metric_qualities = LaterMethod[FloatArray]("adaptsize.quality.metric")
+    implied_metric = LaterMethod[Any]("adaptsize.metrics.implied")
+    crease_edges = LaterMethod[IntArray]("adaptsize.geometry.faces")
+    tag_faces = LaterMethod["SimplexMesh"]("adaptsize.geometry.faces")
+    open_boundary = LaterMethod[Any]("adaptsize.remeshing.surface_checks")
+    near_bodies = LaterMethod[Any]("adaptsize.remeshing.surface_checks")
+    overlapping_bodies = LaterMethod[Any]("adaptsize.remeshing.surface_checks")
+    close_holes = LaterMethod["SimplexMesh"]("adaptsize.remeshing.hole_filling")
     _repr_html_ = LaterMethod[str]("adaptsize.plot.notebook", "html_of")
 
     def with_data(

@@ -14,7 +14,7 @@ from adaptsize._formats import assembly, vtk, writers
 from adaptsize._formats.blocks import RawMesh, check_raw
 from adaptsize.background import SimplexMesh
 from adaptsize.bridges import solvers
-from adaptsize.errors import MeshFileError, MeshRepairWarning
+from adaptsize.errors import InputWarning, MeshFileError
 
 
 def from_object(
@@ -105,7 +105,7 @@ def from_meshio(
 
     Warns
     -----
-    MeshRepairWarning
+    InputWarning
         If cells were dropped or converted, with their number.
 
     Examples
@@ -206,7 +206,7 @@ def from_pyvista(
 
     Warns
     -----
-    MeshRepairWarning
+    InputWarning
         If cells were dropped or converted, with their number.
     """
     is_a = getattr(mesh, "IsA", lambda name: False)
@@ -240,5 +240,5 @@ def _built(read: Callable[[], RawMesh], kind: str | None, flatten: bool) -> Simp
     except MeshFileError as error:
         raise ValueError(f"mesh {error}") from error
     if notes:
-        warnings.warn("; ".join(notes), MeshRepairWarning, stacklevel=3)
+        warnings.warn("; ".join(notes), InputWarning, stacklevel=3)
     return made

@@ -17,7 +17,7 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 
 if TYPE_CHECKING:
-    from adaptsize.quality import Conformity
+    from adaptsize.quality.conformity import Conformity
 
 
 @pyvista.register_dataset_accessor("adaptsize", pyvista.DataSet)

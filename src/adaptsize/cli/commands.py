@@ -59,7 +59,7 @@ def options(
 @command()
 def info(console: Console, file: Input) -> None:
     """Summarize a mesh: cells, extent, tags, fields, quality."""
-    from adaptsize.quality import summarize
+    from adaptsize.quality.summary import summarize
 
     with console.steps(2) as steps:
         steps.begin("reading")

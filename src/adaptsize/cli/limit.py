@@ -22,7 +22,7 @@ from adaptsize.cli.sources import controlling_nodes, describe_roots
 from adaptsize.options import SizeOptions, options_of
 
 if TYPE_CHECKING:
-    from adaptsize.limiting import LimitingInfo
+    from adaptsize.limiting.info import LimitingInfo
 
 
 @command(

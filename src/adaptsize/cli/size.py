@@ -63,8 +63,9 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
     A surface in space is refined where its triangles are long.  The sizes of an image are on the
     grid of its pixels: write .vti.
     """
+    from adaptsize._formats.raster import is_image_file
     from adaptsize.domain_size.elements import report_of
-    from adaptsize.io import is_image_file, read_image
+    from adaptsize.io import read_image
 
     of_image = is_image_file(file)
     plot, plot_causes = given.pop("plot", None), given.pop("plot_causes", None)

@@ -36,7 +36,7 @@ def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
     -----
     ResolutionWarning
         If the parameters that the request fixes require more elements, or do not allow so many.
-    OutsideWarning
+    InputWarning
         If a source off a surface gets larger sizes than it requests.
     """
     elements, nodes = request.options["elements"], request.options["nodes"]

@@ -84,7 +84,7 @@ def size_function(
 
     Warns
     -----
-    ResolutionWarning, OutsideWarning, ImageWarning
+    ResolutionWarning, InputWarning
         If the parameters do not allow the number of elements; if an octree would need too many
         leaves; if a source lies outside; if objects are lost, or at the border of the image.
 

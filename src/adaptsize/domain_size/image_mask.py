@@ -13,7 +13,7 @@ from adaptsize._checks import as_plain_array, describe, refuse_where, warn_calle
 from adaptsize.background import CartesianGrid
 from adaptsize.background.grid import span_of
 from adaptsize.background.image import Image
-from adaptsize.errors import ImageWarning
+from adaptsize.errors import InputWarning
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.options import ImageOptions
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
@@ -73,7 +73,7 @@ def mask_of(image: Image | npt.ArrayLike, options: ImageOptions) -> Mask:
 
     Warns
     -----
-    ImageWarning
+    InputWarning
         If objects reach the border of the image.
     """
     image = as_image(image, options["spacing"])
@@ -145,7 +145,7 @@ def _cut(image: Image, inside: BoolArray, what: str, labels: npt.NDArray[Any] | 
     if n_at_border:
         warn_caller(
             f"objects reach the border of the image at {n_at_border} pixels and are cut off there",
-            ImageWarning,
+            InputWarning,
         )
     part = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
     padded = np.pad(inside[part], _MARGIN)
@@ -173,7 +173,7 @@ def distance_to_edge(
 
     Warns
     -----
-    ImageWarning
+    InputWarning
         If smoothing removes some objects.
     """
     kept = _low_pass(mask.inside, 2.0 if smoothing is None else smoothing)
@@ -220,5 +220,5 @@ def _report_lost_objects(before: BoolArray, after: BoolArray) -> None:
     if lost.size:
         warn_caller(
             f"smoothing removes {lost.size} of {count} objects, the largest of {lost.max()} pixels",
-            ImageWarning,
+            InputWarning,
         )

@@ -8,7 +8,7 @@ import numpy as np
 
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.domain_size.image_mask import Mask
-from adaptsize.quality import radius_ratios
+from adaptsize.quality.elements import radius_ratios
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 
 # Nodes of an interface move onto it in so many steps.

@@ -68,7 +68,7 @@ def mesh_image(
 
     Warns
     -----
-    ImageWarning
+    InputWarning
         If objects reach the border of the image, or if smoothing removes objects.
     ConvergenceWarning, ResolutionWarning
         As in `mesh_from_distance`.

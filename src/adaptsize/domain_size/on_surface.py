@@ -18,7 +18,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import ordered_by_place, reordered
 from adaptsize.background.splitting import SplitMesh, split_edges
 from adaptsize.domain_size.request import Bounds, PointBounds, Request, bound_at_nodes
-from adaptsize.errors import OpenSurfaceWarning, OutsideWarning
+from adaptsize.errors import InputWarning, OpenSurfaceWarning
 from adaptsize.geometry.faces import Faces, folds_of
 from adaptsize.geometry.separation import FeaturePoints, Separation
 from adaptsize.geometry.width import Width
@@ -399,7 +399,7 @@ def warn_where_missed(size: SizeFunction, sources: Sequence[Any], hmin: float) -
             f"{type(source).__name__} requests the size {requested[worst]:.4g} at ({place}), which "
             f"is off the surface, where the size is {given[worst]:.4g}: a surface carries sizes at "
             "its own nodes only; make tetrahedra first and compute their sizes with this source",
-            OutsideWarning,
+            InputWarning,
         )
 
 

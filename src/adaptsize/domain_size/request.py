@@ -14,8 +14,9 @@ from adaptsize._defaults import MAX_ELEMENTS, TOLERANCE
 from adaptsize._progress import silent
 from adaptsize._size_report import NONE, SizeReport, measure_dim, nodal_measures
 from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
-from adaptsize.limiting import LimitingInfo, limit_gradient
+from adaptsize.limiting import limit_gradient
 from adaptsize.limiting.exact import limit_points
+from adaptsize.limiting.info import LimitingInfo
 from adaptsize.options import BudgetOptions, SizeFunctionOptions
 from adaptsize.sizes import PointSource, size_from_sources
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE

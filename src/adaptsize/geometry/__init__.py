@@ -11,40 +11,31 @@ if TYPE_CHECKING:
     from adaptsize.geometry.curvatures import curvature
     from adaptsize.geometry.distance.function import SignedDistance
     from adaptsize.geometry.distance.signed_distance import signed_distance
-    from adaptsize.geometry.faces import crease_edges, tag_faces
     from adaptsize.geometry.level_sets import level_set_curvature
-    from adaptsize.geometry.medial.feature_size import MedialAxis, feature_size, medial_axis
-    from adaptsize.geometry.separation import BoundarySeparation, boundary_separation
+    from adaptsize.geometry.medial.feature_size import feature_size, medial_axis
+    from adaptsize.geometry.separation import boundary_separation
     from adaptsize.geometry.width import boundary_width
 
 _HOMES = {
-    "crease_edges": "faces",
     "curvature": "curvatures",
     "SignedDistance": "distance.function",
     "signed_distance": "distance.signed_distance",
-    "tag_faces": "faces",
     "level_set_curvature": "level_sets",
-    "MedialAxis": "medial.feature_size",
     "medial_axis": "medial.feature_size",
     "feature_size": "medial.feature_size",
-    "BoundarySeparation": "separation",
     "boundary_separation": "separation",
     "boundary_width": "width",
 }
 
 __all__ = [
-    "BoundarySeparation",
-    "MedialAxis",
     "SignedDistance",
     "boundary_separation",
     "boundary_width",
-    "crease_edges",
     "curvature",
     "feature_size",
     "level_set_curvature",
     "medial_axis",
     "signed_distance",
-    "tag_faces",
 ]
 
 __getattr__, __dir__ = lazily(__name__, _HOMES)

@@ -5,10 +5,7 @@ from adaptsize.limiting.edge_based import EdgeBased
 from adaptsize.limiting.exact import Exact
 from adaptsize.limiting.fast_marching import FastMarching
 from adaptsize.limiting.hamilton_jacobi import HamiltonJacobi
-from adaptsize.limiting.info import LimitingInfo
 from adaptsize.limiting.limit import limit_gradient
-from adaptsize.limiting.problem import Scheme
-from adaptsize.limiting.sources import SizeSources
 from adaptsize.limiting.sphere import limit_on_sphere
 
 __all__ = [
@@ -16,10 +13,7 @@ __all__ = [
     "Exact",
     "FastMarching",
     "HamiltonJacobi",
-    "LimitingInfo",
     "PositiveCoefficient",
-    "Scheme",
-    "SizeSources",
     "limit_gradient",
     "limit_on_sphere",
 ]

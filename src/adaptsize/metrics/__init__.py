@@ -10,21 +10,16 @@ from adaptsize._lazy import lazily
 if TYPE_CHECKING:
     from adaptsize.metrics.curvature import metric_from_curvature
     from adaptsize.metrics.function import MetricFunction
-    from adaptsize.metrics.hessian import metric_from_hessian, predicted_simplices
-    from adaptsize.metrics.implied import implied_metric
+    from adaptsize.metrics.hessian import metric_from_hessian
     from adaptsize.metrics.layers import metric_from_layers
-    from adaptsize.metrics.limit import MetricLimitingInfo, limit_metric
-    from adaptsize.metrics.metric import Metric, isotropic_metric
+    from adaptsize.metrics.limit import limit_metric
+    from adaptsize.metrics.metric import Metric
 
 _HOMES = {
     "metric_from_curvature": "curvature",
     "MetricFunction": "function",
     "metric_from_hessian": "hessian",
-    "predicted_simplices": "hessian",
-    "implied_metric": "implied",
-    "isotropic_metric": "metric",
     "metric_from_layers": "layers",
-    "MetricLimitingInfo": "limit",
     "limit_metric": "limit",
     "Metric": "metric",
 }
@@ -32,14 +27,10 @@ _HOMES = {
 __all__ = [
     "Metric",
     "MetricFunction",
-    "MetricLimitingInfo",
-    "implied_metric",
-    "isotropic_metric",
     "limit_metric",
     "metric_from_curvature",
     "metric_from_hessian",
     "metric_from_layers",
-    "predicted_simplices",
 ]
 
 __getattr__, __dir__ = lazily(__name__, _HOMES)

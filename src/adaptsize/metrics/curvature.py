@@ -11,7 +11,7 @@ from adaptsize.background.simplex import as_mesh
 from adaptsize.geometry.curvatures import curvature, sector_curvatures
 from adaptsize.geometry.faces import crease_edges
 from adaptsize.metrics.layers import frames
-from adaptsize.metrics.metric import Metric, isotropic_metric
+from adaptsize.metrics.metric import Metric
 from adaptsize.sizes.curvature import size_from_curvature
 from adaptsize.typing import FloatArray, IntArray
 
@@ -84,7 +84,7 @@ def metric_from_curvature(
         size = size_from_curvature(
             mesh, elements_per_radian=per_radian, crease_angle=crease_angle, smoothing=smoothing
         )
-        return isotropic_metric(size, mesh.dim).clip(hmin, hmax, aspect)
+        return Metric.isotropic(size, mesh.dim).clip(hmin, hmax, aspect)
     surface, nodes = mesh, np.arange(mesh.n_points, dtype=np.int32)
     if mesh.cell_dim == 3:
         boundary = mesh.boundary()
@@ -109,7 +109,7 @@ def _of_sectors(
     tangential = np.minimum(tangential, aspect * tangential.min(axis=1)[:, None])
     sizes = np.column_stack([tangential.max(axis=1), tangential])
     directions = np.dstack([normals, tangents])
-    metric = isotropic_metric(np.full(surface.n_points, np.inf), 3)
+    metric = Metric.isotropic(np.full(surface.n_points, np.inf), 3)
     order = np.argsort(node, kind="stable")
     rank = np.arange(len(node)) - np.searchsorted(node[order], node[order])
     for number in range(int(rank.max(initial=-1)) + 1):

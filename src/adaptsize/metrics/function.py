@@ -34,9 +34,9 @@ class MetricFunction(ReadOnlyState):
 
     Examples
     --------
-    >>> from adaptsize.metrics import isotropic_metric
+    >>> from adaptsize.metrics import Metric
     >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
-    >>> function = MetricFunction(mesh, isotropic_metric([0.1, 0.4, 0.4], 2))
+    >>> function = MetricFunction(mesh, Metric.isotropic([0.1, 0.4, 0.4], 2))
     >>> function([[0.5, 0.0]]).sizes.round(12)
     array([[0.2, 0.2]])
     """

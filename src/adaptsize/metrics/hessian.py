@@ -138,20 +138,20 @@ def metric_from_hessian(
     if not np.isfinite(shape).any():
         return metric(1.0)
 
-    once = predicted_simplices(mesh, Metric.of(shape, directions))
+    once = Metric.of(shape, directions).predicted_elements(mesh)
     start = (once / wanted) ** (1.0 / d) if once > 0.0 else 1.0
     wanted /= calibration(backend, d)
-    return scale_to(wanted, metric, lambda m: predicted_simplices(mesh, m), start, d)
+    return scale_to(wanted, metric, lambda m: m.predicted_elements(mesh), start, d)
 
 
-def predicted_simplices(mesh: SimplexMesh, metric: Metric) -> float:
+def predicted_elements(metric: Metric, mesh: SimplexMesh) -> float:
     """Return the number of simplices of unit edges in the metric that fill a mesh.
 
     Parameters
     ----------
-    mesh : SimplexMesh
     metric : Metric
-        At its nodes.
+        At the nodes of the mesh.
+    mesh : SimplexMesh
 
     Returns
     -------
@@ -160,9 +160,9 @@ def predicted_simplices(mesh: SimplexMesh, metric: Metric) -> float:
 
     Examples
     --------
-    >>> from adaptsize.metrics import isotropic_metric
+    >>> from adaptsize.metrics import Metric
     >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
-    >>> round(predicted_simplices(mesh, isotropic_metric([0.1, 0.1, 0.1], 2)))
+    >>> round(Metric.isotropic([0.1, 0.1, 0.1], 2).predicted_elements(mesh))
     115
     """
     mesh = as_mesh("mesh", mesh)

@@ -22,6 +22,7 @@ from adaptsize._checks import (
 from adaptsize._kernels.metric_joint import MOST
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import SimplexMesh
+from adaptsize.background.simplex import LaterMethod
 from adaptsize.metrics import algebra
 from adaptsize.typing import BoolArray, FloatArray
 
@@ -58,7 +59,7 @@ class Metric(ReadOnlyState):
     See Also
     --------
     Metric.from_matrices : a metric from matrices M.
-    isotropic_metric : the same size in all directions.
+    Metric.isotropic : the same size in all directions.
 
     Examples
     --------
@@ -102,6 +103,32 @@ class Metric(ReadOnlyState):
         metric = cls.__new__(cls)
         metric._keep(sizes, directions)
         return metric
+
+    @classmethod
+    def isotropic(cls, h: npt.ArrayLike, dim: int) -> Metric:
+        """Return the metric with the same size in all directions.
+
+        Parameters
+        ----------
+        h : array_like of float, shape (n,)
+            Sizes, positive; inf where there is no bound.
+        dim : int
+            1, 2 or 3.
+
+        Returns
+        -------
+        Metric
+
+        Examples
+        --------
+        >>> Metric.isotropic([0.5, 2.0], 3)
+        Metric(2 nodes in 3-D, sizes 0.5 to 2, aspect ratio up to 1)
+        """
+        size = as_float_array("h", h).ravel()
+        size = as_sizes("h", size, size.shape)
+        dim = as_whole_number("dim", dim, lower=1, upper=3)
+        shape = (len(size), dim, dim)
+        return cls.of(np.repeat(size[:, None], dim, axis=1), np.broadcast_to(np.eye(dim), shape))
 
     @classmethod
     def from_matrices(cls, matrices: npt.ArrayLike) -> Metric:
@@ -271,12 +298,14 @@ class Metric(ReadOnlyState):
         Examples
         --------
         >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
-        >>> from adaptsize import isotropic_metric
-        >>> round(isotropic_metric([0.1, 0.1, 0.1], 2).complexity(mesh), 9)
+        >>> from adaptsize import Metric
+        >>> round(Metric.isotropic([0.1, 0.1, 0.1], 2).complexity(mesh), 9)
         50.0
         """
         self.check_mesh(mesh)
         return float(algebra.cell_volumes(self.sizes, self.directions, mesh).sum())
+
+    predicted_elements = LaterMethod[float]("adaptsize.metrics.hessian")
 
     def check_mesh(self, mesh: SimplexMesh) -> None:
         """Raise a ValueError unless this is a metric at the nodes of a mesh."""
@@ -386,37 +415,11 @@ class Metric(ReadOnlyState):
 
         Examples
         --------
-        >>> from adaptsize import isotropic_metric
-        >>> isotropic_metric([0.1, 0.4], 2).interpolate([[0, 1]], [[0.5, 0.5]]).sizes
+        >>> from adaptsize import Metric
+        >>> Metric.isotropic([0.1, 0.4], 2).interpolate([[0, 1]], [[0.5, 0.5]]).sizes
         array([[0.2, 0.2]])
         """
         nodes = as_index_array("indices", indices, self.n)
         w = as_float_array("weights", weights, nodes.shape)
         refuse_where("weights", ~np.isfinite(w), w, "must be finite")
         return Metric.of(*algebra.log_mean(self.sizes, self.directions, nodes, w))
-
-
-def isotropic_metric(h: npt.ArrayLike, dim: int) -> Metric:
-    """Return the metric with the same size in all directions.
-
-    Parameters
-    ----------
-    h : array_like of float, shape (n,)
-        Sizes, positive; inf where there is no bound.
-    dim : int
-        1, 2 or 3.
-
-    Returns
-    -------
-    Metric
-
-    Examples
-    --------
-    >>> isotropic_metric([0.5, 2.0], 3)
-    Metric(2 nodes in 3-D, sizes 0.5 to 2, aspect ratio up to 1)
-    """
-    size = as_float_array("h", h).ravel()
-    size = as_sizes("h", size, size.shape)
-    dim = as_whole_number("dim", dim, lower=1, upper=3)
-    shape = (len(size), dim, dim)
-    return Metric.of(np.repeat(size[:, None], dim, axis=1), np.broadcast_to(np.eye(dim), shape))

@@ -237,7 +237,7 @@ def plot_metric(
 def _values_to_show(mesh: SimplexMesh, color: str) -> tuple[npt.NDArray[Any], bool]:
     one_of("color", color, ("quality", "region", *mesh.point_data, *mesh.cell_data))
     if color == "quality":
-        from adaptsize.quality import radius_ratios
+        from adaptsize.quality.elements import radius_ratios
 
         return radius_ratios(mesh), False
     if color == "region":

@@ -9,7 +9,7 @@ import numpy as np
 from adaptsize._checks import check_type
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import as_mesh
-from adaptsize.metrics import Metric, predicted_simplices
+from adaptsize.metrics import Metric
 from adaptsize.metrics.implied import from_regular
 from adaptsize.typing import FloatArray
 
@@ -72,12 +72,12 @@ def metric_qualities(mesh: SimplexMesh, metric: Metric) -> FloatArray:
     --------
     A triangle that is regular after a stretching by 10:
 
-    >>> from adaptsize.metrics import Metric, isotropic_metric
+    >>> from adaptsize.metrics import Metric, Metric
     >>> mesh = SimplexMesh([[0, 0], [1, 0], [0.5, 5 * np.sqrt(3)]], [[0, 1, 2]])
     >>> stretched = Metric([[1.0, 10.0]] * 3, [np.eye(2)] * 3)
     >>> metric_qualities(mesh, stretched).round(12)
     array([1.])
-    >>> metric_qualities(mesh, isotropic_metric([1.0, 1.0, 1.0], 2)).round(3)
+    >>> metric_qualities(mesh, Metric.isotropic([1.0, 1.0, 1.0], 2)).round(3)
     array([0.198])
     """
     mesh = as_mesh("mesh", mesh)
@@ -107,7 +107,7 @@ def metric_quality(mesh: SimplexMesh, metric: Metric) -> MetricQuality:
         quality_p01=float(np.quantile(qualities, 0.01)),
         quality_mean=float(qualities.mean()),
         complexity=metric.complexity(mesh),
-        predicted_elements=predicted_simplices(mesh, metric),
+        predicted_elements=metric.predicted_elements(mesh),
         requested_aspect=float(metric.aspect_ratio.max()),
         largest_aspect=float(aspect.max()),
     )

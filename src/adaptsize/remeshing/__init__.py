@@ -12,16 +12,7 @@ _HOMES = {
     "available_backends": "registry",
     "register_backend": "registry",
     "Backend": "protocol",
-    "Problem": "protocol",
-    "close_holes": "hole_filling",
-    "open_boundary": "surface_checks",
-    "OpenBoundary": "surface_checks",
-    "near_bodies": "surface_checks",
-    "NearBodies": "surface_checks",
-    "overlapping_bodies": "surface_checks",
-    "OverlappingBodies": "surface_checks",
     "mesh_from_distance": "distmesh.from_distance",
-    "SmoothingReport": "distmesh.report",
 }
 
 __all__ = [*_HOMES]  # noqa: PLE0604 - the keys are strings

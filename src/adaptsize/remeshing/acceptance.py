@@ -19,8 +19,9 @@ from adaptsize.errors import (
     MeshingError,
     ResolutionWarning,
 )
-from adaptsize.quality import MeshCheck, check_mesh
+from adaptsize.quality import check_mesh
 from adaptsize.quality.boundary import skin_of, topology_of
+from adaptsize.quality.certificate import MeshCheck
 from adaptsize.remeshing.protocol import Problem, Task
 from adaptsize.remeshing.registry import available_backends
 from adaptsize.remeshing.sizing import Size

@@ -18,7 +18,7 @@ from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import BackendError, BackendTimeoutError, TooManyElementsError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
-from adaptsize.quality import minimum_angles
+from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing.acceptance import remesh_strictly, routes, warn_of_deviation
 from adaptsize.remeshing.first_volume import first_volume
 from adaptsize.remeshing.improvement import improved
@@ -125,7 +125,7 @@ def remesh(
 
     Warns
     -----
-    MeshRepairWarning
+    InputWarning
         If points of a surface were merged or triangles dropped.
     OpenSurfaceWarning
         If a surface to be filled is open, or has bodies that overlap or are closer to each other

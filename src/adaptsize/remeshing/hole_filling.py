@@ -13,7 +13,7 @@ import numpy.typing as npt
 from adaptsize._checks import check_type
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import components_of
-from adaptsize.errors import MeshRepairWarning
+from adaptsize.errors import InputWarning
 from adaptsize.geometry.enclosed import cone_measures
 from adaptsize.remeshing.preparation import RepairedMesh, repair_mesh
 from adaptsize.typing import FloatArray, IntArray
@@ -102,7 +102,7 @@ def _repaired(surface: SimplexMesh) -> RepairedMesh:
     if surface.cell_dim != 2 or surface.dim != 3:
         raise ValueError(f"surface must consist of triangles in space, got {surface!r}")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MeshRepairWarning)
+        warnings.simplefilter("ignore", InputWarning)
         return repair_mesh(surface)
 
 

@@ -29,7 +29,7 @@ from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.background.requests import boxes_of, ranks_within
 from adaptsize.errors import BackendError
 from adaptsize.options import RemeshOptions
-from adaptsize.quality import minimum_angles
+from adaptsize.quality.elements import minimum_angles
 from adaptsize.ranks import split_rows
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 

@@ -12,7 +12,7 @@ from adaptsize._checks import as_index_array
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import first_at_place
 from adaptsize.background.topology import regions_beside, unique_rows
-from adaptsize.errors import BackendError, MeshRepairWarning
+from adaptsize.errors import BackendError, InputWarning
 from adaptsize.metrics import Metric
 from adaptsize.remeshing.acceptance import refuse_other_domain
 from adaptsize.remeshing.protocol import NO_TAG, Facets, Problem, RawMesh, Task
@@ -43,7 +43,7 @@ def repair_mesh(mesh: SimplexMesh) -> RepairedMesh:
 
     Warns
     -----
-    MeshRepairWarning
+    InputWarning
         If triangles were dropped or points merged, with the counts.
     """
     cells = np.array(mesh.cells)
@@ -109,7 +109,7 @@ def _warn_of_repairs(
         warnings.warn(
             f"surface repaired: {merged} duplicate points merged, "
             f"{dropped} degenerate or duplicate triangles dropped",
-            MeshRepairWarning,
+            InputWarning,
             stacklevel=5,
         )
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
-from adaptsize.quality import minimum_angles
 from adaptsize.quality.conformity import edge_ratios
+from adaptsize.quality.elements import minimum_angles
 from adaptsize.typing import FloatArray
 
 #: Extents of a chart, and its margins at the left and below, in pixels.

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.background.image import Image
     from adaptsize.options import ImageOptions
-    from adaptsize.quality import Conformity
+    from adaptsize.quality.conformity import Conformity
 
 
 #: Cells with smaller angles, in degrees, draw a warning.
@@ -195,7 +195,7 @@ def outcome_of_remeshing(
 
 def sharp_cells(mesh: SimplexMesh) -> tuple[int, tuple[float, ...]]:
     """Return the number of cells with small angles, and the centroid of the worst."""
-    from adaptsize.quality import minimum_angles
+    from adaptsize.quality.elements import minimum_angles
 
     angles = minimum_angles(mesh)
     worst = int(angles.argmin())

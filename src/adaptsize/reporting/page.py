@@ -19,8 +19,9 @@ from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import as_mesh
-from adaptsize.quality import check_mesh, minimum_angles, size_conformity
+from adaptsize.quality import check_mesh, size_conformity
 from adaptsize.quality.certificate import MeshCheck
+from adaptsize.quality.elements import minimum_angles
 from adaptsize.reporting.charts import histogram_of_angles, histogram_of_lengths
 from adaptsize.reporting.outcome import Outcome, kind_of, outcome_of_remeshing
 

@@ -17,8 +17,8 @@ from adaptsize.background import SimplexMesh
 from adaptsize.plot.pictures import scene_of_causes
 from adaptsize.plot.scene import Scene, scene_of_mesh
 from adaptsize.plot.style import CLASS_COLORS, FIELDS, QUALITY, SIZES
-from adaptsize.quality import radius_ratios
 from adaptsize.quality.conformity import edge_ratios
+from adaptsize.quality.elements import radius_ratios
 from adaptsize.typing import FloatArray
 
 

@@ -3,7 +3,7 @@
 from adaptsize.sizes.curvature import size_from_curvature
 from adaptsize.sizes.error import size_from_error, size_from_hessian
 from adaptsize.sizes.feature import size_from_feature
-from adaptsize.sizes.prediction import Enclosed, Prediction, predict
+from adaptsize.sizes.prediction import Enclosed, predict
 from adaptsize.sizes.recovery import recovered_gradient, recovered_hessian, zz_indicator
 from adaptsize.sizes.separation import size_from_separation
 from adaptsize.sizes.sources import (
@@ -13,7 +13,6 @@ from adaptsize.sizes.sources import (
     CurveSource,
     PointSource,
     RegionSource,
-    Source,
     size_from_sources,
 )
 
@@ -24,9 +23,7 @@ __all__ = [
     "CurveSource",
     "Enclosed",
     "PointSource",
-    "Prediction",
     "RegionSource",
-    "Source",
     "predict",
     "recovered_gradient",
     "recovered_hessian",

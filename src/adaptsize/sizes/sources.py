@@ -24,7 +24,7 @@ from adaptsize._checks import (
 from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh
-from adaptsize.errors import OutsideWarning
+from adaptsize.errors import InputWarning
 from adaptsize.ranks import SingleRank
 from adaptsize.sizes import _on_grid, _touched
 from adaptsize.sizes._touched import lower_along, lower_at_points
@@ -309,7 +309,7 @@ def _warn_of_outside(points: FloatArray, away: FloatArray, diagonal: float) -> N
         warnings.warn(
             f"the source at ({place}) lies {away[first]:.4g} outside the domain{also}: it acts "
             "only on the nodes of the closest cells, with its distance from them",
-            OutsideWarning,
+            InputWarning,
             stacklevel=2,
         )
 

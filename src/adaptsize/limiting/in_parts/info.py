@@ -10,12 +10,11 @@ import numpy as np
 
 from adaptsize._kernels.exact_plane import CORNER
 from adaptsize.background.partitioned import PartitionedMesh
-from adaptsize.limiting import LimitingInfo
 from adaptsize.limiting.exact.candidates import Component
 from adaptsize.limiting.exact.field import Entries
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.in_parts.domain import Piece
-from adaptsize.limiting.info import QUANTILES, slopes_on_mesh
+from adaptsize.limiting.info import QUANTILES, LimitingInfo, slopes_on_mesh
 from adaptsize.limiting.sources import SizeSources
 from adaptsize.ranks import Communicator, Ids, split_rows
 from adaptsize.typing import FloatArray, IntArray
@@ -27,7 +26,7 @@ class PartsLimitingInfo:
 
     They are the same on all ranks, except ``sources``.
 
-    The attributes are those of `adaptsize.limiting.LimitingInfo` for the whole mesh, and equal
+    The attributes are those of `LimitingInfo` for the whole mesh, and equal
     those of one process, except ``iterations`` and, with fast marching, rounding.
     """
 
@@ -161,7 +160,7 @@ class PartsSources:
     """The controlling source of each size at the nodes of a rank.
 
     They are ``info.sources`` of ``limit_gradient.with_info`` on a mesh in parts, and equal
-    those of one process, `adaptsize.limiting.SizeSources`.  If several sources allow exactly the
+    those of one process, `SizeSources`.  If several sources allow exactly the
     same size, it depends on the partition which of them is named, and ranks that share a node may
     name different ones.
 

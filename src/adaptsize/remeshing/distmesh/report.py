@@ -10,7 +10,9 @@ import numpy.typing as npt
 
 from adaptsize.background import SimplexMesh, topology
 from adaptsize.errors import ConvergenceWarning, ResolutionWarning
-from adaptsize.quality import Conformity, minimum_angles, size_conformity
+from adaptsize.quality import size_conformity
+from adaptsize.quality.conformity import Conformity
+from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing.distmesh.finish import TOLERANCE
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
 from adaptsize.remeshing.distmesh.rejection import Sampling
