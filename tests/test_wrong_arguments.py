@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import adaptsize as ads
-from adaptsize import limiting, quality
+from adaptsize import limiting
 
 SQUARE = ads.SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 TETRAHEDRON = ads.SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])

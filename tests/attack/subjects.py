@@ -7,20 +7,20 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import adaptsize as ads
+from adaptsize.background.simplex import LaterMethod
 
 #: Why some are not called, and which.
 _REASONS = {
     "changes the process for all later cases": "register_backend",
-    "a protocol, a type, a base class or a result": (
-        "Backend Source Background SizeLike Communicator Scheme MedialAxis"
-    ),
-    "declares an option of the library, or takes a record of such options": "Option options_of",
+    "a protocol, a type, a base class or a result": ("Backend Background"),
     "called by functions that have checked the arguments": (
-        "supports solve solve_again iterate march_again on_whole split Problem of once"
+        "supports solve solve_again iterate march_again on_whole split of once"
         " lower_sizes refuse_surfaces rows"
     ),
     "needs DOLFINx, which pip cannot install": "to_dolfinx",
 }
+#: Conversions and pictures, which are methods as well.
+_ELSEWHERE = ("adaptsize.bridges", "adaptsize.plot")
 LEFT_OUT = {name for names in _REASONS.values() for name in names.split()}
 
 
@@ -88,6 +88,8 @@ def _of(name: str, thing: Any) -> Iterator[Subject]:
             yield Subject.of(f"{name}.{method}", getattr(thing, method))
         elif inspect.isfunction(raw):
             yield Subject.of(f"{name}.{method}", raw, owner=name)
+        elif isinstance(raw, LaterMethod) and not raw.module.startswith(_ELSEWHERE):
+            yield Subject.of(raw.name, getattr(thing, method))
 
 
 def _is_record(thing: type) -> bool:

@@ -316,7 +316,7 @@ def test_degrees_draw_a_warning_unless_the_file_names_other_coordinates(tmp_path
     (tmp_path / "b.prj").write_text('GEOGCS["GCS_WGS_1984",DATUM["D_WGS_1984"]]')
     with (
         pytest.warns(InputWarning, match="project them to a plane first"),
-        pytest.warns(InputWarning),
+        pytest.warns(InputWarning, match="no polygons or lines left out"),
     ):
         read(tmp_path / "b.shp")
 
