@@ -221,9 +221,9 @@ def test_missing_files_and_other_kinds_are_refused(tmp_path):
     (tmp_path / "part.stl").write_bytes(b"solid")
     with pytest.raises(MeshFileError, match=r"not an image format that can be read.*\.nrrd"):
         read_image(tmp_path / "part.stl")
-    assert is_image_file("a/b.NII.GZ")
-    assert is_image_file("mask.v2.png")
-    assert not is_image_file("part.stl.gz")
+    assert is_image_file(Path("a/b.NII.GZ"))
+    assert is_image_file(Path("mask.v2.png"))
+    assert not is_image_file(Path("part.stl.gz"))
 
 
 def test_a_reader_that_is_missing_is_named_with_how_to_get_it(tmp_path, monkeypatch):
