@@ -17,6 +17,7 @@ def test_written_names_are_those_of_the_reference(monkeypatch):
     assert found["limit_gradient"] == "adaptsize.limit_gradient"
     assert found["SizeReport"].startswith("adaptsize.")
     assert "minimum" not in found
+    assert set(names.records()) <= set(found.values())  # each is on a page that exists
     written = "ads.limit_gradient(mesh, h0, g=0.25)"
     assert names.WRITTEN.match(written)[1] == "limit_gradient"
     for target in found.values():
