@@ -29,7 +29,6 @@ def assert_marches_as_one_process(mesh, g_of, kind, rng):
         np.testing.assert_allclose(h, whole[part.global_ids], rtol=1e-12)
         assert info == results[0][1]
     assert (info.n_proved, info.largest_gap, info.n_free) == (None, None, 0)
-    assert info.sources is None
     assert info.n_changed == pytest.approx(expected.n_changed, abs=3)
     assert abs(info.residual) < 1e-12
     assert info.largest_edge_slope == pytest.approx(expected.largest_edge_slope)

@@ -142,7 +142,7 @@ def limit_gradient(
         ``h0`` is inf.  Mesh nodes that belong to no cell keep ``h0``.
         ``limit_gradient.with_info``, with the same arguments, returns the pair ``(h, info)`` with
         a `LimitingInfo`, whose attributes are computed on first access; for a mesh in parts a
-        `distributed.PartsLimitingInfo` with the same attributes.
+        `distributed.PartsLimitingInfo`, which has the figures but no ``sources``.
 
     Raises
     ------

@@ -10,7 +10,7 @@ from adaptsize._kernels.exact import list_entries_in_reach
 from adaptsize._kernels.exact_plane import CORNER
 from adaptsize._kernels.trees import DEPTH
 from adaptsize.limiting.exact.field import Entries, sorted_entries
-from adaptsize.ranks import Communicator, Ids
+from adaptsize.ranks import Communicator
 from adaptsize.typing import FloatArray, IntArray
 
 
@@ -81,19 +81,9 @@ def exchange_entries(
     groups: Sequence[Entries],
     own: FloatArray,
     g: float,
-    named: Sequence[Ids] | None = None,
-) -> tuple[Entries, Ids]:
-    """Return the entries of other ranks that may act on this one; one exchange.
-
-    The global numbers of their nodes are returned, too, if those of the own entries are given.
-    """
-    rows = [entries.table for entries in groups]
-    if named is not None:
-        rows = [np.column_stack(pair) for pair in zip(rows, named, strict=True)]
-    table, ids = np.split(
-        exchange_rows(comm, groups, rows, own, g), [groups[0].table.shape[1]], axis=1
-    )
+) -> Entries:
+    """Return the entries of other ranks that may act on this one; one exchange."""
+    table = exchange_rows(comm, groups, [entries.table for entries in groups], own, g)
     nodes = np.full((len(table), groups[0].nodes.shape[1]), -1, np.int32)
     nodes[:, 0] = np.arange(len(table))
-    entries = sorted_entries(table, nodes)
-    return entries, ids[entries.nodes[:, 0]].astype(np.int64)
+    return sorted_entries(table, nodes)

@@ -21,11 +21,7 @@ from adaptsize.limiting.exact.candidates import Component, Extra, Kinks, margin_
 from adaptsize.limiting.exact.field import Points, Workers
 from adaptsize.limiting.exact.plane import Plane, has_many_corners, plane_of
 from adaptsize.limiting.exact.scheme import OUTSIDE
-from adaptsize.limiting.exact.solve import (
-    ComponentSolution,
-    rises_too_fast,
-    solve_by_sight,
-)
+from adaptsize.limiting.exact.solve import rises_too_fast, solve_by_sight
 from adaptsize.limiting.in_parts.domain import (
     Piece,
     Skeleton,
@@ -34,17 +30,10 @@ from adaptsize.limiting.in_parts.domain import (
     piece_of,
 )
 from adaptsize.limiting.in_parts.entries import exchange_entries, of_this_rank, reach_of
-from adaptsize.limiting.in_parts.info import (
-    Numbers,
-    Solved,
-    numbers_of,
-    trace,
-    untraced,
-    with_piece,
-)
+from adaptsize.limiting.in_parts.info import Solved
 from adaptsize.limiting.in_parts.solids import find_body, solve_body
 from adaptsize.limiting.problem import PointBounds, TooManyCorners
-from adaptsize.ranks import Communicator, Ids
+from adaptsize.ranks import Communicator
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 
@@ -56,8 +45,6 @@ class Settings(NamedTuple):
     threads: int | None
     report: ProgressCallback
     point_sources: PointBounds | None
-    trace: bool
-    """Whether to return the sources of the sizes."""
     at_any_price: bool = True
     """As in `Problem`."""
 
@@ -70,7 +57,6 @@ def solve_exact(part: PartitionedMesh, h0: FloatArray, settings: Settings) -> So
     """
     if part.dim == 1:
         return None
-    traced = untraced(part) if settings.trace else None
     whole = Solved(h0.copy(), 0, n_hidden=0)
     numbers = components_of(part).bounded(part.ranks, h0)
     located = locate(part, settings.point_sources)
@@ -83,8 +69,6 @@ def solve_exact(part: PartitionedMesh, h0: FloatArray, settings: Settings) -> So
         if found is None:
             return None
         whole.h[piece.nodes] = found.h[: len(piece.nodes)]
-        if traced is not None and found.traced is not None:
-            traced = with_piece(traced, piece, found.traced)
         whole = Solved(
             whole.h,
             whole.iterations + found.iterations,
@@ -92,7 +76,7 @@ def solve_exact(part: PartitionedMesh, h0: FloatArray, settings: Settings) -> So
             (whole.n_hidden or 0) + (found.n_hidden or 0),
             max(whole.largest_gap, found.largest_gap),
         )
-    return whole._replace(traced=traced)
+    return whole
 
 
 def _solve_piece(
@@ -118,30 +102,23 @@ def _solve_piece(
         margin=margin_for(min(least for least, _ in facts), settings.g, skeleton.diagonal),
         merge=lambda rows: merge_kinks(piece, rows),
     )
-    ids = numbers_of(piece, component, part.n_global_points)
     if skeleton.convex:
-        numbers = Numbers(ids, piece.ids[:0]) if settings.trace else None
-        return _with_others(piece, component, None, skeleton, numbers)
+        return _with_others(piece, component, None, skeleton)
     if mesh.dim == 3:
         body = part.once(f"_body_{number}", lambda: find_body(piece, skeleton))
-        return solve_body(part, piece, body, component, ids, tracing=settings.trace)
+        return solve_body(part, piece, body, component)
     if not settings.at_any_price:
         n_corners = count_corners(skeleton.points, skeleton.boundary)
         if has_many_corners(n_corners, comm.allreduce(piece.n_own, "sum")):
             raise TooManyCorners
-    plane, corners = part.once(f"_plane_{number}", lambda: _plane_on(piece, skeleton))
-    numbers = Numbers(ids, corners) if settings.trace else None
-    found = _with_others(piece, component, plane.without_sizes(), skeleton, numbers)
+    plane = part.once(f"_plane_{number}", lambda: _plane_on(piece, skeleton))
+    found = _with_others(piece, component, plane.without_sizes(), skeleton)
     folded = not piece.is_empty and rises_too_fast(component, found.h)
     return None if comm.allreduce(int(folded), "max") else found
 
 
 def _with_others(
-    piece: Piece,
-    component: Component,
-    plane: Plane | None,
-    skeleton: Skeleton,
-    numbers: Numbers | None,
+    piece: Piece, component: Component, plane: Plane | None, skeleton: Skeleton
 ) -> Solved:
     """Return the sizes in a convex domain (no ``plane``) or in the plane; one exchange."""
     mesh, boundary = component.mesh, skeleton.boundary
@@ -151,43 +128,16 @@ def _with_others(
     assert component.order is not None
     order = component.order[:0] if piece.is_empty else component.order
     on_wall = np.empty(0, np.int32) if plane is None else plane.boundary.rows
-    return _exchanged(piece, component, found, Points(mesh.points, order, on_wall), numbers)
-
-
-def _exchanged(
-    piece: Piece,
-    component: Component,
-    found: ComponentSolution,
-    points: Points,
-    numbers: Numbers | None,
-) -> Solved:
-    """Return the sizes of one rank (In/Out: found) lowered by sources of others; one exchange.
-
-    Sources are traced if the numbers of their nodes are given.
-    """
-    field = found.field
-    sent = [of_this_rank(entries, component.mesh.n_points) for entries in field.groups]
+    points, field = Points(mesh.points, order, on_wall), found.field
+    sent = [of_this_rank(entries, mesh.n_points) for entries in field.groups]
     reach = reach_of(points.places, points.order, found.h)
-    named = None if numbers is None else [numbers.of(entries) for entries in sent]
-    received, ids = exchange_entries(piece.ranks, sent, reach, component.g, named)
-    own = field.groups.copy()
-    field.add(received)
+    field.add(exchange_entries(piece.ranks, sent, reach, component.g))
     field.lower_by_last(points, found.h, found.source, component.workers)
-    solved = Solved(found.h, field.n_entries)
-    if numbers is None:
-        return solved
-    n = len(piece.ids)
-    every = np.concatenate([*map(numbers.of, own), ids])
-    sizes = np.concatenate([entries.sizes for entries in field.groups])
-    traced = trace(piece.ids, found.source[:n], every, sizes, found.bends()[:n])
-    return solved._replace(traced=traced)
+    return Solved(found.h, field.n_entries)
 
 
-def _plane_on(piece: Piece, skeleton: Skeleton) -> tuple[Plane, Ids]:
-    """Return walls and corners, the same on all ranks, with the rows of local nodes.
-
-    The nodes of corners are numbers in the second result, which holds global numbers.
-    """
+def _plane_on(piece: Piece, skeleton: Skeleton) -> Plane:
+    """Return walls and corners, the same on all ranks, with the rows of local nodes."""
     counts = [np.bincount(ends, minlength=len(skeleton.ids)) for ends in skeleton.boundary.facets.T]
     irregular = np.flatnonzero((counts[0] != 1) | (counts[1] != 1)).astype(np.int32)
     wider, mesh = skeleton.with_cells(piece, irregular)
@@ -200,7 +150,7 @@ def _plane_on(piece: Piece, skeleton: Skeleton) -> tuple[Plane, Ids]:
     def merge(sizes: FloatArray, arrivals: FloatArray, lowered: BoolArray) -> None:
         _merge_corners(piece.ranks, sizes, arrivals, lowered)
 
-    return replace(plane, boundary=whole._replace(rows=rows), merge=merge), wider.ids
+    return replace(plane, boundary=whole._replace(rows=rows), merge=merge)
 
 
 def _merge_corners(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from hashlib import sha256
 from typing import Any, NamedTuple
 
@@ -11,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import STEEPEST, as_float_array, as_plain_array, one_of, warn_caller
+from adaptsize.background import SimplexMesh
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.errors import ConvergenceWarning
 from adaptsize.limiting.exact.scheme import UNFINISHED, Exact
@@ -19,11 +19,8 @@ from adaptsize.limiting.gradient_limit import SizeTransform, Slope, resolve
 from adaptsize.limiting.in_parts.exact import Settings, solve_exact
 from adaptsize.limiting.in_parts.info import (
     PartsLimitingInfo,
-    Traced,
     info_from,
     info_of,
-    scattered,
-    traced_from,
 )
 from adaptsize.limiting.in_parts.marching import solve_fast_marching
 from adaptsize.limiting.info import LimitingInfo
@@ -117,7 +114,7 @@ def limit_in_parts(
     if isinstance(scheme, Exact):
         threads = 1 if scheme.threads is None and comm.size > 1 else scheme.threads
         price = request.scheme is not None or extra is not None
-        settings = Settings(g, scheme.face_sources, threads, report, at_points, wants_info, price)
+        settings = Settings(g, scheme.face_sources, threads, report, at_points, price)
         try:
             solved = solve_exact(part, u0, settings)
         except TooManyCorners:  # on all ranks
@@ -200,27 +197,14 @@ def _collected(
     part: PartitionedMesh, request: Request, limit_whole: LimitWhole, wants_info: bool
 ) -> tuple[FloatArray, PartsLimitingInfo | None]:
     """Return the sizes, and the info if it is wanted, that rank 0 computes on the whole mesh."""
-    whole, bounds = part.gather(), part.gather_nodal(request.h0)
+    bounds, made = part.gather_nodal(request.h0), []
 
-    def solve() -> tuple[FloatArray | None, PartsLimitingInfo | None, Traced | None]:
-        if whole is None or bounds is None:
-            return None, None, None
-        h, info = limit_whole(
-            whole,
-            bounds,
-            request.g,
-            method="auto" if request.scheme is None else request.scheme,
-            point_sources=request.point_sources,
-        )
-        if not wants_info:
-            return h, None, None
-        traced = None if info.sources is None else traced_from(info.sources)
-        return h, info_from(info, part.n_global_points), traced
+    def solve(whole: SimplexMesh) -> FloatArray:
+        method = "auto" if request.scheme is None else request.scheme
+        extra = request.point_sources
+        h, info = limit_whole(whole, bounds, request.g, method=method, point_sources=extra)
+        made.append(info_from(info, part.n_global_points) if wants_info else None)
+        return h
 
-    sizes, info, traced = part.ranks.agree(solve)
-    own = part.scatter_nodal(sizes)
-    if not wants_info:
-        return own, None
-    info, is_traced = part.ranks.bcast((info, traced is not None))
-    assert info is not None  # that of rank 0
-    return own, replace(info, sources=scattered(part, traced)) if is_traced else info
+    own = part.on_whole(solve)
+    return own, part.ranks.bcast(made[0] if made else None)

@@ -7,7 +7,7 @@ docs/decisions/0030-one-exchange-between-ranks.md.
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,13 +17,11 @@ from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.candidates import Component, candidates_of, sources_on_cells
 from adaptsize.limiting.exact.field import Entries, ExactField, Points, node_entries, sorted_entries
-from adaptsize.limiting.exact.origins import Merge, Paths, complete
 from adaptsize.limiting.exact.solve import entries_of_nodes
 from adaptsize.limiting.exact.space import (
     Bounds,
     Solid,
     SolidSources,
-    SpaceResult,
     Spread,
     solid_of,
     solve_in_space,
@@ -31,7 +29,7 @@ from adaptsize.limiting.exact.space import (
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.in_parts.domain import Piece, Skeleton
 from adaptsize.limiting.in_parts.entries import exchange_rows, of_this_rank, reach_of
-from adaptsize.limiting.in_parts.info import Solved, Traced, trace
+from adaptsize.limiting.in_parts.info import Solved
 from adaptsize.limiting.in_parts.marching import solve_along_edges
 from adaptsize.ranks import Ids
 from adaptsize.typing import BoolArray, FloatArray, IntArray
@@ -78,20 +76,10 @@ def find_body(piece: Piece, skeleton: Skeleton) -> Body:
     return Body(ids, own, boundary, solid_of(mesh, boundary, own))
 
 
-def solve_body(
-    part: PartitionedMesh,
-    piece: Piece,
-    body: Body,
-    component: Component,
-    numbers: Ids,
-    *,
-    tracing: bool,
-) -> Solved:
-    """Return the limited sizes at the nodes of a piece, and their sources if traced; collective.
-
-    ``numbers``: global numbers of nodes, of sources between the nodes, and -1.
-    """
+def solve_body(part: PartitionedMesh, piece: Piece, body: Body, component: Component) -> Solved:
+    """Return the limited sizes at the nodes of a piece; collective."""
     g, solid = component.g, body.solid
+    numbers = _numbers_of(piece, component, part.n_global_points)
     h0, reach = _bounds(piece, body, component)
     lower, source = h0.copy(), np.full(len(h0), -1, np.int32)
     points = Points(solid.points, solid.nodes, np.empty(0, np.int32))
@@ -129,51 +117,23 @@ def solve_body(
     found = solve_in_space(solid, sources, bounds, g, component.workers)
     h, least = found.h[body.own], found.lower[body.own]
     hidden = ~found.proved[body.own]
-    traced = None
-    if tracing:
-        table, known = _traced(body, found, h0, named, rows[:, 9:_COLUMNS])
-        edges = piece.mesh.edges if len(body.own) else np.empty((0, 2), np.int32)
-        paths = Paths(solid.points, body.ids, body.own[edges], found.h, g, found.start)
-        complete(paths, table, known, piece.ranks, _merging(part, piece, body))
-        own = table[body.own]
-        numbers_of_sources = own[:, :4].astype(np.int64)
-        bends = np.where(np.isinf(own[:, 4:]), np.nan, own[:, 4:])
-        traced = Traced(numbers_of_sources[:, :3], numbers_of_sources[:, 3], bends)
     return Solved(
         h,
         field.n_entries,
         found.finished,
         int(np.count_nonzero(hidden & part.is_owned[piece.nodes])),
         float((h - least)[hidden].max(initial=0.0)),
-        traced=traced,
     )
 
 
-def _merging(part: PartitionedMesh, piece: Piece, body: Body) -> Merge:
-    """Return the collective function that merges values at shared nodes and at reflex edges."""
-    reflex_nodes = body.solid.reflex_edges.nodes
-
-    def merge(values: FloatArray, how: Literal["min", "max"]) -> FloatArray:
-        none, operation = (np.inf, np.minimum) if how == "min" else (-np.inf, np.maximum)
-        in_part = np.full((part.n_points, *values.shape[1:]), none)
-        in_part[piece.nodes] = values[body.own]
-        merged = values.copy()
-        merged[body.own] = part.shared.merge(in_part, operation)[piece.nodes]
-        merged[reflex_nodes] = piece.ranks.allreduce(merged[reflex_nodes], how)
-        return merged
-
-    return merge
-
-
-def _traced(
-    body: Body, found: SpaceResult, h0: FloatArray, named: Ids, sizes: FloatArray
-) -> tuple[FloatArray, BoolArray]:
-    """Return the sources of the sizes as rows for `complete`, and whether they are known."""
-    solved = np.zeros(len(body.ids), np.bool_)
-    solved[body.own] = solved[body.solid.reflex_edges.nodes] = True
-    known = (found.entry >= 0) | (found.h >= h0) | ~solved
-    nodes, first, bends = trace(body.ids, found.entry, named, sizes, found.bend)
-    return np.column_stack([nodes, first, np.where(np.isnan(bends), np.inf, bends)]), known
+def _numbers_of(piece: Piece, component: Component, n_global: int) -> Ids:
+    """Return the global numbers of nodes, then those of sources between the nodes, then -1."""
+    n, extra = component.mesh.n_points, component.extra
+    last = n if extra is None else int(extra.numbers.max(initial=n - 1)) + 1
+    ids = np.arange(last + 1) - n + n_global
+    ids[:n], ids[-1] = -1, -1
+    ids[: len(piece.ids)] = piece.ids
+    return ids
 
 
 def _bounds(piece: Piece, body: Body, component: Component) -> tuple[FloatArray, FloatArray]:
