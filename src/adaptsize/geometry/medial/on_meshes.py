@@ -5,7 +5,6 @@ On and near the edges of the mesh, points of the medial axis are found, where tw
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -40,16 +39,6 @@ _FARTHEST = 2.0
 _ASIDE = 0.02
 # ... for other ends the axis is searched for at their foot, with this relative offset.
 _ACROSS = 0.125
-
-
-# Largest number of steps of the ascent to the centre of a ball, and smallest step as a share of
-# the first.
-_STEPS = 100
-_SMALLEST = 1e-5
-# A point is surrounded by the boundary if a mean of the directions around it is shorter than this.
-_SURROUNDED = 0.1
-# Weight of the constraint on the sum of the weights of a mean, relative to its length.
-_WEIGHT = 1e3
 
 
 @dataclass(frozen=True)
@@ -292,7 +281,7 @@ class DomainOnMesh:
             return np.empty((0, mesh.dim))
         reach = np.zeros(mesh.n_points)
         np.maximum.at(reach, mesh.edges, mesh.edge_lengths[:, None])
-        centres, reached = _largest_balls(self.boundary, mesh.points[deepest], reach[deepest])
+        centres, reached = _centres_of_balls(self.boundary, mesh.points[deepest], reach[deepest])
         number = np.full(mesh.n_points, -1)
         number[deepest[reached]] = np.arange(len(centres))
         # The nodes themselves and their neighbours.
@@ -432,64 +421,35 @@ def _copies(cells: LongArray, inside: BoolArray) -> tuple[IndexArray, IndexArray
 # Centres of balls
 
 
-def _largest_balls(
+def _centres_of_balls(
     boundary: Boundary, points: FloatArray, reach: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """Return the centres of balls that the boundary touches on all sides, by steepest ascent.
+    """Return the centres of round parts, and near which points there is one.
 
-    Each step leads away from the boundary, against the shortest mean of the directions to the
-    boundary around a point.  This is the steepest ascent where several fronts meet [1]_.  If the
-    mean vanishes, or the depth does not increase, the step is halved.
+    It is where the normals of the boundary through places around a point meet.
 
     Parameters
     ----------
     boundary : Boundary
     points : float64[n, dim]
-        Start points inside.
+        Inside.
     reach : float64[n]
-        Length of the first steps.
+        Largest distance of a centre from its point.
 
     Returns
     -------
-    centres : float64[m, dim]
-    reached : bool[n]
-        Whether a centre was found from each point.
-
-    References
-    ----------
-    .. [1] J. V. Burke, A. S. Lewis, M. L. Overton, "A robust gradient sampling algorithm for
-       nonsmooth, nonconvex optimization", SIAM J. Optim. 15 (2005) 751-779.
+    float64[m, dim], bool[n]
     """
     dim = points.shape[1]
-    around = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=dim)))
-    around /= np.maximum(np.linalg.norm(around, axis=1), 1.0)[:, None]
-    best, step = points.copy(), 0.5 * reach
-    depth = boundary.seen_from(best).depth
-    surrounded = np.zeros(len(best), np.bool_)
-    for _ in range(_STEPS):
-        going = np.flatnonzero(step > _SMALLEST * reach)
-        if len(going) == 0:
-            break
-        probes = best[going, None, :] + step[going, None, None] * around
-        outward = boundary.seen_from(probes.reshape(-1, dim)).outward.reshape(probes.shape)
-        mean = np.array([_shortest_mean(directions) for directions in outward])
-        length = np.linalg.norm(mean, axis=1)
-        surrounded[going] = length < _SURROUNDED
-        way = mean * (step[going] / np.maximum(length, _SURROUNDED))[:, None]
-        seen = boundary.seen_from(best[going] - way)
-        better = (seen.depth > depth[going]) & ~surrounded[going]
-        best[going[better]] -= way[better]
-        depth[going[better]] = seen.depth[better]
-        step[going[~better]] *= 0.5
-    reached = surrounded & (step <= _SMALLEST * reach)
-    return best[reached], reached
-
-
-def _shortest_mean(directions: FloatArray) -> FloatArray:
-    """Return the shortest of all weighted means, float64[dim], of vectors, float64[n, dim]."""
-    from scipy.optimize import nnls
-
-    n, dim = directions.shape
-    rows = np.vstack([directions.T, np.full(n, _WEIGHT)])
-    weights: FloatArray = nnls(rows, np.append(np.zeros(dim), _WEIGHT))[0]
-    return np.asarray(weights @ directions / weights.sum())
+    around = np.concatenate([np.eye(dim), -np.eye(dim)])
+    places = points[:, None] + 0.5 * reach[:, None, None] * around
+    normals = boundary.seen_from(places.reshape(-1, dim)).outward.reshape(places.shape)
+    across = np.eye(dim) - normals[..., :, None] * normals[..., None, :]
+    # Parallel normals meet nowhere; of their common points, the nearest is taken.
+    matrix = across.sum(axis=1) + 1e-9 * np.eye(dim)
+    right = np.einsum("nkij,nkj->ni", across, places) + 1e-9 * points
+    centres = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
+    off = np.einsum("nkij,nkj->nki", across, centres[:, None] - places)
+    meet = np.linalg.norm(off, axis=2).max(axis=1) <= 0.1 * reach
+    meet &= np.linalg.norm(centres - points, axis=1) <= reach
+    return centres[meet], meet
