@@ -1,10 +1,15 @@
 """Array aliases and the protocol of a background."""
 
 from collections.abc import Callable
-from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack as Unpack  # noqa: PLC0414 - exported
+else:
+    Unpack = tuple  # annotations are not evaluated
 
 __all__ = [
     "Background",

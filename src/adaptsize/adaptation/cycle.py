@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -40,10 +40,7 @@ from adaptsize.remeshing.protocol import Task
 from adaptsize.remeshing.registry import choose_backend
 from adaptsize.sizes.budget import calibration, elements_with_nodes
 from adaptsize.sizes.error import as_indicator
-from adaptsize.typing import ProgressCallback
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
+from adaptsize.typing import ProgressCallback, Unpack
 
 Fields: TypeAlias = Mapping[str, npt.ArrayLike]
 Arrays: TypeAlias = dict[str, npt.NDArray[Any]]

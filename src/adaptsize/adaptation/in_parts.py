@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -42,10 +42,7 @@ from adaptsize.remeshing.in_parts import InterfaceQuality, Quality, interface_qu
 from adaptsize.sizes.budget import calibration, cells_for_nodes
 from adaptsize.sizes.curvature import size_from_curvature, size_of_chords
 from adaptsize.sizes.error import as_indicator
-from adaptsize.typing import FloatArray, ProgressCallback
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
+from adaptsize.typing import FloatArray, ProgressCallback, Unpack
 
 Fields = Mapping[str, npt.ArrayLike]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias, cast
+from typing import NamedTuple, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -18,10 +18,7 @@ from adaptsize.options import NeedOptions, checked, with_options
 from adaptsize.quality.conformity import SizeLike, nodal_metric
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.sizes.budget import calibration, count_elements
-from adaptsize.typing import BoolArray, FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
+from adaptsize.typing import BoolArray, FloatArray, IntArray, Unpack
 
 #: Sizes at the nodes of a mesh, or the metric there.
 Requested: TypeAlias = FloatArray | Metric

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -28,10 +28,7 @@ from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh, as_own
 from adaptsize.limiting.exact.field import Workers
 from adaptsize.options import TransferOptions, checked, with_options
-from adaptsize.typing import FloatArray, IntArray, NodalMethod, ProgressCallback
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
+from adaptsize.typing import FloatArray, IntArray, NodalMethod, ProgressCallback, Unpack
 
 #: Distance, over the size, by which a point is moved into a cell to find its side of a slit.
 _ASIDE = 1e-8

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -29,10 +29,7 @@ from adaptsize.options import (
     with_options,
 )
 from adaptsize.remeshing.driver import check_backend, remesh
-from adaptsize.typing import ProgressCallback
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
+from adaptsize.typing import ProgressCallback, Unpack
 
 #: A mesh with a number of elements within this share of the wanted one is accepted.
 _ACCEPTED = 0.05

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,10 +27,7 @@ from adaptsize.options import (
     with_options,
 )
 from adaptsize.remeshing.driver import check_backend, remesh
-from adaptsize.typing import FloatArray, ProgressCallback
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
+from adaptsize.typing import FloatArray, ProgressCallback, Unpack
 
 #: Orders among which the observed one is searched.
 _ORDERS = (0.05, 10.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy.typing as npt
 
@@ -18,10 +18,7 @@ from adaptsize.domain_size.image_regions import with_regions
 from adaptsize.domain_size.request import Request
 from adaptsize.options import ImageMeshOptions, ImageOptions, checked, options_of, with_options
 from adaptsize.remeshing.distmesh.from_distance import mesh_from_distance
-from adaptsize.typing import FloatArray, ProgressCallback
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
+from adaptsize.typing import FloatArray, ProgressCallback, Unpack
 
 
 @with_options(ImageMeshOptions)

@@ -17,18 +17,16 @@ Nodes in no cell are not in the domain.
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels import topology as kernels
 from adaptsize._kernels.sight import ANY, NARROW, WIDE
+from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import unique_rows
 from adaptsize.typing import BoolArray, FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from adaptsize.background import SimplexMesh
 
 
 class FlatBoundary(NamedTuple):

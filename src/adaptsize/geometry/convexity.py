@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from adaptsize.background.topology import unique_rows
+from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.typing import FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from adaptsize.geometry.boundary import FlatBoundary
 
 
 def is_convex(points: FloatArray, boundary: FlatBoundary) -> bool:

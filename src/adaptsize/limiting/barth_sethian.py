@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from adaptsize._checks import describe
 from adaptsize._kernels.fast_marching import sweep_cells
-from adaptsize.background import SimplexMesh
+from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.marching import cells_in
 from adaptsize.limiting.fast_marching import march_mesh
 from adaptsize.limiting.problem import Problem, Scheme, Solution, checked_start
-
-if TYPE_CHECKING:
-    from adaptsize.background import CartesianGrid
 
 _MOST_STEPS = 20_000
 

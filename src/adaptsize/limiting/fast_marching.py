@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from adaptsize._kernels import fast_marching as kernels
 from adaptsize._kernels import fast_marching_grid as grid_kernels
 from adaptsize._kernels.heap import new_heap
-from adaptsize.background import CartesianGrid
+from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.marching import (
     KEEP,
     PaddedGrid,
@@ -24,13 +24,10 @@ from adaptsize.background.marching import (
     sweep_into_heap,
 )
 from adaptsize.background.padding import pad, strides_of_padded, unpad
+from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.policy_iteration import iterate_policies
 from adaptsize.limiting.problem import Problem, Scheme, Solution, relative_to_largest
 from adaptsize.typing import FloatArray
-
-if TYPE_CHECKING:
-    from adaptsize.background import SimplexMesh
-    from adaptsize.limiting.gradient_limit import Slope
 
 # Before policy iteration, marching continues until no size decreases by more than this share.
 # Policy iteration then needs half as many steps.

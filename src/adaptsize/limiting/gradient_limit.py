@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import FARTHEST, NEAREST, STEEPEST, as_float_array, refuse_where
-from adaptsize.background import CartesianGrid
+from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.typing import FloatArray, GradientLimit, GradientOfSize
-
-if TYPE_CHECKING:
-    from adaptsize.background import SimplexMesh
 
 # Larger sizes mean that g(h) is unbounded and the solution overflows.
 _SMALLEST, _LARGEST = NEAREST, FARTHEST

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize.background import CartesianGrid
+from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.padding import pad, strides_of_padded, unpad
 from adaptsize.limiting.fast_marching import march_grid
 from adaptsize.limiting.problem import Problem, Scheme, Solution, checked_start
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
-
-if TYPE_CHECKING:
-    from adaptsize.background import SimplexMesh
 
 
 @dataclass(frozen=True)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels.fast_marching import fill_policy
+from adaptsize.background import SimplexMesh
 from adaptsize.background.marching import KEEP, cells_in
+from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
-
-if TYPE_CHECKING:
-    from adaptsize.background import SimplexMesh
-    from adaptsize.limiting.gradient_limit import Slope
 
 _MOST_STEPS = 200
 _ROUNDING = 1e-13

@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from adaptsize._checks import as_number, as_whole_number
 from adaptsize._progress import silent
+from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.periodic import Periodicity
 from adaptsize.typing import FloatArray, ProgressCallback
-
-if TYPE_CHECKING:
-    from adaptsize.background import CartesianGrid, SimplexMesh
 
 
 class PointBounds(NamedTuple):

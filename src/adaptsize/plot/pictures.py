@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,10 +24,7 @@ from adaptsize.plot import with_matplotlib, with_vtk
 from adaptsize.plot.ellipsoids import scene_of_metric
 from adaptsize.plot.scene import Scene, printable, scene_of_grid, scene_of_mesh, scene_of_octree
 from adaptsize.plot.style import FIELDS, QUALITY, share_of_scene, with_bar
-from adaptsize.typing import FloatArray
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
+from adaptsize.typing import FloatArray, Unpack
 
 
 class Picture(np.ndarray):

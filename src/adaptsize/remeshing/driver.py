@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -48,10 +48,7 @@ from adaptsize.remeshing.surface import (
 )
 from adaptsize.remeshing.surface_checks import warn_of_surface
 from adaptsize.sizes import Enclosed, predict
-from adaptsize.typing import ProgressCallback
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
+from adaptsize.typing import ProgressCallback, Unpack
 
 M = TypeVar("M", SimplexMesh, PartitionedMesh)
 

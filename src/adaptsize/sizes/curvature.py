@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,10 +27,7 @@ from adaptsize.options import CurvatureOptions, checked, with_options
 from adaptsize.sizes._from_distance import size_from_distance
 from adaptsize.sizes._on_grid import nodes_near
 from adaptsize.sizes.combine import minimum
-from adaptsize.typing import FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
+from adaptsize.typing import FloatArray, IntArray, Unpack
 
 # A folded or noisy spot must not require more than 10^6 elements along the part.
 _SMALLEST_SHARE = 1e-6

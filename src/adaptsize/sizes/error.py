@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -17,10 +16,7 @@ from adaptsize.options import ErrorOptions, HessianOptions, ScaleOptions, checke
 from adaptsize.sizes.budget import as_goal, calibration, count_elements, present_sizes, scale_to
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.recovery import as_nodal_field, second_derivatives
-from adaptsize.typing import FloatArray
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
+from adaptsize.typing import FloatArray, Unpack
 
 #: Applies all limits to nodal sizes.
 Finish = Callable[[FloatArray], FloatArray]

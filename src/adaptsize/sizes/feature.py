@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import numpy.typing as npt
 
@@ -27,10 +25,7 @@ from adaptsize.geometry.medial.feature_size import feature_size
 from adaptsize.geometry.width import Width
 from adaptsize.options import FeatureOptions, checked, with_options
 from adaptsize.sizes.combine import minimum
-from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
+from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback, Unpack
 
 # Sizes must not require more than 10^6 elements along the part where a part tapers to nothing.
 SMALLEST_SHARE = 1e-6

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import warnings
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from adaptsize._kernels import fast_marching as kernels
 from adaptsize._kernels.heap import new_heap
+from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.marching import (
     accept_all,
     march_on_grid,
@@ -20,9 +20,6 @@ from adaptsize.background.marching import (
 from adaptsize.background.padding import pad, strides_of_padded, unpad
 from adaptsize.errors import ConvergenceWarning
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
-
-if TYPE_CHECKING:
-    from adaptsize.background import CartesianGrid, SimplexMesh
 
 # Where dependencies between nodes are cyclic, among flat cells, changes must be larger.
 _KEEP_ROUGHLY = 1.0 - 1e-3

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -32,10 +32,7 @@ from adaptsize.remeshing.distmesh.rejection import (
 )
 from adaptsize.remeshing.distmesh.relaxation import relax
 from adaptsize.remeshing.distmesh.report import SmoothingReport, describe, warn_of_faults
-from adaptsize.typing import FloatArray, IntArray, ProgressCallback
-
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
+from adaptsize.typing import FloatArray, IntArray, ProgressCallback, Unpack
 
 #: A function of points, float64[n, dim], with one value per point.
 Field: TypeAlias = Callable[[FloatArray], Any]
