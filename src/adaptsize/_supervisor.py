@@ -4,11 +4,13 @@ The supervisor starts the job as a child of its own.  It ends everything that th
 when the job ends, or when the caller ends or closes the pipe to it.  The caller cannot do that
 itself when it is killed.
 
-Only small modules of Python are imported here, so that both processes are ready to end after a
-few hundredths of a second.
+Only small modules of Python are imported here, so that it is ready after a few hundredths of a
+second.
 """
 
 import contextlib
+import json
+import math
 import os
 import select
 import shutil
@@ -17,6 +19,7 @@ import subprocess
 import sys
 import threading
 import time
+from functools import partial
 from pathlib import Path
 
 from adaptsize._isolated import isolated
@@ -33,14 +36,21 @@ def supervised(folder: Path) -> list[str]:
 
 
 def supervise(caller: int, folder: str) -> int:
-    """Run the job in ``folder`` once a line comes from the caller; return its exit code."""
+    """Run a job in ``folder``; return its exit code.
+
+    The caller sends a line with the command and the limit of processor time in seconds.
+    """
     _prctl(_SET_CHILD_SUBREAPER, 1)
-    if not sys.stdin.buffer.readline():
+    line = sys.stdin.buffer.readline()
+    if not line:
         _end_everything(None, folder)
+    command, seconds = json.loads(line)
+    prepare = partial(_prepare_job, os.getpid(), seconds)
     job = subprocess.Popen(
-        isolated(_WORK, os.getpid()),
+        command,
         stdin=subprocess.DEVNULL,
         start_new_session=True,
+        preexec_fn=None if sys.platform == "win32" else prepare,  # noqa: PLW1509  (no thread yet)
     )
     ending = threading.Lock()  # whoever gets it first ends the job, and this process
     threading.Thread(target=_end_with, args=(caller, job, folder, ending), daemon=True).start()
@@ -50,15 +60,28 @@ def supervise(caller: int, folder: str) -> int:
     return code
 
 
-def work(supervisor: int) -> int:
-    """Do the job in the working directory, and die with the supervisor."""
-    if sys.platform == "linux":
-        _prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
-        if os.getppid() != supervisor:  # it died before
-            return 1
-    from adaptsize.remeshing._worker import main
+def _prepare_job(supervisor: int, seconds: float) -> None:
+    """Make this process die with the supervisor, or after so many seconds of processor time."""
+    _prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
+    if os.getppid() != supervisor:  # it died before
+        os._exit(1)
+    limit_processor_time(seconds)
 
-    return main()
+
+def limit_processor_time(seconds: float) -> None:
+    """Have the system end this process after so many more seconds of processor time.
+
+    Windows has no such limit.
+    """
+    if seconds == math.inf or sys.platform == "win32":
+        return
+    import resource
+
+    _, hard = resource.getrlimit(resource.RLIMIT_CPU)
+    limit = math.ceil(time.process_time() + seconds)
+    if hard != resource.RLIM_INFINITY:
+        limit = min(limit, hard)
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, hard))
 
 
 def _prctl(option: int, value: int) -> None:
@@ -127,7 +150,7 @@ def _descendants(ancestor: int) -> set[int]:
     return found - {ancestor}
 
 
-def _exit_like(code: int) -> None:
+def exit_like(code: int) -> None:
     """Exit with the code of a process, or die from the signal that it died from."""
     sys.stdout.flush()
     if code < 0 and sys.platform != "win32":
@@ -142,10 +165,6 @@ def _exit_like(code: int) -> None:
 
 
 _SUPERVISE = f"""
-from {__name__} import _exit_like, supervise
-_exit_like(supervise(int(sys.argv[1]), sys.argv[2]))
-"""
-_WORK = f"""
-from {__name__} import _exit_like, work
-_exit_like(work(int(sys.argv[1])))
+from {__name__} import exit_like, supervise
+exit_like(supervise(int(sys.argv[1]), sys.argv[2]))
 """

@@ -1,11 +1,8 @@
-"""The child process of a generator: run a function of arrays, limit the processor time."""
+"""The child process of a generator: run a function of arrays."""
 
 import json
-import math
 import os
-import time
 from importlib import import_module
-from importlib.util import find_spec
 
 import numpy as np
 
@@ -26,20 +23,3 @@ def main() -> int:
     np.savez("unfinished.npz", **result)
     os.replace("unfinished.npz", "result.npz")
     return 0
-
-
-def limit_processor_time(seconds: float) -> None:
-    """Have the system end this process after so many more seconds of processor time.
-
-    Windows has no such limit.
-    """
-    if find_spec("resource") is None:
-        return
-    import resource
-
-    _, hard = resource.getrlimit(resource.RLIMIT_CPU)
-    used = time.process_time()
-    limit = math.ceil(used + seconds)
-    if hard != resource.RLIM_INFINITY:
-        limit = min(limit, hard)
-    resource.setrlimit(resource.RLIMIT_CPU, (limit, hard))

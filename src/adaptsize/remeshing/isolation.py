@@ -2,7 +2,7 @@
 
 Generators have been observed to crash the interpreter, hang, ignore SIGTERM, replace
 the handler of SIGINT, print, and write files into the working directory.  Therefore each
-call gets a new interpreter in its own session and temporary directory, under a supervisor
+call gets a new process in its own session and temporary directory, under a supervisor
 (`adaptsize._supervisor`).  The supervisor ends it with all that it has started, and removes the
 directory, when the time limit is reached or the caller is interrupted, ends or is killed.
 """
@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import math
 import os
 import re
 import signal
@@ -21,16 +22,23 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._isolated import environment
+from adaptsize._isolated import environment, isolated
 from adaptsize._supervisor import supervised
 from adaptsize.errors import BackendError, BackendTimeoutError
+from adaptsize.remeshing.protocol import Arrays, Program
 
+_WORK = """
+from adaptsize._supervisor import exit_like
+from adaptsize.remeshing._worker import main
+exit_like(main())
+"""
 #: The messages of the generators; they are silent unless its level is DEBUG.
 _LOGGER = logging.getLogger("adaptsize.remeshing")
 #: Codes that colour the text of a terminal.
@@ -60,15 +68,12 @@ class IsolatedRunner:
     report: Callable[[str, float | None], Any]
 
     def __call__(
-        self,
-        function: str,
-        text: str,
-        arrays: Mapping[str, npt.NDArray[Any]],
-        options: Mapping[str, Any],
+        self, job: Program | str, text: str, arrays: Arrays, options: Mapping[str, Any]
     ) -> dict[str, npt.NDArray[Any]]:
-        """Call ``module:name`` with (arrays, options) in a child; return the arrays it returns.
+        """Run a program, or a function ``module:name`` of (arrays, options); return its arrays.
 
-        The option ``verbose`` is added: whether what the child prints will be logged.
+        The option ``verbose`` is added: whether what the child prints will be logged.  With the
+        option ``seconds``, the child is stopped after so much processor time.
 
         Raises
         ------
@@ -78,26 +83,22 @@ class IsolatedRunner:
             If it was stopped at the deadline.
         """
         options = {**options, "verbose": _LOGGER.isEnabledFor(logging.DEBUG)}
+        program = _function(job) if isinstance(job, str) else job
         # On Windows, a killed child may keep its files open a little longer.
         with tempfile.TemporaryDirectory(
             prefix="adaptsize-", ignore_cleanup_errors=True
         ) as directory:
             folder = Path(directory)
-            job = {"function": function, "options": dict(options)}
-            code = self._run_child(folder, text, arrays, job)
-            result = folder / "result.npz"
+            write = partial(program.write, folder, arrays, options)
+            code = self._run_child(folder, text, write, options.get("seconds", math.inf))
+            result = folder / program.result
             if code != 0 or not result.exists():
                 self._fail(folder, code)
             _log_messages(self.backend, folder / "log.txt")
-            with np.load(result, allow_pickle=False) as loaded:
-                return {name: loaded[name] for name in loaded.files}
+            return program.read(result, options)
 
     def _run_child(
-        self,
-        folder: Path,
-        text: str,
-        arrays: Mapping[str, npt.NDArray[Any]],
-        job: Mapping[str, Any],
+        self, folder: Path, text: str, write: Callable[[], list[str]], seconds: float
     ) -> int:
         with open(folder / "log.txt", "wb") as log:
             child = subprocess.Popen(
@@ -110,10 +111,7 @@ class IsolatedRunner:
                 **_own_group(),
             )
             try:
-                named: dict[str, Any] = dict(arrays)  # for mypy: savez has its own keywords
-                np.savez(folder / "job.npz", **named)
-                (folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
-                _start_job(child)
+                _start_job(child, write(), seconds)
                 self._wait(child, folder / "log.txt", text)
             finally:  # also on an interrupt
                 code = _end(child)
@@ -155,6 +153,23 @@ class IsolatedRunner:
         raise BackendError(f"{self.backend} failed: {reason}{said}")
 
 
+def _function(name: str) -> Program:
+    """Return the program that calls ``module:name`` with (arrays, options)."""
+
+    def write(folder: Path, arrays: Arrays, options: Mapping[str, Any]) -> list[str]:
+        named: dict[str, Any] = dict(arrays)  # for mypy: savez has its own keywords
+        np.savez(folder / "job.npz", **named)
+        job = {"function": name, "options": dict(options)}
+        (folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
+        return isolated(_WORK)
+
+    def read(result: Path, _options: Mapping[str, Any]) -> dict[str, npt.NDArray[Any]]:
+        with np.load(result, allow_pickle=False) as loaded:
+            return {name: loaded[name] for name in loaded.files}
+
+    return Program(write, "result.npz", read)
+
+
 def _log_messages(backend: str, log: Path) -> None:
     """Log what a generator has printed, if that is wanted."""
     if _LOGGER.isEnabledFor(logging.DEBUG):
@@ -170,10 +185,10 @@ def _own_group() -> dict[str, Any]:
     return {"start_new_session": True}
 
 
-def _start_job(child: subprocess.Popen[bytes]) -> None:
+def _start_job(child: subprocess.Popen[bytes], command: list[str], seconds: float) -> None:
     assert child.stdin is not None
     with contextlib.suppress(BrokenPipeError):  # killed from outside: its exit code says so
-        child.stdin.write(b"start\n")
+        child.stdin.write(json.dumps([command, seconds]).encode() + b"\n")
         child.stdin.flush()
 
 

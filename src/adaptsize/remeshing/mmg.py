@@ -1,4 +1,4 @@
-"""Mmg, through mmgpy: adapted tetrahedra, triangles in the plane, surfaces.
+"""The programs of Mmg, which mmgpy brings: adapted tetrahedra, triangles in the plane, surfaces.
 
 Observed behaviour that is handled here:
 
@@ -19,21 +19,26 @@ Observed behaviour that is handled here:
 
 from __future__ import annotations
 
+import os
+import shutil
 import warnings
 from collections.abc import Mapping
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize.errors import BackendError, BackendTimeoutError, ResolutionWarning
-from adaptsize.remeshing._worker import limit_processor_time
-from adaptsize.remeshing.protocol import Backend, Problem, RawMesh, Runner, Task
+from adaptsize.remeshing._medit import read_medit, write_medit
+from adaptsize.remeshing.protocol import Backend, Problem, Program, RawMesh, Runner, Task
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
     from adaptsize.remeshing.sizing import MetricAt, Size
 
+_RESULT = "out.meshb"
 #: Reference number of edges that are passed as ridges.
 _RIDGE = 1
 _CLASSES = {"tetrahedra": "MmgMesh3D", "plane triangles": "MmgMesh2D", "surface": "MmgMeshS"}
@@ -117,7 +122,7 @@ class MmgBackend(Backend):
 
 
 def job_of(problem: Problem) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
-    """Return the arrays and options of `adapt`, except for the sizes."""
+    """Return the arrays and options of `MMG`, except for the sizes."""
     kind = _CLASSES[problem.task]
     options = {
         "class": kind,
@@ -147,7 +152,7 @@ def run_adapt(
     run: Runner,
     text: str = "adapting with Mmg",
 ) -> dict[str, npt.NDArray[Any]]:
-    """Run `adapt` in a child process, with a gradation that leaves the sizes unchanged.
+    """Run Mmg in a child process, with a gradation that leaves the sizes unchanged.
 
     Raises
     ------
@@ -163,7 +168,7 @@ def run_adapt(
         # Upper limit of the gradation passed to Mmg.  A larger one has no effect.
         hgrad = float(np.exp(min(gradient, 3.0)))
     new = run(
-        "adaptsize.remeshing.mmg:adapt",
+        MMG,
         text,
         {**made, "sizes": sizes, "corners": _corners(made, options)},
         {**options, "hgrad": hgrad},
@@ -218,62 +223,84 @@ def band_and_median(
     return float(is_in_band(ratio).mean()), float(np.median(ratio))
 
 
-def adapt(
-    arrays: Mapping[str, npt.NDArray[Any]], options: Mapping[str, Any]
-) -> dict[str, npt.NDArray[Any]]:
-    """Call Mmg.  Runs in the child process.
+def _write_job(
+    folder: Path, arrays: Mapping[str, npt.NDArray[Any]], options: Mapping[str, Any]
+) -> list[str]:
+    """Write the input of Mmg, and return the command.
 
     Parameters
     ----------
-    arrays : points, cells, regions, facets, facet_groups, sizes as in ``Problem``
+    arrays : points, cells, regions, facets, facet_groups, ridges, corners, sizes
+        As in ``Problem``.
     options : class, hausd (absolute), hgrad, ridge_angle, n_regions, n_groups,
-        required_groups, open_boundaries, seconds (of processor time, or inf)
-
-    Returns
-    -------
-    points, cells, regions, facets, facet_groups
+        required_groups, open_boundaries
     """
-    import mmgpy
-
-    if np.isfinite(options["seconds"]):
-        limit_processor_time(options["seconds"])
-    cell_name, facet_name = _ENTITIES[options["class"]]
-    groups = arrays["facet_groups"]
-    mesh = getattr(mmgpy, options["class"])()
-    counts = {cell_name: len(arrays["cells"]), facet_name: len(groups)}
-    required = np.isin(groups, options["required_groups"])
-    ridges = arrays["ridges"]
-    if len(ridges):
-        counts["edges"] = len(ridges)
-    mesh.set_mesh_size(vertices=len(arrays["points"]), **counts)
-    mesh.set_vertices(np.ascontiguousarray(arrays["points"]))
+    kind, points, groups = options["class"], arrays["points"], arrays["facet_groups"]
+    cells, facets = _ENTITIES[kind]
     # References: regions from 1, then groups of facets.  Entities that Mmg adds get 0.
-    first_group = options["n_regions"] + 1
-    set_cells = getattr(mesh, f"set_{cell_name}")
-    set_cells(np.ascontiguousarray(arrays["cells"]), _references(arrays["regions"], 1))
-    if len(groups):
-        set_facets = getattr(mesh, f"set_{facet_name}")
-        set_facets(np.ascontiguousarray(arrays["facets"]), _references(groups, first_group))
-        if required.any():
-            set_required = getattr(mesh, f"set_required_{facet_name}")
-            set_required(np.flatnonzero(required).astype(np.int32))
-    if len(arrays["corners"]):
-        mesh.set_corners(arrays["corners"])
-    if len(ridges):
-        mesh.set_edges(np.ascontiguousarray(ridges), np.full(len(ridges), _RIDGE, np.int32))
-        mesh.set_ridge_edges(np.arange(len(ridges), dtype=np.int32))
-    sizes = np.ascontiguousarray(arrays["sizes"])
-    if sizes.ndim == 1:
-        mesh["metric"] = sizes.reshape(-1, 1)
-    else:
-        mesh["tensor"] = sizes
-    settings = {"hausd": options["hausd"], "hgrad": options["hgrad"]}
-    settings["verbose"] = 1 if options.get("verbose", False) else -1
-    settings |= {"ar": options["ridge_angle"], "nosizreq": 1}
-    if options["open_boundaries"] and cell_name == "tetrahedra":
-        settings["opnbdy"] = 1
-    mesh.remesh(**settings)
-    return _result(mesh, cell_name, facet_name, first_group, options["n_groups"])
+    blocks = {
+        "vertices": [points, np.zeros(len(points), np.int32)],
+        cells: [_from_one(arrays["cells"]), _from_one(arrays["regions"])],
+        facets: [_from_one(arrays["facets"]), _from_one(groups + options["n_regions"])],
+        f"required {facets}": [
+            _from_one(np.flatnonzero(np.isin(groups, options["required_groups"])))
+        ],
+        "corners": [_from_one(arrays["corners"])],
+    }
+    ridges = _from_one(arrays["ridges"])
+    if len(ridges):  # volumes, and surfaces without facets
+        blocks["edges"] = [ridges, np.full(len(ridges), _RIDGE, np.int32)]
+        blocks["ridges"] = [_from_one(np.arange(len(ridges)))]
+    dim, sizes = points.shape[1], np.asarray(arrays["sizes"], np.float64)
+    if sizes.ndim == 2 and dim == 3:  # Medit stores the lower triangle
+        sizes = sizes[:, [0, 1, 3, 2, 4, 5]]
+    write_medit(
+        folder / "in.meshb", dim, {name: rows for name, rows in blocks.items() if len(rows[0])}
+    )
+    write_medit(folder / "in.solb", dim, {"sizes": [sizes]})
+    settings = {
+        "-v": 1 if options.get("verbose", False) else -1, "-hausd": options["hausd"],
+        "-hgrad": options["hgrad"], "-ar": options["ridge_angle"], "-in": "in.meshb",
+        "-sol": "in.solb", "-out": _RESULT,
+    }  # fmt: skip
+    flags = ["-nosizreq"]
+    if options["open_boundaries"] and cells == "tetrahedra":
+        flags.append("-opnbdy")
+    return [_executable(kind), *flags, *(str(word) for pair in settings.items() for word in pair)]
+
+
+def _read_job(result: Path, options: Mapping[str, Any]) -> dict[str, npt.NDArray[Any]]:
+    """Return points, cells, regions, facets, facet_groups, and ridges as they are divided now."""
+    kind = options["class"]
+    (points, _), (cells, regions), (facets, groups), (edges, references) = read_medit(
+        result, "vertices", *_ENTITIES[kind], "edges"
+    )
+    groups = groups - 1 - options["n_regions"]
+    known = (groups >= 0) & (groups < options["n_groups"])
+    return {
+        "points": points,
+        "cells": cells,
+        "regions": regions - 1,
+        "facets": facets[known],
+        "facet_groups": groups[known],
+        "ridges": edges[(references == _RIDGE) & (kind != "MmgMesh2D")],
+    }
+
+
+#: Mmg as a program of `IsolatedRunner`: it starts in a few milliseconds, since its child imports
+#: neither NumPy nor mmgpy.
+MMG = Program(_write_job, _RESULT, _read_job)
+
+
+def _executable(kind: str) -> str:
+    """Return the path of the program, in the package or on the search path."""
+    name = f"mmg{kind.removeprefix('MmgMesh').lower()}_O3"
+    spec = find_spec("mmgpy")
+    folder = "" if spec is None or spec.origin is None else os.path.dirname(spec.origin)
+    found = shutil.which(name, path=os.path.join(folder, "bin")) or shutil.which(name)
+    if found is None:
+        raise BackendError(f"mmg failed: mmgpy has no program {name}")
+    return found
 
 
 def _corners(
@@ -336,31 +363,5 @@ def _nodes_to_keep(
     return np.union1d(number[count > 2], number[count == 2][bulge > 0.2 * tolerance])
 
 
-def _references(numbers: npt.NDArray[Any], first: int) -> npt.NDArray[np.int32]:
-    return np.ascontiguousarray(numbers + first, dtype=np.int32)
-
-
-def _result(
-    mesh: Any, cell_name: str, facet_name: str, first_group: int, n_groups: int
-) -> dict[str, npt.NDArray[Any]]:
-    cells, regions = getattr(mesh, f"get_{cell_name}_with_refs")()
-    facets, groups = getattr(mesh, f"get_{facet_name}_with_refs")()
-    groups = np.asarray(groups) - first_group
-    known = (groups >= 0) & (groups < n_groups)
-    return {
-        "points": np.asarray(mesh.get_vertices()),
-        "cells": np.asarray(cells, np.int32),
-        "regions": np.asarray(regions, np.int32) - 1,
-        "facets": np.asarray(facets, np.int32)[known],
-        "facet_groups": groups[known].astype(np.int32),
-        "ridges": _ridges(mesh),
-    }
-
-
-def _ridges(mesh: Any) -> npt.NDArray[np.int32]:
-    """Return the edges that were passed as ridges, as they are divided now."""
-    if type(mesh).__name__ == "MmgMesh2D":
-        return np.empty((0, 2), np.int32)
-    edges, references = mesh.get_edges_with_refs()
-    kept = np.asarray(references) == _RIDGE
-    return np.asarray(np.asarray(edges, np.int32).reshape(-1, 2)[kept])
+def _from_one(numbers: npt.NDArray[Any]) -> npt.NDArray[np.int32]:
+    return np.asarray(numbers + 1, np.int32)

@@ -24,7 +24,6 @@ import numpy.typing as npt
 
 from adaptsize.errors import BackendError
 from adaptsize.geometry.enclosed import enclosed_measure, is_oriented
-from adaptsize.remeshing._worker import limit_processor_time
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.protocol import RawMesh
 
@@ -91,14 +90,13 @@ def _fills(made: Mapping[str, npt.NDArray[Any]], surface: SimplexMesh) -> bool:
 
 
 def tetrahedralize(
-    arrays: Mapping[str, npt.NDArray[Any]], options: Mapping[str, Any]
+    arrays: Mapping[str, npt.NDArray[Any]], _options: Mapping[str, Any]
 ) -> dict[str, npt.NDArray[Any]]:
     """Call Netgen.  Runs in the child process.
 
     Parameters
     ----------
     arrays : points float64[n, 3], faces int32[m, 3]
-    options : seconds, the limit of processor time where there is one
 
     Returns
     -------
@@ -106,7 +104,6 @@ def tetrahedralize(
     """
     from netgen import meshing
 
-    limit_processor_time(options["seconds"])
     meshing.SetMessageImportance(0)
     mesh = meshing.Mesh(dim=3)
     mesh.AddPoints(np.ascontiguousarray(arrays["points"]))

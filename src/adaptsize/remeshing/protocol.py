@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
@@ -20,13 +21,24 @@ Task: TypeAlias = Literal["surface to tetrahedra", "tetrahedra", "plane triangle
 Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
 
 
+class Program(NamedTuple):
+    """A program that reads and writes files in its working folder."""
+
+    write: Callable[[Path, Arrays, Mapping[str, Any]], list[str]]
+    """Writes the files for arrays and options into a folder, and returns the command."""
+    result: str
+    """Name of the file that the program writes."""
+    read: Callable[[Path, Mapping[str, Any]], dict[str, npt.NDArray[Any]]]
+    """Returns the arrays in this file."""
+
+
 class Runner(Protocol):
-    """Runs a function of arrays in a child process; see ``isolation.IsolatedRunner``."""
+    """Runs a program or a function of arrays in a child; see ``isolation.IsolatedRunner``."""
 
     def __call__(
-        self, function: str, text: str, arrays: Arrays, options: Mapping[str, Any]
+        self, job: Program | str, text: str, arrays: Arrays, options: Mapping[str, Any]
     ) -> dict[str, npt.NDArray[Any]]:
-        """Run ``function`` ("module:name") and return its arrays.  Report ``text`` meanwhile."""
+        """Do a job ("module:name" for a function), report ``text`` meanwhile, return arrays."""
         ...
 
 
