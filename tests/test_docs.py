@@ -31,7 +31,7 @@ DOCS = ROOT / "docs"
 FULL = os.environ.get("ADAPTSIZE_PAGES") == "full"
 METHODS = [
     "adaptation", "adaptive-loops", "anisotropic", "anisotropic-meshes", "complete-size",
-    "distance", "exact-limiting", "files", "images", "limiting", "mesh-families", "octrees",
+    "distance", "exact-limiting", "files", "limiting", "mesh-families", "octrees",
     "remeshing", "sizes", "smoothing", "sparse-sizes", "width",
 ]  # fmt: skip
 PAGES = [
