@@ -54,7 +54,7 @@ BELOW = {
     "limiting": ["exact-limiting"],
     "anisotropic": ["anisotropic-meshes", "ugawg"],
     "remeshing": ["generators", "smoothing"],
-    "adaptation": ["adaptive-loops", "solvers", "bridges"],
+    "adaptation": ["adaptive-loops", "solvers"],
     "benchmarks": [
         *(f"results/{p.stem}" for p in sorted(ROOT.glob("benchmarks/results/*.md"))),
         *(f"measurements/{p.stem}" for p in sorted(DOCS.glob("measurements/*.md"))),
@@ -63,7 +63,7 @@ BELOW = {
     "decisions/README": [f"decisions/{p.stem}" for p in sorted(DOCS.glob("decisions/0*.md"))],
 }
 # What is for those who work on the library does not answer searches.
-WITHOUT_SEARCH = ("decisions/", "measurements/", "results/", "project/")
+WITHOUT_SEARCH = ("decisions/", "measurements/", "results/", "project/", "ugawg")
 LINK = re.compile(r"\]\((?!https?:|#|mailto:)([^)#\s]+)(#[^)\s]*)?\)")
 
 
