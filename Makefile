@@ -79,5 +79,5 @@ dist:
 
 clean:
 	rm -rf .numba_cache .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build dist
-	rm -rf docs/_build docs/api docs/gallery docs/project docs/results
+	rm -rf docs/_build docs/api docs/gallery docs/notebooks docs/project docs/results
 	rm -f .coverage bracket.vtu bracket.png attack.jsonl surfaces.md surfaces.md.jsonl

@@ -9,6 +9,7 @@ pages``) it runs word for word instead.  Links, references and formulas are chec
 import importlib
 import importlib.util
 import inspect
+import json
 import os
 import re
 import shutil
@@ -135,6 +136,20 @@ def test_the_code_of_a_page_prints_what_the_page_shows(page, workplace):
     missing = sorted({block.needs for block in blocks if block not in runs})
     if missing:
         pytest.skip(f"{len(blocks) - len(runs)} of {len(blocks)} blocks need {', '.join(missing)}")
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if "tutorials/" in p])
+def test_a_notebook_has_the_code_and_the_output_of_its_tutorial(page, monkeypatch):
+    monkeypatch.syspath_prepend(DOCS / "_ext")
+    text = (ROOT / page).read_text(encoding="utf-8")
+    notebook = json.loads(importlib.import_module("notebooks").notebook_of(text))
+    cells = [c for c in notebook["cells"] if c["cell_type"] == "code"]
+    found = [("".join(o["text"] for o in c["outputs"]), c["source"]) for c in cells]
+    blocks = blocks_of(text)
+    assert [output for output, _ in found] == [b.output or "" for b in blocks]
+    assert [code.replace("!adaptsize", "adaptsize") for _, code in found] == [
+        b.code.rstrip("\n") for b in blocks
+    ]
 
 
 def test_the_first_block_of_the_readme_is_the_main_job_and_what_ci_runs():

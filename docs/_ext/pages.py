@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import gallery
+import notebooks
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
 from sphinx.util import logging
@@ -62,6 +63,11 @@ BELOW = {
     "promises": ["citations", "decisions/README", *COPIES.values()],
     "decisions/README": [f"decisions/{p.stem}" for p in sorted(DOCS.glob("decisions/0*.md"))],
 }
+NOTEBOOKS = [
+    name
+    for name in BELOW["how-to/README"] + BELOW["tutorials/README"]
+    if "```python" in (DOCS / f"{name}.md").read_text(encoding="utf-8")
+]
 # What is for those who work on the library does not answer searches.
 WITHOUT_SEARCH = ("decisions/", "measurements/", "results/", "project/", "ugawg")
 LINK = re.compile(r"\]\((?!https?:|#|mailto:)([^)#\s]+)(#[^)\s]*)?\)")
@@ -72,6 +78,7 @@ def write_pages(app: Sphinx) -> None:
     examples = gallery.read_examples(ROOT / "examples")
     for line in gallery.missing_pictures(examples, DOCS / "figures"):
         LOG.warning(line)
+    notebooks.write_notebooks(DOCS, NOTEBOOKS)
     pages = {f"gallery/{e.name}": gallery.page_of(e) for e in examples}
     pages["gallery/index"] = gallery.index_of(examples)
     pages |= {
@@ -99,6 +106,10 @@ def mend_page(app: Sphinx, docname: str, source: list[str]) -> None:
         return f"]({target_of(match[1], folder, docname)}{match[2] or ''})"
 
     source[0] = LINK.sub(resolved, source[0])
+    if docname in NOTEBOOKS:
+        source[0] += (
+            f"\n[This page as a Jupyter notebook](../notebooks/{Path(docname).name}.ipynb)\n"
+        )
     if docname == app.config.root_doc:
         source[0] += contents()
     elif docname in BELOW:
