@@ -43,7 +43,7 @@ lowest:
 # 20 000 random cases from a new seed, which is printed; CASES and SEED choose others.
 CASES ?= 20000
 attack:
-	$(PYTHON) -m tests.attack --cases $(CASES) $(if $(SEED),--start $(SEED)) --report attack.jsonl
+	$(PYTHON) -m tests.attack --cases $(CASES) $(if $(SEED),--start $(SEED))
 
 # Warnings are errors; nothing is fetched.
 docs:
@@ -80,4 +80,4 @@ dist:
 clean:
 	rm -rf .numba_cache .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build dist
 	rm -rf docs/_build docs/api docs/gallery docs/notebooks docs/project docs/results
-	rm -f .coverage bracket.vtu bracket.png attack.jsonl surfaces.md surfaces.md.jsonl
+	rm -f .coverage bracket.vtu bracket.png surfaces.md surfaces.md.jsonl

@@ -1,4 +1,4 @@
-"""An attack on adaptsize: random problems, calls, files and faults, each case in a child process.
+"""An attack on adaptsize: random calls and damaged files, each case in a child process.
 
     python -m tests.attack [--cases N] [--start N] [--only CLASS]
     python -m tests.attack --seed N

@@ -8,7 +8,6 @@ import sys
 import time
 from collections import Counter
 from itertools import takewhile
-from pathlib import Path
 
 from .cases import SHARES, SWEEP, class_of
 from .pool import outcomes
@@ -23,23 +22,16 @@ def main() -> int:
     began = time.monotonic()
     chosen = takewhile(lambda number: time.monotonic() - began <= arguments.seconds, numbers)
     found = outcomes(chosen, arguments.jobs) if arguments.jobs else map(run_case, chosen)
-    tried, failed, kinds = Counter(), Counter(), Counter()
-    with open(arguments.report, "a", encoding="utf-8") as report:
-        for done, outcome in enumerate(found, 1):
-            tried[outcome["class"]] += 1
-            if arguments.seed is not None:
-                print("\n".join(f"{key}: {value}" for key, value in outcome.items()))
-            if outcome["status"] != "ok":
-                failed[outcome["class"]] += 1
-                kinds[_kind(outcome)] += 1
-                for file in (report, sys.stdout):
-                    print(json.dumps(outcome), file=file, flush=True)
-            if done % 500 == 0:
-                print(f"{done} of {len(numbers)}, {failed.total()} failed", file=sys.stderr)
+    tried, failed = Counter(), Counter()
+    for outcome in found:
+        tried[outcome["class"]] += 1
+        if arguments.seed is not None:
+            print("\n".join(f"{key}: {value}" for key, value in outcome.items()))
+        if outcome["status"] != "ok":
+            failed[outcome["class"]] += 1
+            print(json.dumps(outcome), flush=True)
     for name, count in tried.items():
         print(f"{name}: {count} cases, {failed[name]} failed")
-    for kind, count in kinds.most_common(40):
-        print(f"{count:6d}  {kind}")
     seconds = time.monotonic() - began
     print(f"{tried.total()} cases in {seconds:.0f} s, {failed.total()} failed")
     return 1 if failed else 0
@@ -57,7 +49,6 @@ def _arguments() -> argparse.Namespace:
     add("--sweep", type=int, nargs="?", const=1, metavar="STEP", help=sweep)
     jobs = "children at a time; 0 runs all cases in this process, without limits"
     add("--jobs", type=int, default=2, help=jobs)
-    add("--report", type=Path, default=Path("/dev/null"), help="append a line of JSON per failure")
     return parser.parse_args()
 
 
@@ -73,12 +64,6 @@ def _numbers(arguments: argparse.Namespace) -> list[int]:
     print(f"--start {start} --cases {arguments.cases}", flush=True)
     numbers = range(start, start + arguments.cases)
     return [number for number in numbers if arguments.only in (None, class_of(number))]
-
-
-def _kind(outcome: dict) -> str:
-    """Return what failures of one cause have in common: the first words and the last place."""
-    places = [line.strip() for line in outcome.get("where", "").splitlines() if "File " in line]
-    return f"{outcome['what'].split(': ')[0][:70]} | {places[-1] if places else ''}"
 
 
 if __name__ == "__main__":

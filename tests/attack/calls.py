@@ -174,9 +174,6 @@ def _frames(traceback: TracebackType | None) -> Iterator[tuple[str, int]]:
         traceback = traceback.tb_next
 
 
-# --- what is in a value ---------------------------------------------------------------------------
-
-
 #: Public names that hold what a result consists of, in classes that are not dataclasses.
 _PARTS = (
     "points", "cells", "cell_tags", "tagged_facets", "facet_tags", "names", "levels", "active",

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 #: Of a hundred consecutive numbers, how many belong to each class.
-SHARES = {"calls": 50, "forms": 10, "limiting": 18, "files": 20, "faults": 2}
+SHARES = {"calls": 60, "forms": 15, "files": 25}
 
 #: The first number of the sweep over all arguments, see `calls.sweep`.
 SWEEP = 1 << 40
 
 #: Seconds of processor time and of wall time after which a case counts as hanging.
-_LIMITS = {"files": (30.0, 120.0), "faults": (300.0, 2000.0), "selftest": (3.0, 60.0)}
+_LIMITS = {"files": (30.0, 120.0), "selftest": (3.0, 60.0)}
 
 _CLASSES = [name for name, share in SHARES.items() for _ in range(share)]
 

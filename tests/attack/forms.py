@@ -5,15 +5,12 @@ order of other machines or read-only, a number as an integer or as a scalar of n
 may return any of these.  All values are chosen so that the forms hold them exactly.
 """
 
-import dataclasses
 import inspect
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-import adaptsize as ads
 
 from .calls import SLOW, arguments_for, call, described, leaves
 from .cases import Failure, told_with
@@ -63,19 +60,12 @@ def _has_result(name: str) -> bool:
     return name not in SLOW and not name.endswith(("Source", "Image"))
 
 
-# --- values ---------------------------------------------------------------------------------------
-
-
 def _has_forms(value: Any) -> bool:
     if isinstance(value, list | tuple | dict):
         return any(map(_has_forms, value.values() if isinstance(value, dict) else value))
     if isinstance(value, np.ndarray):
         return value.dtype.kind in "fiub" and value.size > 0  # an empty list has no second axis
-    return (
-        isinstance(value, ads.SimplexMesh | ads.SizeFunction | bool | int | float)
-        or _is_source(value)
-        or inspect.isfunction(value)
-    )
+    return isinstance(value, bool | int | float) or inspect.isfunction(value)
 
 
 def _exact(value: Any, whole: bool) -> Any:
@@ -118,19 +108,7 @@ def _mapped(value: Any, change: Callable[[Any], Any]) -> Any:
         return type(value)([change(item) for item in value])
     if isinstance(value, dict):
         return {key: change(item) for key, item in value.items()}
-    if isinstance(value, ads.SimplexMesh):
-        points, cells, tags = map(change, (value.points, value.cells, value.cell_tags))
-        return ads.SimplexMesh(points, cells, cell_tags=tags)
-    if isinstance(value, ads.SizeFunction):
-        return ads.SizeFunction(value.background, change(value.values))
-    if _is_source(value):
-        names = [field.name for field in dataclasses.fields(value)]
-        return type(value)(**{name: change(getattr(value, name)) for name in names})
     return value
-
-
-def _is_source(value: Any) -> bool:
-    return dataclasses.is_dataclass(value) and type(value).__name__.endswith("Source")
 
 
 _LAYOUTS: list[Callable[[np.ndarray], Any]] = [
@@ -149,9 +127,6 @@ def _form_of_array(kind: str, whole: bool, rng: np.random.Generator) -> Callable
         integers = [lambda a, t=t: a.astype(t) for t in (int, np.int32, np.int16)]
         return pick(rng, [*integers, lambda a: a.astype(int).tolist()])
     return pick(rng, [*_LAYOUTS, *(lambda a, t=t: a.astype(t) for t in types)])
-
-
-# --- results --------------------------------------------------------------------------------------
 
 
 def _difference(one: Any, other: Any) -> str:

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from itertools import islice
@@ -44,16 +43,14 @@ class _Child:
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         self.n_cases += 1
-        began = time.monotonic()
         # A child that is gone answers with the end of its output.
         with contextlib.suppress(BrokenPipeError):
             self.process.stdin.write(b"%d\n" % number)
             self.process.stdin.flush()
         answer = self.process.stdout.readline()
-        seconds = round(time.monotonic() - began, 3)
         self.is_usable = answer.endswith(b"\n") and self.n_cases < _MOST_CASES
         if answer.endswith(b"\n"):
-            return {**json.loads(answer), "seconds": seconds}
+            return dict(json.loads(answer))
         code = self.process.wait()
         died = signal.Signals(-code).name if code < 0 else f"exit code {code}"
         processor, wall = limits_of(number)
@@ -64,7 +61,7 @@ class _Child:
         self.log.seek(max(0, self.log.seek(0, os.SEEK_END) - 2500))
         where = self.log.read().decode("utf-8", "replace")
         about = {"seed": number, "class": class_of(number), "status": "failed"}
-        return {**about, "what": what, "where": where, "seconds": seconds}
+        return {**about, "what": what, "where": where}
 
     def end(self) -> None:
         """End the child and all that it started."""

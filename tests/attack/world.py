@@ -116,9 +116,6 @@ def _background(kind: str, seed: int) -> Any:
                            cell_tags=half + 1 if seed == 1 else None)  # fmt: skip
 
 
-# --- arguments ------------------------------------------------------------------------------------
-
-
 _KINDS_OF = {
     "SimplexMesh": MESHES, "PartitionedMesh": MESHES, "CartesianGrid": GRIDS, "Octree": TREES,
     "SignedDistance": (PLANE, SOLID), "FieldTransfer": (PLANE, SOLID),
