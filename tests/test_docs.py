@@ -207,11 +207,6 @@ def test_wrong_output_on_a_page_is_found(right, wrong):
     assert not matches(LISTED.replace(right, wrong), PRINTED)
 
 
-def test_output_that_a_page_does_not_show_is_found():
-    block = Block("python", "print(3)", 7, None, None)
-    assert "line 7 prints\n3\n" in block.difference(block.run("page.md", {}))
-
-
 REFERENCE = re.findall(
     r"^   ([A-Za-z_.]+)$", (DOCS / "api.rst").read_text(encoding="utf-8"), re.MULTILINE
 )
@@ -245,20 +240,6 @@ def test_every_example_is_in_the_gallery_with_its_pictures(extension):
     assert [e.path.name for e in examples if e.name not in extension.index_of(examples)] == []
     assert len(examples) == len(list((ROOT / "examples").glob("[!_]*.py")))
     assert extension.missing_pictures(examples, DOCS / "figures") == []
-
-
-def test_a_missing_picture_is_reported(extension, tmp_path):
-    script = tmp_path / "plot_new.py"
-    docstring = '"""New.\n\n```python\npass\n```\n"""\n'
-    script.write_text(docstring + 'def main(output_dir):\n    save(output_dir / "new.png")\n')
-    example = extension.read_example(script)
-    assert example.pictures == ("new.png",)
-    assert example.code == "pass\n"
-    lines = extension.missing_pictures([example], tmp_path)
-    assert [name in line for name, line in zip(("new.png", "new.thumb.png"), lines, strict=True)]
-    (tmp_path / "new.png").touch()
-    (tmp_path / "new.thumb.png").touch()
-    assert extension.missing_pictures([example], tmp_path) == []
 
 
 def test_every_figure_of_the_paper_is_answered(extension):

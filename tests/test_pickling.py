@@ -3,7 +3,6 @@
 import copy
 import pickle
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, is_dataclass
 
 import numpy as np
@@ -160,23 +159,6 @@ def test_a_size_function_that_came_back_gives_the_same_sizes(way):
     assert_array_equal(new(points), old(points))
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_a_transfer_that_came_back_gives_the_same_fields(way):
-    old = a_transfer()
-    new = WAYS[way](old)
-    values = old.old.points[:, 0] ** 2
-    assert_array_equal(new.nodal(values), old.nodal(values))
-    assert_array_equal(new.cells(old.old.measures), old.cells(old.old.measures))
-
-
-def test_a_pickle_holds_no_derived_arrays():
-    mesh = block(6)
-    plain = len(pickle.dumps(mesh))
-    assert len(mesh.facets)
-    mesh.locator.nearest([[0.5, 0.5, 0.5]])
-    assert len(pickle.dumps(mesh)) == plain
-
-
 def test_limiting_starts_from_an_info_that_came_back():
     mesh = tagged_square()
     h, info = limited(mesh)
@@ -184,23 +166,6 @@ def test_limiting_starts_from_an_info_that_came_back():
     assert_array_equal(
         ads.limit_gradient(again[0], info.bound, 0.3, method="exact", initial=again[1]), h
     )
-
-
-def test_eight_threads_use_one_mesh_at_once():
-    points = np.random.default_rng(3312).uniform(0.0, [2.0, 1.0], (200, 2))
-    fresh = two_region_rectangle(12)
-    copies = [pickle.loads(pickle.dumps(fresh)) for _ in range(3)]
-
-    def work(number):
-        mesh = copies[number % len(copies)]
-        h = ads.limit_gradient(mesh, 0.05 + mesh.points[:, 0], 0.2)
-        return len(mesh.edges), mesh.boundary().mesh.n_cells, ads.SizeFunction(mesh, h)(points)
-
-    with ThreadPoolExecutor(8) as pool:
-        results = list(pool.map(work, range(24)))
-    for n_edges, n_sides, sizes in results:
-        assert (n_edges, n_sides) == results[0][:2]
-        assert_array_equal(sizes, results[0][2])
 
 
 def test_every_public_class_that_holds_data_is_tested_here():

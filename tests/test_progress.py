@@ -24,11 +24,3 @@ def test_exceptions_go_through(progress, error):
 
     with pytest.raises(error):
         work()
-
-
-def test_the_bar_is_silent_without_a_terminal(capfd):
-    with reporting(True) as report:
-        for share in (None, 0.0, 0.5, 1.0):
-            report("first", share)
-        report("second", 0.3)
-    assert capfd.readouterr() == ("", "")

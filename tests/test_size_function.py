@@ -8,7 +8,7 @@ from meshes import jittered_cube, random_sphere, random_square, structured_squar
 from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import SimplexMesh, SizeFunction
-from adaptsize.errors import InputWarning, OutsideError
+from adaptsize.errors import OutsideError
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 
@@ -59,22 +59,6 @@ def test_outside_error_names_the_first_point_and_its_distance():
         size([[0.5, 0.5], [2.0, 0.5], [0.5, -3.0]])
 
 
-def test_rounding_errors_do_not_count_as_outside():
-    size = SizeFunction(SQUARE, np.ones(4), outside="error")
-    tolerance = 1e-9 * np.sqrt(2.0)
-    assert_array_equal(size([[1.0 + 0.9 * tolerance, 0.5], [0.5, 0.5]]), 1.0)
-    with pytest.raises(OutsideError):
-        size([[1.0 + 1.1 * tolerance, 0.5]])
-
-
-def test_surface_points_off_the_surface_are_outside():
-    sphere = random_sphere(100, 3361)
-    size = SizeFunction(sphere, np.ones(100), outside="error")
-    assert_array_equal(size(sphere.points), 1.0)
-    with pytest.raises(OutsideError, match=r"points\[0\] = \(0, 0, 0\)"):
-        size([[0.0, 0.0, 0.0]])
-
-
 def test_inf_spreads_over_cells_but_not_to_finite_nodes_and_edges():
     size = SizeFunction(SQUARE, [1.0, np.inf, 2.0, 3.0])
     points = [
@@ -87,13 +71,6 @@ def test_inf_spreads_over_cells_but_not_to_finite_nodes_and_edges():
         [2.0, -1.0],  # closest to the node that is inf
     ]
     assert_array_equal(size(points), [1.0, np.inf, np.inf, 1.5, 2.25, 1.0, np.inf])
-
-
-@pytest.mark.parametrize("n", [0, 1, 5])
-def test_any_number_of_points(n):
-    sizes = SizeFunction(SQUARE, np.ones(4))(np.full((n, 2), 0.5))
-    assert sizes.shape == (n,)
-    assert sizes.dtype == np.float64
 
 
 ONES = SizeFunction(SQUARE, np.ones(4))
@@ -134,14 +111,6 @@ def test_values_are_copied_and_read_only():
         size.values[0] = 2.0
 
 
-def test_minimum_on_the_same_background_is_nodal():
-    first = SizeFunction(SQUARE, [1.0, 5.0, np.inf, np.inf], outside="error")
-    least = first.minimum(SizeFunction(SQUARE, [2.0, 2.0, 3.0, np.inf]))
-    assert_array_equal(least.values, [1.0, 2.0, 3.0, np.inf])
-    assert least.background is SQUARE
-    assert least.outside == "error"
-
-
 def test_minimum_with_another_background_samples_at_the_own_nodes():
     fine = structured_square(8, half_width=1.0)
     other = SizeFunction(SQUARE, 0.5 + SQUARE.points @ [1.0, 0.0])
@@ -167,28 +136,10 @@ def test_on_another_mesh_samples_at_its_nodes():
     assert_allclose(size.values, 1.0 + fine.points @ [2.0, 1.0], rtol=1e-14)
 
 
-def test_on_a_mesh_outside_is_refused_if_asked_for():
-    size = SizeFunction(SQUARE, np.ones(4), outside="error")
-    with pytest.raises(OutsideError):
-        size.on(structured_square(4, half_width=1.0))
-
-
-@pytest.mark.parametrize(
-    ("values", "text"),
-    [
-        ([0.1, 1.0, 5.0, 2.0], "sizes 0.1 to 5, on SimplexMesh(4 points in 2-D, 2 triangles)"),
-        ([0.1, 1.0, 5.0, np.inf], "sizes 0.1 to 5, 1 nodes inf, on"),
-        (np.full(4, np.inf), "no finite size, on"),
-    ],
-)
-def test_repr_tells_the_range(values, text):
-    assert text in repr(SizeFunction(SQUARE, values))
-
-
 # --- off surfaces and lines ---------------------------------------------------------------
 
 
-def least_over_a_surface(mesh, values, points, g, n=40):
+def least_over_a_surface(mesh, values, points, g, n=20):
     """The least of h(y) + g |x - y| over samples of the triangles, from above."""
     at = [(i / n, j / n) for i in range(n + 1) for j in range(n + 1 - i)]
     weights = np.array([(1.0 - s - t, s, t) for s, t in at])
@@ -198,7 +149,7 @@ def least_over_a_surface(mesh, values, points, g, n=40):
     return (sizes + g * away).min(axis=1)
 
 
-@pytest.mark.parametrize("g", [0.1, 0.4, 2.0])
+@pytest.mark.parametrize("g", [0.1, 2.0])
 def test_sizes_off_a_surface_are_the_least_that_it_allows(g):
     rng = np.random.default_rng(2301)
     mesh = random_sphere(60, 2302)
@@ -207,7 +158,7 @@ def test_sizes_off_a_surface_are_the_least_that_it_allows(g):
     size = SizeFunction(mesh, values, g=g)
     reference = least_over_a_surface(mesh, values, points, g)
     found = size(points)
-    spacing = mesh.edge_lengths.max() / 40
+    spacing = mesh.edge_lengths.max() / 20
     assert (found <= reference * (1.0 + 1e-12)).all()
     assert (found >= reference - (g + 2.0) * spacing).all()
     capped = SizeFunction(mesh, values, g=g, hmax=0.4)
@@ -218,16 +169,6 @@ def test_sizes_off_a_line_in_the_plane_grow_with_the_distance():
     line = SimplexMesh([[0.0, 0.0], [1.0, 0.0], [3.0, 0.0]], [[0, 1], [1, 2]])
     size = SizeFunction(line, [0.5, 0.5, 0.5], g=0.3)
     assert_allclose(size([[0.5, 2.0], [2.0, -1.0], [4.0, 0.0]]), [1.1, 0.8, 0.8], rtol=1e-12)
-
-
-def test_free_nodes_of_a_surface_allow_everything():
-    surface = jittered_cube(3, 2303).boundary().mesh
-    values = np.full(surface.n_points, np.inf)
-    values[0] = 1.0
-    size = SizeFunction(surface, values, g=0.5)
-    points = np.random.default_rng(2304).uniform(-40.0, 40.0, (20, 3))
-    away = np.linalg.norm(points - surface.points[0], axis=1)
-    assert_allclose(size(points), 1.0 + 0.5 * away, rtol=1e-12)
 
 
 def test_the_growth_is_kept_by_clip_and_minimum_and_spent_by_on():
@@ -241,12 +182,3 @@ def test_the_growth_is_kept_by_clip_and_minimum_and_spent_by_on():
     nodal = size.on(cube)
     assert nodal.g is None
     assert_array_equal(nodal.values, size(cube.points))
-
-
-def test_points_far_outside_are_reported_once():
-    size = SizeFunction(SQUARE, [0.1, 0.2, 0.3, 0.2])
-    assert size([[5.0, 0.0]]) == [0.2]  # near enough
-    with pytest.warns(InputWarning, match=r"point 1, \(100, 2\), is 99\.01 outside") as caught:
-        assert_array_equal(size([[0, 0], [100, 2]]), [0.1, 0.3])
-    assert caught[0].filename == __file__
-    size([[100, 2]])

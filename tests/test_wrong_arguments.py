@@ -95,9 +95,3 @@ def test_wrong_arguments_are_refused_by_one_clear_line(expected, call, tmp_path,
     assert len(str(raised.value)) < 1000
     assert "\n" not in str(raised.value)
     assert not list(Path().iterdir())
-
-
-def test_angles_and_ratios_of_cells_as_small_as_the_range_allows():
-    tiny = ads.SimplexMesh(1e-59 * TETRAHEDRON.points, TETRAHEDRON.cells)
-    assert tiny.minimum_angles() == pytest.approx(TETRAHEDRON.minimum_angles())
-    assert tiny.radius_ratios() == pytest.approx(TETRAHEDRON.radius_ratios())

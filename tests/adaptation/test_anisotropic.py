@@ -4,12 +4,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from shapes import block, two_region_rectangle
+from shapes import two_region_rectangle
 
 from adaptsize import Metric, SizeFunction, adapt
-from adaptsize._defaults import METRIC_GRADIENT_LIMIT
-from adaptsize.metrics import MetricFunction, limit_metric
-from adaptsize.metrics.implied import implied_metric
+from adaptsize.metrics import MetricFunction
 
 pytest.importorskip("mmgpy")
 
@@ -60,14 +58,6 @@ def test_anisotropic_cells_have_a_much_smaller_error():
     assert cells == pytest.approx([1500, 1500], rel=0.15)
 
 
-def test_the_error_falls_with_the_number_of_cells():
-    coarse = loop(anisotropic=True).mesh
-    fine = loop(anisotropic=True, n_cycles=2, target=5000, start=coarse).mesh
-    ratio = interpolation_error(coarse, layer) / interpolation_error(fine, layer)
-    order = np.log(ratio) / np.log(fine.n_cells / coarse.n_cells)
-    assert order > 0.9  # 1 in theory; here more, because aspect ratios still grow
-
-
 def test_tags_fields_and_the_report():
     result = loop(anisotropic=True)
     mesh = result.mesh
@@ -80,22 +70,6 @@ def test_tags_fields_and_the_report():
     assert result.size.values == pytest.approx(result.metric.metric.sizes[:, 0])
     assert result.report.after.share_in_band > 0.8
     assert result.report.after.metric.requested_aspect > 10.0
-
-
-def test_a_mesh_that_has_the_metric_is_returned():
-    metric = lambda x: Metric(np.tile([0.05, 0.2], (len(x), 1)), [np.eye(2)] * len(x))  # noqa: E731
-    first = adapt(MESH, h0=metric, g=None)
-    assert first.remeshed
-    again = adapt(first.mesh, h0=metric, g=None)
-    assert not again.remeshed
-    assert again.converged
-    assert again.mesh is first.mesh
-
-
-def test_the_gradient_limit_has_the_default_of_metrics():
-    metric = Metric.isotropic(np.where(MESH.points[:, 0] < 0.5, 0.05, 0.6), 2)
-    found = adapt(MESH, h0=metric, enough=0.0).metric.metric.sizes
-    np.testing.assert_array_equal(found, limit_metric(MESH, metric, METRIC_GRADIENT_LIMIT).sizes)
 
 
 def test_a_metric_is_scaled_to_the_number_of_elements():
@@ -130,26 +104,13 @@ def test_two_fields_give_the_intersection():
     assert result.metric(crossing).aspect_ratio[0] < 0.5 * stretched
 
 
-def test_tetrahedra_are_stretched_too(monkeypatch):
-    monkeypatch.setattr("adaptsize.remeshing.mmg._MAX_METRIC_TURNS", 2)  # quicker
-    mesh = block(5)
-    u = np.tanh(10.0 * (mesh.points[:, 0] - 0.45))
-    result = adapt(mesh, anisotropic=True, fields={"u": u}, elements=1000, hmax=0.4, max_aspect=8.0)
-    # At most three meshes are made to meet the number.
-    assert result.report.n_cells_after == pytest.approx(1000, rel=0.25)
-    assert implied_metric(result.mesh).aspect_ratio.max() > 6.0
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         ({"anisotropic": True}, "anisotropic needs a field in fields"),
         ({"anisotropic": "w", "elements": 100}, "anisotropic must name fields.*got 'w'"),
-        ({"anisotropic": "n", "elements": 100}, "anisotropic must name fields.*got 'n'"),
         ({"anisotropic": len, "elements": 100}, "anisotropic must be True, False or names"),
-        ({"anisotropic": np.True_}, "anisotropic needs a field in fields"),
         ({"anisotropic": ["u"]}, "fields need tolerance or elements"),
-        ({"anisotropic": "u"}, "fields need tolerance or elements"),
         ({"h0": Metric.isotropic([1.0], 2)}, "metric must have .* nodes"),
         ({"h0": Metric.isotropic(np.ones(MESH.n_points), 2), "tolerance": 1.0}, "tolerance needs"),
         ({"h0": Metric.isotropic(np.full(MESH.n_points, np.inf), 2)}, "finite size at one node"),

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from curved_shapes import sliver_cylinder
-from meshes import random_sphere, random_square
+from meshes import random_square
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
@@ -16,7 +15,6 @@ from adaptsize.geometry.faces import folds_of
 from adaptsize.quality.elements import minimum_angles
 
 NONE = np.empty((0, 2), np.int32)
-KITE = np.array([[0, 0], [4, 0], [2, 1], [2, -1]], float)
 ACROSS_KITE = [[0, 1, 2], [1, 0, 3]]
 
 
@@ -91,21 +89,6 @@ def test_afterwards_only_edges_that_stay_are_not_delaunay(dim, seed):
     assert flip_edges(flipped, kept) is flipped
 
 
-@pytest.mark.parametrize("seed", [625, 626, 627])
-def test_the_order_of_nodes_and_triangles_does_not_matter(seed):
-    rng = np.random.default_rng(seed)
-    mesh = stretched(500, seed)
-    new_node = rng.permutation(mesh.n_points)
-    cells = new_node[mesh.cells][rng.permutation(mesh.n_cells)]
-    cells = np.take_along_axis(cells, (rng.integers(3, size=(len(cells), 1)) + range(3)) % 3, 1)
-    points = np.empty_like(mesh.points)
-    points[new_node] = mesh.points
-    one, other = (flip_edges(m, NONE) for m in (mesh, SimplexMesh(points, cells)))
-    wanted = {tuple(edge) for edge in np.sort(new_node[one.edges], axis=1).tolist()}
-    assert edge_set(other) == wanted != edge_set(mesh)
-    assert_array_equal(flip_edges(mesh, NONE).cells, one.cells)
-
-
 def test_the_middle_of_a_long_edge_with_many_nodes_on_it_is_reached():
     n = 200
     on_edge = np.column_stack([np.linspace(0.0, 1.0, n), np.zeros(n)])
@@ -121,65 +104,7 @@ def test_the_middle_of_a_long_edge_with_many_nodes_on_it_is_reached():
 # --- what is not flipped ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "cells",
-    [
-        [[0, 1, 2], [0, 1, 3]],  # of different orientations
-        [[0, 1, 2], [1, 0, 3], [0, 1, 4]],  # three at an edge
-        [[0, 1, 2], [1, 0, 2]],  # the same nodes twice
-        [[0, 1, 2], [1, 0, 3], [2, 3, 4]],  # where the other diagonal is an edge
-    ],
-)
-def test_edges_that_cannot_be_flipped_stay(cells):
-    points = np.column_stack([np.vstack([KITE, [[9.0, 9.0]]]), np.zeros(5)])
-    mesh = SimplexMesh(points, cells)
-    assert flip_edges(mesh, NONE) is mesh
-
-
-def test_a_flip_that_an_edge_prevents_is_made_when_that_edge_is_gone():
-    # A strip from 2 to 3 beside the kite: its edge (2, 3) is flipped, then so is (0, 1).
-    points = np.column_stack([np.vstack([KITE, [[0.0, 0.0], [4.0, 0.0]]]), np.zeros(6)])
-    points[4:, 2] = 1e-3
-    points[4:, :2] = [[2.2, 0.0], [1.8, 0.0]]
-    mesh = SimplexMesh(points, [[0, 1, 2], [1, 0, 3], [2, 3, 4], [3, 2, 5]])
-    flipped = flip_edges(mesh, NONE)
-    assert edge_set(flipped) >= {(2, 3), (4, 5)}
-    assert (0, 1) not in edge_set(flipped)
-
-
-@pytest.mark.parametrize("seed", [628, 629])
-def test_flips_come_to_an_end_on_rough_surfaces(seed):
-    rng = np.random.default_rng(seed)
-    sphere = random_sphere(400, seed)
-    mesh = SimplexMesh(sphere.points * rng.uniform(0.3, 1.0, (len(sphere.points), 1)), sphere.cells)
-    flipped = flip_edges(mesh, NONE)
-    assert flipped is not mesh
-    assert (flipped.facet_cell_counts == 2).all()
-    assert len(flipped.edges) == len(mesh.edges)
-    assert minimum_angles(flipped).min() >= minimum_angles(mesh).min()
-    assert flip_edges(flipped, NONE) is flipped
-
-
-def test_nodes_on_a_circle_or_at_one_place_do_not_matter():
-    angle = 2 * np.pi * np.arange(300) / 300
-    circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    fan = SimplexMesh(circle, [[0, i, i + 1] for i in range(1, 299)])
-    assert flip_edges(fan, NONE) is fan
-    twice = SimplexMesh(np.vstack([KITE, KITE[:1]]), [[0, 1, 2], [1, 0, 4], [1, 4, 3]])
-    flipped = flip_edges(twice, NONE)
-    assert flipped.measures.sum() == pytest.approx(twice.measures.sum())
-
-
 # --- bent and sharp edges -----------------------------------------------------------------
-
-
-def test_rulings_of_a_cylinder_bend_and_diagonals_and_rims_do_not():
-    n = 24
-    bent, sharp = folds_of(sliver_cylinder(n, 630, height=20.0), np.deg2rad(40.0))
-    i, j = bent.T
-    assert len(i) == n
-    np.testing.assert_array_equal(j - i, n)
-    assert len(sharp) == 2 * n
 
 
 @pytest.mark.parametrize(("height", "is_bent"), [(1e-8, False), (1e-4, True)])

@@ -6,9 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from adaptsize import CartesianGrid, SimplexMesh, SizeFunction
-from adaptsize.background import grid as grid_module
-from adaptsize.errors import InputWarning, OutsideError
+from adaptsize import CartesianGrid, SizeFunction
+from adaptsize.errors import OutsideError
 
 INF = np.inf
 SHAPES = [(7,), (5, 4), (4, 5, 3)]
@@ -29,56 +28,6 @@ def hat_functions(grid, points):
 
 
 # --- what a grid is ----------------------------------------------------------------
-
-
-def test_attributes_by_hand():
-    grid = CartesianGrid([1.0, -1.0], [0.5, 2.0], (3, 2))
-    assert (grid.dim, grid.n_points, grid.n_cells, grid.nodal_shape) == (2, 6, 2, (3, 2))
-    assert_array_equal(grid.lower, [1.0, -1.0])
-    assert_array_equal(grid.upper, [2.0, 1.0])
-    assert grid.diagonal == np.hypot(1.0, 2.0)
-    assert_array_equal(grid.axes[0], [1.0, 1.5, 2.0])
-    assert_array_equal(grid.points[[0, 1, 4]], [[1.0, -1.0], [1.0, 1.0], [2.0, -1.0]])
-    assert grid.active is None
-
-
-def test_sampling_by_parts_is_sampling_at_once(monkeypatch):
-    monkeypatch.setattr(grid_module, "_POINTS_AT_ONCE", 7)
-    grid = random_grid((5, 3, 2), 73)
-    asked = []
-
-    def function(points):
-        asked.append(len(points))
-        return points[:, 0] - points[:, 2]
-
-    expected = function(grid.points).reshape(grid.shape)
-    assert_array_equal(grid.sample(function), expected)
-    assert asked == [30, 6, 6, 6, 6, 6]
-    with pytest.raises(ValueError, match=r"function\(points\) must have shape \(6,\)"):
-        grid.sample(lambda points: points)
-
-
-def test_arrays_are_read_only_and_no_one_elses():
-    origin, spacing, active = np.zeros(2), np.ones(2), np.ones((2, 2), bool)
-    grid = CartesianGrid(origin, spacing, (2, 2), active=active)
-    origin[:], spacing[:], active[:] = 5.0, 5.0, False
-    assert_array_equal(grid.points[-1], [1.0, 1.0])
-    assert grid.active.all()
-    for array in (grid.origin, grid.spacing, grid.active, grid.upper, *grid.axes):
-        with pytest.raises(ValueError, match="read-only"):
-            array[...] = 0
-    with pytest.raises(AttributeError):
-        grid.shape = (3, 3)
-
-
-def test_active_nodes_can_be_exchanged():
-    grid = CartesianGrid([0, 0], 1.0, (3, 3))
-    corner_off = np.ones((3, 3), bool)
-    corner_off[0, 0] = False
-    some = grid.with_active(corner_off)
-    assert (grid.n_cells, some.n_cells, some.n_points) == (4, 3, 9)
-    assert repr(some) == "CartesianGrid(3 x 3 nodes, 8 active, (0, 0) to (2, 2))"
-    assert some.with_active(None).active is None
 
 
 def test_bad_arguments_are_named():
@@ -122,17 +71,6 @@ def test_grid_around_points_covers_them_and_no_more_than_a_spacing(seed, dim, ma
     assert_array_equal(grid.spacing, spacing)
 
 
-def test_bad_arguments_around_points_are_named():
-    cases = [
-        ((np.empty((0, 2)), 1.0), "points must hold at least one point"),
-        (([[0.0], [1.0]], 1e-30), "spacing must leave at most 2147483647 nodes"),
-        (([[0.0, 0.0], [1e5, 1e5]], 1.0), "shape must give at most 2147483647 nodes"),
-    ]
-    for arguments, message in cases:
-        with pytest.raises(ValueError, match=message):
-            CartesianGrid.around(*arguments)
-
-
 # --- simplices -----------------------------------------------------------------------
 
 
@@ -150,12 +88,6 @@ def test_mesh_of_a_grid_fills_it_and_fits_together(shape):
     outer = mesh.points[mesh.facets[mesh.facet_cell_counts == 1]]
     on_face = np.isclose(outer, grid.lower) | np.isclose(outer, grid.upper)
     assert on_face.all(axis=1).any(axis=1).all()
-
-
-def test_diagonals_of_a_plane_grid_alternate():
-    mesh = CartesianGrid([0, 0], 1.0, (3, 3)).mesh
-    edges = {tuple(edge) for edge in mesh.edges.tolist()}
-    assert {(0, 4), (2, 4), (4, 6), (4, 8)} <= edges  # all four meet in the middle
 
 
 def test_mesh_of_active_nodes_has_whole_boxes_only():
@@ -201,11 +133,6 @@ def test_at_nodes_the_values_are_exact_whatever_the_neighbours(shape, seed):
     assert_allclose(size(nudged)[finite], values.ravel()[finite], rtol=1e-12)
 
 
-def test_a_point_between_a_free_node_and_another_is_free():
-    size = SizeFunction(CartesianGrid([0, 0], 1.0, (2, 2)), [[1.0, 3.0], [INF, INF]])
-    assert_array_equal(size([[1e-6, 0.5], [0.0, 0.5], [0.5, 0.0]]), [INF, 2.0, INF])
-
-
 @given(st.sampled_from(SHAPES), st.integers(0, 2**32 - 1))
 @settings(deadline=None)
 def test_nodes_that_are_not_active_do_not_count(shape, seed):
@@ -225,29 +152,6 @@ def test_nodes_that_are_not_active_do_not_count(shape, seed):
     assert_array_equal(SizeFunction(grid, np.where(active, values, 1e9))(points), result)
 
 
-def test_far_and_huge_coordinates():
-    grid = CartesianGrid([1e9, -1e9], 1.0, (3, 3))
-    size = SizeFunction(grid, [[1.0, 2.0, 3.0]] * 3)
-    with pytest.warns(InputWarning, match="1.414e\\+300 outside"):
-        assert_allclose(size([[1e300, -1e9 + 0.5], [-1e300, 1e300]]), [1.5, 3.0])
-    assert grid.locator.interpolate(size.values, [[1e9, 1e300]])[1][0] == 1e300
-
-
-def test_no_points_give_no_sizes():
-    assert SizeFunction(CartesianGrid([0], 1.0, (2,)), [1, 2])(np.empty((0, 1))).shape == (0,)
-
-
-def test_calls_by_parts_give_the_same(monkeypatch):
-    from adaptsize.background import grid_location
-
-    grid = random_grid((5, 4), 87)
-    points = np.random.default_rng(88).normal(size=(10, 2))
-    values = np.random.default_rng(89).uniform(0.1, 1.0, grid.shape)
-    at_once = grid.locator.interpolate(values, points)
-    monkeypatch.setattr(grid_location, "_POINTS_PER_CALL", 3)
-    assert_array_equal(grid.locator.interpolate(values, points), at_once)
-
-
 # --- size functions -------------------------------------------------------------------
 
 
@@ -257,18 +161,3 @@ def test_points_outside_are_refused_on_request():
     assert_array_equal(size([[1.0, 1.0 + 1e-10]]), [1.0])
     with pytest.raises(OutsideError, match=r"points\[0\] = \(0.5, 3\) at a distance of 2"):
         size([[0.5, 3.0]])
-
-
-def test_sizes_move_between_grids_and_meshes():
-    grid = CartesianGrid([0, 0], 0.5, (3, 3))
-    mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-    on_grid = SizeFunction(grid, grid.sample(lambda x: 1.0 + x[:, 0]))
-    on_mesh = on_grid.on(mesh)
-    assert_allclose(on_mesh.values, [1.0, 2.0, 2.0, 1.0])
-    back = on_mesh.on(grid)
-    assert back.values.shape == (3, 3)
-    assert_allclose(back.values, on_grid.values)
-    smaller = on_grid.minimum(SizeFunction(mesh, [1.25, 1.25, 1.25, 1.25]))
-    assert_allclose(smaller.values, np.minimum(on_grid.values, 1.25))
-    assert smaller.clip(hmax=1.1).values.shape == (3, 3)
-    assert_allclose(on_mesh.minimum(on_grid.clip(hmax=1.5)).values, [1.0, 1.5, 1.5, 1.0])

@@ -81,21 +81,6 @@ def test_names_of_tags_are_copied_read_only_and_outlive_new_fields():
         mesh.tag_names[2, 1] = "none"
 
 
-def test_tags_of_facets_that_no_cell_has_are_passed_over():
-    mesh = SimplexMesh(SQUARE, HALVES, tagged_facets=[[1, 3], [0, 1]], facet_tags=[4, 5])
-    part, nodes, _ = mesh.boundary()
-    tagged = [sorted(row) for row in nodes[part.cells[part.cell_tags == 5]].tolist()]
-    assert tagged == [[0, 1]]
-    assert sorted(part.cell_tags.tolist()) == [0, 0, 0, 5]
-
-
-def test_boundary_leaves_out_nodes_of_no_cell():
-    mesh = SimplexMesh([[9.0, 9.0], *SQUARE], np.add(HALVES, 1))
-    part, nodes, _ = mesh.boundary()
-    assert nodes.tolist() == [1, 2, 3, 4]
-    assert part.points.tolist() == SQUARE
-
-
 def test_closed_meshes_and_segments_have_no_boundary():
     with pytest.raises(ValueError, match="the mesh is closed"):
         random_sphere(20, 77).boundary()

@@ -1,6 +1,5 @@
 """Edges, facets, neighbours and measures of a mesh, against slow twins."""
 
-import re
 from collections import Counter
 from itertools import combinations, permutations
 
@@ -8,14 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from meshes import random_sphere
 from numpy.testing import assert_allclose
 
 from adaptsize import SimplexMesh
-
-SQUARE = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
-HALVES = [[0, 1, 2], [0, 2, 3]]
-
 
 KINDS = {"segments": (2, 2), "plane": (3, 2), "surface": (3, 3), "volume": (4, 3), "line": (2, 1)}
 
@@ -83,13 +77,3 @@ def test_signed_measures_change_sign_with_odd_renumbering(dim):
         mesh = SimplexMesh(corners, [order])
         assert_allclose(mesh.signed_measures, [sign / np.prod(range(1, dim + 1))], rtol=1e-15)
         assert_allclose(mesh.measures, np.abs(mesh.signed_measures), rtol=1e-14)
-
-
-def test_signed_measures_need_cells_of_full_dimension():
-    with pytest.raises(ValueError, match=re.escape("got SimplexMesh(20 points in 3-D")):
-        _ = random_sphere(20, 73).signed_measures
-
-
-def test_diagonal_spans_the_nodes_that_belong_to_cells():
-    mesh = SimplexMesh([*SQUARE, [50.0, 50.0]], HALVES)
-    assert mesh.diagonal == pytest.approx(np.sqrt(2.0), rel=1e-15)

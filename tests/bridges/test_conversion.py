@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from shapes import block, two_region_block, two_region_rectangle
 
-from adaptsize import SimplexMesh, read, write
+from adaptsize import SimplexMesh
 from adaptsize.errors import InputWarning
 
 
@@ -66,55 +66,12 @@ def test_a_mesh_comes_back_whole(name, way):
             assert_array_equal(came[field], given[field])
 
 
-@pytest.mark.parametrize("convert", ["to_meshio", "to_pyvista"])
-def test_the_result_may_be_written_into(convert):
-    pytest.importorskip("pyvista" if "pyvista" in convert else "meshio")
-    mesh = with_everything(two_region_block(1))
-    before = mesh.points.copy()
-    made = getattr(mesh, convert)()
-    made.points[:] = 7.0
-    made.point_data["u"][:] = 7.0
-    assert_array_equal(mesh.points, before)
-    assert mesh.point_data["u"].max() < 1.0
-
-
-def test_other_cells_are_converted_and_counted():
-    square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
-    given = meshio.Mesh(square, [("quad", [[0, 1, 2, 3]])])
-    with pytest.warns(InputWarning, match="1 quadrilaterals split into 2 triangles") as caught:
-        assert SimplexMesh.from_meshio(given).n_cells == 2
-    assert caught[0].filename == __file__
-
-
-def test_cells_for_gmsh_are_never_in_group_0():
-    made = MESHES["facets only"]().to_meshio(tag_name="gmsh:physical")
-    assert (made.cell_data_dict["gmsh:physical"]["tetra"] > 0).all()
-
-
-def test_groups_and_names_outlive_a_gmsh_file_that_meshio_writes_and_reads(tmp_path):
-    # Without cell fields, which do not come back from version 2.2.
-    mesh = replace(MESHES["tetrahedra"](), cell_data={})
-    made = mesh.to_meshio(tag_name="gmsh:physical")
-    meshio.write(tmp_path / "mesh.msh", made, file_format="gmsh22")
-    for back in (read(tmp_path / "mesh.msh"), SimplexMesh.from_meshio(made)):
-        assert_array_equal(back.cell_tags, mesh.cell_tags)
-        assert_array_equal(back.facet_tags, mesh.facet_tags)
-        assert back.tag_names == mesh.tag_names
-
-
 def test_two_tags_of_one_name_are_refused_for_meshio():
     mesh = replace(block(1), tag_names={(3, 1): "air", (2, 1): "air"})
     with pytest.raises(
         ValueError, match=r"tag_names must be distinct for meshio.* got 'air' twice"
     ):
         mesh.to_meshio()
-
-
-@pytest.mark.parametrize("convert", [SimplexMesh.from_meshio, SimplexMesh.from_pyvista])
-def test_what_is_no_mesh_of_theirs_is_refused(convert):
-    pytest.importorskip("pyvista")
-    with pytest.raises(ValueError, match=r"^mesh must be .*, got 'mesh.vtu'$"):
-        convert("mesh.vtu")
 
 
 def test_a_mesh_without_cells_or_of_another_kind_is_refused():
@@ -147,8 +104,3 @@ def test_data_sets_of_pyvista_of_all_kinds():
         both = SimplexMesh.from_pyvista(blocks)
     assert both.tag_names == {(2, 1): "left", (2, 2): "right"}
     assert np.bincount(both.cell_tags).tolist() == [0, 12, sphere.n_cells]
-
-
-def test_a_format_that_is_not_written_is_refused_with_those_of_solvers(tmp_path):
-    with pytest.raises(ValueError, match=r"abaqus .inp, nastran .bdf, su2 .su2; .*part.ugrid$"):
-        write(tmp_path / "part.ugrid", two_region_block(2))

@@ -159,13 +159,6 @@ def test_programs_with_positive_tags_refuse_others():
             getattr(mesh, f"to_{program}")()
 
 
-def test_a_surface_of_trimesh_comes_back_in_the_same_order():
-    mesh = SimplexMesh(np.eye(4, 3), [[0, 1, 2], [0, 1, 3]])
-    back = SimplexMesh.from_object(mesh.to_trimesh())
-    assert_array_equal(back.points, mesh.points)
-    assert_array_equal(back.cells, mesh.cells)
-
-
 def test_other_objects_are_refused():
     with pytest.raises(ValueError, match=r"mesh must be of meshio, PyVista, .*got 3"):
         SimplexMesh.from_object(3)
@@ -174,11 +167,3 @@ def test_other_objects_are_refused():
         SimplexMesh.from_object(skfem.MeshQuad())
     with pytest.raises(ValueError, match="must fill its space"):
         SimplexMesh(np.eye(3), [[0, 1, 2]]).to_skfem()
-
-
-def test_arrays_of_the_wrong_shape_are_explained():
-    mesh = SimplexMesh(SQUARE, TWO_TRIANGLES)
-    with pytest.raises(ValueError, match=r"h0 must have shape \(4,\), got \(2,\); one per node"):
-        ads.limit_gradient(mesh, [0.1, 0.2], 0.3)
-    with pytest.raises(ValueError, match="points is transposed"):
-        ads.SizeFunction(mesh, np.ones(4))(np.ones((2, 5)))

@@ -7,7 +7,7 @@ import pytest
 
 pyvista = pytest.importorskip("pyvista", reason="the accessor is PyVista's")
 
-from adaptsize import SizeFunction, limit_gradient, size_conformity, size_function  # noqa: E402
+from adaptsize import SizeFunction, size_conformity, size_function  # noqa: E402
 from adaptsize.bridges.pyvista import AdaptsizeAccessor  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
@@ -32,16 +32,6 @@ def test_size_is_that_of_size_function_and_the_data_set_stays(plate):
     assert type(sized) is type(plate)
 
 
-def test_limit_takes_an_array_or_the_name_of_one(plate):
-    h0 = np.where(np.arange(plate.n_points) == 5, 0.01, 1.0)
-    plate.point_data["bound"] = h0
-    limited = plate.adaptsize.limit("bound", 0.3).point_data["h"]
-    np.testing.assert_array_equal(limited, plate.adaptsize.limit(h0, 0.3).point_data["h"])
-    np.testing.assert_array_equal(limited, limit_gradient(plate.adaptsize.mesh, h0, 0.3))
-    with pytest.raises(ValueError, match=r"h0 must name point data of the data set \(.*bound"):
-        plate.adaptsize.limit("error")
-
-
 def test_remesh_follows_the_sizes_of_the_data_set(plate):
     plate.point_data["h"] = 0.05 + 0.1 * np.abs(plate.points[:, 0])
     new = plate.adaptsize.remesh()
@@ -52,8 +42,3 @@ def test_remesh_follows_the_sizes_of_the_data_set(plate):
     size = SizeFunction(mesh, mesh.point_data["h"])
     again = size_conformity(new.adaptsize.mesh, size)
     assert found.share_in_band == pytest.approx(again.share_in_band, abs=0.01)
-
-
-def test_conformity_needs_sizes(plate):
-    with pytest.raises(ValueError, match="no point data 'h'"):
-        plate.adaptsize.conformity()

@@ -76,23 +76,6 @@ def test_bad_options_are_one_line_and_leave_no_file(refused, tmp_path, command, 
     assert [path.name for path in tmp_path.iterdir()] == ["in.vtu"]
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (["--backend", "frob"], "--backend must be one of 'auto', 'tetwild', 'mmg', 'gmsh'"),
-        (["--backend", "mmg"], "backend 'mmg' is not installed; install it with: pip install"),
-    ],
-)
-def test_bad_options_of_generators_are_refused_before_reading(
-    refused, monkeypatch, square, words, expected
-):
-    monkeypatch.setattr(
-        "adaptsize.remeshing.registry._is_installed", lambda backend: backend.name != "mmg"
-    )
-    monkeypatch.setattr("adaptsize.io.read", lambda *_: pytest.fail("the input was read"))
-    assert expected in refused("remesh", square, "-o", square.with_name("o.vtu"), *words)
-
-
 def test_the_shell_completes_options_and_backends():
     def completed(words):
         variables = {
@@ -129,14 +112,6 @@ def test_options_of_a_file_are_those_of_the_command_line(capsys, tmp_path, part)
         printed.append(json.loads(capsys.readouterr().out)["size"])
     assert printed[0] == printed[1]
     assert (printed[1]["g"], printed[1]["hmax"]) == (0.5, 0.1)
-
-
-def test_lists_flags_and_names_can_stand_in_a_file(refused, tmp_path, part):
-    file = part('label = [51, 102]\nspacing = [0.5, 0.5]\nhmin = 2\nplot = "a.doc"')
-    err = refused("image", DATA / "objects.png", "-o", tmp_path / "o.vtu", "--options", file)
-    assert "--plot must end in .png" in err
-    words = ["-o", tmp_path / "o.vtu", "--options", part('strict = true\nbackend = "frob"')]
-    assert "--backend must be one of" in refused("remesh", DATA / "lshape.vtu", *words)
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,6 @@
 """Files that cannot be written are refused before anything is read or computed."""
 
-from pathlib import Path
-
-import numpy as np
 import pytest
-
-from adaptsize import SimplexMesh, write
-
-DATA = Path(__file__).parents[2] / "data"
 
 
 @pytest.fixture
@@ -72,29 +65,3 @@ def test_files_of_other_options_are_refused_too(refused, square, monkeypatch, wo
     monkeypatch.chdir(square.parent)
     command = ["limit", "square.vtu", "-o", "out.vtu", "--field", "h0", "-g", "0.3"]
     assert printed in refused(*command, *words)
-
-
-@pytest.mark.usefixtures("nothing_is_read")
-def test_sizes_beside_a_mesh_may_not_replace_the_input(refused, tmp_path):
-    (tmp_path / "part.sol").touch()
-    err = refused("remesh", tmp_path / "part.sol", "-o", tmp_path / "part.mesh")
-    assert "part.sol is also the input" in err
-
-
-@pytest.mark.parametrize(
-    ("points", "cells", "name", "printed"),
-    [
-        ([[0.0, 0, 0], [1, 0, 0], [0, 1, 0.5]], [[0, 1, 2]], "o.jig.msh", "o.jig.msh holds "),
-        ([[0.0, 0, 0], [1, 0, 0], [0, 1, 0.5]], [[0, 1], [1, 2]], "o.ply", "cannot hold segments"),
-    ],
-)
-def test_a_format_that_cannot_hold_the_cells_is_refused(
-    refused, monkeypatch, tmp_path, points, cells, name, printed
-):
-    monkeypatch.setattr(
-        "adaptsize.limiting.limit_gradient", lambda *_, **__: pytest.fail("the limiting has begun")
-    )
-    mesh = SimplexMesh(points, cells)
-    write(tmp_path / "in.vtu", mesh, fields={"h0": np.ones(3)})
-    words = ["--field", "h0", "-g", "0.3"]
-    assert printed in refused("limit", tmp_path / "in.vtu", "-o", tmp_path / name, *words)

@@ -32,23 +32,6 @@ def test_image_writes_a_mesh_with_sizes_and_regions(mask, tmp_path, capsys):
     assert mesh.point_data["h"].min() > 0.0
 
 
-def test_image_takes_labels_and_limits(mask, tmp_path):
-    output = tmp_path / "mesh.vtu"
-    options = ("--hmin", "3", "--hmax", "4", "-K", "2", "-g", "0.1", "--smoothing", "1.5")
-    assert call("image", mask, "-o", output, "--label", "5", *options) == 0
-    mesh = read(output)
-    assert mesh.points[:, 0].max() < 52.0
-    assert 3.0 <= mesh.point_data["h"].min() <= mesh.point_data["h"].max() <= 4.0
-
-
-def test_a_warning_of_the_mesh_is_one_line_on_standard_error(mask, tmp_path, capsys):
-    options = ("--label", "9", "--hmin", "2", "--hmax", "2", "-K", "2", "--elements-across", "2")
-    assert call("image", mask, "-o", tmp_path / "mesh.vtu", "--max-elements", "50", *options) == 0
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("adaptsize: warning: the sizes ")
-    assert "--max-elements = 50" in line
-
-
 def test_size_of_an_image_says_what_controls_what(mask, tmp_path, capsys):
     output = tmp_path / "size.vti"
     assert call("size", mask, "-o", output, "--spacing", "0.5,0.5") == 0

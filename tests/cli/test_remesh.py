@@ -1,7 +1,6 @@
 """``adaptsize remesh``: the mesh, the report on it, its files, and open surfaces."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +11,8 @@ from shapes import CUBE_CELLS
 
 from adaptsize import SimplexMesh, read, remesh, size_function, write
 from adaptsize._formats.provenance import read_provenance, write_provenance
-from adaptsize.cli.console import as_typed
 from adaptsize.quality import size_conformity
-from adaptsize.reporting.outcome import Outcome, sharp_cells
+from adaptsize.reporting.outcome import Outcome
 
 DATA = Path(__file__).parents[2] / "data"
 CORNERS = UNIT * [2.0, 1.0, 1.0]
@@ -86,7 +84,6 @@ def test_a_boundary_beyond_the_tolerance_is_a_warning(capsys, tmp_path):
 
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-FLAT = SimplexMesh([[0, 0], [1, 0], [0.5, 0.02]], [[0, 1, 2]])
 
 
 @pytest.mark.parametrize(
@@ -107,31 +104,6 @@ def test_what_is_out_of_bounds_is_a_warning(mesh, size, predicted, change, warne
     assert all(any(text.startswith(part) for text in printed) for part in warned)
     if not warned:
         assert printed == []
-
-
-def test_small_angles_are_counted_with_the_place_of_the_worst():
-    (text,) = (text for text in outcome_of_remeshing_flat().warnings() if "angle" in text)
-    assert text == (
-        "1 cell has an angle below 10 degrees, the worst, 2.3, at (0.5, 0.00666667); "
-        "smaller sizes there may help"
-    )
-
-
-def outcome_of_remeshing_flat():
-    outcome = Outcome("triangles", size_conformity(FLAT, 0.6), 1.0)
-    return replace(outcome, sharp=sharp_cells(FLAT))
-
-
-def test_verbose_prints_the_messages_of_the_generator(capsys, tmp_path, monkeypatch):
-    pytest.importorskip("mmgpy")
-    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
-    words = ["remesh", DATA / "lshape.vtu", "-o", tmp_path / "o.vtu", "--backend", "mmg"]
-    assert call(*words, "--hmin", "0.2", "--hmax", "0.3", "-v") == 0
-    err = capsys.readouterr().err
-    assert "adaptsize: mmg: " in err
-    assert "adaptsize: Mmg: " in err  # the time
-    assert call(*words, "--hmin", "0.2", "--hmax", "0.3") == 0
-    assert "mmg: " not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply", ".off"])
@@ -184,36 +156,6 @@ def test_a_record_of_another_mesh_counts_for_nothing(capsys, tmp_path):
     assert read_provenance(tmp_path / "none.stl") == {}
 
 
-def test_names_of_python_are_those_of_the_shell_in_messages():
-    flags = {"strict": "--strict", "target": "--target", "tolerance": "--tolerance"}
-    text = "lower the tolerance or use strict=True, or pass target='triangles'"
-    wanted = "lower the tolerance or use --strict, or pass --target triangles"
-    assert as_typed(text, flags) == wanted
-
-
-def test_counts_are_those_of_a_file_that_holds_triangles_only(capsys, box, no_generator):
-    output = box.with_name("r.stl")
-    assert call("remesh", box, "-o", output, "--json", "--target", "tetrahedra") == 0
-    result = json.loads(capsys.readouterr().out)
-    written = read(output)
-    assert written.cell_dim == 2
-    assert result["mesh"]["n_cells"] == 6
-    (file,) = result["output"]
-    assert (file["kind"], file["n_cells"]) == ("triangles", written.n_cells)
-    assert any("r.stl holds triangles only" in text for text in result["warnings"])
-
-
-def test_sizes_are_written_beside_a_mesh_that_holds_no_fields(capsys, box, no_generator):
-    output = box.with_name("new.mesh")
-    assert call("remesh", box, "-o", output) == 0
-    printed = capsys.readouterr()
-    assert "new.mesh holds no fields: the sizes are written to new.sol" in printed.err
-    lines = printed.out.splitlines()
-    assert lines[-2] == f"{output}: 8 points, 6 tetrahedra"
-    assert lines[-1] == f"{output.with_suffix('.sol')}: 8 points, field h"
-    assert "SolAtVertices\n8\n" in output.with_suffix(".sol").read_text()
-
-
 def test_an_open_surface_is_reported(capsys, open_box, no_generator):
     assert call("remesh", open_box, "-o", open_box.with_name("o.vtu"), "--json") == 0
     printed = capsys.readouterr()
@@ -229,31 +171,6 @@ def test_an_open_surface_is_reported(capsys, open_box, no_generator):
     assert "4 open edges in 1 loop, 6 long around (1, 0.5, 1)" in text
     assert "--close, --target triangles or --strict" in text
     assert printed.err.count("the surface is open") == 1
-
-
-def test_close_fills_the_holes_first(capsys, open_box, no_generator):
-    assert call("remesh", open_box, "-o", open_box.with_name("o.vtu"), "--close", "--strict") == 0
-    err = capsys.readouterr().err
-    assert "surface closed by 2 triangles; it had 4 open edges in 1 loop" in err
-    assert "warning: the surface is open" not in err
-    assert no_generator[0].is_closed
-
-
-def test_strict_refuses_an_open_surface_before_the_sizes(refused, open_box):
-    err = refused("remesh", open_box, "-o", open_box.with_name("o.vtu"), "--strict")
-    assert err.startswith("adaptsize: error: the surface is open: 4 open edges in 1 loop")
-
-
-def test_bodies_closer_than_the_tolerance_are_reported(capsys, tmp_path, no_generator):
-    points = np.concatenate([CORNERS, CORNERS + np.array([0.0, 0.0, 1.001])])
-    write(tmp_path / "two.stl", SimplexMesh(points, TWO))
-    words = ["remesh", tmp_path / "two.stl", "-o", tmp_path / "o.vtu"]
-    assert call(*words) == 0
-    err = capsys.readouterr().err
-    assert "1 pair of bodies is only 0.001 apart at (0, 0, 1), less than the tolerance" in err
-    assert call(*words, "--strict") == 1
-    assert "lower --tolerance" in capsys.readouterr().err
-    assert call(*words, "--strict", "--tolerance", "1e-4") == 0
 
 
 def test_overlapping_bodies_are_named_before_the_work(capsys, tmp_path, no_generator):

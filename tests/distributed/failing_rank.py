@@ -10,26 +10,18 @@ import adaptsize
 from adaptsize.cli import console
 from adaptsize.cli.entry import main
 from adaptsize.distributed import files
-from adaptsize.remeshing import driver
 
 phase, rank = sys.argv[1], int(sys.argv[2])
 
-# The module and the function in which each phase fails.  "alone" and "bug" fail where the other
-# ranks wait for this one; "killed" dies there.
-PLACES = {
-    "alone": (adaptsize, "limit_gradient"),
-    "meshing": (driver, "remesh"),
-    "writing": (files, "write"),
-    "bug": (files, "read_parts"),
-    "killed": (adaptsize, "limit_gradient"),
-}
+# The module and the function in which each phase fails, where the other ranks wait for this one.
+PLACES = {"writing": (files, "write"), "killed": (adaptsize, "limit_gradient")}
 
 
 def fail(*args, **options):
     """Fail as planted."""
     if phase == "killed":
         os.kill(os.getpid(), signal.SIGKILL)
-    raise (TypeError if phase == "bug" else ValueError)("planted fault")
+    raise ValueError("planted fault")
 
 
 console._PATIENCE = 0.3  # seconds; ranks that wait compute all the time

@@ -5,7 +5,6 @@ import pytest
 from meshes import jittered_square, random_sphere
 from partitions import on_ranks, partition
 from scipy.spatial import Delaunay
-from simulated_ranks import SimulatedCommunicator
 
 import adaptsize as ads
 from adaptsize import CartesianGrid, SimplexMesh, adapt
@@ -13,8 +12,6 @@ from adaptsize.adaptation.in_parts import boundary_distance, lost_tags
 from adaptsize.adaptation.next_sizes import (
     bound_by_tolerance,
 )
-from adaptsize.distributed import PartitionedMesh
-from adaptsize.errors import ResolutionWarning
 from adaptsize.sizes import predict
 
 
@@ -110,21 +107,6 @@ def test_new_mesh_fields_and_report(dim, n, target, how):
     assert f"requested {target}" in text
 
 
-def test_number_of_nodes_is_met():
-    mesh = jittered_square(9, 83)
-    eta = _indicator(mesh)
-
-    def run(part):
-        return adapt(part, eta[part.cell_ids], nodes=300, how="gather")
-
-    report = on_ranks(mesh, None, 2, run)[0][0].report
-    whole = ads.adapt(mesh, eta, nodes=300, backend="mmg").report
-    assert report.elements == pytest.approx(whole.elements, rel=1e-12)
-    assert report.budget_met
-    assert report.n_points_after == pytest.approx(300, rel=0.15)
-    assert "requested 300 nodes" in str(report)
-
-
 def test_mesh_within_tolerance_is_returned_itself(monkeypatch):
     monkeypatch.setattr("adaptsize.adaptation.in_parts.remesh", _no_mesh)
     mesh = jittered_square(6, 76)
@@ -145,21 +127,6 @@ def test_mesh_within_tolerance_is_returned_itself(monkeypatch):
         assert "within the tolerance" in str(result)
 
 
-def test_bounds_by_function_and_ranks_without_cells(monkeypatch):
-    monkeypatch.setattr("adaptsize.adaptation.in_parts.remesh", _no_mesh)
-    mesh = jittered_square(6, 77)
-
-    def h0(points):
-        return np.full(len(points) if len(points) else 1 / 0, 0.2 * mesh.diagonal)
-
-    def run(part):
-        return adapt(part, h0=h0, elements=mesh.n_cells, enough=0.0)
-
-    results, parts = on_ranks(mesh, np.zeros(mesh.n_cells, int), 2, run)
-    assert parts[1].n_points == 0
-    assert results[1].reason == results[0].reason
-
-
 def test_lost_tags_and_moved_boundaries_are_found():
     disc = jittered_square(8, 78)
     moved = SimplexMesh(1.1 * disc.points, disc.cells, cell_tags=np.ones(disc.n_cells, int))
@@ -177,18 +144,6 @@ def test_lost_tags_and_moved_boundaries_are_found():
         assert lost == ("cell tag 2",)
         assert distance == pytest.approx(expected, rel=1e-12)
         assert none == 0.0
-
-
-def test_rank_0_warns(monkeypatch):
-    mesh = jittered_square(5, 79)
-    monkeypatch.setattr("adaptsize.adaptation.in_parts.lost_tags", lambda *a: ("cell tag 5",))
-    monkeypatch.setattr("adaptsize.adaptation.in_parts.boundary_distance", lambda *a: 9e9)
-    with (
-        pytest.warns(ResolutionWarning, match="has lost cell tag 5"),
-        pytest.warns(ResolutionWarning, match="farther from the old one") as caught,
-    ):
-        on_ranks(mesh, None, 2, lambda part: adapt(part, h0=0.1 * mesh.diagonal, how="gather"))
-    assert len(caught) == 2  # both, once each
 
 
 @pytest.mark.parametrize(
@@ -217,32 +172,3 @@ def test_bad_arguments_are_reported_by_all_ranks(options, text):
             adapt(part, **{**given, **options(part.ranks.rank)})
 
     on_ranks(mesh, None, 2, run)
-
-
-def test_metrics_are_refused():
-    mesh = jittered_square(5, 81)
-    metric = ads.metrics.Metric.isotropic(np.ones(mesh.n_points), 2)
-    with pytest.raises(ValueError, match="h0 must be sizes on several ranks, got a metric"):
-        adapt(ads.distributed.PartitionedMesh.from_serial(mesh), h0=metric)
-
-
-def test_cells_inside_the_parts_are_sent_to_no_other_rank():
-    def sent(n):
-        old, new = jittered_square(n, 78), jittered_square(n + n // 10, 79)
-        # Parts whose boxes overlap by most of their length.
-        rank_of = [(m.points[m.cells].mean(axis=1).sum(axis=1) > 0.0) * 1 for m in (old, new)]
-
-        def work(comm):
-            parts = [
-                PartitionedMesh.from_serial(mesh if comm.rank == 0 else None, rank, comm)
-                for mesh, rank in zip((old, new), rank_of, strict=True)
-            ]
-            assert all(part.shared.every is not None for part in parts)
-            before = comm.traffic.bytes_sent
-            ads.transfer_fields(*parts, fields={"x": parts[0].points[:, 0]}, method="bounded")
-            return comm.traffic.bytes_sent - before
-
-        return max(SimulatedCommunicator.run(2, work))
-
-    # Four times the cells, and twice those at the diagonal.
-    assert sent(40) < 2.6 * sent(20)

@@ -14,30 +14,6 @@ def test_each_operation():
     run(3, operations)
 
 
-@pytest.mark.parametrize("bad", [0, 1, 2])
-def test_a_failure_on_one_rank_ends_all(bad):
-    def work(comm):
-        comm.barrier()
-        if comm.rank == bad:
-            raise KeyError("lost")
-        comm.allgather(0)
-
-    with pytest.raises(KeyError, match="lost"):
-        run(3, work)
-
-
-@pytest.mark.parametrize(
-    ("other", "message"),
-    [
-        (lambda comm: None, r"ranks \[1\] do not take part in barrier"),
-        (lambda comm: comm.allgather(1), "different operations"),
-    ],
-)
-def test_ranks_that_do_not_meet_are_an_error_not_a_deadlock(other, message):
-    with pytest.raises(RuntimeError, match=message):
-        run(2, lambda comm: other(comm) if comm.rank else comm.barrier())
-
-
 def test_agreement_raises_the_same_error_on_all_ranks():
     def work(comm):
         def task():

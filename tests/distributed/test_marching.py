@@ -6,12 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from meshes import jittered_square, random_sphere
 from partitions import KINDS, SIZE, bounds, on_ranks, partition
-from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import limit_gradient
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.in_parts import marching
-from adaptsize.limiting.in_parts.info import _order_statistics
 
 
 def assert_marches_as_one_process(mesh, g_of, kind, rng):
@@ -65,24 +63,3 @@ def test_windows_keep_the_number_of_rounds_small():
     results, _ = on_ranks(mesh, rank_of, SIZE, work)
     assert len(set(results)) == 1
     assert 40 * np.sqrt(2) / 8 / 2 < results[0] < 3 * 40 * np.sqrt(2) / 8
-
-
-def test_too_many_acceptances_are_left_to_one_process(monkeypatch):
-    monkeypatch.setattr(marching, "patience", lambda n: 0)
-    mesh, rng = jittered_square(9, 871), np.random.default_rng(878)
-    g = rng.uniform(0.05, 0.6, mesh.n_points)
-    for g_of in (lambda ids, cells: 0.3, lambda ids, cells: g[ids]):
-        assert_marches_as_one_process(mesh, g_of, "default", rng)
-
-
-@given(data=st.data())
-def test_order_statistics_are_those_of_all_values(data):
-    numbers = st.floats(0.0, np.inf) | st.sampled_from([0.0, 1.0, 1.0 + 2.0**-52])
-    values = [np.array(data.draw(st.lists(numbers, max_size=9))) for _ in range(3)]
-    every = np.concatenate([*values, [0.5]])
-    values[1] = np.append(values[1], 0.5)
-    places = [0, len(every) // 2, len(every) - 1]
-    found = SimulatedCommunicator.run(
-        3, lambda comm: _order_statistics(comm, values[comm.rank], places)
-    )
-    assert found == [np.sort(every)[places].tolist()] * 3

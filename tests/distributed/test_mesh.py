@@ -1,7 +1,5 @@
 """`PartitionedMesh`: taking a mesh apart, putting it together, and values at shared nodes."""
 
-import sys
-
 import numpy as np
 import pytest
 from meshes import jittered_square
@@ -9,7 +7,6 @@ from partitions import KINDS, on_ranks, partition
 from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import SimplexMesh
-from adaptsize.background.partitioning import partition_cells
 from adaptsize.distributed import PartitionedMesh
 
 MESH = jittered_square(7, 811)
@@ -45,6 +42,8 @@ def test_parts_make_up_the_mesh(kind):
     assert sum(part.is_owned.sum() for part in parts) == mesh.n_points
     for part in parts:
         assert np.array_equal(part.points, mesh.points[part.global_ids])
+        owned = part.global_ids[part.is_owned]  # also nodes in no cell
+        assert np.array_equal(part.global_ids, np.union1d(mesh.cells[part.cell_ids], owned))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -73,14 +72,6 @@ def test_values_at_shared_nodes(kind):
         for got, whole in zip(merged, expected, strict=False):
             assert np.array_equal(got, whole[part.global_ids])
         assert np.array_equal(merged[3], part.owner + 1.0)
-
-
-def test_partition_without_metis_is_balanced(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pymetis", None)
-    monkeypatch.setattr("adaptsize.background.partitioning.find_spec", lambda name: None)
-    sizes = np.bincount(partition_cells(MESH, 5))
-    assert len(sizes) == 5
-    assert np.ptp(sizes) <= 1
 
 
 @pytest.mark.parametrize(
@@ -118,11 +109,3 @@ def test_a_missing_node_and_a_wrong_owner_are_found():
     SimulatedCommunicator.run(2, missing)
     with pytest.raises(ValueError, match=r"owner must be a rank that holds and owns the node"):
         SimulatedCommunicator.run(2, wrong)
-
-
-def test_bad_partitions_are_refused():
-    for parts, message in [([0, 2], "from 0 to 1, got 0 to 2"), (3, "a number from 1 to 2")]:
-        with pytest.raises(ValueError, match=message):
-            on_ranks(SQUARE, parts, 2, lambda part: None)
-    with pytest.raises(ValueError, match="rank 0: mesh must be a SimplexMesh"):
-        on_ranks(None, None, 2, lambda part: None)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from simulated_ranks import SimulatedCommunicator
 
-from adaptsize import CartesianGrid, transfer_fields
-from adaptsize.background.migration import balanced, displaced, interface_facets, migrate
+from adaptsize import CartesianGrid
+from adaptsize.background.migration import displaced, interface_facets, migrate
 from adaptsize.distributed import PartitionedMesh
 
 
@@ -94,29 +94,3 @@ def test_displacement_puts_interfaces_inside():
         1, lambda comm: displaced(PartitionedMesh.from_serial(mesh, None, comm), 3)
     )
     assert (alone[0] == 0).all()
-
-
-def test_balanced_parts():
-    mesh = _square(30)
-    ranks = np.random.default_rng(662).choice([0, 3], mesh.n_cells, p=[0.9, 0.1])
-
-    def run(comm):
-        part = PartitionedMesh.from_serial(mesh, ranks, comm)
-        moved = migrate(part, balanced(part))
-        return moved.n_cells, len(interface_facets(moved))
-
-    n_cells, n_facets = zip(*SimulatedCommunicator.run(4, run), strict=True)
-    assert max(n_cells) < 1.05 * mesh.n_cells / 4
-    assert sum(n_facets) < 400  # 1 250 in parts of random cells
-
-
-def test_meshes_of_different_kinds_are_refused():
-    solid = PartitionedMesh.from_serial(CartesianGrid((0.0, 0.0, 0.0), 0.5, (3, 3, 3)).mesh)
-    plane = PartitionedMesh.from_serial(CartesianGrid((0.0, 0.0), 0.5, (3, 3)).mesh)
-    skin = PartitionedMesh.from_serial(solid.mesh.boundary().mesh)
-    for old, new in [(solid, plane), (solid, skin), (plane, skin)]:
-        with pytest.raises(ValueError, match="old and new must be meshes of one kind"):
-            transfer_fields(old, new, cell_fields={"c": np.ones(old.n_cells)})
-    line = PartitionedMesh.from_serial(plane.mesh.boundary().mesh)
-    with pytest.raises(ValueError, match="old must be a SimplexMesh of triangles or tetrahedra"):
-        transfer_fields(line, line, cell_fields={"c": np.ones(line.n_cells)})

@@ -141,7 +141,9 @@ def test_exact_limits_and_figures(domain, kind):
     if mesh.dim == 1 and kind == "smooth":
         return
     h0 = np.full(mesh.n_points, np.inf) if kind == "none" else bounds(mesh, kind, rng)
-    for number, parts in enumerate(KINDS):
+    first = list(FLAT).index(domain) + BOUNDS.index(kind) if kind != "none" else 0
+    for number in (first % len(KINDS), (first + 1) % len(KINDS)):
+        parts = KINDS[number]
         points = between_nodes(mesh, rng) if kind == "none" or number % 3 == 1 else None
         rank_of = partition(mesh, parts, SIZE, rng)
         options = {"point_sources": points, "method": Exact(number % 2 == 0)}
@@ -172,27 +174,6 @@ def test_exact_limits_of_drawn_problems(data):
     if data.draw(st.booleans()):
         options["point_sources"] = between_nodes(mesh, rng)
     assert_limits_equal(mesh, h0, rank_of, g, **options)
-
-
-def test_points_between_components_act_in_both():
-    mesh = FLAT["squares"]
-    h0 = np.full(mesh.n_points, np.inf)
-    info = assert_limits_equal(mesh, h0, None, point_sources=([[50.0, 5.0]], [1.0]))
-    assert info.n_free == 1  # the node in no cell
-
-
-def test_sources_that_see_nothing_of_each_other_meet_at_reflex_edges():
-    """Two equal bounds on either side of the ring: every path around it has a twin."""
-    mesh = FLAT["ring"]
-    at = [np.flatnonzero((mesh.points == place).all(axis=1))[0] for place in ([0, 0, 1], [5, 5, 1])]
-    h0 = np.full(mesh.n_points, np.inf)
-    h0[at] = 1.0
-    for seed in range(3):
-        rank_of = partition(mesh, "random", SIZE, np.random.default_rng(seed))
-        info = assert_limits_equal(mesh, h0, rank_of)
-    assert info.n_proved > 0
-    opposite = [np.flatnonzero((mesh.points == p).all(axis=1))[0] for p in ([0, 5, 1], [5, 0, 1])]
-    assert limit_gradient(mesh, h0, 0.3)[opposite] == pytest.approx(1.0 + 0.3 * 5.0)
 
 
 @pytest.mark.parametrize("shift", [None, 0.0, 1e-13, 1e-11])
@@ -288,7 +269,7 @@ def fields_on(part, nodal, in_cells):
     )
 
 
-@pytest.mark.parametrize("size", [1, 2, 4])
+@pytest.mark.parametrize("size", [1, 4])
 @pytest.mark.parametrize("name", SIZES)
 @pytest.mark.parametrize("domain", MESHES)
 def test_sizes(domain, name, size):
@@ -378,17 +359,6 @@ def assert_sources_equal(mesh, sources, rank_of, g=0.25):
         np.testing.assert_array_equal(h0, whole[part.global_ids])
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", WITH_TAGS)
-def test_each_source(name, kind):
-    mesh, rng = WITH_TAGS[name], np.random.default_rng(808)
-    sources = draw_sources(mesh, rng)
-    if name != "sphere":  # which is closed
-        sources.append(ads.BoundarySource(0.3))
-    for source in sources:
-        assert_sources_equal(mesh, source, partition(mesh, kind, SIZE, rng))
-
-
 @given(data=st.data())
 @settings(deadline=None, max_examples=15)
 def test_drawn_sources(data):
@@ -397,23 +367,6 @@ def test_drawn_sources(data):
     sources = [source for source in draw_sources(mesh, rng) if data.draw(st.booleans())]
     rank_of = partition(mesh, data.draw(st.sampled_from(KINDS)), SIZE, rng)
     assert_sources_equal(mesh, sources, rank_of, data.draw(st.sampled_from([0.0, 0.25, 1.0])))
-
-
-def test_tags_of_other_parts_are_known():
-    """A tag that only one of the parts has, and a part without any."""
-    mesh = structured_square(4)
-    tags = np.where(np.arange(mesh.n_cells) == 5, 3, 1)
-    on_cells = SimplexMesh(mesh.points, mesh.cells, cell_tags=tags)
-    rank_of = partition(mesh, "strips", SIZE, np.random.default_rng(809))
-    for ranks in (rank_of, np.where(rank_of == 2, 0, rank_of)):
-        assert_sources_equal(on_cells, ads.RegionSource(3, 0.1), ranks)
-
-
-def test_a_point_outside_is_reported_once():
-    source = ads.PointSource([5, 0.5], 0.1)
-    with pytest.warns(InputWarning, match="lies 2 outside") as caught:
-        on_ranks(WITH_TAGS["structured"], None, SIZE, lambda m: ads.size_from_sources(m, source))
-    assert len(caught) == 1
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -483,10 +436,6 @@ WRONG = {
     "h0": (lambda m, bad: limit_gradient(m, -1.0 if bad else 1.0, 0.3), "rank 2: h0 must be pos"),
     "g": (lambda m, bad: limit_gradient(m, 1.0, -0.1 if bad else 0.3), "rank 2: g must be finite"),
     "other g": (lambda m, bad: limit_gradient(m, 1.0, 0.5 if bad else 0.3), "g must be the same"),
-    "ragged g": (
-        lambda m, bad: limit_gradient(m, 1.0, [[0.3], [0.3, 0.3]] if bad else 0.3),
-        "rank 2: g must",
-    ),
     "other method": (
         lambda m, bad: limit_gradient(m, 1.0, 0.3, method="fast-marching" if bad else "auto"),
         "method must be the same on all ranks",
@@ -494,10 +443,6 @@ WRONG = {
     "h0 at a shared node": (
         lambda m, bad: limit_gradient(m, at_shared_node(m, 1.0 + 1e-6 * bad), 0.3),
         "h0 must be the same on all ranks that hold a node, got 1.0 and 1.000001 at global node",
-    ),
-    "inf at a shared node": (
-        lambda m, bad: limit_gradient(m, at_shared_node(m, np.inf if bad else 1.0), 0.3),
-        "h0 must be the same on all ranks that hold a node, got 1.0 and inf at global node",
     ),
     "size at a shared node": (
         lambda m, bad: ads.remesh(m, np.full(m.n_points, 0.2 + 0.1 * bad)),
@@ -511,59 +456,22 @@ WRONG = {
         lambda m, bad: limit_gradient(m, rising(m), 0.3 if bad else lambda h: 0.3 + 0 * h),
         "g must be the same on all ranks",
     ),
-    "elements": (
-        lambda m, bad: ads.size_from_error(m, np.ones(m.n_cells), order=1, elements=99 + bad),
-        "elements must be the same on all ranks, got 99.0 on rank 0 and 100.0 on rank 2",
-    ),
-    "order": (
-        lambda m, bad: ads.size_from_error(m, np.ones(m.n_cells), order=1 + bad, elements=99),
-        "order must be the same on all ranks",
-    ),
-    "hmax": (
-        lambda m, bad: ads.size_from_hessian(
-            m, m.points[:, 0] ** 2, tolerance=0.1, hmax=None if bad else 1.0
-        ),
-        "hmax must be the same on all ranks",
-    ),
     "values": (
         lambda m, bad: ads.size_from_hessian(m, m.points[:, 0] + bad, tolerance=0.1),
         "values must be the same on all ranks that hold a node",
-    ),
-    "limits or not": (
-        lambda m, bad: ads.size_from_error(
-            m, np.ones(m.n_cells), order=1, elements=99, g=0.3 if bad else None
-        ),
-        "g must be the same on all ranks",
-    ),
-    "elements_per_radian": (
-        lambda m, bad: ads.size_from_curvature(m, elements_per_radian=4 + bad),
-        "elements_per_radian must be the same on all ranks",
     ),
     "max_refine": (
         lambda m, bad: ads.adapt(m, np.ones(m.n_cells), elements=99, max_refine=4 + bad),
         "max_refine must be the same on all ranks",
     ),
     "initial": (lambda m, _: limit_gradient(m, 1.0, 0.3, initial=1.0), "initial and periodic must"),
-    "no bound": (lambda m, _: limit_gradient(m, np.inf, 0.3), "h0 must be finite at one node"),
     "exact": (
         lambda m, _: limit_gradient(m, 1.0, np.full(m.n_points, 0.3), method="exact"),
         "method='exact' needs a flat domain of full dimension and one",
     ),
-    "points": (
-        lambda m, bad: limit_gradient(m, 1.0, 0.3, point_sources=([[0.0, 0.0]], [1.0 + bad])),
-        "point_sources must be the same on all ranks",
-    ),
     "info": (
         lambda m, bad: (limit_gradient.with_info if bad else limit_gradient)(m, 1.0, 0.3),
         "with_info must be the same on all ranks",
-    ),
-    "other source": (
-        lambda m, bad: ads.size_from_sources(m, ads.PointSource([0.5, 0.5 + 0.1 * bad], 0.1)),
-        r"sources\[0\] must be the same",
-    ),
-    "number of sources": (
-        lambda m, bad: ads.size_from_sources(m, [ads.PointSource([0.5, 0.5], 0.1)] * (1 + bad)),
-        "sources must be the same",
     ),
     "function": (
         lambda m, bad: ads.size_from_sources(m, lambda x: np.full(len(x), 0.5 - bad)),
@@ -591,14 +499,6 @@ def test_bad_input_on_one_rank_is_reported_by_all(name):
     on_ranks(WITH_TAGS["structured"], None, SIZE, work)
 
 
-def test_one_rank_may_have_no_bound():
-    def work(part):
-        h0 = part.minimum(np.full(part.n_points, np.inf if part.ranks.rank == 2 else 1.0))
-        return limit_gradient(part, h0, 0.3)
-
-    assert all(np.isfinite(h).all() for h in on_ranks(FLAT["square"], None, SIZE, work)[0])
-
-
 def counts(function, mesh, rank_of=None):
     """Return what each rank sends in a first call, and in a second one."""
 
@@ -624,39 +524,3 @@ def test_exchanges_of_the_exact_method(kind, linear, expected):
     assert {(first[0], again[0]) for first, again in found} == {(6 + expected, expected)}
     if kind == "two":  # each source, six numbers, goes to at most all others
         assert sum(again[2] for _, again in found) <= 2 * (SIZE - 1) * 6 * 8
-
-
-def test_exchanges_in_a_frame_of_four_strips():
-    mesh, rng = FLAT["ring"], np.random.default_rng(879)
-    x = mesh.points[mesh.cells].mean(axis=1)[:, 0]
-    strips = np.minimum((SIZE * x / 5.0).astype(int), SIZE - 1)
-    for kind in BOUNDS:
-        h0 = bounds(mesh, kind, rng)
-        found = counts(lambda m, h0=h0: limit_gradient(m, h0[m.global_ids], 0.3), mesh, strips)
-        assert all(2 <= again[0] <= 10 for _, again in found)
-
-
-def test_exchanges_of_sizes():
-    """Shared nodes are found in two exchanges, the boundary in two more and one gather.
-
-    Options are checked and compared in two reductions.
-    """
-    mesh = WITH_TAGS["structured"]
-    found = counts(ads.size_from_curvature, mesh)
-    assert {(first[:2], again[:2]) for first, again in found} == {((4, 5), (0, 3))}
-    eta = np.random.default_rng(895).uniform(0.0, 1.0, mesh.n_cells)
-    found = counts(
-        lambda m: ads.size_from_error(m, eta[m.cell_ids], order=1.0, elements=3000.0), mesh
-    )
-    assert 0 < found[0][1][0] <= 2 * 25
-    no_source = counts(lambda m: ads.size_from_sources(m, []), mesh)[0][1][1]
-    # Two reductions for the ends of a curve, and two for each of six halvings, from 6 to .19.
-    for source, exchanges, reductions in (
-        (ads.PointSource([0.5, 0.5], 0.1), 1, 1),
-        (ads.BallSource([0.5, 0.5], 0.1, 0.1), 1, 1),
-        (ads.CurveSource([[-3.0, 0.5], [3.0, 0.5]], 0.1), 1, 14),
-        (ads.BoundarySource(0.1), 3, None),
-    ):
-        found = counts(lambda m, source=source: ads.size_from_sources(m, source), mesh)
-        assert {again[0] for _, again in found} == {exchanges}
-        assert reductions is None or found[0][1][1] == no_source + reductions

@@ -1,7 +1,6 @@
 """Distributed meshes in files: PVTU, partitioned meshes of Gmsh, and files of one piece."""
 
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -49,12 +48,6 @@ def test_one_process_merges_the_partitions_in_a_file():
     assert read(DATA / "split_1.msh").n_cells == 81
 
 
-def test_one_process_refers_to_read_parts_for_several_files():
-    text = r"split\.msh: .* in split_1\.msh to split_2\.msh.*read_parts"
-    with pytest.raises(MeshFileError, match=text):
-        read(DATA / "split.msh")
-
-
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [
@@ -68,18 +61,6 @@ def test_other_and_damaged_partitioned_files_are_one_error(tmp_path, old, new, t
     path.write_text((DATA / "partitioned.msh").read_text().replace(old, new))
     with pytest.raises(MeshFileError, match=rf"a\.msh: [^\n]*{text}"):
         read(path)
-
-
-def test_binary_partitions_are_refused(tmp_path):
-    content = (DATA / "partitioned.msh").read_bytes()
-    begin, end = content.index(b"$Nodes"), content.index(b"$EndNodes")
-    binary = np.array([1, 0, 0, 0]).tobytes() + b"\xf0\xff"
-    content = content[:begin] + b"$Nodes\n" + binary + content[end:]
-    (tmp_path / "a.msh").write_bytes(content.replace(b"4.1 0 8", b"4.1 1 8"))
-    with pytest.raises(
-        MeshFileError, match=r"a\.msh: has partitions, and must therefore be a text"
-    ):
-        read(tmp_path / "a.msh")
 
 
 def test_damaged_partition_is_reported_by_all_ranks(tmp_path):
@@ -134,36 +115,6 @@ def test_pvtu_is_read_as_written(tmp_path, n_read):
     }
 
 
-def test_listing_declares_the_arrays_of_the_pieces(tmp_path):
-    write(tmp_path / "whole.vtu", _cube(3))
-    path = tmp_path / "mesh.pvtu"
-    SimulatedCommunicator.run(
-        2, lambda comm: write_parts(path, read_parts(tmp_path / "whole.vtu", comm))
-    )
-    listing, piece = (
-        ElementTree.parse(tmp_path / name).getroot() for name in ("mesh.pvtu", "mesh_0001.vtu")
-    )
-    for declared, held in (("PPointData", "PointData"), ("PCellData", "CellData")):
-        assert {(a.get("Name"), a.get("type")) for a in listing.find(f".//{declared}")} == {
-            (a.get("Name"), a.get("type")) for a in piece.find(f".//{held}")
-        }
-
-
-def test_pieces_without_numbers_are_joined_by_coordinates(tmp_path):
-    mesh = _cube(4)
-    pieces = []
-    for number, own in enumerate(np.array_split(np.arange(mesh.n_cells), 2)):
-        nodes, local = np.unique(mesh.cells[own], return_inverse=True)
-        piece = SimplexMesh(mesh.points[nodes], local.reshape(-1, 4))
-        write(tmp_path / f"p{number}.vtu", piece)
-        pieces.append(f'<Piece Source="p{number}.vtu"/>')
-    listing = f"<VTKFile><PUnstructuredGrid>{''.join(pieces)}</PUnstructuredGrid></VTKFile>"
-    (tmp_path / "a.pvtu").write_text(listing)
-    whole, _ = _gathered(tmp_path / "a.pvtu", 2)
-    assert (whole.n_points, whole.n_cells) == (mesh.n_points, mesh.n_cells)
-    assert len(whole.boundary().cells) == len(mesh.boundary().cells)
-
-
 def test_ghost_cells_are_left_out(tmp_path):
     square = SimplexMesh(
         [[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]], cell_data={"vtkGhostType": [0, 1]}
@@ -181,12 +132,6 @@ def test_ghost_cells_are_left_out(tmp_path):
     whole, n_cells = _gathered(tmp_path / "m.pvtu", 2)
     assert n_cells == [1, 1]
     assert whole.n_points == 4
-
-
-@pytest.mark.parametrize("name", ["none.pvtu", "none.vtu", "none.msh"])
-def test_missing_file_is_one_error(tmp_path, name):
-    with pytest.raises(ValueError, match=f"rank 0: .*{name}"):
-        _gathered(tmp_path / name, 3)
 
 
 def test_gathered_output(tmp_path):

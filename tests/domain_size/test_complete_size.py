@@ -13,11 +13,9 @@ from adaptsize import (
     PointSource,
     SimplexMesh,
     SizeFunction,
-    limit_gradient,
     refine_at_boundary,
     size_function,
 )
-from adaptsize._size_report import nodal_measures
 
 G = 0.25
 BOX = ([-1.3, -1.3], [1.3, 1.3])
@@ -57,19 +55,6 @@ def test_the_whole_is_the_least_of_what_each_cause_alone_gives():
         assert_allclose(size.values[controlled], alone[k].values[controlled], rtol=5e-3)
 
 
-def test_sources_may_come_from_a_generator():
-    # Regression: the first of several passes used it up.
-    once = (source for source in [PointSource([0.3, 0.1], 0.005)])
-    options = {"elements_per_radian": 2.0, "elements_across": 1.0}
-    size = size_function(
-        lambda x: np.linalg.norm(x, axis=1) - 1.0,
-        box=([-1.2] * 2, [1.2] * 2),
-        sources=once,
-        **options,
-    )
-    assert size([[0.3, 0.1]]) < 0.006
-
-
 @pytest.mark.parametrize("on", [{"background": GRID}, {"box": BOX}])
 def test_sizes_do_not_pass_through_the_outside(on):
     def two(points):  # a small disc 0.2 beside a large one
@@ -105,12 +90,6 @@ def test_further_bounds_count(given):
     assert report.domain_shares["h0"] == pytest.approx(1.0)
 
 
-def test_a_line_has_no_curvature():
-    line = SimplexMesh([[0.0], [1.0], [2.0]], [[0, 1], [1, 2]])
-    size = size_function(line, h0=[0.1, 1.0, 1.0], elements_across=0.0, g=0.25, hmax=9.0)
-    assert_allclose(size.values, [0.1, 0.35, 0.6])
-
-
 # --- who controls what ------------------------------------------------------------
 
 
@@ -144,41 +123,6 @@ def test_each_cause_controls_what_is_nearer_to_it_and_the_middle_is_free():
     assert_allclose(shares, elements / elements.sum(), atol=0.03)
 
 
-@pytest.mark.parametrize("kind", ["exact", "other"])
-def test_sources_and_separate_runs_tell_the_same_causes(kind, monkeypatch):
-    mesh = random_square(900, seed=4711)
-    x = mesh.points[:, 0]
-    bounds = {
-        "left": np.where(x < -0.95, 0.05, np.inf),
-        "right": np.where(x > 0.95, 0.1, np.inf),
-    }
-    h, report = limit_bounds(mesh, bounds, 0.5, hmin=0.01, hmax=0.3)
-    assert report.info.method == "exact"
-    if kind == "other":  # as on surfaces and lines
-        monkeypatch.setattr("adaptsize.domain_size.request.measure_dim", lambda background: 1)
-        h, report = limit_bounds(mesh, bounds, 0.5, hmin=0.01, hmax=0.3)
-    alone = {name: limit_gradient(mesh, bound, 0.5) for name, bound in bounds.items()}
-    alone["hmax"] = np.full(mesh.n_points, 0.3)
-    best = np.array([alone[name] for name in ("left", "right", "hmax")])
-    sure = np.sort(best, axis=0)[1] > 1.02 * best.min(axis=0)  # no close race
-    expected = np.array(["left", "right", "hmax"])[best.argmin(axis=0)]
-    causes = np.array(report.causes)[report.cause]
-    assert sure.mean() > 0.8
-    # Slivers of random points bend a few of the ways.
-    assert (causes[sure] == expected[sure]).mean() > 0.99
-    assert h.max() <= 0.3
-
-
-def test_what_hmin_raises_is_controlled_by_hmin():
-    mesh = unit_square(20)
-    h, report = limit_bounds(mesh, two_bounds(mesh), 0.5, hmin=0.08, hmax=0.2)
-    assert h.min() == 0.08
-    left = mesh.points[:, 0] < 0.2
-    assert {report.causes[k] for k in report.cause[left]} == {"hmin"}
-    assert report.domain_shares["left"] == 0.0
-    assert "left" not in str(report)
-
-
 def test_shares_add_up_and_nodes_outside_have_no_cause():
     report = size_function(strip, background=GRID, hmax=0.2).report
     for shares in (report.domain_shares, report.element_shares):
@@ -189,30 +133,7 @@ def test_shares_add_up_and_nodes_outside_have_no_cause():
     assert set(report.bounds) == {"curvature", "width"}
 
 
-def test_measures_of_nodes_fill_the_domain():
-    square = unit_square(7)
-    assert nodal_measures(square).sum() == pytest.approx(1.0)
-    assert nodal_measures(GRID).sum() == pytest.approx(2.6**2)
-    tree = Octree.build([0, 0], [2, 1], refine_at_boundary(lambda x: x[:, 0] - 0.3), max_level=4)
-    assert nodal_measures(tree).sum() == pytest.approx(2.0)
-    half = CartesianGrid([0.0], 0.5, (3,), active=[True, True, False])
-    assert nodal_measures(half).tolist() == [0.25, 0.5, 0.0]
-
-
 # --- domains and backgrounds ------------------------------------------------------
-
-
-@pytest.mark.parametrize("domain", ["callable", "level set", "polyline"])
-def test_one_disc_in_three_forms_has_the_same_sizes(domain):
-    options = {"elements_per_radian": 5.0, "elements_across": 0.0, "g": G, "hmax": 10.0}
-    if domain == "callable":
-        size = size_function(lambda x: 3.0 * disc(x), box=BOX, **options)  # no distance
-    elif domain == "level set":
-        size = size_function((GRID, disc(GRID.points).reshape(GRID.shape)), **options)
-    else:
-        size = size_function(outline(circle(120)), **options)
-    assert isinstance(size.background, Octree if domain == "callable" else CartesianGrid)
-    assert_allclose(size([[1.0, 0.0], [0.0, -0.6], [0.1, 0.0]]), [0.2, 0.3, 0.425], atol=0.01)
 
 
 def sphere_backgrounds():
@@ -257,15 +178,6 @@ def test_of_a_surface_the_copy_is_refined_and_each_bound_with_it():
     assert report.domain_shares["width"] == pytest.approx(1.0)
     # From h on both sides sizes grow to the middle, 0.25 away: the integral of 1 / h is 2.
     assert np.median(size.values) == pytest.approx(G * 0.25 / np.expm1(0.5 * G * 2.0), rel=0.02)
-
-
-def test_an_open_line_is_its_own_domain():
-    x = np.linspace(0.0, 1.0, 21)
-    line = SimplexMesh(
-        np.column_stack([x, x**2]), np.column_stack([np.arange(20), np.arange(1, 21)])
-    )
-    size = size_function(line, elements_across=0.0, hmax=0.4)
-    assert size.background is line
 
 
 # --- refused ----------------------------------------------------------------------

@@ -1,7 +1,5 @@
 """Sizes and meshes with a given number of elements."""
 
-import warnings
-
 import numpy as np
 import pytest
 from implicit_domains import disc
@@ -10,7 +8,6 @@ from meshes import random_sphere
 from adaptsize import SimplexMesh, remesh_to_elements, size_function
 from adaptsize.background.splitting import with_short_edges
 from adaptsize.domain_size.elements import reach_number
-from adaptsize.errors import ResolutionWarning
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 LINE = SimplexMesh([[0, 0], [1, 0]], [[0, 1]])  # not refined
@@ -40,11 +37,6 @@ def test_the_predicted_number_of_nodes_is_the_requested_one(domain):
     assert 1.7 < report.n_elements / report.n_nodes < (2.0 if domain is SQUARE else 6.0)
 
 
-def test_nodes_need_a_domain_with_a_mesh():
-    with pytest.raises(ValueError, match="nodes needs a mesh or a surface as domain"):
-        size_function(disc, **BOX, nodes=100)
-
-
 def test_bounds_are_scaled_and_limited_again():
     # The gradient keeps its limit, where sizes multiplied by a factor would not.
     coarse = size_function(sphere(), elements=2_000).report
@@ -55,17 +47,6 @@ def test_bounds_are_scaled_and_limited_again():
     assert fine.hmax == pytest.approx(scale * coarse.hmax)
     assert fine.elements_per_radian == pytest.approx(coarse.elements_per_radian / scale)
     assert fine.tolerance == pytest.approx(coarse.tolerance * scale**2)
-
-
-def test_given_parameters_are_kept():
-    size = size_function(sphere(), hmax=0.3, elements=100_000)
-    report = size.report
-    assert report.hmax == 0.3
-    assert size.values.max() <= 0.3
-    with pytest.warns(
-        ResolutionWarning, match="instead of 50: hmax controls .* given parameters: hmax"
-    ):
-        size_function(sphere(), hmax=0.3, elements=50)
 
 
 @pytest.mark.parametrize(
@@ -83,13 +64,6 @@ def test_given_parameters_are_kept():
 def test_bad_and_contradictory_numbers_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
         size_function(SQUARE, **options)
-
-
-def test_more_elements_than_the_default_limit_may_be_requested():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        report = size_function(SQUARE, elements=400_000).report
-    assert report.n_elements == pytest.approx(400_000, rel=0.025)
 
 
 # --- meshes ---------------------------------------------------------------------------
@@ -123,37 +97,6 @@ def test_sizes_are_corrected_by_what_the_first_mesh_has_made_of_them(ratio, mesh
     assert len(generator.wanted) == meshes
     if meshes > 1:
         assert size.report.n_elements == pytest.approx(1000 / ratio, rel=0.05)
-
-
-def test_nodes_are_corrected_in_the_same_way():
-    generator = Generator(0.8)
-    mesh, size = reach_number(LINE, None, 1000, generator.sized, generator.meshed)
-    assert mesh.n_points == pytest.approx(1000, rel=0.05)
-    assert len(generator.wanted) == 2
-    assert generator.wanted[0] == 1000
-    assert size.report.n_nodes < 800
-
-
-def test_cells_of_a_lower_dimension_are_fewer_by_another_power():
-    generator = Generator(3.0, 0.5)
-    mesh, _ = reach_number(LINE, 200, None, generator.sized, generator.meshed)
-    assert mesh.n_cells == pytest.approx(200, rel=0.05)
-    assert len(generator.wanted) == 2
-
-
-def test_the_nearest_of_three_meshes_is_returned_with_a_warning():
-    made = iter([2000, 500, 1300])
-
-    class Stubborn(Generator):
-        def meshed(self, old, size):
-            self.ratio = next(made) / size.report.n_elements
-            return super().meshed(old, size)
-
-    generator = Stubborn(1.0)
-    with pytest.warns(ResolutionWarning, match="the mesh has 1300 elements instead of 1000"):
-        mesh, _ = reach_number(LINE, 1000, None, generator.sized, generator.meshed)
-    assert mesh.n_cells == 1300
-    assert len(generator.wanted) == 3
 
 
 def grid(n):
@@ -194,11 +137,6 @@ def test_refined_triangles_keep_tags_of_cells_and_facets(share):
         side = ends[fine.facet_tags == tag]
         assert (side[:, :, 0] == x).all()
         assert np.abs(np.diff(side[:, :, 1], axis=1)).sum() == pytest.approx(1.0)
-
-
-def test_triangles_are_not_refined_beyond_the_number_of_cells():
-    old = grid(4)
-    assert with_short_edges(old, lambda x: np.full(len(x), 0.1), 1.0, 60) is old
 
 
 def test_what_is_no_mesh_or_no_target_is_refused_before_the_sizes():

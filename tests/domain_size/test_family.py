@@ -55,12 +55,6 @@ def test_index_is_that_of_the_published_example():
     assert found.gci == pytest.approx(0.022, abs=5e-4)
 
 
-@pytest.mark.parametrize("values", [[1.0, 2.0, 1.0], [1.0, 2.0, 3.0, 4.0]])
-def test_numbers_without_an_order_are_refused(values):
-    with pytest.raises(ValueError, match="values must approach a value"):
-        Convergence.of([1.0, 0.5, 0.25, 0.125][: len(values)], values)
-
-
 def test_command_writes_the_meshes_and_finds_the_order_of_numbers_on_them(tmp_path, capsys):
     pytest.importorskip("mmgpy")
     part, output = ROOT / "data" / "lshape.vtu", tmp_path / "new.vtu"

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from adaptsize import PointSource, mesh_image, size_function
-from adaptsize.background import Image
+from adaptsize import mesh_image, size_function
 from adaptsize.errors import InputWarning, ResolutionWarning, TooManyElementsError
 from adaptsize.limiting import limit_gradient
 
@@ -45,47 +44,12 @@ def test_sizes_on_a_disc_are_its_radius_over_k_but_for_the_ripples_of_pixels(rad
     assert h.max() < 1.2 * radius / 2.0
 
 
-def test_sizes_scale_with_the_pixels_and_lie_where_the_image_does():
-    options = {"elements_per_radian": 3.0, "elements_across": 3.0}
-    plain = size_function(disc(20.0), **options)
-    scaled = size_function(Image(disc(20.0), 0.25, [7.0, -2.0]), **options)
-    assert_allclose(scaled.values, 0.25 * plain.values, rtol=1e-6)
-    assert_allclose(scaled.background.lower, 0.25 * plain.background.lower + [7.0, -2.0])
-
-
-def test_spacing_replaces_that_of_the_image():
-    one = size_function(Image(disc(20.0), 0.25))
-    other = size_function(Image(disc(20.0), 3.0), spacing=0.25)
-    np.testing.assert_array_equal(one.values, other.values)
-
-
 def test_a_bar_has_so_many_elements_across():
     bar = block(slice(10, 90), slice(30, 50), shape=SHAPE)  # 20 pixels wide
     size = size_function(bar, elements_per_radian=0.0, elements_across=4.0, hmax=99.0)
     y = np.linspace(31.0, 48.0, 7)
     # Half the width is 10, to half a pixel.
     assert_allclose(size(np.column_stack([np.full(7, 50.0), y])), 5.0, atol=0.25)
-
-
-def test_by_default_no_size_is_below_two_pixels_and_none_above_a_twentieth():
-    size = size_function(disc(20.0), spacing=0.5, g=0.0)
-    report = size.report
-    assert size.values.min() >= 1.0 - 1e-12
-    diagonal = np.sqrt(2.0) * 0.5 * 39.5
-    assert size.values.max() <= diagonal / 20.0 + 0.05
-    tiny = size_function(disc(20.0), spacing=0.5, hmin=0.01, elements_across=200.0)
-    assert tiny.values.min() < 0.2
-    assert "hmin" in report.causes
-
-
-def test_ripples_of_the_edge_do_not_count():
-    rng = np.random.default_rng(31415)
-    x, y = np.indices(SHAPE)
-    ragged = np.hypot(x - 50.3, y - 39.6) + 0.5 * rng.standard_normal(SHAPE) < 30.0
-    size = size_function(ragged, elements_across=0.0, hmin=0.5)
-    smooth = size_function(disc(30.0), elements_across=0.0, hmin=0.5)
-    # Without the filters the smallest radius is 2 pixels instead of 30.
-    assert size.values.min() > 0.4 * smooth.values.min()
 
 
 def touching_balls(n):
@@ -106,16 +70,6 @@ def test_in_volumes_marching_is_within_five_percent_of_the_exact_limit():
     assert_allclose(size.values[inside], exact[inside], rtol=0.05)
 
 
-@pytest.mark.parametrize(
-    ("image", "at", "h"),
-    [(disc(20.0), [50.0, 40.0], 0.5), (touching_balls(48), [16.8, 24.0, 24.0], 0.8)],
-)
-def test_point_sources_count(image, at, h):
-    size = size_function(image, sources=PointSource(at, h), hmin=0.1)
-    assert size([at])[0] == pytest.approx(h, abs=0.3)
-    assert size.report.domain_shares["sources"] > 0.01
-
-
 # --- what belongs to the objects --------------------------------------------------
 
 
@@ -127,16 +81,6 @@ def test_bars_of_three_pixels_stay_and_lines_of_two_go():
         mesh = mesh_image(image, hmin=1.0)
     assert mesh.points[:, 1].max() < 9.0
     assert mesh.points[:, 0].max() > 32.0
-
-
-def test_single_pixels_at_an_edge_change_nothing():
-    bar = block(slice(5, 35), slice(5, 20))
-    bumpy = bar.copy()
-    bumpy[20, 20], bumpy[10, 19] = True, False
-    one, other = size_function(bar), size_function(bumpy)
-    np.testing.assert_array_equal(
-        one([[20.0, 15.0], [10.0, 15.0]]), other([[20.0, 15.0], [10.0, 15.0]])
-    )
 
 
 def test_labels_choose_objects_and_become_regions():
@@ -182,42 +126,6 @@ def test_skins_and_interfaces_are_tagged_and_named():
     assert n_skin == mesh.boundary().mesh.n_cells
 
 
-def test_facets_on_the_border_of_the_image_have_tags_of_their_own():
-    tube = np.zeros((30, 20, 20), bool)
-    y, z = np.indices((20, 20))
-    tube[:] = np.hypot(y - 9.5, z - 9.5) < 7.0
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        mesh = mesh_image(tube, spacing=0.5, hmax=2.0, hmin=1.0)
-    for name, x in (("image border, x low", -0.25), ("image border, x high", 14.75)):
-        outlet = facets_named(mesh, name)
-        np.testing.assert_allclose(outlet[:, :, 0], x, atol=0.375)
-        sides = np.cross(outlet[:, 1] - outlet[:, 0], outlet[:, 2] - outlet[:, 0])
-        area = 0.5 * np.linalg.norm(sides, axis=1).sum()
-        assert 0.5 < area / (np.pi * 3.5**2) < 1.02  # without the rounded rim
-    assert {name for (dim, _), name in mesh.tag_names.items() if dim == 2} == {
-        "boundary", "image border, x low", "image border, x high"
-    }  # fmt: skip
-
-
-def test_a_size_function_replaces_the_parameters_of_sizes():
-    size = size_function(disc(20.0), hmax=5.0)
-    mesh = mesh_image(disc(20.0), size=size)
-    assert_allclose(mesh.points, mesh_image(disc(20.0), hmax=5.0).points)
-    with pytest.raises(ValueError, match="size must be given without hmax"):
-        mesh_image(disc(20.0), size=size, hmax=5.0)
-    with pytest.raises(ValueError, match="size must be a SizeFunction"):
-        mesh_image(disc(20.0), size=3.0)
-
-
-def test_a_threshold_cuts_grey_values():
-    x, y = np.indices(SHAPE)
-    bump = np.exp(-((x - 50.3) ** 2 + (y - 39.6) ** 2) / 20.0**2)
-    threshold = np.exp(-1.0)  # at a distance of 20
-    one = size_function(bump, threshold=threshold)
-    np.testing.assert_array_equal(one.values, size_function(disc(20.0)).values)
-
-
 @pytest.mark.parametrize("turn", [0, 1])
 def test_objects_at_the_border_end_there_with_a_warning(turn):
     image = np.rot90(block(slice(0, 20), slice(8, 22)), turn)
@@ -238,15 +146,6 @@ def test_the_mesh_of_a_disc_has_its_area_and_its_edge():
     assert np.abs(off).max() < 0.035
     assert np.abs(off).mean() < 0.012
     assert (mesh.point_data["h"] > 0.0).all()
-
-
-def test_pixels_need_not_be_squares():
-    x, y = np.indices((100, 50))
-    ellipse = np.hypot(0.1 * (x - 50.2), 0.2 * (y - 24.7)) < 3.0
-    mesh = mesh_image(ellipse, spacing=[0.1, 0.2])
-    assert mesh.measures.sum() == pytest.approx(np.pi * 9.0, rel=0.02)
-    off = np.linalg.norm(boundary_points(mesh) - [5.02, 4.94], axis=1) - 3.0
-    assert np.abs(off).max() < 0.1
 
 
 def test_a_ring_keeps_its_hole_and_the_same_seed_gives_the_same_mesh():
@@ -297,13 +196,9 @@ NOISE = np.random.default_rng(8).integers(1, 255, (40, 30)).astype(np.uint8)
             r"image must be numbers in a 2-D or 3-D array, got float64 of shape \(7,\)",
         ),
         (np.ones((20, 30, 3), np.uint8), {}, "looks like colours: segment it first"),
-        (np.full((5, 6), np.nan), {}, r"image must hold no NaN, got image\[0, 0\] = nan"),
         (NOISE, {}, "as in a photo: segment it first, or pass threshold= or label="),
         (NOISE / 255.0, {}, "must hold labels.*got float64 from .* pass threshold="),
-        (3 * disc(9.0), {"label": 4}, "label must be one of 0, 3, got 4"),
         (3 * disc(9.0), {"label": 3, "threshold": 1}, "label or threshold must be given, got both"),
-        (disc(9.0), {"spacing": 1e300}, r"spacing must be from 1e-50 to 1e\+50.*got .* = 1e\+300"),
-        (disc(9.0), {"spacing": [1.0, 1.0, 1.0]}, r"spacing must be a number or have shape \(2,\)"),
     ],
 )
 def test_bad_input_is_one_clear_line(image, options, message):

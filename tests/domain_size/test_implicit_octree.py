@@ -6,7 +6,7 @@ from implicit_domains import disc
 from numpy.testing import assert_allclose
 from scipy.spatial import cKDTree
 
-from adaptsize import Octree, PointSource, size_function
+from adaptsize import PointSource, size_function
 
 G, K = 0.25, 4.0
 FREE = {"g": G, "hmax": 100.0, "max_elements": np.inf}
@@ -15,11 +15,6 @@ CURVATURE = {**FREE, "elements_per_radian": K, "elements_across": 0.0}
 COARSE = {**CURVATURE, "elements_per_radian": 0.5 * K}
 WIDTH = {**FREE, "elements_per_radian": 0.0, "elements_across": 2.0}
 TOLERANCE = 0.05
-
-
-def square(x):
-    """A level set function, and inside a distance: kinks at the corners."""
-    return np.abs(x).max(axis=1) - 1.0
 
 
 def ellipse(x):
@@ -106,22 +101,6 @@ def test_a_wall_far_thinner_than_the_first_leaves_is_found():
     assert size.background.n_points < 5000
 
 
-def test_the_scale_of_the_function_does_not_matter():
-    x = samples(disc, 1.1, 2)
-    box = ([-1.2, -1.2], [1.2, 1.2])
-    for scale in (lambda f: 1e3 * f, lambda f: np.expm1(3.0 * f), lambda f: f**3 + 0.1 * f):
-        size = size_function(lambda p, scale=scale: scale(disc(p)), box=box, **CURVATURE)
-        assert_allclose(size(x), 1.0 / K - G * disc(x), rtol=TOLERANCE)
-
-
-@pytest.mark.parametrize("shift", [0.0, 0.013, 0.026, 0.039])
-@pytest.mark.parametrize("scale", [1.0, 7.0])
-def test_corners_are_neither_curved_nor_narrow(scale, shift):
-    box = ([-1.3 - shift, -1.3], [1.33 + 1.6 * shift, 1.3 + shift])
-    size = size_function(lambda x: scale * square(x), box=box, g=G, hmax=0.2)
-    assert_allclose(size.values, 0.2, rtol=1e-9)
-
-
 def test_rounded_corners_below_the_leaves_are_found():
     def rounded(x, r=0.02):
         q = np.abs(x) - 1.0 + r
@@ -144,36 +123,6 @@ def test_point_sources_and_functions_refine_too():
     assert_allclose(h0(x), np.minimum(0.01 + 0.2 * np.abs(x[:, 0]), 0.2), rtol=TOLERANCE)
 
 
-def test_a_given_octree_is_kept():
-    tree = Octree.build([-1.3, -1.3], [1.3, 1.3], lambda c, s: np.ones(len(c), bool), max_level=5)
-    size = size_function(disc, background=tree, **CURVATURE)
-    report = size.report
-    assert size.background is tree
-    assert report.background is tree
-    assert report.cause.shape == report.bounds["curvature"].shape == (tree.n_points,)
-    x = samples(disc, 1.0, 2)
-    assert_allclose(size(x), 1.0 / K - G * disc(x), rtol=TOLERANCE)
-
-
-def test_the_report_counts_the_part_inside():
-    report = size_function(
-        disc, box=([-1.3, -1.3], [1.3, 1.3]), g=G, hmax=0.1,
-        elements_per_radian=0.0, elements_across=0.0,
-    ).report  # fmt: skip
-    assert report.domain_shares == {"hmin": 0.0, "hmax": pytest.approx(1.0)}
-    expected = 4.0 / np.sqrt(3.0) * np.pi / 0.1**2  # equilateral triangles
-    assert report.n_elements == pytest.approx(expected, rel=0.35)
-
-
-def test_of_too_many_elements_the_octree_stays_small():
-    half = np.array([1.4, 1.4, 0.4])
-    size = size_function(torus, box=(-half, half), max_elements=3000)
-    report = size.report
-    assert report.relaxation > 1.0
-    assert report.n_elements <= 3000
-    assert size.background.n_points < 100_000
-
-
 @pytest.mark.parametrize(
     ("function", "box", "expected"),
     [
@@ -186,16 +135,3 @@ def test_of_too_many_elements_the_octree_stays_small():
 def test_bad_functions_are_refused(function, box, expected):
     with pytest.raises(ValueError, match=expected):
         size_function(function, box=box)
-
-
-def test_an_array_of_bounds_is_refused_on_an_octree_that_is_chosen():
-    with pytest.raises(ValueError, match="h0 must be a function"):
-        size_function(disc, box=([-1.2, -1.2], [1.2, 1.2]), h0=np.ones(5))
-
-
-def test_the_limit_on_leaves_is_reported(monkeypatch):
-    monkeypatch.setattr("adaptsize.domain_size.implicit.MAX_LEAVES", {2: 1100, 3: 1100})
-    from adaptsize.errors import ResolutionWarning
-
-    with pytest.warns(ResolutionWarning, match="background"):
-        size_function(holes, box=([-1.1, -1.1], [1.1, 1.1]), **{**WIDTH, "hmax": 0.1})

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from adaptive_loops import disc
 
-from adaptsize import SimplexMesh, read, remesh, size_conformity, size_function
+from adaptsize import SimplexMesh, read, size_function
 from adaptsize.background.interfaces import interfaces
 
 DATA = Path(__file__).parents[2] / "data"
@@ -58,12 +58,6 @@ def test_plane_interfaces_and_tags_of_the_boundary_change_nothing():
     halves = replace(square, cell_tags=[1, 2])
     assert interfaces(halves)[1].tolist() == [0, 2]
     np.testing.assert_array_equal(size_function(halves).values, size_function(square).values)
-
-
-def test_a_mesh_with_a_round_region_follows_its_sizes():
-    mesh = two_regions(0.25)
-    size = size_function(mesh, hmax=0.5)
-    assert size_conformity(remesh(mesh, size), size).share_in_band > 0.8
 
 
 def test_a_ball_in_a_block_is_resolved():

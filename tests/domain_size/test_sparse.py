@@ -11,7 +11,6 @@ from meshes import jittered_cube
 from scipy.spatial import Delaunay
 
 import adaptsize as ads
-from adaptsize.bridges import gmsh_callback
 from adaptsize.domain_size import SparseSize
 from adaptsize.errors import MeshFileError
 
@@ -125,9 +124,3 @@ def test_the_lines_of_c_on_the_page_evaluate_the_file(tmp_path):
         [tmp_path / "sizes"], cwd=tmp_path, input=text, capture_output=True, text=True, check=True
     )
     np.testing.assert_allclose(np.array(done.stdout.split(), float), expected, rtol=1e-14)
-
-
-def test_gmsh_gets_them_by_the_same_callback():
-    sparse = SparseSize(np.array([[0.0, 0.0]]), np.array([0.1]), 0.25, 1.0)
-    assert gmsh_callback(sparse)(2, 1, 3.0, 4.0, 0.0, 9.0) == 1.0
-    assert gmsh_callback(sparse)(2, 1, 0.4, 0.0, 0.0, 9.0) == pytest.approx(0.2)

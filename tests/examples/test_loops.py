@@ -36,35 +36,3 @@ def test_meshes_that_follow_a_burner_beat_a_uniform_one_of_as_many_nodes(run):
     # Some 3000 sums of sizes up to 0.1.
     assert found["largest difference, warm and cold"] < 1e-13
     assert 0.0 < found["share of bounds changed"] < 0.2
-
-
-def test_tetrahedra_for_the_fichera_corner_beat_uniform_ones(run):
-    found = run("plot_fichera", targets=(3000, 9000), tetwild_targets=(3000,), finest=8)
-    # r^(2/3) along edges: h^(2/3) on uniform meshes, that is N^(-2/9), and N^(-1/3) at best.
-    assert found["uniform: rate"] == pytest.approx(-2.0 / 9.0, abs=0.04)
-    # More while the first mesh, a uniform one, counts.
-    assert found["Mmg: rate"] < -0.3
-    # With half as many unknowns.
-    assert found["Mmg: unknowns"] < 0.6 * found["uniform: unknowns"]
-    assert found["Mmg: error"] < 0.97 * found["uniform: error"]
-    # With the same number as the first mesh has, of 2688 tetrahedra, error 1.12.
-    assert found["fTetWild: unknowns"] < 600
-    assert found["fTetWild: error"] < 0.9
-    assert 1.0 < found["Mmg: estimate over error"] < 1.4
-
-
-def test_a_hot_spot_read_from_a_file_is_refined_and_materials_stay(run):
-    found = run("plot_hot_spot", sizes=(1.0, 0.5))
-    assert found["triangles in the file"] < found["triangles, 1 mm"] < found["triangles, 0.5 mm"]
-    assert found["triangles, 0.5 mm"] < 3000
-    # 346 MPa on finer meshes.  Without the inlay, in an endless strip, by the fit to Howland's:
-    # 100 (0.284 + 2 / b - 0.6 b + 1.32 b^2) with b = 1 - 16 / 60, 328.
-    assert found["highest stress in the file"] < 300.0
-    assert found["highest stress, 0.5 mm"] == pytest.approx(346.0, rel=0.08)
-    assert found["smallest angle"] > 20.0
-    assert found["distance of the hole from the circle"] < 1e-9
-    # A polygon with chords of 1.8 lacks h^2 / 6 R^2 of the disc: 1.7 of 5549.
-    for way, exact in (("", 1.0 - 1.7 / 5549.0), (" by the command", 1.0)):
-        share = found[f"area of material 10{way}, after over before"]
-        assert share == pytest.approx(exact, abs=2e-4)
-        assert found[f"area of material 20{way}, after over before"] == pytest.approx(1, abs=3e-3)

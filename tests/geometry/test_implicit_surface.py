@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from adaptsize import Octree
 from adaptsize._progress import silent
-from adaptsize.geometry.distance.closest_points import ZeroLevelBoundary, is_distance
+from adaptsize.geometry.distance.closest_points import ZeroLevelBoundary
 from adaptsize.geometry.distance.projection import project
 from adaptsize.geometry.implicit_surface import largest_curvature
 
@@ -63,20 +63,6 @@ def test_points_project_to_corners_edges_and_faces_of_a_cube(dim):
     # Starts on another face may end beside the edge.
     assert np.quantile(off, 0.99) < 1e-10
     assert off.max() < 0.1
-
-
-def test_what_is_a_distance():
-    x = np.random.default_rng(3).uniform(-1.0, 1.0, (500, 2))
-
-    def disc(p):
-        return np.hypot(p[:, 0], p[:, 1]) - 1.5
-
-    def two(p):
-        return np.minimum(np.hypot(p[:, 0] - 0.6, p[:, 1]), np.hypot(p[:, 0] + 0.6, p[:, 1])) - 1.0
-
-    assert is_distance(disc, x, 3.0)
-    assert not is_distance(lambda p: 1.1 * disc(p), x, 3.0)
-    assert not is_distance(two, x[two(x) < 0.0], 3.0)  # too short where the discs overlap
 
 
 def test_zero_level_boundary_gives_exact_depths():

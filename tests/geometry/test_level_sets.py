@@ -7,7 +7,6 @@ from distance_shapes import (
     Ellipse,
     ball,
     box,
-    slope,
     torus,
     torus_curvature,
 )
@@ -67,37 +66,6 @@ def test_second_order(name, stretch):
     assert (order > 1.9).all(), f"errors {error}, orders {order}"
 
 
-def test_no_value_on_the_border_beside_unknown_distances_and_at_inactive_nodes():
-    grid = box(20)
-    phi = grid.sample(slope)
-    phi[5, 7], phi[12, 3], phi[14, 14] = np.nan, np.inf, -np.inf
-    active = np.ones(grid.shape, bool)
-    active[15:, 15:] = False
-    found = np.isfinite(level_set_curvature(grid.with_active(active), phi)[..., 0])
-    expected = active.copy()
-    expected[[0, -1]] = expected[:, [0, -1]] = False
-    for i, j in ((5, 7), (12, 3), (14, 14)):
-        expected[i - 1 : i + 2, j - 1 : j + 2] = False
-    assert_array_equal(found, expected)
-
-
-def test_inactive_nodes_do_count_in_the_differences():
-    grid = box(40)
-    phi = grid.sample(ball)
-    everywhere = level_set_curvature(grid, phi)
-    inside = phi <= 0.0
-    kappa = level_set_curvature(grid.with_active(inside), phi)
-    assert_array_equal(kappa[inside], everywhere[inside])
-    assert np.isnan(kappa[~inside]).all()
-
-
-def test_no_value_outside_the_band():
-    grid = box(40, stretch=0.5)
-    phi = grid.sample(ball)
-    kappa = level_set_curvature(grid, phi, band=1.5)[..., 0]
-    assert_array_equal(np.isfinite(kappa), np.abs(phi) <= 1.5 * grid.spacing.max())
-
-
 def test_no_value_at_kinks():
     # Where two sides of a square are as near, the mean gradient has length 1 / sqrt 2.
     grid = CartesianGrid([-1.0, -1.0], 0.1, (21, 21))
@@ -110,22 +78,6 @@ def test_no_value_at_kinks():
     assert np.isfinite(kappa[12, 15])
     loose = level_set_curvature(grid, phi, at_boundary=False, gradient_tolerance=0.3)[..., 0]
     assert np.isfinite(loose[15, 15])
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_no_value_at_and_beyond_centres_of_curvature(dim, sign):
-    # Circles of radius r about 0, or cylinders, at a distance of r + 0.2 from their boundary.
-    grid = box(30, dim)
-    phi = sign * grid.sample(lambda x: np.hypot(x[:, 0], x[:, 1]) + 0.2)
-    level = level_set_curvature(grid, phi, at_boundary=False)
-    assert np.isfinite(level[(20,) * dim]).all()
-    assert np.isnan(level_set_curvature(grid, phi)).all()
-
-
-def test_constants_have_no_gradient_whatever_the_tolerance():
-    grid = box(10)
-    assert np.isnan(level_set_curvature(grid, np.zeros(grid.shape), gradient_tolerance=2.0)).all()
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -157,15 +109,3 @@ def test_kinks_are_those_of_the_distance_however_often_it_is_smoothed():
         for n in (0, 32)
     ]
     assert_array_equal(*map(np.isfinite, found))
-
-
-def test_parts_of_the_nodes_give_what_all_give(monkeypatch):
-    grid = box(20, 3)
-    phi = grid.sample(torus)
-    kappa = level_set_curvature(grid, phi)
-    monkeypatch.setattr("adaptsize.geometry.level_sets._NODES_AT_ONCE", 1000)
-    shares = []
-    again = level_set_curvature(grid, phi, progress=lambda text, share: shares.append(share))
-    assert_array_equal(again, kappa)
-    assert shares == sorted(shares)
-    assert (shares[0], shares[-1], len(shares)) == (0.0, 1.0, -(-grid.n_points // 1000) + 1)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import width_oracle
 from manifold3d import Manifold
-from meshes import structured_square
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from shapes import joined, moved
@@ -149,12 +148,6 @@ def test_features_that_meet_below_the_corner_angle_separate_up_to_their_corner(d
     assert_allclose(found.distances[side], x[side] * np.sin(np.radians(degrees)), rtol=1e-9)
 
 
-@pytest.mark.parametrize("degrees", [30.0, 35.0])
-def test_features_that_meet_at_the_corner_angle_or_above_do_not_separate_near_it(degrees):
-    found = boundary_separation(prism(sector(degrees), 3.0))
-    assert found.distances.min() > np.sin(np.radians(degrees)) * (1.0 - 1e-9)  # of the corners
-
-
 # --- what is outside --------------------------------------------------------------
 
 
@@ -172,79 +165,4 @@ def test_a_gap_outside_the_domain_is_not_seen():
     assert_allclose(boundary_separation(turned(pair)).distances, 1.0, rtol=ROUNDING)
 
 
-def bar_above_a_block(degrees):
-    """A bar, and the same .05 above a block; its lower edges have a given angle."""
-    inset = 0.4 / np.tan(np.radians(degrees))
-    profile = ((0.0, 0.0), (1.0, 0.0), (1.0 - inset, 0.4), (inset, 0.4))
-    bar = hull([[x, y, z] for y in (0.0, 1.0) for x, z in profile])
-    return bar, joined(moved(bar, [0.0, 0.0, 0.05]), moved(box(5, 5, 1), [-2.0, -2.0, -1.0]))
-
-
-@pytest.mark.parametrize("degrees", [45.0, 60.0, 75.0, 90.0, 120.0])
-def test_a_gap_below_an_edge_is_not_seen(degrees):
-    bar, above = bar_above_a_block(degrees)
-    expected = boundary_separation(bar).distances.min()
-    for seed in range(71, 79):
-        found = boundary_separation(turned(above, seed)).distances.min()
-        assert_allclose(found, expected, rtol=1e-9)
-
-
 # --- what is no feature -----------------------------------------------------------
-
-
-def ridge(n=9, slope=25.0):
-    """A block whose top has a ridge that begins and ends inside it."""
-    flat = structured_square(n - 1, half_width=0.5 * (n - 1))
-    x, y = np.rint(flat.points + 0.5 * (n - 1)).T
-    top = np.zeros(n * n)
-    top[(np.abs(x - n // 2) <= 1) & (y == n // 2)] = np.tan(np.radians(slope))
-    i = np.arange(n * n).reshape(n, n)
-    rim = np.concatenate([i[:, 0], i[-1, 1:], i[-2::-1, -1], i[0, -2:0:-1]])
-    after, m = np.roll(rim, -1), n * n
-    low = m + np.arange(len(rim))
-    low_after = np.roll(low, -1)
-    sides = [np.column_stack([rim, low, low_after]), np.column_stack([rim, low_after, after])]
-    foot = m + len(rim)
-    base = np.column_stack([low_after, low, np.full(len(rim), foot)])
-    points = np.column_stack([x, y, top])
-    below = np.column_stack([x[rim], y[rim], np.full(len(rim), -3.0)])
-    middle = [[(n - 1) / 2, (n - 1) / 2, -3.0]]
-    tagged = [[i[n // 2, n // 2], i[n // 2 + 1, n // 2]]]
-    cells = np.concatenate([flat.cells, *sides, base])
-    return np.concatenate([points, below, middle]), cells, tagged
-
-
-def test_loose_feature_edges_are_no_features():
-    points, cells, tagged = ridge()
-    plain = SimplexMesh(points, cells)
-    found = boundary_separation(plain)
-    assert (found.points[:, 2] <= 0.0).all()
-    assert_allclose(found.distances.min(), 3.0, rtol=ROUNDING)
-    marked = SimplexMesh(points, cells, tagged_facets=tagged, facet_tags=[1])
-    marked = boundary_separation(marked)
-    top = marked.points[:, 2] > 0.0
-    # The ends of the tagged edge are corners, 1 apart; its middle has no corner but them.
-    assert top.sum() == 3
-    assert_allclose(np.sort(marked.distances[top])[:2], 1.0, rtol=ROUNDING)
-
-
-def with_flat_facet(mesh, edge):
-    """Return a surface with a node in the middle of an edge on one side, and none on the other.
-
-    A facet without area closes the gap, as in many files.
-    """
-    beside = np.flatnonzero(np.isin(mesh.cells, edge).sum(axis=1) == 2)[0]
-    p, q, r = mesh.cells[beside]
-    while r in edge:
-        p, q, r = q, r, p
-    middle = mesh.n_points
-    cells = [*np.delete(mesh.cells, beside, axis=0), [p, middle, r], [middle, q, r], [p, q, middle]]
-    return SimplexMesh([*mesh.points, mesh.points[edge].mean(axis=0)], cells)
-
-
-def test_flat_facets_that_close_a_gap_change_nothing():
-    block = box(1, 2, 3)
-    for edge in block.edges:
-        mesh = with_flat_facet(block, edge)
-        assert_allclose(boundary_separation(mesh).distances.min(), 1.0, rtol=ROUNDING)
-        assert np.isfinite(boundary_width(mesh)[:-1]).all()

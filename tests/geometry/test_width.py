@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 import width_oracle
-from manifold3d import Manifold
 from numpy.testing import assert_allclose, assert_array_equal
 from shapes import joined, moved
 from solids import box, circle, inside_out, outline, turned
-from width_oracle import mesh_of
 
 from adaptsize import SimplexMesh
 from adaptsize._progress import silent
@@ -69,17 +67,6 @@ def test_a_plate_and_a_square_beam_have_the_distances_of_their_sides(sides, seed
     assert_allclose(boundary_width(mesh), expected, rtol=ROUNDING)
 
 
-def test_a_tube_has_the_thickness_of_its_wall():
-    n = 48
-    outer, inner = (Manifold.cylinder(2.0, r, r, n, True) for r in (1.0, 0.6))
-    tube = mesh_of(outer - inner.scale([1.0, 1.0, 2.0]))
-    width = boundary_width(turned(tube))
-    is_cap = np.abs(normals(tube)[:, 2]) > 0.5
-    assert_allclose(width[is_cap], 2.0, rtol=ROUNDING)
-    # Strips inside and outside are parallel, at the radii of the inscribed circles.
-    assert_allclose(width[~is_cap], 0.4 * np.cos(np.pi / n), rtol=ROUNDING)
-
-
 def of_second_order(errors):
     """Whether errors on facets half as long are a quarter each time, up to the next order."""
     return all(3.5 < coarse / fine < 4.5 for coarse, fine in pairwise(errors))
@@ -133,16 +120,6 @@ def trapezoid(slope, *, gap=0.1, height=1.0):
     return outline([[-0.5, 0], [3, 0], [3, height], [end, height], [0, gap], [-0.5, gap]]), end
 
 
-def test_a_channel_that_tapers_at_40_degrees_counts_if_its_walls_do_not_meet():
-    shape, end = trapezoid(40.0)
-    mesh = divided(shape, 30)
-    x, y = middles(mesh).T
-    bottom = (y == 0.0) & (x > 0.0) & (x < end)
-    assert bottom.sum() > 5
-    expected = 0.1 + x[bottom] * np.tan(np.radians(40.0))
-    assert_allclose(boundary_width(mesh)[bottom], expected, rtol=ROUNDING)
-
-
 @pytest.mark.parametrize(("slope", "counts"), [(74.0, True), (75.0, True), (76.0, False)])
 def test_walls_steeper_than_75_degrees_do_not_count(slope, counts):
     shape, end = trapezoid(slope)
@@ -177,27 +154,7 @@ def test_a_cone_of_60_degrees_is_not_narrow_at_its_tip():
         assert np.isinf(boundary_width(turned(mesh, seed))).all()
 
 
-def test_a_cone_of_19_degrees_is_narrow_to_its_tip():
-    mesh = cone(19.0)
-    width, at = boundary_width(turned(mesh)), middles(mesh)
-    mantle = np.abs(normals(mesh)[:, 2]) < 0.5
-    # The distance from the tip along the middle of the strip; the strip opposite is in a plane.
-    distance = at[:, 2] / np.cos(np.radians(9.5))
-    near = mantle & (distance < 0.9)
-    expected = distance[near] * np.tan(np.radians(19.0))
-    assert_allclose(width[near], expected, rtol=1e-9)
-    assert width[near].min() < 0.002
-
-
 # --- what is outside, other bodies, sheets ----------------------------------------
-
-
-def test_a_gap_outside_the_domain_is_not_seen():
-    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-    flat = outline(square, square + np.array([1.001, 0.0]))
-    solid = joined(box(1, 1, 1), moved(box(1, 1, 1), [1.001, 0.0, 0.0]))
-    for pair in (flat, solid):
-        assert_allclose(boundary_width(pair), 1.0, rtol=ROUNDING)
 
 
 def test_a_body_in_another_is_transparent_and_a_cavity_is_a_wall():
@@ -213,41 +170,6 @@ def test_a_body_in_another_is_transparent_and_a_cavity_is_a_wall():
     assert_allclose(hollow[12:], (np.abs(out) * room).sum(axis=1), rtol=ROUNDING)
 
 
-def test_a_ray_ends_where_it_leaves_the_last_of_several_bodies():
-    bars = [box(4, 1, 1), moved(box(1, 4, 0.9), [1.5, -1.5, 0.05]),
-            moved(box(0.5, 0.7, 0.7), [1.6, 0.2, 0.15])]  # fmt: skip
-    width = boundary_width(joined(*bars))
-    for bar, own in zip(bars, (width[:12], width[12:24]), strict=False):
-        lengths = np.ptp(bar.points, axis=0)
-        long = np.abs(normals(bar)) @ lengths == 4.0
-        assert_allclose(own[long], 4.0, rtol=ROUNDING)
-    half = moved(box(4, 0.8, 0.8), [2.5, 0.1, 0.1])  # from inside the first to beyond its end
-    left = normals(bars[0])[:, 0] < -0.5
-    assert_allclose(boundary_width(joined(bars[0], half))[:12][left], 6.5, rtol=ROUNDING)
-    row = [moved(box(1, 1 + 0.01 * k, 1 + 0.01 * k), [0.9 * k, 0, 0]) for k in range(40)]
-    left = np.flatnonzero(normals(row[0])[:, 0] < -0.5)
-    assert_allclose(boundary_width(joined(*row))[left], 0.9 * 39 + 1.0, rtol=ROUNDING)
-
-
-@pytest.mark.parametrize("place", [[0.5, 0.25, 0.0], [1.0, 0.25, 0.25], [0.7, 0.5, 0.25]])
-def test_overlapping_bodies_may_have_walls_in_one_plane(place):
-    # Of 2 x 1 x 1, on one base, or with one end or side. Rays that end there leave both at once.
-    width = boundary_width(joined(box(2, 1, 1), moved(box(1, 0.5, 0.5), place)))[:12]
-    assert_allclose(width, np.abs(normals(box(2, 1, 1))) @ [2.0, 1.0, 1.0], rtol=ROUNDING)
-
-
-def test_the_depth_to_which_bodies_overlap_is_no_width():
-    # Walls of the one inside the other do not bound the domain; 1 is its least width.
-    other = moved(box(2, 1.2, 1.2), [1.999, -0.1, -0.1])
-    assert boundary_width(joined(box(2, 1, 1), other)).min() > 0.999
-
-
-def test_bodies_that_touch_in_another_are_transparent():
-    row = [moved(box(1, 1, 1), [x, 0.4, 0.4]) for x in (3.0, 4.0)]
-    width = boundary_width(joined(box(10, 2, 2), *row))[:12]
-    assert_allclose(width, np.abs(normals(box(10, 2, 2))) @ [10.0, 2.0, 2.0], rtol=ROUNDING)
-
-
 def test_opposite_walls_of_an_open_shell_count_and_rays_through_the_opening_do_not():
     block = box(1, 2, 3)
     shell = SimplexMesh(block.points, block.cells[normals(block)[:, 2] < 0.5])
@@ -257,63 +179,10 @@ def test_opposite_walls_of_an_open_shell_count_and_rays_through_the_opening_do_n
         assert_allclose(boundary_width(mesh), expected, rtol=ROUNDING)
 
 
-def test_a_single_sheet_has_no_width():
-    flat = SimplexMesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
-    assert np.isinf(boundary_width(turned(flat))).all()
-    assert np.isinf(boundary_width(SimplexMesh([[0, 0], [1, 1], [2, 1]], [[0, 1], [1, 2]]))).all()
-
-
-def test_a_sheet_across_a_body_is_a_wall_from_both_sides():
-    sheet = SimplexMesh([[1.0, y, z] for y, z in ((0.1, 0.1), (0.9, 0.1), (0.9, 0.9), (0.1, 0.9))],
-                        [[0, 1, 2], [0, 2, 3]])  # fmt: skip
-    block = box(3, 1, 1)
-    x = normals(block)[:, 0]
-    for wall in (sheet, inside_out(sheet)):
-        width = boundary_width(joined(block, wall))[:12]
-        assert_allclose(width[x < -0.5], 1.0, rtol=ROUNDING)
-        assert_allclose(width[x > 0.5], 2.0, rtol=ROUNDING)
-
-
-def test_the_arms_of_a_line_in_the_plane_are_walls():
-    u = SimplexMesh([[0, 3], [0, 0], [1, 0], [1, 3]], [[0, 1], [1, 2], [2, 3]])
-    assert_allclose(boundary_width(u), [1.0, np.inf, 1.0], rtol=ROUNDING)
-
-
 # --- what files contain -----------------------------------------------------------
 
 
-@pytest.mark.parametrize("make", [width_oracle.random_union, width_oracle.random_polygon])
-def test_widths_do_not_change_if_each_facet_has_nodes_of_its_own(make):
-    mesh = make(np.random.default_rng(5081))
-    soup = SimplexMesh(
-        mesh.points[mesh.cells].reshape(-1, mesh.dim),
-        np.arange(mesh.cells.size).reshape(mesh.cells.shape),
-    )
-    assert_array_equal(boundary_width(soup), boundary_width(mesh))
-    # Nodes that are merged have the width of their place.
-    at_nodes = [Width(Faces.of(m), 30.0).at_nodes(silent) for m in (mesh, soup)]
-    assert_array_equal(at_nodes[1], at_nodes[0][mesh.cells.ravel()])
-
-
-def test_facets_without_area_have_no_width_and_change_nothing():
-    block = box(1, 2, 3)
-    points = np.concatenate([block.points, [[0.0, 0.0, 1.5]]])
-    a, b = (np.flatnonzero((block.points == [0, 0, z]).all(axis=1))[0] for z in (0, 3))
-    flat = SimplexMesh(points, np.concatenate([block.cells, [[a, b, 8]]]))
-    width = boundary_width(flat)
-    assert np.isinf(width[-1])
-    assert_array_equal(width[:-1], boundary_width(block))
-
-
 # --- at nodes and near points -----------------------------------------------------
-
-
-def test_nodes_have_the_least_width_of_the_facets_around_them():
-    block = box(1, 2, 3)
-    width = Width(Faces.of(block), 30.0)
-    assert_allclose(width.at_nodes(silent), 1.0, rtol=ROUNDING)
-    lonely = SimplexMesh(np.concatenate([block.points, [[9, 9, 9]]]), block.cells)
-    assert np.isinf(Width(Faces.of(lonely), 30.0).at_nodes(silent)[-1])
 
 
 def test_points_have_the_width_at_the_closest_place_of_the_boundary():

@@ -111,7 +111,7 @@ def volume():
 
 def nested_scene():
     """A chain of nodes, each of which contains a triangle and the next one."""
-    nodes = [{"mesh": 0, "children": [i + 1]} for i in range(9000)] + [{"mesh": 0}]
+    nodes = [{"mesh": 0, "children": [i + 1]} for i in range(3000)] + [{"mesh": 0}]
     data = np.eye(3, dtype="<f4").tobytes()
     text = {
         "asset": {"version": "2.0"},

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from mesh_files import SQUARE, TWO_TRIANGLES, write_raw
 from numpy.testing import assert_array_equal
 
-from adaptsize import SimplexMesh, read, write
+from adaptsize import SimplexMesh, read
 from adaptsize._formats import blocks
-from adaptsize.errors import InputWarning, MeshFileError
+from adaptsize.errors import InputWarning
 
 CUBE = np.array([[x, y, z] for z in (0, 1) for x, y in SQUARE], dtype=float)  # as VTK numbers it
 
@@ -141,16 +141,6 @@ def test_polygons_are_split_inside_however_they_begin(turn):
     assert mesh.measures.sum() == pytest.approx(3.0, rel=1e-14)
 
 
-def test_cells_that_cannot_be_split_are_refused(tmp_path):
-    vtk = pytest.importorskip("pyvista")
-    prism = vtk.UnstructuredGrid(
-        [10, *range(10)], [15], np.random.default_rng(7313).random((10, 3))
-    )
-    prism.save(tmp_path / "prism.vtu")
-    with pytest.raises(MeshFileError, match=r"prism\.vtu: .*VTK type 15 \(pentagonal prism\)"):
-        read(tmp_path / "prism.vtu")
-
-
 def mixed_file(tmp_path):
     """A tetrahedron, two of its faces, one edge, and a node of its own."""
     points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [5, 5, 5]]
@@ -176,15 +166,6 @@ def test_kind_takes_other_cells_and_leaves_nodes_of_the_rest_out(tmp_path):
     assert_array_equal(segments.points, [[0, 1, 0], [0, 0, 1], [5, 5, 5]])
     assert_array_equal(segments.cells, [[0, 1]])
     assert_array_equal(segments.cell_tags, [7])
-
-
-def test_a_kind_that_is_absent_or_unknown_is_refused(tmp_path):
-    file = tmp_path / "square.vtu"
-    write(file, SimplexMesh(SQUARE, TWO_TRIANGLES))
-    with pytest.raises(MeshFileError, match=r"holds no tetrahedra \(found 2 triangles"):
-        read(file, kind="tetrahedra")
-    with pytest.raises(ValueError, match="kind must be one of"):
-        read(file, kind="tets")
 
 
 def with_cell_data(tmp_path, data):
@@ -222,12 +203,3 @@ def test_tagged_facets_that_bound_no_cell_are_dropped_and_counted(tmp_path):
     assert_array_equal(mesh.tagged_facets, [[1, 0]])
     assert_array_equal(mesh.facet_tags, [5])
     assert mesh.cell_tags is None
-
-
-def test_meshes_with_z_zero_are_flattened_unless_told_not_to(tmp_path):
-    file = tmp_path / "flat.vtu"
-    write(file, SimplexMesh(SQUARE, TWO_TRIANGLES))
-    assert read(file).dim == 2
-    assert read(file, flatten=False).dim == 3
-    write(file, SimplexMesh(np.pad(SQUARE, ((0, 0), (0, 1)), constant_values=2), TWO_TRIANGLES))
-    assert read(file).dim == 3

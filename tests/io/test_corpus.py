@@ -4,7 +4,6 @@ Each file is made here by the program, never stored.
 """
 
 import contextlib
-import warnings
 
 import numpy as np
 import pytest
@@ -135,27 +134,6 @@ def test_surfaces_of_pyvista(tmp_path, name):
         assert_array_equal(mesh.cell_tags, np.arange(1, 5))
 
 
-@pytest.mark.parametrize("suffix", [".vtp", ".vtk"])
-@pytest.mark.parametrize("kind", ["strips", "polygon", "polyline", "quadrilaterals"])
-def test_other_cells_of_surfaces(tmp_path, suffix, kind):
-    pyvista = pytest.importorskip("pyvista")
-    made = {
-        "strips": lambda: pyvista.Sphere(theta_resolution=6, phi_resolution=5).strip(),
-        "polygon": lambda: pyvista.Polygon(n_sides=7),
-        "polyline": lambda: pyvista.Spline(POINTS, 12),
-        "quadrilaterals": lambda: pyvista.Plane(i_resolution=3, j_resolution=2),
-    }[kind]()
-    made.save(tmp_path / f"a{suffix}")
-    mesh = read(tmp_path / f"a{suffix}")
-    if kind == "polyline":
-        assert mesh.measures.sum() == pytest.approx(
-            made.length if False else made.compute_arc_length()["arc_length"][-1], rel=1e-5
-        )
-    else:
-        assert mesh.measures.sum() == pytest.approx(made.triangulate().area, rel=1e-5)
-    assert mesh.n_points == made.n_points
-
-
 @pytest.mark.parametrize("suffix", [".vtk", ".vts", ".vtr"])
 def test_structured_data_of_pyvista(tmp_path, suffix):
     pyvista = pytest.importorskip("pyvista")
@@ -168,16 +146,6 @@ def test_structured_data_of_pyvista(tmp_path, suffix):
     mesh = read(tmp_path / f"a{suffix}")
     assert mesh.measures.sum() == pytest.approx(8.0)
     assert_array_equal(np.bincount(mesh.cell_tags), [0, *[6] * 8])
-
-
-def test_images_as_meshes(tmp_path):
-    pyvista = pytest.importorskip("pyvista")
-    image = pyvista.ImageData(dimensions=(3, 4, 2), spacing=(0.5, 0.25, 2.0), origin=(1, 1, 1))
-    image.point_data["h"] = np.arange(24.0)
-    image.save(tmp_path / "a.vtk")
-    mesh = read(tmp_path / "a.vtk")
-    assert mesh.measures.sum() == pytest.approx(1.0 * 0.75 * 2.0)
-    assert mesh.point_data["h"].sum() == 276.0
 
 
 def test_blocks_of_pyvista(tmp_path):
@@ -277,19 +245,6 @@ def test_every_writer_of_meshio(tmp_path, name, kind):
     check(tmp_path / name, POINTS, cells, MESHIO_DIGITS.get(name))
 
 
-def test_sets_of_abaqus_do_not_disturb(tmp_path):
-    import meshio
-
-    mesh = meshio.Mesh(
-        POINTS,
-        [("tetra", TETRAHEDRA)],
-        point_sets={"fixed": np.array([0, 1])},
-        cell_sets={"core": [np.array([1, 2])]},
-    )
-    meshio.write(tmp_path / "a.inp", mesh)
-    check(tmp_path / "a.inp", POINTS, TETRAHEDRA)
-
-
 # --- trimesh --------------------------------------------------------------------------------------
 
 TRIMESH_KINDS = {"stl": 6, "stl_ascii": 6, "ply": 6, "off": 8, "obj": 7, "glb": 6, "gltf": 6}
@@ -309,14 +264,6 @@ def test_exports_of_trimesh(tmp_path, kind):
         path = tmp_path / f"a.{kind.split('_')[0]}"
         path.write_bytes(data if isinstance(data, bytes) else data.encode())
     check(path, POINTS, TRIANGLES, TRIMESH_KINDS[kind])
-
-
-def test_text_ply_of_trimesh(tmp_path):
-    import trimesh
-
-    mesh = trimesh.Trimesh(POINTS, TRIANGLES, process=False)
-    (tmp_path / "a.ply").write_bytes(trimesh.exchange.ply.export_ply(mesh, encoding="ascii"))
-    check(tmp_path / "a.ply", POINTS, TRIANGLES, 6)
 
 
 # --- Gmsh -----------------------------------------------------------------------------------------
@@ -395,25 +342,3 @@ def test_every_writer_of_gmsh(gmsh_box, name):
 
 
 # --- Netgen ---------------------------------------------------------------------------------------
-
-NETGEN_FILES = {"a.msh": "Gmsh2 Format", "a.stl": "STL Format", "a.inp": "Abaqus Format"}
-
-
-@pytest.mark.parametrize("name", NETGEN_FILES)
-def test_exports_of_netgen(tmp_path, name):
-    csg = pytest.importorskip("netgen.csg")
-    mesh = csg.unit_cube.GenerateMesh(maxh=0.6)
-    mesh.Export(str(tmp_path / name), NETGEN_FILES[name])
-    found = read(tmp_path / name)
-    if name.endswith(".stl"):
-        assert found.measures.sum() == pytest.approx(6.0, rel=1e-5)
-        assert found.is_closed
-    else:
-        assert found.measures.sum() == pytest.approx(1.0, rel=1e-6)
-        assert found.n_cells == len(mesh.Elements3D())
-
-
-def test_meshes_in_this_module_are_worth_reading():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert (SimplexMesh(POINTS, TETRAHEDRA).measures > 0.05).all()

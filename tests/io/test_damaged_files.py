@@ -11,12 +11,8 @@ from numpy.testing import assert_array_equal
 from stl_files import ASCII_STL, binary_stl
 
 from adaptsize import SimplexMesh, read, read_image, read_size, write
-from adaptsize._formats import completeness
-from adaptsize.background import CartesianGrid
 from adaptsize.errors import MeshFileError
 
-SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1]]
-TWO_TRIANGLES = [[0, 1, 2], [0, 2, 3]]
 # 13 nodes: the last number of a file may lose a digit and still be that of a node.
 POINTS = np.vstack([np.eye(4, 3), [[2, i, 1.5] for i in range(9)]])
 FACES = [[0, 1, 2], [0, 1, 3], [1, 4, 5], [9, 10, 12]]
@@ -219,33 +215,3 @@ def test_no_text_makes_the_stl_reader_slow(tmp_path, content):
     (tmp_path / "a.stl").write_bytes(content)
     with pytest.raises(MeshFileError, match="ascii STL"):
         read(tmp_path / "a.stl")
-
-
-def test_lack_of_memory_is_an_error_with_a_text(tmp_path, monkeypatch):
-    def fail(*_, **__):
-        raise MemoryError
-
-    file = tmp_path / "a.vtu"
-    write(file, SimplexMesh(SQUARE, TWO_TRIANGLES))
-    monkeypatch.setattr("adaptsize._formats.assembly.build", fail)
-    with pytest.raises(MeshFileError, match=r"a\.vtu: needs more memory"):
-        read(file)
-
-
-def test_names_in_a_file_do_not_make_the_message_long(tmp_path):
-    file = tmp_path / "a.vti"
-    grid = CartesianGrid([0.0, 0.0], spacing=1.0, shape=(2, 2))
-    fields = {f"field with a rather long name {i}": np.ones((2, 2)) for i in range(200)}
-    write(file, grid, fields=fields)
-    with pytest.raises(MeshFileError, match=r"has no nodal field 'h'") as caught:
-        read_size(file)
-    assert len(str(caught.value)) < 1000
-
-
-def test_words_that_are_no_numbers_are_named_in_short():
-    with pytest.raises(MeshFileError, match=r"holds 'x{37}\.\.\.' where float64"):
-        completeness.numbers([b"1", b"x" * 1000], float)
-    with pytest.raises(MeshFileError, match=r"holds '1.5' where int32"):
-        completeness.numbers([b"1", b"1.5"], np.int32)
-    with pytest.raises(MeshFileError, match="too large"):
-        completeness.numbers([b"1", b"99999999999999999999"], np.int64)

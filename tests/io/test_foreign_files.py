@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from adaptsize import read
-from adaptsize.cli.entry import run
 from adaptsize.errors import InputWarning, MeshFileError
 
 VTU_PIECE = """<Piece NumberOfPoints="3" NumberOfCells="1"><Points>
@@ -25,28 +24,10 @@ def write_vtu_pieces(file, *pieces):
     return file
 
 
-def test_multi_piece_vtu_files_are_joined(tmp_path):
-    one, two = VTU_PIECE.format("0 0 0 1 0 0 0 1 0", 5), VTU_PIECE.format("2 0 0 3 0 0 2 1 0", 5)
-    mesh = read(write_vtu_pieces(tmp_path / "pieces.vtu", one, two))
-    assert_array_equal(mesh.cells, [[0, 1, 2], [3, 4, 5]])
-    assert mesh.points[3].tolist() == [2, 0]
-    assert_array_equal(mesh.point_data["h"], [1, 2, 3, 1, 2, 3])
-
-
 def test_vtk_cells_of_unknown_types_are_refused_not_left_out(tmp_path):
     piece = VTU_PIECE.format("0 0 0 1 0 0 0 1 0", 99)
     with pytest.raises(MeshFileError, match="VTK type 99"):
         read(write_vtu_pieces(tmp_path / "odd.vtu", piece))
-
-
-def test_legacy_vtk_with_the_type_names_of_vtk_9_is_read(tmp_path):
-    file = tmp_path / "new.vtk"
-    file.write_text(
-        "# vtk DataFile Version 4.1\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 3 double\n"
-        "0 0 0 1 0 0 0 1 0\nCELLS 1 4\n3 0 1 2\nCELL_TYPES 1\n5\nPOINT_DATA 3\n"
-        "FIELD FieldData 1\nid 1 3 vtktypeint64\n4 5 6\n"
-    )
-    assert_array_equal(read(file).point_data["id"], [4, 5, 6])
 
 
 def test_gmsh_2_files_with_element_fields_are_read_without_them(tmp_path):
@@ -107,23 +88,3 @@ def test_off_with_comments_colours_and_polygons_is_read(tmp_path):
     assert {2} < set(mesh.cells.ravel().tolist())
     assert mesh.n_cells == 3
     assert mesh.measures.sum() == 1.5
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "expected"),
-    [
-        ("a[red].vtk", "# vtk\n", "cannot be read (Unrecognized file type: # vtk"),
-        ("[bold]c.vtu", "no XML\n", "is truncated (no </VTKFile>)"),
-        ("c[red].bdf", "BEGIN BULK\nGRID,x\nENDDATA\n", "cannot be read ("),
-    ],
-)
-def test_an_error_has_the_words_of_the_reader(
-    tmp_path, monkeypatch, capsys, name, content, expected
-):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / name).write_text(content)
-    with pytest.raises(MeshFileError) as raised:
-        read(name)
-    assert str(raised.value).startswith(f"{name}: {expected}")
-    assert run(["info", name]) == 1
-    assert capsys.readouterr().err == f"adaptsize: error: {raised.value}\n"

@@ -113,13 +113,6 @@ def test_image_data_of_other_programs_are_read(tmp_path, kind):
     assert repr(size.background) == "CartesianGrid(3 x 2 nodes, (0, 0) to (2, 1))"
 
 
-def test_an_extent_that_starts_elsewhere_moves_the_origin(tmp_path):
-    placed = image('format="ascii">1 2 3 4 5 6</DataArray>', extent="4 6 -1 0 0 0",
-                   image_head='Origin="1 1 0" Spacing="0.5 2 1"')  # fmt: skip
-    (tmp_path / "a.vti").write_text(placed)
-    assert_array_equal(read_size(tmp_path / "a.vti").background.lower, [3.0, -1.0])
-
-
 def test_vtk_sees_the_same_nodes_and_values(tmp_path):
     pyvista = pytest.importorskip("pyvista")
     for shape in SHAPES:
@@ -157,23 +150,6 @@ def test_damaged_and_foreign_files_are_one_error_that_names_them(tmp_path, case)
     (tmp_path / "a.vti").write_text(BAD[case])
     with pytest.raises(MeshFileError, match=r"a\.vti: "):
         read_size(tmp_path / "a.vti")
-
-
-def test_a_grid_is_not_read_as_a_mesh(tmp_path):
-    (tmp_path / "a.vti").write_text(ASCII)
-    with pytest.raises(MeshFileError, match="holds a grid, not a mesh; use read_size"):
-        read(tmp_path / "a.vti")
-    with pytest.raises(MeshFileError, match="No such file"):
-        read_size(tmp_path / "b.vti")
-
-
-@pytest.mark.parametrize("name", ["a.vtu", "a.vtk", "a.xdmf"])
-def test_sizes_on_a_mesh_are_read_too(tmp_path, name):
-    mesh = SimplexMesh([[0, 0], [1, 0], [1, 1]], [[0, 1, 2]])
-    write(tmp_path / name, SizeFunction(mesh, [0.1, np.inf, 0.3]))
-    size = read_size(tmp_path / name)
-    assert isinstance(size.background, SimplexMesh)
-    assert_array_equal(size.values, [0.1, np.inf, 0.3])
 
 
 def test_grids_and_octrees_go_to_mesh_formats_as_their_meshes(tmp_path):

@@ -1,6 +1,5 @@
 """Metrics in files: round trips, the order of entries, and damaged files."""
 
-import re
 import struct
 
 import numpy as np
@@ -54,68 +53,7 @@ def test_vtk_reads_the_field_as_tensors(tmp_path):
     assert array.reshape(-1, 3, 3) == pytest.approx(metric.matrices)
 
 
-@pytest.mark.parametrize(
-    ("mesh", "generator"), [("plane", "MmgMesh2D"), ("tetrahedra", "MmgMesh3D")]
-)
-def test_mmg_reads_the_entries_in_the_same_order(tmp_path, mesh, generator):
-    mmgpy = pytest.importorskip("mmgpy")
-    mesh = MESHES[mesh]
-    metric = random_metric(mesh)
-    ads.write(tmp_path / "part.sol", MetricFunction(mesh, metric))
-    theirs = getattr(mmgpy, generator)()
-    cells = {2: "triangles", 3: "tetrahedra"}[mesh.dim]
-    theirs.set_mesh_size(vertices=mesh.n_points, **{cells: mesh.n_cells})
-    theirs.set_vertices(np.array(mesh.points))
-    theirs.load_sol(str(tmp_path / "part.sol"), channel="tensor")
-    i, j = np.triu_indices(mesh.dim)  # the order that meshing uses
-    assert np.asarray(theirs["tensor"]) == pytest.approx(metric.matrices[:, i, j], rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("mesh", "element", "nodes"),
-    [("plane", "TT", 3), ("tetrahedra", "TS", 4), ("surface", "TT", 3)],
-)
-def test_a_gmsh_view_holds_nine_numbers_per_node(tmp_path, mesh, element, nodes):
-    mesh = MESHES[mesh]
-    metric = random_metric(mesh)
-    ads.write(tmp_path / "metric.pos", MetricFunction(mesh, metric))
-    text = (tmp_path / "metric.pos").read_text()
-    assert text.startswith('View "metric" {\n')
-    lines = re.findall(rf"^{element}\(([^)]*)\)\{{([^}}]*)\}};$", text, re.M)
-    assert len(lines) == mesh.n_cells
-    places, values = (
-        np.array([np.array(x.split(","), float) for x in part]) for part in zip(*lines, strict=True)
-    )
-    assert places.reshape(-1, nodes, 3)[..., : mesh.dim] == pytest.approx(mesh.points[mesh.cells])
-    matrices = values.reshape(-1, nodes, 3, 3)[..., : mesh.dim, : mesh.dim]
-    assert matrices == pytest.approx(metric.matrices[mesh.cells])
-
-
-def test_sizes_are_read_as_an_isotropic_metric(tmp_path):
-    mesh = MESHES["tetrahedra"]
-    sizes = np.linspace(0.1, 0.5, mesh.n_points)
-    ads.write(tmp_path / "h.sol", ads.SizeFunction(mesh, sizes))
-    assert ads.read_metric(tmp_path / "h.sol").sizes == pytest.approx(np.tile(sizes[:, None], 3))
-    ads.write(tmp_path / "h.vtu", ads.SizeFunction(mesh, sizes))
-    assert ads.read_metric(tmp_path / "h.vtu", name="h").sizes[:, 0] == pytest.approx(sizes)
-
-
-def test_infinite_sizes_have_no_lengths_but_a_matrix(tmp_path):
-    mesh = MESHES["plane"]
-    metric = Metric(np.tile([0.1, np.inf], (mesh.n_points, 1)), [np.eye(2)] * mesh.n_points)
-    ads.write(tmp_path / "part.vtu", MetricFunction(mesh, metric))
-    fields = ads.read(tmp_path / "part.vtu").point_data
-    assert "metric.lengths" not in fields
-    assert fields["metric"][0] == pytest.approx([100.0, 0, 0, 0, 0, 0, 0, 0, 0])
-
-
 SOL = "MeshVersionFormatted 2\n\nDimension 2\n\nSolAtVertices\n2\n1 3\n4 0 9\n4 1 9\n\nEnd\n"
-
-
-def test_the_undamaged_file_is_read(tmp_path):
-    (tmp_path / "part.sol").write_text(SOL)
-    expected = [[[4, 0], [0, 9]], [[4, 1], [1, 9]]]
-    assert ads.read_metric(tmp_path / "part.sol").matrices == pytest.approx(np.array(expected))
 
 
 def solb(version, order, values, *, dim=3, kinds=(3,), n=2):
@@ -161,14 +99,6 @@ def test_views_of_gmsh_are_read_as_meshes_with_a_field(tmp_path, kind):
     assert found.matrices[back.cells] == pytest.approx(metric.matrices[mesh.cells])
 
 
-def test_views_of_sizes_are_read(tmp_path):
-    mesh = MESHES["plane"]
-    h = 0.1 + mesh.points[:, 0]
-    ads.write(tmp_path / "view.pos", mesh, fields={"h": h})
-    back = ads.read(tmp_path / "view.pos")
-    assert back.point_data["h"] == pytest.approx(0.1 + back.points[:, 0])
-
-
 VIEW = 'View "h" {\nST(0,0,0,1,0,0,0,1,0){1,2,3};\n};\n'
 
 
@@ -207,13 +137,3 @@ def test_damaged_files_are_refused_in_one_line(tmp_path, name, content, message)
         ads.read_metric(file)
     assert str(caught.value).startswith(str(file))
     assert "\n" not in str(caught.value)
-
-
-def test_formats_without_tensors_and_missing_fields_are_refused(tmp_path):
-    function = MetricFunction(MESHES["plane"], random_metric(MESHES["plane"]))
-    for name in ("part.ply", "part.stl", "part.jig.msh", "part.mesh"):
-        with pytest.raises(ValueError, match="cannot hold"):
-            ads.write(tmp_path / name, function)
-    ads.write(tmp_path / "plain.vtu", MESHES["plane"])
-    with pytest.raises(MeshFileError, match="has no nodal field 'metric'"):
-        ads.read_metric(tmp_path / "plain.vtu")

@@ -22,7 +22,7 @@ NAMES = st.text(st.sampled_from(ODD + string.ascii_letters + string.digits), max
 
 
 @pytest.mark.parametrize("suffix", [".vtu", ".vtp", ".vtk", ".vtkhdf", ".xdmf", ".msh", ".ply"])
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(name=NAMES, tag=NAMES)
 def test_odd_names_in_meshes_are_read_back_or_refused(suffix, name, tag):
     fields = {name: [1.0, 2.0, 3.0, 4.0]}
@@ -46,7 +46,7 @@ def test_odd_names_in_meshes_are_read_back_or_refused(suffix, name, tag):
         assert back.tag_names == mesh.tag_names
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(name=NAMES)
 def test_odd_names_on_grids_are_read_back_or_refused(name):
     grid = CartesianGrid([0.0, 0.0], 1.0, (3, 2))
@@ -70,11 +70,3 @@ def test_usual_names_are_not_refused(tmp_path, suffix, name):
     mesh = SimplexMesh(SQUARE, TWO_TRIANGLES)
     write(tmp_path / f"a{suffix}", SizeFunction(mesh, [1.0, 2.0, 3.0, 4.0]), fields={name: [5] * 4})
     assert_array_equal(read(tmp_path / f"a{suffix}").point_data[name], 5)
-
-
-def test_a_name_adds_no_attribute_to_a_file(tmp_path):
-    mesh = SimplexMesh(SQUARE, TWO_TRIANGLES)
-    name = 'h" format="ascii" x="'
-    write(tmp_path / "a.vtu", mesh, fields={name: np.ones(4)})
-    assert b"&quot; format=&quot;" in (tmp_path / "a.vtu").read_bytes()
-    assert list(read(tmp_path / "a.vtu").point_data) == [name]

@@ -180,18 +180,6 @@ def test_lines_that_are_no_rings_are_refused_with_the_place(case):
     assert "\n" not in str(error.value)
 
 
-def test_repeated_points_are_merged_with_a_warning():
-    with pytest.warns(InputWarning, match=r"^2 points that repeat .* the first at \(4, 4\)"):
-        mesh = polygons(np.repeat(SQUARE, [1, 1, 3, 1], axis=0))
-    assert mesh.measures.sum() == pytest.approx(16.0)
-
-
-def test_polylines_are_refused_by_remesh_with_the_name_of_this_function():
-    line = polygons(SQUARE).boundary().mesh
-    with pytest.raises(ValueError, match=r"got SimplexMesh\(.* segments\); adaptsize\.polygons"):
-        ads.remesh(line, 0.1)
-
-
 # --- sizes ----------------------------------------------------------------------------------------
 
 
@@ -208,12 +196,6 @@ def test_sizes_follow_from_the_shape_and_from_sources_far_from_the_boundary():
     new = ads.remesh(mesh, ads.size_function(mesh, hmin=0.05, hmax=1.0))
     assert new.measures.sum() == pytest.approx(mesh.measures.sum(), rel=1e-3)
     assert new.minimum_angles().min() > 15.0
-
-
-def test_a_step_between_sides_of_one_segment_each_is_resolved():
-    points = [(0, 0), (4, 0), (4, 2), (2, 2), (2, 2.1), (0, 2.1)]
-    mesh = ads.SimplexMesh(points, [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])
-    assert ads.size_function(mesh, hmax=1.0)([[2.0, 2.05]])[0] < 0.15
 
 
 # --- files ----------------------------------------------------------------------------------------

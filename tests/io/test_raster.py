@@ -3,7 +3,6 @@
 import struct
 import sys
 import zlib
-from pathlib import Path
 
 import nibabel
 import nrrd
@@ -13,9 +12,8 @@ import tifffile
 from PIL import Image as Pillow
 
 from adaptsize._formats import raster
-from adaptsize._formats.raster import is_image_file
 from adaptsize.errors import InputWarning, MeshFileError
-from adaptsize.io import Image, read_image
+from adaptsize.io import read_image
 
 
 def corner(shape=(7, 5), dtype=np.uint8):
@@ -51,11 +49,6 @@ def test_tiffs_keep_their_kind_of_pixels(tmp_path, dtype):
     image = read_image(tmp_path / "mask.tiff")
     assert image.values.dtype == dtype
     np.testing.assert_array_equal(image.values, corner()[::-1].T)
-
-
-def test_one_bit_pictures_are_masks(tmp_path):
-    Pillow.fromarray(corner() > 0).save(tmp_path / "mask.png")
-    assert read_image(tmp_path / "mask.png").values.dtype == np.bool_
 
 
 def test_the_indices_of_a_palette_are_the_labels(tmp_path):
@@ -206,48 +199,11 @@ def test_a_picture_of_too_many_pixels_is_refused(tmp_path):
         read_image(tmp_path / "a.png")
 
 
-def test_an_archive_of_arrays_with_another_checksum_is_refused(tmp_path):
-    file = tmp_path / "a.npz"
-    np.savez(file, labels=np.eye(4, dtype=int))
-    flipped = bytearray(file.read_bytes())
-    flipped[200] ^= 255  # inside the numbers
-    file.write_bytes(flipped)
-    with pytest.raises(MeshFileError, match=r"a\.npz: .*CRC"):
-        read_image(file)
-
-
-def test_missing_files_and_other_kinds_are_refused(tmp_path):
-    with pytest.raises(MeshFileError, match="No such file"):
-        read_image(tmp_path / "no.png")
-    (tmp_path / "part.stl").write_bytes(b"solid")
-    with pytest.raises(MeshFileError, match=r"not an image format that can be read.*\.nrrd"):
-        read_image(tmp_path / "part.stl")
-    assert is_image_file(Path("a/b.NII.GZ"))
-    assert is_image_file(Path("mask.v2.png"))
-    assert not is_image_file(Path("part.stl.gz"))
-
-
 def test_a_reader_that_is_missing_is_named_with_how_to_get_it(tmp_path, monkeypatch):
     Pillow.fromarray(corner()).save(tmp_path / "mask.tif")
     monkeypatch.setitem(sys.modules, "tifffile", None)
     with pytest.raises(MeshFileError, match=r"tifffile.*adaptsize\[image\]"):
         raster.load(tmp_path / "mask.tif", None, [])
-
-
-def test_images_refuse_what_is_none():
-    with pytest.raises(ValueError, match=r"2-D or 3-D array, got float64 of shape \(4,\)"):
-        Image(np.ones(4))
-    with pytest.raises(ValueError, match=r"spacing must be a number or have shape \(2,\)"):
-        Image(np.ones((3, 4)), [1.0, 2.0, 3.0])
-
-
-def test_images_own_read_only_copies():
-    values = np.ones((3, 4), bool)
-    image = Image(values)
-    values[0, 0] = False
-    assert image.values[0, 0]
-    for array in (image.values, image.spacing, image.origin):
-        assert not array.flags.writeable
 
 
 def test_numbers_of_a_header_are_read_from_its_own_folder_only(tmp_path):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import meshio
 import numpy as np
 import pytest
-from mesh_files import SQUARE, TWO_TRIANGLES, tagged_mesh
+from mesh_files import SQUARE, tagged_mesh
 from meshes import jittered_cube, random_sphere
 from numpy.testing import assert_array_equal
 
@@ -73,29 +73,6 @@ def test_cells_without_a_tag_are_a_group_of_their_own_for_gmsh(tmp_path, some):
         assert back.cell_tags is None
 
 
-def test_a_mesh_without_tags_has_no_groups_in_gmsh_files(tmp_path):
-    write(tmp_path / "mesh.msh", SimplexMesh(SQUARE, TWO_TRIANGLES))
-    assert b"PhysicalNames" not in (tmp_path / "mesh.msh").read_bytes()
-    assert read(tmp_path / "mesh.msh").cell_tags is None
-
-
-def test_gmsh_keeps_all_cells_and_names_of_a_written_file(tmp_path):
-    gmsh = pytest.importorskip("gmsh")
-    mesh = replace(tagged_mesh(3), cell_tags=None, tag_names={(2, 4): "wall"})
-    write(tmp_path / "mesh.msh", mesh)
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.open(str(tmp_path / "mesh.msh"))
-        gmsh.write(str(tmp_path / "again.msh"))
-    finally:
-        gmsh.finalize()
-    again = read(tmp_path / "again.msh")
-    assert again.n_cells == mesh.n_cells
-    assert again.cell_tags is None
-    assert again.tag_names == {(2, 4): "wall"}
-
-
 @pytest.mark.parametrize("mesh", [tagged_mesh(2), tagged_mesh(3)])
 def test_solvers_get_cells_regions_and_boundaries(tmp_path, mesh):
     dim = mesh.dim
@@ -146,20 +123,6 @@ def test_tetrahedra_are_written_to_surface_formats_as_their_boundary(tmp_path, s
     assert back.cell_dim == 2
     assert back.is_closed
     assert back.n_cells == mesh.boundary().mesh.n_cells
-
-
-def test_fields_are_added_to_and_replace_those_of_the_mesh(tmp_path):
-    mesh = SimplexMesh(SQUARE, TWO_TRIANGLES, point_data={"a": [1.0] * 4, "b": [2.0] * 4})
-    back = there_and_back(tmp_path / "mesh.vtu", mesh, fields={"b": [3.0] * 4, "c": [4.0] * 4})
-    assert {name: values[0] for name, values in back.point_data.items()} == {"a": 1, "b": 3, "c": 4}
-    assert_array_equal(mesh.point_data["b"], 2.0)
-
-
-def test_tags_that_are_all_zero_are_read_as_none(tmp_path):
-    mesh = SimplexMesh(SQUARE, TWO_TRIANGLES, cell_tags=[0, 0])
-    back = there_and_back(tmp_path / "mesh.mesh", mesh)
-    assert back.cell_tags is None
-    assert not back.cell_data
 
 
 @pytest.mark.parametrize("name", ["h.vtu", "h.vtk", "h.xdmf"])

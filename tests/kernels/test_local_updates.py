@@ -68,38 +68,3 @@ def test_triangle_update_is_the_minimum_over_the_triangle(problem):
     weights = np.array([1.0 - l1 - l2, l1, l2])
     there = weights @ sizes + g * np.linalg.norm(points[0] - weights @ points[1:])
     assert value == pytest.approx(there, rel=1e-10)
-
-
-@given(local_problems(3))
-def test_without_an_edge_the_triangle_update_is_the_rest(problem):
-    # The edge (2, 3) is left out: what remains, with that edge, is the whole minimum.
-    points, sizes, g = problem
-    axes = (0, 0, 0)
-    whole = minimum_on_triangle(points, axes, 0, (1, 2, 3), tuple(sizes), g, True)[0]
-    rest = minimum_on_triangle(points, axes, 0, (1, 2, 3), tuple(sizes), g, False)[0]
-    edge = minimum_on_edge(points, axes, 0, (2, 3), tuple(sizes[1:]), g)[0]
-    assert min(rest, edge) == whole
-
-
-@pytest.mark.parametrize("g", [0.0, 0.3])
-def test_coinciding_points_give_point_updates(g):
-    points = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    axes = (0, 0, 0)
-    assert minimum_on_edge(points, axes, 0, (1, 2), (2.0, 1.0), g)[0] == 1.0 + g
-    corners, sizes = (1, 2, 3), (2.0, 3.0, 1.0)
-    assert minimum_on_triangle(points, axes, 0, corners, sizes, g, True)[0] == 1.0 + g
-
-
-@pytest.mark.parametrize("sizes", [(1.0, 1e155), (1e155, 1.0)])
-def test_a_rise_whose_square_overflows_on_an_edge_without_length(sizes):
-    points = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
-    assert minimum_on_edge(points, (0, 0), 0, (1, 2), sizes, 0.3)[0] == 1.3
-
-
-@pytest.mark.parametrize("with_bc", [True, False])
-def test_equal_sizes_on_a_triangle_are_the_value_for_g_zero(with_bc):
-    points = np.vstack([np.ones(3), np.eye(3)])
-    given = ((1, 2, 3), (0.2, 0.2, 0.2), 0.0, with_bc)
-    value, l1, l2 = minimum_on_triangle(points, (0,) * 3, 0, *given)
-    assert value == 0.2
-    assert min(l1, l2, 1.0 - l1 - l2) >= 0.0

@@ -4,12 +4,11 @@ from fractions import Fraction
 from math import factorial
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from adaptsize._kernels.simplex import dual_edges, fill_gradient_norms, fill_measures
+from adaptsize._kernels.simplex import dual_edges, fill_measures
 
 SHAPES = {
     "segment": (1, 1),
@@ -74,44 +73,3 @@ def test_dual_basis_is_dual_on_slivers(shape, seed, flatness):
     heights = 1.0 / np.linalg.norm(dual, axis=1)
     longest = np.linalg.norm(edges, axis=1).max()
     assert error <= 1e-14 * longest / heights.min() * 4.0
-
-
-@pytest.mark.parametrize("height", [1.0, 1e-4, 1e-8, 1e-12])
-@pytest.mark.parametrize("shape", ["triangle", "facet", "tet"])
-def test_gradient_of_a_linear_function_is_exact_on_slivers(shape, height):
-    # A cell on [0, 1]^(k-1) and a node at the given height, a power of ten that does not
-    # round the corners together: u = x + 2 y + 3 z has gradient (1, 2, 3) cut to the plane.
-    k, dim = SHAPES[shape]
-    points = np.zeros((k + 1, dim))
-    points[1:k, : k - 1] = np.eye(k - 1)
-    points[k, :k] = 0.25
-    points[k, k - 1] = height
-    slope = np.arange(1.0, dim + 1.0)
-    norms = np.full(1, np.nan)
-    fill_gradient_norms(points, _cell(k)[None], points @ slope, norms)
-    # u rounds by 1e-16, which a height h turns into a slope of 1e-16 / h.
-    assert_allclose(norms[0], np.linalg.norm(slope[:k]), rtol=1e-14 + 4e-16 / height)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_degenerate_cells_have_no_measure_and_no_gradient(shape):
-    k, dim = SHAPES[shape]
-    for points in (
-        np.ones((k + 1, dim)),  # a point
-        np.vstack([np.zeros((k, dim)), np.ones((1, dim))]) if k > 1 else np.ones((2, dim)),
-        np.outer(np.arange(k + 1.0), np.ones(dim)) if k > 1 else np.ones((2, dim)),  # a line
-    ):
-        measure, _, dual = _dual(points, k)
-        assert measure == 0.0
-        assert (dual == 0.0).all()
-        norms = np.full(1, np.nan)
-        fill_gradient_norms(points, _cell(k)[None], np.arange(k + 1.0), norms)
-        assert norms[0] == 0.0
-
-
-def test_cells_with_a_vertex_at_infinity_have_no_gradient():
-    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
-    cells = np.array([[0, 1, 2], [1, 3, 2]], np.int32)
-    norms = np.full(2, np.nan)
-    fill_gradient_norms(points, cells, np.array([0.0, 3.0, 4.0, np.inf]), norms)
-    assert_allclose(norms, [5.0, 0.0], rtol=1e-15)

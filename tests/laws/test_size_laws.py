@@ -13,7 +13,7 @@ import adaptsize as ads
 
 DATA = Path(__file__).parents[2] / "data"
 #: Surfaces, whose sizes are carried by refined copies, and meshes that carry their own.
-SURFACES = ["plate", "flange", "fork", "dovetail", "pipes", "union", "bracket", "ball"]
+SURFACES = ["plate", "fork", "union", "ball"]
 MESHES = ["slit.vtu", "curved.vtu", "plate.vtk", "block.vtu"]
 # Of coordinates of double precision; edges of a refined surface whose lengths are compared with
 # sizes are no exact multiples of these.
@@ -77,7 +77,7 @@ def test_on_a_scan_that_crosses_itself_at_most_a_few_nodes_change():
 
 
 @pytest.mark.filterwarnings("ignore::adaptsize.errors.OpenSurfaceWarning")
-@pytest.mark.parametrize("part", ["fork", "bracket", "slit.vtu", "block.vtu"])
+@pytest.mark.parametrize("part", ["fork", "slit.vtu"])
 def test_a_unit_that_is_a_power_of_two_changes_no_bit(part):
     mesh, hmin, expected = original(part)
     for name, h in sizes_of(without_data(mesh, 32.0 * mesh.points), 32.0 * hmin).items():

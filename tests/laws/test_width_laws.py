@@ -235,16 +235,6 @@ def test_the_numbers_of_nodes_and_facets_do_not_matter_to_the_last_bit(part):
     assert_array_equal(at_places(found, expected.places), expected.separation)
 
 
-@pytest.mark.parametrize("part", PARTS)
-def test_repeated_facets_do_not_matter_to_the_last_bit(part):
-    mesh, queries, expected = original(part)
-    again = mesh.cells[np.random.default_rng(313).integers(0, mesh.n_cells, 1 + mesh.n_cells // 5)]
-    found = found_on(SimplexMesh(mesh.points, np.concatenate([mesh.cells, again])), queries)
-    for name in ("at_nodes", "near", "places", "separation"):
-        assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
-    assert_array_equal(found.width[: mesh.n_cells], expected.width)
-
-
 @pytest.mark.parametrize("part", BODIES)
 def test_flipped_facets_do_not_matter_to_the_last_bit(part):
     mesh, queries, expected = original(part)

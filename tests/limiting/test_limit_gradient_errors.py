@@ -25,24 +25,13 @@ FREE = "h0 must be finite at one node at least, got inf at all of them"
 AS_G = "g must be a number, an array per node (4,) or per cell (2,), or callable; got shape "
 REFUSED = [
     ({"h0": [1.0, np.nan, 1.0, 1.0]}, POSITIVE + "h0[1] = nan"),
-    ({"h0": [1.0, 1.0, 0.0, 1.0]}, POSITIVE + "h0[2] = 0.0"),
-    ({"h0": [-np.inf, 1.0, 1.0, 1.0]}, POSITIVE + "h0[0] = -inf"),
     ({"h0": [1.0, -1.0, 0.0, np.nan]}, POSITIVE + "h0[1] = -1.0 (and 2 more)"),
-    ({"h0": -1.0}, POSITIVE + "-1.0"),
     ({"h0": [np.inf] * 4}, FREE),
-    ({"h0": np.inf}, FREE),
     ({"h0": [1.0]}, "h0 must have shape (4,), got (1,)"),
-    ({"h0": np.ones((4, 1))}, "h0 must have shape (4,), got (4, 1)"),
-    ({"h0": ["a"] * 4}, "h0 must be an array of numbers, got ['a', 'a', 'a', 'a']"),
     ({"g": -0.1}, "g must be finite and >= 0, got -0.1"),
-    ({"g": np.nan}, "g must be finite and >= 0, got nan"),
-    ({"g": np.inf}, "g must be finite and >= 0, got inf"),
     ({"g": 1e200}, "g must be at most 1e+30, got 1e+200"),
     ({"g": [0.1, 0.2, -0.3, 0.1]}, "g must be finite and >= 0, got g[2] = -0.3"),
-    ({"g": [0.1, np.nan]}, "g must be finite and >= 0, got g[1] = nan"),
     ({"g": [0.1, 0.2, 0.3]}, AS_G + "(3,)"),
-    ({"g": np.full((4, 2), 0.1)}, AS_G + "(4, 2)"),
-    ({"g": "steep"}, "g must be an array of numbers, got 'steep'"),
     ({"g": (-1.0, lambda h: 0.1 * h)}, "g must be finite and >= 0, got -1.0"),
     ({"g": lambda h: 0.0 * h}, "g(h) must be positive and finite, got g(0.1"),
     (
@@ -50,7 +39,6 @@ REFUSED = [
         "g(h) must be positive and finite, got g(0.2",
     ),
     ({"g": lambda h: h * np.nan}, "= nan"),
-    ({"g": lambda h: h * np.inf}, "= inf"),
     ({"g": lambda h: h[1:]}, "g(h) must return one limit per size, shape"),
     (
         {"g": lambda h: h**2},
@@ -68,14 +56,6 @@ def test_refuses_bad_bounds_and_limits(arguments, expected, method):
         limit_gradient(far, given["h0"], given["g"], method=method)
 
 
-def test_what_g_of_h_raises_comes_through():
-    def g(h):
-        raise ArithmeticError("of the caller")
-
-    with pytest.raises(ArithmeticError, match="of the caller"):
-        limit_gradient(SQUARE, H0, g)
-
-
 def test_refuses_unknown_methods_and_lists_the_known():
     expected = "method must be one of 'auto', 'exact', "
     expected += (
@@ -83,12 +63,6 @@ def test_refuses_unknown_methods_and_lists_the_known():
     )
     with message(expected):
         limit_gradient(SQUARE, H0, 0.3, method="Exact")
-
-
-@pytest.mark.parametrize("background", [None, np.zeros((4, 2)), "mesh"])
-def test_refuses_what_is_no_mesh(background):
-    with message("background must be a SimplexMesh, a PartitionedMesh, a CartesianGrid or"):
-        limit_gradient(background, H0, 0.3)
 
 
 def test_the_exact_method_refuses_what_it_does_not_know():
@@ -140,20 +114,6 @@ def test_a_scheme_on_a_background_that_it_does_not_support_says_what_it_needs():
 
 
 @pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        ({"floor": "none"}, "floor must be 'hopf-lax' or None, got 'none'"),
-        ({"tol": 0.0}, "tol must be finite and > 0, got 0"),
-        ({"max_iter": 0}, "max_iter must be finite and >= 1, got 0"),
-        ({"max_iter": 1.5}, "max_iter must be a whole number, got 1.5"),
-    ],
-)
-def test_a_scheme_refuses_bad_options(options, expected):
-    with message(expected):
-        PositiveCoefficient(**options)
-
-
-@pytest.mark.parametrize(
     ("start", "expected"),
     [
         (np.ones(3), "initial must have shape (4,), got (3,)"),
@@ -181,11 +141,3 @@ def test_stopping_at_max_iter_warns_and_is_in_the_info():
     assert info.residual > 1e-12
     assert (h <= h0).all()
     assert h[60] == 1.0
-
-
-def test_point_sources_may_be_a_list_of_two_arrays():
-    pair = OPTIONAL["point_sources"]
-    expected = limit_gradient(SQUARE, H0, 0.3, point_sources=pair)
-    assert np.array_equal(limit_gradient(SQUARE, H0, 0.3, point_sources=list(pair)), expected)
-    with message("point_sources must be a pair (points, sizes)"):
-        limit_gradient(SQUARE, H0, 0.3, point_sources=pair[0])

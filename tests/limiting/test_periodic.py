@@ -8,7 +8,7 @@ from meshes import structured_square
 from numpy.testing import assert_allclose
 
 from adaptsize import CartesianGrid, SimplexMesh, SizeFunction, limit_gradient
-from adaptsize.limiting import Exact, FastMarching, periodic
+from adaptsize.limiting import FastMarching
 
 G = 0.3
 SQUARE = np.eye(2)
@@ -103,16 +103,6 @@ def test_sizes_are_those_among_all_images(case, method, seed):
     assert (h < limit_gradient(mesh, h0, G, method=method) - 1e-9).any()
 
 
-@pytest.mark.parametrize("face_sources", [True, False])
-def test_bounds_inside_cells_have_images_too(face_sources):
-    mesh = unit_square(7)
-    # Steep along a side, so that its edges and faces are sources.
-    h0 = 0.05 + 0.9 * np.abs(mesh.points[:, 0] - 0.1) + 0.2 * mesh.points[:, 1]
-    options = {"method": Exact(face_sources)}
-    h = limit_gradient(mesh, h0, G, periodic=SQUARE, **options)
-    assert_allclose(h, on_tiles(mesh, SQUARE, h0, **options), rtol=1e-12)
-
-
 @pytest.mark.parametrize("method", ["exact", "fast-marching"])
 @pytest.mark.parametrize("k", [1, 3])
 def test_in_space(method, k):
@@ -161,19 +151,6 @@ def test_a_hole_is_gone_around_through_the_sides():
         limit_gradient(mesh, h0, G, periodic=SQUARE, method="exact")
 
 
-def test_paired_nodes_get_equal_sizes_and_the_smaller_bound():
-    mesh = unit_square(5)
-    h0 = np.full(mesh.n_points, np.inf)
-    h0[np.argmin(np.linalg.norm(mesh.points - (0.0, 0.4), axis=1))] = 0.07
-    h = limit_gradient(mesh, h0, G, periodic=SQUARE)
-    for axis in (0, 1):
-        sides = [np.flatnonzero(mesh.points[:, axis] == end) for end in (0.0, 1.0)]
-        low, high = (s[np.argsort(mesh.points[s, 1 - axis])] for s in sides)
-        assert h[low].tolist() == h[high].tolist()
-    assert h.min() == 0.07
-    assert np.count_nonzero(h == 0.07) == 2
-
-
 def test_sizes_between_nodes_know_the_images():
     mesh = unit_square(6)
     h0 = sparse_bounds(mesh.n_points, 8108)
@@ -200,17 +177,6 @@ def test_g_of_h_and_point_sources_are_periodic_too():
     assert_allclose(h.ravel(), 0.05 + G * away, rtol=1e-13)
     of_h = limit_gradient(grid, free, lambda h: 2.0 * h, point_sources=at, periodic=SQUARE)
     assert_allclose(of_h.ravel(), 0.05 * np.exp(2.0 * away), rtol=1e-8)
-
-
-def test_pairs_of_nodes_are_found_once_per_mesh_and_translations(monkeypatch):
-    mesh = unit_square(4)
-    h0 = sparse_bounds(mesh.n_points, 5)
-    first = [limit_gradient(mesh, h0, G, periodic=vectors) for vectors in (SQUARE[:1], SQUARE)]
-    monkeypatch.setattr(periodic, "_checked_pairs", None)
-    assert_allclose(limit_gradient(mesh, h0, G, periodic=SQUARE), first[1], rtol=0.0)
-    with pytest.raises(TypeError, match="not callable"):
-        limit_gradient(mesh, h0, G, periodic=SQUARE[:1])
-    assert not np.array_equal(*first)
 
 
 @pytest.mark.parametrize(

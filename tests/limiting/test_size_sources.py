@@ -70,13 +70,6 @@ def test_g_of_h_is_exact_between_the_nodes(name):
     assert_allclose(with_sources(points), exact, rtol=1e-8)
 
 
-def test_points_outside_take_the_value_of_the_closest_point():
-    background, h0, _ = two_corners("triangles")
-    with_sources, interpolating = limited(background, h0)
-    points = np.array([[-60.0, -30.0], [55.0, 70.0], [0.3, 51.0]])
-    assert_array_equal(with_sources(points), interpolating(points))
-
-
 # --- between the nodes, around obstacles and of linear data ----------------------------------
 
 OBSTACLES = {
@@ -150,30 +143,6 @@ def test_sizes_on_lines_are_exact_between_the_nodes():
     _, info = limit_gradient.with_info(line, [1.0, 1.5, np.inf, np.inf], G)
     assert_array_equal(info.sources.nodes[:, 0], [0, 1, 0, 0])
     assert_array_equal(info.sources.roots(), [0, 1, 0, 0])
-
-
-def test_in_solids_that_are_not_convex_nodal_sizes_are_interpolated():
-    mesh, _ = domains.wall_box(800)
-    h0, _ = point_sources(mesh, [(-20, 30, 10)], (1.0,))
-    with_sources, interpolating = limited(mesh, h0)
-    points = mesh.points[mesh.cells].mean(axis=1)
-    assert_allclose(with_sources(points), interpolating(points), rtol=1e-13)
-
-
-def test_components_have_sources_of_their_own_between_the_nodes():
-    one = random_square(100, 946)
-    mesh = SimplexMesh(
-        np.concatenate([one.points, one.points + np.array([2.1, 0.0])]),
-        np.concatenate([one.cells, one.cells + one.n_points]),
-    )
-    h0 = np.full(mesh.n_points, np.inf)
-    nodes = [3, one.n_points + 5]
-    h0[nodes] = 0.1, 0.2
-    with_sources, _ = limited(mesh, h0)
-    middles = mesh.points[mesh.cells].mean(axis=1)
-    of_first, of_second = ([0.1, 0.2] + G * distances(middles, mesh.points[nodes])).T
-    is_first = np.arange(mesh.n_cells) < one.n_cells
-    assert_allclose(with_sources(middles), np.where(is_first, of_first, of_second), rtol=1e-13)
 
 
 # --- where sizes come from --------------------------------------------------------------------
@@ -281,49 +250,12 @@ def test_roots_follow_bends_to_the_node_that_was_asked():
     assert repr(info.sources) == f"SizeSources(3 sources of {mesh.n_points} nodal sizes)"
 
 
-def test_roots_of_an_edge_are_its_smaller_end_and_of_nothing_minus_1():
-    square = structured_square(4, half_width=1.0)
-    n = square.n_points
-    apart = SimplexMesh(
-        np.concatenate([square.points, square.points + np.array([5.0, 0.0])]),
-        np.concatenate([square.cells, square.cells + n]),
-    )
-    # Linear along the lower side, of a slope below g: sources are inside its edges.
-    x, y = apart.points.T
-    h0 = np.where((y == -1.0) & (x < 2.0), 1.0 + 0.1 * x, np.inf)
-    _, info = limit_gradient.with_info(apart, h0, G)
-    roots = info.sources.roots()
-    assert (roots[n:] == -1).all()
-    assert np.isfinite(h0[roots[:n]]).all()
-    sources = info.sources
-    from_edge = (sources.nodes >= 0).sum(axis=1) == 2
-    assert from_edge.sum() > n // 4
-    bounds = np.where(sources.nodes >= 0, h0[sources.nodes], np.inf)
-    least = np.take_along_axis(sources.nodes, bounds.argmin(axis=1)[:, None], axis=1)
-    assert_array_equal(roots[from_edge], least[from_edge, 0])
-
-
-def test_only_the_exact_method_has_sources():
-    background, h0, _ = two_corners("triangles")
-    _, info = limit_gradient.with_info(background, h0, G, method="fast-marching")
-    assert info.sources is None
-
-
 def test_sources_of_another_background_are_refused():
     background, h0, _ = two_corners("triangles")
     size, _ = limited(background, h0)
     other = SimplexMesh(background.points + 1.0, background.cells)
     with pytest.raises(ValueError, match="sources must be those of the background, SimplexMesh"):
         SizeFunction(other, size.values, sources=size.sources)
-
-
-def test_sources_of_an_equal_background_are_accepted():
-    background, h0, _ = two_corners("triangles")
-    size, _ = limited(background, h0)
-    other = SimplexMesh(background.points.copy(), background.cells.copy())
-    points = np.random.default_rng(939).uniform(-50.0, 50.0, (50, 2))
-    again = SizeFunction(other, size.values, sources=size.sources)
-    assert_array_equal(again(points), size(points))
 
 
 def test_changed_sizes_drop_the_sources():
@@ -351,13 +283,3 @@ def test_weights_agree_with_interpolation(name):
     places = coordinates(background).reshape(-1, background.dim)
     closest = np.einsum("ij,ijk->ik", weights, places[nodes])
     assert_allclose(closest, np.clip(points, -50.0, 50.0), atol=1e-7)
-
-
-def test_weights_of_inactive_nodes_are_zero():
-    active = np.ones((4, 4), bool)
-    active[1, 1] = False
-    grid = CartesianGrid([0.0, 0.0], 1.0, (4, 4), active=active)
-    nodes, weights, _ = grid.locator.weights([[0.5, 0.25], [1.5, 2.5], [1.0, 1.0]])
-    assert (weights[nodes == 5] == 0.0).all()
-    assert_allclose(weights[:2].sum(axis=1), 1.0, rtol=1e-15)
-    assert weights[2].sum() == 0.0

@@ -58,18 +58,3 @@ def test_threads_and_types_do_not_matter_and_inactive_nodes_have_no_effect():
     assert np.isinf(h[~grid.active]).all()
     rest = limit_on_sphere(grid.points[grid.active.ravel()], h0[grid.active].tolist(), 0.1)
     assert_allclose(h[grid.active], rest, rtol=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("points", "h0", "options", "message"),
-    [
-        ([[0.0, 91.0]], 1.0, {}, r"lon_lat must have latitudes -90 to 90, got lon_lat\[0, 1\]"),
-        ([[0.0, 0.0, 0.0]], 1.0, {}, r"lon_lat must have shape \(n, 2\)"),
-        ([[0.0, 0.0]], np.inf, {}, "h0 must be finite at one node at least"),
-        ([[0.0, 0.0]], 1.0, {"g": -1.0}, "g must be"),
-        ([[0.0, 0.0]], 1.0, {"radius": 0.0}, "radius must be"),
-    ],
-)
-def test_bad_arguments_are_refused(points, h0, options, message):
-    with pytest.raises(ValueError, match=message):
-        limit_on_sphere(points, h0, options.pop("g", 0.2), **options)

@@ -1,7 +1,6 @@
 """Limiting again from an earlier solution: as a full solution, but for the work."""
 
 import re
-from dataclasses import replace
 
 import domains
 import numpy as np
@@ -13,7 +12,7 @@ from meshes import slit_square as crack
 from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import CartesianGrid, Octree, SimplexMesh, limit_gradient
-from adaptsize.limiting import Exact, FastMarching, HamiltonJacobi
+from adaptsize.limiting import Exact, HamiltonJacobi
 
 G = 0.3
 
@@ -184,20 +183,6 @@ def test_many_changes_in_a_row_give_what_a_solution_from_nothing_gives(name, sha
     assert n_other > 2 * len(STEPS)
 
 
-@pytest.mark.parametrize("name", MESHES)
-def test_isolated_bounds_count_as_bounds_at_nodes(name):
-    """Without two bounds in one cell nothing is linear: the same as nodes only."""
-    mesh = MESHES[name]()
-    bounds = Bounds(mesh, 0.0, 20268)
-    h, info = limit_gradient.with_info(mesh, bounds.h0, G)
-    for number in range(2 * len(STEPS)):
-        h0 = bounds.step(STEPS[number % len(STEPS)])
-        if number == len(STEPS):  # once two in a cell
-            h0[mesh.cells[0]] = bounds.scale
-        h, info = limit_gradient.with_info(mesh, h0, G, initial=info)
-        assert_array_equal(h, limit_gradient(mesh, h0, G))
-
-
 def test_sizes_are_taken_from_the_earlier_solution(monkeypatch):
     """In convex domains and in the plane; other problems are solved anew."""
 
@@ -216,19 +201,6 @@ def test_sizes_are_taken_from_the_earlier_solution(monkeypatch):
         assert_array_equal(h, full, err_msg=name)
 
 
-@pytest.mark.parametrize("threads", [1, 2])
-def test_the_number_of_threads_may_change(threads):
-    mesh = random_square(4000, 20270)  # several chunks
-    bounds = Bounds(mesh, 0.1, 20271)
-    options = {"method": replace(OF_NODES, threads=threads)}
-    _, info = limit_gradient.with_info(mesh, bounds.h0, G, method=OF_NODES)
-    h0 = bounds.step("all")
-    h = limit_gradient(mesh, h0, G, initial=info, **options)
-    assert_array_equal(
-        h, limit_gradient(mesh, h0, G, method=replace(OF_NODES, threads=3 - threads))
-    )
-
-
 def test_linear_data_and_solids_that_are_not_convex_are_solved_anew():
     # Convex ones are among the backgrounds above.
     for mesh, share in ((domains.slit_square(400)[0], 1.0), (domains.wall_box(800)[0], 0.01)):
@@ -240,83 +212,7 @@ def test_linear_data_and_solids_that_are_not_convex_are_solved_anew():
             assert_array_equal(h, limit_gradient(mesh, h0, G))
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_folds_make_no_difference(seed):
-    mesh = random_square(40, seed)
-    points = mesh.points.copy()
-    rng = np.random.default_rng(seed)
-    points[rng.choice(40, 2)] += rng.normal(size=(2, 2)) * 0.3
-    if seed % 2:
-        points[mesh.cells[0, 0]] = points[mesh.cells[0, 1]]
-    mesh = SimplexMesh(points, mesh.cells)
-    bounds = Bounds(mesh, 0.2, seed)
-    _, info = limit_gradient.with_info(mesh, bounds.h0, G, method=OF_NODES)
-    for kind in 3 * STEPS:
-        h0 = bounds.step(kind)
-        h, info = limit_gradient.with_info(mesh, h0, G, method=OF_NODES, initial=info)
-        assert_array_equal(h, limit_gradient(mesh, h0, G, method=OF_NODES))
-
-
 # --- what is kept and what is asked for ---------------------------------------------------------
-
-
-def test_arrays_of_the_caller_may_change_afterwards():
-    h0 = bounds(PLANE, np.random.default_rng(20272), 0.5)
-    h, info = limit_gradient.with_info(PLANE, h0, G)
-    before = info.largest_edge_slope
-    h[:] = 1.0
-    h0[:50] = 2.0 * h0[:50]  # in place: the earlier bounds must have been kept
-    again, after = limit_gradient.with_info(PLANE, h0, G, initial=info)
-    assert_array_equal(again, limit_gradient(PLANE, h0, G, initial=info))
-    assert_array_equal(again, limit_gradient(PLANE, h0, G))
-    assert before == info.largest_edge_slope
-    assert info.n_changed == (info.h < info.bound).sum()
-    assert after.method == info.method
-
-
-@pytest.mark.parametrize(
-    ("background", "again"),
-    [
-        (PLANE, SimplexMesh(PLANE.points.copy(), PLANE.cells.copy())),
-        (TREE, Octree(TREE.lower, TREE.upper, TREE.root_shape, TREE.levels)),
-    ],
-)
-def test_an_equal_background_will_do(background, again):
-    h0 = bounds(background, np.random.default_rng(20274), 0.5)
-    _, info = limit_gradient.with_info(background, h0, G)
-    h0[7] = 0.011
-    h = limit_gradient(background, h0, G, initial=info)
-    assert_array_equal(limit_gradient(again, h0, G, initial=info), h)
-
-
-def test_a_limit_written_anew_is_the_same_if_its_values_are():
-    h0 = bounds(PLANE, np.random.default_rng(20275), 1.0)
-    h0[0], h0[1] = 0.005, 3.0  # stay the least and the largest
-    _, info = limit_gradient.with_info(PLANE, h0, lambda h: 0.1 + 0.1 * h / (1.0 + h))
-    h0[5:9] = 0.4
-    h = limit_gradient(PLANE, h0, lambda h: 0.1 + 0.1 * h / (1.0 + h), initial=info)
-    full = limit_gradient(PLANE, h0, lambda h: 0.1 + 0.1 * h / (1.0 + h))
-    assert_allclose(h, full, rtol=1e-11)
-
-
-@pytest.mark.parametrize(
-    ("background", "options"),
-    [
-        (PLANE, {"method": "positive-coefficient"}),
-        (PLANE, {"method": "fast-marching"}),
-        (PLANE, {"method": "edge-based"}),
-        (FLAT_GRID, {"method": FastMarching(order=2)}),
-        (FLAT_GRID, {"method": "exact"}),
-    ],
-)
-def test_methods_without_a_warm_start_solve_anew(background, options):
-    h0 = bounds(background, np.random.default_rng(20276), 0.5)
-    _, info = limit_gradient.with_info(background, h0, G, **options)
-    h0.flat[3:9] *= 1.7
-    assert_array_equal(
-        limit_gradient(background, h0, G, initial=info, **options),
-        limit_gradient(background, h0, G, **options),
-    )
 
 
 def test_the_hamilton_jacobi_iteration_starts_from_the_earlier_sizes():
@@ -360,9 +256,3 @@ def test_what_is_another_problem_is_refused(name):
     _, info = limit_gradient.with_info(PLANE, np.linspace(0.1, 2.0, 300), G)
     with pytest.raises(ValueError, match=re.escape(expected)):
         call(info)
-
-
-def test_a_grid_of_another_mask_is_another_background():
-    _, info = limit_gradient.with_info(FLAT_GRID, np.ones(FLAT_GRID.shape), G)
-    with pytest.raises(ValueError, match="initial must come from the same background"):
-        limit_gradient(HOLED_GRID, np.ones(FLAT_GRID.shape), G, initial=info)

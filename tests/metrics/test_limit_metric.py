@@ -8,7 +8,6 @@ from scipy.spatial import Delaunay
 
 import adaptsize as ads
 from adaptsize.metrics import Metric, limit_metric
-from adaptsize.metrics.limit import MetricLimitingInfo
 
 G = 0.3
 
@@ -73,27 +72,6 @@ def test_equals_the_search_of_all_nodes(dim, decades):
     assert largest_ratio(found, expected) < (1e-10 if dim == 2 else 1e-6)
 
 
-def test_a_node_without_any_guess_lists_sources_in_parts():
-    # The first node of the curve has no bound, so that more sources exceed it than are listed.
-    mesh, rng = random_mesh(71, 2000, 2)
-    metric = random_metric(rng, mesh.n_points, 2, 1.0)
-    sizes = np.where(mesh.points[:, :1] + mesh.points[:, 1:] < 0.2, np.inf, metric.sizes)
-    metric = Metric(sizes, metric.directions)
-    found, info = limit_metric.with_info(mesh, metric, 20.0)
-    assert info.n_sources > 1500
-    corner = np.linalg.norm(mesh.points, axis=1).argsort()[:20]
-    expected = limited_by_all(mesh.points, metric, 20.0, corner)
-    assert largest_ratio(found[corner], expected) < 1e-10
-
-
-def test_one_dimension_is_that_of_sizes():
-    grid = ads.CartesianGrid(origin=[0.0], spacing=1 / 512, shape=(513,))
-    h = np.random.default_rng(1953).uniform(0.05, 1.0, 513)
-    limited = limit_metric(grid, Metric.isotropic(h, 1), G)
-    expected = ads.limit_gradient(grid, h, G, method=ads.limiting.Exact(face_sources=False))
-    assert_allclose(limited.sizes[:, 0], expected, rtol=1e-13)
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 def test_isotropic_metrics_are_limited_as_sizes(dim):
     mesh, rng = random_mesh(29, 300, dim)
@@ -116,16 +94,6 @@ def test_grids_and_octrees_are_limited_at_their_nodes():
     assert largest_ratio(limit_metric(octree, metric, G), expected) < 1e-10
 
 
-def test_inactive_nodes_of_a_grid_have_no_bound_and_no_effect():
-    active = np.ones((4, 4), bool)
-    active[3, 3] = False
-    grid = ads.CartesianGrid([0.0, 0.0], 0.25, (4, 4), active=active)
-    h = np.where(active, 1.0, 0.01).ravel()
-    limited = limit_metric(grid, Metric.isotropic(h, 2), G)
-    assert_array_equal(limited.sizes[:-1], 1.0)
-    assert np.isinf(limited.sizes[-1]).all()
-
-
 def test_scaling_of_mesh_and_metric_scales_the_result():
     mesh, metric = everywhere(2, 1.0)
     for factor in (1e-30, 1e30):
@@ -133,13 +101,6 @@ def test_scaling_of_mesh_and_metric_scales_the_result():
         limited = limit_metric(scaled, metric.scaled(factor), G)
         expected = limit_metric(mesh, metric, G)
         assert_allclose(limited.sizes, factor * expected.sizes, rtol=1e-9)
-
-
-def test_smaller_bounds_give_no_smaller_density():
-    mesh, metric = everywhere(2, 1.0)
-    share = np.random.default_rng(37).uniform(0.3, 1.0, (mesh.n_points, 2))
-    lower = limit_metric(mesh, Metric(share * metric.sizes, metric.directions), G)
-    assert (lower.density >= limit_metric(mesh, metric, G).density * (1.0 - 1e-9)).all()
 
 
 def test_limiting_twice_changes_nothing_where_all_axes_agree():
@@ -158,51 +119,3 @@ def test_threads_do_not_change_the_result():
     two = limit_metric(mesh, metric, G, threads=3)
     assert_array_equal(one.sizes, two.sizes)
     assert_array_equal(one.directions, two.directions)
-
-
-def test_info_counts_sources():
-    mesh, rng = random_mesh(53, 60, 2)
-    sizes = np.full((mesh.n_points, 2), np.inf)
-    sizes[5], sizes[9] = (0.01, 0.2), (50.0, 60.0)  # the second is dominated by the first
-    metric = Metric(sizes, random_rotations(rng, mesh.n_points, 2))
-    limited, info = limit_metric.with_info(mesh, metric, G)
-    assert isinstance(info, MetricLimitingInfo)
-    assert info.n_sources == 1
-    assert_array_equal(np.flatnonzero(info.kept), [5])
-    assert_array_equal(info.n_active, 1)
-    assert_array_equal(limited.sizes, limit_metric(mesh, metric, G).sizes)
-
-
-def test_g_zero_spreads_the_smallest_sizes():
-    mesh, _ = random_mesh(59, 30, 2)
-    h = np.linspace(0.5, 1.0, mesh.n_points)
-    assert_array_equal(limit_metric(mesh, Metric.isotropic(h, 2), 0.0).sizes, 0.5)
-
-
-def test_metrics_without_a_bound_in_one_direction():
-    mesh, _ = random_mesh(61, 40, 2)
-    sizes = np.full((mesh.n_points, 2), np.inf)
-    sizes[3, 0] = 0.1
-    limited = limit_metric(mesh, Metric(sizes, np.tile(np.eye(2), (mesh.n_points, 1, 1))), G)
-    distance = np.linalg.norm(mesh.points - mesh.points[3], axis=1)
-    assert_allclose(limited.sizes[:, 0], 0.1 + G * distance, rtol=1e-14)
-    assert np.isinf(limited.sizes[:, 1]).all()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"g": -0.1}, "g must be finite and >= 0"),
-        ({"g": np.full(30, 0.3)}, "g must be one number"),
-        ({"g": lambda h: 0.3}, "g must be one number"),
-        ({"metric": Metric.isotropic([1.0, 1.0], 2)}, "metric must have 30 nodes in 2-D"),
-        ({"metric": Metric.isotropic(np.full(30, np.inf), 2)}, "must have a finite size"),
-        ({"metric": np.ones(30)}, "metric must be a Metric"),
-        ({"background": 3}, "background must be a SimplexMesh, a CartesianGrid or an Octree"),
-    ],
-)
-def test_bad_arguments_are_refused(arguments, message):
-    mesh, _ = random_mesh(67, 30, 2)
-    given = {"background": mesh, "metric": Metric.isotropic(np.ones(30), 2), "g": G, **arguments}
-    with pytest.raises(ValueError, match=message):
-        limit_metric(given.pop("background"), given.pop("metric"), given.pop("g"), **given)

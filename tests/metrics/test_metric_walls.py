@@ -5,7 +5,7 @@ import pytest
 from domains import l_shape, maze, slit_square, star_holes
 from geodesics import area, distances
 from metric_oracle import largest_ratio, limited_by_all, random_metric
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 import adaptsize as ads
 from adaptsize.metrics import Metric, limit_metric
@@ -50,22 +50,3 @@ def test_the_two_faces_of_a_slit_without_width_have_sizes_of_their_own():
     limited = limit_metric(mesh, metric, G)
     assert_allclose(limited.sizes[8], [0.1 + 2.0 * G, 1.0 + 2.0 * G], rtol=1e-12)
     assert_allclose(limited.sizes[9], np.array([0.1, 1.0]) + G * (1.0 + np.sqrt(2.0)), rtol=1e-12)
-
-
-def test_a_component_without_a_bound_has_none():
-    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    cells = np.array([[0, 1, 2], [0, 2, 3]])
-    mesh = ads.SimplexMesh(
-        np.vstack([square, square + np.array([3.0, 0.0])]), np.vstack([cells, cells + 4])
-    )
-    limited = limit_metric(mesh, Metric.isotropic([0.1] + [np.inf] * 7, 2), G)
-    assert np.isfinite(limited.sizes[:4]).all()
-    assert np.isinf(limited.sizes[4:]).all()
-
-
-def test_threads_change_nothing_in_a_domain_with_walls():
-    mesh, _ = maze(1500)
-    metric = metric_on(mesh)
-    one, two = (limit_metric(mesh, metric, G, threads=n) for n in (1, 2))
-    assert_array_equal(one.sizes, two.sizes)
-    assert_array_equal(one.directions, two.directions)

@@ -49,11 +49,6 @@ def test_colour_bar_has_two_to_seven_numbers_within_its_ends(decades):
     assert scene.limits[0] <= scene.ticks[0] <= scene.ticks[-1] <= scene.limits[1]
 
 
-def test_edges_are_drawn_only_when_they_can_be_distinguished():
-    assert scene_of(structured_square(20), np.ones(21**2)).shows_edges
-    assert not scene_of(structured_square(500), np.ones(501**2)).shows_edges
-
-
 @pytest.mark.parametrize("clip", ["x", "y", "z"])
 def test_clip_keeps_whole_cells_of_the_half_away_from_the_eye(clip):
     mesh = jittered_cube(6, 52)
@@ -66,25 +61,6 @@ def test_clip_keeps_whole_cells_of_the_half_away_from_the_eye(clip):
     assert 0.0 < reach < 40.0
     assert (whole.points[:, axis] * np.sign(towards_eye)).max() == pytest.approx(50.0)
     np.testing.assert_array_equal(scene.values, scene.points[:, axis])  # values go with nodes
-
-
-def test_values_of_cells_go_with_their_cells():
-    mesh = jittered_cube(5, 53)
-    of_cells = mesh.points[mesh.cells].mean(axis=1)[:, 0]
-    scene = scene_of_mesh(mesh, of_cells, "y", on_nodes=False)
-    # The owner of a face has its middle within one cell, 50 long at most, of the face.
-    assert np.abs(scene.values - scene.points[scene.cells].mean(axis=1)[:, 0]).max() < 25.0
-    assert len(scene.values) == len(scene.cells)
-
-
-def test_cells_without_a_finite_value_show_none():
-    mesh = structured_square(3)
-    values = np.full(16, np.inf)
-    values[0] = 2.0
-    scene = scene_of(mesh, values)
-    has_corner = (mesh.cells == 0).any(axis=1)
-    np.testing.assert_array_equal(np.isfinite(scene.values), has_corner)
-    assert scene.limits == (2.0, 2.0)
 
 
 def test_regions_are_labelled_by_their_names():
@@ -115,45 +91,6 @@ def test_a_grid_in_space_shows_its_outer_faces():
     assert "mesh" not in vars(grid)
 
 
-def test_a_grid_in_space_is_cut_in_the_middle():
-    scene = scene_of(CartesianGrid([0.0, 0.0, 0.0], 1.0, (3, 5, 9)))  # not across the longest
-    low, high = scene.points.min(axis=0), scene.points.max(axis=0)
-    np.testing.assert_array_equal([low, high], [[0, 2, 0], [2, 4, 8]])  # the eye is at low y
-    low = scene_of(CartesianGrid([0.0, 0.0, 0.0], 1.0, (3, 5, 9)), clip="z").points
-    assert low[:, 2].max() == 4.0
-
-
-def test_only_boxes_of_active_nodes_are_shown():
-    active = np.ones((4, 4), bool)
-    active[0, 0] = False
-    assert len(scene_of(CartesianGrid([0, 0], 1.0, (4, 4), active=active)).cells) == 8
-    ball = CartesianGrid([-1.0, -1.0, -1.0], 0.1, (21, 21, 21))
-    inside = ball.sample(lambda x: np.linalg.norm(x, axis=1)) < 0.8
-    scene = scene_of(ball.with_active(inside), clip="x")
-    assert np.linalg.norm(scene.points, axis=1).max() < 0.8
-    assert scene.points[:, 0].max() == pytest.approx(0.0)
-    alone = np.zeros((4, 4), bool)
-    alone[1, 1] = True
-    with pytest.raises(ValueError, match="active must leave at least one box"):
-        scene_of(CartesianGrid([0, 0], 1.0, (4, 4), active=alone))
-
-
-def test_boxes_with_free_nodes_show_the_others_or_nothing():
-    values = [[1.0, np.inf], [3.0, np.inf], [np.inf, np.inf]]
-    scene = scene_of(CartesianGrid([0, 0], 1.0, (3, 2)), np.array(values))
-    assert not scene.on_nodes
-    np.testing.assert_array_equal(scene.values, [2.0, 3.0])
-
-
-def test_fine_grids_are_drawn_by_some_of_their_nodes(monkeypatch):
-    monkeypatch.setattr("adaptsize.plot.scene._MOST_NODES", {2: 5, 3: 3})
-    grid = CartesianGrid([0, 0], 1.0, (101, 4))
-    scene = scene_of(grid, grid.sample(lambda x: 1.0 + x[:, 0]))
-    assert len(scene.cells) == 12
-    assert area_of(scene) == pytest.approx(300.0)
-    np.testing.assert_array_equal(np.unique(scene.values), [1.0, 26.0, 51.0, 76.0, 101.0])
-
-
 def test_an_octree_in_space_shows_outer_faces_and_is_cut():
     tree = Octree([0, 0, 0], [2, 1, 1], (2, 1, 1), [0, *[1] * 8])
     scene = scene_of(tree, clip=None)
@@ -178,9 +115,3 @@ def test_glyphs_have_the_proportions_and_directions_of_the_sizes(mesh, n_corners
     )
     assert np.allclose(scene.values, 0.1)
     assert 15 <= len(corners) <= 60
-
-
-def test_some_glyph_is_drawn_where_no_node_is_near_the_cut():
-    mesh = SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
-    scene = scene_of_metric(mesh, Metric.isotropic(np.full(4, 0.1), 3), 10_000, "y")
-    assert len(scene.points) > 0

@@ -55,33 +55,12 @@ def test_quality_does_not_change_if_space_and_metric_are_mapped_together(mesh):
     assert 0.0 < expected.min() < expected.max() < 1.0
 
 
-def test_the_mean_ratio_of_a_right_triangle():
-    # J^T J of a triangle with the legs a = b = 1: q = 2 sqrt(det) / trace = sqrt(3) / 2.
-    mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
-    assert metric_qualities(mesh, Metric.isotropic([1, 1, 1], 2)) == pytest.approx(np.sqrt(0.75))
-    flat = SimplexMesh([[0, 0], [1, 0], [2, 0]], [[0, 1, 2]])
-    assert metric_qualities(flat, Metric.isotropic([1, 1, 1], 2)) == [0.0]
-
-
 def test_a_triangle_in_space_counts_the_metric_of_its_plane():
     turn = np.linalg.qr(np.random.default_rng(52).standard_normal((3, 3)))[0]
     flat = np.pad(np.array(REGULAR[2]) * [1.0, 10.0], ((0, 0), (0, 1)))
     mesh = SimplexMesh(flat @ turn.T, [[0, 1, 2]])
     metric = Metric(np.tile([1.0, 10.0, 0.3], (3, 1)), np.tile(turn, (3, 1, 1)))
     assert metric_qualities(mesh, metric) == pytest.approx(1.0)
-
-
-def test_the_report_has_the_metric():
-    mesh = two_region_rectangle(3)
-    metric = Metric.isotropic(np.full(mesh.n_points, 1.0 / 3.0), 2)
-    conformity = size_conformity(mesh, metric)
-    assert "quality in the metric: min 0.866" in str(conformity)
-    assert conformity.metric.complexity == pytest.approx(18.0)  # area 2, size 1/3
-    assert conformity.metric.requested_aspect == 1.0
-    assert conformity.as_dict()["metric"]["largest_aspect"] == pytest.approx(np.sqrt(3.0))
-    assert size_conformity(mesh, 1.0 / 3.0).metric is None
-    # The same ratios as those of sizes.
-    assert conformity.edges == size_conformity(mesh, 1.0 / 3.0).edges
 
 
 def test_a_metric_that_does_not_fit_is_refused():

@@ -37,8 +37,3 @@ def test_the_numbers_are_those_of_the_documentation():
     for number in ("1.35", "0.20", "10.6 %", "1.6 %", "91 %", "157 ns", "486 ns", "356 ns",
                    "419 ns", "870 ns", "757 ns", "1 927 ns"):  # fmt: skip
         assert number in words
-
-
-def test_pictures_exist():
-    for link in re.findall(r"\]\(([^)]+\.png)\)", TEXT):
-        assert (ROOT / "paper" / link).is_file()

@@ -36,16 +36,6 @@ def test_a_lost_body_or_a_hole_that_was_filled_is_refused():
             accept(new, given)
 
 
-def test_a_surface_inside_a_body_may_vanish_in_its_volume():
-    inner = moved(SURFACE, 0.25, scale=0.5)
-    accept(CUBE, joined(SURFACE, inner))
-
-
-def test_an_open_surface_may_be_closed_in_any_way_within_its_box():
-    lid = (SURFACE.points[SURFACE.cells][..., 2] == 1.0).all(axis=1)
-    accept(CUBE, SimplexMesh(SURFACE.points, SURFACE.cells[~lid]))
-
-
 def test_a_lost_flap_is_warned_of():
     # A flap of .1 on a side of the cube: too small to refuse the mesh, far beyond the tolerance.
     flap = moved(CUBE, [1.0, 0.4, 0.4], scale=0.1)

@@ -7,17 +7,15 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from shapes import CORNERS as CUBE
 from shapes import CUBE_CELLS, joined
-from solids import hull
 
 from adaptsize import SimplexMesh, remesh, size_conformity
-from adaptsize.errors import BackendError, OpenSurfaceWarning, ResolutionWarning
+from adaptsize.errors import BackendError, OpenSurfaceWarning
 from adaptsize.geometry.enclosed import is_oriented
-from adaptsize.quality.elements import minimum_angles
-from adaptsize.remeshing import driver, first_volume, mmg, netgen
+from adaptsize.remeshing import driver, first_volume, netgen
 from adaptsize.remeshing.first_volume import adapt_surface
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.mmg import MmgBackend
-from adaptsize.remeshing.surface import _with_flipped_caps, refine_surface, remove_slivers
+from adaptsize.remeshing.surface import refine_surface, remove_slivers
 
 pytest.importorskip("mmgpy", reason="the meshes are made by Mmg")
 pytest.importorskip("netgen", reason="the surfaces are filled by Netgen")
@@ -81,12 +79,6 @@ def test_surfaces_that_netgen_must_not_fill(run):
     assert netgen.fill(SimplexMesh(CUBE, turned), run) is None  # not oriented
 
 
-def test_netgen_is_stopped_at_its_time_limit(run, monkeypatch):
-    monkeypatch.setattr(netgen, "_SECONDS", 0.0)
-    monkeypatch.setattr(netgen, "_SECONDS_PER_TRIANGLE", 0.0)
-    assert netgen.fill(cube(), run) is None
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of processor time")
 def test_processor_time_is_limited(run, monkeypatch):
     surface, _ = refine_surface(cylinder(200), lambda x: np.full(len(x), 0.008), 1e-5)
@@ -131,11 +123,6 @@ def test_coarse_facets_stay_facets_and_fine_ones_are_rounded(n, kept):
     lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
     assert_allclose(lengths[on_rim].sum(), 2 * n * 0.4 * np.sin(np.pi / n))
     assert_allclose(lengths[~on_rim].sum(), n if kept else 0.0)
-
-
-def test_ridges_too_close_for_good_cells_are_rounded():
-    _, ridges = refine_surface(cylinder(16), lambda x: np.full(len(x), 2.0), 1e-3)
-    assert len(ridges) == 2 * 16  # the rims alone
 
 
 def strip(width):
@@ -216,26 +203,6 @@ def test_mmg_starts_from_a_surface_of_the_sizes_and_from_the_given_one_if_that_f
     assert_allclose(new.measures.sum(), enclosed(surface), rtol=0.01)
 
 
-def test_a_failure_of_mmg_leaves_the_tetrahedra_that_fill_the_adapted_surface(monkeypatch):
-    monkeypatch.setattr(driver, "_LEAST_ANGLE", 0.0)
-    with monkeypatch.context() as patch:
-        patch.setattr(mmg, "run_adapt", fail)
-        with pytest.warns(ResolutionWarning, match=r"not adapted to the sizes inside: mmg failed"):
-            new = remesh(cylinder(16), 0.1)
-    assert_allclose(new.measures.sum(), enclosed(cylinder(16)), rtol=0.01)
-    assert np.median(new.boundary().mesh.edge_lengths) == pytest.approx(0.1, rel=0.3)
-
-
-def test_mmg_has_a_limit_of_processor_time_on_a_first_volume(monkeypatch):
-    pytest.importorskip("resource", reason="the system has no limit of processor time")
-    monkeypatch.setattr(driver, "_LEAST_ANGLE", 0.0)
-    monkeypatch.setattr(driver, "_SECONDS", -1.0)  # the limit is rounded up to whole seconds
-    monkeypatch.setattr(driver, "_SECONDS_PER_CELL", 1e-9)
-    with pytest.warns(ResolutionWarning, match="limit of processor time"):
-        new = remesh(cylinder(16), 0.025)
-    assert_allclose(new.measures.sum(), enclosed(cylinder(16)), rtol=0.01)
-
-
 def test_a_mesh_that_would_take_too_long_is_given_up(monkeypatch):
     pytest.importorskip("resource", reason="the system has no limit of processor time")
     monkeypatch.setattr(driver, "_LONGEST", -1.0)
@@ -247,40 +214,6 @@ def test_a_mesh_that_would_take_too_long_is_given_up(monkeypatch):
 
 def fail(*_):
     raise BackendError("mmg failed")
-
-
-def test_caps_are_not_flipped_to_and_fro():
-    # Two caps over the same edge: each flip undoes the other.
-    points = [[0, 0, 0], [1, 0, 0], [0.5, 1e-4, 0], [0.5, -1e-4, 0], [0.5, 0, 1], [0.5, 0, -1]]
-    cells = [[0, 1, 2], [1, 0, 3], [0, 2, 4], [2, 1, 4], [1, 5, 0][::-1], [0, 3, 5][::-1]]
-    mesh = SimplexMesh(points, cells)
-    flipped = _with_flipped_caps(mesh, 1e-3)
-    assert flipped is mesh
-
-
-def test_a_strip_of_rounding_width_is_removed():
-    surface = strip(1e-6)
-    assert is_oriented(surface)
-    clean, new_node = remove_slivers(surface, 1e-4)
-    assert (clean.n_points, clean.n_cells) == (8, 12)
-    assert is_oriented(clean)
-    assert_allclose(enclosed(clean), 1.0, rtol=1e-5)
-    assert new_node[8] == new_node[0]
-    assert new_node[9] == new_node[1]
-
-
-def test_a_node_close_to_an_edge_is_connected_across_it():
-    points = np.concatenate([CUBE, [[0.5, 1e-6, 0.0]]])
-    cells = CUBE_CELLS.tolist()
-    cells.remove([0, 6, 4])  # the bottom beside the edge 0-4 ...
-    cells += [[0, 6, 8], [8, 6, 4], [0, 8, 4]]  # ... has a cap on it
-    surface = SimplexMesh(points, cells)
-    assert is_oriented(surface)
-    clean, _ = remove_slivers(surface, 1e-4)
-    assert is_oriented(clean)
-    longest = clean.edge_lengths[clean.cell_facets].max(axis=1)
-    assert (2.0 * clean.measures / longest).min() > 0.1
-    assert_allclose(enclosed(clean), 1.0, rtol=1e-5)
 
 
 def test_slivers_are_removed_within_their_height_from_any_surface():
@@ -297,17 +230,6 @@ def test_slivers_are_removed_within_their_height_from_any_surface():
     assert (new_node >= 0).all()
 
 
-def test_shallow_ridge_is_kept_only_if_it_is_passed():
-    """Two long facets that meet at 12 degrees bulge by 1 % of their length if rounded."""
-    roof = 0.5 * np.tan(np.deg2rad(6.0))
-    outline = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.5, 1.0 + roof), (0.0, 1.0))
-    points = [[x, y, z] for x in (0.0, 2.0) for y, z in outline]
-    surface = hull(points)
-    new = remesh(surface, 0.2)
-    assert distance(new.boundary().mesh, surface) <= 1e-3 * surface.diagonal
-    assert_allclose(new.measures.sum(), enclosed(surface), rtol=1e-3)
-
-
 @pytest.fixture
 def first_volumes(monkeypatch):
     """Names of the generators that make first volumes, in the order of their use."""
@@ -320,29 +242,6 @@ def first_volumes(monkeypatch):
 
     monkeypatch.setattr(driver, "restore", recording)
     return used
-
-
-def test_flat_cells_are_a_reason_to_try_ftetwild_alone(first_volumes, monkeypatch):
-    good = remesh(cube(), 0.3, tolerance=5e-3)
-    assert first_volumes == ["netgen", "mmg"]
-    first_volumes.clear()
-    monkeypatch.setattr(driver, "_LEAST_ANGLE", 80.0)
-    better = remesh(cube(), 0.3, tolerance=5e-3)
-    assert first_volumes == ["netgen", "mmg", "tetwild"]
-    assert minimum_angles(better).min() >= minimum_angles(good).min()
-
-
-def test_a_failure_of_ftetwild_leaves_the_mesh_with_flat_cells(monkeypatch):
-    def failing(name):
-        raise BackendError(f"{name} failed")
-
-    monkeypatch.setattr(first_volume, "backend_named", failing)
-    monkeypatch.setattr(driver, "backend_named", failing)
-    monkeypatch.setattr(driver, "_LEAST_ANGLE", 80.0)
-    assert_allclose(remesh(cube(), 0.3, tolerance=5e-3).measures.sum(), 1.0)
-    monkeypatch.setattr(netgen, "find_spec", lambda name: None)
-    with pytest.raises(BackendError, match="tetwild failed"):
-        remesh(cube(), 0.3, tolerance=5e-3)
 
 
 def test_a_failure_of_mmg_leaves_ftetwild(first_volumes, monkeypatch):

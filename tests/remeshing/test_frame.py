@@ -38,13 +38,6 @@ def test_units_do_not_change_the_mesh(exponent):
     assert_allclose(other.points, scale * new.points, rtol=1e-12, atol=1e-15 * scale)
 
 
-@pytest.mark.parametrize("scale", [1e-9, 1e9])
-def test_a_part_of_any_size_becomes_tetrahedra(scale):
-    surface = moved(block(2).boundary().mesh, scale)
-    new = remesh(surface, 0.3 * scale, backend="tetwild")
-    assert new.measures.sum() == pytest.approx(scale**3, rel=0.01)
-
-
 @pytest.mark.parametrize("backend", ["mmg", "tetwild"])
 def test_a_part_far_from_the_origin_keeps_its_volume(backend):
     if backend == "mmg":

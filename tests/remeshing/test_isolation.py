@@ -12,7 +12,7 @@ import pytest
 from fake_generators import FakeBackend
 from shapes import block
 
-from adaptsize.errors import BackendError, BackendTimeoutError, ResolutionWarning
+from adaptsize.errors import BackendError, BackendTimeoutError
 from adaptsize.remeshing import register_backend, registry, remesh
 
 SUPPORT = Path(__file__).parents[1] / "support"
@@ -201,20 +201,6 @@ def test_an_unusable_mesh_is_an_error(fake, function, message):
         fake(function)
 
 
-def test_a_boundary_far_beyond_the_tolerance_gives_a_warning(fake):
-    # A corner of the unit cube is off by .01 sqrt 3, four times the tolerance is .02 sqrt 3.
-    assert fake("shrunk", tolerance=5e-3).n_cells == block(2).n_cells
-    place = r"from the given one at \([01], [01], [01]\)"
-    with pytest.warns(ResolutionWarning, match=f"misses part of the domain.*0.0173 {place}"):
-        fake("shrunk", tolerance=2e-3)
-
-
-def test_orientation_and_unused_nodes_are_put_right(fake):
-    mesh = fake("all_inverted_and_unused")
-    assert (mesh.signed_measures > 0.0).all()
-    assert mesh.n_points == block(2).n_points
-
-
 def _working_below(folder):
     """Return the processes whose working directory is or was in a folder."""
     found = []
@@ -241,14 +227,3 @@ def _is_running(pid):
         return False
     stat = Path(f"/proc/{pid}/stat")
     return not (stat.exists() and stat.read_text().rsplit(")", 1)[1].split()[0] == "Z")
-
-
-@posix_only
-def test_a_limit_of_processor_time_of_the_caller_is_kept():
-    code = (
-        "import resource as r; from adaptsize._supervisor import limit_processor_time\n"
-        "r.setrlimit(r.RLIMIT_CPU, (50, 50)); limit_processor_time(1000.0)\n"
-        "print(r.getrlimit(r.RLIMIT_CPU))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
-    assert done.stdout.strip() == "(50, 50)"

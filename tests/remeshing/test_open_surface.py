@@ -6,7 +6,6 @@ from shapes import CORNERS as UNIT
 from shapes import CUBE_CELLS
 
 from adaptsize import SimplexMesh
-from adaptsize.errors import OpenSurfaceWarning
 from adaptsize.remeshing.hole_filling import close_holes
 from adaptsize.remeshing.surface_checks import near_bodies, open_boundary
 
@@ -35,13 +34,6 @@ def volume(mesh):
 def test_a_closed_surface_has_no_open_boundary_and_stays_as_it_is():
     assert open_boundary(box()) is None
     np.testing.assert_array_equal(close_holes(box()).cells, CUBE)
-
-
-def test_points_that_coincide_are_no_holes():
-    mesh = box()
-    apart = SimplexMesh(mesh.points[mesh.cells].reshape(-1, 3), np.arange(36).reshape(-1, 3))
-    assert not apart.is_closed
-    assert open_boundary(apart) is None
 
 
 def test_the_largest_hole_is_reported():
@@ -108,14 +100,6 @@ def test_plane_holes_get_their_interior(outline):
     assert volume(closed) == pytest.approx(3.0 * area, rel=1e-9)
 
 
-def test_two_holes_that_touch_are_closed():
-    # The triangles 0 and 10 have only a corner in common.
-    mesh = box(without=(1, 10))
-    closed = close_holes(mesh)
-    assert closed.is_closed
-    assert volume(closed) == pytest.approx(2.0)
-
-
 def test_nodal_fields_are_kept_and_new_triangles_have_the_tag_0():
     mesh = box(without=(10, 11))
     # Every triangle has corners of its own, as in an STL file.
@@ -126,15 +110,6 @@ def test_nodal_fields_are_kept_and_new_triangles_have_the_tag_0():
     assert closed.n_points == 8
     assert closed.cell_tags.tolist() == [*range(1, 11), 0, 0]
     np.testing.assert_array_equal(closed.point_data["x"], closed.points[:, 0])
-
-
-@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
-def test_a_sheet_encloses_nothing(scale):
-    sheet = SimplexMesh(scale * CORNERS[[2, 3, 7, 6]], [[0, 1, 2], [0, 2, 3]])
-    with pytest.raises(ValueError, match="it is a sheet"):
-        close_holes(sheet)
-    solid = close_holes(SimplexMesh(scale * CORNERS, CUBE[:10]))
-    assert solid.is_closed
 
 
 def two_boxes(gap, at=0.0):
@@ -152,14 +127,6 @@ def test_bodies_are_near_within_the_distance_only():
     assert near.place[2] == pytest.approx(1.0)
 
 
-def test_a_node_over_the_middle_of_a_large_triangle_is_near():
-    spike = np.array([[1.2, 0.4, 1.01], [1.2, 0.3, 2.0], [1.3, 0.4, 2.0]])
-    points = np.concatenate([CORNERS, spike])
-    near = near_bodies(SimplexMesh(points, [*CUBE, [8, 9, 10]]), 0.1)
-    assert near.distance == pytest.approx(0.01)
-    assert near.place == pytest.approx((1.2, 0.4, 1.01))
-
-
 def test_all_pairs_of_near_bodies_are_counted():
     first, second = two_boxes(0.01), two_boxes(0.02, at=10.0)
     points = np.concatenate([first.points, second.points])
@@ -168,11 +135,3 @@ def test_all_pairs_of_near_bodies_are_counted():
     assert near.n_pairs == 2
     assert near.distance == pytest.approx(0.01)
     assert str(near).startswith("2 pairs of bodies are down to 0.01 apart at (")
-
-
-def test_more_bodies_than_are_examined_are_reported():
-    corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    points = (corners + 2.0 * np.arange(2001)[:, None, None]).reshape(-1, 3)
-    many = SimplexMesh(points, np.arange(len(points)).reshape(-1, 3))
-    with pytest.warns(OpenSurfaceWarning, match="2001 bodies"):
-        assert near_bodies(many, 10.0) is None

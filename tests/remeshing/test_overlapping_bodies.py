@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from shapes import CORNERS
 from shapes import CUBE_CELLS as CUBE
-from solids import hull
 
 from adaptsize import SimplexMesh, size_function
 from adaptsize.errors import OpenSurfaceWarning
@@ -50,15 +49,6 @@ def test_random_triangles_cross_where_an_edge_pierces_the_other():
     assert len(expected) > 15
 
 
-def test_triangles_at_a_common_node_may_cross():
-    fan = [[0, 0, 0], [2, -1, 0], [2, 1, 0], [2, 0, -1], [2, 0, 1]]
-    found = overlapping_bodies(SimplexMesh(fan, [[0, 1, 2], [0, 3, 4]]))
-    text = "the surface intersects itself: 2 triangles cross others, by up to 1 at (1, 0, 0)"
-    assert str(found) == text
-    beside = [[0, 0, 0], [2, -1, 0], [2, 1, 0], [-2, 0, -1], [-2, 0, 1]]
-    assert overlapping_bodies(SimplexMesh(beside, [[0, 1, 2], [0, 3, 4]])) is None
-
-
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_crossing_bodies_are_named_with_the_deepest_place(scale):
     mesh = boxes(UNIT, CROSSING, ((5, 0, 0), (6, 1, 1)))
@@ -95,13 +85,6 @@ def test_bodies_with_facets_in_common_planes_overlap_without_crossing_triangles(
     assert str(found).startswith("bodies 1 and 2 overlap, by up to 0.333 at (")
 
 
-def test_many_pairs_are_counted_and_few_are_named():
-    chain = [((0.75 * k, 0.01 * k, 0.02 * k), (0.75 * k + 1, 1, 1)) for k in range(6)]
-    found = overlapping_bodies(boxes(*chain))
-    assert found.pairs == ((1, 2), (2, 3), (3, 4), (4, 5), (5, 6))
-    assert str(found).startswith("bodies 1 and 2, 2 and 3, 3 and 4, 2 more overlap: ")
-
-
 def test_bodies_that_overlap_are_not_called_near_as_well():
     mesh = boxes(UNIT, CROSSING, ((1.001, 2, 0), (2, 3, 1)), ((0, 2, 0), (1, 3, 1)))
     overlapping = overlapping_bodies(mesh)
@@ -123,33 +106,3 @@ def test_sizes_do_not_fall_to_hmin_where_bodies_overlap(other):
     alone = size_function(boxes(other), hmax=0.06).report
     assert min(report.smallest.values()) >= 0.99 * min(alone.smallest.values())
     assert report.smallest["hmin"] == np.inf
-
-
-def ball(centre, radius, n=12):
-    """A ball of revolution with n by 2 n faces."""
-    polar, around = np.meshgrid(np.linspace(0.0, np.pi, n + 1)[1:-1], np.pi / n * np.arange(2 * n))
-    ring = np.sin(polar) * [np.cos(around), np.sin(around)]
-    points = np.stack([*ring, np.cos(polar)], axis=-1).reshape(-1, 3)
-    mesh = hull(np.concatenate([points, [[0, 0, 1], [0, 0, -1]]]))
-    return np.array(centre) + radius * mesh.points, mesh.cells
-
-
-def test_curved_bodies_that_overlap_have_the_sizes_of_each_alone():
-    # Facets of one ball inside the other are seen from its inner side near the common curve.
-    (one, cells), (two, others) = ball((0, 0, 0), 1.0), ball((1.2, 0.1, 0.05), 0.8)
-    both = SimplexMesh(np.concatenate([one, two]), np.concatenate([cells, others + len(one)]))
-    with pytest.warns(OpenSurfaceWarning, match="bodies 1 and 2 overlap"):
-        report = size_function(both).report
-    alone = size_function(SimplexMesh(two, others), tolerance=1.2e-3).report
-    assert report.smallest["hmin"] == np.inf
-    assert min(report.smallest.values()) > 0.7 * min(alone.smallest.values())
-
-
-def test_facets_inside_of_another_body_have_no_curvature_that_counts():
-    pin, cells = ball((0.5, 0.5, 1.0), 0.1)
-    pin[pin[:, 2] > 1.0, 2] = 1.0 + 1e-3  # nothing of it stands out but a lid
-    mesh = SimplexMesh(np.concatenate([CORNERS, pin]), np.concatenate([CUBE, cells + 8]))
-    with pytest.warns(OpenSurfaceWarning, match="bodies 1 and 2 overlap"):
-        size = size_function(mesh, elements_across=0.0, tolerance=1.0)
-    lowest = pin[pin[:, 2].argmin()]
-    assert size(lowest[None])[0] > 0.03 > 0.1 / 4.0

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from meshes import random_sphere
 from scipy.spatial import Delaunay
 from shapes import block, two_region_block
 
@@ -12,7 +11,7 @@ from adaptsize import SimplexMesh, check_mesh, remesh, size_function
 from adaptsize._kernels.smoothing import fill_quality
 from adaptsize.background.splitting import bisect_edges
 from adaptsize.background.topology import are_among
-from adaptsize.quality.boundary import distances_from, interface_distances, region_measures
+from adaptsize.quality.boundary import region_measures
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.surface import facets_of
@@ -72,13 +71,6 @@ def test_an_interface_that_has_moved_is_no_mesh_of_the_same_regions():
     untagged = check_mesh(replace(mesh, cell_tags=None), original=mesh)
     assert untagged.is_met
     assert untagged.notes[0] == "regions are not compared: the mesh has none"
-
-
-def test_the_distance_of_interfaces_is_measured_in_both_directions():
-    mesh = ball_in_cube(60)
-    (there, back) = interface_distances(mesh, mesh)
-    assert max(there.largest, back.largest) < 1e-15
-    assert interface_distances(mesh, block(2)) == []
 
 
 @pytest.mark.parametrize("is_open", [False, True])
@@ -164,39 +156,3 @@ def test_nodes_off_the_interface_are_projected_back():
     quality = np.empty(new.n_cells)
     fill_quality(new.points, new.cells, quality)
     assert quality.min() > 0.3
-
-
-def test_few_edges_of_facets_far_from_the_surface_get_a_node_on_it():
-    sphere = ball_in_cube(600, radius=1.0).points[1:601]
-    kept = np.delete(np.arange(len(sphere)), [100, 300, 500])  # larger facets in their place
-    points = np.concatenate([sphere[kept], [[0.0, 0.0, 0.0]]])
-    cells = Delaunay(points).simplices
-    turned = SimplexMesh(points, cells).signed_measures < 0.0
-    cells[turned] = cells[turned][:, [1, 0, 2, 3]]
-    ball, fine = SimplexMesh(points, cells), random_sphere(20_000, 77)
-
-    def middles(mesh):
-        skin = mesh.boundary().mesh
-        return 1.0 - np.linalg.norm(skin.points[skin.edges].mean(axis=1), axis=1)
-
-    tolerance = 0.8 * middles(ball).max()
-    new = improved(ball, fine, np.empty((0, 2), np.int32), tolerance)
-    assert middles(new).max() < tolerance
-    assert 0 < new.n_points - ball.n_points < 15
-    assert (new.signed_measures > 0.0).all()
-    assert new.measures.sum() > ball.measures.sum()
-
-
-def test_a_place_of_the_surface_that_the_facets_miss_gets_a_node():
-    mesh = block(6)
-    skin = mesh.boundary().mesh
-    top = np.linalg.norm(skin.points[skin.cells].mean(axis=1) - [0.5, 0.5, 1.0], axis=1).argmin()
-    i, j, k = skin.cells[top]
-    peak = skin.points[[i, j, k]].mean(axis=0)
-    peak[2] += 0.04
-    n = skin.n_points
-    cells = np.concatenate([np.delete(skin.cells, top, axis=0), [[i, j, n], [j, k, n], [k, i, n]]])
-    old = SimplexMesh([*skin.points, peak], cells)
-    made = improved(mesh, old, np.empty((0, 2), np.int32), 0.03)
-    away = [distances_from(old, one.boundary().mesh).largest for one in (mesh, made)]
-    assert away[0] > 0.03 > away[1]

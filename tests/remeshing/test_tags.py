@@ -1,15 +1,12 @@
 """Regions, tags and required facets survive; sizes on surfaces reach into the volume."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from meshes import structured_square
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from shapes import block, facet_areas, two_region_block, two_region_rectangle
 
-from adaptsize import SimplexMesh, SizeFunction, remesh
-from adaptsize.remeshing.sizing import as_size
+from adaptsize import SimplexMesh, remesh
 
 
 def region_measure(mesh, tag):
@@ -59,14 +56,6 @@ def test_mmg_keeps_regions_and_tags_of_triangles_exactly():
     assert_allclose([facet_areas(new, 30), facet_areas(new, 31)], 1.0, rtol=1e-12)
 
 
-@pytest.mark.parametrize("backend", ["mmg", "tetwild"])
-def test_names_of_tags_outlive_remeshing(backend):
-    pytest.importorskip("mmgpy" if backend == "mmg" else "pytetwild")
-    names = {(3, 7): "left", (2, 40): "interface"}
-    given = replace(two_region_block(2), tag_names=names)
-    assert remesh(given, 0.4, backend=backend, tolerance=5e-3).tag_names == names
-
-
 def test_required_facets_stay_as_they_are():
     pytest.importorskip("mmgpy")
     given = two_region_block(3)
@@ -82,30 +71,6 @@ def test_required_facets_stay_as_they_are():
     assert not changed <= kept
 
 
-def test_sides_beside_required_edges_stay_straight():
-    pytest.importorskip("mmgpy")
-    # The required edge from node 1 to 2 continues the side y = 0 at an angle of 11 degrees.
-    points = np.array([[0.0, 0.0], [1, 0], [2, -0.2], [2, 1], [0, 1], [1, 1]])
-    given = SimplexMesh(points, [[0, 1, 5], [0, 5, 4], [1, 2, 3], [1, 3, 5]])
-    new = remesh(given, 0.15, backend="mmg", required_facets=[[1, 2]], tolerance=0.02)
-    boundary = new.points[new.boundary().nodes]
-    side = boundary[(boundary[:, 0] <= 1.0) & (boundary[:, 1] < 0.1)]
-    assert len(side) > 5
-    assert_allclose(side[:, 1], 0.0, atol=1e-12)
-
-
-def test_a_tagged_sheet_inside_one_region_is_kept():
-    pytest.importorskip("mmgpy")
-    plain = two_region_block(3)
-    sheet = plain.tagged_facets[plain.facet_tags == 40]
-    given = SimplexMesh(
-        plain.points, plain.cells, tagged_facets=sheet, facet_tags=np.full(len(sheet), 40)
-    )
-    new = remesh(given, 0.2)
-    assert new.cell_tags is None
-    assert facet_areas(new, 40) == pytest.approx(1.0, rel=1e-12)
-
-
 @pytest.mark.parametrize(("backend", "package"), [("tetwild", "pytetwild"), ("mmg", "netgen")])
 def test_tags_of_a_surface_become_tags_of_the_boundary(backend, package):
     pytest.importorskip(package)
@@ -116,29 +81,6 @@ def test_tags_of_a_surface_become_tags_of_the_boundary(backend, package):
     slack = 6e-3
     assert facet_areas(new, 5) == pytest.approx(1.0, abs=slack * 3)
     assert facet_areas(new, 8) == pytest.approx(5.0, abs=slack * 15)
-
-
-def test_sizes_on_a_surface_grow_into_the_volume_by_the_gradient_limit():
-    pytest.importorskip("mmgpy")
-    surface = block(2).boundary().mesh
-    new = remesh(surface, np.full(surface.n_points, 0.1), g=0.5)
-    # The way to the nearest side, d, gives the size 0.1 + 0.5 d.
-    middle = new.points[new.edges].mean(axis=1)
-    depth = np.minimum(middle, 1.0 - middle).min(axis=1)
-    ratio = new.edge_lengths / (0.1 + 0.5 * depth)
-    assert np.median(ratio) == pytest.approx(1.0, rel=0.15)
-    assert np.median(ratio[depth > 0.25]) == pytest.approx(1.0, rel=0.25)  # 0.1 would give 0.4
-
-
-def test_sizes_on_a_surface_are_the_same_wherever_they_are_asked_for():
-    surface = block(2).boundary().mesh
-    size = SizeFunction(surface, np.full(surface.n_points, 0.2), g=0.5, hmax=0.3)
-    nodal = as_size(size.values, surface, g=0.5, hmax=0.3)
-    points = np.random.default_rng(905).random((50, 3))
-    depth = np.minimum(points, 1.0 - points).min(axis=1)
-    assert_allclose(size(points), np.minimum(0.2 + 0.5 * depth, 0.3), rtol=1e-12)
-    assert_array_equal(nodal(points), size(points))
-    assert_array_equal(as_size(size, surface, g=9.0)(points), size(points))  # its own g counts
 
 
 def test_an_open_surface_is_adapted_and_keeps_its_rim():

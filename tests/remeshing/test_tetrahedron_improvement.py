@@ -4,28 +4,12 @@ import itertools
 
 import numpy as np
 import pytest
-from implicit_domains import box
 from scipy.spatial import Delaunay
 
 import adaptsize as ads
 from adaptsize._kernels.smoothing import fill_quality, smooth_nodes
 from adaptsize._kernels.swapping import Tetrahedra, new_work, swap
 from adaptsize.background import topology
-from adaptsize.remeshing.distmesh.finish import improved
-from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
-
-
-def test_tetrahedra_are_improved_by_swaps_too():
-    points, cells = random_cells(3, 150, 90)
-    half = ImplicitDomain(lambda x: box(x - 0.5, 0.5), np.full(3, -0.1), np.full(3, 1.1))
-    h = np.full(len(points), 0.2)
-    given, given_cells = points.copy(), cells.copy()
-    new, new_cells = improved(half, points, cells, h, n_fixed=150, report=lambda text, share: None)
-    np.testing.assert_array_equal(new, given)  # all nodes are fixed
-    np.testing.assert_array_equal(cells, given_cells)
-    assert (volume_length(new, new_cells) > 0.0).all()
-    before, after = (np.sort(volume_length(points, c))[:50].mean() for c in (cells, new_cells))
-    assert after > 1.2 * before
 
 
 def volume_length(points, cells):

@@ -12,7 +12,7 @@ import pytest
 from meshes import jittered_square
 from PIL import Image
 
-from adaptsize import CartesianGrid, PointSource, SimplexMesh, SizeFunction, report, size_function
+from adaptsize import CartesianGrid, PointSource, SizeFunction, report, size_function
 from adaptsize.reporting.scenes import data_of, scenes_of_mesh
 
 #: A cube in 4^3 smaller ones of six tetrahedra each.
@@ -56,14 +56,6 @@ def test_worst_places_are_listed_and_names_cannot_break_out_of_the_page(square, 
     assert worst[0] == f"[{worst[1]}]"
 
 
-def test_sizes_come_from_the_mesh_if_they_are_not_given(square, tmp_path):
-    mesh, *_ = square
-    report(tmp_path / "a.html", mesh)
-    report(tmp_path / "b.html", mesh.with_data(point_data={"h": np.full(mesh.n_points, 0.1)}))
-    assert "requested size" not in (tmp_path / "a.html").read_text(encoding="utf-8")
-    assert "over requested size" in (tmp_path / "b.html").read_text(encoding="utf-8")
-
-
 def test_tetrahedra_are_shown_whole_and_cut_open():
     mesh = CUBE
     size = SizeFunction(mesh, np.full(mesh.n_points, 0.25))
@@ -95,42 +87,6 @@ def test_the_page_has_the_points_and_values_of_its_scenes():
     assert found["logarithmic"]
     h = found["low"] * (found["high"] / found["low"]) ** (values / 255.0)
     np.testing.assert_allclose(h[cells], scene.values[scene.cells.ravel()], rtol=0.01)
-
-
-@pytest.mark.parametrize("largest", [0.3, 30.0])
-def test_colour_bars_have_the_round_numbers_of_pictures(square, largest):
-    mesh, *_ = square
-    size = SizeFunction(mesh, np.linspace(0.07, largest, mesh.n_points))
-    scene = scenes_of_mesh(mesh, size)["size h"]
-    (found,) = data_of({"size h": scene})["scenes"]
-    places, texts = zip(*found["ticks"], strict=True)
-    np.testing.assert_allclose([float(text) for text in texts], scene.ticks)
-    low, high = scene.limits
-    power = np.log(scene.ticks / low) / np.log(high / low)
-    np.testing.assert_allclose(
-        places, power if largest > 1.0 else (scene.ticks - low) / (high - low)
-    )
-
-
-def test_causes_keep_their_names(square):
-    mesh, size = square
-    *_, scene = scenes_of_mesh(mesh, size).values()
-    names = {text for _, text in data_of({"causes": scene})["scenes"][0]["ticks"]}
-    assert names <= set(size.report.causes)
-    assert "sources" in names or any("point" in name for name in names)
-
-
-@pytest.mark.parametrize(
-    ("name", "mesh", "message"),
-    [
-        ("page.txt", CUBE, r"path must end in \.html or \.htm, got '.*page.txt'"),
-        ("line.html", SimplexMesh([[0.0], [1.0]], [[0, 1]]), "triangles or tetrahedra"),
-    ],
-)
-def test_bad_arguments_are_refused_and_nothing_is_written(tmp_path, name, mesh, message):
-    with pytest.raises(ValueError, match=message):
-        report(tmp_path / name, mesh)
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from curved_shapes import irregular_torus, sliver_cylinder, uneven_angles
+from curved_shapes import sliver_cylinder, uneven_angles
 from meshes import random_sphere
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh, size_from_curvature, size_function
-from adaptsize.geometry.faces import folds_of, tag_faces
 
 
 def disk(n, seed, *, radius=1.0):
@@ -47,21 +46,6 @@ def test_surface_by_itself_and_its_rim():
     h0 = size_from_curvature(plate)
     assert_allclose(h0[:40], 3.0 / 4.0, rtol=1e-10)
     assert np.isinf(h0[40:]).all()
-
-
-def test_polyline_by_itself():
-    angle = np.linspace(0.0, 1.0, 8)
-    line = SimplexMesh(
-        2.0 * np.column_stack([np.cos(angle), np.sin(angle)]),
-        np.column_stack([np.arange(7), np.arange(1, 8)]),
-    )
-    assert_allclose(size_from_curvature(line), [np.inf, *[0.5] * 6, np.inf], rtol=1e-10)
-
-
-def test_straight_boundaries_ask_for_nothing():
-    square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-    assert_array_equal(size_from_curvature(square), np.inf)
-    assert_array_equal(size_from_curvature(square, hmax=0.3), 0.3)
 
 
 def test_curved_creases_count_where_the_faces_are_flat():
@@ -114,16 +98,6 @@ def test_tagged_edges_are_feature_edges_at_any_angle(slope):
     assert_array_equal(h, size_from_curvature(SimplexMesh(points, cells), elements_per_radian=3.0))
 
 
-def test_new_nodes_on_tagged_edges_are_not_curved():
-    points, cells, rim = dish(14.0)
-    tagged = SimplexMesh(points, cells, tagged_facets=rim, facet_tags=np.ones(len(rim), int))
-    folds = folds_of(tagged, np.radians(40.0))
-    wanted = np.concatenate([rim, tagged.edges[tagged.facet_cell_counts == 1]])
-    assert_array_equal(np.unique(np.sort(wanted, axis=1), axis=0), folds.sharp)
-    flat = points[cells][:, :, 2].max(axis=1) == 0.0
-    assert_array_equal(tag_faces(tagged).cell_tags, np.where(flat, 1, 2))
-
-
 def test_boundary_mesh_gives_its_curvature_to_the_nodes_on_it():
     # Nodes on a finer cylinder mesh: rim, mantle and the flat of the caps.
     boundary = sliver_cylinder(24, 9, radius=2.0)
@@ -137,26 +111,6 @@ def test_boundary_mesh_gives_its_curvature_to_the_nodes_on_it():
     background = SimplexMesh(nodes, [[0, 1, 2, 3], [1, 2, 3, 4]])
     h0 = size_from_curvature(background, boundary)
     assert_allclose(h0, [0.5, 0.5, np.inf, np.inf, 0.5], rtol=1e-10)
-
-
-@pytest.mark.parametrize("kind", ["surface", "tetrahedra"])
-def test_own_boundary_given_as_boundary_changes_nothing(kind):
-    if kind == "surface":
-        mesh = irregular_torus(16, 5)[0]
-        boundary = mesh
-    else:
-        mesh = ball(200, 71)
-        boundary = mesh.boundary().mesh
-    expected = size_from_curvature(mesh, crease_angle=90.0)
-    assert_allclose(size_from_curvature(mesh, boundary, crease_angle=90.0), expected, rtol=1e-6)
-
-
-def test_never_absurdly_small():
-    # A polyline with a bend of radius 1e-12 in a part of size 1.
-    bend = [[-1, 0], [0, 0], [1e-12, 0], [1e-12 + 0.8e-12, 0.6e-12], [1, 1]]
-    line = SimplexMesh(bend, [[0, 1], [1, 2], [2, 3], [3, 4]])
-    h0 = size_from_curvature(line)
-    assert_allclose(h0.min(), 1e-6 * line.diagonal)
 
 
 def test_bad_arguments_are_named():

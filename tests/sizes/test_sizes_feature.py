@@ -1,27 +1,23 @@
 """Sizes from the feature size: every background, thin places of parts, elements counted."""
 
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from meshes import jittered_cube, structured_square
-from solids import box, circle, edge_layers, outline, wedge_plate
+from solids import circle, outline
 
 from adaptsize import (
     CartesianGrid,
     Octree,
     SimplexMesh,
     limit_gradient,
-    read,
     refine_at_boundary,
     size_from_feature,
     size_function,
 )
-from adaptsize.errors import ResolutionWarning
 from adaptsize.sizes.feature import width_in_regions
 
-DATA = Path(__file__).parents[2] / "data"
 RTOL = 0.011  # of the spheres
 
 
@@ -84,28 +80,6 @@ def test_a_grid_coarser_than_the_plate_sees_it():
     np.testing.assert_allclose(h0[np.isfinite(h0)], 1.0, rtol=RTOL)
 
 
-def test_inactive_nodes_are_asked_nothing():
-    grid = CartesianGrid([-60, -20], 4.0, (31, 11))
-    active = np.zeros(grid.shape, bool)
-    active[:, :5] = True
-    plate = outline([[-50, -5], [50, -5], [50, 5], [-50, 5]])
-    h0 = size_from_feature(grid.with_active(active), plate)
-    assert np.isinf(h0[:, 5:]).all()
-    assert np.isfinite(h0[:, 4]).any()
-
-
-def test_a_refined_copy_of_a_surface_is_asked_at_its_nodes():
-    solid = box(10, 10, 1)
-    points = np.random.default_rng(842).uniform(1, 9, (30, 3))
-    points[:, 2] = np.arange(30) % 2
-    cells = [[0, 2, 4], [1, 3, 5]]
-    h0 = size_from_feature(SimplexMesh(points, cells), solid, elements_across=2.0)
-    np.testing.assert_allclose(h0[np.unique(cells)], 0.5, rtol=RTOL)
-    lifted = SimplexMesh(points + np.array([0, 0, 0.5]), cells)
-    with pytest.raises(ValueError, match="boundary must have nodes of the background"):
-        size_from_feature(lifted, solid)
-
-
 def test_distances_on_a_grid_give_the_medial_axis():
     grid = CartesianGrid.around([[-2.2, -2.2], [2.2, 2.2]], 0.04)
     radius = np.linalg.norm(grid.points, axis=1).reshape(grid.shape)
@@ -117,14 +91,6 @@ def test_distances_on_a_grid_give_the_medial_axis():
     # Exact 0.25; medial points are found to a quarter of the spacing.
     assert np.abs(by_axis[inside] - 0.25).max() < 0.25 * 0.04
     np.testing.assert_allclose(by_spheres[inside], 0.25, rtol=0.015)
-
-
-def test_unused_nodes_are_asked_nothing():
-    square = structured_square(2)
-    mesh = SimplexMesh(np.concatenate([square.points, [[0.0, 0.0]]]), square.cells)
-    h0 = size_from_feature(mesh)
-    assert np.isinf(h0[-1])
-    np.testing.assert_allclose(h0[:-1], 25.0, rtol=RTOL)
 
 
 def test_the_two_sides_of_a_slit_do_not_see_each_other():
@@ -156,16 +122,6 @@ def test_each_region_has_its_own_width():
     np.testing.assert_allclose(size.values[far & (y == 0.0)], 0.125, rtol=1e-12)
 
 
-def test_regions_that_follow_pixels_have_no_width():
-    square = structured_square(40, half_width=20.0)
-
-    def in_a_disc(x):  # of whole pixels
-        return 1 + (np.linalg.norm(np.floor(x) + 0.5, axis=1) < 12.0)
-
-    width = width_in_regions(tagged_by_place(square, in_a_disc), 40.0, lambda *_: None)
-    assert np.isinf(width).all()
-
-
 # --- limited, and counted ------------------------------------------------------------
 
 
@@ -187,61 +143,6 @@ def test_limited_sizes_put_the_elements_across_a_gap_that_varies():
     assert (count > 2.0 / 0.25 * np.log(1.0 + 4.0 * 0.25 / 2.0) * 0.99).all()
     # No more than by the facets' slope: spheres at the flanks are smaller than the column.
     assert (count < 4.0 * 1.35).all()
-
-
-def test_a_plate_of_twelve_triangles_gets_small_sizes_all_over():
-    plate = box(20, 20, 1)
-    size = size_function(plate, elements_across=2.0, max_elements=1e6)
-    report = size.report
-    x, y = np.random.default_rng(843).uniform(0, 20, (2, 300))
-    h = size(np.column_stack([x, y, np.arange(300) % 2]))
-    # h (1 + ...) so that the count holds although sizes grow to the middle.
-    exact = 0.5 * 0.25 / np.expm1(0.25)
-    assert h.max() <= 1.2 * exact  # linear between nodes up to twice the size apart
-    assert h.min() >= 0.99 * exact
-    assert report.elements_across == 2.0
-    free = size_function(plate, elements_across=0.0, elements_between=0.0)
-    without = free.report
-    assert free.values.min() > 1.0
-    assert "across" in report.choices
-    assert "across" not in without.choices
-
-
-def test_elements_across_are_relaxed_to_one_but_not_if_given():
-    plate = box(40, 40, 0.5)
-    relaxed = size_function(plate, max_elements=80_000).report
-    assert 1.0 <= relaxed.elements_across < 2.0
-    with pytest.warns(ResolutionWarning, match="max_elements"):
-        given = size_function(plate, max_elements=50_000, elements_across=2.0).report
-    assert given.elements_across == 2.0
-    with pytest.raises(ValueError, match="elements_across must be finite and >= 0, got -1"):
-        size_function(plate, elements_across=-1.0)
-
-
-def test_the_rib_of_the_bracket_is_found_thin():
-    bracket = read(DATA / "bracket.stl")
-    h0 = size_from_feature(bracket, elements_across=3.0)
-    # The toe is a quadrilateral in the planes y = 29.1 and 30.9.
-    on_rib = np.isclose(np.abs(bracket.points[:, 1] - 30.0), 0.9, atol=1e-3)
-    on_rib &= bracket.points[:, 2] > 8.01
-    assert on_rib.sum() > 10
-    np.testing.assert_allclose(h0[on_rib].max(), 0.6, rtol=RTOL)
-    assert h0.min() > 0.99 * 0.6  # nothing else is as thin, corners included
-
-
-def test_remeshed_plates_with_a_varying_gap_have_the_elements_across():
-    from adaptsize import remesh
-
-    plate = wedge_plate(1.2, 1.0, 0.5, 0.74)
-    size = size_function(plate, elements_across=3.0, g=0.3, hmax=1.0)
-    new = remesh(plate, size, backend="tetwild")
-    x, _, z = new.points.T
-    bottom = np.flatnonzero(z < 0.02)
-    top = np.flatnonzero(z > 0.5 + 0.2 * x - 0.02)
-    assert len(top) > 20
-    layers = edge_layers(new, bottom, top)  # fTetWild does not make the same mesh in each run
-    assert (layers >= 3).mean() > 0.9
-    assert layers.min() >= 2
 
 
 # --- arguments -------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from distance_shapes import RADIUS, Ellipse, ball, box, cylinder, slope, torus
+from distance_shapes import RADIUS, Ellipse, ball, box, slope
 from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import (
@@ -95,84 +95,11 @@ def test_sizes_that_change_along_the_boundary_are_right():
         assert np.abs(part).max() < 0.03
 
 
-def test_another_g_than_that_of_the_limiter_makes_sizes_too_small_not_too_large():
-    for other in (0.1, 0.4):
-        error = errors_on_ellipse(
-            96, lambda grid, phi, g=other: size_from_curvature(grid, phi, g=g)
-        )
-        assert max(part.max() for part in error) < 0.015
-        assert min(part.min() for part in error) > -0.1
-
-
-@pytest.mark.parametrize(
-    ("shape", "sign", "stretch", "radius", "rtol"),
-    [(torus, 1.0, 1.0, 0.25, 0.05), (cylinder, -1.0, 0.7, RADIUS, 0.01)],
-)
-def test_tubes_ask_by_their_smaller_radius(shape, sign, stretch, radius, rtol):
-    grid = box(40, 3, stretch=stretch)
-    h0 = size_from_curvature(grid, sign * grid.sample(shape), g=0.0)
-    asked = h0[np.isfinite(h0)]
-    assert len(asked) > 1000
-    # 2.5 spacings to the middle of the tube from the innermost nodes.
-    assert_allclose(asked, radius / K, rtol=rtol)
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 def test_flat_boundaries_ask_for_nothing(dim):
     grid = box(20, dim)
     assert_array_equal(size_from_curvature(grid, grid.sample(slope)), np.inf)
     assert_array_equal(size_from_curvature(grid, grid.sample(slope), hmax=0.3), 0.3)
-
-
-def polygon_distance(corners):
-    """Signed distance to a polygon whose corners are given in counterclockwise order."""
-    start = np.asarray(corners, float)
-    along = np.roll(start, -1, axis=0) - start
-
-    def distance(x):
-        away, turn = np.full(len(x), np.inf), np.zeros(len(x))
-        for a, ab in zip(start, along, strict=True):
-            share = np.clip((x - a) @ ab / (ab @ ab), 0.0, 1.0)
-            away = np.minimum(away, np.linalg.norm(x - a - share[:, None] * ab, axis=1))
-            p, q = x - a, x - a - ab
-            turn += np.arctan2(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0], (p * q).sum(axis=1))
-        return np.where(np.abs(turn) > np.pi, -away, away)
-
-    return distance
-
-
-SQUARE = [[-0.7, -0.7], [0.7, -0.7], [0.7, 0.7], [-0.7, 0.7]]
-L_SHAPE = [[-0.7, -0.7], [0.7, -0.7], [0.7, 0.0], [0.0, 0.0], [0.0, 0.7], [-0.7, 0.7]]
-HEXAGON = 0.8 * np.column_stack(
-    [np.cos(np.arange(6) * np.pi / 3), np.sin(np.arange(6) * np.pi / 3)]
-)
-
-
-@pytest.mark.parametrize("corners", [SQUARE, L_SHAPE, HEXAGON], ids=["square", "L", "hexagon"])
-@pytest.mark.parametrize("angle", [0.0, 0.2, 0.5, np.pi / 4])
-def test_corners_are_not_curvature(corners, angle):
-    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    for n in (20, 41):
-        grid = box(n)
-        phi = grid.sample(polygon_distance(np.asarray(corners) @ turn))
-        # What little the stencils beside a corner see of it.
-        assert size_from_curvature(grid, phi).min() > 4.0 * grid.spacing[0]
-
-
-def test_edges_and_corners_of_a_box_are_not_curvature():
-    grid = box(24, 3)
-    away = np.abs(grid.points) - [0.7, 0.6, 0.5]
-    phi = np.linalg.norm(np.maximum(away, 0.0), axis=1) + np.minimum(away.max(axis=1), 0.0)
-    assert_array_equal(size_from_curvature(grid, phi.reshape(grid.shape)), np.inf)
-
-
-def test_obtuse_corners_count_by_the_crease_angle():
-    # Twelve sides that turn by 30 degrees each are round, unless creases are sharper than that.
-    t = np.arange(12) * np.pi / 6
-    grid = box(40)
-    phi = grid.sample(polygon_distance(0.8 * np.column_stack([np.cos(t), np.sin(t)])))
-    assert np.isfinite(size_from_curvature(grid, phi)).sum() > 20
-    assert np.isfinite(size_from_curvature(grid, phi, crease_angle=10.0)).sum() < 5
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -183,25 +110,6 @@ def test_radii_from_two_and_a_quarter_spacings_are_resolved(sign):
         asked = size_from_curvature(grid, phi, g=0.0)
         assert_allclose(asked[np.isfinite(asked)], 2.25 / K, rtol=0.05)
         assert np.isfinite(asked).any()
-
-
-def test_coarse_grids_ask_for_half_the_size_outside_at_least():
-    grid = box(12)
-    phi = grid.sample(ball)
-    h0 = size_from_curvature(grid, phi, elements_per_radian=60.0, g=1.0)
-    assert h0.min() > 0.5 * RADIUS / 60.0 * 0.95
-
-
-def test_noise_is_smoothed():
-    grid = box(60)
-    noise = np.random.default_rng(515).normal(scale=0.02 * grid.spacing[0], size=grid.shape)
-    phi = grid.sample(ball) + noise
-    spread = []
-    for smoothing in (0, 1, 2):
-        h0 = size_from_curvature(grid, phi, g=0.0, smoothing=smoothing)
-        spread.append(np.abs(K * h0[np.isfinite(h0)] / RADIUS - 1.0).mean())
-    assert spread[1] < 0.5 * spread[0]
-    assert spread[2] < spread[1]
 
 
 @pytest.mark.parametrize("radius", [12.0, 40.0])
@@ -219,16 +127,6 @@ def test_sizes_of_pixels_are_smoothed(radius):
         spread.append(np.quantile(ratio, 0.05))
     assert spread[1] > 0.65
     assert spread[1] > spread[0] + 0.1
-
-
-def test_inactive_nodes_ask_for_nothing():
-    grid = box(40)
-    phi = grid.sample(ball)
-    inside = phi <= 0.0
-    everywhere = size_from_curvature(grid, phi)
-    h0 = size_from_curvature(grid.with_active(inside), phi)
-    assert_array_equal(h0[inside], everywhere[inside])
-    assert_array_equal(h0[~inside], np.inf)
 
 
 def test_limits_of_the_size_and_tolerance():

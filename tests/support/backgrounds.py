@@ -402,7 +402,7 @@ def graded_tree(dim: int) -> Callable[[int], Octree]:
     return make
 
 
-_PLANE = (41, 81, 161)
+_PLANE = (41, 81)
 FAMILIES = {
     "plane": Family(
         "simplices", "plane", lambda n: jittered_square(n, 51), _PLANE, _from_source, 10
@@ -417,11 +417,11 @@ FAMILIES = {
         "simplices", "surface", lambda n: random_sphere(n**2, 55), _PLANE, _from_pole, 0.5, 3.0
     ),
     "volume": Family(
-        "simplices", "volume", lambda n: jittered_cube(n, 54), (13, 19, 27), _from_source, 20
+        "simplices", "volume", lambda n: jittered_cube(n, 54), (13, 21), _from_source, 20
     ),
     "square grid": Family("grid", "2-D", square_grid, _PLANE, _from_source, 20),
     "stretched grid": Family("grid", "2-D", _box_grid(1.6, 0.4), _PLANE, _from_source, 20),
-    "cubic grid": Family("grid", "3-D", _box_grid(1, 0.8, 1.2), (21, 31, 51), _from_source, 20),
-    "quadtree": Family("octree", "2-D", graded_tree(2), (33, 65, 129), _from_source, 20),
-    "octree": Family("octree", "3-D", graded_tree(3), (9, 13, 19), _from_source, 25),
+    "cubic grid": Family("grid", "3-D", _box_grid(1, 0.8, 1.2), (21, 31), _from_source, 20),
+    "quadtree": Family("octree", "2-D", graded_tree(2), (33, 65), _from_source, 20),
+    "octree": Family("octree", "3-D", graded_tree(3), (9, 15), _from_source, 25),
 }  # fmt: skip

@@ -29,7 +29,8 @@ def along_lines(h0, active, spacing, g):
     """Return the sizes at the active nodes by straight lines from node to node, float64[n]."""
     nodes = np.argwhere(active).astype(float)
     steps = np.full((len(nodes), len(nodes)), np.inf)
-    fill_lengths(active.ravel(), np.array(active.shape), nodes, np.asarray(spacing, float), steps)
+    # A copy, since a read-only array would be another type.
+    fill_lengths(active.flatten(), np.array(active.shape), nodes, np.array(spacing, float), steps)
     steps[np.isfinite(steps)] *= g
     value = h0[active]
     while True:
@@ -49,7 +50,7 @@ def segments_with_data(active, h0):
     finite = [tuple(x) for x in np.argwhere(active & np.isfinite(h0))]
     for p, q in itertools.combinations(finite, 2):
         along = np.subtract(q, p)
-        if np.abs(along).max() > 1 or not sees(active.ravel(), shape, *np.array([p, q], float)):
+        if np.abs(along).max() > 1 or not sees(active.flatten(), shape, *np.array([p, q], float)):
             continue
         corners = itertools.product(*({x, y} for x, y in zip(p, q, strict=True)))
         n_finite = sum(np.isfinite(h0[x]) for x in corners)
@@ -76,7 +77,7 @@ def _from_segments(spacing, active, h0, g):
     sizes, feet = size(t), starts + t[:, :, None] * along
     for i, place in enumerate(places):
         for k in np.argsort(sizes[:, i]):
-            if sees(active.ravel(), shape, place, feet[k, i]):
+            if sees(active.flatten(), shape, place, feet[k, i]):
                 value[tuple(place.astype(int))] = sizes[k, i]
                 break
     return value

@@ -135,8 +135,3 @@ def one_inverted(arrays, options):
     cells = arrays["cells"].copy()
     cells[0, :2] = cells[0, 1::-1]
     return {"points": arrays["points"], "cells": cells}
-
-
-def all_inverted_and_unused(arrays, options):
-    points = np.concatenate([arrays["points"], [[9.0, 9.0, 9.0]]])
-    return {"points": points, "cells": arrays["cells"][:, [1, 0, 2, 3]]}

@@ -25,12 +25,6 @@ def box(a, b, c):
     return hull(corners.reshape(-1, 3))
 
 
-def wedge_plate(length, width, thin, thick):
-    """Two plates with a gap that widens from ``thin`` to ``thick`` along x, filled."""
-    return hull([[x, y, z] for x, t in ((0, thin), (length, thick)) for y in (0, width)
-                 for z in (0, t)])  # fmt: skip
-
-
 def outline(points, *more):
     """Closed polygons: each runs from node to node and back to its first."""
     loops = [np.asarray(loop, dtype=float) for loop in (points, *more)]
@@ -56,17 +50,3 @@ def turned(mesh, seed=60311):
 
 def inside_out(mesh):
     return SimplexMesh(mesh.points, mesh.cells[:, ::-1])
-
-
-def edge_layers(mesh, start, end):
-    """Least number of edges on the way from any node of one set to each of another."""
-    count = np.full(mesh.n_points, mesh.n_points)
-    count[start] = 0
-    i, j = mesh.edges.T
-    while True:
-        new = count.copy()
-        np.minimum.at(new, i, count[j] + 1)
-        np.minimum.at(new, j, count[i] + 1)
-        if (new == count).all():
-            return count[end]
-        count = new

@@ -43,32 +43,9 @@ def test_points_at_the_heights_of_corners_have_the_right_sign():
         assert (values < 0).sum() == inside, y
 
 
-def test_a_closed_polygon_may_repeat_its_first_point():
-    corners = star(9, 5)
-    points = RNG.uniform(-2, 2, (50, 2))
-    repeated = SignedDistance(np.concatenate([corners, corners[:1]]))
-    np.testing.assert_array_equal(repeated(points), SignedDistance([corners.tolist()])(points))
-
-
 def test_meshes_agree_with_signed_distance():
     mesh = random_square(60, 3)
     points = random_square(500, 4, half_width=2.0)
     np.testing.assert_allclose(
         SignedDistance(mesh)(points.points), signed_distance(points, mesh.boundary().mesh)
     )
-
-
-@pytest.mark.parametrize(
-    ("boundary", "message"),
-    [
-        (3, "boundary must be a mesh or polygons, got 3"),
-        ([], "at least one polygon"),
-        ([[(0, 0), (1, 0)]], r"boundary\[0\] must have 3 corners or more, got 2"),
-        ([[(0, 0, 0), (1, 0, 0), (1, 1, 0)]], r"boundary\[0\] must have shape \(n, 2\)"),
-        ([[(0, 0), (1, np.nan), (1, 1)]], r"boundary\[0\] must be finite"),
-        (["coast"], r"boundary\[0\]"),
-    ],
-)
-def test_bad_boundaries_are_refused(boundary, message):
-    with pytest.raises(ValueError, match=message):
-        SignedDistance(boundary)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from meshes import jittered_square
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from adaptsize import CartesianGrid, Octree, signed_distance
 
@@ -110,37 +110,6 @@ def test_meshes_and_octrees():
         close = np.abs(exact) <= 3.0 * h
         assert_allclose(phi[close], exact[close], atol=1e-7 * h)
         assert_allclose(phi, exact, atol=0.01 * h)
-
-
-def test_zeros_at_nodes():
-    grid = CartesianGrid([-1.0, -1.0], 0.25, (9, 9))
-    phi = signed_distance(grid, lambda x: x[:, 0] * (3.0 + x[:, 1]))
-    assert_allclose(phi, grid.points[:, 0].reshape(9, 9), atol=1e-6)
-
-
-def test_samples_of_a_function_count_as_a_spline():
-    errors = []
-    for n in (20, 40, 80):
-        grid = grid_of(n)
-        values = grid.sample(FAR_FROM_DISTANCES["waves"])
-        before = values.copy()
-        phi = signed_distance(grid, values)
-        assert_array_equal(values, before)
-        errors.append(np.abs(phi - exact_on(grid)).max())
-    # Cubic splines are of fourth order; what is lost beyond the band is of second.
-    order = np.log2(np.divide(errors[:-1], errors[1:]))
-    assert (order > 1.7).all(), f"errors {errors}, orders {order}"
-    assert errors[-1] < 1e-3 * 0.045
-
-
-def test_parts_smaller_than_a_box_are_not_seen_but_do_no_harm():
-    def dots(x):
-        return np.minimum(radius(x - [0.05, 0.05]) - 0.02, to_circle(x - [3.0, 0.0]))
-
-    grid = CartesianGrid([0.0, 0.0], 0.1, (41, 11))
-    phi = signed_distance(grid, dots)
-    exact = to_circle(grid.points - [3.0, 0.0]).reshape(grid.shape)
-    assert_allclose(phi, exact, atol=1e-3)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -4,13 +4,9 @@ import numpy as np
 import pytest
 import solid_shapes as solid
 from curved_shapes import part_of, smooth_torus
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from meshes import jittered_cube, jittered_square, random_sphere
 from numpy.testing import assert_allclose, assert_array_equal
-from planar_shapes import polygon as to_polygon
-from solids import inside_out, outline
-from width_oracle import closest_on_triangles
+from solids import inside_out
 
 from adaptsize import CartesianGrid, Octree, SimplexMesh, signed_distance
 
@@ -59,27 +55,6 @@ def test_exact_in_the_band_and_never_too_small_beyond():
     # are missed by an edge or two, here of 0.1, at a distance of 0.4.
     assert excess.max() < 0.3 * h
     assert excess.mean() < 0.002 * h
-
-
-def test_exact_distances_are_those_of_all_facets():
-    surface = random_sphere(60, 914)
-    grid = grid_around(surface, 8)
-    phi = signed_distance(grid, surface, band=np.inf).ravel()
-    # The twin of the width tries all facets, by other arithmetic.
-    corners = surface.points[surface.cells]
-    exact = [
-        np.linalg.norm(closest_on_triangles(corners, x) - x, axis=1).min() for x in grid.points
-    ]
-    assert_allclose(np.abs(phi), exact, atol=1e-13)
-
-
-def test_surface_that_reaches_out_of_the_grid_or_lies_outside():
-    surface = BOX
-    grid = CartesianGrid([-0.5, 0.1, 0.4], 0.1, (15, 8, 9))
-    outside = CartesianGrid([3.0, 0.0, 2.5], 0.2, (4, 5, 6))
-    for background in (grid, outside):
-        exact = to_box(background.points).reshape(background.shape)
-        assert_allclose(signed_distance(background, surface, band=1.0), exact, atol=1e-12)
 
 
 def dirty(kind):
@@ -168,16 +143,6 @@ def test_what_is_enclosed_twice_is_inside_and_a_cavity_is_not():
     assert_array_equal(signed_distance(grid, shell) < 0.0, (to_one < 0.0) & (to_hole > 0.0))
 
 
-def test_open_sheet_encloses_nothing():
-    plate = jittered_square(12, 808, half_width=1.0)
-    sheet = SimplexMesh(np.column_stack([plate.points, np.zeros(plate.n_points)]), plate.cells)
-    grid = CartesianGrid([-1.5, -1.5, -0.77], 0.11, (28, 28, 15))
-    phi = signed_distance(grid, sheet)
-    beyond = np.maximum(np.abs(grid.points[:, :2]) - 1.0, 0.0)
-    exact = np.hypot(np.hypot(*beyond.T), grid.points[:, 2]).reshape(grid.shape)
-    assert_allclose(phi, exact, atol=1e-12)
-
-
 def test_other_backgrounds_have_exact_distances():
     q = rotation(64)
     surface = SimplexMesh(0.7 * BOX.points @ q, BOX.cells)
@@ -203,41 +168,3 @@ def test_own_boundary_of_triangles_and_tetrahedra():
         nodes = mesh.boundary().nodes
         assert (phi[nodes] == 0.0).all()
         assert (np.delete(phi, nodes) < 0.0).all()
-
-
-def test_own_boundary_with_a_hole_as_a_given_boundary():
-    square = jittered_square(31, 79, half_width=1.0)
-    middle = square.points[square.cells].mean(axis=1)
-    ring = SimplexMesh(square.points, square.cells[np.hypot(*middle.T) > 0.4])
-    used = np.unique(ring.cells)
-    phi, given = signed_distance(ring), signed_distance(ring, ring.boundary().mesh)
-    assert_allclose(np.abs(phi[used]), np.abs(given[used]), atol=1e-14)
-    off = used[np.abs(phi[used]) > 1e-12]
-    assert (given[off] < 0.0).all()
-
-
-@st.composite
-def polygons(draw):
-    """Star-shaped polygons with spikes, their segments in any order and direction."""
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    n = draw(st.integers(3, 30))
-    angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, n))
-    points = rng.uniform(0.2, 1.0, n)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-    cells = outline(points).cells.copy()
-    turned = rng.random(n) < draw(st.sampled_from([0.0, 0.5, 1.0]))
-    cells[turned] = cells[turned][:, ::-1]
-    return points, SimplexMesh(points, cells[rng.permutation(n)])
-
-
-@given(polygons())
-@settings(max_examples=25)
-def test_polygons_by_brute_force(polygon):
-    points, mesh = polygon
-    grid = CartesianGrid([-1.213, -1.207], 0.1017, (25, 25))
-    phi, exact = signed_distance(grid, mesh, band=2.0).ravel(), to_polygon(points)(grid.points)
-    near = np.abs(exact) <= 2.0 * 0.1017
-    assert_allclose(np.abs(phi[near]), np.abs(exact[near]), atol=1e-12)
-    assert (np.abs(phi) >= np.abs(exact) - 1e-12).all()
-    assert (np.abs(phi) <= np.abs(exact) + 0.1017).all()
-    clear = np.abs(exact) > 1e-9
-    assert_array_equal(phi[clear] < 0.0, exact[clear] < 0.0)

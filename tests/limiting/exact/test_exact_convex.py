@@ -108,18 +108,6 @@ def test_sizes_of_larger_problems_are_those_of_the_formula(make, bounds):
     assert 0 < (h.ravel() < h0).sum() < h.size
 
 
-@pytest.mark.parametrize("bounds", ["few", "noise", "ties"])
-def test_several_nodes_may_be_at_one_place(bounds):
-    # Two layers of nodes are moved onto others, which makes the cells between them flat.
-    for dim in (2, 3):
-        mesh = CartesianGrid(np.zeros(dim), 1.0, (7,) * dim).mesh
-        doubled = SimplexMesh(
-            np.array([0.0, 1, 1, 2, 3.5, 3.5, 4])[mesh.points.astype(int)], mesh.cells
-        )
-        h0 = random_bounds(bounds, doubled.points, np.random.default_rng(2111))
-        assert_exact(doubled, h0, G)
-
-
 def renumbered(mesh, seed):
     """Return the mesh with nodes, cells and the nodes of each cell in other orders."""
     rng = np.random.default_rng(seed)
@@ -160,12 +148,3 @@ def test_the_number_of_threads_does_not_matter_to_the_last_bit(name, face_source
             for threads in (1, 2, 3, None)
         ]
         assert all(np.array_equal(h[0], other) for other in h[1:])
-
-
-def test_every_node_of_a_convex_domain_is_proved():
-    for mesh in (random_square(500, 2126), jittered_cube(6, 2127)):
-        h0 = random_bounds("noise", mesh.points, np.random.default_rng(2128))
-        h, info = limit_gradient.with_info(mesh, h0, G, method=Exact(face_sources=False))
-        assert np.array_equal(h, limit(mesh, h0, G))
-        assert info.n_proved == mesh.n_points
-        assert info.largest_gap == 0.0

@@ -6,7 +6,7 @@ A source of size 1 is at one node; ``lengths`` are those of the shortest paths f
 import numpy as np
 import pytest
 from exact_oracle import plane_domain, plane_sizes
-from meshes import slit_square, structured_square
+from meshes import structured_square
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import Delaunay
 from test_exact_any_mesh import assert_between_bounds
@@ -79,53 +79,6 @@ def test_a_flat_cell_between_two_rows_lets_everything_through():
     assert_lengths(mesh, 4, [1.0, SQRT5, SQRT2, SQRT5, 0.0, 2.0])
 
 
-def test_without_it_there_is_a_crack_with_two_ends():
-    # From node 3 nodes 4 and 2 are reached by node 0: sqrt 2 + 1 both; by node 1 node 5.
-    around = SQRT2 + 1.0
-    mesh = SimplexMesh(ROWS, ROW_CELLS)
-    assert_lengths(mesh, 3, [SQRT2, SQRT2, around, 0.0, around, around])
-    assert_lengths(mesh, 2, [1.0, 1.0, 0.0, around, SQRT2, SQRT2])
-
-
-def test_nodes_on_the_two_sides_of_a_crack_do_not_see_each_other_along_it():
-    # Node 6 = (1.5, 0) on the lower side.  From node 2 by node 1: 1 + 0.5.
-    points = [*ROWS, [1.5, 0.0]]
-    cells = [[0, 6, 3], [6, 1, 3], *ROW_CELLS[1:]]
-    to_3 = SQRT2 + 1.0
-    assert_lengths(SimplexMesh(points, cells), 2, [1.0, 1.0, 0.0, to_3, SQRT2, SQRT2, 1.5])
-
-
-def test_twins_on_a_slit_are_as_far_apart_as_twice_from_the_tip():
-    mesh = slit_square(8)
-    pairs = [np.flatnonzero((mesh.points == [x, 0.0]).all(axis=1)) for x in (0.25, 0.75, 1.0)]
-    for first, x in zip(pairs, (0.25, 0.75, 1.0), strict=True):
-        h0 = np.full(mesh.n_points, INF)
-        h0[first[0]] = 1.0
-        h = limit(mesh, h0)
-        for second, other_x in zip(pairs, (0.25, 0.75, 1.0), strict=True):
-            same, across = h[second] if h[second[0]] < h[second[1]] else h[second[::-1]]
-            assert_allclose(same, 1.0 + G * abs(x - other_x), rtol=1e-13)
-            assert_allclose(across, 1.0 + G * (x + other_x), rtol=1e-13)
-
-
-def test_information_passes_through_a_pinched_node():
-    # Unit squares that share node 3 = (1, 1).  From node 1 = (1, 0): to (2, 1) by the node 1 + 1,
-    # straight 1.4; to (1, 2) straight through the node.
-    points = [[0, 0], [1, 0], [0, 1], [1, 1], [2, 1], [1, 2], [2, 2]]
-    cells = [[0, 1, 3], [0, 3, 2], [3, 4, 6], [3, 6, 5]]
-    assert_lengths(SimplexMesh(points, cells), 1, [1.0, 0, SQRT2, 1, 2, 2, 1 + SQRT2])
-    lengths = [0, 1, 1, SQRT2, 1 + SQRT2, 1 + SQRT2, 2 * SQRT2]
-    assert_lengths(SimplexMesh(points, cells), 0, lengths)
-
-
-def test_information_passes_a_node_of_three_sectors():
-    # Three triangles around the origin that share no edge; between two of them by the origin.
-    angle = np.radians([0, 60, 120, 180, 240, 300])
-    points = np.concatenate([[[0.0, 0.0]], np.column_stack([np.cos(angle), np.sin(angle)])])
-    mesh = SimplexMesh(points, [[0, 1, 2], [0, 3, 4], [0, 5, 6]])
-    assert_lengths(mesh, 1, [1.0, 0.0, 1.0, 2.0, 2.0, 2.0, 2.0])
-
-
 @pytest.mark.parametrize("gap", [0.0, 0.1])
 def test_nothing_crosses_between_components(gap):
     one = structured_square(5, half_width=1.0)
@@ -139,18 +92,6 @@ def test_nothing_crosses_between_components(gap):
     h0[[0, one.n_points]] = 1.0, 0.1
     expected = np.concatenate([1.0 + G * away, 0.1 + G * away])
     assert_allclose(limit(mesh, h0), expected, rtol=1e-13)
-
-
-def test_segments_apart_doubled_and_back_over_each_other():
-    # 0-1-3 with one segment twice, and apart from it 4-6-5, of which the last goes back.
-    points = [[0.0], [1.0], [3.0], [4.0], [6.0], [5.0]]
-    h0 = [1.0, INF, INF, 2.0, INF, INF]
-    straight = SimplexMesh(points, [[0, 1], [2, 1], [1, 2], [3, 4]])
-    expected = [1.0, 1.0 + G, 1.0 + 3.0 * G, 2.0, 2.0 + 2.0 * G, INF]
-    assert_allclose(limit(straight, h0), expected, rtol=1e-14)
-    back = SimplexMesh(points, [[0, 1], [2, 1], [3, 4], [4, 5]])
-    for face_sources in (False, True):
-        assert_between_bounds(back, np.array(h0), G, face_sources)
 
 
 def boxes(*corners):

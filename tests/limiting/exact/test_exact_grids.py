@@ -194,15 +194,3 @@ def test_sizes_behind_a_wall_in_space_are_exact():
     assert (gap > 0.05).mean() > 0.1
     assert 0 < info.n_proved <= np.count_nonzero(gap < 1e-12)
     assert info.largest_gap == pytest.approx(gap.max(), rel=1e-9)
-
-
-def test_boxes_that_share_an_edge():
-    active = np.ones((3, 3), bool)
-    active[0, 2] = active[2, 0] = False
-    # They share the edge x = y = 1, on which the way to (1, 2, 1) bends: hypot(1 + 1, 1)
-    # in one plane, and 1 + sqrt 2 by the nodes.
-    grid = CartesianGrid([0.0] * 3, 1.0, (3, 3, 2), active=np.stack([active, active], axis=2))
-    h = limit(grid, points_only(grid, [(0, 1, 0)], [1.0]))
-    assert_allclose(h[1, 2, 0], 1.0 + G * 2.0, rtol=1e-14)
-    assert h[1, 2, 1] >= (1.0 + G * np.sqrt(5.0)) * (1.0 - 1e-12)
-    assert h[1, 2, 1] <= (1.0 + G * (1.0 + np.sqrt(2.0))) * (1.0 + 1e-12)

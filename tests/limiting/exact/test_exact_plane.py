@@ -12,7 +12,6 @@ from exact_oracle import (
     straight_sizes,
 )
 from meshes import jittered_square, random_square, slit_square, structured_square
-from numpy.testing import assert_allclose
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.limiting import Exact
@@ -78,19 +77,6 @@ def test_bounds_at_many_nodes_are_exact(name, bounds):
         h0 = random_bounds(mesh, rng, 0.03 if bounds == "a third" else 1.0)
     h = assert_exact(mesh, h0)
     assert (h < h0).any()
-
-
-@pytest.mark.parametrize("name", ["slit", "spiral", "6 holes of 40 corners"])
-def test_numbering_and_threads_do_not_matter(name):
-    mesh, _ = SHAPES[name](3000, seed=2219)
-    rng = np.random.default_rng(2220)
-    h0 = random_bounds(mesh, rng, 0.05)
-    h = limit(mesh, h0)
-    assert all(np.array_equal(limit(mesh, h0, threads=threads), h) for threads in (1, 2, 3))
-    old_of_new = rng.permutation(mesh.n_points)
-    cells = rng.permuted(np.argsort(old_of_new)[rng.permutation(mesh.cells)], axis=1)
-    other = SimplexMesh(mesh.points[old_of_new], cells)
-    assert_allclose(limit(other, h0[old_of_new]), h[old_of_new], rtol=1e-13)
 
 
 def test_every_node_of_the_plane_is_proved():

@@ -9,10 +9,9 @@ import domains
 import numpy as np
 import pytest
 from meshes import structured_square
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
-from adaptsize import SimplexMesh, SizeFunction, limit_gradient
-from adaptsize._kernels.topology import merge_walls
+from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.geometry.boundary import flat_boundary, plane_boundary
 from adaptsize.geometry.convexity import is_convex
 from adaptsize.limiting import Exact
@@ -93,61 +92,6 @@ def test_noise_about_the_tolerance_leaves_no_node_without_its_path(share):
     # Regression: corners that a path passes within the tolerance hid what was behind them.
     for seed in range(30):
         assert_off_by_noise_only("maze", *noisy(share), np.random.default_rng(seed))
-
-
-def test_points_on_and_just_outside_of_slanted_walls_see_their_sources():
-    mesh, h0, _ = original("L")
-    mesh = SimplexMesh(turned(mesh.points), mesh.cells)
-    h, info = limit_gradient.with_info(mesh, h0, G)
-    size = SizeFunction(mesh, h, sources=info.sources)
-    t = np.linspace(0.01, 0.99, 99)[:, None]
-    on_wall = turned(np.concatenate([t * [0.0, 50.0], t * [50.0, 0.0]]))
-    expected = size(on_wall)
-    assert np.isfinite(expected).all()
-    for distance in (1e-13, 1e-11, 1e-8):
-        for direction in ([1, 0], [-1, 0], [0, 1], [0, -1]):
-            found = size(on_wall + distance * np.array(direction))
-            assert_allclose(found, expected, rtol=0.0, atol=2.0 * G * distance + 1e-12)
-
-
-def merged(points, tolerance):
-    """Return the first and last nodes of the merged walls of an open chain of nodes."""
-    n = len(points)
-    start, end = np.arange(n - 1, dtype=np.int32), np.arange(1, n, dtype=np.int32)
-    is_end = np.zeros(n, bool)
-    is_end[[0, -1]] = True
-    piece, ends = np.empty(n - 1, np.int32), np.empty((n - 1, 2), np.int32)
-    after = np.minimum(end, n - 2).astype(np.int32)
-    count = merge_walls(points, (start, end, after), is_end, tolerance, piece, ends)
-    assert_array_equal(np.flatnonzero(is_end), np.append(ends[:count, 0], n - 1))
-    assert_array_equal(ends[piece, 0] <= start, True)
-    assert_array_equal(ends[piece, 1] >= end, True)
-    return ends[:count]
-
-
-def is_near_chord(points, first, last, tolerance):
-    """Return whether the nodes between two are near their chord, and in order along it."""
-    chord = points[last] - points[first]
-    to = points[first : last + 1] - points[first]
-    off = np.abs(chord[0] * to[:, 1] - chord[1] * to[:, 0]) / np.hypot(*chord)
-    return off.max() <= tolerance and (np.diff(to @ chord) > 0.0).all()
-
-
-@pytest.mark.parametrize("seed", range(2260, 2280))
-def test_walls_are_merged_as_far_as_their_nodes_are_near_the_chord(seed):
-    rng = np.random.default_rng(seed)
-    points = np.column_stack([np.cumsum(rng.uniform(0.1, 1.0, 200)), rng.normal(0, 1e-3, 200)])
-    ends = merged(points, 2e-3)
-    assert len(ends) > 2
-    for first, last in ends:
-        assert is_near_chord(points, first, last, 2e-3 * (1.0 + 1e-6))
-        # One more wall would be too many.
-        assert last == 199 or not is_near_chord(points, first, last + 1, 2e-3 * (1.0 - 1e-6))
-
-
-def test_a_wall_that_turns_back_is_not_merged():
-    points = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [1.5, 0.0], [3.0, 0.0]])
-    assert_array_equal(merged(points, 1e-9), [[0, 2], [2, 3], [3, 4]])
 
 
 @pytest.mark.parametrize("distance", [0.0, 1e3, 1e6])

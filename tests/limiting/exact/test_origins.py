@@ -8,8 +8,6 @@ from numpy.testing import assert_array_equal
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.limiting import Exact
-from adaptsize.limiting.exact.origins import Paths, complete
-from adaptsize.ranks import SingleRank
 
 WALL = domains.wall_box(100, seed=893)[0]
 SQUARE = structured_square(3)
@@ -63,20 +61,3 @@ def assert_bends_are_on_shortest_paths(mesh, sources, h, h0, g):
         bend - mesh.points[source], axis=1
     )
     assert (h0[source] + g * legs <= h * (1.0 + 1e-9))[bent].all()
-
-
-def test_sizes_that_are_equal_take_the_least_node_and_straight_paths_have_no_bend():
-    # 0 and 1 are sources, 2 sees both alike, 3 comes from 2, and 5 starts at 3 with a bend.
-    points = np.array([[0.0, 0], [2, 0], [1, 0], [1, 1], [9, 9], [3, 1]])
-    edges = np.array([[2, 1], [0, 2], [3, 2]], np.int32)
-    h = np.array([1.0, 1.0, 2.0, 3.0, np.inf, 6.0])
-    start = np.array([-1, -1, -1, -1, -1, 3], np.int32)
-    rows = np.column_stack([np.arange(6.0), np.full((6, 2), np.inf)])
-    rows[5, 1:] = [2.0, 2.0]
-    known = np.array([True, True, False, False, False, False])
-    paths = Paths(points, np.arange(6), edges, h, 1.0, start)
-    complete(paths, rows, known, SingleRank(), lambda values, how: values)
-    assert_array_equal(rows[:, 0], [0, 1, 0, 0, 4, 0])
-    assert_array_equal(rows[2:4, 1:], [[np.inf, np.inf], [1.0, 0.0]])
-    assert_array_equal(rows[5, 1:], [2.0, 2.0])
-    assert_array_equal(known, [True, True, True, True, False, True])

@@ -5,11 +5,10 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from meshes import jittered_cube, jittered_square, random_cube, random_square, slit_square
-from numpy.testing import assert_allclose, assert_array_equal
+from meshes import random_cube, random_square
 from scipy.spatial import Delaunay
 
-from adaptsize import SimplexMesh, limit_gradient
+from adaptsize import SimplexMesh
 from adaptsize.geometry.boundary import flat_boundary
 
 
@@ -104,67 +103,3 @@ def test_a_node_that_only_a_flat_cell_has_opens_no_wall(cell):
     found = flat_boundary(SimplexMesh(points, [[0, 1, 2], cell]))
     walls = {tuple(sorted(facet)) for facet in found.facets.tolist()}
     assert walls == {(0, 1), (0, 2), (1, 2)}
-
-
-def test_copies_of_nodes_on_a_slit_are_on_the_same_face():
-    mesh = slit_square(8)
-    n = mesh.n_points
-    # The second of two nodes at one place; the first one lies on the other face.
-    twins = [
-        np.flatnonzero((mesh.points == [x, 0.0]).all(axis=1)).tolist() for x in (0.25, 0.5, 0.75)
-    ]
-    more = []
-    for k, (_, node) in enumerate(twins):
-        cell = mesh.cells[(mesh.cells == node).any(axis=1)][0]
-        more.append([node, n + k, next(i for i in cell if mesh.points[i, 1] != 0.0)])
-    nodes = [node for _, node in twins]
-    points = np.concatenate([mesh.points, mesh.points[nodes]])
-    h0 = np.full(len(points), np.inf)
-    h0[twins[1][0]] = 1.0
-    h = limit_gradient(SimplexMesh(points, np.concatenate([mesh.cells, more])), h0, 0.3)
-    assert_array_equal(h[n:], h[nodes])
-    assert_allclose(h[nodes], [1.0 + 0.3 * (0.5 + x) for x in (0.25, 0.5, 0.75)], rtol=1e-13)
-
-
-def on_the_hull(mesh):
-    """Return cells between two facets of the hull that meet and lie in one side of the domain."""
-    facets = flat_boundary(mesh).facets
-    middles = mesh.points[facets].mean(axis=1)
-    side = np.argmax(np.abs(middles), axis=1) * np.sign(np.abs(middles).max(axis=1))
-    outer = np.array([m[int(s)] for m, s in zip(middles, side, strict=True)])
-    flat = []
-    for a, b in combinations(range(len(facets)), 2):
-        nodes = np.union1d(facets[a], facets[b])
-        if len(nodes) == mesh.dim + 1 and side[a] == side[b] and abs(outer[a] - outer[b]) < 1e-9:
-            flat.append(nodes)
-    return np.array(flat)
-
-
-@pytest.mark.parametrize("seed", range(2331, 2335))
-@pytest.mark.parametrize("dim", [2, 3])
-def test_flat_cells_on_the_hull_change_nothing_in_any_orientation(dim, seed):
-    """Regression: a side of the hull was open where a flat cell was oriented like its neighbour."""
-    mesh = jittered_square(9, seed) if dim == 2 else jittered_cube(5, seed)
-    rng = np.random.default_rng(seed)
-    flat = rng.permuted(on_the_hull(mesh), axis=1)
-    assert len(flat) > 20
-    # No two of them on one facet.
-    kept, used = [], set()
-    for cell in rng.permutation(flat).tolist():
-        facets = set(combinations(sorted(cell), dim))
-        if not facets & used:
-            used |= facets
-            kept.append(cell)
-    angle = 0.3
-    points = mesh.points.copy()
-    points[:, :2] @= np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    expected = {tuple(sorted(facet)) for facet in flat_boundary(mesh).facets.tolist()}
-    mesh = SimplexMesh(points, np.concatenate([mesh.cells, kept]))
-    boundary = flat_boundary(mesh)
-    assert boundary.has_flat
-    assert {tuple(sorted(facet)) for facet in boundary.facets.tolist()} == expected
-    h0 = np.full(len(points), np.inf)
-    h0[0] = 1.0
-    h, info = limit_gradient.with_info(mesh, h0, 0.3)
-    assert info.n_proved == len(points)
-    assert_allclose(h, 1.0 + 0.3 * np.linalg.norm(points - points[0], axis=1), rtol=1e-13)
