@@ -10,6 +10,7 @@ import adaptsize as ads
 from adaptsize._kernels.smoothing import fill_quality, smooth_nodes
 from adaptsize._kernels.swapping import Tetrahedra, new_work, swap
 from adaptsize.background import topology
+from adaptsize.remeshing.improvement import _with_nodes as with_nodes
 
 
 def volume_length(points, cells):
@@ -89,3 +90,12 @@ def test_swaps_fill_the_same_space_with_better_tetrahedra(seed):
     assert mesh.measures.sum() == pytest.approx(volume, rel=1e-12)
     assert mesh.boundary().mesh.measures.sum() == pytest.approx(skin, rel=1e-12)
     assert np.sort(volume_length(points, new))[:20].sum() > np.sort(quality)[:20].sum()
+
+
+@pytest.mark.parametrize(("height", "reached"), [(0.1, 0.1), (0.2, 0.1), (3.0, None)])
+def test_an_edge_is_divided_only_if_its_node_or_one_halfway_spoils_no_cell(height, reached):
+    cell = ads.SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
+    new = with_nodes(cell, cell.edges[:1], np.array([[0.5, height, height]]))
+    added = np.empty((0, 3)) if reached is None else [[0.5, reached, reached]]
+    np.testing.assert_allclose(new.points[4:], added, atol=1e-15)
+    assert volume_length(new.points, new.cells).min() > 0.2

@@ -4,7 +4,8 @@ Mmg puts single nodes beside corners off the surface, by up to five times its to
 projected back, and the few edges that are still too far away get a node on the surface.  Then edges
 and faces of the worst cells are swapped, each region on its own, and nodes are moved: inside of
 regions freely, on smooth boundaries and interfaces along these.  No move is kept that makes the
-worst cell around a node worse or brings a facet farther away than the tolerance.
+worst cell around a node worse or brings a facet farther away than the tolerance, and no pass that
+lowers the least angle or the least radius ratio of the mesh.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from adaptsize.background import SimplexMesh, topology
 from adaptsize.background.interfaces import interfaces
 from adaptsize.background.splitting import bisect_edges
 from adaptsize.geometry.faces import normals_of
-from adaptsize.quality.elements import minimum_angles
+from adaptsize.quality.elements import minimum_angles, radius_ratios
 from adaptsize.remeshing.distmesh.finish import swapped, take_back, worst_of_nodes
 from adaptsize.remeshing.surface import facets_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray
@@ -40,8 +41,9 @@ _STRAY = 0.2
 #: Edges of facets whose middle is farther from the old surface than this share of the tolerance are
 #: divided, unless they are more than the other share.
 _NEAR, _FEW = 0.9, 0.02
-#: Cosine of the angle between a facet and the plane at a node up to which a surface is smooth.
-_SMOOTH = 0.97
+#: Cosine of the angle between a facet and the plane at a node up to which a surface is smooth, and
+#: up to which nodes are moved along it if nothing else helps.
+_SMOOTH, _ROUGH = 0.97, 0.3
 
 
 def improved(
@@ -75,29 +77,42 @@ def improved(
     surface, points, cells = facets_of(mesh), mesh.points.copy(), mesh.cells
     groups = np.zeros(len(cells), np.int32) if mesh.cell_tags is None else mesh.cell_tags
     on_sheet = _nodes_of_sheets(mesh)
-    angles = minimum_angles(SimplexMesh(points, cells))
-    best, wider = -1.0, 0
+    far = np.unique(surface.cells)
+    far = far[_nearest(old, points[far])[1] > tolerance]
+    qualities = _qualities(points, cells)
+    kept, best, wider = (points, cells, groups), qualities.min(axis=0), 0
+    fewest, n_missed = len(far), len(_missed(surface, old, tolerance)[0])
     for _ in range(_PASSES):
-        bad = angles < _SMALL_ANGLE
-        least = float(angles.min())
-        wider += int(least < best + 0.1)
-        best = max(least, best)
-        if not bad.any() or wider > 2:
+        bad = qualities[:, 0] < _SMALL_ANGLE
+        if not (bad.any() or len(far)) or wider > 2:
             break
         is_moved = np.zeros(len(points), np.bool_)
-        is_moved[cells[bad]] = True
+        is_moved[cells[bad]] = is_moved[far] = True
         for _ in range(wider):  # the neighbours must move, too
             is_moved[cells[is_moved[cells].any(axis=1)]] = True
         near = is_moved[cells].any(axis=1)
+        least = _SMOOTH if wider == 0 else _ROUGH
         part, of_part = _swapped(points, cells[near], groups[near], on_sheet)
-        _move(points, part, np.flatnonzero(is_moved), surface, old, tolerance)
+        points = points.copy()
+        _move(points, part, np.flatnonzero(is_moved), surface, old, tolerance, least)
+        far = far[_pull(points, part, far, old) > tolerance]
         cells = np.concatenate([cells[~near], part])
         groups = np.concatenate([groups[~near], of_part])
-        angles = np.concatenate([angles[~near], minimum_angles(SimplexMesh(points, part))])
-    if cells is mesh.cells:
-        return mesh.moved(points)
+        qualities = np.concatenate([qualities[~near], _qualities(points, part)])
+        worst = qualities.min(axis=0)
+        wider += int(worst[0] < best[0] + 0.1)
+        is_better = len(far) < fewest or (len(far) == fewest and (worst >= best).all())
+        if is_better and len(_missed(surface.moved(points), old, tolerance)[0]) <= n_missed:
+            kept, fewest, best = (points, cells, groups), len(far), worst
+    points, cells, groups = kept
     tags = None if mesh.cell_tags is None else groups
     return replace(mesh, points=points, cells=cells, cell_tags=tags)
+
+
+def _qualities(points: FloatArray, cells: IntArray) -> FloatArray:
+    """Return the smallest angle and the radius ratio of each cell, float64[n, 2]."""
+    mesh = SimplexMesh(points, cells)
+    return np.column_stack([minimum_angles(mesh), radius_ratios(mesh)])
 
 
 def _divided(mesh: SimplexMesh, old: SimplexMesh, tolerance: float) -> SimplexMesh:
@@ -108,31 +123,45 @@ def _divided(mesh: SimplexMesh, old: SimplexMesh, tolerance: float) -> SimplexMe
     for _ in range(_ROUNDS):
         surface = facets_of(mesh)
         there, distance = _nearest(old, surface.points[surface.edges].mean(axis=1))
-        far = np.flatnonzero(distance > _NEAR * tolerance)
-        if not 0 < len(far) <= _FEW * len(surface.edges):
+        is_far = distance > _NEAR * tolerance
+        centroids = surface.points[surface.cells].mean(axis=1)
+        sides = surface.cell_facets[_nearest(old, centroids)[1] > _NEAR * tolerance]
+        longest = surface.edge_lengths[sides].argmax(axis=1)
+        is_far[sides[np.arange(len(sides)), longest]] = True
+        if not 0 < is_far.sum() <= _FEW * len(surface.edges):
             break
-        mesh = _with_nodes(mesh, surface.edges[far], there[far])
-    places = np.concatenate([old.points[np.unique(old.cells)], old.points[old.edges].mean(axis=1)])
+        mesh = _with_nodes(mesh, surface.edges[is_far], there[is_far])
     for _ in range(_ROUNDS):
         surface = facets_of(mesh)
-        cells, _, distance = surface.locator.nearest(places)
-        missed = np.flatnonzero(distance > tolerance)
-        if not 0 < len(missed) <= _FEW * len(places):
+        places, cells = _missed(surface, old, tolerance)
+        if not 0 < len(places) <= _FEW * len(old.edges):
             break
-        missed = missed[np.argsort(-distance[missed])]
-        sides = surface.cell_facets[cells[missed]]
+        sides = surface.cell_facets[cells]
         middles = surface.points[surface.edges[sides]].mean(axis=2)
-        away = np.linalg.norm(middles - places[missed][:, None], axis=2)
-        nearest = sides[np.arange(len(missed)), away.argmin(axis=1)]
+        away = np.linalg.norm(middles - places[:, None], axis=2)
+        nearest = sides[np.arange(len(places)), away.argmin(axis=1)]
         edges, first = np.unique(nearest, return_index=True)  # the farthest place of each
-        mesh = _with_nodes(mesh, surface.edges[edges], places[missed[first]])
+        mesh = _with_nodes(mesh, surface.edges[edges], places[first])
     return mesh
+
+
+def _missed(
+    surface: SimplexMesh, old: SimplexMesh, tolerance: float
+) -> tuple[FloatArray, IntArray]:
+    """Return nodes and middles of edges of the old surface that are too far from the new one.
+
+    The farthest is first.  Also return the nearest new cells.
+    """
+    places = np.concatenate([old.points[np.unique(old.cells)], old.points[old.edges].mean(axis=1)])
+    cells, _, distance = surface.locator.nearest(places)
+    order = np.argsort(-distance)[: np.count_nonzero(distance > tolerance)]
+    return places[order], cells[order]
 
 
 def _with_nodes(mesh: SimplexMesh, edges: IntArray, there: FloatArray) -> SimplexMesh:
     """Return the mesh with some of the edges divided, with nodes at the given points.
 
-    A node that would spoil cells stays in the middle of its edge.
+    An edge is not divided if a node there, even halfway, would spoil cells.
     """
     factors = np.array([mesh.n_points, 1])
     keys = np.sort(edges, axis=1).astype(np.int64) @ factors
@@ -142,9 +171,15 @@ def _with_nodes(mesh: SimplexMesh, edges: IntArray, there: FloatArray) -> Simple
     split = bisect_edges(mesh, ~np.isnan(target[:, 0]))
     nodes = mesh.n_points + np.arange(len(split.split_edges))
     points, start = split.mesh.points.copy(), split.mesh.points
-    points[nodes] = target[split.split_edges]
     least = np.minimum(worst_of_nodes(start, split.mesh.cells), _LEAST)
-    take_back(points, split.mesh.cells, start, nodes, least)
+    moved = np.zeros(len(nodes), np.bool_)
+    for share in (1.0, 0.5):
+        left = nodes[~moved]
+        points[left] += share * (target[split.split_edges[~moved]] - points[left])
+        take_back(points, split.mesh.cells, start, left, least)
+        moved = (points[nodes] != start[nodes]).any(axis=1)
+    if not moved.all():
+        return _with_nodes(mesh, mesh.edges[split.split_edges[moved]], points[nodes[moved]])
     return replace(split.mesh, points=points)
 
 
@@ -168,14 +203,21 @@ def _project(
 ) -> None:
     """Move nodes of a surface that are too far from the old one onto it.  Changes ``points``."""
     nodes = np.unique(surface.cells)
-    there, distance = _nearest(old, points[nodes])
-    far = distance > _FAR * tolerance
-    if not 0.0 < (distance > tolerance).mean() <= _STRAY:
-        return
-    before = points.copy()
-    least = np.minimum(worst_of_nodes(points, cells), _LEAST)
-    points[nodes[far]] = there[far]
-    take_back(points, cells, before, nodes[far], least)
+    distance = _nearest(old, points[nodes])[1]
+    if 0.0 < (distance > tolerance).mean() <= _STRAY:
+        _pull(points, cells, nodes[distance > _FAR * tolerance], old)
+
+
+def _pull(points: FloatArray, cells: IntArray, nodes: IntArray, old: SimplexMesh) -> FloatArray:
+    """Move nodes onto a surface, or halfway if cells do not allow more; return their distances.
+
+    Changes ``points``.
+    """
+    for share in (1.0, 0.5):
+        start, least = points.copy(), np.minimum(worst_of_nodes(points, cells), _LEAST)
+        points[nodes] += share * (_nearest(old, points[nodes])[0] - points[nodes])
+        take_back(points, cells, start, nodes, least)
+    return _nearest(old, points[nodes])[1]
 
 
 def _snap(
@@ -233,12 +275,13 @@ def _move(
     surface: SimplexMesh,
     old: SimplexMesh,
     tolerance: float,
+    cosine: float,
 ) -> None:
-    """Move nodes to better positions.  Changes ``points``.
+    """Move nodes to better positions, on surfaces where these are smooth.  Changes ``points``.
 
     ``cells`` are all cells at ``nodes``.
     """
-    normals, on_surface, is_smooth = _normals_at(points, surface)
+    normals, on_surface, is_smooth = _normals_at(points, surface, cosine)
     nodes = nodes[~on_surface[nodes] | is_smooth[nodes]]
     edges = topology.edges_of(cells, len(points))
     lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
@@ -272,7 +315,7 @@ def _off(old: SimplexMesh, corners: FloatArray) -> FloatArray:
 
 
 def _normals_at(
-    points: FloatArray, surface: SimplexMesh
+    points: FloatArray, surface: SimplexMesh, least: float
 ) -> tuple[FloatArray, BoolArray, BoolArray]:
     """Return the normals at nodes of a surface, which nodes are on it, and where it is smooth.
 
@@ -291,7 +334,7 @@ def _normals_at(
     on_surface, is_smooth = (np.zeros(len(points), np.bool_) for _ in range(2))
     on_surface[used] = is_smooth[used] = True
     cosine = np.abs(np.einsum("ij,ikj->ik", normal, normals[surface.cells]))
-    is_smooth[surface.cells[cosine < _SMOOTH]] = False
+    is_smooth[surface.cells[cosine < least]] = False
     uneven = surface.facet_cell_counts != 2
     if surface.cell_tags is not None:
         lowest, highest = topology.regions_beside(
