@@ -39,6 +39,7 @@ from adaptsize.remeshing.sizing import (
     as_size,
     known_points,
     mean_size,
+    once_per_point,
 )
 from adaptsize.remeshing.surface import (
     facets_of,
@@ -201,7 +202,8 @@ def remesh(
     may_be_joined = task == "surface to tetrahedra" and warn_of_surface(repaired.mesh, allowed)
     frame = Frame.around(repaired.mesh)
     required = as_required(required_facets, mesh, repaired)
-    own, ridges, own_size = frame.mesh(repaired.mesh), _NO_RIDGES, frame.size(wanted)
+    own, ridges = frame.mesh(repaired.mesh), _NO_RIDGES
+    own_size = once_per_point(frame.size(wanted))
     # Only Mmg rounds what it is given.
     if chosen.name == "mmg" and task in ("tetrahedra", "surface") and required is None:
         is_plain = task == "surface" and own.is_closed and own.tagged_facets is None

@@ -165,6 +165,24 @@ def _refuse_bad(values: FloatArray) -> None:
     )
 
 
+def once_per_point(size: Size) -> Size:
+    """Return the same size, evaluated only where it has not been before.
+
+    Most points are asked for again while edges are divided.  An evaluation costs ten times as much
+    as a look into the table.
+    """
+    known: dict[bytes, float] = {}
+
+    def remembered(points: FloatArray) -> FloatArray:
+        keys = [point.tobytes() for point in points]
+        new = [i for i, key in enumerate(keys) if key not in known]
+        if new:
+            known.update(zip([keys[i] for i in new], size(points[new]).tolist(), strict=True))
+        return np.array([known[key] for key in keys])
+
+    return remembered
+
+
 #: A checked metric as a function of points.
 MetricAt: TypeAlias = Callable[[FloatArray], Metric]
 

@@ -183,10 +183,12 @@ def _ridges(mesh: SimplexMesh, kept: IntArray, size: Size) -> IntArray:
     on_ridge = np.zeros(mesh.n_points, bool)
     on_ridge[mesh.edges[sharp | kept_now]] = True
     height = 2.0 * mesh.measures[:, None] / mesh.edge_lengths[mesh.cell_facets]
+    beside = np.flatnonzero(kept_now[mesh.cell_facets].any(axis=1))
+    centroids = mesh.points[mesh.cells[beside]].mean(axis=1)
     # Ridges closer than this share of the size are too close for good cells between them.
-    narrow = height < 0.3 * size(mesh.points[mesh.cells].mean(axis=1))[:, None]
+    narrow = height[beside] < 0.3 * size(centroids)[:, None]
     crowded = np.zeros(len(mesh.edges), bool)
-    crowded[mesh.cell_facets[narrow & on_ridge[mesh.cells]]] = True
+    crowded[mesh.cell_facets[beside][narrow & on_ridge[mesh.cells[beside]]]] = True
     return mesh.edges[sharp | (kept_now & ~crowded)]
 
 
