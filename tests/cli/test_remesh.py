@@ -11,7 +11,7 @@ from shapes import CUBE_CELLS
 
 from adaptsize import SimplexMesh, read, remesh, size_function, write
 from adaptsize._formats.provenance import read_provenance, write_provenance
-from adaptsize.quality import size_conformity
+from adaptsize.quality import check_mesh, size_conformity
 from adaptsize.reporting.outcome import Outcome
 
 DATA = Path(__file__).parents[2] / "data"
@@ -33,7 +33,7 @@ def open_box(tmp_path):
 
 @pytest.fixture
 def no_generator(monkeypatch):
-    """Return tetrahedra at once, and keep the surfaces that were to be filled."""
+    """Return tetrahedra at once, too large for the sizes, and keep the surfaces to be filled."""
     filled = []
 
     def fill(mesh, size, **_):
@@ -71,16 +71,18 @@ def test_elements_is_the_number_of_elements_of_the_mesh(capsys, tmp_path):
     assert json.loads(capsys.readouterr().out)["size"]["n_elements"] == pytest.approx(900, rel=0.03)
 
 
-def test_a_boundary_beyond_the_tolerance_is_a_warning(capsys, tmp_path):
+def test_remesh_exits_1_where_check_does_and_names_the_boundary(capsys, tmp_path):
     pytest.importorskip("mmgpy")
-    command = ["remesh", DATA / "shell.vtu", "-o", tmp_path / "new.vtu", "--target", "triangles"]
-    assert call(*command, "--hmin", "0.5", "--hmax", "0.6", "--tolerance", "1e-4", "--json") == 0
+    new = tmp_path / "new.vtu"
+    command = ["remesh", DATA / "shell.vtu", "-o", new, "--target", "triangles"]
+    assert call(*command, "--hmin", "0.5", "--hmax", "0.6", "--tolerance", "1e-4", "--json") == 1
     printed = capsys.readouterr()
     result = json.loads(printed.out)
     assert result["mesh"]["tolerance"] == 1e-4
     assert result["mesh"]["hausdorff_relative"] > 1e-4
-    assert "adaptsize: warning: the boundary is " in printed.err
-    assert any(text.startswith("the boundary is ") for text in result["warnings"])
+    assert "adaptsize: warning: boundary: within " in printed.err
+    assert any(text.startswith("boundary: ") for text in result["warnings"])
+    assert call("check", new, "--original", DATA / "shell.vtu", "-q") == 1
 
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
@@ -90,7 +92,7 @@ SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     ("mesh", "size", "predicted", "change", "warned"),
     [
         (SQUARE, 1.0, 2.5, 0.009, []),
-        (SQUARE, 3.0, 2.0, 0.0, ["only 0.0% of the edges are within a factor sqrt 2"]),
+        (SQUARE, 3.0, 2.0, 0.0, ["edges: 0.0% within a factor sqrt 2 of the size"]),
         (SQUARE, 1.0, 1.0, 0.0, ["2 triangles are 100% more than predicted"]),
         (SQUARE, 1.0, 4.0, 0.0, ["2 triangles are 50% fewer than predicted"]),
         (SQUARE, 1.0, 2.0, -0.2, ["the area has changed by -20.0%"]),
@@ -98,7 +100,8 @@ SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     ],
 )
 def test_what_is_out_of_bounds_is_a_warning(mesh, size, predicted, change, warned):
-    outcome = Outcome("triangles", size_conformity(mesh, size), predicted, False, 1e-3, change)
+    check, conformity = check_mesh(mesh, size=size), size_conformity(mesh, size)
+    outcome = Outcome("triangles", conformity, check, predicted, False, 1e-3, change)
     printed = [text for text in outcome.warnings() if "edges" not in text or warned]
     assert len(printed) >= len(warned)
     assert all(any(text.startswith(part) for text in printed) for part in warned)
@@ -157,7 +160,7 @@ def test_a_record_of_another_mesh_counts_for_nothing(capsys, tmp_path):
 
 
 def test_an_open_surface_is_reported(capsys, open_box, no_generator):
-    assert call("remesh", open_box, "-o", open_box.with_name("o.vtu"), "--json") == 0
+    assert call("remesh", open_box, "-o", open_box.with_name("o.vtu"), "--json") == 1
     printed = capsys.readouterr()
     result = json.loads(printed.out)
     assert result["open_boundary"] == {
@@ -177,7 +180,7 @@ def test_overlapping_bodies_are_named_before_the_work(capsys, tmp_path, no_gener
     points = np.concatenate([CORNERS, CORNERS + np.array([0.5, 0.3, 0.4])])
     write(tmp_path / "two.stl", SimplexMesh(points, TWO))
     words = ["remesh", tmp_path / "two.stl", "-o", tmp_path / "o.vtu"]
-    assert call(*words, "--json") == 0
+    assert call(*words, "--json") == 1
     printed = capsys.readouterr()
     result = json.loads(printed.out)
     assert result["overlapping_bodies"]["pairs"] == [[1, 2]]

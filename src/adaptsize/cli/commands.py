@@ -110,9 +110,7 @@ def check(console: Console, file: Input, given: Given) -> None:
         console.record(**conformity.as_dict())
         console.print(conformity)
     console.print(found)
-    if not found.is_met:
-        console.finish()
-        raise typer.Exit(1)
+    console.exit_unless(found.is_met)
 
 
 for function in (info, size, limit, remesh, family, adapt, image, check, warmup):

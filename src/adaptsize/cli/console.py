@@ -222,6 +222,14 @@ class Console:
         if self.as_json:
             self._print_object(**self._result)
 
+    def exit_unless(self, is_met: bool) -> None:
+        """End with exit code 1 if a mesh does not meet all demands."""
+        import typer
+
+        if not is_met:
+            self.finish()
+            raise typer.Exit(1)
+
     @property
     def seconds(self) -> float:
         """Seconds since the command began."""

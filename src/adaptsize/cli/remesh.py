@@ -107,6 +107,8 @@ def _remesh_whole(console: Console, file: Path, output: Path, given: Given) -> N
     from adaptsize._formats.provenance import write_provenance
     from adaptsize.domain_size.elements import report_of, tolerance_of
     from adaptsize.domain_size.request import largest_number
+    from adaptsize.errors import InputWarning
+    from adaptsize.remeshing.preparation import repair_mesh
     from adaptsize.remeshing.registry import check_installed
     from adaptsize.reporting.outcome import outcome_of_remeshing
     from adaptsize.reporting.page import report
@@ -133,7 +135,10 @@ def _remesh_whole(console: Console, file: Path, output: Path, given: Given) -> N
         written = write_mesh(output, new)
         write_provenance(output, _provenance(file, options, as_dict(found), allowed, new))
         steps.begin("checks")
-        outcome = outcome_of_remeshing(new, mesh, size, allowed, elements)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", InputWarning)  # printed by `remesh`
+            repaired = repair_mesh(mesh).mesh
+        outcome = outcome_of_remeshing(new, repaired, size, allowed, elements)
         draw(console, "size", plot, new)
         if page is not None:
             about = {
@@ -141,7 +146,7 @@ def _remesh_whole(console: Console, file: Path, output: Path, given: Given) -> N
                 "command": console.typed,
                 "generator": " and ".join(dict.fromkeys(generators)),
             }
-            report(page, new, size, original=mesh, tolerance=allowed, times=console.times,
+            report(page, new, size, original=repaired, tolerance=allowed, times=console.times,
                    about=about)  # fmt: skip
             console.say(f"report: {page}")
     console.record(input=str(file), size=as_dict(found), mesh=outcome.as_dict())
@@ -285,6 +290,7 @@ def _print_report(
     for text in outcome.warnings():
         console.warn(text)
     print_written(console, *written)
+    console.exit_unless(outcome.check.is_met)
 
 
 def _accepted(

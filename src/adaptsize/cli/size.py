@@ -172,3 +172,4 @@ def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -
     for text in outcome.warnings():
         console.warn(text)
     print_written(console, *written)
+    console.exit_unless(outcome.check.is_met)

@@ -54,12 +54,15 @@ class Demand:
         What was measured and what is allowed.
     places : tuple of Place
         The worst places, the worst first.  Empty if the demand is met or concerns no place.
+    distance : float or None
+        The largest distance over the diagonal, of ``"boundary"`` and ``"interface"``.
     """
 
     name: str
     is_met: bool
     text: str
     places: tuple[Place, ...] = ()
+    distance: float | None = None
 
 
 @dataclass(frozen=True)
@@ -85,6 +88,10 @@ class MeshCheck:
     def failures(self) -> tuple[Demand, ...]:
         """The demands that are not met."""
         return tuple(demand for demand in self.demands if not demand.is_met)
+
+    def distance(self, name: str) -> float | None:
+        """Return the distance of ``"boundary"`` or ``"interface"``; None if it is not compared."""
+        return next((one.distance for one in self.demands if one.name == name), None)
 
     def as_dict(self) -> dict[str, Any]:
         """Return dictionaries and lists of plain values, suitable for JSON."""
@@ -257,7 +264,8 @@ def _near(name: str, away: list[Distances], allowed: float, diagonal: float, cou
     text = f"within {largest / diagonal:.3g} of the diagonal, {allowed / diagonal:.3g} allowed"
     bad = np.flatnonzero(distance > allowed * (1.0 + _ROUNDING))
     worst = bad[np.argsort(-distance[bad])][:count]
-    return Demand(name, len(bad) == 0, text, _places(points[worst], distance[worst], count))
+    places = _places(points[worst], distance[worst], count)
+    return Demand(name, len(bad) == 0, text, places, largest / diagonal)
 
 
 def _regions(mesh: SimplexMesh, original: SimplexMesh, allowed: float) -> Demand:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,11 +14,18 @@ if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.background.image import Image
     from adaptsize.options import ImageOptions
+    from adaptsize.quality import MeshCheck
     from adaptsize.quality.conformity import Conformity
 
 
 #: Cells with smaller angles, in degrees, draw a warning.
 _SHARP = 10.0
+#: What helps where a demand of `check_mesh` is not met.
+_ADVICE = {
+    "boundary": "smaller sizes keep it closer",
+    "interface": "smaller sizes keep it closer",
+    "edges": "details of the boundary may not allow it",
+}
 
 
 def kind_of(mesh: SimplexMesh) -> str:
@@ -32,6 +39,8 @@ class Outcome:
 
     kind: str
     conformity: Conformity
+    check: MeshCheck
+    """The demands of `check_mesh`, which warnings report if they are not met."""
     expected: float | None = None
     """Number of cells that is predicted, or requested."""
     requested: bool = False
@@ -40,8 +49,6 @@ class Outcome:
     """Allowed distance of the boundary over the diagonal."""
     change: float | None = None
     """Relative change of the area or volume; None if the old mesh encloses none."""
-    interface: float | None = None
-    """Distance of the interfaces between regions over the diagonal; None if there are none."""
     regions: dict[int, tuple[float, float]] = field(default_factory=dict)
     """Area or volume of each region, and its relative change."""
     sharp: tuple[int, tuple[float, ...]] = (0, ())
@@ -61,11 +68,6 @@ class Outcome:
     def _expectation(self) -> str:
         return "requested" if self.requested else "predicted"
 
-    @property
-    def distance(self) -> float | None:
-        """Distance of the boundary over the diagonal."""
-        return self.conformity.hausdorff_relative
-
     def as_dict(self) -> dict[str, Any]:
         """Return the keys of the JSON object."""
         result: dict[str, Any] = {"kind": self.kind, **self.conformity.as_dict()}
@@ -74,7 +76,7 @@ class Outcome:
             result[f"n_cells_{self._expectation}"] = self.expected
             result["tolerance"] = self.tolerance
             result["measure_change"] = self.change
-            result["interface_relative"] = self.interface
+            result["interface_relative"] = self.check.distance("interface")
         else:
             result["measure_change"] = self.change
             result["n_pinched"] = self.pinched[0]
@@ -98,12 +100,11 @@ class Outcome:
             ("edges", f"{found.share_in_band:.1%} within a factor sqrt 2 of the size"),
             ("angles", f"{angles}, 1 % below {found.angle_p01:.1f}"),
         ]
-        if self.distance is not None:
-            text = f"{self.distance:.2g} of the diagonal from the old one"
-            rows.append(("boundary", f"{text}, tolerance {self.tolerance:.2g}"))
-        if self.interface is not None:
-            text = f"{self.interface:.2g} of the diagonal from the old one"
-            rows.append(("interface", f"{text}, tolerance {self.tolerance:.2g}"))
+        for name in ("boundary", "interface"):
+            distance = self.check.distance(name)
+            if distance is not None:
+                text = f"{distance:.2g} of the diagonal from the old one"
+                rows.append((name, f"{text}, tolerance {self.tolerance:.2g}"))
         several = self.regions if len(self.regions) > 1 else {}
         for tag, (measure, change) in several.items():
             rows.append(
@@ -124,22 +125,10 @@ class Outcome:
     def warnings(self) -> list[str]:
         """Return one line for each value that is out of bounds."""
         found, lines = self.conformity, []
-        if (self.distance or 0.0) > (self.tolerance or np.inf):
-            lines.append(
-                f"the boundary is {self.distance:.2g} of the diagonal from the old one, more "
-                f"than the tolerance, {self.tolerance:.2g}; smaller sizes keep it closer, and "
-                "adaptsize check lists the places"
-            )
-        if (self.interface or 0.0) > (self.tolerance or np.inf):
-            lines.append(
-                f"an interface is {self.interface:.2g} of the diagonal from the old one, more "
-                f"than the tolerance, {self.tolerance:.2g}; smaller sizes keep it closer"
-            )
-        if found.share_in_band < 0.8:
-            lines.append(
-                f"only {found.share_in_band:.1%} of the edges are within a factor sqrt 2 of the "
-                "size; details of the boundary may not allow it"
-            )
+        for demand in self.check.failures:
+            worst = f", the worst at {place_text(demand.places[0].point)}" if demand.places else ""
+            advice = _ADVICE.get(demand.name, "adaptsize check lists the places")
+            lines.append(f"{demand.name}: {demand.text}{worst}; {advice}")
         if self.excess is not None and abs(self.excess) > 0.25 and not self.requested:
             lines.append(
                 f"{found.n_cells} {self.kind} are {abs(self.excess):.0%} "
@@ -172,22 +161,27 @@ def outcome_of_remeshing(
     tolerance: float,
     elements: float | None = None,
 ) -> Outcome:
-    """Compare a new mesh with the old one, with the sizes, and with the number requested."""
-    from adaptsize.quality import size_conformity
-    from adaptsize.quality.boundary import interface_distances, region_measures
+    """Compare a new mesh with the repaired old one, its sizes, and the number requested."""
+    from adaptsize.quality import check_mesh, size_conformity
+    from adaptsize.quality.boundary import region_measures
 
-    surface = old if old.cell_dim < new.cell_dim or old.dim > old.cell_dim else old.boundary().mesh
-    between = interface_distances(new, old)
+    # As `adaptsize check` does, which has the nodal sizes only.
+    sizes = new.point_data.get("h", size)
+    check = check_mesh(new, original=old, size=sizes, tolerance=tolerance)
+    conformity = size_conformity(new, sizes)
+    away = check.distance("boundary")
+    if away is not None:
+        conformity = replace(conformity, hausdorff=away * old.diagonal, hausdorff_relative=away)
     same_kind = old.cell_dim == new.cell_dim
     was, made = (region_measures(mesh) if same_kind else {} for mesh in (old, new))
     return Outcome(
         kind_of(new),
-        size_conformity(new, size, surface=surface),
+        conformity,
+        check,
         _predicted(new, size) if elements is None else elements,
         elements is not None,
         tolerance,
         _change(new, old),
-        max((d.largest for d in between), default=0.0) / old.diagonal if between else None,
         {tag: (made[tag], made[tag] / was[tag] - 1.0) for tag in was if tag in made},
         sharp_cells(new),
     )
@@ -206,7 +200,7 @@ def sharp_cells(mesh: SimplexMesh) -> tuple[int, tuple[float, ...]]:
 def outcome_of_image(mesh: SimplexMesh, image: Image, options: ImageOptions) -> Outcome:
     """Compare a mesh of an image with its nodal field h, and its volume with that of the voxels."""
     from adaptsize.domain_size.image_mask import mask_of
-    from adaptsize.quality import size_conformity
+    from adaptsize.quality import check_mesh, size_conformity
     from adaptsize.quality.boundary import region_measures
 
     mask = mask_of(image, options)
@@ -218,6 +212,7 @@ def outcome_of_image(mesh: SimplexMesh, image: Image, options: ImageOptions) -> 
     return Outcome(
         kind_of(mesh),
         size_conformity(mesh, mesh.point_data["h"]),
+        check_mesh(mesh, size=mesh.point_data["h"]),
         change=float(mesh.measures.sum() / (pixels * mask.inside.sum()) - 1.0),
         regions={tag: (made[tag], float(made[tag] / was[tag] - 1.0)) for tag in made if was[tag]},
         sharp=sharp_cells(mesh),

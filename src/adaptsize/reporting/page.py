@@ -109,8 +109,11 @@ def report(
     outcome = None
     if size is not None and original is not None and size.report is not None:
         outcome = outcome_of_remeshing(mesh, original, size, tolerance)
-    elif size is not None:
-        outcome = Outcome(kind_of(mesh), size_conformity(mesh, size))
+        check = outcome.check
+    else:
+        check = check_mesh(mesh, original=original, size=size, tolerance=tolerance)
+        if size is not None:
+            outcome = Outcome(kind_of(mesh), size_conformity(mesh, size), check)
     warnings = [] if outcome is None else outcome.warnings()
     charts = [] if size is None else [histogram_of_lengths(mesh, size)]
     charts.append(histogram_of_angles(mesh))
@@ -138,7 +141,7 @@ def report(
         "</div><h2>Cells with the smallest angles</h2>",
         _worst_cells(mesh),
         "<h2>Checks</h2>",
-        _checks(check_mesh(mesh, original=original, size=size, tolerance=tolerance)),
+        _checks(check),
         f"<script>const DATA = {data};\n{_file('viewer.js')}</script>",
         "</body></html>",
     ]
