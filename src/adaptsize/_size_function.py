@@ -190,6 +190,8 @@ class SizeFunction(ReadOnlyState):
 
     plot = LaterMethod[Any]("adaptsize.plot", "plot_size")
     sparse = LaterMethod[Any]("adaptsize.domain_size.sparse", "sparse_size")
+    cost = LaterMethod[Any]("adaptsize.domain_size.cost")
+    parts = LaterMethod[Any]("adaptsize.domain_size.cost")
     _repr_html_ = LaterMethod[str]("adaptsize.plot.notebook", "html_of")
 
     def __call__(self, points: npt.ArrayLike) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.limiting.info import LimitingInfo
-from adaptsize.typing import FloatArray
+from adaptsize.typing import FloatArray, IntArray
 
 #: Cause of nodes outside the domain, and of nodes that no bound reaches.
 NONE = -1
@@ -49,6 +49,13 @@ class SizeReport:
     """Predicted number of elements of a mesh with these sizes."""
     n_nodes: float = np.nan
     """Predicted number of nodes; nan if the domain is not given as a mesh."""
+    n_facets: float = np.nan
+    """Predicted number of facets of the boundary; nan as for nodes."""
+    element_dim: int = 0
+    """Dimension of these elements: 3 for the tetrahedra in a surface."""
+    origin: IntArray | None = None
+    """Node from which the size at each node has grown, or the nearest to that place; -1 outside.
+    None on grids and octrees, and where fast marching limits."""
     elements_per_radian: float = 0.0
     """Elements per radian of curved boundaries; 0 if curvature is disabled."""
     elements_across: float = 0.0
@@ -59,6 +66,8 @@ class SizeReport:
     """Whether the boundary is rough, so that the separation is disabled unless requested."""
     tolerance: float = np.inf
     """Allowed distance of chords from curved boundaries, over the diameter; inf if not limited."""
+    chord_tolerance: float = np.inf
+    """The same where the bound from curvature was found; relaxed, it may be larger."""
     relaxation: float = 1.0
     """Factor by which parameters that were not given were relaxed.  Below 1 they were tightened."""
 

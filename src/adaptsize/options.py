@@ -232,9 +232,24 @@ class BudgetOptions(NumberOptions, total=False):
 
     max_elements
         Parameters that are not given are relaxed to allow about this many; inf disables this.
+    dofs
+        Requested number of unknowns of finite elements, instead.
+    max_memory
+        Parameters are relaxed until the matrix fits in this memory, such as 8GB.
+    degree
+        Polynomial degree of the elements, for ``dofs`` and ``max_memory``.
+    fields
+        Number of unknown fields, all coupled, for ``dofs`` and ``max_memory``.
     """
 
-    max_elements: Annotated[float | None, Option(chosen=f"{MAX_ELEMENTS:.0f}", lower=1.0, inf=True)]
+    max_elements: Annotated[
+        float | None,
+        Option(chosen=f"{MAX_ELEMENTS:.0f}, or inf with max_memory", lower=1.0, inf=True),
+    ]
+    dofs: Annotated[float | None, Option(lower=1.0)]
+    max_memory: Annotated[str | None, Option()]
+    degree: Annotated[int, Option(1, lower=1.0, upper=20.0)]
+    fields: Annotated[int, Option(1, lower=1.0, upper=1000.0)]
 
 
 class ImageOptions(TypedDict, total=False):

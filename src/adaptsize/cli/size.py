@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from adaptsize._checks import as_number
 from adaptsize.cli.console import Console
 from adaptsize.cli.files import (
     Content,
@@ -47,12 +49,15 @@ if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.background.image import Image
 
+_COST = own("Output", "cost", bool, "Also print unknowns, matrix, time steps and smallest places.")
+_PARTS = own("Output", "parts", bool, "Also print width, curvature, size and cost of each part.")
+_SPEED = own("Output", "speed", float, "Largest speed of a signal, for the time steps.")
 _CAUSES = own("Output", "plot_causes", Path, "Also draw which cause controls which part (.png).")
 #: Options that have no effect on the sizes of an image.
-_OF_MESHES = ("elements_between", "field", "elements", "nodes", "tolerance")
+_OF_MESHES = ("elements_between", "field", "elements", "nodes", "tolerance", "parts")
 
 
-@command(SizeFunctionOptions, SOURCE, FIELD, PLOT, _CAUSES)
+@command(SizeFunctionOptions, SOURCE, FIELD, PLOT, _CAUSES, _COST, _PARTS, _SPEED)
 def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> None:
     """Compute the size function of a mesh or an image.
 
@@ -69,10 +74,12 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
 
     of_image = is_image_file(file)
     plot, plot_causes = given.pop("plot", None), given.pop("plot_causes", None)
+    of_cost = {name: given.pop(name) for name in ("cost", "parts", "speed") if name in given}
+    as_number("speed", of_cost.get("speed", 1.0), lower=0.0, strict=True)
     content: Content = "sizes of an image" if of_image else "sizes"
     check_files([file], output, content, plot=plot, plot_causes=plot_causes)
     for name in _OF_MESHES if of_image else options_of(ImageOptions):
-        if name in given:
+        if name in given | of_cost:
             flag = f"--{name.replace('_', '-')}"
             raise ValueError(f"{flag} does not apply to this kind of file, got it with {file}")
     given["sources"] = [parse_source(text) for text in given.pop("source", ())]
@@ -102,7 +109,24 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
     if fields:
         names = ", ".join(f"{k} {name}" for k, name in enumerate(report.causes))
         console.print(f"field cause: {names}")
+    _print_cost(console, found, given, of_cost)
     print_written(console, written)
+
+
+def _print_cost(console: Console, found: SizeFunction, given: Given, wanted: Given) -> None:
+    """Print what a computation with these sizes costs, and the sizes of each part."""
+    from adaptsize.domain_size.cost import table_of
+
+    speed = {name: wanted[name] for name in ("speed",) if name in wanted}
+    if "cost" in wanted:
+        system = {name: given[name] for name in ("degree", "fields") if name in given}
+        cost = found.cost(**system, **speed)
+        console.record(cost=asdict(cost))
+        console.print(cost)
+    if "parts" in wanted:
+        parts = found.parts(**speed)
+        console.record(parts=[asdict(part) for part in parts])
+        console.print(table_of(parts))
 
 
 def size_of_domain(console: Console, domain: SimplexMesh | Image, given: Given) -> SizeFunction:

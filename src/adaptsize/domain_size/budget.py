@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
@@ -12,11 +11,13 @@ from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.domain_size.by_domain import MeshDomain, SizedDomain
+from adaptsize.domain_size.matrix import as_bytes, matrix_of
 from adaptsize.domain_size.on_surface import SurfaceDomain, warn_where_missed
-from adaptsize.domain_size.request import Request
+from adaptsize.domain_size.request import Goal, Request
 from adaptsize.errors import ResolutionWarning
 from adaptsize.sizes import predict
 from adaptsize.sizes.budget import calibration
+from adaptsize.sizes.prediction import Prediction
 
 #: A predicted number of elements is close enough if its logarithm is off by less.
 _CLOSE = 0.02
@@ -29,8 +30,8 @@ def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
     """Return the size function of a domain, scaled to a number of elements, with its report.
 
     Parameters that the request leaves open are relaxed until the predicted number of elements
-    is at most about ``max_elements``, or changed until it is ``elements``, or that of nodes is
-    ``nodes``.
+    is at most about ``max_elements`` and the matrix fits in ``max_memory``, or changed until the
+    number of elements, nodes or unknowns is the requested one.
 
     Warns
     -----
@@ -39,11 +40,9 @@ def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
     InputWarning
         If a source off a surface gets larger sizes than it requests.
     """
-    elements, nodes = request.options["elements"], request.options["nodes"]
-    if elements is not None:
-        size, report = _with_number(domain, request, elements, "elements")
-    elif nodes is not None:
-        size, report = _with_number(domain, request, nodes, "nodes")
+    if request.goal is not None:
+        what, wanted = request.goal
+        size, report = _with_number(domain, request, wanted, what)
     else:
         size, report = _with_fewer_elements(domain, request)
     if isinstance(domain, SurfaceDomain):
@@ -58,22 +57,26 @@ def _with_fewer_elements(domain: SizedDomain, request: Request) -> tuple[SizeFun
     relaxation, step, before, power, n_flat = 1.0, 1.0, np.inf, float(domain.dim), 0
     for _ in range(16):
         size, report = _relaxed(domain, request, relaxation)
-        n_elements = report.n_elements
-        if n_elements <= (1.0 + _CLOSE) * request.max_elements:
+        load = _load(report, request)
+        if load <= 1.0 + _CLOSE:
             return size, report
         # Where a bound no longer grows, hmin does, and exceeds it in the end.
-        n_flat = n_flat + 1 if n_elements > 0.95 * before else 0
+        n_flat = n_flat + 1 if load > 0.95 * before else 0
         if request.is_fixed or n_flat == (1 if _given(request) else 6):
             break
         if step > 1.0:  # the last step shows how the number depends on the relaxation
-            power = float(np.clip(np.log(before / n_elements) / np.log(step), 1.0, domain.dim))
-        step = max(1.2, (n_elements / request.max_elements) ** (1.0 / power))
-        before = n_elements
+            power = float(np.clip(np.log(before / load) / np.log(step), 1.0, domain.dim))
+        step = max(1.2, load ** (1.0 / power))
+        before = load
         relaxation *= step
+    name, needed, most = "max_elements", "elements", f"{request.max_elements:.3g}"
+    number = report.n_elements
+    if number <= (1.0 + _CLOSE) * request.max_elements:
+        name, needed = "max_memory", "bytes for the matrix"
+        number, most = _system(report, request)[2], str(request.options["max_memory"])
     warn_caller(
-        f"the sizes require about {n_elements:.2g} elements, more than max_elements = "
-        f"{request.max_elements:.3g}: {_what_forbids(request, report)}; relax that or raise "
-        "max_elements",
+        f"the sizes require about {number:.2g} {needed}, more than {name} = {most}: "
+        f"{_what_forbids(request, report)}; relax that or raise {name}",
         ResolutionWarning,
     )
     return size, report
@@ -96,9 +99,9 @@ def _what_forbids(request: Request, report: SizeReport) -> str:
 
 
 def _with_number(
-    domain: SizedDomain, request: Request, wanted: float, what: Literal["elements", "nodes"]
+    domain: SizedDomain, request: Request, wanted: float, what: Goal
 ) -> tuple[SizeFunction, SizeReport]:
-    """Return the size function with a predicted number of elements or nodes, or the nearest found.
+    """Return the size function with a predicted number, or the nearest one found.
 
     With all bounds in proportion to the relaxation r there are about r^-dim of them.  From the
     second step on, the exponent is that of the two last steps.
@@ -108,7 +111,7 @@ def _with_number(
     relaxation, least, slope, n_flat = 1.0, np.inf, -float(domain.dim), 0
     for _ in range(12):
         found = _relaxed(domain, request, relaxation)
-        steps.append((np.log(relaxation), np.log(_number(found[1], what) / wanted)))
+        steps.append((np.log(relaxation), np.log(_number(found[1], what, request) / wanted)))
         off = abs(steps[-1][1])
         if off < least:
             best, least = found, off
@@ -125,43 +128,53 @@ def _with_number(
     assert best is not None
     if least > 0.1:
         warn_caller(
-            f"the sizes require about {_number(best[1], what):.2g} {what} instead of {wanted:.6g}: "
-            f"{_what_forbids(request, best[1])}",
+            f"the sizes require about {_number(best[1], what, request):.2g} {what} instead of "
+            f"{wanted:.6g}: {_what_forbids(request, best[1])}",
             ResolutionWarning,
         )
     return best
 
 
-def _number(report: SizeReport, what: Literal["elements", "nodes"]) -> float:
-    """Return the predicted number of elements or nodes."""
+def _number(report: SizeReport, what: Goal, request: Request) -> float:
+    """Return the predicted number of elements, nodes or unknowns."""
     if what == "elements":
         return report.n_elements
+    if what == "dofs":
+        return _system(report, request)[0]
     if np.isnan(report.n_nodes):
         raise ValueError("nodes needs a mesh or a surface as domain; use elements for others")
     return report.n_nodes
 
 
+def _load(report: SizeReport, request: Request) -> float:
+    """Return the predicted number of elements or memory over the largest allowed."""
+    load, memory = report.n_elements / request.max_elements, request.options["max_memory"]
+    if memory is None:
+        return load
+    return max(load, _system(report, request)[2] / as_bytes("max_memory", memory))
+
+
+def _system(report: SizeReport, request: Request) -> tuple[float, float, float]:
+    """Return the predicted numbers of unknowns and nonzeros, and the bytes of the matrix."""
+    predicted = Prediction(report.n_elements, report.n_facets, report.n_nodes)
+    degree, fields = request.options["degree"], request.options["fields"]
+    return matrix_of(report.element_dim, predicted, degree, fields)
+
+
 def _relaxed(
     domain: SizedDomain, request: Request, relaxation: float
 ) -> tuple[SizeFunction, SizeReport]:
-    """Return the sizes for relaxed parameters, with the predicted number of elements."""
+    """Return the sizes for relaxed parameters, with the predicted numbers of a mesh by Mmg."""
     request.report("size function", None)
     size, report = domain.limited(replace(request, relaxation=relaxation))
-    cells, nodes = _predicted(domain, size, report)
-    return size, replace(report, n_elements=cells, n_nodes=nodes, relaxation=relaxation)
-
-
-def _predicted(domain: SizedDomain, size: SizeFunction, report: SizeReport) -> tuple[float, float]:
-    """Return the predicted numbers of elements and nodes of a mesh of the domain by Mmg.
-
-    The number of nodes is nan where that of the boundary facets is not known.
-    """
+    dim, found = domain.dim, Prediction(calibration("mmg", domain.dim) * report.n_elements)
     if isinstance(domain, SurfaceDomain):
-        predicted = predict(domain.inside, size, backend="mmg")
-        return predicted.cells, predicted.nodes
-    if isinstance(domain, MeshDomain) and isinstance(size.background, SimplexMesh):
+        found = predict(domain.inside, size, backend="mmg")
+    elif isinstance(domain, MeshDomain) and isinstance(size.background, SimplexMesh):
         mesh = domain.mesh
         if mesh.cell_dim >= mesh.dim - 1:
-            predicted = predict(mesh, size, backend="mmg")
-            return predicted.cells, predicted.nodes
-    return calibration("mmg", domain.dim) * report.n_elements, np.nan
+            dim, found = mesh.cell_dim, predict(mesh, size, backend="mmg")
+    return size, replace(
+        report, n_elements=found.cells, n_facets=found.facets, n_nodes=found.nodes,
+        element_dim=dim, relaxation=relaxation,
+    )  # fmt: skip

@@ -69,7 +69,8 @@ class ImplicitDomain:
         for _ in range(10):
             h, report = limited_on_octree(shape, limits, request)
             n_elements = calibration("mmg", self.dim) * report.n_elements
-            too_many = n_elements > request.max_elements and not request.is_fixed
+            most = min(request.max_elements, 1e7)  # octrees for more are larger than any memory
+            too_many = n_elements > most and not request.is_fixed
             if self.is_fixed or too_many:
                 break
             tree = adapted(shape, h, limits[0], request)

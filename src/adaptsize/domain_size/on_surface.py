@@ -111,7 +111,8 @@ class SurfaceDomain:
         values, cause = size(mesh.points)[place], report.cause[place]
         cause.flags.writeable = False
         bounds = {name: bound[place] for name, bound in report.bounds.items()}
-        report = replace(report, background=given, cause=cause, bounds=bounds)
+        origin = None if report.origin is None else np.append(number, -1)[report.origin[place]]
+        report = replace(report, background=given, cause=cause, bounds=bounds, origin=origin)
         return SizeFunction(given, values, g=size.g, hmax=size.hmax), report
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from adaptsize._defaults import MAX_ELEMENTS, TOLERANCE
 from adaptsize._progress import silent
 from adaptsize._size_report import NONE, SizeReport, measure_dim, nodal_measures
 from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
+from adaptsize.domain_size.matrix import as_bytes
 from adaptsize.limiting import limit_gradient
 from adaptsize.limiting.exact import limit_points
 from adaptsize.limiting.info import LimitingInfo
@@ -22,8 +23,10 @@ from adaptsize.sizes import PointSource, size_from_sources
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE
 from adaptsize.sizes.curvature import size_of_chords
 from adaptsize.sizes.sources import as_sources
-from adaptsize.typing import FloatArray, ProgressCallback
+from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
+#: What a mesh may have a requested number of; "dofs" are the unknowns of finite elements.
+Goal: TypeAlias = Literal["elements", "nodes", "dofs"]
 Implicit: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 #: Bounds at points between the nodes: the name of their cause, float64[k, dim] and float64[k].
 PointBounds: TypeAlias = Sequence[tuple[str, FloatArray, FloatArray]]
@@ -39,7 +42,7 @@ class Request:
     report: ProgressCallback = silent
     relaxation: float = 1.0
     """Factor by which parameters that are not given are relaxed, for ``max_elements``; below 1
-    they are tightened, for ``elements`` or ``nodes``."""
+    they are tightened, for ``elements``, ``nodes`` or ``dofs``."""
 
     @classmethod
     def of(
@@ -51,11 +54,11 @@ class Request:
     ) -> Request:
         """Return the request after the checks that concern several options."""
         as_limits(options["hmin"], options["hmax"])
-        elements, nodes = options["elements"], options["nodes"]
         options = {**options, "max_elements": largest_number(options)}
         request = cls(options, [] if sources is None else as_sources(sources), h0, report)
-        if request.is_fixed and (elements is not None or nodes is not None):
-            name = "nodes" if elements is None else "elements"
+        goal = request.goal
+        if request.is_fixed and goal is not None:
+            name = goal[0]
             raise ValueError(
                 f"{name} changes the parameters that are not given, but elements_per_radian, "
                 f"elements_across, hmin and hmax are all given: omit one of them, or {name}"
@@ -71,6 +74,11 @@ class Request:
     def crease_angle(self) -> float:
         """Angle of feature edges in degrees."""
         return self.options["crease_angle"]
+
+    @property
+    def goal(self) -> tuple[Goal, float] | None:
+        """Which number is requested: of elements, nodes or unknowns; and how large."""
+        return goal_of(self.options)
 
     @property
     def max_elements(self) -> float:
@@ -161,16 +169,29 @@ class Request:
         return {"sources": size_from_sources(background, self.sources, g=self.g)}
 
 
+def goal_of(options: BudgetOptions) -> tuple[Goal, float] | None:
+    """Return which number is requested, and how large; refuse several of them."""
+    names: tuple[Goal, ...] = ("elements", "nodes", "dofs")
+    given = [(name, value) for name in names if (value := options[name]) is not None]
+    if len(given) > 1:
+        raise ValueError(f"{given[1][0]} and {given[0][0]} exclude each other: omit one of them")
+    return given[0] if given else None
+
+
 def largest_number(options: BudgetOptions) -> float:
     """Return the limit on the number of elements; refuse numbers that contradict each other."""
     elements, most = options["elements"], options["max_elements"]
-    if options["nodes"] is not None:
-        if elements is not None or most is not None:
-            other = "max_elements" if elements is None else "elements"
-            raise ValueError(f"nodes and {other} exclude each other: omit one of them")
+    goal, memory = goal_of(options), options["max_memory"]
+    if memory is not None:
+        as_bytes("max_memory", memory)
+    if goal is not None and goal[0] != "elements":
+        if most is not None or memory is not None:
+            other = "max_memory" if most is None else "max_elements"
+            raise ValueError(f"{goal[0]} and {other} exclude each other: omit one of them")
         return np.inf
     if elements is None:
-        return MAX_ELEMENTS if most is None else most
+        default = MAX_ELEMENTS if memory is None else np.inf
+        return default if most is None else most
     if most is not None and elements > most:
         raise ValueError(
             f"elements must be at most max_elements = {most:.6g}, got {elements:.6g}; "
@@ -270,6 +291,8 @@ class Bounds:
         else:
             cause = _by_separate_runs(background, requested, own, len(names) - 1, request.g)
         report = self._report(names, cause, h, info)
+        if roots is not None and isinstance(background, SimplexMesh):
+            report = replace(report, origin=self._origin(roots.ravel(), cause.ravel(), places))
         tolerance = _tolerance_of(h, self.nodal, background, request) if with_tolerance else np.inf
         return h, replace(
             report,
@@ -278,7 +301,21 @@ class Bounds:
             elements_across=request.across,
             elements_between=request.between(self.is_rough) if has_features else 0.0,
             tolerance=tolerance,
+            chord_tolerance=request.chord_tolerance,
         )
+
+    def _origin(
+        self, roots: npt.NDArray[Any], cause: npt.NDArray[np.int8], places: FloatArray
+    ) -> IntArray:
+        """Return the nodes from which sizes grow, or those nearest to places between nodes."""
+        from scipy.spatial import cKDTree
+
+        n = self.background.n_points
+        between = np.unique(roots[roots >= n])
+        node = np.arange(n + len(places), dtype=np.int32)
+        if len(between):
+            node[between] = cKDTree(self.background.points).query(places[between - n])[1]
+        return np.where(cause == NONE, np.int32(-1), node[roots])
 
     def _report(
         self,

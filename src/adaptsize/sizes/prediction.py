@@ -37,9 +37,9 @@ class Prediction(NamedTuple):
     """Predicted numbers of a mesh."""
 
     cells: float
-    facets: float
-    """Facets of the boundary."""
-    nodes: float
+    facets: float = np.nan
+    """Facets of the boundary; nan if they are not known, as nodes."""
+    nodes: float = np.nan
 
 
 class Enclosed:
@@ -225,7 +225,7 @@ def predict(
     h = domain.ranks.agree(lambda: as_sizes("size", size, domain.nodal_shape))
     inner = count_elements(domain, h) / ELEMENTS_PER_MEASURE[d]
     if isinstance(domain, PartitionedMesh):
-        return Prediction(_predicted(d, inner, 0.0, backend).cells, np.nan, np.nan)
+        return Prediction(_predicted(d, inner, 0.0, backend).cells)
     facets = 0.0
     if _has_facets(domain):
         skin = domain.boundary()
