@@ -185,6 +185,9 @@ class SizeOptions(TypedDict, total=False):
     tolerance
         Allowed distance of the mesh from the boundary of the domain, over the diameter; inf
         disables this.  Sizes at a radius r of a mesh are at most 2 sqrt(tolerance * diameter * r).
+    size_of
+        Sizes of parts by name, in place of those from their shape.
+        Parts are the tagged regions and faces of a mesh.  Sizes around them still limit these.
     """
 
     elements_per_radian: Annotated[float | None, Option(chosen="4", short="-K")]
@@ -211,6 +214,9 @@ class SizeOptions(TypedDict, total=False):
             above=True,
             inf=True,
         ),
+    ]
+    size_of: Annotated[
+        Mapping[str, float] | None, Option(type_text="mapping of str to float, optional")
     ]
 
 

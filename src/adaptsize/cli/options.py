@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias, get_args
+from typing import Annotated, Any, TypeAlias, get_args, get_origin
 
 import typer
 from typer.core import TyperCommand
@@ -196,6 +196,8 @@ def _as_parameter(option: Option) -> inspect.Parameter:
         metavar = "FILE"
     elif kind not in (float, int, bool, list[int], list[str]):
         kind = str
+    if get_origin(option.type) is Mapping:
+        kind, metavar = list[str], "NAME=SIZE"
     required = option.default is ...
     shown = typer.Option(
         *option.flags,
@@ -236,6 +238,12 @@ def _as_value(option: Option, value: Any) -> Any:
         if not all(type(item) is member for item in items):
             raise ValueError(f"{option.name} must be one or several of type {member.__name__}")
         return items
+    if get_origin(kind) is Mapping and isinstance(value, list):
+        pairs = [text.rpartition("=") for text in value]
+        try:
+            return {name: float(size) for name, _, size in pairs}
+        except ValueError as error:
+            raise ValueError(f"{option.name} must be NAME=SIZE, got {value}") from error
     if kind in (str, Path) and not isinstance(value, str | Path):
         raise ValueError(f"{option.name} must be a text, got {value!r}")
     return Path(value) if kind is Path else option.check(value)

@@ -54,7 +54,7 @@ _PARTS = own("Output", "parts", bool, "Also print width, curvature, size and cos
 _SPEED = own("Output", "speed", float, "Largest speed of a signal, for the time steps.")
 _CAUSES = own("Output", "plot_causes", Path, "Also draw which cause controls which part (.png).")
 #: Options that have no effect on the sizes of an image.
-_OF_MESHES = ("elements_between", "field", "elements", "nodes", "tolerance", "parts")
+_OF_MESHES = ("elements_between", "field", "elements", "nodes", "tolerance", "parts", "size_of")
 
 
 @command(SizeFunctionOptions, SOURCE, FIELD, PLOT, _CAUSES, _COST, _PARTS, _SPEED)
@@ -93,6 +93,8 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
         else:
             mesh = read_mesh(file)
             check_cells(output, mesh)
+            if ("parts" in of_cost or "size_of" in given) and mesh.cell_dim == 2 < mesh.dim:
+                mesh = mesh if mesh.cell_tags is not None else mesh.tag_faces()
             announce_memory_of_sizes(console, mesh)
             steps.begin("sizes")
             if "field" in given:

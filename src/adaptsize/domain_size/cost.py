@@ -13,9 +13,9 @@ from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import NONE, SizeReport, measure_dim, nodal_measures
 from adaptsize.background import SimplexMesh
 from adaptsize.domain_size.matrix import matrix_of
-from adaptsize.geometry.faces import Faces, tag_faces
+from adaptsize.domain_size.named_parts import parts_of
 from adaptsize.sizes.prediction import Prediction
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import FloatArray
 
 #: Number of places in `Cost.places`, and their least distance over the diagonal.
 _PLACES, _APART = 5, 0.05
@@ -227,58 +227,30 @@ def parts(size: SizeFunction, *, speed: float = 1.0) -> tuple[Part, ...]:
     length = _lengths(report, diameter)
     found: list[Part] = []
 
-    def add(
-        kind: Literal["region", "face"],
-        tag: int,
-        dim: int,
-        nodes: IntArray,
-        measure: float,
-        share: float,
-    ) -> None:
+    named = parts_of(mesh)
+    owner = np.full(mesh.n_points, -1)
+    faces = [k for k, part in enumerate(named) if part.kind == "face"]
+    for k in sorted(faces, key=lambda k: -named[k].measures.sum()):
+        owner[named[k].cells] = k
+    caused = None if report.origin is None else np.append(owner, -1)[report.origin]
+    density = (1.0 / h[mesh.cells] ** mesh.cell_dim).mean(axis=1)
+    for k, part in enumerate(named):
+        nodes = np.unique(part.cells)
         least = {name: float(values[nodes].min()) for name, values in length.items()}
-        smallest = float(h[nodes].min())
-        radius = least.get("radius", np.nan)
+        smallest, radius = float(h[nodes].min()), least.get("radius", np.nan)
+        share = np.nan
+        if part.kind == "region":
+            own = part.measures * (1.0 / h[part.cells] ** mesh.cell_dim).mean(axis=1)
+            share = float(own.sum() / (mesh.measures * density).sum())
+        elif caused is not None:
+            share = float(elements[caused == k].sum() / elements.sum())
         found.append(
             Part(
-                kind,
-                tag,
-                mesh.tag_names.get((dim, tag), f"{kind} {tag}"),
-                measure,
-                least.get("width", np.nan),
-                least.get("separation", np.nan),
-                radius,
-                smallest,
-                smallest**2 / (4.0 * radius),
-                share,
-                smallest / speed,
+                part.kind, part.tag, part.name, float(part.measures.sum()),
+                least.get("width", np.nan), least.get("separation", np.nan), radius, smallest,
+                smallest**2 / (4.0 * radius), share, smallest / speed,
             )
-        )
-
-    if mesh.cell_dim == mesh.dim and mesh.cell_tags is not None:
-        in_cells = mesh.measures * (1.0 / h[mesh.cells] ** mesh.dim).mean(axis=1)
-        for tag in np.unique(mesh.cell_tags):
-            own = mesh.cell_tags == tag
-            share = float(in_cells[own].sum() / in_cells.sum())
-            add(
-                "region",
-                int(tag),
-                mesh.dim,
-                np.unique(mesh.cells[own]),
-                float(mesh.measures[own].sum()),
-                share,
-            )
-    facets, tags, measures, dim = _faces_of(mesh)
-    every = sorted(np.unique(tags).tolist(), key=lambda tag: -measures[tags == tag].sum())
-    owner = np.full(mesh.n_points, -1)
-    for tag in every:
-        owner[facets[tags == tag]] = tag
-    caused = None if report.origin is None else owner[report.origin]
-    for tag in sorted(every):
-        own = tags == tag
-        share = np.nan
-        if caused is not None:
-            share = float(elements[(report.origin >= 0) & (caused == tag)].sum() / elements.sum())
-        add("face", int(tag), dim, np.unique(facets[own]), float(measures[own].sum()), share)
+        )  # fmt: skip
     return tuple(found)
 
 
@@ -311,23 +283,3 @@ def _lengths(report: SizeReport, diameter: float) -> dict[str, FloatArray]:
         chords = np.square(bound) / (4.0 * report.chord_tolerance * diameter)
         found["radius"] = np.maximum(report.elements_per_radian * bound, chords)
     return found
-
-
-def _faces_of(mesh: SimplexMesh) -> tuple[IntArray, IntArray, FloatArray, int]:
-    """Return the facets of the faces, with their tags, measures and dimension."""
-    if mesh.cell_dim == mesh.dim and mesh.tagged_facets is not None:
-        assert mesh.facet_tags is not None
-        facets = SimplexMesh(mesh.points, mesh.tagged_facets)
-        return facets.cells, mesh.facet_tags, facets.measures, mesh.dim - 1
-    boundary, nodes = mesh, np.arange(mesh.n_points, dtype=np.int32)
-    if mesh.cell_dim == mesh.dim:
-        boundary, nodes, _ = mesh.boundary()
-    if boundary.cell_tags is None:
-        if boundary.cell_dim == 2:
-            boundary = tag_faces(boundary)
-        else:
-            faces = Faces.of(boundary)
-            tags = np.where(faces.rows < 0, 0, faces.face[faces.rows] + 1).astype(np.int32)
-            return nodes[boundary.cells], tags, boundary.measures, boundary.cell_dim
-    assert boundary.cell_tags is not None
-    return nodes[boundary.cells], boundary.cell_tags, boundary.measures, boundary.cell_dim

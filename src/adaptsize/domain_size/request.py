@@ -15,6 +15,7 @@ from adaptsize._progress import silent
 from adaptsize._size_report import NONE, SizeReport, measure_dim, nodal_measures
 from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
 from adaptsize.domain_size.matrix import as_bytes
+from adaptsize.domain_size.named_parts import as_sizes_of_parts, sizes_of_parts
 from adaptsize.limiting import limit_gradient
 from adaptsize.limiting.exact import limit_points
 from adaptsize.limiting.info import LimitingInfo
@@ -56,6 +57,8 @@ class Request:
         as_limits(options["hmin"], options["hmax"])
         options = {**options, "max_elements": largest_number(options)}
         request = cls(options, [] if sources is None else as_sources(sources), h0, report)
+        if options["size_of"] is not None:
+            request.options["size_of"] = as_sizes_of_parts(options["size_of"])
         goal = request.goal
         if request.is_fixed and goal is not None:
             name = goal[0]
@@ -146,6 +149,7 @@ class Request:
             low = min(max(self.relaxation * (1.0 / 1000.0) * diameter, least), high)
             for source in self._point_sources():  # prescribed sizes are not raised
                 low = min(low, float(np.min(source.size)))
+            low = min(low, *(self.options["size_of"] or {"": low}).values())
         return float(low), float(high)
 
     def _point_sources(self) -> list[PointSource]:
@@ -249,6 +253,12 @@ class Bounds:
         **options
             Of `limit_gradient`, where there are no points.
         """
+        if request.options["size_of"]:
+            freed = self._overridden(request.options["size_of"])
+            fixed = replace(request, options={**request.options, "size_of": None})
+            return freed.limited(
+                fixed, through_space=through_space, with_tolerance=with_tolerance, **options
+            )
         background, (low, high) = self.background, self.limits
         dim = background.dim
         points = [*self.points, *request.points(dim)]
@@ -303,6 +313,22 @@ class Bounds:
             tolerance=tolerance,
             chord_tolerance=request.chord_tolerance,
         )
+
+    def _overridden(self, size_of: Mapping[str, float]) -> Bounds:
+        """Return the bounds without those of the shape on some parts, which have own sizes."""
+        from scipy.spatial import cKDTree
+
+        sizes = sizes_of_parts(self.background, size_of)
+        own = np.isfinite(sizes)
+        nodal = {
+            name: bound if name in ("sources", "h0") else np.where(own, np.inf, bound)
+            for name, bound in self.nodal.items()
+        }
+        tree, points = cKDTree(self.background.points), []
+        for name, places, bound in self.points:
+            kept = ~own[tree.query(places)[1]]
+            points.append((name, places[kept], bound[kept]))
+        return replace(self, nodal=nodal | {"size_of": sizes}, points=points)
 
     def _origin(
         self, roots: npt.NDArray[Any], cause: npt.NDArray[np.int8], places: FloatArray
