@@ -163,7 +163,8 @@ class Part:
     measure: float
     """Length, area or volume."""
     width: float
-    """Least width of the domain at it; inf where it is not narrow, nan where it is not known."""
+    """Least width of the domain at it; inf where it is not narrow, nan where it is not known or
+    the size is prescribed by ``size_of``."""
     separation: float
     """Least distance of features that do not meet; inf and nan as for the width."""
     radius: float
@@ -236,7 +237,9 @@ def parts(size: SizeFunction, *, speed: float = 1.0) -> tuple[Part, ...]:
     density = (1.0 / h[mesh.cells] ** mesh.cell_dim).mean(axis=1)
     for k, part in enumerate(named):
         nodes = np.unique(part.cells)
-        least = {name: float(values[nodes].min()) for name, values in length.items()}
+        is_given = "size_of" in report.bounds and np.isfinite(report.bounds["size_of"][nodes]).all()
+        shape = {} if is_given else length
+        least = {name: float(values[nodes].min()) for name, values in shape.items()}
         smallest, radius = float(h[nodes].min()), least.get("radius", np.nan)
         share = np.nan
         if part.kind == "region":
@@ -280,6 +283,7 @@ def _lengths(report: SizeReport, diameter: float) -> dict[str, FloatArray]:
             found[name] = number * report.bounds[name]
     if "curvature" in report.bounds:
         bound = report.bounds["curvature"]
-        chords = np.square(bound) / (4.0 * report.chord_tolerance * diameter)
-        found["radius"] = np.maximum(report.elements_per_radian * bound, chords)
+        with np.errstate(invalid="ignore"):  # a bound that is disabled says nothing about inf
+            chords = np.square(bound) / (4.0 * report.chord_tolerance * diameter)
+            found["radius"] = np.fmax(report.elements_per_radian * bound, chords)
     return found
