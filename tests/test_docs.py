@@ -32,7 +32,7 @@ DOCS = ROOT / "docs"
 FULL = os.environ.get("ADAPTSIZE_PAGES") == "full"
 METHODS = [
     "adaptation", "adaptive-loops", "anisotropic", "anisotropic-meshes", "complete-size",
-    "distance", "exact-limiting", "files", "limiting", "mesh-families", "octrees",
+    "cost", "distance", "exact-limiting", "files", "limiting", "mesh-families", "octrees",
     "remeshing", "sizes", "smoothing", "sparse-sizes", "width",
 ]  # fmt: skip
 PAGES = [

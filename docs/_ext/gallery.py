@@ -40,7 +40,7 @@ SUBJECTS = {
     ],
     "Meshes of parts, scans, images and implicit domains": [
         "plot_scan", "plot_two_regions", "plot_volume", "plot_smooth_boundaries",
-        "plot_implicit_background", "plot_mesh_family",
+        "plot_implicit_background", "plot_mesh_family", "plot_cost",
     ],
     "Adaptive solutions": [
         "plot_lshape", "plot_fichera", "plot_hot_spot", "plot_front", "plot_euler_bump",

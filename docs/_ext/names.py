@@ -33,10 +33,10 @@ RECORDS = {
     "needs_remeshing": "adaptation.need.RemeshingNeed adaptation.need.Place",
     "transfer_fields": "adaptation.transfer_in_parts.TransferredFields",
     "limit_gradient": "limiting.info.LimitingInfo limiting.sources.SizeSources "
-    "limiting.problem.Scheme limiting.in_parts.info.PartsLimitingInfo "
-    "limiting.in_parts.info.PartsSources",
+    "limiting.problem.Scheme limiting.in_parts.info.PartsLimitingInfo",
     "limit_metric": "metrics.limit.MetricLimitingInfo",
     "size_function": "_size_report.SizeReport",
+    "SizeFunction": "domain_size.cost.Cost domain_size.cost.SmallPlace domain_size.cost.Part",
     "remesh_to_elements": "domain_size.elements.MeshOfElements",
     "mesh_family": "domain_size.family.MeshFamily domain_size.family.Convergence",
     "check_mesh": "quality.certificate.MeshCheck quality.certificate.Demand "

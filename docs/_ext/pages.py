@@ -41,6 +41,7 @@ CONTENTS = {
     "Methods": [
         "complete-size", "sizes", "width", "distance", "octrees", "images", "limiting",
         "anisotropic", "remeshing", "adaptation", "mesh-families", "sparse-sizes",
+        "cost",
         "distributed",
     ],
     "Reference": [

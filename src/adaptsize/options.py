@@ -172,8 +172,7 @@ class SizeOptions(TypedDict, total=False):
     elements_across
         Elements across narrow domains, and each region (``cell_tags``) of a mesh; 0 disables this.
     elements_between
-        Elements between close features of the boundary that do not meet; 0 disables this.
-        It has no effect on functions, images and level sets.
+        Elements between features of the boundary of a mesh that do not meet; 0 disables this.
     g
         Gradient limit: growth of the size per length.
     hmin
@@ -186,8 +185,8 @@ class SizeOptions(TypedDict, total=False):
         Allowed distance of the mesh from the boundary of the domain, over the diameter; inf
         disables this.  Sizes at a radius r of a mesh are at most 2 sqrt(tolerance * diameter * r).
     size_of
-        Sizes of parts by name, in place of those from their shape.
-        Parts are the tagged regions and faces of a mesh.  Sizes around them still limit these.
+        Sizes of named parts.
+        They replace those from the shape of tagged regions and faces.
     """
 
     elements_per_radian: Annotated[float | None, Option(chosen="4", short="-K")]
@@ -197,7 +196,7 @@ class SizeOptions(TypedDict, total=False):
     hmin: Annotated[
         float | None,
         Option(
-            chosen="1/1000 of the diameter of the domain, at least a spacing or two pixels",
+            chosen="1/1000 of the diameter, at least a spacing or two pixels",
             unit="length",
             above=True,
         ),
@@ -215,18 +214,16 @@ class SizeOptions(TypedDict, total=False):
             inf=True,
         ),
     ]
-    size_of: Annotated[
-        Mapping[str, float] | None, Option(type_text="mapping of str to float, optional")
-    ]
+    size_of: Annotated[Mapping[str, float] | None, Option(type_text="mapping of str to float")]
 
 
 class NumberOptions(TypedDict, total=False):
     """Number of elements.
 
     elements
-        Requested number of elements of the mesh.
+        Requested number of elements.
     nodes
-        Requested number of nodes, instead.
+        Requested number of nodes.
     """
 
     elements: Annotated[float | None, Option(lower=1.0)]
@@ -236,23 +233,24 @@ class NumberOptions(TypedDict, total=False):
 class BudgetOptions(NumberOptions, total=False):
     """Number of elements.
 
+    dofs
+        Requested number of unknowns.
     max_elements
         Parameters that are not given are relaxed to allow about this many; inf disables this.
-    dofs
-        Requested number of unknowns of finite elements, instead.
     max_memory
-        Parameters are relaxed until the matrix fits in this memory, such as 8GB.
+        Largest memory of the matrix: 8GB.
+        Parameters that are not given are relaxed.
     degree
-        Polynomial degree of the elements, for ``dofs`` and ``max_memory``.
+        Polynomial degree, for these.
     fields
-        Number of unknown fields, all coupled, for ``dofs`` and ``max_memory``.
+        Coupled fields, for these.
     """
 
+    dofs: Annotated[float | None, Option(lower=1.0)]
     max_elements: Annotated[
         float | None,
         Option(chosen=f"{MAX_ELEMENTS:.0f}, or inf with max_memory", lower=1.0, inf=True),
     ]
-    dofs: Annotated[float | None, Option(lower=1.0)]
     max_memory: Annotated[str | None, Option()]
     degree: Annotated[int, Option(1, lower=1.0, upper=20.0)]
     fields: Annotated[int, Option(1, lower=1.0, upper=1000.0)]

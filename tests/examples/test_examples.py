@@ -260,3 +260,10 @@ def test_the_width_resolves_walls_and_the_separation_gaps_between_corners(run):
     assert found["size from the separation there"] < 1.15 * found["gap of the windows"]
     assert found["size from the width there"] > 2.0 * found["gap of the windows"]
     assert found["elements across the fin"] == pytest.approx(2.0, rel=1e-9)
+
+
+def test_a_larger_size_on_the_rib_saves_the_unknowns_that_it_costs(run):
+    found = run("plot_cost")
+    shares = found["share of the two sides"]
+    saved = 1.0 - found["2.5 mm on the rib: unknowns"] / found["sizes from the shape: unknowns"]
+    assert saved == pytest.approx(shares, abs=0.05)

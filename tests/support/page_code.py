@@ -12,6 +12,7 @@ import contextlib
 import importlib.util
 import io
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -84,7 +85,7 @@ def run_line(line):
     """Run a line of a shell block; pip has run already where the tests run."""
     if not line or line.startswith(("pip", "python -m pytest")):
         return
-    program, *arguments = line.split()
+    program, *arguments = shlex.split(line)
     if program == "adaptsize":
         # Meshes of coarse parts may miss a demand of check.
         allowed = (0, 1) if arguments[0] in ("check", "image", "remesh") else (0,)

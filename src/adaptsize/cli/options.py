@@ -68,12 +68,11 @@ def own(group: str, name: str, kind: Any, text: str, **more: Any) -> Option:
 
 FIELD = own(
     "Sizes", "field", str,
-    "Nodal field of the file to use as upper bounds.  Curvature, width and separation then count "
-    "only if requested.",
+    "Nodal field with upper bounds.  Bounds from the shape then have to be requested.",
 )  # fmt: skip
 METRIC = own(
     "Sizes", "metric", str,
-    "Sizes that depend on the direction: a nodal field of matrices, or a .sol or .solb file.",
+    "Sizes by direction: a nodal field of matrices, or a .sol or .solb file.",
 )  # fmt: skip
 SOURCE = own(
     "Sizes", "source", list[str],

@@ -74,7 +74,7 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
 
     of_image = is_image_file(file)
     plot, plot_causes = given.pop("plot", None), given.pop("plot_causes", None)
-    of_cost = {name: given.pop(name) for name in ("cost", "parts", "speed") if name in given}
+    of_cost: Given = {name: given.pop(name) for name in ("cost", "parts", "speed") if name in given}
     as_number("speed", of_cost.get("speed", 1.0), lower=0.0, strict=True)
     content: Content = "sizes of an image" if of_image else "sizes"
     check_files([file], output, content, plot=plot, plot_causes=plot_causes)

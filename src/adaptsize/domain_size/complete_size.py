@@ -82,8 +82,8 @@ def size_function(
     Warns
     -----
     ResolutionWarning, InputWarning
-        If the parameters do not allow the number of elements; if an octree would need too many
-        leaves; if a source lies outside; if objects are lost, or at the border of the image.
+        If the parameters do not allow the number of elements, an octree would need too many leaves,
+        a source lies outside, or objects are lost or at the border of the image.
 
     Notes
     -----
@@ -91,21 +91,16 @@ def size_function(
     surface) within 2 %, those of ``elements_per_radian`` and ``elements_across`` (both down to 1),
     ``elements_between``, ``hmin``, ``hmax`` and ``tolerance`` that are not given are changed.
 
-    Smoothing rounds the objects of an image, and merges those less than one or two pixels apart.
     On a given octree, or a mesh of more than the domain, sizes propagate also through the outside.
 
     Examples
     --------
-    A disc of radius 1, 2 elements per radian:
-
     >>> def disc(x):
     ...     return np.linalg.norm(x, axis=1) - 1.0
     >>> box = [-1.1, -1.1], [1.1, 1.1]
     >>> size = size_function(disc, box=box, elements_per_radian=2, elements_across=0, g=0.1, hmax=2)
     >>> size([[1.0, 0.0], [0.0, 0.0]]).round(2)
     array([0.5, 0.6])
-    >>> size.report
-    SizeReport(curvature 100.0%)
     """
     if isinstance(background, str) and background == "auto":
         background = None

@@ -17,9 +17,6 @@ from adaptsize.domain_size.named_parts import parts_of
 from adaptsize.sizes.prediction import Prediction
 from adaptsize.typing import FloatArray
 
-#: Number of places in `Cost.places`, and their least distance over the diagonal.
-_PLACES, _APART = 5, 0.05
-
 
 class SmallPlace(NamedTuple):
     """A place where the size is small."""
@@ -45,7 +42,7 @@ class Cost:
     time_steps: dict[str, float]
     """Time in which a signal crosses the smallest element that each bound causes."""
     places: tuple[SmallPlace, ...]
-    """The five smallest sizes, those closer to each other than 5 % of the diagonal left out."""
+    """The five smallest sizes that are farther apart than 5 % of the diagonal."""
 
     def __str__(self) -> str:
         """Return one line on the system, and one per bound and place."""
@@ -143,12 +140,12 @@ def _small_places(size: SizeFunction, report: SizeReport) -> tuple[SmallPlace, .
     h, points = np.asarray(size.values).ravel()[inside], size.background.points[inside]
     found: list[SmallPlace] = []
     free = np.ones(len(inside), np.bool_)
-    while free.any() and len(found) < _PLACES:
+    while free.any() and len(found) < 5:
         least = int(np.argmin(np.where(free, h, np.inf)))
         where = tuple(points[least].tolist())
         found.append(SmallPlace(where, float(h[least]), report.causes[cause[inside[least]]]))
         away = np.linalg.norm(points - points[least], axis=1)
-        free &= away > _APART * size.background.diagonal
+        free &= away > 0.05 * size.background.diagonal
     return tuple(found)
 
 

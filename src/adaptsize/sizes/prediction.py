@@ -24,14 +24,6 @@ from adaptsize.typing import FloatArray, IndexArray
 #: A size as a function of points, float64[n, dim] to float64[n].
 SizeAt: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 
-#: A cell longer than half the size is halved where the size at its centroid differs by more than
-#: this share from the mean of those at its corners, and where it is longer than so many sizes,
-#: which may hide a smaller one.
-_LINEAR = 0.02
-_LONGEST = 8.0
-#: Parts of cells at most: smaller sizes are integrated less accurately.
-_MOST_PARTS = 400_000
-
 
 class Prediction(NamedTuple):
     """Predicted numbers of a mesh."""
@@ -254,14 +246,16 @@ def _integral(mesh: SimplexMesh, size: SizeAt) -> float:
     h = _sizes(size, mesh.points)[mesh.cells]
     measures = mesh.measures
     pairs = np.array([(i, j) for i in range(d + 1) for j in range(i)])
-    total, room = 0.0, _MOST_PARTS
+    # With more parts of cells than this, smaller sizes are integrated less accurately.
+    total, room = 0.0, 400_000
     while len(h):
         there = _sizes(size, corners.mean(axis=1))
         lengths = np.linalg.norm(corners[:, pairs[:, 0]] - corners[:, pairs[:, 1]], axis=2)
         longest = lengths.max(axis=1)
         with np.errstate(invalid="ignore"):
-            rough = np.abs(h.mean(axis=1) - there) > _LINEAR * there
-        halved = (rough & (longest > 0.5 * there)) | (longest > _LONGEST * there)
+            rough = np.abs(h.mean(axis=1) - there) > 0.02 * there
+        # A cell of many sizes may hide a smaller one.
+        halved = (rough & (longest > 0.5 * there)) | (longest > 8.0 * there)
         room -= 2 * int(halved.sum())
         if room < 0:
             halved[:] = False
