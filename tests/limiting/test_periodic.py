@@ -179,6 +179,76 @@ def test_g_of_h_and_point_sources_are_periodic_too():
     assert_allclose(of_h.ravel(), 0.05 * np.exp(2.0 * away), rtol=1e-8)
 
 
+def sector(n_sectors, rings=8, inner=0.0):
+    """A sector of a ring or a disc, moved off the origin, and its rotation [R | t]."""
+    angle = 2 * np.pi / n_sectors
+    radius = np.linspace(inner, 1.0, rings + 1)
+    turn = np.linspace(0.0, angle, rings + 1)
+    at = np.stack(np.meshgrid(radius, turn, indexing="ij"), axis=-1).reshape(-1, 2)
+    corner = (np.arange(rings)[:, None] * (rings + 1) + np.arange(rings)).ravel()
+    cells = np.concatenate([corner[:, None] + [0, rings + 1, rings + 2],
+                            corner[:, None] + [0, rings + 2, 1]])  # fmt: skip
+    centre = np.array([0.3, -0.2])
+    points = centre + at[:, :1] * np.column_stack([np.cos(at[:, 1]), np.sin(at[:, 1])])
+    if inner == 0.0:  # one node at the centre
+        cells = np.where(cells <= rings, 0, cells - rings)
+        cells = cells[[len(set(cell)) == 3 for cell in cells.tolist()]]
+        points = points[rings:]
+    c, s = np.cos(angle), np.sin(angle)
+    matrix = np.array([[c, -s], [s, c]])
+    return SimplexMesh(points, cells), np.column_stack([matrix, centre - matrix @ centre])
+
+
+@pytest.mark.parametrize(("n_sectors", "inner"), [(4, 0.0), (6, 0.5)])
+def test_a_sector_gets_the_sizes_of_the_whole_disc_or_ring(n_sectors, inner):
+    mesh, rotation = sector(n_sectors, inner=inner)
+    h0 = sparse_bounds(mesh.n_points, 9)
+    points, moved = [mesh.points], mesh.points
+    for _ in range(n_sectors - 1):
+        moved = moved @ rotation[:, :2].T + rotation[:, 2]
+        points.append(moved)
+    every = np.concatenate(points)
+    _, first, number = np.unique(every.round(9), axis=0, return_index=True, return_inverse=True)
+    cells = np.concatenate([mesh.cells + k * mesh.n_points for k in range(n_sectors)])
+    whole = SimplexMesh(every[first], number.ravel()[cells])
+    bound = np.full(whole.n_points, np.inf)
+    np.minimum.at(bound, number.ravel(), np.tile(h0, n_sectors))
+    expected = limit_gradient(whole, bound, G, method="fast-marching")
+    found = limit_gradient(mesh, h0, G, periodic=rotation[None])
+    assert_allclose(found, expected[number.ravel()[: mesh.n_points]], rtol=1e-10)
+
+
+def test_a_quarter_of_a_box_in_space_gets_the_sizes_of_the_whole_box():
+    quarter, whole = (
+        CartesianGrid([0, 0, 0], 0.2, (6, 6, 4)),
+        CartesianGrid([-1, -1, 0], 0.2, (11, 11, 4)),
+    )
+    h0 = sparse_bounds(quarter.n_points, 4).reshape(quarter.shape)
+    bound = np.full(whole.shape, np.inf)
+    for turns in range(4):  # about the z axis
+        part = np.rot90(bound, turns)[5:, 5:]
+        np.minimum(part, h0, out=part)
+    turn = [[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
+    expected = limit_gradient(whole, bound, G, method="fast-marching")[5:, 5:]
+    assert_allclose(limit_gradient(quarter, h0, G, periodic=[turn]), expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda m: m * 1.1, r"periodic must be \[R \| t\], R a rotation"),
+        (lambda m: [[1, 0, 0], [0, 1, 0]], "must not be the identity"),
+        (lambda m: [[-1, 0, 0.6], [0, -1, -0.4]], "maps no node of the background"),
+        (lambda m: [[1, 0], [0, 1]], r"rotations \[R \| t\] have shape \(k, 2, 3\)"),
+        (lambda m: np.full((2, 3), np.nan), "must be finite"),
+    ],
+)
+def test_motions_that_are_no_rotations_of_the_domain_are_refused(change, message):
+    mesh, rotation = sector(8, inner=0.5)
+    with pytest.raises(ValueError, match=message):
+        limit_gradient(mesh, np.ones(mesh.n_points), G, periodic=[change(rotation)])
+
+
 @pytest.mark.parametrize(
     ("vectors", "message"),
     [

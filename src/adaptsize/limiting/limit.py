@@ -122,10 +122,11 @@ def limit_gradient(
         For the exact method: points of shape (k, dim) and the bounds there, of shape
         (k,).  The points need not be nodes.  Points outside the domain have no effect.  A point
         where components of the domain touch acts in all of them.
-    periodic : array_like of float, shape (k, dim), optional
+    periodic : array_like of float, shape (k, dim) or (k, dim, dim + 1), optional
         For the exact method and fast marching of first order: translations by which
-        the domain is repeated, such as ``[[a, 0], [0, b]]``.  The result is that on the domain
-        with all of its images.  Nodes on opposite sides must come in pairs; both get the same
+        the domain is repeated, such as ``[[a, 0], [0, b]]``; or, for fast marching, rotations
+        ``[R | t]`` of x to R x + t, as of a sector.  The result is that on the domain with all of
+        its images.  Nodes on opposite sides must come in pairs; both get the same
         size.  See the notes.
     progress : callable or bool, optional
         Called with a text and the fraction completed; True shows a progress bar on a

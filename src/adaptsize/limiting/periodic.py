@@ -1,4 +1,4 @@
-"""Periodic domains: nodes identified by translations, and images of sources beyond the cell."""
+"""Periodic domains: nodes identified by translations or rotations, and images beyond the cell."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _EQUAL = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Periodicity:
-    """A domain (the cell) that is repeated by translations."""
+    """A domain (the cell) that is repeated by translations, or by rotations."""
 
     domain: SimplexMesh | CartesianGrid
     vectors: FloatArray
-    """float64[k, dim]: linearly independent translations."""
+    """float64[k, dim]: linearly independent translations; none for rotations."""
     pairs: IntArray
     """int32[n, 2]: nodes and their images."""
 
@@ -54,9 +54,12 @@ class Periodicity:
 
         The cell must be convex.  Then its images fill space if there are ``dim`` of them and
         their parallelepiped has the measure of the cell.  With fewer, they make up a layer or a
-        rod if every line along each translation leaves the cell after its length.
+        rod if every line along each translation leaves the cell after its length.  Rotations are
+        left to fast marching.
         """
         domain = self.domain
+        if len(self.vectors) == 0:
+            return False
         if isinstance(domain, CartesianGrid):
             if domain.active is not None:
                 return False
@@ -103,21 +106,24 @@ class Periodicity:
                 yield shift
 
 
-def as_periodicity(domain: SimplexMesh | CartesianGrid, vectors: npt.ArrayLike) -> Periodicity:
+def as_periodicity(domain: SimplexMesh | CartesianGrid, motions: npt.ArrayLike) -> Periodicity:
     """Return the periodicity of a mesh or grid after checking that its nodes come in pairs.
 
     Raises
     ------
     ValueError
-        If ``vectors`` has a bad shape or is linearly dependent, if a translation maps no node to
-        a node, maps a node into the domain where there is no node, or maps the domain onto its
-        own inside.
+        If ``motions`` has a bad shape, is linearly dependent or no rotation, if a motion maps no
+        node to a node, maps a node into the domain where there is no node, or maps the domain onto
+        its own inside.
     """
-    given = as_float_array("periodic", vectors)
-    if given.ndim != 2 or not 1 <= len(given) <= domain.dim or given.shape[1] != domain.dim:
+    given, dim = as_float_array("periodic", motions), domain.dim
+    if given.ndim == 3 and given.shape[1:] == (dim, dim + 1) and dim > 1 and len(given):
+        _check_rotations(given, domain.diagonal)
+        return Periodicity(domain, np.empty((0, dim)), _kept_pairs(domain, given))
+    if given.ndim != 2 or not 1 <= len(given) <= dim or given.shape[1] != dim:
         raise ValueError(
-            f"periodic must hold 1 to {domain.dim} translations, of shape (k, {domain.dim}), "
-            f"got shape {given.shape}"
+            f"periodic must hold 1 to {dim} translations, of shape (k, {dim}), got shape "
+            f"{given.shape}; rotations [R | t] have shape (k, {dim}, {dim + 1})"
         )
     refuse_where("periodic", ~np.isfinite(given), given, "must be finite")
     if np.linalg.matrix_rank(given, tol=_SAME * domain.diagonal) < len(given):
@@ -125,84 +131,121 @@ def as_periodicity(domain: SimplexMesh | CartesianGrid, vectors: npt.ArrayLike) 
     return Periodicity(domain, given, _kept_pairs(domain, given))
 
 
-def _kept_pairs(domain: SimplexMesh | CartesianGrid, vectors: FloatArray) -> IntArray:
+def _check_rotations(given: FloatArray, diagonal: float) -> None:
+    """Refuse maps x -> R x + t of which R is no rotation, or that are the identity."""
+    refuse_where("periodic", ~np.isfinite(given), given, "must be finite")
+    turn = given[:, :, :-1]
+    rest = np.abs(turn @ turn.swapaxes(1, 2) - np.eye(turn.shape[1])).max(axis=(1, 2))
+    refuse_where(
+        "periodic",
+        (rest > _SAME) | (np.linalg.det(turn) < 0.0),
+        given,
+        "must be [R | t], R a rotation",
+    )
+    still = np.abs(turn - np.eye(turn.shape[1])).max(axis=(1, 2)) <= _SAME
+    still &= np.linalg.norm(given[:, :, -1], axis=1) <= _SAME * diagonal
+    refuse_where("periodic", still, given, "must not be the identity")
+
+
+def _kept_pairs(domain: SimplexMesh | CartesianGrid, motions: FloatArray) -> IntArray:
     """Return the pairs of nodes, which are kept with the domain as its derived data are."""
-    kept, key = vars(domain), vectors.tobytes()
+    kept, key = vars(domain), motions.tobytes()
     found = kept.get("_periodic_pairs")
     if found is None or found[0] != key:
-        found = kept["_periodic_pairs"] = key, _checked_pairs(domain, vectors)
+        found = kept["_periodic_pairs"] = key, _checked_pairs(domain, motions)
     pairs: IntArray = found[1]
     return pairs
 
 
-def _checked_pairs(domain: SimplexMesh | CartesianGrid, vectors: FloatArray) -> IntArray:
+def _checked_pairs(domain: SimplexMesh | CartesianGrid, motions: FloatArray) -> IntArray:
     """Return the pairs of nodes and their images, int32[n, 2]; refuse images that do not fit."""
     points, outer = domain.points, _on_boundary(domain)
     found = []
-    for steps in product((-1, 0, 1), repeat=len(vectors)):
-        if next((s for s in steps if s), 0) != 1:  # each pair of opposite translations once
-            continue
-        shift = np.array(steps, dtype=np.float64) @ vectors
-        pairs = _pairs_along(points, shift, domain.diagonal)
-        _refuse_overlap(domain, outer, shift, pairs)
-        if sum(map(abs, steps)) == 1 and len(pairs) == 0:
+    for name, motion, moved, is_given in _images_of(points, motions):
+        pairs = _pairs_of(points, moved, domain.diagonal)
+        _refuse_overlap(domain, outer, motion, moved, pairs)
+        if is_given and len(pairs) == 0:
             raise ValueError(
-                f"periodic[{steps.index(1)}] = {shift.tolist()} maps no node of the background "
-                "to another node"
+                f"{name} = {motion.tolist()} maps no node of the background to another node"
             )
         found.append(pairs)
     return np.concatenate(found)
 
 
+def _images_of(
+    points: FloatArray, motions: FloatArray
+) -> Iterator[tuple[str, FloatArray, FloatArray, bool]]:
+    """Yield each motion with its name, the points that it moves, and whether it was given.
+
+    Sums of translations are motions, too: each pair of opposite ones once.
+    """
+    if motions.ndim == 3:
+        for k, motion in enumerate(motions):
+            yield f"periodic[{k}]", motion, points @ motion[:, :-1].T + motion[:, -1], True
+        return
+    for steps in product((-1, 0, 1), repeat=len(motions)):
+        if next((s for s in steps if s), 0) == 1:
+            shift = np.array(steps, dtype=np.float64) @ motions
+            is_given = sum(map(abs, steps)) == 1
+            yield f"periodic[{steps.index(1)}]", shift, points + shift, is_given
+
+
 def _pairs_along(points: FloatArray, shift: FloatArray, diagonal: float) -> IntArray:
     """Return the nodes that a translation maps to a node, and that node, int32[n, 2]."""
+    return _pairs_of(points, points + shift, diagonal)
+
+
+def _pairs_of(points: FloatArray, moved: FloatArray, diagonal: float) -> IntArray:
+    """Return the nodes that a motion maps to a node, and that node, int32[n, 2]."""
     from scipy.spatial import cKDTree
 
     near = _SAME * diagonal
-    sent, received = _within_box_after(points, shift, near), _within_box_after(points, -shift, near)
-    if len(sent) == 0 or len(received) == 0:
+    sent = _within_box(moved, points, near)
+    if len(sent) == 0:
         return np.empty((0, 2), np.int32)
-    away, which = cKDTree(points[received]).query(points[sent] + shift)
+    received = _within_box(points, moved[sent], near)
+    if len(received) == 0:
+        return np.empty((0, 2), np.int32)
+    away, which = cKDTree(points[received]).query(moved[sent])
     same = away <= near
     return np.column_stack([sent[same], received[which[same]]]).astype(np.int32)
 
 
-def _within_box_after(points: FloatArray, shift: FloatArray, near: float) -> npt.NDArray[np.intp]:
-    """Return which points a translation leaves in their bounding box."""
-    within = np.ones(len(points), np.bool_)
-    for x, step in zip(points.T, shift, strict=True):
-        if step > near:
-            within &= x <= x.max() - step + near
-        elif step < -near:
-            within &= x >= x.min() - step - near
-    return np.flatnonzero(within)
+def _within_box(points: FloatArray, others: FloatArray, near: float) -> IndexArray:
+    """Return which points are in the bounding box of others."""
+    lower, upper = others.min(axis=0) - near, others.max(axis=0) + near
+    return np.flatnonzero(((points >= lower) & (points <= upper)).all(axis=1))
 
 
 def _refuse_overlap(
-    domain: SimplexMesh | CartesianGrid, outer: BoolArray, shift: FloatArray, pairs: IntArray
+    domain: SimplexMesh | CartesianGrid,
+    outer: BoolArray,
+    motion: FloatArray,
+    moved: FloatArray,
+    pairs: IntArray,
 ) -> None:
-    """Refuse a translation of the domain into its inside, and of a node to where none is."""
+    """Refuse a motion of the domain into its inside, and of a node to where none is."""
     points, near = domain.points, _SAME * domain.diagonal
     active = getattr(domain, "active", None)
     inside = ~outer[pairs].all(axis=1)
     if inside.any():
         i, j = pairs[np.argmax(inside)]
         raise ValueError(
-            f"periodic must be translations to the next cell, but {shift.tolist()} maps node {i} "
+            f"periodic must be motions to the next cell, but {motion.tolist()} maps node {i} "
             f"to node {j}, which are not both on the boundary: the domain overlaps its image"
         )
-    alone = np.setdiff1d(_within_box_after(points, shift, near), pairs[:, 0])
+    alone = np.setdiff1d(_within_box(moved, points, near), pairs[:, 0])
     if active is not None:
         alone = alone[active.ravel()[alone]]
     if len(alone) == 0:
         return
-    _, weights, away = domain.locator.weights(points[alone] + shift)
+    _, weights, away = domain.locator.weights(moved[alone])
     alone = alone[(away <= near) & (weights.sum(axis=1) > 0.5)]
     if len(alone):
         i = int(alone[0])
         raise ValueError(
             f"periodic needs nodes in pairs, but node {i} at {points[i].tolist()} moved by "
-            f"{shift.tolist()} lies in the domain, where there is no node"
+            f"{motion.tolist()} lies in the domain, where there is no node"
         )
 
 
