@@ -14,6 +14,7 @@ import numpy as np
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.exact import FLAT, fill_values
 from adaptsize._kernels.local_updates import SPACE, distance
+from adaptsize._kernels.vectors import between, cross, dot, norm
 
 # Gradients below g by less than this are treated as steep, so that rounding loses no source.
 _NEARLY = 1.0 - 1e-9
@@ -205,25 +206,11 @@ def _rise_from_edge(points, axes, i, j, k, h0):
 
 
 @lean
-def _angle_between_faces(points, i, j, p, q):
-    """Return the angle between the half planes from the edge ij to the nodes p and q, in space."""
-    length2 = at_p = at_q = 0.0
-    for d in range(3):
-        e = points[j, d] - points[i, d]
-        length2 += e * e
-        at_p += e * (points[p, d] - points[i, d])
-        at_q += e * (points[q, d] - points[i, d])
-    pp = qq = pq = 0.0
-    for d in range(3):
-        e = points[j, d] - points[i, d]
-        to_p = points[p, d] - points[i, d] - at_p / length2 * e
-        to_q = points[q, d] - points[i, d] - at_q / length2 * e
-        pp += to_p * to_p
-        qq += to_q * to_q
-        pq += to_p * to_q
-    if pp * qq == 0.0:
-        return math.pi
-    return math.acos(min(1.0, max(-1.0, pq / math.sqrt(pp * qq))))
+def _turn_about(points, i, j, p, q):
+    """Return the angle from the half plane of the edge ij and p to that of q."""
+    edge, to_q = between(points, i, j), between(points, i, q)
+    n, m = cross(edge, between(points, i, p)), cross(edge, to_q)
+    return math.atan2(dot(n, to_q) * norm(edge), dot(n, m))
 
 
 @lean
@@ -293,7 +280,7 @@ def list_edges(points, axes, cells, steep, h0, h, g, edges):
                 else:
                     slope_q = _rise_from_edge(points, axes, i, j, cells[c, q], h0) + _ROUNDING * g
                     allows = allows if slope_q >= -across else 0
-                    width = _angle_between_faces(points, i, j, cells[c, p], cells[c, q])
+                    width = abs(_turn_about(points, i, j, cells[c, p], cells[c, q]))
                     taken = _angle_to(slope_p, across) + _angle_to(slope_q, across)
                     allows += 2 if taken <= width + _ROUNDING else 0
                 if count < edges.shape[0]:
@@ -360,32 +347,6 @@ def mark_blocked(points, rows, first, h0, g, angle, limit, blocked):
                         break
                 if free:
                     blocked[k] = False
-
-
-@lean
-def _turn_about(points, i, j, p, q):
-    """Return the angle from the half plane of the edge ij and p to that of q."""
-    ex, ey, ez = (
-        points[j, 0] - points[i, 0],
-        points[j, 1] - points[i, 1],
-        points[j, 2] - points[i, 2],
-    )
-    px, py, pz = (
-        points[p, 0] - points[i, 0],
-        points[p, 1] - points[i, 1],
-        points[p, 2] - points[i, 2],
-    )
-    qx, qy, qz = (
-        points[q, 0] - points[i, 0],
-        points[q, 1] - points[i, 1],
-        points[q, 2] - points[i, 2],
-    )
-    nx, ny, nz = ey * pz - ez * py, ez * px - ex * pz, ex * py - ey * px
-    mx, my, mz = ey * qz - ez * qy, ez * qx - ex * qz, ex * qy - ey * qx
-    along = nx * mx + ny * my + nz * mz
-    triple = nx * qx + ny * qy + nz * qz
-    length = math.sqrt(ex * ex + ey * ey + ez * ez)
-    return math.atan2(triple * length, along)
 
 
 @lean_kernel

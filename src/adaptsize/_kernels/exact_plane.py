@@ -19,7 +19,6 @@ row in the sectors if it is a boundary node, else -1, and 1 if it is a corner, e
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -34,8 +33,8 @@ from adaptsize._kernels.exact import (
 )
 from adaptsize._kernels.sight import (
     ANY,
-    CACHED,
     LEFT,
+    N_RECENT,
     NARROW,
     RIGHT,
     WIDE,
@@ -44,58 +43,10 @@ from adaptsize._kernels.sight import (
     turned,
     without_hidden,
 )
-from adaptsize._kernels.trees import DEPTH, items_of_leaf
+from adaptsize._kernels.trees import items_of_leaf
 
 #: Columns of a table.
 CONE, KIND, ROW, CORNER, COLUMNS = 6, 10, 11, 12, 13
-
-# Number of entries that lowered sizes in one block and are tested first in the next.
-_RECENT = 8
-
-
-class Rays(NamedTuple):
-    """Scratch for lines of sight.
-
-    Parameters
-    ----------
-    feet : float64[2, BLOCK]
-        From where each point is to be seen.
-    rows : int64[BLOCK]
-        Rows of the points in the sectors, -1 inside.
-    sides : int64[BLOCK]
-        Sides of the lines on which the domain is.
-    which : int64[BLOCK]
-        Numbers of points.
-    stack : int64[DEPTH]
-    shaft : float64[8]
-    cached : int64[CACHED]
-        Walls that hid points recently.
-    recent : int64[_RECENT]
-        Entries that lowered sizes in the last block, -1 for none.
-    """
-
-    feet: np.ndarray
-    rows: np.ndarray
-    sides: np.ndarray
-    which: np.ndarray
-    stack: np.ndarray
-    shaft: np.ndarray
-    cached: np.ndarray
-    recent: np.ndarray
-
-
-def new_rays() -> Rays:
-    """Return scratch for one thread."""
-    return Rays(
-        np.empty((2, BLOCK)),
-        np.empty(BLOCK, np.int64),
-        np.empty(BLOCK, np.int64),
-        np.empty(BLOCK, np.int64),
-        np.empty(DEPTH, np.int64),
-        np.empty(8),
-        np.full(CACHED, -1, np.int64),
-        np.full(_RECENT, -1, np.int64),
-    )
 
 
 @lean
@@ -156,7 +107,7 @@ def _try_entry(table, k, axes, count, worst, g, sight, edges, block, rays):
 @lean
 def _is_recent(recent, k):
     found = False
-    for r in range(_RECENT):
+    for r in range(N_RECENT):
         found |= recent[r] == k
     return found
 
@@ -200,7 +151,7 @@ def lower_seen(
             h[i], by[i] = sizes[order[start + i]], -1
             rays.rows[i] = on_wall[order[start + i]]
         worst = largest(h, count)
-        for r in range(_RECENT):
+        for r in range(N_RECENT):
             k = recent[r]
             if k >= 0 and _may_serve(table, k, axes, box, g, worst, slack, edges):
                 worst = _try_entry(table, k, axes, count, worst, g, sight, edges, block, rays)
@@ -213,13 +164,13 @@ def lower_seen(
                 ):
                     worst = _try_entry(table, k, axes, count, worst, g, sight, edges, block, rays)
         n_recent = 0
-        for r in range(_RECENT):
+        for r in range(N_RECENT):
             recent[r] = -1
         for i in range(count):
             if by[i] >= 0:
                 sizes[order[start + i]] = h[i]
                 source[order[start + i]] = by[i]
-                if n_recent < _RECENT and not _is_recent(recent, by[i]):
+                if n_recent < N_RECENT and not _is_recent(recent, by[i]):
                     recent[n_recent] = by[i]
                     n_recent += 1
 

@@ -13,9 +13,13 @@ better: let B be the point of the window on the edge that is farthest from v.  I
 
 this holds at all points of the window on the edge, because |r - y| - |v - y| does not rise if y
 moves away from v (Xin and Wang, Improving Chen and Han's algorithm, 2009).  So no shortest path
-goes through the window.  The time is that for windows crossed and not that for pairs of corners.
-But a window, once divided, stays so: in wide areas without corners, the lines of sight of
-`exact_plane` are faster.
+goes through the window.
+
+Behind the node that divides it, a window becomes one again.  A triangle of which two edges face the
+root sends all windows out through the third.  So a window that extends to the common node of
+the two waits there for the one from the other side, and both leave as one.  If nothing else is
+left, the windows that have waited longest go on alone.  In a Delaunay mesh without obstacles, each
+edge is crossed by one window of each root.
 """
 
 import math
@@ -37,8 +41,9 @@ class Triangles(NamedTuple):
     points : float64[n, 2]
     cells : int32[m, 3]
         Counterclockwise.
-    beyond : int32[m, 3]
-        The triangle behind the edge opposite to each node, -1 at walls.
+    beyond : int32[3 * m]
+        Edge 3 t + v of triangle t is opposite to its node v.  On its other side, it has this
+        number, -1 at walls.
     ring_ptr, ring : int32[n + 1], int32[3 * m]
         Triangles around each node, as from `topology.fill_rings`.
     """
@@ -67,10 +72,18 @@ class Front(NamedTuple):
         Directions in which paths arrive at the corners.
     heap : Heap
         Roots that have not been processed.
-    windows : int32[2 * m + 16, 3]
-        Scratch: the triangle of each window, and the right and the left node of its edge.
-    rays : float64[2 * m + 16, 4]
+    edges : int32[w]
+        Scratch: the edge of the next triangle through which each window goes.  A node divides as
+        many windows of a root as triangles around it hold the way back, at most 1 + (sum of
+        their angles) / (2 pi).  So w = n + m / 2 + (most triangles around a node) is enough.
+    rays : float64[w, 4]
         Scratch: its right and its left ray.
+    waiting : int32[m]
+        In/Out: as ``edges``, for the window that waits in each triangle; -1 if there is none.
+    waiting_rays : float64[m, 4]
+        Scratch: its rays.
+    queue : int32[m + 1]
+        Scratch: triangles in which a window waits or has waited, the first one first, as a ring.
     """
 
     h: np.ndarray
@@ -80,8 +93,11 @@ class Front(NamedTuple):
     walls: np.ndarray
     arrivals: np.ndarray
     heap: Heap
-    windows: np.ndarray
+    edges: np.ndarray
     rays: np.ndarray
+    waiting: np.ndarray
+    waiting_rays: np.ndarray
+    queue: np.ndarray
 
 
 @lean
@@ -90,35 +106,46 @@ def _turn(a, b):
 
 
 @lean_kernel
-def connect(triangles):
-    """Turn triangles counterclockwise, and fill those behind their edges (In/Out: triangles).
+def connect(triangles, first, after):
+    """Turn triangles counterclockwise, and connect them (In/Out: triangles).
 
-    Returns whether each edge has at most one triangle on either side.
+    Parameters
+    ----------
+    triangles : Triangles
+    first, after : int32[n], int32[3 * m]
+        Scratch: the first edge at each node that is its smaller one, and for each edge the next.
+
+    Returns
+    -------
+    bool
+        Whether each edge has at most one triangle on either side.
     """
     points, cells, beyond = triangles.points, triangles.cells, triangles.beyond
+    first[:] = -1
     for t in range(cells.shape[0]):
         i, j, k = cells[t, 0], cells[t, 1], cells[t, 2]
         u = (points[j, 0] - points[i, 0], points[j, 1] - points[i, 1])
         v = (points[k, 0] - points[i, 0], points[k, 1] - points[i, 1])
         if _turn(u, v) < 0.0:
             cells[t, 1], cells[t, 2] = k, j
-        beyond[t, 0] = beyond[t, 1] = beyond[t, 2] = -1
-    for t in range(cells.shape[0]):
-        for v in range(3):
-            if beyond[t, v] >= 0:
-                continue
-            i, j = cells[t, (v + 1) % 3], cells[t, (v + 2) % 3]
-            for r in range(triangles.ring_ptr[i], triangles.ring_ptr[i + 1]):
-                other = triangles.ring[r]
-                w = 0
-                while cells[other, w] != i:
-                    w += 1
-                if cells[other, (w + 1) % 3] == j and other != t:
+        for w in range(3):
+            i, j = cells[t, (w + 1) % 3], cells[t, (w + 2) % 3]
+            here, smaller = 3 * t + w, min(i, j)
+            beyond[here] = -1
+            e = first[smaller]
+            while e >= 0:
+                p, q = cells[e // 3, (e + 1) % 3], cells[e // 3, (e + 2) % 3]
+                if p == j and q == i:
+                    break
+                if p == i and q == j:
                     return False
-                if cells[other, (w + 2) % 3] == j:
-                    if beyond[t, v] >= 0:
-                        return False
-                    beyond[t, v], beyond[other, (w + 1) % 3] = other, t
+                e = after[e]
+            if e < 0:
+                after[here], first[smaller] = first[smaller], here
+            elif beyond[e] >= 0:
+                return False
+            else:
+                beyond[here], beyond[e] = e, here
     return True
 
 
@@ -142,14 +169,13 @@ def _offer(front, root, i, value, way):
 
 
 @lean
-def _push(front, top, beyond, edge, right, left):
+def _push(front, top, edge, right, left):
     """Put a window on the stack, unless it ends at a wall or has no width; return the height."""
-    if beyond < 0 or not _turn(right, left) > 0.0:
+    if edge < 0 or not _turn(right, left) > 0.0:
         return top
-    windows, rays = front.windows, front.rays
-    windows[top, 0], (windows[top, 1], windows[top, 2]) = beyond, edge
-    rays[top, 0], rays[top, 1] = right
-    rays[top, 2], rays[top, 3] = left
+    front.edges[top] = edge
+    front.rays[top, 0], front.rays[top, 1] = right
+    front.rays[top, 2], front.rays[top, 3] = left
     return top + 1
 
 
@@ -174,7 +200,6 @@ def _start(triangles, front, root, size, g, narrow, cone, slack):
         if side_in_cone(cone, left, slack) > 0:
             length = math.sqrt(left[0] * left[0] + left[1] * left[1])
             _offer(front, root, j, size + g * length, left)
-        edge = (i, j)
         if narrow:  # of at most half a turn: both cones meet in one
             first, last = right, left
             if _turn(right, start) > 0.0 and _turn(start, left) > 0.0:
@@ -186,7 +211,7 @@ def _start(triangles, front, root, size, g, narrow, cone, slack):
             elif _turn(start, left) < 0.0 or _turn(left, end) < 0.0:
                 continue
             right, left = first, last
-        top = _push(front, top, triangles.beyond[t, v], edge, right, left)
+        top = _push(front, top, triangles.beyond[3 * t + v], right, left)
     return top
 
 
@@ -204,14 +229,23 @@ def _is_better(h, v, way, end, size, g, margin):
 @lean
 def _flood(triangles, front, root, size, top, g, slack, margin):
     """Follow the windows of a root; return how many there were."""
-    points, cells, h = triangles.points, triangles.cells, front.h
-    windows, rays = front.windows, front.rays
+    points, cells, beyond, h = triangles.points, triangles.cells, triangles.beyond, front.h
+    edges, rays, waiting, queue = front.edges, front.rays, front.waiting, front.queue
+    others = front.waiting_rays
     x, y = points[root, 0], points[root, 1]
-    count = np.int64(0)
-    while top > 0:
+    count = head = tail = np.int64(0)
+    while top > 0 or head != tail:
+        if top == 0:  # the window that has waited longest goes on
+            t = queue[head]
+            head = (head + 1) % queue.shape[0]
+            right, left = (others[t, 0], others[t, 1]), (others[t, 2], others[t, 3])
+            top = _push(front, top, waiting[t], right, left)
+            waiting[t] = -1
+            continue
         top -= 1
         count += 1
-        t, i, j = windows[top, 0], windows[top, 1], windows[top, 2]
+        t, v = edges[top] // 3, edges[top] % 3
+        i, k, j = cells[t, (v + 2) % 3], np.int64(cells[t, v]), cells[t, (v + 1) % 3]
         right, left = (rays[top, 0], rays[top, 1]), (rays[top, 2], rays[top, 3])
         to_i = (points[i, 0] - x, points[i, 1] - y)
         to_j = (points[j, 0] - x, points[j, 1] - y)
@@ -223,10 +257,6 @@ def _flood(triangles, front, root, size, top, g, slack, margin):
             continue
         if _is_better(h, j, to_j, (near * right[0], near * right[1]), size, g, margin):
             continue
-        v = 0
-        while cells[t, v] == i or cells[t, v] == j:
-            v += 1
-        k = np.int64(cells[t, v])
         way = (points[k, 0] - x, points[k, 1] - y)
         after, before = _turn(right, way), _turn(way, left)
         value = size + g * math.sqrt(way[0] * way[0] + way[1] * way[1])
@@ -238,12 +268,30 @@ def _flood(triangles, front, root, size, top, g, slack, margin):
                 ) and before >= -slack * math.sqrt(left[0] * left[0] + left[1] * left[1])
             if inside:
                 _offer(front, root, k, value, way)
-        # In the triangle, j follows k and i follows j.
-        behind_j, behind_i = triangles.beyond[t, (v + 1) % 3], triangles.beyond[t, (v + 2) % 3]
-        if after > 0.0:
-            top = _push(front, top, behind_j, (i, k), right, way if before > 0.0 else left)
-        if before > 0.0:
-            top = _push(front, top, behind_i, (k, j), way if after > 0.0 else right, left)
+        behind_j, behind_i = beyond[3 * t + (v + 1) % 3], beyond[3 * t + (v + 2) % 3]
+        if after > 0.0 and before > 0.0:
+            top = _push(front, top, behind_j, right, way)
+            top = _push(front, top, behind_i, way, left)
+            continue
+        # All of the window leaves through one edge, and another window may do so, too.
+        to_right = after > 0.0
+        if to_right:
+            out, shares = behind_j, left == to_j and _turn(to_j, way) > 0.0
+        else:
+            out, shares = behind_i, right == to_i and _turn(way, to_i) > 0.0
+        if shares and out >= 0:
+            if waiting[t] < 0:
+                waiting[t], queue[tail] = out, t
+                others[t, 0], others[t, 1] = right
+                others[t, 2], others[t, 3] = left
+                tail = (tail + 1) % queue.shape[0]
+                continue
+            waiting[t] = -1
+            if to_right:
+                left = (others[t, 2], others[t, 3])
+            else:
+                right = (others[t, 0], others[t, 1])
+        top = _push(front, top, out, right, left)
     return count
 
 

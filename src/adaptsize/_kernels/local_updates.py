@@ -27,8 +27,9 @@ from adaptsize._kernels.compiling import lean_kernel
 
 # Kernels are compiled once more for each literal that is an argument, so these are none.
 
-#: ``axes`` in space.
-SPACE = (np.int64(0), np.int64(0), np.int64(0))
+#: ``axes`` in the plane and in space.
+PLANE = (np.int64(0), np.int64(0))
+SPACE = (*PLANE, np.int64(0))
 
 #: Values of ``with_bc``.
 WITH_BC, WITHOUT_BC = np.bool_(True), np.bool_(False)

@@ -13,9 +13,6 @@ than ``slack``, a length: some roundings of the coordinates (see `plane_boundary
 
 A *cone* contains the directions in which an entry acts.  It is given by five numbers: two unit
 vectors s and e, counterclockwise, and its kind, `ANY`, `NARROW` (up to pi) or `WIDE`.
-
-The *shaft* of two boxes is their hull: the union of the boxes between them, whose corners move from
-those of one to those of the other.
 """
 
 import math
@@ -24,7 +21,9 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
-from adaptsize._kernels.trees import DEPTH, descent, items_of_leaf
+from adaptsize._kernels.exact import BLOCK
+from adaptsize._kernels.local_updates import PLANE
+from adaptsize._kernels.trees import DEPTH, items_of_leaf, leaf_in_shaft, set_shaft
 
 #: Kinds of cones.
 ANY, NARROW, WIDE = 0, 1, 2
@@ -34,6 +33,9 @@ LEFT, RIGHT = 1, 2
 
 #: Number of recently blocking walls, which are tested first.
 CACHED = 4
+
+#: Number of entries that lowered sizes in one block and are tested first in the next.
+N_RECENT = 8
 
 
 class Sight(NamedTuple):
@@ -57,6 +59,51 @@ class Sight(NamedTuple):
     first: np.ndarray
     sectors: np.ndarray
     slack: float
+
+
+class Rays(NamedTuple):
+    """Scratch for lines of sight.
+
+    Parameters
+    ----------
+    feet : float64[2, BLOCK]
+        From where each point is to be seen.
+    rows : int64[BLOCK]
+        Rows of the points in the sectors, -1 inside.
+    sides : int64[BLOCK]
+        Sides of the lines on which the domain is.
+    which : int64[BLOCK]
+        Numbers of points.
+    stack : int64[DEPTH]
+    shaft : float64[8]
+    cached : int64[CACHED]
+        Walls that hid points recently.
+    recent : int64[N_RECENT]
+        Entries that lowered sizes in the last block, -1 for none.
+    """
+
+    feet: np.ndarray
+    rows: np.ndarray
+    sides: np.ndarray
+    which: np.ndarray
+    stack: np.ndarray
+    shaft: np.ndarray
+    cached: np.ndarray
+    recent: np.ndarray
+
+
+def new_rays() -> Rays:
+    """Return scratch for one thread."""
+    return Rays(
+        np.empty((2, BLOCK)),
+        np.empty(BLOCK, np.int64),
+        np.empty(BLOCK, np.int64),
+        np.empty(BLOCK, np.int64),
+        np.empty(DEPTH, np.int64),
+        np.empty(8),
+        np.full(CACHED, -1, np.int64),
+        np.full(N_RECENT, -1, np.int64),
+    )
 
 
 @lean
@@ -142,46 +189,6 @@ def hides(wall, a, b, side, slack):
 
 
 @lean
-def _set_shaft(x, rays, m, slack):
-    """Fill the box around the points ``which``, and its change on the way to the box of their feet.
-
-    The shaft: lower and upper corner, with ``slack`` around, and their changes.
-    """
-    feet, which, shaft = rays.feet, rays.which, rays.shaft
-    for d in range(2):
-        low = foot_low = math.inf
-        high = foot_high = -math.inf
-        for a in range(m):
-            at, foot = x[d, which[a]], feet[d, which[a]]
-            low, high = min(low, at), max(high, at)
-            foot_low, foot_high = min(foot_low, foot), max(foot_high, foot)
-        shaft[d], shaft[2 + d] = low - slack, high + slack
-        shaft[4 + d], shaft[6 + d] = foot_low - low, foot_high - high
-
-
-@lean
-def _meets_shaft(boxes, b, shaft):
-    """Return whether box b meets a shaft: one of the boxes at the times 0 to 1."""
-    begin, end = 0.0, 1.0
-    for side in range(4):
-        d = side % 2
-        # The lower side must be below the upper side of the box, and the other way round.
-        sign = 1.0 if side < 2 else -1.0
-        room = sign * (boxes[b, 2 + d if side < 2 else d] - shaft[side])
-        change = sign * shaft[4 + side]
-        if change > 0.0:
-            end = min(end, room / change)
-        elif change < 0.0:
-            begin = max(begin, room / change)
-        elif room < 0.0:
-            return False
-    return begin <= end
-
-
-_leaf_in_shaft = descent(_meets_shaft)
-
-
-@lean
 def _is_on_both_sides(ends, w, shaft, slack):
     """Return whether a shaft has points strictly on either side of the line of wall w."""
     nx, ny = ends[w, 1] - ends[w, 3], ends[w, 2] - ends[w, 0]
@@ -217,11 +224,8 @@ def without_hidden(sight, x, rays, m):
     ----------
     sight : Sight
     x : float64[2, n]
-    rays : NamedTuple
-        ``feet``, float64[2, n]; ``sides``, int64[n], of the lines from the points to their feet on
-        which the domain is; ``which``, int64[n], In/Out: the numbers of m points; ``cached``,
-        int64[CACHED], In/Out: walls that hid points most recently, padded with -1.  Scratch:
-        ``stack``, int64[DEPTH], and ``shaft``, float64[8].
+    rays : Rays
+        In/Out.
     m : int
     """
     cached = rays.cached
@@ -230,10 +234,10 @@ def without_hidden(sight, x, rays, m):
             m = _without_crossing(sight, cached[c], x, rays, m)
     if m == 0:
         return m
-    _set_shaft(x, rays, m, sight.slack)
+    set_shaft(x, rays.feet, rays.which, m, PLANE, sight.slack, rays.shaft)
     rays.stack[0], height = 1, np.int64(1)
     while height > 0:
-        leaf, height = _leaf_in_shaft(sight.boxes, rays.stack, height, rays.shaft)
+        leaf, height = leaf_in_shaft(sight.boxes, rays.stack, height, (rays.shaft, PLANE))
         for w in range(*items_of_leaf(leaf, sight.ends.shape[0])):
             if not _is_on_both_sides(sight.ends, w, rays.shaft, sight.slack):
                 continue
@@ -257,43 +261,20 @@ class View(NamedTuple):
     sight : Sight
     rows : int32[n]
         Rows of the nodes in the sectors, -1 inside.
-    feet : float64[2, 1]
-        Where the line begins.
     end : float64[2, 1]
-        Where it ends.
-    sides : int64[1]
-        Sides of the line on which the domain is.
-    which : int64[1]
-    stack : int64[DEPTH]
-    shaft : float64[8]
-    cached : int64[CACHED]
-        Walls that hid points recently.
+        Where the line ends.
+    rays : Rays
     """
 
     sight: Sight
     rows: np.ndarray
-    feet: np.ndarray
     end: np.ndarray
-    sides: np.ndarray
-    which: np.ndarray
-    stack: np.ndarray
-    shaft: np.ndarray
-    cached: np.ndarray
+    rays: Rays
 
 
 def new_view(sight: Sight, rows: np.ndarray) -> View:
     """Return a domain with scratch for one thread."""
-    return View(
-        sight=sight,
-        rows=rows,
-        feet=np.empty((2, 1)),
-        end=np.empty((2, 1)),
-        sides=np.empty(1, np.int64),
-        which=np.empty(1, np.int64),
-        stack=np.empty(DEPTH, np.int64),
-        shaft=np.empty(8),
-        cached=np.full(CACHED, -1, np.int64),
-    )
+    return View(sight, rows, np.empty((2, 1)), new_rays())
 
 
 @lean
@@ -313,11 +294,12 @@ def sees(view, begin, end):
             return False
     elif row >= 0 and in_sectors(sight, row, way) == 0:
         return False
+    rays = view.rays
     for d in range(2):
-        view.feet[d, 0], view.end[d, 0] = x[i, d], y[j, d]
+        rays.feet[d, 0], view.end[d, 0] = x[i, d], y[j, d]
     # As without_hidden expects them: sides of the lines from points to feet.
-    view.sides[0], view.which[0] = turned(side), 0
-    return without_hidden(sight, view.end, view, np.int64(1)) == 1
+    rays.sides[0], rays.which[0] = turned(side), 0
+    return without_hidden(sight, view.end, rays, np.int64(1)) == 1
 
 
 @lean_kernel

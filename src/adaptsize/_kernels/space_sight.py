@@ -6,13 +6,14 @@ included.  At nodes of the boundary, the direction must also lie in a cell, and 
 the inner side of one of the two faces.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from adaptsize._kernels.compiling import lean
-from adaptsize._kernels.trees import descent, items_of_leaf
+from adaptsize._kernels.local_updates import SPACE
+from adaptsize._kernels.trees import items_of_leaf, leaf_in_shaft, set_shaft
+from adaptsize._kernels.vectors import between, cross, dot
 
 # Tolerance for directions outside, as an angle.
 AHEAD = 1e-10
@@ -75,12 +76,11 @@ def _enters(stars, nodes, way):
 
     b and c are -1 for fewer nodes.
     """
-    (a, b, c), (dx, dy, dz), points, star = nodes, way, stars.points, stars.star
-    limit = AHEAD * AHEAD * (dx * dx + dy * dy + dz * dz)
+    (a, b, c), points, star = nodes, stars.points, stars.star
+    limit = AHEAD * AHEAD * dot(way, way)
     if limit == 0.0:
         return True
     wanted = (1 if b >= 0 else 0) + (1 if c >= 0 else 0)
-    ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
     for k in range(stars.first[stars.rows[a]], stars.first[stars.rows[a] + 1]):
         found = 0
         outside = False
@@ -89,12 +89,13 @@ def _enters(stars, nodes, way):
             if o in (b, c):  # the face opposite to it does not hold the point
                 found += 1
                 continue
-            p, q = star[k, (v + 1) % 3], star[k, (v + 2) % 3]
-            px, py, pz = points[p, 0] - ax, points[p, 1] - ay, points[p, 2] - az
-            qx, qy, qz = points[q, 0] - ax, points[q, 1] - ay, points[q, 2] - az
-            nx, ny, nz = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
-            inwards = nx * dx + ny * dy + nz * dz
-            if inwards < 0.0 and inwards * inwards > limit * (nx * nx + ny * ny + nz * nz):
+            p, q = (
+                between(points, a, star[k, (v + 1) % 3]),
+                between(points, a, star[k, (v + 2) % 3]),
+            )
+            normal = cross(p, q)
+            inwards = dot(normal, way)
+            if inwards < 0.0 and inwards * inwards > limit * dot(normal, normal):
                 outside = True
                 break
         if not outside and found == wanted:
@@ -147,48 +148,6 @@ def _crosses(triangles, t, a, b, i):
 
 
 @lean
-def _set_shaft(a, b, m, slack, block):
-    """Put boxes around the points ``active`` of a and of b."""
-    active, shaft = block.active, block.shaft
-    for d in range(3):
-        a_low = b_low = math.inf
-        a_high = b_high = -math.inf
-        for k in range(m):
-            i = active[k]
-            a_low, a_high = min(a_low, a[d, i]), max(a_high, a[d, i])
-            b_low, b_high = min(b_low, b[d, i]), max(b_high, b[d, i])
-        shaft[d], shaft[3 + d] = a_low - slack, a_high + slack
-        shaft[6 + d], shaft[9 + d] = b_low - a_low, b_high - a_high
-
-
-@lean
-def _meets_shaft(boxes, n, shaft):
-    """Return whether box n meets the hull of the two boxes of a shaft."""
-    begin, end = 0.0, 1.0
-    for d in range(3):
-        room, change = boxes[n, 3 + d] - shaft[d], shaft[6 + d]
-        if change > 0.0:
-            end = min(end, room / change)
-        elif change < 0.0:
-            begin = max(begin, room / change)
-        elif room < 0.0:
-            return False
-        room, change = boxes[n, d] - shaft[3 + d], shaft[9 + d]
-        if change > 0.0:
-            begin = max(begin, room / change)
-        elif change < 0.0:
-            end = min(end, room / change)
-        elif room > 0.0:
-            return False
-        if begin > end:
-            return False
-    return True
-
-
-_leaf_in_shaft = descent(_meets_shaft)
-
-
-@lean
 def _separates(triangles, t, shaft):
     """Return whether the two ends of a shaft have points strictly on either side of a triangle."""
     middle_a = middle_b = reach_a = reach_b = 0.0
@@ -234,10 +193,10 @@ def without_hidden(walls, a, b, m, block):
         m = left
     if m == 0:
         return 0
-    _set_shaft(a, b, m, walls.slack, block)
+    set_shaft(a, b, active, m, SPACE, walls.slack, shaft)
     stack[0], height = 1, np.int64(1)
     while height > 0:
-        leaf, height = _leaf_in_shaft(walls.boxes, stack, height, shaft)
+        leaf, height = leaf_in_shaft(walls.boxes, stack, height, (shaft, SPACE))
         for t in range(*items_of_leaf(leaf, walls.triangles.shape[0])):
             if not _separates(walls.triangles, t, shaft):
                 continue

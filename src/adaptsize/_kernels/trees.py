@@ -137,6 +137,61 @@ def cells_of_leaf(leaf, boxes, n_cells):
     return max(leaf, 0) * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves
 
 
+@lean
+def set_shaft(a, b, which, m, axes, slack, shaft):
+    """Fill the box around some points a, and its change on the way to the box of the points b.
+
+    The *shaft* of two boxes is their hull: the union of the boxes between them, whose corners move
+    from those of one to those of the other.
+
+    Parameters
+    ----------
+    a, b : float64[dim, n]
+    which : int64[n]
+        The numbers of m points.
+    m : int
+    axes : tuple of length dim
+    slack : float
+        Width that is added around the boxes.
+    shaft : float64[4 * dim]
+        Out: lower and upper corner, and their changes.
+    """
+    dim = len(axes)
+    for d in range(dim):
+        a_low = b_low = math.inf
+        a_high = b_high = -math.inf
+        for k in range(m):
+            at, to = a[d, which[k]], b[d, which[k]]
+            a_low, a_high = min(a_low, at), max(a_high, at)
+            b_low, b_high = min(b_low, to), max(b_high, to)
+        shaft[d], shaft[dim + d] = a_low - slack, a_high + slack
+        shaft[2 * dim + d], shaft[3 * dim + d] = b_low - a_low, b_high - a_high
+
+
+@lean
+def _meets_shaft(boxes, b, given):
+    """Return whether box b meets a shaft: one of the boxes at the times 0 to 1."""
+    shaft, axes = given
+    dim, begin, end = len(axes), 0.0, 1.0
+    for d in range(dim):
+        # The lower side of the box is below the upper side of the other, and vice versa.
+        for side in range(2):
+            sign = 1.0 - 2.0 * side
+            room = sign * (boxes[b, (1 - side) * dim + d] - shaft[side * dim + d])
+            change = sign * shaft[(2 + side) * dim + d]
+            if change > 0.0:
+                end = min(end, room / change)
+            elif change < 0.0:
+                begin = max(begin, room / change)
+            elif room < 0.0:
+                return False
+    return begin <= end
+
+
+#: Descends to the leaves in a shaft; ``given``: the shaft and ``axes``.
+leaf_in_shaft = descent(_meets_shaft)
+
+
 class Curve(NamedTuple):
     """Where a Morton curve runs.
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from adaptsize.background.topology import unique_rows
 from adaptsize.geometry.boundary import FlatBoundary
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 
 def is_convex(points: FloatArray, boundary: FlatBoundary) -> bool:
@@ -28,7 +28,7 @@ def is_convex(points: FloatArray, boundary: FlatBoundary) -> bool:
         return False
     in_plane = points.shape[1] == 2
     angles = (
-        turns_in_plane(points, boundary.facets)[1]
+        turns_in_plane(points, boundary.facets).angles
         if in_plane
         else turns_of(points, boundary).angles
     )
@@ -58,14 +58,32 @@ def count_corners(points: FloatArray, boundary: FlatBoundary) -> int:
     These are the nodes at which the boundary turns inwards by more than 1e-4 radians, and those
     with several walls.
     """
-    return int(np.count_nonzero(~(turns_in_plane(points, boundary.facets)[1] >= -1e-4)))
+    return int(np.count_nonzero(~(turns_in_plane(points, boundary.facets).angles >= -1e-4)))
 
 
-def turns_in_plane(points: FloatArray, facets: IntArray) -> tuple[IntArray, FloatArray]:
-    """Return the nodes of walls and the angle by which the boundary turns there.
+class PlaneTurns(NamedTuple):
+    """Turning angles of the boundary of a plane domain at its nodes.
 
-    Positive where the domain is convex; nan unless one wall enters and one leaves.
+    Parameters
+    ----------
+    nodes : int32[b]
+    into, out : float64[b, 2]
+        From the node before, and to the node behind.
+    once : bool[b]
+        Whether one wall enters and one leaves; else ``into`` and ``out`` are those of any.
+    angles : float64[b]
+        Positive where the domain is convex; nan at the end of a slit, and unless ``once``.
     """
+
+    nodes: IntArray
+    into: FloatArray
+    out: FloatArray
+    once: BoolArray
+    angles: FloatArray
+
+
+def turns_in_plane(points: FloatArray, facets: IntArray) -> PlaneTurns:
+    """Return the angle by which the boundary turns at each of its nodes."""
     n = len(points)
     n_out, n_in = (np.bincount(ends, minlength=n) for ends in facets.T)
     nodes = np.flatnonzero(n_out + n_in).astype(np.int32)
@@ -76,8 +94,8 @@ def turns_in_plane(points: FloatArray, facets: IntArray) -> tuple[IntArray, Floa
     into, out = points[nodes] - points[before[nodes]], points[after[nodes]] - points[nodes]
     cross = into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0]
     dot = np.einsum("ij,ij->i", into, out)
-    degenerate = ~once | ((cross == 0.0) & (dot <= 0.0))
-    return nodes, np.where(degenerate, np.nan, np.arctan2(cross, dot))
+    angles = np.where(once & ((cross != 0.0) | (dot > 0.0)), np.arctan2(cross, dot), np.nan)
+    return PlaneTurns(nodes, into, out, once, angles)
 
 
 class Turns(NamedTuple):

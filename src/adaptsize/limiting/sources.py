@@ -149,12 +149,13 @@ class SizeSources:
                 member[part.nodes] = True
                 inside = member[heaviest]
             if part.found.proved is None:
+                field = part.found.between
                 places = points[inside]
-                if part.found.field.sight is not None and isinstance(self.background, SimplexMesh):
+                if field.sight is not None and isinstance(self.background, SimplexMesh):
                     # Walls hide points that are outside by more than rounding.
                     corners = self.background.points[around[inside]]
                     places = np.einsum("ij,ijd->id", weights[inside], corners)
-                value[inside] = part.found.field.evaluate(places, bound[inside])
+                value[inside] = field.evaluate(places, bound[inside])
         return value
 
 

@@ -1,5 +1,7 @@
 """Plane domains with very many corners: triangular expansion, or fast marching."""
 
+import pickle
+
 import domains
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from adaptsize import limit_gradient
 from adaptsize.geometry.boundary import flat_boundary
 from adaptsize.geometry.convexity import count_corners
 from adaptsize.limiting import Exact
-from adaptsize.limiting.exact import plane
+from adaptsize.limiting.exact import expansion, plane, solve
 
 G = 0.3
 
@@ -25,7 +27,7 @@ def porous(n_side, n_holes):
 
 
 MANY = porous(30, 150)
-FEW = porous(30, 60)
+FEW = porous(30, 12)
 
 
 def corners_of(mesh):
@@ -34,7 +36,7 @@ def corners_of(mesh):
 
 def by_sight(monkeypatch, *args, **options):
     with monkeypatch.context() as patched:
-        patched.setattr(plane, "_FEW", 10**9)
+        patched.setattr(solve, "favours_expansion", lambda *_: False)
         return limit_gradient.with_info(*args, **options)
 
 
@@ -58,8 +60,7 @@ def test_expansion_gives_the_sizes_of_lines_of_sight(bounds, seed, monkeypatch):
         h0 = rng.uniform(0.1, 0.3, mesh.n_points)
     method = Exact(face_sources=False)
     expected, _ = by_sight(monkeypatch, mesh, h0, G, method=method)
-    monkeypatch.setattr(plane, "_FEW", -1)
-    monkeypatch.setattr(plane, "_MOST", 0)
+    monkeypatch.setattr(solve, "favours_expansion", lambda *_: True)
     h, info = limit_gradient.with_info(mesh, h0, G, method=method)
     assert_allclose(h, expected, rtol=1e-12)
     reached = np.isfinite(h)
@@ -71,9 +72,9 @@ def test_expansion_gives_the_sizes_of_lines_of_sight(bounds, seed, monkeypatch):
 def test_many_corners_are_solved_exactly_from_single_bounds(monkeypatch):
     mesh, h0 = MANY
     n = corners_of(mesh)
-    assert n > 256
+    assert n > 64
     assert n * n > 40 * mesh.n_points
-    monkeypatch.setattr(plane, "plane_of", None)  # no lines of sight
+    monkeypatch.setattr(solve, "plane_of", None)  # no lines of sight
     h, info = limit_gradient.with_info(mesh, h0, G)
     monkeypatch.undo()
     assert info.method == "exact"
@@ -81,6 +82,21 @@ def test_many_corners_are_solved_exactly_from_single_bounds(monkeypatch):
     expected, same = by_sight(monkeypatch, mesh, h0, G)
     assert_allclose(h, expected, rtol=1e-12)
     assert_array_equal(info.sources.roots(), same.sources.roots())
+
+
+@pytest.mark.parametrize(("domain", "most"), [(MANY, 9), (porous(70, 4), 5)])
+def test_windows_end_where_sizes_are_better_and_are_merged_behind_nodes(domain, most, monkeypatch):
+    mesh, h0 = domain
+    monkeypatch.setattr(solve, "favours_expansion", lambda *_: True)
+    monkeypatch.setattr(expansion, "_AT_ONCE", mesh.n_points)
+    n_reports = 0
+
+    def count(text, share):
+        nonlocal n_reports
+        n_reports += share is None
+
+    limit_gradient(mesh, h0, G, progress=count)
+    assert 0 < n_reports < most  # windows per node
 
 
 def test_fast_marching_is_taken_where_edges_are_sources_among_many_corners():
@@ -93,15 +109,29 @@ def test_fast_marching_is_taken_where_edges_are_sources_among_many_corners():
     assert limit_gradient.with_info(mesh, h0, G, method="exact")[1].method == "exact"
 
 
+def test_sizes_between_the_nodes_are_exact_where_expansion_found_those_at_the_nodes(monkeypatch):
+    mesh, _ = domains.holes(3000, 10, 12)
+    n = corners_of(mesh)
+    assert plane.favours_expansion(n, mesh.n_points)
+    assert not plane.has_many_corners(n, mesh.n_points)
+    h0, _ = domains.point_sources(mesh, [(-45.0, 45.0), (40.0, -30.0)], (1.0, 5.0))
+    places = mesh.points[mesh.cells].mean(axis=1)
+    size = [
+        ads.SizeFunction(mesh, h, sources=pickle.loads(pickle.dumps(info.sources)))(places)
+        for h, info in (limit_gradient.with_info(mesh, h0, G), by_sight(monkeypatch, mesh, h0, G))
+    ]
+    assert_allclose(*size, rtol=1e-12)
+
+
 def test_the_exact_method_is_taken_where_they_are_few():
     mesh, h0 = FEW
-    assert 0 < corners_of(mesh) <= 256
+    assert 0 < corners_of(mesh) <= 64
     assert limit_gradient.with_info(mesh, h0, G)[1].method == "exact"
 
 
 @pytest.mark.parametrize(
     ("n_corners", "n_nodes", "too_many"),
-    [(256, 1, False), (257, 1651, True), (257, 1652, False), (2000, 100_000, False)],
+    [(64, 1, False), (257, 1651, True), (257, 1652, False), (2000, 100_000, False)],
 )
 def test_the_limit_is_the_documented_one(n_corners, n_nodes, too_many):
     assert plane.has_many_corners(n_corners, n_nodes) == too_many

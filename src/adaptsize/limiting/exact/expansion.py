@@ -9,6 +9,7 @@ from adaptsize._kernels.exact_plane import COLUMNS, KIND
 from adaptsize._kernels.heap import new_heap
 from adaptsize._kernels.sight import ANY, NARROW
 from adaptsize.geometry.boundary import FlatBoundary
+from adaptsize.geometry.convexity import turns_in_plane
 from adaptsize.limiting.exact.candidates import Component
 from adaptsize.typing import FloatArray, IntArray
 
@@ -42,10 +43,12 @@ def expand_from_nodes(
     if boundary.has_flat or not boundary.is_simple:
         return None
     cells = mesh.cells.copy()
-    triangles = kernels.Triangles(mesh.points, cells, np.empty_like(cells), *mesh.rings)
-    if not kernels.connect(triangles):
-        return None
     n, m = mesh.n_points, mesh.n_cells
+    scratch = np.empty(n, np.int32), np.empty(3 * m, np.int32)
+    triangles = kernels.Triangles(mesh.points, cells, np.empty(3 * m, np.int32), *mesh.rings)
+    if not kernels.connect(triangles, *scratch):
+        return None
+    n_windows = n + m // 2 + int(np.diff(triangles.ring_ptr).max())
     nodes, table, walls = _corners(mesh.points, boundary.facets)
     corner = np.full(n, -1, np.int32)
     corner[nodes] = np.arange(len(nodes))
@@ -57,8 +60,11 @@ def expand_from_nodes(
         walls,
         np.zeros((len(nodes), 2)),
         new_heap(n),
-        np.empty((2 * m + 16, 3), np.int32),
-        np.empty((2 * m + 16, 4)),
+        np.empty(n_windows, np.int32),
+        np.empty((n_windows, 4)),
+        np.full(m, -1, np.int32),
+        np.empty((m, 4)),
+        np.empty(m + 1, np.int32),
     )
     kernels.push_all(front.heap, sources, front.h)
     slack = _SLACK * float(np.finfo(float).eps * np.abs(mesh.points).max())
@@ -76,20 +82,12 @@ def _corners(points: FloatArray, facets: IntArray) -> tuple[IntArray, FloatArray
 
     These are the nodes at which the mesh has an angle of more than 180 degrees, or several walls.
     """
-    n, (start, end) = len(points), facets.T
-    before, after = np.zeros(n, np.int32), np.zeros(n, np.int32)
-    after[start], before[end] = end, start
-    n_walls = np.bincount(start, minlength=n)
-    nodes = np.flatnonzero(n_walls).astype(np.int32)
-    ahead, back = points[after[nodes]] - points[nodes], points[before[nodes]] - points[nodes]
-    lengths = [np.hypot(*ahead.T), np.hypot(*back.T)]
-    ahead, back = ahead / lengths[0][:, None], back / lengths[1][:, None]
-    turn = ahead[:, 0] * back[:, 1] - ahead[:, 1] * back[:, 0]
+    turns = turns_in_plane(points, facets)
     # A narrower sector (radians) surrounds the tip of a slit, whose faces may not coincide.
-    is_tip = (np.einsum("ij,ij->i", ahead, back) > 0.0) & (turn < 1e-9)
-    several = n_walls[nodes] > 1
-    bends = several | is_tip | (turn < 0.0)
-    table = np.zeros((np.count_nonzero(bends), COLUMNS))
-    table[:, KIND] = np.where(several[bends], ANY, NARROW)
-    walls = np.column_stack([ahead, back, np.minimum(*lengths)])
-    return nodes[bends], table, walls[bends]
+    bends = ~((turns.angles >= 0.0) & (turns.angles < np.pi - 1e-9))
+    into, out = turns.into[bends], turns.out[bends]
+    lengths = np.hypot(*into.T)[:, None], np.hypot(*out.T)[:, None]
+    table = np.zeros((len(into), COLUMNS))
+    table[:, KIND] = np.where(turns.once[bends], NARROW, ANY)
+    walls = np.hstack([out / lengths[1], -into / lengths[0], np.minimum(*lengths)])
+    return turns.nodes[bends], table, walls

@@ -13,7 +13,7 @@ import numpy as np
 from adaptsize._kernels import exact as kernels
 from adaptsize._kernels import exact_plane as plane
 from adaptsize._kernels.exact import BLOCK
-from adaptsize._kernels.sight import Sight
+from adaptsize._kernels.sight import Sight, new_rays
 from adaptsize._kernels.trees import LEAF
 from adaptsize._progress import silent
 from adaptsize.background._curve import along_curve
@@ -276,8 +276,7 @@ class ExactField:
                 faces = edges if dim == 3 else None
                 kernels.lower_sizes(*given, once, edges, faces, self.radius, block)
             else:
-                rays = plane.new_rays()
-                plane.lower_seen(*given, edges, on_wall, sight, block, rays)
+                plane.lower_seen(*given, edges, on_wall, sight, block, new_rays())
 
         workers.in_chunks(task, len(order))
 

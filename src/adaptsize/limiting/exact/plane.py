@@ -9,8 +9,8 @@ import numpy as np
 
 from adaptsize._kernels import exact_plane as kernels
 from adaptsize._kernels.exact import new_block
-from adaptsize._kernels.exact_plane import COLUMNS, CONE, CORNER, KIND, ROW, new_rays
-from adaptsize._kernels.sight import ANY, NARROW, Sight
+from adaptsize._kernels.exact_plane import COLUMNS, CONE, CORNER, KIND, ROW
+from adaptsize._kernels.sight import ANY, NARROW, Sight, new_rays
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.geometry.boundary import PlaneBoundary
@@ -25,17 +25,19 @@ from adaptsize.limiting.exact.field import (
 )
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
-# Corners that are never too many: they take up to 5 ms.
-_FEW = 256
 
-# Limit of the squared number of corners over the number of nodes.  Corners take up to 70 ns times
-# the square of their number, and fast marching 300 to 450 ns per node.
-_MOST = 40
+def favours_expansion(n_corners: int, n_nodes: int) -> bool:
+    """Return whether lines of sight take longer than triangular expansion.
+
+    Corners take up to 70 ns times the square of their number, and expansion 450 to 1400 ns per
+    node.
+    """
+    return n_corners > 64 and n_corners * n_corners > n_nodes
 
 
 def has_many_corners(n_corners: int, n_nodes: int) -> bool:
-    """Return whether lines of sight will take many times as long as fast marching."""
-    return n_corners > _FEW and n_corners * n_corners > _MOST * n_nodes
+    """Return whether lines of sight take many times as long as fast marching."""
+    return favours_expansion(n_corners, n_nodes) and n_corners * n_corners > 40 * n_nodes
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels import exact_candidates as candidates
 from adaptsize._kernels.exact_plane import CORNER, ROW
+from adaptsize._progress import silent
+from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.geometry.boundary import FlatBoundary, plane_boundary
 from adaptsize.geometry.convexity import count_corners
@@ -22,6 +25,7 @@ from adaptsize.limiting.exact.plane import (
     Plane,
     along_walls,
     at_nodes,
+    favours_expansion,
     has_many_corners,
     plane_of,
     with_corners,
@@ -57,6 +61,13 @@ class ComponentSolution:
     """int32[n, dim]: the nodes of each source; None if they follow from ``source``."""
     finished: bool = True
     """Whether the search for paths around reflex edges was completed."""
+    later: Callable[[], ExactField] | None = None
+    """Makes ``between``."""
+
+    @cached_property
+    def between(self) -> ExactField:
+        """The sources for points between the nodes."""
+        return self.field if self.later is None else self.later()
 
     def named(self) -> IntArray:
         """Return the nodes of the source of each size, padded with -1; the own one of a bound."""
@@ -94,11 +105,13 @@ def solve_on_mesh(component: Component, boundary: FlatBoundary, convex: bool) ->
         return solve_by_sight(component, None, boundary)
     if mesh.dim == 3:
         return _solve_in_space(component, boundary)
-    if has_many_corners(count_corners(mesh.points, boundary), mesh.n_points):
-        expanded = _solve_by_expansion(component, boundary)
+    n_corners = count_corners(mesh.points, boundary)
+    if favours_expansion(n_corners, mesh.n_points):
+        too_many = has_many_corners(n_corners, mesh.n_points)
+        expanded = _solve_by_expansion(component, boundary, too_many)
         if expanded is not None:
             return expanded
-        if not component.at_any_price:
+        if too_many and not component.at_any_price:
             raise TooManyCorners
     plane = plane_of(mesh.points, plane_boundary(mesh, boundary))
     found = solve_by_sight(component, plane, boundary)
@@ -107,8 +120,13 @@ def solve_on_mesh(component: Component, boundary: FlatBoundary, convex: bool) ->
     return found
 
 
-def _solve_by_expansion(component: Component, boundary: FlatBoundary) -> ComponentSolution | None:
-    """Solve by triangular expansion; None if sources are not at nodes only, or cells overlap."""
+def _solve_by_expansion(
+    component: Component, boundary: FlatBoundary, too_many: bool
+) -> ComponentSolution | None:
+    """Solve by triangular expansion; None if sources are not at nodes only, or cells overlap.
+
+    Sizes between the nodes are interpolated if corners are too many.
+    """
     if component.extra is not None:
         return None
     nodes, steep = candidates_of(component)
@@ -120,14 +138,30 @@ def _solve_by_expansion(component: Component, boundary: FlatBoundary) -> Compone
         edges = sources_on_cells(component, steep, h)
         if edges is not None:
             return None
-    used = np.flatnonzero(np.bincount(root[np.isfinite(h)], minlength=len(h))).astype(np.int32)
+    n_uses = np.bincount(root[np.isfinite(h)], minlength=len(h))
+    used = np.flatnonzero(n_uses).astype(np.int32)
     field = ExactField(component.g, None, False)
     field.add(node_entries(component.mesh.points[used], h[used], used))
     named = np.full((len(h), 2), -1, np.int32)
     named[:, 0] = root
-    # With ``proved``, sizes between the nodes are interpolated.
-    unnamed, proved = np.full(len(h), -1, np.int32), np.ones(len(h), np.bool_)
-    return ComponentSolution(h, unnamed, field, bend, proved, nodes=named)
+    found = ComponentSolution(h, np.full(len(h), -1, np.int32), field, bend, nodes=named)
+    if too_many:
+        found.proved = np.ones(len(h), np.bool_)
+    else:
+        sources = used[root[used] == used]
+        found.later = partial(field_of_plane, component.mesh, boundary, sources, h, component.g)
+    return found
+
+
+def field_of_plane(
+    mesh: SimplexMesh, boundary: FlatBoundary, sources: IntArray, h: FloatArray, g: float
+) -> ExactField:
+    """Return the field of sources at nodes, with the corners, if the sizes at nodes are known."""
+    plane = plane_of(mesh.points, plane_boundary(mesh, boundary))
+    plane.sizes[:] = h[plane.nodes] * (1.0 + _EQUAL)  # paths to the corners are found anew
+    entries = at_nodes(node_entries(mesh.points[sources], h[sources], sources), plane)
+    entries = with_corners(entries, g, plane, False, silent)
+    return ExactField(g, plane.sight, False, [entries])
 
 
 def rises_too_fast(component: Component, h: FloatArray) -> bool:
