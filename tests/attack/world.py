@@ -243,16 +243,6 @@ def _path(name: str, part: str, world: World) -> Any:
     return path
 
 
-def _pair(name: str, part: str, world: World) -> Any:
-    if name == "box":
-        return np.zeros(world.dim), np.ones(world.dim)
-    return world.points(3), np.full(3, 0.2)
-
-
-def _domain(name: str, part: str, world: World) -> Any:
-    return (world.background, world.distance)[int(world.rng.integers(0, 2))]
-
-
 def _all(keys: str, maker: Callable[[str, str, World], Any]) -> list[tuple[str, Any]]:
     return [(key, maker) for key in keys.split()]
 
@@ -271,8 +261,10 @@ _MAKERS: list[tuple[str, Callable[[str, str, World], Any]]] = [
     *_all("SizeFunction SizeLike", lambda name, part, w: w.size),
     ("Literal", _literal),
     ("GradientLimit", _limit),
-    ("Domain", _domain),
-    ("tuple", _pair),
+    ("Domain", lambda name, part, w: (w.background, w.distance)[int(w.rng.integers(0, 2))]),
+    ("tuple", lambda name, part, w: (
+        (np.zeros(w.dim), np.ones(w.dim)) if name == "box" else (w.points(3), np.full(3, 0.2))
+    )),
     ("os.PathLike", _path),
     ("bool", lambda name, part, w: bool(w.rng.random() < 0.5)),
     ("Metric", lambda name, part, w: _OWNERS["Metric"](w)),
