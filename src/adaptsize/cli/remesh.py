@@ -258,7 +258,7 @@ def _made(
         if elements is None and nodes is None:
             size = sized()
             return meshed(mesh, size), size
-        return reach_number(mesh, elements, nodes, sized, meshed)
+        return reach_number(mesh, elements, nodes, sized, meshed, console.say)
 
 
 def _names_of_parts(backend: str) -> Callable[[str], str]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -135,7 +137,8 @@ def remesh_to_elements(
             tolerance=tolerance_of(report, tolerance), **for_mesh,
         )  # fmt: skip
 
-    return reach_number(mesh, elements, nodes, sized, meshed)
+    report = partial(logging.getLogger(__name__).info, "%s")
+    return reach_number(mesh, elements, nodes, sized, meshed, report)
 
 
 def report_of(size: SizeFunction) -> SizeReport:
@@ -157,6 +160,7 @@ def reach_number(
     nodes: float | None,
     sized: Callable[..., SizeFunction],
     meshed: Callable[[SimplexMesh, SizeFunction], SimplexMesh],
+    tell: Callable[[str], object],
 ) -> MeshOfElements:
     """Return the best of up to three meshes, by their numbers of elements or nodes.
 
@@ -176,13 +180,18 @@ def reach_number(
         Returns the sizes for a predicted number of ``elements`` or of ``nodes``.
     meshed : callable
         Returns the mesh from a given mesh and sizes.
+    tell : callable
+        Takes a text before the last mesh is made: why the others are not near the number.
     """
     what = "elements" if nodes is None else "nodes"
     goal = as_number(what, elements if nodes is None else nodes, lower=1.0)
     best: MeshOfElements | None = None
     old, least, wanted = mesh, np.inf, goal
     steps: list[tuple[float, float]] = []  # predicted and made numbers
-    for _ in range(3):
+    tried = ""
+    for number in range(3):
+        if number == 2 and tried:
+            tell(f"the meshes have {tried}; the last one is made for {wanted:.0f} {what}")
         size = sized(**{what: wanted})
         new = meshed(old, size)
         made = new.n_cells if nodes is None else new.n_points
@@ -197,16 +206,19 @@ def reach_number(
             continue  # the first mesh says little about one from this
         report = report_of(size)
         steps.append((report.n_elements if nodes is None else report.n_nodes, made))
+        tried = ", ".join(f"{found} where {aimed:.0f} were predicted" for aimed, found in steps)
         # Sizes larger by a factor s have s^-dim as many elements, and s^-cell_dim cells.
         power = new.dim / new.cell_dim
-        if len(steps) == 2:  # details that the sizes do not resolve change the exponent
+        if len(steps) == 2:
+            # Details that the sizes do not resolve change the exponent, between these two meshes
+            # more than near the last: half of the change is used.
             (x0, y0), (x1, y1) = np.log(steps)
-            power = float(np.clip((x1 - x0) / (y1 - y0), 0.4, 2.0)) if y1 != y0 else power
+            found = float(np.clip((x1 - x0) / (y1 - y0), 0.4, 2.0)) if y1 != y0 else power
+            power = 0.5 * (power + found)
         wanted = max(steps[-1][0] * math.pow(goal / made, power), 1.0)
     assert best is not None
     if least > _ACCEPTED:
         made = best.mesh.n_cells if nodes is None else best.mesh.n_points
-        tried = ", ".join(f"{found} where {aimed:.0f} were predicted" for aimed, found in steps)
         warn_caller(
             f"the mesh has {made} {what} instead of {goal:.6g}; the meshes had {tried}: the mesh "
             "generator, details of the domain or the given parameters do not allow it",
