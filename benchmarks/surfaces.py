@@ -135,7 +135,7 @@ def outcome_of(file, arguments):
         "band": round(found.edges.share_in_band, 3),
         "least": round(found.angle_min, 1),
         "quality": float(made.radius_ratios().min()),
-        **{demand.name: distance_over(demand, tolerance) for demand in of_distances(check)},
+        **{d.name: d.distance / tolerance for d in check.demands if d.distance is not None},
         **{step: round(clock.seconds[step], 1) for step in STEPS.values()},
     }
     odd = [w for w in warned if not issubclass(w.category, UserWarning)]
@@ -148,16 +148,6 @@ def outcome_of(file, arguments):
     parts += [f"warned: {said}"] if said else []
     kind = "kept" if not missed else "warned" if said else "deviates"
     return row | {"kind": kind, "outcome": "; ".join(parts)}
-
-
-def of_distances(check):
-    """Return the demands about distances."""
-    return [demand for demand in check.demands if demand.name in ("boundary", "interface")]
-
-
-def distance_over(demand, tolerance):
-    """Return the distance in the text of a demand over the tolerance."""
-    return float(demand.text.split()[1]) / tolerance
 
 
 def in_child(file, arguments):

@@ -64,8 +64,6 @@ _SECONDS_PER_CELL = 1e-3
 #: tolerance is far too small for the sizes.
 _LONGEST = 60.0
 _LONGEST_PER_CELL = 0.02
-#: Points in a surface at which sizes are evaluated to find out whether there are too many elements.
-_GUARD_POINTS = 1000
 _NO_RIDGES = np.empty((0, 2), np.int32)
 
 
@@ -300,7 +298,8 @@ def _estimate(problem: Problem) -> float:
     assert problem.size is not None
     if problem.task != "surface to tetrahedra":
         return predict(problem.mesh, problem.size).cells
-    return predict(Enclosed(problem.mesh, _GUARD_POINTS), problem.size).cells
+    # So many points are enough to find out whether there are too many elements.
+    return predict(Enclosed(problem.mesh, 1000), problem.size).cells
 
 
 def _refuse_too_many(estimate: float, max_elements: float) -> None:

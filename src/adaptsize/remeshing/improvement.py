@@ -26,18 +26,12 @@ from adaptsize.remeshing.distmesh.finish import swapped, take_back, worst_of_nod
 from adaptsize.remeshing.surface import facets_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
-#: Cells with smaller dihedral angles, in degrees, are improved.
-_SMALL_ANGLE = 20.0
-_PASSES = 8
 _ROUNDS = 3
 #: Nodes farther from the old surface than this share of the tolerance are projected, unless a cell
 #: becomes worse than the least quality.  Moves along a surface are not kept if a facet gets farther
 #: away than that and than before.
 _FAR = 0.5
 _LEAST = 0.2
-#: If more than this share of the nodes is beyond the tolerance, these are no stray nodes: the
-#: generator has made another surface, which projection would only hide.
-_STRAY = 0.2
 #: Edges of facets whose middle is farther from the old surface than this share of the tolerance are
 #: divided, unless they are more than the other share.
 _NEAR, _FEW = 0.9, 0.02
@@ -72,7 +66,8 @@ def improved(
     points, cells = mesh.points.copy(), mesh.cells
     _project(points, cells, surface, old, tolerance)
     for _ in range(_ROUNDS if len(ridges) else 0):
-        _snap(points, cells, surface, old, ridges, tolerance)
+        if not _snap(points, cells, surface, old, ridges, tolerance):
+            break
     mesh = _divided(mesh.moved(points), old, tolerance)
     surface, points, cells = facets_of(mesh), mesh.points.copy(), mesh.cells
     groups = np.zeros(len(cells), np.int32) if mesh.cell_tags is None else mesh.cell_tags
@@ -82,8 +77,8 @@ def improved(
     qualities = _qualities(points, cells)
     kept, best, wider = (points, cells, groups), qualities.min(axis=0), 0
     fewest, n_missed = len(far), len(_missed(surface, old, tolerance)[0])
-    for _ in range(_PASSES):
-        bad = qualities[:, 0] < _SMALL_ANGLE
+    for _ in range(8):
+        bad = qualities[:, 0] < 20.0
         if not (bad.any() or len(far)) or wider > 2:
             break
         is_moved = np.zeros(len(points), np.bool_)
@@ -102,7 +97,10 @@ def improved(
         worst = qualities.min(axis=0)
         wider += int(worst[0] < best[0] + 0.1)
         is_better = len(far) < fewest or (len(far) == fewest and (worst >= best).all())
-        if is_better and len(_missed(surface.moved(points), old, tolerance)[0]) <= n_missed:
+        # Only nodes on rough surfaces may leave the old one in the other direction.
+        if is_better and least == _ROUGH:
+            is_better = len(_missed(surface.moved(points), old, tolerance)[0]) <= n_missed
+        if is_better:
             kept, fewest, best = (points, cells, groups), len(far), worst
     points, cells, groups = kept
     tags = None if mesh.cell_tags is None else groups
@@ -204,7 +202,9 @@ def _project(
     """Move nodes of a surface that are too far from the old one onto it.  Changes ``points``."""
     nodes = np.unique(surface.cells)
     distance = _nearest(old, points[nodes])[1]
-    if 0.0 < (distance > tolerance).mean() <= _STRAY:
+    # With more nodes beyond the tolerance, the generator has made another surface, which projection
+    # would only hide.
+    if 0.0 < (distance > tolerance).mean() <= 0.2:
         _pull(points, cells, nodes[distance > _FAR * tolerance], old)
 
 
@@ -227,8 +227,11 @@ def _snap(
     old: SimplexMesh,
     ridges: IntArray,
     tolerance: float,
-) -> None:
-    """Move nodes onto ridges that facets cut off too far.  Changes ``points``."""
+) -> bool:
+    """Move nodes onto ridges that facets cut off too far; return whether there were any.
+
+    Changes ``points``.
+    """
     lines = SimplexMesh(old.points, ridges)
     new = SimplexMesh(points.copy(), surface.cells)
     samples = np.concatenate(
@@ -239,7 +242,7 @@ def _snap(
     missed = on_lines[_nearest(new, on_lines)[1] > tolerance]
     wanted = np.concatenate([missed, cut])
     if len(wanted) == 0:
-        return
+        return False
     nodes = np.unique(surface.cells)
     nodes = nodes[cKDTree(on_lines).query(points[nodes])[0] > 1e-12]  # not at corners
     nearest = nodes[cKDTree(points[nodes]).query(wanted)[1]]
@@ -247,6 +250,7 @@ def _snap(
     before, least = points.copy(), np.minimum(worst_of_nodes(points, cells), _LEAST)
     points[chosen] = wanted[first]
     take_back(points, cells, before, chosen, least)
+    return True
 
 
 def _nearest(old: SimplexMesh, points: FloatArray) -> tuple[FloatArray, FloatArray]:
