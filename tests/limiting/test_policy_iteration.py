@@ -8,8 +8,8 @@ from scipy.spatial import Delaunay
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize._kernels.fast_marching import sweep_cells
 from adaptsize.background import marching
+from adaptsize.limiting.fast_marching import iterate_policies
 from adaptsize.limiting.gradient_limit import Slope
-from adaptsize.limiting.policy_iteration import iterate_policies
 
 
 def _problem(dim, seed, *, stretch=1.0, coincident=0):

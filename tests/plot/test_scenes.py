@@ -7,8 +7,7 @@ from shapes import block, two_region_rectangle
 
 from adaptsize import CartesianGrid, Metric, SimplexMesh
 from adaptsize.background import Octree
-from adaptsize.plot.ellipsoids import scene_of_metric
-from adaptsize.plot.scene import scene_of_grid, scene_of_mesh, scene_of_octree
+from adaptsize.plot.scene import scene_of_grid, scene_of_mesh, scene_of_metric, scene_of_octree
 
 
 def scene_of(background, values=None, clip="auto"):

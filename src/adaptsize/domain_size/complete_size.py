@@ -15,7 +15,7 @@ from adaptsize.background.image import Image
 from adaptsize.background.simplex import as_own
 from adaptsize.domain_size.budget import within_budget
 from adaptsize.domain_size.by_domain import LevelSet, SizedDomain, mesh_domain
-from adaptsize.domain_size.image_mask import distance_to_edge, mask_of
+from adaptsize.domain_size.image_regions import distance_to_edge, mask_of
 from adaptsize.domain_size.implicit import ImplicitDomain, octree_around
 from adaptsize.domain_size.request import Implicit, Request
 from adaptsize.geometry.distance.signed_distance import signed_distance

@@ -13,8 +13,7 @@ from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.image import Image
 from adaptsize.domain_size.budget import within_budget
 from adaptsize.domain_size.by_domain import LevelSet
-from adaptsize.domain_size.image_mask import distance_to_edge, mask_of
-from adaptsize.domain_size.image_regions import with_regions
+from adaptsize.domain_size.image_regions import distance_to_edge, mask_of, with_regions
 from adaptsize.domain_size.request import Request
 from adaptsize.options import ImageMeshOptions, ImageOptions, checked, options_of, with_options
 from adaptsize.remeshing.distmesh.from_distance import mesh_from_distance

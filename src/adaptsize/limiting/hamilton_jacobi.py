@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.background import CartesianGrid, SimplexMesh
-from adaptsize.background.padding import pad, strides_of_padded, unpad
+from adaptsize.background.marching import pad, strides_of_padded, unpad
 from adaptsize.limiting.fast_marching import march_grid
 from adaptsize.limiting.problem import Problem, Scheme, Solution, checked_start
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback

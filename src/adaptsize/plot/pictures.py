@@ -21,8 +21,14 @@ from adaptsize.background.simplex import as_mesh, as_own
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import PictureOptions, ScaledPictureOptions, checked, with_options
 from adaptsize.plot import with_matplotlib, with_vtk
-from adaptsize.plot.ellipsoids import scene_of_metric
-from adaptsize.plot.scene import Scene, printable, scene_of_grid, scene_of_mesh, scene_of_octree
+from adaptsize.plot.scene import (
+    Scene,
+    printable,
+    scene_of_grid,
+    scene_of_mesh,
+    scene_of_metric,
+    scene_of_octree,
+)
 from adaptsize.plot.style import FIELDS, QUALITY, share_of_scene, with_bar
 from adaptsize.typing import FloatArray, Unpack
 

@@ -22,8 +22,8 @@ from adaptsize.background.simplex import as_mesh
 from adaptsize.quality import check_mesh, size_conformity
 from adaptsize.quality.certificate import MeshCheck
 from adaptsize.quality.elements import minimum_angles
-from adaptsize.reporting.charts import histogram_of_angles, histogram_of_lengths
 from adaptsize.reporting.outcome import Outcome, kind_of, outcome_of_remeshing
+from adaptsize.reporting.scenes import histogram_of_angles, histogram_of_lengths
 
 _SCENE = """<div class="tools"><select id="scenes" aria-label="what to show"></select>
 <label><input type="checkbox" id="edges" checked> edges</label>

@@ -8,8 +8,8 @@ import numpy as np
 
 from adaptsize._kernels.surface_distance import Features, Nearest
 from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
+from adaptsize.geometry.distance.fast_marching import places_of, propagate
 from adaptsize.geometry.distance.projection import project
-from adaptsize.geometry.distance.propagation import places_of, propagate
 from adaptsize.geometry.implicit_surface import Implicit, LevelFrame, frame_at
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray, ProgressCallback
 

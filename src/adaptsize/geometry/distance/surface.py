@@ -11,8 +11,8 @@ import numpy as np
 from adaptsize._kernels.surface_distance import Features, Nearest, scan_facets
 from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh, topology
 from adaptsize.background.location import in_space
+from adaptsize.geometry.distance.fast_marching import frame_of, places_of, propagate
 from adaptsize.geometry.distance.orientation import oriented
-from adaptsize.geometry.distance.propagation import frame_of, places_of, propagate
 from adaptsize.geometry.distance.winding import WindingNumber, is_cycle, same_places
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray, ProgressCallback
 
