@@ -101,6 +101,23 @@ def test_a_wall_far_thinner_than_the_first_leaves_is_found():
     assert size.background.n_points < 5000
 
 
+def test_a_wedge_of_17_degrees_is_narrow_up_to_its_tip_and_its_other_corners_are_not():
+    slope = 0.15
+
+    def wedge(x):  # no distance; its tip is at (-1, 0)
+        return np.maximum(np.abs(x[:, 1]) - slope * (x[:, 0] + 1.0), x[:, 0] - 0.9)
+
+    size = size_function(wedge, box=([-1.1, -0.8], [1.1, 0.8]), **{**WIDTH, "hmin": 1e-3})
+    x = samples(wedge, np.array([1.1, 0.8]), 2)
+    # Half of the ray from the closest point of the nearer side to the other side.
+    along = (x[:, 0] + 1.0 + slope * np.abs(x[:, 1])) / np.hypot(1.0, slope)
+    exact = np.maximum(0.5 * along * np.tan(2.0 * np.arctan(slope)), 1e-3)
+    left = x[:, 0] < 0.4
+    assert_allclose(size(x[left]), exact[left], rtol=TOLERANCE)
+    assert (size(x[~left]) > 0.9 * exact[~left]).all()
+    assert size.background.n_points < 5000
+
+
 def test_rounded_corners_below_the_leaves_are_found():
     def rounded(x, r=0.02):
         q = np.abs(x) - 1.0 + r

@@ -1,12 +1,9 @@
 """Fast marching of distances from seeds, which the geometry uses."""
 
 import numpy as np
-import pytest
-from meshes import random_square
 
 from adaptsize import CartesianGrid
-from adaptsize.errors import ConvergenceWarning
-from adaptsize.geometry.distance.fast_marching import march_distance, march_through_mesh
+from adaptsize.geometry.distance.fast_marching import march_distance
 
 
 def quiet(text, share):
@@ -33,14 +30,3 @@ def test_distances_from_a_point_are_of_first_order():
         assert (found >= exact - 1e-12).all()
     order = np.log2(np.divide(error[:-1], error[1:]))
     assert (order > 0.85).all(), f"errors {error}, orders {order}"
-
-
-def test_marching_through_a_mesh_warns_when_it_becomes_inexact(monkeypatch):
-    mesh = random_square(300, seed=5)
-    seeds = np.where(np.arange(mesh.n_points) == 0, 0.0, np.inf)
-    exact = march_through_mesh(mesh, seeds, report=quiet, text="marching")  # no warning
-    monkeypatch.setattr("adaptsize.background.marching._PATIENCE", 0)
-    monkeypatch.setattr("adaptsize.background.marching.CHUNK", 10)
-    with pytest.warns(ConvergenceWarning, match="changes below 0.1% are ignored"):
-        rough = march_through_mesh(mesh, seeds, report=quiet, text="marching")
-    np.testing.assert_allclose(rough, exact, rtol=0.05)

@@ -16,17 +16,19 @@ from adaptsize.background import Octree
 from adaptsize.domain_size.by_domain import check_signs
 from adaptsize.domain_size.on_octree import (
     Beside,
+    InnerCells,
     Shape,
     adapted,
+    inner_cells,
     limited_on_octree,
     longest_edges,
     size_on_octree,
 )
 from adaptsize.domain_size.request import Request
 from adaptsize.errors import ResolutionWarning
-from adaptsize.geometry.distance.closest_points import boundary_of, is_distance
+from adaptsize.geometry.distance.closest_points import Depths, boundary_of, is_distance
 from adaptsize.geometry.implicit_surface import Implicit, largest_curvature
-from adaptsize.geometry.medial.on_meshes import DomainOnMesh, InnerCells
+from adaptsize.geometry.width import width_within
 from adaptsize.sizes.budget import calibration
 from adaptsize.typing import BoolArray, FloatArray
 
@@ -99,14 +101,20 @@ class ImplicitDomain:
         check_signs(values < 0.0, values, tree)
         boundary = boundary_of(self.function, tree, values, self._is_distance)
         nodes = boundary.from_nodes(tree, report)
-        domain = DomainOnMesh(tree.mesh, boundary, nodes, report)
-        everywhere, inner, width = domain.sizes_inside()
+        # Nodes closer to the boundary, in diagonals of the octree, are on it.
+        inner = inner_cells(tree.mesh, nodes.depth >= -1e-12 * tree.mesh.diagonal)
+        edges = tree.mesh.edges
+        near = np.unique(edges[-nodes.depth[edges].sum(axis=1) <= tree.mesh.edge_lengths])
+        everywhere = np.full(tree.n_points, np.inf)
+        seen = Depths(nodes.depth[near], nodes.outward[near])
+        everywhere[near] = width_within(boundary, tree.points[near], seen, tree.diagonal, report)
         feet = nodes.feet(tree.points)[inner.nodes]
         reach = longest_edges(inner.mesh)
-        near = nodes.depth[inner.nodes] <= reach
-        curvature = np.full(len(near), np.nan)
-        curvature[near] = self._curvature(tree, feet[near], reach[near], request)
+        close = nodes.depth[inner.nodes] <= reach
+        curvature = np.full(len(close), np.nan)
+        curvature[close] = self._curvature(tree, feet[close], reach[close], request)
         beside = self._beside(tree, inner, feet, curvature, request)
+        width = everywhere[inner.nodes]
         return Shape(tree, nodes, inner, width, everywhere, curvature, beside)
 
     def _curvature(

@@ -11,10 +11,10 @@ from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import NONE, SizeReport
 from adaptsize.background import Octree, SimplexMesh
 from adaptsize.background.reshaping import parent_errors, refined
+from adaptsize.background.topology import components_of
 from adaptsize.domain_size.request import Bounds, Request
 from adaptsize.geometry.distance.closest_points import Depths
-from adaptsize.geometry.medial.on_meshes import InnerCells
-from adaptsize.typing import BoolArray, FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongArray
 
 #: Tolerance for sizes interpolated between the nodes, relative to the size.
 TOLERANCE = 0.05
@@ -25,6 +25,25 @@ _EDGE_OVER_SIZE = {2: 1.0, 3: 1.2}
 _ON_PARENT = {2: (0.8, 1.2), 3: (1.4, 1.8)}
 # Outside, sizes are at least this share of those at the boundary next to them.
 _LEAST_SHARE = 0.5
+
+
+class InnerCells(NamedTuple):
+    """The cells that have a node inside, with copies of their nodes outside.
+
+    An outside node is copied for each group of its cells that share inside nodes.  On the two
+    sides of a gap there are different copies, so that no path leads through outside nodes.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+    nodes : LongArray
+        Node of the background of which each node is a copy.
+    inside : BoolArray
+    """
+
+    mesh: SimplexMesh
+    nodes: LongArray
+    inside: BoolArray
 
 
 class Beside(NamedTuple):
@@ -47,13 +66,39 @@ class Shape(NamedTuple):
     inner: InnerCells
     """The cells with an inside node."""
     width: FloatArray
-    """Local feature size at the nodes of the inner cells."""
+    """Width of the domain at the closest points of the nodes of the inner cells."""
     everywhere: FloatArray
-    """Local feature size at the nodes of the octree, inf where the domain is not next to them."""
+    """The same at the nodes of the octree, inf where the domain is not next to them."""
     curvature: FloatArray
     """Of the closest point of the boundary, at the nodes of the inner cells; nan far from it."""
     beside: Beside
     """Larger curvatures at points between the closest points."""
+
+
+def inner_cells(mesh: SimplexMesh, inside: BoolArray) -> InnerCells:
+    """Return the cells with an inside node, of which there is at least one."""
+    cells = mesh.cells[inside[mesh.cells].any(axis=1)].astype(np.int64)
+    used = np.unique(cells[inside[cells]])
+    number = np.zeros(mesh.n_points, np.int64)
+    number[used] = np.arange(len(used))
+    numbers = number[cells]
+    corner, copies = _copies(cells, inside)
+    numbers.reshape(-1)[corner] = len(used) + copies
+    first = np.unique(copies, return_index=True)[1]
+    nodes = np.concatenate([used, cells.reshape(-1)[corner[first]]])
+    return InnerCells(SimplexMesh(mesh.points[nodes], numbers), nodes, inside[nodes])
+
+
+def _copies(cells: LongArray, inside: BoolArray) -> tuple[IndexArray, IndexArray]:
+    """Return the outside corners of cells (flat numbers), and the number of the copy for each."""
+    corner = np.flatnonzero(~inside[cells])
+    around = cells[corner // cells.shape[1]]
+    # Corners at the same outside node are linked through each inside node that they share.
+    row, column = np.nonzero(inside[around])
+    shared = cells.reshape(-1)[corner[row]] * len(inside) + around[row, column]
+    names, hub = np.unique(shared, return_inverse=True)
+    links = np.column_stack([row, len(corner) + hub.reshape(-1)])
+    return corner, components_of(links, len(corner) + len(names))[: len(corner)]
 
 
 def longest_edges(mesh: SimplexMesh) -> FloatArray:
@@ -72,7 +117,7 @@ def limited_on_octree(
     if request.per_radian > 0.0:
         bounds["curvature"] = _size_of_curvature(shape, request.per_radian, request.g)
     if request.across > 0.0:
-        bounds["width"] = 2.0 * shape.width / request.across
+        bounds["width"] = shape.width / request.across
     bounds |= {name: h[inner.nodes] for name, h in request.external(shape.tree).items()}
     weights = _measures_inside(inner.mesh, -shape.nodes.depth[inner.nodes])
     h, report = Bounds(inner.mesh, bounds, limits, weights).limited(request)
@@ -228,10 +273,10 @@ def _requested(shape: Shape, h: FloatArray, hmin: float, request: Request) -> Fl
     """Return the sizes that leaves must have, at the nodes of the octree, inf outside."""
     inner, depth = shape.inner, shape.nodes.depth
     # Outside, sizes are extrapolated; those at the boundary count.
-    requested = at_nodes(shape, h) + request.g * np.maximum(-depth, 0.0)
+    requested, grown = at_nodes(shape, h), request.g * np.maximum(-depth, 0.0)
     if request.across > 0.0:
-        across = np.maximum(2.0 * shape.everywhere / request.across, hmin)
-        requested = np.minimum(requested, across)
+        requested = np.minimum(requested, np.maximum(shape.everywhere / request.across, hmin))
+    requested += grown
     if request.per_radian > 0.0:
         with np.errstate(divide="ignore", invalid="ignore"):
             radius = np.where(shape.curvature > 0.0, 1.0 / shape.curvature, np.inf)

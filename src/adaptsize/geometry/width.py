@@ -19,8 +19,10 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import tree_over
 from adaptsize.background.location import parts_of
 from adaptsize.background.topology import components_of, pairs_of_cells
+from adaptsize.geometry.distance.closest_points import Boundary, Depths
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.faces import ANGLE_SLACK, Faces
+from adaptsize.geometry.medial.fronts import Fronts, meet_at_corner
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, LongArray, ProgressCallback
 
 # Distances below this, in units of the longest side of the boundary's box, are rounding.
@@ -344,3 +346,52 @@ def _inside(weights: FloatArray) -> FloatArray:
     # Rays start where each weight in the facet is at least this: near an edge, but beside it.
     inside = np.maximum(weights, (1.0 / 24.0))
     return np.asarray(inside / inside.sum(axis=1)[:, None])
+
+
+def width_within(
+    boundary: Boundary, points: FloatArray, seen: Depths, extent: float, report: ProgressCallback
+) -> FloatArray:
+    """Return the width of the domain of a function at the closest points of its boundary.
+
+    Rays run inwards along the normals there, each by the distance from the boundary at a time.
+    Walls count as for `boundary_width`; they meet if the boundary follows their tangents to where
+    these meet.
+
+    Parameters
+    ----------
+    boundary : Boundary
+    points : float64[n, dim]
+        Around which the balls up to the closest points have no boundary inside.
+    seen : Depths
+        Of the points.
+    extent : float
+        Longer rays have the width inf.
+    report : callable
+    """
+    feet, ways = seen.feet(points), -seen.outward
+    along = np.maximum(seen.depth, 1e-6 * extent)
+    going, hit = np.arange(len(feet)), np.zeros(len(feet), np.bool_)
+    # Rays that are still on their way then touch a wall without crossing it.
+    for step in range(64):
+        depth = boundary.seen_from(feet[going] + along[going, None] * ways[going]).depth
+        hit[going] = (depth <= 1e-3 * along[going]) & (step > 0)
+        along[going] += np.maximum(depth, 0.0)
+        # A ray that begins outside, at the tip of a corner, has no width.
+        going = going[~hit[going] & (along[going] < extent) & (depth > 0.0)]
+        report("width", step / 64)
+        if len(going) == 0:
+            break
+    at = np.flatnonzero(hit)
+    feet, ways, reach = feet[at], ways[at], along[at]
+    normals = boundary.seen_from(feet + (0.999 * reach)[:, None] * ways).outward
+    facing = (ways * normals).sum(axis=1)
+    radii = reach * facing / (1.0 + facing)
+    middles, both = feet + radii[:, None] * ways, np.stack([-ways, normals], axis=1)
+    fronts = Fronts(middles, radii, both, np.empty((len(at), 2), np.int64))
+    counts = facing >= math.cos(_STEEPEST)
+    fronts, at, reach = fronts.taken(counts), at[counts], reach[counts]
+    # Closest points are known to this distance, also at corners.
+    corner = meet_at_corner(boundary.distance, 1e-5 * extent, fronts, CORNER_ANGLE)[0]
+    widths = np.full(len(points), np.inf)
+    widths[at[~corner]] = reach[~corner]
+    return widths

@@ -1,15 +1,11 @@
-"""Distances on grids and meshes from values near where they are zero, by fast marching."""
+"""Distances on grids from values near where they are zero, by fast marching and propagation."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 
-from adaptsize._kernels import fast_marching as kernels
-from adaptsize._kernels.heap import new_heap
 from adaptsize._kernels.surface_distance import (
     Features,
     GridFrame,
@@ -17,22 +13,14 @@ from adaptsize._kernels.surface_distance import (
     Queue,
     propagate_features,
 )
-from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
+from adaptsize.background import AnyBackground, CartesianGrid
 from adaptsize.background.marching import (
-    accept_all,
     march_on_grid,
     pad,
-    patience,
-    stars_in,
     strides_of_padded,
-    sweep_into_heap,
     unpad,
 )
-from adaptsize.errors import ConvergenceWarning
 from adaptsize.typing import BoolArray, FloatArray, LongArray, ProgressCallback
-
-# Where dependencies between nodes are cyclic, among flat cells, changes must be larger.
-_KEEP_ROUGHLY = 1.0 - 1e-3
 
 
 def march_distance(
@@ -81,58 +69,6 @@ def march_distance(
     march_on_grid(grid, u, (strides_of_padded(grid), weights, np.ones(1), 0), False, report, text)
     return unpad(domain, u)
 
-
-def march_through_mesh(
-    mesh: SimplexMesh, seeds: FloatArray, *, report: ProgressCallback, text: str
-) -> FloatArray:
-    """Return the largest distances up to the seeds that the local updates allow.
-
-    Each node has the minimum of its seed and of the local updates from the opposite sides of its
-    cells, on which distances are linear.  The scheme is of first order [1]_.
-
-    Parameters
-    ----------
-    mesh : SimplexMesh
-        Triangles in the plane or tetrahedra, of any shape.
-    seeds : float64[n_points]
-        Known distances, >= 0; inf elsewhere, no NaN.
-    report : callable
-        Called with ``text`` and the fraction completed.
-    text : str
-
-    Returns
-    -------
-    float64[n_points]
-        inf where no seed reaches.
-
-    Warns
-    -----
-    ConvergenceWarning
-        If updates among flat cells go on for so long that changes below 0.1 % are ignored.
-
-    References
-    ----------
-    .. [1] F. Bornemann, C. Rasch, Comput. Vis. Sci. 9 (2006) 57-69.
-    """
-    limit = (np.ones(1), 0)
-    u, heap = seeds.copy(), new_heap(mesh.n_points)
-    sweep_into_heap(mesh, kernels.sweep_cells, u, limit, heap)
-    march = partial(kernels.march, stars_in(mesh, limit), u, limit, heap)
-    accepted = accept_all(march, heap, partial(report, text), most=patience(mesh.n_points))
-    if heap.size[0] > 0:
-        warnings.warn(
-            f"{text} updated {mesh.n_points} nodes {accepted} times: changes below "
-            f"{1.0 - _KEEP_ROUGHLY:.1%} are ignored from here on; the background has very flat "
-            "cells",
-            ConvergenceWarning,
-            stacklevel=4,
-        )
-        accept_all(march, heap, partial(report, text), keep=_KEEP_ROUGHLY)
-    report(text, 1.0)
-    return u
-
-
-#: Numbers of nodes.
 
 # Nodes accepted between two progress reports: about 0.3 s.
 _NODES_AT_ONCE = 200_000
