@@ -134,7 +134,7 @@ def test_improvement_lifts_the_smallest_angle_and_keeps_all_facets(turned):
         turn = np.linalg.qr(np.random.default_rng(77).normal(size=(3, 3)))[0]
         turn *= np.sign(np.linalg.det(turn))
         mesh, given = (replace(m, points=m.points @ turn.T) for m in (mesh, given))
-    new = improved(mesh, facets_of(given), np.empty((0, 2), np.int32), 1e-3)
+    new = improved(mesh, given, 1e-3)
     assert minimum_angles(new).min() > 1.5 * minimum_angles(mesh).min()
     assert (new.signed_measures > 0.0).all()
     assert region_measures(new) == pytest.approx(region_measures(mesh), rel=1e-9)
@@ -151,7 +151,7 @@ def test_nodes_off_the_interface_are_projected_back():
     mesh = replace(given, points=points)
     assert not check_mesh(mesh, original=given, tolerance=1e-3).is_met
     tolerance = 1e-3 * given.diagonal
-    new = improved(mesh, facets_of(given), np.empty((0, 2), np.int32), tolerance)
+    new = improved(mesh, given, tolerance)
     assert new.points[node, 0] == pytest.approx(1.0, abs=1e-12)
     quality = np.empty(new.n_cells)
     fill_quality(new.points, new.cells, quality)

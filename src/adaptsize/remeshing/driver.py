@@ -41,12 +41,7 @@ from adaptsize.remeshing.sizing import (
     mean_size,
     once_per_point,
 )
-from adaptsize.remeshing.surface import (
-    facets_of,
-    feature_edges,
-    refine_facets,
-    refine_surface,
-)
+from adaptsize.remeshing.surface import refine_facets, refine_surface
 from adaptsize.remeshing.surface_checks import warn_of_surface
 from adaptsize.sizes import Enclosed, predict
 from adaptsize.typing import ProgressCallback, Unpack
@@ -226,7 +221,7 @@ def remesh(
         else:
             new = restore(chosen.solve(problem, run), problem, chosen.name)
             if new.cell_dim == 3 and metric is None and required is None:
-                new = _improved(new, problem)
+                new = improved(new, problem.mesh, problem.tolerance)
     made = frame.restored(new, repaired.mesh)
     warn_of_deviation(made, repaired.mesh, allowed, may_be_joined=may_be_joined)
     return made
@@ -259,7 +254,8 @@ def _filled(problem: Problem, chosen: Backend, run: IsolatedRunner, n_cells: flo
     )
     new, angle, failure = None, -np.inf, None
     try:
-        new = _improved(restore(chosen.solve(inner, run), inner, chosen.name), problem)
+        new = restore(chosen.solve(inner, run), inner, chosen.name)
+        new = improved(new, problem.mesh, problem.tolerance)
         angle = float(minimum_angles(new).min())
     except BackendTimeoutError:
         raise
@@ -270,19 +266,12 @@ def _filled(problem: Problem, chosen: Backend, run: IsolatedRunner, n_cells: flo
         return new
     try:
         raw = backend_named("tetwild").solve(problem, replace(run, backend="tetwild"))
-        other = _improved(restore(raw, problem, "tetwild"), problem)
+        other = improved(restore(raw, problem, "tetwild"), problem.mesh, problem.tolerance)
     except BackendError as error:
         if new is None:
             raise failure or error from None
         return new
     return other if new is None or float(minimum_angles(other).min()) > angle else new
-
-
-def _improved(new: SimplexMesh, problem: Problem) -> SimplexMesh:
-    old, ridges = facets_of(problem.mesh), problem.ridges
-    if problem.task == "surface to tetrahedra":  # it was refined for the first volume only
-        ridges = feature_edges(old)
-    return improved(new, old, ridges, problem.tolerance)
 
 
 def _known_number(mesh: SimplexMesh, size: object) -> float | None:

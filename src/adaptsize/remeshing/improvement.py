@@ -14,15 +14,14 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from adaptsize._kernels.smoothing import smooth_nodes
 from adaptsize.background import SimplexMesh, topology
-from adaptsize.background.interfaces import interfaces
 from adaptsize.background.splitting import bisect_edges
 from adaptsize.geometry.faces import normals_of
 from adaptsize.quality.elements import minimum_angles, radius_ratios
 from adaptsize.remeshing.distmesh.finish import swapped, take_back, worst_of_nodes
+from adaptsize.remeshing.preparation import facet_numbers, number_regions
 from adaptsize.remeshing.surface import facets_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -40,21 +39,17 @@ _NEAR, _FEW = 0.9, 0.02
 _SMOOTH, _ROUGH = 0.97, 0.3
 
 
-def improved(
-    mesh: SimplexMesh, old: SimplexMesh, ridges: IntArray, tolerance: float
-) -> SimplexMesh:
+def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> SimplexMesh:
     """Return tetrahedra with facets within the tolerance and better cells, where that is possible.
 
     Parameters
     ----------
     mesh : SimplexMesh
         Tetrahedra of positive volume.
-    old : SimplexMesh
-        The boundary and interfaces of the given mesh: triangles in space.
-    ridges : int32[n, 2]
-        Edges of ``old`` that must stay sharp.
+    given : SimplexMesh
+        The mesh or surface whose boundary and interfaces these must have.
     tolerance : float
-        Allowed distance of boundary and interfaces from ``old``, in the unit of the coordinates.
+        Allowed distance of boundary and interfaces, in the unit of the coordinates.
 
     Returns
     -------
@@ -62,12 +57,10 @@ def improved(
         With the same tags and the same facets, but that those are divided which are too far, and
         with the same nodes, some of them moved.
     """
+    old = facets_of(given)
     surface = facets_of(mesh)
     points, cells = mesh.points.copy(), mesh.cells
     _project(points, cells, surface, old, tolerance)
-    for _ in range(_ROUNDS if len(ridges) else 0):
-        if not _snap(points, cells, surface, old, ridges, tolerance):
-            break
     mesh = _divided(mesh.moved(points), old, tolerance)
     surface, points, cells = facets_of(mesh), mesh.points.copy(), mesh.cells
     groups = np.zeros(len(cells), np.int32) if mesh.cell_tags is None else mesh.cell_tags
@@ -185,14 +178,10 @@ def _nodes_of_sheets(mesh: SimplexMesh) -> BoolArray:
     """Return which nodes are on tagged facets with the same region on both sides."""
     found = np.zeros(mesh.n_points, np.bool_)
     if mesh.tagged_facets is not None:
-        inside = interfaces(replace(mesh, tagged_facets=None, facet_tags=None))
-        between = mesh.facets[mesh.facet_cell_counts == 1]
-        if inside is not None:
-            between = np.concatenate([between, inside[1][inside[0].cells]])
-        rows = np.concatenate([between, mesh.tagged_facets]).astype(np.int32)
-        number = topology.unique_rows(rows, mesh.n_points)[1]
-        is_sheet = ~np.isin(number[len(between) :], number[: len(between)])
-        found[mesh.tagged_facets[is_sheet]] = True
+        regions, n = number_regions(mesh)[0], len(mesh.facets)
+        lowest, highest = topology.regions_beside(mesh.cell_facets, regions, n)
+        is_sheet = (mesh.facet_cell_counts == 2) & (lowest == highest)
+        found[mesh.tagged_facets[is_sheet[facet_numbers(mesh, mesh.tagged_facets)]]] = True
     return found
 
 
@@ -218,39 +207,6 @@ def _pull(points: FloatArray, cells: IntArray, nodes: IntArray, old: SimplexMesh
         points[nodes] += share * (_nearest(old, points[nodes])[0] - points[nodes])
         take_back(points, cells, start, nodes, least)
     return _nearest(old, points[nodes])[1]
-
-
-def _snap(
-    points: FloatArray,
-    cells: IntArray,
-    surface: SimplexMesh,
-    old: SimplexMesh,
-    ridges: IntArray,
-    tolerance: float,
-) -> bool:
-    """Move nodes onto ridges that facets cut off too far; return whether there were any.
-
-    Changes ``points``.
-    """
-    lines = SimplexMesh(old.points, ridges)
-    new = SimplexMesh(points.copy(), surface.cells)
-    samples = np.concatenate(
-        [new.points[new.cells].mean(axis=1), new.points[new.edges].mean(axis=1)]
-    )
-    cut = _nearest(lines, samples[_nearest(old, samples)[1] > tolerance])[0]
-    on_lines = np.concatenate([old.points[np.unique(ridges)], old.points[ridges].mean(axis=1)])
-    missed = on_lines[_nearest(new, on_lines)[1] > tolerance]
-    wanted = np.concatenate([missed, cut])
-    if len(wanted) == 0:
-        return False
-    nodes = np.unique(surface.cells)
-    nodes = nodes[cKDTree(on_lines).query(points[nodes])[0] > 1e-12]  # not at corners
-    nearest = nodes[cKDTree(points[nodes]).query(wanted)[1]]
-    chosen, first = np.unique(nearest, return_index=True)
-    before, least = points.copy(), np.minimum(worst_of_nodes(points, cells), _LEAST)
-    points[chosen] = wanted[first]
-    take_back(points, cells, before, chosen, least)
-    return True
 
 
 def _nearest(old: SimplexMesh, points: FloatArray) -> tuple[FloatArray, FloatArray]:

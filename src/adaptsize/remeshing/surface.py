@@ -130,11 +130,6 @@ def facets_of(mesh: SimplexMesh) -> SimplexMesh:
     return SimplexMesh(mesh.points, found.nodes, cell_tags=found.groups)
 
 
-def feature_edges(surface: SimplexMesh) -> IntArray:
-    """Return the edges at which a surface is sharp, int32[n, 2], rows sorted."""
-    return surface.edges[sharp_facets(surface, normals_of(surface), _FEATURE_ANGLE)]
-
-
 def sliver_height(mesh: SimplexMesh, size: Size, height: float) -> float:
     """Return a height of slivers, lowered to what is small compared with all sizes on a surface.
 
