@@ -60,7 +60,12 @@ def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> Simplex
     old = facets_of(given)
     surface = facets_of(mesh)
     points, cells = mesh.points.copy(), mesh.cells
-    _project(points, cells, surface, old, tolerance)
+    nodes = np.unique(surface.cells)
+    distance = _nearest(old, points[nodes])[1]
+    # With more nodes beyond the tolerance, the generator has made another surface, which projection
+    # would only hide.
+    if 0.0 < (distance > tolerance).mean() <= 0.2:
+        _pull(points, cells, nodes[distance > _FAR * tolerance], old)
     mesh = _divided(mesh.moved(points), old, tolerance)
     surface, points, cells = facets_of(mesh), mesh.points.copy(), mesh.cells
     groups = np.zeros(len(cells), np.int32) if mesh.cell_tags is None else mesh.cell_tags
@@ -185,18 +190,6 @@ def _nodes_of_sheets(mesh: SimplexMesh) -> BoolArray:
     return found
 
 
-def _project(
-    points: FloatArray, cells: IntArray, surface: SimplexMesh, old: SimplexMesh, tolerance: float
-) -> None:
-    """Move nodes of a surface that are too far from the old one onto it.  Changes ``points``."""
-    nodes = np.unique(surface.cells)
-    distance = _nearest(old, points[nodes])[1]
-    # With more nodes beyond the tolerance, the generator has made another surface, which projection
-    # would only hide.
-    if 0.0 < (distance > tolerance).mean() <= 0.2:
-        _pull(points, cells, nodes[distance > _FAR * tolerance], old)
-
-
 def _pull(points: FloatArray, cells: IntArray, nodes: IntArray, old: SimplexMesh) -> FloatArray:
     """Move nodes onto a surface, or halfway if cells do not allow more; return their distances.
 
@@ -286,8 +279,7 @@ def _normals_at(
     normal = normals_of(moved).normals
     tensor = np.zeros((len(points), 3, 3))
     outer = normal[:, :, None] * normal[:, None, :]
-    for k in range(3):
-        np.add.at(tensor, surface.cells[:, k], outer)
+    np.add.at(tensor, surface.cells, outer[:, None])
     used = np.unique(surface.cells)
     normals = np.zeros_like(points)
     normals[used] = np.linalg.eigh(tensor[used])[1][:, :, 2]

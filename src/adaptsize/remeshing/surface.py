@@ -294,8 +294,7 @@ def _with_flipped_caps(mesh: SimplexMesh, height: float) -> SimplexMesh:
     rank = np.arange(len(numbers))
     best = np.full(mesh.n_points, len(numbers), np.int64)
     quads = np.column_stack([c, p, d, q])[numbers]
-    for k in range(4):
-        np.minimum.at(best, quads[:, k], rank)
+    np.minimum.at(best, quads, rank[:, None])
     done = numbers[(best[quads] == rank[:, None]).all(axis=1)]
     if len(done) == 0:
         return mesh
@@ -309,15 +308,11 @@ def _oriented(mesh: SimplexMesh, edges: IntArray) -> IntArray:
     """Return the edges with the node first that stays: the one where the surface turns most."""
     normals = _normals(mesh.points[mesh.cells])
     total = np.zeros((mesh.n_points, 3))
-    count = np.zeros(mesh.n_points)
-    for k in range(3):
-        np.add.at(total, mesh.cells[:, k], normals)
-        np.add.at(count, mesh.cells[:, k], 1.0)
+    np.add.at(total, mesh.cells.T, normals)
+    count = np.bincount(mesh.cells.ravel(), minlength=mesh.n_points)
     agreement = np.linalg.norm(total, axis=1) / np.maximum(count, 1.0)
     turned = agreement[edges[:, 1]] < agreement[edges[:, 0]]
-    edges = edges.copy()
-    edges[turned] = edges[turned, ::-1]
-    return edges
+    return np.where(turned[:, None], edges[:, ::-1], edges)
 
 
 def _normals(corners: FloatArray) -> FloatArray:
@@ -374,10 +369,8 @@ def _independent(mesh: SimplexMesh, ends: IntArray, lengths: FloatArray) -> npt.
     rank = np.empty(len(ends), np.int64)
     rank[np.argsort(lengths, kind="stable")] = np.arange(len(ends))
     best = np.full(mesh.n_points, len(ends), np.int64)
-    for end in (0, 1):
-        np.minimum.at(best, ends[:, end], rank)
+    np.minimum.at(best, ends, rank[:, None])
     for _ in range(2):  # from nodes to triangles and back, twice
         of_cell = best[mesh.cells].min(axis=1)
-        for k in range(3):
-            np.minimum.at(best, mesh.cells[:, k], of_cell)
+        np.minimum.at(best, mesh.cells, of_cell[:, None])
     return np.flatnonzero((best[ends] == rank[:, None]).all(axis=1))

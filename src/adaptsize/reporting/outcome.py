@@ -72,13 +72,12 @@ class Outcome:
         """Return the keys of the JSON object."""
         result: dict[str, Any] = {"kind": self.kind, **self.conformity.as_dict()}
         result["share_in_band"] = self.conformity.share_in_band
+        result["measure_change"] = self.change
         if self.expected is not None:
             result[f"n_cells_{self._expectation}"] = self.expected
             result["tolerance"] = self.tolerance
-            result["measure_change"] = self.change
             result["interface_relative"] = self.check.distance("interface")
         else:
-            result["measure_change"] = self.change
             result["n_pinched"] = self.pinched[0]
         result["n_sharp"] = self.sharp[0]
         result["regions"] = {
