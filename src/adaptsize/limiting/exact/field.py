@@ -220,11 +220,6 @@ class ExactField:
         """Number of entries of all groups."""
         return sum(len(entries.nodes) for entries in self.groups)
 
-    @property
-    def edges(self) -> bool | None:
-        """The argument ``edges`` of the kernels."""
-        return True if self.linear else None
-
     def lower_by_last(
         self, points: Points, sizes: FloatArray, source: IntArray, workers: Workers
     ) -> None:

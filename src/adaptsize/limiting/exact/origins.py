@@ -2,100 +2,70 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Literal, NamedTuple
-
 import numpy as np
-import numpy.typing as npt
 
-from adaptsize.ranks import Communicator
+from adaptsize.background import SimplexMesh
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 # Share by which sizes along edges may exceed the size at a node that they explain.
 _TIE = 1e-10
 
 
-class Paths(NamedTuple):
-    """Nodes, their limited sizes, and how these reach them."""
-
-    points: FloatArray
-    """float64[n, dim]"""
-    ids: npt.NDArray[np.integer]
-    """int[n]: numbers of the nodes; the smallest counts where several allow the same."""
-    edges: IntArray
-    """int32[m, 2]"""
-    h: FloatArray
-    """float64[n]"""
-    g: float
-    start: IntArray
-    """int32[n]: the node where the known part of the path starts; -1 if the source is known, or if
-    the path runs along edges."""
-
-
-#: Returns the least or the largest of the values that all ranks have for each node.
-Merge = Callable[[FloatArray, Literal["min", "max"]], FloatArray]
-
-
 def complete(
-    paths: Paths, rows: FloatArray, known: BoolArray, ranks: Communicator, merge: Merge
+    mesh: SimplexMesh,
+    sizes: tuple[FloatArray, float],
+    start: IntArray,
+    found: tuple[IntArray, FloatArray],
+    known: BoolArray,
 ) -> None:
-    """Fill the rows of nodes whose sources are not known (In/Out: rows, known).
+    """Name the sources of nodes that are not known, and the last bends of their paths.
 
     A node takes the source of the node where its path starts, else that of the neighbour that
-    allows the smallest size.  This is repeated, beginning with the nodes of known sources.
+    allows the smallest size, of these the one of the smallest number.  This is repeated, beginning
+    with the nodes of known sources.
 
     Parameters
     ----------
-    paths : Paths
-    rows : float64[n, k + dim]
-        Source and last bend of the path to each node; the latter is inf if the path is straight.
-        The first column holds the id of a node that is its own source.
+    mesh : SimplexMesh
+    sizes : tuple of float64[n], float
+        Limited sizes, and g.
+    start : int32[n]
+        The node where the known part of the path starts; -1 if the source is known, or if the path
+        runs along edges.
+    found : tuple of int32[n, dim], float64[n, dim]
+        In/Out: the nodes of the source, first that of a node that is its own; the last bend, nan if
+        the path is straight.
     known : bool[n]
-    ranks : Communicator
-    merge : callable
+        In/Out.
     """
-    if not ranks.allreduce(int(not known.all()), "max"):
-        return
-    pairs, sizes = _candidates(paths, known)
-    keeps_bend = (paths.start >= 0) & np.isfinite(rows[:, -1])
-    dim = paths.points.shape[1]
+    pairs, (nodes, bend) = _candidates(mesh, sizes, start, known), found
+    keeps_bend = (start >= 0) & np.isfinite(bend[:, 0])
     while True:
         usable = np.flatnonzero(~known[pairs[:, 0]] & known[pairs[:, 1]])
         usable = usable[np.unique(pairs[usable, 0], return_index=True)[1]]
-        reached = np.zeros(len(known), np.bool_)
-        # The smallest size counts, then the smallest id, then the first rank.
-        for key in (sizes, paths.ids[pairs[:, 1]], np.full(len(pairs), ranks.rank)):
-            own = np.full(len(known), np.inf)
-            own[pairs[usable, 0]] = key[usable]
-            least = merge(own, "min")
-            reached = np.isfinite(least)
-            usable = usable[key[usable] == least[pairs[usable, 0]]]
-        nodes, by = pairs[usable].T
-        found = np.full(rows.shape, -np.inf)
-        found[nodes] = rows[by]
-        bends = rows[by, 0] != paths.ids[by]  # else the path from the source is straight
-        found[nodes[bends], -dim:] = paths.points[by[bends]]
-        kept = nodes[keeps_bend[nodes]]
-        found[kept, -dim:] = rows[kept, -dim:]
-        rows[reached] = merge(found, "max")[reached]
-        known |= reached
-        if not ranks.allreduce(int(reached.any()), "max"):
+        if len(usable) == 0:
             return
+        at, by = pairs[usable].T
+        bends = nodes[by, 0] != by  # else the path from the source is straight
+        last = np.where(bends[:, None], mesh.points[by], bend[by])
+        bend[at] = np.where(keeps_bend[at, None], bend[at], last)
+        nodes[at], known[at] = nodes[by], True
 
 
-def _candidates(paths: Paths, known: BoolArray) -> tuple[IntArray, FloatArray]:
-    """Return pairs of a node and one that its path may come from, and the size this allows.
+def _candidates(
+    mesh: SimplexMesh, sizes: tuple[FloatArray, float], start: IntArray, known: BoolArray
+) -> IntArray:
+    """Return pairs of a node and one that its path may come from.
 
-    They are ordered by the first node, then by the size, then by the id of the second.
+    They are ordered by the first node, then by the size that this allows, then by the second.
     """
-    h, start = paths.h, paths.start
-    pairs = np.concatenate([paths.edges, paths.edges[:, ::-1]])
+    h, g = sizes
+    pairs = np.concatenate([mesh.edges, mesh.edges[:, ::-1]])
     pairs = pairs[~known[pairs[:, 0]] & (start[pairs[:, 0]] < 0)]
-    length = np.linalg.norm(paths.points[pairs[:, 0]] - paths.points[pairs[:, 1]], axis=1)
-    sizes = h[pairs[:, 1]] + paths.g * length
-    tight = sizes <= h[pairs[:, 0]] * (1.0 + _TIE)
+    length = np.linalg.norm(mesh.points[pairs[:, 0]] - mesh.points[pairs[:, 1]], axis=1)
+    along = h[pairs[:, 1]] + g * length
+    tight = along <= h[pairs[:, 0]] * (1.0 + _TIE)
     started = np.flatnonzero(~known & (start >= 0)).astype(np.int32)
     pairs = np.concatenate([pairs[tight], np.column_stack([started, start[started]])])
-    sizes = np.append(sizes[tight], h[started])
-    order = np.lexsort((paths.ids[pairs[:, 1]], sizes, pairs[:, 0]))
-    return pairs[order], sizes[order]
+    along = np.append(along[tight], h[started])
+    return pairs[np.lexsort((pairs[:, 1], along, pairs[:, 0]))]

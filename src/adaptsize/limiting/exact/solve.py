@@ -20,7 +20,7 @@ from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.candidates import Component, candidates_of, sources_on_cells
 from adaptsize.limiting.exact.expansion import expand_from_nodes
 from adaptsize.limiting.exact.field import Entries, ExactField, Points, node_entries
-from adaptsize.limiting.exact.origins import Paths, complete
+from adaptsize.limiting.exact.origins import complete
 from adaptsize.limiting.exact.plane import (
     Plane,
     along_walls,
@@ -31,7 +31,6 @@ from adaptsize.limiting.exact.plane import (
     with_corners,
 )
 from adaptsize.limiting.problem import TooManyCorners
-from adaptsize.ranks import SingleRank
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 # Sizes that differ by less than this share are equal.
@@ -328,18 +327,13 @@ def _solve_in_space(component: Component, boundary: FlatBoundary) -> ComponentSo
 def _name_all(component: Component, found: ComponentSolution, start: IntArray) -> None:
     """Name the sources of sizes that come along edges (In/Out: found)."""
     mesh, h = component.mesh, found.h
-    named, bend = found.named(), found.bends()
+    named, bend = found.named(), found.bends().copy()
     if len(bend) == 0:
         bend = np.full(mesh.points.shape, np.nan)
     known: BoolArray = (found.source >= 0) | (h >= component.h0)
-    if known.all():
-        return
-    rows = np.column_stack([named, np.where(np.isnan(bend), np.inf, bend)])
-    ids = np.arange(mesh.n_points)
-    paths = Paths(mesh.points, ids, mesh.edges, h, component.g, start)
-    complete(paths, rows, known, SingleRank(), lambda values, how: values)
-    found.nodes, bend = rows[:, : mesh.dim].astype(np.int32), rows[:, mesh.dim :]
-    found.bend = np.where(np.isinf(bend), np.nan, bend)
+    if not known.all():
+        complete(mesh, (h, component.g), start, (named, bend), known)
+        found.nodes, found.bend = named, bend
 
 
 def _along_edges(component: Component) -> ComponentSolution:
