@@ -14,7 +14,7 @@ import numpy as np
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.exact import FLAT, fill_values
 from adaptsize._kernels.local_updates import SPACE, distance
-from adaptsize._kernels.vectors import between, cross, dot, norm
+from adaptsize._kernels.vectors import between, cross, dot, norm, without
 
 # Gradients below g by less than this are treated as steep, so that rounding loses no source.
 _NEARLY = 1.0 - 1e-9
@@ -372,15 +372,9 @@ def list_faces(points, axes, cells, steep, h0, h, g, faces):
                 i, j = j, i
             if not (h0[i] < math.inf and h0[j] < math.inf and h0[k] < math.inf):
                 continue
-            a11 = a12 = a22 = w1 = w2 = 0.0
             o = cells[c, v]
-            for d in range(3):
-                e1, e2 = points[j, d] - points[i, d], points[k, d] - points[i, d]
-                a11 += e1 * e1
-                a12 += e1 * e2
-                a22 += e2 * e2
-                w1 += e1 * (points[o, d] - points[i, d])
-                w2 += e2 * (points[o, d] - points[i, d])
+            e1, e2, w = between(points, i, j), between(points, i, k), between(points, i, o)
+            a11, a12, a22, w1, w2 = dot(e1, e1), dot(e1, e2), dot(e2, e2), dot(e1, w), dot(e2, w)
             r1, r2 = h0[j] - h0[i], h0[k] - h0[i]
             det = a11 * a22 - a12 * a12
             if det <= FLAT * a11 * a22:
@@ -393,10 +387,8 @@ def list_faces(points, axes, cells, steep, h0, h, g, faces):
             if grown <= min(h0[i], h0[j], h0[k]):
                 continue
             p1, p2 = (a22 * w1 - a12 * w2) / det, (a11 * w2 - a12 * w1) / det
-            height2 = 0.0
-            for d in range(3):
-                foot = p1 * (points[j, d] - points[i, d]) + p2 * (points[k, d] - points[i, d])
-                height2 += (points[o, d] - points[i, d] - foot) ** 2
+            height = without(without(w, p1, e1), p2, e2)
+            height2 = dot(height, height)
             slope = math.inf
             if height2 > FLAT * (a11 + a22):
                 slope = (h0[o] - h0[i] - p1 * r1 - p2 * r2) / math.sqrt(height2) + _ROUNDING * g

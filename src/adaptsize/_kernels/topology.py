@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
+from adaptsize._kernels.vectors import between, cross, dot
 
 
 @lean_kernel
@@ -183,22 +184,14 @@ def _signed_measure(points, axes, cells, c):
     The measure is twice the area of a triangle, and six times the volume of a tetrahedron.
     """
     i, j, k = cells[c, 0], cells[c, 1], cells[c, 2]
-    ax, ay = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
-    bx, by = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1]
     if len(axes) == 2:
+        ax, ay = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+        bx, by = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1]
         return ax * by - ay * bx, max(ax * ax + ay * ay, bx * bx + by * by)
-    m = cells[c, len(axes)]
-    z = len(axes) - 1  # of triangles, this is never used, but compiled
-    az, bz, cz = (
-        points[j, z] - points[i, z],
-        points[k, z] - points[i, z],
-        points[m, z] - points[i, z],
-    )
-    cx, cy = points[m, 0] - points[i, 0], points[m, 1] - points[i, 1]
-    nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-    longest = max(ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz)
-    longest = max(longest, cx * cx + cy * cy + cz * cz)
-    return nx * cx + ny * cy + nz * cz, longest * math.sqrt(longest)
+    u, v = between(points, i, j), between(points, i, k)
+    w = between(points, i, cells[c, len(axes)])
+    longest = max(dot(u, u), dot(v, v), dot(w, w))
+    return dot(cross(u, v), w), longest * math.sqrt(longest)
 
 
 @lean

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -20,9 +20,6 @@ from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import unique_rows
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
-
-if TYPE_CHECKING:
-    from adaptsize.limiting.exact.space import Network
 
 # Points per chunk, some milliseconds; Ctrl-C takes effect between chunks.
 _CHUNK = 512 * BLOCK
@@ -206,8 +203,6 @@ class ExactField:
     linear: bool
     """Whether edges and faces may be among the entries; their kernels take longer to compile."""
     groups: list[Entries] = field(default_factory=list)
-    network: Network | None = None
-    """Paths over reflex edges, in a solid that is not convex."""
     radius: float | None = None
     """Radius of a sphere around 0 along which distances run; all entries are nodes then."""
 

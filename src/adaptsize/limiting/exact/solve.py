@@ -124,19 +124,19 @@ def _solve_by_expansion(
 ) -> ComponentSolution | None:
     """Solve by triangular expansion; None if sources are not at nodes only, or cells overlap.
 
-    Sizes between the nodes are interpolated if corners are too many.
+    Whether edges are sources is known at the end, and is worth the search if corners are too many.
+    Sizes between the nodes are interpolated then.
     """
-    if component.extra is not None:
-        return None
     nodes, steep = candidates_of(component)
+    steep = steep if component.face_sources else None
+    if component.extra is not None or not (steep is None or too_many):
+        return None
     expanded = expand_from_nodes(component, boundary, nodes)
     if expanded is None:
         return None
     h, root, bend = expanded
-    if component.face_sources and steep is not None:
-        edges = sources_on_cells(component, steep, h)
-        if edges is not None:
-            return None
+    if steep is not None and sources_on_cells(component, steep, h) is not None:
+        return None
     n_uses = np.bincount(root[np.isfinite(h)], minlength=len(h))
     used = np.flatnonzero(n_uses).astype(np.int32)
     field = ExactField(component.g, None, False)
@@ -310,7 +310,6 @@ def _solve_in_space(component: Component, boundary: FlatBoundary) -> ComponentSo
     spread = partial(limit_along_edges, mesh, g=g, report=component.workers.report)
     bounds = Bounds(h0, lower, place[source], spread)
     result = solve_in_space(solid, SolidSources(table, named[order]), bounds, g, component.workers)
-    field.network = result.network
     found = ComponentSolution(
         result.h,
         np.append(order, np.int32(-1))[result.entry],

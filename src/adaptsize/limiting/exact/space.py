@@ -48,8 +48,6 @@ class Network:
     n_sources: int
     depth: IntArray
     """int32[w]: number of edges of each path."""
-    used: Choice | None = None
-    """All paths in use at the end, except the straight paths from sources."""
 
     @property
     def faces(self) -> bool | None:
@@ -305,8 +303,6 @@ class SpaceResult(NamedTuple):
     """bool[n]: the size is exact, since ``h`` equals ``lower``."""
     lower: FloatArray
     """float64[n]: the smallest size that the sources allow, without regard to visibility."""
-    network: Network | None
-    """Paths that determine the size at any point; None if each node sees its source."""
     finished: bool
     """Whether sizes along reflex edges converged within the largest number of iterations."""
 
@@ -383,7 +379,7 @@ def solve_in_space(
     h = spread(np.where(sizes <= nearly, lower, sizes))
     entry, start, bend = _origins(network, field, sizes, h)
     proved = h <= lower + _EQUAL * np.abs(lower)
-    return SpaceResult(h, entry, start, bend, proved, lower, network, finished)
+    return SpaceResult(h, entry, start, bend, proved, lower, finished)
 
 
 def _solve_hidden(network: Network, field: Field, hidden: IntArray, workers: Workers) -> bool:
@@ -409,9 +405,8 @@ def _solve_hidden(network: Network, field: Field, hidden: IntArray, workers: Wor
         fallen = before - field.sizes[reflex_nodes]
         changed = np.flatnonzero(fallen > _EQUAL * np.abs(before)).astype(np.int32)
     network.set_reflex_nodes(field.sizes[reflex_nodes])
-    network.used = network.choice(_in_use(network, field))
     rest = hidden[~np.isin(hidden, reflex_nodes)]
-    network.lower(rest, network.used, field, workers)
+    network.lower(rest, network.choice(_in_use(network, field)), field, workers)
     return len(changed) == 0
 
 
