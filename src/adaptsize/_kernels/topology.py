@@ -251,12 +251,8 @@ def sum_facets(points, axes, cells, sums):
         else:
             m = cells[c, len(axes)]
             e = _random(m)
-            a2, b2, d2, e2 = (
-                a ^ (a >> _SHIFT),
-                b ^ (b >> _SHIFT),
-                d ^ (d >> _SHIFT),
-                e ^ (e >> _SHIFT),
-            )
+            a2, b2 = a ^ (a >> _SHIFT), b ^ (b >> _SHIFT)
+            d2, e2 = d ^ (d >> _SHIFT), e ^ (e >> _SHIFT)
             ab, ad, ae = a * b2 - b * a2, a * d2 - d * a2, a * e2 - e * a2
             bd, be, de = b * d2 - d * b2, b * e2 - e * b2, d * e2 - e * d2
             sums[i] += bd + de - be

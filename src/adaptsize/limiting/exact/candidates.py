@@ -18,8 +18,11 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
 
-# Share of the largest size by which a source must be better to make another one unnecessary.
-_MARGIN = 1e-9
+#: Sizes that differ by less than this share are equal.
+EQUAL = 1e-12
+
+#: Share by which sizes of paths may exceed those along edges of the mesh that they explain.
+TIE = 1e-10
 
 
 class Extra(NamedTuple):
@@ -92,7 +95,8 @@ class Component(NamedTuple):
 
 def margin_for(least: float, g: float, diagonal: float) -> float:
     """Return the margin of a problem with a least bound in a domain of a given diagonal."""
-    return _MARGIN * (least + g * diagonal)
+    # A source must be better by this share of the largest size to make another one unnecessary.
+    return 1e-9 * (least + g * diagonal)
 
 
 def candidates_of(component: Component) -> tuple[IntArray, BoolArray | None]:

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from adaptsize.background import SimplexMesh
+from adaptsize.limiting.exact.candidates import TIE
 from adaptsize.typing import BoolArray, FloatArray, IntArray
-
-# Share by which sizes along edges may exceed the size at a node that they explain.
-_TIE = 1e-10
 
 
 def complete(
@@ -64,7 +62,7 @@ def _candidates(
     pairs = pairs[~known[pairs[:, 0]] & (start[pairs[:, 0]] < 0)]
     length = np.linalg.norm(mesh.points[pairs[:, 0]] - mesh.points[pairs[:, 1]], axis=1)
     along = h[pairs[:, 1]] + g * length
-    tight = along <= h[pairs[:, 0]] * (1.0 + _TIE)
+    tight = along <= h[pairs[:, 0]] * (1.0 + TIE)
     started = np.flatnonzero(~known & (start >= 0)).astype(np.int32)
     pairs = np.concatenate([pairs[tight], np.column_stack([started, start[started]])])
     along = np.append(along[tight], h[started])

@@ -20,7 +20,7 @@ from adaptsize.background.grid import both_ways
 from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
 from adaptsize.geometry.convexity import is_convex
 from adaptsize.limiting.edge_based import EdgeBased
-from adaptsize.limiting.exact.candidates import Component, Extra, margin_for
+from adaptsize.limiting.exact.candidates import EQUAL, Component, Extra, margin_for
 from adaptsize.limiting.exact.field import (
     Entries,
     ExactField,
@@ -38,9 +38,6 @@ from adaptsize.limiting.exact.solve import (
 from adaptsize.limiting.periodic import Periodicity
 from adaptsize.limiting.problem import PointBounds, Problem, Scheme, Solution
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
-
-# Sizes that differ by less than this share are equal.
-_EQUAL = 1e-12
 
 # Points this far outside, relative to the diagonal of the background, count as inside.
 OUTSIDE = 1e-9
@@ -189,7 +186,7 @@ class Exact(Scheme):
         while True:
             along = by_edges.solve(replace(problem, h0=h)).h
             with np.errstate(invalid="ignore"):
-                lowered = along < h * (1.0 - _EQUAL)
+                lowered = along < h * (1.0 - EQUAL)
             if not lowered.any():
                 break
             seeds = np.where(lowered, along, np.inf).ravel()
@@ -198,7 +195,7 @@ class Exact(Scheme):
             unfinished = unfinished or more.unfinished
             lower = np.minimum(along, more.h.reshape(h.shape))
             if grid.dim == 3:
-                n_later += int(np.count_nonzero(lower < h * (1.0 - _EQUAL)))
+                n_later += int(np.count_nonzero(lower < h * (1.0 - EQUAL)))
             h, parts = lower, []
         n_proved = solution.n_proved - int(np.count_nonzero(~grid.active)) - n_later
         return replace(solution, h=h, unfinished=unfinished, parts=parts, n_proved=max(0, n_proved))
@@ -428,7 +425,11 @@ def _images(found: ComponentSolution, periodicity: Periodicity) -> Entries | Non
         return None
     box = np.stack([places.min(axis=1), places.max(axis=1)])
     least, largest, g = sizes.min(axis=1), float(found.h.max()), found.field.g
-    lower, upper = _corners(periodicity.domain)
+    domain = periodicity.domain
+    if isinstance(domain, CartesianGrid):
+        lower, upper = domain.lower, domain.upper
+    else:
+        lower, upper = domain.points.min(axis=0), domain.points.max(axis=0)
     tables, named = [], []
     for shift in periodicity.shifts():
         gap = np.maximum(0.0, np.maximum(box[0] + shift - upper, lower - box[1] - shift))
@@ -438,12 +439,6 @@ def _images(found: ComponentSolution, periodicity: Periodicity) -> Entries | Non
             tables.append(np.concatenate([moved, sizes[reach]], axis=1))
             named.append(nodes[reach])
     return sorted_entries(np.concatenate(tables), np.concatenate(named)) if tables else None
-
-
-def _corners(domain: SimplexMesh | CartesianGrid) -> tuple[FloatArray, FloatArray]:
-    if isinstance(domain, CartesianGrid):
-        return domain.lower, domain.upper
-    return domain.points.min(axis=0), domain.points.max(axis=0)
 
 
 def limit_points(

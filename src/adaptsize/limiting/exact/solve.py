@@ -17,7 +17,7 @@ from adaptsize.background._curve import along_curve
 from adaptsize.geometry.boundary import FlatBoundary, plane_boundary
 from adaptsize.geometry.convexity import count_corners
 from adaptsize.limiting.edge_based import limit_along_edges
-from adaptsize.limiting.exact.candidates import Component, candidates_of, sources_on_cells
+from adaptsize.limiting.exact.candidates import EQUAL, Component, candidates_of, sources_on_cells
 from adaptsize.limiting.exact.expansion import expand_from_nodes
 from adaptsize.limiting.exact.field import Entries, ExactField, Points, node_entries
 from adaptsize.limiting.exact.origins import complete
@@ -32,9 +32,6 @@ from adaptsize.limiting.exact.plane import (
 )
 from adaptsize.limiting.problem import TooManyCorners
 from adaptsize.typing import BoolArray, FloatArray, IntArray
-
-# Sizes that differ by less than this share are equal.
-_EQUAL = 1e-12
 
 
 @dataclass(eq=False)
@@ -157,7 +154,7 @@ def field_of_plane(
 ) -> ExactField:
     """Return the field of sources at nodes, with the corners, if the sizes at nodes are known."""
     plane = plane_of(mesh.points, plane_boundary(mesh, boundary))
-    plane.sizes[:] = h[plane.nodes] * (1.0 + _EQUAL)  # paths to the corners are found anew
+    plane.sizes[:] = h[plane.nodes] * (1.0 + EQUAL)  # paths to the corners are found anew
     entries = at_nodes(node_entries(mesh.points[sources], h[sources], sources), plane)
     entries = with_corners(entries, g, plane, False, silent)
     return ExactField(g, plane.sight, False, [entries])
@@ -355,7 +352,7 @@ def _keep_edges(component: Component, found: ComponentSolution) -> None:
     mesh, g = component.mesh, component.g
     along = limit_along_edges(mesh, found.h, g, component.workers.report)
     with np.errstate(invalid="ignore"):
-        lowered = along < found.h * (1.0 - _EQUAL)
+        lowered = along < found.h * (1.0 - EQUAL)
     if len(found.field.groups[0].nodes) and not lowered.any():
         return
     found.h[lowered] = along[lowered]
@@ -367,7 +364,7 @@ def _keep_edges(component: Component, found: ComponentSolution) -> None:
     for entries in found.field.groups:
         unhidden.add(entries)
         unhidden.lower_by_last(points, lower, source, component.workers)
-    found.lower, found.proved = lower, found.h <= lower * (1.0 + _EQUAL)
+    found.lower, found.proved = lower, found.h <= lower * (1.0 + EQUAL)
 
 
 def survivors_of(

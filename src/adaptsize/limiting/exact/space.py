@@ -18,6 +18,7 @@ from adaptsize._kernels.space_paths import LONGEST, Bases, Choice, Field, Ways, 
 from adaptsize._kernels.space_sight import Sight
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
+from adaptsize.limiting.exact.candidates import EQUAL, TIE
 from adaptsize.limiting.exact.field import Workers, boxes_over, node_table
 from adaptsize.limiting.exact.solid import GRAZING, ReflexEdges, build_sight, find_reflex_edges
 from adaptsize.typing import BoolArray, FloatArray, IntArray
@@ -25,13 +26,6 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.geometry.boundary import FlatBoundary
-
-# Sizes that differ by less than this share are equal.
-_EQUAL = 1e-12
-
-# Share by which paths may be longer than those along edges of the mesh.
-_TIE = 1e-10
-
 
 # Largest number of iterations; each allows paths one more bend.
 _ROUNDS = 200
@@ -358,7 +352,7 @@ def solve_in_space(
     h0, lower, nearest, spread = bounds
     n, nodes, reflex_nodes = len(solid.points), solid.nodes, solid.reflex_edges.nodes
     network = _network_of(*sources, g, solid.sight, solid.reflex_edges)
-    nearly = lower + _EQUAL * np.abs(lower)
+    nearly = lower + EQUAL * np.abs(lower)
     field = Field(nearly.copy(), np.full(n, -1, np.int32), np.full((n, 3), np.nan))
     none = network.choice(np.empty(0, np.int32))
     on_reflex_edge = np.isin(nodes, reflex_nodes)
@@ -370,7 +364,7 @@ def solve_in_space(
     upper = spread(np.where(proved, lower, h0))
     proved |= np.isinf(upper)  # not reached by any source
     # Keep paths as short as those along edges of the mesh: they may continue over other edges.
-    field.sizes[:] = np.where(proved, np.minimum(lower, upper), upper + _TIE * np.abs(upper))
+    field.sizes[:] = np.where(proved, np.minimum(lower, upper), upper + TIE * np.abs(upper))
     hidden = nodes[~proved[nodes]]
     finished = True
     if len(hidden):
@@ -378,7 +372,7 @@ def solve_in_space(
     sizes = np.maximum(np.minimum(field.sizes, upper), lower)
     h = spread(np.where(sizes <= nearly, lower, sizes))
     entry, start, bend = _origins(network, field, sizes, h)
-    proved = h <= lower + _EQUAL * np.abs(lower)
+    proved = h <= lower + EQUAL * np.abs(lower)
     return SpaceResult(h, entry, start, bend, proved, lower, finished)
 
 
@@ -403,7 +397,7 @@ def _solve_hidden(network: Network, field: Field, hidden: IntArray, workers: Wor
         before = field.sizes[reflex_nodes]
         network.lower(order, network.choice(fresh), field, workers)
         fallen = before - field.sizes[reflex_nodes]
-        changed = np.flatnonzero(fallen > _EQUAL * np.abs(before)).astype(np.int32)
+        changed = np.flatnonzero(fallen > EQUAL * np.abs(before)).astype(np.int32)
     network.set_reflex_nodes(field.sizes[reflex_nodes])
     rest = hidden[~np.isin(hidden, reflex_nodes)]
     network.lower(rest, network.choice(_in_use(network, field)), field, workers)
@@ -429,7 +423,7 @@ def _origins(
     reached = np.flatnonzero(field.way >= 0)  # none if the bounds satisfy the limit
     base, bend = np.full(len(h), -1, ways.base.dtype), np.full_like(field.last, np.nan)
     base[reached] = ways.base[field.way[reached]]
-    base[h < sizes * (1.0 - _TIE)] = -1
+    base[h < sizes * (1.0 - TIE)] = -1
     bent = reached[ways.edge[field.way[reached]] >= 0]
     bend[bent] = field.last[bent]
     entry = np.where(base < m, base, -1).astype(np.int32)
