@@ -14,7 +14,6 @@ from adaptsize._checks import as_flag, as_path, one_of
 from adaptsize._formats import assembly, raster, readers, sizes, writers
 from adaptsize._formats.blocks import KINDS
 from adaptsize._formats.completeness import check_end
-from adaptsize._formats.gmsh import refuse_split
 from adaptsize._formats.guards import about_file, check_readable, is_special, write_whole
 from adaptsize._formats.limited import read_limited
 from adaptsize._formats.polygons import polygons
@@ -82,9 +81,6 @@ def read(
     *STL* files have no shared nodes.  Corners are merged if their coordinates are equal, not
     if they are close.
 
-    *Partitions.*  Those in one file of Gmsh (text of version 4.1) are merged, without ghost cells.
-    `distributed.read_parts` reads one file per partition, and keeps partitions apart.
-
     *Tags.*  The first integer cell field that is not zero everywhere, among the names that
     programs use (``cell_tags``, ``gmsh:physical``, ``medit:ref``, ``region``, ``tag``,
     ``gmsh:geometrical``, ...), becomes ``cell_tags``.  Other fields stay in ``cell_data``.
@@ -112,8 +108,6 @@ def read(
         one_of("kind", kind, tuple(KINDS))
     notes: list[str] = []
     try:
-        refuse_split(file)
-        check_readable(file)
         raw = readers.load(file)
         notes.extend(raw.notes)
         mesh = assembly.build(raw, kind=kind, flatten=flatten, notes=notes)

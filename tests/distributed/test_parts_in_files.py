@@ -1,17 +1,16 @@
-"""Distributed meshes in files: PVTU, partitioned meshes of Gmsh, and files of one piece."""
+"""Distributed meshes in files: VTKHDF, PVTU, and files of one piece."""
 
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from simulated_ranks import SimulatedCommunicator
+from vtkmodules.util.numpy_support import vtk_to_numpy
 
 from adaptsize import SimplexMesh, read, write
 from adaptsize.background.migration import NODE_NUMBERS
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.distributed.files import read_parts, write_parts
-from adaptsize.errors import MeshFileError
-
-DATA = Path(__file__).parent / "data"
 
 
 def _gathered(path, n_ranks):
@@ -22,53 +21,6 @@ def _gathered(path, n_ranks):
 
 def _with_whole(part):
     return part, part.gather()
-
-
-@pytest.mark.parametrize("name", ["split.msh", "partitioned.msh"])
-@pytest.mark.parametrize("n_ranks", [1, 2, 3])
-def test_partitions_of_gmsh(name, n_ranks):
-    whole, n_cells = _gathered(DATA / name, n_ranks)
-    assert (whole.n_points, whole.n_cells, whole.dim) == (98, 162, 2)
-    assert whole.measures.sum() == pytest.approx(1.0, abs=1e-12)
-    assert len(whole.boundary().cells) == 32  # no gap between the partitions
-    assert (whole.cell_tags == 5).all()
-    assert whole.tag_names == {(1, 6): "wall", (2, 5): "plate"}
-    # The group "wall" is the side y = 0 of the square.
-    on_wall = (whole.points[whole.tagged_facets, 1] < 1e-12).all(axis=1)
-    assert on_wall.all()
-    assert len(on_wall) == 8
-    assert n_cells == {1: [162], 2: [81, 81], 3: [81, 81, 0]}[n_ranks]
-
-
-def test_one_process_merges_the_partitions_in_a_file():
-    mesh, part = read(DATA / "partitioned.msh"), read_parts(DATA / "partitioned.msh").mesh
-    for name in ("points", "cells", "cell_tags", "tagged_facets", "facet_tags"):
-        assert np.array_equal(getattr(mesh, name), getattr(part, name))
-    assert mesh.tag_names == part.tag_names
-    assert read(DATA / "split_1.msh").n_cells == 81
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "text"),
-    [
-        ("4.1 0 8", "4 0 8", "must therefore be a text file of version 4.1"),
-        ("$EndPartitionedEntities", "", "is truncated"),
-        ("$EndElements", "", "is truncated"),
-    ],
-)
-def test_other_and_damaged_partitioned_files_are_one_error(tmp_path, old, new, text):
-    path = tmp_path / "a.msh"
-    path.write_text((DATA / "partitioned.msh").read_text().replace(old, new))
-    with pytest.raises(MeshFileError, match=rf"a\.msh: [^\n]*{text}"):
-        read(path)
-
-
-def test_damaged_partition_is_reported_by_all_ranks(tmp_path):
-    text = (DATA / "split_2.msh").read_text()
-    (tmp_path / "a_1.msh").write_text((DATA / "split_1.msh").read_text())
-    (tmp_path / "a_2.msh").write_text(text[: text.index("$Elements") + 200])
-    with pytest.raises(MeshFileError, match=r"rank 1: .*a_2\.msh.*elements"):
-        _gathered(tmp_path / "a.msh", 2)
 
 
 def _cube(n):
@@ -91,28 +43,101 @@ def _cube(n):
     )
 
 
-@pytest.mark.parametrize("n_read", [1, 2, 5])
-def test_pvtu_is_read_as_written(tmp_path, n_read):
-    mesh = _cube(4)
-    path = tmp_path / "mesh.pvtu"
+@pytest.mark.parametrize(("n_written", "n_read"), [(2, 4), (4, 2), (3, 1)])
+def test_one_file_of_all_ranks_is_read_as_written(tmp_path, n_written, n_read, monkeypatch):
+    mesh = replace(_cube(4), tag_names={(3, 1): "ä b", (2, 7): "skin"})
+    path = tmp_path / "mesh.vtkhdf"
     write(tmp_path / "whole.vtu", mesh)
 
     def save(comm):
         part = read_parts(tmp_path / "whole.vtu", comm)
         return write_parts(path, part, fields={"h0": part.points[:, 2] + 1.0})
 
-    files = SimulatedCommunicator.run(3, save)[1]
-    assert [file.name for file in files] == ["mesh.pvtu"] + [f"mesh_000{r}.vtu" for r in range(3)]
-    whole, _ = _gathered(path, n_read)
+    with monkeypatch.context() as patch:
+        patch.delattr(PartitionedMesh, "gather")  # no rank holds the whole mesh
+        assert SimulatedCommunicator.run(n_written, save) == [path] * n_written
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["mesh.vtkhdf", "whole.vtu"]
+    whole, n_cells = _gathered(path, n_read)
+    assert sum(n > 0 for n in n_cells) == min(n_read, n_written)
+    for found in (whole, read(path)):
+        assert np.array_equal(found.points, mesh.points)  # the numbers of nodes are kept
+        assert {tuple(cell) for cell in np.sort(found.cells).tolist()} == {
+            tuple(cell) for cell in np.sort(mesh.cells).tolist()
+        }
+        centres = found.points[found.cells].mean(axis=1)
+        assert np.array_equal(found.cell_tags, 1 + (centres[:, 0] > 0.5))
+        assert found.cell_data["u"] == pytest.approx(centres[:, 1], abs=1e-15)
+        assert np.array_equal(found.point_data["h0"], found.points[:, 2] + 1.0)
+        assert {tuple(sorted(f)) for f in found.tagged_facets.tolist()} == {
+            tuple(sorted(f)) for f in mesh.tagged_facets.tolist()
+        }
+        assert found.tag_names == mesh.tag_names
+
+
+def test_the_reader_of_vtk_finds_the_parts_of_all_ranks(tmp_path):
+    from vtkmodules.vtkIOHDF import vtkHDFReader
+
+    write(tmp_path / "whole.vtu", _cube(3))
+    path = tmp_path / "mesh.vtkhdf"
+    parts = SimulatedCommunicator.run(4, lambda comm: _written(path, tmp_path / "whole.vtu", comm))
+    reader = vtkHDFReader()
+    reader.SetFileName(str(path))
+    reader.Update()
+    found = reader.GetOutputDataObject(0)
+    assert found.GetNumberOfPartitions() == 4
+    for rank, part in enumerate(parts):
+        own = found.GetPartition(rank)
+        assert np.array_equal(vtk_to_numpy(own.GetPoints().GetData()), part.points)
+        ids = vtk_to_numpy(own.GetPointData().GetArray(NODE_NUMBERS))
+        assert np.array_equal(ids, part.global_ids)
+        assert own.GetNumberOfCells() == part.n_cells + len(part.mesh.tagged_facets)
+
+
+def _written(path, source, comm):
+    part = read_parts(source, comm)
+    write_parts(path, part)
+    return part
+
+
+def test_a_file_in_turn_is_written_completely_or_not_at_all(tmp_path, monkeypatch):
+    write(tmp_path / "whole.vtu", _cube(3))
+    path = tmp_path / "mesh.vtkhdf"
+    path.write_text("old")
+
+    def save(comm):
+        part = read_parts(tmp_path / "whole.vtu", comm)
+        write_parts(path, part, fields={"a/b" if comm.rank == 1 else "ab": np.ones(part.n_points)})
+
+    with pytest.raises(ValueError, match=r"rank 1: .*cannot hold the name 'a/b'"):
+        SimulatedCommunicator.run(2, save)
+    assert path.read_text() == "old"
+    with pytest.raises(ValueError, match="no directory"):
+        SimulatedCommunicator.run(2, lambda c: _written(tmp_path / "x" / path.name,
+                                                        tmp_path / "whole.vtu", c))  # fmt: skip
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["mesh.vtkhdf", "whole.vtu"]
+
+
+def _list_pieces(path, names, arrays=""):
+    pieces = "".join(f'<Piece Source="{name}"/>' for name in names)
+    path.write_text(
+        '<VTKFile type="PUnstructuredGrid" version="0.1" byte_order="LittleEndian">'
+        f'<PUnstructuredGrid GhostLevel="0">{arrays}<PPoints><PDataArray type="Float64" '
+        f'Name="Points" NumberOfComponents="3"/></PPoints>{pieces}</PUnstructuredGrid></VTKFile>'
+    )
+
+
+def test_pieces_without_numbers_are_joined_by_coordinates(tmp_path):
+    mesh = _cube(4)
+    pieces = []
+    for number, own in enumerate(np.array_split(np.arange(mesh.n_cells), 2)):
+        nodes, local = np.unique(mesh.cells[own], return_inverse=True)
+        piece = SimplexMesh(mesh.points[nodes], local.reshape(-1, 4))
+        write(tmp_path / f"p{number}.vtu", piece)
+        pieces.append(f"p{number}.vtu")
+    _list_pieces(tmp_path / "a.pvtu", pieces)
+    whole, _ = _gathered(tmp_path / "a.pvtu", 2)
     assert (whole.n_points, whole.n_cells) == (mesh.n_points, mesh.n_cells)
-    assert np.array_equal(whole.points, mesh.points)  # the numbers of nodes are kept
-    centres = whole.points[whole.cells].mean(axis=1)
-    assert np.array_equal(whole.cell_tags, 1 + (centres[:, 0] > 0.5))
-    assert whole.cell_data["u"] == pytest.approx(centres[:, 1], abs=1e-15)
-    assert np.array_equal(whole.point_data["h0"], whole.points[:, 2] + 1.0)
-    assert {tuple(sorted(f)) for f in whole.tagged_facets.tolist()} == {
-        tuple(sorted(f)) for f in mesh.tagged_facets.tolist()
-    }
+    assert len(whole.boundary().cells) == len(mesh.boundary().cells)
 
 
 def test_ghost_cells_are_left_out(tmp_path):
@@ -125,9 +150,11 @@ def test_ghost_cells_are_left_out(tmp_path):
         square.with_data(cell_data={"vtkGhostType": [1, 0]}),
         fields={NODE_NUMBERS: np.arange(4)},
     )
-    (tmp_path / "m.pvtu").write_text(
-        '<VTKFile><PUnstructuredGrid><Piece Source="a.vtu"/><Piece Source="b.vtu"/>'
-        "</PUnstructuredGrid></VTKFile>"
+    _list_pieces(
+        tmp_path / "m.pvtu",
+        ["a.vtu", "b.vtu"],
+        f'<PPointData><PDataArray type="Int64" Name="{NODE_NUMBERS}"/></PPointData>'
+        '<PCellData><PDataArray type="UInt8" Name="vtkGhostType"/></PCellData>',
     )
     whole, n_cells = _gathered(tmp_path / "m.pvtu", 2)
     assert n_cells == [1, 1]

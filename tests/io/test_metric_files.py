@@ -87,47 +87,26 @@ def test_binary_solutions_are_read(tmp_path, version, order):
     assert sizes == pytest.approx(np.array([[0.5] * 3, [2.0] * 3]))
 
 
-@pytest.mark.parametrize("kind", MESHES)
-def test_views_of_gmsh_are_read_as_meshes_with_a_field(tmp_path, kind):
-    mesh = MESHES[kind] or MESHES["tetrahedra"].boundary().mesh
-    metric = random_metric(mesh)
-    ads.write(tmp_path / "view.pos", MetricFunction(mesh, metric))
-    back = ads.read(tmp_path / "view.pos")
-    assert back.n_cells == mesh.n_cells
-    assert back.points[back.cells] == pytest.approx(mesh.points[mesh.cells])
-    found = ads.read_metric(tmp_path / "view.pos")
-    assert found.matrices[back.cells] == pytest.approx(metric.matrices[mesh.cells])
-
-
-VIEW = 'View "h" {\nST(0,0,0,1,0,0,0,1,0){1,2,3};\n};\n'
-
-
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
         ("part.sol", SOL.replace("Dimension 2", ""), "lacks Dimension"),
         ("part.sol", SOL.replace("1 3", "1 2"), "must hold one size"),
-        ("part.sol", SOL.replace("\n2\n", "\n3\n"), "something else than numbers, or ends early"),
+        ("part.sol", SOL.replace("\n2\n", "\n3\n"), "ends after 6 of 9 numbers"),
         ("part.sol", SOL.replace("4 1 9\n\nEnd\n", "4 1"), "ends after 5 of 6 numbers"),
         ("part.sol", SOL.replace("4 1 9", "4 7 9"), "must be positive definite"),
         ("part.sol", SOL.replace("4 1 9", "4 nan 9"), "must be finite"),
         ("part.sol", SOL.replace("Dimension 2", "Dimension 4"), "must hold one size"),
         ("part.sol", "\xff", "not a text file"),
         ("part.solb", b"", "empty"),
-        ("part.solb", b"MeshVersionFormatted 2", "does not begin as a binary"),
-        ("part.solb", solb(2, "<", VALUES)[:60], "ends after 2 of 12"),
-        ("part.solb", solb(2, "<", VALUES)[:20], "ends early, or is damaged"),
-        ("part.solb", solb(5, "<", VALUES), "has version 5"),
+        ("part.solb", b"MeshVersionFormatted 2", "not a binary file of Medit"),
+        ("part.solb", solb(2, "<", VALUES)[:60], "is truncated"),
+        ("part.solb", solb(2, "<", VALUES)[:20], "is truncated"),
+        ("part.solb", solb(5, "<", VALUES), "of version 1 to 4"),
         ("part.solb", solb(2, "<", VALUES, kinds=(3, 1)), "must hold one size"),
-        ("part.solb", solb(2, "<", VALUES, kinds=(7,)), "types \\[7\\]"),
-        ("part.solb", solb(2, "<", VALUES, n=-1), "has -1 nodes"),
+        ("part.solb", solb(2, "<", VALUES, kinds=(7,)), "the first of type 7"),
+        ("part.solb", solb(2, "<", VALUES, n=-1), "got -1 nodes"),
         ("part.solb", solb(2, "<", VALUES, dim=4), "in 4-D"),
-        ("part.pos", VIEW[:-4], "ends early, or holds something else"),
-        ("part.pos", VIEW + VIEW, "must hold one list-based|something else"),
-        ("part.pos", 'View "h" {};', "a view without elements"),
-        ("part.pos", VIEW.replace("ST(", "SQ("), "holds elements SQ"),
-        ("part.pos", VIEW.replace("1,2,3}", "1,2}"), "2 numbers instead of 3"),
-        ("part.pos", VIEW.replace("1,2,3}", "1,two,3}"), "something else than numbers"),
     ],
 )
 def test_damaged_files_are_refused_in_one_line(tmp_path, name, content, message):

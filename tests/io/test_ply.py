@@ -23,7 +23,6 @@ property int id
 element face 3
 property uchar region
 property list uchar uint vertex_index
-property list uchar float texcoord
 end_header
 9 1 0.5
 9 2 0.5 0.5
@@ -32,9 +31,9 @@ end_header
 0 2 0.5 1 12
 0 1 1 1 13
 0 0 1 1 14
-7 3 0 1 3 0
-8 4 0 1 3 4 2 0.5 0.5
-6 5 0 1 2 3 4 0
+7 3 0 1 3
+8 4 0 1 3 4
+6 5 0 1 2 3 4
 """
 
 
@@ -52,20 +51,14 @@ def as_binary_ply(content, order):
         elif i < 7:
             packed.append(struct.pack(f"{order}fdddi", *map(float, row[:4]), int(row[4])))
         else:
-            n = int(row[1])
-            corners, rest = row[: 2 + n], row[2 + n :]
-            packed.append(struct.pack(f"{order}BB{n}I", *map(int, corners)))
-            packed.append(struct.pack(f"{order}B{rest[0]}f", int(rest[0]), *map(float, rest[1:])))
+            packed.append(struct.pack(f"{order}BB{row[1]}I", *map(int, row)))
     return header.replace("ascii", name).encode() + b"end_header\n" + b"".join(packed)
 
 
-@pytest.mark.parametrize("order", ["ascii", "<", ">"])
-def test_ply_elements_lists_and_fields_of_all_kinds_are_read(tmp_path, order):
-    file = tmp_path / "a.ply"
-    content = PLY_OF_ALL_TYPES
-    file.write_bytes(content.encode() if order == "ascii" else as_binary_ply(content, order))
+def test_text_ply_with_elements_lists_and_fields_of_all_kinds_is_read(tmp_path):
+    (tmp_path / "a.ply").write_text(PLY_OF_ALL_TYPES)
     with pytest.warns(InputWarning, match="1 quadrilaterals split"):
-        mesh = read(file)
+        mesh = read(tmp_path / "a.ply")
     assert mesh.points.tolist() == [[0, 0, 1], [1, 0, 1], [2, 0.5, 1], [1, 1, 1], [0, 1, 1]]
     cells, tags = mesh.cells.tolist(), mesh.cell_tags.tolist()
     assert cells[0] == [0, 1, 3]
@@ -74,3 +67,28 @@ def test_ply_elements_lists_and_fields_of_all_kinds_are_read(tmp_path, order):
     assert tags == [7, 8, 8, 6, 6, 6]
     assert mesh.point_data["id"].tolist() == [10, 11, 12, 13, 14]
     assert mesh.point_data["id"].dtype == np.int32
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_binary_ply_of_triangles_is_read_with_fields_of_nodes_and_faces(tmp_path, order):
+    content = PLY_OF_ALL_TYPES.replace("9 2 0.5 0.5", "9 1 0.5")
+    content = content.replace("8 4 0 1 3 4", "8 3 1 2 3").replace("6 5 0 1 2 3 4", "6 3 0 3 4")
+    (tmp_path / "a.ply").write_bytes(as_binary_ply(content, order))
+    mesh = read(tmp_path / "a.ply")
+    assert mesh.cells.tolist() == [[0, 1, 3], [1, 2, 3], [0, 3, 4]]
+    assert mesh.cell_tags.tolist() == [7, 8, 6]
+    assert mesh.point_data["id"].tolist() == [10, 11, 12, 13, 14]
+
+
+@pytest.mark.parametrize("name", ["vertex_index", "vertex_indices"])
+def test_binary_ply_of_triangles_and_a_quadrilateral_is_read(tmp_path, name):
+    head = (
+        "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\n"
+        "property float y\nproperty float z\nelement face 2\n"
+        f"property list uchar int {name}\nend_header\n"
+    )
+    points = struct.pack("<12f", 0, 0, 1, 1, 0, 1, 1, 1, 1, 0, 1, 1)
+    faces = struct.pack("<B3i", 3, 0, 2, 1) + struct.pack("<B4i", 4, 0, 1, 2, 3)
+    (tmp_path / "a.ply").write_bytes(head.encode() + points + faces)
+    with pytest.warns(InputWarning, match="1 quadrilaterals split"):
+        assert read(tmp_path / "a.ply").n_cells == 3

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -96,18 +96,6 @@ class RawMesh:
     notes: list[str] = field(default_factory=list)
     """What was left out, for a warning."""
 
-    def packed(self) -> dict[str, Any]:
-        """Return the attributes as lists, dictionaries with texts as keys, texts and arrays."""
-        names = [[*key, name] for key, name in self.tag_names.items()]
-        return {**vars(self), "tag_names": names}
-
-    @classmethod
-    def unpacked(cls, found: Mapping[str, Any]) -> RawMesh:
-        """Return the mesh whose attributes were packed."""
-        names = {(dim, tag): name for dim, tag, name in found["tag_names"]}
-        blocks = [(name, cells) for name, cells in found["blocks"]]
-        return cls(**{**found, "tag_names": names, "blocks": blocks})
-
 
 class Simplices(NamedTuple):
     """The cells of one dimension as simplices, and the origin of each."""
@@ -128,6 +116,11 @@ def dimension_of(cell_type: str) -> int:
     if base is not None:
         return _SHAPES[base][0]
     return 0 if cell_type == "vertex" else 3
+
+
+def name_of_polygon(n_corners: int) -> str:
+    """Return the cell type of a face."""
+    return {3: "triangle", 4: "quad"}.get(n_corners, "polygon")
 
 
 def plural(cell_type: str) -> str:
@@ -178,6 +171,32 @@ def join(pieces: Sequence[RawMesh]) -> RawMesh:
         {name: np.concatenate([piece.point_data[name] for piece in pieces]) for name in nodal},
         {name: [part for piece in pieces for part in piece.cell_data[name]] for name in of_cells},
     )
+
+
+#: Names that programs give to the numbers of nodes in the whole mesh.
+NODE_NUMBERS = ("GlobalPointIds", "GlobalNodeIds", "GlobalPointId", "GlobalNodeId")
+
+
+def numbers_of_nodes(fields: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[np.int64] | None:
+    """Return the numbers of the nodes in the whole mesh, of which this may be a part."""
+    name = next((name for name in NODE_NUMBERS if name in fields), None)
+    return None if name is None else np.asarray(fields[name]).astype(np.int64).ravel()
+
+
+def sewn(raw: RawMesh) -> RawMesh:
+    """Return the mesh with one node for those of equal number, or without numbers, equal place.
+
+    Nodes are in the order of the numbers, or of their first appearance.
+    """
+    key = numbers_of_nodes(raw.point_data)
+    if key is None:
+        key = np.unique(raw.points + 0.0, axis=0, return_inverse=True)[1].ravel()
+        first = np.unique(key, return_index=True)[1]
+        key = first[key]
+    _, first, number = np.unique(key, return_index=True, return_inverse=True)
+    point_data = {n: v[first] for n, v in raw.point_data.items() if n not in NODE_NUMBERS}
+    blocks = [(name, number[cells]) for name, cells in raw.blocks]
+    return replace(raw, points=raw.points[first], blocks=blocks, point_data=point_data)
 
 
 def simplices_of(raw: RawMesh, dim: int) -> Simplices:

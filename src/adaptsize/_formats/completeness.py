@@ -1,76 +1,21 @@
-"""Numbers in text files, and whether a file holds all that its header announces.
+"""Whether a file holds all that its header announces.
 
 The readers of other packages do not check it.
 """
 
 from __future__ import annotations
 
-import io
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize._formats import vtk
 from adaptsize._formats.blocks import RawMesh
+from adaptsize._formats.text import check_last_number
 from adaptsize.errors import MeshFileError
-
-#: No program writes numbers with more characters.
-_LONGEST = 400
-
-
-def numbers(words: Sequence[bytes] | Sequence[str], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
-    """Return the numbers of a text as an array.
-
-    Arrays of words, which numpy can convert too, have rows as long as the longest word.
-
-    Raises
-    ------
-    MeshFileError
-        If a word is not a number, or not an integer where ``dtype`` is an integer type.
-    """
-    kind = np.dtype(dtype)
-    convert: Callable[[Any], float] = int if kind.kind in "iu" else float
-    try:
-        return np.fromiter(map(convert, words), kind, len(words))
-    except (ValueError, OverflowError) as error:
-        raise MeshFileError(f"holds {_first_bad(words, convert)!r} where {kind} is required") from (
-            error
-        )
-
-
-def check_last_number(content: bytes, n_points: float = math.inf) -> None:
-    """Refuse a text that ends inside a line after a number that may lack digits.
-
-    Parameters
-    ----------
-    content : bytes
-    n_points : float
-        Number of points, if the last number is an index.  More digits would make many
-        indices too large, so they are complete.  By default the number may be any.
-    """
-    last = re.split(rb"[\s,/]", content[-_LONGEST:])[-1]
-    if not last or (last.isdigit() and 10 * int(last) > n_points):
-        return
-    raise MeshFileError(
-        f"ends inside a line, after {last[-40:].decode('latin-1')!r}, so it may be truncated; "
-        "if it is complete, add a line break"
-    )
-
-
-def _first_bad(words: Sequence[Any], convert: Callable[[Any], float]) -> str:
-    for word in words:
-        try:
-            convert(word)
-        except (ValueError, OverflowError):
-            text = word.decode("latin-1") if isinstance(word, bytes) else str(word)
-            return text if len(text) <= 40 else f"{text[:37]}..."
-    return "a number that is too large"
-
 
 _GMSH_SECTIONS = (
     b"Entities",
@@ -87,9 +32,6 @@ _MEDIT_END = 54
 
 def check_end(suffix: str, content: bytes) -> None:
     """Refuse a file that lacks the end mark of its format, before it is read.
-
-    Some readers of other packages run forever at the end of such a file.  Also refused are Gmsh
-    files whose fields promise more tags than there are lines, and SU2 files without points.
 
     Raises
     ------
@@ -114,33 +56,18 @@ def check_counts(suffix: str, content: bytes, raw: RawMesh) -> None:
         check(content, raw)
 
 
-def _check_gmsh_sections(content: bytes) -> None:
+def _check_gmsh(content: bytes) -> None:
     if not re.match(rb"\s*\$(MeshFormat|Comments|NOD)\b", content[:1000]):
         raise MeshFileError("cannot be read as a mesh (no $MeshFormat at the start; is it Gmsh's?)")
     for name in _GMSH_SECTIONS:
         begun = len(re.findall(rb"^\$" + name + rb"\s*$", content, re.MULTILINE))
         if begun > content.count(b"$End" + name):
             raise MeshFileError(f"is truncated (no $End{name.decode()})")
-
-
-def _check_gmsh(content: bytes) -> None:
-    _check_gmsh_sections(content)
-    _check_gmsh_tags(content)
-
-
-def _check_gmsh_tags(content: bytes) -> None:
-    """Refuse fields with more tags than the file has lines; meshio tries to read them all."""
-    n_lines = content.count(b"\n")
-    file = io.BytesIO(content)
-    for begun in re.finditer(rb"^\$(?:Node|Element)Data[ \t\r]*\n", content, re.MULTILINE):
-        file.seek(begun.end())
-        for kind in ("text", "real"):
-            line = file.readline().strip()
-            count = int(line) if line.isdigit() else 0
-            if count > n_lines:
-                raise MeshFileError(f"promises {count} {kind} tags of a field in {n_lines} lines")
-            for _ in range(count):
-                file.readline()
+    if b"\n$PartitionedEntities" in content:
+        raise MeshFileError(
+            "has partitions of Gmsh, which cannot be read; save the mesh without (gmsh -part 1, or "
+            "gmsh.model.mesh.unpartition)"
+        )
 
 
 def _check_medit_end(content: bytes) -> None:
@@ -148,27 +75,47 @@ def _check_medit_end(content: bytes) -> None:
         raise MeshFileError("is truncated (no End)")
 
 
-def _check_binary_medit(content: bytes) -> None:
-    """Follow the chain of sections, each of which has the position of the next one."""
-    order = "<" if content[:4] == b"\x01\0\0\0" else ">"
-    version = _integer(content, 4, f"{order}i4")
-    position_type = f"{order}i8" if version > 2 else f"{order}i4"
-    at = 8
-    while True:
-        keyword, following = _integer(content, at, f"{order}i4"), 0
-        if keyword == _MEDIT_END:
-            return
-        following = _integer(content, at + 4, position_type)
-        if not at < following < len(content):
+class BinaryMedit:
+    """A binary file of Medit: sections, each with a keyword and the place of the next one.
+
+    Integers have 4 bytes; places have 8 from version 3 on, and counts from version 4.  Numbers
+    have 4 bytes in version 1 and 8 in others.
+    """
+
+    def __init__(self, content: bytes) -> None:
+        self.content = content
+        self.order = "<" if content[:4] == b"\x01\0\0\0" else ">"
+        self.version = self.integer(4)
+        if self.integer(0) != 1 or not 1 <= self.version <= 4:
+            raise MeshFileError("is not a binary file of Medit of version 1 to 4")
+        self.places: dict[int, int] = {}
+        """Where the data of each keyword begin."""
+        place = 8 if self.version > 2 else 4
+        at = 8
+        while (keyword := self.integer(at)) != _MEDIT_END:
+            self.places[keyword] = at + 4 + place
+            following = self.integer(at + 4, place)
+            if not at < following < len(content):
+                raise MeshFileError("is truncated (no End)")
+            at = following
+
+    def integer(self, at: int, size: int = 4) -> int:
+        """Return an integer of ``size`` bytes."""
+        if at + size > len(self.content):
             raise MeshFileError("is truncated (no End)")
-        at = following
+        return int(np.frombuffer(self.content, f"{self.order}i{size}", 1, at)[0])
 
 
-def _integer(content: bytes, at: int, dtype: str) -> int:
-    kind = np.dtype(dtype)
-    if at + kind.itemsize > len(content):
-        raise MeshFileError("is truncated (no End)")
-    return int(np.frombuffer(content, kind, 1, at)[0])
+def _check_ply(content: bytes, raw: RawMesh) -> None:
+    head = content.partition(b"end_header")[0]
+    for name, held in (("vertex", len(raw.points)), ("face", _n_cells(raw))):
+        promised = re.search(rb"^element[ \t]+" + name.encode() + rb"[ \t]+(\d+)", head, re.M)
+        _compare(
+            {"vertex": "vertices"}.get(name, "faces"), int(promised[1]) if promised else 0, held
+        )
+    if re.search(rb"^format[ \t]+ascii", head, re.M):
+        ends_in_nodes = re.search(rb"vertex_ind\w+\s*\Z", head)
+        check_last_number(content, len(raw.points) if ends_in_nodes else math.inf)
 
 
 def _check_nastran_end(content: bytes) -> None:
@@ -238,16 +185,17 @@ def _compare(what: str, promised: int, held: int) -> None:
         raise MeshFileError(f"is truncated (promises {promised} {what}, holds {held})")
 
 
-_ENDS: dict[str, Callable[[bytes], None]] = {
+_ENDS: dict[str, Callable[[bytes], object]] = {
     ".msh": _check_gmsh,
     ".mesh": _check_medit_end,
-    ".meshb": _check_binary_medit,
+    ".meshb": BinaryMedit,
     **dict.fromkeys((".bdf", ".nas", ".fem"), _check_nastran_end),
     ".su2": _check_su2_points,
     ".vtk": _check_vtk,
     **dict.fromkeys(vtk.XML, _check_vtk_xml),
 }
 _COUNTS: dict[str, Callable[[bytes, RawMesh], None]] = {
+    ".ply": _check_ply,
     ".su2": _check_su2,
     ".obj": partial(_check_last_line, words=(b"#", b"o", b"g", b"s", b"u", b"m")),
     ".inp": partial(_check_last_line, words=(b"*",)),

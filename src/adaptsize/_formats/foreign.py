@@ -1,28 +1,42 @@
 """Files read and written by other packages, in the child process of `limited`.
 
-Each function takes and returns what `limited` can pass: lists, dictionaries, texts and arrays.
 Modules with compiled kernels are not imported here, because that would take a second.
 """
 
 from __future__ import annotations
 
+import io
 import re
-import sys
-from importlib.util import find_spec
+import tempfile
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from adaptsize._formats import raster, vtk
-from adaptsize._formats.blocks import RawMesh
+from adaptsize._formats.blocks import RawMesh, name_of_polygon, sewn
+from adaptsize._formats.gmsh import read_names
 from adaptsize.errors import MeshFileError
 
+_ELEMENT_DATA = re.compile(rb"^\$ElementData\s*?\n.*?^\$EndElementData\s*?\n", re.M | re.S)
+#: The header of a PLY file whose faces have nothing but corners: meshio reads no other binary ones.
+_PLAIN_PLY = re.compile(
+    rb"ply\s((?!element).*\n)*element vertex.*\n((?!element).*\n)*"
+    rb"element face.*\n(comment.*\n)*property list \w+ \w+ vertex_ind\w+\s*?\nend_header"
+)
 
-def read_vtk(path: Path) -> dict[str, Any]:
-    """Return the mesh in a file of VTK."""
-    return vtk.raw_of(vtk.read_file(path)).packed()
+
+def read_vtk(path: Path) -> RawMesh:
+    """Return the mesh in a file of VTK.  Parts of one mesh are joined."""
+    raw = vtk.raw_of(vtk.read_file(path))
+    is_in_parts = path.suffix.lower() in (".pvtu", ".pvtp", ".vtkhdf") and len(raw.points)
+    return sewn(raw) if is_in_parts else raw
+
+
+def read_pieces(path: Path, rank: int, size: int) -> list[RawMesh]:
+    """Return every ``size``-th piece of a mesh from ``rank`` on, those without cells left out."""
+    return [raw for raw in vtk.pieces_in(path, rank, size) if raw.blocks]
 
 
 def read_vti(path: Path) -> dict[str, Any]:
@@ -30,84 +44,111 @@ def read_vti(path: Path) -> dict[str, Any]:
     return vtk.image_of(vtk.read_file(path))
 
 
-def read_picture(path: Path, name: str | None) -> list[Any]:
+def read_picture(path: Path, name: str | None) -> tuple[raster.Image, list[str]]:
     """Return values, spacing and origin of an image, and notes for a warning."""
     notes: list[str] = []
-    return [list(raster.load(path, name, notes)), notes]
+    return raster.load(path, name, notes), notes
 
 
-def read_meshio(path: Path) -> dict[str, Any]:
+def read_meshio(path: Path) -> RawMesh:
     """Return the mesh in any other file."""
-    meshio = _meshio()
-    mesh = meshio.read(path, file_format="gmsh" if path.suffix.lower() == ".msh" else None)
+    import meshio
+
+    suffix, notes = path.suffix.lower(), list[str]()
+    if suffix == ".msh":
+        from meshio.gmsh.main import read_buffer
+
+        content = path.read_bytes()
+        # meshio takes version "4" for 4.1, and fails on fields of elements in version 2.
+        content = re.sub(rb"\A\$MeshFormat\s+4(?=\s)", b"$MeshFormat\n4.0", content)
+        if re.match(rb"\$MeshFormat\s+2", content):
+            content, n_left_out = _ELEMENT_DATA.subn(b"", content)
+            notes += ["cell fields ($ElementData) left out"] * (n_left_out > 0)
+        with tempfile.TemporaryFile() as file:  # NumPy reads only what the system has opened
+            file.write(content)
+            file.seek(0)
+            mesh: Any = read_buffer(file)
+    elif suffix in (".bdf", ".nas", ".fem"):
+        text = path.read_text(encoding="latin-1")
+        if not re.search(r"^BEGIN BULK", text, re.M):  # as Gmsh writes them
+            text = f"BEGIN BULK\n{text}"
+        mesh = meshio.read(io.StringIO(text), "nastran")
+    elif suffix == ".ply":
+        content = path.read_bytes()
+        head = _PLAIN_PLY.match(content)
+        if head is None:
+            raise MeshFileError("cannot be read (faces with other properties than corners)")
+        head_now = re.sub(rb"vertex_index\b", b"vertex_indices", head[0])
+        mesh = meshio.read(io.BytesIO(head_now + content[head.end() :]), "ply")
+    else:
+        mesh = meshio.read(path)
     blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
     ragged = next((name for name, cells in blocks if cells.dtype == object), None)
     if ragged is not None:
         raise MeshFileError(f"holds cells of type {ragged!r}, which cannot be read")
     points = np.asarray(mesh.points, dtype=np.float64)
     numeric = {name: v for name, v in mesh.point_data.items() if np.asarray(v).dtype != object}
-    return RawMesh(points, blocks, numeric, mesh.cell_data).packed()
+    return RawMesh(points, blocks, numeric, mesh.cell_data, read_names(path), notes)
 
 
-def read_meshio_edited(path: Path, pattern: str, new: str, copy: str) -> dict[str, Any]:
-    """Return the mesh in a file in which a pattern is replaced; ``copy`` is a path for it."""
-    content, count = re.subn(pattern.encode(), new.encode(), path.read_bytes())
-    if not count:
-        raise MeshFileError("cannot be read as a mesh")
-    Path(copy).write_bytes(content)
-    return read_meshio(Path(copy))
-
-
-def read_shp(path: Path) -> list[Any]:
-    """Return the polygons and lines in a shapefile, and the number of other shapes.
-
-    Each has the fields of its record, whether it is a polygon, its points, and where its parts
-    begin.
-    """
+def read_shp(path: Path) -> dict[str, Any]:
+    """Return the polygons and lines in a shapefile as an object of GeoJSON."""
     import shapefile
 
-    found: list[Any] = []
     with shapefile.Reader(str(path), encodingErrors="replace") as reader:
-        shapes = reader.shapes()
-        records = reader.records() if reader.dbf is not None else [None] * len(shapes)
-    for shape, record in zip(shapes, records, strict=True):
-        if shape.shapeType % 10 in (3, 5) and shape.points:
-            fields = {} if record is None else record.as_dict()
-            texts = {name: text for name, text in fields.items() if isinstance(text, str)}
-            points = np.array([point[:2] for point in shape.points], dtype=np.float64)
-            found.append([texts, shape.shapeType % 10 == 5, points, [int(k) for k in shape.parts]])
-    return [found, len(shapes) - len(found)]
+        if reader.dbf is None:
+            parts = [{"type": "Feature", "geometry": s.__geo_interface__} for s in reader.shapes()]
+        else:
+            parts = reader.__geo_interface__["features"]
+    return {"type": "FeatureCollection", "features": parts, "crs": "in the .prj"}
 
 
-def _meshio() -> Any:
-    """Return the package, which imports h5py for XDMF even where all numbers are text."""
-    import meshio
-
-    if "h5py" not in sys.modules and find_spec("h5py") is None:
-        sys.modules["h5py"] = _NoHdf5("h5py")
-    return meshio
-
-
-class _NoHdf5(ModuleType):
-    def __getattr__(self, name: str) -> Any:
-        raise MeshFileError("holds numbers in a file of HDF5, which needs the package h5py")
-
-
-def read_trimesh(path: Path) -> dict[str, Any]:
-    """Return the triangles of all parts of a scene, in its coordinates."""
+def read_trimesh(path: Path) -> RawMesh:
+    """Return the triangles of all parts of a scene in its coordinates, or a PLY with its fields."""
     import trimesh
 
-    mesh: Any = trimesh.load_mesh(path, process=False, skip_materials=True)
+    is_ply = path.suffix.lower() == ".ply"
+    options = {"fix_texture": False} if is_ply else {}
+    mesh: Any = trimesh.load_mesh(path, process=False, skip_materials=True, **options)
     points = np.asarray(mesh.vertices, dtype=np.float64)
-    faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
-    return RawMesh(points, [("triangle", faces)]).packed()
+    if is_ply:
+        return _raw_of_ply(points, mesh.metadata["_ply_raw"])
+    raw = RawMesh(points, [("triangle", np.asarray(mesh.faces, np.int64).reshape(-1, 3))])
+    # One node per pair of position and texture corner: seams would be cracks.
+    return sewn(raw) if path.suffix.lower() == ".obj" else raw
 
 
-def write_meshio(
-    path: Path, packed: dict[str, Any], file_format: str, options: dict[str, Any]
-) -> None:
+def _raw_of_ply(points: npt.NDArray[np.float64], elements: dict[str, Any]) -> RawMesh:
+    columns = {}
+    for name, element in elements.items():
+        data, n = element.get("data", {}), element["length"]
+        columns[name] = {key: np.asarray(data[key]) for key in element["properties"]}
+        held = min([n, *map(len, columns[name].values())])
+        if held < n:
+            raise MeshFileError(f"is truncated (promises {n} {name} records, holds {held})")
+    fields = {
+        name: {
+            k: v.reshape(-1) for k, v in held.items() if v.size == len(v) and v.dtype.kind in "iuf"
+        }
+        for name, held in columns.items()
+    }
+    faces = columns.get("face", {})
+    rows = next((faces[k] for k in ("vertex_indices", "vertex_index") if k in faces), np.empty(0))
+    rows = rows[rows.dtype.names[-1]] if rows.dtype.names else rows  # after the counts
+    sizes = np.array([len(row) for row in rows], np.int64)
+    of_size = [np.flatnonzero(sizes == n) for n in np.unique(sizes)]
+    blocks = [
+        (name_of_polygon(len(rows[k[0]])), np.stack(list(rows[k])).astype(np.int64))
+        for k in of_size
+    ]
+    at_nodes = {name: v for name, v in fields["vertex"].items() if name not in "xyz"}
+    of_cells = {name: [v[k] for k in of_size] for name, v in fields.get("face", {}).items()}
+    return RawMesh(points, blocks, at_nodes, of_cells)
+
+
+def write_meshio(path: Path, raw: RawMesh, file_format: str, options: dict[str, Any]) -> None:
     """Write a mesh by meshio."""
-    meshio = _meshio()
-    raw = RawMesh.unpacked(packed)
+    import meshio
+
     mesh = meshio.Mesh(raw.points, raw.blocks, raw.point_data, raw.cell_data)
     meshio.write(path, mesh, file_format=file_format, **options)

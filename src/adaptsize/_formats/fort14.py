@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -13,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._formats.blocks import RawMesh
-from adaptsize._formats.completeness import check_last_number, numbers
+from adaptsize._formats.text import check_last_number, numbers, write_text
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import MeshFileError
 
@@ -124,24 +123,24 @@ def write(path: Path, mesh: SimplexMesh) -> None:
     depth = np.asarray(mesh.point_data.get(DEPTH, np.zeros(mesh.n_points)), dtype=np.float64)
     if depth.ndim != 1:
         raise ValueError(f"the field {DEPTH!r} must be one number per node, got {depth.shape}")
-    text = io.StringIO()
-    text.write(f"adaptsize\n{mesh.n_cells} {mesh.n_points}\n")
-    nodes = np.column_stack([np.arange(1, mesh.n_points + 1), mesh.points, depth])
-    np.savetxt(text, nodes, fmt=["%d", "%.17g", "%.17g", "%.17g"])
-    three = np.full(mesh.n_cells, 3)
-    cells = np.column_stack([np.arange(1, mesh.n_cells + 1), three, mesh.cells + 1])
-    np.savetxt(text, cells, fmt="%d")
+    numbered = [
+        np.column_stack([np.arange(1, mesh.n_points + 1), mesh.points, depth]),
+        np.column_stack([np.arange(1, mesh.n_cells + 1), mesh.cells + 1]),
+    ]
+    pieces: list[Any] = []
     boundaries = [] if mesh.tagged_facets is None else list(_boundaries(mesh))
     for kind in ("open", "land"):
         lists = [(n, t, own) for n, t, own in boundaries if (t is None) == (kind == "open")]
         total = sum(len(own) for *_, own in lists)
-        text.write(f"{len(lists)} = number of {kind} boundaries\n")
-        text.write(f"{total} = total number of {kind} boundary nodes\n")
+        pieces.append(f"{len(lists)} = number of {kind} boundaries\n")
+        pieces.append(f"{total} = total number of {kind} boundary nodes\n")
         for number, (name, ibtype, own) in enumerate(lists, 1):
             count = len(own) if ibtype is None else f"{len(own)} {ibtype}"
-            text.write(f"{count} = number of nodes for {kind} boundary {number}: {name}\n")
-            np.savetxt(text, own + 1, fmt="%d")
-    path.write_text(text.getvalue(), encoding="utf-8")
+            pieces.append(f"{count} = number of nodes for {kind} boundary {number}: {name}\n")
+            pieces.append(("%d\n", own + 1))
+    head = f"adaptsize\n{mesh.n_cells} {mesh.n_points}\n"
+    lines = ("%d %.17g %.17g %.17g\n", "%d 3 %d %d %d\n")
+    write_text(path, head, *zip(lines, numbered, strict=True), *pieces)
 
 
 def _boundaries(mesh: SimplexMesh) -> Iterator[tuple[str, int | None, npt.NDArray[Any]]]:

@@ -88,15 +88,10 @@ def about_file(path: str | os.PathLike[str], error: BaseException) -> MeshFileEr
 
 def write_whole(target: Path, write_to: Callable[[Path], None]) -> None:
     """Write under a temporary name in the same directory and rename.  Raises OSError."""
-    if target.is_dir():
-        raise MeshFileError("is a directory")
     if is_special(target):
         _write_into(target, write_to)
         return
-    if not target.parent.is_dir():
-        raise MeshFileError(f"there is no directory {target.parent}")
-    # Not tempfile: its files are private to the user, and the suffix must be kept.
-    temporary = target.with_name(f".adaptsize-{secrets.token_hex(8)}{target.suffix}")
+    temporary = temporary_for(target)
     try:
         write_to(temporary)
         if target.exists():
@@ -104,6 +99,16 @@ def write_whole(target: Path, write_to: Callable[[Path], None]) -> None:
         os.replace(temporary, target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def temporary_for(target: Path) -> Path:
+    """Return a new name in the same directory; refuse a target that cannot be a file."""
+    if target.is_dir():
+        raise MeshFileError("is a directory")
+    if not target.parent.is_dir():
+        raise MeshFileError(f"there is no directory {target.parent}")
+    # Not tempfile: its files are private to the user, and the suffix must be kept.
+    return target.with_name(f".adaptsize-{secrets.token_hex(8)}{target.suffix}")
 
 
 def is_special(path: Path) -> bool:

@@ -13,8 +13,8 @@ from __future__ import annotations
 import atexit
 import contextlib
 import io
-import json
 import os
+import pickle
 import re
 import select
 import signal
@@ -27,9 +27,7 @@ import warnings
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any, BinaryIO
-
-import numpy as np
+from typing import Any
 
 from adaptsize._formats.guards import files_named_in
 from adaptsize._isolated import environment, isolated
@@ -58,7 +56,7 @@ def read_limited(function: str, path: Path, *arguments: Any) -> Any:
     Returns
     -------
     Any
-        Of lists, dictionaries with texts as keys, texts, numbers and arrays.
+        What the function returns.
 
     Raises
     ------
@@ -76,45 +74,34 @@ def call_unlimited(function: str, path: Path, *arguments: Any) -> Any:
 
 
 def _call(job: list[Any], limits: list[float] | None) -> Any:
-    with _LOCK, tempfile.TemporaryDirectory(prefix="adaptsize-") as folder:
-        with open(Path(folder, "job"), "wb") as file:
-            _store(file, [job, limits])
-        code = _answered(folder, None if limits is None else _PATIENCE * limits[1])
-        if code:
-            raise MeshFileError(_reason(code, limits))
-        with open(Path(folder, "result"), "rb") as file:
-            result, error = _loaded(file)
+    global _CHILD  # noqa: PLW0603 - one for all calls
+    with _LOCK:
+        while True:
+            if _CHILD is not None and _CHILD.poll() is not None:
+                _drop()  # writing to it could end this process, too, by SIGPIPE
+            child = _CHILD = _CHILD or _started()
+            assert child.stdin is not None
+            assert child.stdout is not None
+            timer = threading.Timer(_PATIENCE * limits[1] if limits else 0.0, child.kill)
+            try:
+                if limits is not None:
+                    timer.start()
+                pickle.dump((job, limits), child.stdin)
+                child.stdin.flush()
+                result, error = pickle.load(child.stdout)
+                break
+            except (BrokenPipeError, EOFError, pickle.UnpicklingError):  # it has ended
+                if code := _drop():  # otherwise it was idle for too long
+                    raise MeshFileError(_reason(code, limits)) from None
+            except BaseException:  # an interrupt
+                child.kill()
+                _drop()
+                raise
+            finally:
+                timer.cancel()
     if error is not None:
         raise MeshFileError(error)
     return result
-
-
-def _answered(folder: str, seconds: float | None) -> int:
-    """Have the child do the job in a folder.  Return 0, or the code with which it ended."""
-    global _CHILD  # noqa: PLW0603 - one for all calls
-    while True:
-        if _CHILD is not None and _CHILD.poll() is not None:
-            _drop()  # writing to it could end this process, too, by SIGPIPE
-        child = _CHILD = _CHILD or _started()
-        assert child.stdin is not None
-        assert child.stdout is not None
-        timer = threading.Timer(seconds or 0.0, child.kill)
-        try:
-            if seconds is not None:
-                timer.start()
-            with contextlib.suppress(BrokenPipeError):  # it has ended
-                child.stdin.write(f"{folder}\n".encode())
-                child.stdin.flush()
-            if child.stdout.readline():
-                return 0
-        except BaseException:  # an interrupt
-            child.kill()
-            _drop()
-            raise
-        finally:
-            timer.cancel()
-        if code := _drop():  # otherwise it was idle for too long
-            return code
 
 
 def _started() -> subprocess.Popen[bytes]:
@@ -168,72 +155,23 @@ def _reason(code: int, limits: list[float] | None) -> str:
     return f"makes its reader crash ({name}); it is damaged or too large for this machine"
 
 
-# --- both processes -------------------------------------------------------------------------------
-
-
-def _store(file: BinaryIO, value: Any) -> None:
-    """Write a value: a line of JSON in which arrays are numbered, and the arrays."""
-    arrays: list[Any] = []
-
-    def plain(part: Any) -> Any:
-        if isinstance(part, np.ndarray):
-            arrays.append(part)
-            return {"array": len(arrays) - 1}
-        if isinstance(part, dict):
-            return {"dict": [[str(key), plain(item)] for key, item in part.items()]}
-        return [plain(item) for item in part] if isinstance(part, list | tuple) else part
-
-    text = json.dumps(plain(value))
-    file.write(f"{len(arrays)} {text}\n".encode())
-    for array in arrays:
-        np.save(file, array, allow_pickle=False)
-
-
-def _loaded(file: BinaryIO) -> Any:
-    n, _, text = file.readline().decode().partition(" ")
-    arrays = [np.load(file, allow_pickle=False) for _ in range(int(n))]
-
-    def full(part: Any) -> Any:
-        if isinstance(part, list):
-            return [full(item) for item in part]
-        if not isinstance(part, dict):
-            return part
-        if "array" in part:
-            return arrays[part["array"]]
-        return {key: full(item) for key, item in part["dict"]}
-
-    return full(json.loads(text))
-
-
 # --- the child ------------------------------------------------------------------------------------
 
 
 def _serve() -> None:
-    """Do the jobs in the folders that are written to standard input."""
-    replies = os.fdopen(os.dup(1), "wb", 0)
+    """Do the jobs that are written to standard input, and write their results."""
+    replies = os.fdopen(os.dup(1), "wb")
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
-    for folder in _requests():
-        with open(Path(folder, "job"), "rb") as file:
-            job, limits = _loaded(file)
-        with _limited(limits):
-            result = _done(job)
-            with open(Path(folder, "result"), "wb") as file:
+    with contextlib.suppress(EOFError):
+        while sys.platform == "win32" or select.select([0], [], [], _IDLE_SECONDS)[0]:
+            job, limits = pickle.load(sys.stdin.buffer)
+            with _limited(limits):
                 try:
-                    _store(file, result)
-                except (ValueError, MemoryError) as error:
-                    file.seek(0)
-                    file.truncate()
-                    _store(file, (None, f"cannot be read ({_line(error, '')})"))
-        replies.write(b"done\n")
-
-
-def _requests() -> Iterator[str]:
-    while sys.platform == "win32" or select.select([0], [], [], _IDLE_SECONDS)[0]:
-        line = sys.stdin.readline()
-        if not line:
-            return
-        yield line.rstrip("\n")
+                    pickle.dump(_done(job), replies)
+                    replies.flush()
+                except MemoryError:  # a part may have been written
+                    os.kill(os.getpid(), signal.SIGTERM)
 
 
 @contextlib.contextmanager

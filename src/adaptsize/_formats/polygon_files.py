@@ -14,12 +14,12 @@ import numpy as np
 
 from adaptsize._checks import as_path, as_points, describe, place_text, warn_caller
 from adaptsize._formats.blocks import RawMesh
-from adaptsize._formats.completeness import check_last_number, numbers
 from adaptsize._formats.guards import about_file, check_readable
 from adaptsize._formats.limited import read_limited
 from adaptsize._formats.outlines import Line
 from adaptsize._formats.polygons import domain_of
-from adaptsize.errors import InputWarning, MeshFileError
+from adaptsize._formats.text import check_last_number, numbers
+from adaptsize.errors import MeshFileError, InputWarning
 from adaptsize.typing import FloatArray
 
 #: Properties that may hold the name of a feature, the first that is there.
@@ -170,18 +170,10 @@ def _warn_of_degrees(lines: Sequence[Line]) -> None:
 
 
 def _read_shp(path: Path, notes: list[str]) -> Content:
-    shapes, n_others = read_limited("read_shp", path)
-    if n_others:
-        notes.append(f"{n_others} shapes that are no polygons or lines left out")
-    lines = []
-    for number, (fields, is_ring, points, starts) in enumerate(shapes):
-        source = f"shape {number}"
-        for part in np.split(as_points(source, points, 2), starts[1:]):
-            lines.append(_line(part, _name_in(fields), source, is_ring=is_ring))
     about = path.with_suffix(".prj")
     if about.is_file() and about.read_bytes()[:100].lstrip().startswith((b"GEOGCS", b"GEOGCRS")):
         warn_caller(_DEGREES, InputWarning)
-    return Content(lines)
+    return of_geojson(read_limited("read_shp", path), notes)
 
 
 def _read_csv(path: Path, notes: list[str]) -> Content:

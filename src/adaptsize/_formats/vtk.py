@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -67,7 +69,7 @@ def raw_of(data: Any) -> RawMesh:
     """
     pieces, names = [], []
     for part, name in _parts_of(data):
-        piece = _raw_of_part(part)
+        piece = raw_of_part(part)
         if piece.blocks:
             pieces.append(piece)
             names.append(name)
@@ -83,6 +85,7 @@ def raw_of(data: Any) -> RawMesh:
             piece.tag_names = {(dim, number): name for dim in (2, 3) if name}
     joined = join(pieces)
     joined.tag_names = {key: text for piece in pieces for key, text in piece.tag_names.items()}
+    joined.tag_names = {**_names_in(data), **joined.tag_names}
     return joined
 
 
@@ -106,7 +109,8 @@ def _parts_of(data: Any) -> Iterator[tuple[Any, str]]:
         at.GoToNextItem()
 
 
-def _raw_of_part(data: Any) -> RawMesh:
+def raw_of_part(data: Any) -> RawMesh:
+    """Return the cells and fields of a data set, without cells that other pieces have, too."""
     if data.GetNumberOfPoints() == 0:
         return RawMesh(np.empty((0, 3)), [])
     grid = data
@@ -127,7 +131,21 @@ def _raw_of_part(data: Any) -> RawMesh:
     nodal = _arrays_in(grid.GetPointData())
     nodal.pop(_GHOSTS, None)
     points = _numpy(grid.GetPoints().GetData()).astype(np.float64)
-    return RawMesh(points, blocks, nodal, cell_data, _names_in(data))
+    raw = RawMesh(points, blocks, nodal, cell_data, _names_in(data))
+    return _without_free_nodes(raw) if copies.any() else raw
+
+
+def _without_free_nodes(raw: RawMesh) -> RawMesh:
+    """Return a mesh without the nodes in no cell."""
+    used, number = np.zeros(len(raw.points), bool), np.zeros(len(raw.points), np.int64)
+    for _, cells in raw.blocks:
+        used[cells] = True
+    number[used] = np.arange(used.sum())
+    blocks = [(name, number[cells]) for name, cells in raw.blocks if len(cells)]
+    nodal = {name: values[used] for name, values in raw.point_data.items()}
+    kept = [k for k, (_, cells) in enumerate(raw.blocks) if len(cells)]
+    of_cells = {name: [parts[k] for k in kept] for name, parts in raw.cell_data.items()}
+    return RawMesh(raw.points[used], blocks, nodal, of_cells, raw.tag_names)
 
 
 def _numpy(array: Any) -> npt.NDArray[Any]:
@@ -210,14 +228,24 @@ def grid_of(mesh: RawMesh) -> Any:
     grid = _get("vtkCommonDataModel.vtkUnstructuredGrid")()
     grid.SetPoints(_points(mesh))
     cells = _get("vtkCommonDataModel.vtkCellArray")()
-    ids = np.concatenate([rows.ravel() for _, rows in mesh.blocks]).astype(np.int64)
-    widths = np.concatenate([np.full(len(rows), rows.shape[1]) for _, rows in mesh.blocks])
-    offsets = np.concatenate([[0], np.cumsum(widths)])
-    cells.SetData(*(numpy_to_vtk(a.astype(np.int64), deep=True) for a in (offsets, ids)))
-    types = [np.full(len(rows), _TO_VTK[name], np.uint8) for name, rows in mesh.blocks]
-    grid.SetCells(numpy_to_vtk(np.concatenate(types), deep=True), cells)
+    offsets, ids, types = (numpy_to_vtk(array, deep=True) for array in cells_of(mesh))
+    cells.SetData(offsets, ids)
+    grid.SetCells(types, cells)
     _add_fields(grid, mesh)
     return grid
+
+
+def cells_of(mesh: RawMesh) -> tuple[npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any]]:
+    """Return where the nodes of each simplex begin, int64[n + 1], all nodes, and VTK's types."""
+    ids = np.concatenate([rows.ravel() for _, rows in mesh.blocks]).astype(np.int64)
+    widths = np.concatenate([np.full(len(rows), rows.shape[1]) for _, rows in mesh.blocks])
+    types = [np.full(len(rows), _TO_VTK[name], np.uint8) for name, rows in mesh.blocks]
+    return np.concatenate([[0], np.cumsum(widths)]).astype(np.int64), ids, np.concatenate(types)
+
+
+def texts_of(names: Mapping[tuple[int, int], str]) -> list[str]:
+    """Return names of tags as texts."""
+    return [f"{dim} {tag} {name}" for (dim, tag), name in names.items()]
 
 
 def _points(mesh: RawMesh) -> Any:
@@ -254,8 +282,8 @@ def _add_fields(data: Any, mesh: RawMesh) -> None:
     if mesh.tag_names:
         texts = _get("vtkCommonCore.vtkStringArray")()
         texts.SetName(NAMES)
-        for (dim, tag), name in mesh.tag_names.items():
-            texts.InsertNextValue(f"{dim} {tag} {name}")
+        for text in texts_of(mesh.tag_names):
+            texts.InsertNextValue(text)
         data.GetFieldData().AddArray(texts)
 
 
@@ -293,17 +321,45 @@ class _Heard:
 
 def read_file(path: Path) -> Any:
     """Return the data object in a file.  VTK's first error is raised, and others are printed."""
+    if path.suffix.lower() == ".vtk":
+        return _checked(path, lambda: _read_legacy(path.read_bytes()))
+    reader = _reader_of(path)
+    return _checked(path, lambda: (reader.Update(), reader.GetOutputDataObject(0))[1])
+
+
+def pieces_in(path: Path, rank: int, size: int) -> Iterator[RawMesh]:
+    """Yield every ``size``-th piece of a ``.pvtu`` or ``.vtkhdf`` file, from ``rank`` on."""
+    reader = _reader_of(path)
+
+    def update(piece: int, n_pieces: int) -> Any:
+        reader.UpdatePiece(piece, n_pieces, 0)
+        return reader.GetOutputDataObject(0)
+
+    if path.suffix.lower() == ".vtkhdf":
+        data = _checked(path, lambda: update(rank, size))
+        for part, _ in _parts_of(data):
+            yield replace(raw_of_part(part), tag_names=_names_in(data) or _names_in(part))
+        return
+    _checked(path, lambda: (reader.UpdateInformation(), reader)[1])
+    n_pieces = reader.GetNumberOfPieces()
+    for piece in range(rank, n_pieces, size):
+        yield raw_of_part(_checked(path, partial(update, piece, n_pieces)))
+
+
+def _reader_of(path: Path) -> Any:
+    name = {".vtkhdf": "HDF.vtkHDFReader", ".pvtu": "XML.vtkXMLPUnstructuredGridReader"}.get(
+        path.suffix.lower(), "XML.vtkXMLGenericDataObjectReader"
+    )
+    reader = _get(f"vtkIO{name}")()
+    reader.SetFileName(str(path))
+    return reader
+
+
+def _checked(path: Path, read: Callable[[], Any]) -> Any:
+    """Return a data object that VTK reads without errors."""
     heard = _Heard()
-    suffix = path.suffix.lower()
     try:
-        if suffix == ".vtk":
-            data = _read_legacy(path.read_bytes())
-        else:
-            name = "XML.vtkXMLGenericDataObjectReader" if suffix in XML else "HDF.vtkHDFReader"
-            reader = _get(f"vtkIO{name}")()
-            reader.SetFileName(str(path))
-            reader.Update()
-            data = reader.GetOutputDataObject(0)
+        data = read()
     finally:
         heard.end()
     if heard.errors or data is None:

@@ -101,7 +101,7 @@ def content_of(mesh: SimplexMesh, tag_name: str, *, pad: bool) -> RawMesh:
         if facet_tags is not None and n_facets:
             cell_data[tag_name].append(facet_tags)
     point_data = {name: _plain(name, values) for name, values in mesh.point_data.items()}
-    return RawMesh(points, blocks, point_data, cell_data, mesh.tag_names)
+    return RawMesh(points, blocks, point_data, cell_data, dict(mesh.tag_names))
 
 
 def sizes_of(mesh: SimplexMesh, generator: str) -> FloatArray:
@@ -145,7 +145,7 @@ def _plain(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def _write_with_meshio(path: Path, content: RawMesh, file_format: str, **options: Any) -> None:
-    call_unlimited("write_meshio", path, content.packed(), file_format, options)
+    call_unlimited("write_meshio", path, content, file_format, options)
 
 
 def _write_vtk(path: Path, mesh: SimplexMesh, suffix: str) -> None:

@@ -1,4 +1,4 @@
-"""``limit`` and ``remesh`` on distributed meshes: PVTU files, and several ranks of MPI."""
+"""``limit`` and ``remesh`` on distributed meshes, on several ranks of MPI."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from adaptsize._checks import as_limits
 from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.cli.console import Console
-from adaptsize.cli.files import Content, check_files, check_place, nodal_field
+from adaptsize.cli.files import Content, check_files, nodal_field
 from adaptsize.cli.options import Given
 from adaptsize.options import PartsOptions, options_of
 
@@ -24,8 +24,7 @@ _OF_MESHING = {"tolerance", "max_elements", "timeout", *options_of(PartsOptions)
 
 def runs_in_parts(console: Console, file: Path, output: Path, given: Given) -> bool:
     """Return whether a command runs on a distributed mesh."""
-    in_files = ".pvtu" in (file.suffix.lower(), output.suffix.lower())
-    return "mpi" in given or in_files or console.world is not None
+    return "mpi" in given or console.world is not None
 
 
 def _check_options(given: Given, allowed: set[str]) -> None:
@@ -46,16 +45,8 @@ def _read(
     from adaptsize.distributed.files import read_parts
     from adaptsize.ranks import as_communicator
 
-    def check() -> None:
-        if output.suffix.lower() != ".pvtu":
-            check_files([file], output, content)
-            return
-        check_place(output)  # one of several files
-        if output.resolve() == file.resolve():
-            raise ValueError(f"--output {output} is also the input; give another name")
-
     ranks = as_communicator(None) if console.world is None else console.world.comm
-    ranks.agree(check)
+    ranks.agree(lambda: check_files([file], output, content))
     part = read_parts(file, ranks)
     mesh = part.mesh
     return part, ranks.agree(
@@ -76,7 +67,7 @@ def limit_in_parts(console: Console, file: Path, output: Path, given: Given) -> 
         steps.begin("limiting")
         h = limit_gradient(part, h0, gradient, method=method, progress=steps.report)
         steps.begin("writing")
-        files = write_parts(output, part, fields={"h": h})
+        write_parts(output, part, fields={"h": h})
     own = part.is_owned
     lowered = part.ranks.allreduce(int(np.count_nonzero((h < h0)[own])), "sum")
     console.record(
@@ -84,7 +75,7 @@ def limit_in_parts(console: Console, file: Path, output: Path, given: Given) -> 
         n_lowered=lowered,
     )  # fmt: skip
     console.print(f"{lowered} of {part.n_global_points} nodes lowered, on {part.ranks.size} ranks")
-    _finish(console, part, files)
+    _finish(console, part, output)
 
 
 def remesh_in_parts(console: Console, file: Path, output: Path, given: Given) -> None:
@@ -113,7 +104,7 @@ def remesh_in_parts(console: Console, file: Path, output: Path, given: Given) ->
         sizes = interpolate(part, h, made.points)
         quality = interface_quality(made, sizes)
         steps.begin("writing")
-        files = write_parts(output, made, fields={"h": sizes})
+        write_parts(output, made, fields={"h": sizes})
     console.record(
         input=str(file), g=gradient, n_ranks=part.ranks.size,
         quality={
@@ -121,16 +112,14 @@ def remesh_in_parts(console: Console, file: Path, output: Path, given: Given) ->
         },
     )  # fmt: skip
     console.print(quality)
-    _finish(console, made, files)
+    _finish(console, made, output)
 
 
-def _finish(console: Console, part: PartitionedMesh, files: list[Path]) -> None:
+def _finish(console: Console, part: PartitionedMesh, output: Path) -> None:
     """Print the warnings of all ranks, and what was written."""
     for texts in part.ranks.allgather(console.warnings):
         for text in texts:
             console.warn(text)
     n_points, n_cells = part.n_global_points, part.n_global_cells
-    for path in files:
-        console.wrote(file=str(path))
-    pieces = f" in {len(files) - 1} pieces" if len(files) > 1 else ""
-    console.print(f"{files[0]}: {n_points} points, {n_cells} cells{pieces}")
+    console.wrote(file=str(output))
+    console.print(f"{output}: {n_points} points, {n_cells} cells")

@@ -1,0 +1,81 @@
+"""Numbers in text files: read, and written many at a time."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize.errors import MeshFileError
+
+#: No program writes numbers with more characters.
+_LONGEST = 400
+#: Their text is limited to a few MB.
+_ROWS_AT_ONCE = 20_000
+
+
+def numbers(words: Sequence[bytes] | Sequence[str], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+    """Return the numbers of a text as an array.
+
+    Arrays of words, which numpy can convert too, have rows as long as the longest word.
+
+    Raises
+    ------
+    MeshFileError
+        If a word is not a number, or not an integer where ``dtype`` is an integer type.
+    """
+    kind = np.dtype(dtype)
+    convert: Callable[[Any], float] = int if kind.kind in "iu" else float
+    given: Any = None
+
+    def converted() -> Iterator[float]:
+        nonlocal given
+        for given in words:
+            yield convert(given)
+
+    try:
+        return np.fromiter(converted(), kind, len(words))
+    except (ValueError, OverflowError) as error:
+        text = given.decode("latin-1") if isinstance(given, bytes) else str(given)
+        text = text if len(text) <= 40 else f"{text[:37]}..."
+        raise MeshFileError(f"holds {text!r} where {kind} is required") from error
+
+
+def check_last_number(content: bytes, n_points: float = math.inf) -> None:
+    """Refuse a text that ends inside a line after a number that may lack digits.
+
+    Parameters
+    ----------
+    content : bytes
+    n_points : float
+        Number of points, if the last number is an index.  More digits would make many
+        indices too large, so they are complete.  By default the number may be any.
+    """
+    last = re.split(rb"[\s,/]", content[-_LONGEST:])[-1]
+    if not last or (last.isdigit() and 10 * int(last) > n_points):
+        return
+    raise MeshFileError(
+        f"ends inside a line, after {last[-40:].decode('latin-1')!r}, so it may be truncated; "
+        "if it is complete, add a line break"
+    )
+
+
+def write_text(path: Path, *pieces: str | tuple[str, npt.NDArray[Any]]) -> None:
+    """Write texts, and tables: the format of a line, and the rows of numbers in it.
+
+    Some rows are formatted together, for speed.
+    """
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        for piece in pieces:
+            if isinstance(piece, str):
+                file.write(piece)
+                continue
+            line, rows = piece
+            for start in range(0, len(rows), _ROWS_AT_ONCE):
+                part = rows[start : start + _ROWS_AT_ONCE]
+                file.write((line * len(part)) % tuple(part.ravel().tolist()))
