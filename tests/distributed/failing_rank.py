@@ -14,7 +14,7 @@ from adaptsize.distributed import files
 phase, rank = sys.argv[1], int(sys.argv[2])
 
 # The module and the function in which each phase fails, where the other ranks wait for this one.
-PLACES = {"writing": (files, "write"), "killed": (adaptsize, "limit_gradient")}
+PLACES = {"writing": (files, "_rows_of"), "killed": (adaptsize, "limit_gradient")}
 
 
 def fail(*args, **options):

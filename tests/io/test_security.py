@@ -5,12 +5,14 @@ import os
 import pickle
 import subprocess
 import sys
+from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from mesh_files import SQUARE, TWO_TRIANGLES
 
-from adaptsize import SimplexMesh, read, read_image, write
+from adaptsize import SimplexMesh, distributed, read, read_image, write
 from adaptsize.errors import MeshFileError
 
 BLOCKS = (
@@ -111,3 +113,72 @@ def test_input_is_never_unpickled(folder):
         with pytest.raises(MeshFileError):
             read_image(folder / name)
     assert not (folder / "executed").exists()
+
+
+HEAVY = (
+    '<Xdmf Version="3.0"><Domain><Grid><Geometry GeometryType="XYZ"><DataItem DataType="Float" '
+    'Dimensions="3 3" Precision="8" Format="HDF">a.h5:/VTKHDF/Points</DataItem></Geometry>'
+    '<Topology TopologyType="Triangle" NumberOfElements="1"><DataItem DataType="Int" '
+    'Dimensions="1 3" Format="XML" Precision="4">0 1 2</DataItem></Topology></Grid></Domain></Xdmf>'
+)
+
+
+@pytest.mark.parametrize("reader", ["a.vtkhdf", "a.xdmf", "parts"])
+@pytest.mark.parametrize("kind", ["", "link", "storage", "virtual"])
+def test_files_of_hdf5_with_data_in_other_files_are_refused(tmp_path, kind, reader):
+    name = "a.h5" if reader == "a.xdmf" else "a.vtkhdf"
+    write(tmp_path / "own.vtkhdf", SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]]))
+    (tmp_path / "own.vtkhdf").rename(tmp_path / name)
+    (tmp_path / "a.xdmf").write_text(HEAVY)
+    with h5py.File(tmp_path / "secret.h5", "w") as other, h5py.File(tmp_path / name, "r+") as file:
+        points = file["VTKHDF/Points"][:]
+        other["Points"] = points
+        if kind:
+            del file["VTKHDF/Points"]
+        if kind == "link":
+            file["VTKHDF/Points"] = h5py.ExternalLink("secret.h5", "Points")
+        elif kind == "storage":
+            place = [(os.fspath(tmp_path / "secret.h5"), 0, points.nbytes)]
+            file.create_dataset("VTKHDF/Points", points.shape, points.dtype, external=place)
+        elif kind == "virtual":
+            layout = h5py.VirtualLayout(points.shape, points.dtype)
+            layout[:] = h5py.VirtualSource("secret.h5", "Points", points.shape)
+            file["VTKHDF"].create_virtual_dataset("Points", layout)
+    do = distributed.read_parts if reader == "parts" else read
+    path = tmp_path / (name if reader == "parts" else reader)
+    if kind:
+        with pytest.raises(MeshFileError, match="has data 'Points' in another file of HDF5"):
+            do(path)
+    else:
+        assert do(path).n_cells == 1
+
+
+#: Each sentence of SECURITY.md that promises something, and the test of it.
+PROMISES = {
+    "Those packages run in a child process": "io/"
+    "test_limited.py::test_a_child_that_has_ended_is_replaced",
+    "Its processor time is limited to 5 s": "io/"
+    "test_bombs.py::test_a_bomb_ends_within_seconds_and_a_gigabyte",
+    "Damaged files are refused with one line": "io/test_damaged_files.py::"
+    "test_bad_files_give_one_line_that_names_the_file_and_no_noise",
+    "External mesh generators run in child processes with a time limit": "remeshing/"
+    "test_filling.py::test_netgen_is_stopped_at_its_time_limit",
+    "and in temporary directories of their own": "remeshing/"
+    "test_isolation.py::test_output_and_files_stay_in_the_child",
+    "No child process imports modules from the working folder": "io/test_security.py::"
+    "test_children_import_nothing_from_the_working_folder",
+    "These are read only from the folder": "io/"
+    "test_security.py::test_files_name_others_of_their_own_folder_only",
+    "Files of HDF5 whose data are in other files are refused": "io/test_security.py::"
+    "test_files_of_hdf5_with_data_in_other_files_are_refused",
+    "Input files are never unpickled": "io/test_security.py::test_input_is_never_unpickled",
+}
+
+
+def test_each_promise_has_a_test():
+    root = Path(__file__).parents[2]
+    text = " ".join((root / "SECURITY.md").read_text().split())
+    for sentence, place in PROMISES.items():
+        assert sentence in text
+        file, _, name = place.partition("::")
+        assert f"def {name}(" in (root / "tests" / file).read_text()

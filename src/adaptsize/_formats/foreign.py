@@ -17,6 +17,7 @@ import numpy.typing as npt
 from adaptsize._formats import raster, vtk
 from adaptsize._formats.blocks import RawMesh, name_of_polygon, sewn
 from adaptsize._formats.gmsh import read_names
+from adaptsize._formats.guards import files_named_in
 from adaptsize.errors import MeshFileError
 
 _ELEMENT_DATA = re.compile(rb"^\$ElementData\s*?\n.*?^\$EndElementData\s*?\n", re.M | re.S)
@@ -27,8 +28,34 @@ _PLAIN_PLY = re.compile(
 )
 
 
+def refuse_links(path: Path) -> None:
+    """Refuse a file of HDF5, or one that names such files, with data that are in other files."""
+    import h5py
+
+    for file in filter(h5py.is_hdf5, [path, *files_named_in(path)]):
+        with h5py.File(file) as opened:
+            groups, known = [opened], set()
+            while groups:
+                group = groups.pop()
+                for name in group:
+                    link = group.get(name, getlink=True)
+                    if isinstance(link, h5py.SoftLink):
+                        continue  # to a place in this file
+                    is_outside = isinstance(link, h5py.ExternalLink)
+                    item = None if is_outside else group[name]
+                    if isinstance(item, h5py.Dataset):
+                        is_outside = bool(item.external) or item.is_virtual
+                    if is_outside:
+                        raise MeshFileError(f"has data {name!r} in another file of HDF5")
+                    if isinstance(item, h5py.Group) and item.id not in known:
+                        known.add(item.id)
+                        groups.append(item)
+
+
 def read_vtk(path: Path) -> RawMesh:
     """Return the mesh in a file of VTK.  Parts of one mesh are joined."""
+    if path.suffix.lower() == ".vtkhdf":
+        refuse_links(path)
     raw = vtk.raw_of(vtk.read_file(path))
     is_in_parts = path.suffix.lower() in (".pvtu", ".pvtp", ".vtkhdf") and len(raw.points)
     return sewn(raw) if is_in_parts else raw
@@ -36,6 +63,8 @@ def read_vtk(path: Path) -> RawMesh:
 
 def read_pieces(path: Path, rank: int, size: int) -> list[RawMesh]:
     """Return every ``size``-th piece of a mesh from ``rank`` on, those without cells left out."""
+    if path.suffix.lower() == ".vtkhdf":
+        refuse_links(path)
     return [raw for raw in vtk.pieces_in(path, rank, size) if raw.blocks]
 
 
@@ -81,6 +110,8 @@ def read_meshio(path: Path) -> RawMesh:
         head_now = re.sub(rb"vertex_index\b", b"vertex_indices", head[0])
         mesh = meshio.read(io.BytesIO(head_now + content[head.end() :]), "ply")
     else:
+        if suffix in (".xdmf", ".xmf"):
+            refuse_links(path)
         mesh = meshio.read(path)
     blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
     ragged = next((name for name, cells in blocks if cells.dtype == object), None)

@@ -19,7 +19,7 @@ from adaptsize._formats.limited import read_limited
 from adaptsize._formats.outlines import Line
 from adaptsize._formats.polygons import domain_of
 from adaptsize._formats.text import check_last_number, numbers
-from adaptsize.errors import MeshFileError, InputWarning
+from adaptsize.errors import InputWarning, MeshFileError
 from adaptsize.typing import FloatArray
 
 #: Properties that may hold the name of a feature, the first that is there.
