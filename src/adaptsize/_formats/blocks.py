@@ -268,8 +268,7 @@ def _split(
         triangles = _split_quads(cells, points)
         return triangles.reshape(-1, 3), np.repeat(np.arange(len(cells)), 2)
     if base == "polygon":
-        fans = _split_polygons(cells, points)
-        return fans.reshape(-1, 3), np.repeat(np.arange(len(cells)), fans.shape[1])
+        return _split_polygons(cells, points)
     parts, parent = [], []
     smallest = np.argmin(cells, axis=1)
     for apex in range(cells.shape[1]):
@@ -289,46 +288,25 @@ def _split(
 
 def _split_polygons(
     cells: npt.NDArray[np.int64], points: FloatArray | None
-) -> npt.NDArray[np.int64]:
-    """Return polygons of n corners as triangles, int64[m, n - 2, 3].
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return polygons as triangles, and the polygon of each.
 
-    Ears are cut off one after another: of the corners at which the polygon is convex and whose
-    triangle has no other corner inside, the one whose triangle has the largest smallest angle.
-    Without points, the triangles of a polygon have its first corner in common.
+    VTK cuts off one ear after another.  Without points or area, the triangles of a polygon have its
+    first corner in common.
     """
+    from adaptsize._formats import vtk
+
     n = cells.shape[1]
     if n > _MOST_CORNERS:
         raise MeshFileError(f"holds a polygon of {n} corners; {_MOST_CORNERS} can be split")
+    first = np.broadcast_to(cells[:, :1], (len(cells), n - 2))
+    fans = np.stack([first, cells[:, 1:-1], cells[:, 2:]], axis=2)
     if points is None or n < 4:
-        first = np.broadcast_to(cells[:, :1], (len(cells), n - 2))
-        return np.stack([first, cells[:, 1:-1], cells[:, 2:]], axis=2)
-    corners = np.zeros((*cells.shape, 3))
-    corners[..., : points.shape[1]] = points[cells]
-    return np.array([_ears(cell, x) for cell, x in zip(cells, corners, strict=True)])
-
-
-def _ears(cell: npt.NDArray[np.int64], x: FloatArray) -> npt.NDArray[np.int64]:
-    """Return the triangles of one polygon with the coordinates x, float64[n, 3]."""
-    following = np.roll(x, -1, axis=0)
-    normal = np.cross(x - x[0], following - x[0]).sum(axis=0)
-    ring, ears = list(range(len(cell))), []
-    while len(ring) > 3:
-        at = np.array(ring)
-        corner = np.stack([np.roll(at, 1), at, np.roll(at, -1)], axis=1)
-        turned = x[corner[:, [1, 2, 0]]] - x[corner]  # edges of each triangle
-        area = np.cross(turned[:, 0], turned[:, 1]) @ normal
-        shape = area / np.maximum((turned**2).sum(axis=(1, 2)), 1e-300)
-        for i in np.argsort(-shape, kind="stable").tolist():
-            others = np.setdiff1d(at, corner[i])
-            sides = np.cross(turned[i][:, None], x[others] - x[corner[i]][:, None]) @ normal
-            if area[i] > 0.0 and not (sides >= 0.0).all(axis=0).any():
-                break
-        else:
-            i = int(np.argmax(shape))
-        ears.append(corner[i])
-        del ring[i]
-    triangles: npt.NDArray[np.int64] = cell[np.array([*ears, ring])]
-    return triangles
+        return fans.reshape(-1, 3), np.repeat(np.arange(len(cells)), n - 2)
+    triangles, parent = vtk.triangles_of(cells, points)
+    flat = np.setdiff1d(np.arange(len(cells)), parent)
+    parts = [triangles, fans[flat].reshape(-1, 3)]
+    return np.concatenate(parts), np.concatenate([parent, np.repeat(flat, n - 2)])
 
 
 def _split_quads(quads: npt.NDArray[np.int64], points: FloatArray | None) -> npt.NDArray[np.int64]:

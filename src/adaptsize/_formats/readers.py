@@ -21,6 +21,9 @@ from adaptsize._formats.surfaces import read_corners, read_off
 from adaptsize.background.merging import merge_equal_points
 from adaptsize.errors import MeshFileError
 
+#: What readers of ours raise on damaged files.
+_DAMAGE = (ArithmeticError, AttributeError, LookupError, SyntaxError, TypeError)
+
 
 def load(path: Path) -> RawMesh:
     """Return the checked content of a mesh file.  Failures are MeshFileErrors without the path."""
@@ -56,14 +59,7 @@ def _loaded(loader: Callable[[Path], RawMesh], path: Path) -> RawMesh:
         raw = loader(path)
     except MeshFileError:
         raise
-    except (
-        ArithmeticError,
-        AttributeError,
-        LookupError,
-        SyntaxError,
-        TypeError,
-        ValueError,
-    ) as error:
+    except (*_DAMAGE, ValueError) as error:
         raise MeshFileError(f"cannot be read as a mesh ({error})") from error
     check_raw(raw)
     return raw

@@ -235,6 +235,20 @@ def grid_of(mesh: RawMesh) -> Any:
     return grid
 
 
+def triangles_of(
+    polygons: npt.NDArray[np.int64], points: npt.NDArray[np.float64]
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return triangles of polygons, int64[n, k], and the polygon of each; none without area."""
+    in_space = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
+    number = {"number": [np.arange(len(polygons))]}
+    triangulate = _get("vtkFiltersCore.vtkTriangleFilter")()
+    triangulate.SetInputData(_surface_of(RawMesh(in_space, [("polygon", polygons)], {}, number)))
+    triangulate.Update()
+    found = triangulate.GetOutput()
+    nodes = _numpy(found.GetPolys().GetConnectivityArray()).astype(np.int64)
+    return nodes.reshape(-1, 3), _numpy(found.GetCellData().GetArray("number")).astype(np.int64)
+
+
 def cells_of(mesh: RawMesh) -> tuple[npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any]]:
     """Return where the nodes of each simplex begin, int64[n + 1], all nodes, and VTK's types."""
     ids = np.concatenate([rows.ravel() for _, rows in mesh.blocks]).astype(np.int64)
