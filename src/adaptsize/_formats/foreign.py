@@ -163,15 +163,16 @@ def _raw_of_ply(points: npt.NDArray[np.float64], elements: dict[str, Any]) -> Ra
         }
         for name, held in columns.items()
     }
-    faces = columns.get("face", {})
-    rows = next((faces[k] for k in ("vertex_indices", "vertex_index") if k in faces), np.empty(0))
+    faces: dict[str, Any] = columns.get("face", {})
+    rows = faces.get("vertex_indices", faces.get("vertex_index", np.empty((0, 3))))
     rows = rows[rows.dtype.names[-1]] if rows.dtype.names else rows  # after the counts
-    sizes = np.array([len(row) for row in rows], np.int64)
-    of_size = [np.flatnonzero(sizes == n) for n in np.unique(sizes)]
-    blocks = [
-        (name_of_polygon(len(rows[k[0]])), np.stack(list(rows[k])).astype(np.int64))
-        for k in of_size
-    ]
+    if rows.ndim == 2:
+        of_size = [np.arange(len(rows))]
+    else:  # lists of different lengths
+        sizes = np.array([len(row) for row in rows])
+        of_size = [np.flatnonzero(sizes == n) for n in np.unique(sizes)]
+    corners = [np.array([*rows[k]] if rows.ndim == 1 else rows, np.int64) for k in of_size]
+    blocks = [(name_of_polygon(cells.shape[1]), cells) for cells in corners]
     at_nodes = {name: v for name, v in fields["vertex"].items() if name not in "xyz"}
     of_cells = {name: [v[k] for k in of_size] for name, v in fields.get("face", {}).items()}
     return RawMesh(points, blocks, at_nodes, of_cells)
