@@ -11,6 +11,7 @@ from adaptsize import SimplexMesh, read, write
 from adaptsize.background.migration import NODE_NUMBERS
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.distributed.files import read_parts, write_parts
+from adaptsize.errors import MeshFileError
 
 
 def _gathered(path, n_ranks):
@@ -138,6 +139,11 @@ def test_pieces_without_numbers_are_joined_by_coordinates(tmp_path):
     whole, _ = _gathered(tmp_path / "a.pvtu", 2)
     assert (whole.n_points, whole.n_cells) == (mesh.n_points, mesh.n_cells)
     assert len(whole.boundary().cells) == len(mesh.boundary().cells)
+    piece = tmp_path / "p1.vtu"
+    piece.write_bytes(piece.read_bytes()[:-30])
+    for do in (read, lambda path: _gathered(path, 2)):
+        with pytest.raises(MeshFileError, match=r"names p1\.vtu: is truncated"):
+            do(tmp_path / "a.pvtu")
 
 
 def test_ghost_cells_are_left_out(tmp_path):

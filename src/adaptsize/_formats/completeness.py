@@ -9,11 +9,13 @@ import math
 import re
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
 from adaptsize._formats import vtk
 from adaptsize._formats.blocks import RawMesh
+from adaptsize._formats.guards import about_file, files_named_in
 from adaptsize._formats.text import check_last_number
 from adaptsize.errors import MeshFileError
 
@@ -41,6 +43,15 @@ def check_end(suffix: str, content: bytes) -> None:
     check = _ENDS.get(suffix)
     if check is not None:
         check(content)
+
+
+def check_named(path: Path, first: int = 0, step: int = 1) -> None:
+    """Refuse a file that names incomplete ones; of these, every ``step``-th is checked."""
+    for file in sorted(files_named_in(path))[first::step]:
+        try:
+            check_end(file.suffix.lower(), file.read_bytes())
+        except MeshFileError as error:
+            raise about_file(f"names {file.name}", error) from error
 
 
 def check_counts(suffix: str, content: bytes, raw: RawMesh) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from adaptsize._formats import fort14, polygon_files
 from adaptsize._formats.blocks import RawMesh, check_raw
-from adaptsize._formats.completeness import check_counts, check_end
+from adaptsize._formats.completeness import check_counts, check_end, check_named
 from adaptsize._formats.guards import check_readable
 from adaptsize._formats.limited import read_limited
 from adaptsize._formats.surfaces import read_corners, read_off
@@ -41,6 +41,7 @@ def load(path: Path) -> RawMesh:
         )
     content = path.read_bytes()
     check_end(suffix, content)
+    check_named(path)
     first_failure: MeshFileError | None = None
     for loader in _LOADERS[suffix]:
         try:

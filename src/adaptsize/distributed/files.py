@@ -13,7 +13,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_path, check_type, describe
 from adaptsize._formats import assembly, vtk
 from adaptsize._formats.blocks import NODE_NUMBERS, check_raw, numbers_of_nodes
-from adaptsize._formats.completeness import check_end
+from adaptsize._formats.completeness import check_named
 from adaptsize._formats.guards import about_file, check_readable, temporary_for
 from adaptsize._formats.limited import read_limited
 from adaptsize._formats.writers import FORMATS, content_of
@@ -58,7 +58,7 @@ def _pieces_in(file: Path, ranks: Communicator) -> list[Piece]:
     """Return the pieces of this rank."""
     try:
         check_readable(file)
-        check_end(file.suffix.lower(), file.read_bytes())
+        check_named(file, ranks.rank, ranks.size)
         pieces = []
         for raw in read_limited("read_pieces", file, ranks.rank, ranks.size):
             check_raw(raw)
