@@ -39,8 +39,8 @@ _EMPTY, _POLYVERTEX, _POLYLINE, _STRIP, _PIXEL, _VOXEL = 0, 2, 4, 6, 8, 11
 _TURNED = {_PIXEL: ("quad", [0, 1, 3, 2]), _VOXEL: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 6])}
 #: The field of texts "dimension tag name".
 NAMES = "tag_names"
-#: The array by which VTK hides nodes, and the bit for hidden nodes; of cells, that for copies.
-_GHOSTS, _HIDDEN, _COPY = "vtkGhostType", 2, 1
+#: The array by which VTK hides nodes, and the bit for hidden nodes.
+_GHOSTS, _HIDDEN = "vtkGhostType", 2
 
 XML = (".vtu", ".vtp", ".vti", ".vtr", ".vts", ".vtm", ".pvtu", ".pvtp")
 SUFFIXES = (*XML, ".vtk", ".vtkhdf")
@@ -120,32 +120,21 @@ def raw_of_part(data: Any) -> RawMesh:
         append.AddInputData(data)
         append.Update()
         grid = append.GetOutput()
-    fields = _arrays_in(grid.GetCellData())
-    copies = fields.pop(_GHOSTS, np.zeros(grid.GetNumberOfCells(), np.uint8)) & _COPY
+    if grid.GetCellGhostArray() is not None:
+        owned = _get("vtkCommonDataModel.vtkUnstructuredGrid")()
+        owned.ShallowCopy(grid)
+        owned.RemoveGhostCells()
+        grid = owned
+    fields, nodal = _arrays_in(grid.GetCellData()), _arrays_in(grid.GetPointData())
+    for held in (fields, nodal):
+        held.pop(_GHOSTS, None)
     blocks, cell_data = [], {name: list[Any]() for name in fields}
     for cell_type, cells, parent in _blocks_of(grid):
-        kept = copies[parent] == 0
-        blocks.append((cell_type, cells[kept]))
+        blocks.append((cell_type, cells))
         for name, values in fields.items():
-            cell_data[name].append(values[parent[kept]])
-    nodal = _arrays_in(grid.GetPointData())
-    nodal.pop(_GHOSTS, None)
+            cell_data[name].append(values[parent])
     points = _numpy(grid.GetPoints().GetData()).astype(np.float64)
-    raw = RawMesh(points, blocks, nodal, cell_data, _names_in(data))
-    return _without_free_nodes(raw) if copies.any() else raw
-
-
-def _without_free_nodes(raw: RawMesh) -> RawMesh:
-    """Return a mesh without the nodes in no cell."""
-    used, number = np.zeros(len(raw.points), bool), np.zeros(len(raw.points), np.int64)
-    for _, cells in raw.blocks:
-        used[cells] = True
-    number[used] = np.arange(used.sum())
-    blocks = [(name, number[cells]) for name, cells in raw.blocks if len(cells)]
-    nodal = {name: values[used] for name, values in raw.point_data.items()}
-    kept = [k for k, (_, cells) in enumerate(raw.blocks) if len(cells)]
-    of_cells = {name: [parts[k] for k in kept] for name, parts in raw.cell_data.items()}
-    return RawMesh(raw.points[used], blocks, nodal, of_cells, raw.tag_names)
+    return RawMesh(points, blocks, nodal, cell_data, _names_in(data))
 
 
 def _numpy(array: Any) -> npt.NDArray[Any]:
