@@ -259,17 +259,6 @@ def _refuse_mesh(path: Path, mesh: SimplexMesh) -> None:
     raise ValueError(f"obj must be a CartesianGrid for {path.suffix}, got {mesh!r}; write .vtu")
 
 
-def _surface_format(name: str, *, holds_fields: bool = False, holds_metrics: bool = True) -> Format:
-    return Format(
-        (f".{name}",),
-        partial(_write_surface, file_format=name),
-        holds_fields=holds_fields,
-        holds_metrics=holds_metrics,
-        only_triangles=True,
-        names=_WORD,
-    )
-
-
 #: In the order in which suffixes are tried: JIGSAW's longer suffix before Gmsh's.
 FORMATS: dict[str, Format] = {
     "jigsaw": Format(
@@ -295,11 +284,19 @@ FORMATS: dict[str, Format] = {
     "xdmf": Format((".xdmf", ".xmf"), _write_xdmf),
     "gmsh": Format((".msh",), _write_gmsh, names=_QUOTED),
     "medit": Format((".mesh", ".meshb"), _write_medit, holds_fields=False),
-    "ply": _surface_format("ply", holds_fields=True, holds_metrics=False),
     "stl": Format((".stl",), _write_stl, holds_fields=False, only_triangles=True),
-    "obj": _surface_format("obj"),
     "fort.14": Format((".14", ".grd", ".gr3"), fort14.write, holds_fields=False, only_full=True),
-    "off": _surface_format("off"),
+    **{
+        name: Format(
+            (f".{name}",),
+            partial(_write_surface, file_format=name),
+            holds_fields=name == "ply",
+            holds_metrics=False,
+            only_triangles=True,
+            names=_WORD,
+        )
+        for name in ("ply", "obj", "off")
+    },
     "abaqus": Format((".inp",), write_abaqus, holds_fields=False),
     "nastran": Format((".bdf",), write_nastran, holds_fields=False),
     "su2": Format((".su2",), write_su2, holds_fields=False, only_full=True),
