@@ -156,13 +156,13 @@ def test_files_of_hdf5_with_data_in_other_files_are_refused(tmp_path, kind, read
 #: Each sentence of SECURITY.md that promises something, and the test of it.
 PROMISES = {
     "Those packages run in a child process": "io/"
-    "test_limited.py::test_a_child_that_has_ended_is_replaced",
+    "test_limited.py::test_an_interrupt_ends_the_child",
     "Its processor time is limited to 5 s": "io/"
     "test_bombs.py::test_a_bomb_ends_within_seconds_and_a_gigabyte",
     "Damaged files are refused with one line": "io/test_damaged_files.py::"
     "test_bad_files_give_one_line_that_names_the_file_and_no_noise",
     "External mesh generators run in child processes with a time limit": "remeshing/"
-    "test_filling.py::test_netgen_is_stopped_at_its_time_limit",
+    "test_isolation.py::test_what_a_generator_has_started_ends_with_it",
     "and in temporary directories of their own": "remeshing/"
     "test_isolation.py::test_output_and_files_stay_in_the_child",
     "No child process imports modules from the working folder": "io/test_security.py::"
