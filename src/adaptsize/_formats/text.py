@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,17 +31,12 @@ def numbers(words: Sequence[bytes] | Sequence[str], dtype: npt.DTypeLike) -> npt
     """
     kind = np.dtype(dtype)
     convert: Callable[[Any], float] = int if kind.kind in "iu" else float
-    given: Any = None
-
-    def converted() -> Iterator[float]:
-        nonlocal given
-        for given in words:
-            yield convert(given)
-
+    left = iter(words)
     try:
-        return np.fromiter(converted(), kind, len(words))
+        return np.fromiter(map(convert, left), kind, len(words))
     except (ValueError, OverflowError) as error:
-        text = given.decode("latin-1") if isinstance(given, bytes) else str(given)
+        given = words[len(words) - 1 - sum(1 for _ in left)]
+        text = given.decode("latin-1") if isinstance(given, bytes) else given
         text = text if len(text) <= 40 else f"{text[:37]}..."
         raise MeshFileError(f"holds {text!r} where {kind} is required") from error
 
