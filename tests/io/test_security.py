@@ -155,8 +155,7 @@ def test_files_of_hdf5_with_data_in_other_files_are_refused(tmp_path, kind, read
 
 #: Each sentence of SECURITY.md that promises something, and the test of it.
 PROMISES = {
-    "Those packages run in a child process": "io/"
-    "test_limited.py::test_an_interrupt_ends_the_child",
+    "Those packages run in a child process": "io/test_limited.py::test_an_interrupt_ends_the_child",
     "Its processor time is limited to 5 s": "io/"
     "test_bombs.py::test_a_bomb_ends_within_seconds_and_a_gigabyte",
     "Damaged files are refused with one line": "io/test_damaged_files.py::"
