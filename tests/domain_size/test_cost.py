@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 import skfem
+from command_line import call
 from numpy.testing import assert_allclose
 from skfem.helpers import dot
 
-from adaptsize import SimplexMesh, remesh, size_function
-from adaptsize.background.splitting import with_short_edges
-from adaptsize.domain_size.elements import without_order
-from adaptsize.domain_size.matrix import matrix_of, nonzeros_of, unknowns_of
+from adaptsize import SimplexMesh, read, remesh, size_function, write
+from adaptsize.domain_size.matrix import matrix_of, nonzeros_of, unknowns_of, unknowns_on
 from adaptsize.sizes.prediction import Prediction
 
 ELEMENTS = {
@@ -65,10 +64,13 @@ def disc(n=80):
 def test_a_requested_number_of_unknowns_is_that_of_the_mesh():
     size = size_function(disc(), dofs=20_000, degree=2, fields=2)
     assert_allclose(size.cost(degree=2, fields=2).n_unknowns, 20_000, rtol=0.02)
-    # Mmg builds all edges anew from short ones in no order.
-    new = remesh(without_order(with_short_edges(disc(), size, 0.5, 100_000)), size)
-    made = 2 * unknowns_of([new.n_points, len(new.facets), new.n_cells], 2)
-    assert_allclose(made, 20_000, rtol=0.1)
+
+
+def test_the_command_makes_a_mesh_with_the_requested_number_of_unknowns(tmp_path):
+    write(tmp_path / "disc.vtu", disc())
+    words = ["--dofs", "20000", "--degree", "2", "--fields", "2"]
+    assert call("remesh", tmp_path / "disc.vtu", "-o", tmp_path / "new.vtu", *words) == 0
+    assert_allclose(unknowns_on(read(tmp_path / "new.vtu"), 2, 2), 20_000, rtol=0.05)
 
 
 def test_a_larger_memory_allows_smaller_sizes_up_to_that_memory():

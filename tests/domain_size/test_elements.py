@@ -92,7 +92,9 @@ class Generator:
 @pytest.mark.parametrize(("ratio", "meshes"), [(1.03, 1), (1.1, 2), (1.3, 2), (0.5, 2)])
 def test_sizes_are_corrected_by_what_the_first_mesh_has_made_of_them(ratio, meshes):
     generator, told = Generator(ratio), []
-    mesh, size = reach_number(LINE, 1000, None, generator.sized, generator.meshed, told.append)
+    mesh, size = reach_number(
+        LINE, ("elements", 1000), generator.sized, generator.meshed, told.append
+    )
     assert told == []
     assert mesh.n_cells == pytest.approx(1000, rel=0.05)
     assert len(generator.wanted) == meshes
@@ -102,7 +104,7 @@ def test_sizes_are_corrected_by_what_the_first_mesh_has_made_of_them(ratio, mesh
 
 def test_the_reason_is_told_before_the_last_of_three_meshes():
     generator, told = Generator(1.5 * 1000**0.3, 0.7), []
-    mesh, _ = reach_number(LINE, 1000, None, generator.sized, generator.meshed, told.append)
+    mesh, _ = reach_number(LINE, ("elements", 1000), generator.sized, generator.meshed, told.append)
     assert mesh.n_cells == pytest.approx(1000, rel=0.05)
     wanted = [f"{number:.0f}" for number in generator.wanted]
     assert len(wanted) == 3

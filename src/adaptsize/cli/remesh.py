@@ -221,9 +221,12 @@ def _made(
     """Return the new mesh, and the sizes that it was made for; append the names of generators."""
     from adaptsize import remeshing
     from adaptsize.domain_size.elements import reach_number, report_of, tolerance_of
+    from adaptsize.domain_size.request import goal_of
     from adaptsize.errors import OpenSurfaceWarning
 
-    elements, nodes = given.get("elements"), given.get("nodes")
+    budget = checked(
+        BudgetOptions, {k: given[k] for k in options_of(BudgetOptions).keys() & given.keys()}
+    )
     names = {*options_of(MeshOptions), *options_of(PartsOptions)}
     for_mesh = {name: given[name] for name in names & given.keys()}
     for_sizes = {name: value for name, value in given.items() if name not in for_mesh}
@@ -255,10 +258,12 @@ def _made(
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", OpenSurfaceWarning)  # printed by _accepted
-        if elements is None and nodes is None:
+        goal = goal_of(budget)
+        if goal is None:
             size = sized()
             return meshed(mesh, size), size
-        return reach_number(mesh, elements, nodes, sized, meshed, console.say)
+        system = (budget["degree"], budget["fields"])
+        return reach_number(mesh, goal, sized, meshed, console.say, system)
 
 
 def _names_of_parts(backend: str) -> Callable[[str], str]:

@@ -11,7 +11,7 @@ from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.domain_size.by_domain import MeshDomain, SizedDomain
-from adaptsize.domain_size.matrix import as_bytes, matrix_of
+from adaptsize.domain_size.matrix import as_bytes, system_of
 from adaptsize.domain_size.on_surface import SurfaceDomain, warn_where_missed
 from adaptsize.domain_size.request import Goal, Request
 from adaptsize.errors import ResolutionWarning
@@ -73,7 +73,7 @@ def _with_fewer_elements(domain: SizedDomain, request: Request) -> tuple[SizeFun
     number = report.n_elements
     if number <= (1.0 + _CLOSE) * request.max_elements:
         name, needed = "max_memory", "bytes for the matrix"
-        number, most = _system(report, request)[2], str(request.options["max_memory"])
+        number, most = system_of(report, *request.system)[2], str(request.options["max_memory"])
     warn_caller(
         f"the sizes require about {number:.2g} {needed}, more than {name} = {most}: "
         f"{_what_forbids(request, report)}; relax that or raise {name}",
@@ -111,7 +111,9 @@ def _with_number(
     relaxation, least, slope, n_flat = 1.0, np.inf, -float(domain.dim), 0
     for _ in range(12):
         found = _relaxed(domain, request, relaxation)
-        steps.append((np.log(relaxation), np.log(_number(found[1], what, request) / wanted)))
+        steps.append(
+            (np.log(relaxation), np.log(predicted_number(found[1], what, request.system) / wanted))
+        )
         off = abs(steps[-1][1])
         if off < least:
             best, least = found, off
@@ -127,20 +129,21 @@ def _with_number(
         relaxation *= np.exp(np.clip(-steps[-1][1] / slope, -1.5, 1.5))
     assert best is not None
     if least > 0.1:
+        number = predicted_number(best[1], what, request.system)
         warn_caller(
-            f"the sizes require about {_number(best[1], what, request):.2g} {what} instead of "
-            f"{wanted:.6g}: {_what_forbids(request, best[1])}",
+            f"the sizes require about {number:.2g} {what} instead of {wanted:.6g}: "
+            f"{_what_forbids(request, best[1])}",
             ResolutionWarning,
         )
     return best
 
 
-def _number(report: SizeReport, what: Goal, request: Request) -> float:
-    """Return the predicted number of elements, nodes or unknowns."""
+def predicted_number(report: SizeReport, what: Goal, system: tuple[int, int]) -> float:
+    """Return the predicted number of elements, nodes or unknowns of a degree and so many fields."""
     if what == "elements":
         return report.n_elements
     if what == "dofs":
-        return _system(report, request)[0]
+        return system_of(report, *system)[0]
     if np.isnan(report.n_nodes):
         raise ValueError("nodes needs a mesh or a surface as domain; use elements for others")
     return report.n_nodes
@@ -151,14 +154,7 @@ def _load(report: SizeReport, request: Request) -> float:
     load, memory = report.n_elements / request.max_elements, request.options["max_memory"]
     if memory is None:
         return load
-    return max(load, _system(report, request)[2] / as_bytes("max_memory", memory))
-
-
-def _system(report: SizeReport, request: Request) -> tuple[float, float, float]:
-    """Return the predicted numbers of unknowns and nonzeros, and the bytes of the matrix."""
-    predicted = Prediction(report.n_elements, report.n_facets, report.n_nodes)
-    degree, fields = request.options["degree"], request.options["fields"]
-    return matrix_of(report.element_dim, predicted, degree, fields)
+    return max(load, system_of(report, *request.system)[2] / as_bytes("max_memory", memory))
 
 
 def _relaxed(

@@ -12,9 +12,8 @@ from adaptsize._checks import as_number, as_whole_number, check_type, place_text
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import NONE, SizeReport, measure_dim, nodal_measures
 from adaptsize.background import SimplexMesh
-from adaptsize.domain_size.matrix import matrix_of
+from adaptsize.domain_size.matrix import system_of
 from adaptsize.domain_size.named_parts import parts_of
-from adaptsize.sizes.prediction import Prediction
 from adaptsize.typing import FloatArray
 
 
@@ -111,8 +110,7 @@ def cost(size: SizeFunction, *, degree: int = 1, fields: int = 1, speed: float =
     degree = as_whole_number("degree", degree, lower=1, upper=20)
     fields = as_whole_number("fields", fields, lower=1, upper=1000)
     speed = as_number("speed", speed, lower=0.0, strict=True)
-    predicted = Prediction(report.n_elements, report.n_facets, report.n_nodes)
-    unknowns, _, memory = matrix_of(report.element_dim, predicted, degree, fields)
+    unknowns, _, memory = system_of(report, degree, fields)
     shares = {name: share for name, share in report.element_shares.items() if share > 0.0}
     return Cost(
         degree=degree,

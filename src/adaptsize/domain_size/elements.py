@@ -19,8 +19,10 @@ from adaptsize.background import AnyBackground, SimplexMesh
 from adaptsize.background.merging import reordered
 from adaptsize.background.simplex import as_mesh
 from adaptsize.background.splitting import with_short_edges
+from adaptsize.domain_size.budget import predicted_number
 from adaptsize.domain_size.complete_size import size_function
-from adaptsize.domain_size.request import Implicit
+from adaptsize.domain_size.matrix import unknowns_on
+from adaptsize.domain_size.request import Goal, Implicit
 from adaptsize.errors import ResolutionWarning
 from adaptsize.options import (
     MeshOptions,
@@ -138,7 +140,8 @@ def remesh_to_elements(
         )  # fmt: skip
 
     report = partial(logging.getLogger(__name__).info, "%s")
-    return reach_number(mesh, elements, nodes, sized, meshed, report)
+    goal: tuple[Goal, Any] = ("elements", elements) if nodes is None else ("nodes", nodes)
+    return reach_number(mesh, goal, sized, meshed, report)
 
 
 def report_of(size: SizeFunction) -> SizeReport:
@@ -156,13 +159,13 @@ def tolerance_of(report: SizeReport, tolerance: float | None) -> float:
 
 def reach_number(
     mesh: SimplexMesh,
-    elements: float | None,
-    nodes: float | None,
+    goal: tuple[Goal, float],
     sized: Callable[..., SizeFunction],
     meshed: Callable[[SimplexMesh, SizeFunction], SimplexMesh],
     tell: Callable[[str], object],
+    system: tuple[int, int] = (1, 1),
 ) -> MeshOfElements:
-    """Return the best of up to three meshes, by their numbers of elements or nodes.
+    """Return the best of up to three meshes, by their numbers of elements, nodes or unknowns.
 
     A mesh of triangles in the plane is refined if the first new mesh misses the number.  Mmg
     leaves edges as they are within sqrt 2 of the size, so from a mesh with edges of a few lengths
@@ -174,19 +177,21 @@ def reach_number(
     Parameters
     ----------
     mesh : SimplexMesh
-    elements, nodes : float or None
-        Requested number of cells, or of nodes.
+    goal : tuple of str and float
+        What there is a requested number of, and how large it is.
     sized : callable
-        Returns the sizes for a predicted number of ``elements`` or of ``nodes``.
+        Returns the sizes for a predicted number of ``elements``, ``nodes`` or ``dofs``.
     meshed : callable
         Returns the mesh from a given mesh and sizes.
     tell : callable
         Takes a text before the last mesh is made: why the others are not near the number.
+    system : tuple of int
+        Degree and number of fields, for ``dofs``.
     """
-    what = "elements" if nodes is None else "nodes"
-    goal = as_number(what, elements if nodes is None else nodes, lower=1.0)
+    what = goal[0]
+    requested = as_number(what, goal[1], lower=1.0)
     best: MeshOfElements | None = None
-    old, least, wanted = mesh, np.inf, goal
+    old, least, wanted = mesh, np.inf, requested
     steps: list[tuple[float, float]] = []  # predicted and made numbers
     tried = ""
     for number in range(3):
@@ -194,8 +199,8 @@ def reach_number(
             tell(f"the meshes have {tried}; the last one is made for {wanted:.0f} {what}")
         size = sized(**{what: wanted})
         new = meshed(old, size)
-        made = new.n_cells if nodes is None else new.n_points
-        off = abs(made / goal - 1.0)
+        made = _number_on(new, what, system)
+        off = abs(made / requested - 1.0)
         if off < least:
             best, least = MeshOfElements(new, size), off
         if off <= _ACCEPTED:
@@ -205,7 +210,7 @@ def reach_number(
             old = without_order(with_short_edges(mesh, size, 0.5, 2_000_000))
             continue  # the first mesh says little about one from this
         report = report_of(size)
-        steps.append((report.n_elements if nodes is None else report.n_nodes, made))
+        steps.append((predicted_number(report, what, system), made))
         tried = ", ".join(f"{found} where {aimed:.0f} were predicted" for aimed, found in steps)
         # Sizes larger by a factor s have s^-dim as many elements, and s^-cell_dim cells.
         power = new.dim / new.cell_dim
@@ -215,16 +220,22 @@ def reach_number(
             (x0, y0), (x1, y1) = np.log(steps)
             found = float(np.clip((x1 - x0) / (y1 - y0), 0.4, 2.0)) if y1 != y0 else power
             power = 0.5 * (power + found)
-        wanted = max(steps[-1][0] * math.pow(goal / made, power), 1.0)
+        wanted = max(steps[-1][0] * math.pow(requested / made, power), 1.0)
     assert best is not None
     if least > _ACCEPTED:
-        made = best.mesh.n_cells if nodes is None else best.mesh.n_points
+        made = _number_on(best.mesh, what, system)
         warn_caller(
-            f"the mesh has {made} {what} instead of {goal:.6g}; the meshes had {tried}: the mesh "
-            "generator, details of the domain or the given parameters do not allow it",
+            f"the mesh has {made} {what} instead of {requested:.6g}; the meshes had {tried}: the "
+            "mesh generator, details of the domain or the given parameters do not allow it",
             ResolutionWarning,
         )
     return best
+
+
+def _number_on(mesh: SimplexMesh, what: Goal, system: tuple[int, int]) -> int:
+    if what == "dofs":
+        return int(unknowns_on(mesh, *system))
+    return mesh.n_cells if what == "elements" else mesh.n_points
 
 
 def without_order(mesh: SimplexMesh) -> SimplexMesh:

@@ -9,6 +9,8 @@ from math import comb
 import numpy as np
 
 from adaptsize._checks import describe
+from adaptsize._size_report import SizeReport
+from adaptsize.background import SimplexMesh
 from adaptsize.sizes.budget import nodes_of
 from adaptsize.sizes.prediction import Prediction
 
@@ -65,6 +67,18 @@ def matrix_of(
     nonzeros = fields**2 * nonzeros_of(simplices, degree)
     index = 4.0 if nonzeros < 2.0**31 else 8.0
     return unknowns, nonzeros, (8.0 + index) * nonzeros + index * (unknowns + 1.0)
+
+
+def system_of(report: SizeReport, degree: int, fields: int) -> tuple[float, float, float]:
+    """Return the same for the mesh that a report predicts."""
+    predicted = Prediction(report.n_elements, report.n_facets, report.n_nodes)
+    return matrix_of(report.element_dim, predicted, degree, fields)
+
+
+def unknowns_on(mesh: SimplexMesh, degree: int, fields: int) -> float:
+    """Return the number of unknowns on a mesh."""
+    inner = {1: [], 2: [len(mesh.edges)], 3: [len(mesh.edges), len(mesh.facets)]}[mesh.cell_dim]
+    return fields * unknowns_of([mesh.n_points, *inner, mesh.n_cells], degree)
 
 
 def as_bytes(name: str, memory: str) -> float:

@@ -84,6 +84,11 @@ class Request:
         return goal_of(self.options)
 
     @property
+    def system(self) -> tuple[int, int]:
+        """Degree and number of fields of finite elements."""
+        return self.options["degree"], self.options["fields"]
+
+    @property
     def max_elements(self) -> float:
         """Limit on the number of elements; ``elements`` if that is given."""
         most = self.options["max_elements"]
