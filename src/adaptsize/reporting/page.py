@@ -23,7 +23,6 @@ from adaptsize.quality import check_mesh, size_conformity
 from adaptsize.quality.certificate import MeshCheck
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.reporting.outcome import Outcome, kind_of, outcome_of_remeshing
-from adaptsize.reporting.scenes import histogram_of_angles, histogram_of_lengths
 
 _SCENE = """<div class="tools"><select id="scenes" aria-label="what to show"></select>
 <label><input type="checkbox" id="edges" checked> edges</label>
@@ -102,7 +101,7 @@ def report(
         if value is not None:
             check_type(name, value, kind)
     tolerance = as_tolerance("tolerance", tolerance)
-    from adaptsize.reporting.scenes import data_of, scenes_of_mesh  # matplotlib takes a while
+    from adaptsize.reporting import scenes  # matplotlib takes a while
 
     if size is None and "h" in mesh.point_data:
         size = SizeFunction(mesh, mesh.point_data["h"])
@@ -115,10 +114,10 @@ def report(
         if size is not None:
             outcome = Outcome(kind_of(mesh), size_conformity(mesh, size), check)
     warnings = [] if outcome is None else outcome.warnings()
-    charts = [] if size is None else [histogram_of_lengths(mesh, size)]
-    charts.append(histogram_of_angles(mesh))
+    charts = [] if size is None else [scenes.histogram_of_lengths(mesh, size)]
+    charts.append(scenes.histogram_of_angles(mesh))
     heading = f"{escape(title or target.stem)}: {kind_of(mesh)}"
-    data = json.dumps(data_of(scenes_of_mesh(mesh, size))).replace("<", "\\u003c")
+    data = json.dumps(scenes.data_of(scenes.scenes_of_mesh(mesh, size))).replace("<", "\\u003c")
     head = [
         *(about or {}).items(),
         ("date", datetime.now().astimezone().isoformat(" ", "seconds")),
