@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Any
 import matplotlib
 import numpy as np
 import numpy.typing as npt
+from matplotlib.colors import to_rgb
 from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh
-from adaptsize.plot.style import CURVES, FIELDS, INK, QUALITY, SETTINGS, draw_mesh
+from adaptsize.plot.style import CURVES, FIELDS, INK, QUALITY, SETTINGS, edge_colors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
 DATA = Path(__file__).parent.parent / "data"
@@ -163,3 +165,44 @@ def save_thumbnail(path: Path, figure: Figure, panel: Axes) -> None:
 def _lettered(title: str, number: int, count: int) -> str:
     """Return the title of a panel with its letter, if there are several."""
     return f"({chr(ord('a') + number)}) {title}" if count > 1 and title else title
+
+
+def draw_mesh(
+    panel: Axes,
+    mesh: SimplexMesh,
+    values: npt.NDArray[Any] | None = None,
+    *,
+    width: float = 0.6,
+    **look: Any,
+) -> ScalarMappable:
+    """Draw a plane mesh with its edges on axes of matplotlib, and return the colours.
+
+    ``values`` of nodes or cells are by default the sizes of the triangles.  Edges get fainter where
+    they are short in the limits of the axes; without limits, these are set to the mesh.  ``width``
+    is that of long edges, in points; ``look`` goes to matplotlib's ``tripcolor``.
+    """
+    from matplotlib.collections import LineCollection
+    from matplotlib.colors import LogNorm
+
+    if values is None:
+        values = np.sqrt(4.0 / np.sqrt(3.0) * mesh.measures)
+        low, high = np.quantile(values, (0.002, 0.998))
+        look.setdefault("norm", LogNorm(low, max(high, 1.001 * low)))
+    if len(values) == mesh.n_points:
+        look.setdefault("shading", "gouraud")
+    tripcolor: Any = panel.tripcolor  # whose overloads do not take unpacked arguments
+    x, y = mesh.points.T
+    drawn: ScalarMappable = tripcolor(x, y, mesh.cells, values, rasterized=True, **look)
+    whole, (left, right) = panel.get_figure(root=True), panel.get_xlim()
+    assert whole is not None
+    lines = mesh.points[mesh.edges]
+    pixels = mesh.edge_lengths * (100.0 * panel.get_position().width * whole.get_figwidth())
+    pixels = pixels / abs(right - left)  # on the page
+    colors = edge_colors(pixels, 800.0)
+    outline = mesh.facet_cell_counts == 1
+    ends = np.sort(mesh.facets[outline], axis=1) @ [mesh.n_points, 1]
+    outer = np.isin(np.sort(mesh.edges, axis=1) @ [mesh.n_points, 1], ends)
+    colors[outer] = (*to_rgb(INK), 1.0)
+    widths = np.where(outer, 1.5 * width, width * np.clip(0.4 + pixels / 25.0, 0.4, 1.0))
+    panel.add_collection(LineCollection(list(lines), colors=colors, linewidths=widths))
+    return drawn

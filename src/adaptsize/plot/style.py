@@ -11,17 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 from matplotlib import colormaps
-from matplotlib.colors import Colormap, LinearSegmentedColormap, to_rgb
+from matplotlib.colors import Colormap, LinearSegmentedColormap
 
 from adaptsize.plot.scene import Scene
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
-    from adaptsize.background import SimplexMesh
 
 #: Text, frames and ticks: a contrast of at least 4 on white and on dark pages.
 INK = "#7b8087"
@@ -75,47 +73,6 @@ def opacities(lengths: FloatArray, width: float) -> FloatArray:
 def edge_colors(lengths: FloatArray, width: float) -> FloatArray:
     """Return the colours of edges, float64[n, 4], fainter where edges are short."""
     return np.column_stack([np.tile(EDGE, (len(lengths), 1)), opacities(lengths, width)])
-
-
-def draw_mesh(
-    panel: Axes,
-    mesh: SimplexMesh,
-    values: npt.NDArray[Any] | None = None,
-    *,
-    width: float = 0.6,
-    **look: Any,
-) -> ScalarMappable:
-    """Draw a plane mesh with its edges on axes of matplotlib, and return the colours.
-
-    ``values`` of nodes or cells are by default the sizes of the triangles.  Edges get fainter where
-    they are short in the limits of the axes; without limits, these are set to the mesh.  ``width``
-    is that of long edges, in points; ``look`` goes to matplotlib's ``tripcolor``.
-    """
-    from matplotlib.collections import LineCollection
-    from matplotlib.colors import LogNorm
-
-    if values is None:
-        values = np.sqrt(4.0 / np.sqrt(3.0) * mesh.measures)
-        low, high = np.quantile(values, (0.002, 0.998))
-        look.setdefault("norm", LogNorm(low, max(high, 1.001 * low)))
-    if len(values) == mesh.n_points:
-        look.setdefault("shading", "gouraud")
-    tripcolor: Any = panel.tripcolor  # whose overloads do not take unpacked arguments
-    x, y = mesh.points.T
-    drawn: ScalarMappable = tripcolor(x, y, mesh.cells, values, rasterized=True, **look)
-    whole, (left, right) = panel.get_figure(root=True), panel.get_xlim()
-    assert whole is not None
-    lines = mesh.points[mesh.edges]
-    pixels = mesh.edge_lengths * (100.0 * panel.get_position().width * whole.get_figwidth())
-    pixels = pixels / abs(right - left)  # on the page
-    colors = edge_colors(pixels, _PAGE)
-    outline = mesh.facet_cell_counts == 1
-    ends = np.sort(mesh.facets[outline], axis=1) @ [mesh.n_points, 1]
-    outer = np.isin(np.sort(mesh.edges, axis=1) @ [mesh.n_points, 1], ends)
-    colors[outer] = (*to_rgb(INK), 1.0)
-    widths = np.where(outer, 1.5 * width, width * np.clip(0.4 + pixels / 25.0, 0.4, 1.0))
-    panel.add_collection(LineCollection(list(lines), colors=colors, linewidths=widths))
-    return drawn
 
 
 def colors_of(scene: Scene) -> ScalarMappable:
