@@ -370,7 +370,9 @@ def width_within(
     """
     feet, ways = seen.feet(points), -seen.outward
     along = np.maximum(seen.depth, 1e-6 * extent)
-    going, hit = np.arange(len(feet)), np.zeros(len(feet), np.bool_)
+    hit = np.zeros(len(feet), np.bool_)
+    # At equal distance from two parts of the boundary, the direction may be that to neither.
+    going = np.flatnonzero(boundary.distance(feet) <= 1e-3 * along)
     # Rays that are still on their way then touch a wall without crossing it.
     for step in range(64):
         depth = boundary.seen_from(feet[going] + along[going, None] * ways[going]).depth
