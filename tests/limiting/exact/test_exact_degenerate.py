@@ -6,7 +6,7 @@ A source of size 1 is at one node; ``lengths`` are those of the shortest paths f
 import numpy as np
 import pytest
 from exact_oracle import plane_domain, plane_sizes
-from meshes import structured_square
+from meshes import slit_square, structured_square
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import Delaunay
 from test_exact_any_mesh import assert_between_bounds
@@ -46,6 +46,20 @@ L_LENGTHS = [SQRT5, SQRT2, 1.0, 2.0, 1.0, 0.0, 1.0 + SQRT2, 2.0]
 def test_cells_given_twice_have_no_effect(again, order):
     twice = np.array(L_CELLS)[again][:, order]
     assert_lengths(SimplexMesh(L_POINTS, np.concatenate([L_CELLS, twice])), 5, L_LENGTHS)
+
+
+def test_a_node_at_the_place_of_another_does_not_see_through_the_wall_there():
+    mesh = slit_square(10)
+    distance = np.linalg.norm(mesh.points - [0.6, 0.0], axis=1)
+    faces = np.flatnonzero(distance < 1e-12)  # a node on each face of the slit, which ends at 0
+    for node, source in (faces, faces[::-1]):
+        cell = mesh.cells[(mesh.cells == node).any(axis=1)][0]
+        flat = [node, mesh.n_points, cell[cell != node][0]]
+        points = np.concatenate([mesh.points, mesh.points[[node]]])
+        h0 = np.full(len(points), INF)
+        h0[source] = 1.0
+        h = limit(SimplexMesh(points, np.concatenate([mesh.cells, [flat]])), h0)
+        assert_allclose(h[[node, -1]], 1.0 + G * 1.2, rtol=1e-13)
 
 
 def test_flat_cells_on_the_hull_have_no_effect():
