@@ -13,13 +13,17 @@ import numpy as np
 from adaptsize.adaptation.boundary_moves import BoundaryMoves, ProjectionLike, move_to_boundary
 from adaptsize.adaptation.next_sizes import NextSizes, Request
 from adaptsize.adaptation.report import BUDGET_TOLERANCE, boundary_distance
-from adaptsize.background import SimplexMesh
+from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.errors import BoundaryWarning
 from adaptsize.options import RemeshOptions
 from adaptsize.remeshing import remesh
 from adaptsize.typing import ProgressCallback
 
-M = TypeVar("M")
+M = TypeVar("M", SimplexMesh, PartitionedMesh)
+
+#: A mesh within this share of the requested number is accepted, by dimension of the cells.  Within
+#: 5 %, 54 loops of triangles took 62 meshes in place of 54, and 12 of tetrahedra 22 in place of 13.
+_ACCEPTED = {2: 0.05, 3: BUDGET_TOLERANCE}
 
 
 @dataclass(frozen=True)
@@ -107,7 +111,7 @@ def meet_target(
     while target is not None and elements is not None and sizes.in_reach and n_meshes < 3:
         requested.append(math.log(sizes.simplices))
         actual.append(math.log(count(new)))
-        if abs(math.expm1(actual[-1] - math.log(target))) <= BUDGET_TOLERANCE:
+        if abs(math.expm1(actual[-1] - math.log(target))) <= _ACCEPTED[new.cell_dim]:
             break
         sizes = again(elements / math.exp(_next_request(requested, actual, math.log(target))))
         new = make(sizes)

@@ -9,9 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from adaptsize._checks import check_type
-from adaptsize._kernels.simplex import fill_measures
 from adaptsize.background import SimplexMesh
-from adaptsize.background._mesh_arrays import read_only
 from adaptsize.typing import FloatArray
 
 # Cells are processed in blocks of this size to bound the memory.
@@ -124,9 +122,7 @@ def _cells_in_parts(mesh: SimplexMesh) -> Iterator[tuple[FloatArray, FloatArray]
         extent = np.abs(corners).max(axis=(1, 2))
         extent[extent == 0.0] = 1.0
         corners /= extent[:, None, None]
-        cells = np.arange(corners[..., 0].size, dtype=np.int32).reshape(corners.shape[:2])
-        measures = np.empty(len(cells))
-        fill_measures(read_only(corners.reshape(-1, mesh.dim)), read_only(cells), measures)
+        measures = mesh.measures[part] / extent ** (corners.shape[1] - 1)
         yield corners, measures
 
 
