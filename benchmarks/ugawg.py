@@ -15,10 +15,13 @@ the band changes by less than half a per cent.  *In band*: edges of lengths betw
 the metric of the formulas, and in that given to Mmg.  *Edges*: the shortest and the longest in the
 metric of the formulas.  *Quality*: the least and the mean of the mean ratio, in the metric of the
 formulas at the corner with the largest determinant.  *s*: processor time of Mmg and of
-`limit_metric`.  Writes `ugawg.md` and `ugawg.json`.
+`limit_metric`.  Writes `ugawg.md`, `ugawg.json` and
+`ugawg.png`, the meshes of g = 0.25.
 """
 
 import os
+import sys
+from pathlib import Path
 
 import numpy as np
 from _timing import arguments_of, machine, table, three, write
@@ -27,6 +30,9 @@ import adaptsize as ads
 from adaptsize.metrics import Metric, limit_metric
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.mmg import MMG
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
+from _gallery import save_panels
 
 H0, H1 = 0.001, 0.1
 BAND = (0.71, 1.41)
@@ -103,7 +109,7 @@ def adapted(mesh, metric, hgrad):
         "sizes": metric.matrices[(slice(None), *np.triu_indices(3))],
     }
     options = {
-        "class": "MmgMesh3D", "hausd": 1e-3, "hgrad": hgrad, "ridge_angle": 45.0, "n_regions": 1,
+        "task": "tetrahedra", "hausd": 1e-3, "hgrad": hgrad, "ridge_angle": 45.0, "n_regions": 1,
         "n_groups": 1, "required_groups": [], "open_boundaries": False,
     }  # fmt: skip
     run = IsolatedRunner("mmg", None, None, lambda *_: None)
@@ -165,13 +171,26 @@ def run(case, gradation, most_calls=MOST_CALLS):
     }, mesh
 
 
+def write_picture(path, meshes):
+    """Write the outsides of meshes, coloured by the smallest size of the formulas."""
+    panels = []
+    for case, mesh in meshes.items():
+        h = CASES[case][1](mesh.points).sizes.min(axis=1)
+        shown = mesh.with_data(point_data={"h": h})
+        image = ads.plot.plot_mesh(shown, color="h", clip=None, limits=(H0, H1), width=700)
+        panels.append((f"{case}, {mesh.n_cells} cells", image))
+    save_panels(path, panels, columns=2)
+
+
 def main():
     arguments = arguments_of(__doc__)
-    rows = []
+    rows, meshes = [], {}
     for case in ["cube linear"] if arguments.quick else CASES:
         for gradation in (NONE, OWN, 0.25, 0.1):
-            row, _ = run(case, gradation)
+            row, mesh = run(case, gradation)
             rows.append(row)
+            if gradation == 0.25:
+                meshes[case] = mesh
             print(row, flush=True)
     heads = ["case", "gradation", "calls", "cells", "in band", "as given", "edges", "quality", "s"]
     lines = [
@@ -184,6 +203,7 @@ def main():
     ]  # fmt: skip
     text = "\n\n".join(["# Metrics of the working group", machine(), table(heads, lines)]) + "\n"
     write(arguments.output, "ugawg", text, {"rows": rows})
+    write_picture(arguments.output / "ugawg.png", meshes)
 
 
 if __name__ == "__main__":

@@ -18,14 +18,6 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 Projection: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 ProjectionLike: TypeAlias = Projection | Mapping[int, Projection]
 
-#: Share of its measure, and of its quality, that a cell may lose before moves are shortened.
-_LEAST_MEASURE = 0.3
-_LEAST_QUALITY = 0.5
-#: Smallest share of a move.  Shorter moves are dropped.
-_SHORTEST = 1.0 / 32.0
-#: Moves shorter than this share of the diagonal count as none.
-_NO_MOVE = 1e-12
-
 
 @dataclass(frozen=True)
 class BoundaryMoves:
@@ -109,7 +101,7 @@ def move_to_boundary(
     move = target - mesh.points
     length = np.linalg.norm(move, axis=1)
     n_nodes = int(np.count_nonzero(moving))
-    moving &= length > _NO_MOVE * mesh.diagonal
+    moving &= length > 1e-12 * mesh.diagonal
     share = _allowed_shares(mesh, move, moving)
     report = BoundaryMoves(
         n_nodes=n_nodes,
@@ -210,7 +202,7 @@ def _allowed_shares(mesh: SimplexMesh, move: FloatArray, moving: BoolArray) -> F
             return share
         # A bad cell has a moving node, so this terminates: without moves all cells are valid.
         nodes = np.unique(cells[bad])
-        share[nodes] = np.where(share[nodes] > _SHORTEST, 0.5 * share[nodes], 0.0)
+        share[nodes] = np.where(share[nodes] > 1.0 / 32.0, 0.5 * share[nodes], 0.0)
 
 
 def _shape(points: FloatArray, cells: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -231,9 +223,9 @@ def _shape(points: FloatArray, cells: IntArray) -> tuple[FloatArray, FloatArray]
 def _is_worse(
     before: tuple[FloatArray, FloatArray], after: tuple[FloatArray, FloatArray]
 ) -> BoolArray:
-    """Return which cells have lost too much of their measure or quality, or are inverted."""
+    """Return which cells keep less than .3 of their measure or .5 of their quality."""
     old = np.linalg.norm(before[0], axis=1)
     along = np.einsum("nd,nd->n", before[0], after[0])  # a turned cell counts as small
     left = np.divide(along, old**2, out=np.ones_like(old), where=old > 0.0)
     shape = left * before[1] / np.maximum(after[1], np.finfo(float).tiny)
-    return np.asarray((left < _LEAST_MEASURE) | (shape < _LEAST_QUALITY))
+    return np.asarray((left < 0.3) | (shape < 0.5))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias, cast
@@ -9,7 +10,7 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import describe, one_of, warn_caller
+from adaptsize._checks import describe, one_of
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation._fields import as_fields, methods_of
@@ -32,7 +33,6 @@ from adaptsize.adaptation.transfer import FieldTransfer
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.background.simplex import as_mesh, as_own
-from adaptsize.errors import ResolutionWarning
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, checked, with_options
 from adaptsize.quality import size_conformity
@@ -208,16 +208,9 @@ def adapt(
             made = make_mesh(mesh, made, request, report)
             if project is not None:
                 made = made.projected(project, given["corner_angle"])
-            elif made.boundary_distance > tolerance * mesh.diagonal:
-                # The text is constant, so that Python shows the warning once.
-                warn_caller(
-                    "the boundary of the new mesh is farther from the old one than "
-                    "boundary_tolerance (see report.boundary_distance), which adds "
-                    "up in a loop; pass project= for a curved boundary, or lower "
-                    "boundary_tolerance",
-                    ResolutionWarning,
-                )
-        return _result(mesh, request, decision, made, (nodal, by_cell), report)
+        result = _result(mesh, request, decision, made, (nodal, by_cell), report)
+    result.report.warn(tolerance * mesh.diagonal if project is None else math.inf)
+    return result
 
 
 def _task(mesh: SimplexMesh) -> Task:
@@ -273,12 +266,6 @@ def _result(
         nodal, by_cell = moved, moved_by_cell
         new = new.with_data(point_data=nodal, cell_data=by_cell)
         after = size_conformity(new, requested)
-    lost = lost_tags(old, new)
-    if lost:
-        warn_caller(
-            f"the new mesh has lost {', '.join(lost)}: parts smaller than the sizes vanish",
-            ResolutionWarning,
-        )
     report = AdaptReport(
         n_points_before=old.n_points, n_points_after=new.n_points,
         n_cells_before=old.n_cells, n_cells_after=new.n_cells,
@@ -290,7 +277,8 @@ def _result(
         share_too_short=decision.too_short, before=before, after=after,
         measure_before=float(old.measures.sum()), measure_after=float(new.measures.sum()),
         boundary_distance=made.boundary_distance, moves=made.moves,
-        lost_tags=lost, kept_tags=old.cell_tags is not None or old.facet_tags is not None,
+        lost_tags=lost_tags(old, new),
+        kept_tags=old.cell_tags is not None or old.facet_tags is not None,
         transferred=how, integrals=integrals,
     )  # fmt: skip
     return AdaptResult(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import check_type, one_of, warn_caller
+from adaptsize._checks import check_type, one_of
 from adaptsize._progress import reporting
 from adaptsize.adaptation._fields import as_fields, methods_of
 from adaptsize.adaptation.new_mesh import BestMesh, meet_target
@@ -33,7 +33,6 @@ from adaptsize.background import SimplexMesh, interpolate
 from adaptsize.background.migration import boundary_facets
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.background.requests import ask_nearest, boxes_around
-from adaptsize.errors import ResolutionWarning
 from adaptsize.limiting import limit_gradient
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, checked, options_of
@@ -145,7 +144,7 @@ def adapt_in_parts(
         )  # fmt: skip
         result = _result(part, request, decision, best, new_fields)
     if comm.rank == 0:
-        _warn(result.report, allowed * extent)
+        result.report.warn(allowed * extent)
     return result
 
 
@@ -189,22 +188,6 @@ def _result(
         new, sizes.h, new_fields.fields, new_fields.cell_fields, decision.remesh,
         decision.converged, decision.reason, report,
     )  # fmt: skip
-
-
-def _warn(report: PartsReport, allowed: float) -> None:
-    """Warn of lost tags, and of a boundary that has moved too far."""
-    if report.lost_tags:
-        warn_caller(
-            f"the new mesh has lost {', '.join(report.lost_tags)}: parts smaller than the sizes "
-            "vanish",
-            ResolutionWarning,
-        )
-    if report.boundary_distance > allowed:
-        warn_caller(
-            "the boundary of the new mesh is farther from the old one than boundary_tolerance "
-            "(see report.boundary_distance), which adds up in a loop; lower boundary_tolerance",
-            ResolutionWarning,
-        )
 
 
 @dataclass(frozen=True)

@@ -37,9 +37,6 @@ from adaptsize.typing import FloatArray, GradientLimit
 #: Types that ``adapt`` accepts as ``h0``.
 BoundLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 
-#: The limits allow a requested number if the prediction is this close to it.
-REACHED = 0.05
-
 
 @dataclass(frozen=True)
 class Request:
@@ -247,7 +244,7 @@ def next_sizes(
     mesh.ranks.agree(lambda: _refuse_free(mesh, sizes))
     simplices = count(sizes)
     predicted = factor * simplices
-    in_reach = target is not None and abs(predicted / target - 1.0) <= REACHED
+    in_reach = target is not None and abs(predicted / target - 1.0) <= 0.05
     return NextSizes(sizes, predicted, in_reach, capped, simplices)
 
 

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from adaptsize._checks import warn_caller
 from adaptsize.adaptation.boundary_moves import BoundaryMoves
 from adaptsize.background import SimplexMesh
+from adaptsize.errors import ResolutionWarning
 from adaptsize.quality.conformity import Conformity
 from adaptsize.typing import FloatArray
 
@@ -78,6 +80,23 @@ class CycleReport:
             f"boundary within {self.boundary_distance:.2g} of the old one, "
             f"area or volume changed by {change:.1e}"
         )
+
+    def warn(self, allowed: float) -> None:
+        """Warn of lost tags, and of a boundary that has moved farther than allowed."""
+        if self.lost_tags:
+            warn_caller(
+                f"the new mesh has lost {', '.join(self.lost_tags)}: parts smaller than the sizes "
+                "vanish",
+                ResolutionWarning,
+            )
+        if self.boundary_distance > allowed:
+            # The text is constant, so that Python shows the warning once.
+            warn_caller(
+                "the boundary of the new mesh is farther from the old one than boundary_tolerance "
+                "(see report.boundary_distance), which adds up in a loop; pass project= for a "
+                "curved boundary of a whole mesh, or lower boundary_tolerance",
+                ResolutionWarning,
+            )
 
 
 @dataclass(frozen=True)

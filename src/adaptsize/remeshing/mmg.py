@@ -41,21 +41,21 @@ if TYPE_CHECKING:
 _RESULT = "out.meshb"
 #: Reference number of edges that are passed as ridges.
 _RIDGE = 1
-_CLASSES = {"tetrahedra": "MmgMesh3D", "plane triangles": "MmgMesh2D", "surface": "MmgMeshS"}
+_PROGRAMS = {"tetrahedra": "mmg3d_O3", "plane triangles": "mmg2d_O3", "surface": "mmgs_O3"}
 _ENTITIES = {
-    "MmgMesh3D": ("tetrahedra", "triangles"),
-    "MmgMesh2D": ("triangles", "edges"),
-    "MmgMeshS": ("triangles", "edges"),
+    "tetrahedra": ("tetrahedra", "triangles"),
+    "plane triangles": ("triangles", "edges"),
+    "surface": ("triangles", "edges"),
 }
 #: Ridge angle in degrees.  20 keeps the area of plane domains.  30 detects the shallow feature
 #: edges of parts, which Mmg's default of 45 rounds off, and not the facets of coarse surfaces.
-RIDGE_ANGLE = {"MmgMesh3D": 30.0, "MmgMesh2D": 20.0, "MmgMeshS": 30.0}
+RIDGE_ANGLE = {"tetrahedra": 30.0, "plane triangles": 20.0, "surface": 30.0}
 
 #: Mmg's ``hausd`` over the tolerance.  In space, on closed parts with sizes for the same tolerance,
 #: the measured distance was .2 to 1.1 times ``hausd``.  Mmg reduces larger sizes.  In the plane,
 #: with sizes too large for the tolerance, it was up to 1.5 times ``hausd`` on circles.  With a
 #: factor of 1.6 it was up to 7 times, and with .7 a notch of coarse arcs was rounded farther.
-_TOLERANCE_FACTOR = {"MmgMesh3D": 1.0, "MmgMesh2D": 1.3, "MmgMeshS": 1.0}
+_TOLERANCE_FACTOR = {"tetrahedra": 1.0, "plane triangles": 1.3, "surface": 1.0}
 #: Factor of ``hausd`` for a volume whose surface has the requested sizes already.
 _ADAPTED_FACTOR = 1.2
 #: Mmg reads sizes at the nodes of its input mesh.  If that is coarse, they are read again on the
@@ -123,11 +123,11 @@ class MmgBackend(Backend):
 
 def job_of(problem: Problem) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
     """Return the arrays and options of `MMG`, except for the sizes."""
-    kind = _CLASSES[problem.task]
+    task = problem.task
     options = {
-        "class": kind,
-        "hausd": _TOLERANCE_FACTOR[kind] * problem.tolerance,
-        "ridge_angle": RIDGE_ANGLE[kind],
+        "task": task,
+        "hausd": _TOLERANCE_FACTOR[task] * problem.tolerance,
+        "ridge_angle": RIDGE_ANGLE[task],
         "n_regions": int(problem.regions.max()) + 1,
         "n_groups": int(problem.facets.groups.max(initial=-1)) + 1,
         "required_groups": np.unique(problem.facets.groups[problem.facets.required]).tolist(),
@@ -232,11 +232,11 @@ def _write_job(
     ----------
     arrays : points, cells, regions, facets, facet_groups, ridges, corners, sizes
         As in ``Problem``.
-    options : class, hausd (absolute), hgrad, ridge_angle, n_regions, n_groups,
+    options : task, hausd (absolute), hgrad, ridge_angle, n_regions, n_groups,
         required_groups, open_boundaries
     """
-    kind, points, groups = options["class"], arrays["points"], arrays["facet_groups"]
-    cells, facets = _ENTITIES[kind]
+    task, points, groups = options["task"], arrays["points"], arrays["facet_groups"]
+    cells, facets = _ENTITIES[task]
     # References: regions from 1, then groups of facets.  Entities that Mmg adds get 0.
     blocks = {
         "vertices": [points, np.zeros(len(points), np.int32)],
@@ -266,14 +266,14 @@ def _write_job(
     flags = ["-nosizreq"]
     if options["open_boundaries"] and cells == "tetrahedra":
         flags.append("-opnbdy")
-    return [_executable(kind), *flags, *(str(word) for pair in settings.items() for word in pair)]
+    return [_executable(task), *flags, *(str(word) for pair in settings.items() for word in pair)]
 
 
 def _read_job(result: Path, options: Mapping[str, Any]) -> dict[str, npt.NDArray[Any]]:
     """Return points, cells, regions, facets, facet_groups, and ridges as they are divided now."""
-    kind = options["class"]
+    task = options["task"]
     (points, _), (cells, regions), (facets, groups), (edges, references) = read_medit(
-        result, "vertices", *_ENTITIES[kind], "edges"
+        result, "vertices", *_ENTITIES[task], "edges"
     )
     groups = groups - 1 - options["n_regions"]
     known = (groups >= 0) & (groups < options["n_groups"])
@@ -283,7 +283,7 @@ def _read_job(result: Path, options: Mapping[str, Any]) -> dict[str, npt.NDArray
         "regions": regions - 1,
         "facets": facets[known],
         "facet_groups": groups[known],
-        "ridges": edges[(references == _RIDGE) & (kind != "MmgMesh2D")],
+        "ridges": edges[(references == _RIDGE) & (task != "plane triangles")],
     }
 
 
@@ -292,9 +292,9 @@ def _read_job(result: Path, options: Mapping[str, Any]) -> dict[str, npt.NDArray
 MMG = Program(_write_job, _RESULT, _read_job)
 
 
-def _executable(kind: str) -> str:
+def _executable(task: str) -> str:
     """Return the path of the program, in the package or on the search path."""
-    name = f"mmg{kind.removeprefix('MmgMesh').lower()}_O3"
+    name = _PROGRAMS[task]
     spec = find_spec("mmgpy")
     folder = "" if spec is None or spec.origin is None else os.path.dirname(spec.origin)
     found = shutil.which(name, path=os.path.join(folder, "bin")) or shutil.which(name)
@@ -311,29 +311,29 @@ def _corners(
     These are the ends of required edges in the plane, and nodes of the boundary, of feature edges
     and of edges between groups where a smooth curve would bulge too far.
     """
-    kind, ends = options["class"], np.empty(0, np.int32)
+    task, ends = options["task"], np.empty(0, np.int32)
     curves = made["facets"]
-    if kind == "MmgMesh2D":
+    if task == "plane triangles":
         required = np.isin(made["facet_groups"], options["required_groups"])
         ends = np.intersect1d(curves[required], curves[~required])
     else:
-        curves = _curves(made, kind)
-    tolerance = options["hausd"] / _TOLERANCE_FACTOR[kind]
+        curves = _curves(made, task)
+    tolerance = options["hausd"] / _TOLERANCE_FACTOR[task]
     kept = _nodes_to_keep(made["points"], curves, tolerance)
     return np.union1d(ends, kept).astype(np.int32)
 
 
-def _curves(made: Mapping[str, npt.NDArray[Any]], kind: str) -> npt.NDArray[np.int32]:
+def _curves(made: Mapping[str, npt.NDArray[Any]], task: str) -> npt.NDArray[np.int32]:
     """Return the edges in space that Mmg keeps on curves, int32[n, 2]."""
     from adaptsize.background import SimplexMesh
     from adaptsize.background.topology import are_among, regions_beside
     from adaptsize.geometry.faces import normals_of, sharp_facets
 
-    names = ("cells", "regions") if kind == "MmgMeshS" else ("facets", "facet_groups")
+    names = ("cells", "regions") if task == "surface" else ("facets", "facet_groups")
     triangles, groups = (made[name] for name in names)
     surface = SimplexMesh(made["points"], triangles)
     lowest, highest = regions_beside(surface.cell_facets, groups, len(surface.facets))
-    kept = sharp_facets(surface, normals_of(surface), np.radians(RIDGE_ANGLE[kind]))
+    kept = sharp_facets(surface, normals_of(surface), np.radians(RIDGE_ANGLE[task]))
     kept |= (lowest != highest) | are_among(surface.edges, made["ridges"])
     return np.asarray(surface.edges[kept])
 

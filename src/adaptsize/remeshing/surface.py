@@ -33,7 +33,7 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 #: Triangles of less height than these shares of the tolerance are removed, in two attempts.
 THINNEST = (0.2, 0.02)
 #: Angle above which an edge is a feature edge, for Mmg, too; in radians.
-_FEATURE_ANGLE = math.radians(RIDGE_ANGLE["MmgMeshS"])
+_FEATURE_ANGLE = math.radians(RIDGE_ANGLE["surface"])
 
 
 def refine_surface(
