@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, get_args
+from typing import Any, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -12,10 +12,11 @@ from adaptsize._checks import as_plain_array, check_type, describe, one_of, refu
 from adaptsize.background import AnyMesh
 from adaptsize.typing import FloatArray, NodalMethod
 
+#: Fields by name.
+Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
 
-def as_fields(
-    name: str, fields: Mapping[str, npt.ArrayLike] | None, n: int
-) -> dict[str, npt.NDArray[Any]]:
+
+def as_fields(name: str, fields: Mapping[str, npt.ArrayLike] | None, n: int) -> Arrays:
     """Return checked fields with n rows each."""
     given = {} if fields is None else fields
     check_type(name, given, Mapping)

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from adaptsize._checks import describe, one_of
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
-from adaptsize.adaptation._fields import as_fields, methods_of
+from adaptsize.adaptation._fields import Arrays, as_fields, methods_of
 from adaptsize.adaptation.boundary_moves import ProjectionLike, check_projection
 from adaptsize.adaptation.in_parts import adapt_in_parts
 from adaptsize.adaptation.new_mesh import NewMesh, make_mesh
@@ -28,8 +28,8 @@ from adaptsize.adaptation.next_sizes import (
     decide,
     refuse_two_numbers,
 )
-from adaptsize.adaptation.report import AdaptReport, lost_tags
-from adaptsize.adaptation.transfer import FieldTransfer
+from adaptsize.adaptation.report import AdaptReport, lost_tags, total_measure
+from adaptsize.adaptation.transfer import FieldTransfer, transferred
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.background.simplex import as_mesh, as_own
@@ -43,7 +43,6 @@ from adaptsize.sizes.error import as_indicator
 from adaptsize.typing import ProgressCallback, Unpack
 
 Fields: TypeAlias = Mapping[str, npt.ArrayLike]
-Arrays: TypeAlias = dict[str, npt.NDArray[Any]]
 
 
 _HOW = {"interpolate": "interpolated", "project": "projected", "bounded": "projected in bounds"}
@@ -242,17 +241,9 @@ def _result(
     how: dict[str, str] = {}
     integrals: dict[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]] = {}
     if decision.remesh:
-        conservative = request.options["conservative"]
-        keep = request.options["keep_integral"]
         transfer = FieldTransfer(old, new, progress=progress)
+        moved, moved_by_cell = transferred(transfer, nodal, by_cell, request.options)
         methods = methods_of(request.options["method"], nodal, old)
-        moved = {
-            name: transfer.nodal(values, method=methods[name]) for name, values in nodal.items()
-        }
-        moved_by_cell = {
-            name: transfer.cells(values, conservative=conservative, keep_integral=keep)
-            for name, values in by_cell.items()
-        }
         for name, values in nodal.items():
             how[name] = "nearest node"
             if values.dtype.kind not in "biu":
@@ -261,7 +252,7 @@ def _result(
         for name, values in by_cell.items():
             how[name] = "value at the centroid"
             if values.dtype.kind not in "biu":
-                how[name] = "conservative" if conservative else how[name]
+                how[name] = "conservative" if request.options["conservative"] else how[name]
                 integrals[name] = transfer.integrals(values, moved_by_cell[name])
         nodal, by_cell = moved, moved_by_cell
         new = new.with_data(point_data=nodal, cell_data=by_cell)
@@ -275,7 +266,7 @@ def _result(
         predicted_elements=sizes.predicted, error=request.error,
         share_in_band=decision.in_band, share_too_long=decision.too_long,
         share_too_short=decision.too_short, before=before, after=after,
-        measure_before=float(old.measures.sum()), measure_after=float(new.measures.sum()),
+        measure_before=total_measure(old), measure_after=total_measure(new),
         boundary_distance=made.boundary_distance, moves=made.moves,
         lost_tags=lost_tags(old, new),
         kept_tags=old.cell_tags is not None or old.facet_tags is not None,

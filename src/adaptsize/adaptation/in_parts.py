@@ -26,7 +26,7 @@ from adaptsize.adaptation.next_sizes import (
     next_sizes,
     refuse_two_numbers,
 )
-from adaptsize.adaptation.report import CycleReport
+from adaptsize.adaptation.report import CycleReport, lost_tags, total_measure
 from adaptsize.adaptation.transfer import transfer_fields
 from adaptsize.adaptation.transfer_in_parts import TransferredFields
 from adaptsize.background import SimplexMesh, interpolate
@@ -255,27 +255,6 @@ class AdaptedParts:
     def __str__(self) -> str:
         """Return the reason and the report."""
         return f"{self.reason}\n{self.report}"
-
-
-def total_measure(part: PartitionedMesh) -> float:
-    """Return the area or volume of the mesh; collective."""
-    own = 0.0 if part.mesh is None else float(part.mesh.measures.sum())
-    return float(part.ranks.allreduce(own, "sum"))
-
-
-def lost_tags(old: PartitionedMesh, new: PartitionedMesh) -> tuple[str, ...]:
-    """Return the tags of cells and facets of the old mesh that the new one lacks; collective."""
-    before, after = (set().union(*part.ranks.allgather(_tags(part))) for part in (old, new))
-    return tuple(f"{kind} tag {tag}" for kind, tag in sorted(before - after))
-
-
-def _tags(part: PartitionedMesh) -> set[tuple[str, int]]:
-    found: set[tuple[str, int]] = set()
-    for kind in ("cell", "facet"):
-        tags = None if part.mesh is None else getattr(part.mesh, f"{kind}_tags")
-        if tags is not None:
-            found |= {(kind, tag) for tag in np.unique(tags).tolist()}
-    return found
 
 
 def boundary_distance(old: PartitionedMesh, new: PartitionedMesh) -> float:

@@ -34,6 +34,9 @@ from adaptsize.sizes.curvature import radius_at_curves, size_of_chords
 from adaptsize.sizes.error import scaled_by_error
 from adaptsize.typing import FloatArray, GradientLimit
 
+#: The limits allow a requested number if the prediction is this close to it.
+REACHED = 0.05
+
 #: Types that ``adapt`` accepts as ``h0``.
 BoundLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 
@@ -244,7 +247,7 @@ def next_sizes(
     mesh.ranks.agree(lambda: _refuse_free(mesh, sizes))
     simplices = count(sizes)
     predicted = factor * simplices
-    in_reach = target is not None and abs(predicted / target - 1.0) <= 0.05
+    in_reach = target is not None and abs(predicted / target - 1.0) <= REACHED
     return NextSizes(sizes, predicted, in_reach, capped, simplices)
 
 

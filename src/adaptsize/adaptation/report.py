@@ -8,7 +8,7 @@ import numpy as np
 
 from adaptsize._checks import warn_caller
 from adaptsize.adaptation.boundary_moves import BoundaryMoves
-from adaptsize.background import SimplexMesh
+from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.errors import ResolutionWarning
 from adaptsize.quality.conformity import Conformity
 from adaptsize.typing import FloatArray
@@ -198,16 +198,23 @@ def _quality(conformity: Conformity) -> str:
     )
 
 
-def lost_tags(old: SimplexMesh, new: SimplexMesh) -> tuple[str, ...]:
-    """Return the tags of cells and facets of the old mesh that the new one lacks."""
-    lost = []
-    for kind in ("cell", "facet"):
-        before, after = (getattr(mesh, f"{kind}_tags") for mesh in (old, new))
-        if before is None:
-            continue
-        there = [] if after is None else after
-        lost += [f"{kind} tag {tag}" for tag in np.setdiff1d(before, there)]
-    return tuple(lost)
+def total_measure(mesh: AnyMesh) -> float:
+    """Return the area or volume of a mesh; collective."""
+    return float(mesh.ranks.allreduce(float(mesh.measures.sum()), "sum"))
+
+
+def lost_tags(old: AnyMesh, new: AnyMesh) -> tuple[str, ...]:
+    """Return the tags of cells and facets of the old mesh that the new one lacks; collective."""
+    before, after = (set().union(*mesh.ranks.allgather(_tags(mesh))) for mesh in (old, new))
+    return tuple(f"{kind} tag {tag}" for kind, tag in sorted(before - after))
+
+
+def _tags(mesh: AnyMesh) -> set[tuple[str, int]]:
+    own = mesh.mesh if isinstance(mesh, PartitionedMesh) else mesh
+    tags = {kind: getattr(own, f"{kind}_tags", None) for kind in ("cell", "facet")}
+    return {
+        (kind, tag) for kind, of in tags.items() if of is not None for tag in np.unique(of).tolist()
+    }
 
 
 def boundary_distance(old: SimplexMesh, new: SimplexMesh) -> float:

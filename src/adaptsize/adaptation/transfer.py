@@ -14,6 +14,7 @@ from adaptsize._checks import as_flag, check_type, describe
 from adaptsize._kernels.overlap import combine
 from adaptsize._progress import reporting
 from adaptsize.adaptation._fields import (
+    Arrays,
     as_columns,
     as_field,
     as_fields,
@@ -84,32 +85,37 @@ def transfer_fields(
     old, new = as_own(old), as_own(new)
     _check_kinds(old, new)
 
-    def check() -> tuple[TransferOptions, dict[str, Any], dict[str, Any]]:
+    def check() -> tuple[TransferOptions, Arrays, Arrays]:
         given = checked(TransferOptions, options)
         if given["keep_integral"] and isinstance(old, PartitionedMesh):
             raise ValueError("keep_integral must be False for meshes in parts, got True")
         by_cell = as_fields("cell_fields", cell_fields, old.n_cells)
         nodal = as_fields("fields", fields, old.n_points)
-        return {**given, "method": methods_of(given["method"], nodal, old)}, nodal, by_cell
+        methods_of(given["method"], nodal, old)
+        return given, nodal, by_cell
 
     given, nodal, by_cell = old.ranks.agree(check)
-    conservative, method = given["conservative"], given["method"]
-    assert isinstance(method, dict)
+    conservative = given["conservative"]
     if isinstance(old, PartitionedMesh):
         assert isinstance(new, PartitionedMesh)
+        method = methods_of(given["method"], nodal, old)
         return transfer_in_parts(old, new, nodal, by_cell, conservative=conservative, method=method)
     assert isinstance(new, SimplexMesh)
     transfer = FieldTransfer(old, new, progress=progress)
     if by_cell and conservative:
         transfer.refuse_surfaces()
+    return transferred(transfer, nodal, by_cell, given)
+
+
+def transferred(
+    transfer: FieldTransfer, nodal: Arrays, by_cell: Arrays, given: Mapping[str, Any]
+) -> TransferredFields:
+    """Return checked fields on the new mesh; ``given`` has the options of `transfer_fields`."""
+    method = methods_of(given["method"], nodal, transfer.old)
+    how = {name: given[name] for name in ("conservative", "keep_integral")}
     return TransferredFields(
         {name: transfer.nodal(values, method=method[name]) for name, values in nodal.items()},
-        {
-            name: transfer.cells(
-                values, conservative=conservative, keep_integral=given["keep_integral"]
-            )
-            for name, values in by_cell.items()
-        },
+        {name: transfer.cells(values, **how) for name, values in by_cell.items()},
     )
 
 
@@ -357,11 +363,6 @@ class FieldTransfer:
         return np.asarray(
             np.divide(inside, measures, out=np.zeros_like(inside), where=measures > 0.0)
         )
-
-    @cached_property
-    def distances(self) -> FloatArray:
-        """Distance of each new node to the old mesh, float64[n_points], 0 inside."""
-        return self._located[2]
 
     @cached_property
     def overlap(self) -> csr_array:
