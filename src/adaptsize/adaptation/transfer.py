@@ -365,6 +365,11 @@ class FieldTransfer:
         )
 
     @cached_property
+    def distances(self) -> FloatArray:
+        """Distance of each new node to the old mesh, float64[n_points], 0 inside."""
+        return self._located[2]
+
+    @cached_property
     def overlap(self) -> csr_array:
         """Measures of the overlaps, sparse [n_cells of the new mesh, n_cells of the old one].
 
