@@ -59,7 +59,7 @@ KINDS = ("kept", "warned", "deviates", "refused", "failed")
 STEPS = {
     "adapting the surface with Mmg": "surface",
     "filling the surface with Netgen": "Netgen",
-    "tetrahedralizing with pytetwild": "fTetWild",
+    "tetrahedralizing with fTetWild": "fTetWild",
     "adapting with Mmg": "Mmg",
     "": "rest",
     "sizes": "sizes",
