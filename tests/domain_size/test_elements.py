@@ -37,18 +37,6 @@ def test_the_predicted_number_of_nodes_is_the_requested_one(domain):
     assert 1.7 < report.n_elements / report.n_nodes < (2.0 if domain is SQUARE else 6.0)
 
 
-def test_bounds_are_scaled_and_limited_again():
-    # The gradient keeps its limit, where sizes multiplied by a factor would not.
-    coarse = size_function(sphere(), elements=2_000).report
-    size = size_function(sphere(), elements=60_000)
-    fine = size.report
-    assert fine.g == coarse.g == size.g
-    scale = fine.relaxation / coarse.relaxation
-    assert fine.hmax == pytest.approx(scale * coarse.hmax)
-    assert fine.elements_per_radian == pytest.approx(coarse.elements_per_radian / scale)
-    assert fine.tolerance == pytest.approx(coarse.tolerance * scale**2)
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [

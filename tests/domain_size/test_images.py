@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose
 
 from adaptsize import mesh_image, size_function
 from adaptsize.errors import InputWarning, ResolutionWarning, TooManyElementsError
-from adaptsize.limiting import limit_gradient
 
 SHAPE = (100, 80)
 
@@ -50,24 +49,6 @@ def test_a_bar_has_so_many_elements_across():
     y = np.linspace(31.0, 48.0, 7)
     # Half the width is 10, to half a pixel.
     assert_allclose(size(np.column_stack([np.full(7, 50.0), y])), 5.0, atol=0.25)
-
-
-def touching_balls(n):
-    """Two balls of different size that overlap a little, in n^3 voxels."""
-    x = (np.indices((n, n, n)).T + 0.5) / n
-    small = np.linalg.norm(x - [0.72, 0.45, 0.5], axis=-1) < 0.16
-    return (np.linalg.norm(x - [0.35, 0.5, 0.5], axis=-1) < 0.25) | small
-
-
-def test_in_volumes_marching_is_within_five_percent_of_the_exact_limit():
-    size = size_function(touching_balls(48), hmax=12.0, max_elements=np.inf)
-    report = size.report
-    assert report.info.method == "fast-marching"
-    bound = np.minimum(np.minimum(*report.bounds.values()), 12.0)
-    exact = limit_gradient(report.background, np.maximum(bound, report.hmin), 0.25)
-    inside = report.cause >= 0
-    assert (exact < 12.0)[inside].mean() > 0.99
-    assert_allclose(size.values[inside], exact[inside], rtol=0.05)
 
 
 # --- what belongs to the objects --------------------------------------------------

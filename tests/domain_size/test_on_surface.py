@@ -7,16 +7,13 @@ from meshes import jittered_cube, random_sphere, random_square, structured_squar
 from numpy.testing import assert_allclose
 
 from adaptsize import (
-    BallSource,
     BoxSource,
-    CurveSource,
-    PointSource,
     SimplexMesh,
     SizeFunction,
     size_function,
 )
 from adaptsize.background.splitting import split_edges
-from adaptsize.errors import InputWarning, ResolutionWarning
+from adaptsize.errors import ResolutionWarning
 
 
 def cylinder(n, *, radius=1.0, height=20.0):
@@ -155,18 +152,3 @@ def test_a_relaxed_tolerance_is_not_larger_than_the_sizes_require():
 
 
 # --- sources off the surface ------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "source",
-    [
-        PointSource([0.0, 0.0, 10.0], 0.1),
-        CurveSource([[0, 0, 5], [0, 0, 15]], 0.1),
-        BallSource([0, 0, 10], 0.2, 0.1),
-        BoxSource([-0.1, -0.1, 9], [0.1, 0.1, 11], 0.1),
-    ],
-)
-def test_a_source_that_no_node_of_the_surface_is_near_is_reported(source):
-    kind = type(source).__name__
-    with pytest.warns(InputWarning, match=rf"{kind} requests the size 0\.1 at \(0, 0, .*off the"):
-        size_function(cylinder(12), sources=source, hmax=2, elements_across=0)

@@ -102,15 +102,3 @@ def test_nodes_at_one_place_are_merged_and_repeated_facets_left_out():
     assert_array_equal(faces.rows, [*range(n), *range(0, n, 2)])
     assert_array_equal(soup.points[faces.targets], soup.points)
     assert len(np.unique(faces.targets)) == CUBE.n_points
-
-
-def test_normals_point_outward_and_are_zero_where_a_facet_has_no_area():
-    middle = 0.5 * (CUBE.points[CUBE.edges[0, 0]] + CUBE.points[CUBE.edges[0, 1]])
-    flat = [*CUBE.edges[0], CUBE.n_points]
-    mesh = SimplexMesh([*CUBE.points, middle], [*CUBE.cells, flat])
-    normals = Faces.of(mesh).normals
-    assert_array_equal(normals[-1], 0.0)
-    corners = CUBE.points[CUBE.cells]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    across /= np.linalg.norm(across, axis=1)[:, None]
-    assert np.abs(normals[:-1] - across).max() < 1e-14

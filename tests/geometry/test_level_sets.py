@@ -12,7 +12,6 @@ from distance_shapes import (
 )
 from numpy.testing import assert_array_equal
 
-from adaptsize import CartesianGrid
 from adaptsize.geometry import level_set_curvature
 
 
@@ -64,20 +63,6 @@ def test_second_order(name, stretch):
     order = np.log2(np.divide(error[:-1], error[1:]))
     # Nodes 2 spacings inside come away from the centres of curvature as the grid is refined.
     assert (order > 1.9).all(), f"errors {error}, orders {order}"
-
-
-def test_no_value_at_kinks():
-    # Where two sides of a square are as near, the mean gradient has length 1 / sqrt 2.
-    grid = CartesianGrid([-1.0, -1.0], 0.1, (21, 21))
-    phi = grid.sample(lambda x: np.abs(x).max(axis=1) - 0.75)
-    kappa = level_set_curvature(grid, phi, at_boundary=False)[..., 0]
-    diagonal = np.arange(1, 20)
-    assert np.isnan(kappa[diagonal, diagonal]).all()
-    assert np.isnan(kappa[diagonal, 20 - diagonal]).all()
-    # A node off the diagonals by one does not know of the other side but from one corner.
-    assert np.isfinite(kappa[12, 15])
-    loose = level_set_curvature(grid, phi, at_boundary=False, gradient_tolerance=0.3)[..., 0]
-    assert np.isfinite(loose[15, 15])
 
 
 @pytest.mark.parametrize("dim", [2, 3])

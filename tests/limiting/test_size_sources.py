@@ -222,23 +222,6 @@ def test_sources_on_edges_give_the_sizes_too():
     assert_allclose(size.min(axis=0), h[on_edge], atol=1e-9)
 
 
-@pytest.mark.parametrize("name", [*CONVEX, "slit", "L"])
-def test_where_nothing_is_steep_nothing_changes_and_every_node_is_its_own_source(name):
-    background = {
-        **CONVEX, "slit": lambda: slit_square(300)[0], "L": lambda: domains.l_shape(300)[0],
-    }[name]()  # fmt: skip
-    x = coordinates(background)
-    h0 = 100.0 + 0.1 * x.sum(axis=-1)
-    h, info = limit_gradient.with_info(background, h0, G)
-    assert_array_equal(h, h0)
-    assert_array_equal(info.sources.nodes[:, 0], np.arange(h0.size))
-    assert_array_equal(info.sources.roots(), np.arange(h0.size))
-    assert info.n_changed == 0
-    places = x.reshape(-1, x.shape[-1])[:50] * 0.99
-    places = places[background.locator.weights(places)[2] == 0.0]
-    assert_allclose(info.sources.evaluate(places), 100.0 + 0.1 * places.sum(axis=1), rtol=1e-14)
-
-
 def test_roots_follow_bends_to_the_node_that_was_asked():
     mesh, _ = slit_square(500)
     h0, nodes = point_sources(mesh, [(-20, 30)], (1.0,))

@@ -83,19 +83,6 @@ def test_mesh_is_coloured_by_quality_region_or_field(drawn_by, color):
     assert differs == (color != "quality")  # all triangles have the same shape
 
 
-def test_size_function_and_field_h_give_the_same_picture(drawn_by, tmp_path):
-    mesh = structured_square(5)
-    h = 1.0 + np.arange(36.0)
-    from_array = plot_size(mesh, h, width=float(WIDTH))
-    np.testing.assert_array_equal(plot_size(SizeFunction(mesh, h), width=WIDTH), from_array)
-    with_field = mesh.with_data(point_data={"h": h})
-    path = tmp_path / "h.png"
-    np.testing.assert_array_equal(plot_size(with_field, path=path, width=WIDTH), from_array)
-    with Image.open(path) as written:
-        np.testing.assert_array_equal(np.asarray(written), from_array)
-    assert [p.name for p in tmp_path.iterdir()] == ["h.png"]
-
-
 def test_a_vtk_that_crashes_does_not_take_the_caller_along(monkeypatch):
     monkeypatch.setattr(with_vtk, "_PROBE", "import os, signal; os.kill(os.getpid(), 9)")
     assert not with_vtk._can_draw("")

@@ -62,18 +62,6 @@ def test_clip_keeps_whole_cells_of_the_half_away_from_the_eye(clip):
     np.testing.assert_array_equal(scene.values, scene.points[:, axis])  # values go with nodes
 
 
-def test_regions_are_labelled_by_their_names():
-    mesh = structured_square(2)
-    tags = np.arange(8) % 3 + 5
-    names = {(2, 5): "steel", (2, 7): "air", (1, 6): "inlet"}  # of which (1, 6) names facets
-    mesh = SimplexMesh(mesh.points, mesh.cells, cell_tags=tags, tag_names=names)
-    scene = scene_of_mesh(mesh, tags, None, on_nodes=False, classes=True)
-    assert scene.class_labels == ["steel", "6", "air"]
-    assert scene.shows_edges
-    quality = scene_of_mesh(mesh, tags, None, on_nodes=False)
-    assert quality.class_names == {}
-
-
 def area_of(scene):
     a, b, c, d = np.moveaxis(scene.points[scene.cells], 1, 0)
     return 0.5 * np.linalg.norm(np.cross(c - a, d - b), axis=1).sum()

@@ -154,16 +154,3 @@ def test_wrong_arguments_are_refused_by_name(change, message):
     arguments = {"distance": disc, "size": 0.3, "lower": [-1.2, -1.2], "upper": [1.2, 1.2]}
     with pytest.raises(ValueError, match=message):
         ads.mesh_from_distance(**{**arguments, **change})
-
-
-def test_progress_is_reported_and_can_stop_the_work():
-    seen = []
-    mesh_of(disc, 0.3, 1.2, progress=lambda text, share: seen.append((text, share)))
-    assert len({text for text, _ in seen}) >= 3
-    assert all(share is None or 0.0 <= share <= 1.0 for _, share in seen)
-
-    def stop(text, share):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        mesh_of(disc, 0.3, 1.2, progress=stop)

@@ -12,7 +12,7 @@ from adaptsize import (
     limit_gradient,
     size_from_curvature,
 )
-from adaptsize.geometry import level_set_curvature, signed_distance
+from adaptsize.geometry import signed_distance
 
 G, K = 0.25, 4.0
 
@@ -51,22 +51,6 @@ def test_limited_sizes_are_right_on_the_boundary_and_inside(sign):
     assert_allclose(SizeFunction(grid, h)(RADIUS * directions(200, 2)), wanted, rtol=2.5e-3)
     inside = (phi < 0.0) & (phi > -0.35)
     assert_allclose(h[inside], (wanted - G * phi)[inside], rtol=5e-3)
-
-
-def test_each_node_asks_for_what_its_closest_point_wants():
-    grid = box(40)
-    phi = grid.sample(ball)
-    kappa = level_set_curvature(grid, phi)[..., 0]
-    h0 = size_from_curvature(grid, phi, elements_per_radian=5.0, g=0.3)
-    inside = (phi <= 0.0) & (phi >= -2.0 * grid.spacing[0])
-    assert_allclose(h0[inside], (1.0 / (5.0 * kappa) - 0.3 * phi)[inside], rtol=1e-12)
-    outside = np.isfinite(h0) & (phi > 0.0)
-    # Sizes along a circle are constant but for the error of the curvature, so that s = g.
-    assert_allclose(h0[outside], (1.0 / (5.0 * kappa) - 0.3 * phi)[outside], rtol=1e-3)
-    # Corners of crossed boxes: at most the diagonal of a box away, and all that are nearer than
-    # the spacing along the axes.
-    assert phi[outside].max() < np.sqrt(2.0) * grid.spacing[0]
-    assert_array_equal(np.isinf(h0[phi < -2.0 * grid.spacing[0]]), True)
 
 
 def exact_on_ellipse(x):

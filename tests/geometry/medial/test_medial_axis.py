@@ -86,18 +86,6 @@ def test_noise_of_a_tenth_of_a_spacing_gives_no_points_near_the_boundary(part):
 # Corners
 
 
-@pytest.mark.parametrize("angle", [20.0, 40.0, 90.0, 140.0])
-def test_walls_form_a_corner_from_the_corner_angle_on(angle):
-    half = np.radians(0.5 * angle)
-    wedge = planar.polygon([(-1.0, 0.0), (1.0, -2.0 * np.tan(half)), (1.0, 2.0 * np.tan(half))])
-    grid, phi = planar.sampled(wedge, 0.02, shift=(0.31, 0.77), half=1.1)
-    for corner_angle in (30.0, 60.0):
-        found = medial_axis(grid, phi, corner_angle=corner_angle)
-        # Equally far from both sides, and closer to them than to the third.
-        at_wedge = found.points[np.abs(found.points[:, 1]) < 1e-9]
-        assert (len(at_wedge) > 20) == (angle < corner_angle)
-
-
 # In space
 
 
