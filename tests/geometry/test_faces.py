@@ -80,6 +80,11 @@ def test_a_cylinder_has_3_faces_and_2_curves_without_corners():
     assert meeting(faces) == {tuple(sorted((mantle, cap))) for cap in {0, 1, 2} - {mantle}}
 
 
+def test_a_curve_has_a_corner_where_it_turns_by_more_than_the_crease_angle():
+    assert numbers(Faces.of(cylinder(8))) == (10, 24, 16)  # 45 degrees
+    assert numbers(Faces.of(cylinder(10))) == (3, 2, 0)  # 36 degrees
+
+
 def test_faces_of_a_line_in_the_plane_are_its_parts_between_corners():
     square = outline([[0, 0], [1, 0], [2, 0], [2, 2], [0, 2]], 0.3 * circle(20)[::-1] + 1.0)
     faces = Faces.of(square)

@@ -88,7 +88,7 @@ def triangle_soup():
     points = np.concatenate([points, [[0, 0, 0], [0.5, 0, 0], [1, 0, 0]], points[:3]])
     cells = np.arange(len(points)).reshape(-1, 3)
     assert len(cells) == n // 3 + 2
-    return SimplexMesh(points, cells)
+    return SimplexMesh(points, cells, tagged_facets=[[0, 1], [n, n]], facet_tags=[7, 8])
 
 
 def test_soup_is_repaired_and_the_repairs_are_counted():
@@ -101,6 +101,8 @@ def test_soup_is_repaired_and_the_repairs_are_counted():
     assert repaired.mesh.is_closed
     assert np.array_equal(soup.points[repaired.nodes], repaired.mesh.points)
     assert np.array_equal(repaired.mesh.points[repaired.node_map], soup.points)
+    assert repaired.mesh.facet_tags.tolist() == [7]
+    assert np.array_equal(repaired.mesh.points[repaired.mesh.tagged_facets[0]], soup.points[:2])
 
 
 @pytest.mark.parametrize(("apart", "n_merged"), [(0.2, 2), (5.0, 1)])
