@@ -89,21 +89,6 @@ def test_isotropic_bounds_and_limits_hold():
     assert sizes.min() >= 0.02 * (1.0 - 1e-9)
 
 
-def test_two_fields_give_the_intersection():
-    fields = {
-        "u": np.tanh(20.0 * (MESH.points[:, 0] - 1.2)),
-        "v": np.tanh(20.0 * (MESH.points[:, 1] - 0.5)),
-    }
-    limits = {"fields": fields, "elements": 3000, "hmax": 0.3, "g": 0.25}
-    result = adapt(MESH, anisotropic=["u", "v"], **limits)
-    one = adapt(MESH, anisotropic="u", **limits)
-    # Where the layers cross, both directions are short.  (Equally only on finer meshes.)
-    crossing = [[1.2, 0.5]]
-    stretched = one.metric(crossing).aspect_ratio[0]
-    assert stretched > 4.0
-    assert result.metric(crossing).aspect_ratio[0] < 0.5 * stretched
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [

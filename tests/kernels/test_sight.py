@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from numba import njit
 
 from adaptsize._kernels import sight
-from adaptsize._kernels.sight import CACHED, LEFT, NARROW, RIGHT, WIDE, Sight
+from adaptsize._kernels.sight import CACHED, LEFT, RIGHT, Sight
 from adaptsize._kernels.trees import DEPTH
 from adaptsize.limiting.exact.field import boxes_over
 
@@ -34,11 +34,6 @@ def hides(wall, a, b, side, slack):
 @njit
 def without_hidden(sight_, x, rays, m):
     return sight.without_hidden(sight_, x, rays, m)
-
-
-@njit
-def side_in_cone(cone, way, slack):
-    return sight.side_in_cone(cone, way, slack)
 
 
 def turn(a, b, c):
@@ -99,20 +94,3 @@ def test_points_are_left_that_no_wall_hides_from_their_feet(segments, pairs):
     cached = np.full(CACHED, -1)
     for _ in range(2):  # with and without walls that have hidden points before
         assert visible(as_walls(segments), *zip(*pairs, strict=True), cached) == expected
-
-
-@given(st.integers(0, 359), st.integers(1, 359), st.integers(0, 359))
-def test_directions_in_cones(start, opening, direction):
-    if opening == 180:
-        opening = 179
-    ends = np.radians([start, start + opening])
-    cone = np.cos(ends[0]), np.sin(ends[0]), np.cos(ends[1]), np.sin(ends[1])
-    kind = float(WIDE if opening > 180 else NARROW)
-    angle = (direction - start) % 360
-    dx, dy = np.cos(np.radians(direction)), np.sin(np.radians(direction))
-    expected = LEFT + RIGHT if 0 < angle < opening else 0
-    if angle == 0:
-        expected = LEFT
-    if angle == opening:
-        expected = RIGHT
-    assert side_in_cone((*cone, kind), (dx, dy), SLACK) == expected

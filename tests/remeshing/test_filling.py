@@ -15,7 +15,7 @@ from adaptsize.remeshing import driver, first_volume, netgen
 from adaptsize.remeshing.first_volume import adapt_surface
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.mmg import MmgBackend
-from adaptsize.remeshing.surface import refine_surface, remove_slivers
+from adaptsize.remeshing.surface import refine_surface
 
 pytest.importorskip("mmgpy", reason="the meshes are made by Mmg")
 pytest.importorskip("netgen", reason="the surfaces are filled by Netgen")
@@ -214,20 +214,6 @@ def test_a_mesh_that_would_take_too_long_is_given_up(monkeypatch):
 
 def fail(*_):
     raise BackendError("mmg failed")
-
-
-def test_slivers_are_removed_within_their_height_from_any_surface():
-    rng = np.random.default_rng(5)
-    surface = cylinder(40)
-    refined, _ = refine_surface(surface, lambda x: np.full(len(x), 0.03), 1e-6)
-    moved = refined.points + 1e-4 * rng.standard_normal(refined.points.shape)
-    rough = SimplexMesh(moved, refined.cells)
-    clean, new_node = remove_slivers(rough, 5e-3)
-    assert is_oriented(clean)
-    assert clean.n_points - len(clean.edges) + clean.n_cells == 2  # still a sphere
-    assert clean.n_points < rough.n_points
-    assert distance(clean, rough) < 3.0 * 5e-3
-    assert (new_node >= 0).all()
 
 
 @pytest.fixture
