@@ -1,6 +1,5 @@
-"""The benchmark that remeshes folders of surfaces: outcomes, tables, generated surfaces."""
+"""The benchmark that remeshes folders of surfaces: outcomes and table."""
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -27,27 +26,3 @@ def test_a_folder_of_surfaces_is_tabulated(tmp_path):
     table = (tmp_path / "table.md").read_text()
     assert "| good.stl | 12 |" in table
     assert "2 files: 1 kept, 1 refused." in table
-
-
-def test_nasty_surfaces_are_fixed_by_their_seed_and_tabulated_by_defect(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    from _nasty_surfaces import write_surfaces
-
-    folder, again = tmp_path / "nasty", tmp_path / "again"
-    write_surfaces(folder, 20, 5)
-    write_surfaces(again, 20, 5)
-    files = sorted(folder.iterdir())
-    assert [f.read_bytes() for f in files] == [f.read_bytes() for f in sorted(again.iterdir())]
-    assert len({f.stem[4:] for f in files}) == 20
-    assert {f.suffix for f in files} == {".off", ".stl"}
-    rows = [
-        {"file": f.name, "kind": "refused", "outcome": "", "CPU s": 1.0, "MB": 9} for f in files
-    ]
-    output = tmp_path / "table.md"
-    store = tmp_path / "table.md.jsonl"
-    store.write_text("".join(json.dumps(row) + "\n" for row in rows))
-    options = (folder, "--nasty", 20, "--seed", 5, "--output", output)
-    done = surfaces(*options)
-    assert done.returncode == 0, done.stderr
-    assert "| fins | 1 |  |  |  | 1 |  | 1 | 1 | 9 |" in output.read_text()
-    assert "20 files: 20 refused." in output.read_text()
