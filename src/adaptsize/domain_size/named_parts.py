@@ -86,7 +86,7 @@ def sizes_of_parts(mesh: object, size_of: Mapping[str, float]) -> FloatArray:
     for name, size in size_of.items():
         named = [part for part in parts if part.name == name]
         if not named:
-            known = ", ".join(sorted({part.name for part in parts}))
+            known = ", ".join(dict.fromkeys(part.name for part in parts))
             raise ValueError(f"size_of must name parts among {known}; got {name!r}")
         for part in named:
             sizes[part.cells] = np.minimum(sizes[part.cells], size)
