@@ -3,6 +3,7 @@
 import copy
 import pickle
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, is_dataclass
 
 import numpy as np
@@ -177,3 +178,20 @@ def test_every_public_class_that_holds_data_is_tested_here():
     inside = {"AdaptReport", "TransferredFields"}  # a part of AdaptResult; a plain named tuple
     sources = {n for n in names if n.endswith("Source")}
     assert names - inside - sources - {name.split()[0] for name in MAKE} == set()
+
+
+def test_eight_threads_use_one_mesh_at_once():
+    points = np.random.default_rng(3312).uniform(0.0, [2.0, 1.0], (200, 2))
+    fresh = two_region_rectangle(12)
+    copies = [pickle.loads(pickle.dumps(fresh)) for _ in range(3)]
+
+    def work(number):
+        mesh = copies[number % len(copies)]
+        h = ads.limit_gradient(mesh, 0.05 + mesh.points[:, 0], 0.2)
+        return len(mesh.edges), mesh.boundary().mesh.n_cells, ads.SizeFunction(mesh, h)(points)
+
+    with ThreadPoolExecutor(8) as pool:
+        results = list(pool.map(work, range(24)))
+    for n_edges, n_sides, sizes in results:
+        assert (n_edges, n_sides) == results[0][:2]
+        assert_array_equal(sizes, results[0][2])

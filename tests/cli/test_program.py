@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from command_line import call
 
+from adaptsize.cli import entry
+
 DATA = Path(__file__).parents[2] / "data"
 
 
@@ -135,3 +137,36 @@ def test_warmup_compiles_for_all_kinds_of_domains(capfd):
     printed = capfd.readouterr()
     assert printed.out.startswith("kernels compiled in ")
     assert printed.err.count("compiled for ") == 5
+
+
+def test_ctrl_c_during_the_imports_gives_no_traceback(tmp_path):
+    (tmp_path / "sitecustomize.py").write_text(
+        "import sys\n"
+        "class Interrupt:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name == 'typer': raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupt())\n"
+    )
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    command = [sys.executable, "-m", "adaptsize", "info", "a.vtu"]
+    child = subprocess.run(
+        command, env={**os.environ, "PYTHONPATH": path}, capture_output=True, check=False
+    )
+    assert child.returncode == 130
+    assert b"Traceback" not in child.stderr
+
+
+def test_ctrl_c_where_python_ignores_exceptions_interrupts_nevertheless(monkeypatch, capsys):
+    class Ignored:
+        def __del__(self):
+            raise KeyboardInterrupt
+
+    def command(arguments):
+        Ignored()
+        time.sleep(60)
+
+    monkeypatch.setattr(entry, "run", command)
+    with pytest.raises(SystemExit) as stop:
+        entry.main([])
+    assert stop.value.code == entry.INTERRUPTED
+    assert capsys.readouterr() == ("", "adaptsize: interrupted\n")

@@ -191,3 +191,16 @@ def test_overlapping_bodies_are_named_before_the_work(capsys, tmp_path, no_gener
     assert "join the bodies before meshing" in capsys.readouterr().err
     assert call("size", tmp_path / "two.stl", "-o", tmp_path / "h.vtu") == 0
     assert named in capsys.readouterr().err
+
+
+def test_bodies_closer_than_the_tolerance_are_reported(capsys, tmp_path, no_generator):
+    points = np.concatenate([CORNERS, CORNERS + np.array([0.0, 0.0, 1.001])])
+    write(tmp_path / "two.stl", SimplexMesh(points, TWO))
+    words = ["remesh", tmp_path / "two.stl", "-o", tmp_path / "o.vtu"]
+    call(*words)
+    err = capsys.readouterr().err
+    assert "1 pair of bodies is only 0.001 apart at (0, 0, 1), less than the tolerance" in err
+    assert call(*words, "--strict") == 1
+    assert "lower --tolerance" in capsys.readouterr().err
+    call(*words, "--tolerance", "1e-4")
+    assert "of bodies" not in capsys.readouterr().err

@@ -6,6 +6,8 @@ import signal
 import sys
 import threading
 import time
+import warnings
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from mesh_files import SQUARE, TWO_TRIANGLES
@@ -61,3 +63,22 @@ def test_the_child_ends_with_this_process(tmp_path, file):
     while os.path.exists(f"/proc/{int(done.stdout)}") and time.monotonic() < until:
         time.sleep(0.05)
     assert not os.path.exists(f"/proc/{int(done.stdout)}")
+
+
+@posix_only
+def test_a_child_that_has_ended_is_replaced(file, monkeypatch):
+    read(file)
+    first = limited._CHILD
+    os.kill(first.pid, signal.SIGTERM)
+    first.wait()
+    first.returncode = 0  # as it ends after a time without work
+    assert read(file).n_cells == 2
+    assert limited._CHILD is not first
+
+
+def test_many_threads_read_and_leave_the_filters_of_warnings_as_they_were(file):
+    before = list(warnings.filters)
+    with ThreadPoolExecutor(8) as pool:
+        meshes = list(pool.map(read, [file] * 40))
+    assert {mesh.n_cells for mesh in meshes} == {2}
+    assert warnings.filters == before

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mesh_files import SQUARE, TWO_TRIANGLES
 from numpy.testing import assert_array_equal
@@ -24,6 +24,7 @@ NAMES = st.text(st.sampled_from(ODD + string.ascii_letters + string.digits), max
 @pytest.mark.parametrize("suffix", [".vtu", ".vtp", ".vtk", ".vtkhdf", ".xdmf", ".msh", ".ply"])
 @settings(max_examples=60, deadline=None)
 @given(name=NAMES, tag=NAMES)
+@example(name='h" format="ascii" x="', tag="a")
 def test_odd_names_in_meshes_are_read_back_or_refused(suffix, name, tag):
     fields = {name: [1.0, 2.0, 3.0, 4.0]}
     mesh = SimplexMesh(SQUARE, TWO_TRIANGLES, cell_tags=[1, 2], point_data=fields)

@@ -118,3 +118,16 @@ def test_the_volume_of_an_inconsistently_oriented_surface_is_not_compared():
     assert check.is_met
     assert "measure" not in [demand.name for demand in check.demands]
     assert "not consistently oriented" in check.notes[0]
+
+
+def test_edges_between_coincident_nodes_are_the_worst():
+    points = [*SQUARE.points, SQUARE.points[2]]
+    mesh = SimplexMesh(points, [*SQUARE.cells, [1, 2, 4]])
+    demand = next(d for d in check_mesh(mesh, size=5.0).failures if d.name == "edges")
+    assert demand.places[0].point == (1.0, 1.0)
+    assert demand.places[0].value == 0.0
+
+
+def test_cells_that_fill_a_thin_plate_twice_are_noticed_at_a_tolerance_of_its_thickness():
+    plate = SimplexMesh(CUBE.points * [1.0, 1.0, 0.01], CUBE.cells)
+    assert missed(joined(plate, plate), original=plate, tolerance=0.01) == ["measure", "topology"]

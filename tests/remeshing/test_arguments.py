@@ -127,3 +127,9 @@ def test_inverted_cells_are_turned_and_unused_nodes_dropped():
     repaired = repair_mesh(SimplexMesh(points, CUBE.cells[:, [1, 0, 2, 3]])).mesh
     assert (repaired.signed_measures > 0.0).all()
     assert repaired.n_points == CUBE.n_points
+
+
+def test_gmsh_is_never_chosen_by_itself(monkeypatch):
+    monkeypatch.setattr(registry, "find_spec", lambda name: name == "gmsh" or None)
+    with pytest.raises(BackendUnavailableError):
+        remesh(CUBE.boundary().mesh, 0.5)

@@ -7,7 +7,7 @@ import pytest
 from implicit_domains import box, corner, disc, dumbbell, ellipse, neck_size, ring, ring_size
 
 import adaptsize as ads
-from adaptsize.errors import ResolutionWarning
+from adaptsize.errors import ConvergenceWarning, ResolutionWarning
 
 SEEDS = (20040601, 771)
 
@@ -154,3 +154,25 @@ def test_wrong_arguments_are_refused_by_name(change, message):
     arguments = {"distance": disc, "size": 0.3, "lower": [-1.2, -1.2], "upper": [1.2, 1.2]}
     with pytest.raises(ValueError, match=message):
         ads.mesh_from_distance(**{**arguments, **change})
+
+
+def test_the_mesh_does_not_depend_on_the_unit_of_length():
+    def scaled(x):
+        return 4.0 * disc(x / 4.0)
+
+    small = mesh_of(disc, 0.35, 1.25, 2, seed=5)
+    large = mesh_of(scaled, 1.4, 5.0, 2, seed=5)
+    # Powers of two are exact, so that every decision falls the same way.
+    np.testing.assert_array_equal(4.0 * small.points, large.points)
+    np.testing.assert_array_equal(small.cells, large.cells)
+
+
+def test_a_function_without_slope_is_reported():
+    with pytest.warns(ResolutionWarning, match="no slope"):
+        report = with_report(lambda x: np.sign(disc(x)), 0.3, 1.2)[1]
+    assert report.boundary_residual == np.inf
+
+
+def test_too_few_steps_are_reported():
+    with pytest.warns(ConvergenceWarning, match="max_iter"):
+        mesh_of(ring, ring_size, 1.2, max_iter=1)

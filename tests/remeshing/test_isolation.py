@@ -227,3 +227,14 @@ def _is_running(pid):
         return False
     stat = Path(f"/proc/{pid}/stat")
     return not (stat.exists() and stat.read_text().rsplit(")", 1)[1].split()[0] == "Z")
+
+
+@posix_only
+def test_a_limit_of_processor_time_of_the_caller_is_kept():
+    code = (
+        "import resource as r; from adaptsize._supervisor import limit_processor_time\n"
+        "r.setrlimit(r.RLIMIT_CPU, (50, 50)); limit_processor_time(1000.0)\n"
+        "print(r.getrlimit(r.RLIMIT_CPU))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == "(50, 50)"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from shapes import block, two_region_block, two_region_rectangle
 
-from adaptsize import Metric, remesh, size_conformity
+from adaptsize import Metric, SimplexMesh, remesh, size_conformity
 from adaptsize.metrics import MetricFunction
 from adaptsize.metrics.implied import implied_metric
 
@@ -115,3 +115,12 @@ def test_what_cannot_be_made_is_refused():
         remesh(surface, of_surface, target="triangles", backend="gmsh")
     with pytest.raises(ValueError, match="must not be a Metric for a surface to be filled"):
         remesh(surface, of_surface)
+
+
+def test_scaled_parts_get_the_same_mesh():
+    # Mmg sees the same numbers, up to rounding: the frame takes the scale out of the metric.
+    scale, (mesh, sizes) = 1e-6, JOBS["plane"]
+    small = SimplexMesh(scale * mesh.points + 7.0 * scale, mesh.cells)
+    metric = constant(scale * np.array(sizes), turned(2), mesh.n_points)
+    new = remesh(small, metric, backend="mmg")
+    assert new.n_cells == pytest.approx(made("plane").n_cells, rel=0.1)

@@ -135,3 +135,20 @@ def test_all_pairs_of_near_bodies_are_counted():
     assert near.n_pairs == 2
     assert near.distance == pytest.approx(0.01)
     assert str(near).startswith("2 pairs of bodies are down to 0.01 apart at (")
+
+
+def test_two_holes_that_touch_are_closed():
+    # The triangles 0 and 10 have only a corner in common.
+    mesh = box(without=(1, 10))
+    closed = close_holes(mesh)
+    assert closed.is_closed
+    assert volume(closed) == pytest.approx(2.0)
+
+
+def test_a_sheet_encloses_nothing():
+    scale = 1e-9
+    sheet = SimplexMesh(scale * CORNERS[[2, 3, 7, 6]], [[0, 1, 2], [0, 2, 3]])
+    with pytest.raises(ValueError, match="it is a sheet"):
+        close_holes(sheet)
+    solid = close_holes(SimplexMesh(scale * CORNERS, CUBE[:10]))
+    assert solid.is_closed

@@ -11,7 +11,7 @@ from adaptsize import SimplexMesh, check_mesh, remesh, size_function
 from adaptsize._kernels.smoothing import fill_quality
 from adaptsize.background.splitting import bisect_edges
 from adaptsize.background.topology import are_among
-from adaptsize.quality.boundary import region_measures
+from adaptsize.quality.boundary import distances_from, region_measures
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.surface import facets_of
@@ -156,3 +156,18 @@ def test_nodes_off_the_interface_are_projected_back():
     quality = np.empty(new.n_cells)
     fill_quality(new.points, new.cells, quality)
     assert quality.min() > 0.3
+
+
+def test_a_place_of_the_surface_that_the_facets_miss_gets_a_node():
+    mesh = block(6)
+    skin = mesh.boundary().mesh
+    top = np.linalg.norm(skin.points[skin.cells].mean(axis=1) - [0.5, 0.5, 1.0], axis=1).argmin()
+    i, j, k = skin.cells[top]
+    peak = skin.points[[i, j, k]].mean(axis=0)
+    peak[2] += 0.04
+    n = skin.n_points
+    cells = np.concatenate([np.delete(skin.cells, top, axis=0), [[i, j, n], [j, k, n], [k, i, n]]])
+    old = SimplexMesh([*skin.points, peak], cells)
+    made = improved(mesh, old, 0.03)
+    away = [distances_from(old, one.boundary().mesh).largest for one in (mesh, made)]
+    assert away[0] > 0.03 > away[1]

@@ -1,12 +1,15 @@
 """Regions, tags and required facets survive; sizes on surfaces reach into the volume."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from meshes import structured_square
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from shapes import block, facet_areas, two_region_block, two_region_rectangle
 
-from adaptsize import SimplexMesh, remesh
+from adaptsize import SimplexMesh, SizeFunction, remesh
+from adaptsize.remeshing.sizing import as_size
 
 
 def region_measure(mesh, tag):
@@ -25,7 +28,9 @@ def sides(mesh):
 
 def test_mmg_keeps_regions_interface_and_tags_of_tetrahedra_exactly():
     pytest.importorskip("mmgpy")
-    new = remesh(two_region_block(3), 0.25, backend="mmg")
+    names = {(3, 7): "left", (2, 40): "interface"}
+    new = remesh(replace(two_region_block(3), tag_names=names), 0.25, backend="mmg")
+    assert new.tag_names == names
     assert set(np.unique(new.cell_tags)) == {7, -3}
     assert_allclose([region_measure(new, 7), region_measure(new, -3)], 1.0, rtol=1e-12)
     assert set(np.unique(new.facet_tags)) == {40, 41, 42}  # the untagged sides stay untagged
@@ -93,3 +98,38 @@ def test_an_open_surface_is_adapted_and_keeps_its_rim():
     assert rim == pytest.approx(old_rim, rel=5e-3)
     assert new.measures.sum() == pytest.approx(given.measures.sum(), rel=5e-3)
     assert np.median(new.edge_lengths) == pytest.approx(0.06, rel=0.15)
+
+
+def test_sides_beside_required_edges_stay_straight():
+    pytest.importorskip("mmgpy")
+    # The required edge from node 1 to 2 continues the side y = 0 at an angle of 11 degrees.
+    points = np.array([[0.0, 0.0], [1, 0], [2, -0.2], [2, 1], [0, 1], [1, 1]])
+    given = SimplexMesh(points, [[0, 1, 5], [0, 5, 4], [1, 2, 3], [1, 3, 5]])
+    new = remesh(given, 0.15, backend="mmg", required_facets=[[1, 2]], tolerance=0.02)
+    boundary = new.points[new.boundary().nodes]
+    side = boundary[(boundary[:, 0] <= 1.0) & (boundary[:, 1] < 0.1)]
+    assert len(side) > 5
+    assert_allclose(side[:, 1], 0.0, atol=1e-12)
+
+
+def test_a_tagged_sheet_inside_one_region_is_kept():
+    pytest.importorskip("mmgpy")
+    plain = two_region_block(3)
+    sheet = plain.tagged_facets[plain.facet_tags == 40]
+    given = SimplexMesh(
+        plain.points, plain.cells, tagged_facets=sheet, facet_tags=np.full(len(sheet), 40)
+    )
+    new = remesh(given, 0.2)
+    assert new.cell_tags is None
+    assert facet_areas(new, 40) == pytest.approx(1.0, rel=1e-12)
+
+
+def test_sizes_on_a_surface_are_the_same_wherever_they_are_asked_for():
+    surface = block(2).boundary().mesh
+    size = SizeFunction(surface, np.full(surface.n_points, 0.2), g=0.5, hmax=0.3)
+    nodal = as_size(size.values, surface, g=0.5, hmax=0.3)
+    points = np.random.default_rng(905).random((50, 3))
+    depth = np.minimum(points, 1.0 - points).min(axis=1)
+    assert_allclose(size(points), np.minimum(0.2 + 0.5 * depth, 0.3), rtol=1e-12)
+    assert_array_equal(nodal(points), size(points))
+    assert_array_equal(as_size(size, surface, g=9.0)(points), size(points))  # its own g counts
