@@ -91,3 +91,15 @@ def test_discs_by_mmg_meet_the_number_unless_cells_may_not_grow_so_much(rings, n
     assert (abs(result.mesh.n_cells / number - 1.0) <= 0.05) is met
     if not met:  # 9600 cells: twice as long edges are a quarter of them
         assert result.mesh.n_cells == pytest.approx(9600 / 4, rel=0.15)
+
+
+def test_bounds_hold_beside_an_indicator(generator):
+    mesh = jittered_square(12, SEED, half_width=1.0)
+    bound = np.full(mesh.n_points, np.inf)
+    bound[0] = 0.01
+    result = adapt(mesh, indicator(mesh), elements=3000, h0=bound, g=0.3)
+    h = result.size.values
+    assert h[0] <= 0.01
+    i, j = mesh.edges.T
+    assert (np.abs(h[i] - h[j]) <= 0.3 * mesh.edge_lengths * (1.0 + 1e-12)).all()
+    assert result.report.predicted_elements == pytest.approx(3000, rel=1e-2)

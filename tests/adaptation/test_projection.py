@@ -223,3 +223,25 @@ def test_adapt_projects_and_reports_the_integrals():
     }
     assert abs(change["u"]) < 1e-10
     assert "field u: projected, integral changed by" in str(result.report)
+
+
+@pytest.mark.parametrize("method", PROJECTIONS)
+def test_where_domains_differ_the_old_part_and_the_continuation_are_integrated(method):
+    inner, outer = (jittered_square(9, SEED, half_width=w) for w in (1.0, 1.2))
+    field = 2.0 + wave(inner.points)
+    grown = FieldTransfer(inner, outer)
+    made = grown.nodal(field, method=method)
+    # Outside the old polygon, by lumping, the value at the nearest point.
+    outside = hat_integrals(outer) - mixed(inner, outer).sum(axis=1)
+    extra = outside @ grown.nodal(field, method="interpolate")
+    before, after = grown.integrals(field, made, nodal=True)
+    assert extra > 0.1
+    assert after == pytest.approx(before + extra, rel=1e-11)
+    # What sticks out of the new polygon is lost.
+    shrunk = FieldTransfer(outer, inner)
+    back = shrunk.nodal(made, method=method)
+    kept = mixed(outer, inner).sum(axis=0) @ made
+    before, after = shrunk.integrals(made, back, nodal=True)
+    assert after == pytest.approx(kept, rel=1e-11)
+    assert before - after > 0.1
+    assert_allclose(grown.nodal(np.ones(inner.n_points), method=method), 1.0, rtol=1e-13)

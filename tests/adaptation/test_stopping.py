@@ -1,7 +1,8 @@
 """When an adaptive loop ends."""
 
 import numpy as np
-from adaptive_loops import SEED
+import pytest
+from adaptive_loops import SEED, indicator
 from meshes import jittered_square, structured_square
 
 from adaptsize import adapt
@@ -53,3 +54,27 @@ def test_a_loop_ends_at_the_tolerance(generator):
     again = adapt(mesh, mesh.measures, tolerance=5.0 * aim, coarsen_converged=True)
     assert again.remeshed
     assert again.mesh.n_cells < mesh.n_cells
+
+
+@pytest.mark.parametrize(
+    ("target", "reason"),
+    [
+        ({"tolerance": 1e-9}, "the limits allow no better"),
+        ({"elements": 8000}, "do not allow 8000 elements (see hmin, hmax, g,"),
+    ],
+)
+def test_a_target_that_the_limits_do_not_allow_ends_the_loop_too(generator, target, reason):
+    mesh = structured_square(20, half_width=1.0)
+    h = 0.1145
+    result = adapt(mesh, indicator(mesh), **target, hmin=h, hmax=h)
+    assert (result.remeshed, result.converged) == (False, False)
+    assert reason in result.reason
+
+
+def test_a_tolerance_needs_no_more_than_the_number_given(generator):
+    mesh = jittered_square(12, SEED, half_width=1.0)
+    eta = indicator(mesh)
+    free = adapt(mesh, eta, tolerance=0.5 * np.linalg.norm(eta))
+    needed = free.report.predicted_elements
+    capped = adapt(mesh, eta, tolerance=0.5 * np.linalg.norm(eta), elements=0.6 * needed)
+    assert capped.report.predicted_elements == pytest.approx(0.6 * needed, rel=1e-2)

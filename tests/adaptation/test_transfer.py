@@ -235,3 +235,15 @@ def test_meshes_of_two_kinds_are_refused():
         FieldTransfer(structured_square(1), jittered_cube(2, SEED))
     with pytest.raises(ValueError, match="new must be a SimplexMesh of triangles or tetrahedra"):
         FieldTransfer(structured_square(1), SimplexMesh([[0.0], [1.0]], [[0, 1]]))
+
+
+def test_nodes_in_no_cell_and_flat_cells_do_no_harm():
+    points = [[0, 0], [1, 0], [1, 1], [0, 1], [7, 7], [0.5, 0.5]]
+    cells = [[0, 1, 2], [0, 2, 3], [0, 5, 2]]  # the last one is flat
+    old = SimplexMesh(points, cells)
+    new = SimplexMesh(points, np.array(cells)[:, ::-1])
+    transfer = FieldTransfer(old, new)
+    assert_allclose(transfer.nodal(old.points, method="interpolate")[:4], old.points[:4])
+    made = transfer.cells([1.0, 3.0, 100.0])
+    assert_allclose(made[:2], [1.0, 3.0])
+    assert np.isfinite(made).all()

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from adaptsize import mesh_image, size_function
+from adaptsize.background import Image
 from adaptsize.errors import InputWarning, ResolutionWarning, TooManyElementsError
 
 SHAPE = (100, 80)
@@ -194,3 +195,11 @@ def test_too_many_elements_are_refused():
         pytest.raises(TooManyElementsError),
     ):
         mesh_image(disc(9.0), hmin=1e-3, hmax=1e-3)
+
+
+def test_sizes_scale_with_the_pixels_and_lie_where_the_image_does():
+    options = {"elements_per_radian": 3.0, "elements_across": 3.0}
+    plain = size_function(disc(20.0), **options)
+    scaled = size_function(Image(disc(20.0), 0.25, [7.0, -2.0]), **options)
+    assert_allclose(scaled.values, 0.25 * plain.values, rtol=1e-6)
+    assert_allclose(scaled.background.lower, 0.25 * plain.background.lower + [7.0, -2.0])

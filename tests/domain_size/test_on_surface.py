@@ -8,12 +8,13 @@ from numpy.testing import assert_allclose
 
 from adaptsize import (
     BoxSource,
+    PointSource,
     SimplexMesh,
     SizeFunction,
     size_function,
 )
 from adaptsize.background.splitting import split_edges
-from adaptsize.errors import ResolutionWarning
+from adaptsize.errors import InputWarning, ResolutionWarning
 
 
 def cylinder(n, *, radius=1.0, height=20.0):
@@ -152,3 +153,9 @@ def test_a_relaxed_tolerance_is_not_larger_than_the_sizes_require():
 
 
 # --- sources off the surface ------------------------------------------------------
+
+
+def test_a_source_that_no_node_of_the_surface_is_near_is_reported():
+    for source in (PointSource([0, 0, 10], 0.1), BoxSource([-0.1, -0.1, 9], [0.1, 0.1, 11], 0.1)):
+        with pytest.warns(InputWarning, match=r"requests the size 0\.1 at \(0, 0, .*off the"):
+            size_function(cylinder(12), sources=source, hmax=2, elements_across=0)

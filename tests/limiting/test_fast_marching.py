@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from adaptsize import CartesianGrid
+from adaptsize import CartesianGrid, limit_gradient
 from adaptsize.geometry.distance.fast_marching import march_distance
+from adaptsize.limiting import FastMarching
 
 
 def quiet(text, share):
@@ -30,3 +31,31 @@ def test_distances_from_a_point_are_of_first_order():
         assert (found >= exact - 1e-12).all()
     order = np.log2(np.divide(error[:-1], error[1:]))
     assert (order > 0.85).all(), f"errors {error}, orders {order}"
+
+
+def test_ways_lead_through_the_nodes_that_take_part():
+    grid = CartesianGrid([0.0, 0.0], 0.1, (11, 11))
+    seeds = np.full(grid.shape, np.inf)
+    seeds[0, 0] = 0.0
+    where = np.ones(grid.shape, bool)
+    where[5, :-1] = False
+    found = march_distance(grid, seeds, where=where, report=quiet)
+    assert np.isinf(found[~where]).all()
+    # Up the wall and around its end, by (0.5, 1).
+    around = np.hypot(0.5, 1.0)
+    assert around < found[5, 10] < 1.1 * around
+    assert found[10, 0] > around + 1.0
+    where[5, 10] = False
+    assert np.isinf(march_distance(grid, seeds, where=where, report=quiet)[6:]).all()
+
+
+def test_the_second_order_pass_sorts_sizes_whose_range_has_no_inverse():
+    # Regression: numbers of bins out of range, and so writing out of bounds.
+    active = np.ones((9, 9), bool)
+    active[4] = False
+    grid = CartesianGrid([0.0, 0.0], 1e-3, (9, 9), active=active)
+    h0 = np.full((9, 9), np.inf)
+    h0[0, 0], h0[8, 8] = 1e-310, 1.5e-310
+    h = limit_gradient(grid, h0, 1e-310, method=FastMarching(order=2))
+    assert (h[:4] == 1e-310).all()
+    assert (h[5:] == 1.5e-310).all()

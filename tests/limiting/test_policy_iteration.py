@@ -63,3 +63,12 @@ def test_policies_solve_what_plain_sweeps_converge_to(dim, stretch, coincident):
     for method in ("fast-marching", "positive-coefficient"):
         assert_allclose(limit_gradient(mesh, h0, g, method=method), expected, rtol=1e-12)
     assert n_steps < 30  # as Newton's method does, not as sweeps
+
+
+@pytest.mark.parametrize("tiny", [0.0, 1e-20, 1e-17])
+def test_limits_that_vanish_in_rounding_leave_the_equations_solvable(tiny):
+    # Regression: coincident nodes of equal size referred to each other in a circle, and
+    # the matrix was singular.
+    mesh, h0, g = _problem(3, 60_003, stretch=20.0, coincident=60)
+    h, _ = _solve(mesh, h0, tiny * g)
+    assert_allclose(h, np.full(150, h0.min()), rtol=1e-12)

@@ -249,3 +249,34 @@ def test_weights_agree_with_interpolation(name):
     places = coordinates(background).reshape(-1, background.dim)
     closest = np.einsum("ij,ijk->ik", weights, places[nodes])
     assert_allclose(closest, np.clip(points, -50.0, 50.0), atol=1e-7)
+
+
+def test_points_outside_take_the_value_of_the_closest_point():
+    background, h0, _ = two_corners("triangles")
+    with_sources, interpolating = limited(background, h0)
+    points = np.array([[-60.0, -30.0], [55.0, 70.0], [0.3, 51.0]])
+    assert_array_equal(with_sources(points), interpolating(points))
+
+
+def test_in_solids_that_are_not_convex_nodal_sizes_are_interpolated():
+    mesh, _ = domains.wall_box(800)
+    h0, _ = point_sources(mesh, [(-20, 30, 10)], (1.0,))
+    with_sources, interpolating = limited(mesh, h0)
+    points = mesh.points[mesh.cells].mean(axis=1)
+    assert_allclose(with_sources(points), interpolating(points), rtol=1e-13)
+
+
+def test_components_have_sources_of_their_own_between_the_nodes():
+    one = random_square(100, 946)
+    mesh = SimplexMesh(
+        np.concatenate([one.points, one.points + np.array([2.1, 0.0])]),
+        np.concatenate([one.cells, one.cells + one.n_points]),
+    )
+    h0 = np.full(mesh.n_points, np.inf)
+    nodes = [3, one.n_points + 5]
+    h0[nodes] = 0.1, 0.2
+    with_sources, _ = limited(mesh, h0)
+    middles = mesh.points[mesh.cells].mean(axis=1)
+    of_first, of_second = ([0.1, 0.2] + G * distances(middles, mesh.points[nodes])).T
+    is_first = np.arange(mesh.n_cells) < one.n_cells
+    assert_allclose(with_sources(middles), np.where(is_first, of_first, of_second), rtol=1e-13)

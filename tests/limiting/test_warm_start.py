@@ -258,3 +258,17 @@ def test_what_is_another_problem_is_refused(name):
     _, info = limit_gradient.with_info(PLANE, np.linspace(0.1, 2.0, 300), G)
     with pytest.raises(ValueError, match=re.escape(expected)):
         call(info)
+
+
+def test_arrays_of_the_caller_may_change_afterwards():
+    h0 = bounds(PLANE, np.random.default_rng(20272), 0.5)
+    h, info = limit_gradient.with_info(PLANE, h0, G)
+    before = info.largest_edge_slope
+    h[:] = 1.0
+    h0[:50] = 2.0 * h0[:50]  # in place: the earlier bounds must have been kept
+    again, after = limit_gradient.with_info(PLANE, h0, G, initial=info)
+    assert_array_equal(again, limit_gradient(PLANE, h0, G, initial=info))
+    assert_array_equal(again, limit_gradient(PLANE, h0, G))
+    assert before == info.largest_edge_slope
+    assert info.n_changed == (info.h < info.bound).sum()
+    assert after.method == info.method

@@ -104,3 +104,26 @@ def test_cavities_are_left_out_and_overlaps_count_once():
     for surface, volume in ((hollow, 0.875), (shifted, 1.5)):
         found = predict(Enclosed(surface), lambda x: np.full(len(x), 0.05)).cells
         assert found == pytest.approx(PER_VOLUME * volume / 0.05**3, rel=0.02)
+
+
+def test_the_integral_in_a_surface_converges():
+    # Stratified samples with boxes at the boundary: better than the order 1/2 of plain ones.
+    coarse, fine = (np.sqrt(np.mean(errors_in_a_plate(n, 0.02) ** 2)) for n in (300, 300 * 4**3))
+    assert coarse < 0.06
+    assert fine < 0.25 * coarse / 8.0**0.5
+
+
+def test_the_prediction_turns_moves_and_scales_with_the_surface():
+    ball = random_sphere(500, 77)
+    points = ball.points * [1.0, 0.6, 0.3] + 0.1 * ball.points[:, [1, 0, 2]] ** 2
+    here = SimplexMesh(points, ball.cells)
+
+    def size(x):
+        return 0.05 + 0.2 * np.linalg.norm(x - [0.5, 0.1, 0.0], axis=1)
+
+    plain = predict(Enclosed(here), size).cells
+    for seed in (1, 4):  # one of them mirrors
+        turn = rotation(seed)
+        there = SimplexMesh(7.0 * points @ turn.T + 5.0, ball.cells)
+        found = predict(Enclosed(there), lambda x, t=turn: 7.0 * size(((x - 5.0) / 7.0) @ t)).cells
+        assert found == pytest.approx(plain, rel=1e-6)

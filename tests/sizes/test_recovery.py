@@ -11,7 +11,7 @@ from recovery import (
     wave,
 )
 
-from adaptsize import SimplexMesh
+from adaptsize import CartesianGrid, SimplexMesh
 from adaptsize.sizes import (
     recovered_gradient,
     recovered_hessian,
@@ -113,3 +113,12 @@ def test_zz_indicator_estimates_the_error_of_finite_elements(kind):
         assert 0.9 < np.median(eta / true) < 1.1
     assert off[1] < 0.03
     assert off[1] < off[0]
+
+
+def test_hessian_in_a_plate_with_one_layer_of_cells():
+    # Nothing is known of u_zz: z^2 is linear at the nodes.
+    mesh = CartesianGrid([0.0, 0.0, 0.0], 0.1, (7, 7, 2)).mesh
+    x, y, z = mesh.points.T
+    assert_allclose(recovered_hessian(mesh, 5.0 * z - x), 0.0, atol=1e-9)
+    found = recovered_hessian(mesh, x**2 + 3.0 * x * y + 2.0 * y * z)
+    assert_allclose(found[:, :2], [[[2.0, 3.0, 0.0], [3.0, 0.0, 2.0]]] * mesh.n_points, atol=1e-9)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from meshes import random_square
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from recovery import MESHES
 
 from adaptsize import SimplexMesh
@@ -161,3 +161,24 @@ def test_bad_arguments_are_named():
     for function in (recovered_gradient, recovered_hessian, zz_indicator):
         with pytest.raises(ValueError, match="mesh must consist of triangles in 2-D or tetra"):
             function(line, [0.0, 1.0])
+
+
+def test_sizes_do_not_depend_on_units():
+    of_error, of_length = 1e-50, 3e5
+    mesh = MESHES["jittered"](5)
+    eta = np.random.default_rng(41).uniform(0.5, 3.0, mesh.n_cells)
+    h = size_from_error(mesh, eta, order=1, tolerance=2.0)
+    scaled = SimplexMesh(of_length * mesh.points, mesh.cells)
+    other = size_from_error(scaled, of_error * eta, order=1, tolerance=2.0 * of_error)
+    assert_allclose(other, of_length * h, rtol=1e-3)  # the scale is found to 1e-4
+    same = size_from_error(mesh, of_error * eta, order=1, elements=77)
+    assert_allclose(same, size_from_error(mesh, eta, order=1, elements=77), rtol=1e-3)
+
+
+def test_linear_fields_ask_for_nothing():
+    mesh = MESHES["jittered"](9)
+    u = 1e3 + mesh.points @ [3.0, 4.0]
+    for goal in ({"tolerance": 1e-3}, {"elements": 100}):
+        assert_array_equal(size_from_hessian(mesh, u, **goal), np.inf)
+        assert_array_equal(size_from_hessian(mesh, u, hmax=0.2, **goal), 0.2)
+    assert_array_equal(size_from_hessian(mesh, 0.0 * u, tolerance=1.0), np.inf)

@@ -168,3 +168,19 @@ def test_a_source_without_a_positive_size_cannot_be_made(kind, size):
     SOURCES[kind](0.1)
     with pytest.raises(ValueError, match=r"^size must be (positive|finite|an array|a number)"):
         SOURCES[kind](size)
+
+
+def test_sizes_scale_with_the_mesh():
+    scale = 3e6
+    big = SimplexMesh(scale * SQUARE.points, SQUARE.cells)
+
+    def sources(s):
+        return [
+            PointSource([0.6 * s, 0.3 * s], 0.01 * s),
+            CurveSource(np.array([[0.1, 0.2], [1.5, 0.2]]) * s, 0.1 * s),
+            BoxSource([1.5 * s, -s], [3.0 * s, 0.25 * s], 0.05 * s),
+            BallSource([0.2 * s, 0.9 * s], 0.05 * s, 0.02 * s),
+        ]
+
+    small = size_from_sources(SQUARE, sources(1.0))
+    assert_allclose(size_from_sources(big, sources(scale)), scale * small, rtol=1e-9)

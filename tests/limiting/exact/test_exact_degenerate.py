@@ -167,3 +167,13 @@ def test_bounds_that_satisfy_the_limit_need_no_paths():
     h, info = limit_gradient.with_info(doubled, np.full(20, 0.5), 0.3, method="exact")
     assert (h == 0.5).all()
     assert info.n_proved == 20
+
+
+def test_information_passes_through_a_pinched_node():
+    # Unit squares that share node 3 = (1, 1).  From node 1 = (1, 0): to (2, 1) by the node 1 + 1,
+    # straight 1.4; to (1, 2) straight through the node.
+    points = [[0, 0], [1, 0], [0, 1], [1, 1], [2, 1], [1, 2], [2, 2]]
+    cells = [[0, 1, 3], [0, 3, 2], [3, 4, 6], [3, 6, 5]]
+    assert_lengths(SimplexMesh(points, cells), 1, [1.0, 0, SQRT2, 1, 2, 2, 1 + SQRT2])
+    lengths = [0, 1, 1, SQRT2, 1 + SQRT2, 1 + SQRT2, 2 * SQRT2]
+    assert_lengths(SimplexMesh(points, cells), 0, lengths)

@@ -169,3 +169,15 @@ def test_sizes_around_bent_slits_of_no_width_are_exact(seed):
         h0 = np.full(cut.n_points, np.inf)
         h0[rng.choice(cut.n_points, n_sources, replace=False)] = rng.uniform(0.1, 1.0, n_sources)
         assert_exact(cut, h0)
+
+
+def test_numbering_and_threads_do_not_matter():
+    mesh, _ = SHAPES["6 holes of 40 corners"](3000, seed=2219)
+    rng = np.random.default_rng(2220)
+    h0 = random_bounds(mesh, rng, 0.05)
+    h = limit(mesh, h0)
+    assert all(np.array_equal(limit(mesh, h0, threads=threads), h) for threads in (1, 2, 3))
+    old_of_new = rng.permutation(mesh.n_points)
+    cells = np.argsort(old_of_new)[rng.permutation(mesh.cells)]
+    other = SimplexMesh(mesh.points[old_of_new], cells)
+    assert limit(other, h0[old_of_new]) == pytest.approx(h[old_of_new], rel=1e-13)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from meshes import jittered_square
 from numpy.testing import assert_allclose, assert_array_equal
+from partitions import SIZE, on_ranks, partition
 
 import adaptsize as ads
 from adaptsize import limit_gradient
@@ -142,3 +143,18 @@ def test_bounds_at_points_are_solved_exactly_at_any_price():
     place = mesh.points[mesh.cells[7]].mean(axis=0, keepdims=True)
     _, info = limit_gradient.with_info(mesh, h0, G, point_sources=(place, [0.5]))
     assert info.method == "exact"
+
+
+def test_all_ranks_take_one_method():
+    mesh, h0 = MANY
+    expected = limit_gradient(mesh, h0, G, method="fast-marching")
+
+    def limit(part):
+        found, own = limit_gradient.with_info(part, h0[part.global_ids], G)
+        return found, own.method
+
+    ranks = partition(mesh, "strips", SIZE, np.random.default_rng(2304))
+    results, parts = on_ranks(mesh, ranks, SIZE, limit)
+    for (h, own), part in zip(results, parts, strict=True):
+        assert own == "fast-marching"
+        assert_allclose(h, expected[part.global_ids], rtol=1e-12)
