@@ -13,6 +13,7 @@ from adaptsize import Metric, SimplexMesh, adapt
 from adaptsize.adaptation.boundary_moves import move_to_boundary
 from adaptsize.adaptation.next_metric import metric_by_tolerance, metric_request
 from adaptsize.adaptation.next_sizes import bound_by_tolerance
+from adaptsize.errors import ResolutionWarning
 from adaptsize.options import AdaptOptions, checked
 
 
@@ -128,3 +129,9 @@ def test_triangles_in_space_do_not_fold():
         np.cross(*np.diff(m.points[m.cells], axis=1).transpose(1, 0, 2)) for m in (mesh, moved)
     ]
     assert (np.einsum("nd,nd->n", *normals) > 0.0).all()
+
+
+def test_a_boundary_that_drifts_off_is_reported(monkeypatch, generator):
+    monkeypatch.setattr("adaptsize.adaptation.new_mesh.boundary_distance", lambda *a: 9.0)
+    with pytest.warns(ResolutionWarning, match="pass project= for a curved boundary"):
+        adapt(structured_square(4), h0=0.1)

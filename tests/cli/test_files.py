@@ -65,3 +65,10 @@ def test_files_of_other_options_are_refused_too(refused, square, monkeypatch, wo
     monkeypatch.chdir(square.parent)
     command = ["limit", "square.vtu", "-o", "out.vtu", "--field", "h0", "-g", "0.3"]
     assert printed in refused(*command, *words)
+
+
+@pytest.mark.usefixtures("nothing_is_read")
+def test_sizes_beside_a_mesh_may_not_replace_the_input(refused, tmp_path):
+    (tmp_path / "part.sol").touch()
+    err = refused("remesh", tmp_path / "part.sol", "-o", tmp_path / "part.mesh")
+    assert "part.sol is also the input" in err

@@ -204,3 +204,16 @@ def test_bodies_closer_than_the_tolerance_are_reported(capsys, tmp_path, no_gene
     assert "lower --tolerance" in capsys.readouterr().err
     call(*words, "--tolerance", "1e-4")
     assert "of bodies" not in capsys.readouterr().err
+
+
+def test_close_fills_the_holes_first(capsys, open_box, no_generator):
+    call("remesh", open_box, "-o", open_box.with_name("o.vtu"), "--close")
+    err = capsys.readouterr().err
+    assert "surface closed by 2 triangles; it had 4 open edges in 1 loop" in err
+    assert "warning: the surface is open" not in err
+    assert no_generator[0].is_closed
+
+
+def test_strict_refuses_an_open_surface_before_the_sizes(refused, open_box):
+    err = refused("remesh", open_box, "-o", open_box.with_name("o.vtu"), "--strict")
+    assert err.startswith("adaptsize: error: the surface is open: 4 open edges in 1 loop")

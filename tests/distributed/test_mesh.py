@@ -7,6 +7,7 @@ from partitions import KINDS, on_ranks, partition
 from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import SimplexMesh
+from adaptsize.background.partitioning import partition_cells
 from adaptsize.distributed import PartitionedMesh
 
 MESH = jittered_square(7, 811)
@@ -109,3 +110,10 @@ def test_a_missing_node_and_a_wrong_owner_are_found():
     SimulatedCommunicator.run(2, missing)
     with pytest.raises(ValueError, match=r"owner must be a rank that holds and owns the node"):
         SimulatedCommunicator.run(2, wrong)
+
+
+def test_partition_without_metis_is_balanced(monkeypatch):
+    monkeypatch.setattr("adaptsize.background.partitioning.find_spec", lambda name: None)
+    sizes = np.bincount(partition_cells(MESH, 5))
+    assert len(sizes) == 5
+    assert np.ptp(sizes) <= 1

@@ -210,3 +210,16 @@ def test_bad_arguments_are_one_clear_line(domain, options, message):
     with pytest.raises(ValueError, match=message) as caught:
         size_function(domain, **options)
     assert "\n" not in str(caught.value)
+
+
+def test_sources_may_come_from_a_generator():
+    # Regression: the first of several passes used it up.
+    once = (source for source in [PointSource([0.3, 0.1], 0.005)])
+    options = {"elements_per_radian": 2.0, "elements_across": 1.0}
+    size = size_function(
+        lambda x: np.linalg.norm(x, axis=1) - 1.0,
+        box=([-1.2] * 2, [1.2] * 2),
+        sources=once,
+        **options,
+    )
+    assert size([[0.3, 0.1]]) < 0.006

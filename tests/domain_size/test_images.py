@@ -113,6 +113,7 @@ def test_objects_at_the_border_end_there_with_a_warning(turn):
     image = np.rot90(block(slice(0, 20), slice(8, 22)), turn)
     with pytest.warns(InputWarning, match="reach the border of the image at 14 pixels"):
         mesh = mesh_image(image)
+    assert len({name for name in mesh.tag_names.values() if "image border" in name}) == 1
     # Pixels reach half a pixel beyond their centres, and corners are rounded.
     assert mesh.measures.sum() == pytest.approx(20 * 14, rel=0.04)
 

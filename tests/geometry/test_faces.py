@@ -107,3 +107,14 @@ def test_nodes_at_one_place_are_merged_and_repeated_facets_left_out():
     assert_array_equal(faces.rows, [*range(n), *range(0, n, 2)])
     assert_array_equal(soup.points[faces.targets], soup.points)
     assert len(np.unique(faces.targets)) == CUBE.n_points
+
+
+def test_faces_do_not_depend_on_the_orientation_and_order_of_triangles():
+    rng = np.random.default_rng(2291)
+    order = rng.permutation(CUBE.n_cells)
+    cells = np.array([rng.permutation(cell) for cell in CUBE.cells[order]])
+    mixed = tag_faces(SimplexMesh(CUBE.points, cells)).cell_tags
+    plain = tag_faces(CUBE).cell_tags[order]
+    assert len(set(zip(mixed.tolist(), plain.tolist(), strict=True))) == 6
+    first = np.unique(mixed, return_index=True)[1]
+    assert (np.diff(first) > 0).all()  # numbered in the order of first triangles

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from backgrounds import FAMILIES, cases
 from meshes import jittered_square
+from scipy.spatial import Delaunay
 
-from adaptsize import limit_gradient
+from adaptsize import SimplexMesh, limit_gradient
 
 G = 0.3
 
@@ -60,3 +61,15 @@ def test_smooth_g_of_x_is_met_to_first_order_by_marching():
         errors.append(np.abs(h - (1.0 + 0.2 * s + 0.002 * s**2)).max())
     order = np.log2(np.divide(errors[:-1], errors[1:]))
     assert (order > 0.8).all(), f"errors {errors}, orders {order}"
+
+
+def test_slivers_stretched_10_to_1_are_solved_to_rounding():
+    # Here marching alone would take each node back hundreds of times.
+    rng = np.random.default_rng(57)
+    points = rng.uniform(-50.0, 50.0, (3000, 2))
+    mesh = SimplexMesh(points, Delaunay(points * [10.0, 1.0]).simplices)
+    h0 = np.where(np.linalg.norm(points, axis=1) < 10.0, 1.0, np.inf)
+    _, info = limit_gradient.with_info(mesh, h0, G, method="fast-marching")
+    assert info.iterations > 8 * mesh.n_points  # policy iteration has taken over
+    assert info.residual < 1e-13
+    assert info.largest_edge_slope <= 1.0 + 1e-11

@@ -9,7 +9,7 @@ from shapes import CORNERS as CUBE
 from shapes import CUBE_CELLS, joined
 
 from adaptsize import SimplexMesh, remesh, size_conformity
-from adaptsize.errors import BackendError, OpenSurfaceWarning
+from adaptsize.errors import BackendError, OpenSurfaceWarning, ResolutionWarning
 from adaptsize.geometry.enclosed import is_oriented
 from adaptsize.remeshing import driver, first_volume, netgen
 from adaptsize.remeshing.first_volume import adapt_surface
@@ -249,3 +249,13 @@ def test_ftetwild_takes_over_where_netgen_fails(monkeypatch):
         new = remesh(joined(cube(), cube([0.5, 0.3, 0.4])), 0.3, tolerance=4e-3)
     assert called == ["tetwild"]
     assert_allclose(new.measures.sum(), 2.0 - 0.5 * 0.7 * 0.6, rtol=0.03)
+
+
+def test_mmg_has_a_limit_of_processor_time_on_a_first_volume(monkeypatch):
+    pytest.importorskip("resource", reason="the system has no limit of processor time")
+    monkeypatch.setattr(driver, "_LEAST_ANGLE", 0.0)
+    monkeypatch.setattr(driver, "_SECONDS", -1.0)  # the limit is rounded up to whole seconds
+    monkeypatch.setattr(driver, "_SECONDS_PER_CELL", 1e-9)
+    with pytest.warns(ResolutionWarning, match="limit of processor time"):
+        new = remesh(cylinder(16), 0.04)
+    assert_allclose(new.measures.sum(), enclosed(cylinder(16)), rtol=0.01)

@@ -122,3 +122,12 @@ def test_hessian_in_a_plate_with_one_layer_of_cells():
     assert_allclose(recovered_hessian(mesh, 5.0 * z - x), 0.0, atol=1e-9)
     found = recovered_hessian(mesh, x**2 + 3.0 * x * y + 2.0 * y * z)
     assert_allclose(found[:, :2], [[[2.0, 3.0, 0.0], [3.0, 0.0, 2.0]]] * mesh.n_points, atol=1e-9)
+
+
+def test_cells_without_volume_and_nodes_in_no_cell():
+    points = [[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0.5], [9, 9]]
+    mesh = SimplexMesh(points, [[0, 1, 2], [1, 3, 2], [1, 4, 2]])
+    eta = zz_indicator(mesh, np.arange(6.0) ** 2)
+    assert np.isfinite(eta).all()
+    assert eta[2] == 0.0
+    assert_array_equal(recovered_gradient(mesh, np.arange(6.0))[5], 0.0)

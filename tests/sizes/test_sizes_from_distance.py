@@ -139,3 +139,10 @@ def test_bad_arguments_are_named():
     line = CartesianGrid([0.0], 0.1, (5,))
     with pytest.raises(ValueError, match="grid must be 2-D or 3-D"):
         size_from_curvature(line, np.zeros(5))
+
+
+def test_edges_and_corners_of_a_box_are_not_curvature():
+    grid = box(24, 3)
+    away = np.abs(grid.points) - [0.7, 0.6, 0.5]
+    phi = np.linalg.norm(np.maximum(away, 0.0), axis=1) + np.minimum(away.max(axis=1), 0.0)
+    assert_array_equal(size_from_curvature(grid, phi.reshape(grid.shape)), np.inf)
