@@ -134,4 +134,4 @@ def test_triangles_in_space_do_not_fold():
 def test_a_boundary_that_drifts_off_is_reported(monkeypatch, generator):
     monkeypatch.setattr("adaptsize.adaptation.new_mesh.boundary_distance", lambda *a: 9.0)
     with pytest.warns(ResolutionWarning, match="pass project= for a curved boundary"):
-        adapt(structured_square(4), h0=0.1)
+        adapt(structured_square(4, half_width=1.0), h0=0.2)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from meshes import jittered_cube, random_sphere, random_square
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import SimplexMesh
 from adaptsize._kernels.distance import closest_on_cell
@@ -114,3 +114,15 @@ def test_cells_within_a_distance_are_those_of_a_look_at_every_cell(name):
         if closest_on_cell(corners, rows, c, tuple(map(float, x)))[0] <= reach[q] ** 2
     ]
     assert list(zip(which.tolist(), cells.tolist(), strict=True)) == expected
+
+
+@pytest.mark.parametrize("scale", [1e-59, 1e59])
+def test_any_unit_of_length_works(scale):
+    mesh = random_square(50, 1213)
+    points = np.random.default_rng(1217).uniform(-2.0, 2.0, (100, 2))
+    cells, weights, distances = mesh.locator.nearest(points)
+    scaled = SimplexMesh(mesh.points * scale, mesh.cells).locator.nearest(points * scale)
+    assert_array_equal(scaled[0], cells)
+    # Relative rounding of the scaled coordinates, enlarged by the flattest triangle.
+    assert_allclose(scaled[1], weights, rtol=0.0, atol=1e-11)
+    assert_allclose(scaled[2] / scale, distances, rtol=1e-12, atol=1e-15)

@@ -222,3 +222,13 @@ def test_numbers_of_a_header_are_read_from_its_own_folder_only(tmp_path):
     (folder / "v.nhdr").write_text(text)
     with pytest.raises(MeshFileError, match="No such file"):
         read_image(folder / "v.nhdr")
+
+
+def test_an_archive_of_arrays_with_another_checksum_is_refused(tmp_path):
+    file = tmp_path / "a.npz"
+    np.savez(file, labels=np.eye(4, dtype=int))
+    flipped = bytearray(file.read_bytes())
+    flipped[200] ^= 255  # inside the numbers
+    file.write_bytes(flipped)
+    with pytest.raises(MeshFileError, match=r"a\.npz: .*CRC"):
+        read_image(file)

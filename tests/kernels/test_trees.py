@@ -77,3 +77,10 @@ def test_tiles_number_each_node_once_and_keep_tiles_together(shape):
     of_tile = np.stack(np.unravel_index(order, shape), axis=1) // tile
     changes = (np.diff(of_tile, axis=0) != 0).any(axis=1)
     assert np.count_nonzero(changes) + 1 == len(np.unique(of_tile, axis=0))
+
+
+@pytest.mark.parametrize("places", [[0.0, 5e-324], [0.0, 1e-302], [-1e308, 0.0, 1e308]])
+def test_points_keep_their_order_where_the_scale_of_keys_overflows(places):
+    # Regression: numbers out of the range of the digits, and so writing out of bounds.
+    points = np.column_stack([places, np.zeros(len(places))])
+    assert_array_equal(along_curve(points), np.arange(len(places)))

@@ -104,3 +104,15 @@ def test_a_number_is_a_bound_for_all_nodes(background):
     h, info = limit_gradient.with_info(background, 0.1, 0.3)
     assert_array_equal(h, expected)
     assert_array_equal(limit_gradient(background, 0.1, 0.3, initial=info), expected)
+
+
+@pytest.mark.parametrize(
+    ("background", "method"),
+    [(SQUARE, method) for method in ALL]
+    + [(GRID, method) for method in ("exact", "fast-marching", "hamilton-jacobi", "edge-based")],
+)
+def test_equal_bounds_under_a_limit_of_the_size_leave_no_residual(background, method):
+    # Regression: the transformed sizes are all 0, and the residual was divided by the largest.
+    h, info = limit_gradient.with_info(background, 0.1, lambda h: 0.2 + h, method=method)
+    assert (h == 0.1).all()
+    assert info.residual == 0.0

@@ -68,7 +68,8 @@ def test_flat_cells_on_the_hull_have_no_effect():
     lengths = [*L_LENGTHS, np.hypot(0.5, 1.0), 0.5]
     cut = [[0, 1, 4], [0, 4, 3], [1, 8, 9], [1, 9, 4], [8, 2, 5], [8, 5, 9], *L_CELLS[4:]]
     for flat in ([[1, 8, 2]], [[4, 9, 5]], [[1, 8, 2], [9, 5, 4]]):
-        assert_lengths(SimplexMesh(points, cut + flat), 5, lengths)
+        for cells in (flat, [cell[::-1] for cell in flat]):
+            assert_lengths(SimplexMesh(points, cut + cells), 5, lengths)
 
 
 def test_a_node_that_only_a_flat_cell_on_the_hull_has_is_reached_through_it():
