@@ -3,11 +3,10 @@
 Blue is inside, red outside, and the lines are equidistant: the distance is found from a function,
 from an outline with gaps, from pixels and from the triangles of a part.
 
-Lines are a fixed distance apart, the zero level is bold; blue is inside.  Top left: a function
-whose slope varies by a factor of twenty, and below it the distance to its zero level.  Top
-middle: an outline with gaps; the sign changes across the gaps as if they were closed, and the
-distance jumps there.  Bottom middle: a disc as pixels, and the boundary found between them.
-Right: two slices through data/bracket.stl.
+Lines are a fixed distance apart, the zero level is bold; blue is inside.  (a) The distance to the
+zero level of a function whose slope varies by a factor of twenty.  (b) An outline with gaps; the
+sign changes across the gaps as if they were closed, and the distance jumps there.  (c) A disc as
+pixels, and the boundary found between them.  (d) A slice through data/bracket.stl.
 
 ```python
 import numpy as np
@@ -62,16 +61,15 @@ def gear(n_teeth: int = 7) -> ads.SimplexMesh:
 
 def main(output_dir: Path, *, n: int = 160, width: int = 520) -> dict[str, float]:
     """Draw the distances on grids with ``n`` boxes along an axis."""
-    figure, panels = drawing(3, 2, width, shape=0.75)
+    figure, panels = drawing(2, 2, width, shape=0.75)
     plane = ads.CartesianGrid.around([[-2.2, -1.6], [2.2, 1.6]], 4.4 / n)
     phi = ads.signed_distance(plane, ellipse)
-    draw(panels[0], plane, plane.sample(ellipse), 0.2, 2.0, "a function", label="value")
-    draw(panels[3], plane, phi, 0.2, 1.2, "distance to its zero level")
+    draw(panels[0], plane, phi, 0.2, 1.2, "the zero level of a function")
     found = {
         "largest error, spacings": error_in_spacings(plane, phi),
         **with_gaps(panels[1], n),
-        **of_pixels(panels[4]),
-        **of_a_part(panels[2], panels[5], n),
+        **of_pixels(panels[2]),
+        **of_a_part(panels[3], n),
     }
     save_drawing(output_dir / "distance.png", figure, panels[1])
     return found
@@ -115,8 +113,8 @@ def of_pixels(panel: Axes) -> dict[str, float]:
     return {"mean error, pixels": float(np.abs(phi - exact)[near].mean())}
 
 
-def of_a_part(top: Axes, bottom: Axes, n: int) -> dict[str, float]:
-    """Draw two slices of the distance from a triangulated part."""
+def of_a_part(panel: Axes, n: int) -> dict[str, float]:
+    """Draw a slice of the distance from a triangulated part."""
     surface = ads.read(DATA / "bracket.stl")
     box = np.ptp(surface.points, axis=0)
     spacing = float(box.max()) / (0.6 * n)
@@ -124,14 +122,13 @@ def of_a_part(top: Axes, bottom: Axes, n: int) -> dict[str, float]:
     phi = ads.signed_distance(grid, surface)
     thin = int(np.argmin(box))
     others = [d for d in range(3) if d != thin]
-    for panel, share in ((top, 0.25), (bottom, 0.75)):
-        place = surface.points[:, thin].min() + share * box[thin]
-        index = int(np.argmin(np.abs(grid.axes[thin] - place)))
-        cut = ads.CartesianGrid(
-            grid.origin[others], grid.spacing[others], [grid.shape[d] for d in others]
-        )
-        name = f"bracket at {'xyz'[thin]} = {grid.axes[thin][index]:.3g}"
-        draw(panel, cut, phi.take(index, axis=thin), 2.0, 12.0, name)
+    place = surface.points[:, thin].min() + 0.75 * box[thin]
+    index = int(np.argmin(np.abs(grid.axes[thin] - place)))
+    cut = ads.CartesianGrid(
+        grid.origin[others], grid.spacing[others], [grid.shape[d] for d in others]
+    )
+    name = f"bracket at {'xyz'[thin]} = {grid.axes[thin][index]:.3g}"
+    draw(panel, cut, phi.take(index, axis=thin), 2.0, 12.0, name)
     # Boxes around nodes count by the share that lies inside, were the surface flat in them.
     volume = float(np.clip(0.5 - phi / spacing, 0.0, 1.0).sum() * spacing**3)
     a, b, c = surface.points[surface.cells].transpose(1, 0, 2)

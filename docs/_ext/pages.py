@@ -71,6 +71,17 @@ NOTEBOOKS = [
 ]
 # What is for those who work on the library does not answer searches.
 WITHOUT_SEARCH = ("decisions/", "measurements/", "results/", "project/", "ugawg")
+# What readers search for, and the pages that answer; entries of the index count most in a search.
+SEARCHED = {
+    "files": "shapefile, GeoJSON",
+    "glossary": "sizing field, mesh size field, background mesh, hgrad, hausd",
+    "limiting": "growth rate, gradation, gradient limit",
+    "mesh-families": "convergence study, grid convergence index",
+    "parameters": "elements_across, elements_per_radian, elements_between",
+    "sizes": "curvature",
+    "solvers": "Jupyter, notebook",
+    "troubleshooting": "timeout, memory",
+}
 LINK = re.compile(r"\]\((?!https?:|#|mailto:)([^)#\s]+)(#[^)\s]*)?\)")
 
 
@@ -107,6 +118,10 @@ def mend_page(app: Sphinx, docname: str, source: list[str]) -> None:
         return f"]({target_of(match[1], folder, docname)}{match[2] or ''})"
 
     source[0] = LINK.sub(resolved, source[0])
+    if docname in SEARCHED:
+        title, _, rest = source[0].partition("\n")
+        entries = re.sub(r"^|(?<=, )", "! ", SEARCHED[docname])
+        source[0] = f"{title}\n\n```{{index}} {entries}\n```\n{rest}"
     if docname in NOTEBOOKS:
         source[0] += (
             f"\n[This page as a Jupyter notebook](../notebooks/{Path(docname).name}.ipynb)\n"
