@@ -135,3 +135,18 @@ def test_a_boundary_that_drifts_off_is_reported(monkeypatch, generator):
     monkeypatch.setattr("adaptsize.adaptation.new_mesh.boundary_distance", lambda *a: 9.0)
     with pytest.warns(ResolutionWarning, match="pass project= for a curved boundary"):
         adapt(structured_square(4, half_width=1.0), h0=0.2)
+
+
+def test_a_node_where_a_tag_ends_stays():
+    mesh = structured_square(6, half_width=1.0)
+    middle = mesh.points[mesh.facets].mean(axis=1)
+    upper_right = (np.abs(middle[:, 0] - 1.0) < 1e-12) & (middle[:, 1] > 0.0)
+    facets = mesh.facets[upper_right]
+    tagged = SimplexMesh(
+        mesh.points, mesh.cells, tagged_facets=facets, facet_tags=np.full(len(facets), 5)
+    )
+    moved, report = move_to_boundary(tagged, {5: lambda x: x + np.array([0.01, 0.0])}, 30.0)
+    changed = (moved.points != mesh.points).any(axis=1)
+    y = mesh.points[:, 1]
+    assert_array_equal(changed, (mesh.points[:, 0] == 1.0) & (y > 1e-9) & (y < 1.0))
+    assert (report.n_nodes, report.n_corners) == (2, 2)

@@ -204,3 +204,12 @@ def test_sizes_scale_with_the_pixels_and_lie_where_the_image_does():
     scaled = size_function(Image(disc(20.0), 0.25, [7.0, -2.0]), **options)
     assert_allclose(scaled.values, 0.25 * plain.values, rtol=1e-6)
     assert_allclose(scaled.background.lower, 0.25 * plain.background.lower + [7.0, -2.0])
+
+
+def test_pixels_need_not_be_squares():
+    x, y = np.indices((100, 50))
+    ellipse = np.hypot(0.1 * (x - 50.2), 0.2 * (y - 24.7)) < 3.0
+    mesh = mesh_image(ellipse, spacing=[0.1, 0.2])
+    assert mesh.measures.sum() == pytest.approx(np.pi * 9.0, rel=0.02)
+    off = np.linalg.norm(boundary_points(mesh) - [5.02, 4.94], axis=1) - 3.0
+    assert np.abs(off).max() < 0.1

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from meshes import jittered_cube, structured_square
+from meshes import jittered_cube, random_sphere, structured_square
 from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import SimplexMesh, size_conformity
@@ -143,3 +143,15 @@ def test_hausdorff_distance_sees_more_than_the_nodes():
 def test_bad_sizes_are_refused(size, message):
     with pytest.raises(ValueError, match=message):
         size_conformity(GRID, size)
+
+
+def test_hausdorff_distance_is_measured_both_ways():
+    one = random_sphere(80, 7027)
+    far = one.points + np.array([5.0, 0.0, 0.0])
+    two = SimplexMesh(
+        np.concatenate([one.points, far]), np.concatenate([one.cells, one.cells + 80])
+    )
+    there = size_conformity(one, 1.0, surface=two).hausdorff
+    back = size_conformity(two, 1.0, surface=one).hausdorff
+    assert there == back
+    assert 4.9 < there <= 5.0  # the farthest of the sampled points is near the far pole

@@ -11,7 +11,7 @@ from adaptsize import SimplexMesh, check_mesh, remesh, size_function
 from adaptsize._kernels.smoothing import fill_quality
 from adaptsize.background.splitting import bisect_edges
 from adaptsize.background.topology import are_among
-from adaptsize.quality.boundary import distances_from, region_measures
+from adaptsize.quality.boundary import distances_from, interface_distances, region_measures
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.surface import facets_of
@@ -171,3 +171,12 @@ def test_a_place_of_the_surface_that_the_facets_miss_gets_a_node():
     made = improved(mesh, old, 0.03)
     away = [distances_from(old, one.boundary().mesh).largest for one in (mesh, made)]
     assert away[0] > 0.03 > away[1]
+
+
+def test_the_distance_of_interfaces_is_measured_in_both_directions():
+    old = two_region_block(2)
+    inner = old.facets[old.facet_cell_counts == 2]
+    more = replace(old, tagged_facets=inner, facet_tags=np.full(len(inner), 9))
+    there, back = interface_distances(more, old)
+    assert there.largest < 1e-12
+    assert back.largest > 0.1
