@@ -119,3 +119,13 @@ def test_threads_do_not_change_the_result():
     two = limit_metric(mesh, metric, G, threads=3)
     assert_array_equal(one.sizes, two.sizes)
     assert_array_equal(one.directions, two.directions)
+
+
+def test_inactive_nodes_of_a_grid_have_no_bound_and_no_effect():
+    active = np.ones((4, 4), bool)
+    active[3, 3] = False
+    grid = ads.CartesianGrid([0.0, 0.0], 0.25, (4, 4), active=active)
+    h = np.where(active, 1.0, 0.01).ravel()
+    limited = limit_metric(grid, Metric.isotropic(h, 2), G)
+    assert_array_equal(limited.sizes[:-1], 1.0)
+    assert np.isinf(limited.sizes[-1]).all()

@@ -50,3 +50,14 @@ def test_the_two_faces_of_a_slit_without_width_have_sizes_of_their_own():
     limited = limit_metric(mesh, metric, G)
     assert_allclose(limited.sizes[8], [0.1 + 2.0 * G, 1.0 + 2.0 * G], rtol=1e-12)
     assert_allclose(limited.sizes[9], np.array([0.1, 1.0]) + G * (1.0 + np.sqrt(2.0)), rtol=1e-12)
+
+
+def test_a_component_without_a_bound_has_none():
+    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    cells = np.array([[0, 1, 2], [0, 2, 3]])
+    mesh = ads.SimplexMesh(
+        np.vstack([square, square + np.array([3.0, 0.0])]), np.vstack([cells, cells + 4])
+    )
+    limited = limit_metric(mesh, Metric.isotropic(np.array([0.1] + [np.inf] * 7), 2), G)
+    assert np.isfinite(limited.sizes[:4]).all()
+    assert np.isinf(limited.sizes[4:]).all()

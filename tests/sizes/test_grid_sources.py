@@ -131,3 +131,12 @@ def test_sources_with_tags_are_refused():
 
 
 # --- curvature of a boundary beside the nodes -----------------------------------------------
+
+
+def test_nodes_that_are_not_active_get_nothing():
+    active = np.random.default_rng(103).random((6, 7)) < 0.7
+    full = CartesianGrid([0.0, 0.0], 1.0, (6, 7))
+    for source in (BoxSource([1, 1], [3, 4], 0.2), BallSource([3, 3], 1.2, 0.2)):
+        h0 = size_from_sources(full, source, g=0.1)
+        masked = size_from_sources(full.with_active(active), source, g=0.1)
+        assert_array_equal(masked, np.where(active, h0, INF))

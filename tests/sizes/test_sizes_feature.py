@@ -166,3 +166,13 @@ def test_limited_sizes_put_the_elements_across_a_gap_that_varies():
 def test_bad_arguments_are_named(arguments, options, message):
     with pytest.raises(ValueError, match=message):
         size_from_feature(*arguments, **options)
+
+
+def test_inactive_nodes_are_asked_nothing():
+    grid = CartesianGrid([-60, -20], 4.0, (31, 11))
+    active = np.zeros(grid.shape, bool)
+    active[:, :5] = True
+    plate = outline([[-50, -5], [50, -5], [50, 5], [-50, 5]])
+    h0 = size_from_feature(grid.with_active(active), plate)
+    assert np.isinf(h0[:, 5:]).all()
+    assert np.isfinite(h0[:, 4]).any()

@@ -146,3 +146,13 @@ def test_edges_and_corners_of_a_box_are_not_curvature():
     away = np.abs(grid.points) - [0.7, 0.6, 0.5]
     phi = np.linalg.norm(np.maximum(away, 0.0), axis=1) + np.minimum(away.max(axis=1), 0.0)
     assert_array_equal(size_from_curvature(grid, phi.reshape(grid.shape)), np.inf)
+
+
+def test_inactive_nodes_ask_for_nothing():
+    grid = box(40)
+    phi = grid.sample(ball)
+    inside = phi <= 0.0
+    everywhere = size_from_curvature(grid, phi)
+    h0 = size_from_curvature(grid.with_active(inside), phi)
+    assert_array_equal(h0[inside], everywhere[inside])
+    assert_array_equal(h0[~inside], np.inf)
