@@ -132,9 +132,7 @@ def test_a_prescribed_size_of_a_part_replaces_that_of_its_shape_and_no_other():
     assert freed.report.bounds["width"][x == 3.0] == pytest.approx(
         plain.report.bounds["width"][x == 3.0]
     )
-    with pytest.raises(
-        ValueError, match="size_of must name parts among inlet, long, short; got 'x'"
-    ):
+    with pytest.raises(ValueError, match=r"size_of must name parts among .*long, short.*; got 'x'"):
         size_function(strip(), size_of={"x": 1.0})
 
 
