@@ -102,7 +102,7 @@ def limit_gradient(
           background.  ``FastMarching(order=2)`` is of second order, on grids.
         * ``"auto"`` takes the exact method where it applies, else fast marching.  It also takes
           fast marching in plane domains with so many corners that the exact method would be
-          many times slower: with c > 256 reflex corners and fewer than c^2 / 40 nodes in a
+          many times slower: with c > 64 reflex corners and fewer than c^2 / 40 nodes in a
           component, if edges are sources, too, or the mesh is in parts.  ``info.method`` names
           the method.
         * ``"positive-coefficient"`` (`PositiveCoefficient`), on meshes, is the iteration of Barth
