@@ -79,25 +79,27 @@ class Generator:
 
 @pytest.mark.parametrize(("ratio", "meshes"), [(1.03, 1), (1.1, 2), (1.3, 2), (0.5, 2)])
 def test_sizes_are_corrected_by_what_the_first_mesh_has_made_of_them(ratio, meshes):
-    generator, told = Generator(ratio), []
+    generator, messages = Generator(ratio), []
     mesh, size = reach_number(
-        LINE, ("elements", 1000), generator.sized, generator.meshed, told.append
+        LINE, ("elements", 1000), generator.sized, generator.meshed, messages.append
     )
-    assert told == []
+    assert messages == []
     assert mesh.n_cells == pytest.approx(1000, rel=0.05)
     assert len(generator.wanted) == meshes
     if meshes > 1:
         assert size.report.n_elements == pytest.approx(1000 / ratio, rel=0.05)
 
 
-def test_the_reason_is_told_before_the_last_of_three_meshes():
-    generator, told = Generator(1.5 * 1000**0.3, 0.7), []
-    mesh, _ = reach_number(LINE, ("elements", 1000), generator.sized, generator.meshed, told.append)
+def test_the_reason_is_messages_before_the_last_of_three_meshes():
+    generator, messages = Generator(1.5 * 1000**0.3, 0.7), []
+    mesh, _ = reach_number(
+        LINE, ("elements", 1000), generator.sized, generator.meshed, messages.append
+    )
     assert mesh.n_cells == pytest.approx(1000, rel=0.05)
     wanted = [f"{number:.0f}" for number in generator.wanted]
     assert len(wanted) == 3
-    assert told[0].startswith("the meshes have 15")
-    assert told[0].endswith(f"the last one is made for {wanted[2]} elements")
+    assert messages[0].startswith("the meshes have 15")
+    assert messages[0].endswith(f"the last one is made for {wanted[2]} elements")
 
 
 def grid(n):

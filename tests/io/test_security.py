@@ -168,7 +168,7 @@ PROMISES = {
     "test_children_import_nothing_from_the_working_folder",
     "These are read only from the folder": "io/"
     "test_security.py::test_files_name_others_of_their_own_folder_only",
-    "Files of HDF5 whose data are in other files are refused": "io/test_security.py::"
+    "HDF5 files whose data are in other files are refused": "io/test_security.py::"
     "test_files_of_hdf5_with_data_in_other_files_are_refused",
     "Input files are never unpickled": "io/test_security.py::test_input_is_never_unpickled",
 }

@@ -76,6 +76,8 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
     plot, plot_causes = given.pop("plot", None), given.pop("plot_causes", None)
     of_cost: Given = {name: given.pop(name) for name in ("cost", "parts", "speed") if name in given}
     as_number("speed", of_cost.get("speed", 1.0), lower=0.0, strict=True)
+    if "speed" in of_cost and len(of_cost) == 1:
+        raise ValueError("--speed has no effect without --cost or --parts")
     content: Content = "sizes of an image" if of_image else "sizes"
     check_files([file], output, content, plot=plot, plot_causes=plot_causes)
     for name in _OF_MESHES if of_image else options_of(ImageOptions):

@@ -252,10 +252,10 @@ class Width:
         going = np.flatnonzero(~self.are_inner(starts, cells))
         # Rays that leave more bodies, one inside the next, are given up.
         for _ in range(64):
-            ways = -self.faces.normals[cells[going]]
+            directions = -self.faces.normals[cells[going]]
             n = len(going)
             rays = kernels.Rays(
-                starts[going], ways, self.faces.face[cells[going]], reach[going],
+                starts[going], directions, self.faces.face[cells[going]], reach[going],
                 np.empty(n), np.empty(n, np.bool_), np.empty(n),
             )  # fmt: skip
             for first, last in parts_of(n, 4096):
@@ -263,8 +263,8 @@ class Width:
                 report("width", last / n)
             leaves, stops, widths[going] = rays.leaves, rays.stops, rays.widths
             left = np.flatnonzero(np.isfinite(leaves) & ~stops)
-            beyond = starts[going[left]] + leaves[left, None] * ways[left]
-            left = left[self._are_inside(beyond, ways[left], cells[going[left]])]
+            beyond = starts[going[left]] + leaves[left, None] * directions[left]
+            left = left[self._are_inside(beyond, directions[left], cells[going[left]])]
             if len(left) == 0:
                 break
             going, leaves = going[left], leaves[left]
@@ -276,7 +276,7 @@ class Width:
         return self._are_inside(places, self.faces.normals[cells], cells)
 
     def _are_inside(
-        self, places: FloatArray, ways: FloatArray, cells: npt.NDArray[np.integer]
+        self, places: FloatArray, directions: FloatArray, cells: npt.NDArray[np.integer]
     ) -> BoolArray:
         """Return whether a body is beyond points of the boundary, other than one that begins there.
 
@@ -288,9 +288,9 @@ class Width:
         if len(near) > 0:
             enters = np.empty(len(near), np.bool_)
             two_sided = self._rule.two_sided
-            kernels.find_entries(self.walls.tree, two_sided, places[near], ways[near], enters)
+            kernels.find_entries(self.walls.tree, two_sided, places[near], directions[near], enters)
             # Points this far beyond a wall, in the same unit, tell whether another body is there.
-            beyond = places[near] + 1e-6 * ways[near]
+            beyond = places[near] + 1e-6 * directions[near]
             turns = np.abs(self._winding(beyond[:, : self.faces.mesh.dim]))
             # Winding numbers are as exact as this at holes, and at most this for points outside.
             inside[near] = turns > 0.5 + 0.05 + enters
@@ -368,14 +368,14 @@ def width_within(
         Longer rays have the width inf.
     report : callable
     """
-    feet, ways = seen.feet(points), -seen.outward
+    feet, directions = seen.feet(points), -seen.outward
     along = np.maximum(seen.depth, 1e-6 * extent)
     hit = np.zeros(len(feet), np.bool_)
     # At equal distance from two parts of the boundary, the direction may be that to neither.
     going = np.flatnonzero(boundary.distance(feet) <= 1e-3 * along)
     # Rays that are still on their way then touch a wall without crossing it.
     for step in range(64):
-        depth = boundary.seen_from(feet[going] + along[going, None] * ways[going]).depth
+        depth = boundary.seen_from(feet[going] + along[going, None] * directions[going]).depth
         hit[going] = (depth <= 1e-3 * along[going]) & (step > 0)
         along[going] += np.maximum(depth, 0.0)
         # A ray that begins outside, at the tip of a corner, has no width.
@@ -384,11 +384,11 @@ def width_within(
         if len(going) == 0:
             break
     at = np.flatnonzero(hit)
-    feet, ways, reach = feet[at], ways[at], along[at]
-    normals = boundary.seen_from(feet + (0.999 * reach)[:, None] * ways).outward
-    facing = (ways * normals).sum(axis=1)
+    feet, directions, reach = feet[at], directions[at], along[at]
+    normals = boundary.seen_from(feet + (0.999 * reach)[:, None] * directions).outward
+    facing = (directions * normals).sum(axis=1)
     radii = reach * facing / (1.0 + facing)
-    middles, both = feet + radii[:, None] * ways, np.stack([-ways, normals], axis=1)
+    middles, both = feet + radii[:, None] * directions, np.stack([-directions, normals], axis=1)
     fronts = Fronts(middles, radii, both, np.empty((len(at), 2), np.int64))
     counts = facing >= math.cos(_STEEPEST)
     fronts, at, reach = fronts.taken(counts), at[counts], reach[counts]
