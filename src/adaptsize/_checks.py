@@ -302,7 +302,8 @@ def refuse_where(
         return
     first = np.unravel_index(int(np.argmax(bad)), bad.shape)
     where = ", ".join(str(int(i)) for i in first)
-    given = f"{name}[{where}] = {values[first]}" if bad.ndim else f"{values[()]}"
+    entry = " ".join(str(values[first]).split())  # a matrix in one line
+    given = f"{name}[{where}] = {entry}" if bad.ndim else f"{values[()]}"
     count = int(np.count_nonzero(bad))
     more = f" (and {count - 1} more)" if count > 1 else ""
     raise ValueError(f"{name} {wanted}, got {given}{more}")
