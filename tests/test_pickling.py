@@ -160,15 +160,6 @@ def test_a_size_function_that_came_back_gives_the_same_sizes(way):
     assert_array_equal(new(points), old(points))
 
 
-def test_limiting_starts_from_an_info_that_came_back():
-    mesh = tagged_square()
-    h, info = limited(mesh)
-    again = pickle.loads(pickle.dumps((mesh, info)))
-    assert_array_equal(
-        ads.limit_gradient(again[0], info.bound, 0.3, method="exact", initial=again[1]), h
-    )
-
-
 def test_every_public_class_that_holds_data_is_tested_here():
     held = {
         Boundary, TransferredFields, AdaptReport, Conformity, MeshSummary,

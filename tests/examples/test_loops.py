@@ -33,6 +33,3 @@ def test_meshes_that_follow_a_burner_beat_a_uniform_one_of_as_many_nodes(run):
     # Interpolation loses heat in each of the transfers; what it lost comes back to rounding.
     assert found["heat lost by interpolation"] > 1e-3
     assert found["heat lost, put back"] < 1e-12
-    # Some 3000 sums of sizes up to 0.1.
-    assert found["largest difference, warm and cold"] < 1e-13
-    assert 0.0 < found["share of bounds changed"] < 0.2

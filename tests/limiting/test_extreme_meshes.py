@@ -101,9 +101,6 @@ def test_extreme_limits_reach_every_node(method, g):
 def test_a_number_is_a_bound_for_all_nodes(background):
     expected = limit_gradient(background, np.full(background.nodal_shape, 0.1), 0.3)
     assert_array_equal(limit_gradient(background, 0.1, 0.3), expected)
-    h, info = limit_gradient.with_info(background, 0.1, 0.3)
-    assert_array_equal(h, expected)
-    assert_array_equal(limit_gradient(background, 0.1, 0.3, initial=info), expected)
 
 
 @pytest.mark.parametrize(

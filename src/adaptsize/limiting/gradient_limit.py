@@ -83,25 +83,6 @@ class SizeTransform:
             self._extend_to(4.0 * float(self._h[-1]))
         return np.where(np.isinf(phi), np.inf, np.interp(phi, self._phi, self._h))
 
-    def is_of(self, g_of_h: GradientOfSize) -> bool:
-        """Return whether a limit is that of the table: the same function or the same values."""
-        if g_of_h is self._g_of_h:
-            return True
-        return bool(np.array_equal(self._of(g_of_h, self._h), self._g(self._h)))
-
-    def is_same_limit(self, other: SizeTransform) -> bool:
-        """Return whether another table belongs to the same limit."""
-        return self.is_of(other._g_of_h)
-
-    def reaches(self, smallest: float) -> bool:
-        """Return whether a size is in the table or above it; the table grows as needed."""
-        return bool(smallest >= self._h[0])
-
-    def grow_to(self, largest: float) -> None:
-        """Extend the table to a size."""
-        if largest > self._h[-1]:
-            self._extend_to(largest)
-
     def _extend_to(self, largest: float) -> None:
         if not _SMALLEST <= self._h[0] <= largest <= 4.0 * math.e * _LARGEST:
             raise ValueError(
@@ -122,11 +103,7 @@ class SizeTransform:
         self._phi = np.concatenate([self._phi, phi])
 
     def _g(self, h: FloatArray) -> FloatArray:
-        return self._of(self._g_of_h, h)
-
-    @staticmethod
-    def _of(g_of_h: GradientOfSize, h: FloatArray) -> FloatArray:
-        g = as_float_array("g(h)", g_of_h(h))
+        g = as_float_array("g(h)", self._g_of_h(h))
         if g.shape not in ((), h.shape):
             raise ValueError(f"g(h) must return one limit per size, shape {h.shape}, got {g.shape}")
         g = np.broadcast_to(g, h.shape)
@@ -141,11 +118,8 @@ def resolve(
     background: SimplexMesh | CartesianGrid,
     g: GradientLimit,
     h0: FloatArray,
-    earlier: SizeTransform | None = None,
 ) -> tuple[Slope, SizeTransform | None]:
     """Return the slopes in space and, where g depends on h, the change of variable.
-
-    The change of variable is ``earlier`` if that has the same limit and covers the sizes.
 
     Raises
     ------
@@ -161,9 +135,6 @@ def resolve(
         return _in_space(background, g), None
     finite = h0[np.isfinite(h0)]
     least, largest = float(finite.min()), float(finite.max())
-    if earlier is not None and earlier.is_of(g_of_h) and earlier.reaches(least):
-        earlier.grow_to(largest)
-        return _in_space(background, g_of_x), earlier
     transform = SizeTransform(g_of_h, least, largest)
     return _in_space(background, g_of_x), transform
 

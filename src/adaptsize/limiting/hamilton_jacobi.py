@@ -118,12 +118,6 @@ class HamiltonJacobi(Scheme):
         # A few sizes may be too steep along an edge.
         return replace(solution, h=march_grid(replace(problem, h0=solution.h), along_edges=True).h)
 
-    def solve_again(self, problem: Problem, before: Problem, solution: Solution) -> Solution:
-        """Solve from the earlier sizes, unless a component had no bound."""
-        if not np.isinf(solution.h[np.isfinite(problem.h0)]).any():
-            problem = replace(problem, initial=np.minimum(solution.h, problem.h0))
-        return self.solve(problem)
-
     def iterate(self, problem: Problem, start: FloatArray) -> Solution:
         """Iterate from start values, which must be finite wherever the limited size is.
 

@@ -1,4 +1,4 @@
-"""`LimitingInfo`: diagnostics of a limited size field, and the data for a warm start."""
+"""`LimitingInfo`: diagnostics of a limited size field."""
 
 from __future__ import annotations
 
@@ -22,14 +22,11 @@ QUANTILES = (0.5, 0.9, 0.99, 1.0)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LimitingInfo:
-    """Diagnostics of a limited size field, and the data for a warm start.
+    """Diagnostics of a limited size field.
 
     Slopes are given as multiples of the gradient limit: 1 means "as steep as allowed", also
     where g varies.  With g(h) they are slopes of the transformed size.  Numbers that need a
     pass over all nodes or cells are computed on first access.
-
-    If an info is given to `limit_gradient` as ``initial``, most of the work is saved on a
-    problem that differs at few nodes.  For this purpose it keeps the arrays of the solution.
     """
 
     scheme: Scheme
@@ -38,10 +35,6 @@ class LimitingInfo:
     """What it solved, for internal use like the following."""
     solution: Solution
     background: SimplexMesh | CartesianGrid | Octree
-    bound: FloatArray
-    """h0 as given, inf at inactive nodes; a copy."""
-    h: FloatArray
-    """The limited sizes; a copy."""
     transform: SizeTransform | None
     """The change of variable for g(h), of which the sizes of problem and solution are values."""
 
@@ -62,7 +55,7 @@ class LimitingInfo:
 
     def __repr__(self) -> str:
         """Say which method was used and how many sizes are below their bounds."""
-        n = self.h.size
+        n = self.solution.h.size
         return f"LimitingInfo({self.method}: {self.n_changed} of {n} sizes are below h0)"
 
     @cached_property

@@ -32,13 +32,12 @@ from adaptsize.limiting.barth_sethian import PositiveCoefficient
 from adaptsize.limiting.edge_based import EdgeBased
 from adaptsize.limiting.exact import Exact
 from adaptsize.limiting.fast_marching import FastMarching
-from adaptsize.limiting.gradient_limit import SizeTransform, Slope
+from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.hamilton_jacobi import HamiltonJacobi
 from adaptsize.limiting.in_parts.limit import Request, limit_in_parts
 from adaptsize.limiting.info import LimitingInfo
 from adaptsize.limiting.periodic import Periodicity, as_periodicity
-from adaptsize.limiting.problem import PointBounds, Problem, Scheme, Solution, TooManyCorners
-from adaptsize.limiting.sources import is_equal, is_same
+from adaptsize.limiting.problem import PointBounds, Problem, Scheme, TooManyCorners
 from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
 
 SCHEMES: dict[str, type[Scheme]] = {
@@ -54,7 +53,7 @@ def limit_gradient(
     g: GradientLimit,
     *,
     method: Scheme | str = "auto",
-    initial: npt.ArrayLike | LimitingInfo | None = None,
+    initial: npt.ArrayLike | None = None,
     point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
     periodic: npt.ArrayLike | None = None,
     progress: ProgressCallback | bool | None = None,
@@ -110,11 +109,8 @@ def limit_gradient(
         * ``"hamilton-jacobi"`` (`HamiltonJacobi`), on grids, is the upwind iteration of [1]_.
         * ``"edge-based"`` (`EdgeBased`) computes shortest paths along edges.  It does not converge
           and is meant for comparison only.
-    initial : LimitingInfo, float, or array_like of float of the nodal shape, optional
-        Either the info of an earlier call with the same background, g and method.  The exact
-        method on meshes then recomputes only the nodes whose size may change, if the bounds
-        are at isolated nodes or with ``Exact(face_sources=False)``.  See the notes.
-        Or an array with the start values of an iteration; the default is the fast marching
+    initial : float or array_like of float, of the nodal shape, optional
+        Start values of an iteration; the default is the fast marching
         solution.  The values are lowered to ``h0`` where they exceed it.  The Hamilton-Jacobi
         iteration converges from any start, and fastest from the solution for a slightly
         different ``h0``.  The positive coefficient scheme can only lower its start values.
@@ -150,8 +146,7 @@ def limit_gradient(
     ValueError
         If a shape is wrong; if ``h0`` is NaN, zero, negative or inf throughout; if g is
         negative, NaN or above 1e30; if the method does not support the background, order or g;
-        if an argument is given that the method does not use; or if ``initial`` is the info of a
-        call with another background, g, method or option.
+        or if an argument is given that the method does not use.
 
     Warns
     -----
@@ -179,11 +174,6 @@ def limit_gradient(
     *Periodic domains.*  Sizes propagate through a side of the cell to its opposite one.  Where
     cell and images make up a convex domain, the exact method adds the images of the sources,
     and the result is exact to rounding.  Elsewhere fast marching identifies the nodes.
-
-    *Warm start.*  With ``initial``, the exact method returns the same sizes as without it, bit
-    for bit.  The Hamilton-Jacobi iteration starts from the earlier sizes.  All other methods
-    and cases are solved from scratch.  The arrays given to the earlier call may have been
-    modified in the meantime.
 
     *Meshes in parts.*  The result is that on the whole mesh, for any partition: equal bit by bit
     with the exact method, and to 1e-12 with fast marching of first order.  There are no other
@@ -221,15 +211,6 @@ def limit_gradient(
     array([[0.1  , 0.25 , 0.4  ],
            [0.25 , 0.312, 0.35 ],
            [0.4  , 0.35 , 0.2  ]])
-
-    Another bound at one node, with a warm start from the earlier result:
-
-    >>> h, info = limit_gradient.with_info(grid, h0, 0.3)
-    >>> h0[2, 2] = 0.4
-    >>> limit_gradient(grid, h0, 0.3, initial=info).round(3)
-    array([[0.1  , 0.25 , 0.4  ],
-           [0.25 , 0.312, 0.435],
-           [0.4  , 0.435, 0.4  ]])
     """
     if isinstance(background, PartitionedMesh):
         part = background
@@ -247,63 +228,44 @@ def limit_gradient(
     scheme = as_scheme(method)
     bound = _as_bound("h0", h0, background)
     if np.may_share_memory(bound, h0):
-        bound = bound.copy()  # kept for comparison in the next call
+        bound = bound.copy()  # kept in the info
     extra = None if point_sources is None else as_point_bounds(point_sources, background.dim)
     if bound.min() == np.inf and (extra is None or extra.sizes.min(initial=np.inf) == np.inf):
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
-    earlier, start = (initial, None) if isinstance(initial, LimitingInfo) else (None, initial)
     cell = None
     if periodic is not None:
         if initial is not None or getattr(scheme, "order", 1) != 1:
             raise ValueError("periodic cannot be combined with initial, or with order=2")
         cell = as_periodicity(domain, periodic)
         bound = cell.least(bound)
-    # An earlier call with another background is refused below, when all else is known.
-    if earlier is not None and earlier.bound.shape != bound.shape:
-        _refuse_background(earlier, background)
     bounds = bound if extra is None else np.concatenate([bound.ravel(), extra.sizes])
-    slope, transform = gradient_limit.resolve(
-        domain, g, bounds, None if earlier is None else earlier.transform
-    )
+    slope, transform = gradient_limit.resolve(domain, g, bounds)
     if extra is not None and transform is not None:
         extra = extra._replace(sizes=transform.forward(extra.sizes))
-    if start is not None:
+    start = None
+    if initial is not None:
         # Below h0 it is within the table of the transformation.
-        start = np.minimum(_as_bound("initial", start, background), bound)
-        start = _forward(start, transform, None)
+        start = np.minimum(_as_bound("initial", initial, background), bound)
+        start = start if transform is None else transform.forward(start)
     # Only the exact method takes bounds at points.
     at_any_price = scheme is not None or extra is not None
     if scheme is None:
         scheme = _automatic(domain, slope, cell)
     with reporting(progress) as report:
-        u0 = _forward(bound, transform, earlier)
+        u0 = bound if transform is None else transform.forward(bound)
         problem = Problem(domain, u0, slope, start, extra, cell, report, at_any_price)
         _refuse_unsupported(scheme, problem)
-        if earlier is not None:
-            _refuse_other_calls(earlier, background, scheme, problem, transform)
-        # Sizes below those of the table have another transformation.
-        is_warm = earlier is not None and earlier.transform is transform
-        scheme, solution = _solve(scheme, problem, earlier if is_warm else None)
+        try:
+            solution = scheme.solve(problem)
+        except TooManyCorners:
+            scheme = FastMarching()
+            solution = scheme.solve(problem)
     if solution.unfinished:
         warn_caller(solution.unfinished, ConvergenceWarning)
-    # The back transformation rounds.
-    h = np.minimum(_backward(solution.h, transform, earlier), bound)
+    h = solution.h if transform is None else transform.backward(solution.h)
+    h = np.minimum(h, bound)  # the transformation rounds
     problem = replace(problem, report=silent, initial=None)
-    own = solution.h if transform is None else h.copy()
-    return h, LimitingInfo(scheme, problem, solution, background, bound, own, transform)
-
-
-def _solve(
-    scheme: Scheme, problem: Problem, earlier: LimitingInfo | None
-) -> tuple[Scheme, Solution]:
-    """Return the scheme that solved the problem, and the solution."""
-    try:
-        if earlier is not None and earlier.method == scheme.name:
-            return scheme, scheme.solve_again(problem, earlier.problem, earlier.solution)
-        return scheme, scheme.solve(problem)
-    except TooManyCorners:
-        scheme = FastMarching()
-        return scheme, scheme.solve(problem)
+    return h, LimitingInfo(scheme, problem, solution, background, transform)
 
 
 def as_scheme(method: Scheme | str) -> Scheme | None:
@@ -334,44 +296,6 @@ def _refuse_unsupported(scheme: Scheme, problem: Problem) -> None:
             raise ValueError(f"{name} is for method={able}, got method={scheme.name!r}")
 
 
-def _refuse_other_calls(
-    earlier: LimitingInfo,
-    background: SimplexMesh | CartesianGrid | Octree,
-    scheme: Scheme,
-    problem: Problem,
-    transform: SizeTransform | None,
-) -> None:
-    """Raise a ValueError if the earlier call differs in more than the bounds."""
-    automatic = not (earlier.problem.at_any_price or problem.at_any_price)
-    if earlier.method != scheme.name and not automatic:
-        raise ValueError(
-            f"initial must come from the same method: it is of method={earlier.method!r}, "
-            f"this call of method={scheme.name!r}"
-        )
-    _refuse_background(earlier, background)
-    then, now = earlier.transform, transform
-    same = then is now or (then is not None and now is not None and then.is_same_limit(now))
-    if not (same and is_equal(earlier.problem.slope.values, problem.slope.values)):
-        raise ValueError("initial must come from a call with the same g, got a different g")
-    if earlier.problem.periodic is not None:
-        raise ValueError("initial must not come from a call with periodic")
-    for name in () if automatic else ("order", "face_sources", "floor"):
-        before, after = getattr(earlier.scheme, name, None), getattr(scheme, name, None)
-        if before != after:
-            raise ValueError(f"initial must come from a call with {name}={after!r}, got {before!r}")
-
-
-def _refuse_background(
-    earlier: LimitingInfo, background: SimplexMesh | CartesianGrid | Octree
-) -> None:
-    """Raise a ValueError if the earlier call had another background."""
-    if not is_same(earlier.background, background):
-        raise ValueError(
-            f"initial must come from the same background: it is of {earlier.background!r}, "
-            f"this call of {background!r}; leave it out after remeshing"
-        )
-
-
 def _as_domain(
     background: SimplexMesh | CartesianGrid | Octree,
 ) -> SimplexMesh | CartesianGrid:
@@ -399,31 +323,3 @@ def as_point_bounds(given: tuple[npt.ArrayLike, npt.ArrayLike], dim: int) -> Poi
         raise ValueError(f"point_sources must be a pair (points, sizes), got {describe(given)}")
     points = as_points("point_sources[0]", given[0], dim)
     return PointBounds(points, as_sizes("point_sources[1]", given[1], (len(points),)))
-
-
-def _forward(
-    sizes: FloatArray, transform: SizeTransform | None, earlier: LimitingInfo | None
-) -> FloatArray:
-    """Return transformed bounds; those of the earlier call are not recomputed."""
-    if transform is None:
-        return sizes
-    if earlier is None or earlier.transform is not transform:
-        return transform.forward(sizes)
-    transformed = earlier.problem.h0.copy()
-    changed = sizes != earlier.bound
-    transformed[changed] = transform.forward(sizes[changed])
-    return transformed
-
-
-def _backward(
-    u: FloatArray, transform: SizeTransform | None, earlier: LimitingInfo | None
-) -> FloatArray:
-    """Return the sizes of a solution; those of the earlier call are not recomputed."""
-    if transform is None:
-        return u
-    if earlier is None or earlier.transform is not transform:
-        return transform.backward(u)
-    h = earlier.h.copy()
-    changed = u != earlier.solution.h
-    h[changed] = transform.backward(u[changed])
-    return h

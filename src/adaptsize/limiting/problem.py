@@ -80,10 +80,6 @@ class Scheme:
         """Solve a problem."""
         raise NotImplementedError
 
-    def solve_again(self, problem: Problem, before: Problem, solution: Solution) -> Solution:
-        """Solve a problem that differs by its bounds from one that has been solved."""
-        return self.solve(problem)
-
     def _check_options(self) -> None:
         """Check the options that several schemes have."""
         given: Any = self

@@ -155,3 +155,13 @@ def test_floored_scheme_comes_down_to_fast_marching_from_a_constant():
         mesh, h0, G, method=PositiveCoefficient(tol=1e-8), initial=np.full(mesh.n_points, 50.0)
     )
     assert_allclose(h, limit_gradient(mesh, h0, G, method="fast-marching"), rtol=1e-7)
+
+
+def test_arrays_of_the_caller_may_change_afterwards():
+    mesh = jittered_square(8, 2701)
+    h0 = np.random.default_rng(2702).uniform(0.1, 2.0, mesh.n_points)
+    h, info = limit_gradient.with_info(mesh, h0, G)
+    expected = int((h < h0).sum()), h.copy()
+    h0[:], h[:] = 3.0, 3.0
+    assert info.n_changed == expected[0]
+    assert_allclose(info.sources.evaluate(mesh.points), expected[1], rtol=1e-12)

@@ -31,7 +31,6 @@ from adaptsize.limiting.exact.field import (
 )
 from adaptsize.limiting.exact.solve import (
     ComponentSolution,
-    solve_again,
     solve_on_mesh,
     survivors_of,
 )
@@ -125,22 +124,6 @@ class Exact(Scheme):
                 "convex domain; use method='fast-marching'"
             )
         return _with_images(solution, problem.periodic, self._component(problem, problem.domain))
-
-    def solve_again(self, problem: Problem, before: Problem, solution: Solution) -> Solution:
-        """Solve from the earlier solution, on meshes all of whose nodes are in one component."""
-        assert isinstance(solution, ExactSolution)
-        domain, parts = problem.domain, solution.parts
-        if (
-            isinstance(domain, SimplexMesh)
-            and len(parts) == 1
-            and parts[0].nodes is None
-            and problem.point_sources is None
-            and before.point_sources is None
-        ):
-            found = solve_again(self._component(problem, domain), parts[0].found)
-            if found is not None:
-                return as_solution(problem.h0, [Part(None, found)])
-        return self.solve(problem)
 
     def _component(self, problem: Problem, domain: Any, extra: Extra | None = None) -> Component:
         """Return the problem on a mesh, or a grid, as one component."""

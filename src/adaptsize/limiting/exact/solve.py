@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize._kernels import exact_candidates as candidates
 from adaptsize._kernels.exact_plane import CORNER, ROW
@@ -50,9 +49,6 @@ class ComponentSolution:
     """bool[n]: nodes whose size is proved exact; None if all are."""
     lower: FloatArray | None = None
     """float64[n]: lower bounds, if not all nodes are proved."""
-    plane: Plane | None = None
-    points: Points | None = None
-    """Points for `solve_again`."""
     nodes: IntArray | None = None
     """int32[n, dim]: the nodes of each source; None if they follow from ``source``."""
     finished: bool = True
@@ -183,7 +179,7 @@ def solve_by_sight(
     workers = component.workers
     field.lower_by_last(points, h, source, workers.part(0.1, 0.5 if linear else 1.0))
     if not linear or steep is None:
-        return ComponentSolution(h, source, field, plane=plane, points=points)
+        return ComponentSolution(h, source, field)
     entries = sources_on_cells(component, steep, h, (source, field) if plane is None else None)
     if plane is not None and entries is not None:
         entries = along_walls(entries, mesh.points, boundary.facets)
@@ -196,76 +192,6 @@ def solve_by_sight(
         field.lower_by_last(points, h, source, workers.part(0.5, 1.0))
     workers.report("limiting the gradient", 1.0)
     return ComponentSolution(h, source, field)
-
-
-def solve_again(component: Component, before: ComponentSolution) -> ComponentSolution | None:
-    """Solve a component that differs from an earlier one by its bounds.
-
-    A size remains the minimum over the entries that existed before; only new entries need to be
-    tested.  Nodes whose own bound changed, or whose source was removed, are recomputed.  The
-    result is the minimum of the same numbers as in `solve_on_mesh`, and equal bit for bit.
-
-    Returns
-    -------
-    ComponentSolution or None
-        None if bounds meet in cells, in solids that are not convex, and around folds.  These
-        cases are solved from scratch.
-    """
-    if before.points is None or len(before.field.groups) != 1 or before.proved is not None:
-        return None
-    plane = None if before.plane is None else before.plane.without_sizes()
-    entries = sources_at_nodes(component, plane)
-    if entries is None:
-        return None
-    old = before.field.groups[0]
-    now = _matches(old, entries)
-    h0, earlier = component.h0, before.source
-    own = earlier < 0
-    now = np.append(now, np.int32(-1))  # for nodes that kept their bound
-    anew: BoolArray = np.where(own, h0 != before.h, now[earlier] < 0) | (h0 < before.h)
-    h = np.where(anew, h0, before.h)
-    source = np.where(anew, np.int32(-1), now[earlier]).astype(np.int32)
-    field = ExactField(component.g, before.field.sight, linear=False, groups=[entries])
-    points = before.points
-    some = points._replace(order=points.order[anew[points.order]])
-    field.lower_by_last(some, h, source, component.workers)
-    fresh = np.ones(len(entries.nodes), np.bool_)
-    fresh[now[now >= 0]] = False
-    if fresh.any():
-        rest = points._replace(order=points.order[~anew[points.order]])
-        numbers, found = np.flatnonzero(fresh), np.full(len(source), -1, np.int32)
-        by_fresh = replace(field, groups=[entries.only(fresh)])
-        by_fresh.lower_by_last(rest, h, found, component.workers)
-        source[found >= 0] = numbers[found[found >= 0]]
-    if plane is not None and rises_too_fast(component, h):
-        return None
-    return ComponentSolution(h, source, field, plane=plane, points=points)
-
-
-def _matches(old: Entries, new: Entries) -> npt.NDArray[np.int32]:
-    """Return the number of each entry of entries among others, -1 if it is not there."""
-    rows = [_rows(old), _rows(new)]
-    _, number = np.unique(np.concatenate(rows), return_inverse=True)
-    number = number.ravel()
-    at = np.full(number.max(initial=-1) + 1, -1, np.int32)
-    at[number[len(rows[0]) :]] = np.arange(len(rows[1]))
-    now: npt.NDArray[np.int32] = at[number[: len(rows[0])]]
-    return now
-
-
-def _rows(entries: Entries) -> npt.NDArray[np.void]:
-    """Return one value for each entry that identifies it."""
-    flat = np.column_stack([entries.nodes.astype(np.float64), entries.table]) + 0.0
-    return np.ascontiguousarray(flat).view(np.dtype((np.void, flat.shape[1] * 8))).ravel()
-
-
-def sources_at_nodes(component: Component, plane: Plane | None) -> Entries | None:
-    """Return nodes and corners as sources; None if edges may be sources, too."""
-    component = component.with_margin()
-    nodes, steep = candidates_of(component)
-    if steep is not None and component.face_sources:
-        return None
-    return _node_sources(component, nodes, steep is not None, plane, linear=False)
 
 
 def _node_sources(

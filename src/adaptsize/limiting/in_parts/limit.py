@@ -78,10 +78,6 @@ def limit_in_parts(
     """Return the sizes of `limit_gradient`, and the info if it is wanted; collective.
 
     ``check`` returns the request of this rank.  ``limit_whole`` solves meshes that are collected.
-
-    There is no warm start, because a rank would have to keep two solutions: that of its own
-    sources, which decides what it receives, and that of all.  What it receives depends on the sizes
-    of all ranks, and each change of a bound may change it.
     """
     comm = part.ranks
     request, limit, own = comm.agree(lambda: _summarized(part, check(), wants_info))
