@@ -17,7 +17,7 @@ Measured, for a burner of radius 0.02, once round in 188 steps and 24 meshes:
 | uniform | 7225 | 1.4 % | 7e-15 |
 
 Transfers keep the gain small.  Where heat conducts seven times as well, the trail is wide and
-smooth, and 38 meshes of five steps were worse than the uniform one (1.4 against 1.0 %).
+smooth, and 38 meshes of five steps were worse than the uniform one (1.8 against 1.1 %).
 
 ```python
 import numpy as np
