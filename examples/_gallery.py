@@ -115,9 +115,9 @@ def drawing(
     """
     from matplotlib.figure import Figure
 
-    # Fonts are set in points.  The figure is at most 12 inches wide, so that 10 points are at least
-    # 8 pixels on a page of 700.
-    inches = min(4.8, 12.0 / columns)
+    # Fonts are set in points: in a figure of 9 inches, 10 points are 11 pixels on a page of 740.
+    # A single panel has few texts, which are set smaller.
+    inches = 4.8 if columns == rows == 1 else 9.0 / columns
     size = (inches * columns, inches * shape * rows)
     figure = Figure(size, dpi=width / inches, layout="constrained")
     panels = list(figure.subplots(rows, columns, squeeze=False).flat)

@@ -42,7 +42,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int32]
 
 
-def main(output_dir: Path, *, n_cycles: int = 4, width: int = 700) -> dict[str, float | str]:
+def main(output_dir: Path, *, n_cycles: int = 4, width: int = 560) -> dict[str, float | str]:
     mesh = ads.read(DATA / "lshape.vtu")
     counts, errors, panels = [], [], []
     for cycle in range(n_cycles + 1):

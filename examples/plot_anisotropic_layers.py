@@ -195,6 +195,7 @@ def draw(path: Path, loops: dict[tuple[str, str], list[Step]], width: int) -> No
             label=f"{kind}, {name}",
         )  # fmt: skip
     panels[2].set(xlabel="triangles", title="error of interpolation\nin the norm of L2")
+    panels[2].set_ylim(bottom=1e-7)  # room for the legend
     panels[2].legend(loc="lower left", fontsize="small")
     save_drawing(path, figure, panels[1])
 

@@ -57,7 +57,7 @@ def true_size(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     )
 
 
-def main(output_dir: Path, *, n_cells: int = 64, width: int = 560) -> dict[str, float]:
+def main(output_dir: Path, *, n_cells: int = 64, width: int = 420) -> dict[str, float]:
     """Draw the three; ``n_cells`` is that of the grid along x."""
     backgrounds = {
         "grid": ads.CartesianGrid([0, 0], 2.0 / n_cells, (n_cells + 1, n_cells // 2 + 1)),

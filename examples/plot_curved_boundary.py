@@ -32,7 +32,7 @@ G = 0.2
 PER_RADIAN = 6.0
 
 
-def main(output_dir: Path, *, width: int = 560) -> dict[str, float]:
+def main(output_dir: Path, *, width: int = 420) -> dict[str, float]:
     mesh = ads.read(DATA / "curved.vtu")
     h0 = ads.size_from_curvature(mesh, elements_per_radian=PER_RADIAN)
     h, info = ads.limit_gradient.with_info(mesh, h0, G)

@@ -1,6 +1,7 @@
 """Meshes follow a moving source.
 
-The hot spot (dot) moves along a circle, and small triangles are where it was and will soon be.
+A burner (dot) moves along a circle. Triangles are small (dark) where it was and will soon be;
+red lines are those of equal temperature.
 
 A burner moves in a circle on an insulated plate.  The mesh is renewed every eight time steps.  It
 is fine where the burner will be until the next mesh, and elsewhere as fine as the second
@@ -43,7 +44,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import FIELDS, draw_mesh, drawing, run, save_drawing
+from _gallery import draw_mesh, drawing, run, save_drawing
 from scipy.sparse.linalg import splu
 from skfem import Basis, BilinearForm, ElementTriP1, LinearForm, MeshTri
 from skfem.helpers import dot, grad
@@ -56,6 +57,7 @@ DIFFUSIVITY = 3e-4
 SPEED = 2.0 * np.pi * 0.3  # once round in the unit of time
 HMAX = 0.1
 TOLERANCE = 0.004  # of second derivatives, over the largest temperature
+WARM = "#d55e00"
 
 
 class Plan(NamedTuple):
@@ -227,25 +229,21 @@ def difference(state: State, fine: State) -> float:
 
 
 def draw(path: Path, states: list[State], fine: State, plan: Plan, width: int) -> None:
-    """Draw temperatures, and below them their meshes, at three times."""
-    figure, panels = drawing(3, 2, width, shape=1.0)
+    """Draw the meshes at three times, with lines of equal temperature."""
+    figure, panels = drawing(3, 1, width, shape=1.15)
     chosen = [(len(states) - 1) * k // 3 for k in (1, 2, 3)]
-    top = float(fine.u.max())
-    for number, above, below in zip(chosen, panels[:3], panels[3:], strict=True):
+    levels = float(fine.u.max()) * np.array([0.1, 0.4])
+    for number, panel in zip(chosen, panels, strict=True):
         state = states[number]
         now = plan.step * min((number + 1) * plan.steps_per_mesh, plan.n_steps)
-        image = above.tripcolor(
-            *state.mesh.points.T, state.mesh.cells, state.u, shading="gouraud", cmap=FIELDS,
-            vmin=0.0, vmax=top, rasterized=True,
-        )  # fmt: skip
-        above.set_title(f"temperature, t = {now:.2f}")
-        draw_mesh(below, state.mesh, width=0.4)
-        below.set_title(f"{state.mesh.n_points} nodes")
-        for panel in (above, below):
-            panel.plot(*burner(now), "o", color="#0072b2", markersize=4)
-            panel.set(aspect="equal", xlim=(0, 1), ylim=(0, 1), xticks=[], yticks=[])
-    figure.colorbar(image, ax=panels[:3], label="temperature", shrink=0.8)
-    save_drawing(path, figure, panels[4])
+        draw_mesh(panel, state.mesh, width=0.4)
+        panel.tricontour(
+            *state.mesh.points.T, state.mesh.cells, state.u, levels, colors=WARM, linewidths=1.2
+        )
+        panel.plot(*burner(now), "o", color=WARM, markersize=5)
+        panel.set_title(f"t = {now:.2f}, {state.mesh.n_points} nodes")
+        panel.set(aspect="equal", xlim=(0, 1), ylim=(0, 1), xticks=[], yticks=[])
+    save_drawing(path, figure, panels[1])
 
 
 if __name__ == "__main__":

@@ -46,7 +46,7 @@ def g_of_h(h: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return 0.4 + 0.2 * np.cos(np.pi * np.clip(h / LARGE, 0.0, 1.0))
 
 
-def main(output_dir: Path, *, n_side: int = 401, width: int = 560) -> dict[str, float]:
+def main(output_dir: Path, *, n_side: int = 401, width: int = 420) -> dict[str, float]:
     mesh = jittered_rectangle((0, 0), (1.0, 1.0), n_side)
     h0 = np.full(mesh.n_points, np.inf)
     for place, size_there in SOURCES.items():

@@ -90,10 +90,10 @@ def draw(
                 textcoords="offset points",
                 ha="right" if left else "left",
                 va="center",
-                fontsize=7,
+                color="black",
                 bbox={"facecolor": "w", "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
             )
-        ax.set_title(title, fontsize=10)
+        ax.set_title(title)
         ax.set_ylabel("latitude, degrees")
         ax.set(aspect=1.0, xticks=range(-180, 181, 60), yticks=range(-90, 91, 30))
     axes[1].set_xlabel("longitude, degrees")

@@ -1,13 +1,12 @@
 """Curvature from a signed distance.
 
 Off the boundary, the curvature of the level set is not that of the boundary. The corrected values
-(blue) converge with second order (b).
+(blue) converge with second order (a).
 
 Section 3 of Persson's paper on an ellipse.  The curvature at a node at the distance phi is that of
-the level set through the node, not that of the boundary.  Left: the ratio of the computed
-curvature at nodes near the boundary to that of the boundary, without correction, with the paper's
-correction with the printed sign, and with the sign for phi < 0 inside.  Middle: largest errors
-against the spacing.
+the level set through the node, not that of the boundary.  Left: largest relative errors near the
+boundary against the spacing, without correction, with the paper's correction with the printed
+sign, and with the sign for phi < 0 inside.
 
 Right: errors of the sizes after limiting, along a quarter of the boundary (lines) and 4
 spacings inside it (dashes).  Formula (4), with its first sign corrected, lets sizes fall by g
@@ -57,7 +56,7 @@ def main(
 ) -> dict[str, float]:
     """Draw the figure; ``cells`` are the boxes along the longer axis of the ellipse."""
     errors: dict[str, list[float]] = {name: [] for name in WAYS}
-    figure, (left, middle, right) = drawing(3, 1, width, shape=0.9)
+    figure, (left, right) = drawing(2, 1, width, shape=0.85)
     for n in cells:
         grid, phi, t = problem(n)
         level = level_set_curvature(grid, phi, at_boundary=False, band=2.0)[..., 0]
@@ -65,13 +64,9 @@ def main(
         for name, sign in WAYS.items():
             ratio = level / (1.0 - sign * level * phi) / exact
             errors[name].append(float(np.nanmax(np.abs(ratio - 1.0))))
-            if n == cells[0]:
-                left.plot(phi.ravel() / grid.spacing[0], ratio.ravel(), ".", markersize=3,
-                          color=COLOURS[name], label=name)  # fmt: skip
-    draw_ratios(left, cells[0])
-    draw_orders(middle, cells, errors)
+    draw_orders(left, cells, errors)
     found = draw_sizes(right, cells[1])
-    save_drawing(output_dir / "level_set_curvature.png", figure, middle)
+    save_drawing(output_dir / "level_set_curvature.png", figure, left)
     steps = np.log(cells[-1] / cells[-2])
     return {
         **{f"largest error, {name}": error[-1] for name, error in errors.items()},
@@ -109,20 +104,13 @@ def exact_sizes(x: FloatArray) -> FloatArray:
     return np.asarray((1.0 / (K * curvature(t)) + G * away).min(axis=1))
 
 
-def draw_ratios(panel: Axes, n: int) -> None:
-    panel.axhline(1.0, color=INK, linewidth=0.8)
-    panel.set(title=f"curvature found over that of the boundary\n{n} boxes along the ellipse",
-              xlabel="distance phi / spacing", ylabel="found / exact")  # fmt: skip
-    panel.legend(markerscale=3)
-
-
 def draw_orders(panel: Axes, cells: Sequence[int], errors: dict[str, list[float]]) -> None:
     spacing = 2.0 * A / np.array(cells)
     for name, error in errors.items():
         panel.loglog(spacing, error, "o-", color=COLOURS[name], label=name)
     panel.loglog(spacing, errors["corrected"][-1] * 0.6 * (spacing / spacing[-1]) ** 2, "k:",
                  label="second order")  # fmt: skip
-    panel.set(title="largest relative error of the curvature\nup to 2 spacings from the boundary",
+    panel.set(title="largest relative error of the curvature,\nup to 2 spacings from the boundary",
               xlabel="spacing", ylabel="relative error")  # fmt: skip
     panel.set_xticks(spacing, [f"{s:g}" for s in spacing])
     panel.minorticks_off()

@@ -258,9 +258,9 @@ def draw(
         image = draw_corner(panel, state.mesh, 0.3, (0.002, 0.1))
         angle = state.mesh.minimum_angles().min()
         panel.set_title(
-            f"marked triangles to 1/16, {name}\n{state.mesh.n_cells} triangles, "
-            f"smallest angle {angle:.0f} degrees, error {state.error:.4f}", fontsize="medium",
-        )  # fmt: skip
+            f"marked triangles to 1/16, {name}:\n"
+            f"error {state.error:.4f}, smallest angle {angle:.0f} degrees"
+        )
     figure.colorbar(image, ax=panels[2:], label="mesh size h", shrink=0.8)
     save_drawing(path, figure, panels[3])
 

@@ -28,7 +28,7 @@ import adaptsize as ads
 from adaptsize.plot import plot_size
 
 
-def main(output_dir: Path, *, at_point: float = 0.02, width: int = 700) -> dict[str, float]:
+def main(output_dir: Path, *, at_point: float = 0.02, width: int = 560) -> dict[str, float]:
     mesh = ads.read(DATA / "slit.vtu")
     size = ads.size_function(mesh, sources=ads.PointSource([3.0, 1.0], at_point), g=0.25, hmax=0.3)
     found = {"size at the point": float(size([[3.0, 1.0]])[0])}

@@ -59,7 +59,7 @@ def main(
     scan: ads.SimplexMesh | None = None,
     spacing: float = 0.45,
     hmax: float = 6.0,
-    width: int = 560,
+    width: int = 420,
 ) -> dict[str, Any]:
     scan = scan or ads.read(DATA / "deer.ply")
     grid = ads.CartesianGrid.around(scan.points, spacing, margin=3.0 * spacing)

@@ -107,7 +107,7 @@ def problem(
     )
 
 
-def main(output_dir: Path, *, n: int = 240, n_solid: int = 52, width: int = 640) -> dict[str, Any]:
+def main(output_dir: Path, *, n: int = 240, n_solid: int = 52, width: int = 560) -> dict[str, Any]:
     """Draw both; ``n`` and ``n_solid`` are boxes of the grids along x."""
     lower, upper = [-1.95, -1.35], [1.95, 1.65]
     plane = problem(blob, lower, upper, n, G)

@@ -32,7 +32,7 @@ from adaptsize.plot import plot_mesh, plot_size
 SMALLEST = 0.02
 
 
-def main(output_dir: Path, *, n_side: int = 401, width: int = 560) -> dict[str, float]:
+def main(output_dir: Path, *, n_side: int = 401, width: int = 420) -> dict[str, float]:
     mesh = jittered_rectangle((-2, 0), (2, 2), n_side)
     g = np.where(mesh.points[mesh.cells].mean(axis=1)[:, 0] < 0.0, 0.4, 0.2)
     h0 = np.full(mesh.n_points, np.inf)

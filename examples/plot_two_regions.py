@@ -38,7 +38,7 @@ G = 0.3
 
 
 def main(
-    output_dir: Path, *, in_ball: float = 1.0, at_point: float = 0.3, width: int = 900
+    output_dir: Path, *, in_ball: float = 1.0, at_point: float = 0.3, width: int = 560
 ) -> dict[str, float]:
     mesh = replace(ads.read(DATA / "block.vtu"), tag_names={(3, 1): "block", (3, 2): "ball"})
     sources = [ads.RegionSource(2, in_ball), ads.PointSource((40.0, 10.0, 10.0), at_point)]

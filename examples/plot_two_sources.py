@@ -40,7 +40,7 @@ from adaptsize.plot import plot_mesh, plot_size
 G = 0.3
 
 
-def main(output_dir: Path, *, n_side: int = 401, width: int = 560) -> dict[str, float]:
+def main(output_dir: Path, *, n_side: int = 401, width: int = 420) -> dict[str, float]:
     mesh = jittered_rectangle((-50, -50), (50, 50), n_side)
     h0 = np.full(mesh.n_points, np.inf)
     h0[node_at(mesh, (-10, 0))] = 1.0

@@ -97,7 +97,7 @@ def text_size(width: float) -> float:
 
     Those stand side by side, scaled down to the width of a page.
     """
-    return max(8.0, 0.036 * width if width < 560 else 17.0 + 0.008 * width)
+    return max(8.0, 0.052 * width if width < 400 else 18.5 + 0.0075 * width)
 
 
 def with_bar(image: npt.NDArray[np.uint8], scene: Scene, width: int) -> npt.NDArray[np.uint8]:
@@ -120,7 +120,10 @@ def with_bar(image: npt.NDArray[np.uint8], scene: Scene, width: int) -> npt.NDAr
 
 def _add_bar(figure: Figure, scene: Scene, left: float) -> None:
     """Add the colour bar, its title above it, to the right of this share of the figure."""
-    high = min(0.7, 0.55 * figure.get_figwidth() / figure.get_figheight())
+    width, height = figure.get_size_inches()
+    pad = 0.6 * height + 6.0
+    title = (pad + 14.0) / 72.0 / height
+    high = min(0.7, 0.55 * width / height, 1.0 - 2.0 * title)
     place = (left + 0.01, 0.5 - 0.5 * high, 0.022, high)
     bar = figure.colorbar(colors_of(scene), cax=figure.add_axes(place))
     bar.outline.set_visible(False)
@@ -132,7 +135,7 @@ def _add_bar(figure: Figure, scene: Scene, left: float) -> None:
         bar.set_ticks([])
     else:
         bar.set_ticks(scene.ticks.tolist(), labels=[f"{tick:.4g}" for tick in scene.ticks])
-    bar.ax.set_title(scene.label, loc="left", pad=0.6 * figure.get_figheight() + 6.0)
+    bar.ax.set_title(scene.label, loc="left", pad=pad)
 
 
 def share_of_scene(scene: Scene, width: int) -> float:
