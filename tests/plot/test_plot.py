@@ -39,11 +39,11 @@ def test_plane_mesh_is_seen_from_above_with_equal_aspect(drawn_by):
     image = plot_size(mesh, 60.0 + mesh.points[:, 0] / 2, width=2 * WIDTH)
     assert image.dtype == np.uint8
     assert image.shape[1:] == (2 * WIDTH, 4)
-    on_mesh = (image[..., 3] == 255)[:, : int(1.46 * WIDTH)]
+    on_mesh = (image[..., 3] == 255)[:, : int(1.23 * WIDTH)]
     rows, columns = np.nonzero(on_mesh)
     assert np.ptp(columns) / np.ptp(rows) == pytest.approx(2.0, rel=0.05)
     # Small sizes are on the left (dark), large ones on the right (light).
-    light = np.nonzero(is_near(image[:, : int(1.46 * WIDTH)], LIGHT))[1]
+    light = np.nonzero(is_near(image[:, : int(1.23 * WIDTH)], LIGHT))[1]
     assert light.mean() > columns.mean() + 0.2 * np.ptp(columns)
 
 

@@ -123,7 +123,7 @@ def _add_bar(figure: Figure, scene: Scene, left: float) -> None:
     width, height = figure.get_size_inches()
     pad = 0.6 * height + 6.0
     title = (pad + 14.0) / 72.0 / height
-    high = min(0.7, 0.55 * width / height, 1.0 - 2.0 * title)
+    high = min(0.7, 0.55 * width / height, max(0.4, 1.0 - 2.0 * title))
     place = (left + 0.01, 0.5 - 0.5 * high, 0.022, high)
     bar = figure.colorbar(colors_of(scene), cax=figure.add_axes(place))
     bar.outline.set_visible(False)
