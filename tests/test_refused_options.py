@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 import adaptsize as ads
+from adaptsize._size_report import SizeReport
 from adaptsize.options import options_of
 from adaptsize.plot import pictures
 
 SQUARE = ads.SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 ETA, FIELD = np.ones(2), np.arange(4.0)
 PIXELS = np.pad(np.ones((9, 9), bool), 2)
-SIZE = ads.size_function(SQUARE, elements_per_radian=0, elements_across=0)
+#: Without fields: options are checked before any is read.
+REPORT = SizeReport.__new__(SizeReport)
 
 
 def distance(x):
@@ -37,7 +39,7 @@ CALLS = {
     pictures.plot_mesh: (SQUARE,),
     pictures.plot_size: (SQUARE, FIELD + 1.0),
     pictures.plot_metric: (ads.MetricFunction(SQUARE, ads.Metric.isotropic(FIELD + 1.0, 2)),),
-    pictures.plot_causes: (SIZE.report,),
+    pictures.plot_causes: (REPORT,),
 }
 #: Required keywords.
 ORDER = {ads.size_from_error: {"order": 1}}

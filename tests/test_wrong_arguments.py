@@ -11,7 +11,6 @@ from adaptsize import limiting
 
 SQUARE = ads.SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 TETRAHEDRON = ads.SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
-INSIDE = ads.sizes.Enclosed(TETRAHEDRON.boundary().mesh)
 LINE = SQUARE.boundary().mesh
 GRID = ads.CartesianGrid([0.0, 0.0], 0.25, (5, 5))
 SIZE = ads.SizeFunction(SQUARE, np.full(4, 0.2))
@@ -79,7 +78,10 @@ WRONG = [
         "g must be an array of numbers, got '0.3'",
         lambda: ads.size_from_error(SQUARE, [0.1, 0.2], order=1, tolerance=0.1, g="0.3"),
     ),
-    ("size must be a function of points, got 0.1", lambda: ads.sizes.predict(INSIDE, 0.1)),
+    (
+        "size must be a function of points, got 0.1",
+        lambda: ads.sizes.predict(ads.sizes.Enclosed(TETRAHEDRON.boundary().mesh), 0.1),
+    ),
     (
         "size(points) must have shape (4,), got (4, 1)",
         lambda: ads.sizes.predict(SQUARE, lambda x: np.ones((len(x), 1))),
