@@ -100,7 +100,7 @@ class Option:
         """What stands for the value on the command line."""
         if self.unit:
             return self.unit.upper()
-        return "NUMBER" if self.type in (float, int) else "NAME"
+        return "N" if self.type in (float, int) else "NAME"
 
     @property
     def choices(self) -> tuple[str, ...]:
@@ -109,11 +109,11 @@ class Option:
 
     @property
     def help(self) -> str:
-        """The text with the default, for the command line."""
-        if self.type is bool:
+        """The text with the default, if there is one, for the command line."""
+        default = self.chosen or ("" if self.default is None else f"{self.default}")
+        if self.type is bool or not default:
             return self.text
-        default = self.chosen or ("none" if self.default is None else f"{self.default}")
-        return f"{self.text}  [default: {default.removesuffix('.0')}]"
+        return f"{self.text}  [{default.removesuffix('.0')}]"
 
     def check(self, value: Any) -> Any:
         """Return a value in the type of the option, after checking it."""
@@ -170,20 +170,20 @@ class SizeOptions(TypedDict, total=False):
     elements_per_radian
         Elements per radian of curved boundaries, interfaces and tagged facets; 0 disables this.
     elements_across
-        Elements across narrow domains, and each region (``cell_tags``) of a mesh; 0 disables this.
+        Elements across narrow domains and regions (``cell_tags``); 0 disables this.
     elements_between
-        Elements between features of the boundary of a mesh that do not meet; 0 disables this.
+        Elements between features of a boundary that do not meet; 0 disables this.
     g
-        Gradient limit: growth of the size per length.
+        Gradient limit: growth of sizes per length.
     hmin
-        Smallest size, in the unit of the coordinates.
+        Smallest size.  Sizes are in the unit of the coordinates.
     hmax
-        Largest size, in the unit of the coordinates.
+        Largest size.
     crease_angle
-        Angle above which an edge is a feature edge, not curvature.
+        Angle above which an edge is a feature edge.  It is not curvature then.
     tolerance
-        Allowed distance of the mesh from the boundary of the domain, over the diameter; inf
-        disables this.  Sizes at a radius r of a mesh are at most 2 sqrt(tolerance * diameter * r).
+        Allowed distance from the boundary over the diameter; inf disables this.  Sizes at a radius
+        r of a mesh are at most 2 sqrt(tolerance * diameter * r).
     size_of
         Sizes of named parts.
         They replace those from the shape of tagged regions and faces.
@@ -236,7 +236,7 @@ class BudgetOptions(NumberOptions, total=False):
     dofs
         Requested number of unknowns.
     max_elements
-        Parameters that are not given are relaxed to allow about this many; inf disables this.
+        Number to which parameters that are not given are relaxed.  inf disables this.
     max_memory
         Largest memory of the matrix: 8GB.
         Parameters that are not given are relaxed.
@@ -311,8 +311,7 @@ class MeshOptions(GeneratorOptions, total=False):
     """Mesh generator.
 
     target
-        Cells to make from a surface: auto, tetrahedra or triangles.  "auto" fills it with
-        tetrahedra.
+        Made of a surface: auto, tetrahedra or triangles.  "auto" fills it with tetrahedra.
     strict
         Whether the mesh must meet all demands of `check_mesh`.  If it does not, smaller
         tolerances and other generators are tried.
@@ -326,7 +325,7 @@ class PartsOptions(TypedDict, total=False):
     """Meshes in parts.
 
     how
-        How a mesh in parts is remeshed: each part in rounds by Mmg, or gathered on rank 0.
+        Remesh each part in rounds by Mmg (parts), or all on rank 0 (gather).
     rounds
         Number of rounds of "parts".
     """

@@ -47,16 +47,15 @@ def _output(text: str) -> Any:
 MeshOutput = Annotated[
     Path,
     _output(
-        "Mesh to write.  The suffix selects the format: .vtu, .vtk, .xdmf, .msh, .mesh (with a "
-        ".sol); .inp (Abaqus, CalculiX), .bdf (Nastran), .su2 (SU2); .ply, .stl, .obj and .off "
-        "hold triangles only."
+        "Mesh to write: .vtu, .vtk, .xdmf, .msh, .mesh (with a .sol), .inp (Abaqus), .bdf "
+        "(Nastran) or .su2; triangles also .ply, .stl, .obj or .off."
     ),
 ]
 SizesOutput = Annotated[
     Path,
     _output(
-        "File to write.  The suffix selects the format: .vtu, .vtk, .xdmf, .msh, .ply; .pos (for "
-        "Gmsh), .sol (for Mmg), .jig.msh (for JIGSAW); .vti for images."
+        "File to write: .vtu, .vtk, .xdmf, .msh, .ply; .pos (for Gmsh), .sol (for Mmg) or .jig.msh "
+        "(for JIGSAW); .vti for images."
     ),
 ]
 
@@ -68,7 +67,7 @@ def own(group: str, name: str, kind: Any, text: str, **more: Any) -> Option:
 
 FIELD = own(
     "Sizes", "field", str,
-    "Nodal field with upper bounds.  Bounds from the shape then have to be requested.",
+    "Nodal field with upper bounds.  Others are used only if requested.",
 )  # fmt: skip
 METRIC = own(
     "Sizes", "metric", str,
@@ -76,26 +75,28 @@ METRIC = own(
 )  # fmt: skip
 SOURCE = own(
     "Sizes", "source", list[str],
-    f"{FORMS}; a FILE has segments, or is a text with one point per line.  In the plane, omit the "
-    "z coordinates.  May be repeated.",
+    f"{FORMS}; may be repeated.  In the plane without z.  A FILE has segments, or one point per "
+    "line.",
 )  # fmt: skip
 PLOT = own("Output", "plot", Path, "Also draw the result (.png).")
 MPI = own(
     "General", "mpi", bool,
-    "Run on all ranks of MPI.  Needed only if the launcher is not recognized.",
+    "Run on all ranks of MPI, if a launcher is not recognized.",
 )  # fmt: skip
 _GENERAL = (
     own("General", "json", bool, "Print one JSON object and no other results."),
     own("General", "quiet", bool, "Print errors only.", short="-q"),
     own(
         "General", "verbose", bool, short="-v",
-        text="Also print the time of each step and the messages of the mesh generators.",
+        text="Also print times of steps and messages of mesh generators.",
     ),
 )  # fmt: skip
 _OPTIONS_FILE = own(
     "General", "options", Path,
-    "Read options from this TOML file, by the same names.  Those on the command line win.",
+    "Read options from this TOML file; the command line wins.",
 )  # fmt: skip
+#: Width of the names of options in the help.  Longer ones have a line of their own.
+_COLUMN = 22
 #: Types of options for which Python takes several kinds of values.
 _KINDS = {"label": list[int], "spacing": list[float], "g": float}
 
@@ -114,7 +115,12 @@ class GroupedCommand(TyperCommand):
                 groups.setdefault(title, []).append(row)
         for title, rows in groups.items():
             with formatter.section(title):
-                formatter.write_dl(rows)
+                formatter.write_dl(rows, col_max=_COLUMN)
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write what the brackets are."""
+        formatter.write_paragraph()
+        formatter.write_text("Defaults are in brackets.")
 
 
 def command(
@@ -189,8 +195,8 @@ def _place(option: Option) -> int:
 def _as_parameter(option: Option) -> inspect.Parameter:
     """Return the parameter from which typer makes an option."""
     kind, metavar = option.type, option.metavar
-    if get_args(kind):
-        metavar = "|".join(option.choices) or option.name.upper()
+    if get_origin(kind) is list:
+        metavar = option.name.upper()
     if kind is Path:
         metavar = "FILE"
     elif kind not in (float, int, bool, list[int], list[str]):

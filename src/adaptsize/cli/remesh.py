@@ -70,28 +70,27 @@ _PARTS_WITHOUT_MMG = {"tetrahedralizing with fTetWild": "fTetWild"}
     BudgetOptions,
     SOURCE,
     FIELD,
-    replace(METRIC, text=f"{METRIC.text}  -g is then 1 by default."),
+    replace(METRIC, text=f"{METRIC.text}  -g is then 1."),
     replace(
         options_of(MeshOptions)["strict"],
-        text="Write only a mesh that meets the demands of check; refuse open surfaces, and bodies "
-        "that overlap or are closer than the tolerance.",
+        text="Write only a mesh that passes check; refuse open surfaces, and bodies that overlap "
+        "or nearly touch.",
     ),
     own(
         "Mesh generator", "close", bool,
-        "Close the holes of a surface first, by nearly plane caps.",
+        "First close the holes of a surface, by nearly plane caps.",
     ),
     PLOT,
     own(
-        "Output", "report", Path,
-        "Also write a page for the browser, with the mesh in 3-D (.html).",
+        "Output", "report", Path, "Also write a page with the mesh in 3-D (.html).",
     ),
     MPI,
     PartsOptions,
 )  # fmt: skip
 def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> None:
-    """Make a new mesh with the requested sizes.  A closed surface becomes tetrahedra.
+    """Make a mesh with the requested sizes; closed surfaces become tetrahedra.
 
-    Parameters that are not given are chosen from the part, and the values are printed.
+    Parameters that are not given are chosen from the part and printed.
     """
     if "metric" in given:
         remesh_with_metric(console, file, output, given)

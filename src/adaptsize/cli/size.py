@@ -61,12 +61,9 @@ _OF_MESHES = ("elements_between", "field", "elements", "nodes", "tolerance", "pa
 def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> None:
     """Compute the size function of a mesh or an image.
 
-    Sizes come from curvature, narrow regions and sources, and their gradient is limited.  They
-    are written as the field h.  The field cause holds what controls each of them; the shares of
-    the causes are printed.
-
-    A surface in space is refined where its triangles are long.  The sizes of an image are on the
-    grid of its pixels: write .vti.
+    Sizes come from curvature, narrow regions and sources, and their gradient is limited.  The field
+    h holds them, and the field cause what controls each.  The sizes of an image are on the grid of
+    its pixels: write .vti.
     """
     from adaptsize._formats.raster import is_image_file
     from adaptsize.domain_size.elements import report_of
