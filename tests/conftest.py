@@ -22,6 +22,9 @@ collect_ignore = [
     "with_dolfinx/check_adapters.py",
 ]
 
+# No windows, where there is a display.
+os.environ["PYVISTA_OFF_SCREEN"] = "true"
+
 settings.register_profile("ci", derandomize=True, deadline=None, max_examples=20)
 settings.register_profile("random", deadline=None, max_examples=300)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))

@@ -188,7 +188,7 @@ class SizeFunction(ReadOnlyState):
             sizes += f", {n_free} nodes inf" if n_free else ""
         return f"SizeFunction({sizes}, on {self.background!r})"
 
-    plot = LaterMethod[Any]("adaptsize.plot", "plot_size")
+    plot = LaterMethod[Any]("adaptsize.plot.pictures")
     sparse = LaterMethod[Any]("adaptsize.domain_size.sparse", "sparse_size")
     cost = LaterMethod[Any]("adaptsize.domain_size.cost")
     parts = LaterMethod[Any]("adaptsize.domain_size.cost")

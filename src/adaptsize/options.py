@@ -635,11 +635,15 @@ class PictureOptions(TypedDict, total=False):
         section is long.  None shows the whole.
     width
         Width of the picture in pixels.  The height follows from the mesh.
+    window
+        Whether to show a window first, in which the mouse turns and enlarges what is drawn, and
+        return the last view when it is closed.
     """
 
     path: Annotated[str | os.PathLike[str] | None, Option(type_text="str or path")]
     clip: Annotated[Literal["auto", "x", "y", "z"] | None, Option("auto")]
     width: Annotated[int, Option(1600, lower=64.0, upper=10_000.0)]
+    window: Annotated[bool, Option(False)]
 
 
 class ScaledPictureOptions(PictureOptions, total=False):

@@ -71,6 +71,23 @@ def test_meshes_and_sizes_draw_themselves(tmp_path, drawn_by):
     assert np.array_equal(shown, plot_size(size, width=WIDTH))
 
 
+def test_where_there_is_a_display_a_window_opens_and_its_last_view_is_returned(monkeypatch):
+    if not with_vtk.is_possible():
+        pytest.skip("VTK cannot draw here")
+    mesh = structured_square(4)
+    size = SizeFunction(mesh, 60.0 + mesh.points[:, 0] / 2)
+    with pytest.raises(ValueError, match="without a display, got True"):
+        plot_size(size, window=True)
+    # pyvista.OFF_SCREEN is true in the tests: the window closes at once.
+    monkeypatch.setattr(with_vtk, "opens_windows", lambda: True)
+    image = size.plot()
+    assert image.shape == (768, 1024, 4)
+    left, bar = image[:, :840], image[:, 840:]
+    assert is_near(left, DARK).any(axis=1).sum() > 600  # the mesh fills the window
+    assert is_near(bar, DARK).any()
+    assert mesh.plot(window=False, width=WIDTH).shape[1] == WIDTH
+
+
 @pytest.mark.parametrize("color", ["quality", "region", "weight"])
 def test_mesh_is_coloured_by_quality_region_or_field(drawn_by, color):
     mesh = structured_square(4)

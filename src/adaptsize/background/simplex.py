@@ -348,7 +348,7 @@ class SimplexMesh(ReadOnlyState):
     to_mfem = LaterMethod[Any]("adaptsize.bridges.solvers")
     to_netgen = LaterMethod[Any]("adaptsize.bridges.solvers")
     to_skfem = LaterMethod[Any]("adaptsize.bridges.solvers")
-    plot = LaterMethod[Any]("adaptsize.plot", "plot_mesh")
+    plot = LaterMethod[Any]("adaptsize.plot.pictures")
     summarize = LaterMethod[Any]("adaptsize.quality.summary")
     radius_ratios = LaterMethod[FloatArray]("adaptsize.quality.elements")
     minimum_angles = LaterMethod[FloatArray]("adaptsize.quality.elements")

@@ -237,6 +237,39 @@ def plot_metric(
     return _draw(scene_of_metric(mesh, metric, int(number), picture["clip"]), picture)
 
 
+def plot(shown: SimplexMesh | SizeFunction, **options: Any) -> Picture:
+    """Show this mesh or size function in a window, or as a picture where no window can open.
+
+    A window opens where there is a display, unless a ``path`` is given.  Notebooks show pictures.
+
+    Parameters
+    ----------
+    shown : SimplexMesh or SizeFunction
+    **options : Any
+        Those of `plot_mesh` or `plot_size`.  ``window=False`` only draws, as they do; so does
+        the environment variable ``PYVISTA_OFF_SCREEN=true``.
+
+    Returns
+    -------
+    Picture
+        ndarray of uint8, shape (height, width, 4): red, green, blue, opacity.
+
+    Raises
+    ------
+    ValueError
+        If an argument is bad.
+
+    Examples
+    --------
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    >>> mesh.plot(color="quality")  # doctest: +SKIP
+    """
+    draw: Any = plot_mesh if isinstance(shown, SimplexMesh) else plot_size
+    window = options.get("path") is None and with_vtk.opens_windows()
+    picture: Picture = draw(shown, **{"window": window} | options)
+    return picture
+
+
 def _values_to_show(mesh: SimplexMesh, color: str) -> tuple[npt.NDArray[Any], bool]:
     one_of("color", color, ("quality", "region", *mesh.point_data, *mesh.cell_data))
     if color == "quality":
@@ -329,12 +362,17 @@ def _draw(scene: Scene, picture: dict[str, Any]) -> Picture:
     width, path = picture["width"], picture["path"]
     if not scene.classes:
         scene = replace(scene, color_range=picture["limits"])
-    low, high = scene.frame
-    across, up = np.maximum((high - low)[:2], 1e-12 * max(np.abs(high - low).max(), 1e-300))
-    inner = round(width * share_of_scene(scene, width))
-    height = int(np.clip(inner * up / across, 0.25 * width, 0.9 * width))
-    backend = with_vtk if with_vtk.is_possible() else with_matplotlib
-    image = with_bar(backend.draw(scene, inner, height), scene, width)
+    if picture["window"]:
+        if not with_vtk.opens_windows():
+            raise ValueError("window must be False in notebooks and without a display, got True")
+        image = with_vtk.show(scene)
+    else:
+        low, high = scene.frame
+        across, up = np.maximum((high - low)[:2], 1e-12 * max(np.abs(high - low).max(), 1e-300))
+        inner = round(width * share_of_scene(scene, width))
+        height = int(np.clip(inner * up / across, 0.25 * width, 0.9 * width))
+        backend = with_vtk if with_vtk.is_possible() else with_matplotlib
+        image = with_bar(backend.draw(scene, inner, height), scene, width)
     if path is not None:
         from PIL import Image as Pillow
 

@@ -1,4 +1,4 @@
-"""Drawing by VTK, through pyvista, without a window."""
+"""Drawing by VTK, through pyvista, without a window or in one."""
 
 from __future__ import annotations
 
@@ -16,11 +16,14 @@ import numpy.typing as npt
 
 from adaptsize._isolated import environment, isolated
 from adaptsize.plot.scene import Scene
-from adaptsize.plot.style import EDGE, NOTHING, colors_of, edge_colors
+from adaptsize.plot.style import EDGE, INK, NOTHING, colors_of, edge_colors
 
 _WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
+_WITHOUT_DISPLAY = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
 #: Pixels that are drawn for one of the picture, in each direction.
 _FINER = 2
+#: Share of the width of a window that the colour bar leaves.
+_SHARE = 0.82
 
 _PROBE = """
 import vtkmodules.vtkRenderingOpenGL2
@@ -42,14 +45,24 @@ def is_possible() -> bool:
     return _render_window() is not None
 
 
+def opens_windows() -> bool:
+    """Whether a window can open: on a display.  Not from notebooks, which show pictures."""
+    import pyvista
+    from vtkmodules.vtkRenderingCore import vtkRenderWindow
+
+    if pyvista.OFF_SCREEN or "ipykernel" in sys.modules or _render_window() != "":
+        return False
+    # VTK's own choice needs no display if DISPLAY names none that exists.
+    return vtkRenderWindow().GetClassName() not in _WITHOUT_DISPLAY
+
+
 @cache
 def _render_window() -> str | None:
     """Return the name of the VTK window class that draws here, "" for VTK's own choice."""
     candidates = [""]
     if sys.platform == "linux" and _WINDOW_VARIABLE not in os.environ:
-        without_display = ["vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"]
         # Without a display, VTK's default window prints errors on standard error.
-        candidates = [*([""] if os.environ.get("DISPLAY") else []), *without_display]
+        candidates = [*([""] if os.environ.get("DISPLAY") else []), *_WITHOUT_DISPLAY]
     return next((name for name in candidates if _can_draw(name)), None)
 
 
@@ -92,28 +105,18 @@ def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
     import pyvista
     from PIL import Image
 
-    rows = np.insert(scene.cells, 0, scene.cells.shape[1], axis=1).ravel()
-    lines = scene.cells.shape[1] == 2
-    drawn = pyvista.PolyData(
-        scene.points, faces=None if lines else rows, lines=rows if lines else None
-    )
-    values = np.where(np.isfinite(scene.values), scene.values, np.nan)
-    if scene.classes:
-        places = np.searchsorted(scene.names, values).astype(np.float64)
-        values = np.where(np.isfinite(values), places, np.nan)
     size = [_FINER * width, _FINER * height]
     with _chosen_window():
         plotter: Any = pyvista.Plotter(off_screen=True, window_size=size, lighting="none")
         try:
-            plotter.add_mesh(drawn, scalars=values, **_appearance(scene, width))
+            drawn = _add(plotter, scene, width)
             if not scene.flat:
-                plotter.add_light(pyvista.Light(light_type="headlight"))
                 # Edges of more than 30 degrees show the shape.
                 edges = drawn.extract_feature_edges(30.0, clear_data=True)
                 if edges.n_cells:
                     plotter.add_mesh(edges, **_lines(1.4 * width), color=EDGE, opacity=0.8)
             _place_camera(plotter.camera, scene, width / height)
-            if scene.shows_edges and not lines:
+            if scene.shows_edges and scene.cells.shape[1] > 2:
                 pixels = 0.5 * height / plotter.camera.parallel_scale
                 edges, colors = _element_edges(scene, width, pixels)
                 plotter.add_mesh(edges, scalars=colors, rgba=True, **_lines(width))
@@ -123,6 +126,61 @@ def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
     # Averaging pixels smooths edges also against the transparent background.
     image = Image.fromarray(np.asarray(large, np.uint8)).convert("RGBa")
     return np.array(image.resize((width, height), Image.Resampling.BOX).convert("RGBA"))
+
+
+def show(scene: Scene) -> npt.NDArray[np.uint8]:
+    """Show the scene in a window until it is closed, and return the last view as `draw` does."""
+    import pyvista
+    from PIL import Image
+
+    width, height = pyvista.global_theme.window_size
+    bar = {
+        "title": f"{scene.label}\n",
+        "n_labels": 0 if scene.classes else 5,
+        "fmt": "%.3g",
+        "color": INK,
+        "vertical": True,
+        "position_x": _SHARE + (0.08 if scene.classes else 0.04),  # names are at the left
+        "position_y": 0.25,
+        "height": 0.5,
+    }
+    with _chosen_window():
+        plotter: Any = pyvista.Plotter(notebook=False, lighting="none")
+        plotter.background_color = "white"
+        _add(
+            plotter,
+            scene,
+            width // _FINER,
+            show_edges=scene.shows_edges,
+            edge_color=EDGE,
+            edge_opacity=0.5,
+            show_scalar_bar=bool(np.isfinite(scene.values).any()),
+            scalar_bar_args=bar,
+            annotations=dict(enumerate(scene.class_labels)) if scene.classes else None,
+        )
+        _place_camera(plotter.camera, scene, _SHARE * width / height)
+        plotter.camera.SetWindowCenter(1.0 - _SHARE, 0.0)
+        plotter.show(title="adaptsize", screenshot=True)
+    return np.array(Image.fromarray(plotter.image).convert("RGBA"))
+
+
+def _add(plotter: Any, scene: Scene, width: int, **look: Any) -> Any:
+    """Add the cells in their colours, and a light; return them."""
+    import pyvista
+
+    rows = np.insert(scene.cells, 0, scene.cells.shape[1], axis=1).ravel()
+    lines = scene.cells.shape[1] == 2
+    drawn = pyvista.PolyData(
+        scene.points, faces=None if lines else rows, lines=rows if lines else None
+    )
+    values = np.where(np.isfinite(scene.values), scene.values, np.nan)
+    if scene.classes:
+        places = np.searchsorted(scene.names, values).astype(np.float64)
+        values = np.where(np.isfinite(values), places, np.nan)
+    plotter.add_mesh(drawn, scalars=values, **_appearance(scene, width) | look)
+    if not scene.flat:
+        plotter.add_light(pyvista.Light(light_type="headlight"))
+    return drawn
 
 
 def _appearance(scene: Scene, width: int) -> dict[str, Any]:
