@@ -88,6 +88,24 @@ def test_where_there_is_a_display_a_window_opens_and_its_last_view_is_returned(m
     assert mesh.plot(window=False, width=WIDTH).shape[1] == WIDTH
 
 
+def test_edges_of_a_surface_are_drawn_along_their_whole_length():
+    if not with_vtk.is_possible():
+        pytest.skip("VTK cannot draw here")
+    square = structured_square(4)
+    mesh = SimplexMesh(np.c_[square.points, 0.4 * square.points[:, 0]], square.cells)
+    scene = scene_of_mesh(mesh, np.ones(mesh.n_points), None, on_nodes=True)
+    image = with_vtk.draw(scene, 400, 400).astype(int)
+    low, high = scene.frame
+    along = np.linspace(0.1, 0.9, 101)[:, None]
+    inner = mesh.edges[~np.isin(mesh.edges, mesh.boundary().nodes).any(axis=1)]
+    for start, stop in mesh.points[inner]:
+        seen = (start + along * (stop - start)) @ scene.axes.T - 0.5 * (low + high)
+        columns, rows = (200 + [1, -1] * seen[:, :2] * 400 / (1.04 * (high - low)[:2].max())).T
+        near = [image[rows.astype(int) + k, columns.astype(int)].sum(axis=1) for k in (-1, 0, 1)]
+        face = np.median(image[image[..., 3] == 255].sum(axis=1))
+        assert (np.min(near, axis=0) < face - 30).mean() > 0.95
+
+
 @pytest.mark.parametrize("color", ["quality", "region", "weight"])
 def test_mesh_is_coloured_by_quality_region_or_field(drawn_by, color):
     mesh = structured_square(4)
