@@ -101,9 +101,6 @@ def test_the_middle_of_a_long_edge_with_many_nodes_on_it_is_reached():
     assert edge_set(flipped) >= {(i, n + 1) for i in range(n)}
 
 
-# --- what is not flipped ------------------------------------------------------------------
-
-
 # --- bent and sharp edges -----------------------------------------------------------------
 
 

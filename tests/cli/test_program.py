@@ -37,14 +37,13 @@ def test_debug_adds_the_traceback(capsys):
     assert printed.endswith("adaptsize: error: no-such-file.stl: No such file or directory\n")
 
 
-@pytest.mark.parametrize("unbuffered", ["1"])
-def test_a_reader_that_leaves_early_is_no_error(unbuffered):
+def test_a_reader_that_leaves_early_is_no_error():
     reader, writer = os.pipe()
     os.close(reader)
     command = [sys.executable, "-c", "from adaptsize.cli import main; main()", "info"]
     child = subprocess.run(
         [*command, DATA / "lshape.vtu"],
-        env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
         stdout=writer,
         stderr=subprocess.PIPE,
         check=False,
@@ -79,17 +78,15 @@ def test_ctrl_c_ends_with_130_and_one_line(tmp_path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX")
-@pytest.mark.parametrize("closed", [">&- 2>&- <&-"])
-def test_closed_streams_are_no_error(closed):
-    command = f'"{sys.executable}" -m adaptsize info "{DATA / "lshape.vtu"}" {closed}'
+def test_closed_streams_are_no_error():
+    command = f'"{sys.executable}" -m adaptsize info "{DATA / "lshape.vtu"}" >&- 2>&- <&-'
     child = subprocess.run(command, shell=True, capture_output=True, check=False)
     assert child.returncode == 0
     assert b"Error" not in child.stderr  # on a busy machine it holds the steps
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals differ")
-@pytest.mark.parametrize("number", [signal.SIGHUP])
-def test_a_stopped_command_leaves_nothing(tmp_path, number):
+def test_a_stopped_command_leaves_nothing(tmp_path):
     # The writer is slow, and stopped in the middle of the file.
     code = (
         "import sys, time; from adaptsize._formats import vtk; from adaptsize.cli import main\n"
@@ -107,10 +104,10 @@ def test_a_stopped_command_leaves_nothing(tmp_path, number):
         text=True,
     )
     assert child.stdout.readline() == "writing\n"
-    child.send_signal(number)
+    child.send_signal(signal.SIGHUP)
     err = child.communicate(timeout=30)[1]
-    assert child.returncode == 128 + number
-    assert err.splitlines()[-1] == f"adaptsize: stopped by {signal.Signals(number).name}"
+    assert child.returncode == 128 + signal.SIGHUP
+    assert err.splitlines()[-1] == "adaptsize: stopped by SIGHUP"
     assert list(tmp_path.iterdir()) == []
 
 

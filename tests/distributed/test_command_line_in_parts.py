@@ -86,12 +86,9 @@ def test_remeshing_on_several_ranks(mesh, tmp_path):
     assert np.abs(found.point_data["h"]).max() < 0.31
 
 
-@pytest.mark.parametrize(
-    ("phase", "rank"),
-    [("writing", 1), ("killed", 0)],
-)
+@pytest.mark.parametrize(("phase", "rank"), [("writing", 1), ("killed", 0)])
 def test_fault_on_one_rank_ends_all(mesh, tmp_path, phase, rank):
-    command = ("remesh", mesh[0], "--field", "h0", "-g", 0.2, "-o", tmp_path / "a.vtkhdf")
+    command = ("limit", mesh[0], "--field", "h0", "-g", 0.2, "-o", tmp_path / "a.vtkhdf")
     done = _mpi(RANKS, *command, script=(str(FAILING), phase, str(rank)))
     assert done.returncode != 0
     errors = [line for line in done.stderr.splitlines() if "adaptsize: error" in line]

@@ -149,9 +149,6 @@ def test_a_relaxed_tolerance_is_not_larger_than_the_sizes_require():
     assert report.tolerance < 0.7e-3 * report.relaxation**2
 
 
-# --- tags of edges ----------------------------------------------------------------
-
-
 # --- sources off the surface ------------------------------------------------------
 
 

@@ -13,9 +13,9 @@ pytest.importorskip("matplotlib", reason="the examples draw")
 
 #: Of these, tests/test_docs.py runs the essential lines; `make gallery` runs all of them.
 ESSENTIAL_LINES_ONLY = {
-    "plot_anisotropic_layers", "plot_backgrounds", "plot_euler_anisotropic", "plot_euler_bump",
-    "plot_fichera", "plot_g_on_a_domain", "plot_hot_spot", "plot_mesh_family", "plot_octree",
-    "plot_point_source", "plot_scan", "plot_sparse_sizes", "plot_volume",
+    "plot_anisotropic_layers", "plot_backgrounds", "plot_cost", "plot_euler_anisotropic",
+    "plot_euler_bump", "plot_fichera", "plot_g_on_a_domain", "plot_hot_spot", "plot_mesh_family",
+    "plot_octree", "plot_point_source", "plot_scan", "plot_sparse_sizes", "plot_volume",
 }  # fmt: skip
 
 
@@ -260,10 +260,3 @@ def test_the_width_resolves_walls_and_the_separation_gaps_between_corners(run):
     assert found["size from the separation there"] < 1.15 * found["gap of the windows"]
     assert found["size from the width there"] > 2.0 * found["gap of the windows"]
     assert found["elements across the fin"] == pytest.approx(2.0, rel=1e-9)
-
-
-def test_a_larger_size_on_the_rib_saves_the_unknowns_that_it_costs(run):
-    found = run("plot_cost")
-    shares = found["share of the two sides"]
-    saved = 1.0 - found["2.5 mm on the rib: unknowns"] / found["sizes from the shape: unknowns"]
-    assert saved == pytest.approx(shares, abs=0.05)

@@ -163,6 +163,3 @@ def test_a_gap_outside_the_domain_is_not_seen():
         assert_allclose(boundary_separation(mesh).distances.min(), 0.4, rtol=1e-9)
     pair = joined(box(1, 1, 1), moved(box(1, 1, 1), [1.001, 0.0, 0.0]))
     assert_allclose(boundary_separation(turned(pair)).distances, 1.0, rtol=ROUNDING)
-
-
-# --- what is no feature -----------------------------------------------------------

@@ -179,9 +179,6 @@ def test_opposite_walls_of_an_open_shell_count_and_rays_through_the_opening_do_n
         assert_allclose(boundary_width(mesh), expected, rtol=ROUNDING)
 
 
-# --- what files contain -----------------------------------------------------------
-
-
 # --- at nodes and near points -----------------------------------------------------
 
 

@@ -339,6 +339,3 @@ def test_every_writer_of_gmsh(gmsh_box, name):
         assert set(mesh.cell_tags) == {7}
         assert set(mesh.facet_tags) == {9}
         assert mesh.tag_names == {(3, 7): "body", (2, 9): "skin"}
-
-
-# --- Netgen ---------------------------------------------------------------------------------------

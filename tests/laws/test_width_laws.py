@@ -167,7 +167,6 @@ def turn_of(dim, seed):
 
 CHANGES = {
     "turned": lambda x, far: x @ turn_of(x.shape[1], 1861).T,
-    "turned again": lambda x, far: x @ turn_of(x.shape[1], 55013).T,
     "mirrored": lambda x, far: x * np.array([-1.0, 1.0, 1.0])[: x.shape[1]],
     "moved": lambda x, far: x + far[: x.shape[1]],
     "in another unit": lambda x, far: 3.7 * x,

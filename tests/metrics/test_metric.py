@@ -107,7 +107,7 @@ def test_several_are_intersected_in_any_order(dim, decades):
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_intersection_of_several_has_the_least_density(dim):
     rng = np.random.default_rng(37)
-    for _ in range(10):
+    for _ in range(5):
         parts = [random_metric(rng, 1, dim, 0.7) for _ in range(4)]
         found = np.log(parts[0].intersect(*parts[1:]).density[0])
         best, slack = largest_inscribed(parts)

@@ -118,9 +118,6 @@ def test_boundary_of_a_grid_is_that_of_its_mesh():
         assert_array_equal(h0.ravel(), expected)
 
 
-# --- active nodes ----------------------------------------------------------------------
-
-
 # --- refusals; octrees --------------------------------------------------------------------
 
 

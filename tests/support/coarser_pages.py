@@ -144,6 +144,22 @@ COARSER = {
         words("0.801   0.923   1.015   1.110   1.260   1.026   98.01%     25223"),
         words("median 1.0e-03"),
     ],
+    "docs/cost.md": [("adaptsize size data/bracket.stl", "adaptsize size data/box.stl")],
+    "docs/tutorials/vessels.md": [
+        ("spacing = 0.5", "spacing = 0.75"),
+        ("(48, 30, 72)", "(32, 20, 48)"),
+        ("hmin=0.5", "hmin=0.75"),
+        (
+            "curvature  controls  51.9% of the volume,  59.7% of the elements, h from 0.5422\n"
+            "width      controls  46.2% of the volume,  35.6% of the elements, h from 0.8748\n"
+            "hmin       controls   1.9% of the volume,   4.7% of the elements, h from 0.5\n",
+            "...\n",
+        ),
+        *[words(f"{n} facets") for n in (54, 63, 1993, 130)],
+        words("1918 points, 7920 tetrahedra"),
+        words("0.819   0.912   0.988   1.074   1.281   1.008   98.67%     10919"),
+        words("32 facets on the left outlet, 31 on"),
+    ],
     "docs/distance.md": [("spacing=1.0", "spacing=4.0")],
     "docs/width.md": [
         ("spacing=1.0", "spacing=4.0"),

@@ -96,6 +96,3 @@ def test_a_sharp_wedge_is_narrow_unless_it_counts_as_a_corner(corner_angle):
         assert tip == pytest.approx(0.2 * np.sin(half), abs=0.01)
     else:
         assert tip > 0.3
-
-
-# Arguments

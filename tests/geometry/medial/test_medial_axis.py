@@ -83,9 +83,6 @@ def test_noise_of_a_tenth_of_a_spacing_gives_no_points_near_the_boundary(part):
         assert found.radii.min() > 0.9 * radius
 
 
-# Corners
-
-
 # In space
 
 
@@ -105,9 +102,3 @@ def test_axis_of_a_torus_is_a_circle(turn):
     angle = between(0.0, 2.0 * np.pi)
     circle = 0.55 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
     assert covered(circle, found.points @ turn, 2.0 * step) == 1.0
-
-
-# Grids
-
-
-# Arguments

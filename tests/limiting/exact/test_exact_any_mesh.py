@@ -16,7 +16,7 @@ from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.limiting import Exact
 
 #: Meshes tried in one test.
-N_MESHES = 300
+N_MESHES = 150
 
 
 def assert_between_bounds(mesh, h0, g, face_sources):

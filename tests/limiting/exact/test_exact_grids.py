@@ -10,7 +10,7 @@ import pytest
 from exact_on_grids import exact_sizes
 from exact_oracle import straight_sizes
 from grid_oracle import fine_grid_sizes
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -53,7 +53,6 @@ def random_problem(seed, dim):
 
 @pytest.mark.parametrize("face_sources", [False, True])
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=40)
 def test_sizes_in_the_plane_are_those_of_the_definition(face_sources, seed):
     grid, h0 = random_problem(seed, 2)
     h = limit(grid, h0, face_sources=face_sources)
