@@ -7,10 +7,18 @@ meet at each corner; it is kept as a graph of its corners, which is cut by the s
 coordinate alone [1]_.  Corners that coincide by degeneracy do no harm then.  Coordinates in space
 are taken relative to a corner of the new cell, so that none is larger than the two cells.
 
+The old cells that overlap a new one are found from neighbour to neighbour [2]_, beginning with the
+one at its centroid, and where these do not cover it, by a search tree.
+
+Edge e of corner p of a polyhedron has the number 4 p + e.  The same edge has another number at its
+other end, which is its *twin*.
+
 References
 ----------
 .. [1] D. Powell, T. Abel, "An exact general remeshing scheme applied to physically conservative
    voxelization", J. Comput. Phys. 297 (2015) 340-356.
+.. [2] P. E. Farrell, J. R. Maddison, "Conservative interpolation between volume meshes by local
+   Galerkin projection", Comput. Methods Appl. Mech. Eng. 200 (2011) 89-100.
 """
 
 import math
@@ -24,6 +32,12 @@ from adaptsize._kernels.trees import DEPTH, cells_of_leaf, descent
 # A tetrahedron cut by four planes has at most 8 faces, so 12 corners and 18 edges, on each of which
 # a corner may be added before others are removed.  A triangle cut three times has at most 6.
 MAX_CORNERS = 32
+
+# A new cell of which a larger share is missing may extend beyond the boundary, or across a slit.
+_COVERED = 1e-12
+
+# Twins of the edges of a tetrahedron.
+_TETRAHEDRON = (6, 14, 8, 0, 10, 12, 0, 0, 2, 13, 4, 0, 5, 9, 1, 0)
 
 
 class Clipping(NamedTuple):
@@ -45,9 +59,9 @@ class Clipping(NamedTuple):
         Coordinates in the old cell (columns) of the corners of the new one (rows).
     place, other : float64[MAX_CORNERS, 4]
         Barycentric coordinates of the corners of what is left, in the cell that cuts.
-    edges : int64[MAX_CORNERS, 3]
-        The corners to which edges lead, in the same sense around each corner.
-    seen : bool[MAX_CORNERS, 3]
+    twins : int64[4 * MAX_CORNERS]
+        The other number of each edge; edges in the same sense around each corner.
+    seen : bool[4 * MAX_CORNERS]
         Edges of the faces that were visited.
     first : float64[3]
         Integrals of coordinates relative to a corner of what is left.
@@ -58,7 +72,7 @@ class Clipping(NamedTuple):
     local : float64[4, 4]
         Integrals of the products of coordinates in the new cell (rows) and in the old one.
     stack : int64[DEPTH]
-    box, other_box : float64[6]
+    box : float64[6]
     """
 
     start: np.ndarray
@@ -70,7 +84,7 @@ class Clipping(NamedTuple):
     back: np.ndarray
     place: np.ndarray
     other: np.ndarray
-    edges: np.ndarray
+    twins: np.ndarray
     seen: np.ndarray
     first: np.ndarray
     second: np.ndarray
@@ -78,7 +92,24 @@ class Clipping(NamedTuple):
     local: np.ndarray
     stack: np.ndarray
     box: np.ndarray
-    other_box: np.ndarray
+
+
+class Front(NamedTuple):
+    """The old cells that may overlap a new one.
+
+    Parameters
+    ----------
+    neighbours : int32[m, k]
+        The old cell beyond the side opposite to each corner, -1 where there is none.
+    stamps : int32[m]
+        In/Out: the number of the new cell for which an old cell was queued last, plus one.
+    queue : int32[room]
+        Scratch.
+    """
+
+    neighbours: np.ndarray
+    stamps: np.ndarray
+    queue: np.ndarray
 
 
 def new_clipping() -> Clipping:
@@ -86,18 +117,26 @@ def new_clipping() -> Clipping:
     return Clipping(
         np.empty(3), np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 3)),
         np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((MAX_CORNERS, 4)), np.zeros((MAX_CORNERS, 4)),
-        np.zeros((MAX_CORNERS, 3), np.int64), np.zeros((MAX_CORNERS, 3), np.bool_),
+        np.zeros(4 * MAX_CORNERS, np.int64), np.zeros(4 * MAX_CORNERS, np.bool_),
         np.zeros(3), np.zeros((3, 3)), np.zeros((4, 4)), np.zeros((4, 4)),
-        np.empty(DEPTH, np.int64), np.empty(6), np.empty(6),
+        np.empty(DEPTH, np.int64), np.empty(6),
     )  # fmt: skip
 
 
 @lean
-def _set_gradients(x, k, gradients):
+def _set_corners(points, cells, c, start, axes, corners):
+    """Set the corners of a cell, relative to a point."""
+    for v in range(len(axes) + 1):
+        for d in range(len(axes)):
+            corners[v, d] = points[cells[c, v], d] - start[d]
+
+
+@lean
+def _set_gradients(x, axes, gradients):
     """Set the gradients of the barycentric coordinates; return the measure, 0 of a flat cell."""
     e0, e1, e2 = x[1, 0] - x[0, 0], x[1, 1] - x[0, 1], x[1, 2] - x[0, 2]
     f0, f1, f2 = x[2, 0] - x[0, 0], x[2, 1] - x[0, 1], x[2, 2] - x[0, 2]
-    if k == 3:
+    if len(axes) == 2:
         twice = e0 * f1 - e1 * f0
         if twice == 0.0:
             return 0.0
@@ -121,7 +160,8 @@ def _set_gradients(x, k, gradients):
 
 
 @lean
-def _set_coordinates(gradients, corners, x, k, result):
+def _set_coordinates(gradients, corners, x, axes, result):
+    k = len(axes) + 1
     """Set the barycentric coordinates of points in a cell, ``result[i, v]`` coordinate v of i."""
     for i in range(k):
         r0, r1, r2 = x[i, 0] - corners[0, 0], x[i, 1] - corners[0, 1], x[i, 2] - corners[0, 2]
@@ -161,51 +201,41 @@ def _clip_polygon(work, v, n):
 
 
 @lean
-def _set_tetrahedron(edges):
-    """Set the graph of a tetrahedron."""
-    edges[0, 0], edges[0, 1], edges[0, 2] = 1, 3, 2
-    edges[1, 0], edges[1, 1], edges[1, 2] = 2, 3, 0
-    edges[2, 0], edges[2, 1], edges[2, 2] = 0, 3, 1
-    edges[3, 0], edges[3, 1], edges[3, 2] = 1, 2, 0
-
-
-@lean
-def _next_edge(edges, p, q):
-    """Return the edge of corner q that follows the one from corner p on a face."""
-    if edges[q, 0] == p:
-        return 1
-    return 2 if edges[q, 1] == p else 0
+def _turned(h):
+    """Return the edge of a corner that follows edge h, in the sense of rotation."""
+    return h + 1 if h & 3 < 2 else h - 2
 
 
 @inlined
 def _clip_polyhedron(work, v, n):
     """Cut a polyhedron of n corners where coordinate v is negative; return how many are left."""
-    place, edges = work.place, work.edges
+    place, twins = work.place, work.twins
     if n > 12:  # not convex, which rounding of flat cells might cause
         return n
     # A corner on each edge that crosses the plane.
     total = n
     for p in range(n):
-        if place[p, v] < 0.0:
+        inside = place[p, v]
+        if inside < 0.0:
             continue
         for e in range(3):
-            q = edges[p, e]
-            if q >= n or place[q, v] >= 0.0:
+            q = twins[4 * p + e] >> 2
+            outside = place[q, v]
+            if outside >= 0.0:
                 continue
-            t = place[p, v] / (place[p, v] - place[q, v])
+            t = inside / (inside - outside)
             for a in range(4):
                 place[total, a] = place[p, a] + t * (place[q, a] - place[p, a])
-            edges[total, 0] = p
-            edges[p, e] = total
+            twins[4 * total] = 4 * p + e
+            twins[4 * p + e] = 4 * total
             total += 1
     # The edges between them: along what is left of each face that was cut, to the next one.
     for new in range(n, total):
-        before, here = new, edges[new, 0]
-        while here < n:
-            after = edges[here, _next_edge(edges, before, here)]
-            before, here = here, after
-        edges[new, 2] = here
-        edges[here, 1] = new
+        h = twins[4 * new]
+        while h < 4 * n:
+            h = twins[_turned(h)]
+        twins[4 * new + 2] = h + 1
+        twins[h + 1] = 4 * new + 2
     # The last corners take the places of those that are cut off.
     for p in range(n):
         if p >= total or place[p, v] >= 0.0:
@@ -218,9 +248,9 @@ def _clip_polyhedron(work, v, n):
         for a in range(4):
             place[p, a] = place[total, a]
         for e in range(3):
-            q = edges[total, e]
-            edges[p, e] = q
-            edges[q, (_next_edge(edges, total, q) + 2) % 3] = p
+            h = twins[4 * total + e]
+            twins[4 * p + e] = h
+            twins[h] = 4 * p + e
     return total
 
 
@@ -253,48 +283,47 @@ def _polygon_integrals(work, n, whole):
 @inlined
 def _polyhedron_integrals(work, n, whole):
     """Return the volume of a polyhedron over that of the old cell; set the integrals."""
-    place, edges, seen = work.place, work.edges, work.seen
+    place, twins, seen = work.place, work.twins, work.seen
     o1, o2, o3 = place[0, 1], place[0, 2], place[0, 3]
     volume = f1 = f2 = f3 = s11 = s12 = s13 = s22 = s23 = s33 = 0.0
-    for p in range(n):
-        for e in range(3):
-            # Faces at corner 0, from which coordinates are taken, count nothing.
-            seen[p, e] = p == 0
+    for h in range(4 * n):
+        # Faces at corner 0, from which coordinates are taken, count nothing.
+        seen[h] = h & 3 == 3
     for e in range(3):
-        before, here = np.int64(0), edges[0, e]
-        while here != 0:
-            e_next = _next_edge(edges, before, here)
-            seen[here, e_next] = True
-            before, here = here, edges[here, e_next]
-    for start in range(1, n):
-        for e in range(3):
-            if seen[start, e]:
-                continue
-            # A fan of triangles from the first corner of the face.
-            a1, a2, a3 = place[start, 1] - o1, place[start, 2] - o2, place[start, 3] - o3
-            before, here = start, edges[start, e]
-            x1, x2, x3 = place[here, 1] - o1, place[here, 2] - o2, place[here, 3] - o3
-            while True:
-                e_next = _next_edge(edges, before, here)
-                seen[here, e_next] = True
-                before, here = here, edges[here, e_next]
-                if here == start:
-                    break
-                y1, y2, y3 = place[here, 1] - o1, place[here, 2] - o2, place[here, 3] - o3
-                six = a1 * (x2 * y3 - x3 * y2) + a2 * (x3 * y1 - x1 * y3) + a3 * (x1 * y2 - x2 * y1)
-                volume += six
-                if whole:
-                    t1, t2, t3 = a1 + x1 + y1, a2 + x2 + y2, a3 + x3 + y3
-                    f1 += six * t1
-                    f2 += six * t2
-                    f3 += six * t3
-                    s11 += six * (a1 * a1 + x1 * x1 + y1 * y1 + t1 * t1)
-                    s12 += six * (a1 * a2 + x1 * x2 + y1 * y2 + t1 * t2)
-                    s13 += six * (a1 * a3 + x1 * x3 + y1 * y3 + t1 * t3)
-                    s22 += six * (a2 * a2 + x2 * x2 + y2 * y2 + t2 * t2)
-                    s23 += six * (a2 * a3 + x2 * x3 + y2 * y3 + t2 * t3)
-                    s33 += six * (a3 * a3 + x3 * x3 + y3 * y3 + t3 * t3)
-                x1, x2, x3 = y1, y2, y3
+        h = np.int64(e)
+        while not seen[h]:
+            seen[h] = True
+            h = _turned(twins[h])
+    for first in range(4, 4 * n):
+        if seen[first]:
+            continue
+        # A fan of triangles from the first corner of the face.
+        start, h = first >> 2, twins[first]
+        a1, a2, a3 = place[start, 1] - o1, place[start, 2] - o2, place[start, 3] - o3
+        p = h >> 2
+        x1, x2, x3 = place[p, 1] - o1, place[p, 2] - o2, place[p, 3] - o3
+        while True:
+            h = _turned(h)
+            seen[h] = True
+            h = twins[h]
+            p = h >> 2
+            if p == start:
+                break
+            y1, y2, y3 = place[p, 1] - o1, place[p, 2] - o2, place[p, 3] - o3
+            six = a1 * (x2 * y3 - x3 * y2) + a2 * (x3 * y1 - x1 * y3) + a3 * (x1 * y2 - x2 * y1)
+            volume += six
+            if whole:
+                t1, t2, t3 = a1 + x1 + y1, a2 + x2 + y2, a3 + x3 + y3
+                f1 += six * t1
+                f2 += six * t2
+                f3 += six * t3
+                s11 += six * (a1 * a1 + x1 * x1 + y1 * y1 + t1 * t1)
+                s12 += six * (a1 * a2 + x1 * x2 + y1 * y2 + t1 * t2)
+                s13 += six * (a1 * a3 + x1 * x3 + y1 * y3 + t1 * t3)
+                s22 += six * (a2 * a2 + x2 * x2 + y2 * y2 + t2 * t2)
+                s23 += six * (a2 * a3 + x2 * x3 + y2 * y3 + t2 * t3)
+                s33 += six * (a3 * a3 + x3 * x3 + y3 * y3 + t3 * t3)
+            x1, x2, x3 = y1, y2, y3
     sign = 1.0 if volume > 0.0 else -1.0
     work.first[0], work.first[1], work.first[2] = sign * f1 / 4, sign * f2 / 4, sign * f3 / 4
     second = work.second
@@ -306,7 +335,8 @@ def _polyhedron_integrals(work, n, whole):
 
 
 @inlined
-def _set_products(work, k, measure, share):
+def _set_products(work, axes, measure, share):
+    k = len(axes) + 1
     """Set the integrals of the products of coordinates in the old cell, of the given measure.
 
     Those over what is left, the given share of the cell, follow from the integrals of coordinates
@@ -331,17 +361,15 @@ def _set_products(work, k, measure, share):
 
 
 @inlined
-def _intersection(old, k, new_measure, work, whole):
+def _intersection(old, k, new_measure, work, whole, axes):
     """Return the measure that old cell k and the new cell of the scratch have in common.
 
     If ``whole``, set the integrals of the products of coordinates in the new and the old cell.
     """
-    (points, cells), corners, mixed, place = old, work.corners, work.mixed, work.place
-    n_corners = cells.shape[1]
-    dim = n_corners - 1
-    for v in range(n_corners):
-        for d in range(dim):
-            corners[v, d] = points[cells[k, v], d] - work.start[d]
+    corners, mixed, place = work.corners, work.mixed, work.place
+    dim = len(axes)
+    n_corners = dim + 1
+    _set_corners(old.points, old.cells, k, work.start, axes, corners)
     # A side of one cell that has all of the other beyond it: nothing to be cut.
     for i in range(1, n_corners):
         g0, g1, g2 = work.gradients[i, 0], work.gradients[i, 1], work.gradients[i, 2]
@@ -363,10 +391,10 @@ def _intersection(old, k, new_measure, work, whole):
         highest = max(highest, rest)
     if highest <= 0.0:
         return 0.0
-    measure = _set_gradients(corners, n_corners, work.old_gradients)
+    measure = _set_gradients(corners, axes, work.old_gradients)
     if measure == 0.0:
         return 0.0
-    _set_coordinates(work.old_gradients, corners, work.cut, n_corners, work.back)
+    _set_coordinates(work.old_gradients, corners, work.cut, axes, work.back)
     cuts = 0
     for v in range(n_corners):
         highest, lowest = -math.inf, math.inf
@@ -389,7 +417,8 @@ def _intersection(old, k, new_measure, work, whole):
             place[i, v] = mixed[v, i] if turned else work.back[i, v]
     n = n_corners
     if dim == 3:
-        _set_tetrahedron(work.edges)
+        for h in range(16):
+            work.twins[h] = _TETRAHEDRON[h]
     for v in range(n_corners):
         lowest = math.inf
         for i in range(n):
@@ -404,7 +433,7 @@ def _intersection(old, k, new_measure, work, whole):
     else:
         share = _polyhedron_integrals(work, n, whole)
     if whole:
-        _set_products(work, n_corners, measure, share)
+        _set_products(work, axes, measure, share)
         for i in range(n_corners):
             for j in range(n_corners):
                 total = 0.0
@@ -418,26 +447,6 @@ def _intersection(old, k, new_measure, work, whole):
 
 
 @lean
-def _set_box(points, cells, c, box):
-    """Set ``box``, float64[6], to the lower and the upper corner of the box around a cell."""
-    for d in range(3):
-        box[d] = points[cells[c, 0], d]
-        box[3 + d] = box[d]
-        for v in range(1, cells.shape[1]):
-            box[d] = min(box[d], points[cells[c, v], d])
-            box[3 + d] = max(box[3 + d], points[cells[c, v], d])
-
-
-@lean
-def _apart(box, other):
-    """Return whether two boxes, float64[6], have no point in common."""
-    apart = False
-    for d in range(3):
-        apart = apart or box[d] > other[3 + d] or box[3 + d] < other[d]
-    return apart
-
-
-@lean
 def _meets(boxes, node, box):
     apart = False
     for d in range(3):
@@ -448,14 +457,74 @@ def _meets(boxes, node, box):
 _meeting_leaf = descent(_meets)
 
 
+@inlined
+def _walk(old, neighbours, row, work, axes):
+    """Walk from an old cell to the one at the centroid of the new cell; return -1 on failure."""
+    k = len(axes) + 1
+    for _ in range(DEPTH):
+        _set_corners(old.points, old.cells, row, work.start, axes, work.corners)
+        if _set_gradients(work.corners, axes, work.old_gradients) == 0.0:
+            return np.int64(-1)
+        _set_coordinates(work.old_gradients, work.corners, work.cut, axes, work.back)
+        lowest, side = 0.0, np.int64(-1)
+        for v in range(k):
+            total = 0.0
+            for i in range(k):
+                total += work.back[i, v]
+            if total < lowest:
+                lowest, side = total, np.int64(v)
+        if side < 0:
+            return row
+        row = np.int64(neighbours[row, side])
+        if row < 0:
+            return row
+    return np.int64(-1)
+
+
+@inlined
+def _queue_by_boxes(old, front, stamp, n, new, c, work, axes):
+    """Queue old cells whose boxes are near that of new cell c; return the length of the queue."""
+    (points, cells), (_, stamps, queue), box = new, front, work.box
+    for d in range(3):
+        box[d] = box[3 + d] = points[cells[c, 0], d]
+        for v in range(1, len(axes) + 1):
+            box[d] = min(box[d], points[cells[c, v], d])
+            box[3 + d] = max(box[3 + d], points[cells[c, v], d])
+    work.stack[0], height = 1, np.int64(1)
+    while height > 0:
+        leaf, height = _meeting_leaf(old.boxes, work.stack, height, box)
+        for row in range(*cells_of_leaf(leaf, old.boxes, stamps.shape[0])):
+            if stamps[row] != stamp and n < queue.shape[0]:
+                stamps[row] = stamp
+                queue[n] = row
+                n += 1
+    return n
+
+
+@inlined
+def _queue_neighbours(row, front, stamp, n, back, axes):
+    """Queue the neighbours of an old cell into which the new one extends; return the length."""
+    neighbours, stamps, queue = front
+    for v in range(len(axes) + 1):
+        lowest = 0.0
+        for i in range(len(axes) + 1):
+            lowest = min(lowest, back[i, v])
+        other = neighbours[row, v]
+        if lowest < 0.0 and other >= 0 and stamps[other] != stamp:
+            stamps[other] = stamp
+            queue[n] = other
+            n += 1
+    return n
+
+
 @lean
-def _add_products(cells, c, work, place, used, members):
+def _add_products(cells, c, work, place, used, members, axes):
     """Add the products of an intersection to those of the new cell; return the number of rows.
 
     ``c``: the old cell; ``place``: first row of the new cell.
     """
     _, node_of, slot, products = members
-    k = cells.shape[1]
+    k = len(axes) + 1
     for v in range(k):
         node = cells[c, v]
         row = np.int64(slot[node])
@@ -472,13 +541,15 @@ def _add_products(cells, c, work, place, used, members):
 
 
 @lean_kernel
-def fill_overlaps(old, new, which, work, overlaps, members):
+def fill_overlaps(old, front, new, which, work, overlaps, members, axes):
     r"""Find the old cells that overlap each new cell, and integrals over the intersections.
 
     Parameters
     ----------
     old : Tree
         Triangles in the plane or tetrahedra.
+    front : Front
+        With stamps 0, and ``room`` at least that of k cells.
     new : tuple of float64[n_new, 3], int32[m_new, k]
         The new points and cells.
     which : int64[n]
@@ -492,6 +563,7 @@ def fill_overlaps(old, new, which, work, overlaps, members):
         Out: the number of nodes of these old cells, for each new cell; the nodes, those of one new
         cell after the other; scratch; the integrals of :math:`\phi_i \phi_j` over the new cell,
         for its corners i and the old node j.  Not filled if there is room for none.
+    axes : tuple of length k - 1
 
     Returns
     -------
@@ -502,40 +574,50 @@ def fill_overlaps(old, new, which, work, overlaps, members):
     int
         Number of nodes.
     """
-    points, cells = new
+    cells = new[1]
     counts, found, measures = overlaps
     n_nodes, node_of, _, _ = members
-    k = cells.shape[1]
-    whole = node_of.shape[0] > 0
-    old_cells = (old.points, old.cells)
-    stack, box, other = work.stack, work.box, work.other_box
-    used = n_used = np.int64(0)  # callees would be compiled for a literal, too
+    k = len(axes) + 1
+    whole, room = node_of.shape[0] > 0, front.queue.shape[0]
+    used = n_used = seed = np.int64(0)  # callees would be compiled for a literal, too
     for place in range(which.shape[0]):
         c = which[place]
-        start, first = used, n_used
+        start, first, stamp = used, n_used, np.int32(c + 1)
         counts[c] = 0
-        _set_box(points, cells, c, box)
-        for v in range(k):
-            for d in range(3):
-                work.start[d] = points[cells[c, 0], d]
-                work.cut[v, d] = points[cells[c, v], d] - work.start[d]
-        size = _set_gradients(work.cut, k, work.gradients)
-        stack[0], height = 1, np.int64(1 if size > 0.0 else 0)
-        while height > 0:
-            leaf, height = _meeting_leaf(old.boxes, stack, height, box)
-            for row in range(*cells_of_leaf(leaf, old.boxes, old.cells.shape[0])):
-                _set_box(old.points, old.cells, row, other)
-                if _apart(box, other):
-                    continue
-                measure = _intersection(old_cells, row, size, work, whole)
-                if measure > 0.0:
-                    if used == found.shape[0] or (whole and n_used + k > node_of.shape[0]):
+        for d in range(k - 1):
+            work.start[d] = new[0][cells[c, 0], d]
+        _set_corners(new[0], cells, c, work.start, axes, work.cut)
+        size = _set_gradients(work.cut, axes, work.gradients)
+        if size == 0.0:
+            continue
+        at = n = np.int64(0)
+        row = _walk(old, front.neighbours, seed, work, axes)
+        if row >= 0:
+            front.stamps[row] = stamp
+            front.queue[0] = row
+            n += 1
+        covered, complete = 0.0, False
+        while at < n or not complete:
+            if at == n:
+                complete = True
+                if covered < (1.0 - _COVERED) * size:
+                    n = _queue_by_boxes(old, front, stamp, n, new, c, work, axes)
+                    if n == room:
                         return place, start, first
-                    found[used] = row
-                    measures[used] = measure
-                    used += 1
-                    if whole:
-                        n_used = _add_products(old.cells, row, work, first, n_used, members)
+                continue
+            row = np.int64(front.queue[at])
+            at += 1
+            measure = _intersection(old, row, size, work, whole, axes)
+            if measure > 0.0:
+                if used == found.shape[0] or n + k > room or (whole and n_used + k > room):
+                    return place, start, first
+                found[used] = seed = row
+                measures[used] = measure
+                covered += measure
+                used += 1
+                if whole:
+                    n_used = _add_products(old.cells, row, work, first, n_used, members, axes)
+                n = _queue_neighbours(row, front, stamp, n, work.back, axes)
         counts[c] = used - start
         if whole:
             n_nodes[c] = n_used - first

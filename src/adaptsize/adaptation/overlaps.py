@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
-from adaptsize._kernels.overlap import fill_overlaps, new_clipping
+from adaptsize._kernels.overlap import Front, fill_overlaps, new_clipping
 from adaptsize._kernels.trees import Tree
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
+from adaptsize.background.location import in_space
 from adaptsize.limiting.exact.field import Workers
 from adaptsize.typing import FloatArray, IntArray, LongArray
 
@@ -22,11 +25,14 @@ _CELLS = {2: 4096, 3: 1024}
 _ROOM = {2: 16, 3: 48}
 
 
-class Intersections(NamedTuple):
+@dataclass(frozen=True)
+class Intersections:
     """Integrals over the intersections of the cells of two meshes."""
 
-    measures: csr_array
-    """Sparse [n_cells of the new mesh, n_cells of the old one]."""
+    pairs: tuple[LongArray, LongArray, IntArray, FloatArray]
+    """The new cells in the order of processing, the number of old cells that overlap each of them,
+    these old cells, and the measures of the overlaps."""
+    n_old: int
     products: csr_array | None
     r"""The mixed mass matrix, sparse [n_points of the new mesh, n_points of the old one].
 
@@ -34,6 +40,19 @@ class Intersections(NamedTuple):
     :math:`\phi_i` and :math:`\psi_j` are the hat functions of the two meshes.  They are exact to
     rounding.  None if it was not requested.
     """
+
+    @cached_property
+    def measures(self) -> csr_array:
+        """Sparse [n_cells of the new mesh, n_cells of the old one]."""
+        order, counts, old_cells, common = self.pairs
+        start = np.zeros(len(order) + 1, np.int64)
+        start[1 + order] = counts
+        np.cumsum(start, out=start)
+        place = np.repeat(start[order] - (np.cumsum(counts) - counts), counts)
+        place += np.arange(len(place))
+        columns, data = np.empty_like(old_cells), np.empty_like(common)
+        columns[place], data[place] = old_cells, common
+        return csr_array((data, columns, start), shape=(len(order), self.n_old))
 
 
 def intersections_of(
@@ -44,26 +63,26 @@ def intersections_of(
     The result does not depend on the number of threads, to the last bit.
     """
     locator = old.locator
-    points = np.zeros((new.n_points, 3))
-    points[:, : new.dim] = new.points * locator.scale
+    points = in_space(new.points * locator.scale)
     cells = np.array(new.cells)
     order = along_curve(new.points[new.cells].mean(axis=1)).astype(np.int64)
+    neighbours = _neighbours(old)
     found: dict[int, _Part] = {}
 
     def task(first: int, last: int) -> None:
-        found[first] = _part(locator.tree, (points, cells), order[first:last], products)
+        which = order[first:last]
+        found[first] = _part(locator.tree, neighbours, (points, cells), which, products)
 
     text = "overlaps of the cells of two meshes"
     workers.in_chunks(task, new.n_cells, _CELLS[new.dim], text)
     parts = [found[first] for first in sorted(found)]
     unit = locator.scale**-new.dim
     counts = np.concatenate([part.counts for part in parts])
-    columns = locator.cell_of_row[np.concatenate([part.found for part in parts])]
-    data = np.concatenate([part.measures for part in parts]) * unit
-    shape = (new.n_cells, old.n_cells)
-    by_cell = csr_array((data, (np.repeat(order, counts), columns)), shape=shape)
+    old_cells = locator.cell_of_row[np.concatenate([part.found for part in parts])]
+    common = np.concatenate([part.measures for part in parts]) * unit
+    pairs = (order, counts, old_cells, common)
     if not products:
-        return Intersections(by_cell, None)
+        return Intersections(pairs, old.n_cells, None)
     every = np.concatenate([part.numbers for part in parts])
     numbers, matrix = _summed(every, vstack([part.rows for part in parts]))
     start = np.zeros(new.n_points + 1, matrix.indptr.dtype)
@@ -72,7 +91,16 @@ def intersections_of(
         (matrix.data * unit, locator.node_of_point[matrix.indices], np.cumsum(start)),
         shape=(new.n_points, old.n_points),
     )
-    return Intersections(by_cell, mixed)
+    return Intersections(pairs, old.n_cells, mixed)
+
+
+def _neighbours(mesh: SimplexMesh) -> IntArray:
+    """Return the cell beyond each side, -1 for none or several; in the rows of the tree."""
+    facets = mesh.cell_facets[mesh.locator.cell_of_row]
+    rows = np.arange(mesh.n_cells)[:, None]
+    sums = np.bincount(facets.ravel(), np.broadcast_to(rows, facets.shape).ravel())
+    inside = mesh.facet_cell_counts[facets] == 2
+    return np.where(inside, sums[facets] - rows, -1).astype(np.int32)
 
 
 class _Part(NamedTuple):
@@ -88,27 +116,35 @@ class _Part(NamedTuple):
     """The rows of the mixed mass matrix of these nodes."""
 
 
-def _part(tree: Tree, new: tuple[FloatArray, IntArray], which: LongArray, products: bool) -> _Part:
+def _part(
+    tree: Tree,
+    neighbours: IntArray,
+    new: tuple[FloatArray, IntArray],
+    which: LongArray,
+    products: bool,
+) -> _Part:
     """Return the integrals for some new cells."""
     cells = new[1]
     k = cells.shape[1]
     counts, n_nodes = np.zeros(len(cells), np.int64), np.zeros(len(cells), np.int64)
-    slot = np.zeros(len(tree.points), np.int32)
-    room = _ROOM[k - 1] * len(which)
-    found, measures, nodes, values = _buffers(room, k, products)
-    work = new_clipping()
+    room, work = _ROOM[k - 1] * len(which), new_clipping()
     overlaps: list[tuple[IntArray, FloatArray]] = []
     numbers: list[IntArray] = []
     assembled: list[csr_array] = []
     first = 0
     while first < len(which):
+        # Pages of zeros that are not touched cost nothing.
+        stamps, slot = np.zeros(len(tree.cells), np.int32), np.zeros(len(tree.points), np.int32)
+        found, measures = np.empty(room, np.int32), np.empty(room)
+        nodes = np.empty(room if products else 0, np.int32)
+        values = np.empty((len(nodes), k))
+        front = Front(neighbours, stamps, np.empty(room, np.int32))
         reached, used, n_used = fill_overlaps(
-            tree, new, which[first:], work,
-            (counts, found, measures), (n_nodes, nodes, slot, values),
+            tree, front, new, which[first:], work,
+            (counts, found, measures), (n_nodes, nodes, slot, values), tuple(range(k - 1)),
         )  # fmt: skip
         if reached == 0:  # a single cell has more overlaps
             room *= 2
-            found, measures, nodes, values = _buffers(room, k, products)
             continue
         overlaps.append((found[:used].copy(), measures[:used].copy()))
         if products:
@@ -120,20 +156,12 @@ def _part(tree: Tree, new: tuple[FloatArray, IntArray], which: LongArray, produc
             ]
             numbers += list(cells[done].T)
         first += reached
-    rows = csr_array((0, len(slot)))
+    rows = csr_array((0, len(tree.points)))
     at: IntArray = np.empty(0, np.int32)
     if products:
         at, rows = _summed(np.concatenate(numbers), vstack(assembled))
     of_cells, common = (np.concatenate(arrays) for arrays in zip(*overlaps, strict=True))
     return _Part(counts[which], of_cells, common, at, rows)
-
-
-def _buffers(
-    room: int, k: int, products: bool
-) -> tuple[IntArray, FloatArray, IntArray, FloatArray]:
-    """Return room for old cells and measures, and for nodes and their products."""
-    nodes = np.empty(room if products else 0, np.int32)
-    return np.empty(room, np.int32), np.empty(room), nodes, np.empty((len(nodes), k))
 
 
 def _summed(numbers: IntArray, rows: csr_array) -> tuple[IntArray, csr_array]:

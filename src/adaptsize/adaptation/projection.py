@@ -27,6 +27,7 @@ References
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -39,7 +40,8 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 #: Relative error of the solution of M u = b.
 _ACCURACY = 1e-13
 
-#: Share of the range of a field by which bounds may be exceeded before fluxes are limited.
+#: Share of the range of a field by which bounds may be exceeded before fluxes are limited, and of
+#: the integral of a hat function that may be missing.
 _ROUNDING = 1e-12
 
 
@@ -94,7 +96,7 @@ class Projection:
         np.divide(1.0, self.lumped, out=self._inverse, where=self.lumped > 0.0)
 
     def field(
-        self, sums: FloatArray, interpolated: FloatArray, *, bounded: bool = False
+        self, sums: FloatArray, interpolated: Callable[[], FloatArray], *, bounded: bool = False
     ) -> FloatArray:
         """Return the projected columns; collective.
 
@@ -102,19 +104,27 @@ class Projection:
         ----------
         sums : float64[n_points, 1 + k or 1 + 3 k]
             Those of `sums_over`, over all ranks.
-        interpolated : float64[n_points, k]
-            The values at the nodes, which count where the old domain does not extend.
+        interpolated : callable
+            Returns the values at the nodes, float64[n_points, k], which count where the old domain
+            does not extend and at nodes in no cell; collective.
         bounded : bool
             Whether nodal values keep within the range of the old ones nearby.
         """
-        k = interpolated.shape[1]
+        load, *bounds = np.hsplit(sums[:, 1:], 3 if bounded else 1)
         outside = self.lumped - sums[:, 0]
-        load = sums[:, 1 : 1 + k] + outside[:, None] * interpolated
-        found = self._solved(load, interpolated)
+        covered = np.abs(outside) < _ROUNDING * self.lumped
+        start = load * self._inverse[:, None]
+        if self.shared.ranks.allreduce(int(not covered.all()), "max"):
+            values = interpolated()
+            load = load + np.where(covered, 0.0, outside)[:, None] * values
+            start = np.where(self.lumped[:, None] > 0.0, load * self._inverse[:, None], values)
+            bounds = (
+                [np.minimum(bounds[0], values), np.maximum(bounds[1], values)] if bounded else []
+            )
+        found = self._solved(load, start)
         if bounded:
-            low = np.minimum(interpolated, sums[:, 1 + k : 1 + 2 * k])
-            high = np.maximum(interpolated, sums[:, 1 + 2 * k :])
-            for j in range(k):
+            low, high = bounds
+            for j in range(found.shape[1]):
                 found[:, j] = self._within(found[:, j], low[:, j], high[:, j])
         return found
 

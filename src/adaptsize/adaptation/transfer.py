@@ -277,8 +277,10 @@ class FieldTransfer:
         assert products is not None
         sums = sums_over(products, np.array(as_columns(field)), ranges=bounded)
         projection = Projection(new.cells, new.measures, new.shared, new.n_points)
-        start = as_columns(self._interpolated(field))
-        return from_columns(projection.field(sums, start, bounded=bounded), field)
+        found = projection.field(
+            sums, lambda: as_columns(self._interpolated(field)), bounded=bounded
+        )
+        return from_columns(found, field)
 
     def cells(
         self, values: npt.ArrayLike, *, conservative: bool = True, keep_integral: bool = False

@@ -91,10 +91,13 @@ def _nodal(
 ) -> npt.NDArray[Any]:
     whole = field.dtype.kind in "biu"
     columns = _columns(field)
-    answer = partial(values_at, old.mesh, columns, of_one_node=whole)
-    values = ask_nearest(old, boxes, new.points, answer)[:, 1:]
+
+    def interpolated() -> FloatArray:
+        answer = partial(values_at, old.mesh, columns, of_one_node=whole)
+        return ask_nearest(old, boxes, new.points, answer)[:, 1:]
+
     if whole or method == "interpolate":
-        return _restored(values, field)
+        return _restored(interpolated(), field)
     bounded = method == "bounded"
     k, n_corners = columns.shape[1], new.cells.shape[1]
     measures = np.zeros(0) if new.mesh is None else new.mesh.measures
@@ -120,7 +123,7 @@ def _nodal(
             first = 1 + (1 + place) * k
             merge.at(ends, nodes, rows[:, first : first + k])
             merged.append(new.shared.merge(ends, merge))
-    return _restored(projection.field(np.hstack(merged), values, bounded=bounded), field)
+    return _restored(projection.field(np.hstack(merged), interpolated, bounded=bounded), field)
 
 
 def _cells(
