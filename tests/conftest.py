@@ -1,5 +1,6 @@
 """Settings of the test run."""
 
+import gc
 import os
 import signal
 import sys
@@ -28,3 +29,8 @@ os.environ["PYVISTA_OFF_SCREEN"] = "true"
 settings.register_profile("ci", derandomize=True, deadline=None, max_examples=20)
 settings.register_profile("random", deadline=None, max_examples=300)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
+
+
+def pytest_collection_finish():
+    """Leave half a million objects of the collection out of each search for cyclic garbage."""
+    gc.freeze()

@@ -90,7 +90,7 @@ def _is_tangent(corner, before, after, node, points):
     """
     if before < 0:
         return True
-    x, y = points[corner]
+    x, y = points[corner, 0], points[corner, 1]
     dx, dy = x - points[node, 0], y - points[node, 1]
     bx, by = points[before, 0] - x, points[before, 1] - y
     ax, ay = points[after, 0] - x, points[after, 1] - y
@@ -135,11 +135,13 @@ def fill_sizes(targets, own, starts, sizes, corners, beside, mesh, tolerance, g,
                     continue
             value[n], which[n] = candidate, y
             n += 1
-        order = np.argsort(value[:n])
-        for k in order:
-            if sees(which[k], x, mesh, tolerance, scratch):
-                out[i] = value[k]
+        while n > 0:
+            best = np.argmin(value[:n])
+            if sees(which[best], x, mesh, tolerance, scratch):
+                out[i] = value[best]
                 break
+            n -= 1
+            value[best], which[best] = value[n], which[n]
 
 
 @njit(cache=True, nogil=True)
