@@ -18,7 +18,6 @@ if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
 collect_ignore_glob = ["*conftest.py"]
 # Programs that tests run in processes of their own.
 collect_ignore = [
-    "distributed/failing_rank.py",
     "distributed/rank_program.py",
     "with_dolfinx/check_adapters.py",
 ]

@@ -1,6 +1,8 @@
 """What the ranks of test_mpi.py run: limits compared with the serial ones, and failures."""
 
 import sys
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +13,8 @@ if __name__ == "__main__":
 import domains
 from meshes import jittered_cube, jittered_square, random_sphere
 
-from adaptsize import adapt, limit_gradient
-from adaptsize.distributed import PartitionedMesh
+from adaptsize import adapt, limit_gradient, read, remesh, write
+from adaptsize.distributed import PartitionedMesh, read_parts, write_parts
 from adaptsize.ranks import as_communicator
 
 
@@ -73,10 +75,32 @@ def cycle(comm):
     assert comm.allgather(str(result)) == [str(result)] * comm.size
 
 
+def files(comm):
+    """A mesh is read, limited, remeshed and written; one process reads the file of all ranks."""
+    with tempfile.TemporaryDirectory() as own:
+        folder = Path(comm.bcast(own, 0))
+        mesh = jittered_square(8, 888)
+        bounds = mesh.diagonal * np.where(np.arange(mesh.n_points) == 0, 0.01, 0.05)
+        if comm.rank == 0:
+            write(folder / "in.vtu", mesh, fields={"h0": bounds})
+        comm.barrier()
+        part = read_parts(folder / "in.vtu", comm)
+        h = limit_gradient(part, part.mesh.point_data["h0"], 0.3)
+        write_parts(folder / "h.vtkhdf", part, fields={"h": h})
+        write_parts(folder / "fine.vtkhdf", remesh(part, h))
+        found, fine = read(folder / "h.vtkhdf"), read(folder / "fine.vtkhdf")
+        assert found.n_points == mesh.n_points
+        whole = limit_gradient(found, found.point_data["h0"], 0.3)
+        assert np.array_equal(found.point_data["h"], whole)
+        assert fine.measures.sum() == pytest.approx(mesh.measures.sum())
+        assert fine.n_cells > 2 * mesh.n_cells
+        comm.barrier()
+
+
 if __name__ == "__main__":
     from mpi4py import MPI
 
     ranks = as_communicator(MPI.COMM_WORLD)
-    for task in (operations, compare, report, cycle):
+    for task in (operations, compare, report, cycle, files):
         task(ranks)
     print(f"rank {ranks.rank} done", flush=True)

@@ -1,10 +1,4 @@
-"""What a command prints, also on several ranks of MPI: one output, one error, one exit code.
-
-Results go to standard output, messages to standard error.  Rank 0 prints.  An error that only one
-rank meets, while others wait for it in the library, would leave these waiting for ever.  So each
-rank reports its end through a communicator of its own, and a failed rank that does not hear from
-all others soon ends them.
-"""
+"""What a command prints: results on standard output, messages on standard error."""
 
 from __future__ import annotations
 
@@ -12,92 +6,13 @@ import contextlib
 import json
 import logging
 import math
-import os
 import re
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from adaptsize.cli.steps import NORMAL, QUIET, VERBOSE, Steps
-
-if TYPE_CHECKING:
-    from adaptsize.ranks import Communicator
-
-#: A rank that has failed waits so many seconds for the others.
-_PATIENCE = 5.0
-
-
-def world_of(arguments: Sequence[str]) -> World | None:
-    """Return the ranks of MPI, if there are several or ``--mpi`` is given, otherwise None.
-
-    Raises
-    ------
-    ImportError
-        If mpi4py is missing.
-    """
-    if "--mpi" not in arguments and not is_started_by_mpi(os.environ):
-        return None
-    try:
-        from mpi4py import MPI
-    except ImportError as error:
-        raise ImportError(
-            'several ranks need mpi4py: pip install "adaptsize[mpi]", and an MPI such as mpich'
-        ) from error
-    return World(MPI.COMM_WORLD)
-
-
-def is_started_by_mpi(environment: Mapping[str, str]) -> bool:
-    """Return whether a launcher of MPI (MPICH, Intel MPI, Open MPI, MVAPICH) started ranks."""
-    names = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "MV2_COMM_WORLD_SIZE", "MPI_LOCALNRANKS")
-    sizes = [environment.get(name, "1") for name in names]
-    return any(size.isdigit() and int(size) > 1 for size in sizes)
-
-
-class World:
-    """All ranks of MPI.
-
-    Attributes
-    ----------
-    comm : Communicator
-        For the library.
-    """
-
-    comm: Communicator
-
-    def __init__(self, comm: Any) -> None:
-        from adaptsize.ranks import as_communicator
-
-        self.comm = as_communicator(comm)
-        self._ends = comm.Dup()  # only for the ends of the ranks
-
-    @property
-    def is_first(self) -> bool:
-        """Whether this rank prints."""
-        return self.comm.rank == 0
-
-    def finish(self, code: int, console: Console) -> int:
-        """Wait for the other ranks, and return the largest exit code.
-
-        The first rank that failed prints its error.  A failed rank waits some seconds only.  If
-        the others have not ended by then, it prints its error and ends them.
-        """
-        import numpy as np
-
-        codes = np.empty(self.comm.size, np.int32)
-        request = self._ends.Iallgather(np.array([code], np.int32), codes)
-        deadline = time.monotonic() + _PATIENCE
-        while not request.Test():
-            if code and time.monotonic() > deadline:
-                console.print_failure(f"rank {self.comm.rank}: ")
-                sys.stdout.flush()
-                self._ends.Abort(code)
-            time.sleep(0.02)
-        if codes.any() and self.comm.rank == int(np.flatnonzero(codes)[0]):
-            # An error of the library that is raised on all ranks names the rank itself.
-            alone = np.count_nonzero(codes) == 1 and self.comm.size > 1
-            console.print_failure(f"rank {self.comm.rank}: " if alone else "")
-        return int(codes.max())
 
 
 class Console:
@@ -115,14 +30,9 @@ class Console:
         Names and seconds of the steps so far.
     typed : str
         The command as it was typed.
-    world : World or None
-        The ranks of MPI; None in a single process.  Only the first prints.
     """
 
-    def __init__(self, world: World | None = None) -> None:
-        self.world = world
-        self._is_silent = world is not None and not world.is_first
-        self._failure = ""
+    def __init__(self) -> None:
         self._flags: Mapping[str, str] = {}
         self.as_json = False
         self.level = NORMAL
@@ -136,15 +46,11 @@ class Console:
     def configure(self, command: str, flags: Mapping[str, str], general: Mapping[str, Any]) -> None:
         """Set what is printed, and how the options that messages name are typed."""
         self._command, self._flags = command, flags
-        if self.world is not None and command not in ("limit", "remesh"):
-            raise ValueError(
-                f"{command} runs in one process; on several ranks run limit and remesh"
-            )
         quiet, verbose = general["quiet"], general["verbose"]
         if quiet and verbose:
             raise ValueError("--quiet and --verbose exclude each other")
-        self.as_json = bool(general["json"]) and not self._is_silent
-        self.level = QUIET if quiet or self._is_silent else VERBOSE if verbose else NORMAL
+        self.as_json = bool(general["json"])
+        self.level = QUIET if quiet else VERBOSE if verbose else NORMAL
 
     def print(self, text: object) -> None:
         """Print a result."""
@@ -173,27 +79,18 @@ class Console:
 
     def stopped(self, text: str) -> None:
         """Print that the command was stopped."""
-        if not self._is_silent:
-            _print_message(text)
+        _print_message(text)
 
     def fail(self, text: str) -> bool:
-        """Print an error, also in the JSON object; on several ranks, only keep it.
+        """Print an error, also in the JSON object.
 
         Return whether it begins with the name of an option, which has a bad value then.
         """
-        self._failure = as_typed(text, self._flags)
-        if self.world is None:
-            self.print_failure()
-        return self._failure.startswith("--")
-
-    def print_failure(self, where: str = "") -> None:
-        """Print the error that ended the command, if there is any."""
-        if not self._failure:
-            return
-        text = self._failure if self._failure.startswith("rank ") else where + self._failure
+        text = as_typed(text, self._flags)
         _print_message(f"error: {text}")
         if self.as_json:
             self._print_object(error=text)
+        return text.startswith("--")
 
     @contextlib.contextmanager
     def messages_of_generators(self) -> Iterator[None]:

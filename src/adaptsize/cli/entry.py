@@ -81,35 +81,16 @@ def _interrupt() -> None:
 
 
 def run(arguments: list[str]) -> int:
-    """Run the command line, on several ranks if MPI has started them, and return the exit code."""
-    from adaptsize.cli.console import Console, world_of
-
-    try:
-        world = world_of(arguments)
-    except ImportError as error:
-        Console().fail(_in_one_line(error))
-        return REFUSED
-    console = Console(world)
-    console.typed = shlex.join(["adaptsize", *arguments])
-    if world is None:
-        return _run(arguments, console)
-    try:
-        code = _run(arguments, console)
-    except Exception as error:  # the other ranks must not wait
-        traceback.print_exc()
-        console.fail(_in_one_line(error))
-        code = REFUSED
-    return world.finish(code, console)
-
-
-def _run(arguments: list[str], console: Console) -> int:
-    """Run the command line on this rank and return the exit code."""
+    """Run the command line and return the exit code."""
     import typer
     from typer.main import get_command
 
     from adaptsize import errors
     from adaptsize.cli.commands import app
+    from adaptsize.cli.console import Console
 
+    console = Console()
+    console.typed = shlex.join(["adaptsize", *arguments])
     # typer vendors click or imports it.  This finds the class in both cases.
     usage_error: Any = typer.BadParameter.__bases__[0]
     received: list[signal.Signals] = []
@@ -131,8 +112,7 @@ def _run(arguments: list[str], console: Console) -> int:
             return _stopped(console, received)
         return result if isinstance(result, int) else DONE
     except usage_error as error:
-        if console.world is None or console.world.is_first:
-            error.show(file=sys.stderr)
+        error.show(file=sys.stderr)
         return USAGE
     except (KeyboardInterrupt, typer.Abort):
         return _stopped(console, received)

@@ -15,9 +15,8 @@ from adaptsize.cli.files import (
     print_written,
     write_sizes,
 )
-from adaptsize.cli.in_parts import limit_in_parts, runs_in_parts
 from adaptsize.cli.metric import limit_with_metric
-from adaptsize.cli.options import FIELD, METRIC, MPI, PLOT, Given, Input, SizesOutput, command, own
+from adaptsize.cli.options import FIELD, METRIC, PLOT, Given, Input, SizesOutput, command, own
 from adaptsize.cli.sources import controlling_nodes, describe_roots
 from adaptsize.options import SizeOptions, options_of
 
@@ -38,7 +37,6 @@ if TYPE_CHECKING:
         "Also write this file, with the controlling node as the field source.",
     ),
     PLOT,
-    MPI,
 )  # fmt: skip
 def limit(console: Console, file: Input, output: SizesOutput, given: Given) -> None:
     """Limit the gradient of a nodal field.  The result is written as the field h, or metric."""
@@ -46,8 +44,6 @@ def limit(console: Console, file: Input, output: SizesOutput, given: Given) -> N
         raise ValueError("give either --field or --metric")
     if "metric" in given:
         limit_with_metric(console, file, output, given)
-    elif runs_in_parts(console, file, output, given):
-        limit_in_parts(console, file, output, given)
     else:
         _limit_sizes(console, file, output, given)
 

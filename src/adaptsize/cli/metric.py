@@ -20,13 +20,11 @@ _FILES = (".sol", ".solb")
 _OF_MESHING = {"tolerance", "max_elements", *options_of(MeshOptions)}
 
 
-def _check(console: Console, file: Path, output: Path, given: Given, allowed: set[str]) -> None:
+def _check(file: Path, output: Path, given: Given, allowed: set[str]) -> None:
     """Refuse what has no meaning for metrics, and files that cannot be read or written."""
     from adaptsize._formats.writers import format_of
 
     refused = [name for name in given if name not in allowed | {"metric", "g", "plot"}]
-    if console.world is not None and "mpi" not in refused:
-        refused.append("mpi")
     if refused:
         listed = ", ".join(f"--{name.replace('_', '-')}" for name in refused)
         raise ValueError(f"--metric does not go with {listed}")
@@ -62,7 +60,7 @@ def limit_with_metric(console: Console, file: Path, output: Path, given: Given) 
     """Limit the gradient of a metric and write it as the field metric."""
     from adaptsize.metrics import MetricFunction, limit_metric
 
-    _check(console, file, output, given, set())
+    _check(file, output, given, set())
     g = given["g"]
     with console.steps(3) as steps:
         steps.begin("reading")
@@ -89,7 +87,7 @@ def remesh_with_metric(console: Console, file: Path, output: Path, given: Given)
     from adaptsize.metrics import MetricFunction, limit_metric
     from adaptsize.quality import size_conformity
 
-    _check(console, file, output, given, _OF_MESHING | {"hmin", "hmax"})
+    _check(file, output, given, _OF_MESHING | {"hmin", "hmax"})
     g = given.get("g", METRIC_GRADIENT_LIMIT)
     with console.steps(5) as steps:
         steps.begin("reading")

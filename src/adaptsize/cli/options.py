@@ -79,10 +79,6 @@ SOURCE = own(
     "line.",
 )  # fmt: skip
 PLOT = own("Output", "plot", Path, "Also draw the result (.png).")
-MPI = own(
-    "General", "mpi", bool,
-    "Run on all ranks of MPI, if a launcher is not recognized.",
-)  # fmt: skip
 _GENERAL = (
     own("General", "json", bool, "Print one JSON object and no other results."),
     own("General", "quiet", bool, "Print errors only.", short="-q"),

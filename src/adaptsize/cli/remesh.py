@@ -23,12 +23,10 @@ from adaptsize.cli.files import (
     read_mesh,
     write_mesh,
 )
-from adaptsize.cli.in_parts import remesh_in_parts, runs_in_parts
 from adaptsize.cli.metric import remesh_with_metric
 from adaptsize.cli.options import (
     FIELD,
     METRIC,
-    MPI,
     PLOT,
     SOURCE,
     Given,
@@ -42,7 +40,6 @@ from adaptsize.cli.sources import parse_source
 from adaptsize.options import (
     BudgetOptions,
     MeshOptions,
-    PartsOptions,
     RemeshToElementsOptions,
     checked,
     options_of,
@@ -84,8 +81,6 @@ _PARTS_WITHOUT_MMG = {"tetrahedralizing with fTetWild": "fTetWild"}
     own(
         "Output", "report", Path, "Also write a page with the mesh in 3-D (.html).",
     ),
-    MPI,
-    PartsOptions,
 )  # fmt: skip
 def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> None:
     """Make a mesh with the requested sizes; closed surfaces become tetrahedra.
@@ -94,8 +89,6 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> N
     """
     if "metric" in given:
         remesh_with_metric(console, file, output, given)
-    elif runs_in_parts(console, file, output, given):
-        remesh_in_parts(console, file, output, given)
     else:
         _remesh_whole(console, file, output, given)
 
@@ -226,8 +219,7 @@ def _made(
     budget = checked(
         BudgetOptions, {k: given[k] for k in options_of(BudgetOptions).keys() & given.keys()}
     )
-    names = {*options_of(MeshOptions), *options_of(PartsOptions)}
-    for_mesh = {name: given[name] for name in names & given.keys()}
+    for_mesh = {name: given[name] for name in options_of(MeshOptions).keys() & given.keys()}
     for_sizes = {name: value for name, value in given.items() if name not in for_mesh}
     for_sizes["progress"] = steps.report
 
