@@ -5,7 +5,6 @@ import pytest
 from meshes import random_sphere, random_square, structured_square
 from numpy.testing import assert_allclose
 from solids import circle, outline
-from upper_bounds import limit_bounds
 
 from adaptsize import (
     CartesianGrid,
@@ -16,6 +15,8 @@ from adaptsize import (
     refine_at_boundary,
     size_function,
 )
+from adaptsize.domain_size.request import Bounds, Request
+from adaptsize.options import SizeFunctionOptions, checked
 
 G = 0.25
 BOX = ([-1.3, -1.3], [1.3, 1.3])
@@ -110,7 +111,8 @@ def two_bounds(mesh):
 
 def test_each_cause_controls_what_is_nearer_to_it_and_the_middle_is_free():
     mesh = unit_square(40)
-    _, report = limit_bounds(mesh, two_bounds(mesh), 0.5, hmin=0.01, hmax=0.2)
+    request = Request.of(checked(SizeFunctionOptions, {"g": 0.5}))
+    _, report = Bounds(mesh, two_bounds(mesh), (0.01, 0.2)).limited(request)
     # 0.2 is reached 0.3 from the left and 0.2 from the right.
     assert report.domain_shares["left"] == pytest.approx(0.3, abs=0.03)
     assert report.domain_shares["right"] == pytest.approx(0.2, abs=0.03)

@@ -7,9 +7,8 @@ all corners are active.  In space sizes go along the edges only of faces without
 import geodesics
 import numpy as np
 import pytest
-from exact_on_grids import exact_sizes
+from exact_on_grids import exact_sizes, fine_grid_sizes
 from exact_oracle import straight_sizes
-from grid_oracle import fine_grid_sizes
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
