@@ -33,7 +33,7 @@ RECORDS = {
     "needs_remeshing": "adaptation.need.RemeshingNeed adaptation.need.Place",
     "transfer_fields": "adaptation.transfer_in_parts.TransferredFields",
     "limit_gradient": "limiting.info.LimitingInfo limiting.sources.SizeSources "
-    "limiting.problem.Scheme limiting.in_parts.info.PartsLimitingInfo",
+    "limiting.problem.Scheme",
     "limit_metric": "metrics.limit.MetricLimitingInfo",
     "size_function": "_size_report.SizeReport",
     "SizeFunction": "domain_size.cost.Cost domain_size.cost.SmallPlace domain_size.cost.Part",

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
 from adaptsize import SimplexMesh
-from adaptsize.limiting.gradient_limit import SizeTransform, resolve
+from adaptsize.limiting.gradient_limit import SizeTransform, factors_of, in_space
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 BOUND = np.array([0.5, 2.0, np.inf, 1.0])
@@ -56,19 +56,21 @@ def test_phi_is_the_integral_of_one_over_g(name):
     ],
 )
 def test_numbers_give_a_slope_for_all_cells_or_one_for_each(g, values):
-    slope, transform = resolve(SQUARE, g, BOUND)
+    of_place, of_size = factors_of(g)
+    slope = in_space(SQUARE, of_place)
     assert_allclose(slope.values, values, rtol=1e-15)
-    assert slope.step == (len(values) > 1)
-    assert transform is None
+    assert slope.varies == (len(values) > 1)
+    assert of_size is None
 
 
 def test_functions_and_products_give_slope_and_transform():
-    slope, transform = resolve(SQUARE, lambda h: 0.5 * h, BOUND)
-    assert slope.values.tolist() == [1.0]
+    of_place, of_size = factors_of(lambda h: 0.5 * h)
+    assert of_place == 1.0
+    transform = SizeTransform(of_size, 0.5, 2.0)
     # The table starts at the least size.
     assert_allclose(
         transform.forward(BOUND), [0.0, np.log(4) / 0.5, np.inf, np.log(2) / 0.5], rtol=1e-8
     )
-    slope, transform = resolve(SQUARE, ([0.1, 0.7], lambda h: 0.5 * h), BOUND)
-    assert slope.values.tolist() == [0.1, 0.7]
-    assert_allclose(transform.forward(BOUND)[3], np.log(2) / 0.5, rtol=1e-8)
+    of_place, of_size = factors_of(([0.1, 0.7], lambda h: 0.5 * h))
+    assert of_place == [0.1, 0.7]
+    assert of_size(3.0) == 1.5

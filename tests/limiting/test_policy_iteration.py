@@ -7,8 +7,7 @@ from scipy.spatial import Delaunay
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize._kernels.fast_marching import sweep_cells
-from adaptsize.background import marching
-from adaptsize.limiting.fast_marching import iterate_policies
+from adaptsize.limiting.fast_marching import cells_in, iterate_policies
 from adaptsize.limiting.gradient_limit import Slope
 
 
@@ -29,7 +28,7 @@ def _swept(mesh, h0, g):
     """Repeat the local update of all nodes until nothing changes: the slow twin."""
     h, candidate = h0.copy(), np.empty(mesh.n_points)
     for _ in range(20_000):
-        sweep_cells(marching.cells_in(mesh), h, (g, 1), candidate)
+        sweep_cells(cells_in(mesh), h, (g, 1), candidate)
         lower = np.minimum(h, candidate)
         if (lower >= h * (1.0 - 1e-15)).all():
             return lower

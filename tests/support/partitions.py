@@ -9,6 +9,9 @@ from adaptsize.distributed import PartitionedMesh
 KINDS = ("default", "random", "strips", "single cells", "some empty")
 BOUNDS = ("two", "some", "noise", "smooth", "limited", "corner")
 SIZE = 4
+#: Attributes of `LimitingInfo` that do not depend on the partition.
+FIGURES = ["method", "converged", "n_points", "n_changed", "n_free", "residual"]
+FIGURES += ["largest_edge_slope", "cell_gradient_quantiles", "n_proved", "largest_gap"]
 
 
 def partition(mesh, kind, size, rng):

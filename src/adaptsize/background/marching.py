@@ -1,21 +1,18 @@
-"""Marching until no node is lowered any more: the loops around the kernels."""
+"""Marching on grids until no node is lowered any more."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from adaptsize._kernels import fast_marching as mesh_kernels
 from adaptsize._kernels import fast_marching_grid as grid_kernels
 from adaptsize._kernels.fast_marching_grid import Buckets
-from adaptsize._kernels.heap import Heap
 from adaptsize.background.grid import strides_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 if TYPE_CHECKING:
-    from adaptsize.background import CartesianGrid, SimplexMesh
+    from adaptsize.background import CartesianGrid
 
 # Buckets that the sizes of waiting nodes may spread over.
 _BUCKETS = 4096
@@ -88,19 +85,13 @@ def strides_of_padded(grid: CartesianGrid, width: int = 1) -> tuple[int, ...]:
 
 
 # Nodes accepted between two progress reports, at which Ctrl-C takes effect: about 0.1 s.
-CHUNK = 50_000
 _CHUNK_OF_GRID = 500_000
 
 # A candidate must be lower by more than rounding to count.
 KEEP = 1.0 - 1e-14
 
-# Acceptances per node of a mesh after which marching should end.
-_PATIENCE = 8
-
 #: Strides, weights, g and its step, as the kernels of grids take them.
 PaddedGrid: TypeAlias = tuple[tuple[int, ...], tuple[float, ...], FloatArray, int]
-#: g and its step.
-Limit: TypeAlias = tuple[FloatArray, int]
 
 
 def march_on_grid(
@@ -132,60 +123,4 @@ def march_on_grid(
             accepted += newly
             report(text, min(accepted / grid.n_points, 1.0))
     report(text, 1.0)
-    return accepted
-
-
-def patience(n: int) -> int:
-    """Return the number of acceptances on n nodes after which dependencies count as cyclic.
-
-    Meshes of mesh generators need 1.0 to 1.2 per node; larger numbers mean that obtuse slivers
-    cause cyclic dependencies between nodes.
-    """
-    return _PATIENCE * n + CHUNK
-
-
-def cells_in(mesh: SimplexMesh) -> tuple[Any, ...]:
-    """Return a mesh as the kernels of fast_marching.py take it."""
-    return (mesh.points, (0,) * mesh.dim, mesh.cells)
-
-
-def stars_in(mesh: SimplexMesh, limit: Limit) -> tuple[Any, ...]:
-    """Return the stars of the nodes, with owners only if g varies, as these kernels take them."""
-    star_ptr = np.empty(mesh.n_points + 1, np.int64)
-    star = np.empty((mesh.cells.size, mesh.cell_dim), np.int32)
-    owner = np.empty(mesh.cells.size if limit[1] else 0, np.int32)
-    mesh_kernels.fill_stars(mesh.cells, star_ptr, star, owner)
-    return (mesh.points, (0,) * mesh.dim, (0,) * mesh.cell_dim, star_ptr, star, owner)
-
-
-def sweep_into_heap(
-    mesh: SimplexMesh,
-    sweep: Callable[..., None],
-    h: FloatArray,
-    limit: Limit,
-    heap: Heap,
-    keep: float = KEEP,
-) -> None:
-    """Lower all nodes once (In/Out: h) and queue those that were lowered (In/Out: heap)."""
-    candidate = np.empty(mesh.n_points)
-    sweep(cells_in(mesh), h, limit, candidate)
-    mesh_kernels.queue_lowered(h, candidate, keep, heap)
-
-
-def accept_all(
-    march: Callable[[tuple[float, float, int]], int],
-    heap: Heap,
-    report: Callable[[float], None],
-    *,
-    most: float = np.inf,
-    keep: float = KEEP,
-) -> int:
-    """March until the heap is empty or ``most`` nodes were accepted; return their number.
-
-    ``march`` takes the last argument of the kernel, and ``report`` the share that is done.
-    """
-    accepted = 0
-    while heap.size[0] > 0 and accepted < most:
-        accepted += march((keep, np.inf, CHUNK))
-        report(min(accepted / len(heap.key), 1.0))
     return accepted

@@ -9,9 +9,8 @@ import numpy as np
 
 from adaptsize._checks import describe
 from adaptsize._kernels.fast_marching import sweep_cells
-from adaptsize.background import CartesianGrid, SimplexMesh
-from adaptsize.background.marching import cells_in
-from adaptsize.limiting.fast_marching import march_mesh
+from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
+from adaptsize.limiting.fast_marching import cells_in, march_mesh
 from adaptsize.limiting.problem import Problem, Scheme, Solution, checked_start
 
 _MOST_STEPS = 20_000
@@ -56,7 +55,7 @@ class PositiveCoefficient(Scheme):
             raise ValueError(f"floor must be 'hopf-lax' or None, got {describe(self.floor)}")
         self._check_options()
 
-    def supports(self, domain: SimplexMesh | CartesianGrid) -> str:
+    def supports(self, domain: AnyMesh | CartesianGrid) -> str:
         """Return which backgrounds the scheme needs."""
         return "" if isinstance(domain, SimplexMesh) else "a mesh"
 

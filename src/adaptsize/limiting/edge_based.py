@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from adaptsize._kernels import fast_marching as kernels
-from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background import AnyMesh, CartesianGrid
 from adaptsize.limiting.fast_marching import march_grid, march_mesh
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.problem import Problem, Scheme, Solution
@@ -40,7 +40,7 @@ class EdgeBased(Scheme):
 
 
 def limit_along_edges(
-    mesh: SimplexMesh, h: FloatArray, g: float, report: ProgressCallback
+    mesh: AnyMesh, h: FloatArray, g: float, report: ProgressCallback
 ) -> FloatArray:
-    """Return sizes of a mesh, lowered where they exceed a neighbour by more than g allows."""
+    """Return sizes, lowered where they exceed a neighbour by more than g allows; collective."""
     return EdgeBased().solve(Problem(mesh, h, Slope(np.array([g])), report=report)).h

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import FARTHEST, NEAREST, STEEPEST, as_float_array, refuse_where
-from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background import AnyMesh, CartesianGrid
 from adaptsize.typing import FloatArray, GradientLimit, GradientOfSize
 
 # Larger sizes mean that g(h) is unbounded and the solution overflows.
@@ -22,15 +22,22 @@ class Slope:
 
     values: FloatArray
     """One value for all (shape (1,)), one per cell of a mesh, or one per node of a grid."""
+    varies_elsewhere: bool = False
+    """Whether there is one value per cell on other ranks."""
 
     @property
     def step(self) -> int:
         """1 if there is one value per cell (node), else 0: cell c has ``values[c * step]``."""
         return 0 if self.values.shape == (1,) else 1
 
+    @property
+    def varies(self) -> bool:
+        """Whether there is one value per cell or node, on this rank or another one."""
+        return self.step == 1 or self.varies_elsewhere
+
     def number(self, method: str) -> float:
         """Return the single limit; raise a ValueError that names the method if it varies."""
-        if self.step:
+        if self.varies:
             raise ValueError(
                 f"method={method!r} needs one number g or g(h), got g that varies in space"
             )
@@ -114,34 +121,27 @@ class SizeTransform:
         return g
 
 
-def resolve(
-    background: SimplexMesh | CartesianGrid,
-    g: GradientLimit,
-    h0: FloatArray,
-) -> tuple[Slope, SizeTransform | None]:
-    """Return the slopes in space and, where g depends on h, the change of variable.
+def factors_of(g: GradientLimit) -> tuple[npt.ArrayLike, GradientOfSize | None]:
+    """Return the factor of g that depends on the place, and that which depends on the size."""
+    if isinstance(g, tuple | list) and len(g) == 2 and callable(g[1]):
+        return g[0], g[1]
+    return (1.0, g) if callable(g) else (g, None)
+
+
+def in_space(
+    background: AnyMesh | CartesianGrid, g: npt.ArrayLike, *, in_cells: bool = False
+) -> Slope:
+    """Return one limit for all, one per node of a grid, or one per cell of a mesh.
+
+    An array that has the length of the nodes and of the cells is one of the nodes, unless
+    ``in_cells``.
 
     Raises
     ------
     ValueError
         If g has a wrong shape or is negative, NaN or infinite.
     """
-    g_of_x: npt.ArrayLike
-    if isinstance(g, tuple | list) and len(g) == 2 and callable(g[1]):
-        g_of_x, g_of_h = g
-    elif callable(g):
-        g_of_x, g_of_h = 1.0, g
-    else:
-        return _in_space(background, g), None
-    finite = h0[np.isfinite(h0)]
-    least, largest = float(finite.min()), float(finite.max())
-    transform = SizeTransform(g_of_h, least, largest)
-    return _in_space(background, g_of_x), transform
-
-
-def _in_space(background: SimplexMesh | CartesianGrid, g: object) -> Slope:
-    """Return one limit for all, one per node of a grid, or one per cell of a mesh."""
-    values = as_float_array("g", g)  # type: ignore[arg-type]
+    values = as_float_array("g", g)
     if isinstance(background, CartesianGrid) and values.shape == background.shape:
         # The values at inactive nodes are arbitrary.
         values = values if background.active is None else np.where(background.active, values, 0.0)
@@ -159,9 +159,8 @@ def _in_space(background: SimplexMesh | CartesianGrid, g: object) -> Slope:
             f"got shape {values.shape}"
         )
     n_points, n_cells = background.n_points, background.n_cells
-    if values.shape == (n_points,):
-        in_cells = values[background.cells].mean(axis=1)
-        return Slope(np.ascontiguousarray(in_cells))
+    if values.shape == (n_points,) and not in_cells:
+        values = np.ascontiguousarray(values[background.cells].mean(axis=1))
     if values.shape == (n_cells,):
         return Slope(values)
     raise ValueError(

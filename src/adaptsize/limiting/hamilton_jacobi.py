@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background import AnyMesh, CartesianGrid
 from adaptsize.background.marching import pad, strides_of_padded, unpad
 from adaptsize.limiting.fast_marching import march_grid
 from adaptsize.limiting.problem import Problem, Scheme, Solution, checked_start
@@ -104,7 +104,7 @@ class HamiltonJacobi(Scheme):
         """Check the options."""
         self._check_options()
 
-    def supports(self, domain: SimplexMesh | CartesianGrid) -> str:
+    def supports(self, domain: AnyMesh | CartesianGrid) -> str:
         """Return which backgrounds the scheme needs."""
         return "" if isinstance(domain, CartesianGrid) else "a CartesianGrid"
 

@@ -2,22 +2,46 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import wraps
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from adaptsize._kernels.fast_marching import largest_edge_slope
 from adaptsize._kernels.simplex import fill_gradient_norms
-from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.background.marching import cells_in
+from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh, SimplexMesh
+from adaptsize.background.partitioned import local_mesh
 from adaptsize.limiting.exact import ExactSolution
+from adaptsize.limiting.fast_marching import cells_in
 from adaptsize.limiting.gradient_limit import SizeTransform, Slope
 from adaptsize.limiting.problem import Problem, Scheme, Solution
 from adaptsize.limiting.sources import SizeSources
-from adaptsize.typing import FloatArray
+from adaptsize.ranks import Communicator, SingleRank
+from adaptsize.typing import BoolArray, FloatArray
 
-QUANTILES = (0.5, 0.9, 0.99, 1.0)
+T = TypeVar("T")
+
+_QUANTILES = (0.5, 0.9, 0.99, 1.0)
+
+
+def _once(compute: Callable[[LimitingInfo], T]) -> Callable[[LimitingInfo], T]:
+    """Return a method that keeps its result.
+
+    Unlike a cached property of Python 3.10 and 3.11, it holds no lock that ranks in other threads
+    wait for.
+    """
+
+    @wraps(compute)
+    def kept(info: LimitingInfo) -> T:
+        values: dict[str, Any] = vars(info)
+        if compute.__name__ not in values:
+            values[compute.__name__] = compute(info)
+        return cast(T, values[compute.__name__])
+
+    return kept
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -26,7 +50,9 @@ class LimitingInfo:
 
     Slopes are given as multiples of the gradient limit: 1 means "as steep as allowed", also
     where g varies.  With g(h) they are slopes of the transformed size.  Numbers that need a
-    pass over all nodes or cells are computed on first access.
+    pass over all nodes or cells are computed on first access.  For a mesh in parts, they are those
+    of the whole mesh, the same on all ranks, and computed at once; only ``iterations`` depends on
+    the partition, since ranks repeat work of others.
     """
 
     scheme: Scheme
@@ -34,9 +60,33 @@ class LimitingInfo:
     problem: Problem
     """What it solved, for internal use like the following."""
     solution: Solution
-    background: SimplexMesh | CartesianGrid | Octree
+    background: AnyMesh | CartesianGrid | Octree
     transform: SizeTransform | None
     """The change of variable for g(h), of which the sizes of problem and solution are values."""
+
+    def completed(self) -> LimitingInfo:
+        """Compute all figures; collective."""
+        for name, attribute in vars(LimitingInfo).items():
+            if isinstance(attribute, property):
+                getattr(self, name)
+        return self
+
+    @property
+    def _ranks(self) -> Communicator:
+        return getattr(self.problem.domain, "ranks", None) or SingleRank()
+
+    def _count(self, chosen: BoolArray) -> int:
+        """Return the number of nodes that are chosen on the ranks that own them; collective."""
+        domain = self.problem.domain
+        if isinstance(domain, PartitionedMesh):
+            chosen = chosen & domain.is_owned
+        return int(self._ranks.allreduce(int(np.count_nonzero(chosen)), "sum"))
+
+    @property
+    @_once
+    def n_points(self) -> int:
+        """Number of nodes, also inactive ones of a grid."""
+        return self._count(np.ones(self.solution.h.shape, np.bool_))
 
     @property
     def method(self) -> str:
@@ -44,9 +94,10 @@ class LimitingInfo:
         return self.scheme.name
 
     @property
+    @_once
     def iterations(self) -> int:
         """Number of accepted nodes (marching), steps (iterations) or sources (exact method)."""
-        return self.solution.iterations
+        return int(self._ranks.allreduce(self.solution.iterations, "sum"))
 
     @property
     def converged(self) -> bool:
@@ -55,25 +106,28 @@ class LimitingInfo:
 
     def __repr__(self) -> str:
         """Say which method was used and how many sizes are below their bounds."""
-        n = self.solution.h.size
-        return f"LimitingInfo({self.method}: {self.n_changed} of {n} sizes are below h0)"
+        return (
+            f"LimitingInfo({self.method}: {self.n_changed} of {self.n_points} sizes are below h0)"
+        )
 
-    @cached_property
+    @property
+    @_once
     def n_changed(self) -> int:
         """Number of nodes whose size is now below ``h0``."""
-        return int(np.count_nonzero(self.solution.h < self.problem.h0))
+        return self._count(self.solution.h < self.problem.h0)
 
-    @cached_property
+    @property
+    @_once
     def n_free(self) -> int:
         """Number of nodes whose size is inf because there is no bound in their component.
 
         Inactive nodes of a grid are not counted.
         """
         active = getattr(self.problem.domain, "active", None)
-        n_inactive = 0 if active is None else int(np.count_nonzero(~active))
-        return int(np.count_nonzero(np.isinf(self.solution.h))) - n_inactive
+        return self._count(np.isinf(self.solution.h) & (True if active is None else active))
 
-    @cached_property
+    @property
+    @_once
     def residual(self) -> float:
         """Residual of the discrete equations of the scheme.
 
@@ -82,18 +136,16 @@ class LimitingInfo:
         """
         return self.solution.residual
 
-    @cached_property
+    @property
+    @_once
     def _slopes(self) -> tuple[float, dict[float, float]]:
         domain, u, slope = self.problem.domain, self.solution.h, self.problem.slope
+        steepest, ratio = 0.0, np.empty(0)
         if isinstance(domain, CartesianGrid):
             steepest, ratio = _slopes_on_grid(domain, u, slope)
-        else:
-            steepest, ratio = slopes_on_mesh(domain, u, slope)
-        # Take values that occur, not means of two, since a cell with g = 0 may have ratio inf.
-        levels = np.zeros(len(QUANTILES))
-        if ratio.size:
-            levels = np.quantile(ratio, QUANTILES, method="higher")
-        return steepest, dict(zip(QUANTILES, map(float, levels), strict=True))
+        elif (mesh := local_mesh(domain)) is not None:
+            steepest, ratio = _slopes_on_mesh(mesh, u, slope)
+        return float(self._ranks.allreduce(steepest, "max")), _quantiles(self._ranks, ratio)
 
     @property
     def largest_edge_slope(self) -> float:
@@ -112,17 +164,21 @@ class LimitingInfo:
         """
         return self._slopes[1]
 
-    @cached_property
+    @property
+    @_once
     def n_proved(self) -> int | None:
         """Number of nodes whose size is proved exact; None for other methods than ``"exact"``.
 
         In convex domains and in the plane these are all nodes.  In solids these are the nodes
         from which the source of the smallest bound, among visible and hidden ones, is visible.
         """
-        solution = self.solution
-        return solution.n_proved if isinstance(solution, ExactSolution) else None
+        if not isinstance(self.solution, ExactSolution):
+            return None
+        n_hidden = self.solution.h.size - self.solution.n_proved
+        return self.n_points - int(self._ranks.allreduce(n_hidden, "sum"))
 
-    @cached_property
+    @property
+    @_once
     def largest_gap(self) -> float | None:
         """Largest difference between a size that is not proved exact and its lower bound.
 
@@ -130,21 +186,27 @@ class LimitingInfo:
         the unit of the sizes, with g(h) of the transformed size.  It is 0 if all sizes are
         proved exact, and None for other methods than ``"exact"``.
         """
-        solution = self.solution
-        return solution.largest_gap if isinstance(solution, ExactSolution) else None
+        if not isinstance(self.solution, ExactSolution):
+            return None
+        return float(self._ranks.allreduce(self.solution.largest_gap, "max"))
 
-    @cached_property
+    @property
+    @_once
     def sources(self) -> SizeSources | None:
         """Source of each size; None for other methods than ``"exact"``.
 
-        Also None on grids where sizes propagate through passages without a whole box.
+        Also None on grids where sizes propagate through passages without a whole box, and on meshes
+        in parts.
         """
-        if not isinstance(self.solution, ExactSolution) or not self.solution.parts:
+        solution = self.solution
+        if isinstance(self.background, PartitionedMesh) or not isinstance(solution, ExactSolution):
             return None
-        return SizeSources.of(self.background, self.solution, self.problem.h0, self.transform)
+        if not solution.parts:
+            return None
+        return SizeSources.of(self.background, solution, self.problem.h0, self.transform)
 
 
-def slopes_on_mesh(mesh: SimplexMesh, u: FloatArray, slope: Slope) -> tuple[float, FloatArray]:
+def _slopes_on_mesh(mesh: SimplexMesh, u: FloatArray, slope: Slope) -> tuple[float, FloatArray]:
     """Return the steepest edge and |grad u| in each cell with a volume, as multiples of g."""
     steepest = largest_edge_slope(cells_in(mesh), u, (slope.values, slope.step))
     norms = np.empty(mesh.n_cells)
@@ -152,6 +214,25 @@ def slopes_on_mesh(mesh: SimplexMesh, u: FloatArray, slope: Slope) -> tuple[floa
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.where(norms > 0.0, norms / slope.values, 0.0)[mesh.measures > 0.0]
     return float(steepest), ratio
+
+
+def _quantiles(ranks: Communicator, values: FloatArray) -> dict[float, float]:
+    """Return quantiles of numbers >= 0 on all ranks, 0 if there are none; collective.
+
+    They are values that occur, not means of two, since a cell with g = 0 may have inf.  Such
+    numbers are ordered like their bits, of which each of eight reductions finds eight.
+    """
+    n = ranks.allreduce(len(values), "sum")
+    if n == 0:
+        return dict.fromkeys(_QUANTILES, 0.0)
+    bits = np.sort(values).view(np.int64)
+    found = np.zeros(len(_QUANTILES), np.int64)
+    place = np.array([[math.ceil((n - 1) * share)] for share in _QUANTILES])
+    for shift in range(56, -8, -8):
+        digits = np.arange(1, 256 if shift < 56 else 128, dtype=np.int64) << shift
+        below = ranks.allreduce(np.searchsorted(bits, found[:, None] + digits), "sum")
+        found += np.count_nonzero(below <= place, axis=1).astype(np.int64) << shift
+    return dict(zip(_QUANTILES, found.view(np.float64).tolist(), strict=True))
 
 
 def _slopes_on_grid(grid: CartesianGrid, u: FloatArray, slope: Slope) -> tuple[float, FloatArray]:

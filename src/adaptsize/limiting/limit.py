@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,21 +23,33 @@ from adaptsize.background import (
     CartesianGrid,
     Octree,
     PartitionedMesh,
-    SimplexMesh,
 )
 from adaptsize.background.simplex import as_mesh, as_own
 from adaptsize.errors import ConvergenceWarning
-from adaptsize.limiting import gradient_limit
 from adaptsize.limiting.barth_sethian import PositiveCoefficient
 from adaptsize.limiting.edge_based import EdgeBased
 from adaptsize.limiting.exact import Exact
 from adaptsize.limiting.fast_marching import FastMarching
-from adaptsize.limiting.gradient_limit import Slope
+from adaptsize.limiting.gradient_limit import SizeTransform, factors_of, in_space
 from adaptsize.limiting.hamilton_jacobi import HamiltonJacobi
-from adaptsize.limiting.in_parts.limit import Request, limit_in_parts
+from adaptsize.limiting.in_parts.agreement import (
+    require_equal_arguments,
+    require_equal_functions,
+    slope_of_parts,
+    solve_on_whole,
+)
+from adaptsize.limiting.in_parts.exact import solve_exact
 from adaptsize.limiting.info import LimitingInfo
-from adaptsize.limiting.periodic import Periodicity, as_periodicity
-from adaptsize.limiting.problem import PointBounds, Problem, Scheme, TooManyCorners
+from adaptsize.limiting.periodic import as_periodicity
+from adaptsize.limiting.problem import (
+    NeedsWholeMesh,
+    PointBounds,
+    Problem,
+    Scheme,
+    Solution,
+    TooManyCorners,
+)
+from adaptsize.ranks import SingleRank
 from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
 
 SCHEMES: dict[str, type[Scheme]] = {
@@ -138,8 +150,8 @@ def limit_gradient(
         The size is inf only at inactive nodes and in components of the domain where all of
         ``h0`` is inf.  Mesh nodes that belong to no cell keep ``h0``.
         ``limit_gradient.with_info``, with the same arguments, returns the pair ``(h, info)`` with
-        a `LimitingInfo`, whose attributes are computed on first access; for a mesh in parts a
-        `distributed.PartsLimitingInfo`, which has the figures but no ``sources``.
+        a `LimitingInfo`, whose attributes are computed on first access; on a mesh in parts they
+        are computed at once.
 
     Raises
     ------
@@ -176,9 +188,9 @@ def limit_gradient(
     and the result is exact to rounding.  Elsewhere fast marching identifies the nodes.
 
     *Meshes in parts.*  The result is that on the whole mesh, for any partition: equal bit by bit
-    with the exact method, and to 1e-12 with fast marching of first order.  There are no other
-    schemes, no ``initial`` and no ``periodic``.  Ranks that share a node must give it the same
-    bound; `PartitionedMesh.minimum` makes them agree.  Functions g, ``method`` and
+    with the exact method and along edges, and to 1e-12 with fast marching of first order.  There
+    are no other schemes, no ``initial`` and no ``periodic``.  Ranks that share a node must give it
+    the same bound; `PartitionedMesh.minimum` makes them agree.  Functions g, ``method`` and
     ``point_sources`` must be the same on all ranks.  If the input of any rank is bad, all ranks
     raise the error.  Each rank uses one thread unless ``Exact(threads=...)`` is given.  In convex
     domains and in the plane, the exact method takes one exchange between the ranks, besides
@@ -212,60 +224,112 @@ def limit_gradient(
            [0.25 , 0.312, 0.35 ],
            [0.4  , 0.35 , 0.2  ]])
     """
+    background = as_own(background)
+    ranks = background.ranks if isinstance(background, PartitionedMesh) else SingleRank()
+    of_place, of_size = factors_of(g)
+
+    def check() -> tuple[Problem, Scheme | None]:
+        problem = _checked(background, h0, of_place, initial, point_sources, periodic)
+        scheme = as_scheme(method)
+        if periodic is not None and getattr(scheme, "order", 1) != 1:
+            raise ValueError("periodic cannot be combined with initial, or with order=2")
+        return problem, scheme
+
+    given, scheme = ranks.agree(check)
+    bound, slope, extra = given.h0, given.slope, given.point_sources
     if isinstance(background, PartitionedMesh):
-        part = background
-        if initial is not None or periodic is not None:
-            raise ValueError("initial and periodic must be None for meshes in parts")
+        require_equal_arguments(
+            background, bound, (of_place, of_size), extra, method=scheme, with_info=wants_info
+        )
+        slope = slope_of_parts(background, of_place, slope)
+    bounds = bound if extra is None else np.concatenate([bound.ravel(), extra.sizes])
+    least = ranks.allreduce(float(bounds.min(initial=np.inf)), "min")
+    if least == np.inf:
+        raise ValueError("h0 must be finite at one node at least, got inf at all of them")
+    transform = None
+    if of_size is not None:
+        largest = float(bounds.max(where=np.isfinite(bounds), initial=0.0))
+        ends = least, ranks.allreduce(largest, "max")
+        if isinstance(background, PartitionedMesh):
+            require_equal_functions(background, of_size, *ends)
+        transform = ranks.agree(lambda: SizeTransform(of_size, *ends))
+    with reporting(progress) as report:
+        problem = replace(
+            given if transform is None else _transformed(given, transform),
+            slope=slope,
+            report=report,
+            # Only the exact method takes bounds at points.
+            at_any_price=scheme is not None or extra is not None,
+        )
+        scheme = _automatic(problem) if scheme is None else scheme
+        _refuse_unsupported(scheme, problem)
+        try:
+            solution = _solve(scheme, problem)
+        except TooManyCorners:  # on all ranks
+            scheme = FastMarching()
+            solution = _solve(scheme, problem)
+    if solution.unfinished and ranks.rank == 0:
+        warn_caller(solution.unfinished, ConvergenceWarning)
+    h = solution.h
+    if transform is not None:
+        h = ranks.agree(lambda: transform.backward(solution.h))
+    h = np.minimum(h, bound)  # the transformation rounds
+    problem = replace(problem, report=silent, initial=None)
+    info = LimitingInfo(scheme, problem, solution, background, transform)
+    if wants_info and isinstance(background, PartitionedMesh):
+        info = info.completed()
+    return h, info
 
-        def check() -> Request:
-            bounds = None if point_sources is None else as_point_bounds(point_sources, part.dim)
-            return Request(as_scheme(method), _as_bound("h0", h0, part), g, bounds)
 
-        with reporting(progress) as report:
-            found = limit_in_parts(part, check, limit_gradient.with_info, report, wants_info)
-        return found[0], cast(LimitingInfo, found[1])
-    domain = _as_domain(background := as_own(background))
-    scheme = as_scheme(method)
+def _checked(
+    background: AnyMesh | CartesianGrid | Octree,
+    h0: npt.ArrayLike,
+    g: npt.ArrayLike,
+    initial: npt.ArrayLike | None,
+    point_sources: tuple[npt.ArrayLike, npt.ArrayLike] | None,
+    periodic: npt.ArrayLike | None,
+) -> Problem:
+    """Return the checked arguments, of which g is the factor that depends on the place."""
+    domain: Any = _as_domain(background)
+    if isinstance(domain, PartitionedMesh) and (initial is not None or periodic is not None):
+        raise ValueError("initial and periodic must be None for meshes in parts")
     bound = _as_bound("h0", h0, background)
     if np.may_share_memory(bound, h0):
         bound = bound.copy()  # kept in the info
     extra = None if point_sources is None else as_point_bounds(point_sources, background.dim)
-    if bound.min() == np.inf and (extra is None or extra.sizes.min(initial=np.inf) == np.inf):
-        raise ValueError("h0 must be finite at one node at least, got inf at all of them")
-    cell = None
+    start = cell = None
     if periodic is not None:
-        if initial is not None or getattr(scheme, "order", 1) != 1:
+        if initial is not None:
             raise ValueError("periodic cannot be combined with initial, or with order=2")
         cell = as_periodicity(domain, periodic)
         bound = cell.least(bound)
-    bounds = bound if extra is None else np.concatenate([bound.ravel(), extra.sizes])
-    slope, transform = gradient_limit.resolve(domain, g, bounds)
-    if extra is not None and transform is not None:
-        extra = extra._replace(sizes=transform.forward(extra.sizes))
-    start = None
     if initial is not None:
         # Below h0 it is within the table of the transformation.
         start = np.minimum(_as_bound("initial", initial, background), bound)
-        start = start if transform is None else transform.forward(start)
-    # Only the exact method takes bounds at points.
-    at_any_price = scheme is not None or extra is not None
-    if scheme is None:
-        scheme = _automatic(domain, slope, cell)
-    with reporting(progress) as report:
-        u0 = bound if transform is None else transform.forward(bound)
-        problem = Problem(domain, u0, slope, start, extra, cell, report, at_any_price)
-        _refuse_unsupported(scheme, problem)
-        try:
-            solution = scheme.solve(problem)
-        except TooManyCorners:
-            scheme = FastMarching()
-            solution = scheme.solve(problem)
-    if solution.unfinished:
-        warn_caller(solution.unfinished, ConvergenceWarning)
-    h = solution.h if transform is None else transform.backward(solution.h)
-    h = np.minimum(h, bound)  # the transformation rounds
-    problem = replace(problem, report=silent, initial=None)
-    return h, LimitingInfo(scheme, problem, solution, background, transform)
+    return Problem(domain, bound, in_space(domain, g), start, extra, cell)
+
+
+def _transformed(problem: Problem, transform: SizeTransform) -> Problem:
+    """Return the problem for transformed sizes."""
+    extra, start = problem.point_sources, problem.initial
+    if extra is not None:
+        extra = extra._replace(sizes=transform.forward(extra.sizes))
+    if start is not None:
+        start = transform.forward(start)
+    h0 = transform.forward(problem.h0)
+    return replace(problem, h0=h0, initial=start, point_sources=extra)
+
+
+def _solve(scheme: Scheme, problem: Problem) -> Solution:
+    """Solve a problem, on the whole mesh if a scheme does not on its parts."""
+    if not isinstance(problem.domain, PartitionedMesh):
+        return scheme.solve(problem)
+    try:
+        if isinstance(scheme, Exact):
+            return solve_exact(scheme, problem)
+        return scheme.solve(problem)
+    except NeedsWholeMesh:
+        return solve_on_whole(scheme, problem)
 
 
 def as_scheme(method: Scheme | str) -> Scheme | None:
@@ -276,13 +340,11 @@ def as_scheme(method: Scheme | str) -> Scheme | None:
     return None if name == "auto" else SCHEMES[name]()
 
 
-def _automatic(
-    domain: SimplexMesh | CartesianGrid, slope: Slope, cell: Periodicity | None
-) -> Scheme:
+def _automatic(problem: Problem) -> Scheme:
     """Return the exact method where it applies, else fast marching."""
-    exact = Exact()
-    applies = not (slope.step or exact.supports(domain)) and (cell is None or cell.is_convex)
-    return exact if applies else FastMarching()
+    exact, cell = Exact(), problem.periodic
+    applies = not (problem.slope.varies or exact.supports(problem.domain))
+    return exact if applies and (cell is None or cell.is_convex) else FastMarching()
 
 
 def _refuse_unsupported(scheme: Scheme, problem: Problem) -> None:
@@ -297,8 +359,8 @@ def _refuse_unsupported(scheme: Scheme, problem: Problem) -> None:
 
 
 def _as_domain(
-    background: SimplexMesh | CartesianGrid | Octree,
-) -> SimplexMesh | CartesianGrid:
+    background: AnyMesh | CartesianGrid | Octree,
+) -> AnyMesh | CartesianGrid:
     """Return the mesh or grid that the schemes run on."""
     background = as_mesh("background", background, PartitionedMesh, CartesianGrid, Octree)
     return background.mesh if isinstance(background, Octree) else background

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from adaptsize._checks import as_number, as_whole_number
 from adaptsize._progress import silent
-from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background import AnyMesh, CartesianGrid
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.periodic import Periodicity
 from adaptsize.typing import FloatArray, ProgressCallback
@@ -30,7 +29,7 @@ class PointBounds(NamedTuple):
 class Problem:
     """Checked arguments; sizes are transformed where g depends on them (see `SizeTransform`)."""
 
-    domain: SimplexMesh | CartesianGrid
+    domain: AnyMesh | CartesianGrid
     h0: FloatArray
     """float64, of the nodal shape; inf where there is no bound, and at inactive nodes."""
     slope: Slope
@@ -48,6 +47,10 @@ class TooManyCorners(Exception):
     """The exact method would be much slower than fast marching."""
 
 
+class NeedsWholeMesh(Exception):
+    """A scheme does not solve this problem on a mesh in parts; raised on all ranks."""
+
+
 @dataclass(frozen=True, eq=False)
 class Solution:
     """Result of one scheme; its arrays are not modified afterwards."""
@@ -59,9 +62,9 @@ class Solution:
     unfinished: str = ""
     """Message for the user if the scheme stopped before convergence; empty if it converged."""
 
-    @cached_property
+    @property
     def residual(self) -> float:
-        """Residual of the discrete equations of the scheme."""
+        """Residual of the discrete equations of the scheme; collective on meshes in parts."""
         return self.missed_by() if callable(self.missed_by) else self.missed_by
 
 
@@ -72,12 +75,12 @@ class Scheme:
     optional: ClassVar[frozenset[str]] = frozenset()
     """Those of ``initial``, ``point_sources`` and ``periodic`` that the scheme supports."""
 
-    def supports(self, domain: SimplexMesh | CartesianGrid) -> str:
+    def supports(self, domain: AnyMesh | CartesianGrid) -> str:
         """Return an empty string, or which backgrounds the scheme needs instead of this one."""
         return ""
 
     def solve(self, problem: Problem) -> Solution:
-        """Solve a problem."""
+        """Solve a problem; collective on meshes in parts."""
         raise NotImplementedError
 
     def _check_options(self) -> None:

@@ -13,7 +13,7 @@ from adaptsize._checks import as_flag
 from adaptsize._kernels.exact_candidates import have_neighbours
 from adaptsize._kernels.topology import join_cells, mark_nodes
 from adaptsize._kernels.trees import fill_tiles
-from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.grid import both_ways
@@ -108,7 +108,7 @@ class Exact(Scheme):
         object.__setattr__(self, "face_sources", as_flag("face_sources", self.face_sources))
         self._check_options()
 
-    def supports(self, domain: SimplexMesh | CartesianGrid) -> str:
+    def supports(self, domain: AnyMesh | CartesianGrid) -> str:
         """Return which backgrounds the scheme needs."""
         flat = isinstance(domain, CartesianGrid) or domain.cell_dim == domain.dim
         return "" if flat else "a flat domain of full dimension"
@@ -134,7 +134,8 @@ class Exact(Scheme):
 
     def _solve(self, problem: Problem) -> ExactSolution:
         """Solve on a domain without images."""
-        domain, h0 = problem.domain, problem.h0
+        domain: Any = problem.domain
+        h0 = problem.h0
         if isinstance(domain, CartesianGrid) and domain.active is not None:
             return self._on_active(domain, problem)
         extra = _inside(domain, problem.point_sources)

@@ -8,7 +8,7 @@ minimum of the same numbers as on one process: see docs/distributed.md for the p
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,8 +20,15 @@ from adaptsize.geometry.convexity import count_corners
 from adaptsize.limiting.exact.candidates import Component, Extra, Kinks, margin_for
 from adaptsize.limiting.exact.field import Points, Workers
 from adaptsize.limiting.exact.plane import Plane, has_many_corners, plane_of
-from adaptsize.limiting.exact.scheme import OUTSIDE
-from adaptsize.limiting.exact.solve import rises_too_fast, solve_by_sight
+from adaptsize.limiting.exact.scheme import (
+    OUTSIDE,
+    UNFINISHED,
+    Exact,
+    ExactSolution,
+    Part,
+    as_solution,
+)
+from adaptsize.limiting.exact.solve import ComponentSolution, rises_too_fast, solve_by_sight
 from adaptsize.limiting.in_parts.domain import (
     Piece,
     Skeleton,
@@ -30,76 +37,65 @@ from adaptsize.limiting.in_parts.domain import (
     piece_of,
 )
 from adaptsize.limiting.in_parts.entries import exchange_entries, of_this_rank, reach_of
-from adaptsize.limiting.in_parts.info import Solved
 from adaptsize.limiting.in_parts.solids import find_body, solve_body
-from adaptsize.limiting.problem import PointBounds, TooManyCorners
+from adaptsize.limiting.problem import NeedsWholeMesh, PointBounds, Problem, TooManyCorners
 from adaptsize.ranks import Communicator
-from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 
-class Settings(NamedTuple):
-    """Options, the same on all ranks."""
+def solve_exact(scheme: Exact, problem: Problem) -> ExactSolution:
+    """Return the limited sizes on the nodes of this rank, without their sources; collective.
 
-    g: float
-    face_sources: bool
-    threads: int | None
-    report: ProgressCallback
-    point_sources: PointBounds | None
-    at_any_price: bool = True
-    """As in `Problem`."""
+    Each rank uses one thread by default.
 
-
-def solve_exact(part: PartitionedMesh, h0: FloatArray, settings: Settings) -> Solved | None:
-    """Return the limited sizes on the nodes of this rank; collective.
-
-    Returns None, on all ranks, if the mesh has cells without measure or cells that overlap, or
-    consists of segments.
+    Raises
+    ------
+    NeedsWholeMesh
+        On all ranks, if the mesh has cells without measure or cells that overlap, or consists of
+        segments.
     """
+    part: Any = problem.domain
     if part.dim == 1:
-        return None
-    whole = Solved(h0.copy(), 0, n_hidden=0)
-    numbers = components_of(part).bounded(part.ranks, h0)
-    located = locate(part, settings.point_sources)
+        raise NeedsWholeMesh
+    if scheme.threads is None and part.ranks.size > 1:
+        scheme = replace(scheme, threads=1)
+    numbers = components_of(part).bounded(part.ranks, problem.h0)
+    located = locate(part, problem.point_sources)
     if located is not None:
         numbers = sorted({*numbers, *located.pairs[:, 0].tolist()})
+    found = []
     for number in numbers:
         piece = piece_of(part, number)
         extra = None if located is None else located.extra(number, piece)
-        found = _solve_piece(part, number, h0, settings, extra)
-        if found is None:
-            return None
-        whole.h[piece.nodes] = found.h[: len(piece.nodes)]
-        whole = Solved(
-            whole.h,
-            whole.iterations + found.iterations,
-            whole.finished and found.finished,
-            (whole.n_hidden or 0) + (found.n_hidden or 0),
-            max(whole.largest_gap, found.largest_gap),
-        )
-    return whole
+        found.append(Part(piece.nodes, _solve_piece(scheme, problem, number, extra)))
+    solution = replace(as_solution(problem.h0, found), parts=[])
+    finished = part.ranks.allreduce(int(not solution.unfinished), "min")
+    return solution if finished else replace(solution, unfinished=UNFINISHED)
 
 
 def _solve_piece(
-    part: PartitionedMesh, number: int, h0: FloatArray, settings: Settings, extra: Extra | None
-) -> Solved | None:
-    """Return the sizes in one component; None if its cells overlap."""
-    piece, workers = piece_of(part, number), Workers.of(settings.threads, settings.report)
+    scheme: Exact, problem: Problem, number: int, extra: Extra | None
+) -> ComponentSolution:
+    """Return the solution in one component at the nodes of this rank."""
+    part: Any = problem.domain
+    piece, workers = piece_of(part, number), Workers.of(scheme.threads, problem.report)
     skeleton = part.once(f"_skeleton_{number}", lambda: find_skeleton(piece, workers.threads))
     if skeleton is None:
-        return None
-    mesh, comm, bound = piece.mesh, piece.ranks, piece.bounds(h0)
+        raise NeedsWholeMesh
+    mesh, comm, bound = piece.mesh, piece.ranks, piece.bounds(problem.h0)
+    g = problem.slope.number(scheme.name)
     least = min(float(bound.min()), np.inf if extra is None else float(extra.sizes.min()))
     facts = comm.allgather((least, bool(have_neighbours(mesh.cells, bound))))
     component = Component(
         mesh,
         bound,
-        settings.g,
-        settings.face_sources,
+        g,
+        scheme.face_sources,
         workers,
         extra,
         order=along_curve(mesh.points),
         meet=any(meet for _, meet in facts),
-        margin=margin_for(min(least for least, _ in facts), settings.g, skeleton.diagonal),
+        margin=margin_for(min(least for least, _ in facts), g, skeleton.diagonal),
         merge=lambda rows: merge_kinks(piece, rows),
     )
     if skeleton.convex:
@@ -107,19 +103,21 @@ def _solve_piece(
     if mesh.dim == 3:
         body = part.once(f"_body_{number}", lambda: find_body(piece, skeleton))
         return solve_body(part, piece, body, component)
-    if not settings.at_any_price:
+    if not problem.at_any_price:
         n_corners = count_corners(skeleton.points, skeleton.boundary)
         if has_many_corners(n_corners, comm.allreduce(piece.n_own, "sum")):
             raise TooManyCorners
     plane = part.once(f"_plane_{number}", lambda: _plane_on(piece, skeleton))
     found = _with_others(piece, component, plane.without_sizes(), skeleton)
     folded = not piece.is_empty and rises_too_fast(component, found.h)
-    return None if comm.allreduce(int(folded), "max") else found
+    if comm.allreduce(int(folded), "max"):
+        raise NeedsWholeMesh
+    return found
 
 
 def _with_others(
     piece: Piece, component: Component, plane: Plane | None, skeleton: Skeleton
-) -> Solved:
+) -> ComponentSolution:
     """Return the sizes in a convex domain (no ``plane``) or in the plane; one exchange."""
     mesh, boundary = component.mesh, skeleton.boundary
     if plane is not None:  # its facets are named by local nodes, others do not matter
@@ -133,7 +131,7 @@ def _with_others(
     reach = reach_of(points.places, points.order, found.h)
     field.add(exchange_entries(piece.ranks, sent, reach, component.g))
     field.lower_by_last(points, found.h, found.source, component.workers)
-    return Solved(found.h, field.n_entries)
+    return replace(found, h=found.h[: len(piece.nodes)])
 
 
 def _plane_on(piece: Piece, skeleton: Skeleton) -> Plane:

@@ -17,7 +17,7 @@ from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.candidates import Component, candidates_of, sources_on_cells
 from adaptsize.limiting.exact.field import Entries, ExactField, Points, node_entries, sorted_entries
-from adaptsize.limiting.exact.solve import entries_of_nodes
+from adaptsize.limiting.exact.solve import ComponentSolution, entries_of_nodes
 from adaptsize.limiting.exact.space import (
     Bounds,
     Solid,
@@ -26,11 +26,8 @@ from adaptsize.limiting.exact.space import (
     solid_of,
     solve_in_space,
 )
-from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.in_parts.domain import Piece, Skeleton
 from adaptsize.limiting.in_parts.entries import exchange_rows, of_this_rank, reach_of
-from adaptsize.limiting.in_parts.info import Solved
-from adaptsize.limiting.in_parts.marching import solve_along_edges
 from adaptsize.ranks import Ids
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -76,8 +73,13 @@ def find_body(piece: Piece, skeleton: Skeleton) -> Body:
     return Body(ids, own, boundary, solid_of(mesh, boundary, own))
 
 
-def solve_body(part: PartitionedMesh, piece: Piece, body: Body, component: Component) -> Solved:
-    """Return the limited sizes at the nodes of a piece; collective."""
+def solve_body(
+    part: PartitionedMesh, piece: Piece, body: Body, component: Component
+) -> ComponentSolution:
+    """Return the limited sizes at the nodes of a piece, without sources; collective.
+
+    Nodes that other ranks own count as proved, so that each node counts once.
+    """
     g, solid = component.g, body.solid
     numbers = _numbers_of(piece, component, part.n_global_points)
     h0, reach = _bounds(piece, body, component)
@@ -115,14 +117,13 @@ def solve_body(part: PartitionedMesh, piece: Piece, body: Body, component: Compo
     nearest = np.append(place, np.int32(-1))[source]
     bounds = Bounds(h0, lower, nearest, _spread(part, piece, body, component))
     found = solve_in_space(solid, sources, bounds, g, component.workers)
-    h, least = found.h[body.own], found.lower[body.own]
-    hidden = ~found.proved[body.own]
-    return Solved(
-        h,
-        field.n_entries,
-        found.finished,
-        int(np.count_nonzero(hidden & part.is_owned[piece.nodes])),
-        float((h - least)[hidden].max(initial=0.0)),
+    return ComponentSolution(
+        found.h[body.own],
+        np.empty(0, np.int32),
+        field,
+        proved=found.proved[body.own] | ~part.is_owned[piece.nodes],
+        lower=found.lower[body.own],
+        finished=found.finished,
     )
 
 
@@ -208,14 +209,14 @@ def _in_order(ids: FloatArray) -> tuple[IntArray, IntArray]:
 
 def _spread(part: PartitionedMesh, piece: Piece, body: Body, component: Component) -> Spread:
     """Return the collective function that lowers sizes along the edges of the whole mesh."""
-    reflex_nodes, slope = body.solid.reflex_edges.nodes, Slope(np.array([component.g]))
+    reflex_nodes = body.solid.reflex_edges.nodes
 
     def spread(h: FloatArray) -> FloatArray:
         in_part = np.full(part.n_points, np.inf)
         in_part[piece.nodes] = h[body.own]
         lowered = h.copy()
-        spread_out = solve_along_edges(part, in_part, slope, component.workers.report).h
-        lowered[body.own] = spread_out[piece.nodes]
+        along = limit_along_edges(part, in_part, component.g, component.workers.report)
+        lowered[body.own] = along[piece.nodes]
         lowered[reflex_nodes] = piece.ranks.allreduce(lowered[reflex_nodes], "min")
         return lowered
 
