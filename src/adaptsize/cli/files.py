@@ -22,8 +22,8 @@ _PER_TRIANGLE = 1300.0
 #: Bytes for a mesh by Mmg, per element made: 1 GB for 1 million, in both processes together.
 _PER_ELEMENT = 1000.0
 
-#: What a command writes: a mesh, sizes on a mesh, sizes and other fields, or sizes on a grid.
-Content = Literal["mesh", "sizes", "fields", "sizes of an image"]
+#: What a command writes: a mesh, sizes on a mesh, or sizes on a grid.
+Content = Literal["mesh", "sizes", "sizes of an image"]
 
 
 def check_files(
@@ -38,8 +38,8 @@ def check_files(
         The file of ``--output``, and what is to be written.
     content : str
     **others : Path or None
-        Files of other options by their names: of ``sources`` with fields, of ``report`` with a
-        page, the others with a picture.
+        Files of other options by their names: of ``report`` with a page, the others with a
+        picture.
 
     Raises
     ------
@@ -52,8 +52,8 @@ def check_files(
         if path is None:
             continue
         option = f"--{name.replace('_', '-')}"
-        if name in ("output", "sources"):
-            _check_format(path, content if name == "output" else "fields")
+        if name == "output":
+            _check_format(path, content)
         else:
             from adaptsize.plot.pictures import SUFFIXES
 
@@ -108,8 +108,6 @@ def _check_format(path: Path, content: Content) -> None:
     if content != "mesh" and not chosen.holds_fields:
         hint = ".sol (for Mmg) or .vtu" if content == "sizes" else ".vtu"
         raise ValueError(f"{name} cannot hold nodal fields such as the sizes; write {hint}")
-    if content == "fields" and chosen.only_sizes:
-        raise ValueError(f"{name} holds only sizes and no other fields; write .vtu")
 
 
 def check_cells(path: Path, mesh: SimplexMesh) -> None:

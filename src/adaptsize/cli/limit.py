@@ -11,13 +11,13 @@ from adaptsize.cli.files import (
     check_cells,
     check_files,
     draw,
+    holds_more_than_sizes,
     nodal_field,
     print_written,
     write_sizes,
 )
 from adaptsize.cli.metric import limit_with_metric
 from adaptsize.cli.options import FIELD, METRIC, PLOT, Given, Input, SizesOutput, command, own
-from adaptsize.cli.sources import controlling_nodes, describe_roots
 from adaptsize.options import SizeOptions, options_of
 
 if TYPE_CHECKING:
@@ -32,14 +32,13 @@ if TYPE_CHECKING:
         "Sizes", "method", str, default="auto",
         text="auto, or a method of limit_gradient, such as fast-marching.",
     ),
-    own(
-        "Output", "sources", Path,
-        "Also write this file, with the controlling node as the field source.",
-    ),
     PLOT,
 )  # fmt: skip
 def limit(console: Console, file: Input, output: SizesOutput, given: Given) -> None:
-    """Limit the gradient of a nodal field.  The result is written as the field h, or metric."""
+    """Limit the gradient of a nodal field.  The result is written as the field h, or metric.
+
+    Of the exact method, the field source holds the node from which each size originates.
+    """
     if ("field" in given) == ("metric" in given):
         raise ValueError("give either --field or --metric")
     if "metric" in given:
@@ -53,38 +52,25 @@ def _limit_sizes(console: Console, file: Path, output: Path, given: Given) -> No
     from adaptsize.io import read
     from adaptsize.limiting import limit_gradient
 
-    g, sources, plot = given["g"], given.get("sources"), given.get("plot")
-    check_files([file], output, "sizes", sources=sources, plot=plot)
+    g, plot = given["g"], given.get("plot")
+    check_files([file], output, "sizes", plot=plot)
     with console.steps(3) as steps:
         steps.begin("reading")
         mesh = read(file)
-        for path in (output, sources):
-            if path is not None:
-                check_cells(path, mesh)
+        check_cells(output, mesh)
         h0 = nodal_field(mesh, given["field"])
         steps.begin("limiting")
         method = given.get("method", "auto")
         h, found = limit_gradient.with_info(mesh, h0, g, method=method, progress=steps.report)
-        if sources is not None and found.sources is None:
-            raise ValueError(
-                "--sources needs the exact method (a flat mesh, one gradient limit), "
-                f"got method {found.method!r}"
-            )
         steps.begin("writing")
-        written = [write_sizes(output, mesh, {"h": h})]
-        roots = None
-        if sources is not None and found.sources is not None:
-            roots = found.sources.roots()
-            written.append(write_sizes(sources, mesh, {"h": h, "source": roots}))
+        fields = {"h": h}
+        if found.sources is not None and holds_more_than_sizes(output):
+            fields["source"] = found.sources.roots()
+        written = write_sizes(output, mesh, fields)
         draw(console, "size", plot, mesh, h)
     console.record(input=str(file), method=found.method, g=g, n_points=mesh.n_points)
     _print_limited(console, found, mesh.n_points)
-    print_written(console, written[0])
-    if roots is not None:
-        console.record(sources=controlling_nodes(mesh.points, roots))
-        for line in describe_roots(mesh.points, roots):
-            console.print(line)
-        print_written(console, written[1])
+    print_written(console, written)
 
 
 def _print_limited(console: Console, found: LimitingInfo, n_points: int) -> None:

@@ -1,13 +1,11 @@
-"""Sources on the command line, such as ``ball:0,0,0,2=0.1``, and sources in its output."""
+"""Sources on the command line, such as ``ball:0,0,0,2=0.1``."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 if TYPE_CHECKING:
     from adaptsize.typing import FloatArray
@@ -117,41 +115,3 @@ def _joined(rows: list[list[float]], name: str) -> FloatArray:
             f"{name}: a curve must have at least 2 points of 2 or 3 coordinates, got {got}"
         )
     return np.array(rows)
-
-
-def describe_roots(points: npt.NDArray[Any], roots: npt.NDArray[Any]) -> Iterator[str]:
-    """Yield lines that name the nodes which control the most sizes.
-
-    Parameters
-    ----------
-    points : float64[n, dim]
-    roots : int32[n]
-        As `SizeSources.roots` returns them.
-
-    Examples
-    --------
-    >>> for line in describe_roots(np.eye(3), np.array([1, 1, 0])):
-    ...     print(line)
-    sizes come from 2 nodes, most of them from
-      node 1 at (0, 1, 0): 66.7% of the nodes
-      node 0 at (1, 0, 0): 33.3% of the nodes
-    """
-    found = controlling_nodes(points, roots)
-    yield f"sizes come from {found['n_nodes']} nodes, most of them from"
-    for node in found["largest"]:
-        place = ", ".join(f"{x:.6g}" for x in node["position"])
-        yield f"  node {node['node']} at ({place}): {node['share']:.1%} of the nodes"
-
-
-def controlling_nodes(points: npt.NDArray[Any], roots: npt.NDArray[Any]) -> dict[str, Any]:
-    """Return how many nodes control sizes, and those that control the most."""
-    nodes, counts = np.unique(roots[roots >= 0], return_counts=True)
-    largest = [
-        {
-            "node": int(nodes[which]),
-            "position": points[nodes[which]].tolist(),
-            "share": float(counts[which] / len(roots)),
-        }
-        for which in np.argsort(-counts, kind="stable")[:5]
-    ]
-    return {"n_nodes": len(nodes), "largest": largest}
