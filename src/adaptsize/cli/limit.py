@@ -21,6 +21,8 @@ from adaptsize.cli.options import FIELD, METRIC, PLOT, Given, Input, SizesOutput
 from adaptsize.options import SizeOptions, options_of
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from adaptsize.limiting.info import LimitingInfo
 
 
@@ -63,7 +65,7 @@ def _limit_sizes(console: Console, file: Path, output: Path, given: Given) -> No
         method = given.get("method", "auto")
         h, found = limit_gradient.with_info(mesh, h0, g, method=method, progress=steps.report)
         steps.begin("writing")
-        fields = {"h": h}
+        fields: dict[str, npt.ArrayLike] = {"h": h}
         if found.sources is not None and holds_more_than_sizes(output):
             fields["source"] = found.sources.roots()
         written = write_sizes(output, mesh, fields)
