@@ -46,8 +46,10 @@ attack:
 	$(PYTHON) -m tests.attack --cases $(CASES) $(if $(SEED),--start $(SEED))
 
 # Warnings are errors; nothing is fetched.
+SITE ?= docs/_build
 docs:
-	$(PYTHON) -m sphinx -j auto -W --keep-going docs docs/_build
+	$(PYTHON) -m sphinx -j auto -W --keep-going $(SPHINXOPTS) docs $(SITE)
+	$(PYTHON) docs/_ext/check_site.py $(SITE)
 
 # Run the examples and put their pictures into docs/figures.
 gallery:
