@@ -5,7 +5,7 @@ import pytest
 from meshes import random_square
 from numpy.testing import assert_array_equal
 
-from adaptsize import CartesianGrid, read, write
+from adaptsize import CartesianGrid, SimplexMesh, read, write
 from adaptsize.errors import MeshFileError
 
 # Numbers of nodes with gaps and in any order, and lists of boundaries after the elements.
@@ -36,6 +36,36 @@ def test_points_cells_and_depths_come_back_to_the_last_bit(tmp_path, name):
     assert_array_equal(back.points, mesh.points)
     assert_array_equal(back.cells, mesh.cells)
     assert_array_equal(back.point_data["depth"], depth)
+
+
+def test_boundaries_are_open_land_or_islands_by_name_and_come_back(tmp_path):
+    # Nine squares without the one in the middle; the left side is the sea.
+    grid = CartesianGrid([0.0, 0.0], 1.0, (4, 4)).mesh
+    middle = grid.points[grid.cells].mean(axis=1)
+    ring = SimplexMesh(grid.points, grid.cells[(np.abs(middle - 1.5) > 0.5).any(axis=1)])
+    boundary = ring.boundary()
+    facets = boundary.nodes[boundary.mesh.cells]
+    at = ring.points[facets].mean(axis=1)
+    tags = np.where(at[:, 0] == 0.0, 1, np.where((np.abs(at - 1.5) < 1.0).all(axis=1), 3, 2))
+    names = {(1, 1): "open sea", (1, 2): "land", (1, 3): "island"}
+    options = {"tagged_facets": facets, "facet_tags": tags, "tag_names": names}
+    write(tmp_path / "fort.14", SimplexMesh(ring.points, ring.cells, **options))
+    lines = (tmp_path / "fort.14").read_text().splitlines()
+    first = lines.index("1 = number of open boundaries")
+    assert lines[first + 1] == "4 = total number of open boundary nodes"
+    assert lines[first + 2] == "4 = number of nodes for open boundary 1: open sea"
+    nodes = np.array(lines[first + 3 : first + 7], int) - 1
+    assert_array_equal(ring.points[nodes], [[0, 3], [0, 2], [0, 1], [0, 0]])  # domain to the left
+    assert lines[first + 7] == "2 = number of land boundaries"
+    # The mainland is of type 0 and ends where the sea begins; an island, of type 1, is closed.
+    found = {line.split(": ")[1]: line.split(" =")[0] for line in lines[first + 8 :] if ":" in line}
+    assert found == {"land": "10 0", "island": "4 1"}
+    back = read(tmp_path / "fort.14")
+    ends = back.points[back.tagged_facets]
+    lengths = np.bincount(back.facet_tags, np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+    assert {name: lengths[tag] for (_, tag), name in back.tag_names.items()} == {
+        "open sea": 3.0, "land": 9.0, "island": 4.0,
+    }  # fmt: skip
 
 
 def test_files_of_other_programs(tmp_path):
