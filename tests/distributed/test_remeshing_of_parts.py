@@ -27,7 +27,7 @@ def _box(dim, n):
 
 
 def _sizes(points):
-    finest = 0.06 if points.shape[1] == 2 else 0.16
+    finest = 0.06 if points.shape[1] == 2 else 0.22
     return finest + 0.25 * np.linalg.norm(points - 0.5, axis=1)
 
 

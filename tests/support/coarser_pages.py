@@ -90,6 +90,11 @@ COARSER = {
         words("68574 tetrahedra, 12451 nodes"),
         words("smallest angle 17.9 deg"),
     ],
+    "docs/how-to/export.md": [
+        ("RegionSource(2, 1.5)", "RegionSource(2, 3.0)"),
+        words("VERTICES       3172"),
+        words("TETRAHEDRA    17203"),
+    ],
     "docs/how-to/image.md": [
         words("1940 triangles\n"),
         words("1221 points, 1940 triangles, 498 tagged facets"),
