@@ -95,10 +95,6 @@ class Communicator(ABC):
     def bcast(self, value: T, root: int = 0) -> T:
         """Return the value of one rank on all ranks."""
 
-    @abstractmethod
-    def barrier(self) -> None:
-        """Wait for all ranks."""
-
     def agree(self, task: Callable[[], T]) -> T:
         """Run a task without communication; if it fails on any rank, raise on all ranks alike.
 
@@ -198,9 +194,6 @@ class SingleRank(Communicator):
         """Return the value."""
         return value
 
-    def barrier(self) -> None:
-        """Return at once."""
-
 
 class MpiCommunicator(Communicator):
     """The ranks of a communicator of mpi4py.
@@ -274,10 +267,6 @@ class MpiCommunicator(Communicator):
         self._count(0)
         found: T = self._comm.bcast(value, root)
         return found
-
-    def barrier(self) -> None:
-        """Wait for all ranks."""
-        self._comm.Barrier()
 
     def _count(self, n_bytes: int) -> None:
         self.traffic.reductions += 1

@@ -122,9 +122,6 @@ class SimulatedCommunicator(Communicator):
         found: T = pickle.loads(self._world.meet(self.rank, "bcast", data)[root])
         return found
 
-    def barrier(self) -> None:
-        self._world.meet(self.rank, "barrier", None)
-
     def _count(self, n_bytes: int) -> None:
         self.traffic.reductions += 1
         self.traffic.bytes_gathered += n_bytes
