@@ -85,7 +85,7 @@ class Octree(ReadOnlyState):
         root_shape: npt.ArrayLike,
         levels: npt.ArrayLike,
     ) -> None:
-        lower, upper = _as_box(lower, upper)
+        lower, upper = as_box(lower, upper)
         shape = _as_root_shape(root_shape, lower, upper)
         given = as_plain_array("levels", levels)
         if given.ndim != 1 or given.size == 0 or given.dtype.kind not in "iu":
@@ -168,7 +168,7 @@ class Octree(ReadOnlyState):
         """
         check_function("needs_refinement", needs_refinement, "centres and sizes")
         balanced = as_flag("balanced", balanced)
-        lower, upper = _as_box(lower, upper)
+        lower, upper = as_box(lower, upper)
         if root_shape is None:
             lengths = upper - lower
             root_shape = np.maximum(np.rint(lengths / lengths.min()), 1.0)
@@ -304,7 +304,7 @@ class Octree(ReadOnlyState):
         return coordinates
 
 
-def _as_box(lower: npt.ArrayLike, upper: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+def as_box(lower: npt.ArrayLike, upper: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return checked copies of the corners of a box."""
     low, high = as_float_array("lower", lower).copy(), as_float_array("upper", upper).copy()
     if low.shape not in {(2,), (3,)}:

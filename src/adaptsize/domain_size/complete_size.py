@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any, Literal, TypeAlias
 
-import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_plain_array, as_points, check_type, describe
+from adaptsize._checks import as_float_array, as_plain_array, check_type, describe
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import AnyBackground, CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.image import Image
+from adaptsize.background.octree import as_box
 from adaptsize.background.simplex import as_own
 from adaptsize.domain_size.budget import within_budget
 from adaptsize.domain_size.by_domain import LevelSet, SizedDomain, mesh_domain
@@ -96,7 +96,7 @@ def size_function(
     Examples
     --------
     >>> def disc(x):
-    ...     return np.linalg.norm(x, axis=1) - 1.0
+    ...     return (x**2).sum(axis=1) ** 0.5 - 1.0
     >>> box = [-1.1, -1.1], [1.1, 1.1]
     >>> size = size_function(disc, box=box, elements_per_radian=2, elements_across=0, g=0.1, hmax=2)
     >>> size([[1.0, 0.0], [0.0, 0.0]]).round(2)
@@ -172,12 +172,4 @@ def _corners_of(box: tuple[npt.ArrayLike, npt.ArrayLike] | None) -> tuple[FloatA
         )
     if not isinstance(box, tuple | list) or len(box) != 2:
         raise ValueError(f"box must be a pair (lower, upper), got {describe(box)}")
-    ends = [as_float_array(f"box[{number}]", end) for number, end in enumerate(box)]
-    if ends[0].shape != ends[1].shape:
-        raise ValueError(f"box must be a pair of points, got shapes {[e.shape for e in ends]}")
-    lower, upper = as_points("box", np.stack(ends))
-    if len(lower) not in (2, 3) or not (upper > lower).all():
-        raise ValueError(
-            f"box must be (lower, upper) in 2-D or 3-D, lower < upper, got {describe(box)}"
-        )
-    return lower, upper
+    return as_box(*box)

@@ -9,16 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import (
-    as_float_array,
     as_near_points,
     as_number,
     as_whole_number,
-    check_range,
     refuse_where,
 )
 from adaptsize._progress import reporting
 from adaptsize._with_info import with_info
 from adaptsize.background import SimplexMesh
+from adaptsize.background.octree import as_box
 from adaptsize.options import DistanceOptions, checked, with_options
 from adaptsize.remeshing.distmesh.finish import finish
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, grid_of
@@ -183,14 +182,7 @@ def mesh_from_distance(
 def _as_domain(distance: Field, lower: npt.ArrayLike, upper: npt.ArrayLike) -> ImplicitDomain:
     if not callable(distance):
         raise ValueError(f"distance must be callable, got {type(distance).__name__}")
-    low, high = as_float_array("lower", lower), as_float_array("upper", upper)
-    if low.ndim != 1 or len(low) not in (2, 3):
-        raise ValueError(f"lower must have shape (2,) or (3,), got {low.shape}")
-    high = as_float_array("upper", upper, low.shape)
-    refuse_where("lower", ~np.isfinite(low), low, "must be finite")
-    refuse_where("upper", ~(np.isfinite(high) & (high > low)), high, "must be above lower")
-    check_range("lower and upper", np.stack([low, high]))
-    return examine(ImplicitDomain(distance, low, high))
+    return examine(ImplicitDomain(distance, *as_box(lower, upper)))
 
 
 def _as_generator(seed: int | np.random.Generator) -> np.random.Generator:
