@@ -288,7 +288,7 @@ class GeneratorOptions(TypedDict, total=False):
     """Mesh generator.
 
     backend
-        Mesh generator: auto, tetwild, mmg or gmsh.  "auto" is Mmg or fTetWild.
+        Mesh generator: auto, mmg or tetwild.  "auto" is Mmg or fTetWild.
     timeout
         Time limit of the mesh generators.  None disables it.
     """

@@ -22,10 +22,8 @@ SURFACE = CUBE.boundary().mesh
 JOBS = {
     "volume of a surface, tetwild": (SURFACE, "tetwild", "pytetwild", {}),
     "volume of a surface, netgen and mmg": (SURFACE, "mmg", "netgen", {}),
-    "volume of a surface, gmsh": (SURFACE, "gmsh", "gmsh", {}),
     "tetrahedra, mmg": (CUBE, "mmg", "mmgpy", {}),
     "surface, mmg": (SURFACE, "mmg", "mmgpy", {"target": "triangles"}),
-    "surface, gmsh": (SURFACE, "gmsh", "gmsh", {"target": "triangles"}),
     "plane, mmg": (two_region_rectangle(4), "mmg", "mmgpy", {}),
 }
 #: A generator that returns the given mesh keeps its domain, and has its sizes.

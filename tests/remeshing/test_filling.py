@@ -16,6 +16,7 @@ from adaptsize.remeshing.first_volume import adapt_surface
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.mmg import MmgBackend
 from adaptsize.remeshing.surface import refine_surface
+from adaptsize.remeshing.tetwild import TetWildBackend
 
 pytest.importorskip("mmgpy", reason="the meshes are made by Mmg")
 pytest.importorskip("netgen", reason="the surfaces are filled by Netgen")
@@ -226,7 +227,8 @@ def first_volumes(monkeypatch):
         used.append(backend)
         return restore(raw, problem, backend)
 
-    monkeypatch.setattr(driver, "restore", recording)
+    for module in (driver, first_volume):
+        monkeypatch.setattr(module, "restore", recording)
     return used
 
 
@@ -234,20 +236,21 @@ def test_a_failure_of_mmg_leaves_ftetwild(first_volumes, monkeypatch):
     monkeypatch.setattr(MmgBackend, "solve", fail)
     assert_allclose(remesh(cube(), 0.3, tolerance=5e-3).measures.sum(), 1.0, rtol=1e-2)
     assert first_volumes == ["netgen", "tetwild"]
-    monkeypatch.setattr(driver, "backend_named", lambda name: MmgBackend())
+    monkeypatch.setattr(TetWildBackend, "solve", fail)
     with pytest.raises(BackendError, match="mmg failed"):
         remesh(cube(), 0.3, tolerance=5e-3)
 
 
-def test_ftetwild_takes_over_where_netgen_fails(monkeypatch):
-    called = []
-    backend_named = first_volume.backend_named
-    monkeypatch.setattr(
-        first_volume, "backend_named", lambda n: called.append(n) or backend_named(n)
-    )
-    with pytest.warns(OpenSurfaceWarning, match="bodies 1 and 2 overlap"):
+def test_ftetwild_takes_over_where_netgen_fails_and_another_number_is_told(
+    first_volumes, monkeypatch
+):
+    monkeypatch.setattr(driver, "_estimate", lambda problem: 100.0)
+    with (
+        pytest.warns(OpenSurfaceWarning, match="bodies 1 and 2 overlap"),
+        pytest.warns(ResolutionWarning, match=r"about \d+ elements instead of the predicted 100"),
+    ):
         new = remesh(joined(cube(), cube([0.5, 0.3, 0.4])), 0.3, tolerance=4e-3)
-    assert called == ["tetwild"]
+    assert first_volumes == ["tetwild", "mmg"]
     assert_allclose(new.measures.sum(), 2.0 - 0.5 * 0.7 * 0.6, rtol=0.03)
 
 

@@ -111,8 +111,10 @@ def test_what_cannot_be_made_is_refused():
         remesh(mesh, lambda x: metric[:1])
     surface = block(1).boundary().mesh
     of_surface = Metric.isotropic(np.full(surface.n_points, 0.2), 3)
-    with pytest.raises(ValueError, match="backend 'gmsh' cannot follow a Metric"):
-        remesh(surface, of_surface, target="triangles", backend="gmsh")
+    solid = block(1)
+    metric = Metric.isotropic(np.full(solid.n_points, 0.2), 3)
+    with pytest.raises(ValueError, match="backend 'tetwild' cannot follow a Metric"):
+        remesh(solid, metric, backend="tetwild")
     with pytest.raises(ValueError, match="must not be a Metric for a surface to be filled"):
         remesh(surface, of_surface)
 

@@ -198,8 +198,7 @@ def adapt(
     tolerance = given["boundary_tolerance"]
     with reporting(progress) as report:
         report("sizes", None)
-        if generator != "gmsh":  # it has no tolerance
-            request = request.within(mesh, tolerance)
+        request = request.within(mesh, tolerance)
         sizes = request.next(mesh, calibration(generator, mesh.cell_dim))
         decision = decide(mesh, sizes, request)
         made = NewMesh(mesh, sizes, generator)

@@ -57,7 +57,6 @@ _PARTS = {
     "filling the surface with Netgen": "first volume",
     "tetrahedralizing with fTetWild": "first volume",
     "adapting with Mmg": "Mmg",
-    "meshing with Gmsh": "Gmsh",
 }
 _PARTS_WITHOUT_MMG = {"tetrahedralizing with fTetWild": "fTetWild"}
 
@@ -199,10 +198,10 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
 def _is_for_surfaces(output: Path, mesh: SimplexMesh, given: Given) -> bool:
     """Return whether a surface is to be written to a file of triangles, and can be remeshed."""
     from adaptsize._formats.writers import format_of
-    from adaptsize.remeshing.registry import is_usable
+    from adaptsize.remeshing import available_backends
 
     remeshes = given.get("backend", "auto") == "mmg" or (
-        given.get("backend", "auto") == "auto" and is_usable("mmg")
+        given.get("backend", "auto") == "auto" and available_backends()["mmg"].installed
     )
     return format_of(output, None).only_triangles and mesh.cell_dim < mesh.dim == 3 and remeshes
 
@@ -259,9 +258,9 @@ def _made(
 
 def _names_of_parts(backend: str) -> Callable[[str], str]:
     """Return a function from texts of the generators' progress to names of the parts of meshing."""
-    from adaptsize.remeshing.registry import is_usable
+    from adaptsize.remeshing import available_backends
 
-    with_mmg = backend == "mmg" or (backend == "auto" and is_usable("mmg"))
+    with_mmg = backend == "mmg" or (backend == "auto" and available_backends()["mmg"].installed)
     names = _PARTS if with_mmg else _PARTS | _PARTS_WITHOUT_MMG
     return lambda text: names.get(text, text)
 

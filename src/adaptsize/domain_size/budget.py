@@ -92,10 +92,13 @@ def _given(request: Request) -> list[str]:
 
 def _what_forbids(request: Request, report: SizeReport) -> str:
     """Return which bound controls most of the elements, and which parameters are given."""
+    return f"{what_controls(report)}, given parameters: {', '.join(_given(request)) or 'none'}"
+
+
+def what_controls(report: SizeReport) -> str:
+    """Return which bound controls most of the elements."""
     cause = max(report.element_shares, key=lambda name: report.element_shares[name])
-    given = ", ".join(_given(request)) or "none"
-    share = report.element_shares[cause]
-    return f"{cause} controls {share:.0%} of them, given parameters: {given}"
+    return f"{cause} controls {report.element_shares[cause]:.0%} of the elements"
 
 
 def _with_number(

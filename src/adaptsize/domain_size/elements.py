@@ -19,7 +19,7 @@ from adaptsize.background import AnyBackground, SimplexMesh
 from adaptsize.background.merging import reordered
 from adaptsize.background.simplex import as_mesh
 from adaptsize.background.splitting import with_short_edges
-from adaptsize.domain_size.budget import predicted_number
+from adaptsize.domain_size.budget import predicted_number, what_controls
 from adaptsize.domain_size.complete_size import size_function
 from adaptsize.domain_size.matrix import unknowns_on
 from adaptsize.domain_size.request import Goal, Implicit
@@ -195,8 +195,9 @@ def reach_number(
     steps: list[tuple[float, float]] = []  # predicted and made numbers
     tried = ""
     for number in range(3):
-        if number == 2 and tried:
-            tell(f"the meshes have {tried}; the last one is made for {wanted:.0f} {what}")
+        if best is not None and number == 2 and tried:
+            bound = what_controls(report_of(best.size))
+            tell(f"the meshes have {tried}; {bound}; the last one is made for {wanted:.0f} {what}")
         size = sized(**{what: wanted})
         new = meshed(old, size)
         made = _number_on(new, what, system)
@@ -225,8 +226,8 @@ def reach_number(
     if least > _ACCEPTED:
         made = _number_on(best.mesh, what, system)
         warn_caller(
-            f"the mesh has {made} {what} instead of {requested:.6g}; the meshes had {tried}: the "
-            "mesh generator, details of the domain or the given parameters do not allow it",
+            f"the mesh has {made} {what} instead of {requested:.6g}; the meshes had {tried}; "
+            f"{what_controls(report_of(best.size))}",
             ResolutionWarning,
         )
     return best

@@ -264,7 +264,7 @@ def routes(task: Task, backend: str, chosen: str, *, keep_facets: bool) -> Itera
     if backend == "auto":
         for name, info in available_backends().items():
             fits = task in info.tasks and info.keeps_required_facets >= keep_facets
-            if info.installed and fits and name not in (chosen, "gmsh"):  # Gmsh has no tolerance
+            if info.installed and fits and name != chosen:
                 names.append(name)
     # Tolerances passed to a generator, over the allowed one.  Generators keep a smaller tolerance
     # than the one they are given, at most 2.2 times.

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import os
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 from adaptsize._checks import as_number, as_path
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
-from adaptsize.errors import MeshFileError
+from adaptsize.errors import BackendUnavailableError, MeshFileError
 from adaptsize.remeshing.isolation import IsolatedRunner
-from adaptsize.remeshing.registry import check_installed
 from adaptsize.typing import ProgressCallback
 
 #: Suffixes of the files that OpenCASCADE reads.
@@ -88,7 +88,11 @@ def read_cad(
     seconds = as_number("timeout", timeout, lower=0.0, strict=True)
     if not file.is_file():
         raise MeshFileError(f"{file} does not exist")
-    check_installed("gmsh")
+    if find_spec("gmsh") is None:
+        raise BackendUnavailableError(
+            "CAD files need gmsh, which is not installed; install it with: "
+            'pip install "adaptsize[gmsh]"'
+        )
     with reporting(progress) as report:
         run = IsolatedRunner("gmsh", seconds, time.monotonic() + seconds, report)
         made = run(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -15,7 +16,12 @@ from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh
-from adaptsize.errors import BackendError, BackendTimeoutError, TooManyElementsError
+from adaptsize.errors import (
+    BackendError,
+    BackendTimeoutError,
+    ResolutionWarning,
+    TooManyElementsError,
+)
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
 from adaptsize.quality.elements import minimum_angles
@@ -32,7 +38,7 @@ from adaptsize.remeshing.preparation import (
     restore,
 )
 from adaptsize.remeshing.protocol import Backend, Problem, Task
-from adaptsize.remeshing.registry import backend_named, choose_backend
+from adaptsize.remeshing.registry import choose_backend
 from adaptsize.remeshing.sizing import (
     SizeLike,
     as_metric_at,
@@ -43,6 +49,7 @@ from adaptsize.remeshing.sizing import (
 )
 from adaptsize.remeshing.surface import refine_facets, refine_surface
 from adaptsize.remeshing.surface_checks import warn_of_surface
+from adaptsize.remeshing.tetwild import TetWildBackend
 from adaptsize.sizes import Enclosed, predict
 from adaptsize.typing import ProgressCallback, Unpack
 
@@ -59,6 +66,8 @@ _SECONDS_PER_CELL = 1e-3
 #: tolerance is far too small for the sizes.
 _LONGEST = 60.0
 _LONGEST_PER_CELL = 0.02
+#: Cells that a first volume requires over those that were predicted, above which that is told.
+_MANY_MORE = 1.5
 _NO_RIDGES = np.empty((0, 2), np.int32)
 
 
@@ -241,17 +250,11 @@ def _filled(problem: Problem, chosen: Backend, run: IsolatedRunner, n_cells: flo
     If cells are still flat, fTetWild fills the surface with the same sizes, and the mesh with the
     larger smallest angle is returned.  It also does if the generator fails on the first volume.
     """
-    assert problem.size is not None
-    first = first_volume(problem, problem.size, run)
-    volume = restore(first.raw, problem, first.generator)
-    inner = replace(
-        as_problem("tetrahedra", volume, problem.tolerance / volume.diagonal),
-        size=problem.size,
-        size_nodes=problem.size_nodes,
-        ridges=first.ridges,
-        is_adapted=first.is_adapted,
-        seconds=_SECONDS + _SECONDS_PER_CELL * max(volume.n_cells, n_cells),
-    )
+    inner = first_volume(problem, run)
+    if not inner.is_adapted:
+        _warn_of_number(inner, n_cells)
+    seconds = _SECONDS + _SECONDS_PER_CELL * max(inner.mesh.n_cells, n_cells)
+    inner = replace(inner, seconds=seconds)
     new, angle, failure = None, -np.inf, None
     try:
         new = restore(chosen.solve(inner, run), inner, chosen.name)
@@ -265,13 +268,29 @@ def _filled(problem: Problem, chosen: Backend, run: IsolatedRunner, n_cells: flo
         assert new is not None
         return new
     try:
-        raw = backend_named("tetwild").solve(problem, replace(run, backend="tetwild"))
+        raw = TetWildBackend().solve(problem, replace(run, backend="tetwild"))
         other = improved(restore(raw, problem, "tetwild"), problem.mesh, problem.tolerance)
     except BackendError as error:
         if new is None:
             raise failure or error from None
         return new
     return other if new is None or float(minimum_angles(other).min()) > angle else new
+
+
+def _warn_of_number(inner: Problem, n_cells: float) -> None:
+    """Warn if the sizes require many more cells in a first volume than in the surface.
+
+    Of open surfaces, generators may fill more than what the surface encloses.
+    """
+    assert inner.size is not None
+    found = predict(inner.mesh, inner.size, backend="mmg").cells
+    if found > _MANY_MORE * n_cells:
+        warnings.warn(
+            f"about {found:.3g} elements instead of the predicted {n_cells:.3g}: the first mesh "
+            "fills more than the surface encloses; close the surface or increase the sizes",
+            ResolutionWarning,
+            stacklevel=4,
+        )
 
 
 def _known_number(mesh: SimplexMesh, size: object) -> float | None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -12,11 +13,11 @@ from adaptsize.errors import BackendError
 from adaptsize.remeshing import netgen
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.mmg import GOOD_SHARE, band_and_median, job_of, run_adapt
-from adaptsize.remeshing.preparation import number_regions
+from adaptsize.remeshing.preparation import as_problem, number_regions, restore
 from adaptsize.remeshing.protocol import Facets, Problem, RawMesh, Runner
-from adaptsize.remeshing.registry import backend_named
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.surface import THINNEST, refine_surface, remove_slivers, sliver_height
+from adaptsize.remeshing.tetwild import TetWildBackend
 from adaptsize.typing import IntArray
 
 #: Mmg's ``hausd`` over the tolerance in the two runs on a surface.  Mmg divides edges whose middle
@@ -26,36 +27,29 @@ from adaptsize.typing import IntArray
 _HAUSD = (2.0, 1.2)
 
 
-@dataclass(frozen=True)
-class FirstVolume:
-    """Tetrahedra in a surface, made by a generator that does not follow the sizes."""
-
-    raw: RawMesh
-    generator: str
-    ridges: IntArray
-    """Edges that must stay sharp."""
-    is_adapted: bool = False
-    """Whether the surface has the requested sizes already."""
-
-
-def first_volume(problem: Problem, size: Size, run: IsolatedRunner) -> FirstVolume:
-    """Return tetrahedra in a surface.
+def first_volume(problem: Problem, run: IsolatedRunner) -> Problem:
+    """Return the request to adapt tetrahedra in a surface, which do not follow the sizes yet.
 
     Mmg adapts the surface to the sizes, and Netgen fills it, without moving a node.  If one of
     them fails, Netgen fills the given surface, with divided edges.  fTetWild fills every surface,
     with edges of its default length, and without feature edges.
     """
-    if netgen.can_fill(problem.mesh):
-        found = _by_netgen(problem, size, run)
-        if found is not None:
-            return found
-    raw = backend_named("tetwild").solve(
-        replace(problem, size=None), replace(run, backend="tetwild")
-    )
-    return FirstVolume(raw, "tetwild", np.empty((0, 2), np.int32))
+    assert problem.size is not None
+    found = _by_netgen(problem, problem.size, run) if netgen.can_fill(problem.mesh) else None
+    if found is not None:
+        return found
+    raw = TetWildBackend().solve(replace(problem, size=None), replace(run, backend="tetwild"))
+    return _inside(problem, raw, "tetwild")
 
 
-def _by_netgen(problem: Problem, size: Size, run: IsolatedRunner) -> FirstVolume | None:
+def _inside(problem: Problem, raw: RawMesh, generator: str, **known: Any) -> Problem:
+    """Return the request to adapt tetrahedra in the surface of another one."""
+    volume = restore(raw, problem, generator)
+    plain = as_problem("tetrahedra", volume, problem.tolerance / volume.diagonal)
+    return replace(plain, size=problem.size, size_nodes=problem.size_nodes, **known)
+
+
+def _by_netgen(problem: Problem, size: Size, run: IsolatedRunner) -> Problem | None:
     for thinnest in THINNEST:
         surface, ridges = refine_surface(problem.mesh, size, problem.tolerance, thinnest)
         if thinnest == THINNEST[0]:
@@ -64,13 +58,13 @@ def _by_netgen(problem: Problem, size: Size, run: IsolatedRunner) -> FirstVolume
                 return adapted
         raw = netgen.fill(surface, run)
         if raw is not None:
-            return FirstVolume(raw, "netgen", ridges)
+            return _inside(problem, raw, "netgen", ridges=ridges)
     return None
 
 
 def _adapted(
     surface: SimplexMesh, ridges: IntArray, problem: Problem, size: Size, run: IsolatedRunner
-) -> FirstVolume | None:
+) -> Problem | None:
     """Return tetrahedra in a surface of the requested sizes, or None if a generator fails."""
     try:
         surface, ridges = adapt_surface(surface, ridges, size, problem.tolerance, run)
@@ -83,7 +77,8 @@ def _adapted(
     raw = netgen.fill(surface, run)
     if raw is None:
         return None
-    return FirstVolume(raw, "netgen", renumbered_edges(ridges, new_node), is_adapted=True)
+    ridges = renumbered_edges(ridges, new_node)
+    return _inside(problem, raw, "netgen", ridges=ridges, is_adapted=True)
 
 
 def adapt_surface(

@@ -339,12 +339,8 @@ def _tags_there(new: SimplexMesh, problem: Problem) -> tuple[IntArray, npt.NDArr
         tag_of_old = facets.tag_of_group[facets.groups]
     between = new.facet_cell_counts == 1
     if new.cell_tags is not None:
-        tags = np.repeat(new.cell_tags[:, None], new.cell_dim + 1, axis=1)
-        lowest = np.full(len(new.facets), np.iinfo(np.int32).max)
-        highest = np.full(len(new.facets), np.iinfo(np.int32).min)
-        np.minimum.at(lowest, new.cell_facets, tags)
-        np.maximum.at(highest, new.cell_facets, tags)
-        between = between | (lowest != highest)
+        lowest, highest = regions_beside(new.cell_facets, new.cell_tags, len(new.facets))
+        between |= lowest != highest
     found = new.facets[between]
     nearest = old.locator.nearest(new.points[found].mean(axis=1))[0]
     return found, tag_of_old[nearest]

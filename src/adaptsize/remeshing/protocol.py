@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, TypeAlias
 
@@ -162,6 +163,11 @@ class Backend(Protocol):
     keeps_required_facets: bool = False
     needs_volume: bool = False
     follows_metrics: bool = False
+
+    @property
+    def installed(self) -> bool:
+        """Whether the package can be imported."""
+        return find_spec(self.package) is not None
 
     def solve(self, problem: Problem, run: Runner) -> RawMesh:
         """Return the new mesh."""
