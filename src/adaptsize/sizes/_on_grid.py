@@ -1,7 +1,7 @@
-"""Sizes from sources at the nodes of a Cartesian grid.
+"""Which nodes of a Cartesian grid a point, a box or a ball touches.
 
 All is computed from the indices of the nodes.  No boxes and no coordinates are stored per
-node.  Functions lower ``h0``, float64 of the grid's shape (In/Out), at active nodes only.
+node.  Numbers of nodes are those of ``grid.points``; only active nodes are returned.
 """
 
 from __future__ import annotations
@@ -14,71 +14,49 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array
 from adaptsize.background import CartesianGrid, SimplexMesh
-from adaptsize.sizes._touched import Nearby, Pieces
-from adaptsize.typing import BoolArray, FloatArray, LongArray
-
-#: Returns the requested sizes at some distances from a source.
-SizeAt = Callable[[FloatArray], FloatArray]
+from adaptsize.geometry.distance.fast_marching import places_of
+from adaptsize.typing import FloatArray, IndexArray, LongArray
 
 
-def nodes_around(grid: CartesianGrid, points: FloatArray) -> Nearby:
-    """Return the active corners of the boxes around points.
+def nodes_around(grid: CartesianGrid, points: FloatArray) -> tuple[LongArray, IndexArray]:
+    """Return the corners of the boxes around points: the number of the point, and the node.
 
     A point outside belongs to the closest box.  If no corner of it is active, it belongs to
     the nearest active node.
     """
-    boxes = _boxes_around(grid, points)
+    last = np.array(grid.shape) - 2
+    # Clipped before they become integers: points may be far away.
+    boxes = np.clip(np.floor((points - grid.lower) / grid.spacing), 0.0, last).astype(np.int64)
     corners = np.array(list(product((0, 1), repeat=grid.dim)))
-    nodes = (boxes[:, None, :] + corners).reshape(-1, grid.dim)
+    nodes = _numbers(grid, (boxes[:, None, :] + corners).reshape(-1, grid.dim))
     which = np.repeat(np.arange(len(points)), len(corners))
     if grid.active is not None:
-        good = grid.active[tuple(nodes.T)]
-        lost = ~good.reshape(len(points), -1).any(axis=1)
+        good = grid.active.ravel()[nodes]
+        lost = np.flatnonzero(~good.reshape(len(points), -1).any(axis=1))
         nodes, which = nodes[good], which[good]
-        if lost.any():
+        if len(lost):
             nodes = np.concatenate([nodes, _nearest_active(grid, points[lost])])
-            which = np.concatenate([which, np.flatnonzero(lost)])
-    flat = np.ravel_multi_index(tuple(nodes.T), grid.shape)
-    return Nearby(which, flat, _coordinates(grid, nodes))
+            which = np.concatenate([which, lost])
+    return which, nodes
 
 
-def pieces_along(grid: CartesianGrid, curve: SimplexMesh) -> Pieces:
-    """Return the pieces of a curve in all boxes that it passes through."""
-    segment, first, last = _pieces_in_boxes(grid, curve)
-    a, b = (curve.points[nodes] for nodes in curve.cells[segment].T)
-    middle = 0.5 * (first + last)[:, None]
-    return Pieces(segment, first, last, nodes_around(grid, a + middle * (b - a)))
-
-
-def lower_in_box(
-    grid: CartesianGrid, lower: FloatArray, upper: FloatArray, size_at: SizeAt, h0: FloatArray
-) -> None:
-    """Lower ``h0`` (In/Out) at the corners of the boxes that meet a box."""
-    window = _window(grid, lower, upper)
-    gaps = [
-        np.maximum(np.maximum(lower[d] - x, x - upper[d]), 0.0)
-        for d, x in enumerate(_axes_of(grid, window))
-    ]
-    _lower_window(grid, window, size_at(np.sqrt(_sum_of_squares(gaps))), h0)
-
-
-def lower_in_ball(
-    grid: CartesianGrid, centre: FloatArray, radius: float, size_at: SizeAt, h0: FloatArray
-) -> None:
-    """Lower ``h0`` (In/Out) at the corners of the boxes that meet a ball."""
-    window = _window(grid, centre - radius, centre + radius)
-    away, of_boxes = [], []
-    for d, x in enumerate(_axes_of(grid, window)):
-        offset = np.abs(x - centre[d])
-        away.append(offset)
-        # The boxes around a node extend one spacing from it.  Boxes that extend beyond the
-        # grid intersect the ball only where the ball is outside as well.
-        inside = np.clip(centre[d], grid.lower[d], grid.upper[d])
-        beyond = np.maximum(np.abs(x - inside) - grid.spacing[d], 0.0)
-        of_boxes.append(beyond + abs(centre[d] - inside))
-    requested = size_at(np.maximum(np.sqrt(_sum_of_squares(away)) - radius, 0.0))
-    requested[_sum_of_squares(of_boxes) > radius**2] = np.inf
-    _lower_window(grid, window, requested, h0)
+def nodes_beside_ball(
+    grid: CartesianGrid, lower: FloatArray, upper: FloatArray, radius: float
+) -> IndexArray:
+    """Return the corners of the boxes that are within a radius of a box, or of a point."""
+    ends = np.clip([lower, upper], grid.lower, grid.upper)
+    beyond = np.maximum(np.maximum(lower - grid.upper, grid.lower - upper), 0.0)
+    gaps, index = [], []
+    for d, x in enumerate(grid.axes):
+        # The boxes around a node extend one spacing from it.  Those that extend beyond the grid
+        # intersect the ball only where the ball is outside as well.
+        to_node = np.abs(x - np.clip(x, *ends[:, d]))
+        gap = np.maximum(to_node - grid.spacing[d], 0.0) + beyond[d]
+        index.append(np.flatnonzero(gap <= radius))
+        gaps.append(gap[index[-1]] ** 2)
+    meets = np.array(sum(np.meshgrid(*gaps, indexing="ij", sparse=True))) <= radius**2
+    nodes = np.stack(np.meshgrid(*index, indexing="ij"), axis=-1)[meets]
+    return _active(grid, _numbers(grid, nodes))
 
 
 def at_active_nodes(
@@ -96,8 +74,8 @@ def at_active_nodes(
     return values
 
 
-def nodes_near(grid: CartesianGrid, mesh: SimplexMesh, within: float) -> LongArray:
-    """Return the active nodes up to a distance from a mesh, int64[n, dim].
+def nodes_near(grid: CartesianGrid, mesh: SimplexMesh, within: float) -> IndexArray:
+    """Return the active nodes up to a distance from a mesh.
 
     Blocks of nodes are halved along each axis while they may contain such nodes.
     """
@@ -117,109 +95,31 @@ def nodes_near(grid: CartesianGrid, mesh: SimplexMesh, within: float) -> LongArr
         edge //= 2
         blocks = (2 * blocks[:, None] + corners).reshape(-1, grid.dim)
         blocks = blocks[(edge * blocks < shape).all(axis=1)]
-    if grid.active is not None:
-        blocks = blocks[grid.active[tuple(blocks.T)]]
-    return np.asarray(blocks)
+    return _active(grid, _numbers(grid, blocks))
 
 
-def boundary_nodes(grid: CartesianGrid) -> BoolArray:
-    """Return which active nodes have inactive neighbours, including diagonal neighbours."""
+def boundary_nodes(grid: CartesianGrid) -> IndexArray:
+    """Return the active nodes that have inactive neighbours, including diagonal neighbours."""
+    from scipy import ndimage
+
     active = np.ones(grid.shape, np.bool_) if grid.active is None else grid.active
-    inner = active
-    for d in range(grid.dim):
-        across = np.moveaxis(inner, d, 0)
-        kept = np.zeros_like(across)
-        kept[1:-1] = across[1:-1] & across[:-2] & across[2:]
-        inner = np.moveaxis(kept, 0, d)
-    return active & ~inner
+    inner = ndimage.binary_erosion(active, np.ones((3,) * grid.dim))
+    return np.flatnonzero(active & ~inner)
 
 
-def _boxes_around(grid: CartesianGrid, points: FloatArray) -> LongArray:
-    """Return the indices of the box around each point, or of the closest box."""
-    last = np.array(grid.shape) - 2
-    # Clipped before they become integers: points may be far away.
-    along = np.clip(np.floor((points - grid.lower) / grid.spacing), 0.0, last)
-    return along.astype(np.int64)
-
-
-def _nearest_active(grid: CartesianGrid, points: FloatArray) -> LongArray:
+def _nearest_active(grid: CartesianGrid, points: FloatArray) -> IndexArray:
     """Return the nearest active node of each point in or outside boxes without any."""
     from scipy.spatial import cKDTree
 
     # It has a neighbour that is not active, or it would not be the nearest.
-    nodes = np.argwhere(boundary_nodes(grid))
-    nearest = cKDTree(_coordinates(grid, nodes)).query(points)[1]
-    return np.asarray(nodes[nearest])
+    nodes = boundary_nodes(grid)
+    return np.asarray(nodes[cKDTree(places_of(grid)(nodes)).query(points)[1]])
 
 
-def _coordinates(grid: CartesianGrid, nodes: LongArray) -> FloatArray:
-    """Return the coordinates of nodes, float64[n, dim]."""
-    return grid.origin + grid.spacing * nodes
+def _numbers(grid: CartesianGrid, index: LongArray) -> IndexArray:
+    """Return the numbers of nodes with given indices along the axes, int64[n, dim]."""
+    return np.asarray(np.ravel_multi_index(tuple(index.T), grid.shape))
 
 
-def _pieces_in_boxes(
-    grid: CartesianGrid, curve: SimplexMesh
-) -> tuple[LongArray, FloatArray, FloatArray]:
-    """Split the segments of a curve at each plane of nodes that they cross.
-
-    Each piece lies in one box, or has one closest box if it lies outside.
-
-    Returns
-    -------
-    segment : int64[n_pieces]
-    first, last : float64[n_pieces]
-        Ends of the piece, 0 at the first node of the segment to 1 at the second.
-    """
-    a, b = curve.points[curve.cells[:, 0]], curve.points[curve.cells[:, 1]]
-    n = len(a)
-    cuts = [np.zeros(n), np.ones(n)]
-    owners = [np.arange(n), np.arange(n)]
-    for d in range(grid.dim):
-        from_a = (a[:, d] - grid.lower[d]) / grid.spacing[d]
-        step = (b[:, d] - a[:, d]) / grid.spacing[d]
-        low, high = np.minimum(from_a, from_a + step), np.maximum(from_a, from_a + step)
-        # Clipped before they become integers: the curve may go far away.
-        first = np.ceil(np.clip(low, 0.0, grid.shape[d])).astype(np.int64)
-        last = np.floor(np.clip(high, -1.0, grid.shape[d] - 1)).astype(np.int64)
-        crossed = np.where(step == 0.0, 0, np.maximum(last - first + 1, 0))
-        owner = np.repeat(np.arange(n), crossed)
-        plane = np.arange(len(owner)) - np.repeat(np.cumsum(crossed) - crossed, crossed)
-        cuts.append(np.clip((first[owner] + plane - from_a[owner]) / step[owner], 0.0, 1.0))
-        owners.append(owner)
-    at, segment = np.concatenate(cuts), np.concatenate(owners)
-    order = np.lexsort((at, segment))
-    at, segment = at[order], segment[order]
-    is_piece = (segment[1:] == segment[:-1]) & (at[1:] > at[:-1])
-    return segment[1:][is_piece], at[:-1][is_piece], at[1:][is_piece]
-
-
-def _window(grid: CartesianGrid, lower: FloatArray, upper: FloatArray) -> tuple[slice, ...]:
-    """Return the nodes of the boxes that intersect a box, empty if there are none."""
-    first = np.ceil((lower - grid.lower) / grid.spacing - 1.0)
-    last = np.floor((upper - grid.lower) / grid.spacing + 1.0)
-    most = np.array(grid.shape) - 1.0
-    if (first > most - 1.0).any() or (last < 1.0).any():
-        return (slice(0, 0),) * grid.dim
-    return tuple(
-        slice(int(max(i, 0.0)), int(min(j, n)) + 1)
-        for i, j, n in zip(first, last, most, strict=True)
-    )
-
-
-def _axes_of(grid: CartesianGrid, window: tuple[slice, ...]) -> list[FloatArray]:
-    return [axis[part] for axis, part in zip(grid.axes, window, strict=True)]
-
-
-def _sum_of_squares(per_axis: list[FloatArray]) -> FloatArray:
-    """Return the sum over the axes of squares, one entry per node of a window."""
-    total: FloatArray = np.zeros([len(values) for values in per_axis])
-    for d, values in enumerate(per_axis):
-        total += (values**2).reshape([-1 if e == d else 1 for e in range(len(per_axis))])
-    return total
-
-
-def _lower_window(
-    grid: CartesianGrid, window: tuple[slice, ...], requested: FloatArray, h0: FloatArray
-) -> None:
-    active = True if grid.active is None else grid.active[window]
-    np.minimum(h0[window], requested, out=h0[window], where=active)
+def _active(grid: CartesianGrid, nodes: IndexArray) -> IndexArray:
+    return nodes if grid.active is None else nodes[grid.active.ravel()[nodes]]

@@ -22,6 +22,7 @@ from adaptsize.background.merging import ordered_by_place
 from adaptsize.background.migration import whole_boundary
 from adaptsize.background.simplex import as_mesh
 from adaptsize.geometry.curvatures import curvature
+from adaptsize.geometry.distance.fast_marching import places_of
 from adaptsize.geometry.faces import crease_edges
 from adaptsize.options import CurvatureOptions, checked, with_options
 from adaptsize.sizes._from_distance import size_from_distance
@@ -224,9 +225,8 @@ def _nodes_on(
     else:
         within = TOLERANCE * boundary.diagonal
     if isinstance(background, CartesianGrid):
-        indices = nodes_near(background, boundary, within)
-        nodes = np.ravel_multi_index(tuple(indices.T), background.shape)
-        points, closest = background.origin + background.spacing * indices, ""
+        nodes = nodes_near(background, boundary, within)
+        points, closest = places_of(background)(nodes), ""
     else:
         distances = boundary.locator.nearest(background.points)[2]
         nodes = np.flatnonzero(distances <= within)

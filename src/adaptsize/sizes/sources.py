@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 from hashlib import sha256
-from typing import Any, NoReturn, Protocol, TypeAlias, runtime_checkable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -25,9 +25,11 @@ from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import InputWarning
+from adaptsize.geometry.distance.fast_marching import places_of
 from adaptsize.ranks import SingleRank
-from adaptsize.sizes import _on_grid, _touched
-from adaptsize.sizes._touched import lower_along, lower_at_points
+from adaptsize.sizes import _touched
+from adaptsize.sizes._on_grid import at_active_nodes
+from adaptsize.sizes._touched import lower
 from adaptsize.typing import FloatArray
 
 SizeOfPoint: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
@@ -90,16 +92,12 @@ class PointSource:
     def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells around the points."""
         points, size = self.rows(mesh.dim)
-        if isinstance(mesh, CartesianGrid):
-            _warn_of_outside(points, mesh.locator.weights(points)[2], mesh.diagonal)
-            nearby = _on_grid.nodes_around(mesh, points)
-        else:
-            at = _touched.touched(mesh, points)
-            # No point lies on a curved surface exactly.
-            if mesh.ranks.rank == 0 and mesh.cell_dim == mesh.dim:
-                _warn_of_outside(points, at.distances, mesh.diagonal)
-            nearby = _touched.nodes_of(mesh, at.cells, at.which)
-        lower_at_points(points, size, nearby, g, h0)
+        at = _touched.touched(mesh, points)
+        # No point lies on a curved surface exactly.
+        if isinstance(mesh, CartesianGrid) or (mesh.ranks.rank, mesh.cell_dim) == (0, mesh.dim):
+            _warn_of_outside(points, at.distances, mesh.diagonal)
+        away = np.linalg.norm(places_of(mesh)(at.nodes) - points[at.which], axis=1)
+        lower(h0, at.nodes, size[at.which] + g * away)
 
     def rows(self, dim: int) -> tuple[FloatArray, FloatArray]:
         """Return checked positions and sizes, float64[n, dim] and float64[n]."""
@@ -134,11 +132,7 @@ class CurveSource:
         """Lower ``h0`` (In/Out) at the nodes of the cells along the curve."""
         curve = _as_curve(self.curve, mesh.dim)
         size = self.rows(mesh.dim)[1]
-        if isinstance(mesh, CartesianGrid):
-            pieces = _on_grid.pieces_along(mesh, curve)
-        else:
-            pieces = _touched.pieces_along(mesh, curve)
-        lower_along(curve, size, pieces, g, h0)
+        _touched.lower_along(mesh, curve, size, g, h0)
 
     def rows(self, dim: int) -> tuple[FloatArray, FloatArray]:
         """Return the checked points of the curve and their sizes, float64[n, dim], float64[n]."""
@@ -171,17 +165,11 @@ class BoundarySource:
     def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the facets."""
         size = _one_size(self.size)
-        if isinstance(mesh, CartesianGrid):
-            if self.tags is not None:
-                _refuse_tags(mesh)
-            on_boundary = _on_grid.boundary_nodes(mesh)
-            h0[on_boundary] = np.minimum(h0[on_boundary], size)
-            return
         if self.tags is None:
             nodes = _touched.boundary_nodes(mesh)
         else:
             nodes = _touched.tagged_nodes(mesh, "facet", self.tags)
-        h0[nodes] = np.minimum(h0[nodes], size)
+        lower(h0, nodes, size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,10 +194,7 @@ class RegionSource:
     def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells."""
         size = _one_size(self.size)
-        if isinstance(mesh, CartesianGrid):
-            _refuse_tags(mesh)
-        nodes = _touched.tagged_nodes(mesh, "cell", self.tags)
-        h0[nodes] = np.minimum(h0[nodes], size)
+        lower(h0, _touched.tagged_nodes(mesh, "cell", self.tags), size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,22 +223,14 @@ class BoxSource:
     def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells that reach into the box."""
         size = _one_size(self.size)
-        lower = _one_point("lower", self.lower, mesh.dim)
-        upper = _one_point("upper", self.upper, mesh.dim)
-        if (lower > upper).any():
-            raise ValueError(f"lower must be at most upper = {upper}, got {lower}")
-        if isinstance(mesh, CartesianGrid):
-            _on_grid.lower_in_box(mesh, lower, upper, lambda away: size + g * away, h0)
-            return
-        touched = (
-            _touched.cells_with_edge_in_box(mesh, lower, upper),
-            _touched.cell_inside(mesh, 0.5 * (lower + upper)),
-            _touched.cells_within(mesh, _touched.box_edges(lower, upper)),
-        )
-        nodes = np.unique(mesh.cells[np.concatenate(touched)])
-        points = mesh.points[nodes]
-        distance = np.linalg.norm(points - np.clip(points, lower, upper), axis=1)
-        h0[nodes] = np.minimum(h0[nodes], size + g * distance)
+        lowest = _one_point("lower", self.lower, mesh.dim)
+        highest = _one_point("upper", self.upper, mesh.dim)
+        if (lowest > highest).any():
+            raise ValueError(f"lower must be at most upper = {highest}, got {lowest}")
+        nodes = np.unique(_touched.nodes_beside_box(mesh, lowest, highest))
+        points = places_of(mesh)(nodes)
+        distance = np.linalg.norm(points - np.clip(points, lowest, highest), axis=1)
+        lower(h0, nodes, size + g * distance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,16 +263,9 @@ class BallSource:
         size = _one_size(self.size)
         centre = _one_point("centre", self.centre, mesh.dim)
         radius = as_number("radius", self.radius, lower=0.0)
-        if isinstance(mesh, CartesianGrid):
-            _on_grid.lower_in_ball(mesh, centre, radius, lambda away: size + g * away, h0)
-            return
-        touched = (
-            _touched.cells_with_edge_in_ball(mesh, centre, radius),
-            _touched.cell_inside(mesh, centre),
-        )
-        nodes = np.unique(mesh.cells[np.concatenate(touched)])
-        distance = np.linalg.norm(mesh.points[nodes] - centre, axis=1) - radius
-        h0[nodes] = np.minimum(h0[nodes], size + g * np.maximum(distance, 0.0))
+        nodes = np.unique(_touched.nodes_beside_ball(mesh, centre, radius))
+        distance = np.linalg.norm(places_of(mesh)(nodes) - centre, axis=1) - radius
+        lower(h0, nodes, size + g * np.maximum(distance, 0.0))
 
 
 def _warn_of_outside(points: FloatArray, away: FloatArray, diagonal: float) -> None:
@@ -312,10 +282,6 @@ def _warn_of_outside(points: FloatArray, away: FloatArray, diagonal: float) -> N
             InputWarning,
             stacklevel=2,
         )
-
-
-def _refuse_tags(grid: CartesianGrid) -> NoReturn:
-    raise ValueError(f"tags need a SimplexMesh, a grid has none; got {grid!r}")
 
 
 def _one_point(name: str, value: npt.ArrayLike, dim: int) -> FloatArray:
@@ -402,14 +368,14 @@ def size_from_sources(
     O(log n) per cell that a curve passes.  Cells that a curve only clips at a corner may be
     missed, but not their neighbours along the curve.
 
-    On a grid no search is needed.  The cost is O(1) per point, per box that a curve passes
-    (none is missed), and per node of a box or ball.  Functions are called for active nodes
+    On a grid no search is needed.  The cost is O(1) per point, per box that a curve passes,
+    and per node of a box or ball.  Functions are called for active nodes
     only, up to a million at a time.  A point or curve where no node is active acts on the
     nearest active node.
 
     On a mesh in parts, all ranks must give the same sources.  Each rank searches its own cells,
     and ranks exchange the distances of points and of samples of curves from their parts, one
-    number each (one reduction for points and balls, two for each halving of the longest segment
+    number each (two reductions for points and boxes, and for each halving of the longest segment
     of a curve), and at the end the sizes at shared nodes.  Sources of classes of your own get the
     mesh of each rank, and must set the nodes of each cell by this cell alone.
 
@@ -471,7 +437,7 @@ def _lower_by(
     name = f"sources[{number}](points)"
     given: npt.ArrayLike
     if isinstance(mesh, CartesianGrid):
-        given = _on_grid.at_active_nodes(mesh, source, name)
+        given = at_active_nodes(mesh, source, name)
     else:
         given = source(mesh.points)
     np.minimum(h0, as_sizes(name, given, h0.shape), out=h0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import numpy.typing as npt
 
 from adaptsize._kernels.surface_distance import (
     Features,
@@ -13,14 +14,14 @@ from adaptsize._kernels.surface_distance import (
     Queue,
     propagate_features,
 )
-from adaptsize.background import AnyBackground, CartesianGrid
+from adaptsize.background import AnyBackground, CartesianGrid, PartitionedMesh
 from adaptsize.background.marching import (
     march_on_grid,
     pad,
     strides_of_padded,
     unpad,
 )
-from adaptsize.typing import BoolArray, FloatArray, LongArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 
 def march_distance(
@@ -99,7 +100,9 @@ def propagate(
         report("distance beyond the band", min(accepted / n, 1.0))
 
 
-def places_of(background: AnyBackground) -> Callable[[LongArray], FloatArray]:
+def places_of(
+    background: AnyBackground | PartitionedMesh,
+) -> Callable[[npt.NDArray[np.integer]], FloatArray]:
     """Return a function that maps node numbers to coordinates, float64[n, dim]."""
     if not isinstance(background, CartesianGrid):
         return lambda nodes: background.points[nodes]
