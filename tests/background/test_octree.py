@@ -107,7 +107,7 @@ def test_balanced_leaves_that_touch_differ_by_one_level_at_most(tree):
     # A coarser leaf that touches a leaf covers the whole side, edge or corner of it.
     for direction in np.ndindex(*[3] * tree.dim):
         beside = tree.leaf_centres + 0.50001 * (np.array(direction) - 1) * tree.leaf_sizes
-        neighbour = tree.locator.leaf(beside)
+        neighbour = tree.find_leaves(beside)
         assert (tree.levels - tree.levels[neighbour] <= 1).all()
 
 
@@ -120,12 +120,12 @@ def test_balance_refines_only_and_adds_nothing_to_a_balanced_tree(dim):
 
     plain, balanced = build(False), build(True)
     assert balanced.n_leaves > plain.n_leaves
-    holder = plain.locator.leaf(balanced.leaf_centres)
+    holder = plain.find_leaves(balanced.leaf_centres)
     assert (balanced.levels >= plain.levels[holder]).all()
 
     def like_balanced(centres, sizes):
         level = np.rint(np.log2(1.0 / (3.0 * sizes[:, 0])))
-        return balanced.levels[balanced.locator.leaf(centres)] > level
+        return balanced.levels[balanced.find_leaves(centres)] > level
 
     again = Octree.build(
         np.zeros(dim), np.ones(dim), like_balanced, max_level=5, balanced=True, root_shape=[3] * dim

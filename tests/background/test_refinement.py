@@ -39,7 +39,7 @@ def test_with_g_no_small_size_is_overlooked(dim):
     rng = np.random.default_rng(9091)
     x = np.concatenate([rng.random((20000, dim)), 0.3 + rng.normal(0.0, 0.02, (2000, dim))])
     edges = tree.leaf_sizes.max(axis=1)
-    assert (edges[tree.locator.leaf(x)] <= 0.5 * narrow(x)).all()
+    assert (edges[tree.find_leaves(x)] <= 0.5 * narrow(x)).all()
     # Not finer than the Notes say: the parent's edge was above the bound for its centre.
     bound = 0.5 * 0.3 / (1.0 + 0.5 * 0.5 * np.sqrt(dim))
     assert edges.max() > 0.5 * bound

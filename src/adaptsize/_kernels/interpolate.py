@@ -15,6 +15,9 @@ from adaptsize._kernels.trees import (
     nearest_leaf,
 )
 
+# Weights below this are rounding errors: values at nodes next to inf are exact.
+_ROUNDING = 3e-15
+
 
 class Located(NamedTuple):
     """Where query points are.
@@ -129,7 +132,7 @@ def locate(tree, full, queries, which, stack, found):
         found.cell[q] = cell
         found.distance[q] = math.sqrt(distance2)
         for v in range(tree.cells.shape[1]):
-            found.weights[q, v] = w[v]
+            found.weights[q, v] = w[v] if w[v] > _ROUNDING else 0.0
 
 
 @lean

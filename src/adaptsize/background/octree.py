@@ -15,6 +15,7 @@ from adaptsize._checks import (
     as_flag,
     as_float_array,
     as_plain_array,
+    as_points,
     as_whole_number,
     check_function,
     check_range,
@@ -24,7 +25,7 @@ from adaptsize._kernels.octree import Nodes, cut_leaves
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import _octree_growth as growth
 from adaptsize.background._mesh_arrays import read_only
-from adaptsize.background.octree_location import OctreeLocator
+from adaptsize.background.location import SimplexLocator
 from adaptsize.background.refinement import NeedsRefinement
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.typing import FloatArray, IntArray
@@ -273,9 +274,28 @@ class Octree(ReadOnlyState):
         return SimplexMesh(self.points, read_only(cells))
 
     @cached_property
-    def locator(self) -> OctreeLocator:
-        """Point location and interpolation; see `OctreeLocator.interpolate`."""
-        return OctreeLocator(self)
+    def locator(self) -> SimplexLocator:
+        """Point location and interpolation in ``mesh``; see `SimplexLocator`."""
+        return self.mesh.locator
+
+    def find_leaves(self, points: npt.ArrayLike) -> IntArray:
+        """Return the leaf that contains each point; outside, that of the closest point of the box.
+
+        Parameters
+        ----------
+        points : array_like of float, shape (n, dim)
+
+        Returns
+        -------
+        ndarray of int32, shape (n,)
+            Rows of ``leaf_centres``, ``leaf_sizes`` and ``levels``.
+        """
+        lattice = self._lattice
+        where = np.clip(as_points("points", points, self.dim), self.lower, self.upper)
+        places = (where - self.lower) / (self.upper - self.lower) * lattice.counts
+        indices = np.minimum(places.astype(np.int64), lattice.counts - 1)
+        codes = growth.codes_of(indices, lattice.depth, self.root_shape)
+        return (np.searchsorted(lattice.starts, codes, side="right") - 1).astype(np.int32)
 
     @cached_property
     def _lattice(self) -> growth.Lattice:
@@ -295,10 +315,7 @@ class Octree(ReadOnlyState):
         return read_only(np.stack(columns, axis=1))
 
     def _coordinates(self, index: npt.NDArray[Any], d: int) -> FloatArray:
-        """Return the coordinates of lattice planes, at the ends exactly those of the box.
-
-        The locator uses the same operations to find nodes.
-        """
+        """Return the coordinates of lattice planes, at the ends exactly those of the box."""
         share = index / self._lattice.counts[d]
         coordinates: FloatArray = self.lower[d] * (1.0 - share) + self.upper[d] * share
         return coordinates

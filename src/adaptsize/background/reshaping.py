@@ -52,7 +52,7 @@ def refined(octree: Octree, times: npt.ArrayLike, within: NeedsRefinement | None
         )
 
     def needs_refinement(centres: FloatArray, sizes: FloatArray) -> BoolArray:
-        leaf = octree.locator.leaf(centres)
+        leaf = octree.find_leaves(centres)
         edges = octree.leaf_sizes[leaf, 0]
         last = edges * 0.5 ** more[leaf].astype(float)
         needed = np.asarray(sizes[:, 0] > _SAME * last)

@@ -246,7 +246,7 @@ def adapted(shape: Shape, h: FloatArray, hmin: float, request: Request) -> Octre
         times = np.ceil(np.log2(edges / (longest * least)))
     if request.per_radian > 0.0:
         beside = shape.beside
-        leaf = tree.locator.leaf(beside.ends)
+        leaf = tree.find_leaves(beside.ends)
         # There sizes have a jump of the slope, and leaves are no longer than half a size.
         size = np.maximum(1.0 / (request.per_radian * beside.curvature), hmin)
         np.maximum.at(times, leaf, np.ceil(np.log2(edges[leaf] / (0.5 * size))))
