@@ -99,16 +99,16 @@ def parent_errors(
     indices = lattice.indices >> (lattice.depth - octree.levels.astype(np.int64))[:, None]
     parents = np.column_stack([octree.levels.astype(np.int64), indices >> 1])
     unique, number = np.unique(parents, axis=0, return_inverse=True)
-    roots = (octree.upper - octree.lower) / np.array(octree.root_shape)
-    half = roots * 0.5 ** unique[:, :1].astype(float)
+    # All these places are corners of the leaves of a parent, and thus nodes.
+    edges = np.int64(1) << (lattice.depth - unique[:, :1])
     places = list(product(range(3), repeat=dim))
+    keys = octree._nodes.keys[: octree.n_points]
+    order = np.argsort(keys)
     at = np.empty((len(places), len(unique)))
     counts, is_known = (np.empty(at.shape, np.bool_) for _ in range(2))
     for k, place in enumerate(places):
-        nodes, weights, _ = octree.locator.weights(
-            octree.lower + (2 * unique[:, 1:] + np.array(place)) * half
-        )
-        node = np.take_along_axis(nodes, weights.argmax(axis=1)[:, None], axis=1)[:, 0]
+        key = ((2 * unique[:, 1:] + np.array(place)) * edges) @ np.array(lattice.strides)
+        node = order[np.searchsorted(keys[order], key)]
         at[k], counts[k], is_known[k] = values[node], where[node], known[node]
     error = np.zeros(len(unique))
     for k, place in enumerate(places):

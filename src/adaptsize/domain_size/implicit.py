@@ -15,8 +15,6 @@ from adaptsize._size_report import SizeReport
 from adaptsize.background import Octree
 from adaptsize.domain_size.by_domain import check_signs
 from adaptsize.domain_size.on_octree import (
-    Beside,
-    InnerCells,
     Shape,
     adapted,
     inner_cells,
@@ -34,8 +32,6 @@ from adaptsize.typing import BoolArray, FloatArray
 
 #: Most leaves of the background, in the plane and in space.
 MAX_LEAVES = {2: 100_000, 3: 400_000}
-# The curvature jumps between two points if its values differ by more than this factor.
-_AT_JUMP = 0.75
 
 
 @dataclass
@@ -108,14 +104,13 @@ class ImplicitDomain:
         everywhere = np.full(tree.n_points, np.inf)
         seen = Depths(nodes.depth[near], nodes.outward[near])
         everywhere[near] = width_within(boundary, tree.points[near], seen, tree.diagonal, report)
-        feet = nodes.feet(tree.points)[inner.nodes]
         reach = longest_edges(inner.mesh)
         close = nodes.depth[inner.nodes] <= reach
+        feet = nodes.feet(tree.points)[inner.nodes[close]]
         curvature = np.full(len(close), np.nan)
-        curvature[close] = self._curvature(tree, feet[close], reach[close], request)
-        beside = self._beside(tree, inner, feet, curvature, request)
+        curvature[close] = self._curvature(tree, feet, reach[close], request)
         width = everywhere[inner.nodes]
-        return Shape(tree, nodes, inner, width, everywhere, curvature, beside)
+        return Shape(tree, nodes, inner, width, everywhere, curvature)
 
     def _curvature(
         self, tree: Octree, points: FloatArray, reach: FloatArray, request: Request
@@ -131,37 +126,6 @@ class ImplicitDomain:
         kappa = largest_curvature(self.function, points, 0.1 * reach, least_step=0.1 * smallest)
         kappa[kappa * smallest > np.radians(request.crease_angle)] = 0.0
         return kappa
-
-    def _beside(
-        self,
-        tree: Octree,
-        inner: InnerCells,
-        feet: FloatArray,
-        curvature: FloatArray,
-        request: Request,
-    ) -> Beside:
-        """Return how far large curvatures extend from one closest point towards the next.
-
-        Where the curvature jumps, as at the ends of rounded edges, the size is controlled from the
-        place of the jump.  It is found by bisection.
-        """
-        edges, lengths = inner.mesh.edges, inner.mesh.edge_lengths
-        ends = curvature[edges]
-        jumps = ends.min(axis=1) < _AT_JUMP * ends.max(axis=1)  # False with nan
-        edges, lengths, ends = edges[jumps], lengths[jumps], ends[jumps]
-        order = np.argsort(ends, axis=1)
-        low, high = np.take_along_axis(edges, order, axis=1).T
-        largest = ends.max(axis=1)
-        kappa, share, step = largest.copy(), np.zeros(len(low)), 0.5
-        for _ in range(5):
-            at = (1.0 - share - step)[:, None] * feet[high] + (share + step)[:, None] * feet[low]
-            there = self._curvature(tree, at, step * lengths, request)
-            goes_on = there >= _AT_JUMP * largest
-            kappa[goes_on], share[goes_on] = there[goes_on], share[goes_on] + step
-            step *= 0.5
-        away = (1.0 - share) * np.linalg.norm(feet[low] - feet[high], axis=1)
-        ends = (1.0 - share)[:, None] * feet[high] + share[:, None] * feet[low]
-        return Beside(low, kappa, away, ends)
 
 
 def _diagonal(shape: Shape) -> float:

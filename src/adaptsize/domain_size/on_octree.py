@@ -46,17 +46,6 @@ class InnerCells(NamedTuple):
     inside: BoolArray
 
 
-class Beside(NamedTuple):
-    """Larger curvatures of the boundary near the closest points of nodes."""
-
-    nodes: IntArray
-    """Numbers among the nodes of the inner cells."""
-    curvature: FloatArray
-    distance: FloatArray
-    ends: FloatArray
-    """Points of the boundary where these curvatures end."""
-
-
 class Shape(NamedTuple):
     """A domain as seen on an octree."""
 
@@ -71,8 +60,6 @@ class Shape(NamedTuple):
     """The same at the nodes of the octree, inf where the domain is not next to them."""
     curvature: FloatArray
     """Of the closest point of the boundary, at the nodes of the inner cells; nan far from it."""
-    beside: Beside
-    """Larger curvatures at points between the closest points."""
 
 
 def inner_cells(mesh: SimplexMesh, inside: BoolArray) -> InnerCells:
@@ -165,11 +152,8 @@ def _size_of_curvature(shape: Shape, per_radian: float, g: float) -> FloatArray:
     kappa, depth = shape.curvature, shape.nodes.depth[shape.inner.nodes]
     with np.errstate(divide="ignore"):
         size = np.where(kappa > 0.0, 1.0 / (per_radian * kappa), np.inf)
-    beside, own = shape.beside, size.copy()
-    np.minimum.at(size, beside.nodes, 1.0 / (per_radian * beside.curvature) + g * beside.distance)
     known = np.isfinite(size)
     m = _slopes(shape.inner.mesh, np.where(known, size, 0.0), known)
-    m[size < own] = g
     slope = np.where(depth < 0.0, np.sqrt(np.maximum(g**2 - m**2, 0.0)), g)
     return np.where(known, np.maximum(size + slope * depth, _LEAST_SHARE * size), np.inf)
 
@@ -244,12 +228,6 @@ def adapted(shape: Shape, h: FloatArray, hmin: float, request: Request) -> Octre
     least = requested[tree.leaf_corners].min(axis=1)
     with np.errstate(divide="ignore"):  # inf outside
         times = np.ceil(np.log2(edges / (longest * least)))
-    if request.per_radian > 0.0:
-        beside = shape.beside
-        leaf = tree.find_leaves(beside.ends)
-        # There sizes have a jump of the slope, and leaves are no longer than half a size.
-        size = np.maximum(1.0 / (request.per_radian * beside.curvature), hmin)
-        np.maximum.at(times, leaf, np.ceil(np.log2(edges[leaf] / (0.5 * size))))
     times = np.clip(times, 0, 3).astype(np.int64)
     # Shorter leaves hold the tolerance for sizes with any gradient that is usual.
     can = (times == 0) & (edges > 0.2 * least)
@@ -261,8 +239,9 @@ def adapted(shape: Shape, h: FloatArray, hmin: float, request: Request) -> Octre
     finite = np.where(np.isfinite(requested), requested, tree.diagonal)
 
     def within(centres: FloatArray, sizes: FloatArray) -> BoolArray:
-        size = tree.locator.interpolate(finite, centres)[0]
-        depth = tree.locator.interpolate(shape.nodes.depth, centres)[0]
+        nodes, weights, _ = tree.locator.weights(centres)
+        size = (weights * finite[nodes]).sum(axis=1)
+        depth = (weights * shape.nodes.depth[nodes]).sum(axis=1)
         inside = depth > -0.5 * np.linalg.norm(sizes, axis=1)
         return np.asarray(inside & (sizes.max(axis=1) > longest * size))
 
