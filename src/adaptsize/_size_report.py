@@ -124,27 +124,6 @@ class SizeReport:
         return sorted(shares, key=lambda item: -item[1])
 
 
-def nodal_measures(background: SimplexMesh | CartesianGrid | Octree) -> FloatArray:
-    """Return the length, area or volume around each node, of the nodal shape.
-
-    A cell gives the same share to each of its nodes.  Inactive nodes have none.
-    """
-    if isinstance(background, CartesianGrid):
-        measures = np.full(background.shape, float(np.prod(background.spacing)))
-        for d in range(background.dim):
-            ends = np.moveaxis(measures, d, 0)
-            ends[0] *= 0.5
-            ends[-1] *= 0.5
-        if background.active is not None:
-            measures[~background.active] = 0.0
-        return measures
-    mesh = background.mesh if isinstance(background, Octree) else background
-    shares = np.repeat(mesh.measures / mesh.cells.shape[1], mesh.cells.shape[1])
-    measures = np.zeros(mesh.n_points)
-    np.add.at(measures, mesh.cells.ravel(), shares)
-    return measures
-
-
 def measure_dim(background: SimplexMesh | CartesianGrid | Octree) -> int:
     """Return the dimension of the measure of the cells of a background."""
     return background.cell_dim if isinstance(background, SimplexMesh) else background.dim

@@ -9,6 +9,16 @@ from adaptsize.background.simplex import SimplexMesh
 from adaptsize.typing import IntArray
 
 
+def skin_of(mesh: SimplexMesh) -> tuple[SimplexMesh, IntArray]:
+    """Return the boundary of cells of full dimension, or a surface or curve itself, and its nodes.
+
+    The nodes are those of the given mesh.
+    """
+    if mesh.cell_dim == mesh.dim:
+        return mesh.boundary()[:2]
+    return mesh, np.arange(mesh.n_points, dtype=np.int32)
+
+
 def interfaces(mesh: SimplexMesh) -> tuple[SimplexMesh, IntArray] | None:
     """Return the facets between cells of different regions, and tagged ones inside of a region.
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize.background.simplex import SimplexMesh
-from adaptsize.background.topology import are_among, unique_rows
+from adaptsize.background.topology import are_among, rows_among
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 
@@ -126,10 +126,7 @@ def _halves_of_tagged(
     if mesh.tagged_facets is None or mesh.facet_tags is None:
         return None, None
     tagged = np.sort(mesh.tagged_facets, axis=1)
-    _, number = unique_rows(np.concatenate([mesh.edges, tagged]), mesh.n_points)
-    middle_of = np.full(int(number.max(initial=-1)) + 1, -1, np.int32)
-    middle_of[number[: len(mesh.edges)]] = middle
-    new = middle_of[number[len(mesh.edges) :]]
+    new = np.append(middle, np.int32(-1))[rows_among(tagged, mesh.edges)]
     split = new >= 0
     first = np.column_stack([tagged[:, 0], np.where(split, new, tagged[:, 1])])
     second = np.column_stack([new, tagged[:, 1]])[split]
@@ -230,9 +227,8 @@ def bisect_edges(mesh: SimplexMesh, chosen: BoolArray) -> SplitMesh:
 def _edge_numbers(mesh: SimplexMesh, simplices: IntArray) -> IndexArray:
     """Return the row in ``mesh.edges`` of each edge of each simplex, in order of `combinations`."""
     pairs = np.array(list(combinations(range(simplices.shape[1]), 2)))
-    keys = mesh.edges.astype(np.int64) @ np.array([mesh.n_points, 1])  # in increasing order
-    ends = np.sort(simplices[:, pairs], axis=2).astype(np.int64)
-    return np.asarray(np.searchsorted(keys, ends @ np.array([mesh.n_points, 1])))
+    ends = np.sort(simplices[:, pairs], axis=2)
+    return rows_among(ends.reshape(-1, 2), mesh.edges).reshape(ends.shape[:2])
 
 
 def _bisected(simplices: IntArray, middle: IntArray) -> tuple[IntArray, IndexArray]:

@@ -205,14 +205,20 @@ def pairs_of_cells(mesh: SimplexMesh, facets: BoolArray) -> IndexArray:
     return np.column_stack([order[chosen], order[chosen + 1]])
 
 
-def are_among(edges: IntArray, others: IntArray) -> BoolArray:
-    """Return which edges are also rows of ``others``, bool[n]."""
+def rows_among(edges: IntArray, others: IntArray) -> IndexArray:
+    """Return for each edge its row in ``others``, int32[m, 2], -1 if it is none of them."""
     width = 1 + int(max(edges.max(initial=0), others.max(initial=0)))
     keys, known = (rows.astype(np.int64) @ np.array([width, 1]) for rows in (edges, others))
     if len(known) == 0:
-        return np.zeros(len(keys), bool)
-    known.sort()  # np.isin hashes, which takes several times as long for millions of edges
-    return np.asarray(known[np.searchsorted(known, keys).clip(max=len(known) - 1)] == keys)
+        return np.full(len(keys), -1)
+    order = np.argsort(known)  # np.isin hashes, which takes several times as long
+    row = order[np.searchsorted(known[order], keys).clip(max=len(known) - 1)]
+    return np.where(known[row] == keys, row, -1)
+
+
+def are_among(edges: IntArray, others: IntArray) -> BoolArray:
+    """Return which edges are also rows of ``others``, bool[n]."""
+    return np.asarray(rows_among(edges, others) >= 0)
 
 
 def is_tagged(mesh: SimplexMesh) -> BoolArray:

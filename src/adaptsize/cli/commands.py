@@ -82,8 +82,8 @@ def check(console: Console, file: Input, given: Given) -> None:
     with which remesh made the mesh, unless another one is given.
     """
     from adaptsize._formats.provenance import read_provenance
+    from adaptsize.background.interfaces import skin_of
     from adaptsize.quality import check_mesh, size_conformity
-    from adaptsize.quality.boundary import skin_of
     from adaptsize.remeshing.preparation import repair_mesh
 
     original, field = given.pop("original", None), given.pop("field", None)
@@ -103,7 +103,7 @@ def check(console: Console, file: Input, given: Given) -> None:
         size = None if field is None else nodal_field(mesh, field)
         steps.begin("checks")
         found = check_mesh(mesh, original=other, size=size, **given)
-        surface = None if other is None else skin_of(other)
+        surface = None if other is None else skin_of(other)[0]
         conformity = None if size is None else size_conformity(mesh, size, surface=surface)
     console.record(input=str(file), **found.as_dict())
     if conformity is not None:

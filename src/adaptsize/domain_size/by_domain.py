@@ -10,9 +10,10 @@ import numpy as np
 
 from adaptsize._defaults import CORNER_ANGLE
 from adaptsize._size_function import SizeFunction
-from adaptsize._size_report import SizeReport, nodal_measures
+from adaptsize._size_report import SizeReport
 from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
 from adaptsize.background.grid import span_of
+from adaptsize.background.interfaces import skin_of
 from adaptsize.domain_size.on_surface import SurfaceDomain
 from adaptsize.domain_size.request import Bounds, PointBounds, Request
 from adaptsize.geometry.distance.signed_distance import signed_distance
@@ -21,6 +22,7 @@ from adaptsize.geometry.separation import Separation
 from adaptsize.geometry.width import Walls
 from adaptsize.limiting import FastMarching
 from adaptsize.sizes import size_from_curvature, size_from_feature
+from adaptsize.sizes.budget import nodal_measures
 from adaptsize.sizes.curvature import radius_at_curves
 from adaptsize.sizes.feature import width_in_regions
 from adaptsize.typing import BoolArray, FloatArray
@@ -216,7 +218,7 @@ class MeshDomain:
         if disabled or mesh.dim == 1 or mesh.cell_dim < mesh.dim - 1:
             return [], False
         if self._features is None:
-            boundary = mesh if mesh.cell_dim < mesh.dim else mesh.boundary().mesh
+            boundary = skin_of(mesh)[0]
             faces = Faces.of(boundary, request.crease_angle)
             found = Separation(faces, CORNER_ANGLE, Walls.of(faces))
             sampled = found.at_nodes if self.background is None else found.sampled

@@ -10,10 +10,11 @@ import numpy as np
 
 from adaptsize._checks import as_number, as_whole_number, check_type, place_text
 from adaptsize._size_function import SizeFunction
-from adaptsize._size_report import NONE, SizeReport, measure_dim, nodal_measures
+from adaptsize._size_report import NONE, SizeReport, measure_dim
 from adaptsize.background import SimplexMesh
 from adaptsize.domain_size.matrix import system_of
 from adaptsize.domain_size.named_parts import parts_of
+from adaptsize.sizes.budget import nodal_measures
 from adaptsize.typing import FloatArray
 
 

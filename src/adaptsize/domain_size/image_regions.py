@@ -14,6 +14,7 @@ from adaptsize._checks import as_plain_array, describe, refuse_where, warn_calle
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.grid import span_of
 from adaptsize.background.image import Image
+from adaptsize.background.topology import regions_beside
 from adaptsize.errors import InputWarning
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.options import ImageOptions
@@ -368,21 +369,11 @@ def _facets_between(mesh: SimplexMesh, regions: IntArray) -> tuple[IntArray, Int
 
     The second region is -1 at the boundary, and otherwise the larger one.
     """
-    width = mesh.cells.shape[1]
-    faces = np.concatenate([np.delete(mesh.cells, k, axis=1) for k in range(width)])
-    region = np.tile(regions, width)
-    order = np.lexsort(np.sort(faces, axis=1).T)
-    rows = np.sort(faces, axis=1)[order]
-    same = (rows[1:] == rows[:-1]).all(axis=1)
-    first = np.flatnonzero(np.concatenate([[True], ~same]))
-    has_second = np.concatenate([same, [False]])[first]
-    one = region[order[first]]
-    other = np.where(has_second, region[order[np.minimum(first + 1, len(order) - 1)]], -1)
-    kept = ~has_second | (one != other)
-    low = np.where(has_second, np.minimum(one, other), one)
-    high = np.where(has_second, np.maximum(one, other), -1)
-    sides = np.column_stack([low, high])[kept].astype(np.int32)
-    return faces[order[first[kept]]], sides
+    low, high = regions_beside(mesh.cell_facets, regions, len(mesh.facets))
+    is_outer = mesh.facet_cell_counts == 1
+    kept = is_outer | (low != high)
+    sides = np.column_stack([low, np.where(is_outer, -1, high)])[kept].astype(np.int32)
+    return mesh.facets[kept], sides
 
 
 def _borders(corners: FloatArray, mask: Mask) -> LongArray:

@@ -17,6 +17,7 @@ from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import ordered_by_place, reordered
 from adaptsize.background.splitting import SplitMesh, split_edges
+from adaptsize.background.topology import are_among, rows_among
 from adaptsize.domain_size.request import Bounds, PointBounds, Request, bound_at_nodes
 from adaptsize.errors import InputWarning, OpenSurfaceWarning
 from adaptsize.geometry.faces import Faces, folds_of
@@ -200,19 +201,14 @@ class _Marked:
 
     def find(self, edges: IntArray) -> IndexArray:
         """Return for each edge, int32[n, 2], what it lies on, else -1."""
-        width = 1 + int(max(edges.max(initial=0), self.edges.max(initial=0)))
-        keys, known = (rows.astype(np.int64) @ [width, 1] for rows in (edges, self.edges))
-        if len(known) == 0:
-            return np.full(len(keys), -1)
-        order = np.argsort(known)
-        place = order[np.searchsorted(known[order], keys).clip(max=len(known) - 1)]
-        return np.where(known[place] == keys, self.row[place], -1)
+        place = rows_among(edges, self.edges)
+        return np.append(self.row, -1)[place]
 
     def split(self, parents: IntArray, n_points: int) -> _Marked:
         """Return the edges after those in ``parents`` were halved; row k has node n_points + k."""
         found = self.find(parents)
         cut = np.flatnonzero(found >= 0)
-        lost = _Marked(parents[cut], np.zeros(len(cut), np.intp)).find(self.edges) >= 0
+        lost = are_among(self.edges, parents[cut])
         middle = (n_points + cut).astype(np.int32)
         halves = [np.column_stack([parents[cut, end], middle]) for end in (0, 1)]
         return _Marked(

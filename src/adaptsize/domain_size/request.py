@@ -12,7 +12,7 @@ import numpy.typing as npt
 from adaptsize._checks import FARTHEST, as_limits, as_sizes
 from adaptsize._defaults import MAX_ELEMENTS, TOLERANCE
 from adaptsize._progress import silent
-from adaptsize._size_report import NONE, SizeReport, measure_dim, nodal_measures
+from adaptsize._size_report import NONE, SizeReport, measure_dim
 from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
 from adaptsize.domain_size.matrix import as_bytes
 from adaptsize.domain_size.named_parts import as_sizes_of_parts, sizes_of_parts
@@ -21,7 +21,7 @@ from adaptsize.limiting.exact import limit_points
 from adaptsize.limiting.info import LimitingInfo
 from adaptsize.options import BudgetOptions, SizeFunctionOptions
 from adaptsize.sizes import PointSource, size_from_sources
-from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE
+from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, nodal_measures
 from adaptsize.sizes.curvature import size_of_chords
 from adaptsize.sizes.sources import as_sources
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback

@@ -16,7 +16,7 @@ from adaptsize._kernels.trees import Tree
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import tree_over
-from adaptsize.background.topology import unique_rows
+from adaptsize.background.topology import rows_among
 from adaptsize.geometry.faces import ANGLE_SLACK, Faces, Lists, sorted_by_place
 from adaptsize.geometry.width import Walls, check_boundary
 from adaptsize.typing import FloatArray, IndexArray, IntArray, ProgressCallback
@@ -280,10 +280,7 @@ class Separation:
         faces, mesh = self.faces, self.faces.mesh
         if faces.features.shape[1] == 1:
             return Lists.of(np.empty(0, np.int64), np.empty(0, np.int64), len(faces.features))
-        number = unique_rows(np.concatenate([mesh.edges, faces.features]), mesh.n_points)[1]
-        row = np.full(len(mesh.edges), -1)
-        row[number[len(mesh.edges) :]] = np.arange(len(faces.features))
-        of_cells = row[number[mesh.cell_facets]]
+        of_cells = rows_among(mesh.edges, faces.features)[mesh.cell_facets]
         cell, column = np.nonzero(of_cells >= 0)
         return Lists.of(of_cells[cell, column], cell, len(faces.features))
 

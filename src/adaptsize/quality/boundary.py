@@ -44,11 +44,6 @@ class Topology(NamedTuple):
         return f"{self.n_components} component(s) with Euler number {self.euler_number}"
 
 
-def skin_of(mesh: SimplexMesh) -> SimplexMesh:
-    """Return the boundary of cells of full dimension; a surface or curve itself."""
-    return mesh.boundary().mesh if mesh.cell_dim == mesh.dim else mesh
-
-
 def interface_distances(mesh: SimplexMesh, original: SimplexMesh) -> list[Distances]:
     """Return the distances of the interfaces of two meshes from each other, in both directions.
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from adaptsize._checks import as_number, as_tolerance, place_text
 from adaptsize.background import SimplexMesh
+from adaptsize.background.interfaces import skin_of
 from adaptsize.background.simplex import as_mesh
 from adaptsize.quality.boundary import (
     Distances,
@@ -17,7 +18,6 @@ from adaptsize.quality.boundary import (
     distances_from,
     interface_distances,
     region_measures,
-    skin_of,
     topology_of,
 )
 from adaptsize.quality.conformity import SizeLike, edge_ratios, inverted_cells, is_in_band
@@ -225,7 +225,7 @@ def _same_domain(
     mesh: SimplexMesh, original: SimplexMesh, tolerance: float, count: int, notes: list[str]
 ) -> Iterator[Demand]:
     """Yield the demands that compare two domains.  What cannot be compared goes to the notes."""
-    skin, old = skin_of(mesh), skin_of(original)
+    skin, old = skin_of(mesh)[0], skin_of(original)[0]
     allowed = tolerance * original.diagonal
     away = [distances_from(old, skin)]
     if old.is_closed:

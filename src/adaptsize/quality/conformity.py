@@ -17,7 +17,7 @@ from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.quality.boundary import distances_from
 from adaptsize.quality.elements import minimum_angles, radius_ratios
 from adaptsize.quality.metric import MetricQuality, metric_quality
-from adaptsize.typing import BoolArray, FloatArray
+from adaptsize.typing import BoolArray, FloatArray, IndexArray
 
 #: Requested edge lengths: a SizeFunction or another callable, one per node, or a number.
 SizeLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
@@ -284,13 +284,10 @@ def _ratio_statistics(ratio: FloatArray) -> RatioStatistics | None:
     return RatioStatistics(len(ratio), q05, q25, q50, q75, q95, mean, share)
 
 
-def _boundary_edges(mesh: SimplexMesh) -> npt.NDArray[np.int64]:
+def _boundary_edges(mesh: SimplexMesh) -> IndexArray:
     """Return the rows of ``mesh.edges`` that lie on boundary facets."""
     facets = mesh.facets[mesh.facet_cell_counts == 1]
-    pairs = topology.edges_of(facets, mesh.n_points).astype(np.int64)
-    # The edges are in lexicographic order, and so are these keys.
-    keys = mesh.edges.astype(np.int64) @ np.array([mesh.n_points, 1])
-    return np.asarray(np.searchsorted(keys, pairs @ np.array([mesh.n_points, 1])))
+    return topology.rows_among(topology.edges_of(facets, mesh.n_points), mesh.edges)
 
 
 def _hausdorff(mesh: SimplexMesh, surface: SimplexMesh) -> float:

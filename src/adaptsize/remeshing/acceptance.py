@@ -11,7 +11,7 @@ import numpy as np
 
 from adaptsize._checks import place_text
 from adaptsize.background import SimplexMesh
-from adaptsize.background.interfaces import interfaces
+from adaptsize.background.interfaces import interfaces, skin_of
 from adaptsize.errors import (
     BackendError,
     BackendTimeoutError,
@@ -20,7 +20,7 @@ from adaptsize.errors import (
     ResolutionWarning,
 )
 from adaptsize.quality import check_mesh
-from adaptsize.quality.boundary import skin_of, topology_of
+from adaptsize.quality.boundary import topology_of
 from adaptsize.quality.certificate import MeshCheck
 from adaptsize.remeshing.protocol import Problem, Task
 from adaptsize.remeshing.registry import available_backends
@@ -44,12 +44,12 @@ def refuse_other_domain(new: SimplexMesh, problem: Problem, backend: str) -> Non
     far = max(0.05 * old.diagonal, 10.0 * problem.tolerance)
     ends = np.stack([[mesh.points.min(axis=0), mesh.points.max(axis=0)] for mesh in (new, old)])
     _refuse_beyond(far, float(np.abs(ends[0] - ends[1]).max()), "bounding box", problem, backend)
-    old_skin = skin_of(old)
+    old_skin = skin_of(old)[0]
     if not old_skin.is_closed:
         return
     # An inner part of a surface may end up inside the volume, hence not the boundary of new.
     lost = _farthest(old_skin.points, new, far)[0]
-    added = _farthest(skin_of(new).points, old_skin, far)[0]
+    added = _farthest(skin_of(new)[0].points, old_skin, far)[0]
     _refuse_beyond(far, max(lost, added), "boundary", problem, backend)
     if old.cell_dim == new.cell_dim == new.dim:
         change = float(new.measures.sum() / old.measures.sum() - 1.0)
@@ -91,7 +91,7 @@ def warn_of_deviation(
     BoundaryWarning
         With the largest distance and its place, or both topologies.
     """
-    old_skin, skin = skin_of(old), skin_of(new)
+    old_skin, skin = skin_of(old)[0], skin_of(new)[0]
     if not old_skin.is_closed:
         return
     # Distances of a boundary over the tolerance that are warned of.  Mmg on a first volume by

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from adaptsize._checks import as_number, check_type
-from adaptsize.background import AnyMesh, SimplexMesh
+from adaptsize.background import AnyMesh, CartesianGrid, Octree, SimplexMesh
 from adaptsize.typing import FloatArray
 
 T = TypeVar("T")
@@ -74,6 +74,27 @@ def mean_density(corner_sizes: FloatArray) -> FloatArray:
         total += product
     # Larger densities of elements are cut, since powers of tiny sizes overflow.
     return np.where(free, 0.0, total * np.maximum(m, 1e300 ** (-1.0 / d)) ** -d)
+
+
+def nodal_measures(background: AnyMesh | CartesianGrid | Octree) -> FloatArray:
+    """Return the length, area or volume around each node, of the nodal shape.
+
+    A cell gives the same share to each of its nodes.  Inactive nodes have none.
+    """
+    if isinstance(background, CartesianGrid):
+        measures = np.full(background.shape, float(np.prod(background.spacing)))
+        for d in range(background.dim):
+            ends = np.moveaxis(measures, d, 0)
+            ends[0] *= 0.5
+            ends[-1] *= 0.5
+        if background.active is not None:
+            measures[~background.active] = 0.0
+        return measures
+    mesh = background.mesh if isinstance(background, Octree) else background
+    shares = np.repeat(mesh.measures / mesh.cells.shape[1], mesh.cells.shape[1])
+    measures = np.zeros(mesh.n_points)
+    np.add.at(measures, mesh.cells.ravel(), shares)
+    return measures
 
 
 def calibration(backend: str | None, cell_dim: int) -> float:

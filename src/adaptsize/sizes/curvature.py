@@ -17,7 +17,7 @@ from adaptsize.background import (
     PartitionedMesh,
     SimplexMesh,
 )
-from adaptsize.background.interfaces import interfaces
+from adaptsize.background.interfaces import interfaces, skin_of
 from adaptsize.background.merging import ordered_by_place
 from adaptsize.background.migration import whole_boundary
 from adaptsize.background.simplex import as_mesh
@@ -28,7 +28,7 @@ from adaptsize.options import CurvatureOptions, checked, with_options
 from adaptsize.sizes._from_distance import size_from_distance
 from adaptsize.sizes._on_grid import nodes_near
 from adaptsize.sizes.combine import minimum
-from adaptsize.typing import FloatArray, IntArray, Unpack
+from adaptsize.typing import FloatArray, Unpack
 
 # A folded or noisy spot must not require more than 10^6 elements along the part.
 _SMALLEST_SHARE = 1e-6
@@ -151,7 +151,9 @@ def size_from_curvature(
     if boundary is None:
         if not isinstance(background, SimplexMesh):
             raise ValueError(f"boundary must be given, as there is none in {background!r}")
-        source, nodes = _own_boundary(background)
+        if background.dim == 1:
+            raise ValueError(f"background must lie in 2-D or 3-D, got {background!r}")
+        source, nodes = skin_of(background)
         kappa[nodes] = _nodal_curvature(source, given)
     else:
         source = boundary
@@ -177,16 +179,6 @@ def _in_parts(
     row = outer.rows(part)
     h0 = np.where(row >= 0, found[row], np.inf)
     return minimum(h0, hmin=options.get("hmin"), hmax=options.get("hmax"))
-
-
-def _own_boundary(background: SimplexMesh) -> tuple[SimplexMesh, IntArray]:
-    """Return the part of a mesh whose curvature is used, and its nodes in the mesh."""
-    if background.dim == 1:
-        raise ValueError(f"background must lie in 2-D or 3-D, got {background!r}")
-    if background.cell_dim == background.dim:
-        boundary = background.boundary()
-        return boundary.mesh, boundary.nodes
-    return background, np.arange(background.n_points, dtype=np.int32)
 
 
 def _nodal_curvature(mesh: SimplexMesh, given: CurvatureOptions) -> FloatArray:
@@ -282,13 +274,10 @@ def radius_at_curves(mesh: SimplexMesh, crease_angle: float = CREASE_ANGLE) -> F
     """
     if mesh.dim == 1:
         return np.full(mesh.n_points, np.inf)
-    parts: list[tuple[SimplexMesh, IntArray]] = []
-    if mesh.cell_dim == mesh.dim:
-        parts = [mesh.boundary()[:2]] if not mesh.is_closed else []
-        inner = interfaces(mesh)
-        parts += [inner] if inner is not None else []
-    else:
-        parts = [(mesh, np.arange(mesh.n_points, dtype=np.int32))]
+    is_volume = mesh.cell_dim == mesh.dim
+    parts = [] if is_volume and mesh.is_closed else [skin_of(mesh)]
+    inner = interfaces(mesh) if is_volume else None
+    parts += [inner] if inner is not None else []
     radius = np.full(mesh.n_points, np.inf)
     for facets, nodes in parts:
         found = size_from_curvature(facets, elements_per_radian=1.0, crease_angle=crease_angle)

@@ -13,7 +13,14 @@ from adaptsize.background import AnyMesh, PartitionedMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.limiting import limit_gradient
 from adaptsize.options import ErrorOptions, HessianOptions, ScaleOptions, checked, with_options
-from adaptsize.sizes.budget import as_goal, calibration, count_elements, present_sizes, scale_to
+from adaptsize.sizes.budget import (
+    as_goal,
+    calibration,
+    count_elements,
+    nodal_measures,
+    present_sizes,
+    scale_to,
+)
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.recovery import as_nodal_field, second_derivatives
 from adaptsize.typing import FloatArray, Unpack
@@ -265,7 +272,7 @@ def _scaled_by_derivative(mesh: AnyMesh, steepest: FloatArray, given: HessianOpt
     if goal == "tolerance":
         share = 1.0
         if not math.isinf(q):
-            own = float((_nodal_measures(mesh) * steepest ** (exponent * d)).sum())
+            own = float((nodal_measures(mesh) * steepest ** (exponent * d)).sum())
             share = mesh.ranks.allreduce(own, "sum") ** (1.0 / q)
         return sizes(math.sqrt(2.0 * wanted / share) if share > 0.0 else 1.0)
     largest = mesh.ranks.allreduce(float(shape[np.isfinite(shape)].max(initial=0.0)), "max")
@@ -297,15 +304,9 @@ def _finishing(mesh: AnyMesh, given: ScaleOptions) -> Finish:
 def _nodal_sizes(mesh: AnyMesh, size: FloatArray) -> FloatArray:
     """Return nodal sizes with the same number of elements as cell sizes, averaged by density."""
     d = mesh.cell_dim
-    volume = mesh.shared.merge(_nodal_measures(mesh), np.add)
+    volume = mesh.shared.merge(nodal_measures(mesh), np.add)
     with np.errstate(divide="ignore", invalid="ignore"):
         number = np.where(mesh.measures > 0.0, mesh.measures * size**-d, 0.0) / (d + 1)
         counts = np.bincount(mesh.cells.ravel(), np.repeat(number, d + 1), mesh.n_points)
         nodal = mesh.shared.merge(counts.astype(np.float64), np.add)
         return np.asarray(np.where(nodal > 0.0, volume / nodal, np.inf) ** (1.0 / d))
-
-
-def _nodal_measures(mesh: AnyMesh) -> FloatArray:
-    """Return the share of each node in the measures of its cells, with the same total."""
-    share = np.repeat(mesh.measures / (mesh.cell_dim + 1), mesh.cell_dim + 1)
-    return np.bincount(mesh.cells.ravel(), share, mesh.n_points).astype(np.float64)

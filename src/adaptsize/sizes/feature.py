@@ -16,6 +16,7 @@ from adaptsize.background import (
     PartitionedMesh,
     SimplexMesh,
 )
+from adaptsize.background.interfaces import skin_of
 from adaptsize.background.migration import whole_boundary
 from adaptsize.background.simplex import as_mesh
 from adaptsize.geometry.distance.closest_points import DistanceFunction
@@ -203,9 +204,7 @@ def own_boundary(background: SimplexMesh) -> tuple[SimplexMesh, IntArray]:
             "background must be a volume, or the boundary of one, in 2-D or 3-D, "
             f"got {background!r}"
         )
-    if background.cell_dim == background.dim:
-        return background.boundary()[:2]
-    return background, np.arange(background.n_points, dtype=np.int32)
+    return skin_of(background)
 
 
 def _width_of(boundary: SimplexMesh, crease_angle: float, corner_angle: float) -> Width:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_near_points, as_points, describe
 from adaptsize.background import SimplexMesh
+from adaptsize.background.interfaces import skin_of
 from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.geometry.distance.winding import WindingNumber, is_cycle
 from adaptsize.typing import BoolArray, FloatArray
@@ -56,9 +57,7 @@ class SignedDistance:
         if not isinstance(boundary, SimplexMesh):
             self._polygons = _polygons(boundary)
             boundary = _segments(self._polygons)
-        elif boundary.cell_dim == boundary.dim:
-            boundary = boundary.boundary().mesh
-        self._mesh = boundary
+        self._mesh = skin_of(boundary)[0]
 
     @property
     def mesh(self) -> SimplexMesh:
