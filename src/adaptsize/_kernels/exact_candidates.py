@@ -13,7 +13,7 @@ import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.exact import FLAT, fill_values
-from adaptsize._kernels.local_updates import SPACE, distance
+from adaptsize._kernels.local_updates import distance
 from adaptsize._kernels.vectors import between, cross, dot, norm, without
 
 # Gradients below g by less than this are treated as steep, so that rounding loses no source.
@@ -222,7 +222,7 @@ def _angle_to(slope, across):
 
 
 @lean_kernel
-def list_edges(points, axes, cells, steep, h0, h, g, edges):
+def list_edges(points, axes, cells, steep, h0, h, g, rows):
     """List the edges of steep cells that may be sources, once for each such cell.
 
     An edge is out if h0 is as steep as g along it, or if what grows from its ends at their sizes
@@ -240,8 +240,8 @@ def list_edges(points, axes, cells, steep, h0, h, g, edges):
         As in `mark_steep`.
     h : float64[n]
         Sizes that are reached, at most h0.
-    edges : int32[e, 5]
-        Out: i < j, ``allows``, a sum of 1 and 2, and the other nodes of the cell; as many as there
+    rows : int32[e, dim + 1]
+        Out: the nodes of each, padded with -1, and ``allows``, a sum of 1 and 2; as many as there
         is room for.
 
     Returns
@@ -257,7 +257,6 @@ def list_edges(points, axes, cells, steep, h0, h, g, edges):
         for v in range(dim + 1):
             for w in range(v):
                 i, j = np.int64(cells[c, v]), np.int64(cells[c, w])
-                i, j = min(i, j), max(i, j)
                 if not (h0[i] < math.inf and h0[j] < math.inf):
                     continue
                 length = distance(points, axes, i, j)
@@ -283,80 +282,20 @@ def list_edges(points, axes, cells, steep, h0, h, g, edges):
                     width = abs(_turn_about(points, i, j, cells[c, p], cells[c, q]))
                     taken = _angle_to(slope_p, across) + _angle_to(slope_q, across)
                     allows += 2 if taken <= width + _ROUNDING else 0
-                if count < edges.shape[0]:
-                    edges[count, 0], edges[count, 1], edges[count, 2] = i, j, allows
-                    edges[count, 3], edges[count, 4] = cells[c, p], cells[c, q]
+                if count < rows.shape[0]:
+                    rows[count, dim - 1] = -1
+                    rows[count, 0], rows[count, 1], rows[count, dim] = i, j, allows
                 count += 1
     return count
 
 
 @lean_kernel
-def mark_blocked(points, rows, first, h0, g, angle, limit, blocked):
-    """Mark edges in space that h0 leaves in no direction at the rate g.
-
-    A size that grows from an edge leaves it in a direction w across the edge, |w| = 1, at the
-    rate r (see `list_edges`).  In a face at the edge, in direction f, h0 must not fall below it:
-
-        r w.f <= slope of h0 along f.
-
-    Each face so excludes an arc of directions around f.  If any direction is left, so is an end of
-    an arc.
-
-    Parameters
-    ----------
-    points : float64[n, 3]
-    rows : int32[r, 5]
-        As from `list_edges`, those of one edge together.
-    first : int64[e + 1]
-        The rows of edge k are ``first[k]`` to ``first[k + 1] - 1``.
-    h0 : float64[n]
-    g : float64
-    angle, limit : float64[k]
-        Scratch; k is twice the largest number of rows of an edge.
-    blocked : bool[e]
-        Out.
-    """
-    axes = SPACE
-    for k in range(blocked.shape[0]):
-        i, j = np.int64(rows[first[k], 0]), np.int64(rows[first[k], 1])
-        length = distance(points, axes, i, j)
-        across = math.sqrt(max(0.0, g * g - ((h0[j] - h0[i]) / length) ** 2))
-        blocked[k] = False
-        if across == 0.0:
-            continue
-        n = 0
-        start = rows[first[k], 3]
-        for r in range(first[k], first[k + 1]):
-            for side in range(2):
-                other = rows[r, 3 + side]
-                slope = _rise_from_edge(points, axes, i, j, other, h0) / across
-                if slope < 1.0:
-                    angle[n], limit[n] = _turn_about(points, i, j, start, other), slope
-                    n += 1
-        blocked[k] = n > 0
-        for a in range(n):
-            if limit[a] < -1.0:
-                break
-            half = math.acos(limit[a])
-            for sign in (-1.0, 1.0):
-                at = angle[a] + sign * half
-                free = True
-                for b in range(n):
-                    if math.cos(at - angle[b]) > limit[b] + _ROUNDING:
-                        free = False
-                        break
-                if free:
-                    blocked[k] = False
-
-
-@lean_kernel
-def list_faces(points, axes, cells, steep, h0, h, g, faces):
+def list_faces(points, axes, cells, steep, h0, h, g, rows):
     """List the faces of steep tetrahedra that may be sources, once for each such cell.
 
     As `list_edges` in space, but a face is out if every point of it has a vertex from which a size
     below all its bounds grows: no point is farther from all vertices than the longest edge over
-    sqrt(3).  ``faces`` is int32[f, 5], three nodes in ascending order, ``allows``
-    and the other node of the cell.
+    sqrt(3).
     """
     count = 0
     for c in range(cells.shape[0]):
@@ -364,12 +303,6 @@ def list_faces(points, axes, cells, steep, h0, h, g, faces):
             continue
         for v in range(4):
             i, j, k = cells[c, (v + 1) % 4], cells[c, (v + 2) % 4], cells[c, (v + 3) % 4]
-            if i > j:
-                i, j = j, i
-            if j > k:
-                j, k = k, j
-            if i > j:
-                i, j = j, i
             if not (h0[i] < math.inf and h0[j] < math.inf and h0[k] < math.inf):
                 continue
             o = cells[c, v]
@@ -394,8 +327,7 @@ def list_faces(points, axes, cells, steep, h0, h, g, faces):
                 slope = (h0[o] - h0[i] - p1 * r1 - p2 * r2) / math.sqrt(height2) + _ROUNDING * g
             across = math.sqrt(across2)
             allows = (1 if slope >= -across else 0) + (2 if slope >= across else 0)
-            if count < faces.shape[0]:
-                faces[count, 0], faces[count, 1], faces[count, 2] = i, j, k
-                faces[count, 3], faces[count, 4] = allows, o
+            if count < rows.shape[0]:
+                rows[count, 0], rows[count, 1], rows[count, 2], rows[count, 3] = i, j, k, allows
             count += 1
     return count

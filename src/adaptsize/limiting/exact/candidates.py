@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -36,22 +36,6 @@ class Extra(NamedTuple):
     """int32[k]: numbers that follow those of the nodes."""
 
 
-class Kinks(NamedTuple):
-    """Edges and faces at which bounds have a kink, once for each of their cells."""
-
-    edges: IntArray
-    """int32[r, 5], as from `kernels.list_edges`."""
-    faces: IntArray
-    """int32[s, 5], as from `kernels.list_faces`."""
-    points: FloatArray
-    """float64[n, dim]: the nodes of all these cells."""
-    h0: FloatArray
-
-
-#: Returns the rows of other processes, too, with their nodes added at the end.
-MergeRows: TypeAlias = Callable[[Kinks], Kinks]
-
-
 class Component(NamedTuple):
     """A component of the domain with bounds."""
 
@@ -75,8 +59,8 @@ class Component(NamedTuple):
     on which sources are found to be unnecessary, bit for bit, and neither does it depend on
     whether all other sources are known, as they are not on one of many processes.
     """
-    merge: MergeRows | None = None
-    """Adds what other processes know about edges and faces; None on a single one."""
+    merge: Callable[[IntArray], IntArray] | None = None
+    """Adds the rows of other processes to those of `kernels.list_edges`; None on a single one."""
     at_any_price: bool = True
     """As in `Problem`."""
 
@@ -124,27 +108,14 @@ def sources_on_cells(
     faces that these dominate are left out.
     """
     mesh, h0 = component.mesh, component.h0
-    given = (
-        mesh.points,
-        (0,) * mesh.dim,
-        component.cells,
-        steep,
-        h0,
-        h + component.margin,
-        component.g,
-    )
-    rows = Kinks(_listed(kernels.list_edges, given), np.empty((0, 5), np.int32), mesh.points, h0)
+    h = h + component.margin
+    given = (mesh.points, (0,) * mesh.dim, component.cells, steep, h0, h, component.g)
+    rows = _listed(kernels.list_edges, given)
     if mesh.dim == 3:
-        rows = rows._replace(faces=_listed(kernels.list_faces, given))
+        rows = np.concatenate([rows, _listed(kernels.list_faces, given)])
     if component.merge is not None:
         rows = component.merge(rows)
-    parts = [_chosen(rows.edges, 2, rows, component.g)]
-    if mesh.dim == 3:
-        parts.append(_chosen(rows.faces, 3, rows, component.g))
-    named = np.full((sum(map(len, parts)), mesh.dim), -1, np.int32)
-    named[: len(parts[0]), :2] = parts[0]
-    if mesh.dim == 3:
-        named[len(parts[0]) :] = parts[1]
+    named = _chosen(rows, mesh.n_points)
     if found is not None:
         named = _undominated(component, named, h, *found)
     return entries_at(mesh.points, h0, named) if len(named) else None
@@ -192,7 +163,7 @@ def _listed(kernel, given) -> IntArray:  # type: ignore[no-untyped-def]
     """Return the edges or faces that a kernel lists."""
     room = 2 * int(np.count_nonzero(given[3]))  # more is needed where most steep cells have kinks
     while True:
-        rows = np.empty((room, 5), np.int32)
+        rows = np.empty((room, given[0].shape[1] + 1), np.int32)
         count = kernel(*given, rows)
         if count <= room:
             break
@@ -200,21 +171,16 @@ def _listed(kernel, given) -> IntArray:  # type: ignore[no-untyped-def]
     return rows[:count]
 
 
-def _chosen(rows: IntArray, width: int, listed: Kinks, g: float) -> IntArray:
-    """Return the edges or faces that may be sources in all their cells."""
-    if len(rows) == 0:
-        return rows[:, :width]
-    points, h0 = listed.points, listed.h0
-    unique, group = unique_rows(rows[:, :width], len(points))
-    allows = rows[:, width]
-    kept = np.bincount(group, weights=allows & 1 == 0) == 0
-    kept &= np.bincount(group, weights=allows & 2 > 0) > 0
-    if width == 2 and points.shape[1] == 3:
-        rows = rows[np.argsort(group, kind="stable")]
-        first = np.concatenate([[0], np.cumsum(np.bincount(group))])
-        blocked = np.empty(len(unique), np.bool_)
-        arcs = np.empty((2, 2 * int(np.diff(first).max(initial=0))))
-        kernels.mark_blocked(points, rows, first, h0, g, arcs[0], arcs[1], blocked)
-        kept &= ~blocked
-    chosen: IntArray = unique[kept]
-    return chosen
+def _chosen(rows: IntArray, n_points: int) -> IntArray:
+    """Return the edges and faces that may be sources in all their cells."""
+    dim = rows.shape[1] - 1
+    parts = []
+    for width in range(2, dim + 1):
+        own = rows[(rows[:, dim - 1] >= 0) == (width == dim)]
+        unique, group = unique_rows(own[:, :width], n_points)
+        allows = own[:, dim]
+        kept = np.bincount(group, weights=allows & 1 == 0) == 0
+        kept &= np.bincount(group, weights=allows & 2 > 0) > 0
+        parts.append(np.full((int(kept.sum()), dim), -1, np.int32))
+        parts[-1][:, :width] = unique[kept]
+    return np.concatenate(parts)
