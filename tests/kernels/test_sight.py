@@ -18,7 +18,7 @@ point = st.tuples(coordinate, coordinate)
 
 
 class Rays(NamedTuple):
-    feet: np.ndarray
+    origins: np.ndarray
     sides: np.ndarray
     which: np.ndarray
     stack: np.ndarray
@@ -53,12 +53,12 @@ def as_walls(segments):
     return Sight(ends, boxes, np.zeros(1, np.int32), np.zeros((0, 5)), SLACK)
 
 
-def visible(walls, x, feet, cached=None):
-    """Return which of the points are left that see their feet."""
+def visible(walls, x, origins, cached=None):
+    """Return which of the points are left that see their origins."""
     n = len(x)
     which, sides = np.arange(n), np.full(n, LEFT + RIGHT)
     cached = np.full(CACHED, -1) if cached is None else cached
-    places = [np.array(rows, float).reshape(n, 2).T.copy() for rows in (x, feet)]
+    places = [np.array(rows, float).reshape(n, 2).T.copy() for rows in (x, origins)]
     rays = Rays(places[1], sides, which, np.empty(DEPTH, np.int64), np.empty(8), cached)
     m = without_hidden(walls, places[0], rays, n)
     return which[:m].tolist()

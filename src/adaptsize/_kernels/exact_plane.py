@@ -69,7 +69,7 @@ def _may_serve(table, k, axes, box, g, worst, slack, edges):
 def _try_entry(table, k, axes, count, worst, g, sight, edges, block, rays):
     """Lower the sizes h of the points of a block that see entry k; return the largest size."""
     x, h, values, which = block.x, block.h, block.values, rays.which
-    feet, sides, rows = rays.feet, rays.sides, rays.rows
+    origins, sides, rows = rays.origins, rays.sides, rays.rows
     fill_values(table, k, axes, x, count, g, values, block.share, edges, None)
     # A corner does not lower itself.
     least = table[k, 4] if table[k, CORNER] > 0.0 else -math.inf
@@ -84,17 +84,17 @@ def _try_entry(table, k, axes, count, worst, g, sight, edges, block, rays):
         if edges is not None and table[k, 5] < math.inf:
             fx += block.share[i] * (table[k, 2] - fx)
             fy += block.share[i] * (table[k, 3] - fy)
-        way = (x[0, i] - fx, x[1, i] - fy)
-        side = side_in_cone(cone, way, sight.slack)
+        direction = (x[0, i] - fx, x[1, i] - fy)
+        side = side_in_cone(cone, direction, sight.slack)
         if side == 0:
             continue
         if rows[i] >= 0:
-            side = common_sides(sight, row, side, rows[i], way)
+            side = common_sides(sight, row, side, rows[i], direction)
             if side == 0:
                 continue
         else:
             side = LEFT + RIGHT
-        feet[0, i], feet[1, i], sides[i], which[m] = fx, fy, turned(side), i
+        origins[0, i], origins[1, i], sides[i], which[m] = fx, fy, turned(side), i
         m += 1
     if m > 0:
         m = without_hidden(sight, x, rays, m)

@@ -10,7 +10,7 @@ turned, the *image*, and s and d those of x, the path is not shorter than
     ((s - f)^2 + (d + r)^2)^(1/2),  and bends at  t = (f d + s r) / (d + r).
 
 The length is this one if all edges of the chain are in one plane pairwise; otherwise the bends
-are improved by Newton's method.  Sizes are computed from the actual pieces of the path, each of
+are improved in turn.  Sizes are computed from the actual pieces of the path, each of
 which is tested for visibility (space_sight.py); no size is too small.
 """
 
@@ -34,16 +34,16 @@ _SLACK = 1.0 - 1e-12
 
 
 @lean
-def _estimate(ways, w, x, count, g, slack, values):
+def _estimate(paths, w, x, count, g, slack, values):
     """Fill lower bounds of the sizes that a path over edges allows, inf where it does not act."""
-    edges, e, f, r = ways.edges, ways.edge[w], ways.image[w, 0], ways.image[w, 1]
+    edges, e, f, r = paths.edges, paths.edge[w], paths.image[w, 0], paths.image[w, 1]
     sx, sy, sz = edges.start[e, 0], edges.start[e, 1], edges.start[e, 2]
     ux, uy, uz = edges.along[e, 0], edges.along[e, 1], edges.along[e, 2]
-    length, offset, skew = edges.length[e], ways.offset[w], ways.skew[w]
-    shade = ways.shade
-    nx, ny, nz = shade[w, 0], shade[w, 1], shade[w, 2]
-    ax, ay, az = shade[w, 3], shade[w, 4], shade[w, 5]
-    bx, by, bz = shade[w, 6], shade[w, 7], shade[w, 8]
+    length, offset, skew = edges.length[e], paths.offset[w], paths.skew[w]
+    sector = paths.sector
+    nx, ny, nz = sector[w, 0], sector[w, 1], sector[w, 2]
+    ax, ay, az = sector[w, 3], sector[w, 4], sector[w, 5]
+    bx, by, bz = sector[w, 6], sector[w, 7], sector[w, 8]
     for i in range(count):  # no branches and no division: this is vectorised
         px, py, pz = x[0, i] - sx, x[1, i] - sy, x[2, i] - sz
         served = nx * px + ny * py + nz * pz <= slack
@@ -63,23 +63,23 @@ def _estimate(ways, w, x, count, g, slack, values):
 
 
 @lean
-def _put_bends(ways, w, feet, level, active, m):
-    """Set the bends feet[level + 1] of path w, on its edge, for the paths to feet[level]."""
-    edges, e, f, r = ways.edges, ways.edge[w], ways.image[w, 0], ways.image[w, 1]
+def _put_bends(paths, w, bends, level, active, m):
+    """Set bends[level + 1] of path w, on its edge, for the paths to bends[level]."""
+    edges, e, f, r = paths.edges, paths.edge[w], paths.image[w, 0], paths.image[w, 1]
     sx, sy, sz = edges.start[e, 0], edges.start[e, 1], edges.start[e, 2]
     ux, uy, uz = edges.along[e, 0], edges.along[e, 1], edges.along[e, 2]
-    length = edges.length[e]
+    length, x = edges.length[e], bends[level]
     for k in range(m):
         i = active[k]
-        px, py, pz = feet[level, 0, i] - sx, feet[level, 1, i] - sy, feet[level, 2, i] - sz
+        px, py, pz = x[0, i] - sx, x[1, i] - sy, x[2, i] - sz
         s = px * ux + py * uy + pz * uz
         px, py, pz = px - s * ux, py - s * uy, pz - s * uz
         d = math.sqrt(px * px + py * py + pz * pz)
         t = (f * d + s * r) / (d + r) if d + r > 0.0 else s
         t = min(max(t, 0.0), length)
-        feet[level + 1, 0, i] = sx + t * ux
-        feet[level + 1, 1, i] = sy + t * uy
-        feet[level + 1, 2, i] = sz + t * uz
+        bends[level + 1, 0, i] = sx + t * ux
+        bends[level + 1, 1, i] = sy + t * uy
+        bends[level + 1, 2, i] = sz + t * uz
 
 
 @lean
@@ -99,17 +99,17 @@ def _allowed(bases, base, work, g):
 
 @lean
 def _put_base(bases, base, level, m, g, faces, block):
-    """Set the points of a base from which feet[level] are reached, and the sizes there.
+    """Set the points of a base from which bends[level] are reached, and the sizes there.
 
     Only the points ``active`` are set.
     """
-    feet, support, starts, work = block.feet, block.support, block.starts, block.work
+    bends, support, starts, work = block.bends, block.support, block.starts, block.work
     count = bases.counts[base]
     if faces is None or count == 1:
         for k in range(m):
             i = block.active[k]
             for d in range(3):
-                feet[level + 1, d, i] = bases.table[base, d]
+                bends[level + 1, d, i] = bases.table[base, d]
             starts[i] = bases.table[base, 9]
             support[0, i], support[1, i], support[2, i] = bases.nodes[base, 0], -1, -1
         return
@@ -119,14 +119,14 @@ def _put_base(bases, base, level, m, g, faces, block):
     for k in range(m):
         i = block.active[k]
         for d in range(3):
-            work[0, d] = feet[level, d, i]
+            work[0, d] = bends[level, d, i]
         value, t, u = _allowed(bases, base, work, g)
         for d in range(3):
             place = work[1, d] + t * (work[2, d] - work[1, d])
             if count == 3:
                 place += u * (work[3, d] - work[1, d])
-            feet[level + 1, d, i] = place
-        starts[i] = value - g * length_between(feet, level, i)
+            bends[level + 1, d, i] = place
+        starts[i] = value - g * length_between(bends, level, i)
         found = 0
         support[1, i] = support[2, i] = -1
         for v in range(count):
@@ -138,60 +138,56 @@ def _put_base(bases, base, level, m, g, faces, block):
 
 
 @lean
-def _lay(ways, w, m, g, faces, stars, block):
+def _lay(paths, w, m, g, faces, stars, block):
     """Construct a path to the points ``active``, and fill ``values`` with the allowed sizes.
 
     A value is inf if a bend is not inside its edge; the path through the node there is a separate
     path.  Returns the number of edges, and the number of points left, without those that the path
     clearly reaches from outside.
     """
-    edges, feet, active = ways.edges, block.feet, block.active
+    edges, bends, active = paths.edges, block.bends, block.active
     chain, starts = block.chain, block.starts
     n, last, zero = np.int64(0), w, np.int64(0)
-    while ways.edge[last] >= 0:
-        _put_bends(ways, last, feet, n, active, m)
-        if n == 0 and not ways.skew[w]:
-            m = without_leaving(stars, block.nodes, (feet, zero, zero + 1), active, m)
+    while paths.edge[last] >= 0:
+        _put_bends(paths, last, bends, n, active, m)
+        if n == 0 and not paths.skew[w]:
+            m = without_leaving(stars, block.nodes, (bends, zero, zero + 1), active, m)
         n += 1
-        chain[n] = ways.edge[last]
-        last = np.int64(ways.parent[last])
-    base = np.int64(ways.base[w])
+        chain[n] = paths.edge[last]
+        last = np.int64(paths.parent[last])
+    base = np.int64(paths.base[w])
     for times in range(2):  # LLVM copies callees for each call
-        if times == 0 or (ways.skew[w] and ways.bases.counts[base] > 1):
-            _put_base(ways.bases, base, n, m, g, faces, block)
-        for k in range(m if times == 0 and ways.skew[w] else 0):
-            i = active[k]
-            # If the base may move later, the length that is found now must not depend on the size.
-            fixed = g > 0.0 and ways.bases.counts[base] == 1
-            longest = (block.sizes[i] - starts[i]) / g if fixed else math.inf
-            straighten(edges, chain, feet, block.work, n, i, longest)
+        if times == 0 or (paths.skew[w] and paths.bases.counts[base] > 1):
+            _put_base(paths.bases, base, n, m, g, faces, block)
+        for k in range(m if times == 0 and paths.skew[w] else 0):
+            straighten(edges, chain, bends, n, active[k])
     for k in range(m):
         i = active[k]
-        block.values[i] = starts[i] + g * length_from(feet, n + 1, i)
+        block.values[i] = starts[i] + g * length_from(bends, n + 1, i)
     for level in range(1, n + 1):
         e = chain[level]
         for k in range(m):
             i = active[k]
             t = 0.0
             for d in range(3):
-                t += (feet[level, d, i] - edges.start[e, d]) * edges.along[e, d]
+                t += (bends[level, d, i] - edges.start[e, d]) * edges.along[e, d]
             if not _END * edges.length[e] < t < (1.0 - _END) * edges.length[e]:
                 block.values[i] = math.inf
     return n, m
 
 
 @lean
-def _without_edge_leaving(edges, e, feet, level, other, active, m):
-    """Remove points from ``active`` whose piece from feet[level], on edge e, starts outside.
+def _without_edge_leaving(edges, e, bends, level, other, active, m):
+    """Remove points from ``active`` whose piece from bends[level], on edge e, starts outside.
 
-    The piece leads to feet[other].  Returns the number of points left.
+    The piece leads to bends[other].  Returns the number of points left.
     """
     left = 0
     for k in range(m):
         i = active[k]
         first = second = square = 0.0
         for d in range(3):
-            step = feet[other, d, i] - feet[level, d, i]
+            step = bends[other, d, i] - bends[level, d, i]
             square += step * step
             first += edges.normals[e, 0, d] * step
             second += edges.normals[e, 1, d] * step
@@ -202,38 +198,38 @@ def _without_edge_leaving(edges, e, feet, level, other, active, m):
 
 
 @lean
-def _without_unseen(ways, w, n, m, sight, block):
+def _without_unseen(paths, w, n, m, sight, block):
     """Remove points from ``active`` if one of the n + 1 pieces of path w is hidden.
 
     Returns the number of points left.
     """
-    feet, active = block.feet, block.active
+    bends, active = block.bends, block.active
     # Calls stand in loops, since LLVM copies the callee for each of them.
-    nodes, first, last, way = block.support, n + 1, n, w
+    nodes, first, last, path = block.support, n + 1, n, w
     for _ in range(2):  # at the base, and at the points
-        m = without_leaving(sight.stars, nodes, (feet, first, last), active, m)
+        m = without_leaving(sight.stars, nodes, (bends, first, last), active, m)
         nodes, first, last = block.nodes, np.int64(0), np.int64(1)
     for level in range(1, n + 1):
         for step in range(-1, 2, 2):
             m = _without_edge_leaving(
-                ways.edges, ways.edge[way], feet, level, level + step, active, m
+                paths.edges, paths.edge[path], bends, level, level + step, active, m
             )
-        way = np.int64(ways.parent[way])
+        path = np.int64(paths.parent[path])
     for level in range(n + 1):
-        m = without_hidden(sight.walls, feet[level], feet[level + 1], m, block)
+        m = without_hidden(sight.walls, bends[level], bends[level + 1], m, block)
     return m
 
 
 @lean
-def _try_way(ways, w, count, sight, g, faces, block):
+def _try_path(paths, w, count, sight, g, faces, block):
     """Lower the points of a block by a path, where all of its pieces are visible."""
-    active, sizes, values, x = block.active, block.sizes, block.values, block.feet[0]
-    if ways.edge[w] >= 0:
-        _estimate(ways, w, x, count, g, sight.walls.slack, values)
+    active, sizes, values, x = block.active, block.sizes, block.values, block.bends[0]
+    if paths.edge[w] >= 0:
+        _estimate(paths, w, x, count, g, sight.walls.slack, values)
     else:
-        base = np.int64(ways.base[w])
-        fill_values(ways.bases.table, base, SPACE, x, count, g, values, values, None, None)
-        if ways.bases.counts[base] > 1:
+        base = np.int64(paths.base[w])
+        fill_values(paths.bases.table, base, SPACE, x, count, g, values, values, None, None)
+        if paths.bases.counts[base] > 1:
             for i in range(count):
                 values[i] = -math.inf
     m = np.int64(0)
@@ -243,35 +239,35 @@ def _try_way(ways, w, count, sight, g, faces, block):
             m += 1
     if m == 0:
         return False
-    n, m = _lay(ways, w, m, g, faces, sight.stars, block)
+    n, m = _lay(paths, w, m, g, faces, sight.stars, block)
     wanted = np.int64(0)  # so that callees are not compiled for a literal, too
     for k in range(m):
         i = active[k]
         # Of several paths with the same size, the first one counts, in whatever order they come.
-        if values[i] < sizes[i] or (values[i] == sizes[i] and w < block.way[i]):
+        if values[i] < sizes[i] or (values[i] == sizes[i] and w < block.path[i]):
             active[wanted] = i
             wanted += 1
     if wanted == 0:
         return False
-    m = _without_unseen(ways, w, n, wanted, sight, block)
+    m = _without_unseen(paths, w, n, wanted, sight, block)
     for k in range(m):
         i = active[k]
-        sizes[i], block.way[i] = values[i], w
+        sizes[i], block.path[i] = values[i], w
         for d in range(3):
-            block.last[d, i] = block.feet[1, d, i]
+            block.last[d, i] = block.bends[1, d, i]
     return m > 0
 
 
 @lean
-def _in_shade(ways, w, box, slack):
+def _in_sector(paths, w, box, slack):
     """Return whether a path may act on a point of a box."""
-    e = ways.edge[w]
+    e = paths.edge[w]
     if e < 0:
         return True
     least = first = second = 0.0
     for d in range(3):
-        low, high = box[d] - ways.edges.start[e, d], box[3 + d] - ways.edges.start[e, d]
-        n, a, b = ways.shade[w, d], ways.shade[w, 3 + d], ways.shade[w, 6 + d]
+        low, high = box[d] - paths.edges.start[e, d], box[3 + d] - paths.edges.start[e, d]
+        n, a, b = paths.sector[w, d], paths.sector[w, 3 + d], paths.sector[w, 6 + d]
         least += n * low if n > 0.0 else n * high
         first += a * high if a > 0.0 else a * low
         second += b * high if b > 0.0 else b * low
@@ -319,7 +315,7 @@ def _first_tries(order, start, count, hints, recent, queue):
 
 
 @lean_kernel
-def lower_by_ways(points, nodes, order, span, ways, choice, hints, sight, g, field, faces, block):
+def lower_by_paths(points, nodes, order, span, paths, choice, hints, sight, g, field, faces, block):
     """Lower the sizes of points to the minimum over paths whose pieces are all visible.
 
     Without hints, the path of each point is the first of those that allow the minimum.
@@ -334,7 +330,7 @@ def lower_by_ways(points, nodes, order, span, ways, choice, hints, sight, g, fie
     span : tuple of int
         First and last index of the part of ``order`` to process, and the points per block, at
         most BLOCK.
-    ways : Ways
+    paths : Paths
     choice : Choice
         The paths to test; if it is empty, only the hints are tested.
     hints : int32[n]
@@ -348,27 +344,27 @@ def lower_by_ways(points, nodes, order, span, ways, choice, hints, sight, g, fie
     block : Block
     """
     stack, queue, recent = block.stack[0], block.queue, block.recent
-    n_ways = choice.ways.shape[0]
+    n_paths = choice.paths.shape[0]
     for start in range(span[0], span[1], span[2]):
         stop = min(start + span[2], span[1])
         count = stop - start
-        gather(points, SPACE, order[start:stop], block.feet[0], block.box)
+        gather(points, SPACE, order[start:stop], block.bends[0], block.box)
         queued = _first_tries(order, start, count, hints, recent, queue)
         for i in range(count):
             p = order[start + i]
-            block.sizes[i], block.way[i], block.nodes[0, i] = field.sizes[p], -1, nodes[p]
-        stack[0], size = 1, 1 if n_ways > 0 else 0
+            block.sizes[i], block.path[i], block.nodes[0, i] = field.sizes[p], -1, nodes[p]
+        stack[0], size = 1, 1 if n_paths > 0 else 0
         while queued > 0 or size > 0:
             if queued > 0:
                 queued -= 1
-                _try_way(ways, queue[queued], count, sight, g, faces, block)
+                _try_path(paths, queue[queued], count, sight, g, faces, block)
                 continue
             size -= 1
             b = stack[size]
             if b < choice.n_leaves:
                 at_near = 0
                 for child in range(2 * b, 2 * b + 2):
-                    promise = _promise(choice.boxes, child, block.feet[0], block.sizes, count, g)
+                    promise = _promise(choice.boxes, child, block.bends[0], block.sizes, count, g)
                     if promise == 0:
                         continue
                     stack[size] = child
@@ -378,14 +374,14 @@ def lower_by_ways(points, nodes, order, span, ways, choice, hints, sight, g, fie
                     size += 1
                 continue
             leaf = b - choice.n_leaves
-            for k in range(leaf * LEAF, min(n_ways, (leaf + 1) * LEAF)):
-                if _in_shade(ways, choice.ways[k], block.box, sight.walls.slack):
-                    queue[queued] = choice.ways[k]
+            for k in range(leaf * LEAF, min(n_paths, (leaf + 1) * LEAF)):
+                if _in_sector(paths, choice.paths[k], block.box, sight.walls.slack):
+                    queue[queued] = choice.paths[k]
                     queued += 1
         for i in range(count):
-            recent[i] = block.way[i] if n_ways > 0 else -1
-            if block.way[i] >= 0:
+            recent[i] = block.path[i] if n_paths > 0 else -1
+            if block.path[i] >= 0:
                 p = order[start + i]
-                field.sizes[p], field.way[p] = block.sizes[i], block.way[i]
+                field.sizes[p], field.path[p] = block.sizes[i], block.path[i]
                 for d in range(3):
                     field.last[p, d] = block.last[d, i]

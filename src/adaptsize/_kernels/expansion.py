@@ -157,14 +157,14 @@ def push_all(heap, nodes, h):
 
 
 @lean
-def _offer(front, root, i, value, way):
+def _offer(front, root, i, value, to_node):
     """Lower the size of node i to a value, and remember that it may be a root then."""
     if not value < front.h[i]:
         return
     front.h[i], front.root[i] = value, root
     k = front.corner[i]
     if k >= 0:
-        front.arrivals[k, 0], front.arrivals[k, 1] = way
+        front.arrivals[k, 0], front.arrivals[k, 1] = to_node
         push_or_decrease(front.heap, np.int64(i), value)
 
 
@@ -216,12 +216,12 @@ def _start(triangles, front, root, size, g, narrow, cone, slack):
 
 
 @lean
-def _is_better(h, v, way, end, size, g, margin):
+def _is_better(h, v, to_node, end, size, g, margin):
     """Return whether a node allows less than the root at one end of a window.
 
-    ``way``: from the root to node v; ``end``: from the root to the end.
+    ``to_node``: from the root to node v; ``end``: from the root to the end.
     """
-    from_node = math.sqrt((end[0] - way[0]) ** 2 + (end[1] - way[1]) ** 2)
+    from_node = math.sqrt((end[0] - to_node[0]) ** 2 + (end[1] - to_node[1]) ** 2)
     from_root = math.sqrt(end[0] * end[0] + end[1] * end[1])
     return size + g * from_root > h[v] + g * from_node + margin
 
@@ -257,9 +257,9 @@ def _flood(triangles, front, root, size, top, g, slack, margin):
             continue
         if _is_better(h, j, to_j, (near * right[0], near * right[1]), size, g, margin):
             continue
-        way = (points[k, 0] - x, points[k, 1] - y)
-        after, before = _turn(right, way), _turn(way, left)
-        value = size + g * math.sqrt(way[0] * way[0] + way[1] * way[1])
+        to_node = (points[k, 0] - x, points[k, 1] - y)
+        after, before = _turn(right, to_node), _turn(to_node, left)
+        value = size + g * math.sqrt(to_node[0] * to_node[0] + to_node[1] * to_node[1])
         if value < h[k]:
             inside = min(after, before) >= 0.0
             if not inside:
@@ -267,18 +267,18 @@ def _flood(triangles, front, root, size, top, g, slack, margin):
                     right[0] * right[0] + right[1] * right[1]
                 ) and before >= -slack * math.sqrt(left[0] * left[0] + left[1] * left[1])
             if inside:
-                _offer(front, root, k, value, way)
+                _offer(front, root, k, value, to_node)
         behind_j, behind_i = beyond[3 * t + (v + 1) % 3], beyond[3 * t + (v + 2) % 3]
         if after > 0.0 and before > 0.0:
-            top = _push(front, top, behind_j, right, way)
-            top = _push(front, top, behind_i, way, left)
+            top = _push(front, top, behind_j, right, to_node)
+            top = _push(front, top, behind_i, to_node, left)
             continue
         # All of the window leaves through one edge, and another window may do so, too.
         to_right = after > 0.0
         if to_right:
-            out, shares = behind_j, left == to_j and _turn(to_j, way) > 0.0
+            out, shares = behind_j, left == to_j and _turn(to_j, to_node) > 0.0
         else:
-            out, shares = behind_i, right == to_i and _turn(way, to_i) > 0.0
+            out, shares = behind_i, right == to_i and _turn(to_node, to_i) > 0.0
         if shares and out >= 0:
             if waiting[t] < 0:
                 waiting[t], queue[tail] = out, t

@@ -66,7 +66,7 @@ class Rays(NamedTuple):
 
     Parameters
     ----------
-    feet : float64[2, BLOCK]
+    origins : float64[2, BLOCK]
         From where each point is to be seen.
     rows : int64[BLOCK]
         Rows of the points in the sectors, -1 inside.
@@ -82,7 +82,7 @@ class Rays(NamedTuple):
         Entries that lowered sizes in the last block, -1 for none.
     """
 
-    feet: np.ndarray
+    origins: np.ndarray
     rows: np.ndarray
     sides: np.ndarray
     which: np.ndarray
@@ -107,13 +107,13 @@ def new_rays() -> Rays:
 
 
 @lean
-def side_in_cone(cone, way, slack):
+def side_in_cone(cone, direction, slack):
     """Return how a vector begins in a cone: a sum of bits.
 
     0: outside by more than ``slack``; `LEFT` (`RIGHT`): along a side of the cone, which is to the
     left (right); both: inside.
     """
-    (sx, sy, ex, ey, kind), (dx, dy) = cone, way
+    (sx, sy, ex, ey, kind), (dx, dy) = cone, direction
     if kind == ANY:
         return LEFT + RIGHT
     after_start, before_end = sx * dy - sy * dx, dx * ey - dy * ex
@@ -129,13 +129,13 @@ def side_in_cone(cone, way, slack):
 
 
 @lean
-def in_sectors(sight, row, way):
+def in_sectors(sight, row, direction):
     """Return how a vector begins in the sectors of a boundary node."""
     code = 0
     cones = sight.sectors
     for k in range(sight.first[row], sight.first[row + 1]):
         cone = (cones[k, 0], cones[k, 1], cones[k, 2], cones[k, 3], cones[k, 4])
-        code |= side_in_cone(cone, way, sight.slack)
+        code |= side_in_cone(cone, direction, sight.slack)
     return code
 
 
@@ -146,17 +146,17 @@ def turned(code):
 
 
 @lean
-def common_sides(sight, row, code, end_row, way):
+def common_sides(sight, row, code, end_row, direction):
     """Return the sides on which a line that begins as in ``code`` ends at a boundary node; 0: none.
 
     ``row``: that of the boundary node at which the line begins, -1 if it is none.  A line along a
     slit is in the domain on both of its sides, but these are no neighbours.
     """
     if row >= 0:
-        if way[0] * way[0] + way[1] * way[1] <= sight.slack * sight.slack:
+        if direction[0] * direction[0] + direction[1] * direction[1] <= sight.slack * sight.slack:
             return LEFT + RIGHT if row == end_row else 0
-        code = in_sectors(sight, row, way)
-    return code & turned(in_sectors(sight, end_row, (-way[0], -way[1])))
+        code = in_sectors(sight, row, direction)
+    return code & turned(in_sectors(sight, end_row, (-direction[0], -direction[1])))
 
 
 @lean
@@ -205,12 +205,12 @@ def _is_on_both_sides(ends, w, shaft, slack):
 
 @lean
 def _without_crossing(sight, w, x, rays, m):
-    """Remove points from ``which`` that wall w hides from their feet; return the number left."""
-    feet, which, left = rays.feet, rays.which, 0
+    """Remove points from ``which`` that wall w hides from their origins; return the number left."""
+    origins, which, left = rays.origins, rays.which, 0
     for a in range(m):
         i = which[a]
-        at, foot = (x[0, i], x[1, i]), (feet[0, i], feet[1, i])
-        if not hides(sight.ends[w], at, foot, rays.sides[i], sight.slack):
+        at, origin = (x[0, i], x[1, i]), (origins[0, i], origins[1, i])
+        if not hides(sight.ends[w], at, origin, rays.sides[i], sight.slack):
             which[left] = i
             left += 1
     return left
@@ -218,7 +218,7 @@ def _without_crossing(sight, w, x, rays, m):
 
 @lean
 def without_hidden(sight, x, rays, m):
-    """Remove points from ``which`` that are hidden from their feet; return the number left.
+    """Remove points from ``which`` that are hidden from their origins; return the number left.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def without_hidden(sight, x, rays, m):
             m = _without_crossing(sight, cached[c], x, rays, m)
     if m == 0:
         return m
-    set_shaft(x, rays.feet, rays.which, m, PLANE, sight.slack, rays.shaft)
+    set_shaft(x, rays.origins, rays.which, m, PLANE, sight.slack, rays.shaft)
     rays.stack[0], height = 1, np.int64(1)
     while height > 0:
         leaf, height = leaf_in_shaft(sight.boxes, rays.stack, height, (rays.shaft, PLANE))
@@ -285,19 +285,19 @@ def sees(view, begin, end):
     node.
     """
     (x, i, from_node), (y, j, to_node) = begin, end
-    way = (y[j, 0] - x[i, 0], y[j, 1] - x[i, 1])
+    direction = (y[j, 0] - x[i, 0], y[j, 1] - x[i, 1])
     sight, row, end_row = view.sight, view.rows[from_node], view.rows[to_node]
     side = LEFT + RIGHT
     if end_row >= 0:
-        side = common_sides(sight, row, side, end_row, way)
+        side = common_sides(sight, row, side, end_row, direction)
         if side == 0:
             return False
-    elif row >= 0 and in_sectors(sight, row, way) == 0:
+    elif row >= 0 and in_sectors(sight, row, direction) == 0:
         return False
     rays = view.rays
     for d in range(2):
-        rays.feet[d, 0], view.end[d, 0] = x[i, d], y[j, d]
-    # As without_hidden expects them: sides of the lines from points to feet.
+        rays.origins[d, 0], view.end[d, 0] = x[i, d], y[j, d]
+    # As without_hidden expects them: sides of the lines from points to origins.
     rays.sides[0], rays.which[0] = turned(side), 0
     return without_hidden(sight, view.end, rays, np.int64(1)) == 1
 

@@ -1,6 +1,6 @@
 """Paths over reflex edges in space: data, scratch for the search (see exact_space.py), and lengths.
 
-The shortest path over a chain of straight edges is found by Newton's method.
+The shortest path over a chain of straight edges is found by moving one bend after the other.
 """
 
 import math
@@ -15,6 +15,9 @@ from adaptsize._kernels.trees import DEPTH
 
 #: Largest number of edges of a path.
 LONGEST = 12
+
+# Times that the bends of a path are moved, at most.
+_SWEEPS = 20
 
 
 class Edges(NamedTuple):
@@ -54,7 +57,7 @@ class Bases(NamedTuple):
     nodes: np.ndarray
 
 
-class Ways(NamedTuple):
+class Paths(NamedTuple):
     """Paths without their last piece.  Path b < len(bases.counts) is straight from base b.
 
     Parameters
@@ -70,7 +73,7 @@ class Ways(NamedTuple):
         Place along the edge, and distance from it, of the base as turned.
     offset : float64[w]
         Size at the image of the base, or a lower bound if the base is not a node.
-    shade : float64[w, 9]
+    sector : float64[w, 9]
         Three vectors.  The path acts on points x for which the product of the first and (x
         - start of the edge) is not positive, and that of one of the others is not negative.
     skew : bool[w]
@@ -84,7 +87,7 @@ class Ways(NamedTuple):
     edge: np.ndarray
     image: np.ndarray
     offset: np.ndarray
-    shade: np.ndarray
+    sector: np.ndarray
     skew: np.ndarray
 
 
@@ -93,12 +96,12 @@ class Choice(NamedTuple):
 
     Parameters
     ----------
-    ways : int32[c]
+    paths : int32[c]
     boxes : np.ndarray
     n_leaves : int
     """
 
-    ways: np.ndarray
+    paths: np.ndarray
     boxes: np.ndarray
     n_leaves: int
 
@@ -109,14 +112,14 @@ class Field(NamedTuple):
     Parameters
     ----------
     sizes : float64[n]
-    way : int32[n]
+    path : int32[n]
         -1 for none.
     last : float64[n, 3]
         The previous point of the path.
     """
 
     sizes: np.ndarray
-    way: np.ndarray
+    path: np.ndarray
     last: np.ndarray
 
 
@@ -130,11 +133,11 @@ class Block(NamedTuple):
     nodes : int64[3, BLOCK]
         Row 0 nodes of the mesh, -1 for other points; else -1.
     sizes : float64[BLOCK]
-    way : int64[BLOCK]
+    path : int64[BLOCK]
         The path that lowered each point, -1 if none.
     last : float64[3, BLOCK]
         The previous point of each path.
-    feet : float64[LONGEST + 2, 3, BLOCK]
+    bends : float64[LONGEST + 2, 3, BLOCK]
         The points, the bends of one path to them, and its base.
     support : int64[3, BLOCK]
         Nodes around the point in the base, padded with -1.
@@ -161,9 +164,9 @@ class Block(NamedTuple):
     box: np.ndarray
     nodes: np.ndarray
     sizes: np.ndarray
-    way: np.ndarray
+    path: np.ndarray
     last: np.ndarray
-    feet: np.ndarray
+    bends: np.ndarray
     support: np.ndarray
     values: np.ndarray
     active: np.ndarray
@@ -201,110 +204,48 @@ def new_block() -> Block:
 
 
 @lean
-def _put_on_edge(edges, e, t, feet, level, i):
-    for d in range(3):
-        feet[level, d, i] = edges.start[e, d] + t * edges.along[e, d]
-
-
-@lean
-def length_between(feet, level, i):
-    """Return the distance from feet[level] to feet[level + 1] of the path to point i."""
+def length_between(bends, level, i):
+    """Return the distance from bends[level] to bends[level + 1] of the path to point i."""
     square = 0.0
     for d in range(3):
-        square += (feet[level, d, i] - feet[level + 1, d, i]) ** 2
+        square += (bends[level, d, i] - bends[level + 1, d, i]) ** 2
     return math.sqrt(square)
 
 
 @lean
-def length_from(feet, last, i):
-    """Return the length of the path from feet[last] to feet[0]."""
+def length_from(bends, last, i):
+    """Return the length of the path from bends[last] to bends[0]."""
     total = 0.0
     for level in range(last):
-        total += length_between(feet, level, i)
+        total += length_between(bends, level, i)
     return total
 
 
 @lean
-def _newton_step(edges, chain, feet, work, n, i, longest):
-    """Put a step of Newton's method for the n bends of the path to point i into work[0].
+def straighten(edges, chain, bends, n, i):
+    """Move the n bends of the path to point i, each in turn, to where the path is shortest.
 
-    The Hessian of the length is tridiagonal.  work[1] and work[2] are its diagonal and
-    off-diagonal; work[3] are the coordinates of the bends along their edges.
-
-    Returns the length; inf if there is no step, or if the path, whose length is convex, remains
-    longer than ``longest`` wherever it bends.
+    The length is a convex function of the bends.  Between its neighbours, turned about the edge
+    into one plane, a path over one edge is straight.
     """
-    for level in range(1, n + 1):
-        e = chain[level]
-        work[0, level] = work[1, level] = work[3, level] = 0.0
-        for d in range(3):
-            work[3, level] += (feet[level, d, i] - edges.start[e, d]) * edges.along[e, d]
-    total = 0.0
-    for level in range(n + 1):  # the pieces from feet[level] to feet[level + 1]
-        length = length_between(feet, level, i)
-        if length == 0.0:
-            return math.inf
-        total += length
-        near = far = cross = 0.0
-        for d in range(3):
-            unit = (feet[level + 1, d, i] - feet[level, d, i]) / length
-            if level > 0:
-                near += unit * edges.along[chain[level], d]
-            if level < n:
-                far += unit * edges.along[chain[level + 1], d]
-            if 0 < level < n:
-                cross += edges.along[chain[level], d] * edges.along[chain[level + 1], d]
-        if level > 0:
-            work[0, level] += near
-            work[1, level] += (1.0 - near * near) / length
-        if level < n:
-            work[0, level + 1] -= far
-            work[1, level + 1] += (1.0 - far * far) / length
-            work[2, level + 1] = (near * far - cross) / length if level > 0 else 0.0
-    least = total
-    for level in range(1, n + 1):
-        fall, t = work[0, level], work[3, level]
-        least -= max(fall * (edges.length[chain[level]] - t), -fall * t)
-    # Lengths above the longest useful one by this factor are so despite rounding.
-    if least > longest * (1.0 + 1e-12):
-        return math.inf
-    for level in range(1, n + 1):
-        if level > 1:
-            share = work[2, level] / work[1, level - 1]
-            work[1, level] -= share * work[2, level]
-            work[0, level] -= share * work[0, level - 1]
-        if not work[1, level] > 0.0:
-            return math.inf
-    for level in range(n, 0, -1):
-        if level < n:
-            work[0, level] -= work[2, level + 1] * work[0, level + 1]
-        work[0, level] /= work[1, level]
-    return total
-
-
-@lean
-def straighten(edges, chain, feet, work, n, i, longest):
-    """Move the n bends of the path to point i to where it is shortest.
-
-    Stops early if the path cannot become shorter than ``longest``.
-    """
-    # Largest number of steps of Newton's method.
-    for _ in range(8):
-        length = _newton_step(edges, chain, feet, work, n, i, longest)
-        if length == math.inf:
-            return
-        share, new = 1.0, math.inf
-        for _ in range(4):
-            for level in range(1, n + 1):
-                e = chain[level]
-                t = min(max(work[3, level] + share * work[0, level], 0.0), edges.length[e])
-                _put_on_edge(edges, e, t, feet, level, i)
-            new = length_from(feet, n + 1, i)
-            if new <= length:
-                break
-            share *= 0.25
-        if new > length:
-            for level in range(1, n + 1):
-                _put_on_edge(edges, chain[level], work[3, level], feet, level, i)
-        if new >= length * (1.0 - 1e-15):
+    length = length_from(bends, n + 1, i)
+    for _ in range(_SWEEPS):
+        for level in range(1, n + 1):
+            e = chain[level]
+            s = f = d2 = r2 = 0.0
+            for k in range(3):
+                x, y = bends[level - 1, k, i], bends[level + 1, k, i]
+                s += (x - edges.start[e, k]) * edges.along[e, k]
+                f += (y - edges.start[e, k]) * edges.along[e, k]
+            for k in range(3):
+                x, y = bends[level - 1, k, i], bends[level + 1, k, i]
+                d2 += (x - edges.start[e, k] - s * edges.along[e, k]) ** 2
+                r2 += (y - edges.start[e, k] - f * edges.along[e, k]) ** 2
+            d, r = math.sqrt(d2), math.sqrt(r2)
+            t = (f * d + s * r) / (d + r) if d + r > 0.0 else s
+            t = min(max(t, 0.0), edges.length[e])
+            for k in range(3):
+                bends[level, k, i] = edges.start[e, k] + t * edges.along[e, k]
+        before, length = length, length_from(bends, n + 1, i)
+        if length >= before * (1.0 - 1e-11):
             return

@@ -71,13 +71,13 @@ class Sight(NamedTuple):
 
 
 @lean
-def _enters(stars, nodes, way):
+def _enters(stars, nodes, direction):
     """Return whether a direction at a point inside node a, edge ab or face abc enters the domain.
 
     b and c are -1 for fewer nodes.
     """
     (a, b, c), points, star = nodes, stars.points, stars.star
-    limit = AHEAD * AHEAD * dot(way, way)
+    limit = AHEAD * AHEAD * dot(direction, direction)
     if limit == 0.0:
         return True
     wanted = (1 if b >= 0 else 0) + (1 if c >= 0 else 0)
@@ -94,7 +94,7 @@ def _enters(stars, nodes, way):
                 between(points, a, star[k, (v + 2) % 3]),
             )
             normal = cross(p, q)
-            inwards = dot(normal, way)
+            inwards = dot(normal, direction)
             if inwards < 0.0 and inwards * inwards > limit * dot(normal, normal):
                 outside = True
                 break
@@ -105,18 +105,18 @@ def _enters(stars, nodes, way):
 
 @lean
 def without_leaving(stars, nodes, piece, active, m):
-    """Remove points from ``active`` whose piece from feet[level] to feet[other] starts outside.
+    """Remove points from ``active`` whose piece from bends[level] to bends[other] starts outside.
 
-    ``nodes``: int64[3, BLOCK], those of the node, edge or face on which feet[level] lies.
+    ``nodes``: int64[3, BLOCK], those of the node, edge or face on which bends[level] lies.
     Returns how many are left.
     """
-    (feet, level, other), left = piece, 0
+    (bends, level, other), left = piece, 0
     for k in range(m):
         i = active[k]
         a, b, c = nodes[0, i], nodes[1, i], nodes[2, i]
-        dx = feet[other, 0, i] - feet[level, 0, i]
-        dy = feet[other, 1, i] - feet[level, 1, i]
-        dz = feet[other, 2, i] - feet[level, 2, i]
+        dx = bends[other, 0, i] - bends[level, 0, i]
+        dy = bends[other, 1, i] - bends[level, 1, i]
+        dz = bends[other, 2, i] - bends[level, 2, i]
         inside = a < 0 or stars.rows[a] < 0 or (b >= 0 and stars.rows[b] < 0)
         inside = inside or (c >= 0 and stars.rows[c] < 0)
         if not inside:

@@ -8,7 +8,7 @@ import numpy as np
 
 from adaptsize.background.topology import unique_rows
 from adaptsize.geometry.boundary import FlatBoundary
-from adaptsize.typing import BoolArray, FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 
 
 def is_convex(points: FloatArray, boundary: FlatBoundary) -> bool:
@@ -28,9 +28,7 @@ def is_convex(points: FloatArray, boundary: FlatBoundary) -> bool:
         return False
     in_plane = points.shape[1] == 2
     angles = (
-        turns_in_plane(points, boundary.facets).angles
-        if in_plane
-        else turns_of(points, boundary).angles
+        turns_in_plane(points, boundary.facets).angles if in_plane else turns_of(points, boundary)
     )
     # A convex boundary may turn inwards by this sum of angles (radians).
     if not -float(np.minimum(angles, 0.0).sum()) <= 2e-7:  # nan at irregular places
@@ -98,54 +96,61 @@ def turns_in_plane(points: FloatArray, facets: IntArray) -> PlaneTurns:
     return PlaneTurns(nodes, into, out, once, angles)
 
 
-class Turns(NamedTuple):
-    """Turning angles of the boundary of a solid at its edges.
+class Ridges(NamedTuple):
+    """The edges of the boundary of a solid, with the facets on both sides.
 
     Parameters
     ----------
-    ridges : int32[r, 2]
-    angles : float64[r]
-        Positive where the domain is convex, nan where not two facets meet.
+    ends : int32[r, 2]
+    facets : int64[r, 2]
+        The facet that passes the edge from its first to its second node, and the opposite one.
+    apex : int32[r, 2]
+        The other nodes of these.
+    regular : bool[r]
+        Whether there are two such facets; else some of their numbers are arbitrary.
     """
 
-    ridges: IntArray
-    angles: FloatArray
+    ends: IntArray
+    facets: LongArray
+    apex: IntArray
+    regular: BoolArray
 
 
-def turns_of(points: FloatArray, boundary: FlatBoundary) -> Turns:
-    """Return the angle between the two facets at each edge of the boundary of a solid."""
-    facets = boundary.facets
-    corners = points[facets]
-    normals = _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = _norm(normals)
-    n_facets = len(facets)
+def ridges_of(facets: IntArray, n_points: int) -> Ridges:
+    """Return the edges of a boundary of triangles."""
     ends = np.concatenate([facets[:, [v, (v + 1) % 3]] for v in range(3)])
     apex = np.concatenate([facets[:, (v + 2) % 3] for v in range(3)])
-    owner = np.tile(np.arange(n_facets), 3)
     forward = ends[:, 0] < ends[:, 1]
-    edges, number = unique_rows(ends, len(points))
+    edges, number = unique_rows(ends, n_points)
     regular = (np.bincount(number) == 2) & (np.bincount(number, weights=forward) == 1.0)
-    first = np.zeros(len(edges), np.int64)
-    second = np.zeros(len(edges), np.int64)
-    first[number[forward]] = np.flatnonzero(forward)
-    second[number[~forward]] = np.flatnonzero(~forward)
+    sides = np.zeros((len(edges), 2), np.int64)
+    sides[number[forward], 0] = np.flatnonzero(forward)
+    sides[number[~forward], 1] = np.flatnonzero(~forward)
+    return Ridges(edges, sides % len(facets), apex[sides], regular)
+
+
+def turns_of(points: FloatArray, boundary: FlatBoundary) -> FloatArray:
+    """Return the angle between the two facets at each edge of the boundary of a solid.
+
+    Positive where the domain is convex, nan where not two facets meet.
+    """
+    corners = points[boundary.facets]
+    normals = _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = _norm(normals)
+    ridges = ridges_of(boundary.facets, len(points))
     has_area = (areas > 0.0)[:, None]
     units = np.divide(normals, areas[:, None], out=np.zeros_like(normals), where=has_area)
-    normal, other = units[owner[first]], units[owner[second]]
-    rise = np.einsum("ij,ij->i", normal, points[apex[second]] - points[edges[:, 0]])
+    normal, other = np.moveaxis(units[ridges.facets], 1, 0)
+    rise = np.einsum("ij,ij->i", normal, points[ridges.apex[:, 1]] - points[ridges.ends[:, 0]])
     sine = _norm(_cross(normal, other))
     cosine = np.einsum("ij,ij->i", normal, other)
     angles = np.arctan2(sine, cosine)
     angles = np.where(rise > 0.0, -angles, angles)
     # Coincident facets: the end of a crack, which turns inwards, or a cell without volume.
     # Facets that close up to less than this angle (radians) may lie on each other.
-    bad = (
-        ~regular
-        | ((cosine < 0.0) & (sine < 1e-6))
-        | (areas[owner[first]] == 0.0)
-        | (areas[owner[second]] == 0.0)
-    )
-    return Turns(edges, np.where(bad, np.nan, angles))
+    bad = ~ridges.regular | ((cosine < 0.0) & (sine < 1e-6))
+    bad |= (areas[ridges.facets] == 0.0).any(axis=1)
+    return np.where(bad, np.nan, angles)
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

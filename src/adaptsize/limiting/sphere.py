@@ -16,7 +16,7 @@ from adaptsize._checks import (
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.limiting.exact import Exact
-from adaptsize.limiting.exact.field import ExactField, Points, Workers, node_entries
+from adaptsize.limiting.exact.field import Points, Workers, field_of_nodes, node_entries
 from adaptsize.typing import FloatArray
 
 #: Mean radius of the Earth in metres (IUGG).
@@ -108,11 +108,7 @@ def limit_on_sphere(
     places = to_sphere(where, r)
     nodes = np.flatnonzero(np.isfinite(sizes)).astype(np.int32)
     entries = node_entries(places[nodes], sizes[nodes], nodes)
-    field = ExactField(slope, None, False, [entries], radius=r)
-    order = np.arange(len(entries.nodes), dtype=np.int32)
-    own = Points(entries.table[:, :3].copy(), order, np.empty(0, np.int32))
-    entries = entries.only(~field.lowers(own, entries.sizes[:, 0].copy(), workers))
-    field = ExactField(slope, None, False, [entries], radius=r)
+    field = field_of_nodes(entries, slope, 0.0, workers, r)
     h, source = sizes.copy(), np.full(len(sizes), -1, np.int32)
     points = Points(places, along_curve(places), np.empty(0, np.int32))
     field.lower_by_last(points, h, source, workers)

@@ -23,7 +23,7 @@ METHOD = "exact"
 G = 0.3
 PARTS = 8
 
-#: Feet in closed form on both sides; sizes are up to 30.
+#: Minima on edges in closed form on both sides; sizes are up to 30.
 TOLERANCE = 1e-9
 
 
@@ -84,6 +84,25 @@ def test_linear_data_on_edges_of_triangles_are_exact(name, kind):
     nodes = np.random.default_rng(2509).choice(mesh.n_points, 300, replace=False)
     assert_allclose(h[nodes], of_edges(mesh, h0, rings, nodes), rtol=0.0, atol=TOLERANCE)
     assert (h < limit(mesh, h0, face_sources=False) - 1e-6).any()
+
+
+@pytest.mark.parametrize("slope", [0.1, 0.2])
+def test_small_holes_hide_parts_of_one_long_edge(slope):
+    # Sizes grow from one point of the edge to each node, and the holes lie between some of these.
+    outer = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 6.0], [0.0, 6.0]])
+    left = np.array([1.0, 3.0, 5.2, 7.0, 8.6])[:, None, None]
+    holes = left * [1.0, 0.0] + [[0.0, 0.4], [0.0, 0.6], [0.3, 0.6], [0.3, 0.4]]
+    inside = np.random.default_rng(2531).uniform([0.0, 1.2], [10.0, 6.0], (400, 2))
+    points = np.concatenate([outer, holes.reshape(-1, 2), inside])
+    cells = Delaunay(points).simplices
+    middle = points[cells].mean(axis=1)[:, None]
+    is_hole = ((middle > holes.min(axis=1)) & (middle < holes.max(axis=1))).all(axis=2).any(axis=1)
+    mesh = SimplexMesh(points, cells[~is_hole])
+    h0 = np.full(mesh.n_points, np.inf)
+    h0[:2] = 1.0, 1.0 + 10.0 * slope
+    edge = {"segments": points[None, :2], "segment_sizes": h0[None, :2]}
+    exact = limited_sizes((outer, *holes), points, G, **edge)
+    assert_allclose(limit(mesh, h0), exact, rtol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["field", "noise", "patches"])

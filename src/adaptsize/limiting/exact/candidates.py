@@ -161,7 +161,7 @@ def _undominated(
 
 def _listed(kernel, given) -> IntArray:  # type: ignore[no-untyped-def]
     """Return the edges or faces that a kernel lists."""
-    room = 2 * int(np.count_nonzero(given[3]))  # more is needed where most steep cells have kinks
+    room = 2 * int(np.count_nonzero(given[3]))  # more where most steep cells have sources
     while True:
         rows = np.empty((room, given[0].shape[1] + 1), np.int32)
         count = kernel(*given, rows)

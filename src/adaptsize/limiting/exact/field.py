@@ -216,47 +216,20 @@ class ExactField:
         return sum(len(entries.nodes) for entries in self.groups)
 
     def lower_by_last(
-        self, points: Points, sizes: FloatArray, source: IntArray, workers: Workers
-    ) -> None:
-        """Lower sizes (In/Out, with ``source``) by the last entries."""
-        offset = self.n_entries - len(self.groups[-1].nodes)
-        found = np.full(len(points.places), -1, np.int32) if offset else source
-        self._lower(points, sizes, found, workers)
-        if offset:
-            new: BoolArray = found >= 0
-            source[new] = found[new] + offset
-
-    def lowers(self, points: Points, sizes: FloatArray, workers: Workers) -> BoolArray:
-        """Return which sizes (overwritten) the last entries lower."""
-        found = np.full(len(sizes), -1, np.int32)
-        self._lower(points, sizes, found, workers, once=True)
-        return found >= 0
-
-    def evaluate(self, places: FloatArray, bound: FloatArray) -> FloatArray:
-        """Return the minimum of ``bound`` and the allowed sizes at points of the domain."""
-        sizes = bound.copy()
-        if len(places) == 0:
-            return sizes
-        places = np.ascontiguousarray(places)
-        points = Points(places, along_curve(places), np.full(len(places), -1, np.int32))
-        for entries in self.groups:
-            by_group = replace(self, groups=[entries])
-            by_group._lower(points, sizes, np.empty(len(places), np.int32), Workers(1))
-        return sizes
-
-    def _lower(
         self,
         points: Points,
         sizes: FloatArray,
-        found: IntArray,
+        source: IntArray,
         workers: Workers,
         *,
         once: bool = False,
     ) -> None:
-        """Lower sizes (In/Out, with the numbers of entries); ``once``: by any entry."""
+        """Lower sizes (In/Out, with ``source``) by the last entries; ``once``: by any of them."""
         entries, sight, edges = self.groups[-1], self.sight, True if self.linear else None
         dim = points.places.shape[1]
         places, order, on_wall = (read_only(array) for array in points)
+        offset = self.n_entries - len(entries.nodes)
+        found = np.full(len(source), -1, np.int32) if offset else source
 
         def task(first: int, last: int) -> None:
             block = kernels.new_block(dim)
@@ -269,6 +242,41 @@ class ExactField:
                 plane.lower_seen(*given, edges, on_wall, sight, block, new_rays())
 
         workers.in_chunks(task, len(order))
+        if offset:
+            lowered: BoolArray = found >= 0
+            source[lowered] = found[lowered] + offset
+
+    def survivors(self, margin: float, workers: Workers) -> Entries:
+        """Return the last entries, nodes, without those that another one undercuts by a margin."""
+        entries = self.groups[-1]
+        order = np.arange(len(entries.nodes), dtype=np.int32)
+        on_wall = np.empty(0, np.int32)
+        if self.sight is not None:
+            on_wall = entries.table[:, plane.ROW].astype(np.int32)
+        points = Points(entries.table[:, : entries.nodes.shape[1]].copy(), order, on_wall)
+        sizes, source = entries.sizes[:, 0] - margin, np.full(len(order), -1, np.int32)
+        self.lower_by_last(points, sizes, source, workers, once=True)
+        return entries.only(source < 0)
+
+    def evaluate(self, places: FloatArray, bound: FloatArray) -> FloatArray:
+        """Return the minimum of ``bound`` and the allowed sizes at points of the domain."""
+        sizes = bound.copy()
+        if len(places) == 0:
+            return sizes
+        places = np.ascontiguousarray(places)
+        points = Points(places, along_curve(places), np.full(len(places), -1, np.int32))
+        unused = np.empty(len(places), np.int32)
+        for entries in self.groups:
+            replace(self, groups=[entries]).lower_by_last(points, sizes, unused, Workers(1))
+        return sizes
+
+
+def field_of_nodes(
+    entries: Entries, g: float, margin: float, workers: Workers, radius: float | None = None
+) -> ExactField:
+    """Return the field of the nodes that keep their bounds in a convex domain or on a sphere."""
+    field = ExactField(g, None, False, [entries], radius)
+    return replace(field, groups=[field.survivors(margin, workers)])
 
 
 def field_of_cells(points: FloatArray, cells: IntArray, sizes: FloatArray, g: float) -> ExactField:

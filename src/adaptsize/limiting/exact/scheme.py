@@ -26,14 +26,11 @@ from adaptsize.limiting.exact.field import (
     ExactField,
     Points,
     Workers,
+    field_of_nodes,
     node_entries,
     sorted_entries,
 )
-from adaptsize.limiting.exact.solve import (
-    ComponentSolution,
-    solve_on_mesh,
-    survivors_of,
-)
+from adaptsize.limiting.exact.solve import ComponentSolution, solve_on_mesh
 from adaptsize.limiting.periodic import Periodicity
 from adaptsize.limiting.problem import PointBounds, Problem, Scheme, Solution
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
@@ -115,31 +112,19 @@ class Exact(Scheme):
 
     def solve(self, problem: Problem) -> ExactSolution:
         """Solve a problem; ``iterations`` is the number of sources."""
-        solution = self._solve(problem)
-        if problem.periodic is None:
-            return solution
-        if not problem.periodic.is_convex:
-            raise ValueError(
-                "periodic with method='exact' needs a convex cell whose images complete it to a "
-                "convex domain; use method='fast-marching'"
-            )
-        return _with_images(solution, problem.periodic, self._component(problem, problem.domain))
-
-    def _component(self, problem: Problem, domain: Any, extra: Extra | None = None) -> Component:
-        """Return the problem on a mesh, or a grid, as one component."""
-        workers = Workers.of(self.threads, problem.report)
-        g = problem.slope.number(self.name)
-        h0, price = problem.h0.ravel(), problem.at_any_price
-        return Component(domain, h0, g, self.face_sources, workers, extra, at_any_price=price)
-
-    def _solve(self, problem: Problem) -> ExactSolution:
-        """Solve on a domain without images."""
         domain: Any = problem.domain
-        h0 = problem.h0
+        h0, periodic = problem.h0, problem.periodic
+        if periodic is not None:
+            if not periodic.is_convex:
+                raise ValueError(
+                    "periodic with method='exact' needs a convex cell whose images complete it to "
+                    "a convex domain; use method='fast-marching'"
+                )
+            solution = self.solve(replace(problem, periodic=None))
+            return _with_images(solution, periodic, self._component(problem, domain))
         if isinstance(domain, CartesianGrid) and domain.active is not None:
             return self._on_active(domain, problem)
-        extra = _inside(domain, problem.point_sources)
-        component = self._component(problem, domain, extra)
+        component = self._component(problem, domain, _inside(domain, problem.point_sources))
         if isinstance(domain, CartesianGrid):
             if not self.face_sources or domain.dim == 1 or not _meet(h0):
                 return as_solution(h0, [Part(None, _on_convex_nodes(domain, component))])
@@ -148,9 +133,16 @@ class Exact(Scheme):
             return _by_components(h0, component)
         prepared, boundary, all_used = _prepared(component)
         convex = is_convex(domain.points, boundary)
-        if not (all_used and (convex or _is_connected(domain))):
+        if not (all_used and (convex or not _roots(domain).any())):
             return _by_components(h0, component)
         return as_solution(h0, [Part(None, solve_on_mesh(prepared, boundary, convex))])
+
+    def _component(self, problem: Problem, domain: Any, extra: Extra | None = None) -> Component:
+        """Return the problem on a mesh, or a grid, as one component."""
+        workers = Workers.of(self.threads, problem.report)
+        g = problem.slope.number(self.name)
+        h0, price = problem.h0.ravel(), problem.at_any_price
+        return Component(domain, h0, g, self.face_sources, workers, extra, at_any_price=price)
 
     def _on_active(self, grid: CartesianGrid, problem: Problem) -> ExactSolution:
         """Solve on the active nodes of a grid.
@@ -175,7 +167,7 @@ class Exact(Scheme):
                 break
             seeds = np.where(lowered, along, np.inf).ravel()
             rest = replace(problem, domain=mesh, h0=seeds, point_sources=None)
-            more = of_nodes._solve(rest)
+            more = of_nodes.solve(rest)
             unfinished = unfinished or more.unfinished
             lower = np.minimum(along, more.h.reshape(h.shape))
             if grid.dim == 3:
@@ -191,10 +183,10 @@ def _prepared(component: Component) -> tuple[Component, FlatBoundary, bool]:
     With several threads, the boundary is computed at the same time.
     """
     mesh = component.mesh
-    with ThreadPoolExecutor(1) as beside:
-        order = beside.submit(along_curve, mesh.points)
-        meet = beside.submit(have_neighbours, mesh.cells, component.h0)
-        used = beside.submit(mark_nodes, mesh.cells, np.zeros(mesh.n_points, np.bool_))
+    with ThreadPoolExecutor(1) as pool:
+        order = pool.submit(along_curve, mesh.points)
+        meet = pool.submit(have_neighbours, mesh.cells, component.h0)
+        used = pool.submit(mark_nodes, mesh.cells, np.zeros(mesh.n_points, np.bool_))
         if component.workers.threads == 1:
             wait([order, meet, used])
         boundary = flat_boundary(mesh, component.workers.threads)
@@ -221,16 +213,16 @@ def _by_components(
     """Solve on one component after another; nodes in no cell keep their bounds."""
     mesh, bound, extra = whole.mesh, whole.h0, whole.extra
     parts = []
-    which, beside = np.empty(0, np.int64), np.empty(0, np.int32)
+    which, extra_nodes = np.empty(0, np.int64), np.empty(0, np.int32)
     if extra is not None:  # each belongs to all components of which a cell holds it
         which, cells = mesh.locator.within(extra.points, OUTSIDE * mesh.diagonal)
-        beside = mesh.cells[cells, 0]
-    for nodes, domain in _components(mesh, bound, beside):
+        extra_nodes = mesh.cells[cells, 0]
+    for nodes, domain in _components(mesh, bound, extra_nodes):
         component = whole._replace(mesh=domain, linear=linear)
         if nodes is not None:
             component = component._replace(h0=bound[nodes])
             if extra is not None:
-                here = np.unique(which[np.isin(beside, nodes)])
+                here = np.unique(which[np.isin(extra_nodes, nodes)])
                 # Their numbers follow those of the nodes, in a component as in the whole mesh.
                 numbers = extra.numbers[here] + np.int32(len(nodes) - mesh.n_points)
                 some = Extra(extra.points[here], extra.sizes[here], numbers)
@@ -276,21 +268,16 @@ def as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
 
 
 def _roots(mesh: SimplexMesh) -> IntArray:
-    """Return for each node the smallest node of its component."""
+    """Return for each node the smallest node of its component; 0 for all if there is one."""
     parent = np.arange(mesh.n_points, dtype=np.int32)
     join_cells(mesh.cells, parent)
     return parent
 
 
-def _is_connected(mesh: SimplexMesh) -> bool:
-    """Return whether all nodes are in one component."""
-    return not _roots(mesh).any()
-
-
 def _components(
-    mesh: SimplexMesh, h0: FloatArray, beside: IntArray
+    mesh: SimplexMesh, h0: FloatArray, extra_nodes: IntArray
 ) -> Iterator[tuple[IntArray | None, SimplexMesh]]:
-    """Yield the components with a bound, or with one of the nodes ``beside``, and their nodes."""
+    """Yield the components with a bound or one of the nodes ``extra_nodes``, and their nodes."""
     parent = _roots(mesh)
     if not parent.any():
         yield None, mesh
@@ -299,7 +286,7 @@ def _components(
     used[mesh.cells] = True
     local = np.empty(mesh.n_points, np.int32)
     of_cells = parent[mesh.cells[:, 0]]
-    wanted = np.concatenate([parent[used & np.isfinite(h0)], parent[beside]])
+    wanted = np.concatenate([parent[used & np.isfinite(h0)], parent[extra_nodes]])
     for root in np.unique(wanted).tolist():
         nodes = np.flatnonzero(used & (parent == root)).astype(np.int32)
         local[nodes] = np.arange(len(nodes))
@@ -322,13 +309,12 @@ def _on_convex_nodes(
     if extra is not None:
         places = np.concatenate([places, extra.points])
         sizes, nodes = np.concatenate([sizes, extra.sizes]), np.concatenate([nodes, extra.numbers])
-    entries = node_entries(places, sizes, nodes)
-    entries = survivors_of(entries, component)
-    exact = ExactField(g, None, False, [entries])
+    entries, workers = node_entries(places, sizes, nodes), component.workers
+    exact = field_of_nodes(entries, g, component.margin, workers.part(0.0, 0.1))
     h, source = h0.copy(), np.full(len(h0), -1, np.int32)
     for first, points in _slabs_of(domain):
         last = first + len(points.places)
-        part = component.workers.part(0.1 + 0.9 * first / len(h), 0.1 + 0.9 * last / len(h))
+        part = workers.part(0.1 + 0.9 * first / len(h), 0.1 + 0.9 * last / len(h))
         exact.lower_by_last(points, h[first:last], source[first:last], part)
     return ComponentSolution(h, source, exact)
 
@@ -452,9 +438,7 @@ def limit_points(
     workers = Workers.of(None, report)
     nodes = np.flatnonzero(np.isfinite(bounds)).astype(np.int32)
     entries = node_entries(points[nodes], bounds[nodes], nodes)
-    no_mesh: Any = None  # only nodes matter
-    component = Component(no_mesh, bounds, g, False, workers, margin=margin)
-    field = ExactField(g, None, False, [survivors_of(entries, component)])
+    field = field_of_nodes(entries, g, margin, workers)
     wanted = Points(points[:n], along_curve(points[:n]), np.empty(0, np.int32))
     h, source = bounds[:n].copy(), np.full(n, -1, np.int32)
     field.lower_by_last(wanted, h, source, workers)

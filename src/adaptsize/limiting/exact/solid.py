@@ -9,8 +9,9 @@ import numpy as np
 from adaptsize._kernels.space_paths import Edges
 from adaptsize._kernels.space_sight import Sight, Stars, Walls
 from adaptsize.background._curve import along_curve
-from adaptsize.background.topology import components_of, unique_rows
+from adaptsize.background.topology import components_of
 from adaptsize.geometry.boundary import FlatBoundary
+from adaptsize.geometry.convexity import ridges_of
 from adaptsize.limiting.exact.field import boxes_over
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -121,7 +122,7 @@ class ReflexEdges(NamedTuple):
     corner: IntArray
     """int32[p], with ``edge``: pairs of a node and an edge on which it lies."""
     edge: IntArray
-    beside: csr_array
+    adjacent: csr_array
     """(e, e): the common node of two edges, as an index in ``nodes`` plus 1."""
 
 
@@ -134,26 +135,18 @@ def _ridges_of(points: FloatArray, facets: IntArray) -> _Ridges:
     diagonal, rounding = _scales_of(points, facets)
     thin = heights <= _NO_VOLUME * diagonal
     units = np.where(thin[:, None], 0.0, normals / np.where(thin, 1.0, areas)[:, None])
-    ends = np.concatenate([facets[:, [v, (v + 1) % 3]] for v in range(3)])
-    apex = np.concatenate([facets[:, (v + 2) % 3] for v in range(3)])
-    owner = np.tile(np.arange(len(facets)), 3)
-    forward = ends[:, 0] < ends[:, 1]
-    edges, number = unique_rows(ends, len(points))
-    is_odd = (np.bincount(number) != 2) | (np.bincount(number, weights=forward) != 1.0)
-    sides = np.zeros((len(edges), 2), np.int64)
-    sides[number[forward], 0] = np.flatnonzero(forward)
-    sides[number[~forward], 1] = np.flatnonzero(~forward)
-    is_odd |= thin[owner[sides]].any(axis=1)
+    edges, sides, apex, regular = ridges_of(facets, len(points))
+    is_odd = ~regular | thin[sides].any(axis=1)
 
     along = points[edges[:, 1]] - points[edges[:, 0]]
     along /= np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
-    to_apex = points[apex[sides]] - points[edges[:, :1]]
+    to_apex = points[apex] - points[edges[:, :1]]
     in_face = to_apex - np.einsum("rsa,ra->rs", to_apex, along)[:, :, None] * along[:, None]
     in_face /= np.maximum(np.linalg.norm(in_face, axis=2), 1e-300)[:, :, None]
-    normal = units[owner[sides]]
+    normal = units[sides]
     rise = np.einsum("ra,ra->r", normal[:, 0], to_apex[:, 1])
     reach = np.linalg.norm(to_apex[:, 1], axis=1)
-    height = np.maximum(heights[owner[sides[:, 0]]], 1e-300)
+    height = np.maximum(heights[sides[:, 0]], 1e-300)
     nil = 16.0 * rounding * (1.0 + reach / height)
     is_crack = (np.abs(rise) <= nil) & (np.einsum("ra,ra->r", normal[:, 0], normal[:, 1]) < 0.0)
     is_reflex = ((rise > nil) | is_crack) & ~is_odd
@@ -226,7 +219,7 @@ def find_reflex_edges(points: FloatArray, boundary: FlatBoundary, slack: float) 
     ones = np.ones(len(corner))
     lies_on = csr_array((ones, (corner, edge)), shape=(len(nodes), n_edges))
     named = csr_array((ones + corner, (edge, corner)), shape=(n_edges, len(nodes)))
-    beside = (named @ lies_on).astype(np.int64)
-    beside.setdiag(0)
-    beside.eliminate_zeros()
-    return ReflexEdges(nodes, edges, ridges.inner[reflex], corner, edge, beside)
+    adjacent = (named @ lies_on).astype(np.int64)
+    adjacent.setdiag(0)
+    adjacent.eliminate_zeros()
+    return ReflexEdges(nodes, edges, ridges.inner[reflex], corner, edge, adjacent)

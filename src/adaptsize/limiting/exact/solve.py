@@ -9,7 +9,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from adaptsize._kernels import exact_candidates as candidates
-from adaptsize._kernels.exact_plane import CORNER, ROW
+from adaptsize._kernels.exact_plane import CORNER
 from adaptsize._progress import silent
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
@@ -198,12 +198,14 @@ def _node_sources(
     component: Component, nodes: IntArray, meet: bool, plane: Plane | None, linear: bool
 ) -> Entries:
     """Return the survivors among nodes, and corners; in the plane all nodes if no bounds meet."""
-    entries = entries_of_nodes(component, nodes)
+    entries, sight = entries_of_nodes(component, nodes), None
+    if plane is not None:
+        entries, sight = at_nodes(entries, plane), plane.sight
+    if (meet or plane is None) and len(entries.nodes):
+        field = ExactField(component.g, sight, linear, [entries])
+        entries = field.survivors(component.margin, component.workers.part(0.0, 0.1))
     if plane is None:
-        return survivors_of(entries, component, linear)
-    entries = at_nodes(entries, plane)
-    if meet:
-        entries = survivors_of(entries, component, linear, plane)
+        return entries
     return with_corners(entries, component.g, plane, linear, component.workers.report)
 
 
@@ -291,21 +293,6 @@ def _keep_edges(component: Component, found: ComponentSolution) -> None:
         unhidden.add(entries)
         unhidden.lower_by_last(points, lower, source, component.workers)
     found.lower, found.proved = lower, found.h <= lower * (1.0 + EQUAL)
-
-
-def survivors_of(
-    entries: Entries, component: Component, linear: bool = False, plane: Plane | None = None
-) -> Entries:
-    """Return the nodes whose bound no visible other one undercuts by the margin."""
-    if len(entries.nodes) == 0:
-        return entries
-    dim = entries.nodes.shape[1]
-    rows = np.empty(0, np.int32) if plane is None else entries.table[:, ROW].astype(np.int32)
-    order = np.arange(len(entries.nodes), dtype=np.int32)
-    points = Points(entries.table[:, :dim].copy(), order, rows)
-    field = ExactField(component.g, None if plane is None else plane.sight, linear, [entries])
-    sizes = entries.sizes[:, 0] - component.margin
-    return entries.only(~field.lowers(points, sizes, component.workers.part(0.0, 0.1)))
 
 
 def entries_of_nodes(component: Component, nodes: IntArray) -> Entries:

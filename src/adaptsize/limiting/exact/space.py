@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from adaptsize._kernels import exact_space as kernels
 from adaptsize._kernels.exact import BLOCK
-from adaptsize._kernels.space_paths import LONGEST, Bases, Choice, Field, Ways, new_block
+from adaptsize._kernels.space_paths import LONGEST, Bases, Choice, Field, Paths, new_block
 from adaptsize._kernels.space_sight import Sight
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
@@ -38,7 +38,7 @@ class Network:
     g: float
     sight: Sight
     reflex_edges: ReflexEdges
-    ways: Ways
+    paths: Paths
     n_sources: int
     depth: IntArray
     """int32[w]: number of edges of each path."""
@@ -46,12 +46,12 @@ class Network:
     @property
     def faces(self) -> bool | None:
         """None if all sources are nodes, True otherwise."""
-        return True if bool((self.ways.bases.counts > 1).any()) else None
+        return True if bool((self.paths.bases.counts > 1).any()) else None
 
     def choice(self, which: IntArray) -> Choice:
         """Return some of the paths, with a tree over them."""
-        ways, edges, bases = self.ways, self.ways.edges, self.ways.bases
-        base, edge = ways.base[which], ways.edge[which]
+        paths, edges, bases = self.paths, self.paths.edges, self.paths.bases
+        base, edge = paths.base[which], paths.edge[which]
         bent = edge >= 0
         places = bases.table[base, :9].reshape(-1, 3, 3)
         lower, upper = places.min(axis=1), places.max(axis=1)
@@ -59,8 +59,8 @@ class Network:
         e, w = edge[bent], which[bent]
         ends = np.stack([edges.start[e], edges.start[e] + edges.length[e, None] * edges.along[e]])
         lower[bent], upper[bent] = ends.min(axis=0), ends.max(axis=0)
-        beyond = ways.image[w, 0] - np.clip(ways.image[w, 0], 0.0, edges.length[e])
-        value[bent] = ways.offset[w] + self.g * np.hypot(beyond, ways.image[w, 1])
+        beyond = paths.image[w, 0] - np.clip(paths.image[w, 0], 0.0, edges.length[e])
+        value[bent] = paths.offset[w] + self.g * np.hypot(beyond, paths.image[w, 1])
         order = along_curve(0.5 * (lower + upper))
         boxes = boxes_over(lower[order], upper[order], value[order])
         return Choice(which[order].astype(np.int32), boxes, len(boxes) // 2)
@@ -87,33 +87,33 @@ class Network:
 
         def task(first: int, last: int) -> None:
             span = (first, last, size)
-            given = (places, nodes, along, span, self.ways, choice, tried)
-            kernels.lower_by_ways(*given, self.sight, self.g, field, faces, new_block())
+            given = (places, nodes, along, span, self.paths, choice, tried)
+            kernels.lower_by_paths(*given, self.sight, self.g, field, faces, new_block())
 
         workers.in_chunks(task, len(order))
 
     def set_reflex_nodes(self, sizes: FloatArray) -> None:
         """Set the sizes at the nodes of reflex edges."""
         m = self.n_sources
-        self.ways.bases.table[m:, 9] = sizes
-        moves = self.ways.base >= m
-        self.ways.offset[moves] = self.ways.bases.table[self.ways.base[moves], 9]
+        self.paths.bases.table[m:, 9] = sizes
+        moves = self.paths.base >= m
+        self.paths.offset[moves] = self.paths.bases.table[self.paths.base[moves], 9]
 
     def extend(self, changed: IntArray, field: Field) -> IntArray:
         """Extend the paths to nodes of reflex edges over these edges and adjacent ones.
 
         Returns the paths that are new or start from a node that may have been lowered.
         """
-        ways = self.ways
+        paths = self.paths
         edge, parent, source, node = self.candidates(changed, field)
-        ok = (parent >= 0) & (self.depth[parent] < LONGEST) & (ways.edge[parent] != edge)
+        ok = (parent >= 0) & (self.depth[parent] < LONGEST) & (paths.edge[parent] != edge)
         key, at = np.unique(_key_of(edge[ok], parent[ok]), return_index=True)
-        old = np.flatnonzero(ways.edge >= 0)
-        old_key = _key_of(ways.edge[old], ways.parent[old])
-        again = old[np.isin(old_key, key) & (ways.base[old] >= self.n_sources)]
+        old = np.flatnonzero(paths.edge >= 0)
+        old_key = _key_of(paths.edge[old], paths.parent[old])
+        again = old[np.isin(old_key, key) & (paths.base[old] >= self.n_sources)]
         at = np.flatnonzero(ok)[at[~np.isin(key, old_key)]]
         self._append(edge[at], parent[at], source[at], node[at], field)
-        return np.concatenate([again, np.arange(len(ways.base), len(self.ways.base))])
+        return np.concatenate([again, np.arange(len(paths.base), len(self.paths.base))])
 
     def candidates(
         self, changed: IntArray, field: Field
@@ -124,13 +124,12 @@ class Network:
         marked[changed] = True
         here = np.flatnonzero(marked[reflex_edges.corner])
         node, edge = reflex_edges.nodes[reflex_edges.corner[here]], reflex_edges.edge[here]
-        beside = reflex_edges.beside[edge]
-        near = beside.tocoo()
+        near = reflex_edges.adjacent[edge].tocoo()
         node = np.concatenate([node, node[near.row]])
         source = node
         edge = np.concatenate([edge, near.col])
         goal = np.concatenate([node[: len(here)], reflex_edges.nodes[near.data - 1]])
-        return edge, field.way[source], source, goal
+        return edge, field.path[source], source, goal
 
     def _append(
         self,
@@ -141,18 +140,18 @@ class Network:
         field: Field,
     ) -> None:
         """Add paths to ``source`` that continue over edges at ``node``, if they may be shortest."""
-        ways, edges, points = self.ways, self.reflex_edges.edges, self.sight.stars.points
-        straight = ways.edge[parent] < 0
+        paths, edges, points = self.paths, self.reflex_edges.edges, self.sight.stars.points
+        straight = paths.edge[parent] < 0
         away = np.linalg.norm(points[source] - field.last[source], axis=1)
-        away += 2.0 * self._extent(ways.base[parent], field.last[source])
-        offset = np.where(straight, field.sizes[source] - self.g * away, ways.offset[parent])
+        away += 2.0 * self._extent(paths.base[parent], field.last[source])
+        offset = np.where(straight, field.sizes[source] - self.g * away, paths.offset[parent])
         along, normals = edges.along[edge], edges.normals[edge]
         volume = np.einsum(
             "ra,ra->r",
-            np.cross(edges.along[ways.edge[parent]], along),
-            edges.start[edge] - edges.start[ways.edge[parent]],
+            np.cross(edges.along[paths.edge[parent]], along),
+            edges.start[edge] - edges.start[paths.edge[parent]],
         )
-        skew = ways.skew[parent] | (~straight & (np.abs(volume) > self.sight.walls.slack))
+        skew = paths.skew[parent] | (~straight & (np.abs(volume) > self.sight.walls.slack))
 
         origin = np.where(straight[:, None], field.last[source], self._turned(parent, points[node]))
         piece = points[node] - origin
@@ -161,8 +160,8 @@ class Network:
         away = np.linalg.norm(piece - rise[:, None] * along, axis=1)
         image = np.column_stack([place - rise, away])
         # The previous piece starts at one point, or at any point between the ends of an edge.
-        before = edges.start[ways.edge[parent]]
-        after = before + (edges.length[:, None] * edges.along)[ways.edge[parent]]
+        before = edges.start[paths.edge[parent]]
+        after = before + (edges.length[:, None] * edges.along)[paths.edge[parent]]
         ends = np.where(straight[:, None], field.last[source], np.stack([before, after]))
         ahead = edges.start[edge] - ends
         ahead -= np.einsum("sra,ra->sr", ahead, along)[:, :, None] * along
@@ -174,46 +173,46 @@ class Network:
         # If the outside lies straight ahead, a path that bends here is not shortest.
         ok = (over.min(axis=2) <= GRAZING).any(axis=0) & ~nil.all(axis=0)
         side = over.argmin(axis=2)
-        shade = np.empty((len(node), 9))
-        shade[:, :3] = np.where(
+        sector = np.empty((len(node), 9))
+        sector[:, :3] = np.where(
             (side[0] == side[1])[:, None], normals[np.arange(len(node)), side[0]], 0.0
         )
         for end in range(2):
-            beside = np.cross(ahead[end], along)
-            turned = np.einsum("ra,ra->r", beside, self.reflex_edges.obstacles[edge]) < 0.0
-            shade[:, 3 + 3 * end : 6 + 3 * end] = np.where(turned[:, None], -beside, beside)
+            sideways = np.cross(ahead[end], along)
+            turned = np.einsum("ra,ra->r", sideways, self.reflex_edges.obstacles[edge]) < 0.0
+            sector[:, 3 + 3 * end : 6 + 3 * end] = np.where(turned[:, None], -sideways, sideways)
         self.depth = np.concatenate([self.depth, self.depth[parent[ok]] + 1])
-        self.ways = Ways(
-            ways.bases,
-            ways.edges,
-            np.concatenate([ways.base, ways.base[parent[ok]]]),
-            np.concatenate([ways.parent, parent[ok]]),
-            np.concatenate([ways.edge, edge[ok]]),
-            np.concatenate([ways.image, image[ok]]),
-            np.concatenate([ways.offset, offset[ok]]),
-            np.concatenate([ways.shade, shade[ok]]),
-            np.concatenate([ways.skew, skew[ok]]),
+        self.paths = Paths(
+            paths.bases,
+            paths.edges,
+            np.concatenate([paths.base, paths.base[parent[ok]]]),
+            np.concatenate([paths.parent, parent[ok]]),
+            np.concatenate([paths.edge, edge[ok]]),
+            np.concatenate([paths.image, image[ok]]),
+            np.concatenate([paths.offset, offset[ok]]),
+            np.concatenate([paths.sector, sector[ok]]),
+            np.concatenate([paths.skew, skew[ok]]),
         )
 
-    def _extent(self, base: IntArray, foot: FloatArray) -> FloatArray:
+    def _extent(self, base: IntArray, start: FloatArray) -> FloatArray:
         """Return the largest distance of a point in each base, where a path starts, to a vertex.
 
         On an edge or face, other points of the path start elsewhere.  By the triangle inequality,
-        sizes are above those from ``foot`` less g times twice this distance.
+        sizes are above those from ``start`` less g times twice this distance.
         """
-        bases = self.ways.bases
-        away = bases.table[base, :9].reshape(-1, 3, 3) - foot[:, None]
+        bases = self.paths.bases
+        away = bases.table[base, :9].reshape(-1, 3, 3) - start[:, None]
         extent: FloatArray = np.linalg.norm(away, axis=2).max(axis=1)
         return np.where(bases.counts[base] > 1, extent, 0.0)
 
-    def _turned(self, way: IntArray, x: FloatArray) -> FloatArray:
+    def _turned(self, path: IntArray, x: FloatArray) -> FloatArray:
         """Return the bases of paths, rotated about their last edges to opposite points x."""
-        e = self.ways.edge[way]
-        start, along = self.ways.edges.start[e], self.ways.edges.along[e]
+        e = self.paths.edge[path]
+        start, along = self.paths.edges.start[e], self.paths.edges.along[e]
         across = x - start
         across -= np.einsum("ra,ra->r", across, along)[:, None] * along
         across /= np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
-        f, r = self.ways.image[way].T
+        f, r = self.paths.image[path].T
         turned: FloatArray = start + f[:, None] * along - r[:, None] * across
         return turned
 
@@ -244,7 +243,7 @@ def _network_of(
     table = np.concatenate([table, ends])
     counts = np.concatenate([np.isfinite(table[:m, 9:]).sum(axis=1), np.ones(k)]).astype(np.int8)
     none = np.full(m + k, -1, np.int32)
-    ways = Ways(
+    paths = Paths(
         Bases(table, counts, all_nodes),
         reflex_edges.edges,
         np.arange(m + k, dtype=np.int32),
@@ -255,7 +254,7 @@ def _network_of(
         np.zeros((m + k, 9)),
         np.zeros(m + k, np.bool_),
     )
-    return Network(g, sight, reflex_edges, ways, m, np.zeros(m + k, np.int32))
+    return Network(g, sight, reflex_edges, paths, m, np.zeros(m + k, np.int32))
 
 
 class Solid(NamedTuple):
@@ -358,9 +357,9 @@ def solve_in_space(
     on_reflex_edge = np.isin(nodes, reflex_nodes)
     others = nodes[~on_reflex_edge]
     network.lower(others, none, field, workers, nearest)
-    hidden = nodes[on_reflex_edge | ((field.way < 0) & (h0 > lower))[nodes]]
+    hidden = nodes[on_reflex_edge | ((field.path < 0) & (h0 > lower))[nodes]]
     network.lower(hidden, network.sources(), field, workers)
-    proved = (field.way >= 0) | (h0 <= lower)
+    proved = (field.path >= 0) | (h0 <= lower)
     upper = spread(np.where(proved, lower, h0))
     proved |= np.isinf(upper)  # not reached by any source
     # Keep paths as short as those along edges of the mesh: they may continue over other edges.
@@ -385,7 +384,7 @@ def _solve_hidden(network: Network, field: Field, hidden: IntArray, workers: Wor
     network.lower(hidden, network.sources(), field, workers)
     waiting = np.isin(reflex_nodes, hidden)
     order = reflex_nodes[waiting]
-    changed = np.flatnonzero(field.way[reflex_nodes] >= 0).astype(np.int32)
+    changed = np.flatnonzero(field.path[reflex_nodes] >= 0).astype(np.int32)
     for _ in range(_ROUNDS):
         if len(changed) == 0:
             break
@@ -406,10 +405,10 @@ def _solve_hidden(network: Network, field: Field, hidden: IntArray, workers: Wor
 
 def _in_use(network: Network, field: Field) -> IntArray:
     """Return the paths from nodes of reflex edges, and those over edges that reach such a node."""
-    ways, reflex_edges = network.ways, network.reflex_edges
-    bent = np.flatnonzero(ways.edge >= 0)
-    edge, way, _, _ = network.candidates(np.arange(len(reflex_edges.nodes), dtype=np.int32), field)
-    used = np.isin(_key_of(ways.edge[bent], ways.parent[bent]), _key_of(edge, way))
+    paths, reflex_edges = network.paths, network.reflex_edges
+    bent = np.flatnonzero(paths.edge >= 0)
+    edge, path, _, _ = network.candidates(np.arange(len(reflex_edges.nodes), dtype=np.int32), field)
+    used = np.isin(_key_of(paths.edge[bent], paths.parent[bent]), _key_of(edge, path))
     straight = network.n_sources + np.arange(len(reflex_edges.nodes))
     return np.concatenate([straight, bent[used]])
 
@@ -418,13 +417,13 @@ def _origins(
     network: Network, field: Field, sizes: FloatArray, h: FloatArray
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Return entry, start and bend of `SpaceResult`, for the paths of ``sizes``."""
-    ways = network.ways
+    paths = network.paths
     m = network.n_sources
-    reached = np.flatnonzero(field.way >= 0)  # none if the bounds satisfy the limit
-    base, bend = np.full(len(h), -1, ways.base.dtype), np.full_like(field.last, np.nan)
-    base[reached] = ways.base[field.way[reached]]
+    reached = np.flatnonzero(field.path >= 0)  # none if the bounds satisfy the limit
+    base, bend = np.full(len(h), -1, paths.base.dtype), np.full_like(field.last, np.nan)
+    base[reached] = paths.base[field.path[reached]]
     base[h < sizes * (1.0 - TIE)] = -1
-    bent = reached[ways.edge[field.way[reached]] >= 0]
+    bent = reached[paths.edge[field.path[reached]] >= 0]
     bend[bent] = field.last[bent]
     entry = np.where(base < m, base, -1).astype(np.int32)
     reflex_nodes = np.append(network.reflex_edges.nodes, np.int32(-1))
