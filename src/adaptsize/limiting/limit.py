@@ -209,6 +209,7 @@ def limit_gradient(
     A size of 0.1 at one corner of the unit square:
 
     >>> import numpy as np
+    >>> from adaptsize import CartesianGrid, SimplexMesh
     >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     >>> h = limit_gradient(mesh, [0.1, np.inf, np.inf, np.inf], 0.3)
     >>> h.round(3)
