@@ -232,9 +232,9 @@ def _is_running(pid):
 @posix_only
 def test_a_limit_of_processor_time_of_the_caller_is_kept():
     code = (
-        "import resource as r; from adaptsize._supervisor import limit_processor_time\n"
-        "r.setrlimit(r.RLIMIT_CPU, (50, 50)); limit_processor_time(1000.0)\n"
-        "print(r.getrlimit(r.RLIMIT_CPU))"
+        "import resource as r; from adaptsize._children import limits\n"
+        "r.setrlimit(r.RLIMIT_CPU, (50, 50))\n"
+        "with limits(1000.0): print(r.getrlimit(r.RLIMIT_CPU))"
     )
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert done.stdout.strip() == "(50, 50)"

@@ -22,15 +22,13 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 import warnings
-from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from adaptsize._children import how_it_ended, isolated, limits, start
 from adaptsize._formats.guards import files_named_in
-from adaptsize._isolated import environment, isolated
 from adaptsize.errors import MeshFileError
 
 #: What the largest file of a few bytes may take, and what each further byte may.
@@ -39,7 +37,11 @@ _SECONDS, _SECONDS_PER_BYTE = 5.0, 5e-6
 #: Waiting time over processor time, for a machine that does other things as well.
 _PATIENCE = 10.0
 _IDLE_SECONDS = 15.0
-_SERVE = f"\nfrom {__name__} import _serve\n_serve()\n"
+_SERVE = f"""
+os.environ |= {{"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}}
+from {__name__} import _serve
+_serve()
+"""
 
 _LOCK = threading.Lock()
 _CHILD: subprocess.Popen[bytes] | None = None
@@ -64,8 +66,8 @@ def read_limited(function: str, path: Path, *arguments: Any) -> Any:
         If the function raises, crashes or exceeds a limit.
     """
     size = sum(file.stat().st_size for file in [path, *files_named_in(path)])
-    limits = [_MEMORY + _MEMORY_PER_BYTE * size, _SECONDS + _SECONDS_PER_BYTE * size]
-    return _call([function, str(path.absolute()), *arguments], limits)
+    limited = (_SECONDS + _SECONDS_PER_BYTE * size, _MEMORY + _MEMORY_PER_BYTE * size)
+    return _call([function, str(path.absolute()), *arguments], limited)
 
 
 def call_unlimited(function: str, path: Path, *arguments: Any) -> Any:
@@ -73,7 +75,8 @@ def call_unlimited(function: str, path: Path, *arguments: Any) -> Any:
     return _call([function, str(path.absolute()), *arguments], None)
 
 
-def _call(job: list[Any], limits: list[float] | None) -> Any:
+def _call(job: list[Any], limited: tuple[float, float] | None) -> Any:
+    """Do a job in the child, with limits of seconds and bytes."""
     global _CHILD  # noqa: PLW0603 - one for all calls
     with _LOCK:
         while True:
@@ -82,17 +85,17 @@ def _call(job: list[Any], limits: list[float] | None) -> Any:
             child = _CHILD = _CHILD or _started()
             assert child.stdin is not None
             assert child.stdout is not None
-            timer = threading.Timer(_PATIENCE * limits[1] if limits else 0.0, child.kill)
+            timer = threading.Timer(_PATIENCE * limited[0] if limited else 0.0, child.kill)
             try:
-                if limits is not None:
+                if limited is not None:
                     timer.start()
-                pickle.dump((job, limits), child.stdin)
+                pickle.dump((job, limited), child.stdin)
                 child.stdin.flush()
                 result, error = pickle.load(child.stdout)
                 break
             except (BrokenPipeError, EOFError, pickle.UnpicklingError):  # it has ended
                 if code := _drop():  # otherwise it was idle for too long
-                    raise MeshFileError(_reason(code, limits)) from None
+                    raise MeshFileError(_reason(code, limited)) from None
             except BaseException:  # an interrupt
                 child.kill()
                 _drop()
@@ -105,18 +108,8 @@ def _call(job: list[Any], limits: list[float] | None) -> Any:
 
 
 def _started() -> subprocess.Popen[bytes]:
-    own_group: dict[str, Any] = {"start_new_session": True}
-    if sys.platform == "win32":
-        own_group = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
-    return subprocess.Popen(
-        isolated(_SERVE),
-        cwd=tempfile.gettempdir(),
-        env={**environment(), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        **own_group,
-    )
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    return start(isolated(_SERVE), tempfile.gettempdir(), **streams)
 
 
 def _drop() -> int:
@@ -145,14 +138,14 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget)
 
 
-def _reason(code: int, limits: list[float] | None) -> str:
-    if limits is not None and -code in (getattr(signal, "SIGXCPU", 0), signal.SIGTERM, 9):
+def _reason(code: int, limited: tuple[float, float] | None) -> str:
+    ended = how_it_ended(code)
+    if limited is not None and ended in ("SIGXCPU", "SIGTERM", "SIGKILL"):
         return (
-            f"takes more than {limits[1]:.2g} s of processor time or too much memory, which its "
+            f"takes more than {limited[0]:.2g} s of processor time or too much memory, which its "
             "size does not justify; it is damaged or malicious"
         )
-    name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-    return f"makes its reader crash ({name}); it is damaged or too large for this machine"
+    return f"makes its reader crash ({ended}); it is damaged or too large for this machine"
 
 
 # --- the child ------------------------------------------------------------------------------------
@@ -165,37 +158,13 @@ def _serve() -> None:
     os.dup2(nowhere, 1)
     with contextlib.suppress(EOFError):
         while sys.platform == "win32" or select.select([0], [], [], _IDLE_SECONDS)[0]:
-            job, limits = pickle.load(sys.stdin.buffer)
-            with _limited(limits):
+            job, limited = pickle.load(sys.stdin.buffer)
+            with limits(*limited) if limited else contextlib.nullcontext():
                 try:
                     pickle.dump(_done(job), replies)
                     replies.flush()
                 except MemoryError:  # a part may have been written
                     os.kill(os.getpid(), signal.SIGTERM)
-
-
-@contextlib.contextmanager
-def _limited(limits: list[float] | None) -> Iterator[None]:
-    if limits is None or sys.platform == "win32":
-        yield
-        return
-    import resource
-
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    wanted = {
-        resource.RLIMIT_DATA: int(limits[0]),
-        resource.RLIMIT_CPU: int(time.process_time() + limits[1]) + 1,
-    }
-    before = {kind: resource.getrlimit(kind) for kind in wanted}
-    for kind, value in wanted.items():
-        hard = before[kind][1]
-        is_lower = hard == resource.RLIM_INFINITY or value < hard
-        resource.setrlimit(kind, (value if is_lower else hard, hard))
-    try:
-        yield
-    finally:
-        for kind, values in before.items():
-            resource.setrlimit(kind, values)
 
 
 def _done(job: list[Any]) -> tuple[Any, str | None]:

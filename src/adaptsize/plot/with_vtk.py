@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._isolated import environment, isolated
+from adaptsize._children import environment, isolated
 from adaptsize.plot.scene import Scene
 from adaptsize.plot.style import EDGE, INK, NOTHING, colors_of, edge_colors
 

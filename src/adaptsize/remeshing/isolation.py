@@ -3,21 +3,19 @@
 Generators have been observed to crash the interpreter, hang, ignore SIGTERM, replace
 the handler of SIGINT, print, and write files into the working directory.  Therefore each
 call gets a new process in its own session and temporary directory, under a supervisor
-(`adaptsize._supervisor`).  The supervisor ends it with all that it has started, and removes the
+(`adaptsize._children`).  The supervisor ends it with all that it has started, and removes the
 directory, when the time limit is reached or the caller is interrupted, ends or is killed.
 """
 
 from __future__ import annotations
 
 import contextlib
-import json
 import logging
 import math
 import os
+import pickle
 import re
-import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping
@@ -26,19 +24,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
-import numpy as np
 import numpy.typing as npt
 
-from adaptsize._isolated import environment, isolated
-from adaptsize._supervisor import supervised
+from adaptsize._children import how_it_ended, isolated, job_line, start, supervised
 from adaptsize.errors import BackendError, BackendTimeoutError
 from adaptsize.remeshing.protocol import Arrays, Program
 
-_WORK = """
-from adaptsize._supervisor import exit_like
-from adaptsize.remeshing._worker import main
-exit_like(main())
-"""
+#: Exit without cleanup: some generators crash in their exit handlers.
+_WORK = "from adaptsize.remeshing._worker import main; os._exit(main())"
 #: The messages of the generators; they are silent unless its level is DEBUG.
 _LOGGER = logging.getLogger("adaptsize.remeshing")
 #: Codes that colour the text of a terminal.
@@ -101,17 +94,13 @@ class IsolatedRunner:
         self, folder: Path, text: str, write: Callable[[], list[str]], seconds: float
     ) -> int:
         with open(folder / "log.txt", "wb") as log:
-            child = subprocess.Popen(
-                supervised(folder),
-                cwd=folder,
-                env=environment(),
-                stdin=subprocess.PIPE,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                **_own_group(),
-            )
+            child = start(supervised(folder), folder, stdout=log, stderr=subprocess.STDOUT)
+            assert child.stdin is not None
             try:
-                _start_job(child, write(), seconds)
+                line = job_line(write(), seconds)
+                with contextlib.suppress(BrokenPipeError):  # killed: its exit code says so
+                    child.stdin.write(line)
+                    child.stdin.flush()
                 self._wait(child, folder / "log.txt", text)
             finally:  # also on an interrupt
                 code = _end(child)
@@ -131,20 +120,20 @@ class IsolatedRunner:
                 raise BackendError(f"{self.backend} was stopped: it printed too much")
 
     def _fail(self, folder: Path, code: int) -> NoReturn:
-        error = folder / "error.txt"
+        error, ended = folder / "error.txt", how_it_ended(code)
         if error.exists():  # a Python exception
             reason = error.read_text(encoding="utf-8")
-        elif -code == getattr(signal, "SIGKILL", None):
+        elif ended == "SIGKILL":
             reason = "it was killed from outside (SIGKILL), perhaps because memory ran out"
-        elif -code == getattr(signal, "SIGXCPU", None):
+        elif ended == "SIGXCPU":
             reason = (
                 "it was stopped at its limit of processor time (SIGXCPU), as may happen where "
                 "the sizes are far too large for the tolerance"
             )
-        elif code < 0:
-            reason = f"crashed ({_signal_name(-code)})"
+        elif ended.startswith("SIG"):
+            reason = f"crashed ({ended})"
         else:
-            reason = f"ended with exit code {code} and no result"
+            reason = f"ended with {ended} and no result"
         with open(folder / "log.txt", "rb") as log:
             log.seek(max(0, log.seek(0, os.SEEK_END) - 4000))
             tail = _COLOUR.sub("", log.read().decode("utf-8", "replace"))
@@ -157,17 +146,14 @@ def _function(name: str) -> Program:
     """Return the program that calls ``module:name`` with (arrays, options)."""
 
     def write(folder: Path, arrays: Arrays, options: Mapping[str, Any]) -> list[str]:
-        named: dict[str, Any] = dict(arrays)  # for mypy: savez has its own keywords
-        np.savez(folder / "job.npz", **named)
-        job = {"function": name, "options": dict(options)}
-        (folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
+        (folder / "job").write_bytes(pickle.dumps((name, dict(arrays), dict(options))))
         return isolated(_WORK)
 
     def read(result: Path, _options: Mapping[str, Any]) -> dict[str, npt.NDArray[Any]]:
-        with np.load(result, allow_pickle=False) as loaded:
-            return {name: loaded[name] for name in loaded.files}
+        arrays: dict[str, npt.NDArray[Any]] = pickle.loads(result.read_bytes())
+        return arrays
 
-    return Program(write, "result.npz", read)
+    return Program(write, "result", read)
 
 
 def _log_messages(backend: str, log: Path) -> None:
@@ -176,20 +162,6 @@ def _log_messages(backend: str, log: Path) -> None:
         for line in log.read_text(encoding="utf-8", errors="replace").splitlines():
             if line.strip():
                 _LOGGER.debug("%s: %s", backend, line.strip())
-
-
-def _own_group() -> dict[str, Any]:
-    """Shield the child from Ctrl-C in the terminal: its parent receives it and kills the child."""
-    if sys.platform == "win32":
-        return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
-    return {"start_new_session": True}
-
-
-def _start_job(child: subprocess.Popen[bytes], command: list[str], seconds: float) -> None:
-    assert child.stdin is not None
-    with contextlib.suppress(BrokenPipeError):  # killed from outside: its exit code says so
-        child.stdin.write(json.dumps([command, seconds]).encode() + b"\n")
-        child.stdin.flush()
 
 
 def _end(child: subprocess.Popen[bytes]) -> int:
@@ -201,12 +173,5 @@ def _end(child: subprocess.Popen[bytes]) -> int:
         # The supervisor has this long to end a job.
         return child.wait(10.0)
     except subprocess.TimeoutExpired:
-        child.kill()  # the job dies with it where the system can do that
+        child.kill()
         return child.wait()
-
-
-def _signal_name(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"
