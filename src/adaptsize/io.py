@@ -293,13 +293,12 @@ def _grid_in(image: Mapping[str, Any]) -> tuple[CartesianGrid, dict[str, npt.NDA
 
 
 def read_metric(path: str | os.PathLike[str], *, name: str = "metric") -> Metric:
-    """Return the metric in a file: a nodal field of matrices, or Mmg's ``.sol`` or ``.solb``.
+    """Return the metric in a file: a nodal field of matrices, or Mmg's ``.sol``.
 
     Parameters
     ----------
     path : path-like
-        A ``.sol`` (text) or ``.solb`` (binary) with sizes or symmetric matrices at the nodes, or a
-        file for `read`.
+        A ``.sol`` with sizes or symmetric matrices at the nodes, or a file for `read`.
     name : str, default "metric"
         The nodal field in a file for `read`, with one, four or nine components.
 
@@ -328,7 +327,7 @@ def read_metric(path: str | os.PathLike[str], *, name: str = "metric") -> Metric
     """
     file = as_path("path", path)
     try:
-        if file.suffix.lower() in (".sol", ".solb"):
+        if file.suffix.lower() == ".sol":
             check_readable(file)
             return sizes.read_sol(file)
         mesh = read(file)

@@ -1,7 +1,5 @@
 """Metrics in files: round trips, the order of entries, and damaged files."""
 
-import struct
-
 import numpy as np
 import pytest
 from shapes import block, two_region_rectangle
@@ -56,37 +54,6 @@ def test_vtk_reads_the_field_as_tensors(tmp_path):
 SOL = "MeshVersionFormatted 2\n\nDimension 2\n\nSolAtVertices\n2\n1 3\n4 0 9\n4 1 9\n\nEnd\n"
 
 
-def solb(version, order, values, *, dim=3, kinds=(3,), n=2):
-    """Return a binary .solb as libMeshb writes it: places of 8 bytes from version 3 on."""
-    place = order + ("i" if version < 3 else "q")
-    count = order + ("i" if version < 4 else "q")
-    head = struct.pack(order + "ii", 1, version)
-    dimension = struct.pack(order + "i", 3)
-    start = len(head) + 4 + struct.calcsize(place) + 4
-    data = struct.pack(count, n) + struct.pack(order + f"{1 + len(kinds)}i", len(kinds), *kinds)
-    data += np.asarray(values, order + ("f4" if version == 1 else "f8")).tobytes()
-    end = start + 4 + struct.calcsize(place) + len(data)
-    return (
-        head + dimension + struct.pack(place, start) + struct.pack(order + "i", dim)
-        + struct.pack(order + "i", 62) + struct.pack(place, end) + data
-        + struct.pack(order + "i", 54) + struct.pack(place, 0)
-    )  # fmt: skip
-
-
-VALUES = [[4, 1, 9, 0.5, 0.25, 16], [1, 0, 1, 0, 0, 1]]
-
-
-@pytest.mark.parametrize("order", ["<", ">"])
-@pytest.mark.parametrize("version", [1, 2, 3, 4])
-def test_binary_solutions_are_read(tmp_path, version, order):
-    (tmp_path / "part.solb").write_bytes(solb(version, order, VALUES))
-    expected = [[[4, 1, 0.5], [1, 9, 0.25], [0.5, 0.25, 16]], np.eye(3)]
-    assert ads.read_metric(tmp_path / "part.solb").matrices == pytest.approx(np.array(expected))
-    (tmp_path / "part.solb").write_bytes(solb(version, order, [0.5, 2.0], kinds=(1,)))
-    sizes = ads.read_metric(tmp_path / "part.solb").sizes
-    assert sizes == pytest.approx(np.array([[0.5] * 3, [2.0] * 3]))
-
-
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
@@ -98,15 +65,6 @@ def test_binary_solutions_are_read(tmp_path, version, order):
         ("part.sol", SOL.replace("4 1 9", "4 nan 9"), "must be finite"),
         ("part.sol", SOL.replace("Dimension 2", "Dimension 4"), "must hold one size"),
         ("part.sol", "\xff", "not a text file"),
-        ("part.solb", b"", "empty"),
-        ("part.solb", b"MeshVersionFormatted 2", "not a binary file of Medit"),
-        ("part.solb", solb(2, "<", VALUES)[:60], "is truncated"),
-        ("part.solb", solb(2, "<", VALUES)[:20], "is truncated"),
-        ("part.solb", solb(5, "<", VALUES), "of version 1 to 4"),
-        ("part.solb", solb(2, "<", VALUES, kinds=(3, 1)), "must hold one size"),
-        ("part.solb", solb(2, "<", VALUES, kinds=(7,)), "the first of type 7"),
-        ("part.solb", solb(2, "<", VALUES, n=-1), "got -1 nodes"),
-        ("part.solb", solb(2, "<", VALUES, dim=4), "in 4-D"),
     ],
 )
 def test_damaged_files_are_refused_in_one_line(tmp_path, name, content, message):

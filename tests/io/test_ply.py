@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from adaptsize import read
-from adaptsize.errors import InputWarning
+from adaptsize.errors import InputWarning, MeshFileError
 
 PLY_OF_ALL_TYPES = """ply
 format ascii 1.0
@@ -80,15 +80,14 @@ def test_binary_ply_of_triangles_is_read_with_fields_of_nodes_and_faces(tmp_path
     assert mesh.point_data["id"].tolist() == [10, 11, 12, 13, 14]
 
 
-@pytest.mark.parametrize("name", ["vertex_index", "vertex_indices"])
-def test_binary_ply_of_triangles_and_a_quadrilateral_is_read(tmp_path, name):
+def test_binary_ply_of_polygons_of_different_sizes_is_refused(tmp_path):
     head = (
         "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\n"
         "property float y\nproperty float z\nelement face 2\n"
-        f"property list uchar int {name}\nend_header\n"
+        "property list uchar int vertex_index\nend_header\n"
     )
     points = struct.pack("<12f", 0, 0, 1, 1, 0, 1, 1, 1, 1, 0, 1, 1)
     faces = struct.pack("<B3i", 3, 0, 2, 1) + struct.pack("<B4i", 4, 0, 1, 2, 3)
     (tmp_path / "a.ply").write_bytes(head.encode() + points + faces)
-    with pytest.warns(InputWarning, match="1 quadrilaterals split"):
-        assert read(tmp_path / "a.ply").n_cells == 3
+    with pytest.raises(MeshFileError, match=r"a\.ply: .*cannot be read"):
+        read(tmp_path / "a.ply")

@@ -10,7 +10,6 @@ from meshes import jittered_cube, random_sphere
 from numpy.testing import assert_array_equal
 
 from adaptsize import SimplexMesh, SizeFunction, read, read_size, write
-from adaptsize._formats import surfaces
 
 MESH_FORMATS = [".vtu", ".vtk", ".xdmf", ".msh", ".mesh", ".meshb"]
 FIELD_FORMATS = [".vtu", ".vtk", ".xdmf", ".msh"]
@@ -109,7 +108,8 @@ def test_surfaces_come_back_to_the_last_bit_that_the_format_holds(tmp_path, suff
 def test_normals_in_stl_files_are_unit_and_point_outward(tmp_path):
     mesh = random_sphere(50, 7306)
     write(tmp_path / "mesh.stl", mesh)
-    records = np.frombuffer((tmp_path / "mesh.stl").read_bytes(), surfaces._RECORD, offset=84)
+    record = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+    records = np.frombuffer((tmp_path / "mesh.stl").read_bytes(), record, offset=84)
     along = (records["normal"] * records["corners"].mean(axis=1)).sum(axis=1)
     assert (along > 0).all()
     # float32 has 24 bits: the sum of three squares is 1 to a few 6e-8.

@@ -47,11 +47,11 @@ def test_a_file_is_replaced_in_one_step_not_overwritten(tmp_path):
 
 
 def test_an_interrupted_write_leaves_nothing(tmp_path, monkeypatch):
-    def interrupt(path, corners):
+    def interrupt(path, *arguments, **options):
         path.write_bytes(b"half")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(writers, "write_binary", interrupt)
+    monkeypatch.setattr(writers, "_write_with_meshio", interrupt)
     with pytest.raises(KeyboardInterrupt):
         write(tmp_path / "mesh.stl", SimplexMesh(SQUARE, TWO_TRIANGLES))
     assert os.listdir(tmp_path) == []

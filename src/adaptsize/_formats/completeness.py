@@ -28,8 +28,8 @@ _GMSH_SECTIONS = (
     b"NodeData",
     b"ElementData",
 )
-#: Keywords of binary Medit files are numbers; this one is End.
-_MEDIT_END = 54
+STL = (".stl", ".stla", ".stlb")
+_SOLID = re.compile(rb"^[ \t]*solid\b", re.M | re.I)
 
 
 def check_end(suffix: str, content: bytes) -> None:
@@ -86,35 +86,45 @@ def _check_medit_end(content: bytes) -> None:
         raise MeshFileError("is truncated (no End)")
 
 
-class BinaryMedit:
-    """A binary file of Medit: sections, each with a keyword and the place of the next one.
+def _check_binary_medit_end(content: bytes) -> None:
+    """Refuse a file that does not end with a keyword, which is a number, and an empty place."""
+    if not re.search(rb"(\x36\0\0\0|\0\0\0\x36)(\0{4}){1,2}\Z", content):
+        raise MeshFileError("is truncated (no End)")
 
-    Integers have 4 bytes; places have 8 from version 3 on, and counts from version 4.  Numbers
-    have 4 bytes in version 1 and 8 in others.
-    """
 
-    def __init__(self, content: bytes) -> None:
-        self.content = content
-        self.order = "<" if content[:4] == b"\x01\0\0\0" else ">"
-        self.version = self.integer(4)
-        if self.integer(0) != 1 or not 1 <= self.version <= 4:
-            raise MeshFileError("is not a binary file of Medit of version 1 to 4")
-        self.places: dict[int, int] = {}
-        """Where the data of each keyword begin."""
-        place = 8 if self.version > 2 else 4
-        at = 8
-        while (keyword := self.integer(at)) != _MEDIT_END:
-            self.places[keyword] = at + 4 + place
-            following = self.integer(at + 4, place)
-            if not at < following < len(content):
-                raise MeshFileError("is truncated (no End)")
-            at = following
+def _is_binary_stl(content: bytes) -> bool:
+    return len(content) >= 84 and len(content) == 84 + 50 * int.from_bytes(content[80:84], "little")
 
-    def integer(self, at: int, size: int = 4) -> int:
-        """Return an integer of ``size`` bytes."""
-        if at + size > len(self.content):
-            raise MeshFileError("is truncated (no End)")
-        return int(np.frombuffer(self.content, f"{self.order}i{size}", 1, at)[0])
+
+def _check_stl_end(content: bytes) -> None:
+    if _is_binary_stl(content):
+        return
+    begins = [found.start() for found in _SOLID.finditer(content)]  # of one solid or several
+    if b"\0" in content or not begins:
+        raise MeshFileError("is neither a text STL file nor a binary one of its promised length")
+    if not re.compile(rb"^[ \t]*end ?solid\b", re.M | re.I).search(content, begins[-1]):
+        raise MeshFileError("is a truncated text STL file (no endsolid)")
+
+
+def _check_stl(content: bytes, raw: RawMesh) -> None:
+    if not _is_binary_stl(content):
+        n_corners = len(re.findall(rb"^[ \t]*vertex\b", content, re.M | re.I))
+        _compare("triangles", math.ceil(n_corners / 3), _n_cells(raw))
+
+
+def _check_off(content: bytes, raw: RawMesh) -> None:
+    text = re.sub(rb"#[^\r\n]*", b"", content).strip(b"\r\n")
+    counts = re.match(rb"\s*C?OFF\s+(\d+)[ \t]+(\d+)[^\r\n]*", text)
+    if counts is None:
+        raise MeshFileError("cannot be read as a mesh (no numbers of vertices and faces)")
+    rows = [row for row in text[counts.end() :].splitlines() if row.strip()]
+    n_rows = sum(map(int, counts.groups()))
+    _compare("vertices and faces", n_rows, len(rows))
+    _compare("faces", int(counts[2]), _n_cells(raw))
+    if len(rows) == n_rows:
+        words = rows[-1].split()
+        _compare("nodes in its last face", int(words[0]), len(words) - 1)
+        check_last_number(content, len(raw.points))
 
 
 def _check_ply(content: bytes, raw: RawMesh) -> None:
@@ -199,13 +209,16 @@ def _compare(what: str, promised: int, held: int) -> None:
 _ENDS: dict[str, Callable[[bytes], object]] = {
     ".msh": _check_gmsh,
     ".mesh": _check_medit_end,
-    ".meshb": BinaryMedit,
+    ".meshb": _check_binary_medit_end,
+    **dict.fromkeys(STL, _check_stl_end),
     **dict.fromkeys((".bdf", ".nas", ".fem"), _check_nastran_end),
     ".su2": _check_su2_points,
     ".vtk": _check_vtk,
     **dict.fromkeys(vtk.XML, _check_vtk_xml),
 }
 _COUNTS: dict[str, Callable[[bytes, RawMesh], None]] = {
+    **dict.fromkeys(STL, _check_stl),
+    ".off": _check_off,
     ".ply": _check_ply,
     ".su2": _check_su2,
     ".obj": partial(_check_last_line, words=(b"#", b"o", b"g", b"s", b"u", b"m")),

@@ -16,16 +16,13 @@ import numpy.typing as npt
 
 from adaptsize._formats import raster, vtk
 from adaptsize._formats.blocks import RawMesh, name_of_polygon, sewn
-from adaptsize._formats.gmsh import read_names
 from adaptsize._formats.guards import files_named_in
 from adaptsize.errors import MeshFileError
 
 _ELEMENT_DATA = re.compile(rb"^\$ElementData\s*?\n.*?^\$EndElementData\s*?\n", re.M | re.S)
-#: The header of a PLY file whose faces have nothing but corners: meshio reads no other binary ones.
-_PLAIN_PLY = re.compile(
-    rb"ply\s((?!element).*\n)*element vertex.*\n((?!element).*\n)*"
-    rb"element face.*\n(comment.*\n)*property list \w+ \w+ vertex_ind\w+\s*?\nend_header"
-)
+#: The names of physical groups.  meshio keeps one per name; a volume and its skin may share one.
+_NAMES = re.compile(r"^\$PhysicalNames\s*$(.*?)^\$EndPhysicalNames", re.M | re.S)
+_NAME = re.compile(r'^[ \t]*([0-3])\s+(-?\d+)\s+"([^"\n]*)"', re.M)
 
 
 def refuse_links(path: Path) -> None:
@@ -83,11 +80,14 @@ def read_meshio(path: Path) -> RawMesh:
     """Return the mesh in any other file."""
     import meshio
 
-    suffix, notes = path.suffix.lower(), list[str]()
+    suffix, notes, names = path.suffix.lower(), list[str](), dict[tuple[int, int], str]()
     if suffix == ".msh":
         from meshio.gmsh.main import read_buffer
 
         content = path.read_bytes()
+        if section := _NAMES.search(content.partition(b"\n$Nodes")[0].decode("utf-8", "replace")):
+            found = _NAME.findall(section[1])
+            names = {(int(dim), int(tag)): name for dim, tag, name in found if name.strip()}
         # meshio takes version "4" for 4.1, and fails on fields of elements in version 2.
         content = re.sub(rb"\A\$MeshFormat\s+4(?=\s)", b"$MeshFormat\n4.0", content)
         if re.match(rb"\$MeshFormat\s+2", content):
@@ -102,13 +102,6 @@ def read_meshio(path: Path) -> RawMesh:
         if not re.search(r"^BEGIN BULK", text, re.M):  # as Gmsh writes them
             text = f"BEGIN BULK\n{text}"
         mesh = meshio.read(io.StringIO(text), "nastran")
-    elif suffix == ".ply":
-        content = path.read_bytes()
-        head = _PLAIN_PLY.match(content)
-        if head is None:
-            raise MeshFileError("cannot be read (faces with other properties than corners)")
-        head_now = re.sub(rb"vertex_index\b", b"vertex_indices", head[0])
-        mesh = meshio.read(io.BytesIO(head_now + content[head.end() :]), "ply")
     else:
         if suffix in (".xdmf", ".xmf"):
             refuse_links(path)
@@ -119,7 +112,7 @@ def read_meshio(path: Path) -> RawMesh:
         raise MeshFileError(f"holds cells of type {ragged!r}, which cannot be read")
     points = np.asarray(mesh.points, dtype=np.float64)
     numeric = {name: v for name, v in mesh.point_data.items() if np.asarray(v).dtype != object}
-    return RawMesh(points, blocks, numeric, mesh.cell_data, read_names(path), notes)
+    return RawMesh(points, blocks, numeric, mesh.cell_data, names, notes)
 
 
 def read_shp(path: Path) -> dict[str, Any]:

@@ -14,13 +14,16 @@ import numpy as np
 
 from adaptsize._formats import fort14, polygon_files
 from adaptsize._formats.blocks import RawMesh, check_raw
-from adaptsize._formats.completeness import check_counts, check_end, check_named
+from adaptsize._formats.completeness import STL, check_counts, check_end, check_named
 from adaptsize._formats.guards import check_readable
 from adaptsize._formats.limited import read_limited
-from adaptsize._formats.surfaces import read_corners, read_off
 from adaptsize.background.merging import merge_equal_points
 from adaptsize.errors import MeshFileError
 
+_NO_MESHES = {
+    ".vti": "holds a grid, not a mesh; use read_size",
+    **dict.fromkeys((".step", ".stp", ".brep"), "holds a CAD model, not a mesh; use read_cad"),
+}
 #: What readers of ours raise on damaged files.
 _DAMAGE = (ArithmeticError, AttributeError, LookupError, SyntaxError, TypeError)
 
@@ -29,10 +32,8 @@ def load(path: Path) -> RawMesh:
     """Return the checked content of a mesh file.  Failures are MeshFileErrors without the path."""
     check_readable(path)
     suffix = path.suffix.lower()
-    if suffix == ".vti":
-        raise MeshFileError("holds a grid, not a mesh; use read_size")
-    if suffix in (".step", ".stp", ".brep"):
-        raise MeshFileError("holds a CAD model, not a mesh; use read_cad")
+    if suffix in _NO_MESHES:
+        raise MeshFileError(_NO_MESHES[suffix])
     if suffix not in _LOADERS:
         raise MeshFileError(
             f"has a suffix that no reader knows ({suffix or 'none'}); these can be read: "
@@ -67,10 +68,10 @@ def _loaded(loader: Callable[[Path], RawMesh], path: Path) -> RawMesh:
 
 
 def _load_stl(path: Path) -> RawMesh:
-    corners = read_corners(path)
+    found = _by_trimesh(path)
     with np.errstate(invalid="ignore"):  # numbers that are not finite are refused later
-        points, number = merge_equal_points(corners.reshape(-1, 3))
-    return RawMesh(points, [("triangle", number.reshape(-1, 3))])
+        points, number = merge_equal_points(found.points)
+    return RawMesh(points, [("triangle", number[cells]) for _, cells in found.blocks])
 
 
 _by_meshio, _by_vtk, _by_trimesh = (
@@ -78,11 +79,9 @@ _by_meshio, _by_vtk, _by_trimesh = (
 )
 #: Each suffix that can be read, with the readers in the order in which they are tried.
 _LOADERS: dict[str, tuple[Callable[[Path], RawMesh], ...]] = {
-    **dict.fromkeys((".stl", ".stla", ".stlb"), (_load_stl,)),
+    **dict.fromkeys(STL, (_load_stl,)),
     ".obj": (_by_meshio, _by_trimesh),  # meshio does not know all spellings
-    ".off": (read_off,),
-    ".ply": (_by_trimesh, _by_meshio),  # binary polygons of different sizes: meshio
-    **dict.fromkeys((".gltf", ".glb", ".3mf"), (_by_trimesh,)),
+    **dict.fromkeys((".ply", ".off", ".gltf", ".glb", ".3mf"), (_by_trimesh,)),
     **dict.fromkeys((".vtk", ".vtu", ".vtp", ".vtr", ".vts", ".vtm", ".vtkhdf"), (_by_vtk,)),
     **dict.fromkeys((".pvtu", ".pvtp"), (_by_vtk,)),
     **dict.fromkeys((".msh", ".mesh", ".meshb", ".inp", ".su2", ".xdmf", ".xmf"), (_by_meshio,)),

@@ -1,7 +1,6 @@
 """Sizes and metrics at nodes in the formats of mesh generators.
 
-Metrics are nodal fields of nine components, or symmetric matrices in Mmg's ``.sol``, of which
-``.solb`` is the binary form.
+Metrics are nodal fields of nine components, or symmetric matrices in Mmg's ``.sol``.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._formats.completeness import BinaryMedit
 from adaptsize._formats.text import numbers, write_text
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import MeshFileError
@@ -74,8 +72,6 @@ def write_jigsaw(path: Path, mesh: SimplexMesh, sizes: FloatArray) -> None:
 METRIC, LENGTHS = "metric", "metric.lengths"
 #: Types of values in a ``.sol``: a number, a symmetric matrix.
 _SCALAR, _SYMMETRIC = 1, 3
-#: Keywords of binary files.
-_DIMENSION, _SOL_AT_VERTICES = 3, 62
 
 
 def fields_of(metric: Metric) -> dict[str, FloatArray]:
@@ -111,61 +107,31 @@ def metric_in(values: npt.NDArray[Any], dim: int) -> Metric:
 
 def read_sol(path: Path) -> Metric:
     """Return the metric in a file for Mmg: sizes or symmetric matrices at nodes."""
-    found = _binary_of(path) if path.suffix.lower() == ".solb" else _text_of(path)
-    dim, n, n_kinds, kind, values = found
-    if dim not in (2, 3) or n < 1 or n_kinds != 1 or kind not in (_SCALAR, _SYMMETRIC):
-        raise MeshFileError(
-            "must hold one size (type 1) or symmetric matrix (type 3) per node in 2-D or 3-D, got "
-            f"{n} nodes in {dim}-D with {n_kinds} values, the first of type {kind}"
-        )
-    width = 1 if kind == _SCALAR else dim * (dim + 1) // 2
-    if len(values) < n * width:
-        raise MeshFileError(f"ends after {len(values)} of {n * width} numbers")
-    values = numbers(values[: n * width], np.float64) if isinstance(values, list) else values
-    values = values[: n * width].astype(np.float64)
-    if kind == _SCALAR:
-        return Metric.isotropic(values, dim)
-    i, j = np.tril_indices(dim)
-    matrices = np.empty((n, dim, dim))
-    matrices[:, i, j] = matrices[:, j, i] = values.reshape(n, width)
-    return Metric.from_matrices(matrices)
-
-
-def _text_of(path: Path) -> tuple[int, int, int, int, list[str]]:
-    """Return dimension, nodes, values per node, type of the first, and the words of a text file."""
     try:
         words = path.read_text(encoding="ascii").split()
     except UnicodeDecodeError:
-        raise MeshFileError("is not a text file; is it a .solb?") from None
+        raise MeshFileError("is not a text file") from None
     try:
         dim, start = int(words[words.index("Dimension") + 1]), words.index("SolAtVertices")
         n, n_kinds, kind = (int(word) for word in words[start + 1 : start + 4])
     except (ValueError, IndexError):
         raise MeshFileError("lacks Dimension or SolAtVertices with its counts") from None
-    rest = words[start + 4 :]
-    return dim, n, n_kinds, kind, rest[: rest.index("End")] if "End" in rest else rest
-
-
-def _binary_of(path: Path) -> tuple[int, int, int, int, npt.NDArray[Any]]:
-    """Return the same of a binary file, with all numbers up to its end."""
-    file = BinaryMedit(path.read_bytes())
-    if not {_DIMENSION, _SOL_AT_VERTICES} <= file.places.keys():
-        raise MeshFileError("has no dimension, or no values at nodes")
-    at, count = file.places[_SOL_AT_VERTICES], 4 if file.version < 4 else 8
-    n, n_kinds, kind = (
-        file.integer(at, count), file.integer(at + count), file.integer(at + count + 4)
-    )  # fmt: skip
-    dtype = np.dtype(f"{file.order}f{4 if file.version == 1 else 8}")
-    start = at + count + 4 + 4 * max(n_kinds, 0)
-    held = max(len(file.content) - start, 0) // dtype.itemsize
-    dim = file.integer(file.places[_DIMENSION])
-    return (
-        dim,
-        n,
-        n_kinds,
-        kind,
-        np.frombuffer(file.content, dtype, held, min(start, len(file.content))),
-    )
+    if dim not in (2, 3) or n < 1 or n_kinds != 1 or kind not in (_SCALAR, _SYMMETRIC):
+        raise MeshFileError(
+            "must hold one size (type 1) or symmetric matrix (type 3) per node in 2-D or 3-D, got "
+            f"{n} nodes in {dim}-D with {n_kinds} values, the first of type {kind}"
+        )
+    count = n if kind == _SCALAR else n * (dim * (dim + 1) // 2)
+    held = words[start + 4 : words.index("End") if "End" in words else None]
+    if len(held) < count:
+        raise MeshFileError(f"ends after {len(held)} of {count} numbers")
+    values = numbers(held[:count], np.float64)
+    if kind == _SCALAR:
+        return Metric.isotropic(values, dim)
+    i, j = np.tril_indices(dim)
+    matrices = np.empty((n, dim, dim))
+    matrices[:, i, j] = matrices[:, j, i] = values.reshape(n, -1)
+    return Metric.from_matrices(matrices)
 
 
 def _padded(matrices: FloatArray) -> FloatArray:

@@ -44,6 +44,10 @@ _GHOSTS, _HIDDEN = "vtkGhostType", 2
 
 XML = (".vtu", ".vtp", ".vti", ".vtr", ".vts", ".vtm", ".pvtu", ".pvtp")
 SUFFIXES = (*XML, ".vtk", ".vtkhdf")
+_READERS = {
+    ".vtkhdf": "vtkIOHDF.vtkHDFReader",
+    ".pvtu": "vtkIOXML.vtkXMLPUnstructuredGridReader",
+}
 _WRITERS = {
     ".vtu": "vtkIOXML.vtkXMLUnstructuredGridWriter",
     ".vtp": "vtkIOXML.vtkXMLPolyDataWriter",
@@ -350,10 +354,8 @@ def pieces_in(path: Path, rank: int, size: int) -> Iterator[RawMesh]:
 
 
 def _reader_of(path: Path) -> Any:
-    name = {".vtkhdf": "HDF.vtkHDFReader", ".pvtu": "XML.vtkXMLPUnstructuredGridReader"}.get(
-        path.suffix.lower(), "XML.vtkXMLGenericDataObjectReader"
-    )
-    reader = _get(f"vtkIO{name}")()
+    name = _READERS.get(path.suffix.lower(), "vtkIOXML.vtkXMLGenericDataObjectReader")
+    reader = _get(name)()
     reader.SetFileName(str(path))
     return reader
 

@@ -16,11 +16,9 @@ import numpy.typing as npt
 from adaptsize._checks import as_sizes, check_type, describe, refuse_where
 from adaptsize._formats import fort14, sizes, vtk
 from adaptsize._formats.blocks import UNTAGGED, RawMesh
-from adaptsize._formats.gmsh import add_names
 from adaptsize._formats.limited import call_unlimited
 from adaptsize._formats.sizes import METRIC, as_tensors
 from adaptsize._formats.solvers import write_abaqus, write_nastran, write_su2
-from adaptsize._formats.surfaces import write_binary
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.simplex import as_own
@@ -182,7 +180,11 @@ def _write_gmsh(path: Path, mesh: SimplexMesh) -> None:
     nodal = {name: _gmsh_components(values) for name, values in content.point_data.items()}
     slim = RawMesh(content.points, content.blocks, nodal, tags)
     _write_with_meshio(path, slim, "gmsh22")
-    add_names(path, names)
+    if names:
+        lines = [f'{dim} {tag} "{name}"\n' for (dim, tag), name in sorted(names.items())]
+        section = f"$PhysicalNames\n{len(lines)}\n{''.join(lines)}$EndPhysicalNames\n"
+        head, end, rest = path.read_bytes().partition(b"$EndMeshFormat\n")
+        path.write_bytes(head + end + section.encode() + rest)
 
 
 def gmsh_groups(
@@ -234,17 +236,13 @@ def _write_medit(path: Path, mesh: SimplexMesh) -> None:
     _write_with_meshio(path, slim, "medit")
 
 
-def _write_surface(path: Path, mesh: SimplexMesh, file_format: str) -> None:
+def _write_surface(path: Path, mesh: SimplexMesh, file_format: str, **options: Any) -> None:
     """Write triangles, and to PLY the nodal fields of one component."""
     content = content_of(surface_of(mesh), "cell_tags", pad=True)
     scalars = {name: v for name, v in content.point_data.items() if v.ndim == 1}
     nodal = scalars if file_format == "ply" else {}
-    _write_with_meshio(path, RawMesh(content.points, content.blocks[:1], nodal, {}), file_format)
-
-
-def _write_stl(path: Path, mesh: SimplexMesh) -> None:
-    surface = content_of(surface_of(mesh), "cell_tags", pad=True)
-    write_binary(path, surface.points[surface.blocks[0][1]])
+    slim = RawMesh(content.points, content.blocks[:1], nodal, {})
+    _write_with_meshio(path, slim, file_format, **options)
 
 
 def _write_jigsaw(path: Path, mesh: SimplexMesh) -> None:
@@ -284,7 +282,12 @@ FORMATS: dict[str, Format] = {
     "xdmf": Format((".xdmf", ".xmf"), _write_xdmf),
     "gmsh": Format((".msh",), _write_gmsh, names=_QUOTED),
     "medit": Format((".mesh", ".meshb"), _write_medit, holds_fields=False),
-    "stl": Format((".stl",), _write_stl, holds_fields=False, only_triangles=True),
+    "stl": Format(
+        (".stl",),
+        partial(_write_surface, file_format="stl", binary=True),
+        holds_fields=False,
+        only_triangles=True,
+    ),
     "fort.14": Format((".14", ".grd", ".gr3"), fort14.write, holds_fields=False, only_full=True),
     **{
         name: Format(

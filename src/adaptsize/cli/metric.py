@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.metrics import Metric, MetricFunction
 
-_FILES = (".sol", ".solb")
 #: Options of ``remesh`` that are passed on to the mesh generators.
 _OF_MESHING = {"tolerance", "max_elements", *options_of(MeshOptions)}
 
@@ -31,7 +30,7 @@ def _check(file: Path, output: Path, given: Given, allowed: set[str]) -> None:
     if not format_of(output, None).holds_metrics:
         raise ValueError(f"{output.name} cannot hold a metric; write .vtu, .sol or .pos")
     metric = Path(given["metric"])
-    other = metric if metric.suffix.lower() in _FILES else None
+    other = metric if metric.suffix.lower() == ".sol" else None
     content: Any = "mesh" if beside(output) is not None else "sizes"
     check_files([file, other], output, content, plot=given.get("plot"))
 
@@ -43,7 +42,7 @@ def _read(file: Path, given: Given) -> tuple[SimplexMesh, Metric]:
     from adaptsize.io import read_metric
 
     mesh, metric = read_mesh(file), given["metric"]
-    if Path(metric).suffix.lower() in _FILES:
+    if Path(metric).suffix.lower() == ".sol":
         found = read_metric(metric)
         found.check_mesh(mesh)
     else:

@@ -71,7 +71,7 @@ FIELD = own(
 )  # fmt: skip
 METRIC = own(
     "Sizes", "metric", str,
-    "Sizes by direction: a nodal field of matrices, or a .sol or .solb file.",
+    "Sizes by direction: a nodal field of matrices, or a .sol file.",
 )  # fmt: skip
 SOURCE = own(
     "Sizes", "source", list[str],
