@@ -11,9 +11,8 @@ from typing import Any
 import numpy.typing as npt
 
 from adaptsize._checks import as_flag, as_path, one_of
-from adaptsize._formats import assembly, raster, readers, sizes, writers
+from adaptsize._formats import assembly, formats, raster, sizes, writers
 from adaptsize._formats.blocks import KINDS
-from adaptsize._formats.completeness import check_end
 from adaptsize._formats.guards import about_file, check_readable, is_special, write_whole
 from adaptsize._formats.limited import read_limited
 from adaptsize._formats.polygons import polygons
@@ -108,7 +107,7 @@ def read(
         one_of("kind", kind, tuple(KINDS))
     notes: list[str] = []
     try:
-        raw = readers.load(file)
+        raw = formats.load(file)
         notes.extend(raw.notes)
         mesh = assembly.build(raw, kind=kind, flatten=flatten, notes=notes)
     except (ValueError, MemoryError) as error:
@@ -186,7 +185,7 @@ def write(
     # Resolve links, except to pipes: /dev/stdout may lead to one, which has no path.
     path = as_path("path", path)
     target = Path(os.path.realpath(path)) if not is_special(path) else path
-    chosen = writers.format_of(path, file_format)
+    chosen = formats.format_of(path, file_format)
     background, nodal = writers.parts_of(obj, fields)
     needed = list(nodal)
     if isinstance(obj, MetricFunction):
@@ -210,7 +209,7 @@ def write(
     else:
         chosen.check_names(path, nodal, ())
     try:
-        write_whole(target, writers.writing(background, nodal, chosen))
+        write_whole(target, chosen.writing(background, nodal))
     except (MeshFileError, OSError) as error:
         raise about_file(path, error) from error
 
@@ -260,7 +259,7 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
     if file.suffix.lower() == ".vti":
         try:
             check_readable(file)
-            check_end(".vti", file.read_bytes())
+            formats.FORMATS["vti"].check_end(file.read_bytes())
             background, fields = _grid_in(read_limited("read_vti", file))
         except (ValueError, MemoryError) as error:
             raise about_file(file, error) from error

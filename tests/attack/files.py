@@ -108,7 +108,7 @@ def _meshes() -> dict[str, ads.SimplexMesh]:
 
 
 def _ours(folder: Path) -> Iterator[tuple[str, bytes]]:
-    from adaptsize._formats.writers import FORMATS
+    from adaptsize._formats.formats import FORMATS
 
     for kind, mesh in _meshes().items():
         size = ads.SizeFunction(mesh, np.full(mesh.n_points, 0.1))

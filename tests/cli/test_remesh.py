@@ -142,21 +142,16 @@ def test_check_takes_the_tolerance_with_which_a_mesh_was_made(capsys, tmp_path, 
 
 
 def test_a_record_of_another_mesh_counts_for_nothing(capsys, tmp_path):
-    for suffix, damage in ((".vtu", b'Name="other"'), (".msh", b"$Comments\nadaptsize {\n$End")):
-        path = tmp_path / f"mesh{suffix}"
-        write(path, SQUARE)
-        plain = path.read_bytes()
+    path = tmp_path / "mesh.vtu"
+    write(path, SQUARE)
+    assert read_provenance(path) == {}
+    write_provenance(path, {"tolerance": 0.5, "n_cells": 7, "input": "größe"})
+    assert read_provenance(path)["input"] == "größe"
+    assert call("check", path, "--original", path) == 0
+    assert "made by" not in capsys.readouterr().err
+    for damage in ("[1]", '{"tolerance": 0'):
+        (tmp_path / "mesh.vtu.json").write_text(damage)
         assert read_provenance(path) == {}
-        write_provenance(path, {"tolerance": 0.5, "n_cells": 7, "input": "größe"})
-        assert read_provenance(path)["input"] == "größe"
-        assert read(path).n_cells == 2
-        assert call("check", path, "--original", path) == 0
-        assert "made by" not in capsys.readouterr().err
-        path.write_bytes(plain + damage)
-        assert read_provenance(path) == {}
-    assert read_provenance(tmp_path / "none.stl") == {}
-    (tmp_path / "none.stl.json").write_text("[1]")
-    assert read_provenance(tmp_path / "none.stl") == {}
 
 
 def test_an_open_surface_is_reported(capsys, open_box, no_generator):

@@ -7,15 +7,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
-from adaptsize._formats import vtk
 from adaptsize._formats.blocks import RawMesh
-from adaptsize._formats.guards import about_file, files_named_in
 from adaptsize._formats.text import check_last_number
 from adaptsize.errors import MeshFileError
 
@@ -28,46 +24,10 @@ _GMSH_SECTIONS = (
     b"NodeData",
     b"ElementData",
 )
-STL = (".stl", ".stla", ".stlb")
 _SOLID = re.compile(rb"^[ \t]*solid\b", re.M | re.I)
 
 
-def check_end(suffix: str, content: bytes) -> None:
-    """Refuse a file that lacks the end mark of its format, before it is read.
-
-    Raises
-    ------
-    MeshFileError
-        The message does not have the path.
-    """
-    check = _ENDS.get(suffix)
-    if check is not None:
-        check(content)
-
-
-def check_named(path: Path, first: int = 0, step: int = 1) -> None:
-    """Refuse a file that names incomplete ones; of these, every ``step``-th is checked."""
-    for file in sorted(files_named_in(path))[first::step]:
-        try:
-            check_end(file.suffix.lower(), file.read_bytes())
-        except MeshFileError as error:
-            raise about_file(f"names {file.name}", error) from error
-
-
-def check_counts(suffix: str, content: bytes, raw: RawMesh) -> None:
-    """Refuse a mesh with fewer points, cells or values than its file promises.
-
-    Raises
-    ------
-    MeshFileError
-        The message has both numbers, without the path.
-    """
-    check = _COUNTS.get(suffix)
-    if check is not None:
-        check(content, raw)
-
-
-def _check_gmsh(content: bytes) -> None:
+def check_gmsh(content: bytes) -> None:
     if not re.match(rb"\s*\$(MeshFormat|Comments|NOD)\b", content[:1000]):
         raise MeshFileError("cannot be read as a mesh (no $MeshFormat at the start; is it Gmsh's?)")
     for name in _GMSH_SECTIONS:
@@ -81,14 +41,11 @@ def _check_gmsh(content: bytes) -> None:
         )
 
 
-def _check_medit_end(content: bytes) -> None:
-    if not re.search(rb"^\s*End\s*$", content[-1000:], re.MULTILINE | re.IGNORECASE):
-        raise MeshFileError("is truncated (no End)")
-
-
-def _check_binary_medit_end(content: bytes) -> None:
-    """Refuse a file that does not end with a keyword, which is a number, and an empty place."""
-    if not re.search(rb"(\x36\0\0\0|\0\0\0\x36)(\0{4}){1,2}\Z", content):
+def check_medit_end(content: bytes) -> None:
+    """Refuse a file without the keyword End, in binary files a number and an empty place."""
+    is_text = re.match(rb"[^\0]*\Z", content[:1000])
+    end = rb"^\s*End\s*$" if is_text else rb"(\x36\0\0\0|\0\0\0\x36)(\0{4}){1,2}\Z"
+    if not re.search(end, content[-1000:], re.MULTILINE | re.IGNORECASE):
         raise MeshFileError("is truncated (no End)")
 
 
@@ -96,7 +53,7 @@ def _is_binary_stl(content: bytes) -> bool:
     return len(content) >= 84 and len(content) == 84 + 50 * int.from_bytes(content[80:84], "little")
 
 
-def _check_stl_end(content: bytes) -> None:
+def check_stl_end(content: bytes) -> None:
     if _is_binary_stl(content):
         return
     begins = [found.start() for found in _SOLID.finditer(content)]  # of one solid or several
@@ -106,13 +63,13 @@ def _check_stl_end(content: bytes) -> None:
         raise MeshFileError("is a truncated text STL file (no endsolid)")
 
 
-def _check_stl(content: bytes, raw: RawMesh) -> None:
+def check_stl(content: bytes, raw: RawMesh) -> None:
     if not _is_binary_stl(content):
         n_corners = len(re.findall(rb"^[ \t]*vertex\b", content, re.M | re.I))
         _compare("triangles", math.ceil(n_corners / 3), _n_cells(raw))
 
 
-def _check_off(content: bytes, raw: RawMesh) -> None:
+def check_off(content: bytes, raw: RawMesh) -> None:
     text = re.sub(rb"#[^\r\n]*", b"", content).strip(b"\r\n")
     counts = re.match(rb"\s*C?OFF\s+(\d+)[ \t]+(\d+)[^\r\n]*", text)
     if counts is None:
@@ -127,7 +84,7 @@ def _check_off(content: bytes, raw: RawMesh) -> None:
         check_last_number(content, len(raw.points))
 
 
-def _check_ply(content: bytes, raw: RawMesh) -> None:
+def check_ply(content: bytes, raw: RawMesh) -> None:
     head = content.partition(b"end_header")[0]
     for name, held in (("vertex", len(raw.points)), ("face", _n_cells(raw))):
         promised = re.search(rb"^element[ \t]+" + name.encode() + rb"[ \t]+(\d+)", head, re.M)
@@ -139,18 +96,18 @@ def _check_ply(content: bytes, raw: RawMesh) -> None:
         check_last_number(content, len(raw.points) if ends_in_nodes else math.inf)
 
 
-def _check_nastran_end(content: bytes) -> None:
+def check_nastran_end(content: bytes) -> None:
     if not re.search(rb"^ENDDATA", content, re.MULTILINE):
         raise MeshFileError("is truncated (no ENDDATA)")
 
 
-def _check_su2_points(content: bytes) -> None:
+def check_su2_points(content: bytes) -> None:
     """Refuse a file without points, for which the reader fails by an error of its own."""
     if not re.search(rb"^[ \t]*NPOIN=[ \t]*0*[1-9]", content, re.MULTILINE):
         raise MeshFileError("holds no points (no line NPOIN= with their number)")
 
 
-def _check_su2(content: bytes, raw: RawMesh) -> None:
+def check_su2(content: bytes, raw: RawMesh) -> None:
     lines = re.sub(rb"%[^\r\n]*", b"", content)
     points, cells = _sum(lines, rb"NPOIN"), _sum(lines, rb"NELEM") + _sum(lines, rb"MARKER_ELEMS")
     _compare("points", points, len(raw.points))
@@ -165,12 +122,12 @@ def _sum(lines: bytes, name: bytes) -> int:
     return sum(map(int, found))
 
 
-def _check_vtk(content: bytes) -> None:
+def check_vtk(content: bytes) -> None:
     if re.match(rb"[^\n]*\n[^\n]*\n\s*ASCII\b", content):
         check_last_number(content)
 
 
-def _check_vtk_xml(content: bytes) -> None:
+def check_vtk_xml(content: bytes) -> None:
     """Refuse appended numbers that end early; VTK would return whatever is in its memory."""
     if not content.rstrip().endswith(b"</VTKFile>"):
         raise MeshFileError("is truncated (no </VTKFile>)")
@@ -206,21 +163,5 @@ def _compare(what: str, promised: int, held: int) -> None:
         raise MeshFileError(f"is truncated (promises {promised} {what}, holds {held})")
 
 
-_ENDS: dict[str, Callable[[bytes], object]] = {
-    ".msh": _check_gmsh,
-    ".mesh": _check_medit_end,
-    ".meshb": _check_binary_medit_end,
-    **dict.fromkeys(STL, _check_stl_end),
-    **dict.fromkeys((".bdf", ".nas", ".fem"), _check_nastran_end),
-    ".su2": _check_su2_points,
-    ".vtk": _check_vtk,
-    **dict.fromkeys(vtk.XML, _check_vtk_xml),
-}
-_COUNTS: dict[str, Callable[[bytes, RawMesh], None]] = {
-    **dict.fromkeys(STL, _check_stl),
-    ".off": _check_off,
-    ".ply": _check_ply,
-    ".su2": _check_su2,
-    ".obj": partial(_check_last_line, words=(b"#", b"o", b"g", b"s", b"u", b"m")),
-    ".inp": partial(_check_last_line, words=(b"*",)),
-}
+check_obj = partial(_check_last_line, words=(b"#", b"o", b"g", b"s", b"u", b"m"))
+check_abaqus = partial(_check_last_line, words=(b"*",))

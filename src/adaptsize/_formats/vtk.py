@@ -43,7 +43,6 @@ NAMES = "tag_names"
 _GHOSTS, _HIDDEN = "vtkGhostType", 2
 
 XML = (".vtu", ".vtp", ".vti", ".vtr", ".vts", ".vtm", ".pvtu", ".pvtp")
-SUFFIXES = (*XML, ".vtk", ".vtkhdf")
 _READERS = {
     ".vtkhdf": "vtkIOHDF.vtkHDFReader",
     ".pvtu": "vtkIOXML.vtkXMLPUnstructuredGridReader",

@@ -1,12 +1,9 @@
-"""Writing of meshes: the capabilities of each format, and the functions that write it."""
+"""Writing of meshes in each format."""
 
 from __future__ import annotations
 
 import itertools
-import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_sizes, check_type, describe, refuse_where
-from adaptsize._formats import fort14, sizes, vtk
+from adaptsize._formats import sizes, vtk
 from adaptsize._formats.blocks import UNTAGGED, RawMesh
 from adaptsize._formats.limited import call_unlimited
 from adaptsize._formats.sizes import METRIC, as_tensors
-from adaptsize._formats.solvers import write_abaqus, write_nastran, write_su2
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.simplex import as_own
@@ -26,51 +22,6 @@ from adaptsize.metrics import MetricFunction
 from adaptsize.typing import FloatArray
 
 _CELL_TYPES = {1: "line", 2: "triangle", 3: "tetra"}
-
-
-#: What names of fields must match: texts that XML can hold, at most 100 characters.
-_IN_XML = re.compile(r"[^\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]{1,100}")
-#: HDF5 takes slashes for groups, and VTK replaces dots.
-_IN_HDF = re.compile(r"[^\x00/.\ud800-\udfff]{1,100}")
-#: VTK takes braces in names for formats and aborts, and reads 255 bytes, encoded as in addresses.
-_LEGACY = re.compile(
-    r"[^{}\x00-\x1f\x7f-\uffff\U00010000-\U0010ffff]{1,80}|[^{}\x00-\x1f\x7f-\x9f\ud800-\udfff]{1,20}"
-)
-#: Texts in quotation marks on one line, and words.
-_QUOTED = re.compile(r"[^\x00-\x1f\x7f-\xa0\"\\\u2028\u2029\ud800-\udfff]{1,100}")
-_WORD = re.compile(r"(?![xyz]$)[!-~]{1,100}")
-
-
-@dataclass(frozen=True)
-class Format:
-    """A format that can be written."""
-
-    suffixes: tuple[str, ...]
-    write: Callable[..., None]
-    """Takes the path and ``mesh``, a SimplexMesh."""
-    holds_fields: bool = True
-    """Whether the file can hold nodal fields."""
-    holds_grids: bool = False
-    """Whether the file holds Cartesian grids instead of meshes."""
-    only_sizes: bool = False
-    """Whether the file holds only nodal sizes for a mesh generator."""
-    holds_metrics: bool = True
-    """Whether the file can hold a metric."""
-    only_triangles: bool = False
-    """Whether the file holds only triangles: of tetrahedra, those of the boundary."""
-    only_full: bool = False
-    """Whether the cells must be triangles in the plane or tetrahedra."""
-    names: re.Pattern[str] = _IN_XML
-    """What the names of fields must match."""
-
-    def check_names(self, path: Path, fields: Iterable[str], tags: Iterable[str]) -> None:
-        """Refuse names that could not be read back."""
-        fields = fields if self.holds_fields and not self.only_sizes else ()
-        tags = () if self.only_sizes or self.only_triangles else tags
-        bad = [name for name in fields if not self.names.fullmatch(name)]
-        bad += [name for name in tags if not _QUOTED.fullmatch(name)]
-        if bad:
-            raise ValueError(f"{path.name} cannot hold the name {describe(bad[0])}; rename it")
 
 
 def content_of(mesh: SimplexMesh, tag_name: str, *, pad: bool) -> RawMesh:
@@ -119,7 +70,7 @@ def _sizes_or_metric(mesh: SimplexMesh, generator: str) -> FloatArray:
     return sizes_of(mesh, generator)
 
 
-def _write_view(path: Path, mesh: SimplexMesh) -> None:
+def write_view(path: Path, mesh: SimplexMesh) -> None:
     values = _sizes_or_metric(mesh, "Gmsh")
     sizes.write_view(path, mesh, values, "h" if values.ndim == 1 else "metric")
 
@@ -146,11 +97,11 @@ def _write_with_meshio(path: Path, content: RawMesh, file_format: str, **options
     call_unlimited("write_meshio", path, content, file_format, options)
 
 
-def _write_vtk(path: Path, mesh: SimplexMesh, suffix: str) -> None:
+def write_vtk(path: Path, mesh: SimplexMesh, suffix: str) -> None:
     vtk.write_file(path, content_of(mesh, "cell_tags", pad=True), suffix)
 
 
-def _write_vti(path: Path, grid: CartesianGrid, fields: Mapping[str, npt.NDArray[Any]]) -> None:
+def write_vti(path: Path, grid: CartesianGrid, fields: Mapping[str, npt.NDArray[Any]]) -> None:
     """Write nodal fields of the grid's shape.  Inactive nodes are hidden.
 
     In VTK, x varies fastest, which is the opposite of the order here.
@@ -167,12 +118,12 @@ def _write_vti(path: Path, grid: CartesianGrid, fields: Mapping[str, npt.NDArray
     )
 
 
-def _write_xdmf(path: Path, mesh: SimplexMesh) -> None:
+def write_xdmf(path: Path, mesh: SimplexMesh) -> None:
     content = content_of(mesh, "cell_tags", pad=mesh.dim == 1)
     _write_with_meshio(path, content, "xdmf", data_format="XML")
 
 
-def _write_gmsh(path: Path, mesh: SimplexMesh) -> None:
+def write_gmsh(path: Path, mesh: SimplexMesh) -> None:
     # Version 2.2: in 4.1 a physical group belongs to an entity, which a SimplexMesh lacks.
     # No cell fields: meshio cannot read them back from version 2.2.
     content = content_of(mesh, "gmsh:physical", pad=True)
@@ -227,7 +178,7 @@ def _gmsh_components(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     return padded[:, 0] if wanted == 1 else padded
 
 
-def _write_medit(path: Path, mesh: SimplexMesh) -> None:
+def write_medit(path: Path, mesh: SimplexMesh) -> None:
     content = content_of(mesh, "medit:ref", pad=False)
     no_tags = [np.zeros(len(cells), np.int32) for _, cells in content.blocks]
     tags = content.cell_data.get("medit:ref", no_tags)
@@ -236,7 +187,7 @@ def _write_medit(path: Path, mesh: SimplexMesh) -> None:
     _write_with_meshio(path, slim, "medit")
 
 
-def _write_surface(path: Path, mesh: SimplexMesh, file_format: str, **options: Any) -> None:
+def write_surface(path: Path, mesh: SimplexMesh, file_format: str, **options: Any) -> None:
     """Write triangles, and to PLY the nodal fields of one component."""
     content = content_of(surface_of(mesh), "cell_tags", pad=True)
     scalars = {name: v for name, v in content.point_data.items() if v.ndim == 1}
@@ -245,7 +196,12 @@ def _write_surface(path: Path, mesh: SimplexMesh, file_format: str, **options: A
     _write_with_meshio(path, slim, file_format, **options)
 
 
-def _write_jigsaw(path: Path, mesh: SimplexMesh) -> None:
+def write_sol(path: Path, mesh: SimplexMesh) -> None:
+    """Write sizes or a metric for Mmg."""
+    sizes.write_sol(path, mesh, _sizes_or_metric(mesh, "mmg"))
+
+
+def write_jigsaw(path: Path, mesh: SimplexMesh) -> None:
     if mesh.cell_dim != mesh.dim or mesh.dim == 1:
         raise ValueError(
             f"obj must be triangles in the plane or tetrahedra for JIGSAW, got {mesh!r}"
@@ -253,77 +209,8 @@ def _write_jigsaw(path: Path, mesh: SimplexMesh) -> None:
     sizes.write_jigsaw(path, mesh, sizes_of(mesh, "JIGSAW"))
 
 
-def _refuse_mesh(path: Path, mesh: SimplexMesh) -> None:
+def refuse_mesh(path: Path, mesh: SimplexMesh) -> None:
     raise ValueError(f"obj must be a CartesianGrid for {path.suffix}, got {mesh!r}; write .vtu")
-
-
-#: In the order in which suffixes are tried: JIGSAW's longer suffix before Gmsh's.
-FORMATS: dict[str, Format] = {
-    "jigsaw": Format(
-        (".jig.msh",), _write_jigsaw, only_sizes=True, only_full=True, holds_metrics=False
-    ),
-    "gmsh-view": Format((".pos",), _write_view, only_sizes=True),
-    "medit-sol": Format(
-        (".sol",),
-        lambda path, mesh: sizes.write_sol(path, mesh, _sizes_or_metric(mesh, "mmg")),
-        only_sizes=True,
-    ),
-    "vti": Format((".vti",), _refuse_mesh, holds_grids=True),
-    **{
-        suffix[1:]: Format((suffix,), partial(_write_vtk, suffix=suffix))
-        for suffix in (".vtu", ".vtp")
-    },
-    "vtk": Format((".vtk",), partial(_write_vtk, suffix=".vtk"), names=_LEGACY),
-    "vtkhdf": Format(
-        (".vtkhdf",),
-        partial(_write_vtk, suffix=".vtkhdf"),
-        names=_IN_HDF,
-    ),
-    "xdmf": Format((".xdmf", ".xmf"), _write_xdmf),
-    "gmsh": Format((".msh",), _write_gmsh, names=_QUOTED),
-    "medit": Format((".mesh", ".meshb"), _write_medit, holds_fields=False),
-    "stl": Format(
-        (".stl",),
-        partial(_write_surface, file_format="stl", binary=True),
-        holds_fields=False,
-        only_triangles=True,
-    ),
-    "fort.14": Format((".14", ".grd", ".gr3"), fort14.write, holds_fields=False, only_full=True),
-    **{
-        name: Format(
-            (f".{name}",),
-            partial(_write_surface, file_format=name),
-            holds_fields=name == "ply",
-            holds_metrics=False,
-            only_triangles=True,
-            names=_WORD,
-        )
-        for name in ("ply", "obj", "off")
-    },
-    "abaqus": Format((".inp",), write_abaqus, holds_fields=False),
-    "nastran": Format((".bdf",), write_nastran, holds_fields=False),
-    "su2": Format((".su2",), write_su2, holds_fields=False, only_full=True),
-}
-
-
-def format_of(path: Path, file_format: str | None) -> Format:
-    """Return the requested format, or the one of the file's suffix."""
-    if file_format is not None:
-        if not isinstance(file_format, str) or file_format not in FORMATS:
-            raise ValueError(f"file_format must be one of {_listed()}, got {describe(file_format)}")
-        return FORMATS[file_format]
-    name = path.name.lower()
-    for candidate in FORMATS.values():
-        if name.endswith(candidate.suffixes):
-            return candidate
-    raise ValueError(
-        f"path must end in a suffix that can be written ({_listed()}; "
-        f"'meshio convert' makes others of a .vtu file), got {path}"
-    )
-
-
-def _listed() -> str:
-    return ", ".join(f"{name} {'/'.join(f.suffixes)}" for name, f in FORMATS.items())
 
 
 def parts_of(
@@ -368,23 +255,3 @@ def growth_in(fields: Mapping[str, npt.NDArray[Any]], name: str) -> dict[str, An
         for part in ("g", "hmax")
         if f"{name}.{part}" in fields
     }
-
-
-def writing(
-    background: SimplexMesh | CartesianGrid,
-    nodal: Mapping[str, npt.ArrayLike],
-    chosen: Format,
-) -> Callable[[Path], None]:
-    """Return the function that writes a mesh or grid with fields to a path."""
-    if isinstance(background, SimplexMesh):
-        return partial(chosen.write, mesh=background.with_data(point_data=nodal))
-    arrays = {name: np.asarray(values) for name, values in nodal.items()}
-    for name, values in arrays.items():
-        if values.shape != background.shape:
-            raise ValueError(
-                f"fields[{name!r}] must have shape {background.shape}, got {values.shape}"
-            )
-    if chosen.holds_grids:
-        return partial(_write_vti, grid=background, fields=arrays)
-    at_nodes = {name: values.reshape(-1) for name, values in arrays.items()}
-    return partial(chosen.write, mesh=background.mesh.with_data(point_data=at_nodes))

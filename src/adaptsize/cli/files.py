@@ -97,7 +97,7 @@ def beside(path: Path) -> Path | None:
 
 
 def _check_format(path: Path, content: Content) -> None:
-    from adaptsize._formats.writers import format_of
+    from adaptsize._formats.formats import format_of
 
     chosen = format_of(path, None)
     name = path.name
@@ -119,7 +119,7 @@ def check_cells(path: Path, mesh: SimplexMesh) -> None:
         If the file holds only triangles and the mesh has segments, or only cells of full
         dimension and the mesh is a surface in space.
     """
-    from adaptsize._formats.writers import format_of
+    from adaptsize._formats.formats import format_of
 
     chosen = format_of(path, None)
     if chosen.only_triangles and mesh.cell_dim == 1:
@@ -167,7 +167,7 @@ def nodal_field(mesh: SimplexMesh, name: str) -> npt.NDArray[Any]:
 
 def holds_more_than_sizes(output: Path) -> bool:
     """Return whether a file can hold other nodal fields besides the sizes."""
-    from adaptsize._formats.writers import format_of
+    from adaptsize._formats.formats import format_of
 
     chosen = format_of(output, None)
     return chosen.holds_fields and not chosen.only_sizes
@@ -207,7 +207,8 @@ def contents(
     path: Path, background: SimplexMesh | CartesianGrid | Octree, more_fields: tuple[str, ...] = ()
 ) -> dict[str, Any]:
     """Return what a written file holds: counts of points and cells, and names of fields."""
-    from adaptsize._formats.writers import format_of, surface_of
+    from adaptsize._formats.formats import format_of
+    from adaptsize._formats.writers import surface_of
     from adaptsize.background import CartesianGrid, Octree
 
     chosen = format_of(path, None)

@@ -21,7 +21,7 @@ _OF_MESHING = {"tolerance", "max_elements", *options_of(MeshOptions)}
 
 def _check(file: Path, output: Path, given: Given, allowed: set[str]) -> None:
     """Refuse what has no meaning for metrics, and files that cannot be read or written."""
-    from adaptsize._formats.writers import format_of
+    from adaptsize._formats.formats import format_of
 
     refused = [name for name in given if name not in allowed | {"metric", "g", "plot"}]
     if refused:

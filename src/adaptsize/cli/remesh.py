@@ -197,7 +197,7 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
 
 def _is_for_surfaces(output: Path, mesh: SimplexMesh, given: Given) -> bool:
     """Return whether a surface is to be written to a file of triangles, and can be remeshed."""
-    from adaptsize._formats.writers import format_of
+    from adaptsize._formats.formats import format_of
     from adaptsize.remeshing import available_backends
 
     remeshes = given.get("backend", "auto") == "mmg" or (
@@ -335,7 +335,7 @@ def _accepted(
 
 def _announce(console: Console, output: Path, mesh: SimplexMesh, target: str) -> None:
     """Say how much memory the sizes need, and what the format of the output does not hold."""
-    from adaptsize._formats.writers import format_of
+    from adaptsize._formats.formats import format_of
 
     announce_memory_of_sizes(console, mesh)
     chosen = format_of(output, None)

@@ -13,10 +13,10 @@ import numpy.typing as npt
 from adaptsize._checks import as_path, check_type, describe
 from adaptsize._formats import assembly, vtk
 from adaptsize._formats.blocks import NODE_NUMBERS, check_raw, numbers_of_nodes
-from adaptsize._formats.completeness import check_named
+from adaptsize._formats.formats import FORMATS, check_named
 from adaptsize._formats.guards import about_file, check_readable, temporary_for
 from adaptsize._formats.limited import read_limited
-from adaptsize._formats.writers import FORMATS, content_of
+from adaptsize._formats.writers import content_of
 from adaptsize.background.migration import Piece, from_pieces
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.io import read, write
