@@ -259,7 +259,7 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
     if file.suffix.lower() == ".vti":
         try:
             check_readable(file)
-            formats.FORMATS["vti"].check_end(file.read_bytes())
+            formats.check_end(".vti", file.read_bytes())
             background, fields = _grid_in(read_limited("read_vti", file))
         except (ValueError, MemoryError) as error:
             raise about_file(file, error) from error

@@ -69,21 +69,6 @@ def check_stl(content: bytes, raw: RawMesh) -> None:
         _compare("triangles", math.ceil(n_corners / 3), _n_cells(raw))
 
 
-def check_off(content: bytes, raw: RawMesh) -> None:
-    text = re.sub(rb"#[^\r\n]*", b"", content).strip(b"\r\n")
-    counts = re.match(rb"\s*C?OFF\s+(\d+)[ \t]+(\d+)[^\r\n]*", text)
-    if counts is None:
-        raise MeshFileError("cannot be read as a mesh (no numbers of vertices and faces)")
-    rows = [row for row in text[counts.end() :].splitlines() if row.strip()]
-    n_rows = sum(map(int, counts.groups()))
-    _compare("vertices and faces", n_rows, len(rows))
-    _compare("faces", int(counts[2]), _n_cells(raw))
-    if len(rows) == n_rows:
-        words = rows[-1].split()
-        _compare("nodes in its last face", int(words[0]), len(words) - 1)
-        check_last_number(content, len(raw.points))
-
-
 def check_ply(content: bytes, raw: RawMesh) -> None:
     head = content.partition(b"end_header")[0]
     for name, held in (("vertex", len(raw.points)), ("face", _n_cells(raw))):

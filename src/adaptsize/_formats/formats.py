@@ -16,10 +16,13 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import describe
-from adaptsize._formats import completeness, fort14, polygon_files, writers
+from adaptsize._formats import completeness as check
+from adaptsize._formats import fort14, polygon_files
+from adaptsize._formats import writers as write
 from adaptsize._formats.blocks import RawMesh, check_raw
 from adaptsize._formats.guards import about_file, check_readable, files_named_in
 from adaptsize._formats.limited import read_limited
+from adaptsize._formats.off import read_off
 from adaptsize._formats.solvers import write_abaqus, write_nastran, write_su2
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.merging import merge_equal_points
@@ -47,9 +50,9 @@ class Format:
     """Takes the path and ``mesh``, a SimplexMesh."""
     readers: tuple[Callable[[Path], RawMesh], ...] = ()
     """In the order in which they are tried."""
-    check_end: Callable[[bytes], None] = lambda _: None
+    check_end: Callable[[bytes], None] | None = None
     """Refuses a file without its end mark, before it is read."""
-    check_counts: Callable[[bytes, RawMesh], None] = lambda *_: None
+    check_counts: Callable[[bytes, RawMesh], None] | None = None
     """Refuses a mesh with less than its file promises."""
     holds_fields: bool = True
     """Whether the file can hold nodal fields."""
@@ -89,117 +92,58 @@ class Format:
                     f"fields[{name!r}] must have shape {background.shape}, got {values.shape}"
                 )
         if self.holds_grids:
-            return partial(writers.write_vti, grid=background, fields=arrays)
+            return partial(write.write_vti, grid=background, fields=arrays)
         at_nodes = {name: values.reshape(-1) for name, values in arrays.items()}
         return partial(self.write, mesh=background.mesh.with_data(point_data=at_nodes))
 
 
 def _load_stl(path: Path) -> RawMesh:
-    found = _by_trimesh(path)
+    found = read_limited("read_trimesh", path)
     with np.errstate(invalid="ignore"):  # numbers that are not finite are refused later
         points, number = merge_equal_points(found.points)
     return RawMesh(points, [("triangle", number[cells]) for _, cells in found.blocks])
 
 
-_by_meshio, _by_vtk, _by_trimesh = (
-    partial(read_limited, f"read_{name}") for name in ("meshio", "vtk", "trimesh")
+_MESHIO, _VTK, _TRIMESH = (
+    (partial(read_limited, f"read_{name}"),) for name in ("meshio", "vtk", "trimesh")
 )
+_cells = partial(Format, holds_fields=False)
+_triangles = partial(Format, only_triangles=True, holds_metrics=False, names=_WORD)
+_OF_VTK = ("vtu", "vtp", "vtk", "vtkhdf")
+_by_vtk = {name: partial(write.write_vtk, suffix=f".{name}") for name in _OF_VTK}
+_surface = {name: partial(write.write_surface, file_format=name) for name in ("ply", "obj", "off")}
+_stl = partial(write.write_surface, file_format="stl", binary=True)
 #: In the order in which suffixes are tried: JIGSAW's longer suffix before Gmsh's.
 FORMATS: dict[str, Format] = {
     "jigsaw": Format(
-        (".jig.msh",), writers.write_jigsaw, only_sizes=True, only_full=True, holds_metrics=False
+        (".jig.msh",), write.write_jigsaw, only_sizes=True, only_full=True, holds_metrics=False
     ),
-    "gmsh-view": Format((".pos",), writers.write_view, only_sizes=True),
-    "medit-sol": Format((".sol",), writers.write_sol, only_sizes=True),
-    "vti": Format(
-        (".vti",), writers.refuse_mesh, check_end=completeness.check_vtk_xml, holds_grids=True
+    "gmsh-view": Format((".pos",), write.write_view, only_sizes=True),
+    "medit-sol": Format((".sol",), write.write_sol, only_sizes=True),
+    "vti": Format((".vti",), write.refuse_mesh, (), check.check_vtk_xml, holds_grids=True),
+    "vtu": Format((".vtu",), _by_vtk["vtu"], _VTK, check.check_vtk_xml),
+    "vtp": Format((".vtp",), _by_vtk["vtp"], _VTK, check.check_vtk_xml),
+    "vtk-xml": Format((".vtr", ".vts", ".vtm", ".pvtu", ".pvtp"), None, _VTK, check.check_vtk_xml),
+    "vtk": Format((".vtk",), _by_vtk["vtk"], _VTK, check.check_vtk, names=_LEGACY),
+    "vtkhdf": Format((".vtkhdf",), _by_vtk["vtkhdf"], _VTK, names=_IN_HDF),
+    "xdmf": Format((".xdmf", ".xmf"), write.write_xdmf, _MESHIO),
+    "gmsh": Format((".msh",), write.write_gmsh, _MESHIO, check.check_gmsh, names=_QUOTED),
+    "medit": _cells((".mesh", ".meshb"), write.write_medit, _MESHIO, check.check_medit_end),
+    "stl": _cells(
+        (".stl",), _stl, (_load_stl,), check.check_stl_end, check.check_stl, only_triangles=True
     ),
-    **{
-        name: Format(
-            (f".{name}",),
-            partial(writers.write_vtk, suffix=f".{name}"),
-            (_by_vtk,),
-            completeness.check_vtk_xml,
-        )
-        for name in ("vtu", "vtp")
-    },
-    "vtk-xml": Format(
-        (".vtr", ".vts", ".vtm", ".pvtu", ".pvtp"), None, (_by_vtk,), completeness.check_vtk_xml
+    "ply": _triangles((".ply",), _surface["ply"], _TRIMESH, check_counts=check.check_ply),
+    # meshio does not know all spellings.
+    "obj": _triangles(
+        (".obj",), _surface["obj"], _MESHIO + _TRIMESH, None, check.check_obj, holds_fields=False
     ),
-    "vtk": Format(
-        (".vtk",),
-        partial(writers.write_vtk, suffix=".vtk"),
-        (_by_vtk,),
-        completeness.check_vtk,
-        names=_LEGACY,
-    ),
-    "vtkhdf": Format(
-        (".vtkhdf",), partial(writers.write_vtk, suffix=".vtkhdf"), (_by_vtk,), names=_IN_HDF
-    ),
-    "xdmf": Format((".xdmf", ".xmf"), writers.write_xdmf, (_by_meshio,)),
-    "gmsh": Format(
-        (".msh",), writers.write_gmsh, (_by_meshio,), completeness.check_gmsh, names=_QUOTED
-    ),
-    "medit": Format(
-        (".mesh", ".meshb"),
-        writers.write_medit,
-        (_by_meshio,),
-        completeness.check_medit_end,
-        holds_fields=False,
-    ),
-    "stl": Format(
-        (".stl",),
-        partial(writers.write_surface, file_format="stl", binary=True),
-        (_load_stl,),
-        completeness.check_stl_end,
-        completeness.check_stl,
-        holds_fields=False,
-        only_triangles=True,
-    ),
-    **{
-        name: Format(
-            (f".{name}",),
-            partial(writers.write_surface, file_format=name),
-            readers,
-            check_counts=check_counts,
-            holds_fields=name == "ply",
-            holds_metrics=False,
-            only_triangles=True,
-            names=_WORD,
-        )
-        for name, readers, check_counts in (
-            ("ply", (_by_trimesh,), completeness.check_ply),
-            # meshio does not know all spellings
-            ("obj", (_by_meshio, _by_trimesh), completeness.check_obj),
-            ("off", (_by_trimesh,), completeness.check_off),
-        )
-    },
-    "gltf": Format((".gltf", ".glb", ".3mf"), None, (_by_trimesh,)),
-    "fort.14": Format(
-        (".14", ".grd", ".gr3"), fort14.write, (fort14.read,), holds_fields=False, only_full=True
-    ),
-    "abaqus": Format(
-        (".inp",),
-        write_abaqus,
-        (_by_meshio,),
-        check_counts=completeness.check_abaqus,
-        holds_fields=False,
-    ),
-    "nastran": Format(
-        (".bdf", ".nas", ".fem"),
-        write_nastran,
-        (_by_meshio,),
-        completeness.check_nastran_end,
-        holds_fields=False,
-    ),
-    "su2": Format(
-        (".su2",),
-        write_su2,
-        (_by_meshio,),
-        completeness.check_su2_points,
-        completeness.check_su2,
-        holds_fields=False,
-        only_full=True,
+    "off": _triangles((".off",), _surface["off"], (read_off,), holds_fields=False),
+    "gltf": Format((".gltf", ".glb", ".3mf"), None, _TRIMESH),
+    "fort.14": _cells((".14", ".grd", ".gr3"), fort14.write, (fort14.read,), only_full=True),
+    "abaqus": _cells((".inp",), write_abaqus, _MESHIO, None, check.check_abaqus),
+    "nastran": _cells((".bdf", ".nas", ".fem"), write_nastran, _MESHIO, check.check_nastran_end),
+    "su2": _cells(
+        (".su2",), write_su2, _MESHIO, check.check_su2_points, check.check_su2, only_full=True
     ),
     "polygons": Format(tuple(polygon_files.READERS), None, (polygon_files.load,)),
 }
@@ -227,7 +171,7 @@ def load(path: Path) -> RawMesh:
             "SimplexMesh.from_meshio(meshio.read(path))"
         )
     content = path.read_bytes()
-    found.check_end(content)
+    check_end(suffix, content)
     check_named(path)
     first_failure: MeshFileError | None = None
     for reader in found.readers:
@@ -236,19 +180,25 @@ def load(path: Path) -> RawMesh:
         except MeshFileError as error:
             first_failure = first_failure or error
         else:
-            found.check_counts(content, raw)
+            if found.check_counts is not None:
+                found.check_counts(content, raw)
             return raw
     assert first_failure is not None
     raise first_failure
 
 
+def check_end(suffix: str, content: bytes) -> None:
+    """Refuse a file that lacks the end mark of its format, before it is read."""
+    found = _of_suffix(suffix)
+    if found is not None and found.check_end is not None:
+        found.check_end(content)
+
+
 def check_named(path: Path, first: int = 0, step: int = 1) -> None:
     """Refuse a file that names incomplete ones; of these, every ``step``-th is checked."""
     for file in sorted(files_named_in(path))[first::step]:
-        found = _of_suffix(file.suffix.lower())
         try:
-            if found is not None:
-                found.check_end(file.read_bytes())
+            check_end(file.suffix.lower(), file.read_bytes())
         except MeshFileError as error:
             raise about_file(f"names {file.name}", error) from error
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from adaptsize._formats.guards import write_whole
+from adaptsize._formats.text import write_text
 
 
 def write_provenance(path: Path, record: Mapping[str, Any]) -> None:
@@ -23,7 +24,7 @@ def write_provenance(path: Path, record: Mapping[str, Any]) -> None:
     (['part.stl.json'], {'tolerance': 0.001})
     """
     text = json.dumps(record, allow_nan=False)
-    write_whole(_beside(path), lambda target: target.write_text(f"{text}\n", encoding="utf-8"))
+    write_whole(_beside(path), lambda target: write_text(target, text, "\n"))
 
 
 def read_provenance(path: Path) -> dict[str, Any]:
