@@ -66,11 +66,19 @@ def as_method(name: str, method: NodalMethod | None, mesh: AnyMesh) -> NodalMeth
 
 
 def as_columns(field: npt.NDArray[Any]) -> FloatArray:
-    """Return a float or complex field as float64[n, k], a copy if need be."""
-    flat = np.ascontiguousarray(field).reshape(len(field), -1)
-    return flat.view(np.float64)
+    """Return a field as float64[n, k]; integers below 2^53 are exact."""
+    flat = field.reshape(len(field), int(np.prod(field.shape[1:], dtype=np.int64)))
+    if field.dtype.kind == "c":
+        return np.ascontiguousarray(flat).view(np.float64)
+    return np.ascontiguousarray(flat, np.float64)
 
 
 def from_columns(columns: FloatArray, field: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return columns in the type and the trailing shape of a field."""
-    return columns.view(field.dtype).reshape((len(columns), *field.shape[1:]))
+    columns = np.ascontiguousarray(columns)
+    typed = (
+        columns.view(field.dtype)
+        if field.dtype.kind == "c"
+        else columns.astype(field.dtype, copy=False)
+    )
+    return typed.reshape((len(columns), *field.shape[1:]))

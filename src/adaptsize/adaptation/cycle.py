@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -28,7 +27,7 @@ from adaptsize.adaptation.next_sizes import (
     decide,
     refuse_two_numbers,
 )
-from adaptsize.adaptation.report import AdaptReport, lost_tags, total_measure
+from adaptsize.adaptation.report import AdaptReport, AdaptResult, lost_tags, total_measure
 from adaptsize.adaptation.transfer import FieldTransfer, transferred
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.background.partitioned import PartitionedMesh
@@ -48,54 +47,6 @@ Fields: TypeAlias = Mapping[str, npt.ArrayLike]
 _HOW = {"interpolate": "interpolated", "project": "projected", "bounded": "projected in bounds"}
 
 
-@dataclass(frozen=True)
-class AdaptResult:
-    """What `adapt` returns.
-
-    Attributes
-    ----------
-    mesh : SimplexMesh
-        The next mesh, with the transferred fields as its point and cell data.  It is the old
-        mesh itself if ``remeshed`` is False.
-    size : SizeFunction
-        The requested sizes, on the old mesh; the smallest ones if they depend on the direction.
-    fields, cell_fields : dict of str to ndarray
-        The fields on ``mesh``; unchanged if it is the old mesh.
-    remeshed : bool
-        Whether ``mesh`` is a new mesh.  False ends a loop.
-    converged : bool
-        Whether the old mesh meets the request: its error is within the tolerance, or its
-        sizes and the number of its elements are as requested.
-    reason : str
-        Why the mesh was remeshed, or why not.
-    report : AdaptReport
-        ``print(result.report)`` prints a few lines.
-    metric : MetricFunction or None
-        The requested metric on the old mesh, if sizes depend on the direction.
-    """
-
-    mesh: SimplexMesh
-    size: SizeFunction
-    fields: Arrays
-    cell_fields: Arrays
-    remeshed: bool
-    converged: bool
-    reason: str
-    report: AdaptReport
-    metric: MetricFunction | None = None
-
-    def __repr__(self) -> str:
-        return f"AdaptResult({self.mesh!r}, {self.reason})"
-
-    def plot(self, **options: Any) -> Any:
-        """Draw the mesh, with the options of `adaptsize.plot.plot_mesh`."""
-        return self.mesh.plot(**options)
-
-    def __str__(self) -> str:
-        """Return the reason and the report."""
-        return f"{self.reason}\n{self.report}"
-
-
 @with_options(AdaptOptions)
 def adapt(
     mesh: AnyMesh,
@@ -107,7 +58,7 @@ def adapt(
     project: ProjectionLike | None = None,
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[AdaptOptions],
-) -> AdaptResult | Any:
+) -> AdaptResult:
     """Return the next mesh of an adaptive loop, with the fields of the present mesh on it.
 
     Sizes come from error indicators, upper bounds, or both, and their gradient is limited.  The
@@ -136,7 +87,7 @@ def adapt(
     -------
     AdaptResult
         ``mesh``, ``size``, ``fields``, ``cell_fields``, ``remeshed``, ``converged``, ``reason``
-        and ``report``.  An `AdaptedParts` with the same attributes for a mesh in parts.
+        and ``report``.
 
     Raises
     ------

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,21 +22,19 @@ from adaptsize.adaptation.next_sizes import (
     as_bound,
     check_goal,
     decide,
-    next_sizes,
     refuse_two_numbers,
 )
-from adaptsize.adaptation.report import CycleReport, lost_tags, total_measure
+from adaptsize.adaptation.report import AdaptResult, PartsReport, lost_tags, total_measure
 from adaptsize.adaptation.transfer import transfer_fields
 from adaptsize.adaptation.transfer_in_parts import TransferredFields
 from adaptsize.background import SimplexMesh, interpolate
 from adaptsize.background.migration import boundary_facets
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.background.requests import ask_nearest, boxes_around
-from adaptsize.limiting import limit_gradient
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, checked, options_of
 from adaptsize.remeshing.driver import remesh
-from adaptsize.remeshing.in_parts import InterfaceQuality, Quality, interface_quality
+from adaptsize.remeshing.in_parts import interface_quality
 from adaptsize.sizes.budget import calibration, cells_for_nodes
 from adaptsize.sizes.curvature import size_from_curvature, size_of_chords
 from adaptsize.sizes.error import as_indicator
@@ -57,7 +54,7 @@ def adapt_in_parts(
     cell_fields: Fields | None = None,
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[AdaptOptions],
-) -> AdaptedParts:
+) -> AdaptResult:
     """Return the next mesh, as `adaptsize.adapt` for the whole mesh; collective.
 
     Arguments are those of the cells and nodes of this rank.  On rank 0, a `ResolutionWarning` tells
@@ -113,10 +110,6 @@ def adapt_in_parts(
         squares = comm.allreduce(float(request.indicator @ request.indicator), "sum")
         request = replace(request, total_error=math.sqrt(squares))
 
-    def next_for(factor: float) -> NextSizes:
-        limit = partial(limit_gradient, part)
-        return next_sizes(part, request, factor, limit)
-
     def make(sizes: NextSizes) -> PartitionedMesh:
         return remesh(
             part, _finite(sizes), how=given["how"], rounds=given["rounds"], tolerance=allowed,
@@ -132,11 +125,11 @@ def adapt_in_parts(
         if part.dim == 3:
             radius = size_from_curvature(part, elements_per_radian=1.0)
             request = replace(request, chords=size_of_chords(radius, allowed * extent))
-        sizes = next_for(calibration("mmg", part.cell_dim))
+        sizes = request.next(part, calibration("mmg", part.cell_dim))
         decision = decide(part, sizes, request)
         if not decision.remesh:
             return _result(part, request, decision, BestMesh(sizes, part, 0), old_fields)
-        best = meet_target(request, sizes, make, count, next_for)
+        best = meet_target(request, sizes, make, count, partial(request.next, part))
         report("fields", None)
         new_fields = transfer_fields(
             part, best.mesh, fields=old_fields.fields, cell_fields=old_fields.cell_fields,
@@ -165,7 +158,7 @@ def _result(
     decision: Decision,
     best: BestMesh[PartitionedMesh],
     new_fields: TransferredFields,
-) -> AdaptedParts:
+) -> AdaptResult:
     """Return the mesh, the fields on it and the report; collective."""
     new, sizes = best.mesh, best.sizes
     before = interface_quality(old, sizes.h)
@@ -184,77 +177,10 @@ def _result(
         measure_before=total_measure(old), measure_after=total_measure(new),
         boundary_distance=boundary_distance(old, new), lost_tags=lost_tags(old, new),
     )  # fmt: skip
-    return AdaptedParts(
+    return AdaptResult(
         new, sizes.h, new_fields.fields, new_fields.cell_fields, decision.remesh,
         decision.converged, decision.reason, report,
     )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class PartsReport(CycleReport):
-    """One adaptation cycle of a distributed mesh; the same on all ranks.
-
-    The attributes that `AdaptReport` has as well mean the same, for the whole
-    mesh.
-
-    Attributes
-    ----------
-    before : Quality
-        The old mesh compared with the new sizes.
-    after : InterfaceQuality
-        The new mesh, and its cells at former interfaces between parts.
-    """
-
-    before: Quality
-    after: InterfaceQuality
-
-    def __str__(self) -> str:
-        """Return a few lines."""
-        lines = [
-            f"{self.n_cells_before} cells -> {self.n_cells_after} cells, "
-            f"{self.n_points_after} nodes",
-            *self._request(),
-        ]
-        if self.n_meshes:
-            lines += [str(self.after), self._boundary()]
-        if self.lost_tags:
-            lines.append(f"tags lost: {', '.join(self.lost_tags)}")
-        return "\n".join(lines)
-
-
-@dataclass(frozen=True)
-class AdaptedParts:
-    """What `adapt` returns for a mesh in parts.
-
-    Attributes
-    ----------
-    mesh : PartitionedMesh
-        The next mesh; the old one itself if ``remeshed`` is False.
-    size : float64[n_local]
-        The requested sizes at the nodes of the old mesh.
-    fields, cell_fields : dict of str to ndarray
-        The fields at the nodes and cells of ``mesh`` on this rank.
-    remeshed : bool
-        Whether ``mesh`` is a new mesh.  False ends a loop.
-    converged : bool
-        Whether the old mesh meets the request.
-    reason : str
-        Why the mesh was remeshed, or why not.
-    report : PartsReport
-    """
-
-    mesh: PartitionedMesh
-    size: FloatArray
-    fields: dict[str, npt.NDArray[Any]]
-    cell_fields: dict[str, npt.NDArray[Any]]
-    remeshed: bool
-    converged: bool
-    reason: str
-    report: PartsReport
-
-    def __str__(self) -> str:
-        """Return the reason and the report."""
-        return f"{self.reason}\n{self.report}"
 
 
 def boundary_distance(old: PartitionedMesh, new: PartitionedMesh) -> float:

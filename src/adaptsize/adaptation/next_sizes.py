@@ -93,9 +93,9 @@ class SizeRequest(Request):
         g = self.options["g"]
         return GRADIENT_LIMIT if isinstance(g, str) else g
 
-    def next(self, mesh: SimplexMesh, factor: float) -> NextSizes:
+    def next(self, mesh: AnyMesh, factor: float) -> NextSizes:
         """Return the sizes for a generator that makes ``factor`` cells per predicted cell."""
-        return next_sizes(mesh, self, factor, lambda h, g: limit_gradient(mesh, h, g))
+        return next_sizes(mesh, self, factor)
 
     def within(self, mesh: SimplexMesh, tolerance: float) -> SizeRequest:
         """Return the request with a bound that leaves curved boundaries within a tolerance."""
@@ -190,15 +190,8 @@ def check_goal(request: SizeRequest) -> None:
         raise ValueError(f"g must be finite and >= 0, or None, got {describe(g)}")
 
 
-def next_sizes(
-    mesh: AnyMesh,
-    request: SizeRequest,
-    factor: float,
-    limit: Callable[[FloatArray, GradientLimit], FloatArray],
-) -> NextSizes:
+def next_sizes(mesh: AnyMesh, request: SizeRequest, factor: float) -> NextSizes:
     """Return the requested sizes for a generator that makes ``factor`` cells per predicted cell.
-
-    ``limit(h, g)`` limits the gradient, collectively if there are several processes.
 
     Raises
     ------
@@ -211,7 +204,7 @@ def next_sizes(
         further = [None if request.indicator is None else request.h0, request.chords]
         bounds = [bound for bound in further if bound is not None]
         held = minimum(h, *bounds, hmin=options["hmin"], hmax=options["hmax"])
-        return held if request.g is None else limit(held, request.g)
+        return held if request.g is None else limit_gradient(mesh, held, request.g)
 
     def count(h: FloatArray) -> float:
         return count_elements(mesh, h)

@@ -1,16 +1,20 @@
-"""The report on one adaptation cycle."""
+"""The result of one adaptation cycle, and the report on it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from adaptsize._checks import warn_caller
+from adaptsize.adaptation._fields import Arrays
 from adaptsize.adaptation.boundary_moves import BoundaryMoves
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.errors import ResolutionWarning
+from adaptsize.metrics import MetricFunction
 from adaptsize.quality.conformity import Conformity
+from adaptsize.remeshing.in_parts import InterfaceQuality, Quality
 from adaptsize.typing import FloatArray
 
 #: Allowed relative deviation from the requested number of elements.
@@ -188,6 +192,86 @@ class AdaptReport(CycleReport):
             change = float(np.abs(after - before).max()) / largest
             text += f", integral changed by {change:.1e}"
         return text
+
+
+@dataclass(frozen=True)
+class PartsReport(CycleReport):
+    """One adaptation cycle of a distributed mesh; the same on all ranks.
+
+    The attributes that `AdaptReport` has as well mean the same, for the whole
+    mesh.
+
+    Attributes
+    ----------
+    before : Quality
+        The old mesh compared with the new sizes.
+    after : InterfaceQuality
+        The new mesh, and its cells at former interfaces between parts.
+    """
+
+    before: Quality
+    after: InterfaceQuality
+
+    def __str__(self) -> str:
+        """Return a few lines."""
+        lines = [
+            f"{self.n_cells_before} cells -> {self.n_cells_after} cells, "
+            f"{self.n_points_after} nodes",
+            *self._request(),
+        ]
+        if self.n_meshes:
+            lines += [str(self.after), self._boundary()]
+        if self.lost_tags:
+            lines.append(f"tags lost: {', '.join(self.lost_tags)}")
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class AdaptResult:
+    """What `adapt` returns.
+
+    Attributes
+    ----------
+    mesh : SimplexMesh or PartitionedMesh
+        The next mesh, with the transferred fields as its point and cell data if it is whole.  It is
+        the old mesh itself if ``remeshed`` is False.
+    size : SizeFunction, or float64[n_points] in parts
+        The requested sizes, on the old mesh; the smallest ones if they depend on the direction.
+    fields, cell_fields : dict of str to ndarray
+        The fields on ``mesh``, of this rank; unchanged if it is the old mesh.
+    remeshed : bool
+        Whether ``mesh`` is a new mesh.  False ends a loop.
+    converged : bool
+        Whether the old mesh meets the request: its error is within the tolerance, or its
+        sizes and the number of its elements are as requested.
+    reason : str
+        Why the mesh was remeshed, or why not.
+    report : AdaptReport, or PartsReport in parts
+        ``print(result.report)`` prints a few lines.
+    metric : MetricFunction or None
+        The requested metric on the old mesh, if sizes depend on the direction.
+    """
+
+    mesh: Any
+    size: Any
+    fields: Arrays
+    cell_fields: Arrays
+    remeshed: bool
+    converged: bool
+    reason: str
+    report: Any
+    metric: MetricFunction | None = None
+
+    def __repr__(self) -> str:
+        return f"AdaptResult({self.mesh!r}, {self.reason})"
+
+    def plot(self, **options: Any) -> Any:
+        """Draw the mesh, with the options of `adaptsize.plot.plot_mesh`."""
+        return self.mesh.plot(**options)
+
+    def __str__(self) -> str:
+        """Return the reason and the report."""
+        return f"{self.reason}\n{self.report}"
 
 
 def _quality(conformity: Conformity) -> str:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize.adaptation._fields import as_columns, from_columns
 from adaptsize.adaptation.overlaps import OUTSIDE, intersections_of
 from adaptsize.adaptation.projection import Projection, sums_over
 from adaptsize.background import PartitionedMesh, SimplexMesh
@@ -66,21 +67,6 @@ def _kinds(fields: Mapping[str, npt.NDArray[Any]]) -> list[tuple[str, str, tuple
     return [(name, array.dtype.kind, array.shape[1:]) for name, array in fields.items()]
 
 
-def _columns(field: npt.NDArray[Any]) -> FloatArray:
-    """Return a field as float64[n, k]; integers below 2^53 are exact."""
-    flat = field.reshape(len(field), int(np.prod(field.shape[1:], dtype=np.int64)))
-    if field.dtype.kind == "c":
-        return np.ascontiguousarray(flat).view(np.float64)
-    return flat.astype(np.float64)
-
-
-def _restored(columns: FloatArray, field: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return columns in the type and the trailing shape of a field."""
-    columns = np.ascontiguousarray(columns)
-    typed = columns.view(field.dtype) if field.dtype.kind == "c" else columns.astype(field.dtype)
-    return typed.reshape((len(columns), *field.shape[1:]))
-
-
 def _nodal(
     old: PartitionedMesh,
     new: PartitionedMesh,
@@ -90,14 +76,14 @@ def _nodal(
     method: NodalMethod,
 ) -> npt.NDArray[Any]:
     whole = field.dtype.kind in "biu"
-    columns = _columns(field)
+    columns = as_columns(field)
 
     def interpolated() -> FloatArray:
         answer = partial(values_at, old.mesh, columns, of_one_node=whole)
         return ask_nearest(old, boxes, new.points, answer)[:, 1:]
 
     if whole or method == "interpolate":
-        return _restored(interpolated(), field)
+        return from_columns(interpolated(), field)
     bounded = method == "bounded"
     k, n_corners = columns.shape[1], new.cells.shape[1]
     measures = np.zeros(0) if new.mesh is None else new.mesh.measures
@@ -123,7 +109,7 @@ def _nodal(
             first = 1 + (1 + place) * k
             merge.at(ends, nodes, rows[:, first : first + k])
             merged.append(new.shared.merge(ends, merge))
-    return _restored(projection.field(np.hstack(merged), interpolated, bounded=bounded), field)
+    return from_columns(projection.field(np.hstack(merged), interpolated, bounded=bounded), field)
 
 
 def _cells(
@@ -134,12 +120,12 @@ def _cells(
     *,
     averaged: bool,
 ) -> npt.NDArray[Any]:
-    columns = _columns(field)
+    columns = as_columns(field)
     corners = new.points[new.cells]
     holders = partial(_values_in, old.mesh, columns)
     values = ask_nearest(old, boxes, corners.mean(axis=1), holders)[:, 1:]
     if not averaged or field.dtype.kind in "biu":
-        return _restored(values, field)
+        return from_columns(values, field)
 
     def integrals(sent: SimplexMesh) -> FloatArray:
         assert old.mesh is not None
@@ -153,7 +139,7 @@ def _cells(
     np.add.at(sums, which, parts)
     inside = sums[:, 0] > OUTSIDE * measures
     values[inside] = sums[inside, 1:] / sums[inside, :1]
-    return _restored(values, field)
+    return from_columns(values, field)
 
 
 def _values_in(mesh: SimplexMesh | None, columns: FloatArray, points: FloatArray) -> FloatArray:

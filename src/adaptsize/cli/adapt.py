@@ -12,7 +12,7 @@ from adaptsize.options import AdaptOptions, SizeOptions, TransferOptions, option
 from adaptsize.typing import FloatArray, NodalMethod
 
 if TYPE_CHECKING:
-    from adaptsize.adaptation.cycle import AdaptResult
+    from adaptsize.adaptation.report import AdaptResult
     from adaptsize.background import SimplexMesh
 
 #: The sizes that a mesh was made for.  Those of the next mesh replace them.

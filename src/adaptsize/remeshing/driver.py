@@ -51,6 +51,7 @@ from adaptsize.remeshing.surface import refine_facets, refine_surface
 from adaptsize.remeshing.surface_checks import warn_of_surface
 from adaptsize.remeshing.tetwild import TetWildBackend
 from adaptsize.sizes import Enclosed, predict
+from adaptsize.sizes.budget import count_elements
 from adaptsize.typing import ProgressCallback, Unpack
 
 M = TypeVar("M", SimplexMesh, PartitionedMesh)
@@ -218,7 +219,7 @@ def remesh(
         size_nodes=frame.to_own(known_points(sizes, mesh.dim)),
         metric=None if metric is None else frame.metric(metric),
     )
-    n_cells = _known_number(mesh, size) or _estimate(problem)
+    n_cells = _known_number(mesh, size, given["hmax"]) or _estimate(problem)
     _refuse_too_many(n_cells, given["max_elements"])
     problem = replace(problem, seconds=_LONGEST + _LONGEST_PER_CELL * n_cells)
     with reporting(progress) as report:
@@ -293,9 +294,14 @@ def _warn_of_number(inner: Problem, n_cells: float) -> None:
         )
 
 
-def _known_number(mesh: SimplexMesh, size: object) -> float | None:
-    """Return the number that was predicted with the sizes, if they are those of this surface."""
-    if not isinstance(size, SizeFunction) or size.report is None or mesh.cell_dim == mesh.dim:
+def _known_number(mesh: SimplexMesh, size: object, hmax: float) -> float | None:
+    """Return the number of sizes at the nodes, or that was predicted with those of a surface."""
+    if not isinstance(size, SizeFunction):
+        return None
+    if mesh.cell_dim == mesh.dim:
+        of_nodes = size.background is mesh
+        return count_elements(mesh, np.minimum(size.values, hmax)) if of_nodes else None
+    if size.report is None:
         return None
     nodes = size.background.points[: mesh.n_points]  # of its refined copy, the given ones first
     return size.report.n_elements if np.array_equal(nodes, mesh.points) else None
