@@ -88,6 +88,16 @@ def fields_on(n, rng):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
+def test_overlaps_reach_across_gaps_between_the_old_cells(dim):
+    old, new = pair(dim)
+    # Each cell has nodes of its own: none has a neighbour.
+    loose = SimplexMesh(
+        old.points[old.cells.ravel()], np.arange(old.cells.size).reshape(-1, dim + 1)
+    )
+    assert_allclose(FieldTransfer(loose, new).coverage, 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
 def test_conservative_transfer_keeps_integrals_of_any_shape(dim):
     old, new = pair(dim)
     transfer = FieldTransfer(old, new)

@@ -164,9 +164,9 @@ class FieldTransfer:
     Other fields are returned as float64 or complex128, of any trailing shape.  Components of
     vectors and tensors are transferred separately, in fixed axes.
 
-    The overlaps cost some 2 microseconds per new triangle and 20 per new tetrahedron, once for all
+    The overlaps cost 1.5 microseconds per new triangle and 14 per new tetrahedron, once for all
     fields, and 12 bytes of memory for each of the 5 or 17 old cells that overlap one.  With what
-    the projection needs they cost 7 microseconds per new node in the plane and 130 in space, and 12
+    the projection needs they cost 7 microseconds per new node in the plane and 100 in space, and 12
     bytes for each of the 12 or 37 old nodes near one; interpolation costs 1 and 5.  A further
     field costs .6 and 2 by projection, twice that in bounds.
 
