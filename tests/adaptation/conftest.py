@@ -8,7 +8,7 @@ from meshes import structured_square
 
 from adaptsize import SimplexMesh
 from adaptsize.adaptation import new_mesh
-from adaptsize.remeshing import registry
+from adaptsize.remeshing import protocol
 from adaptsize.sizes import predict
 
 
@@ -30,5 +30,5 @@ def generator(monkeypatch):
 
     made = Generator()
     monkeypatch.setattr(new_mesh, "remesh", made)
-    monkeypatch.setattr(registry, "_is_installed", lambda backend: True)
+    monkeypatch.setattr(protocol, "find_spec", lambda package: True)
     return made
