@@ -35,7 +35,6 @@ FRONT = [
 OF_THE_MACHINE = {
     "docs/install.md": [
         ("adaptsize warmup", ""),
-        ('gmsh: pip install "adaptsize[gmsh]"', "gmsh: ..."),
     ],
 }
 COARSER = {
