@@ -110,9 +110,8 @@ def tetrahedralize(
     descriptor = mesh.Add(meshing.FaceDescriptor(surfnr=1, domin=1, domout=0, bc=1))
     faces = np.ascontiguousarray(arrays["faces"], dtype=np.int32)
     mesh.AddElements(dim=2, index=descriptor, data=faces, base=0)
-    # Mmg improves the cells, so Netgen need not, and divides them: a larger grading than .3, the
-    # default, takes less time here, and .5 changes the number of cells after Mmg.
-    mesh.GenerateVolumeMesh(meshing.MeshingParameters(optsteps3d=0, grading=0.4))
+    # Mmg improves the cells, so Netgen need not.
+    mesh.GenerateVolumeMesh(meshing.MeshingParameters(optsteps3d=0))
     cells = np.array(mesh.Elements3D().NumPy()["nodes"][:, :4]) - 1
     return {
         "points": np.array(mesh.Coordinates()),
