@@ -28,6 +28,7 @@ _SOLID = re.compile(rb"^[ \t]*solid\b", re.M | re.I)
 
 
 def check_gmsh(content: bytes) -> None:
+    """Refuse a file without its header, with partitions, or with a section that does not end."""
     if not re.match(rb"\s*\$(MeshFormat|Comments|NOD)\b", content[:1000]):
         raise MeshFileError("cannot be read as a mesh (no $MeshFormat at the start; is it Gmsh's?)")
     for name in _GMSH_SECTIONS:
@@ -54,6 +55,7 @@ def _is_binary_stl(content: bytes) -> bool:
 
 
 def check_stl_end(content: bytes) -> None:
+    """Refuse a text file whose last solid does not end."""
     if _is_binary_stl(content):
         return
     begins = [found.start() for found in _SOLID.finditer(content)]  # of one solid or several
@@ -64,12 +66,14 @@ def check_stl_end(content: bytes) -> None:
 
 
 def check_stl(content: bytes, raw: RawMesh) -> None:
+    """Refuse fewer triangles than a text file has corners for."""
     if not _is_binary_stl(content):
         n_corners = len(re.findall(rb"^[ \t]*vertex\b", content, re.M | re.I))
         _compare("triangles", math.ceil(n_corners / 3), _n_cells(raw))
 
 
 def check_ply(content: bytes, raw: RawMesh) -> None:
+    """Refuse fewer points or faces than the header promises."""
     head = content.partition(b"end_header")[0]
     for name, held in (("vertex", len(raw.points)), ("face", _n_cells(raw))):
         promised = re.search(rb"^element[ \t]+" + name.encode() + rb"[ \t]+(\d+)", head, re.M)
@@ -82,6 +86,7 @@ def check_ply(content: bytes, raw: RawMesh) -> None:
 
 
 def check_nastran_end(content: bytes) -> None:
+    """Refuse a file without ENDDATA."""
     if not re.search(rb"^ENDDATA", content, re.MULTILINE):
         raise MeshFileError("is truncated (no ENDDATA)")
 
@@ -93,6 +98,7 @@ def check_su2_points(content: bytes) -> None:
 
 
 def check_su2(content: bytes, raw: RawMesh) -> None:
+    """Refuse fewer points or cells than the file promises."""
     lines = re.sub(rb"%[^\r\n]*", b"", content)
     points, cells = _sum(lines, rb"NPOIN"), _sum(lines, rb"NELEM") + _sum(lines, rb"MARKER_ELEMS")
     _compare("points", points, len(raw.points))
@@ -108,6 +114,7 @@ def _sum(lines: bytes, name: bytes) -> int:
 
 
 def check_vtk(content: bytes) -> None:
+    """Refuse a text file whose last number may have been cut."""
     if re.match(rb"[^\n]*\n[^\n]*\n\s*ASCII\b", content):
         check_last_number(content)
 

@@ -71,6 +71,7 @@ def _sizes_or_metric(mesh: SimplexMesh, generator: str) -> FloatArray:
 
 
 def write_view(path: Path, mesh: SimplexMesh) -> None:
+    """Write the sizes or the metric of a mesh as a view of Gmsh."""
     values = _sizes_or_metric(mesh, "Gmsh")
     sizes.write_view(path, mesh, values, "h" if values.ndim == 1 else "metric")
 
@@ -98,6 +99,7 @@ def _write_with_meshio(path: Path, content: RawMesh, file_format: str, **options
 
 
 def write_vtk(path: Path, mesh: SimplexMesh, suffix: str) -> None:
+    """Write a mesh in one of VTK's formats, by its suffix."""
     vtk.write_file(path, content_of(mesh, "cell_tags", pad=True), suffix)
 
 
@@ -119,11 +121,13 @@ def write_vti(path: Path, grid: CartesianGrid, fields: Mapping[str, npt.NDArray[
 
 
 def write_xdmf(path: Path, mesh: SimplexMesh) -> None:
+    """Write a mesh as XDMF, with its numbers in the XML."""
     content = content_of(mesh, "cell_tags", pad=mesh.dim == 1)
     _write_with_meshio(path, content, "xdmf", data_format="XML")
 
 
 def write_gmsh(path: Path, mesh: SimplexMesh) -> None:
+    """Write a mesh with tags and nodal fields as Gmsh 2.2."""
     # Version 2.2: in 4.1 a physical group belongs to an entity, which a SimplexMesh lacks.
     # No cell fields: meshio cannot read them back from version 2.2.
     content = content_of(mesh, "gmsh:physical", pad=True)
@@ -179,6 +183,7 @@ def _gmsh_components(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
 
 
 def write_medit(path: Path, mesh: SimplexMesh) -> None:
+    """Write a mesh with tags for Medit and Mmg, as text or binary."""
     content = content_of(mesh, "medit:ref", pad=False)
     no_tags = [np.zeros(len(cells), np.int32) for _, cells in content.blocks]
     tags = content.cell_data.get("medit:ref", no_tags)
@@ -202,6 +207,7 @@ def write_sol(path: Path, mesh: SimplexMesh) -> None:
 
 
 def write_jigsaw(path: Path, mesh: SimplexMesh) -> None:
+    """Write the sizes of a mesh for JIGSAW."""
     if mesh.cell_dim != mesh.dim or mesh.dim == 1:
         raise ValueError(
             f"obj must be triangles in the plane or tetrahedra for JIGSAW, got {mesh!r}"
@@ -210,6 +216,7 @@ def write_jigsaw(path: Path, mesh: SimplexMesh) -> None:
 
 
 def refuse_mesh(path: Path, mesh: SimplexMesh) -> None:
+    """Refuse to write a mesh to a file that holds grids."""
     raise ValueError(f"obj must be a CartesianGrid for {path.suffix}, got {mesh!r}; write .vtu")
 
 

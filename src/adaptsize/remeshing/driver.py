@@ -67,7 +67,7 @@ _SECONDS_PER_CELL = 1e-3
 #: tolerance is far too small for the sizes.
 _LONGEST = 60.0
 _LONGEST_PER_CELL = 0.02
-#: Cells that a first volume requires over those that were predicted, above which that is told.
+#: Cells that a first volume requires over those that were predicted, above which a warning says so.
 _MANY_MORE = 1.5
 _NO_RIDGES = np.empty((0, 2), np.int32)
 
