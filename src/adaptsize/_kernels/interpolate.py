@@ -101,6 +101,15 @@ def _find_closest(tree, x, stack):
     return best_cell, best_weights, best
 
 
+@lean
+def _keep(q, cell, weights, distance2, found):
+    """Enter what was found for query q."""
+    found.cell[q] = cell
+    found.distance[q] = math.sqrt(distance2)
+    for v in range(found.weights.shape[1]):
+        found.weights[q, v] = weights[v] if weights[v] > _ROUNDING else 0.0
+
+
 @lean_kernel
 def locate(tree, full, queries, which, stack, found):
     """Find the cell that contains each query point, or else the closest point of the mesh.
@@ -129,10 +138,41 @@ def locate(tree, full, queries, which, stack, found):
             cell, w = _find_cell(tree, x, stack)
         if cell < 0:
             cell, w, distance2 = _find_closest(tree, x, stack)
-        found.cell[q] = cell
-        found.distance[q] = math.sqrt(distance2)
-        for v in range(tree.cells.shape[1]):
-            found.weights[q, v] = w[v] if w[v] > _ROUNDING else 0.0
+        _keep(q, cell, w, distance2, found)
+
+
+@lean_kernel
+def locate_in_ranges(mesh, first, ranges, queries, which, found):
+    """Find the cell that contains each query point, or else the closest one, among few.
+
+    Parameters
+    ----------
+    mesh : tuple of float64[n, 3] and int32[m, k + 1]
+        Points and cells; k = 2 with all points in the plane z = 0, or k = 3.
+    first : int64[n_ranges + 1]
+        First cell of each range of consecutive cells, and their number.
+    ranges : int32[n_queries]
+        Where to look for each query.
+    queries, which
+        As in `locate`.
+    found : Located
+        Out: rows of the cells of the mesh.
+    """
+    points, cells = mesh
+    for q in which:
+        x = (queries[q, 0], queries[q, 1], queries[q, 2])
+        best, best_cell, w = math.inf, -1, (0.0, 0.0, 0.0, 0.0)
+        for c in range(first[ranges[q]], first[ranges[q] + 1]):
+            inside, weights = find_inside(points, cells, c, x)
+            if inside:
+                best, best_cell, w = 0.0, c, weights
+                break
+        else:
+            for c in range(first[ranges[q]], first[ranges[q] + 1]):
+                distance2, weights = closest_on_cell(points, cells, c, x)
+                if distance2 < best:
+                    best, best_cell, w = distance2, c, weights
+        _keep(q, best_cell, w, best, found)
 
 
 @lean

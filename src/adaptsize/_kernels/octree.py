@@ -66,6 +66,8 @@ class Nodes(NamedTuple):
         Keys of the corners, and behind them those of the centres.
     leaf_centres : int32[n_leaves], Out
         Node at the centre of each cube with hanging nodes; others are left.
+    first_cells : int64[n_leaves + 1], Out
+        First simplex of each leaf, and their number.
     """
 
     leaves: Leaves
@@ -76,6 +78,7 @@ class Nodes(NamedTuple):
     centres: Table
     keys: np.ndarray
     leaf_centres: np.ndarray
+    first_cells: np.ndarray
 
 
 @kernel
@@ -410,6 +413,7 @@ def cut_leaves(nodes, cells):
         for d in range(dim):
             base += indices[leaf, d] * strides[d]
             even = (even << 1) | ((indices[leaf, d] >> levels[leaf]) & 1)
+        nodes.first_cells[leaf] = place
         if not nodes.hanging[leaf]:
             place = _cut_along_diagonals(nodes.corners, leaf, even, cells, place)
             continue
@@ -427,4 +431,5 @@ def cut_leaves(nodes, cells):
             n_points, place = _cut_square(
                 nodes, square, odd, joined, (stack, cells), (n_points, place)
             )
+    nodes.first_cells[indices.shape[0]] = place
     return n_points, place

@@ -186,7 +186,8 @@ def number_nodes(levels: npt.NDArray[np.int8], lattice: Lattice) -> tuple[Nodes,
     keys = np.empty(n_corners + n_squares + n_hanging, np.int64)
     keys[:n_corners] = corner_keys[:n_corners]
     centres, leaf_centres = _hash_table(n_squares), np.full(n_leaves, -1, np.int32)
-    nodes = Nodes(leaves, corners, hanging, n_corners, table, centres, keys, leaf_centres)
+    first = np.empty(n_leaves + 1, np.int64)
+    nodes = Nodes(leaves, corners, hanging, n_corners, table, centres, keys, leaf_centres, first)
     return nodes, *cut_leaves(nodes, np.empty((0, dim + 1), np.int32))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -37,7 +38,58 @@ def parts_of(n: int, step: int = 256) -> Iterator[tuple[int, int]]:
         first = last
 
 
-class SimplexLocator:
+class Locator(ABC):
+    """Point location and interpolation in the simplices of a mesh or an octree."""
+
+    _mesh: SimplexMesh
+
+    @abstractmethod
+    def nearest(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return the closest cell, the weights of its nodes and the distance of each point."""
+
+    def weights(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return the nodes and weights of the cell that `nearest` finds, and the distance.
+
+        Parameters
+        ----------
+        points : array_like of float, shape (n, dim)
+
+        Returns
+        -------
+        nodes : ndarray of int32, shape (n, cell_dim + 1)
+        weights : ndarray of float64, shape (n, cell_dim + 1)
+        distances : ndarray of float64, shape (n,)
+        """
+        cells, weights, distances = self.nearest(points)
+        return self._mesh.cells[cells], weights, distances
+
+    def interpolate(
+        self, values: npt.ArrayLike, points: npt.ArrayLike
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return nodal values, linearly interpolated, at the closest point of each point.
+
+        Parameters
+        ----------
+        values : array_like of float, shape (n_points,)
+            Nodal values, finite or +inf.
+        points : array_like of float, shape (n, dim)
+
+        Returns
+        -------
+        values : ndarray of float64, shape (n,)
+            inf if a node of positive weight is inf; otherwise between the values of the nodes
+            of positive weight.
+        distances : ndarray of float64, shape (n,)
+            Distance of each point to the mesh.
+        """
+        nodal = as_float_array("values", values, (self._mesh.n_points,))
+        cells, weights, distances = self.nearest(points)
+        result = np.empty(len(cells))
+        interpolate(self._mesh.cells, nodal, cells, weights, result)
+        return result, distances
+
+
+class SimplexLocator(Locator):
     """Tree of bounding boxes over the cells of a mesh, for point location.
 
     It works for every kind of mesh: surfaces in space, polylines, several components,
@@ -165,47 +217,6 @@ class SimplexLocator:
         which, cells = rows[:count, 0].astype(np.int64), self.cell_of_row[rows[:count, 1]]
         order = np.lexsort((cells, which))
         return which[order], cells[order]
-
-    def weights(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return the nodes and weights of the cell that `nearest` finds, and the distance.
-
-        Parameters
-        ----------
-        points : array_like of float, shape (n, dim)
-
-        Returns
-        -------
-        nodes : ndarray of int32, shape (n, cell_dim + 1)
-        weights : ndarray of float64, shape (n, cell_dim + 1)
-        distances : ndarray of float64, shape (n,)
-        """
-        cells, weights, distances = self.nearest(points)
-        return self._mesh.cells[cells], weights, distances
-
-    def interpolate(
-        self, values: npt.ArrayLike, points: npt.ArrayLike
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return nodal values, linearly interpolated, at the closest point of each point.
-
-        Parameters
-        ----------
-        values : array_like of float, shape (n_points,)
-            Nodal values, finite or +inf.
-        points : array_like of float, shape (n, dim)
-
-        Returns
-        -------
-        values : ndarray of float64, shape (n,)
-            inf if a node of positive weight is inf; otherwise between the values of the nodes
-            of positive weight.
-        distances : ndarray of float64, shape (n,)
-            Distance of each point to the mesh.
-        """
-        nodal = as_float_array("values", values, (self._mesh.n_points,))
-        cells, weights, distances = self.nearest(points)
-        result = np.empty(len(cells))
-        interpolate(self._mesh.cells, nodal, cells, weights, result)
-        return result, distances
 
     def _queries(self, points: npt.ArrayLike) -> FloatArray:
         """Return checked points, scaled and padded like those of the mesh."""

@@ -25,10 +25,10 @@ from adaptsize._kernels.octree import Nodes, cut_leaves
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import _octree_growth as growth
 from adaptsize.background._mesh_arrays import read_only
-from adaptsize.background.location import SimplexLocator
+from adaptsize.background.octree_location import OctreeLocator
 from adaptsize.background.refinement import NeedsRefinement
 from adaptsize.background.simplex import SimplexMesh
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import FloatArray, IntArray, LongArray
 
 
 @dataclass(init=False, frozen=True, eq=False, repr=False)
@@ -274,9 +274,14 @@ class Octree(ReadOnlyState):
         return SimplexMesh(self.points, read_only(cells))
 
     @cached_property
-    def locator(self) -> SimplexLocator:
-        """Point location and interpolation in ``mesh``; see `SimplexLocator`."""
-        return self.mesh.locator
+    def locator(self) -> OctreeLocator:
+        """Point location and interpolation in ``mesh``; see `OctreeLocator`."""
+        return OctreeLocator(self)
+
+    @cached_property
+    def first_cells(self) -> LongArray:
+        """First cell of ``mesh`` in each leaf, and their number, int64[n_leaves + 1]."""
+        return read_only(self._nodes.first_cells)
 
     def find_leaves(self, points: npt.ArrayLike) -> IntArray:
         """Return the leaf that contains each point; outside, that of the closest point of the box.
