@@ -120,8 +120,11 @@ def with_bar(image: npt.NDArray[np.uint8], scene: Scene, width: int) -> npt.NDAr
 
 def _add_bar(figure: Figure, scene: Scene, left: float) -> None:
     """Add the colour bar, its title above it, to the right of this share of the figure."""
+    from matplotlib import rcParams
+
     width, height = figure.get_size_inches()
-    pad = 0.6 * height + 6.0
+    # In points: a number at the top of the bar reaches half a letter above it.
+    pad = 0.5 * rcParams["font.size"] + 6.0
     title = (pad + 14.0) / 72.0 / height
     high = min(0.7, 0.55 * width / height, max(0.4, 1.0 - 2.0 * title))
     place = (left + 0.01, 0.5 - 0.5 * high, 0.022, high)
