@@ -45,21 +45,21 @@ _ACCURACY = 1e-13
 _ROUNDING = 1e-12
 
 
-def sums_over(mixed: csr_array, columns: FloatArray, *, ranges: bool) -> FloatArray:
-    """Return what the projection needs of old nodal values, float64[rows of the matrix, ...].
+def sums_over(matrix: csr_array, columns: FloatArray, n_bounded: int = 0) -> FloatArray:
+    """Return the sums of the rows of a matrix, its products with columns, and ranges.
 
-    The columns are the sum of the row, the integrals of the fields, and if ``ranges``, the least
-    and the largest values of the fields at nodes in the row.
+    The ranges are the least values and then the largest ones, of the first ``n_bounded`` columns at
+    the nodes in a row.  With the mixed mass matrix, this is what the projection needs.
     """
-    parts = [np.asarray(mixed.sum(axis=1)).reshape(-1, 1), mixed @ columns]
-    if ranges:
-        rows = np.flatnonzero(np.diff(mixed.indptr))
-        for merge, neutral in ((np.minimum, np.inf), (np.maximum, -np.inf)):
-            extreme = np.full((mixed.shape[0], columns.shape[1]), neutral)
-            if len(rows):
-                values = columns[mixed.indices]
-                extreme[rows] = merge.reduceat(values, mixed.indptr[rows], axis=0)
-            parts.append(extreme)
+    parts = [np.asarray(matrix.sum(axis=1)).reshape(-1, 1), matrix @ columns]
+    rows = np.flatnonzero(np.diff(matrix.indptr))
+    if n_bounded and len(rows):
+        values = columns[matrix.indices, :n_bounded]
+    for merge, neutral in ((np.minimum, np.inf), (np.maximum, -np.inf)):
+        extreme = np.full((matrix.shape[0], n_bounded), neutral)
+        if n_bounded and len(rows):
+            extreme[rows] = merge.reduceat(values, matrix.indptr[rows], axis=0)
+        parts.append(extreme)
     return np.hstack(parts)
 
 
@@ -96,21 +96,22 @@ class Projection:
         np.divide(1.0, self.lumped, out=self._inverse, where=self.lumped > 0.0)
 
     def field(
-        self, sums: FloatArray, interpolated: Callable[[], FloatArray], *, bounded: bool = False
+        self, sums: FloatArray, interpolated: Callable[[], FloatArray], n_bounded: int
     ) -> FloatArray:
         """Return the projected columns; collective.
 
         Parameters
         ----------
-        sums : float64[n_points, 1 + k or 1 + 3 k]
+        sums : float64[n_points, 1 + k + 2 n_bounded]
             Those of `sums_over`, over all ranks.
         interpolated : callable
             Returns the values at the nodes, float64[n_points, k], which count where the old domain
             does not extend and at nodes in no cell; collective.
-        bounded : bool
-            Whether nodal values keep within the range of the old ones nearby.
+        n_bounded : int
+            So many columns, the first ones, keep within the range of the old values nearby.
         """
-        load, *bounds = np.hsplit(sums[:, 1:], 3 if bounded else 1)
+        split = sums.shape[1] - 2 * n_bounded, sums.shape[1] - n_bounded
+        load, low, high = np.split(sums[:, 1:], np.subtract(split, 1), axis=1)
         outside = self.lumped - sums[:, 0]
         covered = np.abs(outside) < _ROUNDING * self.lumped
         start = load * self._inverse[:, None]
@@ -118,14 +119,13 @@ class Projection:
             values = interpolated()
             load = load + np.where(covered, 0.0, outside)[:, None] * values
             start = np.where(self.lumped[:, None] > 0.0, load * self._inverse[:, None], values)
-            bounds = (
-                [np.minimum(bounds[0], values), np.maximum(bounds[1], values)] if bounded else []
+            low, high = (
+                np.minimum(low, values[:, :n_bounded]),
+                np.maximum(high, values[:, :n_bounded]),
             )
         found = self._solved(load, start)
-        if bounded:
-            low, high = bounds
-            for j in range(found.shape[1]):
-                found[:, j] = self._within(found[:, j], low[:, j], high[:, j])
+        for j in range(n_bounded):
+            found[:, j] = self._within(found[:, j], low[:, j], high[:, j])
         return found
 
     def _solved(self, load: FloatArray, start: FloatArray) -> FloatArray:

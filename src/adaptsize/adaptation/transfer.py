@@ -71,8 +71,7 @@ def transfer_fields(
     -----
     Between meshes in parts, the values are those for the whole meshes, to rounding, except at
     slits, where a node between the two sides may get the value of either.  Points and cells go to
-    the ranks whose boxes they meet: two requests, each with an answer, for each kind of value.
-    ``keep_integral`` is not available there.
+    the ranks whose boxes they meet, once for all fields.  ``keep_integral`` is not available there.
 
     Examples
     --------
@@ -275,10 +274,12 @@ class FieldTransfer:
         new = self.new
         products = self._with_products.products
         assert products is not None
-        sums = sums_over(products, np.array(as_columns(field)), ranges=bounded)
-        projection = Projection(new.cells, new.measures, new.shared, new.n_points)
-        found = projection.field(
-            sums, lambda: as_columns(self._interpolated(field)), bounded=bounded
+        columns = np.array(as_columns(field))
+        n_bounded = columns.shape[1] if bounded else 0
+        found = Projection(new.cells, new.measures, new.shared, new.n_points).field(
+            sums_over(products, columns, n_bounded),
+            lambda: as_columns(self._interpolated(field)),
+            n_bounded,
         )
         return from_columns(found, field)
 
