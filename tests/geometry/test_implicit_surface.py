@@ -7,8 +7,7 @@ from numpy.testing import assert_allclose
 from adaptsize import Octree
 from adaptsize._progress import silent
 from adaptsize.geometry.distance.closest_points import ZeroLevelBoundary
-from adaptsize.geometry.distance.projection import project
-from adaptsize.geometry.implicit_surface import largest_curvature
+from adaptsize.geometry.implicit_surface import largest_curvature, project
 
 
 def on_sphere(n, dim, seed):
@@ -78,7 +77,7 @@ def test_zero_level_boundary_gives_exact_depths():
     assert_allclose(seen.outward, x / r[:, None], atol=1e-5)
     assert_allclose(boundary.distance(x), np.abs(1.0 - r), atol=1e-8)
     assert_allclose(
-        boundary.from_nodes(tree, silent).depth,
+        boundary.seen_from(tree.points).depth,
         1.0 - np.linalg.norm(tree.points, axis=1),
         atol=1e-8,
     )

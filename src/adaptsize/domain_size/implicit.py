@@ -24,7 +24,13 @@ from adaptsize.domain_size.on_octree import (
 )
 from adaptsize.domain_size.request import Request
 from adaptsize.errors import ResolutionWarning
-from adaptsize.geometry.distance.closest_points import Depths, boundary_of, is_distance
+from adaptsize.geometry.distance.closest_points import (
+    Boundary,
+    Depths,
+    FunctionBoundary,
+    ZeroLevelBoundary,
+    is_distance,
+)
 from adaptsize.geometry.implicit_surface import Implicit, largest_curvature
 from adaptsize.geometry.width import width_within
 from adaptsize.sizes.budget import calibration
@@ -95,8 +101,12 @@ class ImplicitDomain:
         report = request.report
         values = self.function(tree.points)
         check_signs(values < 0.0, values, tree)
-        boundary = boundary_of(self.function, tree, values, self._is_distance)
-        nodes = boundary.from_nodes(tree, report)
+        boundary: Boundary = (
+            FunctionBoundary(self.function, tree.diagonal)
+            if self._is_distance
+            else ZeroLevelBoundary(self.function, tree, values)
+        )
+        nodes = boundary.seen_from(tree.points, report)
         # Nodes closer to the boundary, in diagonals of the octree, are on it.
         inner = inner_cells(tree.mesh, nodes.depth >= -1e-12 * tree.mesh.diagonal)
         edges = tree.mesh.edges

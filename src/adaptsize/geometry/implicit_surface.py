@@ -1,4 +1,4 @@
-"""Normals and curvatures of the zero level of a function, by differences at steps of its own."""
+"""The zero level of a function: normals and curvatures by differences, and closest points."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from adaptsize._checks import as_float_array, refuse_where
-from adaptsize.typing import FloatArray
+from adaptsize.typing import FloatArray, IndexArray, ProgressCallback
 
 #: f(points[n, dim]) -> float64[n], checked.
 Implicit: TypeAlias = Callable[[FloatArray], FloatArray]
@@ -22,6 +22,18 @@ _MOST_CHANGES = 8
 # The curvature is evaluated again with these shares of the step.  At a kink it grows, by more than
 # this factor.  Beside a kink it falls.
 _SHORTER = (0.25, 0.0625)
+
+# Points per batch; the function is evaluated at several points around each.
+_POINTS_AT_ONCE = 100_000
+# Steps of differences, in spacings: first derivatives and curvatures.
+_STEP = 1e-3
+_STEP_OF_CURVATURE = 3e-2
+# Iterates farther from the zero level, in spacings and in steps along it, first return to it.
+_OFF_LEVEL = 0.05
+# Penalty on the distance of an iterate from the zero level, so that iterates on it are preferred.
+_PENALTY = 2.0
+# Sine of the smallest angle between such pieces.
+_LEAST_ANGLE = 0.05
 
 
 def checked(function: Callable[[FloatArray], object]) -> Implicit:
@@ -178,9 +190,145 @@ def largest_curvature(
 
 def _modulus(frame: LevelFrame) -> FloatArray:
     """Return the largest modulus of the eigenvalues of the second fundamental form."""
-    bends = frame.curvatures
-    if bends.shape[1] == 1:
-        return np.asarray(np.abs(bends[:, 0, 0]))
-    mean = 0.5 * (bends[:, 0, 0] + bends[:, 1, 1])
-    half = np.hypot(0.5 * (bends[:, 0, 0] - bends[:, 1, 1]), bends[:, 0, 1])
-    return np.asarray(np.abs(mean) + half)
+    return np.asarray(np.abs(eigenvalues_of(frame.curvatures)).max(axis=0))
+
+
+def eigenvalues_of(matrices: FloatArray) -> FloatArray:
+    """Return the least and the largest eigenvalue of symmetric matrices of order 1 or 2."""
+    first, last = matrices[:, 0, 0], matrices[:, -1, -1]
+    mean = 0.5 * (first + last)
+    half = np.hypot(0.5 * (first - last), matrices[:, 0, 1]) if matrices.shape[1] == 2 else 0.0
+    return np.stack([mean - half, mean + half])
+
+
+def project(
+    function: Implicit,
+    x: FloatArray,
+    start: FloatArray,
+    spacing: float | FloatArray,
+    report: ProgressCallback,
+) -> FloatArray:
+    """Return the points of the zero level that are closest to given points, float64[n, dim].
+
+    Parameters
+    ----------
+    function : callable
+    x : float64[n, dim]
+    start : float64[n, dim]
+        Points near the closest points.
+    spacing : float or float64[n]
+        Scale of the details of the zero level around the closest points.
+    report : callable
+    """
+    spacings = np.broadcast_to(spacing, len(x))
+    feet = np.empty_like(x)
+    for first in range(0, len(x), _POINTS_AT_ONCE):
+        part = slice(first, first + _POINTS_AT_ONCE)
+        feet[part] = _project_part(function, x[part], start[part], spacings[part])
+        report("projection", min((first + _POINTS_AT_ONCE) / len(x), 1.0))
+    return feet
+
+
+def _project_part(
+    function: Implicit, x: FloatArray, start: FloatArray, spacings: FloatArray
+) -> FloatArray:
+    """Project points to the zero level, from start points near the closest points.
+
+    Solves  f(y) = 0  and  x - y parallel to grad f(y)  by Newton's method in the direction of
+    the normal and in the tangent plane, there with the curvature in the direction of x.  If this
+    does not converge, the closest point may be at a kink of f, see `_at_kinks`.
+    """
+    y = start.copy()
+    best, feet = np.full(len(x), np.inf), start.copy()
+    active, kinked = np.arange(len(x)), np.zeros(len(x), np.bool_)
+    # Smooth functions need 3 to 5 iterations; at kinks the iteration does not converge.
+    for _ in range(15):
+        at, to, spacing = y[active], x[active], spacings[active]
+        f, gradient, jump = gradient_of(function, at, _STEP * spacing)
+        steep = np.linalg.norm(gradient, axis=1)
+        regular = steep > 0.0
+        per_steep = np.where(regular, 1.0 / np.where(regular, steep, 1.0), 0.0)
+        off = f * per_steep
+        merit = np.linalg.norm(to - at, axis=1) + _PENALTY * np.abs(off)
+        better = (merit < best[active]) & regular
+        best[active[better]], feet[active[better]] = merit[better], at[better]
+        normal = gradient * per_steep[:, None]
+        height = ((to - at) * normal).sum(axis=1)
+        sideways = to - at - height[:, None] * normal
+        bend = second_derivative(function, at, f, sideways, _STEP_OF_CURVATURE * spacing)
+        bend *= per_steep
+        # Beyond the centre of curvature Newton's method would step in the wrong direction.
+        # Steps along the zero level are enlarged at most by the reciprocal, next to centres of
+        # curvature.
+        step = sideways / np.maximum(1.0 + height * bend, 0.25)[:, None]
+        length = np.linalg.norm(step, axis=1)
+        step *= np.minimum(1.0, spacing / np.maximum(length, 1e-300))[:, None]
+        # First back to the zero level: at a kink of f steps along it lead off it.
+        back = (np.abs(off) > _OFF_LEVEL * spacing) & (np.abs(off) > _OFF_LEVEL * length)
+        step[back] = 0.0
+        step -= np.clip(off, -spacing, spacing)[:, None] * normal
+        y[active] = at + step
+        # An iterate has converged when it moves by less, in spacings.
+        moving = (np.linalg.norm(step, axis=1) > 1e-9 * spacing) & regular
+        # A foot is at a kink if derivatives jump by this share of the gradient.
+        kinked[active] = jump > 0.05 * steep
+        active = active[moving]
+        if len(active) == 0:
+            break
+    kinked[active] = True
+    rest = np.flatnonzero(kinked)
+    # Distances, in spacings, at which smooth pieces on the sides of a kink are searched for.
+    for share in (0.1, 0.01, 1e-3, 1e-4) if len(rest) else ():
+        feet[rest] = _at_kinks(function, x[rest], feet[rest], share * spacings[rest])
+    return feet
+
+
+def _at_kinks(function: Implicit, x: FloatArray, feet: FloatArray, reach: FloatArray) -> FloatArray:
+    """Return the closest points where smooth pieces of the zero level meet, or beside.
+
+    The pieces are replaced by their tangent planes at points that far from the feet.  The closest
+    point of a plane, or of the intersection of two or three, replaces the foot if it is closer to
+    x, or to the zero level.
+    """
+    n, dim = x.shape
+    around = np.concatenate([np.eye(dim), -np.eye(dim)])
+    at = feet[:, None] + reach[:, None, None] * around
+    f, gradient = gradient_of(function, at.reshape(-1, dim), _STEP * np.repeat(reach, 2 * dim))[:2]
+    steep = np.maximum(np.linalg.norm(gradient, axis=1), 1e-300)
+    normals = (gradient / steep[:, None]).reshape(n, 2 * dim, dim)
+    heights = (normals * at).sum(axis=2) - (f / steep).reshape(n, 2 * dim)
+    slope = steep.reshape(n, 2 * dim).max(axis=1)
+
+    def merit_of(y: FloatArray) -> FloatArray:
+        off = np.abs(function(y)) / slope
+        return np.asarray(np.linalg.norm(x - y, axis=1) + _PENALTY * off)
+
+    result, best = feet.copy(), merit_of(feet)
+    for planes in _distinct(normals):
+        rows = np.take_along_axis(normals, planes[:, :, None], axis=1)
+        matrix = rows @ rows.transpose(0, 2, 1)
+        gap = np.take_along_axis(heights, planes, axis=1) - np.einsum("nkd,nd->nk", rows, x)
+        meet = np.linalg.det(matrix) > _LEAST_ANGLE**2
+        matrix[~meet] = np.eye(planes.shape[1])
+        way = np.einsum("nkd,nk->nd", rows, np.linalg.solve(matrix, gap[:, :, None])[:, :, 0])
+        merit = np.where(meet, merit_of(np.where(meet[:, None], x + way, feet)), np.inf)
+        better = merit < best
+        result[better], best[better] = (x + way)[better], merit[better]
+    return result
+
+
+def _distinct(normals: FloatArray) -> list[IndexArray]:
+    """Return numbers of the two (and, in space, three) most different of several normals.
+
+    First each of two alone, int[n, 1], then several together.
+    """
+    n, m, dim = normals.shape
+    cosine = np.einsum("nid,njd->nij", normals, normals).reshape(n, m * m)
+    two = np.stack(np.unravel_index(cosine.argmin(axis=1), (m, m)), axis=1)
+    planes = [two[:, :1], two[:, 1:], two]
+    if dim == 2:
+        return planes
+    first, second = (np.take_along_axis(normals, two[:, k, None, None], axis=1) for k in (0, 1))
+    across = np.cross(first, second)
+    third = np.abs((normals * across).sum(axis=2)).argmax(axis=1)
+    return [*planes, np.column_stack([two, third])]

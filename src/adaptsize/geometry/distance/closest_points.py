@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -11,9 +11,8 @@ import numpy.typing as npt
 from adaptsize._progress import silent
 from adaptsize.background import Octree
 from adaptsize.geometry.distance.implicit import crossings_of
-from adaptsize.geometry.distance.projection import project
-from adaptsize.geometry.implicit_surface import Implicit, gradient_of
-from adaptsize.typing import BoolArray, FloatArray, IndexArray, ProgressCallback
+from adaptsize.geometry.implicit_surface import Implicit, gradient_of, project
+from adaptsize.typing import FloatArray, IndexArray, ProgressCallback
 
 #: Takes points, float64[n, dim]; returns the signed distance of each.
 DistanceFunction: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
@@ -42,22 +41,6 @@ class Depths(NamedTuple):
         return np.asarray(points + self.depth[:, None] * self.outward)
 
 
-class Boundary(Protocol):
-    """A boundary that provides the closest point for every point."""
-
-    def from_nodes(self, background: Octree, report: ProgressCallback) -> Depths:
-        """Return the depths of the nodes."""
-        ...
-
-    def distance(self, points: FloatArray) -> FloatArray:
-        """Return unsigned distances, for points of any shape [..., dim]."""
-        ...
-
-    def seen_from(self, points: FloatArray) -> Depths:
-        """Return the depths of points."""
-        ...
-
-
 class FunctionBoundary:
     """The zero level of a signed distance function.
 
@@ -76,17 +59,13 @@ class FunctionBoundary:
         # located.
         self._step = 1e-7 * extent
 
-    def from_nodes(self, background: Octree, report: ProgressCallback) -> Depths:
-        """Return what the nodes see."""
-        report("distance", 0.0)
-        return self.seen_from(background.points)
-
     def distance(self, points: FloatArray) -> FloatArray:
-        """Return distances without sign."""
+        """Return unsigned distances, for points of any shape [..., dim]."""
         return np.abs(self._values(points.reshape(-1, points.shape[-1]))).reshape(points.shape[:-1])
 
-    def seen_from(self, points: FloatArray) -> Depths:
-        """Return what points see."""
+    def seen_from(self, points: FloatArray, report: ProgressCallback = silent) -> Depths:
+        """Return the depths of points."""
+        report("distance", 0.0)
         values, gradient, _ = gradient_of(self._values, points, self._step)
         length = np.linalg.norm(gradient, axis=1)
         # Differences across a kink mix two fronts; next to the kink there is only one.
@@ -102,17 +81,6 @@ class FunctionBoundary:
             length[mixed] = np.linalg.norm(gradient[mixed], axis=1)
         outward = gradient / np.where(length > 0.0, length, 1.0)[:, None]
         return Depths(-values, outward)
-
-
-def depths_of(
-    points: FloatArray, feet: FloatArray, distance: FloatArray, inside: BoolArray
-) -> Depths:
-    """Return depths of points with given closest points, distances and sides."""
-    depth = np.where(inside, distance, -distance)
-    way = feet - points
-    length = np.linalg.norm(way, axis=1)
-    way /= np.where(length > 0.0, np.where(inside, length, -length), 1.0)[:, None]
-    return Depths(depth, way)
 
 
 class ZeroLevelBoundary:
@@ -137,24 +105,19 @@ class ZeroLevelBoundary:
         self._normals = gradient / steep[:, None]
         self._tree = cKDTree(self._samples)
 
-    def from_nodes(self, background: Octree, report: ProgressCallback) -> Depths:
-        """Return what the nodes see."""
-        return self._seen(background.points, report)
-
     def distance(self, points: FloatArray) -> FloatArray:
-        """Return distances without sign."""
+        """Return unsigned distances, for points of any shape [..., dim]."""
         rows = points.reshape(-1, points.shape[-1])
         found = np.linalg.norm(self._feet(rows, silent) - rows, axis=1)
         return np.asarray(found.reshape(points.shape[:-1]))
 
-    def seen_from(self, points: FloatArray) -> Depths:
-        """Return what points see."""
-        return self._seen(points, silent)
-
-    def _seen(self, points: FloatArray, report: ProgressCallback) -> Depths:
-        feet = self._feet(points, report)
-        distance = np.linalg.norm(feet - points, axis=1)
-        return depths_of(points, feet, distance, self._function(points) <= 0.0)
+    def seen_from(self, points: FloatArray, report: ProgressCallback = silent) -> Depths:
+        """Return the depths of points."""
+        outward = self._feet(points, report) - points
+        distance = np.linalg.norm(outward, axis=1)
+        depth = np.where(self._function(points) <= 0.0, distance, -distance)
+        outward /= np.where(distance > 0.0, depth, 1.0)[:, None]
+        return Depths(depth, outward)
 
     def _feet(self, points: FloatArray, report: ProgressCallback) -> FloatArray:
         nearest = self._starts(points)
@@ -202,20 +165,5 @@ def is_distance(function: Implicit, points: FloatArray, extent: float) -> bool:
     return bool(good.mean() >= 0.998)
 
 
-def boundary_of(
-    function: Implicit, background: Octree, values: FloatArray, distance: bool
-) -> FunctionBoundary | ZeroLevelBoundary:
-    """Return the zero level of a function as a boundary.
-
-    Parameters
-    ----------
-    function : callable
-    background : Octree
-    values : float64[n_points]
-        Values of the function at the nodes.
-    distance : bool
-        Whether the function is a signed distance.
-    """
-    if distance:
-        return FunctionBoundary(function, background.diagonal)
-    return ZeroLevelBoundary(function, background, values)
+#: A boundary that provides the closest point for every point.
+Boundary: TypeAlias = FunctionBoundary | ZeroLevelBoundary

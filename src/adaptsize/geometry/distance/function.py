@@ -12,9 +12,11 @@ import numpy.typing as npt
 from adaptsize._checks import as_near_points, as_points, describe
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import skin_of
-from adaptsize.geometry.distance.orientation import oriented
-from adaptsize.geometry.distance.winding import WindingNumber, is_cycle
+from adaptsize.geometry.distance.winding import WindingNumber, winding_of
 from adaptsize.typing import BoolArray, FloatArray
+
+# Points that are compared with polygons at once.
+_POINTS_AT_ONCE = 3000
 
 _Outline: TypeAlias = SimplexMesh | npt.ArrayLike | Sequence[npt.ArrayLike]
 
@@ -76,8 +78,7 @@ class SignedDistance:
 
     @cached_property
     def _winding(self) -> WindingNumber:
-        mesh = self.mesh
-        return WindingNumber(mesh if is_cycle(mesh) else oriented(mesh)[0])
+        return winding_of(self.mesh)[0]
 
     def unsigned(self, points: npt.ArrayLike) -> FloatArray:
         """Return the distance of each point without a sign, float64[n], for instance to a coast."""
@@ -124,38 +125,21 @@ def _segments(polygons: list[FloatArray]) -> SimplexMesh:
 
 
 def _inside(outline: SimplexMesh, points: FloatArray) -> BoolArray:
-    """Return which points an odd number of polygons contains, by crossings of a ray along x.
-
-    Segments are sorted into strips of y, so that a point meets those of its strip only.
-    """
+    """Return which points an odd number of polygons contains, by crossings of a ray along x."""
     start, end = (outline.points[outline.cells[:, k]] for k in (0, 1))
     low, high = np.minimum(start[:, 1], end[:, 1]), np.maximum(start[:, 1], end[:, 1])
-    n_strips = max(1, int(np.sqrt(outline.n_cells)) * 2)
-    edges = np.linspace(low.min(), high.max(), n_strips + 1)
-    strip = np.searchsorted(edges, points[:, 1], side="right") - 1
-    first, last = (np.searchsorted(edges, y, side="right") - 1 for y in (low, high))
     inside = np.zeros(len(points), np.bool_)
-    order = np.argsort(strip, kind="stable")
-    bounds = np.searchsorted(strip[order], np.arange(n_strips + 1))
-    for k in range(n_strips):
-        chosen = order[bounds[k] : bounds[k + 1]]
-        near = np.flatnonzero((first <= k) & (last >= k))
-        if len(chosen) and len(near):
-            inside[chosen] = _crosses_oddly(points[chosen], start[near], end[near])
-    return inside
-
-
-def _crosses_oddly(points: FloatArray, start: FloatArray, end: FloatArray) -> BoolArray:
-    """Return whether the ray from each point to the right crosses an odd number of segments."""
-    odd = np.empty(len(points), np.bool_)
-    at_once = max(1, 2_000_000 // len(start))
-    (ax, ay), (bx, by) = start.T, end.T
-    for first in range(0, len(points), at_once):
-        part = slice(first, first + at_once)
-        x, y = points[part, :1], points[part, 1:]
-        spans = (ay <= y) != (by <= y)
+    along_y = np.argsort(points[:, 1])
+    for begin in range(0, len(points), _POINTS_AT_ONCE):
+        part = along_y[begin : begin + _POINTS_AT_ONCE]
+        # All pairs of a segment and a point between its ends in y.
+        first, last = (np.searchsorted(points[part, 1], y) for y in (low, high))
+        count = last - first
+        segment = np.repeat(np.arange(len(count)), count)
+        place = np.arange(len(segment)) + np.repeat(last - np.cumsum(count), count)
+        (x, y), (ax, ay), (bx, by) = points[part[place]].T, start[segment].T, end[segment].T
         # The sign of the area of the triangle of the point and the segment, from bottom to top.
         area = (bx - ax) * (y - ay) - (x - ax) * (by - ay)
-        to_the_right = np.where(by > ay, area > 0.0, area < 0.0)
-        odd[part] = (spans & to_the_right).sum(axis=1) % 2 == 1
-    return odd
+        crossed = place[np.where(by > ay, area, -area) > 0.0]
+        inside[part] = np.bincount(crossed, minlength=len(part)) % 2 == 1
+    return inside

@@ -8,9 +8,16 @@ import numpy as np
 
 from adaptsize._kernels.surface_distance import Features, Nearest
 from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
+from adaptsize.background.grid import whole_boxes
+from adaptsize.background.location import in_space
 from adaptsize.geometry.distance.fast_marching import places_of, propagate
-from adaptsize.geometry.distance.projection import project
-from adaptsize.geometry.implicit_surface import Implicit, LevelFrame, frame_at
+from adaptsize.geometry.implicit_surface import (
+    Implicit,
+    LevelFrame,
+    eigenvalues_of,
+    frame_at,
+    project,
+)
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray, ProgressCallback
 
 # Nodes per batch beyond the band.
@@ -39,7 +46,11 @@ def implicit_distance(
     from scipy.spatial import cKDTree
 
     crossings, lengths = crossings_of(background, function, values)
-    layer, spacing = _layer(background, values), float(lengths.max())
+    spacing = float(lengths.max())
+    if isinstance(background, CartesianGrid):  # nodes at edges only would miss feet at corners
+        layer = _nodes_of_mixed_boxes(values > 0.0)
+    else:
+        layer = np.unique(np.concatenate(_edges_across(background, values)))
     place = places_of(background)
     start = cKDTree(crossings).query(place(layer))[1]
     feet = project(function, place(layer), crossings[start], spacing, report)
@@ -96,24 +107,12 @@ def crossings_of(
     return a + t[:, None] * (b - a), np.asarray(np.linalg.norm(a - b, axis=1))
 
 
-def _layer(background: AnyBackground, values: FloatArray) -> LongArray:
-    """Return the nodes of boxes that the zero level passes through, in meshes of such edges."""
-    if isinstance(background, CartesianGrid):
-        return _nodes_of_mixed_boxes(values > 0.0)
-    return np.unique(np.concatenate(_edges_across(background, values)))
-
-
 def _nodes_of_mixed_boxes(positive: BoolArray) -> LongArray:
     """Return the nodes of boxes that have corners of both kinds."""
-    some = every = positive
-    for axis in range(positive.ndim):
-        n = positive.shape[axis] - 1
-        some = some.take(range(n), axis) | some.take(range(1, n + 1), axis)
-        every = every.take(range(n), axis) & every.take(range(1, n + 1), axis)
-    at = np.pad(some & ~every, 1)
-    for axis in range(positive.ndim):
-        n = positive.shape[axis]
-        at = at.take(range(n), axis) | at.take(range(1, n + 1), axis)
+    mixed = ~(whole_boxes(positive) | whole_boxes(~positive))
+    at = np.zeros(positive.shape, np.bool_)
+    for corner in product((slice(None, -1), slice(1, None)), repeat=positive.ndim):
+        at[corner] |= mixed
     return np.flatnonzero(at)
 
 
@@ -124,13 +123,13 @@ def _edges_across(background: AnyBackground, values: FloatArray) -> tuple[LongAr
         mesh = background if isinstance(background, SimplexMesh) else background.mesh
         i, j = mesh.edges[positive[mesh.edges[:, 0]] != positive[mesh.edges[:, 1]]].T
         return i.astype(np.int64), j.astype(np.int64)
-    ends = []
+    low, high = [], []
     for axis in range(background.dim):
         at = list(np.nonzero(np.diff(positive, axis=axis)))
-        low = np.ravel_multi_index(at, background.shape)
+        low.append(np.ravel_multi_index(at, background.shape))
         at[axis] += 1
-        ends.append((low, np.ravel_multi_index(at, background.shape)))
-    return np.concatenate([low for low, _ in ends]), np.concatenate([high for _, high in ends])
+        high.append(np.ravel_multi_index(at, background.shape))
+    return np.concatenate(low), np.concatenate(high)
 
 
 def _nearest_feet(
@@ -143,13 +142,12 @@ def _nearest_feet(
         distance, nearest = cKDTree(feet).query(background.points)
         return nearest, distance
     number = np.full(background.n_points, -1, np.int32)
-    number[layer] = np.arange(len(layer), dtype=np.int32)
+    cells = np.arange(len(feet), dtype=np.int32)[:, None]
+    number[layer] = cells[:, 0]
     distance = np.full(background.n_points, np.inf)
     distance[layer] = np.linalg.norm(places_of(background)(layer) - feet, axis=1)
-    in_space = np.zeros((len(feet), 3))
-    in_space[:, : background.dim] = feet
-    cells = np.arange(len(feet), dtype=np.int32)[:, None]
-    features = Features(in_space, cells, cells, *_neighbours(background.shape, layer, number))
+    rings = _neighbours(background.shape, layer, number)
+    features = Features(in_space(feet), cells, cells, *rings)
     nearest = number.copy()
     propagate(background, features, Nearest(distance, nearest), report)
     return nearest.astype(np.int64), distance
@@ -159,15 +157,10 @@ def _neighbours(
     shape: tuple[int, ...], layer: LongArray, number: IntArray
 ) -> tuple[IntArray, IntArray]:
     """Return the numbers of the nodes of a layer around each of its nodes, as compressed rows."""
-    at = np.stack(np.unravel_index(layer, shape), axis=1)
-    pairs = []
-    for step in product((-1, 0, 1), repeat=len(shape)):
-        there = at + step
-        inside = ((there >= 0) & (there < shape)).all(axis=1) & any(step)
-        other = np.full(len(layer), -1, np.int32)
-        other[inside] = number[np.ravel_multi_index(tuple(there[inside].T), shape)]
-        pairs.append(other)
-    table = np.stack(pairs, axis=1)
+    around = np.pad(number.reshape(shape), 1, constant_values=-1)
+    at = np.stack(np.unravel_index(layer, shape), axis=1) + 1
+    steps = [step for step in product((-1, 0, 1), repeat=len(shape)) if any(step)]
+    table = np.stack([around[tuple((at + step).T)] for step in steps], axis=1)
     ring_ptr = np.zeros(len(layer) + 1, np.int32)
     np.cumsum((table >= 0).sum(axis=1), out=ring_ptr[1:])
     return ring_ptr, table[table >= 0]
@@ -190,7 +183,7 @@ def _distance_to_parabola(
     if bend.shape[1] == 0:
         return np.full(len(x), np.inf)
     # The parabola is not used near or beyond its focus, ...
-    reliable = _least_eigenvalue(matrix) > 0.25
+    reliable = eigenvalues_of(matrix)[0] > 0.25
     matrix[~reliable] = np.eye(bend.shape[1])
     to = np.linalg.solve(matrix, sideways[:, :, None])[:, :, 0]
     # ... and only up to this distance from the foot where it touches, in spacings.
@@ -198,12 +191,3 @@ def _distance_to_parabola(
     drop = 0.5 * np.einsum("mk,mkl,ml->m", to, bend, to)
     along = np.linalg.norm(sideways - to, axis=1)
     return np.where(reliable, np.hypot(along, height + drop), np.inf)
-
-
-def _least_eigenvalue(matrix: FloatArray) -> FloatArray:
-    """Return the least eigenvalue of symmetric matrices of order 1 or 2."""
-    if matrix.shape[1] == 1:
-        return np.asarray(matrix[:, 0, 0])
-    mean = 0.5 * (matrix[:, 0, 0] + matrix[:, 1, 1])
-    half = 0.5 * (matrix[:, 0, 0] - matrix[:, 1, 1])
-    return np.asarray(mean - np.hypot(half, matrix[:, 0, 1]))

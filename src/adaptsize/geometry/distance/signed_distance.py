@@ -148,35 +148,28 @@ def signed_distance(
     (-1.0, 1.0)
     """
     background = as_own(background)
-    _check_background(background)
-    band = as_number("band", band, lower=1.0, allow_inf=True)
-    if smoothing is not None and not _is_mask(boundary):
-        raise ValueError(
-            f"smoothing is for boolean images, got {describe(smoothing)} for {describe(boundary)}"
-        )
-    with reporting(progress) as report:
-        if boundary is None:
-            return _to_own_boundary(background, report)
-        if isinstance(boundary, SimplexMesh):
-            return _to_surface(background, boundary, band, report)
-        function, values = _as_implicit(background, boundary, smoothing)
-        return implicit_distance(background, function, values, band, report)
-
-
-def _is_mask(boundary: _Boundary | None) -> bool:
-    """Return whether a boundary is a boolean image."""
-    if boundary is None or isinstance(boundary, SimplexMesh) or callable(boundary):
-        return False
-    return as_plain_array("boundary", boundary).dtype == np.bool_
-
-
-def _check_background(background: AnyBackground) -> None:
     check_type("background", background, SimplexMesh, CartesianGrid, Octree)
     if isinstance(background, SimplexMesh) and background.cell_dim < background.dim:
         raise ValueError(
             "background must have cells of full dimension, triangles in the plane or "
             f"tetrahedra, got {background!r}"
         )
+    band = as_number("band", band, lower=1.0, allow_inf=True)
+    given: Any = boundary
+    is_array = not (given is None or isinstance(given, SimplexMesh) or callable(given))
+    if is_array:
+        given = as_plain_array("boundary", given)
+    if smoothing is not None and not (is_array and given.dtype == np.bool_):
+        raise ValueError(
+            f"smoothing is for boolean images, got {describe(smoothing)} for {describe(boundary)}"
+        )
+    with reporting(progress) as report:
+        if given is None:
+            return _to_own_boundary(background, report)
+        if isinstance(given, SimplexMesh):
+            return _to_surface(background, given, band, report)
+        function, values = _as_implicit(background, given, smoothing)
+        return implicit_distance(background, function, values, band, report)
 
 
 def _to_own_boundary(background: AnyBackground, report: ProgressCallback) -> FloatArray:
@@ -210,17 +203,16 @@ def _as_implicit(
         if isinstance(background, CartesianGrid):
             return function, background.sample(function)
         return function, function(background.points)
-    image = as_plain_array("boundary", boundary)
-    if not isinstance(background, CartesianGrid) or image.shape != background.shape:
+    if not isinstance(background, CartesianGrid) or boundary.shape != background.shape:
         raise ValueError(
             "boundary must be a SimplexMesh, a callable or, on a CartesianGrid, an array of the "
             f"shape of the grid, got {describe(boundary)} for {background!r}"
         )
-    if image.dtype == np.bool_:
+    if boundary.dtype == np.bool_:
         # Standard deviation of the low-pass filter for boolean images, in pixels.
         deviation = 1.5 if smoothing is None else as_number("smoothing", smoothing, lower=0.0)
-        values = smooth_mask(image, deviation)
+        values = smooth_mask(boundary, deviation)
     else:
-        values = as_float_array("boundary", image)
+        values = as_float_array("boundary", boundary)
         refuse_where("boundary", ~np.isfinite(values), values, "must be finite")
     return GridSpline(background, values), values

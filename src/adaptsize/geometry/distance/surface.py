@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +11,7 @@ from adaptsize._kernels.surface_distance import Features, Nearest, scan_facets
 from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh, topology
 from adaptsize.background.location import in_space
 from adaptsize.geometry.distance.fast_marching import frame_of, places_of, propagate
-from adaptsize.geometry.distance.orientation import oriented
-from adaptsize.geometry.distance.winding import WindingNumber, is_cycle, same_places
+from adaptsize.geometry.distance.winding import same_places, winding_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray, ProgressCallback
 
 # Facets are split for the scan down to this length in spacings: boxes around long oblique facets
@@ -35,12 +33,12 @@ def surface_distance(
     """
     if isinstance(background, CartesianGrid) and math.isfinite(band):
         return _on_grid(background, surface, band * float(background.spacing.max()), report)
-    distance = np.empty(background.n_points)
-    done = 0
-    for points in _nodes_of(background):
-        distance[done : done + len(points)] = surface.locator.nearest(points)[2]
-        done += len(points)
-        report("distance", done / background.n_points)
+    n, place = background.n_points, places_of(background)
+    distance = np.empty(n)
+    for first in range(0, n, _POINTS_AT_ONCE):
+        nodes = np.arange(first, min(first + _POINTS_AT_ONCE, n))
+        distance[nodes] = surface.locator.nearest(place(nodes))[2]
+        report("distance", (nodes[-1] + 1) / n)
     return distance.reshape(background.nodal_shape)
 
 
@@ -121,9 +119,7 @@ def _seed_hull(
     inner = np.zeros(grid.shape, np.bool_)
     inner[(slice(1, -1),) * grid.dim] = True
     hull = np.flatnonzero(~inner.ravel() & (nearest < 0))
-    index = np.stack(np.unravel_index(hull, grid.shape), axis=1)
-    cells, _, distances = surface.locator.nearest(grid.origin + grid.spacing * index)
-    distance[hull], nearest[hull] = distances, cells
+    nearest[hull], _, distance[hull] = surface.locator.nearest(places_of(grid)(hull))
 
 
 def inside_surface(
@@ -134,11 +130,7 @@ def inside_surface(
     If winding numbers are integers, they are evaluated once per group of nodes that no facet can
     separate.
     """
-    is_whole = is_cycle(surface)
-    if not is_whole:  # inconsistent orientations may be the only defect
-        surface = oriented(surface)[0]
-        is_whole = is_cycle(surface)
-    winding = WindingNumber(surface)
+    winding, is_whole = winding_of(surface)
     if not is_whole:
         return winding.contains(background.points, report).reshape(background.nodal_shape)
     label = _connected(background, distance).ravel()
@@ -166,14 +158,3 @@ def _connected(background: AnyBackground, distance: FloatArray) -> LongArray:
     mesh = background if isinstance(background, SimplexMesh) else background.mesh
     joined = distance[mesh.edges].sum(axis=1) > mesh.edge_lengths * (1.0 + 1e-9)
     return topology.components_of(mesh.edges[joined], mesh.n_points)
-
-
-def _nodes_of(background: AnyBackground) -> Iterator[FloatArray]:
-    """Yield the nodes in parts."""
-    if isinstance(background, CartesianGrid):
-        for _, points in background.slabs():
-            for first in range(0, len(points), _POINTS_AT_ONCE):
-                yield points[first : first + _POINTS_AT_ONCE]
-        return
-    for first in range(0, background.n_points, _POINTS_AT_ONCE):
-        yield background.points[first : first + _POINTS_AT_ONCE]

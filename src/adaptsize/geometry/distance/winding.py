@@ -10,6 +10,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import tree_over
 from adaptsize.background.location import in_space
 from adaptsize.background.merging import place_numbers
+from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 # Points between two progress reports: about 0.2 s.
@@ -63,6 +64,19 @@ class WindingNumber:
         # Tolerance for the error of the expansion: next to an open sheet the number is close to
         # 1/2.
         return np.asarray(np.abs(self(points, report)) > 0.5 + 0.05)
+
+
+def winding_of(surface: SimplexMesh) -> tuple[WindingNumber, bool]:
+    """Return the winding number of a surface, and whether it is an integer everywhere.
+
+    If the surface is not closed, facets that contradict their neighbours are turned first: they
+    may be the only defect.
+    """
+    is_whole = is_cycle(surface)
+    if not is_whole:
+        surface = oriented(surface)[0]
+        is_whole = is_cycle(surface)
+    return WindingNumber(surface), is_whole
 
 
 def is_cycle(surface: SimplexMesh) -> bool:
