@@ -53,6 +53,20 @@ class Lists(NamedTuple):
         first = np.searchsorted(keys // span, np.arange(n + 1))
         return cls(first.astype(np.int32), (keys % span).astype(np.int32))
 
+    def of_each(self, chosen: npt.NDArray[np.integer]) -> tuple[IndexArray, IntArray]:
+        """Return the items of chosen lists, one list after the other, and whose they are.
+
+        ``chosen[k]`` is the list of an item, with the k that is returned for it.
+        """
+        count = np.diff(self.first)[chosen]
+        k = np.repeat(np.arange(len(chosen)), count)
+        start = self.first[chosen] - np.cumsum(count) + count
+        return k, self.items[np.arange(len(k)) + start[k]]
+
+    def inverse(self, n: int) -> Lists:
+        """Return for each of n items the lists that hold it."""
+        return Lists.of(self.items, self.of_each(np.arange(len(self.first) - 1))[0], n)
+
 
 class Frame(NamedTuple):
     """Coordinates of a boundary's own, so that neither its place nor its unit matters.
@@ -216,41 +230,32 @@ def _clean(boundary: SimplexMesh) -> tuple[SimplexMesh, IndexArray, IndexArray]:
         order = np.argsort(first)  # keep the cells in their order
         copy_of = np.argsort(order)[number.reshape(-1)]
         cells, kept = cells[first[order]], kept[first[order]]
+    tagged = boundary.tagged_facets
+    if tagged is not None:
+        merged = targets[tagged].astype(np.int32)
+        vanished = (np.diff(np.sort(merged, axis=1), axis=1) == 0).any(axis=1)
+        tagged = np.where(vanished[:, None], tagged, merged)
     of_given = np.full(boundary.n_cells, -1)
     of_given[whole] = copy_of
     mesh = replace(
         boundary,
         cells=cells,
         cell_tags=None if boundary.cell_tags is None else boundary.cell_tags[kept],
-        tagged_facets=_merged_facets(boundary, targets),
+        tagged_facets=tagged,
         cell_data={},
     )
     return replace(mesh, cells=oriented(mesh)[0].cells), targets, of_given
 
 
-def _merged_facets(boundary: SimplexMesh, targets: IndexArray) -> IntArray | None:
-    if boundary.tagged_facets is None:
-        return None
-    merged = targets[boundary.tagged_facets].astype(np.int32)
-    vanished = (np.diff(np.sort(merged, axis=1), axis=1) == 0).any(axis=1)
-    merged[vanished] = boundary.tagged_facets[vanished]
-    return merged
-
-
 def _split_line(mesh: SimplexMesh, targets: IndexArray, rows: IndexArray, angle: float) -> Faces:
     """Return the faces of segments in the plane; the angle in radians."""
-    smooth, one, other = smooth_passages(mesh, angle)
-    face = components_of(np.column_stack([one, other]), mesh.n_cells)
-    is_corner = np.zeros(mesh.n_points, np.bool_)
-    is_corner[mesh.cells] = True
-    is_corner[smooth] = False
+    is_corner, face = _curves_of(mesh.points, mesh.cells, angle)
     corners = np.flatnonzero(is_corner).astype(np.int32)
     at = is_corner[mesh.cells]
     pairs = Lists.of(mesh.cells[at], np.repeat(face, 2).reshape(-1, 2)[at], mesh.n_points)
     meets = _all_pairs(pairs, corners, int(face.max()) + 1)
     curve = np.arange(len(corners), dtype=np.int32)
-    of_cells = face.astype(np.int32)
-    return Faces(mesh, targets, rows, of_cells, corners[:, None], curve, is_corner, meets)
+    return Faces(mesh, targets, rows, face, corners[:, None], curve, is_corner, meets)
 
 
 def _split_surface(mesh: SimplexMesh, targets: IndexArray, rows: IndexArray, angle: float) -> Faces:
@@ -267,27 +272,19 @@ def _split_surface(mesh: SimplexMesh, targets: IndexArray, rows: IndexArray, ang
     meets = _all_pairs(beside, np.flatnonzero(is_feature), int(face.max()) + 1)
     closed = face[pairs_of_cells(mesh, sharp & ~is_feature)[:, 0] // 3]
     own = np.unique(np.concatenate([closed, face[_cells_at_tips(mesh, on_feature)]]))
-    owners = np.repeat(np.arange(len(meets.first) - 1), np.diff(meets.first))
-    meets = Lists.of(
-        np.concatenate([owners, own]), np.concatenate([meets.items, own]), len(meets.first) - 1
-    )
+    n_faces = len(meets.first) - 1
+    owners, others = meets.of_each(np.arange(n_faces))
+    meets = Lists.of(np.append(owners, own), np.append(others, own), n_faces)
     return Faces(mesh, targets, rows, face.astype(np.int32), edges, curve, is_corner, meets)
 
 
 def _all_pairs(around: Lists, which: npt.NDArray[np.integer], n: int) -> Lists:
     """Return which of n faces are together in some of the lists; alone in one, with itself."""
-    counts = np.diff(around.first)[which]
-    own, other = [], []
-    for size in np.unique(counts):
-        rows = around.items[around.first[which[counts == size]][:, None] + np.arange(size)]
-        for i in range(size):
-            for j in range(size):
-                if i != j or size == 1:
-                    own.append(rows[:, i])
-                    other.append(rows[:, j])
-    if not own:
-        return Lists.of(np.empty(0, np.int64), np.empty(0, np.int64), n)
-    return Lists.of(np.concatenate(own), np.concatenate(other), n)
+    k, faces = around.of_each(which)
+    row, other = around.of_each(which[k])
+    own, is_alone = faces[row], np.diff(around.first)[which[k[row]]] == 1
+    kept = is_alone | (own != other)
+    return Lists.of(own[kept], other[kept], n)
 
 
 def _cells_at_tips(mesh: SimplexMesh, on_feature: BoolArray) -> IndexArray:
@@ -309,10 +306,11 @@ def _curves_of(points: FloatArray, edges: IntArray, angle: float) -> tuple[BoolA
     is_corner = np.zeros(len(points), np.bool_)
     if len(edges) == 0:
         return is_corner, np.empty(0, np.int32)
-    smooth, one, other = smooth_passages(SimplexMesh(points, edges), angle)
+    passages = Passages.of(SimplexMesh(points, edges))
+    is_smooth = passages.turn <= angle
     is_corner[edges] = True
-    is_corner[smooth] = False
-    curve = components_of(np.column_stack([one, other]), len(edges))
+    is_corner[passages.nodes[is_smooth]] = False
+    curve = components_of(passages.segments[:, is_smooth].T, len(edges))
     return is_corner, curve.astype(np.int32)
 
 
@@ -348,14 +346,6 @@ class Passages(NamedTuple):
         along = np.einsum("ij,ij->i", arriving, leaving)
         turn = np.arctan2(twice_area(arriving, leaving), along)
         return cls(nodes, segments, arriving, leaving, turn)
-
-
-def smooth_passages(line: SimplexMesh, angle: float) -> tuple[IndexArray, IntArray, IntArray]:
-    """Return the nodes where two segments meet and turn by at most an angle, and the segments."""
-    passages = Passages.of(line)
-    smooth = passages.turn <= angle
-    one, other = passages.segments[:, smooth]
-    return passages.nodes[smooth], one, other
 
 
 def twice_area(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -200,16 +200,12 @@ class Separation:
         end_places = self._places[np.maximum(ends, 0)]
         sectors = self._sectors(which)
         sine = math.sin(math.radians(self.corner_angle) - ANGLE_SLACK)
-        of_corner = [self._corner_corners, self._corner_curves, self._corner_faces]
-        of_curve = [self._curve_corners, self._curve_curves, self._curve_faces]
-        steps = zip(self._elements, of_corner, of_curve, strict=True)
-        for number, (elements, at_corner, on_curve) in enumerate(steps):
+        for number, (elements, at_corner, on_curve) in enumerate(self._kinds):
             if len(elements.tree.cells) == 0:
                 continue
             first_item, items = _chosen(at_corner, on_curve, which.node, curve)
-            skipped = (first_item, items)
             queries = kernels.Queries(
-                which.places, skipped, ends.astype(np.int32), end_places, sine, *sectors
+                which.places, (first_item, items), ends.astype(np.int32), end_places, sine, *sectors
             )
             for first in range(0, n, _POINTS_PER_CALL):
                 part = (first, min(first + _POINTS_PER_CALL, n))
@@ -244,37 +240,6 @@ class Separation:
         return Lists.of(faces.curve[row], faces.features[row, column], self._n_curves)
 
     @cached_property
-    def _corner_curves(self) -> Lists:
-        return _inverse(self._curve_corners, self.faces.mesh.n_points)
-
-    @cached_property
-    def _face_corners(self) -> Lists:
-        faces = self.faces
-        row, column = np.nonzero(faces.is_corner[faces.mesh.cells])
-        return Lists.of(faces.face[row], faces.mesh.cells[row, column], faces.n_faces)
-
-    @cached_property
-    def _corner_faces(self) -> Lists:
-        return _inverse(self._face_corners, self.faces.mesh.n_points)
-
-    @cached_property
-    def _corner_corners(self) -> Lists:
-        own = np.flatnonzero(self.faces.is_corner)
-        return Lists.of(own, own, self.faces.mesh.n_points)
-
-    @cached_property
-    def _curve_curves(self) -> Lists:
-        own = np.arange(self._n_curves)
-        return Lists.of(own, own, self._n_curves)
-
-    @cached_property
-    def _curve_faces(self) -> Lists:
-        first, cells = self._cells_of_features
-        faces = self.faces
-        curve = np.repeat(faces.curve, np.diff(first))
-        return Lists.of(curve, faces.face[cells], self._n_curves)
-
-    @cached_property
     def _cells_of_features(self) -> Lists:
         """The facets beside each feature edge; none in the plane."""
         faces, mesh = self.faces, self.faces.mesh
@@ -285,19 +250,34 @@ class Separation:
         return Lists.of(of_cells[cell, column], cell, len(faces.features))
 
     @cached_property
-    def _elements(self) -> tuple[kernels.Elements, kernels.Elements, kernels.Elements]:
-        """Corners, segments of curves, and facets."""
-        faces, none = self.faces, np.empty(0, np.int64)
+    def _kinds(self) -> list[tuple[kernels.Elements, Lists, Lists]]:
+        """Corners, curves and faces: elements in a tree, those at each corner, on each curve."""
+        faces, cells, n = self.faces, self.faces.mesh.cells, self.faces.mesh.n_points
         corners = np.flatnonzero(faces.is_corner).astype(np.int32)
-        of_corners = Lists.of(none, none, faces.mesh.n_points)
-        segments = np.empty((0, 2), np.int32)
+        curves = np.arange(self._n_curves)
+        none, segments = np.empty(0, np.int64), np.empty((0, 2), np.int32)
         if faces.features.shape[1] == 2:
             segments = sorted_by_place(self._places, faces.features)
-        return (
-            self._in_tree(corners[:, None], corners, of_corners),
-            self._in_tree(segments, faces.curve, self._curve_corners),
-            self._in_tree(faces.corner_nodes, faces.face, self._face_corners),
-        )
+        row, column = np.nonzero(faces.is_corner[cells])
+        of_faces = Lists.of(faces.face[row], cells[row, column], faces.n_faces)
+        feature, beside = self._cells_of_features.of_each(np.arange(len(faces.features)))
+        return [
+            (
+                self._in_tree(corners[:, None], corners, Lists.of(none, none, n)),
+                Lists.of(corners, corners, n),
+                self._curve_corners,
+            ),
+            (
+                self._in_tree(segments, faces.curve, self._curve_corners),
+                self._curve_corners.inverse(n),
+                Lists.of(curves, curves, len(curves)),
+            ),
+            (
+                self._in_tree(faces.corner_nodes, faces.face, of_faces),
+                of_faces.inverse(n),
+                Lists.of(faces.curve[feature], faces.face[beside], len(curves)),
+            ),
+        ]
 
     def _in_tree(self, cells: IntArray, owner: IntArray, touched: Lists) -> kernels.Elements:
         if len(cells) == 0:
@@ -309,14 +289,15 @@ class Separation:
         """Return the sectors of the facets around points, see separation.py in _kernels."""
         mesh, k = self.faces.mesh, self.faces.mesh.cells.shape[1]
         at_node = np.flatnonzero(which.node >= 0)
-        ring_ptr, ring = mesh.rings
-        query, cell = _listed(at_node, ring_ptr, ring, which.node[at_node])
+        row, cell = Lists(*mesh.rings).of_each(which.node[at_node])
+        query = at_node[row]
         apex = np.argmax(mesh.cells[cell] == which.node[query, None], axis=1)
         sides = [mesh.cells[cell, (apex + v) % k] for v in (1, k - 1)]
         rows = [(query, cell, *(self._places[side] for side in sides))]
         if k == 3:
             on_edge = np.flatnonzero(which.node < 0)
-            query, cell = _listed(on_edge, *self._cells_of_features, which.edge[on_edge])
+            row, cell = self._cells_of_features.of_each(which.edge[on_edge])
+            query = on_edge[row]
             edge = self.faces.features[which.edge[query]]
             third = mesh.cells[cell].sum(axis=1) - edge.sum(axis=1)
             rows += [(query, cell, self._places[end], self._places[third]) for end in edge.T]
@@ -336,25 +317,10 @@ class Separation:
         return first.astype(np.int32), sectors
 
 
-def _listed(
-    rows: IndexArray, first: IntArray, items: IntArray, lists: IndexArray
-) -> tuple[IndexArray, IntArray]:
-    """Return the items of one list for each row, and the row of each item."""
-    count = np.diff(first)[lists]
-    start = np.cumsum(count) - count
-    row = np.repeat(np.arange(len(rows)), count)
-    return rows[row], items[np.arange(len(row)) - start[row] + first[lists][row]]
-
-
 def _chosen(at_corner: Lists, on_curve: Lists, node: IndexArray, curve: IndexArray) -> Lists:
     """Return for each point the list of its corner, or of its curve if that is not -1."""
     corners, curves = np.flatnonzero(curve < 0), np.flatnonzero(curve >= 0)
-    pairs = [_listed(corners, *at_corner, node[corners]), _listed(curves, *on_curve, curve[curves])]
-    owners, items = (np.concatenate(column) for column in zip(*pairs, strict=True))
-    return Lists.of(owners, items, len(node))
-
-
-def _inverse(lists: Lists, n: int) -> Lists:
-    """Return for each of n items the lists that hold it."""
-    owners = np.repeat(np.arange(len(lists.first) - 1), np.diff(lists.first))
-    return Lists.of(lists.items, owners, n)
+    k, items = at_corner.of_each(node[corners])
+    m, more = on_curve.of_each(curve[curves])
+    owners = np.concatenate([corners[k], curves[m]])
+    return Lists.of(owners, np.concatenate([items, more]), len(node))
