@@ -128,25 +128,17 @@ def _sums(points: FloatArray, cells: IntArray, threads: int) -> tuple[npt.NDArra
     n, m = len(points), len(cells)
     axes = (0,) * points.shape[1]
     # Smallest number of cells for a second thread.
-    if threads == 1 or m < 100_000:
-        sums = np.zeros(n, np.uint64)
-        return sums, int(kernels.sum_facets(points, axes, cells, sums))
-    marks = np.linspace(0, m, 4 * threads + 1).astype(int).tolist()
-    unused = [np.zeros(n, np.uint64) for _ in range(threads)]
-    every = list(unused)
+    parts = np.array_split(cells, 1 if m < 100_000 else threads)
+    sums = np.zeros((len(parts), n), np.uint64)
 
-    def add(first: int, last: int) -> int:
-        own = unused.pop()  # there are as many as threads
-        found = int(kernels.sum_facets(points, axes, cells[first:last], own))
-        unused.append(own)
-        return found
+    def add(part: IntArray, own: npt.NDArray[np.uint64]) -> int:
+        return int(kernels.sum_facets(points, axes, part, own))
 
+    if len(parts) == 1:
+        return sums[0], add(parts[0], sums[0])
     with ThreadPoolExecutor(threads) as pool:
-        results = list(pool.map(add, marks[:-1], marks[1:]))
-    sums = every[0]
-    for own in every[1:]:
-        sums += own
-    return sums, int(np.bitwise_or.reduce(results))
+        found = list(pool.map(add, parts, sums))
+    return np.sum(sums, axis=0), int(np.bitwise_or.reduce(found))
 
 
 def _facets_at(
@@ -188,6 +180,43 @@ def _without_short_edges(points: FloatArray, cells: IntArray) -> tuple[IntArray,
     return np.ascontiguousarray(merged[whole]), parent
 
 
+class PlaneTurns(NamedTuple):
+    """Turning angles of the boundary of a plane domain at its nodes.
+
+    Parameters
+    ----------
+    nodes : int32[b]
+    into, out : float64[b, 2]
+        From the node before, and to the node behind.
+    once : bool[b]
+        Whether one wall enters and one leaves; else ``into`` and ``out`` are those of any.
+    angles : float64[b]
+        Positive where the domain is convex; nan at the end of a slit, and unless ``once``.
+    """
+
+    nodes: IntArray
+    into: FloatArray
+    out: FloatArray
+    once: BoolArray
+    angles: FloatArray
+
+
+def turns_in_plane(points: FloatArray, facets: IntArray) -> PlaneTurns:
+    """Return the angle by which the boundary turns at each of its nodes."""
+    n = len(points)
+    n_out, n_in = (np.bincount(ends, minlength=n) for ends in facets.T)
+    nodes = np.flatnonzero(n_out + n_in).astype(np.int32)
+    once = (n_out[nodes] == 1) & (n_in[nodes] == 1)
+    before, after = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    after[facets[:, 0]] = facets[:, 1]
+    before[facets[:, 1]] = facets[:, 0]
+    into, out = points[nodes] - points[before[nodes]], points[after[nodes]] - points[nodes]
+    cross = into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0]
+    dot = np.einsum("ij,ij->i", into, out)
+    angles = np.where(once & ((cross != 0.0) | (dot > 0.0)), np.arctan2(cross, dot), np.nan)
+    return PlaneTurns(nodes, into, out, once, angles)
+
+
 def plane_boundary(mesh: SimplexMesh, boundary: FlatBoundary) -> PlaneBoundary:
     r"""Return walls, sectors and corners of a mesh of triangles in the plane.
 
@@ -209,17 +238,15 @@ def plane_boundary(mesh: SimplexMesh, boundary: FlatBoundary) -> PlaneBoundary:
     nodes the cells are traversed from wall to wall.
     """
     points, (start, end) = mesh.points, boundary.facets.T
-    n = mesh.n_points
-    nodes = np.unique(boundary.facets).astype(np.int32)
+    n, turns = mesh.n_points, turns_in_plane(mesh.points, boundary.facets)
+    nodes, regular = turns.nodes, turns.once
     # A node is on a line within this distance, in units of the rounding of the coordinates, which
     # moves a node by at most .71 of these, and so from a straight line by 1.42.
     tolerance = 4.0 * float(np.finfo(float).eps * np.abs(points[nodes]).max())
-    regular = np.bincount(start, minlength=n)[nodes] == 1
-    regular &= np.bincount(end, minlength=n)[nodes] == 1
     leaving, entering = np.zeros(n, np.int32), np.zeros(n, np.int32)
     leaving[start] = entering[end] = np.arange(len(start))
     i = nodes[regular]
-    back, ahead = points[i] - points[start[entering[i]]], points[end[leaving[i]]] - points[i]
+    back, ahead = turns.into[regular], turns.out[regular]
     off = np.abs(back[:, 0] * ahead[:, 1] - back[:, 1] * ahead[:, 0])
     is_end = np.ones(n, np.bool_)
     # If this node and both neighbours are within the distance of one chord, it is within twice

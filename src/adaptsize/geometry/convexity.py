@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize.background.topology import unique_rows
-from adaptsize.geometry.boundary import FlatBoundary
+from adaptsize.geometry.boundary import FlatBoundary, turns_in_plane
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 
 
@@ -57,43 +57,6 @@ def count_corners(points: FloatArray, boundary: FlatBoundary) -> int:
     with several walls.
     """
     return int(np.count_nonzero(~(turns_in_plane(points, boundary.facets).angles >= -1e-4)))
-
-
-class PlaneTurns(NamedTuple):
-    """Turning angles of the boundary of a plane domain at its nodes.
-
-    Parameters
-    ----------
-    nodes : int32[b]
-    into, out : float64[b, 2]
-        From the node before, and to the node behind.
-    once : bool[b]
-        Whether one wall enters and one leaves; else ``into`` and ``out`` are those of any.
-    angles : float64[b]
-        Positive where the domain is convex; nan at the end of a slit, and unless ``once``.
-    """
-
-    nodes: IntArray
-    into: FloatArray
-    out: FloatArray
-    once: BoolArray
-    angles: FloatArray
-
-
-def turns_in_plane(points: FloatArray, facets: IntArray) -> PlaneTurns:
-    """Return the angle by which the boundary turns at each of its nodes."""
-    n = len(points)
-    n_out, n_in = (np.bincount(ends, minlength=n) for ends in facets.T)
-    nodes = np.flatnonzero(n_out + n_in).astype(np.int32)
-    once = (n_out[nodes] == 1) & (n_in[nodes] == 1)
-    before, after = np.zeros(n, np.int64), np.zeros(n, np.int64)
-    after[facets[:, 0]] = facets[:, 1]
-    before[facets[:, 1]] = facets[:, 0]
-    into, out = points[nodes] - points[before[nodes]], points[after[nodes]] - points[nodes]
-    cross = into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0]
-    dot = np.einsum("ij,ij->i", into, out)
-    angles = np.where(once & ((cross != 0.0) | (dot > 0.0)), np.arctan2(cross, dot), np.nan)
-    return PlaneTurns(nodes, into, out, once, angles)
 
 
 class Ridges(NamedTuple):

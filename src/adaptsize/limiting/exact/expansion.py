@@ -8,8 +8,7 @@ from adaptsize._kernels import expansion as kernels
 from adaptsize._kernels.exact_plane import COLUMNS, KIND
 from adaptsize._kernels.heap import new_heap
 from adaptsize._kernels.sight import ANY, NARROW
-from adaptsize.geometry.boundary import FlatBoundary
-from adaptsize.geometry.convexity import turns_in_plane
+from adaptsize.geometry.boundary import FlatBoundary, turns_in_plane
 from adaptsize.limiting.exact.candidates import Component
 from adaptsize.typing import FloatArray, IntArray
 
