@@ -12,6 +12,18 @@ from adaptsize.background.simplex import SimplexMesh
 from adaptsize.background.topology import are_among, rows_among
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
+# Cases of triangles with two new nodes, by how the trapezium is cut.
+_BY_B, _BY_C, _BY_BOTH = 4, 5, 6
+# The parts of triangles by the number of new nodes, or by these cases.  Corners are 0 to 2, 3 to 5
+# the new nodes on the opposite edges, in the last case 3 the centre of the trapezium.
+_PIECES = {
+    1: [[0, 1, 3], [0, 3, 2]],
+    _BY_B: [[0, 5, 4], [1, 2, 4], [1, 4, 5]],
+    _BY_C: [[0, 5, 4], [1, 2, 5], [2, 4, 5]],
+    3: [[0, 5, 4], [1, 3, 5], [2, 4, 3], [3, 4, 5]],
+    _BY_BOTH: [[0, 5, 4], [5, 1, 3], [1, 2, 3], [2, 4, 3], [4, 5, 3]],
+}
+
 
 class SplitMesh(NamedTuple):
     """A mesh in which some edges were split.
@@ -64,22 +76,29 @@ def split_edges(mesh: SimplexMesh, chosen: BoolArray) -> SplitMesh:
     points = np.concatenate([mesh.points, mesh.points[mesh.edges[where]].mean(axis=1)])
     middles = middle[mesh.cell_facets]  # the facets of triangles are their edges, in this order
     count = (middles >= 0).sum(axis=1)
+    # Rotate each triangle so that the edge that differs from the others is opposite to 0.
+    odd = np.where((count == 1)[:, None], middles >= 0, middles < 0)
+    turn = (np.argmax(odd, axis=1)[:, None] + np.arange(3)) % 3
+    nodes = np.take_along_axis(np.hstack([mesh.cells, middles]), np.hstack([turn, turn + 3]), 1)
+    # Of a triangle with two middles, the rest is a trapezium.
+    case, two = count.copy(), np.flatnonzero(count == 2)
+    _, b, c, _, on_ca, on_ab = points[nodes[two]].swapaxes(0, 1)
+    from_b, from_c = np.linalg.norm(b - on_ca, axis=1), np.linalg.norm(c - on_ab, axis=1)
+    case[two] = np.where(from_b <= from_c, _BY_B, _BY_C)
+    lengths = mesh.edge_lengths[mesh.cell_facets[two]][np.arange(len(two))[:, None], turn[two, 1:]]
+    # Lengths that differ by a smaller share are equal.
+    case[two[lengths.max(axis=1) <= (1.0 + 1e-9) * lengths.min(axis=1)]] = _BY_BOTH
+    inside = np.flatnonzero(case == _BY_BOTH)
+    nodes[inside, 3] = len(points) + np.arange(len(inside))
+    # In the middle between the middles of the parallel sides, whatever their order.
+    sides = [points[nodes[inside][:, ends]].mean(axis=1) for ends in ([1, 2], [4, 5])]
+    points = np.concatenate([points, 0.5 * (sides[0] + sides[1])])
     parts, owners = [mesh.cells[count == 0]], [np.flatnonzero(count == 0)]
-    isosceles = np.zeros(mesh.n_cells, np.bool_)
-    isosceles[count == 2] = _have_equal_sides(mesh, middles, count == 2)
-    count[isosceles] = 5
-    for n, cut in ((1, _into_two), (2, _into_three), (3, _into_four), (5, _into_five)):
-        rows = np.flatnonzero(count == n)
-        # Rotate each triangle so that the edge that differs from the others is opposite to 0.
-        odd = (middles[rows] >= 0) if n == 1 else (middles[rows] < 0)
-        turn = (np.argmax(odd, axis=1)[:, None] + np.arange(3)) % 3
-        corners = np.take_along_axis(mesh.cells[rows], turn, axis=1)
-        new = np.take_along_axis(middles[rows], turn, axis=1)
-        if n == 5:
-            points, new = _with_centres(points, corners, new)
-        pieces = cut(corners, new, points)
-        parts.extend(pieces)
-        owners.extend([rows] * len(pieces))
+    for cases in ([1], [_BY_B, _BY_C], [3], [_BY_BOTH]):
+        rows = np.flatnonzero(np.isin(case, cases))
+        pieces = np.array([_PIECES[one] for one in cases])[np.searchsorted(cases, case[rows])]
+        parts += [np.take_along_axis(nodes[rows], piece, 1) for piece in pieces.swapaxes(0, 1)]
+        owners += [rows] * pieces.shape[1]
     owner = np.concatenate(owners)
     tags = None if mesh.cell_tags is None else mesh.cell_tags[owner]
     tagged, facet_tags = _halves_of_tagged(mesh, middle)
@@ -91,29 +110,7 @@ def split_edges(mesh: SimplexMesh, chosen: BoolArray) -> SplitMesh:
         facet_tags=facet_tags,
         tag_names=mesh.tag_names,
     )
-    return SplitMesh(new_mesh, where, np.flatnonzero(isosceles), owner)
-
-
-def _have_equal_sides(mesh: SimplexMesh, middles: IntArray, rows: BoolArray) -> BoolArray:
-    """Return whether the two edges to be split are of equal length, of some triangles."""
-    lengths = np.where(middles[rows] >= 0, mesh.edge_lengths[mesh.cell_facets[rows]], np.nan)
-    # Lengths that differ by a smaller share are equal.
-    return np.asarray(np.nanmax(lengths, axis=1) <= (1.0 + 1e-9) * np.nanmin(lengths, axis=1))
-
-
-def _with_centres(
-    points: FloatArray, corners: IntArray, new: IntArray
-) -> tuple[FloatArray, IntArray]:
-    """Add the centres of the trapezia that are left of triangles; ``new`` gets their nodes.
-
-    A centre is in the middle between the middles of the parallel sides, whatever their order.
-    """
-    sides = (points[corners[:, 1:]].mean(axis=1), points[new[:, 1:]].mean(axis=1))
-    first = len(points)
-    numbers = np.arange(first, first + len(corners), dtype=np.int32)
-    return np.concatenate([points, 0.5 * (sides[0] + sides[1])]), np.column_stack(
-        [numbers, new[:, 1:]]
-    )
+    return SplitMesh(new_mesh, where, inside, owner)
 
 
 def _halves_of_tagged(
@@ -244,35 +241,3 @@ def _bisected(simplices: IntArray, middle: IntArray) -> tuple[IntArray, IndexArr
         half[rows, end] = middle[cut, edge]
     whole = np.setdiff1d(np.arange(len(simplices)), cut)
     return np.concatenate([simplices[whole], *halves]), np.concatenate([whole, cut, cut])
-
-
-def _into_two(corners: IntArray, new: IntArray, _: FloatArray) -> list[IntArray]:
-    a, b, c = corners.T
-    return [np.column_stack([a, b, new[:, 0]]), np.column_stack([a, new[:, 0], c])]
-
-
-def _into_three(corners: IntArray, new: IntArray, points: FloatArray) -> list[IntArray]:
-    a, b, c = corners.T
-    on_ab, on_ca = new[:, 2], new[:, 1]
-    # The rest b, c, on_ca, on_ab is a trapezium, cut along its shorter diagonal.
-    from_b = np.linalg.norm(points[b] - points[on_ca], axis=1)
-    from_c = np.linalg.norm(points[c] - points[on_ab], axis=1)
-    by_b = from_b <= from_c
-    first = np.column_stack([b, c, np.where(by_b, on_ca, on_ab)])
-    second = np.column_stack([np.where(by_b, b, c), on_ca, on_ab])
-    return [np.column_stack([a, on_ab, on_ca]), first, second]
-
-
-def _into_five(corners: IntArray, new: IntArray, _: FloatArray) -> list[IntArray]:
-    a, b, c = corners.T
-    centre, on_ca, on_ab = new.T
-    around = (on_ab, b, c, on_ca)
-    pieces = [(around[k], around[(k + 1) % 4], centre) for k in range(4)]
-    return [np.column_stack(three) for three in [(a, on_ab, on_ca), *pieces]]
-
-
-def _into_four(corners: IntArray, new: IntArray, _: FloatArray) -> list[IntArray]:
-    a, b, c = corners.T
-    on_bc, on_ca, on_ab = new.T
-    outer = [(a, on_ab, on_ca), (b, on_bc, on_ab), (c, on_ca, on_bc)]
-    return [np.column_stack(three) for three in [*outer, (on_bc, on_ca, on_ab)]]
