@@ -110,7 +110,7 @@ def as_fields(
 ) -> Mapping[str, npt.NDArray[Any]]:
     """Return checked fields of n rows, read-only."""
     arrays = {}
-    for key, value in _as_mapping(name, fields).items():
+    for key, value in as_mapping(name, fields).items():
         array = as_plain_array(f"{name}[{key!r}]", value)
         if array.ndim == 0 or len(array) != n:
             raise ValueError(f"{name}[{key!r}] must have {n} rows, got shape {array.shape}")
@@ -118,17 +118,8 @@ def as_fields(
     return MappingProxyType(arrays)
 
 
-def as_arrays(name: str, fields: Mapping[str, npt.ArrayLike] | None) -> dict[str, npt.NDArray[Any]]:
-    """Return fields as arrays of any length."""
-    return {
-        key: as_plain_array(f"{name}[{key!r}]", values)
-        for key, values in _as_mapping(name, fields).items()
-    }
-
-
-def _as_mapping(
-    name: str, fields: Mapping[str, npt.ArrayLike] | None
-) -> Mapping[str, npt.ArrayLike]:
+def as_mapping(name: str, fields: Mapping[str, npt.ArrayLike] | None) -> Mapping[str, Any]:
+    """Return given fields, none by default."""
     given: Mapping[str, npt.ArrayLike] = {} if fields is None else fields
     check_type(name, given, Mapping)
     return given

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from adaptsize.background import topology
-from adaptsize.background.simplex import SimplexMesh
+from adaptsize.background.simplex import SimplexMesh, cut_out
 from adaptsize.typing import IntArray
 
 
@@ -41,5 +41,4 @@ def interfaces(mesh: SimplexMesh) -> tuple[SimplexMesh, IntArray] | None:
     facets = mesh.facets[inside & kept]
     if len(facets) == 0:
         return None
-    nodes, local = np.unique(facets, return_inverse=True)
-    return SimplexMesh(mesh.points[nodes], local.reshape(facets.shape)), nodes.astype(np.int32)
+    return cut_out(mesh.points, facets)

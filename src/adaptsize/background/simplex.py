@@ -68,6 +68,12 @@ def as_mesh(name: str, value: _Result, *others: type) -> _Result:
     return own
 
 
+def cut_out(points: FloatArray, cells: IntArray, **tags: Any) -> tuple[SimplexMesh, IntArray]:
+    """Return a mesh of the nodes of some cells, and the number of each of them in ``points``."""
+    nodes, local = topology.compacted(cells)
+    return SimplexMesh(points[nodes], local, **tags), nodes
+
+
 class LaterMethod(Generic[_Result]):
     """A method that a module of a higher layer defines, which is imported on its first use."""
 
@@ -321,7 +327,7 @@ class SimplexMesh(ReadOnlyState):
         cell, opposite = np.nonzero(on_boundary)
         inverted = None if self.cell_dim < self.dim else self.signed_measures[cell] < 0.0
         facets = topology.oriented_facets(self.cells[cell], opposite, inverted)
-        nodes, local = np.unique(facets, return_inverse=True)
+        nodes, local = topology.compacted(facets)
         tags = None
         if self.tagged_facets is not None and self.facet_tags is not None:
             all_tags = topology.tags_of_facets(
@@ -330,12 +336,12 @@ class SimplexMesh(ReadOnlyState):
             tags = all_tags[self.cell_facets[cell, opposite]]
         mesh = SimplexMesh(
             self.points[nodes],
-            local.reshape(facets.shape),
+            local,
             cell_tags=tags,
             tag_names=self.tag_names,
             point_data={name: values[nodes] for name, values in self.point_data.items()},
         )
-        return Boundary(mesh, nodes.astype(np.int32), cell.astype(np.int32))
+        return Boundary(mesh, nodes, cell.astype(np.int32))
 
     from_object = LaterMethod["SimplexMesh"]()
     from_meshio = LaterMethod["SimplexMesh"]()
@@ -371,8 +377,8 @@ class SimplexMesh(ReadOnlyState):
         """Return the same mesh with fields added or replaced; topology is shared."""
         new = replace(
             self,
-            point_data={**self.point_data, **arrays.as_arrays("point_data", point_data)},
-            cell_data={**self.cell_data, **arrays.as_arrays("cell_data", cell_data)},
+            point_data={**self.point_data, **arrays.as_mapping("point_data", point_data)},
+            cell_data={**self.cell_data, **arrays.as_mapping("cell_data", cell_data)},
         )
         for name, value in self.__dict__.items():  # values of cached properties
             new.__dict__.setdefault(name, value)

@@ -104,6 +104,19 @@ def unique_rows(rows: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
     return rows[first[:count]], number
 
 
+def compacted(cells: npt.NDArray[Any]) -> tuple[IntArray, IntArray]:
+    """Return the nodes of cells, ascending, and the cells with their places among these."""
+    nodes, places = np.unique(cells, return_inverse=True)
+    return nodes.astype(np.int32), places.reshape(cells.shape).astype(np.int32)
+
+
+def places_among(nodes: IntArray, n_points: int) -> IntArray:
+    """Return the place of each point among some nodes, -1 if it is none of them."""
+    places = np.full(n_points, -1, np.int32)
+    places[nodes] = np.arange(len(nodes))
+    return places
+
+
 def edges_of(cells: IntArray, n_points: int) -> IntArray:
     """Return the unique edges of simplices, int32[n_edges, 2], ``i < j``, lexicographic."""
     pairs = [cells[:, pair] for pair in combinations(range(cells.shape[1]), 2)]

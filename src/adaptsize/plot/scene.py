@@ -13,7 +13,7 @@ import numpy.typing as npt
 from adaptsize._checks import one_of
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.grid import whole_boxes
-from adaptsize.background.topology import unique_rows
+from adaptsize.background.topology import compacted, unique_rows
 from adaptsize.metrics import Metric
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -193,7 +193,7 @@ def scene_of_grid(grid: CartesianGrid, values: FloatArray, clip: str | None, **l
         stays = np.zeros(len(middle), np.bool_)
         stays[there] = _behind_the_cut(middle[there], d)
         kept &= stays.reshape([-1 if e == d else 1 for e in range(grid.dim)])
-    nodes, cells = _renumbered(_outer_faces(kept, shape))
+    nodes, cells = compacted(_outer_faces(kept, shape))
     indices = np.unravel_index(nodes, shape)
     points = np.zeros((len(nodes), 3))
     for d, i in enumerate(indices):
@@ -219,7 +219,7 @@ def scene_of_octree(tree: Octree, values: FloatArray, clip: str | None, **look: 
         faces = np.concatenate([corners[:, side][:, around] for side in sides])
         number = unique_rows(faces, tree.n_points)[1]
         quads = faces[np.bincount(number)[number] == 1]
-    nodes, cells = _renumbered(quads)
+    nodes, cells = compacted(quads)
     points = np.zeros((len(nodes), 3))
     points[:, : tree.dim] = tree.points[nodes]
     return _finite_scene(Scene(points, cells, values[nodes], tree.dim == 2, **look))
@@ -270,13 +270,6 @@ def _between(numbers: FloatArray, low: float, high: float) -> FloatArray:
     """Return the numbers from low to high, with a tolerance for rounding."""
     slack = 1e-12 * np.abs(numbers)
     return numbers[(numbers >= low - slack) & (numbers <= high + slack)]
-
-
-def _renumbered(quads: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], IntArray]:
-    """Return the nodes that occur, and the same quadrilaterals numbered by their places."""
-    nodes, places = np.unique(quads, return_inverse=True)
-    cells: IntArray = np.asarray(places, dtype=np.int32).reshape(quads.shape)
-    return nodes, cells
 
 
 def _some_of(n: int, most: int) -> npt.NDArray[np.int64]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import interfaces
-from adaptsize.background.topology import components_of
+from adaptsize.background.topology import compacted, components_of
 from adaptsize.geometry.enclosed import enclosed_measure
 from adaptsize.typing import FloatArray
 
@@ -75,13 +75,13 @@ def distances_from(skin: SimplexMesh, other: SimplexMesh) -> Distances:
     Samples are the nodes in cells, the midpoints of the edges and the centroids of the cells.
     The integral uses nodes and centroids; it is exact for quadratic polynomials.
     """
-    used, cells = np.unique(skin.cells, return_inverse=True)
+    used, cells = compacted(skin.cells)
     samples = [skin.points[used]]
     samples += [skin.points[rows].mean(axis=1) for rows in (skin.edges, skin.cells)]
     points = np.concatenate(samples)
     distance = other.locator.nearest(points)[2]
     n = skin.cell_dim
-    at_nodes = distance[cells.reshape(skin.cells.shape)].sum(axis=1)
+    at_nodes = distance[cells].sum(axis=1)
     at_centroids = distance[-skin.n_cells :]
     means = (at_nodes / (n + 1) + (n + 1) * at_centroids) / (n + 2)
     return Distances(points, distance, float(skin.measures @ means))

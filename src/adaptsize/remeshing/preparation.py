@@ -11,7 +11,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_index_array
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import first_at_place
-from adaptsize.background.topology import regions_beside, unique_rows
+from adaptsize.background.topology import compacted, places_among, regions_beside, unique_rows
 from adaptsize.errors import BackendError, InputWarning
 from adaptsize.metrics import Metric
 from adaptsize.remeshing.acceptance import refuse_other_domain
@@ -62,10 +62,8 @@ def repair_mesh(mesh: SimplexMesh) -> RepairedMesh:
             return RepairedMesh(mesh.moved(mesh.points), numbers, numbers)
         cells[inverted, :2] = cells[inverted, 1::-1]
     kept_cells = target[cells[kept]]
-    nodes, local = np.unique(kept_cells, return_inverse=True)
-    new_number = np.full(mesh.n_points, -1, np.int32)
-    new_number[nodes] = np.arange(len(nodes))
-    node_map = new_number[target]
+    nodes, local = compacted(kept_cells)
+    node_map = places_among(nodes, mesh.n_points)[target]
     facets = facet_tags = None
     if mesh.tagged_facets is not None and mesh.facet_tags is not None:
         facets = node_map[mesh.tagged_facets]
@@ -73,7 +71,7 @@ def repair_mesh(mesh: SimplexMesh) -> RepairedMesh:
         facets, facet_tags = facets[good], mesh.facet_tags[good]
     repaired = SimplexMesh(
         mesh.points[nodes],
-        local.reshape(kept_cells.shape),
+        local,
         cell_tags=None if mesh.cell_tags is None else mesh.cell_tags[kept],
         tagged_facets=facets,
         facet_tags=facet_tags,
@@ -304,10 +302,8 @@ def _checked(raw: RawMesh, backend: str) -> tuple[FloatArray, IntArray, IntArray
         raise BackendError(f"{backend} returned an empty mesh")
     if cells.min() < 0 or cells.max() >= len(points):
         raise BackendError(f"{backend} returned a mesh with indices out of range")
-    used, local = np.unique(cells, return_inverse=True)
-    new_number = np.full(len(points), -1, np.int32)
-    new_number[used] = np.arange(len(used))
-    points, cells = points[used], local.reshape(cells.shape).astype(np.int32)
+    used, cells = compacted(cells)
+    new_number, points = places_among(used, len(points)), points[used]
     if not np.isfinite(points).all():
         raise BackendError(f"{backend} returned coordinates that are not finite")
     mesh = SimplexMesh(points, cells)

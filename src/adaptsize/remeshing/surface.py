@@ -16,12 +16,14 @@ from scipy.sparse import coo_matrix, csr_matrix
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.flipping import flip_edges
+from adaptsize.background.simplex import cut_out
 from adaptsize.background.splitting import bisect_edges, halved_edges, split_edges
 from adaptsize.background.topology import (
     are_among,
     edges_of,
     is_tagged,
     pairs_of_cells,
+    places_among,
     renumbered_edges,
 )
 from adaptsize.geometry.faces import folds_of, normals_of, sharp_facets
@@ -249,13 +251,9 @@ def _collapsed(mesh: SimplexMesh, ends: IntArray) -> tuple[SimplexMesh, IntArray
     cells = target[mesh.cells]
     ordered = np.sort(cells, axis=1)
     left = (ordered[:, 1:] != ordered[:, :-1]).all(axis=1)
-    nodes, local = np.unique(cells[left], return_inverse=True)
-    number = np.full(mesh.n_points, -1, np.int32)
-    number[nodes] = np.arange(len(nodes))
     tags = None if mesh.cell_tags is None else mesh.cell_tags[left]
-    cells = local.reshape(-1, 3).astype(np.int32)
-    smaller = SimplexMesh(mesh.points[nodes], cells, cell_tags=tags, tag_names=mesh.tag_names)
-    return smaller, number[target]
+    smaller, nodes = cut_out(mesh.points, cells[left], cell_tags=tags, tag_names=mesh.tag_names)
+    return smaller, places_among(nodes, mesh.n_points)[target]
 
 
 def _with_flipped_caps(mesh: SimplexMesh, height: float) -> SimplexMesh:

@@ -14,6 +14,7 @@ from adaptsize._checks import as_number, place_text
 from adaptsize._kernels.crossings import find_crossings, new_crossings
 from adaptsize.background import SimplexMesh
 from adaptsize.background.location import parts_of
+from adaptsize.background.simplex import cut_out
 from adaptsize.errors import OpenSurfaceWarning
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.remeshing.hole_filling import bodies_of, boundary_loops, fill_loop, merged_surface
@@ -179,8 +180,7 @@ class _Body(NamedTuple):
     @classmethod
     def of(cls, mesh: SimplexMesh, which: npt.NDArray[np.bool_]) -> _Body:
         cells = mesh.cells[which]
-        nodes, local = np.unique(cells, return_inverse=True)
-        surface = SimplexMesh(mesh.points[nodes], local.reshape(cells.shape))
+        surface = cut_out(mesh.points, cells)[0]
         # Points of a body that are examined for being inside another one.
         stride = -(-len(cells) // 2000)
         samples = mesh.points[cells[::stride]].mean(axis=1)
@@ -423,8 +423,6 @@ def _nearest(
     if not close.any():
         return np.inf, np.full(3, np.nan)
     cells = mesh.cells[other][close]
-    nodes, local = np.unique(cells, return_inverse=True)
-    part = SimplexMesh(mesh.points[nodes], local.reshape(cells.shape))
-    distance = part.locator.nearest(samples)[2]
+    distance = cut_out(mesh.points, cells)[0].locator.nearest(samples)[2]
     first = int(np.argmin(distance))
     return float(distance[first]), samples[first]

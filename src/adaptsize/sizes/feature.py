@@ -18,7 +18,7 @@ from adaptsize.background import (
 )
 from adaptsize.background.interfaces import skin_of
 from adaptsize.background.migration import whole_boundary
-from adaptsize.background.simplex import as_mesh
+from adaptsize.background.simplex import as_mesh, cut_out
 from adaptsize.geometry.distance.closest_points import DistanceFunction
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.faces import Faces
@@ -251,8 +251,7 @@ def width_in_regions(
         return widths
     order = np.argsort(mesh.cell_tags, kind="stable")
     for cells in np.split(order, np.flatnonzero(np.diff(mesh.cell_tags[order])) + 1):
-        nodes, local = np.unique(mesh.cells[cells], return_inverse=True)
-        region = SimplexMesh(mesh.points[nodes], local.reshape(len(cells), -1))
+        region, nodes = cut_out(mesh.points, mesh.cells[cells])
         if region.is_closed:  # only if cells overlap
             continue
         if _is_staircase(Faces.of(region.boundary().mesh, crease_angle)):

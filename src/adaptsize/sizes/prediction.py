@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_sizes, as_whole_number, check_function
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
-from adaptsize.background.simplex import as_mesh
+from adaptsize.background.simplex import as_mesh, cut_out
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.sizes.budget import (
     ELEMENTS_PER_MEASURE,
@@ -97,8 +97,7 @@ class Enclosed:
             return count_elements(carrier, cast(Any, size).values) / ELEMENTS_PER_MEASURE[2]
         surface = self.surface
         # An even sample of so many triangles is enough to see whether there are too many elements.
-        nodes, local = np.unique(surface.cells[:: surface.n_cells // 300 + 1], return_inverse=True)
-        sample = SimplexMesh(surface.points[nodes], local.reshape(-1, 3))
+        sample = cut_out(surface.points, surface.cells[:: surface.n_cells // 300 + 1])[0]
         share = float(sample.measures.sum() / surface.measures.sum())
         return _integral(sample, size) / share
 

@@ -18,6 +18,8 @@ from adaptsize._progress import reporting
 from adaptsize._with_info import with_info
 from adaptsize.background import SimplexMesh
 from adaptsize.background.octree import as_box
+from adaptsize.background.simplex import cut_out
+from adaptsize.background.topology import places_among
 from adaptsize.options import DistanceOptions, checked, with_options
 from adaptsize.remeshing.distmesh.finish import finish
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, grid_of
@@ -242,7 +244,5 @@ def _as_fixed(points: npt.ArrayLike | None, domain: ImplicitDomain) -> FloatArra
 
 def _without_unused(points: FloatArray, cells: IntArray) -> tuple[SimplexMesh, IntArray]:
     """Return the mesh without unused nodes, and the new number of each node, or -1."""
-    used, local = np.unique(cells, return_inverse=True)
-    node_map = np.full(len(points), -1, np.int32)
-    node_map[used] = np.arange(len(used))
-    return SimplexMesh(points[used], local.reshape(cells.shape)), node_map
+    mesh, used = cut_out(points, cells)
+    return mesh, places_among(used, len(points))
