@@ -50,7 +50,7 @@ def test_size_of_an_image_says_what_controls_what(mask, tmp_path, capsys):
         (["--spacing", "a"], "--spacing must be one number or several such as 1,1,2.5, got 'a'"),
         (["--label", "4"], "label must be one of 0, 5, 9, got 4"),
         (["--threshold", "200"], "must have a pixel above 200, got none"),
-        (["--spacing", "0"], "spacing must be finite and > 0"),
+        (["--spacing", "0"], "spacing must be from 1e-60 to 1e+60"),
     ],
 )
 def test_bad_options_are_one_line_and_leave_no_file(mask, tmp_path, refused, words, expected):

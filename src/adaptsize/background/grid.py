@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from itertools import permutations, product
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +25,7 @@ from adaptsize._checks import (
     refuse_where,
 )
 from adaptsize._pickling import ReadOnlyState
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.grid_location import GridLocator
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
@@ -98,12 +98,21 @@ class CartesianGrid(ReadOnlyState):
         dim = len(own_shape)
         own_origin = as_float_array("origin", origin, (dim,)).copy()
         refuse_where("origin", ~np.isfinite(own_origin), own_origin, "must be finite")
-        own_spacing = _as_spacing(spacing, dim)
-        _check_resolution(own_origin, own_spacing, own_shape)
-        _set(self, "origin", _locked(own_origin))
-        _set(self, "spacing", _locked(own_spacing))
-        _set(self, "shape", own_shape)
-        _set(self, "active", None if active is None else _locked(_as_active(active, own_shape)))
+        own_spacing = as_spacing(spacing, dim)
+        upper = own_origin + own_spacing * (np.array(own_shape) - 1)
+        check_range("grid", np.stack([own_origin, upper]))
+        farthest = np.maximum(np.abs(own_origin), np.abs(upper))
+        lost = own_spacing < 1e3 * np.finfo(float).eps * farthest
+        wanted = "must be well above the rounding of the coordinates"
+        refuse_where("spacing", lost, own_spacing, wanted)
+        own_active = None if active is None else read_only(_as_active(active, own_shape))
+        for name, value in (
+            ("origin", read_only(own_origin)),
+            ("spacing", read_only(own_spacing)),
+            ("shape", own_shape),
+            ("active", own_active),
+        ):
+            object.__setattr__(self, name, value)  # needed for a frozen dataclass
 
     @classmethod
     def around(
@@ -140,7 +149,7 @@ class CartesianGrid(ReadOnlyState):
         inside = as_nodes("points", points)
         if len(inside) == 0:
             raise ValueError("points must hold at least one point, got an empty array")
-        steps = _as_spacing(spacing, inside.shape[1])
+        steps = as_spacing(spacing, inside.shape[1])
         beyond = as_number("margin", margin, lower=0.0)
         lower, upper = inside.min(axis=0) - beyond, inside.max(axis=0) + beyond
         extent = upper - lower
@@ -194,7 +203,7 @@ class CartesianGrid(ReadOnlyState):
     @cached_property
     def upper(self) -> FloatArray:
         """Highest coordinates of the box, float64[dim]."""
-        return _locked(self.origin + self.spacing * (np.array(self.shape) - 1))
+        return read_only(self.origin + self.spacing * (np.array(self.shape) - 1))
 
     @cached_property
     def diagonal(self) -> float:
@@ -205,7 +214,7 @@ class CartesianGrid(ReadOnlyState):
     def axes(self) -> tuple[FloatArray, ...]:
         """Coordinates of the nodes along each axis, a tuple of ``dim`` arrays."""
         return tuple(
-            _locked(start + step * np.arange(n))
+            read_only(start + step * np.arange(n))
             for start, step, n in zip(self.origin, self.spacing, self.shape, strict=True)
         )
 
@@ -294,15 +303,6 @@ def _points_of(*axes: FloatArray) -> FloatArray:
     return np.stack(mesh, axis=-1).reshape(-1, len(axes))
 
 
-def _set(grid: CartesianGrid, name: str, value: object) -> None:
-    object.__setattr__(grid, name, value)  # needed for a frozen dataclass
-
-
-def _locked(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    array.flags.writeable = False
-    return array
-
-
 def _as_shape(value: Sequence[int]) -> tuple[int, ...]:
     raw = as_plain_array("shape", value)
     if raw.ndim != 1 or not 1 <= len(raw) <= 3 or not holds_whole_numbers(raw):
@@ -314,7 +314,8 @@ def _as_shape(value: Sequence[int]) -> tuple[int, ...]:
     return shape
 
 
-def _as_spacing(value: npt.ArrayLike, dim: int) -> FloatArray:
+def as_spacing(value: npt.ArrayLike, dim: int) -> FloatArray:
+    """Return the checked distance of neighbouring nodes along each axis, a copy."""
     spacing = as_float_array("spacing", value)
     if spacing.ndim == 0:
         spacing = np.full(dim, spacing)
@@ -323,15 +324,6 @@ def _as_spacing(value: npt.ArrayLike, dim: int) -> FloatArray:
     good = (spacing >= NEAREST) & (spacing <= FARTHEST)
     refuse_where("spacing", ~good, spacing, f"must be from {NEAREST:g} to {FARTHEST:g}")
     return spacing.copy()
-
-
-def _check_resolution(origin: FloatArray, spacing: FloatArray, shape: tuple[int, ...]) -> None:
-    """Refuse grids whose coordinates are out of range or do not resolve the spacing."""
-    upper = origin + spacing * (np.array(shape) - 1)
-    check_range("grid", np.stack([origin, upper]))
-    farthest = np.maximum(np.abs(origin), np.abs(upper))
-    lost = spacing < 1e3 * np.finfo(float).eps * farthest
-    refuse_where("spacing", lost, spacing, "must be well above the rounding of the coordinates")
 
 
 def _as_active(value: npt.ArrayLike, shape: tuple[int, ...]) -> BoolArray:
@@ -374,7 +366,8 @@ def simplices_of_boxes(shape: tuple[int, ...]) -> IntArray:
         for m, order in enumerate(orders):
             steps = [strides[d] * (1 - 2 * odd[d]) for d in order]
             path = start + np.concatenate([[0], np.cumsum(steps)]).astype(np.int32)
-            if (_is_odd(order) + sum(odd)) % 2 == 1:
+            is_odd_order = round(np.linalg.det(np.eye(dim)[list(order)])) < 0
+            if (is_odd_order + sum(odd)) % 2 == 1:
                 path[[-2, -1]] = path[[-1, -2]]
             cells[..., m, :][boxes] = first[boxes][..., None] + path
     return cells
@@ -429,9 +422,3 @@ def whole_boxes(active: BoolArray) -> BoolArray:
     for corner in product((slice(None, -1), slice(1, None)), repeat=active.ndim):
         whole &= active[corner]
     return whole
-
-
-def _is_odd(order: tuple[int, ...]) -> int:
-    """Return 1 for an odd permutation, 0 for an even one."""
-    pairs = [(a, b) for i, a in enumerate(order) for b in order[i + 1 :]]
-    return sum(a > b for a, b in pairs) % 2

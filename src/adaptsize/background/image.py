@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_plain_array, describe, refuse_where
+from adaptsize._checks import as_float_array, as_plain_array, describe
 from adaptsize._pickling import ReadOnlyState
+from adaptsize.background._mesh_arrays import read_only
+from adaptsize.background.grid import as_spacing
 from adaptsize.typing import FloatArray
 
 
@@ -23,7 +25,7 @@ class Image(ReadOnlyState):
         Labels (bool or integers) or intensities (floats).  ``values[i, j]`` belongs to the
         point ``origin + spacing * (i, j)``; axis 0 is x.  The array is copied and read-only.
     spacing : float or array_like of float, shape (dim,)
-        Distance between neighbouring pixel centres, positive: one number for all axes, or
+        Distance between neighbouring pixel centres, 1e-60 to 1e60: one number for all axes, or
         one for each.
     origin : array_like of float, shape (dim,), optional
         Centre of the first pixel; zeros by default.
@@ -55,20 +57,12 @@ class Image(ReadOnlyState):
                 "values must be numbers in a 2-D or 3-D array, got "
                 f"{pixels.dtype} of shape {pixels.shape}"
             )
-        steps = as_float_array("spacing", spacing)
-        steps = np.full(pixels.ndim, steps) if steps.ndim == 0 else steps.copy()
-        if steps.shape != (pixels.ndim,):
-            raise ValueError(
-                f"spacing must be a number or have shape {(pixels.ndim,)}, got {steps.shape}"
-            )
-        good = np.isfinite(steps) & (steps > 0.0)
-        refuse_where("spacing", ~good, steps, "must be finite and > 0")
+        steps = as_spacing(spacing, pixels.ndim)
         start = np.zeros(pixels.ndim) if origin is None else as_float_array("origin", origin)
         if start.shape != (pixels.ndim,) or not np.isfinite(start).all():
             raise ValueError(f"origin must be {pixels.ndim} finite numbers, got {describe(origin)}")
         for name, array in (("values", pixels), ("spacing", steps), ("origin", start.copy())):
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)  # needed for a frozen dataclass
+            object.__setattr__(self, name, read_only(array))  # needed for a frozen dataclass
 
     @property
     def dim(self) -> int:

@@ -77,12 +77,6 @@ def interpolate(
         nodal, where = check()
         found, distances = background.locator.interpolate(nodal, where)
     if outside == "nan":
-        found = np.where(distances > 1e-12 * _extent(background), np.nan, found)
+        # The tolerance is that of rounding.
+        found = np.where(distances > 1e-12 * background.diagonal, np.nan, found)
     return found
-
-
-def _extent(background: AnyMesh | CartesianGrid | Octree) -> float:
-    """Return the diagonal, for a tolerance of rounding."""
-    if isinstance(background, SimplexMesh | PartitionedMesh):
-        return background.diagonal
-    return float(np.linalg.norm(background.upper - background.lower))
