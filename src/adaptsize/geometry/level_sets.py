@@ -129,7 +129,11 @@ def level_set_curvature(
     with reporting(progress) as report:
         for start in range(0, grid.n_points, _NODES_AT_ONCE):
             report("curvature of level sets", start / grid.n_points)
-            nodes = _nodes_within(grid, values, width, start)
+            part = slice(start, start + _NODES_AT_ONCE)
+            wanted = np.abs(values.ravel()[part]) <= width
+            if grid.active is not None:
+                wanted &= grid.active.ravel()[part]
+            nodes = np.flatnonzero(wanted) + start
             kappa[nodes] = _curvature_at(grid, (smooth, values), nodes, (tolerance, at_boundary))
         report("curvature of level sets", 1.0)
     return kappa.reshape(*grid.shape, grid.dim - 1)
@@ -166,15 +170,6 @@ def as_level_set(name: str, value: npt.ArrayLike, grid: CartesianGrid) -> FloatA
     if grid.dim == 1:
         raise ValueError(f"grid must be 2-D or 3-D, as points have no curvature, got {grid!r}")
     return as_float_array(name, value, grid.shape)
-
-
-def _nodes_within(grid: CartesianGrid, phi: FloatArray, width: float, start: int) -> LongArray:
-    """Return the active nodes of a batch with ``abs(phi) <= width``."""
-    part = slice(start, start + _NODES_AT_ONCE)
-    wanted = np.abs(phi.ravel()[part]) <= width
-    if grid.active is not None:
-        wanted &= grid.active.ravel()[part]
-    return np.flatnonzero(wanted) + start
 
 
 def _curvature_at(

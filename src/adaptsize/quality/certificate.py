@@ -21,6 +21,7 @@ from adaptsize.quality.boundary import (
     topology_of,
 )
 from adaptsize.quality.conformity import SizeLike, edge_ratios, inverted_cells, is_in_band
+from adaptsize.quality.elements import check_cells
 from adaptsize.typing import FloatArray
 
 #: Generators bring more edges than this within a factor sqrt 2 of sizes that the geometry allows.
@@ -176,8 +177,7 @@ def check_mesh(
     (False, ['boundary', 'measure'])
     """
     mesh = as_mesh("mesh", mesh)
-    if mesh.cell_dim == 1:
-        raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
+    check_cells(mesh)
     tolerance = as_tolerance("tolerance", tolerance)
     share = as_number("share_in_band", share_in_band, lower=0.0)
     if share > 1.0:
@@ -188,20 +188,17 @@ def check_mesh(
         demands.append(_facets(mesh, count))
     if original is not None:
         original = as_mesh("original", original)
-        _refuse_other_dimensions(mesh, original)
+        if mesh.dim != original.dim or original.cell_dim < mesh.dim - 1:
+            raise ValueError(
+                f"original must be a mesh or a boundary in {mesh.dim}-D, "
+                f"got {original!r} for {mesh!r}"
+            )
+        if original.diagonal == 0.0:
+            raise ValueError(f"original must not be a single point, got {original!r}")
         demands += _same_domain(mesh, original, tolerance, count, notes)
     if size is not None:
         demands.append(_edges(mesh, size, share, count))
     return MeshCheck(tuple(demands), tuple(notes))
-
-
-def _refuse_other_dimensions(mesh: SimplexMesh, original: SimplexMesh) -> None:
-    if mesh.dim != original.dim or original.cell_dim < mesh.dim - 1:
-        raise ValueError(
-            f"original must be a mesh or a boundary in {mesh.dim}-D, got {original!r} for {mesh!r}"
-        )
-    if original.diagonal == 0.0:
-        raise ValueError(f"original must not be a single point, got {original!r}")
 
 
 def _cells(mesh: SimplexMesh, count: int) -> Demand:
@@ -271,23 +268,22 @@ def _near(name: str, away: list[Distances], allowed: float, diagonal: float, cou
 def _regions(mesh: SimplexMesh, original: SimplexMesh, allowed: float) -> Demand:
     new, old = region_measures(mesh), region_measures(original)
     if new.keys() != old.keys():
-        return Demand("regions", False, f"{_listed(new)}; original: {_listed(old)}")
+        texts = [", ".join(map(str, found)) or "none" for found in (new, old)]
+        return Demand("regions", False, "; original: ".join(texts))
     # Changes over the allowed ones.
-    excess, texts = -1.0, ""
+    excess, text = -1.0, ""
     for tag, measure in old.items():
         region = SimplexMesh(original.points, original.cells[original.cell_tags == tag])
         change, most = new[tag] / measure - 1.0, allowed * region.boundary().mesh.measures.sum()
         share = abs(change) / (most / measure + _ROUNDING)
         if share > excess:
             excess = share
-            texts = (
-                f"{tag} changed by {100.0 * change:+.3g}%, {100.0 * most / measure:.3g}% allowed"
-            )
-    return Demand("regions", bool(excess <= 1.0), f"{len(old)}; {texts}")
+            text = f"{tag} " + _changed(change, most / measure)
+    return Demand("regions", bool(excess <= 1.0), f"{len(old)}; {text}")
 
 
-def _listed(regions: dict[int, float]) -> str:
-    return ", ".join(str(tag) for tag in regions) or "none"
+def _changed(change: float, allowed: float) -> str:
+    return f"changed by {100.0 * change:+.3g}%, {100.0 * allowed:.3g}% allowed"
 
 
 def _measure(mesh: SimplexMesh, new: Topology | None, old: Topology, allowed: float) -> Demand:
@@ -296,8 +292,7 @@ def _measure(mesh: SimplexMesh, new: Topology | None, old: Topology, allowed: fl
     else:
         measure = float("nan") if new is None else new.enclosed
     change, most = measure / old.enclosed - 1.0, allowed / old.enclosed
-    text = f"changed by {100.0 * change:+.3g}%, {100.0 * most:.3g}% allowed"
-    return Demand("measure", bool(abs(change) <= most + _ROUNDING), text)
+    return Demand("measure", bool(abs(change) <= most + _ROUNDING), _changed(change, most))
 
 
 def _topology(new: Topology | None, old: Topology) -> Demand:

@@ -15,9 +15,9 @@ from adaptsize.background import SimplexMesh, topology
 from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.quality.boundary import distances_from
-from adaptsize.quality.elements import minimum_angles, radius_ratios
+from adaptsize.quality.elements import check_cells, minimum_angles, radius_ratios
 from adaptsize.quality.metric import MetricQuality, metric_quality
-from adaptsize.typing import BoolArray, FloatArray, IndexArray
+from adaptsize.typing import BoolArray, FloatArray
 
 #: Requested edge lengths: a SizeFunction or another callable, one per node, or a number.
 SizeLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
@@ -181,8 +181,7 @@ def size_conformity(
     mesh = as_mesh("mesh", mesh)
     if surface is not None:
         surface = as_mesh("surface", surface)
-    if mesh.cell_dim == 1:
-        raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
+    check_cells(mesh)
     metric = nodal_metric(mesh, size)
     if metric is None:
         ratio = edge_ratios(mesh, cast(SizeLike, size))
@@ -191,6 +190,7 @@ def size_conformity(
     refuse_where("edges / size", ratio > FARTHEST, ratio, f"must be at most {FARTHEST:g}")
     edges = _ratio_statistics(ratio)
     assert edges is not None
+    boundary = topology.edges_of(mesh.facets[mesh.facet_cell_counts == 1], mesh.n_points)
     ratios, angles = radius_ratios(mesh), minimum_angles(mesh)
     distance = relative = None
     if surface is not None:
@@ -201,7 +201,7 @@ def size_conformity(
         n_cells=mesh.n_cells,
         cell_dim=mesh.cell_dim,
         edges=edges,
-        boundary_edges=_ratio_statistics(ratio[_boundary_edges(mesh)]),
+        boundary_edges=_ratio_statistics(ratio[topology.rows_among(boundary, mesh.edges)]),
         radius_ratio_min=float(ratios.min()),
         radius_ratio_p01=float(np.quantile(ratios, 0.01)),
         radius_ratio_mean=float(ratios.mean()),
@@ -282,12 +282,6 @@ def _ratio_statistics(ratio: FloatArray) -> RatioStatistics | None:
     q05, q25, q50, q75, q95 = (float(q) for q in np.quantile(ratio, _QUANTILES))
     mean, share = float(ratio.mean()), float(in_band.mean())
     return RatioStatistics(len(ratio), q05, q25, q50, q75, q95, mean, share)
-
-
-def _boundary_edges(mesh: SimplexMesh) -> IndexArray:
-    """Return the rows of ``mesh.edges`` that lie on boundary facets."""
-    facets = mesh.facets[mesh.facet_cell_counts == 1]
-    return topology.rows_among(topology.edges_of(facets, mesh.n_points), mesh.edges)
 
 
 def _hausdorff(mesh: SimplexMesh, surface: SimplexMesh) -> float:

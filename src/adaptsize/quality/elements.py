@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import combinations
 from typing import TypeAlias
 
@@ -54,10 +54,9 @@ def radius_ratios(mesh: SimplexMesh) -> FloatArray:
     >>> radius_ratios(SimplexMesh([[0, 0], [1, 0], [0.5, 0.75**0.5]], [[0, 1, 2]])).round(12)
     array([1.])
     """
-    formula = _formula(mesh, _radius_ratios_of_triangles, _radius_ratios_of_tetrahedra)
-    ratios = [formula(corners, measures) for corners, measures in _cells_in_parts(mesh)]
+    ratios = _of_cells(mesh, _radius_ratios_of_triangles, _radius_ratios_of_tetrahedra)
     # Rounding may lift a regular cell above 1.
-    return np.asarray(np.minimum(np.concatenate(ratios), 1.0))
+    return np.asarray(np.minimum(ratios, 1.0))
 
 
 def minimum_angles(mesh: SimplexMesh) -> FloatArray:
@@ -91,30 +90,27 @@ def minimum_angles(mesh: SimplexMesh) -> FloatArray:
     >>> minimum_angles(SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])).round(12)
     array([45.])
     """
-    formula = _formula(mesh, _angles_of_triangles, _angles_of_tetrahedra)
-    parts = [
-        np.where(measures > 0.0, formula(corners, measures), 0.0)
-        for corners, measures in _cells_in_parts(mesh)
-    ]
-    return np.asarray(np.degrees(np.concatenate(parts)))
+    return np.asarray(np.degrees(_of_cells(mesh, _angles_of_triangles, _angles_of_tetrahedra)))
+
+
+def check_cells(mesh: SimplexMesh) -> None:
+    """Raise a ValueError if a mesh consists of segments."""
+    if mesh.cell_dim == 1:
+        raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
 
 
 _Formula: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]
 
 
-def _formula(mesh: SimplexMesh, of_triangles: _Formula, of_tetrahedra: _Formula) -> _Formula:
-    check_type("mesh", mesh, SimplexMesh)
-    if mesh.cell_dim == 1:
-        raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
-    return of_triangles if mesh.cell_dim == 2 else of_tetrahedra
-
-
-def _cells_in_parts(mesh: SimplexMesh) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield corners, float64[m, k + 1, dim], and measures, float64[m], of runs of cells.
+def _of_cells(mesh: SimplexMesh, of_triangles: _Formula, of_tetrahedra: _Formula) -> FloatArray:
+    """Return a formula of corners, float64[m, k + 1, dim], and measures; 0 for degenerate cells.
 
     Each cell is scaled by its longest extent, so that products of lengths stay in the
     range of float64.
     """
+    check_type("mesh", mesh, SimplexMesh)
+    check_cells(mesh)
+    formula, values = of_triangles if mesh.cell_dim == 2 else of_tetrahedra, []
     for first in range(0, mesh.n_cells, _CELLS_AT_ONCE):
         part = slice(first, first + _CELLS_AT_ONCE)
         corners = mesh.points[mesh.cells[part]]
@@ -123,21 +119,18 @@ def _cells_in_parts(mesh: SimplexMesh) -> Iterator[tuple[FloatArray, FloatArray]
         extent[extent == 0.0] = 1.0
         corners /= extent[:, None, None]
         measures = mesh.measures[part] / extent ** (corners.shape[1] - 1)
-        yield corners, measures
+        with np.errstate(invalid="ignore"):  # 0 / 0
+            values.append(np.where(measures > 0.0, formula(corners, measures), 0.0))
+    return np.concatenate(values)
 
 
 def _lengths(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
-def _divide(above: FloatArray, below: FloatArray) -> FloatArray:
-    """Return the quotient, 0 where both are 0 (degenerate cells)."""
-    return np.divide(above, below, out=np.zeros_like(above), where=above > 0.0)
-
-
 def _radius_ratios_of_triangles(corners: FloatArray, areas: FloatArray) -> FloatArray:
     a, b, c = (_lengths(corners[:, i] - corners[:, j]) for i, j in ((1, 2), (2, 0), (0, 1)))
-    return _divide(16.0 * areas**2, a * b * c * (a + b + c))
+    return np.asarray(16.0 * areas**2 / (a * b * c * (a + b + c)))
 
 
 def _radius_ratios_of_tetrahedra(corners: FloatArray, volumes: FloatArray) -> FloatArray:
@@ -147,7 +140,7 @@ def _radius_ratios_of_tetrahedra(corners: FloatArray, volumes: FloatArray) -> Fl
     area = 0.5 * (_lengths(n1) + _lengths(n2) + _lengths(n3) + _lengths(opposite))
     squares = [np.einsum("ij,ij->i", e, e)[:, None] for e in (e1, e2, e3)]
     centre = _lengths(squares[0] * n1 + squares[1] * n2 + squares[2] * n3)  # 12 V R
-    return _divide(108.0 * volumes**2, area * centre)
+    return np.asarray(108.0 * volumes**2 / (area * centre))
 
 
 def _angles_of_triangles(corners: FloatArray, areas: FloatArray) -> FloatArray:

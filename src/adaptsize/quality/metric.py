@@ -11,6 +11,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics import Metric
 from adaptsize.metrics.implied import from_regular
+from adaptsize.quality.elements import check_cells
 from adaptsize.typing import FloatArray
 
 
@@ -83,9 +84,8 @@ def metric_qualities(mesh: SimplexMesh, metric: Metric) -> FloatArray:
     mesh = as_mesh("mesh", mesh)
     check_type("metric", metric, Metric)
     metric.check_mesh(mesh)
+    check_cells(mesh)
     k = mesh.cell_dim
-    if k == 1:
-        raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
     inside = metric.interpolate(mesh.cells, np.full(mesh.cells.shape, 1.0 / (k + 1)))
     # M = (R / h) (R / h)^T
     mapped = (inside.directions / inside.sizes[:, None, :]).swapaxes(1, 2) @ from_regular(mesh)
