@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from adaptsize import SimplexMesh
 from adaptsize.background.flipping import flip_edges
 from adaptsize.background.topology import are_among, pairs_of_cells
-from adaptsize.geometry.faces import folds_of
+from adaptsize.geometry.creases import folds_of
 from adaptsize.quality.elements import minimum_angles
 
 NONE = np.empty((0, 2), np.int32)

@@ -6,7 +6,8 @@ from shapes import block
 from solids import circle, hull, outline
 
 from adaptsize import SimplexMesh
-from adaptsize.geometry.faces import Faces, tag_faces
+from adaptsize.geometry.creases import tag_faces
+from adaptsize.geometry.faces import Faces
 
 CUBE = block(3).boundary().mesh
 

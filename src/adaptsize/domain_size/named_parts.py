@@ -9,7 +9,8 @@ import numpy as np
 
 from adaptsize._checks import as_number, describe
 from adaptsize.background import SimplexMesh
-from adaptsize.geometry.faces import Faces, tag_faces
+from adaptsize.geometry.creases import tag_faces
+from adaptsize.geometry.faces import Faces
 from adaptsize.typing import FloatArray, IntArray
 
 

@@ -20,7 +20,8 @@ from adaptsize.background.splitting import SplitMesh, split_edges
 from adaptsize.background.topology import are_among, rows_among
 from adaptsize.domain_size.request import Bounds, PointBounds, Request, bound_at_nodes
 from adaptsize.errors import InputWarning, OpenSurfaceWarning
-from adaptsize.geometry.faces import Faces, folds_of
+from adaptsize.geometry.creases import folds_of
+from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import FeaturePoints, Separation
 from adaptsize.geometry.width import Width
 from adaptsize.remeshing.surface_checks import overlapping_bodies

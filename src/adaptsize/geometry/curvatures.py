@@ -13,14 +13,13 @@ from adaptsize._kernels import curvature as kernels
 from adaptsize._kernels.sectors import Sectors, Surface, fill_sectors
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import as_mesh
-from adaptsize.geometry.faces import (
-    Passages,
+from adaptsize.geometry.creases import (
     crease_edges,
     feature_facets,
     normals_of,
     refuse_other_than_surface,
-    twice_area,
 )
+from adaptsize.geometry.faces import Passages, twice_area
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: What the curvature is returned for.

@@ -8,8 +8,8 @@ from adaptsize._checks import as_aspect, as_number
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import as_mesh
+from adaptsize.geometry.creases import crease_edges
 from adaptsize.geometry.curvatures import curvature, sector_curvatures
-from adaptsize.geometry.faces import crease_edges
 from adaptsize.metrics.layers import frames
 from adaptsize.metrics.metric import Metric
 from adaptsize.sizes.curvature import size_from_curvature

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from adaptsize._kernels.smoothing import smooth_nodes
 from adaptsize.background import SimplexMesh, topology
 from adaptsize.background.splitting import bisect_edges
-from adaptsize.geometry.faces import normals_of
+from adaptsize.geometry.creases import normals_of
 from adaptsize.quality.elements import minimum_angles, radius_ratios
 from adaptsize.remeshing.distmesh.finish import swapped, take_back, worst_of_nodes
 from adaptsize.remeshing.preparation import facet_numbers, number_regions

@@ -327,7 +327,7 @@ def _curves(made: Mapping[str, npt.NDArray[Any]], task: str) -> npt.NDArray[np.i
     """Return the edges in space that Mmg keeps on curves, int32[n, 2]."""
     from adaptsize.background import SimplexMesh
     from adaptsize.background.topology import are_among, regions_beside
-    from adaptsize.geometry.faces import normals_of, sharp_facets
+    from adaptsize.geometry.creases import normals_of, sharp_facets
 
     names = ("cells", "regions") if task == "surface" else ("facets", "facet_groups")
     triangles, groups = (made[name] for name in names)

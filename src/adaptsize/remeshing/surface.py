@@ -26,7 +26,7 @@ from adaptsize.background.topology import (
     places_among,
     renumbered_edges,
 )
-from adaptsize.geometry.faces import folds_of, normals_of, sharp_facets
+from adaptsize.geometry.creases import folds_of, normals_of, sharp_facets
 from adaptsize.remeshing.mmg import RIDGE_ANGLE
 from adaptsize.remeshing.preparation import collect_facets, number_regions
 from adaptsize.remeshing.sizing import Size

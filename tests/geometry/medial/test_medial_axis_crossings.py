@@ -5,7 +5,7 @@ import planar_shapes as planar
 import pytest
 
 from adaptsize._progress import silent
-from adaptsize.geometry.medial.on_grids import Padded, find_crossings
+from adaptsize.geometry.medial.crossings import Padded, find_crossings
 
 
 def by_polynomials(phi, tolerance, gamma=2.0):
