@@ -39,10 +39,11 @@ def test_box_of_few_large_slanting_triangles(turned):
     assert_allclose(phi, to_box(grid.points @ q.T).reshape(grid.shape), atol=1e-12)
 
 
-def test_exact_in_the_band_and_never_too_small_beyond():
+@pytest.mark.parametrize("share", [1.0, 0.5], ids=["around the surface", "inside its box"])
+def test_exact_in_the_band_and_never_too_small_beyond(share):
     surface = torus()
-    grid = grid_around(surface, 40)
-    h = grid.spacing.max()
+    h = float(grid_around(surface, 40).spacing.max())
+    grid = CartesianGrid.around(share * surface.points, h, margin=0.3 * share)
     exact = signed_distance(grid, surface, band=np.inf)
     phi = signed_distance(grid, surface)
     near = np.abs(exact) <= 3.0 * h
