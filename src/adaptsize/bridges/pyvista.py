@@ -103,7 +103,7 @@ class AdaptsizeAccessor:
 
     def conformity(self, size: SizeFunction | None = None) -> Conformity:
         """Return how closely the edges follow ``size``, by default the point data ``h``."""
-        from adaptsize.quality import size_conformity
+        from adaptsize.quality.conformity import size_conformity
 
         mesh = self.mesh
         if size is None and "h" not in mesh.point_data:

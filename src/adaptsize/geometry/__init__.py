@@ -3,18 +3,7 @@
 Names are imported on first use, since gradient limiting needs the boundary only.
 """
 
-from typing import TYPE_CHECKING
-
 from adaptsize._lazy import lazily
-
-if TYPE_CHECKING:
-    from adaptsize.geometry.curvatures import curvature
-    from adaptsize.geometry.distance.function import SignedDistance
-    from adaptsize.geometry.distance.signed_distance import signed_distance
-    from adaptsize.geometry.level_sets import level_set_curvature
-    from adaptsize.geometry.medial.feature_size import feature_size, medial_axis
-    from adaptsize.geometry.separation import boundary_separation
-    from adaptsize.geometry.width import boundary_width
 
 _HOMES = {
     "curvature": "curvatures",
@@ -27,15 +16,6 @@ _HOMES = {
     "boundary_width": "width",
 }
 
-__all__ = [
-    "SignedDistance",
-    "boundary_separation",
-    "boundary_width",
-    "curvature",
-    "feature_size",
-    "level_set_curvature",
-    "medial_axis",
-    "signed_distance",
-]
+__all__ = [*_HOMES]  # noqa: PLE0604 - the keys are strings
 
 __getattr__, __dir__ = lazily(__name__, _HOMES)
