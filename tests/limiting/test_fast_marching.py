@@ -3,7 +3,7 @@
 import numpy as np
 
 from adaptsize import CartesianGrid, limit_gradient
-from adaptsize.geometry.distance.fast_marching import march_distance
+from adaptsize.background.marching import march_distance
 from adaptsize.limiting import FastMarching
 
 

@@ -1,7 +1,8 @@
-"""Nodal values of a background at any points."""
+"""Places of nodes, and nodal values of a background at any points."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Literal, TypeAlias
 
@@ -80,3 +81,13 @@ def interpolate(
         # The tolerance is that of rounding.
         found = np.where(distances > 1e-12 * background.diagonal, np.nan, found)
     return found
+
+
+def places_of(
+    background: AnyBackground | PartitionedMesh,
+) -> Callable[[npt.NDArray[np.integer]], FloatArray]:
+    """Return a function that maps node numbers to coordinates, float64[n, dim]."""
+    if not isinstance(background, CartesianGrid):
+        return lambda nodes: background.points[nodes]
+    origin, spacing, shape = background.origin, background.spacing, background.shape
+    return lambda nodes: origin + spacing * np.stack(np.unravel_index(nodes, shape), axis=1)

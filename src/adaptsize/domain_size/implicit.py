@@ -116,9 +116,9 @@ class ImplicitDomain:
         everywhere[near] = width_within(boundary, tree.points[near], seen, tree.diagonal, report)
         reach = longest_edges(inner.mesh)
         close = nodes.depth[inner.nodes] <= reach
-        feet = nodes.feet(tree.points)[inner.nodes[close]]
+        closest = nodes.closest_points(tree.points)[inner.nodes[close]]
         curvature = np.full(len(close), np.nan)
-        curvature[close] = self._curvature(tree, feet, reach[close], request)
+        curvature[close] = self._curvature(tree, closest, reach[close], request)
         width = everywhere[inner.nodes]
         return Shape(tree, nodes, inner, width, everywhere, curvature)
 
@@ -142,8 +142,8 @@ def _diagonal(shape: Shape) -> float:
     """Return the diagonal of the domain."""
     tree, inner = shape.tree, shape.inner
     near = inner.nodes[np.isfinite(shape.curvature)]
-    feet = shape.nodes.feet(tree.points)[near]
-    places = np.concatenate([tree.points[inner.nodes[inner.inside]], feet])
+    closest = shape.nodes.closest_points(tree.points)[near]
+    places = np.concatenate([tree.points[inner.nodes[inner.inside]], closest])
     return float(np.linalg.norm(np.ptp(np.clip(places, tree.lower, tree.upper), axis=0)))
 
 

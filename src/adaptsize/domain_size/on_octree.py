@@ -130,9 +130,9 @@ def _extrapolated(inner: InnerCells, h: FloatArray, g: float) -> FloatArray:
     total, links = np.zeros(mesh.n_points), np.zeros(mesh.n_points)
     for i, o in (mesh.edges.T, mesh.edges[:, ::-1].T):
         used = (counts[i] > 0.0) & ~inside[o]
-        way = mesh.points[o[used]] - mesh.points[i[used]]
-        change = np.einsum("nd,nd->n", gradient[i[used]], way)
-        away = g * np.linalg.norm(way, axis=1)
+        step = mesh.points[o[used]] - mesh.points[i[used]]
+        change = np.einsum("nd,nd->n", gradient[i[used]], step)
+        away = g * np.linalg.norm(step, axis=1)
         np.add.at(total, o[used], h[i[used]] + np.clip(change, -away, away))
         np.add.at(links, o[used], 1.0)
     known = links > 0.0

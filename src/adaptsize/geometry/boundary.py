@@ -156,16 +156,6 @@ def _facets_at(
         room = count
 
 
-def _cells_with(cells: IntArray, marked: BoolArray) -> IntArray:
-    """Return the cells with a marked node."""
-    found = np.empty(64 + 8 * int(np.count_nonzero(marked)), np.int32)  # enough but for piles
-    count = kernels.list_cells(cells, marked, 1, found)
-    if count > len(found):
-        found = np.empty(count, np.int32)
-        kernels.list_cells(cells, marked, 1, found)
-    return found[:count]
-
-
 def _without_short_edges(points: FloatArray, cells: IntArray) -> tuple[IntArray, IntArray]:
     """Return the cells with coincident nodes of a cell merged, and the representatives."""
     parent = np.arange(len(points), dtype=np.int32)
@@ -318,7 +308,7 @@ def _fans(
     """
     marked = np.zeros(mesh.n_points, np.bool_)
     marked[nodes] = True
-    around = _cells_with(mesh.cells, marked)
+    around = np.flatnonzero(marked[mesh.cells].any(axis=1))
     at_wall = np.flatnonzero(marked[boundary.facets].any(axis=1)).tolist()
     ends = map(tuple, boundary.facets[at_wall].tolist())
     walls = dict(zip(ends, at_wall, strict=True))

@@ -20,7 +20,7 @@ from adaptsize.geometry.creases import (
     refuse_other_than_surface,
 )
 from adaptsize.geometry.faces import Passages, twice_area
-from adaptsize.typing import BoolArray, FloatArray, IntArray
+from adaptsize.typing import FloatArray, IntArray
 
 #: What the curvature is returned for.
 Part: TypeAlias = Literal["nodes", "corners", "creases"]
@@ -175,7 +175,11 @@ def tensors_of(
     turns = as_whole_number("smoothing", smoothing, lower=0, upper=MOST_TURNS)
     angle = math.radians(as_angle("crease_angle", crease_angle))
     faces = normals_of(surface)
-    sectors = _sectors_of(faces, feature_facets(surface, faces, angle))
+    n = surface.cells.size
+    fans = np.empty(n, np.int32), np.empty(n + 1, np.int32), np.empty((n, 2), np.int32)
+    sectors = Sectors(np.empty(n, np.int32), np.empty(n), *fans)
+    count = fill_sectors(faces, feature_facets(surface, faces, angle), sectors)
+    sectors = sectors._replace(fan_ptr=fans[1][: count + 1], ends=fans[2][:count])
     normals = _normals_of(faces, sectors, angle)
     tensors = np.zeros((len(normals), 6))
     kernels.fill_tensors(faces, sectors, normals, tensors)
@@ -190,15 +194,6 @@ def _without_rounding(kappa: FloatArray, mesh: SimplexMesh) -> FloatArray:
     """Set curvatures of radius above 10^7 diagonals, which are noise, to zero (In/Out)."""
     kappa[kappa * mesh.diagonal < FLAT] = 0.0
     return kappa
-
-
-def _sectors_of(surface: Surface, creases: BoolArray) -> Sectors:
-    n = surface.cells.size
-    sector, sign = np.empty(n, np.int32), np.empty(n)
-    fan, fan_ptr = np.empty(n, np.int32), np.empty(n + 1, np.int32)
-    room = Sectors(sector, sign, fan, fan_ptr, np.empty((n, 2), np.int32))
-    count = fill_sectors(surface, creases, room)
-    return room._replace(fan_ptr=fan_ptr[: count + 1], ends=room.ends[:count])
 
 
 def _normals_of(surface: Surface, sectors: Sectors, angle: float) -> FloatArray:

@@ -16,7 +16,7 @@ from adaptsize.background.location import in_space
 from adaptsize.background.merging import first_at_place
 from adaptsize.background.topology import components_of, pairs_of_cells, unique_rows
 from adaptsize.geometry.creases import FLAT_SHARE, feature_facets, normals_of, sharp_facets
-from adaptsize.geometry.distance.orientation import MERGE_SHARE, oriented
+from adaptsize.geometry.distance.orientation import MERGE_SHARE, merged_cells, oriented
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 # Angles are compared with limits to this precision, radians, so that rounding decides nothing.
@@ -222,20 +222,16 @@ def _clean(boundary: SimplexMesh) -> tuple[SimplexMesh, IndexArray, IndexArray]:
         copy_of = np.argsort(order)[number.reshape(-1)]
         cells, kept = cells[first[order]], kept[first[order]]
     tagged = boundary.tagged_facets
-    if tagged is not None:
-        merged = targets[tagged].astype(np.int32)
-        vanished = (np.diff(np.sort(merged, axis=1), axis=1) == 0).any(axis=1)
-        tagged = np.where(vanished[:, None], tagged, merged)
     of_given = np.full(boundary.n_cells, -1)
     of_given[whole] = copy_of
     mesh = replace(
         boundary,
         cells=cells,
         cell_tags=None if boundary.cell_tags is None else boundary.cell_tags[kept],
-        tagged_facets=tagged,
+        tagged_facets=None if tagged is None else merged_cells(tagged, targets),
         cell_data={},
     )
-    return replace(mesh, cells=oriented(mesh)[0].cells), targets, of_given
+    return replace(mesh, cells=oriented(mesh).cells), targets, of_given
 
 
 def _split_line(mesh: SimplexMesh, targets: IndexArray, rows: IndexArray, angle: float) -> Faces:

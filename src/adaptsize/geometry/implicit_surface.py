@@ -221,12 +221,12 @@ def project(
     report : callable
     """
     spacings = np.broadcast_to(spacing, len(x))
-    feet = np.empty_like(x)
+    closest = np.empty_like(x)
     for first in range(0, len(x), _POINTS_AT_ONCE):
         part = slice(first, first + _POINTS_AT_ONCE)
-        feet[part] = _project_part(function, x[part], start[part], spacings[part])
+        closest[part] = _project_part(function, x[part], start[part], spacings[part])
         report("projection", min((first + _POINTS_AT_ONCE) / len(x), 1.0))
-    return feet
+    return closest
 
 
 def _project_part(
@@ -239,7 +239,7 @@ def _project_part(
     does not converge, the closest point may be at a kink of f, see `_at_kinks`.
     """
     y = start.copy()
-    best, feet = np.full(len(x), np.inf), start.copy()
+    best, closest = np.full(len(x), np.inf), start.copy()
     active, kinked = np.arange(len(x)), np.zeros(len(x), np.bool_)
     # Smooth functions need 3 to 5 iterations; at kinks the iteration does not converge.
     for _ in range(15):
@@ -251,7 +251,7 @@ def _project_part(
         off = f * per_steep
         merit = np.linalg.norm(to - at, axis=1) + _PENALTY * np.abs(off)
         better = (merit < best[active]) & regular
-        best[active[better]], feet[active[better]] = merit[better], at[better]
+        best[active[better]], closest[active[better]] = merit[better], at[better]
         normal = gradient * per_steep[:, None]
         height = ((to - at) * normal).sum(axis=1)
         sideways = to - at - height[:, None] * normal
@@ -270,7 +270,7 @@ def _project_part(
         y[active] = at + step
         # An iterate has converged when it moves by less, in spacings.
         moving = (np.linalg.norm(step, axis=1) > 1e-9 * spacing) & regular
-        # A foot is at a kink if derivatives jump by this share of the gradient.
+        # A closest point is at a kink if derivatives jump by this share of the gradient.
         kinked[active] = jump > 0.05 * steep
         active = active[moving]
         if len(active) == 0:
@@ -279,20 +279,20 @@ def _project_part(
     rest = np.flatnonzero(kinked)
     # Distances, in spacings, at which smooth pieces on the sides of a kink are searched for.
     for share in (0.1, 0.01, 1e-3, 1e-4) if len(rest) else ():
-        feet[rest] = _at_kinks(function, x[rest], feet[rest], share * spacings[rest])
-    return feet
+        closest[rest] = _at_kinks(function, x[rest], closest[rest], share * spacings[rest])
+    return closest
 
 
-def _at_kinks(function: Implicit, x: FloatArray, feet: FloatArray, reach: FloatArray) -> FloatArray:
+def _at_kinks(function: Implicit, x: FloatArray, y0: FloatArray, reach: FloatArray) -> FloatArray:
     """Return the closest points where smooth pieces of the zero level meet, or beside.
 
-    The pieces are replaced by their tangent planes at points that far from the feet.  The closest
-    point of a plane, or of the intersection of two or three, replaces the foot if it is closer to
-    x, or to the zero level.
+    The pieces are replaced by their tangent planes at points that far from the given ones.  The
+    closest point of a plane, or of the intersection of two or three, replaces the given one if it
+    is closer to x, or to the zero level.
     """
     n, dim = x.shape
     around = np.concatenate([np.eye(dim), -np.eye(dim)])
-    at = feet[:, None] + reach[:, None, None] * around
+    at = y0[:, None] + reach[:, None, None] * around
     f, gradient = gradient_of(function, at.reshape(-1, dim), _STEP * np.repeat(reach, 2 * dim))[:2]
     steep = np.maximum(np.linalg.norm(gradient, axis=1), 1e-300)
     normals = (gradient / steep[:, None]).reshape(n, 2 * dim, dim)
@@ -303,17 +303,17 @@ def _at_kinks(function: Implicit, x: FloatArray, feet: FloatArray, reach: FloatA
         off = np.abs(function(y)) / slope
         return np.asarray(np.linalg.norm(x - y, axis=1) + _PENALTY * off)
 
-    result, best = feet.copy(), merit_of(feet)
+    result, best = y0.copy(), merit_of(y0)
     for planes in _distinct(normals):
         rows = np.take_along_axis(normals, planes[:, :, None], axis=1)
         matrix = rows @ rows.transpose(0, 2, 1)
         gap = np.take_along_axis(heights, planes, axis=1) - np.einsum("nkd,nd->nk", rows, x)
         meet = np.linalg.det(matrix) > _LEAST_ANGLE**2
         matrix[~meet] = np.eye(planes.shape[1])
-        way = np.einsum("nkd,nk->nd", rows, np.linalg.solve(matrix, gap[:, :, None])[:, :, 0])
-        merit = np.where(meet, merit_of(np.where(meet[:, None], x + way, feet)), np.inf)
+        offset = np.einsum("nkd,nk->nd", rows, np.linalg.solve(matrix, gap[:, :, None])[:, :, 0])
+        merit = np.where(meet, merit_of(np.where(meet[:, None], x + offset, y0)), np.inf)
         better = merit < best
-        result[better], best[better] = (x + way)[better], merit[better]
+        result[better], best[better] = (x + offset)[better], merit[better]
     return result
 
 

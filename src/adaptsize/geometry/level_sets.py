@@ -12,7 +12,7 @@ from adaptsize._kernels.level_sets import fill_level_set_curvature
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid
 from adaptsize.geometry.curvatures import MOST_TURNS
-from adaptsize.geometry.distance.fast_marching import frame_of
+from adaptsize.geometry.distance.surface import frame_of
 from adaptsize.typing import FloatArray, LongArray, ProgressCallback
 
 # A kink by 90 degrees leaves a gradient of 0.71; a circle of a radius of one spacing, 0.75.

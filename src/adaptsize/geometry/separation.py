@@ -306,10 +306,10 @@ class Separation:
         queries, cells = queries[order], cells[order]
         sectors = np.empty((len(order), kernels.SECTOR))
         for column, ends in ((0, a[order]), (3, b[order])):
-            way = ends - which.places[queries]
-            length = np.linalg.norm(way, axis=1)
+            vectors = ends - which.places[queries]
+            length = np.linalg.norm(vectors, axis=1)
             length[length == 0.0] = 1.0  # of degenerate facets
-            sectors[:, column : column + 3] = way / length[:, None]
+            sectors[:, column : column + 3] = vectors / length[:, None]
         sectors[:, 6:9] = self.faces.normals[cells]
         cosine = np.einsum("ij,ij->i", sectors[:, :3], sectors[:, 3:6])
         sectors[:, 9] = np.arccos(np.clip(cosine, -1.0, 1.0)) if k == 3 else 1.0

@@ -368,14 +368,14 @@ def width_within(
         Longer rays have the width inf.
     report : callable
     """
-    feet, directions = seen.feet(points), -seen.outward
+    starts, directions = seen.closest_points(points), -seen.outward
     along = np.maximum(seen.depth, 1e-6 * extent)
-    hit = np.zeros(len(feet), np.bool_)
+    hit = np.zeros(len(starts), np.bool_)
     # At equal distance from two parts of the boundary, the direction may be that to neither.
-    going = np.flatnonzero(boundary.distance(feet) <= 1e-3 * along)
+    going = np.flatnonzero(boundary.distance(starts) <= 1e-3 * along)
     # Rays that are still on their way then touch a wall without crossing it.
     for step in range(64):
-        depth = boundary.seen_from(feet[going] + along[going, None] * directions[going]).depth
+        depth = boundary.seen_from(starts[going] + along[going, None] * directions[going]).depth
         hit[going] = (depth <= 1e-3 * along[going]) & (step > 0)
         along[going] += np.maximum(depth, 0.0)
         # A ray that begins outside, at the tip of a corner, has no width.
@@ -384,11 +384,11 @@ def width_within(
         if len(going) == 0:
             break
     at = np.flatnonzero(hit)
-    feet, directions, reach = feet[at], directions[at], along[at]
-    normals = boundary.seen_from(feet + (0.999 * reach)[:, None] * directions).outward
+    starts, directions, reach = starts[at], directions[at], along[at]
+    normals = boundary.seen_from(starts + (0.999 * reach)[:, None] * directions).outward
     facing = (directions * normals).sum(axis=1)
     radii = reach * facing / (1.0 + facing)
-    middles, both = feet + radii[:, None] * directions, np.stack([-directions, normals], axis=1)
+    middles, both = starts + radii[:, None] * directions, np.stack([-directions, normals], axis=1)
     fronts = Fronts(middles, radii, both, np.empty((len(at), 2), np.int64))
     counts = facing >= math.cos(_STEEPEST)
     fronts, at, reach = fronts.taken(counts), at[counts], reach[counts]

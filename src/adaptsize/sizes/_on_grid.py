@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array
 from adaptsize.background import CartesianGrid, SimplexMesh
-from adaptsize.geometry.distance.fast_marching import places_of
+from adaptsize.background.interpolation import places_of
 from adaptsize.typing import FloatArray, IndexArray, LongArray
 
 

@@ -14,9 +14,9 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_plain_array
 from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
+from adaptsize.background.interpolation import places_of
 from adaptsize.background.migration import boundary_facets
 from adaptsize.background.partitioned import local_mesh
-from adaptsize.geometry.distance.fast_marching import places_of
 from adaptsize.sizes import _on_grid
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 

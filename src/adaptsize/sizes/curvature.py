@@ -18,12 +18,12 @@ from adaptsize.background import (
     SimplexMesh,
 )
 from adaptsize.background.interfaces import interfaces, skin_of
+from adaptsize.background.interpolation import places_of
 from adaptsize.background.merging import ordered_by_place
 from adaptsize.background.migration import whole_boundary
 from adaptsize.background.simplex import as_mesh
 from adaptsize.geometry.creases import crease_edges
 from adaptsize.geometry.curvatures import curvature
-from adaptsize.geometry.distance.fast_marching import places_of
 from adaptsize.options import CurvatureOptions, checked, with_options
 from adaptsize.sizes._from_distance import size_from_distance
 from adaptsize.sizes._on_grid import nodes_near

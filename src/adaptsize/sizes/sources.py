@@ -23,9 +23,9 @@ from adaptsize._checks import (
 )
 from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh, SimplexMesh
+from adaptsize.background.interpolation import places_of
 from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import InputWarning
-from adaptsize.geometry.distance.fast_marching import places_of
 from adaptsize.ranks import SingleRank
 from adaptsize.sizes import _touched
 from adaptsize.sizes._on_grid import at_active_nodes

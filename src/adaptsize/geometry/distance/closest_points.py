@@ -36,7 +36,7 @@ class Depths(NamedTuple):
     depth: FloatArray
     outward: FloatArray
 
-    def feet(self, points: FloatArray) -> FloatArray:
+    def closest_points(self, points: FloatArray) -> FloatArray:
         """Return the closest points of the boundary, float64[n, dim]."""
         return np.asarray(points + self.depth[:, None] * self.outward)
 

@@ -9,8 +9,9 @@ import numpy as np
 from adaptsize._kernels.surface_distance import Features, Nearest
 from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
 from adaptsize.background.grid import whole_boxes
+from adaptsize.background.interpolation import places_of
 from adaptsize.background.location import in_space
-from adaptsize.geometry.distance.fast_marching import places_of, propagate
+from adaptsize.geometry.distance.surface import propagate
 from adaptsize.geometry.implicit_surface import (
     Implicit,
     LevelFrame,
@@ -47,27 +48,29 @@ def implicit_distance(
 
     crossings, lengths = crossings_of(background, function, values)
     spacing = float(lengths.max())
-    if isinstance(background, CartesianGrid):  # nodes at edges only would miss feet at corners
+    if isinstance(
+        background, CartesianGrid
+    ):  # nodes at edges only would miss closest points at corners
         layer = _nodes_of_mixed_boxes(values > 0.0)
     else:
         layer = np.unique(np.concatenate(_edges_across(background, values)))
     place = places_of(background)
     start = cKDTree(crossings).query(place(layer))[1]
-    feet = project(function, place(layer), crossings[start], spacing, report)
-    nearest, distance = _nearest_feet(background, layer, feet, report)
-    distance[layer] = np.linalg.norm(place(layer) - feet, axis=1)
+    closest = project(function, place(layer), crossings[start], spacing, report)
+    nearest, distance = _nearest_of_layer(background, layer, closest, report)
+    distance[layer] = np.linalg.norm(place(layer) - closest, axis=1)
     known = np.zeros(background.n_points, np.bool_)
     known[layer] = True
     near = np.flatnonzero(~known & (distance <= (band + 0.5) * spacing))
     known[near] = True
-    projected = project(function, place(near), feet[nearest[near]], spacing, report)
+    projected = project(function, place(near), closest[nearest[near]], spacing, report)
     distance[near] = np.linalg.norm(place(near) - projected, axis=1)
     far = np.flatnonzero(~known)
     # Step of differences for curvatures, in spacings.
-    surface = frame_at(function, feet, 3e-2 * spacing)
+    surface = frame_at(function, closest, 3e-2 * spacing)
     for first in range(0, len(far), _NODES_AT_ONCE):
         part = far[first : first + _NODES_AT_ONCE]
-        closer = _distance_to_parabola(place(part), feet, surface, nearest[part], spacing)
+        closer = _distance_to_parabola(place(part), closest, surface, nearest[part], spacing)
         distance[part] = np.minimum(distance[part], closer)
         report("distance beyond the band", min((first + _NODES_AT_ONCE) / len(far), 1.0))
     return np.copysign(distance, values.ravel()).reshape(background.nodal_shape)
@@ -132,22 +135,22 @@ def _edges_across(background: AnyBackground, values: FloatArray) -> tuple[LongAr
     return np.concatenate(low), np.concatenate(high)
 
 
-def _nearest_feet(
-    background: AnyBackground, layer: LongArray, feet: FloatArray, report: ProgressCallback
+def _nearest_of_layer(
+    background: AnyBackground, layer: LongArray, closest: FloatArray, report: ProgressCallback
 ) -> tuple[LongArray, FloatArray]:
-    """Return for each node the nearest of the feet of the nodes of a layer, and its distance."""
+    """Return for each node the nearest of the points closest to a layer, and its distance."""
     from scipy.spatial import cKDTree
 
     if not isinstance(background, CartesianGrid):
-        distance, nearest = cKDTree(feet).query(background.points)
+        distance, nearest = cKDTree(closest).query(background.points)
         return nearest, distance
     number = np.full(background.n_points, -1, np.int32)
-    cells = np.arange(len(feet), dtype=np.int32)[:, None]
+    cells = np.arange(len(closest), dtype=np.int32)[:, None]
     number[layer] = cells[:, 0]
     distance = np.full(background.n_points, np.inf)
-    distance[layer] = np.linalg.norm(places_of(background)(layer) - feet, axis=1)
+    distance[layer] = np.linalg.norm(places_of(background)(layer) - closest, axis=1)
     rings = _neighbours(background.shape, layer, number)
-    features = Features(in_space(feet), cells, cells, *rings)
+    features = Features(in_space(closest), cells, cells, *rings)
     nearest = number.copy()
     propagate(background, features, Nearest(distance, nearest), report)
     return nearest.astype(np.int64), distance
@@ -167,15 +170,15 @@ def _neighbours(
 
 
 def _distance_to_parabola(
-    x: FloatArray, feet: FloatArray, surface: LevelFrame, which: LongArray, spacing: float
+    x: FloatArray, closest: FloatArray, surface: LevelFrame, which: LongArray, spacing: float
 ) -> FloatArray:
-    """Return the distances of points to the paraboloids at given feet, inf where in doubt.
+    """Return the distances of points to the paraboloids at given points, inf where in doubt.
 
-    With r the offset of x from the foot, rho its part along the normal, t that in the tangent
+    With r the offset of x from the point, rho its part along the normal, t that in the tangent
     plane and S the curvatures, one step of Newton's method leads to the offset u with
     (1 + rho S) u = t  of the closest point  y + u - u S u n / 2.
     """
-    offset = x - feet[which]
+    offset = x - closest[which]
     height = (offset * surface.normals[which]).sum(axis=1)
     sideways = np.einsum("mkd,md->mk", surface.tangents[which], offset)
     bend = surface.curvatures[which]
@@ -186,7 +189,7 @@ def _distance_to_parabola(
     reliable = eigenvalues_of(matrix)[0] > 0.25
     matrix[~reliable] = np.eye(bend.shape[1])
     to = np.linalg.solve(matrix, sideways[:, :, None])[:, :, 0]
-    # ... and only up to this distance from the foot where it touches, in spacings.
+    # ... and only up to this distance from the point where it touches, in spacings.
     reliable &= np.linalg.norm(to, axis=1) <= 1.5 * spacing
     drop = 0.5 * np.einsum("mk,mkl,ml->m", to, bend, to)
     along = np.linalg.norm(sideways - to, axis=1)

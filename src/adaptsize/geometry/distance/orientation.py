@@ -14,7 +14,7 @@ from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 MERGE_SHARE = 1e-9
 
 
-def oriented(boundary: SimplexMesh) -> tuple[SimplexMesh, IndexArray]:
+def oriented(boundary: SimplexMesh) -> SimplexMesh:
     """Return a boundary whose normals point outward, as far as this can be determined.
 
     Coincident nodes are merged.  If the orientations of neighbouring facets are inconsistent, the
@@ -32,12 +32,11 @@ def oriented(boundary: SimplexMesh) -> tuple[SimplexMesh, IndexArray]:
     -------
     SimplexMesh
         Nodes and cells keep their numbers; nodes that were merged into others are unused.
-    int64[n_points]
-        Node into which each node was merged.
     """
     target = first_at_place(boundary.points, MERGE_SHARE * boundary.diagonal)
-    cells = _merged(boundary.cells, target)
-    merged = SimplexMesh(boundary.points, cells) if cells is not boundary.cells else boundary
+    cells = merged_cells(boundary.cells, target)
+    is_clean = np.array_equal(cells, boundary.cells)
+    merged = boundary if is_clean else SimplexMesh(boundary.points, cells)
     turned, piece, contradicts = _consistent(merged)
     n_pieces = int(piece.max()) + 1
     sign = np.where(turned, -1.0, 1.0)
@@ -51,19 +50,19 @@ def oriented(boundary: SimplexMesh) -> tuple[SimplexMesh, IndexArray]:
     if np.where(wrong, -of_piece, of_piece)[~is_sheet].sum() < 0.0:
         turned = ~turned
     if not turned.any():
-        return merged, target
+        return merged
     flipped = np.array(merged.cells)
     flipped[turned, :2] = flipped[turned, 1::-1]
-    return SimplexMesh(merged.points, flipped), target
+    return SimplexMesh(merged.points, flipped)
 
 
-def _merged(cells: IntArray, target: IndexArray) -> IntArray:
+def merged_cells(cells: IntArray, target: IndexArray) -> IntArray:
     """Return the cells with merged nodes; cells that would degenerate keep their nodes."""
     new = target[cells].astype(np.int32)
     ordered = np.sort(new, axis=1)
     vanished = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
     new[vanished] = cells[vanished]
-    return cells if (new == cells).all() else new
+    return new
 
 
 def _consistent(mesh: SimplexMesh) -> tuple[BoolArray, IndexArray, BoolArray]:

@@ -19,13 +19,22 @@ from adaptsize._checks import (
 from adaptsize._progress import reporting
 from adaptsize.background import AnyBackground, CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.simplex import as_own
-from adaptsize.geometry.distance.image import GridSpline, smooth_mask
 from adaptsize.geometry.distance.implicit import implicit_distance
 from adaptsize.geometry.distance.surface import inside_surface, surface_distance
 from adaptsize.geometry.implicit_surface import Implicit, checked
-from adaptsize.typing import FloatArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 _Boundary: TypeAlias = SimplexMesh | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
+
+# Number of smoothing passes; after each, every pixel centre is moved back to its side,
+_ROUNDS = 4
+# by this distance from the zero level, in pixels.
+_ASIDE = 1e-3
+# The initial value is restored if a centre moved farther than this to the other side, as at
+# corners,
+_LOST = 0.25
+# and, where the object or the gap is at most two pixels wide, if it comes nearer than this.
+_THIN = 0.25
 
 
 def signed_distance(
@@ -111,12 +120,12 @@ def signed_distance(
     .. math:: f(y) = 0, \qquad x_i - y \parallel \nabla f(y)
 
     by Newton's method [3]_, with finite differences as derivatives.  For smooth f the error is
-    around 1e-9 spacings.  The iteration starts from the foot of a neighbour, or next to the
-    zero level from the point where the zero level crosses an edge.  Hence f is never evaluated
-    far from its zero level.  Nodes beyond the band use the nearest foot of the nodes next to
-    the zero level, and the paraboloid around it.  This is of second order; in practice the
-    error is a thousandth of a spacing.  Parts of the zero level between two neighbouring nodes
-    of the same sign are not detected.
+    around 1e-9 spacings.  The iteration starts from the closest point of a neighbour, or next to
+    the zero level from the point where the zero level crosses an edge.  Hence f is never evaluated
+    far from its zero level.  Nodes beyond the band use the nearest of the closest points of the
+    nodes next to the zero level, and the paraboloid around it.  This is of second order; in
+    practice the error is a thousandth of a spacing.  Parts of the zero level between two
+    neighbouring nodes of the same sign are not detected.
 
     *Images.*  The distance to the nearest pixel of the other kind is smoothed by a filter that
     does not shrink convex objects.  After each of four passes, every pixel centre is moved back
@@ -211,8 +220,81 @@ def _as_implicit(
     if boundary.dtype == np.bool_:
         # Standard deviation of the low-pass filter for boolean images, in pixels.
         deviation = 1.5 if smoothing is None else as_number("smoothing", smoothing, lower=0.0)
-        values = smooth_mask(boundary, deviation)
+        values = _smooth_mask(boundary, deviation)
     else:
         values = as_float_array("boundary", boundary)
         refuse_where("boundary", ~np.isfinite(values), values, "must be finite")
-    return GridSpline(background, values), values
+    return _GridSpline(background, values), values
+
+
+def _smooth_mask(mask: BoolArray, smoothing: float) -> FloatArray:
+    """Return a smooth function that is negative at the pixels of a mask, positive at others.
+
+    Parameters
+    ----------
+    mask : bool[shape]
+    smoothing : float
+        Standard deviation of the filter in pixels, >= 0.
+
+    Notes
+    -----
+    The initial value is the distance to the nearest pixel of the other kind, in pixels, minus one
+    half.  The filter is ``2 G - G G`` with a Gaussian G.  Its second moments are zero, whereas a
+    Gaussian of deviation s moves the boundary of a disc of radius r inwards by s^2 / (2 r).
+    """
+    from scipy import ndimage
+
+    to_outside, to_inside = (ndimage.distance_transform_edt(part) for part in (mask, ~mask))
+    start: FloatArray = np.where(mask, 0.5 - to_outside, to_inside - 0.5)
+    if smoothing == 0.0:
+        return start
+    thin = _thin_parts(mask) | _thin_parts(~mask)
+    level = start
+    for _ in range(_ROUNDS):
+        once = ndimage.gaussian_filter(level, smoothing, mode="nearest")
+        level = 2.0 * once - ndimage.gaussian_filter(once, smoothing, mode="nearest")
+        astray = np.where(mask, level, -level)
+        level = np.where(mask, np.minimum(level, -_ASIDE), np.maximum(level, _ASIDE))
+        level = np.where((astray > _LOST) | (thin & (astray > -_THIN)), start, level)
+    return level
+
+
+def _thin_parts(mask: BoolArray) -> BoolArray:
+    """Return the pixels that lie in no box of three pixels along each axis within the mask.
+
+    Small groups of such pixels are omitted: where a round object is flat in the direction of an
+    axis, a row of one or two pixels protrudes from it.
+    """
+    from scipy import ndimage
+
+    box = np.ones((3,) * mask.ndim, np.bool_)
+    padded = np.pad(mask, 3, mode="edge")
+    opened = ndimage.binary_opening(padded, box)[(slice(3, -3),) * mask.ndim]
+    group, _ = ndimage.label(mask & ~opened, box)
+    is_large = np.bincount(group.ravel()) >= box.size
+    is_large[0] = False
+    return np.asarray(is_large[group])
+
+
+class _GridSpline:
+    """Cubic spline through nodal values of a grid, callable at points.
+
+    Beyond the grid the values are mirrored.
+    """
+
+    def __init__(self, grid: CartesianGrid, values: FloatArray) -> None:
+        from scipy import ndimage
+
+        self._grid = grid
+        self._coefficients = ndimage.spline_filter(values, order=3, mode="mirror")
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        """Return the spline at points, float64[n]."""
+        from scipy import ndimage
+
+        along = ((points - self._grid.origin) / self._grid.spacing).T
+        return np.asarray(
+            ndimage.map_coordinates(
+                self._coefficients, along, order=3, mode="mirror", prefilter=False
+            )
+        )

@@ -74,7 +74,7 @@ def winding_of(surface: SimplexMesh) -> tuple[WindingNumber, bool]:
     """
     is_whole = is_cycle(surface)
     if not is_whole:
-        surface = oriented(surface)[0]
+        surface = oriented(surface)
         is_whole = is_cycle(surface)
     return WindingNumber(surface), is_whole
 
@@ -84,21 +84,13 @@ def is_cycle(surface: SimplexMesh) -> bool:
 
     Coincident nodes are identified.
     """
-    same = same_places(surface.points, surface.cells)
-    cells = same[surface.cells]
-    if surface.cell_dim == 1:
-        balance = np.bincount(cells[:, 0], minlength=len(same)) - np.bincount(
-            cells[:, 1], minlength=len(same)
-        )
-        return not bool(balance.any())
-    directed = np.concatenate([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]])
-    directed = directed[directed[:, 0] != directed[:, 1]]
-    if len(directed) == 0:
-        return True
-    low, high = np.minimum(*directed.T).astype(np.int64), np.maximum(*directed.T)
-    number = np.unique(low * len(same) + high, return_inverse=True)[1]
-    balance = np.bincount(number, weights=np.where(directed[:, 0] == low, 1.0, -1.0))
-    return not bool(balance.any())
+    cells = same_places(surface.points, surface.cells)[surface.cells].astype(np.int64)
+    start, end = cells[:, 0], cells[:, 1]
+    if surface.cell_dim == 2:  # the edges in both directions
+        after = np.roll(cells, -1, axis=1)
+        n = surface.n_points
+        start, end = cells * n + after, after * n + cells
+    return np.array_equal(np.sort(start, axis=None), np.sort(end, axis=None))
 
 
 def same_places(points: FloatArray, cells: IntArray) -> IntArray:

@@ -68,10 +68,10 @@ class Fronts(Rows):
         across = self.directions[:, 0] - self.directions[:, 1]
         return np.asarray(across / np.linalg.norm(across, axis=1)[:, None])
 
-    def feet(self, share: float = 1.0) -> FloatArray:
-        """Return the closest points of the boundary, or points on the way, float64[n, 2, dim]."""
-        way = share * self.radii[:, None, None] * self.directions
-        return np.asarray(self.points[:, None, :] + way)
+    def closest_points(self, share: float = 1.0) -> FloatArray:
+        """Return the closest points of the boundary, or points before them, float64[n, 2, dim]."""
+        offsets = share * self.radii[:, None, None] * self.directions
+        return np.asarray(self.points[:, None, :] + offsets)
 
 
 def meet_at_corner(
@@ -114,9 +114,9 @@ def meet_at_corner(
     # Largest radius of a rounded corner, as a share of the distance from it.
     # Tolerance for the interpolation of the distance, in spacings.
     allowed = 0.5 * spacing + 0.25 * fronts.radii[wide] * excess
-    there, feet = apex[wide][:, None, :], fronts.feet()[wide]
+    there, ends = apex[wide][:, None, :], fronts.closest_points()[wide]
     # Positions between the corner (0) and a closest point (1) at which the boundary is tested.
-    along = np.concatenate([there, *(there + s * (feet - there) for s in (0.25, 0.5))], axis=1)
+    along = np.concatenate([there, *(there + s * (ends - there) for s in (0.25, 0.5))], axis=1)
     follows = (np.abs(distance(along)) <= allowed[:, None]).all(axis=1)
     at_corner = wide.copy()
     at_corner[wide] = follows | (fronts.radii[wide] < RESOLVED * spacing)

@@ -11,8 +11,8 @@ import numpy as np
 from adaptsize._defaults import CORNER_ANGLE
 from adaptsize.background import CartesianGrid
 from adaptsize.background.grid import span_of
+from adaptsize.background.marching import march_distance
 from adaptsize.background.merging import place_numbers
-from adaptsize.geometry.distance.fast_marching import march_distance
 from adaptsize.geometry.medial.crossings import GAMMA, fronts_on_edges, is_inside
 from adaptsize.geometry.medial.fronts import RESOLVED, Fronts, MedialAxis, meet_at_corner
 from adaptsize.typing import BoolArray, FloatArray, LongArray, ProgressCallback
@@ -48,7 +48,8 @@ class DomainOnGrid:
         """Return the medial axis."""
         grid, phi, step = self.grid, self.phi, float(self.grid.spacing.max())
         # Smallest curvature that is resolved, times the diameter of the part.
-        tolerance = 4.0 / _diameter_inside(grid, phi)
+        n_inside = np.diff(span_of(is_inside(grid, phi < 0.0)), axis=1)[:, 0] + 1
+        tolerance = 4.0 / float(np.linalg.norm(n_inside * grid.spacing))
         found, fronts = fronts_on_edges(grid, phi, tolerance, self.report)
         fronts = _look_half_way(grid, phi, fronts)
         # Directions must differ by this much, in radians, to have a normal between them.
@@ -87,12 +88,6 @@ class DomainOnGrid:
         return size
 
 
-def _diameter_inside(grid: CartesianGrid, phi: FloatArray) -> float:
-    """Return the diagonal of the box of the inside nodes, enlarged by a cell."""
-    n = np.diff(span_of(is_inside(grid, phi < 0.0)), axis=1)[:, 0] + 1
-    return float(np.sqrt(((n * grid.spacing) ** 2).sum()))
-
-
 # Directions of fronts
 
 
@@ -106,7 +101,7 @@ def _look_half_way(grid: CartesianGrid, phi: FloatArray, fronts: Fronts) -> Fron
     """
     resolved = fronts.radii >= RESOLVED * grid.spacing.max()
     for _ in range(2):
-        found = _gradients(grid, phi, fronts.feet(0.5))
+        found = _gradients(grid, phi, fronts.closest_points(0.5))
         length = np.linalg.norm(found, axis=2)
         # If the segment is short, or there is another kink at its midpoint, keep the direction.
         clear = (length > _SMOOTH) & resolved[:, None]
@@ -122,7 +117,7 @@ def _come_from_boundary(grid: CartesianGrid, phi: FloatArray, fronts: Fronts) ->
     Directions that lead out of the grid are accepted.
     """
     allowed = _FOOT_SPACINGS * float(grid.spacing.max()) + _FOOT_SHARE * fronts.radii
-    off = np.abs(_interpolated(grid, phi, fronts.feet()))
+    off = np.abs(_interpolated(grid, phi, fronts.closest_points()))
     return np.asarray(((off <= allowed[:, None]) | np.isinf(off)).all(axis=1))
 
 
@@ -244,11 +239,11 @@ def _edge_lengths(grid: CartesianGrid, phi: FloatArray, corners: FloatArray) -> 
     links = np.hypot(*(grid.spacing * (index[b] - index[a])).T)
     graph = coo_array((links, (a, b)), shape=(len(index),) * 2)
     start = cKDTree(grid.origin + grid.spacing * index).query(corners)[1]
-    way, before, owner = dijkstra(
+    path, before, owner = dijkstra(
         graph, directed=False, indices=np.unique(start), return_predecessors=True, min_only=True
     )
     corner_of = dict(zip(start.tolist(), corners, strict=True))
-    along = way[a] + links + way[b]
+    along = path[a] + links + path[b]
     meet = np.flatnonzero((owner[a] != owner[b]) & np.isfinite(along))
     done = set()
     for link in meet[np.argsort(along[meet], kind="stable")]:
