@@ -95,7 +95,7 @@ def test_new_mesh_fields_and_report(dim, n, target, how):
     assert result.reason == whole.reason
     assert report.budget_met
     assert new.n_cells == report.n_cells_after
-    assert report.predicted_elements == pytest.approx(target, rel=1e-3)
+    assert report.predicted_elements == pytest.approx(target, rel=3e-3)
     assert report.error == pytest.approx(np.linalg.norm(eta), rel=1e-12)
     assert integral == pytest.approx(mesh.measures @ eta, rel=1e-12)
     assert report.measure_after == pytest.approx(1.0, abs=1e-12)

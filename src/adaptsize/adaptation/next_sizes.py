@@ -37,6 +37,9 @@ from adaptsize.typing import FloatArray, GradientLimit
 #: The limits allow a requested number if the prediction is this close to it.
 REACHED = 0.05
 
+#: Accepted relative error of a predicted number: generators miss it by per cents.
+_ACCURACY = 3e-3
+
 #: Types that ``adapt`` accepts as ``h0``.
 BoundLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 
@@ -215,14 +218,16 @@ def next_sizes(mesh: AnyMesh, request: SizeRequest, factor: float) -> NextSizes:
             "tolerance": tolerance, "elements": target, "max_refine": options["max_refine"],
             "max_coarsen": options["max_coarsen"], "backend": None,
         }  # fmt: skip
-        return scaled_by_error(mesh, request.indicator, options["order"], given, finished)
+        return scaled_by_error(
+            mesh, request.indicator, options["order"], given, finished, _ACCURACY
+        )
 
     def from_bound(goal: float) -> FloatArray:
         bound = request.h0
         assert bound is not None
         start = count(finished(bound))
         first = (start / goal) ** (1.0 / mesh.cell_dim) if start > 0.0 else 1.0
-        return scale_to(goal, lambda s: finished(s * bound), count, first, mesh.cell_dim)
+        return scale_to(goal, lambda s: finished(s * bound), count, first, mesh.cell_dim, _ACCURACY)
 
     target, capped = options["elements"], False
     h: FloatArray | None = None

@@ -29,6 +29,8 @@ def interfaces(mesh: SimplexMesh) -> tuple[SimplexMesh, IntArray] | None:
     None
         If there are no such facets.
     """
+    if mesh.cell_tags is None and mesh.tagged_facets is None:
+        return None
     inside = mesh.facet_cell_counts > 1
     kept = np.zeros(len(mesh.facets), np.bool_)
     if mesh.cell_tags is not None:

@@ -206,9 +206,10 @@ def remesh(
     frame = Frame.around(repaired.mesh)
     required = as_required(required_facets, mesh, repaired)
     own, ridges = frame.mesh(repaired.mesh), _NO_RIDGES
-    own_size = once_per_point(frame.size(wanted))
+    own_size = frame.size(wanted)
     # Only Mmg rounds what it is given.
     if chosen.name == "mmg" and task in ("tetrahedra", "surface") and required is None:
+        own_size = once_per_point(own_size)
         is_plain = task == "surface" and own.is_closed and own.tagged_facets is None
         refined = refine_surface if is_plain else refine_facets
         own, ridges = refined(own, own_size, tolerance * own.diagonal)

@@ -24,6 +24,7 @@ import shutil
 import warnings
 from collections.abc import Mapping
 from importlib.util import find_spec
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -162,9 +163,11 @@ def run_adapt(
     hgrad = -1.0
     if sizes.ndim == 1:
         # Gradation of Mmg's own sizes at curved boundaries, as |grad h|.
-        edges, lengths = _edges(made)
-        rise = np.abs(sizes[edges[:, 0]] - sizes[edges[:, 1]])
-        gradient = max(0.25, float((rise / np.maximum(lengths, np.finfo(float).tiny)).max()))
+        gradient = 0.25
+        for i, j in combinations(made["cells"].T, 2):
+            lengths = np.linalg.norm(made["points"][i] - made["points"][j], axis=1)
+            rise = np.abs(sizes[i] - sizes[j]) / np.maximum(lengths, np.finfo(float).tiny)
+            gradient = max(gradient, float(rise.max()))
         # Upper limit of the gradation passed to Mmg.  A larger one has no effect.
         hgrad = float(np.exp(min(gradient, 3.0)))
     new = run(
@@ -195,14 +198,6 @@ def _raw(made: Mapping[str, npt.NDArray[Any]]) -> RawMesh:
     )
 
 
-def _edges(made: Mapping[str, npt.NDArray[Any]]) -> tuple[npt.NDArray[Any], FloatArray]:
-    from adaptsize.background.topology import edges_of
-
-    edges = edges_of(made["cells"], len(made["points"]))
-    ends = made["points"][edges]
-    return edges, np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
-
-
 def band_and_median(
     size: Size, made: Mapping[str, npt.NDArray[Any]], metric: MetricAt | None = None
 ) -> tuple[float, float]:
@@ -210,14 +205,14 @@ def band_and_median(
 
     If there are many edges, an even sample of them is taken.
     """
+    from adaptsize.background.topology import edges_of
     from adaptsize.quality.conformity import is_in_band
 
-    edges, lengths = _edges(made)
+    edges = edges_of(made["cells"], len(made["points"]))
     if metric is None:
         # Sizes are evaluated at so many edges.  The share in the band is then known within .005.
-        step = len(edges) // 20_000 + 1
-        edges, lengths = edges[::step], lengths[::step]
-        ratio = lengths / size(made["points"][edges].mean(axis=1))
+        ends = made["points"][edges[:: len(edges) // 20_000 + 1]]
+        ratio = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) / size(ends.mean(axis=1))
     else:
         ratio = metric(made["points"]).edge_lengths(made["points"], edges)
     return float(is_in_band(ratio).mean()), float(np.median(ratio))

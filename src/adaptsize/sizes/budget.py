@@ -26,8 +26,8 @@ CELLS_PER_PREDICTED: dict[tuple[str, int], float] = {
     ("tetwild", 3): 1.04,
 }
 
-# Tolerance of the logarithms of the scale and of the value.
-_TOLERANCE = 2e-4
+#: Tolerance of the logarithms of the scale, and of the value unless another one is given.
+ACCURACY = 2e-4
 # Bound on the logarithm of the scale, and the value that stands for the logarithm of zero.
 _REACH = 40.0
 _NOTHING = -700.0
@@ -116,6 +116,7 @@ def scale_to(
     value: Callable[[T], float],
     start: float,
     order: float,
+    accuracy: float = ACCURACY,
 ) -> T:
     """Return the sizes whose value is as wanted, or nearest to it.
 
@@ -134,6 +135,8 @@ def scale_to(
         Positive scale, near the result.
     order : float
         The value falls about as the scale to this power.
+    accuracy : float
+        Relative error of the value that is accepted.
 
     Returns
     -------
@@ -154,7 +157,7 @@ def scale_to(
     for trial in range(6):
         made = make(start * math.exp(x))
         off = excess(made)
-        if abs(off) <= _TOLERANCE:
+        if abs(off) <= accuracy:
             return made
         if trial == 0:
             at_start = off
@@ -178,7 +181,7 @@ def scale_to(
         at_high = excess_at(high)
     exponent = low if at_low <= 0.0 else high
     if at_low > 0.0 > at_high:
-        exponent = float(brentq(excess_at, low, high, xtol=_TOLERANCE))
+        exponent = float(brentq(excess_at, low, high, xtol=ACCURACY))
     return make(start * math.exp(exponent))
 
 

@@ -14,6 +14,7 @@ from adaptsize.background.simplex import as_mesh
 from adaptsize.limiting import limit_gradient
 from adaptsize.options import ErrorOptions, HessianOptions, ScaleOptions, checked, with_options
 from adaptsize.sizes.budget import (
+    ACCURACY,
     as_goal,
     calibration,
     count_elements,
@@ -123,9 +124,17 @@ def as_indicator(value: npt.ArrayLike, mesh: AnyMesh) -> FloatArray:
 
 
 def scaled_by_error(
-    mesh: AnyMesh, eta: FloatArray, order: float, given: ErrorOptions, finish: Finish
+    mesh: AnyMesh,
+    eta: FloatArray,
+    order: float,
+    given: ErrorOptions,
+    finish: Finish,
+    accuracy: float = ACCURACY,
 ) -> FloatArray:
-    """Return the sizes of `size_from_error`, with limits by a function; collective."""
+    """Return the sizes of `size_from_error`, with limits by a function; collective.
+
+    ``accuracy`` is the relative error of the number of elements that is accepted.
+    """
     d, goal, wanted = mesh.cell_dim, *as_goal(given["tolerance"], given["elements"])
     now = present_sizes(mesh)
     with np.errstate(divide="ignore"):
@@ -153,7 +162,7 @@ def scaled_by_error(
         return float(mesh.ranks.allreduce(float((ratios(scale) ** -d).sum()), "sum"))
 
     start = scale_to(wanted, float, unlimited, 1.0, d)
-    return scale_to(wanted, sizes, lambda h: count_elements(mesh, h), start, d)
+    return scale_to(wanted, sizes, lambda h: count_elements(mesh, h), start, d, accuracy)
 
 
 @with_options(HessianOptions)
