@@ -28,8 +28,7 @@ RECORDS = {
     "geometry.boundary_separation": "geometry.separation.BoundarySeparation",
     "size_from_sources": "sizes.sources.Source",
     "sizes.predict": "sizes.prediction.Prediction",
-    "adapt": "adaptation.report.AdaptResult adaptation.report.AdaptReport "
-    "adaptation.report.PartsReport",
+    "adapt": "adaptation.report.AdaptResult adaptation.report.AdaptReport",
     "needs_remeshing": "adaptation.need.RemeshingNeed adaptation.need.Place",
     "transfer_fields": "adaptation.transfer_in_parts.TransferredFields",
     "limit_gradient": "limiting.info.LimitingInfo limiting.sources.SizeSources "

@@ -10,8 +10,8 @@ from scipy.spatial import Delaunay
 
 from adaptsize import CartesianGrid, FieldTransfer, SimplexMesh, adapt, transfer_fields
 from adaptsize.adaptation.overlaps import intersections_of
-from adaptsize.adaptation.projection import hat_integrals
 from adaptsize.limiting.exact.field import Workers
+from adaptsize.sizes.budget import nodal_measures
 
 SEED = 91127
 PROJECTIONS = ("project", "bounded")
@@ -89,14 +89,14 @@ def test_mixed_mass_matrix_is_that_of_a_slow_twin(dim):
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize(("scale", "shift"), [(1.0, 0.0), (1e-9, 0.0), (1e7, 3e7)])
-def test_mixed_mass_matrix_is_symmetric_and_sums_to_hat_integrals(dim, scale, shift):
+def test_mixed_mass_matrix_is_symmetric_and_sums_to_nodal_measures(dim, scale, shift):
     old, new = (SimplexMesh(scale * m.points + shift, m.cells) for m in pair(dim))
     there, back = mixed(old, new), mixed(new, old)
     size = abs(there).max()
     # Coordinates of size 4 over a tenth of it, in flat cells a hundredth.
     assert_allclose(there.toarray(), back.T.toarray(), atol=1e-12 * size)
-    assert_allclose(there.sum(axis=1), hat_integrals(new), rtol=1e-11)
-    assert_allclose(there.sum(axis=0), hat_integrals(old), rtol=1e-11)
+    assert_allclose(there.sum(axis=1), nodal_measures(new), rtol=1e-11)
+    assert_allclose(there.sum(axis=0), nodal_measures(old), rtol=1e-11)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -113,7 +113,7 @@ def test_linear_fields_are_exact_and_integrals_are_kept(dim, method):
         made = transfer.nodal(field, method=method)
         assert made.shape == (new.n_points, *shape)
         before, after = transfer.integrals(field, made, nodal=True)
-        assert_allclose(before, np.tensordot(hat_integrals(old), field, axes=1), rtol=1e-12)
+        assert_allclose(before, np.tensordot(nodal_measures(old), field, axes=1), rtol=1e-12)
         assert_allclose(after, before, atol=1e-11)
     field = rng.normal(size=(old.n_points, 2)) @ [1.0, 1j]
     made = transfer.nodal(field, method=method)
@@ -161,7 +161,7 @@ def test_projections_are_of_second_order(dim, method):
     for n in {2: (10, 20, 40), 3: (5, 10)}[dim]:
         old, new = pair(dim, (n, n + n // 4))
         made = FieldTransfer(old, new).nodal(wave(old.points), method=method)
-        weights = hat_integrals(new)
+        weights = nodal_measures(new)
         error.append(np.sqrt(weights @ (made - wave(new.points)) ** 2))
     order = np.log(np.divide(error[:-1], error[1:])) / np.log(2.0)
     assert (order > 1.8).all(), f"errors {error}, orders {order}"
@@ -232,7 +232,7 @@ def test_where_domains_differ_the_old_part_and_the_continuation_are_integrated(m
     grown = FieldTransfer(inner, outer)
     made = grown.nodal(field, method=method)
     # Outside the old polygon, by lumping, the value at the nearest point.
-    outside = hat_integrals(outer) - mixed(inner, outer).sum(axis=1)
+    outside = nodal_measures(outer) - mixed(inner, outer).sum(axis=1)
     extra = outside @ grown.nodal(field, method="interpolate")
     before, after = grown.integrals(field, made, nodal=True)
     assert extra > 0.1

@@ -8,10 +8,8 @@ from scipy.spatial import Delaunay
 
 import adaptsize as ads
 from adaptsize import CartesianGrid, SimplexMesh, adapt
-from adaptsize.adaptation.in_parts import boundary_distance, lost_tags
-from adaptsize.adaptation.next_sizes import (
-    bound_by_tolerance,
-)
+from adaptsize.adaptation.next_sizes import bound_by_tolerance
+from adaptsize.adaptation.report import boundary_distance, tags_of
 from adaptsize.sizes import predict
 
 
@@ -37,7 +35,7 @@ def _ball():
 @pytest.mark.parametrize("kind", ["random", "some empty"])
 @pytest.mark.parametrize("mesh", [jittered_square(9, 74), _ball()])
 def test_sizes_from_bounds_are_those_of_one_process(mesh, kind, monkeypatch):
-    monkeypatch.setattr("adaptsize.adaptation.in_parts.remesh", _no_mesh)
+    monkeypatch.setattr("adaptsize.adaptation.new_mesh.remesh", _no_mesh)
     rng = np.random.default_rng(75)
     # About the sizes that the mesh has, so that it is kept.
     of_size_1 = predict(mesh, np.ones(mesh.n_points)).cells
@@ -103,12 +101,15 @@ def test_new_mesh_fields_and_report(dim, n, target, how):
     assert report.lost_tags == ()
     assert new.measures[new.cell_tags == 2].sum() == pytest.approx(0.5, abs=1e-9)
     text = str(result)
-    assert f"{mesh.n_cells} cells -> {new.n_cells} cells" in text
+    assert f" -> {new.n_cells} {'triangles' if dim == 2 else 'tetrahedra'}" in text
     assert f"requested {target}" in text
+    before, after = report.integrals["c"]
+    assert after == pytest.approx(before, rel=1e-12)
+    assert before == pytest.approx(mesh.measures @ eta, rel=1e-12)
 
 
 def test_mesh_within_tolerance_is_returned_itself(monkeypatch):
-    monkeypatch.setattr("adaptsize.adaptation.in_parts.remesh", _no_mesh)
+    monkeypatch.setattr("adaptsize.adaptation.new_mesh.remesh", _no_mesh)
     mesh = jittered_square(6, 76)
     eta = _indicator(mesh)
     u = np.arange(mesh.n_points)
@@ -135,13 +136,14 @@ def test_lost_tags_and_moved_boundaries_are_found():
     def run(part):
         rank_of = np.arange(disc.n_cells) % 3
         new = ads.distributed.PartitionedMesh.from_serial(moved, rank_of, part.ranks)
-        return lost_tags(part, new), boundary_distance(part, new), boundary_distance(part, part)
+        lost = tags_of(part) - tags_of(new)
+        return lost, boundary_distance(part, new), boundary_distance(part, part)
 
     low, high = disc.points.min(axis=0), disc.points.max(axis=0)
     outside = np.maximum(np.maximum(low - moved.points, moved.points - high), 0.0)
     expected = np.linalg.norm(outside, axis=1).max()
     for lost, distance, none in on_ranks(old, None, 3, run)[0]:
-        assert lost == ("cell tag 2",)
+        assert lost == {("cell", 2)}
         assert distance == pytest.approx(expected, rel=1e-12)
         assert none == 0.0
 

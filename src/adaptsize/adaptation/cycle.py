@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, TypeAlias, cast
+from dataclasses import replace
+from typing import Any, NamedTuple, TypeAlias, cast
 
-import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import describe, one_of
@@ -14,7 +14,6 @@ from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation._fields import Arrays, as_fields, methods_of
 from adaptsize.adaptation.boundary_moves import ProjectionLike, check_projection
-from adaptsize.adaptation.in_parts import adapt_in_parts
 from adaptsize.adaptation.new_mesh import NewMesh, make_mesh
 from adaptsize.adaptation.next_metric import as_anisotropic, as_metric_bound, metric_request
 from adaptsize.adaptation.next_sizes import (
@@ -27,24 +26,33 @@ from adaptsize.adaptation.next_sizes import (
     decide,
     refuse_two_numbers,
 )
-from adaptsize.adaptation.report import AdaptReport, AdaptResult, lost_tags, total_measure
-from adaptsize.adaptation.transfer import FieldTransfer, transferred
-from adaptsize.background import AnyMesh, SimplexMesh
-from adaptsize.background.partitioned import PartitionedMesh
-from adaptsize.background.simplex import as_mesh, as_own
+from adaptsize.adaptation.report import (
+    AdaptReport,
+    AdaptResult,
+    MeshQuality,
+    numbers_of,
+    tags_of,
+    total_measure,
+)
+from adaptsize.adaptation.transfer import FieldTransfer, integral, transferred
+from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh, interpolate
+from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics import Metric, MetricFunction
-from adaptsize.options import AdaptOptions, checked, with_options
-from adaptsize.quality import size_conformity
+from adaptsize.options import AdaptOptions, checked, options_of, with_options
+from adaptsize.quality.conformity import Conformity, size_conformity
+from adaptsize.remeshing.in_parts import interface_quality
 from adaptsize.remeshing.protocol import Task
 from adaptsize.remeshing.registry import choose_backend
 from adaptsize.sizes.budget import calibration, elements_with_nodes
 from adaptsize.sizes.error import as_indicator
-from adaptsize.typing import ProgressCallback, Unpack
+from adaptsize.typing import FloatArray, ProgressCallback, Unpack
 
 Fields: TypeAlias = Mapping[str, npt.ArrayLike]
 
 
 _HOW = {"interpolate": "interpolated", "project": "projected", "bounded": "projected in bounds"}
+
+_OF_WHOLE_MESHES = ("corner_angle", "keep_integral", "anisotropic", "norm", "max_aspect")
 
 
 @with_options(AdaptOptions)
@@ -112,62 +120,101 @@ def adapt(
     >>> result.remeshed, bool(result.report.budget_met)
     (True, True)
     """
-    if isinstance(mesh, PartitionedMesh):
-        if project is not None:
-            raise ValueError("project is not available for meshes in parts")
-        return adapt_in_parts(
-            mesh, indicator, h0=cast("BoundLike | None", h0), fields=fields,
-            cell_fields=cell_fields, progress=progress, **options,
-        )  # fmt: skip
-    mesh = as_own(mesh)
+    mesh = as_mesh("mesh", mesh, PartitionedMesh)
+    ranks = mesh.ranks
+    cycle = ranks.agree(
+        lambda: _checked(mesh, indicator, h0, (fields, cell_fields), project, options)
+    )
+    request = cycle.request
+    given = request.options
+    ranks.require_equal(indicator=indicator is None, h0=h0 is None, **given)
+    if isinstance(mesh, PartitionedMesh) and cycle.bound is not None:
+        mesh.require_equal_values("h0", cycle.bound)
+    if given["nodes"] is not None:
+        given = {**given, "elements": elements_with_nodes(mesh, given["nodes"])}
+        request = replace(request, options=given)
+    tolerance = given["boundary_tolerance"]
+    with reporting(progress if ranks.rank == 0 else None) as report:
+        report("sizes", None)
+        request = request.within(mesh, tolerance)
+        sizes = request.next(mesh, calibration(cycle.generator, mesh.cell_dim))
+        decision = decide(mesh, sizes, request)
+        made = NewMesh(mesh, sizes, cycle.generator)
+        if decision.remesh:
+            made = make_mesh(mesh, made, request, report)
+            if project is not None:
+                made = made.projected(project, given["corner_angle"])
+        result = _result(mesh, request, decision, made, cycle, report)
+    allowed = tolerance * mesh.diagonal if project is None else math.inf
+    if ranks.rank == 0:
+        result.report.warn(allowed)
+    return result
+
+
+class _Checked(NamedTuple):
+    """The checked arguments of `adapt`."""
+
+    request: Request
+    bound: FloatArray | None
+    generator: str
+    nodal: Arrays
+    by_cell: Arrays
+
+
+def _checked(
+    mesh: AnyMesh,
+    indicator: npt.ArrayLike | None,
+    h0: BoundLike | Metric | MetricFunction | None,
+    fields: tuple[Fields | None, Fields | None],
+    project: ProjectionLike | None,
+    options: AdaptOptions,
+) -> _Checked:
+    """Return the checked arguments of this rank."""
     task = _task(mesh)
     given = checked(AdaptOptions, options)
     check_projection(project)
-    nodal = as_fields("fields", fields, mesh.n_points)
-    by_cell = as_fields("cell_fields", cell_fields, mesh.n_cells)
+    nodal = as_fields("fields", fields[0], mesh.n_points)
+    by_cell = as_fields("cell_fields", fields[1], mesh.n_cells)
     if isinstance(given["g"], str):
         one_of("g", given["g"], ("auto",))
     methods_of(given["method"], nodal, mesh)
     is_metric = as_anisotropic(given["anisotropic"]) is not False
-    is_metric = is_metric or as_metric_bound(h0, mesh) is not None
+    bound, backend = None, given["backend"]
+    if isinstance(mesh, PartitionedMesh):
+        for name in _OF_WHOLE_MESHES:
+            if given[name] != options_of(AdaptOptions)[name].default:  # type: ignore[literal-required]
+                raise ValueError(f"{name} is not available for meshes in parts")
+        if project is not None:
+            raise ValueError("project is not available for meshes in parts")
+        if isinstance(h0, Metric | MetricFunction):
+            raise ValueError("h0 must be sizes on several ranks, got a metric")
+        one_of("backend", backend, ("auto", "mmg"))
+        backend = "mmg"
+    else:
+        is_metric = is_metric or as_metric_bound(h0, mesh) is not None
+        if by_cell and given["conservative"]:
+            FieldTransfer(mesh, mesh).refuse_surfaces()
     refuse_two_numbers(given)
-    if given["nodes"] is not None:
-        given = {**given, "elements": elements_with_nodes(mesh, given["nodes"])}
     request: Request
     if is_metric:
+        assert isinstance(mesh, SimplexMesh)
         if indicator is not None:
             raise ValueError("indicator must be None with a metric: its sizes have no direction")
         request = metric_request(mesh, h0, nodal, given)
     else:
         eta = None if indicator is None else as_indicator(indicator, mesh)
-        error = None if eta is None else float(np.linalg.norm(eta))
-        request = SizeRequest(given, eta, as_bound(cast("BoundLike | None", h0), mesh), error)
+        bound = as_bound(cast("BoundLike | None", h0), mesh)
+        request = SizeRequest(options=given, indicator=eta, h0=bound)
         check_goal(request)
-    if by_cell and given["conservative"]:
-        FieldTransfer(mesh, mesh).refuse_surfaces()
-    generator = choose_backend(given["backend"], task, keep_facets=False, metric=is_metric).name
-    tolerance = given["boundary_tolerance"]
-    with reporting(progress) as report:
-        report("sizes", None)
-        request = request.within(mesh, tolerance)
-        sizes = request.next(mesh, calibration(generator, mesh.cell_dim))
-        decision = decide(mesh, sizes, request)
-        made = NewMesh(mesh, sizes, generator)
-        if decision.remesh:
-            made = make_mesh(mesh, made, request, report)
-            if project is not None:
-                made = made.projected(project, given["corner_angle"])
-        result = _result(mesh, request, decision, made, (nodal, by_cell), report)
-    result.report.warn(tolerance * mesh.diagonal if project is None else math.inf)
-    return result
+    generator = choose_backend(backend, task, keep_facets=False, metric=is_metric).name
+    return _Checked(request, bound, generator, nodal, by_cell)
 
 
-def _task(mesh: SimplexMesh) -> Task:
+def _task(mesh: AnyMesh) -> Task:
     """Return the meshing task."""
-    mesh = as_mesh("mesh", mesh)
-    tasks: dict[tuple[int, int], Task] = {
-        (3, 3): "tetrahedra", (2, 2): "plane triangles", (2, 3): "surface"
-    }  # fmt: skip
+    tasks: dict[tuple[int, int], Task] = {(3, 3): "tetrahedra", (2, 2): "plane triangles"}
+    if isinstance(mesh, SimplexMesh):
+        tasks[2, 3] = "surface"
     kind = (mesh.cell_dim, mesh.dim)
     if kind not in tasks:
         raise ValueError(
@@ -177,39 +224,46 @@ def _task(mesh: SimplexMesh) -> Task:
 
 
 def _result(
-    old: SimplexMesh,
+    old: AnyMesh,
     request: Request,
     decision: Decision,
     made: NewMesh,
-    fields: tuple[Arrays, Arrays],
+    fields: _Checked,
     progress: ProgressCallback,
 ) -> AdaptResult:
-    """Return fields on the new mesh, and the report."""
-    sizes, new, (nodal, by_cell) = made.sizes, made.mesh, fields
+    """Return fields on the new mesh, and the report; collective."""
+    sizes, new, nodal, by_cell = made.sizes, made.mesh, fields.nodal, fields.by_cell
     requested = sizes.requested(old)
-    before = after = size_conformity(old, sizes.at_nodes)
+    before = after = _quality(old, sizes.at_nodes)
     how: dict[str, str] = {}
     integrals: dict[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]] = {}
     if decision.remesh:
-        transfer = FieldTransfer(old, new, progress=progress)
-        moved, moved_by_cell = transferred(transfer, nodal, by_cell, request.options)
+        moved, moved_by_cell = transferred(old, new, nodal, by_cell, request.options, progress)
         methods = methods_of(request.options["method"], nodal, old)
         for name, values in nodal.items():
             how[name] = "nearest node"
             if values.dtype.kind not in "biu":
                 how[name] = _HOW[methods[name]]
-                integrals[name] = transfer.integrals(values, moved[name], nodal=True)
+                integrals[name] = (
+                    integral(old, values, nodal=True), integral(new, moved[name], nodal=True)
+                )  # fmt: skip
         for name, values in by_cell.items():
             how[name] = "value at the centroid"
             if values.dtype.kind not in "biu":
                 how[name] = "conservative" if request.options["conservative"] else how[name]
-                integrals[name] = transfer.integrals(values, moved_by_cell[name])
+                integrals[name] = integral(old, values), integral(new, moved_by_cell[name])
         nodal, by_cell = moved, moved_by_cell
-        new = new.with_data(point_data=nodal, cell_data=by_cell)
-        after = size_conformity(new, requested)
+        if isinstance(new, PartitionedMesh):
+            after = _quality(new, interpolate(old, cast(FloatArray, requested), new.points))
+        else:
+            new = new.with_data(point_data=nodal, cell_data=by_cell)
+            after = _quality(new, requested)
+    before_tags = tags_of(old)
+    lost = sorted(before_tags - tags_of(new))
+    (n_points, n_cells), (new_points, new_cells) = numbers_of(old), numbers_of(new)
     report = AdaptReport(
-        n_points_before=old.n_points, n_points_after=new.n_points,
-        n_cells_before=old.n_cells, n_cells_after=new.n_cells,
+        cell_dim=old.cell_dim, n_points_before=n_points, n_points_after=new_points,
+        n_cells_before=n_cells, n_cells_after=new_cells,
         backend=made.backend, n_meshes=made.n_meshes,
         elements=request.options["elements"], nodes=request.options["nodes"],
         tolerance=request.tolerance,
@@ -218,11 +272,20 @@ def _result(
         share_too_short=decision.too_short, before=before, after=after,
         measure_before=total_measure(old), measure_after=total_measure(new),
         boundary_distance=made.boundary_distance, moves=made.moves,
-        lost_tags=lost_tags(old, new),
-        kept_tags=old.cell_tags is not None or old.facet_tags is not None,
+        lost_tags=tuple(f"{kind} tag {tag}" for kind, tag in lost),
+        kept_tags=bool(before_tags),
         transferred=how, integrals=integrals,
     )  # fmt: skip
+    size = SizeFunction(old, sizes.h) if isinstance(old, SimplexMesh) else sizes.h
     return AdaptResult(
-        new, SizeFunction(old, sizes.h), nodal, by_cell, decision.remesh, decision.converged,
+        new, size, nodal, by_cell, decision.remesh, decision.converged,
         decision.reason, report, requested if isinstance(requested, MetricFunction) else None,
     )  # fmt: skip
+
+
+def _quality(mesh: AnyMesh, size: Any) -> MeshQuality:
+    """Return how closely a mesh follows sizes; collective."""
+    if isinstance(mesh, PartitionedMesh):
+        return interface_quality(mesh, size)
+    found: Conformity = size_conformity(mesh, size)
+    return found

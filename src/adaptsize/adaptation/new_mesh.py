@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
 
 import numpy as np
 
 from adaptsize.adaptation.boundary_moves import BoundaryMoves, ProjectionLike, move_to_boundary
 from adaptsize.adaptation.next_sizes import NextSizes, Request
-from adaptsize.adaptation.report import BUDGET_TOLERANCE, boundary_distance
-from adaptsize.background import PartitionedMesh, SimplexMesh
+from adaptsize.adaptation.report import BUDGET_TOLERANCE, boundary_distance, numbers_of
+from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.errors import BoundaryWarning
 from adaptsize.options import RemeshOptions
 from adaptsize.remeshing import remesh
 from adaptsize.typing import ProgressCallback
-
-M = TypeVar("M", SimplexMesh, PartitionedMesh)
 
 #: A mesh within this share of the requested number is accepted, by dimension of the cells.  Within
 #: 5 %, 54 loops of triangles took 62 meshes in place of 54, and 12 of tetrahedra 22 in place of 13.
@@ -30,7 +26,7 @@ _ACCEPTED = {2: 0.05, 3: BUDGET_TOLERANCE}
 class NewMesh:
     """A new mesh and how it was made; the old mesh if ``n_meshes`` is 0."""
 
-    mesh: SimplexMesh
+    mesh: AnyMesh
     sizes: NextSizes
     backend: str
     n_meshes: int = 0
@@ -39,14 +35,17 @@ class NewMesh:
 
     def projected(self, project: ProjectionLike, corner_angle: float) -> NewMesh:
         """Return the mesh with its boundary nodes on the true boundary."""
+        assert isinstance(self.mesh, SimplexMesh)
         mesh, moves = move_to_boundary(self.mesh, project, corner_angle)
         return replace(self, mesh=mesh, moves=moves)
 
 
-def make_mesh(
-    mesh: SimplexMesh, first: NewMesh, request: Request, report: ProgressCallback
-) -> NewMesh:
-    """Return a mesh with the sizes of ``first``; repeat if it misses the requested number."""
+def make_mesh(mesh: AnyMesh, first: NewMesh, request: Request, report: ProgressCallback) -> NewMesh:
+    """Return a mesh with the sizes of ``first``.
+
+    If it misses the requested number of elements or nodes, others are made, at most three, and the
+    one closest to the request is returned.  Collective.
+    """
     given = request.options
     options: RemeshOptions = {
         "backend": first.backend,
@@ -54,71 +53,37 @@ def make_mesh(
         "tolerance": given["boundary_tolerance"],
         "max_elements": given["max_elements"],
         "timeout": given["timeout"],
+        "how": given["how"],
+        "rounds": given["rounds"],
     }
+    elements, nodes = given["elements"], given["nodes"]
+    target = elements if nodes is None else nodes
 
-    def make(chosen: NextSizes) -> SimplexMesh:
+    def make(sizes: NextSizes) -> tuple[NewMesh, int]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", BoundaryWarning)  # the caller measures the distance
-            new: SimplexMesh = remesh(mesh, chosen.requested(mesh), progress=report, **options)
-        return new
+            new = remesh(mesh, sizes.requested(mesh), progress=report, **options)
+        n_points, n_cells = numbers_of(new)
+        return replace(first, mesh=new, sizes=sizes), n_cells if nodes is None else n_points
 
-    def count(new: SimplexMesh) -> int:
-        return new.n_cells if request.options["nodes"] is None else new.n_points
-
-    def again(factor: float) -> NextSizes:
-        return request.next(mesh, factor)
-
-    best = meet_target(request, first.sizes, make, count, again)
-    distance = boundary_distance(mesh, best.mesh)
-    return NewMesh(best.mesh, best.sizes, first.backend, best.n_meshes, distance)
-
-
-@dataclass(frozen=True)
-class BestMesh(Generic[M]):
-    """The mesh whose number of elements or nodes is closest to the request, and its sizes."""
-
-    sizes: NextSizes
-    mesh: M
-    n_meshes: int
-    """Number of meshes made."""
-
-
-def meet_target(
-    request: Request,
-    sizes: NextSizes,
-    make: Callable[[NextSizes], M],
-    count: Callable[[M], int],
-    again: Callable[[float], NextSizes],
-) -> BestMesh[M]:
-    """Make meshes, at most three, until the number of elements or nodes is the requested one.
-
-    Parameters
-    ----------
-    request : Request
-    sizes : NextSizes
-        Those of the first mesh.
-    make, count : callable
-        Return a mesh with sizes, and the number of its nodes, if that is requested, or cells.
-    again : callable
-        Return sizes, given how many cells the generator makes per predicted cell.
-    """
-    elements, nodes = request.options["elements"], request.options["nodes"]
-    target = elements if nodes is None else nodes
-    new = make(sizes)
-    best, n_meshes = (sizes, new), 1
+    sizes = first.sizes
+    new, count = make(sizes)
+    best, best_count, n_meshes = new, count, 1
     requested: list[float] = []
     actual: list[float] = []
     while target is not None and elements is not None and sizes.in_reach and n_meshes < 3:
         requested.append(math.log(sizes.simplices))
-        actual.append(math.log(count(new)))
-        if abs(math.expm1(actual[-1] - math.log(target))) <= _ACCEPTED[new.cell_dim]:
+        actual.append(math.log(count))
+        if abs(math.expm1(actual[-1] - math.log(target))) <= _ACCEPTED[mesh.cell_dim]:
             break
-        sizes = again(elements / math.exp(_next_request(requested, actual, math.log(target))))
-        new = make(sizes)
+        factor = elements / math.exp(_next_request(requested, actual, math.log(target)))
+        sizes = request.next(mesh, factor)
+        new, count = make(sizes)
         n_meshes += 1
-        if abs(math.log(count(new) / target)) < abs(math.log(count(best[1]) / target)):
-            best = (sizes, new)
-    return BestMesh(*best, n_meshes)
+        if abs(math.log(count / target)) < abs(math.log(best_count / target)):
+            best, best_count = new, count
+    distance = boundary_distance(mesh, best.mesh)
+    return replace(best, n_meshes=n_meshes, boundary_distance=distance)
 
 
 def _next_request(requested: list[float], actual: list[float], target: float) -> float:

@@ -30,7 +30,7 @@ from adaptsize.sizes.curvature import size_of_chords
 from adaptsize.typing import FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MetricRequest(Request):
     """A request of sizes that depend on the direction.  The present error is not estimated."""
 
@@ -84,12 +84,13 @@ def metric_request(
     accuracy = options["tolerance"]
     if not chosen and bound is None:
         raise ValueError("anisotropic needs a field in fields, or a Metric as h0, got neither")
-    if chosen and accuracy is None and options["elements"] is None:
+    if chosen and (accuracy, options["elements"], options["nodes"]) == (None, None, None):
         raise ValueError("fields need tolerance or elements, got neither")
     if not chosen and accuracy is not None:
         raise ValueError("tolerance needs fields whose error it limits, got none")
     g = METRIC_GRADIENT_LIMIT if isinstance(options["g"], str) else options["g"]
-    return MetricRequest(options, chosen, bound, None if g is None else as_gradient_limit(g))
+    g = None if g is None else as_gradient_limit(g)
+    return MetricRequest(options=options, fields=chosen, bound=bound, g=g)
 
 
 def as_anisotropic(value: Any) -> bool | list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +24,7 @@ from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation.need import Requested, present_of
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
-from adaptsize.background import AnyMesh, SimplexMesh
+from adaptsize.background import AnyMesh, PartitionedMesh
 from adaptsize.limiting import limit_gradient
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, ErrorOptions
@@ -44,46 +44,37 @@ _ACCURACY = 3e-3
 BoundLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Request:
     """A checked request for the next mesh: of sizes, or of a metric."""
 
     options: AdaptOptions
     """Complete.  With ``nodes``, ``elements`` is the number expected with it."""
-
-    @property
-    def error(self) -> float | None:
-        """Estimated error on the present mesh; None if it is not known."""
-        return None
+    error: float | None = None
+    """Estimated error on the present mesh; None if it is not known."""
 
     @property
     def tolerance(self) -> float | None:
         """Target for this error."""
         return None
 
-    def next(self, mesh: SimplexMesh, factor: float) -> NextSizes:
+    def next(self, mesh: Any, factor: float) -> NextSizes:
         """Return the sizes for a generator that makes ``factor`` cells per predicted cell."""
         raise NotImplementedError
 
-    def within(self, mesh: SimplexMesh, tolerance: float) -> Request:
+    def within(self, mesh: Any, tolerance: float) -> Request:
         """Return the request with a bound that leaves curved boundaries within a tolerance."""
         raise NotImplementedError
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SizeRequest(Request):
     """A request of sizes that do not depend on the direction."""
 
     indicator: FloatArray | None
     h0: FloatArray | None
-    total_error: float | None
     chords: FloatArray | None = None
     """Largest sizes that leave curved boundaries within the tolerance of the generator."""
-
-    @property
-    def error(self) -> float | None:
-        """Estimated error on the present mesh."""
-        return self.total_error
 
     @property
     def tolerance(self) -> float | None:
@@ -100,9 +91,13 @@ class SizeRequest(Request):
         """Return the sizes for a generator that makes ``factor`` cells per predicted cell."""
         return next_sizes(mesh, self, factor)
 
-    def within(self, mesh: SimplexMesh, tolerance: float) -> SizeRequest:
-        """Return the request with a bound that leaves curved boundaries within a tolerance."""
-        return replace(self, chords=bound_by_tolerance(mesh, tolerance))
+    def within(self, mesh: AnyMesh, tolerance: float) -> SizeRequest:
+        """Return the request with the error, and a bound that leaves curves within a tolerance."""
+        error = None
+        if self.indicator is not None:
+            squares = mesh.ranks.allreduce(float(self.indicator @ self.indicator), "sum")
+            error = math.sqrt(squares)
+        return replace(self, error=error, chords=bound_by_tolerance(mesh, tolerance))
 
 
 class NextSizes(NamedTuple):
@@ -121,8 +116,13 @@ class NextSizes(NamedTuple):
     metric: Metric | None = None
     """The metric, if the sizes depend on the direction; ``h`` are then its smallest sizes."""
 
-    def requested(self, mesh: SimplexMesh) -> SizeFunction | MetricFunction:
-        """Return the sizes as a function of points."""
+    def requested(self, mesh: AnyMesh) -> SizeFunction | MetricFunction | FloatArray:
+        """Return the sizes as a function of points, or at the nodes of a mesh in parts.
+
+        The latter are finite, also at nodes in no cell, which may have no size.
+        """
+        if isinstance(mesh, PartitionedMesh):
+            return np.where(np.isinf(self.h), 1.0, self.h)
         if self.metric is not None:
             return MetricFunction(mesh, self.metric)
         return SizeFunction(mesh, self.h)
@@ -149,7 +149,8 @@ def as_bound(h0: BoundLike | None, mesh: AnyMesh) -> FloatArray | None:
     if h0 is None:
         return None
     if callable(h0):
-        values = as_float_array("h0(points)", h0(mesh.points), mesh.nodal_shape)
+        given = h0(mesh.points) if mesh.n_points else np.empty(0)
+        values = as_float_array("h0(points)", given, mesh.nodal_shape)
     elif as_plain_array("h0", h0).ndim == 0:
         values = np.full(mesh.nodal_shape, as_number("h0", h0, lower=0.0, strict=True))
     else:
@@ -160,7 +161,7 @@ def as_bound(h0: BoundLike | None, mesh: AnyMesh) -> FloatArray | None:
     return values
 
 
-def bound_by_tolerance(mesh: SimplexMesh, tolerance: float) -> FloatArray | None:
+def bound_by_tolerance(mesh: AnyMesh, tolerance: float) -> FloatArray | None:
     """Return the largest sizes that leave curved boundaries within a share of the diagonal.
 
     In space, generators refine to stay within it.  In the plane they keep the nodes of polygons.

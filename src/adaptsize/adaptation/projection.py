@@ -33,7 +33,6 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from adaptsize._kernels.overlap import add_mass
-from adaptsize.background import SimplexMesh
 from adaptsize.ranks import SharedNodes
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -61,12 +60,6 @@ def sums_over(matrix: csr_array, columns: FloatArray, n_bounded: int = 0) -> Flo
             extreme[rows] = merge.reduceat(values, matrix.indptr[rows], axis=0)
         parts.append(extreme)
     return np.hstack(parts)
-
-
-def hat_integrals(mesh: SimplexMesh) -> FloatArray:
-    """Return the integrals of the hat functions of a mesh, float64[n_points]."""
-    shares = np.repeat(mesh.measures / mesh.cells.shape[1], mesh.cells.shape[1])
-    return np.asarray(np.bincount(mesh.cells.ravel(), shares, mesh.n_points), np.float64)
 
 
 class Projection:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -11,20 +11,69 @@ from adaptsize._checks import warn_caller
 from adaptsize.adaptation._fields import Arrays
 from adaptsize.adaptation.boundary_moves import BoundaryMoves
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
+from adaptsize.background.migration import boundary_facets
+from adaptsize.background.partitioned import local_mesh
+from adaptsize.background.requests import ask_nearest, boxes_around
 from adaptsize.errors import ResolutionWarning
 from adaptsize.metrics import MetricFunction
 from adaptsize.quality.conformity import Conformity
-from adaptsize.remeshing.in_parts import InterfaceQuality, Quality
+from adaptsize.remeshing.in_parts import InterfaceQuality
 from adaptsize.typing import FloatArray
+
+#: Conformity of a whole mesh, or of a mesh in parts.
+MeshQuality: TypeAlias = Conformity | InterfaceQuality
 
 #: Allowed relative deviation from the requested number of elements.
 BUDGET_TOLERANCE = 0.15
 
 
 @dataclass(frozen=True)
-class CycleReport:
-    """What the reports on a mesh in one process and on a distributed one have in common."""
+class AdaptReport:
+    """One adaptation cycle: the request, the steps, and the result.
 
+    It describes the whole mesh, and is the same on all ranks if that is in parts.
+
+    Attributes
+    ----------
+    cell_dim : int
+        2 for triangles, 3 for tetrahedra.
+    n_points_before, n_points_after, n_cells_before, n_cells_after : int
+        "After" refers to the returned mesh, which may be the old one.
+    backend : str
+        The mesh generator.
+    n_meshes : int
+        Number of meshes made: more than one if the first missed the number of elements.
+    elements, nodes, tolerance : float or None
+        The request.  With ``nodes``, ``elements`` is the number expected with it.
+    predicted_elements : float
+        Predicted number of elements for the sizes and this generator, within all limits.
+    error : float or None
+        Estimated error of the solution on the old mesh, ``sqrt(sum(indicator**2))``.
+    share_in_band : float
+        Share of the elements of the next mesh that the old mesh already has: its edges within
+        sqrt 2 of the new sizes, each weighted by the elements that replace it.
+    share_too_long, share_too_short : float
+        Shares of the other edges, with the same weights.
+    before, after : Conformity, or InterfaceQuality in parts
+        Conformity of both meshes with the new sizes; the same object if not remeshed.
+    measure_before, measure_after : float
+        Area or volume.
+    boundary_distance : float
+        Largest distance of a boundary node of the generated mesh, before projection, from the
+        boundary of the old mesh.
+    moves : BoundaryMoves or None
+        Result of the projection by ``project``.
+    lost_tags : tuple of str
+        Tags of cells and facets that the new mesh has lost.
+    kept_tags : bool
+        Whether the old mesh had tags of cells or facets.
+    transferred : dict of str to str
+        How each field was transferred.
+    integrals : dict of str to (ndarray, ndarray)
+        Integrals of the fields over the old and the new mesh, except for integers.
+    """
+
+    cell_dim: int
     n_points_before: int
     n_points_after: int
     n_cells_before: int
@@ -42,6 +91,53 @@ class CycleReport:
     measure_after: float
     boundary_distance: float
     lost_tags: tuple[str, ...]
+    backend: str
+    before: MeshQuality
+    after: MeshQuality
+    moves: BoundaryMoves | None
+    kept_tags: bool
+    transferred: dict[str, str]
+    integrals: dict[str, tuple[FloatArray, FloatArray]]
+
+    def __str__(self) -> str:
+        """Return a few lines."""
+        return "\n".join(self._lines())
+
+    def _lines(self) -> list[str]:
+        kind = "triangles" if self.cell_dim == 2 else "tetrahedra"
+        lines = [f"{self.n_cells_before} {kind}, {self.n_points_before} nodes"]
+        if self.n_meshes:
+            lines[0] += f" -> {self.n_cells_after} {kind}, {self.n_points_after} nodes"
+            lines[0] += f" ({self.backend}" + (
+                f", try {self.n_meshes})" if self.n_meshes > 1 else ")"
+            )
+        lines += self._request()
+        lines.append(
+            f"sizes: {self.share_in_band:.0%} of the next mesh present already, "
+            f"{self.share_too_long:.0%} too long, {self.share_too_short:.0%} too short"
+        )
+        lines.append("old mesh: " + _quality(self.before))
+        if self.n_meshes:
+            lines.append("new mesh: " + _quality(self.after))
+            lines.append(self._boundary())
+        if self.moves is not None:
+            lines.append(f"projected: {self.moves}")
+        if self.kept_tags:
+            lost = ", ".join(self.lost_tags)
+            lines.append(f"tags lost: {lost}" if lost else "tags: all kept")
+        lines += [self._field(name, how) for name, how in self.transferred.items()]
+        return lines
+
+    def _field(self, name: str, how: str) -> str:
+        text = f"field {name}: {how}"
+        if name not in self.integrals:
+            return text
+        before, after = self.integrals[name]
+        largest = float(np.abs(before).max(initial=0.0))
+        if largest > 0.0:
+            change = float(np.abs(after - before).max()) / largest
+            text += f", integral changed by {change:.1e}"
+        return text
 
     @property
     def budget_met(self) -> bool | None:
@@ -104,129 +200,6 @@ class CycleReport:
 
 
 @dataclass(frozen=True)
-class AdaptReport(CycleReport):
-    """One adaptation cycle: the request, the steps, and the result.
-
-    Attributes
-    ----------
-    n_points_before, n_points_after, n_cells_before, n_cells_after : int
-        "After" refers to the returned mesh, which may be the old one.
-    backend : str
-        The mesh generator.
-    n_meshes : int
-        Number of meshes made: more than one if the first missed the number of elements.
-    elements, nodes, tolerance : float or None
-        The request.  With ``nodes``, ``elements`` is the number expected with it.
-    predicted_elements : float
-        Predicted number of elements for the sizes and this generator, within all limits.
-    error : float or None
-        Estimated error of the solution on the old mesh, ``sqrt(sum(indicator**2))``.
-    share_in_band : float
-        Share of the elements of the next mesh that the old mesh already has: its edges within
-        sqrt 2 of the new sizes, each weighted by the elements that replace it.
-    share_too_long, share_too_short : float
-        Shares of the other edges, with the same weights.
-    before, after : Conformity
-        Conformity of both meshes with the new sizes; the same object if not remeshed.
-    measure_before, measure_after : float
-        Area or volume.
-    boundary_distance : float
-        Largest distance of a boundary node of the generated mesh, before projection, from the
-        boundary of the old mesh.
-    moves : BoundaryMoves or None
-        Result of the projection by ``project``.
-    lost_tags : tuple of str
-        Tags of cells and facets that the new mesh has lost.
-    kept_tags : bool
-        Whether the old mesh had tags of cells or facets.
-    transferred : dict of str to str
-        How each field was transferred.
-    integrals : dict of str to (ndarray, ndarray)
-        Integrals of the fields over the old and the new mesh, except for integers.
-    """
-
-    backend: str
-    before: Conformity
-    after: Conformity
-    moves: BoundaryMoves | None
-    kept_tags: bool
-    transferred: dict[str, str]
-    integrals: dict[str, tuple[FloatArray, FloatArray]]
-
-    def __str__(self) -> str:
-        """Return a few lines."""
-        return "\n".join(self._lines())
-
-    def _lines(self) -> list[str]:
-        kind = "triangles" if self.before.cell_dim == 2 else "tetrahedra"
-        lines = [f"{self.n_cells_before} {kind}, {self.n_points_before} nodes"]
-        if self.n_meshes:
-            lines[0] += f" -> {self.n_cells_after} {kind}, {self.n_points_after} nodes"
-            lines[0] += f" ({self.backend}" + (
-                f", try {self.n_meshes})" if self.n_meshes > 1 else ")"
-            )
-        lines += self._request()
-        lines.append(
-            f"sizes: {self.share_in_band:.0%} of the next mesh present already, "
-            f"{self.share_too_long:.0%} too long, {self.share_too_short:.0%} too short"
-        )
-        lines.append("old mesh: " + _quality(self.before))
-        if self.n_meshes:
-            lines.append("new mesh: " + _quality(self.after))
-            lines.append(self._boundary())
-        if self.moves is not None:
-            lines.append(f"projected: {self.moves}")
-        if self.kept_tags:
-            lost = ", ".join(self.lost_tags)
-            lines.append(f"tags lost: {lost}" if lost else "tags: all kept")
-        lines += [self._field(name, how) for name, how in self.transferred.items()]
-        return lines
-
-    def _field(self, name: str, how: str) -> str:
-        text = f"field {name}: {how}"
-        if name not in self.integrals:
-            return text
-        before, after = self.integrals[name]
-        largest = float(np.abs(before).max(initial=0.0))
-        if largest > 0.0:
-            change = float(np.abs(after - before).max()) / largest
-            text += f", integral changed by {change:.1e}"
-        return text
-
-
-@dataclass(frozen=True)
-class PartsReport(CycleReport):
-    """One adaptation cycle of a distributed mesh; the same on all ranks.
-
-    The attributes that `AdaptReport` has as well mean the same, for the whole
-    mesh.
-
-    Attributes
-    ----------
-    before : Quality
-        The old mesh compared with the new sizes.
-    after : InterfaceQuality
-        The new mesh, and its cells at former interfaces between parts.
-    """
-
-    before: Quality
-    after: InterfaceQuality
-
-    def __str__(self) -> str:
-        """Return a few lines."""
-        lines = [
-            f"{self.n_cells_before} cells -> {self.n_cells_after} cells, "
-            f"{self.n_points_after} nodes",
-            *self._request(),
-        ]
-        if self.n_meshes:
-            lines += [str(self.after), self._boundary()]
-        if self.lost_tags:
-            lines.append(f"tags lost: {', '.join(self.lost_tags)}")
-        return "\n".join(lines)
-
-
-@dataclass(frozen=True)
 class AdaptResult:
     """What `adapt` returns.
 
@@ -246,7 +219,7 @@ class AdaptResult:
         sizes and the number of its elements are as requested.
     reason : str
         Why the mesh was remeshed, or why not.
-    report : AdaptReport, or PartsReport in parts
+    report : AdaptReport
         ``print(result.report)`` prints a few lines.
     metric : MetricFunction or None
         The requested metric on the old mesh, if sizes depend on the direction.
@@ -259,7 +232,7 @@ class AdaptResult:
     remeshed: bool
     converged: bool
     reason: str
-    report: Any
+    report: AdaptReport
     metric: MetricFunction | None = None
 
     def __repr__(self) -> str:
@@ -274,7 +247,9 @@ class AdaptResult:
         return f"{self.reason}\n{self.report}"
 
 
-def _quality(conformity: Conformity) -> str:
+def _quality(conformity: MeshQuality) -> str:
+    if isinstance(conformity, InterfaceQuality):
+        return str(conformity)
     return (
         f"{conformity.share_in_band:.0%} of the edges within sqrt 2 of the sizes, radius ratio "
         f"min {conformity.radius_ratio_min:.3f} mean {conformity.radius_ratio_mean:.3f}, "
@@ -287,26 +262,39 @@ def total_measure(mesh: AnyMesh) -> float:
     return float(mesh.ranks.allreduce(float(mesh.measures.sum()), "sum"))
 
 
-def lost_tags(old: AnyMesh, new: AnyMesh) -> tuple[str, ...]:
-    """Return the tags of cells and facets of the old mesh that the new one lacks; collective."""
-    before, after = (set().union(*mesh.ranks.allgather(_tags(mesh))) for mesh in (old, new))
-    return tuple(f"{kind} tag {tag}" for kind, tag in sorted(before - after))
+def numbers_of(mesh: AnyMesh) -> tuple[int, int]:
+    """Return the numbers of nodes and cells of the whole mesh."""
+    if isinstance(mesh, PartitionedMesh):
+        return mesh.n_global_points, mesh.n_global_cells
+    return mesh.n_points, mesh.n_cells
 
 
-def _tags(mesh: AnyMesh) -> set[tuple[str, int]]:
-    own = mesh.mesh if isinstance(mesh, PartitionedMesh) else mesh
+def tags_of(mesh: AnyMesh) -> set[tuple[str, int]]:
+    """Return the kinds and numbers of the tags of cells and facets; collective."""
+    own = local_mesh(mesh)
     tags = {kind: getattr(own, f"{kind}_tags", None) for kind in ("cell", "facet")}
-    return {
+    found = {
         (kind, tag) for kind, of in tags.items() if of is not None for tag in np.unique(of).tolist()
     }
+    return set().union(*mesh.ranks.allgather(found))
 
 
-def boundary_distance(old: SimplexMesh, new: SimplexMesh) -> float:
+def boundary_distance(old: AnyMesh, new: AnyMesh) -> float:
     """Return the largest distance of a boundary node of a mesh to the boundary of another.
 
-    For triangles in space, the distance of all nodes from the old triangles is used.
+    For triangles in space, the distance of all nodes from the old triangles is used.  Collective:
+    nodes are sent to the ranks with the nearest facets.
     """
-    if new.cell_dim < new.dim:
+    if isinstance(old, SimplexMesh) and old.cell_dim < old.dim:
         return float(old.locator.nearest(new.points)[2].max())
-    skin = old.boundary().mesh
-    return float(skin.locator.nearest(new.points[new.boundary().nodes])[2].max())
+    facets = boundary_facets(old)
+    nodes = np.unique(boundary_facets(new))
+    skin = SimplexMesh(old.points, facets) if len(facets) else None
+
+    def distances(points: FloatArray) -> FloatArray:
+        assert skin is not None
+        return skin.locator.nearest(points)[2][:, None]
+
+    boxes = boxes_around(old.points[np.unique(facets)], old.ranks)
+    found = ask_nearest(old, boxes, new.points[nodes], distances)
+    return float(old.ranks.allreduce(float(found.max(initial=0.0)), "max"))

@@ -23,12 +23,13 @@ from adaptsize.adaptation._fields import (
     methods_of,
 )
 from adaptsize.adaptation.overlaps import OUTSIDE, Intersections, intersections_of
-from adaptsize.adaptation.projection import Projection, hat_integrals, sums_over
+from adaptsize.adaptation.projection import Projection, sums_over
 from adaptsize.adaptation.transfer_in_parts import TransferredFields, transfer_in_parts
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh, as_own
 from adaptsize.limiting.exact.field import Workers
 from adaptsize.options import TransferOptions, checked, with_options
+from adaptsize.sizes.budget import nodal_measures
 from adaptsize.typing import FloatArray, IntArray, NodalMethod, ProgressCallback, Unpack
 
 #: Distance, over the size, by which a point is moved into a cell to find its side of a slit.
@@ -94,28 +95,38 @@ def transfer_fields(
         return given, nodal, by_cell
 
     given, nodal, by_cell = old.ranks.agree(check)
-    conservative = given["conservative"]
-    if isinstance(old, PartitionedMesh):
-        assert isinstance(new, PartitionedMesh)
-        method = methods_of(given["method"], nodal, old)
-        return transfer_in_parts(old, new, nodal, by_cell, conservative=conservative, method=method)
-    assert isinstance(new, SimplexMesh)
-    transfer = FieldTransfer(old, new, progress=progress)
-    if by_cell and conservative:
-        transfer.refuse_surfaces()
-    return transferred(transfer, nodal, by_cell, given)
+    return transferred(old, new, nodal, by_cell, given, progress)
 
 
 def transferred(
-    transfer: FieldTransfer, nodal: Arrays, by_cell: Arrays, given: Mapping[str, Any]
+    old: AnyMesh,
+    new: AnyMesh,
+    nodal: Arrays,
+    by_cell: Arrays,
+    given: Mapping[str, Any],
+    progress: ProgressCallback | bool | None,
 ) -> TransferredFields:
     """Return checked fields on the new mesh; ``given`` has the options of `transfer_fields`."""
-    method = methods_of(given["method"], nodal, transfer.old)
+    method = methods_of(given["method"], nodal, old)
+    if isinstance(old, PartitionedMesh):
+        assert isinstance(new, PartitionedMesh)
+        conservative = given["conservative"]
+        return transfer_in_parts(old, new, nodal, by_cell, conservative=conservative, method=method)
+    assert isinstance(new, SimplexMesh)
+    transfer = FieldTransfer(old, new, progress=progress)
+    if by_cell and given["conservative"]:
+        transfer.refuse_surfaces()
     how = {name: given[name] for name in ("conservative", "keep_integral")}
     return TransferredFields(
         {name: transfer.nodal(values, method=method[name]) for name, values in nodal.items()},
         {name: transfer.cells(values, **how) for name, values in by_cell.items()},
     )
+
+
+def integral(mesh: AnyMesh, values: npt.NDArray[Any], *, nodal: bool = False) -> npt.NDArray[Any]:
+    """Return the integral of a checked field; collective."""
+    weights = nodal_measures(mesh) if nodal else mesh.measures
+    return np.asarray(mesh.ranks.allreduce(np.tensordot(weights, values, axes=1), "sum"))
 
 
 def _check_kinds(old: AnyMesh, new: AnyMesh) -> None:
@@ -354,8 +365,8 @@ class FieldTransfer:
             ("old_values", self.old, old_values),
             ("new_values", self.new, new_values),
         ):
-            weights = hat_integrals(mesh) if nodal else mesh.measures
-            found.append(np.tensordot(weights, as_field(name, values, len(weights)), axes=1))
+            n = mesh.n_points if nodal else mesh.n_cells
+            found.append(integral(mesh, as_field(name, values, n), nodal=nodal))
         return found[0], found[1]
 
     @cached_property

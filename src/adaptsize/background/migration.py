@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptsize._checks import refuse_where
-from adaptsize.background.partitioned import PartitionedMesh
+from adaptsize.background.partitioned import AnyMesh, PartitionedMesh
 from adaptsize.background.partitioning import cut_part, joined
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.background.topology import oriented_facets, tags_of_facets
@@ -43,9 +43,11 @@ def interface_facets(part: PartitionedMesh) -> IntArray:
     return between
 
 
-def boundary_facets(part: PartitionedMesh) -> IntArray:
+def boundary_facets(mesh: AnyMesh) -> IntArray:
     """Return the facets on the boundary of the whole mesh, as local nodes; collective."""
-    facets, is_between = _free_facets(part)
+    if isinstance(mesh, SimplexMesh):
+        return np.asarray(mesh.facets[mesh.facet_cell_counts == 1])
+    facets, is_between = _free_facets(mesh)
     boundary: IntArray = facets[~is_between]
     return boundary
 

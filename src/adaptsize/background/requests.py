@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.background._curve import along_curve
-from adaptsize.background.partitioned import PartitionedMesh
+from adaptsize.background.partitioned import AnyMesh, PartitionedMesh
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.ranks import Communicator
 from adaptsize.typing import FloatArray, IntArray, LongArray
@@ -70,7 +70,7 @@ def ranks_that_meet(
 
 
 def ask_nearest(
-    old: PartitionedMesh,
+    old: AnyMesh,
     boxes: FloatArray,
     points: FloatArray,
     answer: Callable[[FloatArray], FloatArray],
@@ -146,7 +146,7 @@ def _distances(low: FloatArray, high: FloatArray, boxes: FloatArray) -> FloatArr
 
 
 def ask_ranks(
-    old: PartitionedMesh,
+    old: AnyMesh,
     points: FloatArray,
     which: LongArray,
     rank: npt.NDArray[Any],

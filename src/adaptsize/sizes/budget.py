@@ -9,7 +9,8 @@ from typing import TypeVar
 import numpy as np
 
 from adaptsize._checks import as_number, check_type
-from adaptsize.background import AnyMesh, CartesianGrid, Octree, SimplexMesh
+from adaptsize.background import AnyMesh, CartesianGrid, Octree
+from adaptsize.background.migration import boundary_facets
 from adaptsize.typing import FloatArray
 
 T = TypeVar("T")
@@ -206,8 +207,8 @@ def nodes_of(cell_dim: int, cells: float, facets: float) -> float:
     return _PER_CELL[cell_dim] * cells + _PER_FACET[cell_dim] * facets
 
 
-def elements_with_nodes(mesh: SimplexMesh, nodes: float) -> float:
-    """Return the number of cells of a mesh of the same domain with so many nodes.
+def elements_with_nodes(mesh: AnyMesh, nodes: float) -> float:
+    """Return the number of cells of a mesh of the same domain with so many nodes; collective.
 
     The number of boundary facets is taken to grow as that of a uniformly refined mesh: as the
     cells to the power of (d - 1) / d.
@@ -218,12 +219,9 @@ def elements_with_nodes(mesh: SimplexMesh, nodes: float) -> float:
     >>> round(elements_with_nodes(square, 101**2))  # 2 * 100^2 and 4 * 100
     20002
     """
-    wanted = as_number("nodes", nodes, lower=1.0)
-    return cells_for_nodes(wanted, mesh.cell_dim, mesh.n_cells, _n_boundary_facets(mesh))
-
-
-def cells_for_nodes(wanted: float, d: int, n_cells: int, n_facets: int) -> float:
-    """Return the number of cells with so many nodes, given the numbers of the present mesh."""
+    wanted, d = as_number("nodes", nodes, lower=1.0), mesh.cell_dim
+    present = np.array([len(mesh.cells), len(boundary_facets(mesh))])
+    n_cells, n_facets = mesh.ranks.allreduce(present, "sum").tolist()
     facets = n_facets / n_cells ** ((d - 1) / d)
     # With x = cells^(1/d), wanted = a x^d + b x^(d - 1), increasing: Newton's method from above.
     a, b = _PER_CELL[d], _PER_FACET[d] * facets
@@ -235,7 +233,3 @@ def cells_for_nodes(wanted: float, d: int, n_cells: int, n_facets: int) -> float
         if abs(step) <= 1e-12 * x:
             break
     return max(math.pow(x, d), 1.0)
-
-
-def _n_boundary_facets(mesh: SimplexMesh) -> int:
-    return int(np.count_nonzero(mesh.facet_cell_counts == 1))

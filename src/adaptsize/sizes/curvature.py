@@ -255,15 +255,15 @@ def _curvature_at(
     return np.asarray(kappa)
 
 
-def radius_at_curves(mesh: SimplexMesh, crease_angle: float = CREASE_ANGLE) -> FloatArray:
+def radius_at_curves(mesh: AnyMesh, crease_angle: float = CREASE_ANGLE) -> FloatArray:
     """Return the radius 1 / kappa of the boundary of a mesh, and of interfaces inside.
 
-    Mesh generators keep both within their tolerance.
+    Mesh generators keep both within their tolerance.  Collective.
 
     Parameters
     ----------
-    mesh : SimplexMesh
-        Or a surface, which is a boundary itself.
+    mesh : SimplexMesh or PartitionedMesh
+        Or a surface, which is a boundary itself.  Interfaces inside a mesh in parts do not count.
     crease_angle
         As in `size_from_curvature`.
 
@@ -274,6 +274,8 @@ def radius_at_curves(mesh: SimplexMesh, crease_angle: float = CREASE_ANGLE) -> F
     """
     if mesh.dim == 1:
         return np.full(mesh.n_points, np.inf)
+    if isinstance(mesh, PartitionedMesh):
+        return size_from_curvature(mesh, elements_per_radian=1.0, crease_angle=crease_angle)
     is_volume = mesh.cell_dim == mesh.dim
     parts = [] if is_volume and mesh.is_closed else [skin_of(mesh)]
     inner = interfaces(mesh) if is_volume else None
