@@ -21,9 +21,11 @@ def test_ascii_stl_corners_are_merged_where_equal_and_minus_zero_is_zero(tmp_pat
 def test_a_binary_stl_whose_header_says_solid_is_read_as_binary(tmp_path):
     file = tmp_path / "solid.stl"
     corners = np.random.default_rng(7310).random((5, 3, 3)).astype(np.float32)
-    file.write_bytes(binary_stl(corners, header=b"solid made by a program"))
-    mesh = read(file)
-    assert_array_equal(mesh.points[mesh.cells], corners)
+    content = binary_stl(corners, header=b"solid made by a program")
+    for more in (b"", b"bytes after the triangles"):
+        file.write_bytes(content + more)
+        mesh = read(file)
+        assert_array_equal(mesh.points[mesh.cells], corners)
 
 
 def test_stl_triangles_with_a_repeated_corner_are_dropped_and_counted(tmp_path):

@@ -1,4 +1,4 @@
-"""Files read and written by other packages, in the child process of `limited`.
+"""Files read by other packages, in the child process of `limited`.
 
 Modules with compiled kernels are not imported here, because that would take a second.
 """
@@ -19,6 +19,7 @@ from adaptsize._formats.blocks import RawMesh, name_of_polygon, sewn
 from adaptsize._formats.guards import files_named_in
 from adaptsize.errors import MeshFileError
 
+_VERTEX = re.compile(rb"^[ \t]*v[ \t]", re.M)  # of OBJ
 _ELEMENT_DATA = re.compile(rb"^\$ElementData\s*?\n.*?^\$EndElementData\s*?\n", re.M | re.S)
 #: The names of physical groups.  meshio keeps one per name; a volume and its skin may share one.
 _NAMES = re.compile(r"^\$PhysicalNames\s*$(.*?)^\$EndPhysicalNames", re.M | re.S)
@@ -50,11 +51,16 @@ def refuse_links(path: Path) -> None:
 
 
 def read_vtk(path: Path) -> RawMesh:
-    """Return the mesh in a file of VTK.  Parts of one mesh are joined."""
-    if path.suffix.lower() == ".vtkhdf":
+    """Return the mesh in a file that VTK reads.  Parts of one mesh are joined."""
+    suffix = path.suffix.lower()
+    if suffix == ".vtkhdf":
         refuse_links(path)
     raw = vtk.raw_of(vtk.read_file(path))
-    is_in_parts = path.suffix.lower() in (".pvtu", ".pvtp", ".vtkhdf") and len(raw.points)
+    is_in_parts = suffix in (".pvtu", ".pvtp", ".vtkhdf") and len(raw.points)
+    if suffix == ".obj":
+        raw = RawMesh(raw.points, raw.blocks)
+        # VTK has one node per pair of a vertex and its texture or normal: seams would be cracks.
+        is_in_parts = len(raw.points) > len(_VERTEX.findall(path.read_bytes()))
     return sewn(raw) if is_in_parts else raw
 
 
@@ -137,9 +143,7 @@ def read_trimesh(path: Path) -> RawMesh:
     points = np.asarray(mesh.vertices, dtype=np.float64)
     if is_ply:
         return _raw_of_ply(points, mesh.metadata["_ply_raw"])
-    raw = RawMesh(points, [("triangle", np.asarray(mesh.faces, np.int64).reshape(-1, 3))])
-    # One node per pair of position and texture corner: seams would be cracks.
-    return sewn(raw) if path.suffix.lower() == ".obj" else raw
+    return RawMesh(points, [("triangle", np.asarray(mesh.faces, np.int64).reshape(-1, 3))])
 
 
 def _raw_of_ply(points: npt.NDArray[np.float64], elements: dict[str, Any]) -> RawMesh:
@@ -169,11 +173,3 @@ def _raw_of_ply(points: npt.NDArray[np.float64], elements: dict[str, Any]) -> Ra
     at_nodes = {name: v for name, v in fields["vertex"].items() if name not in "xyz"}
     of_cells = {name: [v[k] for k in of_size] for name, v in fields.get("face", {}).items()}
     return RawMesh(points, blocks, at_nodes, of_cells)
-
-
-def write_meshio(path: Path, raw: RawMesh, file_format: str, options: dict[str, Any]) -> None:
-    """Write a mesh by meshio."""
-    import meshio
-
-    mesh = meshio.Mesh(raw.points, raw.blocks, raw.point_data, raw.cell_data)
-    meshio.write(path, mesh, file_format=file_format, **options)

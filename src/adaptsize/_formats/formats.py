@@ -22,10 +22,9 @@ from adaptsize._formats import writers as write
 from adaptsize._formats.blocks import RawMesh, check_raw
 from adaptsize._formats.guards import about_file, check_readable, files_named_in
 from adaptsize._formats.limited import read_limited
-from adaptsize._formats.off import read_off
 from adaptsize._formats.solvers import write_abaqus, write_nastran, write_su2
+from adaptsize._formats.surfaces import read_off, read_stl
 from adaptsize.background import CartesianGrid, SimplexMesh
-from adaptsize.background.merging import merge_equal_points
 from adaptsize.errors import MeshFileError
 
 #: What names of fields must match: texts that XML can hold, at most 100 characters.
@@ -48,8 +47,7 @@ class Format:
     suffixes: tuple[str, ...]
     write: Callable[..., None] | None
     """Takes the path and ``mesh``, a SimplexMesh."""
-    readers: tuple[Callable[[Path], RawMesh], ...] = ()
-    """In the order in which they are tried."""
+    read: Callable[[Path], RawMesh] | None = None
     check_end: Callable[[bytes], None] | None = None
     """Refuses a file without its end mark, before it is read."""
     check_counts: Callable[[bytes, RawMesh], None] | None = None
@@ -97,15 +95,8 @@ class Format:
         return partial(self.write, mesh=background.mesh.with_data(point_data=at_nodes))
 
 
-def _load_stl(path: Path) -> RawMesh:
-    found = read_limited("read_trimesh", path)
-    with np.errstate(invalid="ignore"):  # numbers that are not finite are refused later
-        points, number = merge_equal_points(found.points)
-    return RawMesh(points, [("triangle", number[cells]) for _, cells in found.blocks])
-
-
 _MESHIO, _VTK, _TRIMESH = (
-    (partial(read_limited, f"read_{name}"),) for name in ("meshio", "vtk", "trimesh")
+    partial(read_limited, f"read_{name}") for name in ("meshio", "vtk", "trimesh")
 )
 _cells = partial(Format, holds_fields=False)
 _triangles = partial(Format, only_triangles=True, holds_metrics=False, names=_WORD)
@@ -120,7 +111,7 @@ FORMATS: dict[str, Format] = {
     ),
     "gmsh-view": Format((".pos",), write.write_view, only_sizes=True),
     "medit-sol": Format((".sol",), write.write_sol, only_sizes=True),
-    "vti": Format((".vti",), write.refuse_mesh, (), check.check_vtk_xml, holds_grids=True),
+    "vti": Format((".vti",), write.refuse_mesh, None, check.check_vtk_xml, holds_grids=True),
     "vtu": Format((".vtu",), _by_vtk["vtu"], _VTK, check.check_vtk_xml),
     "vtp": Format((".vtp",), _by_vtk["vtp"], _VTK, check.check_vtk_xml),
     "vtk-xml": Format((".vtr", ".vts", ".vtm", ".pvtu", ".pvtp"), None, _VTK, check.check_vtk_xml),
@@ -129,23 +120,20 @@ FORMATS: dict[str, Format] = {
     "xdmf": Format((".xdmf", ".xmf"), write.write_xdmf, _MESHIO),
     "gmsh": Format((".msh",), write.write_gmsh, _MESHIO, check.check_gmsh, names=_QUOTED),
     "medit": _cells((".mesh", ".meshb"), write.write_medit, _MESHIO, check.check_medit_end),
-    "stl": _cells(
-        (".stl",), _stl, (_load_stl,), check.check_stl_end, check.check_stl, only_triangles=True
-    ),
+    "stl": _triangles((".stl",), _stl, read_stl, holds_fields=False),
     "ply": _triangles((".ply",), _surface["ply"], _TRIMESH, check_counts=check.check_ply),
-    # meshio does not know all spellings.
     "obj": _triangles(
-        (".obj",), _surface["obj"], _MESHIO + _TRIMESH, None, check.check_obj, holds_fields=False
+        (".obj",), _surface["obj"], _VTK, None, check.check_obj, holds_fields=False
     ),
-    "off": _triangles((".off",), _surface["off"], (read_off,), holds_fields=False),
+    "off": _triangles((".off",), _surface["off"], read_off, holds_fields=False),
     "gltf": Format((".gltf", ".glb", ".3mf"), None, _TRIMESH),
-    "fort.14": _cells((".14", ".grd", ".gr3"), fort14.write, (fort14.read,), only_full=True),
+    "fort.14": _cells((".14", ".grd", ".gr3"), fort14.write, fort14.read, only_full=True),
     "abaqus": _cells((".inp",), write_abaqus, _MESHIO, None, check.check_abaqus),
     "nastran": _cells((".bdf", ".nas", ".fem"), write_nastran, _MESHIO, check.check_nastran_end),
     "su2": _cells(
         (".su2",), write_su2, _MESHIO, check.check_su2_points, check.check_su2, only_full=True
     ),
-    "polygons": Format(tuple(polygon_files.READERS), None, (polygon_files.load,)),
+    "polygons": Format(tuple(polygon_files.READERS), None, polygon_files.load),
 }
 #: What other functions read, or write.
 _ELSEWHERE = {
@@ -163,8 +151,8 @@ def load(path: Path) -> RawMesh:
     if suffix in _ELSEWHERE:
         raise MeshFileError(_ELSEWHERE[suffix])
     found = _of_suffix(suffix)
-    if found is None or not found.readers:
-        known = [s for form in FORMATS.values() if form.readers for s in form.suffixes]
+    if found is None or found.read is None:
+        known = [s for form in FORMATS.values() if form.read for s in form.suffixes]
         raise MeshFileError(
             f"has a suffix that no reader knows ({suffix or 'none'}); these can be read: "
             f"{', '.join(known)}; meshio may read it: "
@@ -173,18 +161,16 @@ def load(path: Path) -> RawMesh:
     content = path.read_bytes()
     check_end(suffix, content)
     check_named(path)
-    first_failure: MeshFileError | None = None
-    for reader in found.readers:
-        try:
-            raw = _loaded(reader, path)
-        except MeshFileError as error:
-            first_failure = first_failure or error
-        else:
-            if found.check_counts is not None:
-                found.check_counts(content, raw)
-            return raw
-    assert first_failure is not None
-    raise first_failure
+    try:
+        raw = found.read(path)
+    except MeshFileError:
+        raise
+    except (*_DAMAGE, ValueError) as error:
+        raise MeshFileError(f"cannot be read as a mesh ({error})") from error
+    check_raw(raw)
+    if found.check_counts is not None:
+        found.check_counts(content, raw)
+    return raw
 
 
 def check_end(suffix: str, content: bytes) -> None:
@@ -205,17 +191,6 @@ def check_named(path: Path, first: int = 0, step: int = 1) -> None:
 
 def _of_suffix(suffix: str) -> Format | None:
     return next((form for form in FORMATS.values() if suffix in form.suffixes), None)
-
-
-def _loaded(reader: Callable[[Path], RawMesh], path: Path) -> RawMesh:
-    try:
-        raw = reader(path)
-    except MeshFileError:
-        raise
-    except (*_DAMAGE, ValueError) as error:
-        raise MeshFileError(f"cannot be read as a mesh ({error})") from error
-    check_raw(raw)
-    return raw
 
 
 def format_of(path: Path, file_format: str | None) -> Format:

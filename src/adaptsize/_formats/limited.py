@@ -65,19 +65,10 @@ def read_limited(function: str, path: Path, *arguments: Any) -> Any:
     MeshFileError
         If the function raises, crashes or exceeds a limit.
     """
-    size = sum(file.stat().st_size for file in [path, *files_named_in(path)])
-    limited = (_SECONDS + _SECONDS_PER_BYTE * size, _MEMORY + _MEMORY_PER_BYTE * size)
-    return _call([function, str(path.absolute()), *arguments], limited)
-
-
-def call_unlimited(function: str, path: Path, *arguments: Any) -> Any:
-    """Call a function that writes a file, or reads what this package has written."""
-    return _call([function, str(path.absolute()), *arguments], None)
-
-
-def _call(job: list[Any], limited: tuple[float, float] | None) -> Any:
-    """Do a job in the child, with limits of seconds and bytes."""
     global _CHILD  # noqa: PLW0603 - one for all calls
+    size = sum(file.stat().st_size for file in [path, *files_named_in(path)])
+    seconds, memory = _SECONDS + _SECONDS_PER_BYTE * size, _MEMORY + _MEMORY_PER_BYTE * size
+    job = function, str(path.absolute()), arguments
     with _LOCK:
         while True:
             if _CHILD is not None and _CHILD.poll() is not None:
@@ -85,17 +76,16 @@ def _call(job: list[Any], limited: tuple[float, float] | None) -> Any:
             child = _CHILD = _CHILD or _started()
             assert child.stdin is not None
             assert child.stdout is not None
-            timer = threading.Timer(_PATIENCE * limited[0] if limited else 0.0, child.kill)
+            timer = threading.Timer(_PATIENCE * seconds, child.kill)
             try:
-                if limited is not None:
-                    timer.start()
-                pickle.dump((job, limited), child.stdin)
+                timer.start()
+                pickle.dump((job, seconds, memory), child.stdin)
                 child.stdin.flush()
                 result, error = pickle.load(child.stdout)
                 break
             except (BrokenPipeError, EOFError, pickle.UnpicklingError):  # it has ended
                 if code := _drop():  # otherwise it was idle for too long
-                    raise MeshFileError(_reason(code, limited)) from None
+                    raise MeshFileError(_reason(code, seconds)) from None
             except BaseException:  # an interrupt
                 child.kill()
                 _drop()
@@ -138,11 +128,11 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget)
 
 
-def _reason(code: int, limited: tuple[float, float] | None) -> str:
+def _reason(code: int, seconds: float) -> str:
     ended = how_it_ended(code)
-    if limited is not None and ended in ("SIGXCPU", "SIGTERM", "SIGKILL"):
+    if ended in ("SIGXCPU", "SIGTERM", "SIGKILL"):
         return (
-            f"takes more than {limited[0]:.2g} s of processor time or too much memory, which its "
+            f"takes more than {seconds:.2g} s of processor time or too much memory, which its "
             "size does not justify; it is damaged or malicious"
         )
     return f"makes its reader crash ({ended}); it is damaged or too large for this machine"
@@ -158,18 +148,17 @@ def _serve() -> None:
     os.dup2(nowhere, 1)
     with contextlib.suppress(EOFError):
         while sys.platform == "win32" or select.select([0], [], [], _IDLE_SECONDS)[0]:
-            job, limited = pickle.load(sys.stdin.buffer)
-            with limits(*limited) if limited else contextlib.nullcontext():
+            job, seconds, memory = pickle.load(sys.stdin.buffer)
+            with limits(seconds, memory):
                 try:
-                    pickle.dump(_done(job), replies)
+                    pickle.dump(_done(*job), replies)
                     replies.flush()
                 except MemoryError:  # a part may have been written
                     os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _done(job: list[Any]) -> tuple[Any, str | None]:
+def _done(name: str, path: str, arguments: tuple[Any, ...]) -> tuple[Any, str | None]:
     """Return the result of a call, or the text of its error."""
-    name, path, *arguments = job
     printed = io.StringIO()
     with (
         contextlib.redirect_stdout(printed),

@@ -44,6 +44,7 @@ _GHOSTS, _HIDDEN = "vtkGhostType", 2
 
 XML = (".vtu", ".vtp", ".vti", ".vtr", ".vts", ".vtm", ".pvtu", ".pvtp")
 _READERS = {
+    ".obj": "vtkIOGeometry.vtkOBJReader",
     ".vtkhdf": "vtkIOHDF.vtkHDFReader",
     ".pvtu": "vtkIOXML.vtkXMLPUnstructuredGridReader",
 }

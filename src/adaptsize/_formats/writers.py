@@ -13,7 +13,6 @@ import numpy.typing as npt
 from adaptsize._checks import as_sizes, check_type, describe, refuse_where
 from adaptsize._formats import sizes, vtk
 from adaptsize._formats.blocks import UNTAGGED, RawMesh
-from adaptsize._formats.limited import call_unlimited
 from adaptsize._formats.sizes import METRIC, as_tensors
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
@@ -95,7 +94,11 @@ def _plain(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def _write_with_meshio(path: Path, content: RawMesh, file_format: str, **options: Any) -> None:
-    call_unlimited("write_meshio", path, content, file_format, options)
+    import meshio
+
+    mesh = meshio.Mesh(content.points, content.blocks, content.point_data, content.cell_data)
+    with np.errstate(invalid="ignore", divide="ignore"):  # normals of flat triangles
+        meshio.write(path, mesh, file_format=file_format, **options)
 
 
 def write_vtk(path: Path, mesh: SimplexMesh, suffix: str) -> None:
@@ -133,6 +136,8 @@ def write_gmsh(path: Path, mesh: SimplexMesh) -> None:
     content = content_of(mesh, "gmsh:physical", pad=True)
     tags, names = gmsh_groups(mesh, content)
     nodal = {name: _gmsh_components(values) for name, values in content.point_data.items()}
+    # Without zeros, meshio adds them and prints a warning.
+    tags = tags or dict.fromkeys(("gmsh:physical", "gmsh:geometrical"), _no_tags(content))
     slim = RawMesh(content.points, content.blocks, nodal, tags)
     _write_with_meshio(path, slim, "gmsh22")
     if names:
@@ -182,11 +187,14 @@ def _gmsh_components(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     return padded[:, 0] if wanted == 1 else padded
 
 
+def _no_tags(content: RawMesh) -> list[npt.NDArray[np.int32]]:
+    return [np.zeros(len(cells), np.int32) for _, cells in content.blocks]
+
+
 def write_medit(path: Path, mesh: SimplexMesh) -> None:
     """Write a mesh with tags for Medit and Mmg, as text or binary."""
     content = content_of(mesh, "medit:ref", pad=False)
-    no_tags = [np.zeros(len(cells), np.int32) for _, cells in content.blocks]
-    tags = content.cell_data.get("medit:ref", no_tags)
+    tags = content.cell_data.get("medit:ref", _no_tags(content))
     refs = content.point_data.get("medit:ref", np.zeros(mesh.n_points, np.int32))
     slim = RawMesh(content.points, content.blocks, {"medit:ref": refs}, {"medit:ref": tags})
     _write_with_meshio(path, slim, "medit")

@@ -1,4 +1,4 @@
-"""OFF files.  trimesh splits their polygons as if all were convex."""
+"""Files of surfaces that are read here: STL and OFF."""
 
 from __future__ import annotations
 
@@ -11,15 +11,63 @@ import numpy.typing as npt
 
 from adaptsize._formats.blocks import RawMesh, name_of_polygon
 from adaptsize._formats.text import check_last_number, numbers
+from adaptsize.background.merging import merge_equal_points
 from adaptsize.errors import MeshFileError
 
+#: A triangle in a binary STL file, after 80 free bytes and the number of triangles.
+_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_SOLID, _END_SOLID, _VERTEX, _END_FACET = (
+    re.compile(rb"^[ \t]*" + words, re.MULTILINE | re.IGNORECASE)
+    for words in (rb"solid\b", rb"end ?solid\b", rb"vertex\b([^\n]*)", rb"end ?facet\b")
+)
 _COMMENT = re.compile(rb"#[^\r\n]*")
 #: Vertices may have texture coordinates, colours and normals after their coordinates.
 _KEYWORD = re.compile(rb"(?:ST)?C?N?OFF", re.IGNORECASE)
 
 
+def read_stl(path: Path) -> RawMesh:
+    """Return the triangles in an STL file.  Corners with equal coordinates are one node.
+
+    A file with the length of a binary one is binary, even if it starts with ``solid``, as is one
+    with zeros.  Bytes after its triangles are left out.
+
+    Raises
+    ------
+    MeshFileError
+        If the file is damaged, or ends before its last triangle or solid does.
+    """
+    content = path.read_bytes()
+    n = int.from_bytes(content[80:84], "little")
+    size = 84 + n * _TRIANGLE.itemsize
+    if len(content) == size or b"\0" in content:
+        if len(content) < size:
+            raise MeshFileError(f"is a truncated binary STL file (promises {n} triangles)")
+        corners = np.frombuffer(content, _TRIANGLE, n, 84)["corners"].astype(np.float64)
+    else:
+        corners = _corners_in(content.replace(b"\r", b"\n"))
+    with np.errstate(invalid="ignore"):  # numbers that are not finite are refused later
+        points, cells = merge_equal_points(corners.reshape(-1, 3))
+    return RawMesh(points, [("triangle", cells.reshape(-1, 3))])
+
+
+def _corners_in(text: bytes) -> npt.NDArray[np.float64]:
+    """Return the corners of the triangles in a text file, of one solid or several."""
+    begins = [found.start() for found in _SOLID.finditer(text)]
+    if not begins:
+        raise MeshFileError("is neither a text STL file nor a binary one")
+    if not _END_SOLID.search(text, begins[-1]):
+        raise MeshFileError("is a truncated text STL file (no endsolid)")
+    rows = [row.split() for row in _VERTEX.findall(text)]
+    n_triangles = len(_END_FACET.findall(text))
+    if len(rows) != 3 * n_triangles or not all(len(row) == 3 for row in rows):
+        raise MeshFileError(f"has {n_triangles} triangles of STL, not all of three vertices")
+    return numbers([word for row in rows for word in row], np.float64)
+
+
 def read_off(path: Path) -> RawMesh:
     """Return the surface in an OFF file.  Colours, normals and texture are left out.
+
+    trimesh splits polygons as if all were convex.
 
     Raises
     ------
