@@ -32,7 +32,7 @@ def read(
 
     STL, OBJ, PLY, OFF, glTF, VTK, VTU, XDMF, Gmsh ``.msh``, Medit ``.mesh`` and ``.meshb``,
     Abaqus ``.inp``, Nastran ``.bdf``, SU2.  The suffix determines the format.  For others,
-    `SimplexMesh.from_meshio` takes what meshio reads.
+    `SimplexMesh.from_object` takes what meshio reads.
 
     Parameters
     ----------
@@ -186,30 +186,9 @@ def write(
     path = as_path("path", path)
     target = Path(os.path.realpath(path)) if not is_special(path) else path
     chosen = formats.format_of(path, file_format)
-    background, nodal = writers.parts_of(obj, fields)
-    needed = list(nodal)
-    if isinstance(obj, MetricFunction):
-        if not chosen.holds_metrics:
-            raise ValueError(f"{path.name} cannot hold a metric; write .vtu, .sol or .pos")
-        if chosen.only_sizes:
-            nodal.pop(sizes.LENGTHS, None)
-    if chosen.holds_fields and not chosen.only_sizes:
-        nodal = writers.growth_of(obj, background.n_points) | nodal
-    if needed and not chosen.holds_fields:
-        raise ValueError(
-            f"{path.name} cannot hold nodal fields, got {', '.join(needed)}; "
-            "write .vtu, or a .sol with the sizes for a .mesh"
-        )
-    others = [name for name in needed if name not in ("h", sizes.METRIC, sizes.LENGTHS)]
-    if others and chosen.only_sizes:
-        raise ValueError(f"{path.name} holds sizes only, as the field 'h', got {', '.join(others)}")
-    if isinstance(background, SimplexMesh):
-        fields_of_mesh = [*background.point_data, *background.cell_data]
-        chosen.check_names(path, [*nodal, *fields_of_mesh], background.tag_names.values())
-    else:
-        chosen.check_names(path, nodal, ())
+    write_to = chosen.writer_of(path, obj, fields)
     try:
-        write_whole(target, chosen.writing(background, nodal))
+        write_whole(target, write_to)
     except (MeshFileError, OSError) as error:
         raise about_file(path, error) from error
 

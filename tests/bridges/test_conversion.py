@@ -40,16 +40,16 @@ MESHES = {
 
 
 def through_meshio(mesh):
-    return SimplexMesh.from_meshio(mesh.to_meshio())
+    return SimplexMesh.from_object(mesh.to_meshio())
 
 
 def through_gmsh_names(mesh):
-    return SimplexMesh.from_meshio(mesh.to_meshio(tag_name="gmsh:physical"))
+    return SimplexMesh.from_object(mesh.to_meshio(tag_name="gmsh:physical"))
 
 
 def through_pyvista(mesh):
     pytest.importorskip("pyvista")
-    return SimplexMesh.from_pyvista(mesh.to_pyvista())
+    return SimplexMesh.from_object(mesh.to_pyvista())
 
 
 @pytest.mark.parametrize("way", [through_meshio, through_gmsh_names, through_pyvista])
@@ -77,30 +77,30 @@ def test_two_tags_of_one_name_are_refused_for_meshio():
 def test_a_mesh_without_cells_or_of_another_kind_is_refused():
     points = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
     with pytest.raises(ValueError, match=r"^mesh holds points but no cells$"):
-        SimplexMesh.from_meshio(meshio.Mesh(points, []))
+        SimplexMesh.from_object(meshio.Mesh(points, []))
     with pytest.raises(ValueError, match=re.escape("mesh holds no tetrahedra (found 1 triangles)")):
-        SimplexMesh.from_meshio(meshio.Mesh(points, [("triangle", [[0, 1, 2]])]), kind="tetrahedra")
+        SimplexMesh.from_object(meshio.Mesh(points, [("triangle", [[0, 1, 2]])]), kind="tetrahedra")
 
 
 def test_data_sets_of_pyvista_of_all_kinds():
     pyvista = pytest.importorskip("pyvista")
-    sphere = SimplexMesh.from_pyvista(pyvista.Sphere())
+    sphere = SimplexMesh.from_object(pyvista.Sphere())
     assert (sphere.dim, sphere.cell_dim, sphere.is_closed) == (3, 2, True)
     with pytest.warns(InputWarning, match="8 hexahedra split into 48 tetrahedra"):
-        box = SimplexMesh.from_pyvista(pyvista.ImageData(dimensions=(3, 3, 3)))
+        box = SimplexMesh.from_object(pyvista.ImageData(dimensions=(3, 3, 3)))
     assert (box.signed_measures > 0.0).all()
     assert box.measures.sum() == pytest.approx(8.0)
-    line = SimplexMesh.from_pyvista(pyvista.MultipleLines([[0, 0, 1], [1, 0, 1], [1, 1, 1]]))
+    line = SimplexMesh.from_object(pyvista.MultipleLines([[0, 0, 1], [1, 0, 1], [1, 1, 1]]))
     assert line.cells.tolist() == [[0, 1], [1, 2]]
     with pytest.warns(InputWarning, match="1 polygons split into 4 triangles"):
-        hexagon = SimplexMesh.from_pyvista(pyvista.Polygon(n_sides=6))
+        hexagon = SimplexMesh.from_object(pyvista.Polygon(n_sides=6))
     # A regular hexagon of radius 1.
     assert hexagon.measures.sum() == pytest.approx(3.0**1.5 / 2.0, rel=1e-6)
-    strip = SimplexMesh.from_pyvista(pyvista.Sphere().strip())
+    strip = SimplexMesh.from_object(pyvista.Sphere().strip())
     assert (strip.n_cells, strip.is_closed) == (sphere.n_cells, True)
     assert strip.measures.sum() == pytest.approx(sphere.measures.sum())
     blocks = pyvista.MultiBlock({"left": pyvista.Cube(), "right": pyvista.Sphere(center=(3, 0, 0))})
     with pytest.warns(InputWarning, match="quadrilaterals"):
-        both = SimplexMesh.from_pyvista(blocks)
+        both = SimplexMesh.from_object(blocks)
     assert both.tag_names == {(2, 1): "left", (2, 2): "right"}
     assert np.bincount(both.cell_tags).tolist() == [0, 12, sphere.n_cells]

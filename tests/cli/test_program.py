@@ -92,7 +92,7 @@ def test_a_stopped_command_leaves_nothing(tmp_path):
         "import sys, time; from adaptsize._formats import vtk; from adaptsize.cli import main\n"
         "def slow(path, *_, **__):\n"
         "    path.write_text('half'); print('writing', flush=True); time.sleep(60)\n"
-        "vtk._write = slow\n"
+        "vtk.write = slow\n"
         "main()"
     )
     words = ["limit", DATA / "slit.vtu", "-o", "out.vtu", "--field", "h0", "-g", "0.3"]

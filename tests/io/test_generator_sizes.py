@@ -56,5 +56,5 @@ def test_sizes_that_generators_do_not_know_are_refused(tmp_path, name):
 
 def test_jigsaw_does_not_take_surfaces_in_space(tmp_path):
     mesh = random_sphere(10, 7318)
-    with pytest.raises(ValueError, match="triangles in the plane or tetrahedra for JIGSAW"):
+    with pytest.raises(ValueError, match="holds triangles in the plane or tetrahedra, got"):
         write(tmp_path / "size.jig.msh", SizeFunction(mesh, np.ones(10)))

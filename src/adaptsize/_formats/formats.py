@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import describe
 from adaptsize._formats import completeness as check
-from adaptsize._formats import fort14, polygon_files
+from adaptsize._formats import fort14, polygon_files, sizes, vtk
 from adaptsize._formats import writers as write
 from adaptsize._formats.blocks import RawMesh, check_raw
 from adaptsize._formats.guards import about_file, check_readable, files_named_in
@@ -26,6 +26,7 @@ from adaptsize._formats.solvers import write_abaqus, write_nastran, write_su2
 from adaptsize._formats.surfaces import read_off, read_stl
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.errors import MeshFileError
+from adaptsize.metrics import MetricFunction
 
 #: What names of fields must match: texts that XML can hold, at most 100 characters.
 _IN_XML = re.compile(r"[^\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]{1,100}")
@@ -52,86 +53,110 @@ class Format:
     """Refuses a file without its end mark, before it is read."""
     check_counts: Callable[[bytes, RawMesh], None] | None = None
     """Refuses a mesh with less than its file promises."""
-    holds_fields: bool = True
-    """Whether the file can hold nodal fields."""
-    holds_grids: bool = False
-    """Whether the file holds Cartesian grids instead of meshes."""
-    only_sizes: bool = False
-    """Whether the file holds only nodal sizes for a mesh generator."""
-    holds_metrics: bool = True
-    """Whether the file can hold a metric."""
-    only_triangles: bool = False
-    """Whether the file holds only triangles: of tetrahedra, those of the boundary."""
-    only_full: bool = False
-    """Whether the cells must be triangles in the plane or tetrahedra."""
+    holds: frozenset[str] = frozenset({"cells", "tags", "fields", "metrics"})
+    """Of these words and ``sizes`` (without cells), ``grids``, ``triangles``: no other cells, so of
+    tetrahedra those of the boundary."""
+    dims: tuple[int, ...] = ()
+    """Dimensions of meshes, if their cells must have the dimension of the space."""
     names: re.Pattern[str] = _IN_XML
     """What the names of fields must match."""
 
     def check_names(self, path: Path, fields: Iterable[str], tags: Iterable[str]) -> None:
         """Refuse names that could not be read back."""
-        fields = fields if self.holds_fields and not self.only_sizes else ()
-        tags = () if self.only_sizes or self.only_triangles else tags
-        bad = [name for name in fields if not self.names.fullmatch(name)]
-        bad += [name for name in tags if not _QUOTED.fullmatch(name)]
+        bad = [name for name in fields if "fields" in self.holds and not self.names.fullmatch(name)]
+        bad += [name for name in tags if "tags" in self.holds and not _QUOTED.fullmatch(name)]
         if bad:
             raise ValueError(f"{path.name} cannot hold the name {describe(bad[0])}; rename it")
 
-    def writing(
-        self, background: SimplexMesh | CartesianGrid, nodal: Mapping[str, npt.ArrayLike]
+    def check_cells(self, path: Path, mesh: SimplexMesh) -> None:
+        """Refuse cells that the format cannot hold."""
+        if "triangles" in self.holds and mesh.cell_dim == 1:
+            raise ValueError(f"{path.name} cannot hold segments; write .vtu")
+        if self.dims and (mesh.cell_dim < mesh.dim or mesh.dim not in self.dims):
+            of_dim = {2: "triangles in the plane", 3: "tetrahedra"}
+            cells = " or ".join(map(of_dim.__getitem__, self.dims))
+            raise ValueError(f"{path.name} holds {cells}, got {mesh!r}; write .vtu")
+
+    def _check_fields(self, path: Path, obj: object, names: Iterable[str]) -> None:
+        if isinstance(obj, MetricFunction) and "metrics" not in self.holds:
+            raise ValueError(f"{path.name} cannot hold a metric; write .vtu, .sol or .pos")
+        others = [name for name in names if name not in ("h", sizes.METRIC, sizes.LENGTHS)]
+        if others and "sizes" in self.holds:
+            listed = ", ".join(others)
+            raise ValueError(f"{path.name} holds sizes only, as the field 'h', got {listed}")
+        if names and not self.holds & {"fields", "sizes"}:
+            raise ValueError(
+                f"{path.name} cannot hold nodal fields, got {', '.join(names)}; "
+                "write .vtu, or a .sol with the sizes for a .mesh"
+            )
+
+    def writer_of(
+        self, path: Path, obj: object, fields: Mapping[str, npt.ArrayLike] | None
     ) -> Callable[[Path], None]:
-        """Return the function that writes a mesh or grid with fields to a path."""
+        """Return the function that writes an object with fields; refuse what cannot be held."""
         assert self.write is not None
-        if isinstance(background, SimplexMesh):
-            return partial(self.write, mesh=background.with_data(point_data=nodal))
-        arrays = {name: np.asarray(values) for name, values in nodal.items()}
-        for name, values in arrays.items():
-            if values.shape != background.shape:
-                raise ValueError(
-                    f"fields[{name!r}] must have shape {background.shape}, got {values.shape}"
-                )
-        if self.holds_grids:
-            return partial(write.write_vti, grid=background, fields=arrays)
-        at_nodes = {name: values.reshape(-1) for name, values in arrays.items()}
-        return partial(self.write, mesh=background.mesh.with_data(point_data=at_nodes))
+        background, nodal = write.parts_of(obj, fields)
+        self._check_fields(path, obj, nodal)
+        nodal = write.growth_of(obj, background.n_points) | nodal
+        if isinstance(background, CartesianGrid):
+            arrays = {name: np.asarray(values) for name, values in nodal.items()}
+            for name, values in arrays.items():
+                if values.shape != background.shape:
+                    raise ValueError(
+                        f"fields[{name!r}] must have shape {background.shape}, got {values.shape}"
+                    )
+            if "grids" in self.holds:
+                self.check_names(path, arrays, ())
+                return partial(self.write, grid=background, fields=arrays)
+            background = background.mesh
+            nodal = {name: values.reshape(-1) for name, values in arrays.items()}
+        if "grids" in self.holds:
+            raise ValueError(
+                f"obj must be a CartesianGrid for {path.suffix}, got {background!r}; write .vtu"
+            )
+        mesh = background.with_data(point_data=nodal)
+        self.check_cells(path, mesh)
+        self.check_names(path, [*mesh.point_data, *mesh.cell_data], mesh.tag_names.values())
+        return partial(self.write, mesh=mesh)
 
 
 _MESHIO, _VTK, _TRIMESH = (
     partial(read_limited, f"read_{name}") for name in ("meshio", "vtk", "trimesh")
 )
-_cells = partial(Format, holds_fields=False)
-_triangles = partial(Format, only_triangles=True, holds_metrics=False, names=_WORD)
-_OF_VTK = ("vtu", "vtp", "vtk", "vtkhdf")
-_by_vtk = {name: partial(write.write_vtk, suffix=f".{name}") for name in _OF_VTK}
+_of_vtk = {name: partial(write.write_vtk, suffix=f".{name}") for name in ("vtu", "vtp", "vtk")}
 _surface = {name: partial(write.write_surface, file_format=name) for name in ("ply", "obj", "off")}
 _stl = partial(write.write_surface, file_format="stl", binary=True)
+_CELLS, _TRIANGLES = frozenset({"cells", "tags"}), frozenset({"triangles"})
+_PLY, _GRIDS = _TRIANGLES | {"fields"}, frozenset({"grids", "fields"})
+_SIZES, _FULL = frozenset({"sizes", "metrics"}), (2, 3)
 #: In the order in which suffixes are tried: JIGSAW's longer suffix before Gmsh's.
 FORMATS: dict[str, Format] = {
-    "jigsaw": Format(
-        (".jig.msh",), write.write_jigsaw, only_sizes=True, only_full=True, holds_metrics=False
-    ),
-    "gmsh-view": Format((".pos",), write.write_view, only_sizes=True),
-    "medit-sol": Format((".sol",), write.write_sol, only_sizes=True),
-    "vti": Format((".vti",), write.refuse_mesh, None, check.check_vtk_xml, holds_grids=True),
-    "vtu": Format((".vtu",), _by_vtk["vtu"], _VTK, check.check_vtk_xml),
-    "vtp": Format((".vtp",), _by_vtk["vtp"], _VTK, check.check_vtk_xml),
+    "jigsaw": Format((".jig.msh",), sizes.write_jigsaw, holds=_SIZES - {"metrics"}, dims=_FULL),
+    "gmsh-view": Format((".pos",), sizes.write_view, holds=_SIZES),
+    "medit-sol": Format((".sol",), sizes.write_sol, holds=_SIZES),
+    "vti": Format((".vti",), vtk.write_image, None, check.check_vtk_xml, holds=_GRIDS),
+    "vtu": Format((".vtu",), _of_vtk["vtu"], _VTK, check.check_vtk_xml),
+    "vtp": Format((".vtp",), _of_vtk["vtp"], _VTK, check.check_vtk_xml),
     "vtk-xml": Format((".vtr", ".vts", ".vtm", ".pvtu", ".pvtp"), None, _VTK, check.check_vtk_xml),
-    "vtk": Format((".vtk",), _by_vtk["vtk"], _VTK, check.check_vtk, names=_LEGACY),
-    "vtkhdf": Format((".vtkhdf",), _by_vtk["vtkhdf"], _VTK, names=_IN_HDF),
+    "vtk": Format((".vtk",), _of_vtk["vtk"], _VTK, check.check_vtk, names=_LEGACY),
+    "vtkhdf": Format((".vtkhdf",), partial(write.write_vtk, suffix=".vtkhdf"), _VTK, names=_IN_HDF),
     "xdmf": Format((".xdmf", ".xmf"), write.write_xdmf, _MESHIO),
     "gmsh": Format((".msh",), write.write_gmsh, _MESHIO, check.check_gmsh, names=_QUOTED),
-    "medit": _cells((".mesh", ".meshb"), write.write_medit, _MESHIO, check.check_medit_end),
-    "stl": _triangles((".stl",), _stl, read_stl, holds_fields=False),
-    "ply": _triangles((".ply",), _surface["ply"], _TRIMESH, check_counts=check.check_ply),
-    "obj": _triangles(
-        (".obj",), _surface["obj"], _VTK, None, check.check_obj, holds_fields=False
+    "medit": Format(
+        (".mesh", ".meshb"), write.write_medit, _MESHIO, check.check_medit_end, holds=_CELLS
     ),
-    "off": _triangles((".off",), _surface["off"], read_off, holds_fields=False),
+    "stl": Format((".stl",), _stl, read_stl, holds=_TRIANGLES),
+    "ply": Format((".ply",), _surface["ply"], _TRIMESH, None, check.check_ply, _PLY, names=_WORD),
+    "obj": Format((".obj",), _surface["obj"], _VTK, None, check.check_obj, _TRIANGLES),
+    "off": Format((".off",), _surface["off"], read_off, holds=_TRIANGLES),
     "gltf": Format((".gltf", ".glb", ".3mf"), None, _TRIMESH),
-    "fort.14": _cells((".14", ".grd", ".gr3"), fort14.write, fort14.read, only_full=True),
-    "abaqus": _cells((".inp",), write_abaqus, _MESHIO, None, check.check_abaqus),
-    "nastran": _cells((".bdf", ".nas", ".fem"), write_nastran, _MESHIO, check.check_nastran_end),
-    "su2": _cells(
-        (".su2",), write_su2, _MESHIO, check.check_su2_points, check.check_su2, only_full=True
+    "fort.14": Format((".14", ".grd", ".gr3"), fort14.write, fort14.read, holds=_CELLS, dims=(2,)),
+    "abaqus": Format((".inp",), write_abaqus, _MESHIO, None, check.check_abaqus, _CELLS),
+    "nastran": Format(
+        (".bdf", ".nas", ".fem"), write_nastran, _MESHIO, check.check_nastran_end, holds=_CELLS
+    ),
+    "su2": Format(
+        (".su2",), write_su2, _MESHIO, check.check_su2_points, check.check_su2, _CELLS, _FULL
     ),
     "polygons": Format(tuple(polygon_files.READERS), None, polygon_files.load),
 }
@@ -156,7 +181,7 @@ def load(path: Path) -> RawMesh:
         raise MeshFileError(
             f"has a suffix that no reader knows ({suffix or 'none'}); these can be read: "
             f"{', '.join(known)}; meshio may read it: "
-            "SimplexMesh.from_meshio(meshio.read(path))"
+            "SimplexMesh.from_object(meshio.read(path))"
         )
     content = path.read_bytes()
     check_end(suffix, content)

@@ -118,8 +118,6 @@ def write(path: Path, mesh: SimplexMesh) -> None:
     the word "open" or "ocean" in the name of their tag are open.  The others are land, of type 0,
     or 1 around islands.
     """
-    if mesh.dim != 2 or mesh.cell_dim != 2:
-        raise ValueError(f"obj must be triangles in the plane for fort.14, got {mesh!r}")
     depth = np.asarray(mesh.point_data.get(DEPTH, np.zeros(mesh.n_points)), dtype=np.float64)
     if depth.ndim != 1:
         raise ValueError(f"the field {DEPTH!r} must be one number per node, got {depth.shape}")

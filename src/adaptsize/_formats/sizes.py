@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._checks import as_sizes, refuse_where
 from adaptsize._formats.text import numbers, write_text
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import MeshFileError
@@ -18,13 +19,35 @@ from adaptsize.metrics import Metric
 from adaptsize.typing import FloatArray
 
 
-def write_view(path: Path, mesh: SimplexMesh, values: FloatArray, title: str) -> None:
-    """Write a list-based view of Gmsh in its parsed text form (``.pos``).
+def _sizes_of(mesh: SimplexMesh, generator: str) -> FloatArray:
+    """Return the nodal field ``h`` if it is valid as sizes for a generator."""
+    if "h" not in mesh.point_data:
+        raise ValueError(f"obj must hold nodal sizes as the field 'h' for {generator}")
+    values = as_sizes("h", mesh.point_data["h"], mesh.nodal_shape)
+    wanted = f"must be finite for {generator}; clip it first: size.clip(hmax=...)"
+    refuse_where("h", np.isinf(values), values, wanted)
+    return values
+
+
+def _sizes_or_metric(mesh: SimplexMesh, generator: str) -> FloatArray:
+    """Return the sizes, float64[n], or matrices, float64[n, 3, 3], for a generator."""
+    if METRIC not in mesh.point_data:
+        return _sizes_of(mesh, generator)
+    values = mesh.point_data[METRIC]
+    if values[0].size != 9:
+        raise ValueError(f"metric must have nine components per node, got {values.shape}")
+    return np.asarray(values, np.float64).reshape(-1, 3, 3)
+
+
+def write_view(path: Path, mesh: SimplexMesh) -> None:
+    """Write sizes or a metric as a list-based view of Gmsh in its parsed text form (``.pos``).
 
     One line, triangle or tetrahedron per cell, of scalars (SL, ST, SS) or tensors (TL, TT, TS):
     three coordinates for each node, then the values of the nodes, those of tensors row by row.
     """
-    name = ("S" if values.ndim == 1 else "T") + {1: "L", 2: "T", 3: "S"}[mesh.cell_dim]
+    values = _sizes_or_metric(mesh, "Gmsh")
+    kind, title = ("S", "h") if values.ndim == 1 else ("T", "metric")
+    name = kind + {1: "L", 2: "T", 3: "S"}[mesh.cell_dim]
     n_nodes = mesh.cell_dim + 1
     corners = np.zeros((mesh.n_cells, n_nodes, 3))
     corners[..., : mesh.dim] = mesh.points[mesh.cells]
@@ -35,19 +58,20 @@ def write_view(path: Path, mesh: SimplexMesh, values: FloatArray, title: str) ->
     write_text(path, f'View "{title}" {{\n', (line, rows), "};\n")
 
 
-def write_sol(path: Path, mesh: SimplexMesh, values: FloatArray) -> None:
+def write_sol(path: Path, mesh: SimplexMesh) -> None:
     """Write one size or symmetric matrix per node in Mmg's format (``.sol``), for a ``.mesh``.
 
     The order is that of the lower triangle by rows: xx, xy, yy, xz, yz, zz.
     """
     i, j = np.tril_indices(mesh.dim)
+    values = _sizes_or_metric(mesh, "mmg")
     rows, kind = (values[:, None], _SCALAR) if values.ndim == 1 else (values[:, i, j], _SYMMETRIC)
     head = f"MeshVersionFormatted 2\n\nDimension {mesh.dim}\n\nSolAtVertices\n{mesh.n_points}\n"
     line = " ".join(["%.17g"] * rows.shape[1]) + "\n"
     write_text(path, f"{head}1 {kind}\n", (line, rows), "\nEnd\n")
 
 
-def write_jigsaw(path: Path, mesh: SimplexMesh, sizes: FloatArray) -> None:
+def write_jigsaw(path: Path, mesh: SimplexMesh) -> None:
     """Write triangles in the plane or tetrahedra with nodal values as JIGSAW's ``.msh``.
 
     Sections of the format, version 3: POINT, TRIA3 or TRIA4, VALUE.  Fields are separated by
@@ -64,7 +88,7 @@ def write_jigsaw(path: Path, mesh: SimplexMesh, sizes: FloatArray) -> None:
         f"{cell_name}={mesh.n_cells}\n",
         (cell, np.column_stack([mesh.cells, tags])),
         f"VALUE={mesh.n_points};1\n",
-        ("%.17g\n", sizes[:, None]),
+        ("%.17g\n", _sizes_of(mesh, "JIGSAW")[:, None]),
     )
 
 
@@ -83,13 +107,6 @@ def fields_of(metric: Metric) -> dict[str, FloatArray]:
     if np.isfinite(metric.sizes).all():
         fields[LENGTHS] = _padded(metric.lengths)
     return fields
-
-
-def as_tensors(values: npt.NDArray[Any]) -> FloatArray:
-    """Return a field of nine components as float64[n, 3, 3]."""
-    if values[0].size != 9:
-        raise ValueError(f"metric must have nine components per node, got {values.shape}")
-    return np.asarray(values, np.float64).reshape(-1, 3, 3)
 
 
 def metric_in(values: npt.NDArray[Any], dim: int) -> Metric:

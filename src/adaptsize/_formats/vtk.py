@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 from xml.sax.saxutils import escape
 
@@ -21,6 +21,9 @@ import numpy.typing as npt
 
 from adaptsize._formats.blocks import TAG_NAMES, RawMesh, join
 from adaptsize.errors import MeshFileError
+
+if TYPE_CHECKING:
+    from adaptsize.background import CartesianGrid
 
 # VTK cell types by their names in meshio.  Of cells of higher order, the corners come first.
 _FROM_VTK = {
@@ -42,6 +45,8 @@ NAMES = "tag_names"
 #: The array by which VTK hides nodes, and the bit for hidden nodes.
 _GHOSTS, _HIDDEN = "vtkGhostType", 2
 
+#: What names in XML need besides & < >.
+_ESCAPED = {'"': "&quot;", "\t": "&#9;", "\n": "&#10;", "\r": "&#13;"}
 XML = (".vtu", ".vtp", ".vti", ".vtr", ".vts", ".vtm", ".pvtu", ".pvtp")
 _READERS = {
     ".obj": "vtkIOGeometry.vtkOBJReader",
@@ -235,7 +240,7 @@ def triangles_of(
     in_space = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
     number = {"number": [np.arange(len(polygons))]}
     triangulate = _get("vtkFiltersCore.vtkTriangleFilter")()
-    triangulate.SetInputData(_surface_of(RawMesh(in_space, [("polygon", polygons)], {}, number)))
+    triangulate.SetInputData(surface_of(RawMesh(in_space, [("polygon", polygons)], {}, number)))
     triangulate.Update()
     found = triangulate.GetOutput()
     nodes = _numpy(found.GetPolys().GetConnectivityArray()).astype(np.int64)
@@ -263,7 +268,7 @@ def _points(mesh: RawMesh) -> Any:
     return points
 
 
-def _surface_of(mesh: RawMesh) -> Any:
+def surface_of(mesh: RawMesh) -> Any:
     """Return a vtkPolyData of segments and triangles, in VTK's order: segments first."""
     from vtkmodules.util.numpy_support import numpy_to_vtk
 
@@ -441,43 +446,35 @@ def image_of(data: Any) -> dict[str, Any]:
     }
 
 
-def write_image(
-    path: Path,
-    origin: npt.NDArray[Any],
-    spacing: npt.NDArray[Any],
-    counts: tuple[int, ...],
-    fields: Mapping[str, npt.NDArray[Any]],
-    active: npt.NDArray[np.bool_] | None,
-) -> None:
-    """Write image data in three dimensions with nodal fields, x fastest, as ``.vti``."""
-    image = _get("vtkCommonDataModel.vtkImageData")()
-    image.SetOrigin(*origin)
-    image.SetSpacing(*spacing)
-    image.SetDimensions(*counts)
-    hidden = {} if active is None else {_GHOSTS: np.where(active, 0, _HIDDEN).astype(np.uint8)}
-    _add(image.GetPointData(), {_written(name): v for name, v in {**fields, **hidden}.items()})
-    _write(path, ".vti", image)
+def plain(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return numbers in at most two dimensions, of a type that all formats support."""
+    if values.dtype.kind not in "biuf":
+        raise ValueError(f"field {name!r} must hold numbers, got {values.dtype}")
+    if values.dtype.kind == "b":
+        values = values.astype(np.int32)
+    if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):
+        values = values.astype(np.float64)
+    return np.ascontiguousarray(values if values.ndim <= 2 else values.reshape(len(values), -1))
 
 
-def write_file(path: Path, mesh: RawMesh, suffix: str) -> None:
-    """Write simplices and fields as ``.vtu``, ``.vtp``, ``.vtk`` or ``.vtkhdf``."""
-    if suffix in XML:
-        mesh = RawMesh(
-            mesh.points,
-            mesh.blocks,
-            {_written(name): values for name, values in mesh.point_data.items()},
-            {_written(name): parts for name, parts in mesh.cell_data.items()},
-            mesh.tag_names,
-        )
-    _write(path, suffix, _surface_of(mesh) if suffix == ".vtp" else grid_of(mesh))
+def write_image(path: Path, grid: CartesianGrid, fields: Mapping[str, npt.NDArray[Any]]) -> None:
+    """Write nodal fields of the grid's shape as ``.vti``.  Inactive nodes are hidden.
+
+    In VTK, x varies fastest, which is the opposite of the order here.
+    """
+    image, more = _get("vtkCommonDataModel.vtkImageData")(), 3 - grid.dim
+    image.SetOrigin(*grid.origin, *[0.0] * more)
+    image.SetSpacing(*grid.spacing, *[1.0] * more)
+    image.SetDimensions(*grid.shape, *[1] * more)
+    flat = {name: plain(name, values.ravel(order="F")) for name, values in fields.items()}
+    if grid.active is not None:
+        flat[_GHOSTS] = np.where(grid.active.ravel(order="F"), 0, _HIDDEN).astype(np.uint8)
+    _add(image.GetPointData(), flat)
+    write(path, ".vti", image)
 
 
-def _written(name: str) -> str:
-    """Return a name as it stands in XML.  VTK's writers do not escape it."""
-    return escape(name, {'"': "&quot;", "\t": "&#9;", "\n": "&#10;", "\r": "&#13;"})
-
-
-def _write(path: Path, suffix: str, data: Any) -> None:
+def write(path: Path, suffix: str, data: Any) -> None:
+    """Write a data set as ``.vtu``, ``.vtp``, ``.vti``, ``.vtk`` or ``.vtkhdf``."""
     heard = _Heard()
     try:
         writer = _get(_WRITERS[suffix])()
@@ -488,6 +485,9 @@ def _write(path: Path, suffix: str, data: Any) -> None:
             writer.SetFileVersion(42)  # which every VTK reads
         elif suffix in XML:
             writer.SetHeaderTypeToUInt64()
+            for held in (data.GetPointData(), data.GetCellData()):
+                for array in map(held.GetArray, range(held.GetNumberOfArrays())):
+                    array.SetName(escape(array.GetName(), _ESCAPED))  # VTK does not
         is_written = writer.Write()
     finally:
         heard.end()

@@ -10,15 +10,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_sizes, check_type, describe, refuse_where
+from adaptsize._checks import check_type, describe
 from adaptsize._formats import sizes, vtk
 from adaptsize._formats.blocks import UNTAGGED, RawMesh
-from adaptsize._formats.sizes import METRIC, as_tensors
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.simplex import as_own
 from adaptsize.metrics import MetricFunction
-from adaptsize.typing import FloatArray
 
 _CELL_TYPES = {1: "line", 2: "triangle", 3: "tetra"}
 
@@ -37,7 +35,9 @@ def content_of(mesh: SimplexMesh, tag_name: str, *, pad: bool) -> RawMesh:
     if facets is not None and n_facets:
         blocks.append((_CELL_TYPES[mesh.cell_dim - 1], facets))
     cell_data = {
-        name: [_plain(name, values)] for name, values in mesh.cell_data.items() if name != tag_name
+        name: [vtk.plain(name, values)]
+        for name, values in mesh.cell_data.items()
+        if name != tag_name
     }
     if n_facets:
         for parts in cell_data.values():
@@ -48,49 +48,13 @@ def content_of(mesh: SimplexMesh, tag_name: str, *, pad: bool) -> RawMesh:
         cell_data[tag_name] = [of_cells]
         if facet_tags is not None and n_facets:
             cell_data[tag_name].append(facet_tags)
-    point_data = {name: _plain(name, values) for name, values in mesh.point_data.items()}
+    point_data = {name: vtk.plain(name, values) for name, values in mesh.point_data.items()}
     return RawMesh(points, blocks, point_data, cell_data, dict(mesh.tag_names))
-
-
-def sizes_of(mesh: SimplexMesh, generator: str) -> FloatArray:
-    """Return the nodal field ``h`` if it is valid as sizes for a generator."""
-    if "h" not in mesh.point_data:
-        raise ValueError(f"obj must hold nodal sizes as the field 'h' for {generator}")
-    values = as_sizes("h", mesh.point_data["h"], mesh.nodal_shape)
-    wanted = f"must be finite for {generator}; clip it first: size.clip(hmax=...)"
-    refuse_where("h", np.isinf(values), values, wanted)
-    return values
-
-
-def _sizes_or_metric(mesh: SimplexMesh, generator: str) -> FloatArray:
-    """Return the sizes, float64[n], or matrices, float64[n, 3, 3], for a generator."""
-    if METRIC in mesh.point_data:
-        return as_tensors(mesh.point_data[METRIC])
-    return sizes_of(mesh, generator)
-
-
-def write_view(path: Path, mesh: SimplexMesh) -> None:
-    """Write the sizes or the metric of a mesh as a view of Gmsh."""
-    values = _sizes_or_metric(mesh, "Gmsh")
-    sizes.write_view(path, mesh, values, "h" if values.ndim == 1 else "metric")
 
 
 def surface_of(mesh: SimplexMesh) -> SimplexMesh:
     """Return triangles: the mesh itself, or the boundary of tetrahedra."""
-    if mesh.cell_dim == 1:
-        raise ValueError(f"obj must hold triangles or tetrahedra for this format, got {mesh!r}")
     return mesh.boundary().mesh if mesh.cell_dim == 3 else mesh
-
-
-def _plain(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return numbers in at most two dimensions, of a type that all formats support."""
-    if values.dtype.kind not in "biuf":
-        raise ValueError(f"field {name!r} must hold numbers, got {values.dtype}")
-    if values.dtype.kind == "b":
-        values = values.astype(np.int32)
-    if values.dtype.kind == "f" and values.dtype.itemsize not in (4, 8):
-        values = values.astype(np.float64)
-    return np.ascontiguousarray(values if values.ndim <= 2 else values.reshape(len(values), -1))
 
 
 def _write_with_meshio(path: Path, content: RawMesh, file_format: str, **options: Any) -> None:
@@ -103,24 +67,8 @@ def _write_with_meshio(path: Path, content: RawMesh, file_format: str, **options
 
 def write_vtk(path: Path, mesh: SimplexMesh, suffix: str) -> None:
     """Write a mesh in one of VTK's formats, by its suffix."""
-    vtk.write_file(path, content_of(mesh, "cell_tags", pad=True), suffix)
-
-
-def write_vti(path: Path, grid: CartesianGrid, fields: Mapping[str, npt.NDArray[Any]]) -> None:
-    """Write nodal fields of the grid's shape.  Inactive nodes are hidden.
-
-    In VTK, x varies fastest, which is the opposite of the order here.
-    """
-    flat = {name: _plain(name, values.ravel(order="F")) for name, values in fields.items()}
-    more = 3 - grid.dim
-    vtk.write_image(
-        path,
-        np.pad(grid.origin, (0, more)),
-        np.pad(grid.spacing, (0, more), constant_values=1.0),
-        (*grid.shape, *(1,) * more),
-        flat,
-        None if grid.active is None else grid.active.ravel(order="F"),
-    )
+    content = content_of(mesh, "cell_tags", pad=True)
+    vtk.write(path, suffix, vtk.surface_of(content) if suffix == ".vtp" else vtk.grid_of(content))
 
 
 def write_xdmf(path: Path, mesh: SimplexMesh) -> None:
@@ -207,25 +155,6 @@ def write_surface(path: Path, mesh: SimplexMesh, file_format: str, **options: An
     nodal = scalars if file_format == "ply" else {}
     slim = RawMesh(content.points, content.blocks[:1], nodal, {})
     _write_with_meshio(path, slim, file_format, **options)
-
-
-def write_sol(path: Path, mesh: SimplexMesh) -> None:
-    """Write sizes or a metric for Mmg."""
-    sizes.write_sol(path, mesh, _sizes_or_metric(mesh, "mmg"))
-
-
-def write_jigsaw(path: Path, mesh: SimplexMesh) -> None:
-    """Write the sizes of a mesh for JIGSAW."""
-    if mesh.cell_dim != mesh.dim or mesh.dim == 1:
-        raise ValueError(
-            f"obj must be triangles in the plane or tetrahedra for JIGSAW, got {mesh!r}"
-        )
-    sizes.write_jigsaw(path, mesh, sizes_of(mesh, "JIGSAW"))
-
-
-def refuse_mesh(path: Path, mesh: SimplexMesh) -> None:
-    """Refuse to write a mesh to a file that holds grids."""
-    raise ValueError(f"obj must be a CartesianGrid for {path.suffix}, got {mesh!r}; write .vtu")
 
 
 def parts_of(

@@ -344,8 +344,6 @@ class SimplexMesh(ReadOnlyState):
         return Boundary(mesh, nodes, cell.astype(np.int32))
 
     from_object = LaterMethod["SimplexMesh"]()
-    from_meshio = LaterMethod["SimplexMesh"]()
-    from_pyvista = LaterMethod["SimplexMesh"]()
     to_meshio = LaterMethod[Any]()
     to_pyvista = LaterMethod[Any]()
     to_trimesh = LaterMethod[Any]()

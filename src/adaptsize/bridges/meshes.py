@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from adaptsize._checks import as_flag, check_type, describe
+from adaptsize._checks import as_flag, check_type, describe, warn_caller
 from adaptsize._formats import assembly, vtk, writers
 from adaptsize._formats.blocks import RawMesh, check_raw
 from adaptsize.background import SimplexMesh
@@ -50,21 +49,41 @@ def from_object(
     >>> SimplexMesh.from_object(trimesh.creation.box())
     SimplexMesh(8 points in 3-D, 12 triangles)
     """
-    package = type(mesh).__module__.partition(".")[0]
-    if package == "meshio":
-        return from_meshio(cls, mesh, kind=kind, flatten=flatten)
-    if package in ("pyvista", "vtkmodules"):
-        return from_pyvista(cls, mesh, kind=kind, flatten=flatten)
+    flatten = as_flag("flatten", flatten)
     read = solvers.reader_of(mesh)
-    if read is not None:
-        return _built(read, kind, flatten)
-    if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):  # trimesh
-        points, faces = np.array(mesh.vertices), np.array(mesh.faces)
-        return _built(lambda: RawMesh(points, [("triangle", faces)]), kind, flatten)
-    raise ValueError(
-        "mesh must be of meshio, PyVista, VTK, trimesh, scikit-fem, DOLFINx, MFEM, Netgen or "
-        f"NGSolve, or gmsh.model, got {describe(mesh)}"
-    )
+    if type(mesh).__module__.partition(".")[0] == "meshio":
+        read = partial(_raw_of_meshio, mesh)
+    elif getattr(mesh, "IsA", lambda _: False)("vtkDataObject"):
+        read = partial(vtk.raw_of, mesh)
+    elif read is None and hasattr(mesh, "vertices") and hasattr(mesh, "faces"):  # trimesh
+        blocks = [("triangle", np.array(mesh.faces))]
+        read = partial(RawMesh, np.array(mesh.vertices), blocks)
+    if read is None:
+        raise ValueError(
+            "mesh must be of meshio, PyVista, VTK, trimesh, scikit-fem, DOLFINx, MFEM, Netgen or "
+            f"NGSolve, or gmsh.model, got {describe(mesh)}"
+        )
+    notes: list[str] = []
+    try:
+        raw = read()
+        check_raw(raw)
+        made = assembly.build(raw, kind=kind, flatten=flatten, notes=notes)
+    except MeshFileError as error:
+        raise ValueError(f"mesh {error}") from error
+    if notes:
+        warn_caller("; ".join(notes), InputWarning)
+    return made
+
+
+def _raw_of_meshio(mesh: Any) -> RawMesh:
+    names = {}
+    for name, value in mesh.field_data.items():
+        pair = np.asarray(value)
+        if pair.shape == (2,) and pair.dtype.kind in "iu" and 0 <= pair[1] <= 3:
+            names[int(pair[1]), int(pair[0])] = str(name)
+    blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
+    points = np.asarray(mesh.points, np.float64)
+    return RawMesh(points, blocks, mesh.point_data, mesh.cell_data, names)
 
 
 def to_trimesh(mesh: SimplexMesh) -> Any:
@@ -76,62 +95,6 @@ def to_trimesh(mesh: SimplexMesh) -> Any:
 
     surface = writers.content_of(writers.surface_of(mesh), "cell_tags", pad=True)
     return trimesh.Trimesh(surface.points, surface.blocks[0][1], process=False)
-
-
-def from_meshio(
-    cls: type[SimplexMesh], mesh: Any, *, kind: str | None = None, flatten: bool = True
-) -> SimplexMesh:
-    """Return the simplices of a ``meshio.Mesh``, with tags, tagged facets, names and fields.
-
-    Parameters
-    ----------
-    mesh : meshio.Mesh
-        Not changed.
-    kind, flatten
-        Which cells to read, and whether a coordinate z = 0 is dropped, as for `read`.
-
-    Returns
-    -------
-    SimplexMesh
-        The mesh that `read` returns for a file with the same contents.  It has the cells
-        of the highest dimension; cells that are not simplices are split.  Tags come from
-        cell data of a known name (``"cell_tags"``, ``"gmsh:physical"``, ...), their names
-        from ``field_data``.  Cell sets are ignored.
-
-    Raises
-    ------
-    ValueError
-        If the argument is not a ``meshio.Mesh`` or has no such cells.
-
-    Warns
-    -----
-    InputWarning
-        If cells were dropped or converted, with their number.
-
-    Examples
-    --------
-    >>> import meshio
-    >>> points = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
-    >>> SimplexMesh.from_meshio(meshio.Mesh(points, [("triangle", [[0, 1, 2]])]))
-    SimplexMesh(3 points in 2-D, 1 triangles)
-    """
-    import meshio
-
-    if not isinstance(mesh, meshio.Mesh):
-        raise ValueError(f"mesh must be a meshio.Mesh, got {describe(mesh)}")
-    names = {}
-    for name, value in mesh.field_data.items():
-        pair = np.asarray(value)
-        if pair.shape == (2,) and pair.dtype.kind in "iu" and 0 <= pair[1] <= 3:
-            names[int(pair[1]), int(pair[0])] = str(name)
-    raw = RawMesh(
-        np.asarray(mesh.points, np.float64),
-        [(block.type, np.asarray(block.data)) for block in mesh.cells],
-        mesh.point_data,
-        mesh.cell_data,
-        names,
-    )
-    return _built(lambda: raw, kind, flatten)
 
 
 def to_meshio(mesh: SimplexMesh, *, tag_name: str = "cell_tags") -> Any:
@@ -181,40 +144,6 @@ def to_meshio(mesh: SimplexMesh, *, tag_name: str = "cell_tags") -> Any:
     )
 
 
-def from_pyvista(
-    cls: type[SimplexMesh], mesh: Any, *, kind: str | None = None, flatten: bool = True
-) -> SimplexMesh:
-    """Return the simplices of a PyVista data set, with tags, tagged facets, names and fields.
-
-    Parameters
-    ----------
-    mesh : pyvista.DataSet, pyvista.MultiBlock or object of VTK
-        An ``UnstructuredGrid``, ``PolyData`` or any other data set, or several.  Not changed.
-    kind, flatten
-        Which cells to read, and whether a coordinate z = 0 is dropped, as for `read`.
-
-    Returns
-    -------
-    SimplexMesh
-        The mesh that `read` returns for a file with the same contents.  Names of tags are
-        those that `to_pyvista` writes.
-
-    Raises
-    ------
-    ValueError
-        If it is not a data set, or has no such cells or polyhedra.
-
-    Warns
-    -----
-    InputWarning
-        If cells were dropped or converted, with their number.
-    """
-    is_a = getattr(mesh, "IsA", lambda name: False)
-    if not (is_a("vtkDataSet") or is_a("vtkCompositeDataSet")):
-        raise ValueError(f"mesh must be a PyVista data set, got {describe(mesh)}")
-    return _built(partial(vtk.raw_of, mesh), kind, flatten)
-
-
 def to_pyvista(mesh: SimplexMesh) -> Any:
     """Return a ``pyvista.UnstructuredGrid`` with the same cells, tags, names and fields.
 
@@ -228,17 +157,3 @@ def to_pyvista(mesh: SimplexMesh) -> Any:
     import pyvista
 
     return pyvista.wrap(vtk.grid_of(writers.content_of(mesh, "cell_tags", pad=True)))
-
-
-def _built(read: Callable[[], RawMesh], kind: str | None, flatten: bool) -> SimplexMesh:
-    flatten = as_flag("flatten", flatten)
-    notes: list[str] = []
-    try:
-        raw = read()
-        check_raw(raw)
-        made = assembly.build(raw, kind=kind, flatten=flatten, notes=notes)
-    except MeshFileError as error:
-        raise ValueError(f"mesh {error}") from error
-    if notes:
-        warnings.warn("; ".join(notes), InputWarning, stacklevel=3)
-    return made

@@ -44,7 +44,7 @@ class AdaptsizeAccessor:
     @property
     def mesh(self) -> SimplexMesh:
         """The data set as a `SimplexMesh`."""
-        return SimplexMesh.from_pyvista(self._dataset)
+        return SimplexMesh.from_object(self._dataset)
 
     def size(self, **options: Any) -> Any:
         """Return a copy with the sizes of `adaptsize.size_function` as point data ``h``."""

@@ -101,11 +101,11 @@ def _check_format(path: Path, content: Content) -> None:
 
     chosen = format_of(path, None)
     name = path.name
-    if content == "mesh" and chosen.only_sizes:
+    if content == "mesh" and "sizes" in chosen.holds:
         raise ValueError(f"{name} would hold sizes but no mesh; write .vtu, or .mesh with a .sol")
-    if content != "sizes of an image" and chosen.holds_grids:
+    if content != "sizes of an image" and "grids" in chosen.holds:
         raise ValueError(f"{name} holds grids, not meshes; write .vtu")
-    if content != "mesh" and not chosen.holds_fields:
+    if content != "mesh" and not chosen.holds & {"fields", "sizes"}:
         hint = ".sol (for Mmg) or .vtu" if content == "sizes" else ".vtu"
         raise ValueError(f"{name} cannot hold nodal fields such as the sizes; write {hint}")
 
@@ -121,13 +121,7 @@ def check_cells(path: Path, mesh: SimplexMesh) -> None:
     """
     from adaptsize._formats.formats import format_of
 
-    chosen = format_of(path, None)
-    if chosen.only_triangles and mesh.cell_dim == 1:
-        raise ValueError(f"{path.name} cannot hold segments; write .vtu")
-    if chosen.only_full and (mesh.cell_dim < mesh.dim or mesh.dim == 1):
-        raise ValueError(
-            f"{path.name} holds triangles in the plane or tetrahedra, got {mesh!r}; write .vtu"
-        )
+    format_of(path, None).check_cells(path, mesh)
 
 
 def check_place(path: Path) -> None:
@@ -169,8 +163,7 @@ def holds_more_than_sizes(output: Path) -> bool:
     """Return whether a file can hold other nodal fields besides the sizes."""
     from adaptsize._formats.formats import format_of
 
-    chosen = format_of(output, None)
-    return chosen.holds_fields and not chosen.only_sizes
+    return "fields" in format_of(output, None).holds
 
 
 def write_mesh(path: Path, mesh: SimplexMesh) -> list[dict[str, Any]]:
@@ -214,21 +207,21 @@ def contents(
     chosen = format_of(path, None)
     held: dict[str, Any] = {"file": str(path)}
     fields = list(more_fields)
-    if isinstance(background, CartesianGrid) and chosen.holds_grids:
+    if isinstance(background, CartesianGrid) and "grids" in chosen.holds:
         n_points, n_cells = background.n_points, background.n_cells
         return held | {"kind": "grid", "n_points": n_points, "n_cells": n_cells, "fields": fields}
     mesh = background.mesh if isinstance(background, CartesianGrid | Octree) else background
-    if chosen.only_triangles:
+    if "triangles" in chosen.holds:
         mesh = surface_of(mesh)
     fields = list(dict.fromkeys([*mesh.point_data, *fields]))
-    if chosen.only_sizes:
+    if "sizes" in chosen.holds:
         fields = ["h"]
     if chosen.suffixes == (".sol",):
         return held | {"kind": "nodal sizes", "n_points": mesh.n_points, "fields": fields}
     held |= {"kind": kind_of(mesh), "n_points": mesh.n_points, "n_cells": mesh.n_cells}
-    if mesh.tagged_facets is not None and not (chosen.only_triangles or chosen.only_sizes):
+    if mesh.tagged_facets is not None and "tags" in chosen.holds:
         held["n_tagged_facets"] = len(mesh.tagged_facets)
-    return held | {"fields": fields if chosen.holds_fields else []}
+    return held | {"fields": fields if chosen.holds & {"fields", "sizes"} else []}
 
 
 def print_written(console: Console, *written: Mapping[str, Any]) -> None:

@@ -27,7 +27,7 @@ def _check(file: Path, output: Path, given: Given, allowed: set[str]) -> None:
     if refused:
         listed = ", ".join(f"--{name.replace('_', '-')}" for name in refused)
         raise ValueError(f"--metric does not go with {listed}")
-    if not format_of(output, None).holds_metrics:
+    if beside(output) is None and "metrics" not in format_of(output, None).holds:
         raise ValueError(f"{output.name} cannot hold a metric; write .vtu, .sol or .pos")
     metric = Path(given["metric"])
     other = metric if metric.suffix.lower() == ".sol" else None

@@ -203,7 +203,9 @@ def _is_for_surfaces(output: Path, mesh: SimplexMesh, given: Given) -> bool:
     remeshes = given.get("backend", "auto") == "mmg" or (
         given.get("backend", "auto") == "auto" and available_backends()["mmg"].installed
     )
-    return format_of(output, None).only_triangles and mesh.cell_dim < mesh.dim == 3 and remeshes
+    return (
+        "triangles" in format_of(output, None).holds and mesh.cell_dim < mesh.dim == 3 and remeshes
+    )
 
 
 def _made(
@@ -339,7 +341,7 @@ def _announce(console: Console, output: Path, mesh: SimplexMesh, target: str) ->
 
     announce_memory_of_sizes(console, mesh)
     chosen = format_of(output, None)
-    if chosen.only_triangles and mesh.dim == 3 and target != "triangles":
+    if "triangles" in chosen.holds and mesh.dim == 3 and target != "triangles":
         console.warn(
             f"{output.name} holds triangles only: the boundary of the tetrahedra is written; "
             "write .vtu or .msh for the tetrahedra"
@@ -347,5 +349,5 @@ def _announce(console: Console, output: Path, mesh: SimplexMesh, target: str) ->
     sizes = beside(output)
     if sizes is not None:
         console.say(f"{output.name} holds no fields: the sizes are written to {sizes.name}")
-    elif not chosen.holds_fields:
+    elif "fields" not in chosen.holds:
         console.say(f"{output.name} holds no fields: the sizes are not written")
