@@ -239,7 +239,8 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
         try:
             check_readable(file)
             formats.check_end(".vti", file.read_bytes())
-            background, fields = _grid_in(read_limited("read_vti", file))
+            grid, fields = read_limited("read_vti", file)
+            background = CartesianGrid(**grid)
         except (ValueError, MemoryError) as error:
             raise about_file(file, error) from error
     else:
@@ -252,22 +253,6 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
         return SizeFunction(background, fields[name], **writers.growth_in(fields, name))
     except ValueError as error:
         raise about_file(file, MeshFileError(f"{name}: {error}")) from error
-
-
-def _grid_in(image: Mapping[str, Any]) -> tuple[CartesianGrid, dict[str, npt.NDArray[Any]]]:
-    """Return the grid of image data and its nodal fields of one component."""
-    origin, spacing, counts = image["origin"], image["spacing"], image["counts"]
-    dim = max((d + 1 for d in range(3) if counts[d] > 1), default=0)
-    for d in range(3):
-        if counts[d] < 2 and (d < dim or origin[d] != 0.0):
-            raise MeshFileError(
-                f"has {counts[d]} nodes along {'xyz'[d]}, at {origin[d]:g}, but needs two or more "
-                "(or one along the last axes, at 0)"
-            )
-    shape = tuple(int(n) for n in counts[:dim])
-    fields = {name: v.reshape(shape, order="F") for name, v in image["fields"].items()}
-    active = None if image["active"] is None else image["active"].reshape(shape, order="F")
-    return CartesianGrid(origin[:dim], spacing[:dim], shape, active=active), fields
 
 
 def read_metric(path: str | os.PathLike[str], *, name: str = "metric") -> Metric:

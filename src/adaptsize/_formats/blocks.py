@@ -156,23 +156,6 @@ def check_raw(raw: RawMesh) -> None:
             )
 
 
-def join(pieces: Sequence[RawMesh]) -> RawMesh:
-    """Return the union of several meshes, with the fields that all of them have."""
-    starts = np.cumsum([0, *(len(piece.points) for piece in pieces)])
-    nodal = set.intersection(*(set(piece.point_data) for piece in pieces))
-    of_cells = set.intersection(*(set(piece.cell_data) for piece in pieces))
-    return RawMesh(
-        np.concatenate([piece.points for piece in pieces]),
-        [
-            (cell_type, cells + start)
-            for piece, start in zip(pieces, starts, strict=False)
-            for cell_type, cells in piece.blocks
-        ],
-        {name: np.concatenate([piece.point_data[name] for piece in pieces]) for name in nodal},
-        {name: [part for piece in pieces for part in piece.cell_data[name]] for name in of_cells},
-    )
-
-
 #: Names that programs give to the numbers of nodes in the whole mesh.
 NODE_NUMBERS = ("GlobalPointIds", "GlobalNodeIds", "GlobalPointId", "GlobalNodeId")
 

@@ -71,7 +71,7 @@ def read_pieces(path: Path, rank: int, size: int) -> list[RawMesh]:
     return [raw for raw in vtk.pieces_in(path, rank, size) if raw.blocks]
 
 
-def read_vti(path: Path) -> dict[str, Any]:
+def read_vti(path: Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
     """Return the grid and the fields in a file of VTK."""
     return vtk.image_of(vtk.read_file(path))
 

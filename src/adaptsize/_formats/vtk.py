@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -19,7 +19,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._formats.blocks import TAG_NAMES, RawMesh, join
+from adaptsize._formats.blocks import TAG_NAMES, RawMesh
 from adaptsize.errors import MeshFileError
 
 if TYPE_CHECKING:
@@ -76,26 +76,22 @@ def raw_of(data: Any) -> RawMesh:
 
     Cells of parts without tags are tagged by the number of the part, from 1.
     """
-    pieces, names = [], []
-    for part, name in _parts_of(data):
-        piece = raw_of_part(part)
-        if piece.blocks:
-            pieces.append(piece)
-            names.append(name)
-    if not pieces:
+    names, grids, labels = _names_in(data), list[Any](), list[str]()
+    for part, label in _parts_of(data):
+        names |= _names_in(part)
+        grid = _grid_of_part(part)
+        if grid.GetNumberOfCells():
+            grids.append(grid)
+            labels.append(label)
+    if not grids:
         raise MeshFileError("holds no cells")
-    if len(pieces) == 1:
-        return pieces[0]
-    fields = {name.lower() for piece in pieces for name in piece.cell_data}
-    if any(names) and not fields & set(TAG_NAMES):
-        for number, (piece, name) in enumerate(zip(pieces, names, strict=True), start=1):
-            tags = [np.full(len(cells), number, np.int32) for _, cells in piece.blocks]
-            piece.cell_data = {**piece.cell_data, "region": tags}
-            piece.tag_names = {(dim, number): name for dim in (2, 3) if name}
-    joined = join(pieces)
-    joined.tag_names = {key: text for piece in pieces for key, text in piece.tag_names.items()}
-    joined.tag_names = {**_names_in(data), **joined.tag_names}
-    return joined
+    fields = {name.lower() for grid in grids for name in _arrays_in(grid.GetCellData())}
+    if len(grids) > 1 and any(labels) and not fields & set(TAG_NAMES):
+        for number, (grid, label) in enumerate(zip(grids, labels, strict=True), start=1):
+            region = np.full(grid.GetNumberOfCells(), number, np.int32)
+            _add(grid.GetCellData(), {"region": region})
+            names |= {(dim, number): label for dim in (2, 3) if label}
+    return replace(_raw_of_grid(_appended(grids)), tag_names=names)
 
 
 def _parts_of(data: Any) -> Iterator[tuple[Any, str]]:
@@ -120,20 +116,30 @@ def _parts_of(data: Any) -> Iterator[tuple[Any, str]]:
 
 def raw_of_part(data: Any) -> RawMesh:
     """Return the cells and fields of a data set, without cells that other pieces have, too."""
-    if data.GetNumberOfPoints() == 0:
-        return RawMesh(np.empty((0, 3)), [])
-    grid = data
-    if not data.IsA("vtkUnstructuredGrid"):
-        append = _get("vtkFiltersCore.vtkAppendFilter")()
-        append.SetOutputPointsPrecision(1 if data.IsA("vtkImageData") else 2)
+    return replace(_raw_of_grid(_grid_of_part(data)), tag_names=_names_in(data))
+
+
+def _appended(data_sets: Iterable[Any]) -> Any:
+    """Return a vtkUnstructuredGrid of all cells, with the fields that all data sets have."""
+    append = _get("vtkFiltersCore.vtkAppendFilter")()
+    append.SetOutputPointsPrecision(append.DOUBLE_PRECISION)
+    for data in data_sets:
         append.AddInputData(data)
-        append.Update()
-        grid = append.GetOutput()
+    append.Update()
+    return append.GetOutput()
+
+
+def _grid_of_part(data: Any) -> Any:
+    """Return a data set as a new vtkUnstructuredGrid, without cells that other pieces have, too."""
+    grid = _get("vtkCommonDataModel.vtkUnstructuredGrid")()
+    if data.GetNumberOfPoints():
+        grid.ShallowCopy(data if data.IsA("vtkUnstructuredGrid") else _appended([data]))
     if grid.GetCellGhostArray() is not None:
-        owned = _get("vtkCommonDataModel.vtkUnstructuredGrid")()
-        owned.ShallowCopy(grid)
-        owned.RemoveGhostCells()
-        grid = owned
+        grid.RemoveGhostCells()
+    return grid
+
+
+def _raw_of_grid(grid: Any) -> RawMesh:
     fields, nodal = _arrays_in(grid.GetCellData()), _arrays_in(grid.GetPointData())
     for held in (fields, nodal):
         held.pop(_GHOSTS, None)
@@ -142,8 +148,8 @@ def raw_of_part(data: Any) -> RawMesh:
         blocks.append((cell_type, cells))
         for name, values in fields.items():
             cell_data[name].append(values[parent])
-    points = _numpy(grid.GetPoints().GetData()).astype(np.float64)
-    return RawMesh(points, blocks, nodal, cell_data, _names_in(data))
+    points = _numpy(grid.GetPoints().GetData()).astype(np.float64) if blocks else np.empty((0, 3))
+    return RawMesh(points, blocks, nodal, cell_data)
 
 
 def _numpy(array: Any) -> npt.NDArray[Any]:
@@ -426,24 +432,32 @@ def _read_legacy(content: bytes) -> Any:
     return data
 
 
-def image_of(data: Any) -> dict[str, Any]:
-    """Return origin, spacing, numbers of nodes and nodal fields of image data, x fastest."""
+def image_of(data: Any) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+    """Return what a CartesianGrid of image data is made from, and its fields of one component.
+
+    In VTK, x varies fastest, which is the opposite of the order here.
+    """
     if not data.IsA("vtkImageData"):
         raise MeshFileError(f"holds a {data.GetClassName()}, not image data")
     matrix = data.GetDirectionMatrix()
     if any(matrix.GetElement(i, j) != (i == j) for i in range(3) for j in range(3)):
         raise MeshFileError("holds a grid that is not axis-aligned")
     fields = _arrays_in(data.GetPointData())
+    extent, spacing = np.reshape(data.GetExtent(), (3, 2)), np.array(data.GetSpacing())
+    origin, counts = data.GetOrigin() + spacing * extent[:, 0], extent[:, 1] - extent[:, 0] + 1
+    dim = max((d + 1 for d in range(3) if counts[d] > 1), default=0)
+    for d in range(3):
+        if counts[d] < 2 and (d < dim or origin[d] != 0.0):
+            raise MeshFileError(
+                f"has {counts[d]} nodes along {'xyz'[d]}, at {origin[d]:g}, but needs two or more "
+                "(or one along the last axes, at 0)"
+            )
+    shape = tuple(counts[:dim].tolist())
+    fields = {name: v.reshape(shape, order="F") for name, v in fields.items() if v.ndim == 1}
     ghosts = fields.pop(_GHOSTS, None)
-    extent = np.reshape(data.GetExtent(), (3, 2))
-    spacing = np.array(data.GetSpacing())
-    return {
-        "origin": np.array(data.GetOrigin()) + spacing * extent[:, 0],
-        "spacing": spacing,
-        "counts": extent[:, 1] - extent[:, 0] + 1,
-        "fields": {name: values for name, values in fields.items() if values.ndim == 1},
-        "active": None if ghosts is None else ghosts & _HIDDEN == 0,
-    }
+    active = None if ghosts is None else ghosts & _HIDDEN == 0
+    grid = {"origin": origin[:dim], "spacing": spacing[:dim], "shape": shape, "active": active}
+    return grid, fields
 
 
 def plain(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -458,10 +472,7 @@ def plain(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def write_image(path: Path, grid: CartesianGrid, fields: Mapping[str, npt.NDArray[Any]]) -> None:
-    """Write nodal fields of the grid's shape as ``.vti``.  Inactive nodes are hidden.
-
-    In VTK, x varies fastest, which is the opposite of the order here.
-    """
+    """Write nodal fields of the grid's shape as ``.vti``.  Inactive nodes are hidden."""
     image, more = _get("vtkCommonDataModel.vtkImageData")(), 3 - grid.dim
     image.SetOrigin(*grid.origin, *[0.0] * more)
     image.SetSpacing(*grid.spacing, *[1.0] * more)
