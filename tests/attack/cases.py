@@ -16,7 +16,7 @@ SHARES = {"calls": 60, "forms": 15, "files": 25}
 SWEEP = 1 << 40
 
 #: Seconds of processor time and of wall time after which a case counts as hanging.
-_LIMITS = {"files": (30.0, 120.0), "selftest": (3.0, 60.0)}
+_LIMITS = {"files": (30.0, 120.0), "selftest": (1.0, 60.0)}
 
 _CLASSES = [name for name, share in SHARES.items() for _ in range(share)]
 

@@ -15,12 +15,12 @@ from adaptsize import size_conformity
 from adaptsize.remeshing import register_backend, registry, remesh
 from adaptsize.sizes import predict
 
-COARSE = 0.32
+COARSE = 0.4
 CUBE = block(2)
 SURFACE = CUBE.boundary().mesh
 #: Kind of job: mesh, backend, package, keywords.
 JOBS = {
-    "volume of a surface, tetwild": (SURFACE, "tetwild", "pytetwild", {}),
+    "volume of a surface, tetwild": (SURFACE, "tetwild", "pytetwild", {"tolerance": 2e-3}),
     "volume of a surface, netgen and mmg": (SURFACE, "mmg", "netgen", {}),
     "tetrahedra, mmg": (CUBE, "mmg", "mmgpy", {}),
     "surface, mmg": (SURFACE, "mmg", "mmgpy", {"target": "triangles"}),

@@ -170,7 +170,7 @@ COARSER = {
         ("spacing=3.0", "spacing=12.0"),
     ],
     # The essential lines of examples.
-    "examples/fem_loop.py": [("800, 1600, 3200, 6400", "400, 800")],
+    "examples/fem_loop.py": [("800, 1600, 3200, 6400", "400,")],
     "examples/plot_bracket.py": [("data/bracket.stl", "data/box.stl"), ("hmin=1.0", "hmin=3.0")],
     "examples/plot_lshape.py": [("0.002", "0.02")],
     "examples/plot_scan.py": [("data/deer.ply", "data/box.stl"), ("0.45, 6.0", "2.0, 6.0"),
