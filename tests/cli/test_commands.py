@@ -9,8 +9,8 @@ from command_line import call
 from shapes import block
 
 from adaptsize import SimplexMesh, read, size_function, write
-from adaptsize.cli import steps as steps_module
-from adaptsize.cli.steps import NORMAL, Steps
+from adaptsize.cli import console as console_module
+from adaptsize.cli.console import Steps
 
 DATA = Path(__file__).parents[2] / "data"
 CUBE = block(2)
@@ -72,25 +72,26 @@ def clock(monkeypatch):
             return self.now
 
     clock = Clock()
-    monkeypatch.setattr(steps_module, "time", clock)
+    monkeypatch.setattr(console_module, "time", clock)
     return clock
 
 
 def test_each_step_is_a_line_once_a_command_takes_long(clock):
     lines, times = [], []
-    with Steps(3, lines.append, times, NORMAL) as steps:
-        steps.begin("reading")
-        clock.now += 1.0
-        steps.begin("sizes")
-        assert lines == []
-        clock.now += 9.0
-        steps._talk()  # as the timer does
-        clock.now += 10.0
-        steps.report("limiting", 0.1)
-        assert lines == ["step 2 of 3: sizes (after 10 s)"]
-        clock.now += 21.0
-        steps.report("limiting", 0.5)
-        steps.begin("writing")
+    steps = Steps(3, lines.append, times)
+    steps.begin("reading")
+    clock.now += 1.0
+    steps.begin("sizes")
+    assert lines == []
+    clock.now += 9.0
+    steps.talk()  # as the timer does
+    clock.now += 10.0
+    steps.report("limiting", 0.1)
+    assert lines == ["step 2 of 3: sizes (after 10 s)"]
+    clock.now += 21.0
+    steps.report("limiting", 0.5)
+    steps.begin("writing")
+    steps.end()
     assert lines[1:] == [
         "step 2 of 3: sizes, 40 s so far, about 40 s left",
         "step 3 of 3: writing (after 41 s)",

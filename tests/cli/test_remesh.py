@@ -41,7 +41,7 @@ def no_generator(monkeypatch):
         cells = [[0, 4, 6, 7], [0, 6, 2, 7], [0, 2, 3, 7], [0, 3, 1, 7], [0, 1, 5, 7], [0, 5, 4, 7]]
         return SimplexMesh(CORNERS, cells)
 
-    monkeypatch.setattr("adaptsize.remeshing.remesh", fill)
+    monkeypatch.setattr("adaptsize.domain_size.elements.remesh", fill)
     return filled
 
 

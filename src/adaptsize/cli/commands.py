@@ -4,20 +4,51 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from adaptsize.cli.adapt import adapt
+import adaptsize as ads
 from adaptsize.cli.console import Console
-from adaptsize.cli.family import family
-from adaptsize.cli.files import nodal_field, read_mesh
-from adaptsize.cli.limit import limit
-from adaptsize.cli.options import Given, GroupedCommand, Input, command, own
+from adaptsize.cli.files import (
+    check_files,
+    draw,
+    format_of,
+    nodal_field,
+    read_mesh,
+    write_result,
+)
+from adaptsize.cli.metric import limit_with_metric
+from adaptsize.cli.options import (
+    FIELD,
+    METRIC,
+    PLOT,
+    SOURCE,
+    Given,
+    GroupedCommand,
+    Input,
+    MeshOutput,
+    SizesOutput,
+    command,
+    own,
+)
 from adaptsize.cli.remesh import remesh
 from adaptsize.cli.size import image, size
 from adaptsize.cli.warmup import announce_compilation, warmup
-from adaptsize.options import RemeshOptions, options_of
+from adaptsize.options import (
+    AdaptOptions,
+    FamilyOptions,
+    RemeshOptions,
+    SizeOptions,
+    TransferOptions,
+    options_of,
+)
+from adaptsize.typing import FloatArray, NodalMethod
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from adaptsize.background import SimplexMesh
 
 app = typer.Typer(
     name="adaptsize",
@@ -32,9 +63,7 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from adaptsize import __version__
-
-        print(f"adaptsize {__version__}")
+        print(f"adaptsize {ads.__version__}")
         raise typer.Exit
 
 
@@ -57,7 +86,7 @@ def options(
 
 
 @command()
-def info(console: Console, file: Input) -> None:
+def info(console: Console, file: Input) -> int:
     """Summarize a mesh: cells, extent, tags, fields, quality."""
     from adaptsize.quality.summary import summarize
 
@@ -68,6 +97,7 @@ def info(console: Console, file: Input) -> None:
         summary = summarize(mesh)
     console.record(input=str(file), **summary.as_dict())
     console.print(summary)
+    return 0
 
 
 @command(
@@ -75,7 +105,7 @@ def info(console: Console, file: Input) -> None:
     own("Checks", "field", str, "Nodal field with the sizes.", chosen="h, if present"),
     replace(options_of(RemeshOptions)["tolerance"], group="Checks"),
 )
-def check(console: Console, file: Input, given: Given) -> None:
+def check(console: Console, file: Input, given: Given) -> int:
     """Check a mesh: validity, domain, conformity with its sizes.
 
     The exit code is 1 if a demand is not met.  The worst places are listed.  The tolerance is that
@@ -83,7 +113,6 @@ def check(console: Console, file: Input, given: Given) -> None:
     """
     from adaptsize._formats.provenance import read_provenance
     from adaptsize.background.interfaces import skin_of
-    from adaptsize.quality import check_mesh, size_conformity
     from adaptsize.remeshing.preparation import repair_mesh
 
     original, field = given.pop("original", None), given.pop("field", None)
@@ -100,17 +129,210 @@ def check(console: Console, file: Input, given: Given) -> None:
         other = None if original is None else repair_mesh(read_mesh(original)).mesh
         if field is None and "h" in mesh.point_data:
             field = "h"
-        size = None if field is None else nodal_field(mesh, field)
+        sizes = None if field is None else nodal_field(mesh, field)
         steps.begin("checks")
-        found = check_mesh(mesh, original=other, size=size, **given)
-        surface = None if other is None else skin_of(other)[0]
-        conformity = None if size is None else size_conformity(mesh, size, surface=surface)
+        found = ads.check_mesh(mesh, original=other, size=sizes, **given)
+        if sizes is not None:
+            surface = None if other is None else skin_of(other)[0]
+            conformity = ads.size_conformity(mesh, sizes, surface=surface)
     console.record(input=str(file), **found.as_dict())
-    if conformity is not None:
+    if sizes is not None:
         console.record(**conformity.as_dict())
         console.print(conformity)
     console.print(found)
-    console.exit_unless(found.is_met)
+    return int(not found.is_met)
+
+
+@command(
+    replace(options_of(SizeOptions)["g"], default=...),
+    replace(FIELD, text="Nodal field with the upper bounds."),
+    METRIC,
+    own(
+        "Sizes", "method", str, default="auto",
+        text="auto, or a method of limit_gradient, such as fast-marching.",
+    ),
+    PLOT,
+)  # fmt: skip
+def limit(console: Console, file: Input, output: SizesOutput, given: Given) -> int:
+    """Limit the gradient of a nodal field.  The result is written as the field h, or metric.
+
+    Of the exact method, the field source holds the node from which each size originates.
+    """
+    if ("field" in given) == ("metric" in given):
+        raise ValueError("give either --field or --metric")
+    if "metric" in given:
+        return limit_with_metric(console, file, output, given)
+    g, plot = given["g"], given.get("plot")
+    check_files([file], output, "sizes", plot=plot)
+    with console.steps(3) as steps:
+        steps.begin("reading")
+        mesh: SimplexMesh = ads.io.read(file)
+        format_of(output).check_cells(output, mesh)
+        h0 = nodal_field(mesh, given["field"])
+        steps.begin("limiting")
+        method = given.get("method", "auto")
+        h, found = ads.limit_gradient.with_info(mesh, h0, g, method=method, progress=steps.report)
+        steps.begin("writing")
+        fields: dict[str, npt.ArrayLike] = {"h": h}
+        if found.sources is not None and "fields" in format_of(output).holds:
+            fields["source"] = found.sources.roots()
+        write_result(console, output, mesh, fields)
+        draw(console, "size", plot, mesh, h)
+    quantiles = found.cell_gradient_quantiles
+    console.record(
+        input=str(file),
+        method=found.method,
+        g=g,
+        n_points=mesh.n_points,
+        n_lowered=found.n_changed,
+        largest_edge_slope=found.largest_edge_slope,
+        cell_gradient_quantiles=quantiles,
+    )
+    levels = ", ".join(f"{share:g}: {q:.3f}" for share, q in quantiles.items())
+    console.print(f"{found.method}: {found.n_changed} of {mesh.n_points} nodes lowered")
+    console.print(f"largest slope along an edge over g: {found.largest_edge_slope:.6f}")
+    console.print(f"gradient in the cells over g, quantiles: {levels}")
+    return 0
+
+
+_VALUES = own(
+    "Mesh family", "values", str,
+    "Numbers computed on meshes that this command has written, such as 1.31,1.22,1.19, the "
+    "coarsest first.  Prints their order of convergence; makes no meshes.",
+)  # fmt: skip
+
+
+@command(FamilyOptions, SOURCE, _VALUES)
+def family(console: Console, file: Input, output: MeshOutput, given: Given) -> int:
+    """Make self-similar meshes for a convergence study: NAME-1.vtu is the coarsest.
+
+    Options of the sizes are for the coarsest mesh.  From one mesh to the next, all bounds on the
+    size and the gradient limit are divided by the ratio.
+    """
+    from adaptsize.domain_size.family import Convergence, mean_cell_size
+
+    values = given.pop("values", None)
+    numbers = [] if values is None else _numbers(values)
+    levels = given.get("levels", options_of(FamilyOptions)["levels"].default)
+    paths = [
+        output.with_name(f"{output.stem}-{level}{output.suffix}")
+        for level in range(1, (len(numbers) or levels) + 1)
+    ]
+    if numbers:
+        found = [mean_cell_size(read_mesh(path)) for path in paths]
+        result = Convergence.of(found, numbers)
+        console.record(mean_sizes=found, values=numbers, **vars(result))
+        console.print(result)
+        return 0
+    for path in paths:
+        check_files([file], path, "mesh")
+    with console.steps(3) as steps:
+        steps.begin("reading")
+        mesh = read_mesh(file)
+        steps.begin("meshing")
+        made = ads.mesh_family(mesh, **given, progress=steps.report)
+        steps.begin("writing")
+        for path, new, h in zip(paths, made.meshes, made.sizes, strict=True):
+            write_result(console, path, new.with_data(point_data={"h": h(new.points)}))
+    sizes = made.mean_sizes.tolist()
+    console.record(input=str(file), mean_sizes=sizes, ratios=made.ratios.tolist())
+    console.print("mean sizes  " + ", ".join(f"{h:.5g}" for h in sizes))
+    console.print("ratios      " + ", ".join(f"{ratio:.4g}" for ratio in made.ratios))
+    return 0
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError as error:
+        raise ValueError(
+            f"--values must be numbers such as 1.31,1.22,1.19, got {text!r}"
+        ) from error
+
+
+@command(
+    replace(
+        FIELD,
+        default=...,
+        group="Adaptation",
+        text="Cell field with the error of each cell; or nodal field with the solution, whose "
+        "error is then estimated by its recovered gradient (Zienkiewicz-Zhu).",
+    ),
+    AdaptOptions,
+    options_of(SizeOptions)["g"],
+    replace(options_of(TransferOptions)["method"], type=NodalMethod),
+    PLOT,
+    without="conservative corner_angle anisotropic norm max_aspect how rounds",
+)
+def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> int:
+    """Make the next mesh of an adaptive loop.
+
+    Its sizes come from an error indicator or a solution.  Fields and tags of the file are
+    transferred.  A mesh that already has the sizes is written unchanged.
+    """
+    field, plot = given.pop("field"), given.pop("plot", None)
+    check_files([file], output, "mesh", plot=plot)
+    if not given.keys() & {"elements", "nodes", "tolerance"}:
+        raise ValueError("adapt needs --elements, --nodes or --tolerance, got none of them")
+    with console.steps(4) as steps:
+        steps.begin("reading")
+        mesh = ads.io.read(file)
+        indicator = indicator_of(mesh, field)
+        steps.begin("adapting")
+        result = ads.adapt(
+            mesh,
+            indicator,
+            # The sizes that the mesh was made for are replaced.
+            fields={name: v for name, v in mesh.point_data.items() if name != "h"},
+            cell_fields={name: v for name, v in mesh.cell_data.items() if name != field},
+            conservative=mesh.cell_dim == mesh.dim,
+            progress=steps.report,
+            **given,
+        )
+        steps.begin("writing")
+        new = result.mesh
+        fields = {**result.fields, "h": result.size(new.points)}
+        new = new.with_data(point_data=fields, cell_data=result.cell_fields)
+        write_result(console, output, new)
+        draw(console, "size", plot, new)
+    report = result.report
+    of_mesh = {
+        "share_in_band": report.after.share_in_band,
+        "boundary_distance": report.boundary_distance,
+    }
+    console.record(
+        input=str(file),
+        remeshed=result.remeshed,
+        converged=result.converged,
+        reason=result.reason,
+        error=report.error,
+        budget_met=report.budget_met,
+        n_elements=report.predicted_elements,
+        mesh=report.after.as_dict() | of_mesh,
+        lost_tags=report.lost_tags,
+    )
+    console.print(f"{result.reason}\n{report}")
+    return 0
+
+
+def indicator_of(mesh: SimplexMesh, name: str) -> FloatArray:
+    """Return the error of each cell: a cell field, or estimated from a nodal field.
+
+    Raises
+    ------
+    ValueError
+        If there is no field of that name, or one of each kind.
+    """
+    at_nodes, in_cells = name in mesh.point_data, name in mesh.cell_data
+    if at_nodes and in_cells:
+        raise ValueError(f"{name!r} is a nodal field and a cell field of the mesh: rename one")
+    if in_cells:
+        return mesh.cell_data[name].reshape(mesh.n_cells, -1).squeeze(axis=1)
+    if not at_nodes:
+        listed = ", ".join([*mesh.cell_data, *mesh.point_data]) or "none"
+        raise ValueError(f"the mesh has no field {name!r}; it has: {listed}")
+    indicator: FloatArray = ads.zz_indicator(mesh, nodal_field(mesh, name))
+    return indicator
 
 
 for function in (info, size, limit, remesh, family, adapt, image, check, warmup):

@@ -1,4 +1,7 @@
-"""What a command prints: results on standard output, messages on standard error."""
+"""What a command prints: results on standard output, messages on standard error.
+
+Steps are a bar on a terminal, and lines elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,18 @@ import logging
 import math
 import re
 import sys
+import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from adaptsize.cli.steps import NORMAL, QUIET, VERBOSE, Steps
+from adaptsize._progress import remaining, reporting, silent
+from adaptsize.typing import ProgressCallback
+
+#: Steps are printed as lines only from this many seconds on: quick commands print none.
+PATIENCE = 3.0
+#: Seconds between lines about the same step.
+INTERVAL = 30.0
 
 
 class Console:
@@ -22,8 +32,8 @@ class Console:
     ----------
     as_json : bool
         Whether the results are one JSON object instead of text.
-    level : int
-        ``QUIET``, ``NORMAL`` or ``VERBOSE``.
+    quiet, verbose : bool
+        Whether only errors are printed; whether also what mesh generators print.
     warnings : list of str
         The warnings so far, each once.
     times : list of tuple
@@ -34,8 +44,7 @@ class Console:
 
     def __init__(self) -> None:
         self._flags: Mapping[str, str] = {}
-        self.as_json = False
-        self.level = NORMAL
+        self.as_json = self.quiet = self.verbose = False
         self.warnings: list[str] = []
         self._command = self.typed = ""
         self._result: dict[str, Any] = {}
@@ -46,15 +55,14 @@ class Console:
     def configure(self, command: str, flags: Mapping[str, str], general: Mapping[str, Any]) -> None:
         """Set what is printed, and how the options that messages name are typed."""
         self._command, self._flags = command, flags
-        quiet, verbose = general["quiet"], general["verbose"]
-        if quiet and verbose:
+        self.as_json, self.quiet = bool(general["json"]), bool(general["quiet"])
+        self.verbose = bool(general["verbose"])
+        if self.quiet and self.verbose:
             raise ValueError("--quiet and --verbose exclude each other")
-        self.as_json = bool(general["json"])
-        self.level = QUIET if quiet else VERBOSE if verbose else NORMAL
 
     def print(self, text: object) -> None:
         """Print a result."""
-        if self.level > QUIET and not self.as_json:
+        if not (self.quiet or self.as_json):
             print(text)
 
     def record(self, **result: Any) -> None:
@@ -67,8 +75,8 @@ class Console:
 
     def say(self, text: str) -> None:
         """Print a message."""
-        if self.level > QUIET:
-            _print_message(text)
+        if not self.quiet:
+            print_message(text)
 
     def warn(self, text: str) -> None:
         """Print a warning, unless the same has been printed before."""
@@ -77,17 +85,13 @@ class Console:
             self.warnings.append(text)
             self.say(f"warning: {text}")
 
-    def stopped(self, text: str) -> None:
-        """Print that the command was stopped."""
-        _print_message(text)
-
     def fail(self, text: str) -> bool:
         """Print an error, also in the JSON object.
 
         Return whether it begins with the name of an option, which has a bad value then.
         """
         text = as_typed(text, self._flags)
-        _print_message(f"error: {text}")
+        print_message(f"error: {text}")
         if self.as_json:
             self._print_object(error=text)
         return text.startswith("--")
@@ -95,7 +99,7 @@ class Console:
     @contextlib.contextmanager
     def messages_of_generators(self) -> Iterator[None]:
         """Print the messages of mesh generators, if the output is verbose."""
-        if self.level < VERBOSE:
+        if not self.verbose:
             yield
             return
         handler = logging.Handler()
@@ -110,22 +114,28 @@ class Console:
             logger.setLevel(level)
             logger.removeHandler(handler)
 
-    def steps(self, count: int) -> Steps:
-        """Return the context in which a command runs in ``count`` steps."""
-        return Steps(count, self.say, self.times, self.level)
+    @contextlib.contextmanager
+    def steps(self, count: int) -> Iterator[Steps]:
+        """Yield the ``count`` steps of a command: a bar on a terminal, lines elsewhere."""
+        on_terminal = sys.stderr.isatty()
+        with contextlib.ExitStack() as stack:
+            bar = stack.enter_context(reporting(on_terminal and not self.quiet))
+            steps = Steps(count, self.say, self.times, self.verbose, bar)
+            if not (self.quiet or on_terminal):
+                timer = threading.Timer(PATIENCE, steps.talk)
+                timer.daemon = True
+                stack.callback(timer.cancel)
+                timer.start()
+            yield steps
+        steps.end()
 
     def finish(self) -> None:
-        """Print the JSON object, if it is requested."""
+        """Print what each written file holds, or the JSON object."""
         if self.as_json:
             self._print_object(**self._result)
-
-    def exit_unless(self, is_met: bool) -> None:
-        """End with exit code 1 if a mesh does not meet all demands."""
-        import typer
-
-        if not is_met:
-            self.finish()
-            raise typer.Exit(1)
+        for held in self._written:
+            if held["kind"] != "picture":
+                self.print(f"{held['file']}: {_content_of(held)}")
 
     @property
     def seconds(self) -> float:
@@ -167,7 +177,20 @@ def as_typed(text: str, flags: Mapping[str, str]) -> str:
     return re.sub(pattern, lambda match: flags[match[0]], text) if flags else text
 
 
-def _print_message(text: str) -> None:
+def _content_of(held: Mapping[str, Any]) -> str:
+    """Return in words what a file holds."""
+    text = f"{held['n_points']} points"
+    if "n_cells" in held:
+        text += f", {held['n_cells']} {'boxes' if held['kind'] == 'grid' else held['kind']}"
+    if held.get("n_tagged_facets"):
+        text += f", {held['n_tagged_facets']} tagged facets"
+    if held["fields"]:
+        text += f", {'fields' if len(held['fields']) > 1 else 'field'} {', '.join(held['fields'])}"
+    return text
+
+
+def print_message(text: str) -> None:
+    """Print a message, also in a quiet command."""
     print(f"adaptsize: {text}", file=sys.stderr, flush=True)
 
 
@@ -184,3 +207,104 @@ def _plain(value: Any) -> Any:
     if isinstance(value, str | int | float | bool) or value is None:
         return value
     return str(value)  # paths
+
+
+class Steps:
+    """Steps that follow each other: `begin` ends the one before.
+
+    Parameters
+    ----------
+    count : int
+        Expected number of steps.
+    say : callable
+        Prints a line.
+    times : list
+        Names and seconds of the steps are appended to it.
+    verbose : bool
+        Whether to print the time of each step as it ends.
+    bar : callable, optional
+        Shows the step and how far it is.
+    """
+
+    def __init__(
+        self,
+        count: int,
+        say: Callable[[str], None],
+        times: list[tuple[str, float]],
+        verbose: bool = False,
+        bar: ProgressCallback = silent,
+    ) -> None:
+        self._count, self._say, self._times = count, say, times
+        self._verbose, self._bar = verbose, bar
+        self._lock = threading.Lock()
+        self._talks = False
+        self._number = 0
+        self._name = ""
+        self._start = self._began = self._printed = time.monotonic()
+
+    def begin(self, name: str) -> None:
+        """Begin a step."""
+        self._number += 1
+        self._count = max(self._count, self._number)
+        self._go_on(name)
+
+    def report(self, text: str, share: float | None) -> None:
+        """Show how far a step is.  This is a progress callback for the library."""
+        self._bar(f"{self._title()}: {text}" if text else self._title(), share)
+        now = time.monotonic()
+        if self._talks and now - self._printed >= INTERVAL:
+            passed = now - self._began
+            left = remaining(passed, share)
+            self._printed = now
+            self._say(f"{self._title()}, {passed:.0f} s so far{', ' if left else ''}{left}")
+
+    def following(self, name_of: Callable[[str], str | None]) -> ProgressCallback:
+        """Return a progress callback whose texts divide the next step into parts.
+
+        ``name_of`` returns the name of the part for a text, or None if that begins no part.
+        """
+        go_on = self.begin
+
+        def report(text: str, share: float | None) -> None:
+            nonlocal go_on
+            name = name_of(text)
+            if name is not None and name != self._name:
+                go_on(name)
+                go_on = self._go_on
+            self.report(text if name is None else "", share)
+
+        return report
+
+    def talk(self) -> None:
+        """Print lines from now on, beginning with the present step."""
+        with self._lock:
+            self._talks = True
+            if self._name:
+                self._line(self._title())
+
+    def end(self) -> None:
+        """End the present step."""
+        if self._name:
+            seconds = time.monotonic() - self._began
+            self._times.append((self._name, seconds))
+            if self._verbose:
+                self._say(f"{self._name}: {seconds:.2f} s")
+        self._name = ""
+
+    def _go_on(self, name: str) -> None:
+        """Go on with a part of a step."""
+        self.end()
+        with self._lock:
+            self._name = name
+            self._began = time.monotonic()
+            if self._talks:
+                self._line(self._title())
+        self._bar(self._title(), None)
+
+    def _line(self, text: str) -> None:
+        self._printed = time.monotonic()
+        passed = self._printed - self._start
+        self._say(f"{text} (after {passed:.0f} s)" if passed >= 1.0 else text)
+
+    def _title(self) -> str:
+        return f"step {self._number} of {self._count}: {self._name}"

@@ -12,10 +12,7 @@ import threading
 import traceback
 import warnings
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, cast
-
-if TYPE_CHECKING:
-    from adaptsize.cli.console import Console
+from typing import Any, cast
 
 DONE, REFUSED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
@@ -36,8 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with _no_interrupt_is_lost():
             code = run(sys.argv[1:] if arguments is None else list(arguments))
     except KeyboardInterrupt:  # during the imports
-        print("adaptsize: interrupted", file=sys.stderr)
-        code = INTERRUPTED
+        code = _stopped([])
     sys.exit(code)
 
 
@@ -109,13 +105,13 @@ def run(arguments: list[str]) -> int:
             )
             sys.stdout.flush()
         if result == INTERRUPTED:  # typer's exit code for Ctrl-C
-            return _stopped(console, received)
+            return _stopped(received)
         return result if isinstance(result, int) else DONE
     except usage_error as error:
         error.show(file=sys.stderr)
         return USAGE
     except (KeyboardInterrupt, typer.Abort):
-        return _stopped(console, received)
+        return _stopped(received)
     except (BrokenPipeError, SystemExit) as error:  # typer converts the first to the second
         if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
             raise
@@ -156,13 +152,13 @@ def _signals_as_interrupt(received: list[signal.Signals]) -> Iterator[None]:
             signal.signal(number, old)
 
 
-def _stopped(console: Console, received: list[signal.Signals]) -> int:
+def _stopped(received: list[signal.Signals]) -> int:
     """Say that the command was stopped, and return the exit code."""
+    reason, code = "interrupted", INTERRUPTED
     if received:
-        console.stopped(f"stopped by {received[0].name}")
-        return 128 + received[0]
-    console.stopped("interrupted")
-    return INTERRUPTED
+        reason, code = f"stopped by {received[0].name}", 128 + received[0]
+    print(f"adaptsize: {reason}", file=sys.stderr)
+    return code
 
 
 def _in_one_line(error: BaseException | str) -> str:

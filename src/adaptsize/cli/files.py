@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+import adaptsize as ads
 from adaptsize.cli.console import Console
 from adaptsize.reporting.outcome import kind_of
 
 if TYPE_CHECKING:
+    from adaptsize._formats.formats import Format
     from adaptsize._size_function import SizeFunction
-    from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+    from adaptsize.background import SimplexMesh
+    from adaptsize.metrics import MetricFunction
 
 #: Bytes for the sizes of a surface, per triangle: 0.8 GB for 600 000 (benchmarks/large_inputs.py).
 _PER_TRIANGLE = 1300.0
-#: Bytes for a mesh by Mmg, per element made: 1 GB for 1 million, in both processes together.
-_PER_ELEMENT = 1000.0
 
 #: What a command writes: a mesh, sizes on a mesh, or sizes on a grid.
 Content = Literal["mesh", "sizes", "sizes of an image"]
@@ -76,12 +77,14 @@ def read_mesh(path: Path, tolerance: float = 0.0) -> SimplexMesh:
 
     The latter are simplified within the tolerance, over the diameter.
     """
-    from adaptsize.io import polygons, read
-    from adaptsize.remeshing.cad import is_cad_file, read_cad
+    from adaptsize.remeshing.cad import is_cad_file
 
+    mesh: SimplexMesh
     if is_of_polygons(path):
-        return polygons(path, tolerance=tolerance)
-    return read_cad(path) if is_cad_file(path) else read(path)
+        mesh = ads.io.polygons(path, tolerance=tolerance)
+    else:
+        mesh = ads.read_cad(path) if is_cad_file(path) else ads.io.read(path)
+    return mesh
 
 
 def is_of_polygons(path: Path) -> bool:
@@ -91,16 +94,20 @@ def is_of_polygons(path: Path) -> bool:
     return path.suffix.lower() in READERS
 
 
+def format_of(path: Path) -> Format:
+    """Return the format of a file by its name."""
+    from adaptsize._formats import formats
+
+    return formats.format_of(path, None)
+
+
 def beside(path: Path) -> Path | None:
     """Return the file with the sizes that is written beside a mesh without fields, if any."""
     return path.with_suffix(".sol") if path.suffix.lower() in (".mesh", ".meshb") else None
 
 
 def _check_format(path: Path, content: Content) -> None:
-    from adaptsize._formats.formats import format_of
-
-    chosen = format_of(path, None)
-    name = path.name
+    chosen, name = format_of(path), path.name
     if content == "mesh" and "sizes" in chosen.holds:
         raise ValueError(f"{name} would hold sizes but no mesh; write .vtu, or .mesh with a .sol")
     if content != "sizes of an image" and "grids" in chosen.holds:
@@ -108,20 +115,6 @@ def _check_format(path: Path, content: Content) -> None:
     if content != "mesh" and not chosen.holds & {"fields", "sizes"}:
         hint = ".sol (for Mmg) or .vtu" if content == "sizes" else ".vtu"
         raise ValueError(f"{name} cannot hold nodal fields such as the sizes; write {hint}")
-
-
-def check_cells(path: Path, mesh: SimplexMesh) -> None:
-    """Refuse a format that cannot hold the cells of a mesh.
-
-    Raises
-    ------
-    ValueError
-        If the file holds only triangles and the mesh has segments, or only cells of full
-        dimension and the mesh is a surface in space.
-    """
-    from adaptsize._formats.formats import format_of
-
-    format_of(path, None).check_cells(path, mesh)
 
 
 def check_place(path: Path) -> None:
@@ -159,127 +152,73 @@ def nodal_field(mesh: SimplexMesh, name: str) -> npt.NDArray[Any]:
     return values
 
 
-def holds_more_than_sizes(output: Path) -> bool:
-    """Return whether a file can hold other nodal fields besides the sizes."""
-    from adaptsize._formats.formats import format_of
+def write_result(
+    console: Console,
+    path: Path,
+    result: SimplexMesh | SizeFunction | MetricFunction,
+    fields: Mapping[str, npt.ArrayLike] | None = None,
+) -> None:
+    """Write a mesh or sizes with nodal fields, and record what is in the files.
 
-    return "fields" in format_of(output, None).holds
-
-
-def write_mesh(path: Path, mesh: SimplexMesh) -> list[dict[str, Any]]:
-    """Write a mesh with the nodal field h, and return what is in the files.
-
-    Beside a ``.mesh``, which holds no fields, h is written to a ``.sol`` of the same name.
+    Beside a ``.mesh``, which holds no fields, sizes are written to a ``.sol`` of the same name.
     """
-    from adaptsize.io import write
-
-    write(path, mesh)
-    written = [contents(path, mesh)]
     sizes = beside(path)
-    if sizes is not None:
-        write(sizes, mesh)
-        written.append(contents(sizes, mesh))
-    return written
+    bare = result.mesh if sizes and isinstance(result, ads.MetricFunction) else result
+    for target, what in ((path, bare), (sizes, result)):
+        if target is not None:
+            ads.io.write(target, what, fields=fields)
+            console.wrote(**_contents(target, what, fields or ()))
 
 
-def write_sizes(
-    path: Path, obj: SimplexMesh | SizeFunction, fields: Mapping[str, npt.ArrayLike]
-) -> dict[str, Any]:
-    """Write a size function, or nodal fields on a mesh, and return what is in the file."""
-    from adaptsize._size_function import SizeFunction
-    from adaptsize.io import write
-
-    write(path, obj, fields=fields)
-    if isinstance(obj, SizeFunction):
-        growth = () if obj.g is None else ("h.g", *(("h.hmax",) if obj.hmax < np.inf else ()))
-        return contents(path, obj.background, ("h", *growth, *fields))  # type: ignore[arg-type]
-    return contents(path, obj, tuple(fields))
-
-
-def contents(
-    path: Path, background: SimplexMesh | CartesianGrid | Octree, more_fields: tuple[str, ...] = ()
+def _contents(
+    path: Path, result: SimplexMesh | SizeFunction | MetricFunction, fields: Iterable[str]
 ) -> dict[str, Any]:
     """Return what a written file holds: counts of points and cells, and names of fields."""
-    from adaptsize._formats.formats import format_of
-    from adaptsize._formats.writers import surface_of
-    from adaptsize.background import CartesianGrid, Octree
+    from adaptsize._formats.writers import growth_of, parts_of, surface_of
 
-    chosen = format_of(path, None)
-    held: dict[str, Any] = {"file": str(path)}
-    fields = list(more_fields)
-    if isinstance(background, CartesianGrid) and "grids" in chosen.holds:
-        n_points, n_cells = background.n_points, background.n_cells
-        return held | {"kind": "grid", "n_points": n_points, "n_cells": n_cells, "fields": fields}
-    mesh = background.mesh if isinstance(background, CartesianGrid | Octree) else background
-    if "triangles" in chosen.holds:
-        mesh = surface_of(mesh)
-    fields = list(dict.fromkeys([*mesh.point_data, *fields]))
+    chosen = format_of(path)
+    written: Any
+    written, own = parts_of(result, None)
+    held: dict[str, Any] = {"file": str(path), "kind": "grid"}
+    names = [*own, *growth_of(result, 0), *fields]
+    if "grids" not in chosen.holds:
+        mesh = written.mesh if isinstance(written, ads.CartesianGrid) else written
+        written = mesh = surface_of(mesh) if "triangles" in chosen.holds else mesh
+        held["kind"] = kind_of(mesh)
+        names = list(dict.fromkeys([*mesh.point_data, *names]))
+        if mesh.tagged_facets is not None and "tags" in chosen.holds:
+            held["n_tagged_facets"] = len(mesh.tagged_facets)
     if "sizes" in chosen.holds:
-        fields = ["h"]
+        names = list(own)[:1] or ["h"]
+    held["fields"] = names if chosen.holds & {"fields", "sizes"} else []
     if chosen.suffixes == (".sol",):
-        return held | {"kind": "nodal sizes", "n_points": mesh.n_points, "fields": fields}
-    held |= {"kind": kind_of(mesh), "n_points": mesh.n_points, "n_cells": mesh.n_cells}
-    if mesh.tagged_facets is not None and "tags" in chosen.holds:
-        held["n_tagged_facets"] = len(mesh.tagged_facets)
-    return held | {"fields": fields if chosen.holds & {"fields", "sizes"} else []}
-
-
-def print_written(console: Console, *written: Mapping[str, Any]) -> None:
-    """Print what each written file holds."""
-    for held in written:
-        console.wrote(**held)
-        console.print(f"{held['file']}: {_content_of(held)}")
-
-
-def _content_of(held: Mapping[str, Any]) -> str:
-    text = f"{held['n_points']} points"
-    if "n_cells" in held:
-        text += f", {held['n_cells']} {'boxes' if held['kind'] == 'grid' else held['kind']}"
-    if held.get("n_tagged_facets"):
-        text += f", {held['n_tagged_facets']} tagged facets"
-    if held["fields"]:
-        text += f", {'fields' if len(held['fields']) > 1 else 'field'} {', '.join(held['fields'])}"
-    return text
+        return held | {"kind": "nodal sizes", "n_points": written.n_points}
+    return held | {"n_points": written.n_points, "n_cells": written.n_cells}
 
 
 def draw(console: Console, kind: str, path: Path | None, *what: Any) -> None:
     """Draw with ``plot_kind``, if a path is given."""
-    if path is None:
-        return
-    from adaptsize import plot
-
-    getattr(plot, f"plot_{kind}")(*what, path=path)
-    console.wrote(file=str(path), kind="picture")
+    if path is not None:
+        getattr(ads.plot, f"plot_{kind}")(*what, path=path)
+        console.wrote(file=str(path), kind="picture")
 
 
-def announce_memory_of_sizes(console: Console, mesh: SimplexMesh) -> None:
+def announce_sizes(console: Console, mesh: SimplexMesh) -> None:
     """Print how much memory the sizes of a surface in space need, if it is much."""
     if mesh.cell_dim < mesh.dim == 3:
-        _announce(console, _PER_TRIANGLE * mesh.n_cells, f"the sizes of {mesh.n_cells} triangles")
+        announce(console, _PER_TRIANGLE * mesh.n_cells, f"the sizes of {mesh.n_cells} triangles")
 
 
-def announce_memory_of_mesh(
-    console: Console, old: SimplexMesh, target: str, n_elements: float
-) -> None:
-    """Print how much memory a new mesh needs, if it is much and is not a surface in space."""
-    if old.cell_dim == old.dim or target != "triangles":
-        _announce(console, _PER_ELEMENT * n_elements, f"about {n_elements:.2g} elements")
-
-
-def _announce(console: Console, needed: float, what: str) -> None:
+def announce(console: Console, needed: float, what: str) -> None:
+    """Print how many bytes of memory something needs, if it is much."""
     if needed < 1e9:  # not worth a line
         return
     text = f"{what} need about {needed / 1e9:.1f} GB of memory"
-    installed = _installed_memory()
+    try:
+        installed = float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):  # AttributeError: on Windows
+        installed = np.inf
     if needed > installed:
         console.warn(f"{text}; this machine has {installed / 1e9:.1f} GB")
     else:
         console.say(text)
-
-
-def _installed_memory() -> float:
-    """Return the bytes of memory of this machine, inf if that is not known."""
-    try:
-        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):  # AttributeError: on Windows
-        return float("inf")

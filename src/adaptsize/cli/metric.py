@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+import adaptsize as ads
 from adaptsize._defaults import METRIC_GRADIENT_LIMIT
 from adaptsize.cli.console import Console
-from adaptsize.cli.files import beside, check_cells, check_files, contents, draw, print_written
+from adaptsize.cli.files import (
+    Content,
+    beside,
+    check_files,
+    draw,
+    field_of,
+    format_of,
+    read_mesh,
+    write_result,
+)
 from adaptsize.cli.options import Given
 from adaptsize.options import MeshOptions, options_of
 
@@ -21,29 +31,25 @@ _OF_MESHING = {"tolerance", "max_elements", *options_of(MeshOptions)}
 
 def _check(file: Path, output: Path, given: Given, allowed: set[str]) -> None:
     """Refuse what has no meaning for metrics, and files that cannot be read or written."""
-    from adaptsize._formats.formats import format_of
-
     refused = [name for name in given if name not in allowed | {"metric", "g", "plot"}]
     if refused:
         listed = ", ".join(f"--{name.replace('_', '-')}" for name in refused)
         raise ValueError(f"--metric does not go with {listed}")
-    if beside(output) is None and "metrics" not in format_of(output, None).holds:
+    if beside(output) is None and "metrics" not in format_of(output).holds:
         raise ValueError(f"{output.name} cannot hold a metric; write .vtu, .sol or .pos")
     metric = Path(given["metric"])
     other = metric if metric.suffix.lower() == ".sol" else None
-    content: Any = "mesh" if beside(output) is not None else "sizes"
+    content: Content = "sizes" if beside(output) is None else "mesh"
     check_files([file, other], output, content, plot=given.get("plot"))
 
 
 def _read(file: Path, given: Given) -> tuple[SimplexMesh, Metric]:
     """Return the mesh in a file and the metric at its nodes, within limits of the sizes."""
     from adaptsize._formats.sizes import metric_in
-    from adaptsize.cli.files import field_of, read_mesh
-    from adaptsize.io import read_metric
 
     mesh, metric = read_mesh(file), given["metric"]
     if Path(metric).suffix.lower() == ".sol":
-        found = read_metric(metric)
+        found: Metric = ads.io.read_metric(metric)
         found.check_mesh(mesh)
     else:
         values = field_of(mesh, metric)
@@ -55,21 +61,19 @@ def _read(file: Path, given: Given) -> tuple[SimplexMesh, Metric]:
     return mesh, found.clip(**limits) if limits else found
 
 
-def limit_with_metric(console: Console, file: Path, output: Path, given: Given) -> None:
+def limit_with_metric(console: Console, file: Path, output: Path, given: Given) -> int:
     """Limit the gradient of a metric and write it as the field metric."""
-    from adaptsize.metrics import MetricFunction, limit_metric
-
     _check(file, output, given, set())
     g = given["g"]
     with console.steps(3) as steps:
         steps.begin("reading")
         mesh, metric = _read(file, given)
-        check_cells(output, mesh)
+        format_of(output).check_cells(output, mesh)
         steps.begin("limiting")
-        limited, found = limit_metric.with_info(mesh, metric, g, progress=steps.report)
+        limited, found = ads.limit_metric.with_info(mesh, metric, g, progress=steps.report)
         steps.begin("writing")
-        function = MetricFunction(mesh, limited)
-        written = _write(output, function)
+        function = ads.MetricFunction(mesh, limited)
+        write_result(console, output, function)
         draw(console, "metric", given.get("plot"), function)
     lowered = int((~found.kept).sum())
     console.record(
@@ -77,48 +81,31 @@ def limit_with_metric(console: Console, file: Path, output: Path, given: Given) 
     )
     console.print(f"{lowered} of {mesh.n_points} nodes lowered")
     console.print(f"{limited!r}, complexity {limited.complexity(mesh):.4g}")
-    print_written(console, *written)
+    return 0
 
 
-def remesh_with_metric(console: Console, file: Path, output: Path, given: Given) -> None:
+def remesh_with_metric(console: Console, file: Path, output: Path, given: Given) -> int:
     """Make a mesh with the sizes of a metric whose gradient is limited first."""
-    from adaptsize import remeshing
-    from adaptsize.metrics import MetricFunction, limit_metric
-    from adaptsize.quality import size_conformity
-
     _check(file, output, given, _OF_MESHING | {"hmin", "hmax"})
     g = given.get("g", METRIC_GRADIENT_LIMIT)
     with console.steps(5) as steps:
         steps.begin("reading")
         mesh, metric = _read(file, given)
         steps.begin("sizes")
-        limited = MetricFunction(mesh, limit_metric(mesh, metric, g, progress=steps.report))
+        metric = ads.limit_metric(mesh, metric, g, progress=steps.report)
+        limited = ads.MetricFunction(mesh, metric)
         options = {name: given[name] for name in _OF_MESHING & given.keys()}
         following = steps.following(lambda text: text)
-        new = remeshing.remesh(mesh, limited, progress=following, **options)
+        new = ads.remesh(mesh, limited, progress=following, **options)
         steps.begin("writing")
-        function = MetricFunction(new, limited(new.points))
-        written = _write(output, function)
+        function = ads.MetricFunction(new, limited(new.points))
+        write_result(console, output, function)
         steps.begin("checks")
-        conformity = size_conformity(new, limited)
+        conformity = ads.size_conformity(new, limited)
         draw(console, "metric", given.get("plot"), function)
     console.record(input=str(file), g=g, mesh=conformity.as_dict(), metric=_summary(function))
     console.print(conformity)
-    print_written(console, *written)
-
-
-def _write(path: Path, function: MetricFunction) -> list[dict[str, Any]]:
-    """Write a metric on its mesh, and return what is in the files; a .mesh has a .sol beside it."""
-    from adaptsize._formats.sizes import fields_of
-    from adaptsize.io import write
-
-    sizes = beside(path)
-    if sizes is None:
-        write(path, function)
-        return [contents(path, function.mesh, tuple(fields_of(function.metric)))]
-    write(path, function.mesh)
-    write(sizes, function)
-    return [contents(path, function.mesh), contents(sizes, function.mesh) | {"fields": ["metric"]}]
+    return 0
 
 
 def _summary(function: MetricFunction) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""The options of the commands: those of the library, declared there, and those of files.
+"""The options of the commands: those of the library, declared there, those of files, and sources.
 
 A command takes only what is given, on the command line or in a file; defaults are the library's.
 """
@@ -14,11 +14,11 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias, get_args, get_origin
 
+import numpy as np
 import typer
 from typer.core import TyperCommand
 
 from adaptsize.cli.console import Console
-from adaptsize.cli.sources import FORMS
 from adaptsize.options import Option, options_of
 
 if sys.version_info >= (3, 11):
@@ -27,6 +27,13 @@ else:
     import tomli as tomllib
 
 Given: TypeAlias = dict[str, Any]
+
+#: Suffixes of texts with one point per line.
+_TEXTS = (".txt", ".csv", ".dat", ".xy", ".xyz")
+_FORMS = (
+    "point:x,y,z=h, curve:x0,y0,z0:x1,y1,z1:...=h, curve:FILE=h, ball:x,y,z,r=h, "
+    "box:x0,y0,z0,x1,y1,z1=h, boundary[:tag]=h, region:tag=h"
+)
 
 Input = Annotated[Path, typer.Argument(metavar="FILE", help="Mesh: STL, VTU, .msh, .mesh, ...")]
 ImageFile = Annotated[
@@ -75,7 +82,7 @@ METRIC = own(
 )  # fmt: skip
 SOURCE = own(
     "Sizes", "source", list[str],
-    f"{FORMS}; may be repeated.  In the plane without z.  A FILE has segments, or one point per "
+    f"{_FORMS}; may be repeated.  In the plane without z.  A FILE has segments, or one point per "
     "line.",
 )  # fmt: skip
 PLOT = own("Output", "plot", Path, "Also draw the result (.png).")
@@ -121,7 +128,7 @@ class GroupedCommand(TyperCommand):
 
 def command(
     *listed: type | Option, without: str = ""
-) -> Callable[[Callable[..., None]], Callable[..., None]]:
+) -> Callable[[Callable[..., int]], Callable[..., int]]:
     """Return a decorator that makes a command of a function.
 
     Parameters
@@ -134,7 +141,8 @@ def command(
     Notes
     -----
     The function takes a `Console`, the arguments in its signature, and, if the command has
-    options, ``given``: those that the user gives, checked, by their names.
+    options, ``given``: those that the user gives, checked, by their names.  Instead of the texts
+    of ``source``, it has the ``sources``.  It returns the exit code.
     """
     options: dict[str, Option] = {}
     for item in listed:
@@ -146,9 +154,9 @@ def command(
     flags = {name: option.flags[-1] for name, option in options.items()}
     general = (*_GENERAL, _OPTIONS_FILE) if options else _GENERAL
 
-    def decorate(function: Callable[..., None]) -> Callable[..., None]:
+    def decorate(function: Callable[..., int]) -> Callable[..., int]:
         @functools.wraps(function)
-        def run(*, context: typer.Context, **values: Any) -> None:
+        def run(*, context: typer.Context, **values: Any) -> int:
             console: Console = context.obj
             shared = {option.name: values.pop(option.name) for option in general}
             file = shared.get("options")
@@ -156,14 +164,18 @@ def command(
             if options:
                 typed = {name: values.pop(name) for name in options}
                 given = {} if file is None else _read_options(file, options)
-                values["given"] = given | {
+                given |= {
                     name: _as_value(options[name], value)
                     for name, value in typed.items()
                     if value is not None and value is not False and value != []
                 }
+                if "source" in given:
+                    given["sources"] = [parse_source(text) for text in given.pop("source")]
+                values["given"] = given
             with console.messages_of_generators():
-                function(console, **values)
+                code = function(console, **values)
             console.finish()
+            return code
 
         own_signature = inspect.signature(function, eval_str=True)
         keyword = inspect.Parameter.KEYWORD_ONLY
@@ -270,3 +282,81 @@ def _read_options(file: Path, options: Mapping[str, Option]) -> Given:
         except ValueError as error:
             raise ValueError(f"{file}: {error}") from error
     return given
+
+
+def parse_source(text: str) -> Any:
+    """Return the source that ``text`` describes.
+
+    The file of a curve is a mesh of segments, or a text with one point per line, joined in this
+    order.
+
+    Raises
+    ------
+    ValueError
+        If the text has none of the known forms, or the file of a curve cannot be read.
+
+    Examples
+    --------
+    >>> parse_source("ball:0,0,0,2=0.1").radius
+    2.0
+    >>> parse_source("boundary:3=0.5").tags
+    3
+    >>> parse_source("curve:0,0:1,0:1,1=0.1").curve.tolist()
+    [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]
+    """
+    from adaptsize import sizes
+
+    what, _, size_text = text.rpartition("=")
+    kind, _, where = what.partition(":")
+    refusal = ValueError(f"--source must be one of {_FORMS}; got {text!r}")
+    try:
+        size = float(size_text)
+        of_curve = kind == "curve" and where != ""
+        numbers = [float(word) for word in where.split(",")] if where and not of_curve else []
+    except ValueError:
+        raise refusal from None
+    if of_curve:
+        return sizes.CurveSource(_curve(where, f"--source {text}"), size)
+    match kind, len(numbers):
+        case "point", 2 | 3:
+            return sizes.PointSource(numbers, size)
+        case "ball", 3 | 4:
+            return sizes.BallSource(numbers[:-1], numbers[-1], size)
+        case "box", 4 | 6 as n:
+            return sizes.BoxSource(numbers[: n // 2], numbers[n // 2 :], size)
+        case "boundary", 0 | 1:
+            return sizes.BoundarySource(size, tags=int(numbers[0]) if numbers else None)
+        case "region", 1:
+            return sizes.RegionSource(int(numbers[0]), size)
+    raise refusal
+
+
+def _curve(where: str, name: str) -> Any:
+    """Return the points of a curve, given as they are or in a text, or the segments in a file."""
+    from adaptsize.errors import MeshFileError
+    from adaptsize.io import read
+
+    path = Path(where)
+    of_text = path.suffix.lower() in _TEXTS
+    rows = [point.split(",") for point in where.split(":")]
+    if of_text:
+        name = where
+        try:
+            lines = path.read_text().replace(",", " ").splitlines()
+        except (OSError, UnicodeDecodeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else "is not a text"
+            raise MeshFileError(f"{path}: {reason}") from error
+        rows = [words for line in lines if (words := line.partition("#")[0].split())]
+    try:
+        points = [[float(word) for word in row] for row in rows]
+    except ValueError as error:
+        if not of_text:
+            return read(path, kind="segments")
+        raise MeshFileError(f"{path}: {error}, where a line must be a point") from error
+    dims = {len(point) for point in points}
+    if len(points) < 2 or dims not in ({2}, {3}):
+        got = f"{len(points)} points of {' or '.join(map(str, sorted(dims)))} coordinates"
+        raise ValueError(
+            f"{name}: a curve must have at least 2 points of 2 or 3 coordinates, got {got}"
+        )
+    return np.array(points)

@@ -5,22 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
+import adaptsize as ads
 from adaptsize._checks import as_number
 from adaptsize.cli.console import Console
 from adaptsize.cli.files import (
     Content,
-    announce_memory_of_sizes,
-    check_cells,
+    announce_sizes,
     check_files,
     draw,
-    holds_more_than_sizes,
+    format_of,
     nodal_field,
-    print_written,
     read_mesh,
-    write_mesh,
-    write_sizes,
+    write_result,
 )
 from adaptsize.cli.options import (
     FIELD,
@@ -34,7 +32,6 @@ from adaptsize.cli.options import (
     command,
     own,
 )
-from adaptsize.cli.sources import parse_source
 from adaptsize.options import (
     ImageMeshOptions,
     ImageOptions,
@@ -44,10 +41,9 @@ from adaptsize.options import (
 )
 
 if TYPE_CHECKING:
-    from adaptsize._size_function import SizeFunction
     from adaptsize._size_report import SizeReport
     from adaptsize.background import SimplexMesh
-    from adaptsize.background.image import Image
+    from adaptsize.reporting.outcome import Outcome
 
 _COST = own("Output", "cost", bool, "Also print unknowns, matrix, time steps and smallest places.")
 _PARTS = own("Output", "parts", bool, "Also print width, curvature, size and cost of each part.")
@@ -58,7 +54,7 @@ _OF_MESHES = ("elements_between", "field", "elements", "nodes", "tolerance", "pa
 
 
 @command(SizeFunctionOptions, SOURCE, FIELD, PLOT, _CAUSES, _COST, _PARTS, _SPEED)
-def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> None:
+def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> int:
     """Compute the size function of a mesh or an image.
 
     Sizes come from curvature, narrow regions and sources, and their gradient is limited.  The field
@@ -66,8 +62,8 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
     its pixels: write .vti.
     """
     from adaptsize._formats.raster import is_image_file
+    from adaptsize.domain_size.cost import table_of
     from adaptsize.domain_size.elements import report_of
-    from adaptsize.io import read_image
 
     of_image = is_image_file(file)
     plot, plot_causes = given.pop("plot", None), given.pop("plot_causes", None)
@@ -81,28 +77,24 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
         if name in given | of_cost:
             flag = f"--{name.replace('_', '-')}"
             raise ValueError(f"{flag} does not apply to this kind of file, got it with {file}")
-    given["sources"] = [parse_source(text) for text in given.pop("source", ())]
     with console.steps(3) as steps:
         steps.begin("reading")
-        given["progress"] = steps.report
+        domain: Any
         if of_image:
-            image = read_image(file)
-            steps.begin("sizes")
-            found = size_of_domain(console, image, given)
+            domain = ads.io.read_image(file)
         else:
-            mesh = read_mesh(file)
-            check_cells(output, mesh)
-            if ("parts" in of_cost or "size_of" in given) and mesh.cell_dim == 2 < mesh.dim:
-                mesh = mesh if mesh.cell_tags is not None else mesh.tag_faces()
-            announce_memory_of_sizes(console, mesh)
-            steps.begin("sizes")
-            if "field" in given:
-                given = {"tolerance": math.inf} | given
-            found = size_of_domain(console, mesh, given)
+            by_faces = "parts" in of_cost or "size_of" in given
+            domain = _read(console, file, output, by_faces=by_faces)
+        if "field" in given:
+            given = bounded(domain, {"tolerance": math.inf} | given)
+        steps.begin("sizes")
+        found = ads.size_function(domain, progress=steps.report, **given)
         report = report_of(found)
+        console.say(f"sizes: {report.choices}")
         steps.begin("writing")
-        fields = {"cause": report.cause.astype("int32")} if holds_more_than_sizes(output) else {}
-        written = write_sizes(output, found, fields)
+        holds_fields = "fields" in format_of(output).holds
+        fields = {"cause": report.cause.astype("int32")} if holds_fields else {}
+        write_result(console, output, found, fields)
         draw(console, "size", plot, found)
         draw(console, "causes", plot_causes, report)
     console.record(input=str(file), size=as_dict(report))
@@ -110,42 +102,37 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
     if fields:
         names = ", ".join(f"{k} {name}" for k, name in enumerate(report.causes))
         console.print(f"field cause: {names}")
-    _print_cost(console, found, given, of_cost)
-    print_written(console, written)
-
-
-def _print_cost(console: Console, found: SizeFunction, given: Given, wanted: Given) -> None:
-    """Print what a computation with these sizes costs, and the sizes of each part."""
-    from adaptsize.domain_size.cost import table_of
-
-    speed = {name: wanted[name] for name in ("speed",) if name in wanted}
-    if "cost" in wanted:
-        system = {name: given[name] for name in ("degree", "fields") if name in given}
-        cost = found.cost(**system, **speed)
+    speed = {name: of_cost[name] for name in ("speed",) if name in of_cost}
+    if "cost" in of_cost:
+        cost = found.cost(**{k: given[k] for k in ("degree", "fields") if k in given}, **speed)
         console.record(cost=asdict(cost))
         console.print(cost)
-    if "parts" in wanted:
+    if "parts" in of_cost:
         parts = found.parts(**speed)
         console.record(parts=[asdict(part) for part in parts])
         console.print(table_of(parts))
+    return 0
 
 
-def size_of_domain(console: Console, domain: SimplexMesh | Image, given: Given) -> SizeFunction:
-    """Return the size function of a mesh or an image, and print the parameters used.
+def _read(console: Console, file: Path, output: Path, *, by_faces: bool) -> SimplexMesh:
+    """Return the mesh in a file, if its sizes can be written; of a surface the faces tagged."""
+    mesh = read_mesh(file)
+    format_of(output).check_cells(output, mesh)
+    announce_sizes(console, mesh)
+    untagged = mesh.cell_dim == 2 < mesh.dim and mesh.cell_tags is None
+    return mesh.tag_faces() if by_faces and untagged else mesh
 
-    With a field, curvature, width and separation are off unless they are requested.
+
+def bounded(mesh: SimplexMesh, given: Given) -> Given:
+    """Return the options with the nodal field as upper bounds, if one is named.
+
+    Curvature, width and separation are off then unless they are requested.
     """
-    from adaptsize.domain_size import size_function
-    from adaptsize.domain_size.elements import report_of
-
-    options = dict(given)
-    field = options.pop("field", None)
-    if field is not None:
-        off = {"elements_per_radian": 0.0, "elements_across": 0.0, "elements_between": 0.0}
-        options = off | {"h0": nodal_field(cast("SimplexMesh", domain), field)} | options
-    found: SizeFunction = size_function(domain, **options)
-    console.say(f"sizes: {report_of(found).choices}")
-    return found
+    if "field" not in given:
+        return given
+    off = {"elements_per_radian": 0.0, "elements_across": 0.0, "elements_between": 0.0}
+    others = {name: value for name, value in given.items() if name != "field"}
+    return off | {"h0": nodal_field(mesh, given["field"])} | others
 
 
 def as_dict(report: SizeReport) -> dict[str, Any]:
@@ -166,35 +153,37 @@ def as_dict(report: SizeReport) -> dict[str, Any]:
     return values | {"smallest": min(report.smallest.values())} | after | {"causes": causes}
 
 
+def print_outcome(console: Console, file: Path, outcome: Outcome, *lines: str) -> int:
+    """Print how good a new mesh is and what is out of bounds, and return the exit code."""
+    console.record(input=str(file), mesh=outcome.as_dict())
+    for line in (outcome, *lines):
+        console.print(line)
+    for text in outcome.warnings():
+        console.warn(text)
+    return int(not outcome.check.is_met)
+
+
 @command(ImageMeshOptions, SOURCE, PLOT, without="elements nodes elements_between tolerance seed")
-def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -> None:
+def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -> int:
     """Mesh the objects in a mask or label image.
 
     A picture gives triangles, a volume gives tetrahedra.  Sizes come from the curvature of the
     boundaries of the objects and from their width.  Labels become the regions of the mesh.
     """
-    from adaptsize.domain_size.images import mesh_image
-    from adaptsize.io import read_image
     from adaptsize.reporting.outcome import outcome_of_image
 
     plot = given.pop("plot", None)
     check_files([file], output, "mesh", plot=plot)
-    given["sources"] = [parse_source(text) for text in given.pop("source", ())]
     with console.steps(5) as steps:
         steps.begin("reading")
-        pixels = read_image(file)
+        pixels = ads.io.read_image(file)
         steps.begin("sizes")
         following = steps.following({"placing nodes": "meshing"}.get)
-        mesh = mesh_image(pixels, **given, progress=following)
+        mesh = ads.mesh_image(pixels, **given, progress=following)
         steps.begin("writing")
-        written = write_mesh(output, mesh)
+        write_result(console, output, mesh)
         steps.begin("checks")
         chosen = {name: given[name] for name in options_of(ImageOptions) if name in given}
         outcome = outcome_of_image(mesh, pixels, checked(ImageOptions, chosen))
         draw(console, "size", plot, mesh)
-    console.record(input=str(file), mesh=outcome.as_dict())
-    console.print(outcome)
-    for text in outcome.warnings():
-        console.warn(text)
-    print_written(console, *written)
-    console.exit_unless(outcome.check.is_met)
+    return print_outcome(console, file, outcome)

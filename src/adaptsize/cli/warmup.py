@@ -36,7 +36,7 @@ def announce_compilation(console: Console) -> None:
 
 
 @command()
-def warmup(console: Console) -> None:
+def warmup(console: Console) -> int:
     """Compile all that the commands need, and keep it in a cache.
 
     For container images, clusters and read-only homes: set NUMBA_CACHE_DIR to a directory that
@@ -51,6 +51,7 @@ def warmup(console: Console) -> None:
             console.say(f"compiled for {waiting[done]} ({count} of {len(_TASKS)})")
     console.record(compiled=list(_TASKS))
     console.print(f"kernels compiled in {console.seconds:.0f} s")
+    return 0
 
 
 def _run(name: str) -> None:

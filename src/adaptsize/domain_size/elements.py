@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_number, warn_caller
-from adaptsize._defaults import TOLERANCE
+from adaptsize._defaults import GRADIENT_LIMIT, TOLERANCE
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import AnyBackground, SimplexMesh
@@ -22,12 +22,12 @@ from adaptsize.background.splitting import with_short_edges
 from adaptsize.domain_size.budget import predicted_number, what_controls
 from adaptsize.domain_size.complete_size import size_function
 from adaptsize.domain_size.matrix import unknowns_on
-from adaptsize.domain_size.request import Goal, Implicit
+from adaptsize.domain_size.request import Goal, Implicit, goal_of
 from adaptsize.errors import ResolutionWarning
 from adaptsize.options import (
+    BudgetOptions,
     MeshOptions,
     RemeshToElementsOptions,
-    SizeOptions,
     checked,
     options_of,
     with_options,
@@ -53,6 +53,12 @@ class MeshOfElements(NamedTuple):
     def report(self) -> SizeReport:
         """The report on the sizes."""
         return report_of(self.size)
+
+
+def report_of(size: SizeFunction) -> SizeReport:
+    """Return the report of a size function made by `size_function`."""
+    assert size.report is not None
+    return size.report
 
 
 @with_options(RemeshToElementsOptions)
@@ -114,40 +120,63 @@ def remesh_to_elements(
     """
     mesh = as_mesh("mesh", mesh)
     given = checked(RemeshToElementsOptions, options)
-    tolerance = given["tolerance"]
     check_backend(mesh, given["target"], given["backend"])
     if (elements is None) == (nodes is None):
         number = "none" if nodes is None else "both"
         raise ValueError(f"one of elements and nodes must be given, got {number}")
-    for_sizes: dict[str, Any] = {
-        name: value for name, value in given.items() if name in options_of(SizeOptions)
+    request = {
+        **given,
+        **{"elements": elements, "nodes": nodes},
+        **{"background": background, "sources": sources, "h0": h0},
     }
-    for_mesh: dict[str, Any] = {
-        name: value for name, value in given.items() if name in options_of(MeshOptions)
-    }
+    tell = partial(logging.getLogger(__name__).info, "%s")
+    return mesh_with_sizes(mesh, request, tell=tell, progress=progress)
 
-    def sized(**number: Any) -> SizeFunction:
-        return size_function(
-            mesh, background=background, sources=sources, h0=h0, progress=progress,
-            **for_sizes, **number,
-        )  # fmt: skip
+
+def mesh_with_sizes(
+    mesh: SimplexMesh,
+    request: Mapping[str, Any],
+    *,
+    tell: Callable[[str], object],
+    found: Callable[[SizeFunction], object] = report_of,
+    progress: ProgressCallback | bool | None,
+) -> MeshOfElements:
+    """Return a mesh with the sizes of its domain, or the best of several for a requested number.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+    request : mapping
+        Options of `size_function` and of mesh generators, and further arguments of the former.
+    tell : callable
+        Takes a text, see `reach_number`.
+    found : callable
+        Takes each size function before its mesh is made.
+    progress : callable, bool or None
+    """
+    for_mesh = {name: request[name] for name in options_of(MeshOptions) if name in request}
+    for_sizes = {name: value for name, value in request.items() if name not in for_mesh}
+    numbers = {name: request[name] for name in options_of(BudgetOptions) if name in request}
+    budget = checked(BudgetOptions, numbers)
+
+    def sized(**number: float) -> SizeFunction:
+        size = size_function(mesh, progress=progress, **for_sizes | number)
+        found(size)
+        return size
 
     def meshed(old: SimplexMesh, size: SizeFunction) -> SimplexMesh:
         report = report_of(size)
         return remesh(
-            old, size, progress=progress, g=given["g"], hmax=report.hmax,
-            tolerance=tolerance_of(report, tolerance), **for_mesh,
+            old, size, progress=progress, g=request.get("g", GRADIENT_LIMIT), hmax=report.hmax,
+            tolerance=tolerance_of(report, request.get("tolerance")), **for_mesh,
         )  # fmt: skip
 
-    report = partial(logging.getLogger(__name__).info, "%s")
-    goal: tuple[Goal, Any] = ("elements", elements) if nodes is None else ("nodes", nodes)
-    return reach_number(mesh, goal, sized, meshed, report)
-
-
-def report_of(size: SizeFunction) -> SizeReport:
-    """Return the report of a size function made by `size_function`."""
-    assert size.report is not None
-    return size.report
+    goal = goal_of(budget)
+    if goal is None:
+        size = sized()
+        return MeshOfElements(meshed(mesh, size), size)
+    system = (budget["degree"], budget["fields"])
+    return reach_number(mesh, goal, sized, meshed, tell, system)
 
 
 def tolerance_of(report: SizeReport, tolerance: float | None) -> float:
