@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeAlias
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -22,21 +21,12 @@ from adaptsize.background.simplex import cut_out
 from adaptsize.background.topology import places_among
 from adaptsize.options import DistanceOptions, checked, with_options
 from adaptsize.remeshing.distmesh.finish import finish
-from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, grid_of
+from adaptsize.remeshing.distmesh.implicit_domain import Field, ImplicitDomain, grid_of
 from adaptsize.remeshing.distmesh.nodes import far_from
-from adaptsize.remeshing.distmesh.rejection import (
-    ELEMENTS_PER_NODE,
-    examine,
-    sample,
-    with_sizes,
-    with_sizes_everywhere,
-)
+from adaptsize.remeshing.distmesh.rejection import ELEMENTS_PER_NODE, sample
 from adaptsize.remeshing.distmesh.relaxation import relax
 from adaptsize.remeshing.distmesh.report import SmoothingReport, describe, warn_of_faults
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback, Unpack
-
-#: A function of points, float64[n, dim], with one value per point.
-Field: TypeAlias = Callable[[FloatArray], Any]
 
 
 @with_info
@@ -154,21 +144,26 @@ def mesh_from_distance(
     ...
     adaptsize.errors.TooManyElementsError: the sizes require at least ... elements, ...
     """
-    domain = with_sizes(_as_domain(distance, lower, upper), _as_function(size))
+    if not callable(distance):
+        raise ValueError(f"distance must be callable, got {type(distance).__name__}")
+    if not callable(size):
+        number = as_number("size", size, lower=0.0, strict=True)
+    requested = size if callable(size) else lambda points: np.full(len(points), number)
+    domain = ImplicitDomain(distance, requested, *as_box(lower, upper))
     given = checked(DistanceOptions, options)
-    limit = given["max_elements"]
-    rng = _as_generator(given["seed"])
+    limit, seed = given["max_elements"], given["seed"]
+    if not isinstance(seed, np.random.Generator):
+        seed = as_whole_number("seed", seed, lower=0, upper=2**53)
     with reporting(progress) as report:
         report("placing nodes", None)
         if not given["clip"]:
             _refuse_cut(domain)
         fixed = _as_fixed(fixed_points, domain)
-        sampling = sample(domain, rng, max_elements=limit)
-        domain = with_sizes_everywhere(domain, sampling.probes)
+        sampling = sample(domain, np.random.default_rng(seed), max_elements=limit)
+        domain = replace(domain, probes=sampling.probes)
         relaxed = relax(
             domain,
             np.concatenate([fixed, far_from(domain, fixed, sampling.points)]),
-            sampling.probes,
             n_fixed=len(fixed),
             max_iter=given["max_iter"],
             max_nodes=1.5 * limit / ELEMENTS_PER_NODE[domain.dim],
@@ -179,25 +174,6 @@ def mesh_from_distance(
         made = describe(mesh, domain, sampling, relaxed, node_map[: len(fixed)])
     warn_of_faults(made)
     return mesh, made
-
-
-def _as_domain(distance: Field, lower: npt.ArrayLike, upper: npt.ArrayLike) -> ImplicitDomain:
-    if not callable(distance):
-        raise ValueError(f"distance must be callable, got {type(distance).__name__}")
-    return examine(ImplicitDomain(distance, *as_box(lower, upper)))
-
-
-def _as_generator(seed: int | np.random.Generator) -> np.random.Generator:
-    if isinstance(seed, np.random.Generator):
-        return seed
-    return np.random.default_rng(as_whole_number("seed", seed, lower=0, upper=2**53))
-
-
-def _as_function(size: Field | float) -> Field:
-    if callable(size):
-        return size
-    number = as_number("size", size, lower=0.0, strict=True)
-    return lambda points: np.full(len(points), number)
 
 
 def _refuse_cut(domain: ImplicitDomain) -> None:
@@ -233,12 +209,9 @@ def _as_fixed(points: npt.ArrayLike | None, domain: ImplicitDomain) -> FloatArra
     outside = (depth < 0.0) & ~(depth >= -0.01 * h)
     refuse_where("fixed_points", outside, depth, "must lie in the domain (depths are given)")
     _, first = np.unique(fixed, axis=0, return_index=True)
-    double = np.ones(len(fixed), np.bool_)
-    double[first] = False
-    if double.any():
-        raise ValueError(
-            f"fixed_points must be distinct, got fixed_points[{int(np.argmax(double))}] twice"
-        )
+    double = np.setdiff1d(np.arange(len(fixed)), first)
+    if len(double):
+        raise ValueError(f"fixed_points must be distinct, got fixed_points[{double[0]}] twice")
     return fixed
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -12,8 +13,11 @@ import numpy.typing as npt
 from adaptsize._checks import as_float_array, refuse_where
 from adaptsize.typing import FloatArray
 
-Size: TypeAlias = Callable[[FloatArray], FloatArray]
+#: A function of points, float64[n, dim], with one value per point.
+Field: TypeAlias = Callable[[FloatArray], Any]
 
+#: Samples along the longest side of the box.  Narrower parts are found by the slope of phi.
+FIRST = {2: 48, 3: 20}
 #: Steps of a difference quotient, in sizes: far above rounding, far below any detail.
 _STEP = 1e-4
 #: Gradients shorter than this times the steepest slope are not used to locate the boundary.
@@ -29,18 +33,18 @@ class ImplicitDomain:
     distance : callable
         Takes float64[n, dim] points, negative inside.  Any function that changes its sign
         at the boundary with a nonzero slope.
-    lower, upper : float64[dim]
-    slope : float
-        Bound on the slope of ``distance``, estimated from samples; 1 for distances.
-    size : callable
+    requested : callable
         Requested edge lengths in the domain.
+    lower, upper : float64[dim]
+    probes : float64[m, dim], optional
+        Points of the domain.  Where the size is unknown, outside, it is that at the nearest one.
     """
 
-    distance: Callable[[FloatArray], Any]
+    distance: Field
+    requested: Field
     lower: FloatArray
     upper: FloatArray
-    slope: float = 1.0
-    size: Size = np.ones_like
+    probes: FloatArray | None = None
 
     @property
     def dim(self) -> int:
@@ -57,14 +61,56 @@ class ImplicitDomain:
         """Return the function that is negative in the domain and in the box, float64[n]."""
         if len(points) == 0:
             return np.empty(0)
-        return np.maximum(self.given(points), self.slope * self._beyond_box(points))
+        beyond = np.maximum(self.lower - points, points - self.upper).max(axis=1)
+        return np.asarray(np.maximum(self.given(points), self.slope * beyond))
 
-    def _beyond_box(self, points: FloatArray) -> FloatArray:
-        """Return the signed distance to the box, float64[n]."""
-        half = 0.5 * (self.upper - self.lower)
-        away = np.abs(points - (self.lower + half)) - half
-        outside = np.linalg.norm(np.maximum(away, 0.0), axis=1)
-        return np.asarray(outside + np.minimum(away.max(axis=1), 0.0))
+    def size(self, points: FloatArray) -> FloatArray:
+        """Return the requested sizes, float64[n], checked.
+
+        Outside the domain any value is accepted.  Without ``probes``, unknown sizes are NaN.
+        """
+        if len(points) == 0:
+            return np.empty(0)
+        values = np.array(self.requested(points), np.float64)
+        if values.shape != (len(points),):
+            raise ValueError(f"size(points) must have shape {(len(points),)}, got {values.shape}")
+        bad = ~(np.isfinite(values) & (values > 0.0))
+        if bad.any():
+            inside = np.zeros(len(points), np.bool_)
+            inside[bad] = self.phi(points[bad]) < 0.0
+            text = "must be finite and positive in the domain"
+            refuse_where("size(points)", inside, values, text)
+            values[bad] = np.nan
+            if self.probes is not None:
+                tree, known = self._known_sizes
+                values[bad] = known[tree.query(points[bad])[1]]
+        return values
+
+    @cached_property
+    def _known_sizes(self) -> tuple[Any, FloatArray]:
+        """The tree of the probes, and the sizes there."""
+        from scipy.spatial import cKDTree
+
+        assert self.probes is not None
+        return cKDTree(self.probes), self.size(self.probes)
+
+    @cached_property
+    def slope(self) -> float:
+        """Bound on the slope of ``distance``, estimated from samples; 1 for distances.
+
+        It is that of the steepest gradient between the nodes of a grid.  A tenth is added: between
+        the samples it may be steeper.
+        """
+        extent = self.upper - self.lower
+        most = FIRST[self.dim] * extent / extent.max()
+        counts = np.maximum(3, np.ceil(most).astype(int) + 1)
+        grid = grid_of(self.lower, self.upper, counts)
+        phi = self.given(grid.reshape(-1, self.dim)).reshape(counts)
+        square = np.zeros(counts - 1)
+        for d in range(self.dim):
+            rise = np.diff(phi, axis=d) / (extent[d] / (counts[d] - 1))
+            square += rise[tuple(slice(0, n - 1) for n in phi.shape)] ** 2
+        return 1.1 * float(np.sqrt(square.max())) or 1.0
 
     def depth(self, phi: FloatArray) -> FloatArray:
         """Return a lower bound on how deep inside points are (if ``slope`` is one)."""
@@ -153,18 +199,6 @@ class ImplicitDomain:
             active = active[far]
             points[active] += move[far]
         return points, residual
-
-
-def estimated_slope(phi: FloatArray, spacing: FloatArray) -> float:
-    """Return the length of the steepest gradient between the nodes of a grid of values.
-
-    A tenth is added: between the samples it may be steeper.
-    """
-    square = np.zeros(tuple(n - 1 for n in phi.shape))
-    for d in range(phi.ndim):
-        rise = np.diff(phi, axis=d) / spacing[d]
-        square += rise[tuple(slice(0, n - 1) for n in phi.shape)] ** 2
-    return 1.1 * float(np.sqrt(square.max())) or 1.0
 
 
 def grid_of(lower: FloatArray, upper: FloatArray, counts: npt.ArrayLike) -> FloatArray:

@@ -18,24 +18,22 @@ _TOO_FAR = 0.85
 _ALONG = 0.2
 
 
-class MeshEdges(NamedTuple):
-    """Nodes and edges of a mesh with sizes."""
+class Triangulation(NamedTuple):
+    """The last triangulation."""
 
     points: FloatArray
+    """Positions of the nodes at that time."""
     edges: IntArray
+    skin: IntArray
+    """Facets on the boundary."""
     on_boundary: BoolArray
-    h: FloatArray
-    n_fixed: int
 
 
 def adapted(
-    domain: ImplicitDomain, mesh: MeshEdges, probes: FloatArray, max_nodes: float
+    domain: ImplicitDomain, points: FloatArray, h: FloatArray, mesh: Triangulation, n_fixed: int
 ) -> FloatArray | None:
-    """Return the nodes with some removed and some added at the end, or None without changes.
-
-    None is also returned if there would be more than ``max_nodes`` nodes.
-    """
-    points, edges, on_boundary, h, n_fixed = mesh
+    """Return the nodes with some removed and some added at the end, or None without changes."""
+    edges, on_boundary = mesh.edges, mesh.on_boundary
     i, j = edges.T
     ratio = np.linalg.norm(points[i] - points[j], axis=1) / (0.5 * (h[i] + h[j]))
     short, long = _short_and_long(ratio, len(points), points.shape[1])
@@ -47,16 +45,15 @@ def adapted(
     # Edges across a narrow part are short because the part is narrow.
     across = both & (depth > _ALONG * length)
     inside = depth > -_ALONG * length
-    removed = _chosen(edges[short[~across[: len(short)]]], mesh)
+    removed = _chosen(edges[short[~across[: len(short)]]], on_boundary, n_fixed)
     is_new = inside[len(short) :]
     new = spread(middles[len(short) :][is_new], h[i[long[is_new]]], 1.0)
     kept = np.ones(len(points), np.bool_)
     kept[removed] = False
     kept[:n_fixed] = True
     changed = np.concatenate([points[kept], new])
-    changed = uncovered(domain, changed, probes)
-    same = len(removed) == 0 and len(changed) == len(points)
-    return None if same or len(changed) > max_nodes else changed
+    changed = uncovered(domain, changed)
+    return None if len(removed) == 0 and len(changed) == len(points) else changed
 
 
 def _short_and_long(ratio: FloatArray, n_points: int, dim: int) -> tuple[IndexArray, IndexArray]:
@@ -75,7 +72,7 @@ def _short_and_long(ratio: FloatArray, n_points: int, dim: int) -> tuple[IndexAr
     return order[:n_short], order[::-1][:n_long]
 
 
-def _chosen(short: IntArray, mesh: MeshEdges) -> LongArray:
+def _chosen(short: IntArray, on_boundary: BoolArray, n_fixed: int) -> LongArray:
     """Return one node of each short edge, such that no two of them share a short edge."""
     gone: list[int] = []
     touched: set[int] = set()
@@ -85,18 +82,18 @@ def _chosen(short: IntArray, mesh: MeshEdges) -> LongArray:
         touched.update((a, b))
         # Prefer interior nodes to boundary nodes, and later nodes because the first are fixed.
         first, last = (a, b) if a < b else (b, a)
-        node = first if mesh.on_boundary[last] and not mesh.on_boundary[first] else last
-        if node >= mesh.n_fixed:
+        node = first if on_boundary[last] and not on_boundary[first] else last
+        if node >= n_fixed:
             gone.append(node)
     return np.array(gone, np.int64)
 
 
-def uncovered(domain: ImplicitDomain, points: FloatArray, probes: FloatArray) -> FloatArray:
-    """Return the nodes, and new nodes near points of the domain that are far from all nodes."""
+def uncovered(domain: ImplicitDomain, points: FloatArray) -> FloatArray:
+    """Return the nodes, and new nodes at probes of the domain that are far from all nodes."""
     from scipy.spatial import cKDTree
 
-    if len(probes) == 0:
-        return points
+    probes = domain.probes
+    assert probes is not None
     h = domain.size(probes)
     far = np.ones(len(probes), np.bool_)
     if len(points):

@@ -15,19 +15,13 @@ References
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._checks import refuse_where
 from adaptsize.errors import TooManyElementsError
-from adaptsize.remeshing.distmesh.implicit_domain import (
-    ImplicitDomain,
-    Size,
-    estimated_slope,
-    grid_of,
-)
+from adaptsize.remeshing.distmesh.implicit_domain import FIRST, ImplicitDomain, grid_of
 from adaptsize.typing import BoolArray, FloatArray, LongArray
 
 #: Edges of a box that holds two points of a lattice whose mean edge is 1.  In space the
@@ -35,8 +29,6 @@ from adaptsize.typing import BoolArray, FloatArray, LongArray
 _BOX = {2: np.array([1.0, math.sqrt(3.0)]), 3: np.full(3, 7.0 / (3.0 + 2.0 * math.sqrt(3.0)))}
 #: Positions of the two points in their box.
 _PLACES = (0.25, 0.75)
-#: Initial boxes along the longest side.  Narrower parts are found by the slope of phi.
-_FIRST = {2: 48, 3: 20}
 #: Sub-samples of a box at the boundary along each axis.
 _SUBSAMPLES = {2: 5, 3: 4}
 #: Elements per node.
@@ -81,56 +73,6 @@ class _Boxes(NamedTuple):
         return np.asarray(self.lower + (self.cells + place) * self.edges)
 
 
-def with_sizes(domain: ImplicitDomain, size: Size) -> ImplicitDomain:
-    """Return the domain with a size function that is checked, and NaN where it is unknown.
-
-    Outside the domain any value is accepted.
-    """
-
-    def function(points: FloatArray) -> FloatArray:
-        if len(points) == 0:
-            return np.empty(0)
-        values = np.asarray(size(points), np.float64)
-        if values.shape != (len(points),):
-            raise ValueError(f"size(points) must have shape {(len(points),)}, got {values.shape}")
-        bad = ~(np.isfinite(values) & (values > 0.0))
-        if bad.any():
-            inside = np.zeros(len(points), np.bool_)
-            inside[bad] = domain.phi(points[bad]) < 0.0
-            refuse_where(
-                "size(points)", inside, values, "must be finite and positive in the domain"
-            )
-            values = np.where(bad, np.nan, values)
-        return values
-
-    return replace(domain, size=function)
-
-
-def with_sizes_everywhere(domain: ImplicitDomain, probes: FloatArray) -> ImplicitDomain:
-    """Return the domain with sizes that are those at the nearest probe where they are unknown."""
-    from scipy.spatial import cKDTree
-
-    known = domain.size(probes)
-
-    def function(points: FloatArray) -> FloatArray:
-        values = domain.size(points)
-        unknown = np.isnan(values)
-        if unknown.any():
-            values[unknown] = known[cKDTree(probes).query(points[unknown])[1]]
-        return values
-
-    return replace(domain, size=function)
-
-
-def examine(domain: ImplicitDomain) -> ImplicitDomain:
-    """Return the domain with the slope of its function estimated."""
-    extent = domain.upper - domain.lower
-    counts = np.maximum(3, np.ceil(_FIRST[domain.dim] * extent / extent.max()).astype(int) + 1)
-    grid = grid_of(domain.lower, domain.upper, counts)
-    phi = domain.given(grid.reshape(-1, domain.dim)).reshape(counts)
-    return replace(domain, slope=estimated_slope(phi, extent / (counts - 1)))
-
-
 def sample(domain: ImplicitDomain, rng: np.random.Generator, *, max_elements: float) -> Sampling:
     """Return random points with the density of the requested size.
 
@@ -156,7 +98,12 @@ def sample(domain: ImplicitDomain, rng: np.random.Generator, *, max_elements: fl
         probes.append(inside)
         expected += weight
         measure += volume
-        _refuse_too_many(expected + to_come, limit, max_elements)
+        if expected + to_come > limit:
+            elements = (expected + to_come) / limit * max_elements
+            raise TooManyElementsError(
+                f"the sizes require at least {elements:.3g} elements, more than "
+                f"max_elements = {max_elements:.3g}; increase the sizes or raise max_elements"
+            )
         if len(index) == 0:
             break
         offsets = np.indices((2,) * domain.dim).reshape(domain.dim, -1).T
@@ -178,7 +125,7 @@ def _root(domain: ImplicitDomain) -> _Boxes:
     The smallest size found is the spacing of some level, so a constant size gives the lattice.
     """
     extent = domain.upper - domain.lower
-    first = float(extent.max()) / _FIRST[domain.dim]
+    first = float(extent.max()) / FIRST[domain.dim]
     counts = np.maximum(3, np.ceil(extent / first).astype(int))
     grid = grid_of(domain.lower, domain.upper, counts).reshape(-1, domain.dim)
     h = domain.size(grid[domain.phi(grid) < 0.0])
@@ -244,12 +191,3 @@ def _probe(
     whole = centres[~crossed & (phi < 0.0)]
     volume = len(whole) + np.count_nonzero(values < 0.0) / len(offsets)
     return np.concatenate([whole, fine[rows, deepest[rows]]]), float(edges.prod()) * volume
-
-
-def _refuse_too_many(nodes: float, limit: float, max_elements: float) -> None:
-    if nodes > limit:
-        elements = nodes / limit * max_elements
-        raise TooManyElementsError(
-            f"the sizes require at least {elements:.3g} elements, more than "
-            f"max_elements = {max_elements:.3g}; increase the sizes or raise max_elements"
-        )

@@ -26,7 +26,7 @@ import numpy as np
 
 from adaptsize.background import topology
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
-from adaptsize.remeshing.distmesh.nodes import MeshEdges, adapted, uncovered, with_corners
+from adaptsize.remeshing.distmesh.nodes import Triangulation, adapted, uncovered, with_corners
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 #: Target lengths are scaled up by this factor.  The pressure drives nodes to the boundary.
@@ -110,28 +110,16 @@ def nodes_of(facets: IntArray, n_points: int) -> BoolArray:
     return marked
 
 
-class _Connection(NamedTuple):
-    """The last triangulation."""
-
-    points: FloatArray
-    """Positions of the nodes at that time."""
-    edges: IntArray
-    skin: IntArray
-    """Facets on the boundary."""
-    on_boundary: BoolArray
-
-
-def _connect(domain: ImplicitDomain, points: FloatArray, h: FloatArray) -> _Connection:
+def _triangulation(domain: ImplicitDomain, points: FloatArray, h: FloatArray) -> Triangulation:
     cells = triangulate(domain, points, domain.phi(points), h)
     skin = skin_of(cells, len(points))
     edges = topology.edges_of(cells, len(points))
-    return _Connection(points, edges, skin, nodes_of(skin, len(points)))
+    return Triangulation(points, edges, skin, nodes_of(skin, len(points)))
 
 
 def relax(
     domain: ImplicitDomain,
     points: FloatArray,
-    probes: FloatArray,
     *,
     n_fixed: int,
     max_iter: int,
@@ -139,20 +127,21 @@ def relax(
     report: ProgressCallback,
 ) -> Relaxed:
     """Return the smoothed nodes, some added and some removed.  The first ``n_fixed`` are fixed."""
-    points = uncovered(domain, points, probes)
+    points = uncovered(domain, points)
     adapt_until = min(_ADAPT_UNTIL, max_iter // 2)
-    known: _Connection | None = None
+    known: Triangulation | None = None
     count, k, mean, converged = 0, 0, np.inf, False
     for k in range(1, max_iter + 1):
         report("moving nodes", k / max_iter)
         h = domain.size(points)
         if known is None or _is_stale(points, known.points, h):
-            known = _connect(domain, points, h)
+            known = _triangulation(domain, points, h)
             count += 1
         changed = None
         if k % _ADAPT_EVERY == 0 and k <= adapt_until:
-            mesh = MeshEdges(points, known.edges, known.on_boundary, h, n_fixed)
-            changed = adapted(domain, mesh, probes, max_nodes)
+            changed = adapted(domain, points, h, known, n_fixed)
+            if changed is not None and len(changed) > max_nodes:
+                changed = None
         elif k % _ADAPT_EVERY == _ADAPT_EVERY // 2 and k > _ADAPT_EVERY:
             skin_edges = topology.edges_of(known.skin, len(points))
             changed, n_fixed = with_corners(domain, points, h, skin_edges, n_fixed)
