@@ -26,12 +26,13 @@ _MOST_NODES = {2: 512, 3: 256}
 
 @dataclass(frozen=True)
 class Scene:
-    """Triangles, quadrilaterals or segments in space with one value per node or per cell.
+    """Polygons or segments in space with one value per node or per cell.
 
     Attributes
     ----------
     points : float64[n, 3]
-    cells : int32[m, 3], int32[m, 4] or int32[m, 2]
+    cells : int32[m, k]
+        Corners of the polygons, or ends of segments.
     values : float64[n] or float64[m]
         Not finite where there is no value to show.
     flat : bool
@@ -332,9 +333,9 @@ def scene_of_metric(mesh: SimplexMesh, metric: Metric, n_glyphs: int, clip: str 
     full = np.zeros((len(nodes) * len(corners), 3))
     full[:, : mesh.dim] = placed.reshape(-1, mesh.dim)
     shifted = cells + len(corners) * np.arange(len(nodes))[:, None, None]
-    triangles = shifted.reshape(-1, 3).astype(np.int32)
+    faces = shifted.reshape(-1, cells.shape[1]).astype(np.int32)
     values = np.repeat(sizes[:, 0], len(cells))
-    return Scene(full, triangles, values, mesh.dim == 2, False, "smallest size", plain=True)
+    return Scene(full, faces, values, mesh.dim == 2, False, "smallest size", plain=True)
 
 
 def _spacing(extents: FloatArray, n: int) -> float:
@@ -358,22 +359,18 @@ def _spread(points: FloatArray, spacing: float) -> IntArray:
 
 
 def _unit_circle() -> tuple[FloatArray, IntArray]:
-    """Return the corners of a disc, and its triangles around the middle."""
+    """Return the corners of a disc, and the polygon of them."""
     angle = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
-    corners = np.vstack([[0.0, 0.0], np.column_stack([np.cos(angle), np.sin(angle)])])
-    rim = np.arange(_AROUND)
-    return corners, np.column_stack([0 * rim, 1 + rim, 1 + (rim + 1) % _AROUND]).astype(np.int32)
+    return np.column_stack([np.cos(angle), np.sin(angle)]), np.arange(_AROUND, dtype=np.int32)[None]
 
 
 def _unit_sphere() -> tuple[FloatArray, IntArray]:
-    """Return the corners of a sphere and its triangles."""
-    up = np.pi * np.arange(_RINGS + 1) / _RINGS
-    round_ = 2.0 * np.pi * np.arange(_COLUMNS) / _COLUMNS
-    a, b = (x.ravel() for x in np.meshgrid(up, round_, indexing="ij"))
+    """Return the corners of a sphere and its quadrilaterals, flat ones at the poles."""
+    angles = np.pi * np.arange(_RINGS + 1) / _RINGS, 2.0 * np.pi * np.arange(_COLUMNS) / _COLUMNS
+    a, b = (x.ravel() for x in np.meshgrid(*angles, indexing="ij"))
     corners = np.column_stack([np.sin(a) * np.cos(b), np.sin(a) * np.sin(b), np.cos(a)])
-    i, j = (x.ravel() for x in np.meshgrid(np.arange(_RINGS), np.arange(_COLUMNS), indexing="ij"))
-    here, right = i * _COLUMNS + j, i * _COLUMNS + (j + 1) % _COLUMNS
-    below, opposite = here + _COLUMNS, right + _COLUMNS
-    lower = np.column_stack([here, below, opposite])[i < _RINGS - 1]
-    upper = np.column_stack([here, opposite, right])[i > 0]
-    return corners, np.vstack([lower, upper]).astype(np.int32)
+    here = np.arange(_RINGS * _COLUMNS)
+    right = here - here % _COLUMNS + (here + 1) % _COLUMNS
+    return corners, np.column_stack([here, here + _COLUMNS, right + _COLUMNS, right]).astype(
+        np.int32
+    )

@@ -60,7 +60,7 @@ def _brightness(scene: Scene, corners: FloatArray) -> FloatArray:
     """Return the brightness of each cell, from its angle to the viewer: see `Scene.light`."""
     if scene.flat or corners.shape[1] < 3:
         return np.ones(len(corners))
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1])
     length = np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
     brightness: FloatArray = 1.0 - scene.light * (1.0 - np.abs(normal[:, 2]) / length)
     return brightness

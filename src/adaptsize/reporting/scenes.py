@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import base64
+import io
 import zlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib import colormaps
+from matplotlib import rc_context
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.plot.pictures import scene_of_causes
 from adaptsize.plot.scene import Scene, scene_of_mesh
-from adaptsize.plot.style import CLASS_COLORS, FIELDS, QUALITY, SIZES
+from adaptsize.plot.style import CLASS_COLORS, CURVES, FIELDS, INK, QUALITY, SETTINGS, colors_of
 from adaptsize.quality.conformity import edge_ratios
 from adaptsize.quality.elements import minimum_angles, radius_ratios
 from adaptsize.typing import FloatArray
@@ -124,93 +126,59 @@ def _coloured(scene: Scene, block: _Block) -> dict[str, Any]:
         ticks: list[tuple[float, str]] = list(enumerate(scene.class_labels))
         result["colours"] = CLASS_COLORS
         return result | {"values": block.add(places, "<u1"), "ticks": ticks}
+    mapped = colors_of(scene)
     low, high = scene.limits
-    if not high > low:
-        high = low + max(abs(low), 1e-300)
-    scaled = _scaled(np.where(np.isfinite(values), values, high), low, high, scene.is_logarithmic)
-    at = _scaled(scene.ticks, low, high, scene.is_logarithmic)
-    ticks = [(place, f"{tick:.4g}") for place, tick in zip(at.tolist(), scene.ticks, strict=True)]
-    colours = colormaps[scene.colors or SIZES.name](np.linspace(0.0, 1.0, 12))
+    scaled = mapped.norm(np.where(np.isfinite(values), values, high))
+    at = np.asarray(mapped.norm(scene.ticks)).tolist()
+    ticks = [(place, f"{tick:.4g}") for place, tick in zip(at, scene.ticks, strict=True)]
     return result | {
         "values": block.add(np.rint(255.0 * np.clip(scaled, 0.0, 1.0)), "<u1"),
         "ticks": ticks,
-        "colours": [to_hex(colour) for colour in colours],
+        "colours": [to_hex(colour) for colour in mapped.cmap(np.linspace(0.0, 1.0, 12))],
         "low": low,
         "high": high,
         "logarithmic": scene.is_logarithmic,
     }
 
 
-def _scaled(values: FloatArray, low: float, high: float, logarithmic: bool) -> FloatArray:
-    """Return the places of values in a range, 0 to 1."""
-    if logarithmic:
-        values, low, high = np.log(np.maximum(values, low)), np.log(low), np.log(high)
-    return (values - low) / (high - low)
-
-
-#: Extents of a chart, and its margins at the left and below, in pixels.
-_WIDTH, _HEIGHT, _LEFT, _BELOW = 480.0, 260.0, 60.0, 44.0
-
-
 def histogram_of_lengths(mesh: SimplexMesh, size: SizeFunction) -> str:
     """Return the histogram of edge lengths over sizes, on a logarithmic axis."""
     ratio = edge_ratios(mesh, size)
     logs = np.log2(ratio[np.isfinite(ratio) & (ratio > 0.0)])
-    ticks = [(power, f"{2.0**power:.3g}") for power in (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)]
+    ticks = {power: f"{2.0**power:.3g}" for power in (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)}
     title = "edges by length over requested size (dashed: factor sqrt 2)"
-    ends = np.linspace(-2.0, 2.0, 49)
-    return _bars(np.clip(logs, -2.0, 2.0), ends, ticks, title, "edges", bounds=(-0.5, 0.5))
+    return _histogram(
+        np.clip(logs, -2.0, 2.0), np.linspace(-2.0, 2.0, 49), ticks, title, (-0.5, 0.5)
+    )
 
 
 def histogram_of_angles(mesh: SimplexMesh) -> str:
     """Return the histogram of the smallest angles of the cells."""
-    limit, kind = (75.0, "dihedral angle") if mesh.cell_dim == 3 else (61.0, "angle")
+    limit, kind = (75, "dihedral angle") if mesh.cell_dim == 3 else (61, "angle")
+    ticks = {float(angle): f"{angle}" for angle in range(0, limit, 10)}
     angles = np.clip(minimum_angles(mesh), 0.0, limit)
-    ticks = [(float(x), f"{x}") for x in range(0, int(limit), 10)]
-    title = f"cells by smallest {kind}, degrees"
-    return _bars(angles, np.arange(0.0, limit, 1.5), ticks, title, "cells")
-
-
-def _bars(
-    values: FloatArray,
-    ends: FloatArray,
-    ticks: Sequence[tuple[float, str]],
-    title: str,
-    counted: str,
-    bounds: Sequence[float] = (),
-) -> str:
-    counts, _ = np.histogram(values, ends)
-    most = max(int(counts.max()), 1)
-    floor, top = _HEIGHT - _BELOW, 8.0
-
-    def x_of(value: float) -> float:
-        return float(_LEFT + (value - ends[0]) / (ends[-1] - ends[0]) * (_WIDTH - _LEFT - 8.0))
-
-    def y_of(count: float) -> float:
-        return floor - count / most * (floor - top)
-
-    parts = [
-        f'<rect x="{x_of(a) + 0.4:.1f}" y="{y_of(n):.1f}" width="{x_of(b) - x_of(a) - 0.8:.1f}" '
-        f'height="{floor - y_of(n):.1f}"><title>{n} {counted}</title></rect>'
-        for a, b, n in zip(ends[:-1], ends[1:], counts.tolist(), strict=True)
-        if n
-    ]
-    parts += [
-        f'<text x="{x_of(value):.1f}" y="{floor + 16}" text-anchor="middle">{text}</text>'
-        for value, text in ticks
-    ]
-    parts += [
-        f'<text x="{_LEFT - 6}" y="{y_of(n) + 4:.1f}" text-anchor="end">{n:.0f}</text>'
-        for n in (0, most)
-    ]
-    parts += [
-        f'<line class="bound" x1="{x_of(b):.1f}" x2="{x_of(b):.1f}" y1="{top}" y2="{floor}"/>'
-        for b in bounds
-    ]
-    middle = (_WIDTH + _LEFT) / 2
-    return (
-        f'<svg viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}" role="img"><title>{title}</title>'
-        f'<line x1="{_LEFT}" x2="{_WIDTH - 8}" y1="{floor}" y2="{floor}"/>{"".join(parts)}'
-        f'<text x="{middle}" y="{_HEIGHT - 8}" text-anchor="middle">{title}</text>'
-        "</svg>"
+    return _histogram(
+        angles, np.arange(0.0, limit, 1.5), ticks, f"cells by smallest {kind}, degrees"
     )
+
+
+def _histogram(
+    values: FloatArray, ends: FloatArray, ticks: Mapping[float, str], title: str,
+    bounds: Sequence[float] = (),
+) -> str:  # fmt: skip
+    """Return a chart as an element of HTML."""
+    settings: Any = SETTINGS | {"svg.fonttype": "none", "font.size": 9.0}
+    file = io.StringIO()
+    with rc_context(settings):
+        figure = Figure(figsize=(4.8, 2.6), layout="constrained")
+        axes = figure.subplots()
+        axes.hist(values, ends.tolist(), rwidth=0.85, color=CURVES[0])
+        axes.set_xticks(list(ticks), labels=list(ticks.values()))
+        axes.set_yticks([0, int(np.histogram(values, ends)[0].max())])
+        axes.set_xlabel(title)
+        axes.spines[["top", "right"]].set_visible(False)
+        for bound in bounds:
+            axes.axvline(bound, color=INK, linestyle="--", linewidth=0.8)
+        figure.savefig(file, format="svg")
+    text = file.getvalue()
+    return text[text.index("<svg") :]

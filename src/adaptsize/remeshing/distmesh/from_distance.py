@@ -26,7 +26,7 @@ from adaptsize.remeshing.distmesh.nodes import far_from
 from adaptsize.remeshing.distmesh.rejection import ELEMENTS_PER_NODE, sample
 from adaptsize.remeshing.distmesh.relaxation import relax
 from adaptsize.remeshing.distmesh.report import SmoothingReport, describe, warn_of_faults
-from adaptsize.typing import FloatArray, IntArray, ProgressCallback, Unpack
+from adaptsize.typing import FloatArray, ProgressCallback, Unpack
 
 
 @with_info
@@ -170,8 +170,9 @@ def mesh_from_distance(
             report=report,
         )
         points, cells = finish(domain, relaxed.points, n_fixed=relaxed.n_fixed, report=report)
-        mesh, node_map = _without_unused(points, cells)
-        made = describe(mesh, domain, sampling, relaxed, node_map[: len(fixed)])
+        mesh, used = cut_out(points, cells)
+        fixed_nodes = places_among(used, len(points))[: len(fixed)]
+        made = describe(mesh, domain, sampling, relaxed, fixed_nodes)
     warn_of_faults(made)
     return mesh, made
 
@@ -213,9 +214,3 @@ def _as_fixed(points: npt.ArrayLike | None, domain: ImplicitDomain) -> FloatArra
     if len(double):
         raise ValueError(f"fixed_points must be distinct, got fixed_points[{double[0]}] twice")
     return fixed
-
-
-def _without_unused(points: FloatArray, cells: IntArray) -> tuple[SimplexMesh, IntArray]:
-    """Return the mesh without unused nodes, and the new number of each node, or -1."""
-    mesh, used = cut_out(points, cells)
-    return mesh, places_among(used, len(points))
