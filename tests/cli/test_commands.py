@@ -148,3 +148,14 @@ def test_sizes_of_the_mesh_are_checked_if_there_are_any(capsys, cubes):
     assert "error" not in result
     assert call("check", str(cubes / "cube.vtu"), "--field", "h") == 1
     assert "no nodal field 'h'" in capsys.readouterr().err
+
+
+def test_meshes_of_a_family_have_the_sizes_of_sources(capsys, tmp_path):
+    pytest.importorskip("mmgpy")
+    words = ["--levels", 2, "--hmax", 0.5, "--source", "point:0,0=0.1"]
+    assert call("family", DATA / "lshape.vtu", "-o", tmp_path / "m.vtu", *words) == 0
+    h = [read(tmp_path / f"m-{level}.vtu").point_data["h"].min() for level in (1, 2)]
+    np.testing.assert_allclose(h, [0.1, 0.1 / np.sqrt(2.0)], rtol=0.05)
+    capsys.readouterr()
+    assert call("family", tmp_path, "-o", tmp_path / "m.vtu", "--values", "1.3,x") == 2
+    assert "--values must be numbers such as 1.31" in capsys.readouterr().err

@@ -115,7 +115,8 @@ class Outcome:
 
     def __str__(self) -> str:
         """Return one line per topic."""
-        return "\n".join(f"{name:10}{text}" for name, text in self.rows)
+        width = max(10, 1 + max(len(name) for name, _ in self.rows))
+        return "\n".join(f"{name:{width}}{text}" for name, text in self.rows)
 
     @property
     def _measure(self) -> str:

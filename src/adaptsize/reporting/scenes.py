@@ -167,7 +167,7 @@ def _histogram(
     bounds: Sequence[float] = (),
 ) -> str:  # fmt: skip
     """Return a chart as an element of HTML."""
-    settings: Any = SETTINGS | {"svg.fonttype": "none", "font.size": 9.0}
+    settings: Any = SETTINGS | {"svg.fonttype": "none", "font.size": 10.5}
     file = io.StringIO()
     with rc_context(settings):
         figure = Figure(figsize=(4.8, 2.6), layout="constrained")
