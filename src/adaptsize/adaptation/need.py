@@ -24,7 +24,7 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray, Unpack
 Requested: TypeAlias = FloatArray | Metric
 
 #: An edge is in band if neither halving nor doubling it brings it nearer to its size.
-_BAND = 0.5 * math.log(2.0)
+_BAND = math.sqrt(2.0)
 #: Edges of more pieces need a new mesh, however few cells they have.
 _MOST_PIECES = 3.0
 #: Number of places that are reported, and their distance over the diagonal.
@@ -152,33 +152,26 @@ def needs_remeshing(
 
     given, requested = mesh.ranks.agree(check)
     mesh.ranks.require_equal(**given)
-    metric = requested if isinstance(requested, Metric) else None
-    if metric is None:
-        assert not isinstance(requested, Metric)
-        simplices = count_elements(mesh, requested)
-    else:
-        assert isinstance(mesh, SimplexMesh)
-        simplices = metric.predicted_elements(mesh)
-    predicted = calibration("mmg", mesh.cell_dim) * simplices
+    predicted = calibration("mmg", mesh.cell_dim) * count_simplices(mesh, requested)
     present = present_of(mesh, requested)
-    misses = _Misses.of(mesh, requested, 0.0 if metric is not None else given["least_angle"])
+    allowed = 0.0 if isinstance(requested, Metric) else given["least_angle"]
+    misses = _misses_of(mesh, requested, allowed)
     reasons = []
     if not present.has_sizes(predicted, given["enough"]):
         reasons.append(present.reason)
-    counts = np.array([np.count_nonzero(misses.flat), np.count_nonzero(misses.folded)])
+    counts = np.array([np.isfinite(misses.angles).sum(), misses.folded.sum()])
     n_flat, n_folded = mesh.ranks.allreduce(counts, "sum").tolist()
     if n_folded:
         reasons.append(f"cells that overlap a neighbour: {n_folded}")
     if n_flat:
         least = -mesh.ranks.allreduce(-float(misses.angles.min(initial=np.inf)), "max")
         reasons.append(
-            f"cells with angles below {given['least_angle']:g} degrees: {n_flat}, "
-            f"the smallest {least:.2g}"
+            f"cells with angles below {allowed:g} degrees: {n_flat}, the smallest {least:.2g}"
         )
     share = present.shares[0]
     text = f"needed: {'; '.join(reasons)}" if reasons else f"not needed: {share:.0%} is there"
     severity = misses.severity
-    worst = np.argsort(-severity, kind="stable")[: np.count_nonzero(severity > math.exp(_BAND))]
+    worst = np.argsort(-severity, kind="stable")[: np.count_nonzero(severity > _BAND)]
     return RemeshingNeed(
         bool(reasons), text, *present.shares, present.n_cells, predicted,
         worst.astype(np.int32), _places(mesh, misses, worst),
@@ -203,6 +196,14 @@ def _as_requested(mesh: AnyMesh, size: SizeLike | Metric | MetricFunction) -> Re
     return h
 
 
+def count_simplices(mesh: AnyMesh, requested: Requested) -> float:
+    """Return the number of regular simplices of the requested sizes; collective."""
+    if isinstance(requested, Metric):
+        assert isinstance(mesh, SimplexMesh)
+        return requested.predicted_elements(mesh)
+    return count_elements(mesh, requested)
+
+
 def pieces_of(points: FloatArray, edges: IntArray, requested: Requested) -> FloatArray:
     """Return the number of pieces of the requested size for each edge, with h linear along it."""
     if isinstance(requested, Metric):
@@ -222,7 +223,12 @@ class Present(NamedTuple):
 
     n_cells: int
     weights: FloatArray
-    """float64[3]: see `edge_weights`."""
+    """Total weight of the edges, and the weights of those too long and too short, float64[3].
+
+    An edge to be divided into r pieces is weighted by the r^d cells that replace it, or r in a
+    metric, where cells are divided along one direction.  A few cells that are much too long at a
+    singular point can become most of the next mesh.
+    """
     longest: float
     """Largest number of pieces into which an edge is to be divided."""
 
@@ -256,26 +262,15 @@ def present_of(mesh: AnyMesh, requested: Requested) -> Present:
     whole = mesh.mesh if isinstance(mesh, PartitionedMesh) else mesh
     if whole is not None:
         pieces = pieces_of(whole.points, whole.edges, requested)
-        power = 1 if isinstance(requested, Metric) else whole.cell_dim
-        weights, longest = edge_weights(pieces[counted], power), float(pieces.max())
+        longest, pieces = float(pieces.max()), pieces[counted]
+        weight = np.maximum(pieces, 1.0) ** (1 if isinstance(requested, Metric) else mesh.cell_dim)
+        off = [np.ones_like(pieces, bool), pieces > _BAND, pieces < 1.0 / _BAND]
+        weights = np.array([weight[which].sum() for which in off])
     ranks, n_cells = mesh.ranks, len(mesh.cells)
     total = ranks.allreduce(weights, "sum")
     return Present(
         int(ranks.allreduce(n_cells, "sum")), total, float(ranks.allreduce(longest, "max"))
     )
-
-
-def edge_weights(ratio: FloatArray, power: int) -> FloatArray:
-    """Return the total weight of edges, and the weights of those too long and too short.
-
-    An edge to be divided into r pieces is weighted by the r^d cells that replace it, or r in a
-    metric, where cells are divided along one direction.  A few cells that are much too long at a
-    singular point can become most of the next mesh.
-    """
-    weight = np.maximum(ratio, 1.0) ** power
-    with np.errstate(divide="ignore"):
-        off = np.log(ratio)
-    return np.array([weight.sum(), weight[off > _BAND].sum(), weight[off < -_BAND].sum()])
 
 
 def _counted_edges(part: PartitionedMesh) -> BoolArray:
@@ -293,55 +288,48 @@ def _counted_edges(part: PartitionedMesh) -> BoolArray:
 
 
 class _Misses(NamedTuple):
-    """By how much the cells of a mesh miss the sizes and the least angle."""
+    """By how much the cells of this rank miss the sizes and the least angle."""
 
     longest: FloatArray
     """Largest number of pieces of an edge, float64[n_cells]."""
     shortest: FloatArray
     angles: FloatArray
-    """Degrees, of cells that are flat."""
-    flat: BoolArray
+    """Degrees, inf where they are large enough."""
     folded: BoolArray
-    least_angle: float
-
-    @classmethod
-    def of(cls, mesh: AnyMesh, requested: Requested, least_angle: float) -> _Misses:
-        """Measure the cells of this rank."""
-        whole = mesh.mesh if isinstance(mesh, PartitionedMesh) else mesh
-        n = len(mesh.cells)
-        folded = np.zeros(n, np.bool_)
-        longest, shortest, angles = np.zeros(n), np.full(n, np.inf), np.full(n, np.inf)
-        if whole is not None:
-            for pair in combinations(range(mesh.cell_dim + 1), 2):
-                ratio = pieces_of(whole.points, whole.cells[:, pair], requested)
-                longest, shortest = np.maximum(longest, ratio), np.minimum(shortest, ratio)
-            if least_angle > 0.0:
-                angles = minimum_angles(whole)
-            if whole.cell_dim == whole.dim:
-                folded = _folded_cells(whole)
-        flat = angles < least_angle
-        return cls(longest, shortest, angles[flat], flat, folded, least_angle)
-
-    @property
-    def severity(self) -> FloatArray:
-        """Return the factor by which each cell misses the request."""
-        with np.errstate(divide="ignore"):
-            found = np.maximum(self.longest, 1.0 / self.shortest)
-            found[self.flat] = np.maximum(found[self.flat], 2.0 * self.least_angle / self.angles)
-        found[self.folded] = np.inf
-        return found
+    severity: FloatArray
+    """The factor by which each cell misses the request."""
 
     def reason(self, cell: int) -> str:
         """Return what is wrong with a cell."""
         if self.folded[cell]:
             return "a cell that overlaps a neighbour"
+        if np.isfinite(self.angles[cell]):
+            return f"an angle of {self.angles[cell]:.2g} degrees"
         long, short = float(self.longest[cell]), float(self.shortest[cell])
-        if self.flat[cell]:
-            angle = self.angles[np.count_nonzero(self.flat[:cell])]
-            return f"an angle of {angle:.2g} degrees"
         if long * short >= 1.0:
             return f"an edge {long:.2g} times too long"
         return f"an edge {1.0 / max(short, 1e-300):.2g} times too short"
+
+
+def _misses_of(mesh: AnyMesh, requested: Requested, least_angle: float) -> _Misses:
+    """Measure the cells of this rank."""
+    whole = mesh.mesh if isinstance(mesh, PartitionedMesh) else mesh
+    n = len(mesh.cells)
+    folded = np.zeros(n, np.bool_)
+    longest, shortest, angles = np.zeros(n), np.full(n, np.inf), np.full(n, np.inf)
+    if whole is not None:
+        for pair in combinations(range(mesh.cell_dim + 1), 2):
+            ratio = pieces_of(whole.points, whole.cells[:, pair], requested)
+            longest, shortest = np.maximum(longest, ratio), np.minimum(shortest, ratio)
+        if least_angle > 0.0:
+            found = minimum_angles(whole)
+            angles = np.where(found < least_angle, found, np.inf)
+        if whole.cell_dim == whole.dim:
+            folded = _folded_cells(whole)
+    with np.errstate(divide="ignore"):
+        severity = np.maximum.reduce([longest, 1.0 / shortest, 2.0 * least_angle / angles])
+    severity[folded] = np.inf
+    return _Misses(longest, shortest, angles, folded, severity)
 
 
 def _folded_cells(mesh: SimplexMesh) -> BoolArray:

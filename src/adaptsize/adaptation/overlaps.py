@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -25,14 +23,11 @@ _CELLS = {2: 4096, 3: 1024}
 _ROOM = {2: 16, 3: 48}
 
 
-@dataclass(frozen=True)
-class Intersections:
+class Intersections(NamedTuple):
     """Integrals over the intersections of the cells of two meshes."""
 
-    pairs: tuple[LongArray, LongArray, IntArray, FloatArray]
-    """The new cells in the order of processing, the number of old cells that overlap each of them,
-    these old cells, and the measures of the overlaps."""
-    n_old: int
+    measures: csr_array
+    """Sparse [n_cells of the new mesh, n_cells of the old one]."""
     products: csr_array | None
     r"""The mixed mass matrix, sparse [n_points of the new mesh, n_points of the old one].
 
@@ -40,19 +35,6 @@ class Intersections:
     :math:`\phi_i` and :math:`\psi_j` are the hat functions of the two meshes.  They are exact to
     rounding.  None if it was not requested.
     """
-
-    @cached_property
-    def measures(self) -> csr_array:
-        """Sparse [n_cells of the new mesh, n_cells of the old one]."""
-        order, counts, old_cells, common = self.pairs
-        start = np.zeros(len(order) + 1, np.int64)
-        start[1 + order] = counts
-        np.cumsum(start, out=start)
-        place = np.repeat(start[order] - (np.cumsum(counts) - counts), counts)
-        place += np.arange(len(place))
-        columns, data = np.empty_like(old_cells), np.empty_like(common)
-        columns[place], data[place] = old_cells, common
-        return csr_array((data, columns, start), shape=(len(order), self.n_old))
 
 
 def intersections_of(
@@ -77,21 +59,18 @@ def intersections_of(
     workers.in_chunks(task, new.n_cells, _CELLS[new.dim], text)
     parts = [found[first] for first in sorted(found)]
     unit = locator.scale**-new.dim
-    counts = np.concatenate([part.counts for part in parts])
+    start = np.concatenate([[0], *(part.counts for part in parts)]).cumsum()
     old_cells = locator.cell_of_row[np.concatenate([part.found for part in parts])]
     common = np.concatenate([part.measures for part in parts]) * unit
-    pairs = (order, counts, old_cells, common)
+    in_order = csr_array((common, old_cells, start), shape=(new.n_cells, old.n_cells))
+    measures = in_order[np.argsort(order)]
     if not products:
-        return Intersections(pairs, old.n_cells, None)
-    every = np.concatenate([part.numbers for part in parts])
-    numbers, matrix = _summed(every, vstack([part.rows for part in parts]))
-    start = np.zeros(new.n_points + 1, matrix.indptr.dtype)
-    start[1 + numbers] = np.diff(matrix.indptr)
-    mixed = csr_array(
-        (matrix.data * unit, locator.node_of_point[matrix.indices], np.cumsum(start)),
-        shape=(new.n_points, old.n_points),
-    )
-    return Intersections(pairs, old.n_cells, mixed)
+        return Intersections(measures, None)
+    numbers = np.concatenate([part.numbers for part in parts])
+    mixed = _summed(numbers, [part.rows for part in parts], new.n_points)
+    nodes = locator.node_of_point[mixed.indices]
+    shape = (new.n_points, old.n_points)
+    return Intersections(measures, csr_array((mixed.data * unit, nodes, mixed.indptr), shape=shape))
 
 
 def _neighbours(mesh: SimplexMesh) -> IntArray:
@@ -129,8 +108,8 @@ def _part(
     counts, n_nodes = np.zeros(len(cells), np.int64), np.zeros(len(cells), np.int64)
     room, work = _ROOM[k - 1] * len(which), new_clipping()
     overlaps: list[tuple[IntArray, FloatArray]] = []
-    numbers: list[IntArray] = []
-    assembled: list[csr_array] = []
+    numbers: list[IntArray] = [np.empty(0, np.int32)]
+    assembled = [csr_array((0, len(tree.points)))]
     first = 0
     while first < len(which):
         # Pages of zeros that are not touched cost nothing.
@@ -156,19 +135,12 @@ def _part(
             ]
             numbers += list(cells[done].T)
         first += reached
-    rows = csr_array((0, len(tree.points)))
-    at: IntArray = np.empty(0, np.int32)
-    if products:
-        at, rows = _summed(np.concatenate(numbers), vstack(assembled))
     of_cells, common = (np.concatenate(arrays) for arrays in zip(*overlaps, strict=True))
-    return _Part(counts[which], of_cells, common, at, rows)
+    at, place = np.unique(np.concatenate(numbers), return_inverse=True)
+    return _Part(counts[which], of_cells, common, at, _summed(place, assembled, len(at)))
 
 
-def _summed(numbers: IntArray, rows: csr_array) -> tuple[IntArray, csr_array]:
-    """Return the sums of rows with the same number, and these numbers, ascending."""
-    unique, place = np.unique(numbers, return_inverse=True)
-    ones = csr_array(
-        (np.ones(len(numbers)), place.astype(np.int32), np.arange(len(numbers) + 1)),
-        shape=(len(numbers), len(unique)),
-    )
-    return unique, ones.T.tocsr() @ rows
+def _summed(place: LongArray, rows: list[csr_array], n: int) -> csr_array:
+    """Return n rows, the sums of those with the same place."""
+    ones = np.ones(len(place)), (place, np.arange(len(place)))
+    return csr_array(ones, shape=(n, len(place))) @ vstack(rows)
