@@ -87,7 +87,7 @@ def test_new_mesh_fields_and_report(dim, n, target, how):
     whole = ads.adapt(mesh, eta, elements=target, backend="mmg")
     result, integral, new = results[0]
     report = result.report
-    assert all(other.report == report for other, _, _ in results)
+    assert all(repr(other.report) == repr(report) for other, _, _ in results)  # nan is not nan
     assert result.remeshed
     assert not result.converged
     assert result.reason == whole.reason
