@@ -302,6 +302,14 @@ def split_rows(array: npt.NDArray[Any], rank: npt.NDArray[Any], size: int) -> li
     return np.split(array[order], ends[:-1])
 
 
+def rows_among(numbers: npt.NDArray[Any], ascending: npt.NDArray[Any]) -> IntArray:
+    """Return the row of each number in an ascending list, -1 for those that are not in it."""
+    if len(ascending) == 0:
+        return np.full(numbers.shape, -1, np.int32)
+    at = np.minimum(np.searchsorted(ascending, numbers), len(ascending) - 1)
+    return np.where(ascending[at] == numbers, at, -1).astype(np.int32)
+
+
 class SharedNodes(NamedTuple):
     """Nodes of a mesh that several ranks hold; none on a single rank."""
 

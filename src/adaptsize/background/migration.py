@@ -84,11 +84,6 @@ class WholeBoundary(NamedTuple):
     ids: Ids
     """Global numbers of its nodes, ascending."""
 
-    def rows(self, part: PartitionedMesh) -> IntArray:
-        """Return the node of ``mesh`` at each local node, -1 inside."""
-        row = np.minimum(np.searchsorted(self.ids, part.global_ids), len(self.ids) - 1)
-        return np.where(self.ids[row] == part.global_ids, row, -1).astype(np.int32)
-
 
 def whole_boundary(part: PartitionedMesh) -> WholeBoundary:
     """Return the boundary of the whole mesh; collective on first use."""
@@ -227,7 +222,7 @@ def from_pieces(comm: Communicator, pieces: Sequence[Piece]) -> PartitionedMesh:
     by_points = bool(comm.allreduce(int(any(p.keys is None for p in pieces)), "max"))
     own = comm.agree(check)
     mesh, keys = comm.agree(lambda: _joined(own))
-    mesh = _with_common_tags(comm, mesh)
+    mesh = with_common_tags(comm, mesh)
     ids, owner = number_nodes(comm, keys)
     return PartitionedMesh(mesh, ids, owner, comm)
 
@@ -270,7 +265,7 @@ def _tagged(mesh: SimplexMesh, in_cells: bool, on_facets: bool) -> SimplexMesh:
     return replace(mesh, **added) if added else mesh
 
 
-def _with_common_tags(comm: Communicator, mesh: SimplexMesh | None) -> SimplexMesh | None:
+def with_common_tags(comm: Communicator, mesh: SimplexMesh | None) -> SimplexMesh | None:
     """Return the mesh in the dimension of all pieces, with tags if any piece has some.
 
     Files of meshes in the plane have z = 0.  A piece of a surface may lie in that plane by chance.

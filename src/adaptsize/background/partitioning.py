@@ -12,7 +12,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_plain_array, check_type
 from adaptsize.background._curve import along_curve
 from adaptsize.background.simplex import SimplexMesh
-from adaptsize.background.topology import unique_rows
+from adaptsize.background.topology import places_among, unique_rows
 from adaptsize.ranks import Ids
 from adaptsize.typing import BoolArray, IntArray
 
@@ -62,8 +62,7 @@ def cut_part(mesh: SimplexMesh, rank_of: IntArray, owner: IntArray, rank: int) -
     held = owner == rank
     held[mesh.cells[cell_ids]] = True
     nodes = np.flatnonzero(held)
-    local = np.full(mesh.n_points, -1, np.int32)
-    local[nodes] = np.arange(len(nodes))
+    local = places_among(nodes, mesh.n_points)
     facets = tags = None
     if mesh.tagged_facets is not None and mesh.facet_tags is not None:
         inside = _are_facets(local[mesh.cells[cell_ids]], local[mesh.tagged_facets], len(nodes))

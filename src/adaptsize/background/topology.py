@@ -110,7 +110,7 @@ def compacted(cells: npt.NDArray[Any]) -> tuple[IntArray, IntArray]:
     return nodes.astype(np.int32), places.reshape(cells.shape).astype(np.int32)
 
 
-def places_among(nodes: IntArray, n_points: int) -> IntArray:
+def places_among(nodes: npt.NDArray[Any], n_points: int) -> IntArray:
     """Return the place of each point among some nodes, -1 if it is none of them."""
     places = np.full(n_points, -1, np.int32)
     places[nodes] = np.arange(len(nodes))

@@ -11,7 +11,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.migration import number_nodes
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.ranks import MpiCommunicator, as_communicator
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import IntArray
 
 _KINDS = {"interval": 1, "triangle": 2, "tetrahedron": 3}
 
@@ -75,7 +75,8 @@ def from_dolfinx(mesh: Any, *, cell_tags: Any = None, facet_tags: Any = None) ->
     ids, owner = number_nodes(comm, keys)
     piece = None
     if n_cells:
-        points = _points(mesh, geometry.x[nodes])
+        # DOLFINx stores three coordinates in any dimension.
+        points = np.ascontiguousarray(geometry.x[nodes, : geometry.dim])
         tags: dict[str, Any] = {}
         if cell_tags is not None:
             tags["cell_tags"] = _cell_tags(cell_tags, n_cells)
@@ -148,11 +149,6 @@ def _dofmap(geometry: Any) -> Any:
     if maps is None:
         return geometry.dofmap
     return maps(0) if callable(maps) else maps[0]
-
-
-def _points(mesh: Any, x: FloatArray) -> FloatArray:
-    """Return the coordinates; DOLFINx stores three in any dimension."""
-    return np.ascontiguousarray(x[:, : mesh.geometry.dim])
 
 
 def _cell_tags(tags: Any, n_cells: int) -> IntArray:

@@ -10,7 +10,7 @@ from adaptsize._checks import describe
 from adaptsize.background import SimplexMesh
 from adaptsize.background.migration import number_nodes
 from adaptsize.background.partitioned import PartitionedMesh
-from adaptsize.ranks import as_communicator
+from adaptsize.ranks import as_communicator, rows_among
 from adaptsize.typing import IntArray
 
 
@@ -95,7 +95,6 @@ def _tagged(dm: Any, label: str, vertices: IntArray) -> dict[str, Any]:
     if not facets:
         return {}
     rows = np.array(facets)
-    at = np.searchsorted(vertices, rows)
-    at[at == len(vertices)] = 0
-    held = (vertices[at] == rows).all(axis=1)
+    at = rows_among(rows, vertices)
+    held = (at >= 0).all(axis=1)
     return {"tagged_facets": at[held].astype(np.int32), "facet_tags": np.array(tags)[held]}

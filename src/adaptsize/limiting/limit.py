@@ -291,7 +291,8 @@ def _checked(
     periodic: npt.ArrayLike | None,
 ) -> Problem:
     """Return the checked arguments, of which g is the factor that depends on the place."""
-    domain: Any = _as_domain(background)
+    background = as_mesh("background", background, PartitionedMesh, CartesianGrid, Octree)
+    domain: Any = background.mesh if isinstance(background, Octree) else background
     if isinstance(domain, PartitionedMesh) and (initial is not None or periodic is not None):
         raise ValueError("initial and periodic must be None for meshes in parts")
     bound = _as_bound("h0", h0, background)
@@ -357,14 +358,6 @@ def _refuse_unsupported(scheme: Scheme, problem: Problem) -> None:
         if getattr(problem, name) is not None and name not in scheme.optional:
             able = " or ".join(repr(s.name) for s in SCHEMES.values() if name in s.optional)
             raise ValueError(f"{name} is for method={able}, got method={scheme.name!r}")
-
-
-def _as_domain(
-    background: AnyMesh | CartesianGrid | Octree,
-) -> AnyMesh | CartesianGrid:
-    """Return the mesh or grid that the schemes run on."""
-    background = as_mesh("background", background, PartitionedMesh, CartesianGrid, Octree)
-    return background.mesh if isinstance(background, Octree) else background
 
 
 def _as_bound(

@@ -86,7 +86,8 @@ class Periodicity:
     def _ends_every_line(self, vector: FloatArray, facets: IntArray, normals: FloatArray) -> bool:
         """Return whether the facets with an image along a vector are all that it crosses."""
         assert isinstance(self.domain, SimplexMesh)
-        start = _pairs_along(self.domain.points, vector, self.domain.diagonal)[:, 0]
+        points = self.domain.points
+        start = _pairs_of(points, points + vector, self.domain.diagonal)[:, 0]
         flux = normals @ vector
         ends = np.isin(facets, start).all(axis=1)
         through, crossed = float(np.abs(flux).sum()), float(np.abs(flux[ends]).sum())
@@ -190,11 +191,6 @@ def _images_of(
             yield f"periodic[{steps.index(1)}]", shift, points + shift, is_given
 
 
-def _pairs_along(points: FloatArray, shift: FloatArray, diagonal: float) -> IntArray:
-    """Return the nodes that a translation maps to a node, and that node, int32[n, 2]."""
-    return _pairs_of(points, points + shift, diagonal)
-
-
 def _pairs_of(points: FloatArray, moved: FloatArray, diagonal: float) -> IntArray:
     """Return the nodes that a motion maps to a node, and that node, int32[n, 2]."""
     from scipy.spatial import cKDTree
@@ -204,8 +200,6 @@ def _pairs_of(points: FloatArray, moved: FloatArray, diagonal: float) -> IntArra
     if len(sent) == 0:
         return np.empty((0, 2), np.int32)
     received = _within_box(points, moved[sent], near)
-    if len(received) == 0:
-        return np.empty((0, 2), np.int32)
     away, which = cKDTree(points[received]).query(moved[sent])
     same = away <= near
     return np.column_stack([sent[same], received[which[same]]]).astype(np.int32)

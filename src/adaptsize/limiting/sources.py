@@ -167,28 +167,18 @@ def _interpolate(values: FloatArray, around: IntArray, weights: FloatArray) -> F
     return np.where(infinite, np.inf, np.einsum("ij,ij->i", weights, nodal))
 
 
+_SHAPES: dict[type, tuple[str, ...]] = {
+    SimplexMesh: ("points", "cells"),
+    Octree: ("root_shape", "lower", "upper", "levels"),
+    CartesianGrid: ("shape", "origin", "spacing", "active"),
+}
+
+
 def is_same(a: object, b: object) -> bool:
     """Return whether two backgrounds have the same nodes and cells."""
-    if a is b:
-        return True
-    if isinstance(a, SimplexMesh) and isinstance(b, SimplexMesh):
-        return is_equal(a.points, b.points) and is_equal(a.cells, b.cells)
-    if isinstance(a, Octree) and isinstance(b, Octree):
-        return (
-            a.root_shape == b.root_shape
-            and is_equal(a.lower, b.lower)
-            and is_equal(a.upper, b.upper)
-            and is_equal(a.levels, b.levels)
-        )
-    if isinstance(a, CartesianGrid) and isinstance(b, CartesianGrid):
-        return (
-            a.shape == b.shape
-            and is_equal(a.origin, b.origin)
-            and is_equal(a.spacing, b.spacing)
-            and (a.active is None) == (b.active is None)
-            and (a.active is None or is_equal(a.active, b.active))
-        )
-    return False
+    if a is b or type(a) is not type(b) or type(a) not in _SHAPES:
+        return a is b
+    return all(is_equal(getattr(a, name), getattr(b, name)) for name in _SHAPES[type(a)])
 
 
 def is_equal(a: object, b: object) -> bool:

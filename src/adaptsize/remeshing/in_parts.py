@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +23,7 @@ from adaptsize.background.migration import (
     interface_facets,
     migrate,
     number_nodes,
+    with_common_tags,
 )
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.background.requests import boxes_of, ranks_within
@@ -132,17 +132,7 @@ def _stitched(old: PartitionedMesh, mesh: SimplexMesh | None, frozen: IntArray) 
     _ = old.shared  # collective
     comm.agree(match)
     ids, owner = number_nodes(comm, keys)
-    return PartitionedMesh(_with_all_tags(comm, mesh), ids, owner, comm)
-
-
-def _with_all_tags(comm: Any, mesh: SimplexMesh | None) -> SimplexMesh | None:
-    """Return a mesh with empty tagged facets if other parts have some."""
-    has = int(mesh is not None and mesh.tagged_facets is not None)
-    wanted = comm.allreduce(has, "max")
-    if mesh is None or has or not wanted:
-        return mesh
-    none = np.empty((0, mesh.cell_dim), np.int32)
-    return replace(mesh, tagged_facets=none, facet_tags=np.empty(0, np.int32))
+    return PartitionedMesh(with_common_tags(comm, mesh), ids, owner, comm)
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from adaptsize.background.simplex import as_mesh
 from adaptsize.geometry.creases import crease_edges
 from adaptsize.geometry.curvatures import curvature
 from adaptsize.options import CurvatureOptions, checked, with_options
+from adaptsize.ranks import rows_among
 from adaptsize.sizes._from_distance import size_from_distance
 from adaptsize.sizes._on_grid import nodes_near
 from adaptsize.sizes.combine import minimum
@@ -176,7 +177,7 @@ def _in_parts(
         return part.on_whole(lambda whole: size_from_curvature(whole, boundary, **options))
     outer = whole_boundary(part)
     found = part.ranks.agree(lambda: size_from_curvature(outer.mesh, **options))
-    row = outer.rows(part)
+    row = rows_among(part.global_ids, outer.ids)
     h0 = np.where(row >= 0, found[row], np.inf)
     return minimum(h0, hmin=options.get("hmin"), hmax=options.get("hmax"))
 

@@ -19,6 +19,7 @@ from adaptsize.background import (
 from adaptsize.background.interfaces import skin_of
 from adaptsize.background.migration import whole_boundary
 from adaptsize.background.simplex import as_mesh, cut_out
+from adaptsize.background.topology import places_among
 from adaptsize.geometry.distance.closest_points import DistanceFunction
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.faces import Faces
@@ -171,8 +172,7 @@ def _in_parts(
     def solve() -> FloatArray | None:
         if points is None or used is None:
             return None
-        row = np.full(len(points), -1, np.int32)
-        row[outer.ids] = np.arange(len(outer.ids))
+        row = places_among(outer.ids, len(points))
         width = _width_of(outer.mesh, given["crease_angle"], given["corner_angle"])
         with reporting(progress) as report:
             widths = _widths_in(width, points, row, used > 0.0, report)
@@ -190,8 +190,7 @@ def _at_own_nodes(
     width = _width_of(boundary, *angles)
     if boundary is background:
         return width.at_nodes(report), boundary
-    row = np.full(background.n_points, -1, np.int32)
-    row[nodes] = np.arange(len(nodes))
+    row = places_among(nodes, background.n_points)
     used = np.zeros(background.n_points, np.bool_)
     used[background.cells] = True
     return _widths_in(width, background.points, row, used, report), boundary

@@ -8,6 +8,7 @@ from adaptsize._kernels import expansion as kernels
 from adaptsize._kernels.exact_plane import COLUMNS, KIND
 from adaptsize._kernels.heap import new_heap
 from adaptsize._kernels.sight import ANY, NARROW
+from adaptsize.background.topology import places_among
 from adaptsize.geometry.boundary import FlatBoundary, turns_in_plane
 from adaptsize.limiting.exact.candidates import Component
 from adaptsize.typing import FloatArray, IntArray
@@ -49,8 +50,7 @@ def expand_from_nodes(
         return None
     n_windows = n + m // 2 + int(np.diff(triangles.ring_ptr).max())
     nodes, table, walls = _corners(mesh.points, boundary.facets)
-    corner = np.full(n, -1, np.int32)
-    corner[nodes] = np.arange(len(nodes))
+    corner = places_among(nodes, n)
     front = kernels.Front(
         h0.copy(),
         np.full(n, -1, np.int32),

@@ -17,6 +17,7 @@ from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.grid import both_ways
+from adaptsize.background.topology import places_among
 from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
 from adaptsize.geometry.convexity import is_convex
 from adaptsize.limiting.edge_based import EdgeBased
@@ -228,9 +229,7 @@ def _by_components(
                 some = Extra(extra.points[here], extra.sizes[here], numbers)
                 component = component._replace(extra=some)
             if linear is not None:
-                local = np.full(mesh.n_points, -1, np.int32)
-                local[nodes] = np.arange(len(nodes))
-                own = local[linear]
+                own = places_among(nodes, mesh.n_points)[linear]
                 own = read_only(np.ascontiguousarray(own[own[:, 0] >= 0]))
                 component = component._replace(linear=own)
         if mesh.dim == 1:  # an interval; folds change nothing

@@ -9,7 +9,7 @@ import numpy as np
 from adaptsize._kernels.space_paths import Edges
 from adaptsize._kernels.space_sight import Sight, Stars, Walls
 from adaptsize.background._curve import along_curve
-from adaptsize.background.topology import components_of
+from adaptsize.background.topology import components_of, places_among
 from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.geometry.convexity import ridges_of
 from adaptsize.limiting.exact.field import boxes_over
@@ -74,8 +74,7 @@ def _heights_of(corners: FloatArray, area: FloatArray) -> FloatArray:
 
 def _stars_at(mesh: SimplexMesh, nodes: IntArray) -> Stars:
     """Return the cells with a volume at boundary nodes."""
-    rows = np.full(mesh.n_points, -1, np.int32)
-    rows[nodes] = np.arange(len(nodes))
+    rows = places_among(nodes, mesh.n_points)
     cells = mesh.cells[(rows[mesh.cells] >= 0).any(axis=1)]
     edges = mesh.points[cells[:, 1:]] - mesh.points[cells[:, :1]]
     volume = np.einsum("ij,ij->i", edges[:, 0], np.cross(edges[:, 1], edges[:, 2]))

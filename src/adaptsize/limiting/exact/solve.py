@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from adaptsize._kernels import exact_candidates as candidates
 from adaptsize._kernels.exact_plane import CORNER
@@ -31,6 +33,9 @@ from adaptsize.limiting.exact.plane import (
 )
 from adaptsize.limiting.problem import TooManyCorners
 from adaptsize.typing import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from adaptsize.limiting.exact.space import Solid, SpaceResult
 
 
 @dataclass(eq=False)
@@ -209,32 +214,72 @@ def _node_sources(
     return with_corners(entries, component.g, plane, linear, component.workers.report)
 
 
-def _solve_in_space(component: Component, boundary: FlatBoundary) -> ComponentSolution:
-    """Solve in a solid that is not convex."""
-    from adaptsize.limiting.exact.space import Bounds, SolidSources, solid_of, solve_in_space
+class WholeSolid:
+    """A solid that is not convex, of which all is known; a rank may know a part only."""
 
-    mesh, h0, g = component.mesh, component.h0, component.g
-    nodes, steep = candidates_of(component)
-    solid = solid_of(mesh, boundary)
+    def __init__(self, component: Component, solid: Solid) -> None:
+        self.component, self.solid, self.h0 = component, solid, component.h0
+
+    def candidates(self) -> tuple[IntArray, BoolArray | None]:
+        """Return the result of `candidates_of`."""
+        return candidates_of(self.component)
+
+    def with_others(self, entries: Entries | None) -> tuple[Entries, npt.NDArray[Any]] | None:
+        """Return sources with those that others know, and the numbers of their nodes."""
+        return None if entries is None else (entries, entries.nodes)
+
+    def known(self, numbers: npt.NDArray[Any]) -> IntArray:
+        """Return the nodes of sources, given their numbers; -1 for points between the nodes."""
+        return np.where(numbers < len(self.h0), numbers, -1).astype(np.int32)
+
+    def own(self, sizes: FloatArray) -> FloatArray:
+        """Return the sizes at the nodes of the component."""
+        return sizes
+
+    def spread(self, h: FloatArray) -> FloatArray:
+        """Return sizes, lowered along edges."""
+        component = self.component
+        return limit_along_edges(component.mesh, h, component.g, component.workers.report)
+
+
+def solve_in_solid(known: WholeSolid) -> tuple[SpaceResult, ExactField, IntArray]:
+    """Return the limited sizes, the sources, and the order in which the former number these."""
+    from adaptsize.limiting.exact.space import Bounds, SolidSources, solve_in_space
+
+    component, solid = known.component, known.solid
+    nodes, steep = known.candidates()
     linear = steep is not None and component.face_sources
-    field = ExactField(g, None, linear, [entries_of_nodes(component, nodes)])
-    lower, source = h0.copy(), np.full(mesh.n_points, -1, np.int32)
-    points = Points(mesh.points, solid.nodes, np.empty(0, np.int32))
-    field.lower_by_last(points, lower, source, component.workers)
-    if linear and steep is not None:
-        entries = sources_on_cells(component, steep, lower)
-        if entries is not None:
-            field.add(entries)
+    field = ExactField(component.g, None, linear)
+    lower, source = known.h0.copy(), np.full(len(known.h0), -1, np.int32)
+    points = Points(solid.points, solid.nodes, np.empty(0, np.int32))
+    numbers = []
+
+    def lower_by(entries: Entries | None) -> None:
+        found = known.with_others(entries)
+        if found is not None:
+            field.add(found[0])
+            numbers.append(found[1])
             field.lower_by_last(points, lower, source, component.workers)
-    named = np.concatenate([entries.nodes for entries in field.groups])
+
+    lower_by(entries_of_nodes(component, nodes))
+    if linear and steep is not None:
+        lower_by(sources_on_cells(component, steep, known.own(lower)))
+    named = np.concatenate(numbers)
     order = np.lexsort(named.T[::-1]).astype(np.int32)
     place = np.empty(len(order) + 1, np.int32)  # of each entry in this order
     place[order], place[-1] = np.arange(len(order)), -1
-    named[named >= mesh.n_points] = -1  # a point source is not a node and has no cells
     table = np.concatenate([entries.table for entries in field.groups])[order]
-    spread = partial(limit_along_edges, mesh, g=g, report=component.workers.report)
-    bounds = Bounds(h0, lower, place[source], spread)
-    result = solve_in_space(solid, SolidSources(table, named[order]), bounds, g, component.workers)
+    sources = SolidSources(table, known.known(named)[order])
+    bounds = Bounds(known.h0, lower, place[source], known.spread)
+    found = solve_in_space(solid, sources, bounds, component.g, component.workers)
+    return found, field, order
+
+
+def _solve_in_space(component: Component, boundary: FlatBoundary) -> ComponentSolution:
+    """Solve in a solid that is not convex."""
+    from adaptsize.limiting.exact.space import solid_of
+
+    result, field, order = solve_in_solid(WholeSolid(component, solid_of(component.mesh, boundary)))
     found = ComponentSolution(
         result.h,
         np.append(order, np.int32(-1))[result.entry],

@@ -12,7 +12,7 @@ from adaptsize.background import SimplexMesh, topology
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
 from adaptsize.geometry.convexity import is_convex
-from adaptsize.ranks import Communicator, Ids
+from adaptsize.ranks import Communicator, Ids, rows_among
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 
@@ -119,8 +119,7 @@ def _find_piece(part: PartitionedMesh, component: int) -> Piece:
     nodes = np.flatnonzero(number == component)
     nodes = nodes[np.argsort(part.global_ids[nodes])]
     mesh, ids = part.mesh, part.global_ids[nodes]
-    local = np.full(part.n_points, -1, np.int32)
-    local[nodes] = np.arange(len(nodes))
+    local = topology.places_among(nodes, part.n_points)
     if not np.array_equal(nodes, np.arange(part.n_points)):
         mesh = SimplexMesh(mesh.points[nodes], local[mesh.cells[own]])
     shared = [local[held][local[held] >= 0] for held in part.shared.nodes]
@@ -149,8 +148,7 @@ class Skeleton(NamedTuple):
 
     def rows(self, ids: Ids) -> IntArray:
         """Return the number of each node in the skeleton, -1 for other nodes."""
-        at = np.minimum(np.searchsorted(self.ids, ids), len(self.ids) - 1)
-        return np.where(self.ids[at] == ids, at, -1).astype(np.int32)
+        return rows_among(ids, self.ids)
 
     def with_cells(self, piece: Piece, marked: IntArray) -> tuple[Skeleton, SimplexMesh]:
         """Return the skeleton with all cells at marked nodes, and these as a mesh; collective."""

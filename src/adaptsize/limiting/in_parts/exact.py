@@ -39,7 +39,7 @@ from adaptsize.limiting.in_parts.domain import (
 from adaptsize.limiting.in_parts.entries import exchange_entries, of_this_rank, reach_of
 from adaptsize.limiting.in_parts.solids import find_body, solve_body
 from adaptsize.limiting.problem import NeedsWholeMesh, PointBounds, Problem, TooManyCorners
-from adaptsize.ranks import Communicator
+from adaptsize.ranks import Communicator, rows_among
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 
@@ -165,11 +165,7 @@ def _merge_corners(
 
 def _local_facets(piece: Piece, skeleton: Skeleton) -> IntArray:
     """Return the facets of the boundary both of whose nodes are on this rank, as local nodes."""
-    at = np.minimum(np.searchsorted(piece.ids, skeleton.ids), max(len(piece.ids) - 1, 0))
-    if piece.is_empty:
-        return np.empty((0, 2), np.int32)
-    local = np.where(piece.ids[at] == skeleton.ids, at, -1).astype(np.int32)
-    facets = local[skeleton.boundary.facets]
+    facets = rows_among(skeleton.ids, piece.ids)[skeleton.boundary.facets]
     return facets[(facets >= 0).all(axis=1)]
 
 
@@ -183,7 +179,7 @@ def merge_rows(piece: Piece, rows: IntArray) -> IntArray:
         own = rows[held[rows[:, :-1]].all(axis=1)]
         sent.append(np.column_stack([padded[own[:, :-1]], own[:, -1]]))
     found = np.concatenate(piece.ranks.alltoallv(sent))
-    nodes = np.where(found[:, :-1] < 0, -1, np.searchsorted(piece.ids, found[:, :-1]))
+    nodes = rows_among(found[:, :-1], piece.ids)
     return np.concatenate([rows, np.column_stack([nodes, found[:, -1]]).astype(np.int32)])
 
 

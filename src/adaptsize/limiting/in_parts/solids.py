@@ -15,20 +15,13 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.limiting.edge_based import limit_along_edges
-from adaptsize.limiting.exact.candidates import Component, candidates_of, sources_on_cells
-from adaptsize.limiting.exact.field import Entries, ExactField, Points, node_entries, sorted_entries
-from adaptsize.limiting.exact.solve import ComponentSolution, entries_of_nodes
-from adaptsize.limiting.exact.space import (
-    Bounds,
-    Solid,
-    SolidSources,
-    Spread,
-    solid_of,
-    solve_in_space,
-)
+from adaptsize.limiting.exact.candidates import Component
+from adaptsize.limiting.exact.field import Entries, node_entries, sorted_entries
+from adaptsize.limiting.exact.solve import ComponentSolution, WholeSolid, solve_in_solid
+from adaptsize.limiting.exact.space import Solid, solid_of
 from adaptsize.limiting.in_parts.domain import Piece, Skeleton
 from adaptsize.limiting.in_parts.entries import exchange_rows, of_this_rank, reach_of
-from adaptsize.ranks import Ids
+from adaptsize.ranks import Ids, rows_among
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 # Columns of a table of entries; those with the global numbers of their nodes follow.
@@ -54,9 +47,9 @@ class Body(NamedTuple):
         At a node of the boundary all cells are known.  So either all nodes of an entry are known,
         or none is on the boundary; then they do not matter, and -1 is returned for all.
         """
-        at = np.minimum(np.searchsorted(self.ids, ids), len(self.ids) - 1)
-        known = (self.ids[at] == ids) | (ids < 0)
-        return np.where(known.all(axis=1)[:, None] & (ids >= 0), at, -1).astype(np.int32)
+        at = rows_among(ids, self.ids)
+        at[((at < 0) & (ids >= 0)).any(axis=1)] = -1
+        return at
 
 
 def find_body(piece: Piece, skeleton: Skeleton) -> Body:
@@ -80,43 +73,7 @@ def solve_body(
 
     Nodes that other ranks own count as proved, so that each node counts once.
     """
-    g, solid = component.g, body.solid
-    numbers = _numbers_of(piece, component, part.n_global_points)
-    h0, reach = _bounds(piece, body, component)
-    lower, source = h0.copy(), np.full(len(h0), -1, np.int32)
-    points = Points(solid.points, solid.nodes, np.empty(0, np.int32))
-    nodes, steep = _candidates(part, piece, component)
-    linear = steep is not None and component.face_sources
-    field = ExactField(g, None, linear)
-
-    def lower_by(entries: Entries) -> FloatArray:
-        """Lower sizes by the sources of all ranks, and return these."""
-        rows = _with_others(piece, entries, numbers, reach, g)
-        places = np.full((len(rows), 3), -1, np.int32)
-        places[:, 0] = np.arange(len(rows))
-        added = sorted_entries(rows[:, :_COLUMNS], places)
-        found = np.full(len(source), -1, np.int32)
-        by_last = ExactField(g, None, linear, [added])
-        by_last.lower_by_last(points, lower, found, component.workers)
-        lowered = found >= 0
-        source[lowered] = added.nodes[found[lowered], 0] + field.n_entries
-        field.add(added)
-        return rows
-
-    rows = lower_by(entries_of_nodes(component, nodes))
-    if linear and steep is not None:
-        h = lower[body.own] if len(body.own) else component.h0
-        on_cells = sources_on_cells(component, steep, h)
-        if on_cells is None:
-            on_cells = node_entries(np.empty((0, 3)), np.empty(0), np.empty(0, np.int32))
-        rows = np.concatenate([rows, lower_by(on_cells)])
-    order, place = _in_order(rows[:, _COLUMNS:])
-    rows = rows[order]
-    named = rows[:, _COLUMNS:].astype(np.int64)
-    sources = SolidSources(rows[:, :_COLUMNS].copy(), body.rows(named))
-    nearest = np.append(place, np.int32(-1))[source]
-    bounds = Bounds(h0, lower, nearest, _spread(part, piece, body, component))
-    found = solve_in_space(solid, sources, bounds, g, component.workers)
+    found, field, _ = solve_in_solid(PartOfSolid(part, piece, body, component))
     return ComponentSolution(
         found.h[body.own],
         np.empty(0, np.int32),
@@ -127,14 +84,75 @@ def solve_body(
     )
 
 
-def _numbers_of(piece: Piece, component: Component, n_global: int) -> Ids:
-    """Return the global numbers of nodes, then those of sources between the nodes, then -1."""
-    n, extra = component.mesh.n_points, component.extra
-    last = n if extra is None else int(extra.numbers.max(initial=n - 1)) + 1
-    ids = np.arange(last + 1) - n + n_global
-    ids[:n], ids[-1] = -1, -1
-    ids[: len(piece.ids)] = piece.ids
-    return ids
+class PartOfSolid(WholeSolid):
+    """What one rank knows of a solid; all methods but `known` and `own` are collective."""
+
+    def __init__(
+        self, part: PartitionedMesh, piece: Piece, body: Body, component: Component
+    ) -> None:
+        super().__init__(component, body.solid)
+        self.part, self.piece, self.body = part, piece, body
+        self.h0, self.reach = _bounds(piece, body, component)
+        # Global numbers of nodes, then those of sources between the nodes, then -1.
+        n, extra = component.mesh.n_points, component.extra
+        last = n if extra is None else int(extra.numbers.max(initial=n - 1)) + 1
+        self.ids = np.arange(last + 1) - n + part.n_global_points
+        self.ids[:n], self.ids[-1] = -1, -1
+        self.ids[: len(piece.ids)] = piece.ids
+
+    def candidates(self) -> tuple[IntArray, BoolArray | None]:
+        """Return the nodes that may be sources, as on the whole mesh; one exchange."""
+        component, nodes_in_part, part = self.component, self.piece.nodes, self.part
+        nodes, steep = super().candidates()
+        if steep is None:
+            return nodes, None
+        # A node counts if it does in the cells of some rank, and is not dominated in those of any.
+        state = np.zeros(component.mesh.n_points, np.int8)
+        state[component.mesh.cells[steep]] = 2
+        state[~np.isfinite(component.h0)] = 0
+        state[nodes] = 1
+        in_part = np.zeros(part.n_points, np.int8)
+        in_part[nodes_in_part] = state[: len(nodes_in_part)]
+        merged = part.shared.merge(in_part, np.maximum)[nodes_in_part]
+        return np.flatnonzero(merged == 1).astype(np.int32), steep
+
+    def with_others(self, entries: Entries | None) -> tuple[Entries, Ids]:
+        """Return own sources, and those of other ranks that may act here; one exchange."""
+        if entries is None:
+            entries = node_entries(np.empty((0, 3)), np.empty(0), np.empty(0, np.int32))
+        own = np.column_stack([entries.table, self.ids[entries.nodes].astype(np.float64)])
+        ranks, n = self.piece.ranks, self.component.mesh.n_points
+        sent = own[entries.nodes[:, 0] < n]
+        others = exchange_rows(
+            ranks, [of_this_rank(entries, n)], [sent], self.reach, self.component.g
+        )
+        rows = np.concatenate([own, others])
+        numbers = rows[:, _COLUMNS:].astype(np.int64)
+        _, first = np.unique(numbers, axis=0, return_index=True)
+        places = np.full((len(first), 3), -1, np.int32)
+        places[:, 0] = np.arange(len(first))
+        added = sorted_entries(rows[first, :_COLUMNS], places)
+        return added, numbers[first][added.nodes[:, 0]]
+
+    def known(self, numbers: Ids) -> IntArray:
+        """Return the numbers of the nodes of sources in the body."""
+        return self.body.rows(numbers)
+
+    def own(self, sizes: FloatArray) -> FloatArray:
+        """Return the sizes at the nodes of the piece."""
+        return sizes[self.body.own] if len(self.body.own) else self.component.h0
+
+    def spread(self, h: FloatArray) -> FloatArray:
+        """Return sizes, lowered along the edges of the whole mesh."""
+        own, nodes = self.body.own, self.piece.nodes
+        reflex_nodes = self.solid.reflex_edges.nodes
+        in_part = np.full(self.part.n_points, np.inf)
+        in_part[nodes] = h[own]
+        lowered = h.copy()
+        report = self.component.workers.report
+        lowered[own] = limit_along_edges(self.part, in_part, self.component.g, report)[nodes]
+        lowered[reflex_nodes] = self.piece.ranks.allreduce(lowered[reflex_nodes], "min")
+        return lowered
 
 
 def _bounds(piece: Piece, body: Body, component: Component) -> tuple[FloatArray, FloatArray]:
@@ -158,66 +176,3 @@ def _bounds(piece: Piece, body: Body, component: Component) -> tuple[FloatArray,
     return both[0], np.concatenate(
         [own, reach_of(body.solid.points[reflex_nodes], along, largest[reflex_nodes])]
     )
-
-
-def _candidates(
-    part: PartitionedMesh, piece: Piece, component: Component
-) -> tuple[IntArray, BoolArray | None]:
-    """Return the nodes that may be sources as `candidates_of` on the whole mesh; one exchange."""
-    mesh = piece.mesh
-    nodes, steep = candidates_of(component)
-    if steep is None:
-        return nodes, None
-    # A node counts if it does in the cells of some rank, and is not dominated in those of any.
-    state = np.zeros(mesh.n_points, np.int8)
-    state[mesh.cells[steep]] = 2
-    state[~np.isfinite(component.h0)] = 0
-    state[nodes] = 1
-    in_part = np.zeros(part.n_points, np.int8)
-    in_part[piece.nodes] = state[: len(piece.nodes)]
-    merged = part.shared.merge(in_part, np.maximum)[piece.nodes]
-    return np.flatnonzero(merged == 1).astype(np.int32), steep
-
-
-def _with_others(
-    piece: Piece, entries: Entries, numbers: Ids, reach: FloatArray, g: float
-) -> FloatArray:
-    """Return own entries, and those of other ranks that may act here; one exchange.
-
-    Each row holds the table of an entry and the global numbers of its nodes, and is unique.
-    """
-    own = np.column_stack([entries.table, numbers[entries.nodes].astype(np.float64)])
-    n = piece.mesh.n_points
-    sent = own[entries.nodes[:, 0] < n]
-    others = exchange_rows(piece.ranks, [of_this_rank(entries, n)], [sent], reach, g)
-    rows = np.concatenate([own, others])
-    order, _ = _in_order(rows[:, _COLUMNS:])
-    rows = rows[order]
-    new = np.ones(len(rows), np.bool_)
-    new[1:] = (rows[1:, _COLUMNS:] != rows[:-1, _COLUMNS:]).any(axis=1)
-    unique: FloatArray = rows[new]
-    return unique
-
-
-def _in_order(ids: FloatArray) -> tuple[IntArray, IntArray]:
-    """Return the lexicographic order of rows, and the place of each row in it."""
-    order = np.lexsort(ids.T[::-1]).astype(np.int32)
-    place = np.empty(len(order), np.int32)
-    place[order] = np.arange(len(order))
-    return order, place
-
-
-def _spread(part: PartitionedMesh, piece: Piece, body: Body, component: Component) -> Spread:
-    """Return the collective function that lowers sizes along the edges of the whole mesh."""
-    reflex_nodes = body.solid.reflex_edges.nodes
-
-    def spread(h: FloatArray) -> FloatArray:
-        in_part = np.full(part.n_points, np.inf)
-        in_part[piece.nodes] = h[body.own]
-        lowered = h.copy()
-        along = limit_along_edges(part, in_part, component.g, component.workers.report)
-        lowered[body.own] = along[piece.nodes]
-        lowered[reflex_nodes] = piece.ranks.allreduce(lowered[reflex_nodes], "min")
-        return lowered
-
-    return spread
