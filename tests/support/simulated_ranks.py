@@ -116,12 +116,6 @@ class SimulatedCommunicator(Communicator):
         every = self._world.meet(self.rank, f"alltoallv {kinds}", [np.array(a) for a in arrays])
         return [sent[self.rank] for sent in every]
 
-    def bcast(self, value: T, root: int = 0) -> T:
-        data = pickle.dumps(value) if self.rank == root else b""
-        self._count(len(data))
-        found: T = pickle.loads(self._world.meet(self.rank, "bcast", data)[root])
-        return found
-
     def _count(self, n_bytes: int) -> None:
         self.traffic.reductions += 1
         self.traffic.bytes_gathered += n_bytes

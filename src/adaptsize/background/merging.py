@@ -52,14 +52,8 @@ def merge_equal_points(points: npt.NDArray[Any]) -> tuple[FloatArray, IndexArray
     Points are merged if all coordinates are equal (0 equals -0), not if they are only close.
     """
     exact = points.astype(np.float64) + 0.0  # -0 becomes 0
-    bits = exact.view(np.uint64)
-    mixed = np.zeros(len(exact), np.uint64)
-    for axis in range(bits.shape[1]):  # sorting one hash is several times faster than rows
-        mixed = (mixed ^ bits[:, axis] ^ (bits[:, axis] >> np.uint64(29))) * np.uint64(
-            0x9E3779B97F4A7C15
-        )
-        mixed ^= mixed >> np.uint64(32)
-    _, first, number = np.unique(mixed, return_index=True, return_inverse=True)
+    # Sorting one hash is several times faster than rows.
+    _, first, number = np.unique(hashes_of(exact), return_index=True, return_inverse=True)
     if not np.array_equal(exact[first[number]], exact):  # two points share a hash
         _, first, number = np.unique(exact, axis=0, return_index=True, return_inverse=True)
         number = number.reshape(-1)
@@ -67,6 +61,18 @@ def merge_equal_points(points: npt.NDArray[Any]) -> tuple[FloatArray, IndexArray
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     return exact[first[order]], rank[number]
+
+
+def hashes_of(points: FloatArray) -> npt.NDArray[np.uint64]:
+    """Return a number for each point that depends on its coordinates only; 0 equals -0."""
+    bits = (np.ascontiguousarray(points) + 0.0).view(np.uint64)
+    mixed = np.zeros(len(points), np.uint64)
+    for column in bits.T:
+        mixed = (mixed ^ column) * np.uint64(0x9E3779B97F4A7C15)
+        mixed ^= mixed >> np.uint64(29)
+        mixed *= np.uint64(0xBF58476D1CE4E5B9)
+        mixed ^= mixed >> np.uint64(32)
+    return mixed
 
 
 def first_at_place(points: FloatArray, within: float) -> IndexArray:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adaptsize._checks import refuse_where
+from adaptsize.background.merging import hashes_of
 from adaptsize.background.partitioned import AnyMesh, PartitionedMesh
 from adaptsize.background.partitioning import cut_part, joined
 from adaptsize.background.simplex import SimplexMesh
@@ -39,8 +40,7 @@ def migrate(part: PartitionedMesh, rank_of_cells: IntArray) -> PartitionedMesh:
 def interface_facets(part: PartitionedMesh) -> IntArray:
     """Return the facets that this rank shares with others, as local nodes; collective."""
     facets, is_between = _free_facets(part)
-    between: IntArray = facets[is_between]
-    return between
+    return np.asarray(facets[is_between])
 
 
 def boundary_facets(mesh: AnyMesh) -> IntArray:
@@ -48,8 +48,7 @@ def boundary_facets(mesh: AnyMesh) -> IntArray:
     if isinstance(mesh, SimplexMesh):
         return np.asarray(mesh.facets[mesh.facet_cell_counts == 1])
     facets, is_between = _free_facets(mesh)
-    boundary: IntArray = facets[~is_between]
-    return boundary
+    return np.asarray(facets[~is_between])
 
 
 def _free_facets(part: PartitionedMesh) -> tuple[IntArray, BoolArray]:
@@ -317,14 +316,7 @@ def keys_of_points(points: FloatArray) -> Ids:
     ValueError
         If two points coincide.
     """
-    bits = (np.ascontiguousarray(points) + 0.0).view(np.uint64)  # -0.0 becomes 0.0
-    key = np.zeros(len(points), np.uint64)
-    for column in bits.T:
-        key = (key ^ column) * np.uint64(0x9E3779B97F4A7C15)
-        key ^= key >> np.uint64(29)
-        key *= np.uint64(0xBF58476D1CE4E5B9)
-        key ^= key >> np.uint64(32)
-    keys = (key >> np.uint64(1)).astype(np.int64)
+    keys = (hashes_of(points) >> np.uint64(1)).astype(np.int64)
     first, count = np.unique(keys, return_index=True, return_counts=True)[1:]
     twice = np.zeros(len(keys), bool)
     twice[first[count > 1]] = True

@@ -18,6 +18,7 @@ from adaptsize.domain_size.matrix import as_bytes
 from adaptsize.domain_size.named_parts import as_sizes_of_parts, sizes_of_parts
 from adaptsize.limiting import limit_gradient
 from adaptsize.limiting.exact import limit_points
+from adaptsize.limiting.exact.field import Workers
 from adaptsize.limiting.info import LimitingInfo
 from adaptsize.options import BudgetOptions, SizeFunctionOptions
 from adaptsize.sizes import PointSource, size_from_sources
@@ -292,7 +293,8 @@ class Bounds:
             assert isinstance(background, SimplexMesh)
             every = np.concatenate([background.points, places])
             bound = np.concatenate([requested, sizes])
-            h, roots = limit_points(every, bound, len(own), request.g, request.report)
+            workers = Workers.of(None, request.report)
+            h, roots = limit_points(every, bound, len(own), request.g, workers)
         else:
             if len(sizes) > 0:
                 options = {"point_sources": (places, sizes)}

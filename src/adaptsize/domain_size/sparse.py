@@ -12,11 +12,10 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, check_type
 from adaptsize._formats.guards import about_file, write_whole
-from adaptsize._progress import silent
 from adaptsize._size_function import SizeFunction
 from adaptsize.errors import MeshFileError
 from adaptsize.limiting.exact import limit_points
-from adaptsize.limiting.exact.field import ExactField, node_entries
+from adaptsize.limiting.exact.field import ExactField, Workers, node_entries
 from adaptsize.typing import FloatArray, IntArray
 
 
@@ -154,7 +153,7 @@ def sparse_size(size: SizeFunction, g: float | None = None) -> SparseSize:
     if len(sizes):
         # Raised by more than rounding, to see which of them others allow.
         lifted = sizes * (1.0 + 1e-12)
-        roots = limit_points(places, lifted, len(sizes), limit, silent)[1]
+        roots = limit_points(places, lifted, len(sizes), limit, Workers.of(None))[1]
         kept = np.unique(roots)
         kept = kept[np.argsort(sizes[kept], kind="stable")]
         places, sizes = places[kept], sizes[kept]

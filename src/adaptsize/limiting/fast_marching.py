@@ -25,13 +25,7 @@ from adaptsize.background.marching import (
 )
 from adaptsize.background.partitioned import local_mesh
 from adaptsize.limiting.gradient_limit import Slope
-from adaptsize.limiting.problem import (
-    NeedsWholeMesh,
-    Problem,
-    Scheme,
-    Solution,
-    relative_to_largest,
-)
+from adaptsize.limiting.problem import NeedsWholeMesh, Problem, Scheme, Solution
 from adaptsize.ranks import SharedNodes
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
@@ -111,7 +105,8 @@ class FastMarching(Scheme):
 
     def supports(self, domain: AnyMesh | CartesianGrid) -> str:
         """Return which backgrounds the scheme needs."""
-        return "a CartesianGrid with order=2" if self.order == 2 and not _is_grid(domain) else ""
+        is_mesh = not isinstance(domain, CartesianGrid)
+        return "a CartesianGrid with order=2" if self.order == 2 and is_mesh else ""
 
     def solve(self, problem: Problem) -> Solution:
         """Solve a problem; ``iterations`` is the number of accepted nodes.
@@ -121,7 +116,7 @@ class FastMarching(Scheme):
         lowers any.  Where shortest paths cross k sides, there are k + 1 rounds.
         """
         while True:
-            if _is_grid(problem.domain):
+            if isinstance(problem.domain, CartesianGrid):
                 solution = march_grid(problem, self.order)
             else:
                 solution = march_mesh(problem)
@@ -133,10 +128,6 @@ class FastMarching(Scheme):
             if not changed.any():
                 return replace(solution, h=lowered)
             problem = replace(problem, h0=lowered)
-
-
-def _is_grid(domain: AnyMesh | CartesianGrid) -> bool:
-    return isinstance(domain, CartesianGrid)
 
 
 def march_mesh(
@@ -196,7 +187,11 @@ def march_mesh(
         break
 
     def residual() -> float:
-        excess = 0.0 if mesh is None else largest_excess(mesh, slope, h, sweep)
+        excess = 0.0
+        if mesh is not None:
+            candidate, finite = np.empty(n), np.isfinite(h)
+            sweep(cells_in(mesh), h, limit, candidate)
+            excess = float((h[finite] - candidate[finite]).max(initial=0.0))
         largest = h[np.isfinite(h)].max(initial=0.0)
         excess, largest = ranks.allreduce(np.array([excess, largest]), "max").tolist()
         return excess / largest if excess > 0.0 else 0.0
@@ -266,16 +261,6 @@ def _sweep_into_heap(
     kernels.queue_lowered(h, candidate, keep, heap)
 
 
-def largest_excess(
-    mesh: SimplexMesh, slope: Slope, h: FloatArray, sweep: Callable[..., None]
-) -> float:
-    """Return the largest excess of h over the local updates."""
-    candidate = np.empty(mesh.n_points)
-    sweep(cells_in(mesh), h, (slope.values, slope.step), candidate)
-    finite = np.isfinite(h)
-    return float((h[finite] - candidate[finite]).max(initial=0.0))
-
-
 def march_grid(problem: Problem, order: int = 1, *, along_edges: bool = False) -> Solution:
     """March on a grid until no node is lowered any more.
 
@@ -304,8 +289,9 @@ def _grid_residual(u: FloatArray, geometry: PaddedGrid, along_edges: bool) -> fl
     candidate = np.empty(u.size)
     grid_kernels.sweep_grid(u, geometry, along_edges, candidate)
     finite = np.isfinite(u)
-    excess = np.maximum(u[finite] - candidate[finite], 0.0)
-    return relative_to_largest(float(excess.max()), u)
+    excess = float((u[finite] - candidate[finite]).max(initial=0.0))
+    # With g(h) the smallest transformed size is 0.  If all bounds are equal, the largest is 0, too.
+    return excess / float(u[finite].max()) if excess > 0.0 else 0.0
 
 
 def _refine(problem: Problem, u1: FloatArray, u0: FloatArray, geometry: PaddedGrid) -> FloatArray:

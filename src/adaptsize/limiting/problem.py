@@ -112,13 +112,3 @@ def checked_start(initial: FloatArray | None, marched: FloatArray) -> FloatArray
     if np.isinf(initial[np.isfinite(marched)]).any():
         raise ValueError("initial must be finite in every component with a finite h0")
     return np.where(np.isinf(marched), np.inf, initial)
-
-
-def relative_to_largest(excess: float, h: FloatArray) -> float:
-    """Return an excess of sizes relative to the largest finite one; 0 if there is no excess.
-
-    With g(h) the smallest transformed size is 0.  If all bounds are equal, the largest is 0 too.
-    """
-    if excess <= 0.0:
-        return 0.0
-    return excess / float(h[np.isfinite(h)].max())

@@ -14,9 +14,8 @@ from adaptsize._checks import (
     refuse_where,
 )
 from adaptsize.background import CartesianGrid, SimplexMesh
-from adaptsize.background._curve import along_curve
-from adaptsize.limiting.exact import Exact
-from adaptsize.limiting.exact.field import Points, Workers, field_of_nodes, node_entries
+from adaptsize.limiting.exact import Exact, limit_points
+from adaptsize.limiting.exact.field import Workers
 from adaptsize.typing import FloatArray
 
 #: Mean radius of the Earth in metres (IUGG).
@@ -105,14 +104,7 @@ def limit_on_sphere(
     r = as_number("radius", radius, lower=0.0, strict=True)
     workers = Workers.of(Exact(threads=threads).threads)
     sizes = bound.reshape(-1)
-    places = to_sphere(where, r)
-    nodes = np.flatnonzero(np.isfinite(sizes)).astype(np.int32)
-    entries = node_entries(places[nodes], sizes[nodes], nodes)
-    field = field_of_nodes(entries, slope, 0.0, workers, r)
-    h, source = sizes.copy(), np.full(len(sizes), -1, np.int32)
-    points = Points(places, along_curve(places), np.empty(0, np.int32))
-    field.lower_by_last(points, h, source, workers)
-    h = h.reshape(shape)
+    h = limit_points(to_sphere(where, r), sizes, len(sizes), slope, workers, r)[0].reshape(shape)
     if active is not None:
         h[~active] = np.inf
     return h

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -58,10 +58,6 @@ class Plane:
     merge: Callable[[FloatArray, FloatArray, BoolArray], None] | None = None
     """Merges sizes at corners, directions of arrival and whether sources lower the corner (all
     In/Out) with those that other processes have found; None if there are none."""
-
-    def without_sizes(self) -> Plane:
-        """Return the same domain with reset corners."""
-        return replace(self, sizes=np.full_like(self.sizes, np.inf))
 
 
 def plane_of(points: FloatArray, boundary: PlaneBoundary) -> Plane:

@@ -34,7 +34,7 @@ from adaptsize.limiting.exact.field import (
 from adaptsize.limiting.exact.solve import ComponentSolution, solve_on_mesh
 from adaptsize.limiting.periodic import Periodicity
 from adaptsize.limiting.problem import PointBounds, Problem, Scheme, Solution
-from adaptsize.typing import FloatArray, IntArray, ProgressCallback
+from adaptsize.typing import FloatArray, IntArray
 
 # Points this far outside, relative to the diagonal of the background, count as inside.
 OUTSIDE = 1e-9
@@ -411,7 +411,12 @@ def _images(found: ComponentSolution, periodicity: Periodicity) -> Entries | Non
 
 
 def limit_points(
-    points: FloatArray, bounds: FloatArray, n: int, g: float, report: ProgressCallback
+    points: FloatArray,
+    bounds: FloatArray,
+    n: int,
+    g: float,
+    workers: Workers,
+    radius: float | None = None,
 ) -> tuple[FloatArray, IntArray]:
     r"""Return :math:`\min_j b_j + g |x_i - x_j|` at the first n points, and the j of each.
 
@@ -424,7 +429,9 @@ def limit_points(
     n : int
         Sizes are returned at so many points.
     g : float
-    report : callable
+    workers : Workers
+    radius : float, optional
+        Radius of a sphere around 0 on which the points lie, and along which distances run.
 
     Returns
     -------
@@ -433,11 +440,12 @@ def limit_points(
     int32[n]
         -1 where no bound reaches.
     """
-    margin = margin_for(float(bounds.min()), g, float(np.linalg.norm(np.ptp(points, axis=0))))
-    workers = Workers.of(None, report)
+    margin = 0.0
+    if radius is None:
+        margin = margin_for(float(bounds.min()), g, float(np.linalg.norm(np.ptp(points, axis=0))))
     nodes = np.flatnonzero(np.isfinite(bounds)).astype(np.int32)
     entries = node_entries(points[nodes], bounds[nodes], nodes)
-    field = field_of_nodes(entries, g, margin, workers)
+    field = field_of_nodes(entries, g, margin, workers, radius)
     wanted = Points(points[:n], along_curve(points[:n]), np.empty(0, np.int32))
     h, source = bounds[:n].copy(), np.full(n, -1, np.int32)
     field.lower_by_last(wanted, h, source, workers)

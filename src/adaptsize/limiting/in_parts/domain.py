@@ -38,22 +38,6 @@ class Piece(NamedTuple):
         """Whether this rank has no cells of the component."""
         return len(self.ids) == 0
 
-    @property
-    def is_shared(self) -> BoolArray:
-        """bool[n]: nodes that other ranks hold too."""
-        marked: BoolArray = np.zeros(len(self.ids), np.bool_)
-        for nodes in self.shared:
-            marked[nodes] = True
-        return marked
-
-    @property
-    def n_own(self) -> int:
-        """Number of nodes that no rank before this one holds."""
-        own = np.ones(len(self.ids), np.bool_)
-        for nodes in self.shared[: self.ranks.rank]:
-            own[nodes] = False
-        return int(np.count_nonzero(own))
-
     def bounds(self, h0: FloatArray) -> FloatArray:
         """Return the bounds at the nodes of ``mesh``, given those of the part."""
         return np.full(self.mesh.n_points, np.inf) if self.is_empty else h0[self.nodes]
@@ -183,7 +167,7 @@ def find_skeleton(piece: Piece, threads: int) -> Skeleton | None:
     if not piece.is_empty:
         own = flat_boundary(piece.mesh, threads)
         walls, odd = own.facets, own.has_flat or not own.is_simple
-    between = piece.is_shared[walls].all(axis=1) if len(walls) else np.zeros(0, np.bool_)
+    between = np.isin(walls, np.concatenate(piece.shared)).all(axis=1)
     ids = piece.ids[walls].reshape(-1, dim)
     status = np.full(len(walls), _WALL, np.int8)
     status[between] = _statuses(piece, ids[between])

@@ -9,7 +9,7 @@ import numpy as np
 from adaptsize._kernels.exact import list_entries_in_reach
 from adaptsize._kernels.exact_plane import CORNER
 from adaptsize._kernels.trees import DEPTH
-from adaptsize.limiting.exact.field import Entries, sorted_entries
+from adaptsize.limiting.exact.field import Entries
 from adaptsize.ranks import Communicator
 from adaptsize.typing import FloatArray, IntArray
 
@@ -74,16 +74,3 @@ def exchange_rows(
         sent.append(np.concatenate([some[which] for some, which in pairs]))
     received: FloatArray = np.concatenate(comm.alltoallv(sent))
     return received
-
-
-def exchange_entries(
-    comm: Communicator,
-    groups: Sequence[Entries],
-    own: FloatArray,
-    g: float,
-) -> Entries:
-    """Return the entries of other ranks that may act on this one; one exchange."""
-    table = exchange_rows(comm, groups, [entries.table for entries in groups], own, g)
-    nodes = np.full((len(table), groups[0].nodes.shape[1]), -1, np.int32)
-    nodes[:, 0] = np.arange(len(table))
-    return sorted_entries(table, nodes)

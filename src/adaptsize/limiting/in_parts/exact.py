@@ -18,7 +18,7 @@ from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.geometry.boundary import plane_boundary
 from adaptsize.geometry.convexity import count_corners
 from adaptsize.limiting.exact.candidates import Component, Extra, margin_for
-from adaptsize.limiting.exact.field import Points, Workers
+from adaptsize.limiting.exact.field import Points, Workers, sorted_entries
 from adaptsize.limiting.exact.plane import Plane, has_many_corners, plane_of
 from adaptsize.limiting.exact.scheme import (
     OUTSIDE,
@@ -36,7 +36,7 @@ from adaptsize.limiting.in_parts.domain import (
     find_skeleton,
     piece_of,
 )
-from adaptsize.limiting.in_parts.entries import exchange_entries, of_this_rank, reach_of
+from adaptsize.limiting.in_parts.entries import exchange_rows, of_this_rank, reach_of
 from adaptsize.limiting.in_parts.solids import find_body, solve_body
 from adaptsize.limiting.problem import NeedsWholeMesh, PointBounds, Problem, TooManyCorners
 from adaptsize.ranks import Communicator, rows_among
@@ -105,10 +105,13 @@ def _solve_piece(
         return solve_body(part, piece, body, component)
     if not problem.at_any_price:
         n_corners = count_corners(skeleton.points, skeleton.boundary)
-        if has_many_corners(n_corners, comm.allreduce(piece.n_own, "sum")):
+        own = np.ones(len(piece.ids), np.bool_)  # the nodes that no rank before this one holds
+        own[np.concatenate([piece.nodes[:0], *piece.shared[: comm.rank]])] = False
+        if has_many_corners(n_corners, comm.allreduce(int(own.sum()), "sum")):
             raise TooManyCorners
     plane = part.once(f"_plane_{number}", lambda: _plane_on(piece, skeleton))
-    found = _with_others(piece, component, plane.without_sizes(), skeleton)
+    plane = replace(plane, sizes=np.full_like(plane.sizes, np.inf))
+    found = _with_others(piece, component, plane, skeleton)
     folded = not piece.is_empty and rises_too_fast(component, found.h)
     if comm.allreduce(int(folded), "max"):
         raise NeedsWholeMesh
@@ -129,7 +132,10 @@ def _with_others(
     points, field = Points(mesh.points, order, on_wall), found.field
     sent = [of_this_rank(entries, mesh.n_points) for entries in field.groups]
     reach = reach_of(points.places, points.order, found.h)
-    field.add(exchange_entries(piece.ranks, sent, reach, component.g))
+    table = exchange_rows(piece.ranks, sent, [own.table for own in sent], reach, component.g)
+    named = np.full((len(table), mesh.dim), -1, np.int32)
+    named[:, 0] = np.arange(len(table))
+    field.add(sorted_entries(table, named))
     field.lower_by_last(points, found.h, found.source, component.workers)
     return replace(found, h=found.h[: len(piece.nodes)])
 
