@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from adaptsize.background._curve import along_curve
-from adaptsize.limiting.exact.field import entries_at
-from adaptsize.limiting.in_parts.entries import entries_in_reach, reach_of
+from adaptsize.limiting.exact.field import entries_at, entries_in_reach, reach_of
 
 
 def _slow(entries, boxes, g):

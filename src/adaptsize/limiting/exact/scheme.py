@@ -42,7 +42,6 @@ OUTSIDE = 1e-9
 # Nodes of a tile of a grid, which is a block of the kernels.
 _TILES = {1: (32, 1, 1), 2: (4, 8, 1), 3: (4, 4, 2)}
 
-
 UNFINISHED = (
     "the exact method stopped its search for paths over reflex edges with sizes still falling: "
     "some sizes are larger than the shortest paths allow"
@@ -246,7 +245,6 @@ def as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
     """Return the solution composed of those of the components; elsewhere bounds are kept."""
     flat = h0.ravel().copy()
     n_hidden, gap, n_entries = 0, 0.0, 0
-    finished = all(found.finished for _, found in parts)
     for nodes, found in parts:
         flat[slice(None) if nodes is None else nodes] = found.h
         n_entries += found.field.n_entries
@@ -254,15 +252,11 @@ def as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
             hidden = ~found.proved
             n_hidden += int(np.count_nonzero(hidden))
             gap = max(gap, float((found.h - found.lower)[hidden].max(initial=0.0)))
-    h = flat.reshape(h0.shape)
+    h, n_proved, unfinished = flat.reshape(h0.shape), flat.size - n_hidden, ""
+    if not all(found.finished for _, found in parts):
+        unfinished = UNFINISHED
     return ExactSolution(
-        h,
-        n_entries,
-        0.0,
-        "" if finished else UNFINISHED,
-        parts=parts,
-        n_proved=h.size - n_hidden,
-        largest_gap=gap,
+        h, n_entries, 0.0, unfinished, parts=parts, n_proved=n_proved, largest_gap=gap
     )
 
 

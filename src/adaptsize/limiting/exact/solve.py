@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,10 +18,15 @@ from adaptsize.background._curve import along_curve
 from adaptsize.geometry.boundary import FlatBoundary, plane_boundary
 from adaptsize.geometry.convexity import count_corners
 from adaptsize.limiting.edge_based import limit_along_edges
-from adaptsize.limiting.exact.candidates import EQUAL, Component, candidates_of, sources_on_cells
+from adaptsize.limiting.exact.candidates import (
+    EQUAL,
+    TIE,
+    Component,
+    candidates_of,
+    sources_on_cells,
+)
 from adaptsize.limiting.exact.expansion import expand_from_nodes
 from adaptsize.limiting.exact.field import Entries, ExactField, Points, node_entries
-from adaptsize.limiting.exact.origins import complete
 from adaptsize.limiting.exact.plane import (
     Plane,
     along_walls,
@@ -31,11 +36,16 @@ from adaptsize.limiting.exact.plane import (
     plane_of,
     with_corners,
 )
+from adaptsize.limiting.exact.space import (
+    Bounds,
+    Solid,
+    SolidSources,
+    SpaceResult,
+    solid_of,
+    solve_in_space,
+)
 from adaptsize.limiting.problem import TooManyCorners
 from adaptsize.typing import BoolArray, FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from adaptsize.limiting.exact.space import Solid, SpaceResult
 
 
 @dataclass(eq=False)
@@ -244,8 +254,6 @@ class WholeSolid:
 
 def solve_in_solid(known: WholeSolid) -> tuple[SpaceResult, ExactField, IntArray]:
     """Return the limited sizes, the sources, and the order in which the former number these."""
-    from adaptsize.limiting.exact.space import Bounds, SolidSources, solve_in_space
-
     component, solid = known.component, known.solid
     nodes, steep = known.candidates()
     linear = steep is not None and component.face_sources
@@ -277,8 +285,6 @@ def solve_in_solid(known: WholeSolid) -> tuple[SpaceResult, ExactField, IntArray
 
 def _solve_in_space(component: Component, boundary: FlatBoundary) -> ComponentSolution:
     """Solve in a solid that is not convex."""
-    from adaptsize.limiting.exact.space import solid_of
-
     result, field, order = solve_in_solid(WholeSolid(component, solid_of(component.mesh, boundary)))
     found = ComponentSolution(
         result.h,
@@ -301,8 +307,68 @@ def _name_all(component: Component, found: ComponentSolution, start: IntArray) -
         bend = np.full(mesh.points.shape, np.nan)
     known: BoolArray = (found.source >= 0) | (h >= component.h0)
     if not known.all():
-        complete(mesh, (h, component.g), start, (named, bend), known)
+        _complete(mesh, (h, component.g), start, (named, bend), known)
         found.nodes, found.bend = named, bend
+
+
+def _complete(
+    mesh: SimplexMesh,
+    sizes: tuple[FloatArray, float],
+    start: IntArray,
+    found: tuple[IntArray, FloatArray],
+    known: BoolArray,
+) -> None:
+    """Name the sources of nodes that are not known, and the last bends of their paths.
+
+    A node takes the source of the node where its path starts, else that of the neighbour that
+    allows the smallest size, of these the one of the smallest number.  This is repeated, beginning
+    with the nodes of known sources.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+    sizes : tuple of float64[n], float
+        Limited sizes, and g.
+    start : int32[n]
+        The node where the known part of the path starts; -1 if the source is known, or if the path
+        runs along edges.
+    found : tuple of int32[n, dim], float64[n, dim]
+        In/Out: the nodes of the source, first that of a node that is its own; the last bend, nan if
+        the path is straight.
+    known : bool[n]
+        In/Out.
+    """
+    pairs, (nodes, bend) = _paths_into(mesh, sizes, start, known), found
+    keeps_bend = (start >= 0) & np.isfinite(bend[:, 0])
+    while True:
+        usable = np.flatnonzero(~known[pairs[:, 0]] & known[pairs[:, 1]])
+        usable = usable[np.unique(pairs[usable, 0], return_index=True)[1]]
+        if len(usable) == 0:
+            return
+        at, by = pairs[usable].T
+        bends = nodes[by, 0] != by  # else the path from the source is straight
+        last = np.where(bends[:, None], mesh.points[by], bend[by])
+        bend[at] = np.where(keeps_bend[at, None], bend[at], last)
+        nodes[at], known[at] = nodes[by], True
+
+
+def _paths_into(
+    mesh: SimplexMesh, sizes: tuple[FloatArray, float], start: IntArray, known: BoolArray
+) -> IntArray:
+    """Return pairs of a node and one that its path may come from.
+
+    They are ordered by the first node, then by the size that this allows, then by the second.
+    """
+    h, g = sizes
+    pairs = np.concatenate([mesh.edges, mesh.edges[:, ::-1]])
+    pairs = pairs[~known[pairs[:, 0]] & (start[pairs[:, 0]] < 0)]
+    length = np.linalg.norm(mesh.points[pairs[:, 0]] - mesh.points[pairs[:, 1]], axis=1)
+    along = h[pairs[:, 1]] + g * length
+    tight = along <= h[pairs[:, 0]] * (1.0 + TIE)
+    started = np.flatnonzero(~known & (start >= 0)).astype(np.int32)
+    pairs = np.concatenate([pairs[tight], np.column_stack([started, start[started]])])
+    along = np.append(along[tight], h[started])
+    return pairs[np.lexsort((pairs[:, 1], along, pairs[:, 0]))]
 
 
 def _along_edges(component: Component) -> ComponentSolution:
