@@ -100,35 +100,32 @@ def split_edges(mesh: SimplexMesh, chosen: BoolArray) -> SplitMesh:
         parts += [np.take_along_axis(nodes[rows], piece, 1) for piece in pieces.swapaxes(0, 1)]
         owners += [rows] * pieces.shape[1]
     owner = np.concatenate(owners)
-    tags = None if mesh.cell_tags is None else mesh.cell_tags[owner]
-    tagged, facet_tags = _halves_of_tagged(mesh, middle)
-    new_mesh = SimplexMesh(
+    new = _split(mesh, points, np.concatenate(parts), owner, middle)
+    return SplitMesh(new, where, inside, owner)
+
+
+def _split(
+    mesh: SimplexMesh, points: FloatArray, cells: IntArray, owner: IndexArray, middle: IntArray
+) -> SimplexMesh:
+    """Return a mesh of new cells with the tags of the old ones.
+
+    ``owner``: the old cell of each new one; ``middle``: the new node of each edge, -1 where it is
+    not split.
+    """
+    facets, tags = mesh.tagged_facets, mesh.facet_tags
+    if facets is not None and tags is not None:
+        # Edges that the mesh does not have get -1, too.
+        middles = np.append(middle, np.int32(-1))[_edge_numbers(mesh, facets)]
+        facets, of_facet = _bisected(facets, middles)
+        tags = tags[of_facet]
+    return SimplexMesh(
         points,
-        np.concatenate(parts),
-        cell_tags=tags,
-        tagged_facets=tagged,
-        facet_tags=facet_tags,
+        cells,
+        cell_tags=None if mesh.cell_tags is None else mesh.cell_tags[owner],
+        tagged_facets=facets,
+        facet_tags=tags,
         tag_names=mesh.tag_names,
     )
-    return SplitMesh(new_mesh, where, inside, owner)
-
-
-def _halves_of_tagged(
-    mesh: SimplexMesh, middle: IntArray
-) -> tuple[IntArray | None, IntArray | None]:
-    """Return the tagged edges after splitting and their tags.
-
-    ``middle``: the new node of each edge, -1 where it is not split.
-    """
-    if mesh.tagged_facets is None or mesh.facet_tags is None:
-        return None, None
-    tagged = np.sort(mesh.tagged_facets, axis=1)
-    new = np.append(middle, np.int32(-1))[rows_among(tagged, mesh.edges)]
-    split = new >= 0
-    first = np.column_stack([tagged[:, 0], np.where(split, new, tagged[:, 1])])
-    second = np.column_stack([new, tagged[:, 1]])[split]
-    tags = mesh.facet_tags
-    return np.concatenate([first, second]), np.concatenate([tags, tags[split]])
 
 
 def halved_edges(edges: IntArray, split: IntArray, n_points: int) -> IntArray:
@@ -206,18 +203,8 @@ def bisect_edges(mesh: SimplexMesh, chosen: BoolArray) -> SplitMesh:
     middle = np.full(len(mesh.edges), -1, np.int32)
     middle[where] = mesh.n_points + np.arange(len(where), dtype=np.int32)
     cells, owner = _bisected(mesh.cells, middle[number])
-    facets, tags = mesh.tagged_facets, mesh.facet_tags
-    if facets is not None and tags is not None:
-        facets, of_facet = _bisected(facets, middle[_edge_numbers(mesh, facets)])
-        tags = tags[of_facet]
-    new = SimplexMesh(
-        np.concatenate([mesh.points, mesh.points[mesh.edges[where]].mean(axis=1)]),
-        cells,
-        cell_tags=None if mesh.cell_tags is None else mesh.cell_tags[owner],
-        tagged_facets=facets,
-        facet_tags=tags,
-        tag_names=mesh.tag_names,
-    )
+    points = np.concatenate([mesh.points, mesh.points[mesh.edges[where]].mean(axis=1)])
+    new = _split(mesh, points, cells, owner, middle)
     return SplitMesh(new, where, np.empty(0, np.intp), owner)
 
 

@@ -52,16 +52,11 @@ class _Cells(NamedTuple):
 
 
 def surroundings_of(part: PartitionedMesh) -> Surroundings:
-    """Return the cells around the nodes of this rank; collective on first use.
+    """Return the cells around the nodes of this rank; collective.
 
     Two exchanges.  In the first one, ranks send the cells at shared nodes.  Each rank then knows
     all cells at its own nodes, and sends those at the nodes of the cells that it sent before.
     """
-    found: Surroundings = part.once("_surroundings", lambda: _find_surroundings(part))
-    return found
-
-
-def _find_surroundings(part: PartitionedMesh) -> Surroundings:
     comm, ids = part.ranks, part.global_ids
     known = _Cells(part.cell_ids, ids[part.cells], part.points[part.cells])
     wanted = [ids[nodes] for nodes in part.shared.nodes]

@@ -299,7 +299,7 @@ def second_derivatives(mesh: AnyMesh, nodal: FloatArray) -> FloatArray:
     """Return the second derivatives of fits to a checked field; collective."""
     if isinstance(mesh, SimplexMesh):
         return second_derivatives_of_fits(mesh, nodal)
-    around = surroundings_of(mesh)
+    around = mesh.once("_surroundings", lambda: surroundings_of(mesh))
     at_nodes = around.values(mesh, nodal)
     if around.mesh is None:
         return np.zeros((0, mesh.dim, mesh.dim))

@@ -12,7 +12,7 @@ from adaptsize._progress import silent
 from adaptsize.background import Octree
 from adaptsize.geometry.distance.implicit import crossings_of
 from adaptsize.geometry.implicit_surface import Implicit, gradient_of, project
-from adaptsize.typing import FloatArray, IndexArray, ProgressCallback
+from adaptsize.typing import FloatArray, ProgressCallback
 
 #: Takes points, float64[n, dim]; returns the signed distance of each.
 DistanceFunction: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
@@ -99,45 +99,26 @@ class ZeroLevelBoundary:
 
         self._function = function
         self._samples, self._spacings = crossings_of(background, function, values)
-        # Step of the gradient at samples, in their spacings.
-        gradient = gradient_of(function, self._samples, 1e-3 * self._spacings)[1]
-        steep = np.maximum(np.linalg.norm(gradient, axis=1), 1e-300)
-        self._normals = gradient / steep[:, None]
         self._tree = cKDTree(self._samples)
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Return unsigned distances, for points of any shape [..., dim]."""
         rows = points.reshape(-1, points.shape[-1])
-        found = np.linalg.norm(self._feet(rows, silent) - rows, axis=1)
+        found = np.linalg.norm(self._closest_points(rows, silent) - rows, axis=1)
         return np.asarray(found.reshape(points.shape[:-1]))
 
     def seen_from(self, points: FloatArray, report: ProgressCallback = silent) -> Depths:
         """Return the depths of points."""
-        outward = self._feet(points, report) - points
+        outward = self._closest_points(points, report) - points
         distance = np.linalg.norm(outward, axis=1)
         depth = np.where(self._function(points) <= 0.0, distance, -distance)
         outward /= np.where(distance > 0.0, depth, 1.0)[:, None]
         return Depths(depth, outward)
 
-    def _feet(self, points: FloatArray, report: ProgressCallback) -> FloatArray:
-        nearest = self._starts(points)
+    def _closest_points(self, points: FloatArray, report: ProgressCallback) -> FloatArray:
+        nearest = self._tree.query(points)[1]
         spacings = self._spacings[nearest]
         return project(self._function, points, self._samples[nearest], spacings, report)
-
-    def _starts(self, points: FloatArray) -> IndexArray:
-        """Return for each point the sample whose tangent plane is nearest, among near samples.
-
-        At corners, the nearest sample may lie on another piece than the closest point.
-        """
-        # Number of samples around a point whose tangent planes are compared.
-        count = min(8, len(self._samples))
-        near = self._tree.query(points, k=count)[1].reshape(len(points), count)
-        away = points[:, None, :] - self._samples[near]
-        height = np.abs(np.einsum("nkd,nkd->nk", away, self._normals[near]))
-        distance = np.linalg.norm(away, axis=2)
-        beside = distance**2 - height**2 <= self._spacings[near] ** 2
-        best = np.where(beside, height, distance).argmin(axis=1)
-        return np.asarray(near[np.arange(len(points)), best])
 
 
 def is_distance(function: Implicit, points: FloatArray, extent: float) -> bool:
