@@ -46,6 +46,24 @@ def test_a_file_is_replaced_in_one_step_not_overwritten(tmp_path):
     assert second_name.read_bytes() == before
 
 
+@posix_only
+@pytest.mark.parametrize("suffix", [".vtkhdf", ".vtu", ".vtk", ".msh", ".inp"])
+def test_a_file_is_kept_where_the_disk_has_no_room_for_the_new_one(tmp_path, suffix):
+    import resource
+
+    file, mesh = tmp_path / f"mesh{suffix}", random_sphere(2000, 7313)
+    file.write_bytes(b"old")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
+    try:
+        with pytest.raises(MeshFileError, match=f"mesh{suffix}: "):
+            write(file, mesh)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert file.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == [file.name]
+
+
 def test_an_interrupted_write_leaves_nothing(tmp_path, monkeypatch):
     def interrupt(path, *arguments, **options):
         path.write_bytes(b"half")

@@ -12,34 +12,25 @@ import numpy.typing as npt
 from adaptsize.errors import MeshFileError
 from adaptsize.typing import FloatArray
 
-# Corner nodes come first in every format, so a prefix of a higher-order cell is its corners.
+#: Dimension, number of corners and plural of each type of cells, as meshio calls it.  Corners come
+#: first in every format, so a prefix of a higher-order cell is its corners.
 _SHAPES = {
-    "line": (1, 2),
-    "triangle": (2, 3),
-    "quad": (2, 4),
-    "polygon": (2, 3),
-    "tetra": (3, 4),
-    "pyramid": (3, 5),
-    "wedge": (3, 6),
-    "hexahedron": (3, 8),
+    "line": (1, 2, "segments"),
+    "triangle": (2, 3, "triangles"),
+    "quad": (2, 4, "quadrilaterals"),
+    "polygon": (2, 3, "polygons"),
+    "tetra": (3, 4, "tetrahedra"),
+    "pyramid": (3, 5, "pyramids"),
+    "wedge": (3, 6, "wedges"),
+    "hexahedron": (3, 8, "hexahedra"),
 }
+#: The simplices by their dimension, and their dimensions by the plural.
+SIMPLEX = {1: "line", 2: "triangle", 3: "tetra"}
+KINDS = {_SHAPES[name][2]: dim for dim, name in SIMPLEX.items()}
 #: Name of the group of untagged cells in Gmsh files.  Gmsh ignores group 0.
 UNTAGGED = "adaptsize untagged"
-_SIMPLEX = {1: "line", 2: "triangle", 3: "tetra"}
 #: Larger polygons would take long, since the time grows with the cube of their corners.
 _MOST_CORNERS = 1000
-KINDS = {"segments": 1, "triangles": 2, "tetrahedra": 3}
-_PLURAL = {
-    "line": "segments",
-    "triangle": "triangles",
-    "quad": "quadrilaterals",
-    "polygon": "polygons",
-    "tetra": "tetrahedra",
-    "pyramid": "pyramids",
-    "wedge": "wedges",
-    "hexahedron": "hexahedra",
-}
-
 #: Names that programs use for the region of a cell, the most likely first.
 TAG_NAMES = (
     "cell_tags",
@@ -126,7 +117,7 @@ def name_of_polygon(n_corners: int) -> str:
 def plural(cell_type: str) -> str:
     """Return the plural name of a cell type."""
     base = _base(cell_type)
-    return cell_type if base is None else _PLURAL[base]
+    return cell_type if base is None else _SHAPES[base][2]
 
 
 def check_raw(raw: RawMesh) -> None:
@@ -212,9 +203,9 @@ def simplices_of(raw: RawMesh, dim: int) -> Simplices:
         if found.shape[1] > corners.shape[1]:
             notes.append(f"{len(found)} {plural(base)} of higher order reduced to their corners")
         parts, parent = _split(base, corners, None if in_space else raw.points)
-        if base != _SIMPLEX[dim] and corners.shape[1] > dim + 1:
+        if base != SIMPLEX[dim] and corners.shape[1] > dim + 1:
             notes.append(
-                f"{len(found)} {plural(base)} split into {len(parts)} {plural(_SIMPLEX[dim])}"
+                f"{len(found)} {plural(base)} split into {len(parts)} {plural(SIMPLEX[dim])}"
             )
         cells.append(parts)
         block.append(np.full(len(parts), index))
@@ -245,7 +236,7 @@ def _split(
     base: str, cells: npt.NDArray[np.int64], points: FloatArray | None
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return the simplices of cells of one type and the original row of each."""
-    if base in _SIMPLEX.values():
+    if base in SIMPLEX.values():
         return cells, np.arange(len(cells))
     if base == "quad":
         triangles = _split_quads(cells, points)

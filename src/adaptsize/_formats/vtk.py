@@ -5,9 +5,11 @@ Only the modules of VTK that are needed are imported; all of them, or pyvista, t
 
 from __future__ import annotations
 
+import io
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -58,7 +60,6 @@ _WRITERS = {
     ".vtp": "vtkIOXML.vtkXMLPolyDataWriter",
     ".vti": "vtkIOXML.vtkXMLImageDataWriter",
     ".vtk": "vtkIOLegacy.vtkUnstructuredGridWriter",
-    ".vtkhdf": "vtkIOHDF.vtkHDFWriter",
 }
 
 
@@ -158,6 +159,12 @@ def _numpy(array: Any) -> npt.NDArray[Any]:
     return np.array(vtk_to_numpy(array))
 
 
+def _array_of(values: npt.NDArray[Any]) -> Any:
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+
+    return numpy_to_vtk(np.ascontiguousarray(values), deep=True)
+
+
 def _arrays_in(data: Any) -> dict[str, npt.NDArray[Any]]:
     """Return the arrays of numbers of the nodes or cells by their names."""
     arrays = {}
@@ -227,12 +234,10 @@ def _names_in(data: Any) -> dict[tuple[int, int], str]:
 
 def grid_of(mesh: RawMesh) -> Any:
     """Return a vtkUnstructuredGrid of simplices, with names of tags as texts."""
-    from vtkmodules.util.numpy_support import numpy_to_vtk
-
     grid = _get("vtkCommonDataModel.vtkUnstructuredGrid")()
     grid.SetPoints(_points(mesh))
     cells = _get("vtkCommonDataModel.vtkCellArray")()
-    offsets, ids, types = (numpy_to_vtk(array, deep=True) for array in cells_of(mesh))
+    offsets, ids, types = map(_array_of, _cells_of(mesh))
     cells.SetData(offsets, ids)
     grid.SetCells(types, cells)
     _add_fields(grid, mesh)
@@ -253,12 +258,27 @@ def triangles_of(
     return nodes.reshape(-1, 3), _numpy(found.GetCellData().GetArray("number")).astype(np.int64)
 
 
-def cells_of(mesh: RawMesh) -> tuple[npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any]]:
+def _cells_of(mesh: RawMesh) -> tuple[npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any]]:
     """Return where the nodes of each simplex begin, int64[n + 1], all nodes, and VTK's types."""
     ids = np.concatenate([rows.ravel() for _, rows in mesh.blocks]).astype(np.int64)
     widths = np.concatenate([np.full(len(rows), rows.shape[1]) for _, rows in mesh.blocks])
     types = [np.full(len(rows), _TO_VTK[name], np.uint8) for name, rows in mesh.blocks]
     return np.concatenate([[0], np.cumsum(widths)]).astype(np.int64), ids, np.concatenate(types)
+
+
+def rows_of(mesh: RawMesh) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays of a file of VTKHDF by their places in it."""
+    offsets, ids, types = _cells_of(mesh)
+    counts = {"Points": len(mesh.points), "Cells": len(types), "ConnectivityIds": len(ids)}
+    return {
+        **{f"NumberOf{what}": np.array([count]) for what, count in counts.items()},
+        "Points": mesh.points,
+        "Connectivity": ids,
+        "Offsets": offsets,
+        "Types": types,
+        **{f"PointData/{name}": values for name, values in mesh.point_data.items()},
+        **{f"CellData/{name}": np.concatenate(v) for name, v in mesh.cell_data.items()},
+    }
 
 
 def texts_of(names: Mapping[tuple[int, int], str]) -> list[str]:
@@ -267,17 +287,13 @@ def texts_of(names: Mapping[tuple[int, int], str]) -> list[str]:
 
 
 def _points(mesh: RawMesh) -> Any:
-    from vtkmodules.util.numpy_support import numpy_to_vtk
-
     points = _get("vtkCommonCore.vtkPoints")()
-    points.SetData(numpy_to_vtk(np.ascontiguousarray(mesh.points, np.float64), deep=True))
+    points.SetData(_array_of(mesh.points.astype(np.float64, copy=False)))
     return points
 
 
 def surface_of(mesh: RawMesh) -> Any:
     """Return a vtkPolyData of segments and triangles, in VTK's order: segments first."""
-    from vtkmodules.util.numpy_support import numpy_to_vtk
-
     surface = _get("vtkCommonDataModel.vtkPolyData")()
     surface.SetPoints(_points(mesh))
     order = sorted(range(len(mesh.blocks)), key=lambda i: mesh.blocks[i][0])
@@ -286,7 +302,7 @@ def surface_of(mesh: RawMesh) -> Any:
         if name == "tetra":
             raise ValueError("obj must hold triangles or segments for .vtp; write .vtu")
         cells = _get("vtkCommonDataModel.vtkCellArray")()
-        cells.SetData(rows.shape[1], numpy_to_vtk(rows.ravel().astype(np.int64), deep=True))
+        cells.SetData(rows.shape[1], _array_of(rows.ravel().astype(np.int64)))
         (surface.SetLines if name == "line" else surface.SetPolys)(cells)
     sorted_data = {name: [parts[i] for i in order] for name, parts in mesh.cell_data.items()}
     _add_fields(surface, RawMesh(mesh.points, [], mesh.point_data, sorted_data, mesh.tag_names))
@@ -306,10 +322,8 @@ def _add_fields(data: Any, mesh: RawMesh) -> None:
 
 
 def _add(data: Any, fields: Mapping[str, npt.NDArray[Any]]) -> None:
-    from vtkmodules.util.numpy_support import numpy_to_vtk
-
     for name, values in fields.items():
-        array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
+        array = _array_of(values)
         array.SetName(name)
         data.AddArray(array)
 
@@ -317,24 +331,23 @@ def _add(data: Any, fields: Mapping[str, npt.NDArray[Any]]) -> None:
 # --- files ----------------------------------------------------------------------------------------
 
 
-class _Heard:
-    """Collects the errors that VTK prints."""
+@contextmanager
+def _errors() -> Iterator[list[str]]:
+    """Collect the errors that VTK prints, without the places in VTK."""
+    errors: list[str] = []
 
-    #: VTK passes this type of data to an observer.
-    CallDataType = "string0"
-
-    def __init__(self) -> None:
-        self.errors: list[str] = []
-        self._window = _get("vtkCommonCore.vtkOutputWindow").GetInstance()
-        self._tag = self._window.AddObserver("ErrorEvent", self)
-
-    def __call__(self, window: Any, event: str, text: str) -> None:
-        """Add an error without the place in VTK."""
+    def add(window: Any, event: str, text: str) -> None:
         text = re.sub(r"^.*?\(0x[0-9a-f]+\): ", "", text, flags=re.DOTALL)
-        self.errors.append(" ".join(text.split()))
+        errors.append(" ".join(text.split()))
 
-    def end(self) -> None:
-        self._window.RemoveObserver(self._tag)
+    # By this, VTK passes the text.
+    add.CallDataType = "string0"  # type: ignore[attr-defined]
+    window = _get("vtkCommonCore.vtkOutputWindow").GetInstance()
+    tag = window.AddObserver("ErrorEvent", add)
+    try:
+        yield errors
+    finally:
+        window.RemoveObserver(tag)
 
 
 def read_file(path: Path) -> Any:
@@ -373,13 +386,10 @@ def _reader_of(path: Path) -> Any:
 
 def _checked(path: Path, read: Callable[[], Any]) -> Any:
     """Return a data object that VTK reads without errors."""
-    heard = _Heard()
-    try:
+    with _errors() as errors:
         data = read()
-    finally:
-        heard.end()
-    if heard.errors or data is None:
-        reason = (heard.errors or ["no data"])[0].replace(str(path), path.name)
+    if errors or data is None:
+        reason = (errors or ["no data"])[0].replace(str(path), path.name)
         raise MeshFileError(f"cannot be read ({reason[:160]})")
     return data
 
@@ -484,10 +494,41 @@ def write_image(path: Path, grid: CartesianGrid, fields: Mapping[str, npt.NDArra
     write(path, ".vti", image)
 
 
+def create_hdf(path: Path | io.BytesIO) -> Any:
+    """Return a new file of VTKHDF, open, for the rows of a vtkUnstructuredGrid."""
+    import h5py
+
+    file = h5py.File(path, "w")
+    root = file.create_group("VTKHDF")
+    root.attrs.update({"Version": (2, 0), "Type": np.bytes_("UnstructuredGrid")})
+    return file
+
+
+def add_names(file: Any, names: Mapping[tuple[int, int], str]) -> None:
+    """Add the names of tags to a file of VTKHDF, unless it has names."""
+    import h5py
+
+    if names and f"VTKHDF/FieldData/{NAMES}" not in file:
+        texts, kind = [text.encode() for text in texts_of(names)], h5py.string_dtype("ascii")
+        file["VTKHDF"].create_dataset(f"FieldData/{NAMES}", data=texts, dtype=kind)
+
+
+def write_hdf(path: Path, mesh: RawMesh) -> None:
+    """Write simplices as VTKHDF, by way of memory.
+
+    If the disk is full, VTK does not notice it, and HDF5 crashes.
+    """
+    content = io.BytesIO()
+    with create_hdf(content) as file:
+        for name, values in rows_of(mesh).items():
+            file["VTKHDF"][name] = values
+        add_names(file, mesh.tag_names)
+    path.write_bytes(content.getbuffer())
+
+
 def write(path: Path, suffix: str, data: Any) -> None:
-    """Write a data set as ``.vtu``, ``.vtp``, ``.vti``, ``.vtk`` or ``.vtkhdf``."""
-    heard = _Heard()
-    try:
+    """Write a data set as ``.vtu``, ``.vtp``, ``.vti`` or ``.vtk``."""
+    with _errors() as errors:
         writer = _get(_WRITERS[suffix])()
         writer.SetFileName(str(path))
         writer.SetInputDataObject(data)
@@ -500,7 +541,6 @@ def write(path: Path, suffix: str, data: Any) -> None:
                 for array in map(held.GetArray, range(held.GetNumberOfArrays())):
                     array.SetName(escape(array.GetName(), _ESCAPED))  # VTK does not
         is_written = writer.Write()
-    finally:
-        heard.end()
-    if heard.errors or not is_written:
-        raise MeshFileError(f"cannot be written ({(heard.errors or ['no reason'])[0][:160]})")
+    if errors or not is_written:
+        reason = _get("vtkCommonMisc.vtkErrorCode").GetStringFromErrorCode(writer.GetErrorCode())
+        raise MeshFileError(f"cannot be written ({reason})")

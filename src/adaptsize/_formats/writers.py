@@ -12,13 +12,11 @@ import numpy.typing as npt
 
 from adaptsize._checks import check_type, describe
 from adaptsize._formats import sizes, vtk
-from adaptsize._formats.blocks import UNTAGGED, RawMesh
+from adaptsize._formats.blocks import SIMPLEX, UNTAGGED, RawMesh
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.simplex import as_own
 from adaptsize.metrics import MetricFunction
-
-_CELL_TYPES = {1: "line", 2: "triangle", 3: "tetra"}
 
 
 def content_of(mesh: SimplexMesh, tag_name: str, *, pad: bool) -> RawMesh:
@@ -29,11 +27,11 @@ def content_of(mesh: SimplexMesh, tag_name: str, *, pad: bool) -> RawMesh:
     points = mesh.points
     if pad and mesh.dim < 3:
         points = np.pad(points, ((0, 0), (0, 3 - mesh.dim)))
-    blocks = [(_CELL_TYPES[mesh.cell_dim], mesh.cells)]
+    blocks = [(SIMPLEX[mesh.cell_dim], mesh.cells)]
     facets, facet_tags = mesh.tagged_facets, mesh.facet_tags
     n_facets = 0 if facets is None or mesh.cell_dim == 1 else len(facets)
     if facets is not None and n_facets:
-        blocks.append((_CELL_TYPES[mesh.cell_dim - 1], facets))
+        blocks.append((SIMPLEX[mesh.cell_dim - 1], facets))
     cell_data = {
         name: [vtk.plain(name, values)]
         for name, values in mesh.cell_data.items()
@@ -68,7 +66,10 @@ def _write_with_meshio(path: Path, content: RawMesh, file_format: str, **options
 def write_vtk(path: Path, mesh: SimplexMesh, suffix: str) -> None:
     """Write a mesh in one of VTK's formats, by its suffix."""
     content = content_of(mesh, "cell_tags", pad=True)
-    vtk.write(path, suffix, vtk.surface_of(content) if suffix == ".vtp" else vtk.grid_of(content))
+    if suffix == ".vtkhdf":
+        vtk.write_hdf(path, content)
+    else:
+        vtk.write(path, suffix, (vtk.surface_of if suffix == ".vtp" else vtk.grid_of)(content))
 
 
 def write_xdmf(path: Path, mesh: SimplexMesh) -> None:

@@ -10,11 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._formats import writers
-from adaptsize._formats.blocks import UNTAGGED, RawMesh, dimension_of
+from adaptsize._formats.blocks import SIMPLEX, UNTAGGED, RawMesh, dimension_of
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import MeshFileError
-
-_KINDS = {1: "line", 2: "triangle", 3: "tetra"}
 
 
 def reader_of(mesh: Any) -> Callable[[], RawMesh] | None:
@@ -73,13 +71,13 @@ def _raw_of_skfem(mesh: Any) -> RawMesh:
         raise MeshFileError("must hold triangles or tetrahedra; use mesh.to_meshtri or to_meshtet")
     n_corners = mesh.p.shape[0] + 1
     points, cells = np.array(mesh.p).T, np.array(mesh.t)[:n_corners].T
-    blocks, tags, names = [(_KINDS[n_corners - 1], cells)], [np.zeros(len(cells), np.int32)], {}
+    blocks, tags, names = [(SIMPLEX[n_corners - 1], cells)], [np.zeros(len(cells), np.int32)], {}
     for number, (name, part) in enumerate((mesh.subdomains or {}).items(), start=1):
         tags[0][np.asarray(part)] = number
         names[n_corners - 1, number] = str(name)
     if mesh.boundaries and n_corners > 2:
         parts = [np.array(mesh.facets)[:, np.asarray(part)].T for part in mesh.boundaries.values()]
-        blocks.append((_KINDS[n_corners - 2], np.concatenate(parts)))
+        blocks.append((SIMPLEX[n_corners - 2], np.concatenate(parts)))
         numbers = range(1, len(parts) + 1)
         tags.append(np.repeat(numbers, [len(part) for part in parts]).astype(np.int32))
         names |= {(n_corners - 2, i): str(n) for i, n in enumerate(mesh.boundaries, start=1)}
@@ -99,7 +97,7 @@ def _raw_of_netgen(mesh: Any) -> RawMesh:
             tags.append(found["index"].astype(np.int32))
     dim, names = mesh.dim, {}
     for of_dim, name_of in ((dim, mesh.GetMaterial), (dim - 1, lambda i: mesh.GetBCName(i - 1))):
-        numbers = [t for (kind, _), t in zip(blocks, tags, strict=True) if kind == _KINDS[of_dim]]
+        numbers = [t for (kind, _), t in zip(blocks, tags, strict=True) if kind == SIMPLEX[of_dim]]
         for number in np.unique(np.concatenate([np.empty(0, np.int32), *numbers])).tolist():
             names[of_dim, number] = str(name_of(number))
     points = np.array(mesh.Coordinates(), np.float64)

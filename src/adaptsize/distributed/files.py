@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_path, check_type, describe
@@ -136,10 +135,8 @@ def _write_in_turn(path: Path, part: PartitionedMesh, fields: Mapping[str, npt.A
     temporary = ranks.bcast(in_turn(0, lambda: temporary_for(path)))
 
     def create() -> None:
-        with h5py.File(temporary, "w") as file:
-            root = file.create_group("VTKHDF")
-            root.attrs["Version"] = (2, 0)
-            root.attrs["Type"] = np.bytes_("UnstructuredGrid")
+        with vtk.create_hdf(temporary) as file:
+            root = file["VTKHDF"]
             for name, (shape, dtype) in layout.items():
                 root.create_dataset(name, (sum(n[name] for n in counts), *shape), dtype)
 
@@ -152,10 +149,7 @@ def _write_in_turn(path: Path, part: PartitionedMesh, fields: Mapping[str, npt.A
                 stop = start + counts[ranks.rank][name]
                 if name in rows:
                     file["VTKHDF"][name][start:stop] = rows[name]
-            names = file["VTKHDF"].require_group("FieldData")
-            if part.mesh is not None and part.mesh.tag_names and vtk.NAMES not in names:
-                texts = [text.encode() for text in vtk.texts_of(part.mesh.tag_names)]
-                names.create_dataset(vtk.NAMES, data=texts, dtype=h5py.string_dtype("ascii"))
+            vtk.add_names(file, {} if part.mesh is None else part.mesh.tag_names)
 
     try:
         in_turn(0, create)
@@ -176,15 +170,4 @@ def _rows_of(
     mesh = part.mesh.with_data(point_data={**fields, NODE_NUMBERS[0]: part.global_ids})
     names = [*mesh.point_data, *mesh.cell_data]
     FORMATS["vtkhdf"].check_names(path, names, mesh.tag_names.values())
-    content = content_of(mesh, "cell_tags", pad=True)
-    offsets, ids, types = vtk.cells_of(content)
-    counts = {"Points": len(content.points), "Cells": len(types), "ConnectivityIds": len(ids)}
-    return {
-        **{f"NumberOf{what}": np.array([count]) for what, count in counts.items()},
-        "Points": content.points,
-        "Connectivity": ids,
-        "Offsets": offsets,
-        "Types": types,
-        **{f"PointData/{name}": values for name, values in content.point_data.items()},
-        **{f"CellData/{name}": np.concatenate(v) for name, v in content.cell_data.items()},
-    }
+    return vtk.rows_of(content_of(mesh, "cell_tags", pad=True))
