@@ -201,25 +201,20 @@ class MpiCommunicator(Communicator):
     """
 
     def __init__(self, comm: Any) -> None:
-        self._comm = comm
-        self.rank, self.size = self._comm.Get_rank(), self._comm.Get_size()
+        self.mpi = comm
+        self.rank, self.size = self.mpi.Get_rank(), self.mpi.Get_size()
         self.traffic = Traffic()
-
-    @property
-    def mpi(self) -> Any:
-        """The communicator of mpi4py."""
-        return self._comm
 
     def allgather(self, value: T) -> list[T]:
         """Return the values of all ranks, in order of rank."""
         data = as_words(value)
         self._count(data.nbytes)
         counts = np.empty(self.size, np.int64)
-        self._comm.Allgather(np.array([len(data)], np.int64), counts)
+        self.mpi.Allgather(np.array([len(data)], np.int64), counts)
         self._refuse_large(int(counts.sum()))
         every = np.empty(counts.sum(), np.uint64)
         ends = np.cumsum(counts)
-        self._comm.Allgatherv(data, [every, counts, ends - counts, _type_of(data.dtype)])
+        self.mpi.Allgatherv(data, [every, counts, ends - counts, _type_of(data.dtype)])
         return [pickle.loads(words.tobytes()) for words in np.split(every, ends[:-1])]
 
     def allreduce(self, value: Any, op: Operation) -> Any:
@@ -232,7 +227,7 @@ class MpiCommunicator(Communicator):
         self._count(given.nbytes)
         merge = {"sum": MPI.SUM, "min": MPI.MIN, "max": MPI.MAX}[op]
         result = np.empty(given.shape, given.dtype)
-        self._comm.Allreduce(np.ascontiguousarray(given), result, merge)
+        self.mpi.Allreduce(np.ascontiguousarray(given), result, merge)
         return result if isinstance(value, np.ndarray) else result.item()
 
     def alltoallv(self, arrays: Sequence[npt.NDArray[Any]]) -> list[npt.NDArray[Any]]:
@@ -243,14 +238,14 @@ class MpiCommunicator(Communicator):
         row_shape = send.shape[1:]
         n_send = np.array([len(a) for a in arrays], np.int64)
         n_receive = np.empty(self.size, np.int64)
-        self._comm.Alltoall(n_send, n_receive)
+        self.mpi.Alltoall(n_send, n_receive)
         self._refuse_large(max(int(n_send.sum()), int(n_receive.sum())))
         receive = np.empty((int(n_receive.sum()), *row_shape), send.dtype)
         # A row is one item, so that messages of more than 2 GB can be counted.
         row = _type_of(send.dtype).Create_contiguous(int(np.prod(row_shape, dtype=np.int64)))
         row.Commit()
         try:
-            self._comm.Alltoallv(
+            self.mpi.Alltoallv(
                 [send, n_send, np.cumsum(n_send) - n_send, row],
                 [receive, n_receive, np.cumsum(n_receive) - n_receive, row],
             )
@@ -266,7 +261,7 @@ class MpiCommunicator(Communicator):
         """Raise an OverflowError on all ranks if a message on any rank is too long for MPI."""
         from mpi4py import MPI
 
-        if self._comm.allreduce(n_rows, MPI.MAX) > _LARGEST_COUNT:
+        if self.mpi.allreduce(n_rows, MPI.MAX) > _LARGEST_COUNT:
             raise OverflowError(
                 f"a rank sends or receives more than {_LARGEST_COUNT} rows at once: use more ranks"
             )

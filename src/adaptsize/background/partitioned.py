@@ -222,7 +222,8 @@ class PartitionedMesh:
     def exchange(self, values: npt.ArrayLike) -> FloatArray:
         """Return nodal values, those of shared nodes as on their owners; collective."""
         own = self._nodal(values)
-        held = np.where(_column(self.is_owned, own), own, 0.0)
+        held = own.copy()
+        held[~self.is_owned] = 0.0
         return self.shared.merge(held, np.add)
 
     def sum(self, values: npt.ArrayLike) -> FloatArray:
@@ -354,11 +355,6 @@ AnyMesh: TypeAlias = SimplexMesh | PartitionedMesh
 def local_mesh(mesh: AnyMesh) -> SimplexMesh | None:
     """Return the cells of this rank as a mesh: all of them on a single rank."""
     return mesh if isinstance(mesh, SimplexMesh) else mesh.mesh
-
-
-def _column(mask: BoolArray, values: FloatArray) -> BoolArray:
-    """Return a nodal mask in a shape that is broadcast with nodal values."""
-    return mask.reshape(-1, *[1] * (values.ndim - 1))
 
 
 def _checked(

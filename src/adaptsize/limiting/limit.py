@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import (
-    as_float_array,
     as_points,
     as_sizes,
     describe,
@@ -48,6 +47,7 @@ from adaptsize.limiting.problem import (
     Scheme,
     Solution,
     TooManyCorners,
+    as_nodal_sizes,
 )
 from adaptsize.ranks import SingleRank
 from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
@@ -295,7 +295,8 @@ def _checked(
     domain: Any = background.mesh if isinstance(background, Octree) else background
     if isinstance(domain, PartitionedMesh) and (initial is not None or periodic is not None):
         raise ValueError("initial and periodic must be None for meshes in parts")
-    bound = _as_bound("h0", h0, background)
+    kind = background.nodal_shape, getattr(background, "active", None)
+    bound = as_nodal_sizes("h0", h0, *kind)
     if np.may_share_memory(bound, h0):
         bound = bound.copy()  # kept in the info
     extra = None if point_sources is None else as_point_bounds(point_sources, background.dim)
@@ -307,7 +308,7 @@ def _checked(
         bound = cell.least(bound)
     if initial is not None:
         # Below h0 it is within the table of the transformation.
-        start = np.minimum(_as_bound("initial", initial, background), bound)
+        start = np.minimum(as_nodal_sizes("initial", initial, *kind), bound)
     return Problem(domain, bound, in_space(domain, g), start, extra, cell)
 
 
@@ -358,19 +359,6 @@ def _refuse_unsupported(scheme: Scheme, problem: Problem) -> None:
         if getattr(problem, name) is not None and name not in scheme.optional:
             able = " or ".join(repr(s.name) for s in SCHEMES.values() if name in s.optional)
             raise ValueError(f"{name} is for method={able}, got method={scheme.name!r}")
-
-
-def _as_bound(
-    name: str, sizes: npt.ArrayLike, background: AnyMesh | CartesianGrid | Octree
-) -> FloatArray:
-    """Return checked nodal sizes, inf at inactive nodes; one number is used for all nodes."""
-    given = as_float_array(name, sizes)
-    if given.ndim == 0:
-        given = np.full(background.nodal_shape, as_sizes(name, given, ()))
-    if isinstance(background, CartesianGrid) and background.active is not None:
-        given = as_float_array(name, given, background.shape)
-        given = np.where(background.active, given, np.inf)
-    return as_sizes(name, given, background.nodal_shape)
 
 
 def as_point_bounds(given: tuple[npt.ArrayLike, npt.ArrayLike], dim: int) -> PointBounds:

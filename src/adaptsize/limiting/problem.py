@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from adaptsize._checks import as_number, as_whole_number
+from adaptsize._checks import as_float_array, as_number, as_sizes, as_whole_number
 from adaptsize._progress import silent
 from adaptsize.background import AnyMesh, CartesianGrid
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.periodic import Periodicity
-from adaptsize.typing import FloatArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 
 class PointBounds(NamedTuple):
@@ -66,6 +67,18 @@ class Solution:
     def residual(self) -> float:
         """Residual of the discrete equations of the scheme; collective on meshes in parts."""
         return self.missed_by() if callable(self.missed_by) else self.missed_by
+
+
+def as_nodal_sizes(
+    name: str, sizes: npt.ArrayLike, shape: tuple[int, ...], active: BoolArray | None
+) -> FloatArray:
+    """Return checked nodal sizes, inf at inactive nodes; one number is used for all nodes."""
+    given = as_float_array(name, sizes)
+    if given.ndim == 0:
+        given = np.full(shape, as_sizes(name, given, ()))
+    if active is not None:
+        given = np.where(active, as_float_array(name, given, shape), np.inf)
+    return as_sizes(name, given, shape)
 
 
 class Scheme:

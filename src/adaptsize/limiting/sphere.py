@@ -6,16 +6,15 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import (
-    as_float_array,
     as_number,
     as_points,
-    as_sizes,
     as_slope,
     refuse_where,
 )
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.limiting.exact import Exact, limit_points
 from adaptsize.limiting.exact.field import Workers
+from adaptsize.limiting.problem import as_nodal_sizes
 from adaptsize.typing import FloatArray
 
 #: Mean radius of the Earth in metres (IUGG).
@@ -92,12 +91,7 @@ def limit_on_sphere(
     array([1.0000e+00, 4.5500e+01, 2.0025e+03])
     """
     where, shape, active = _nodes(lon_lat)
-    given = as_float_array("h0", h0)
-    bound = as_sizes(
-        "h0", np.broadcast_to(given, shape) if given.ndim == 0 else given, shape
-    ).copy()
-    if active is not None:
-        bound[~active] = np.inf
+    bound = as_nodal_sizes("h0", h0, shape, active)
     if bound.min() == np.inf:
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
     slope = as_slope("g", g)

@@ -215,6 +215,7 @@ def elements_with_nodes(mesh: AnyMesh, nodes: float) -> float:
 
     Examples
     --------
+    >>> from adaptsize import SimplexMesh
     >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     >>> round(elements_with_nodes(square, 101**2))  # 2 * 100^2 and 4 * 100
     20002
