@@ -10,7 +10,7 @@ from shapes import block
 
 from adaptsize import SimplexMesh, read, size_function, write
 from adaptsize.cli import console as console_module
-from adaptsize.cli.console import Steps
+from adaptsize.cli.console import Console, Steps
 
 DATA = Path(__file__).parents[2] / "data"
 CUBE = block(2)
@@ -77,8 +77,10 @@ def clock(monkeypatch):
 
 
 def test_each_step_is_a_line_once_a_command_takes_long(clock):
-    lines, times = [], []
-    steps = Steps(3, lines.append, times)
+    lines = []
+    console = Console()
+    console.say = lines.append
+    steps = Steps(console, 3)
     steps.begin("reading")
     clock.now += 1.0
     steps.begin("sizes")
@@ -96,7 +98,7 @@ def test_each_step_is_a_line_once_a_command_takes_long(clock):
         "step 2 of 3: sizes, 40 s so far, about 40 s left",
         "step 3 of 3: writing (after 41 s)",
     ]
-    assert times == [("reading", 1.0), ("sizes", 40.0), ("writing", 0.0)]
+    assert console.times == [("reading", 1.0), ("sizes", 40.0), ("writing", 0.0)]
 
 
 def test_limit_writes_the_nodes_that_sizes_come_from(square):

@@ -9,15 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import adaptsize as ads
+from adaptsize.cli import files
 from adaptsize.cli.console import Console
-from adaptsize.cli.files import (
-    check_files,
-    draw,
-    format_of,
-    nodal_field,
-    read_mesh,
-    write_result,
-)
 from adaptsize.cli.metric import limit_with_metric
 from adaptsize.cli.options import (
     FIELD,
@@ -92,7 +85,7 @@ def info(console: Console, file: Input) -> int:
 
     with console.steps(2) as steps:
         steps.begin("reading")
-        mesh = read_mesh(file)
+        mesh = files.read_mesh(file)
         steps.begin("checks")
         summary = summarize(mesh)
     console.record(input=str(file), **summary.as_dict())
@@ -118,7 +111,7 @@ def check(console: Console, file: Input, given: Given) -> int:
     original, field = given.pop("original", None), given.pop("field", None)
     with console.steps(2) as steps:
         steps.begin("reading")
-        mesh = read_mesh(file)
+        mesh = files.read_mesh(file)
         made = read_provenance(file)
         if made.get("n_cells") == mesh.n_cells and isinstance(made.get("tolerance"), float):
             given = {"tolerance": made["tolerance"]} | given
@@ -126,10 +119,10 @@ def check(console: Console, file: Input, given: Given) -> int:
                 f"made by adaptsize {made.get('version')} from {made.get('input')} on "
                 f"{made.get('date')} with the tolerance {made['tolerance']:.3g}"
             )
-        other = None if original is None else repair_mesh(read_mesh(original)).mesh
+        other = None if original is None else repair_mesh(files.read_mesh(original)).mesh
         if field is None and "h" in mesh.point_data:
             field = "h"
-        sizes = None if field is None else nodal_field(mesh, field)
+        sizes = None if field is None else files.nodal_field(mesh, field)
         steps.begin("checks")
         found = ads.check_mesh(mesh, original=other, size=sizes, **given)
         if sizes is not None:
@@ -163,21 +156,21 @@ def limit(console: Console, file: Input, output: SizesOutput, given: Given) -> i
     if "metric" in given:
         return limit_with_metric(console, file, output, given)
     g, plot = given["g"], given.get("plot")
-    check_files([file], output, "sizes", plot=plot)
+    files.check_files([file], output, "sizes", plot=plot)
     with console.steps(3) as steps:
         steps.begin("reading")
         mesh: SimplexMesh = ads.io.read(file)
-        format_of(output).check_cells(output, mesh)
-        h0 = nodal_field(mesh, given["field"])
+        files.format_of(output).check_cells(output, mesh)
+        h0 = files.nodal_field(mesh, given["field"])
         steps.begin("limiting")
         method = given.get("method", "auto")
         h, found = ads.limit_gradient.with_info(mesh, h0, g, method=method, progress=steps.report)
         steps.begin("writing")
         fields: dict[str, npt.ArrayLike] = {"h": h}
-        if found.sources is not None and "fields" in format_of(output).holds:
+        if found.sources is not None and "fields" in files.format_of(output).holds:
             fields["source"] = found.sources.roots()
-        write_result(console, output, mesh, fields)
-        draw(console, "size", plot, mesh, h)
+        files.write_result(console, output, mesh, fields)
+        files.draw(console, "size", plot, mesh, h)
     quantiles = found.cell_gradient_quantiles
     console.record(
         input=str(file),
@@ -219,21 +212,21 @@ def family(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         for level in range(1, (len(numbers) or levels) + 1)
     ]
     if numbers:
-        found = [mean_cell_size(read_mesh(path)) for path in paths]
+        found = [mean_cell_size(files.read_mesh(path)) for path in paths]
         result = Convergence.of(found, numbers)
         console.record(mean_sizes=found, values=numbers, **vars(result))
         console.print(result)
         return 0
     for path in paths:
-        check_files([file], path, "mesh")
+        files.check_files([file], path, "mesh")
     with console.steps(3) as steps:
         steps.begin("reading")
-        mesh = read_mesh(file)
+        mesh = files.read_mesh(file)
         steps.begin("meshing")
         made = ads.mesh_family(mesh, **given, progress=steps.report)
         steps.begin("writing")
         for path, new, h in zip(paths, made.meshes, made.sizes, strict=True):
-            write_result(console, path, new.with_data(point_data={"h": h(new.points)}))
+            files.write_result(console, path, new.with_data(point_data={"h": h(new.points)}))
     sizes = made.mean_sizes.tolist()
     console.record(input=str(file), mean_sizes=sizes, ratios=made.ratios.tolist())
     console.print("mean sizes  " + ", ".join(f"{h:.5g}" for h in sizes))
@@ -271,7 +264,7 @@ def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> in
     transferred.  A mesh that already has the sizes is written unchanged.
     """
     field, plot = given.pop("field"), given.pop("plot", None)
-    check_files([file], output, "mesh", plot=plot)
+    files.check_files([file], output, "mesh", plot=plot)
     if not given.keys() & {"elements", "nodes", "tolerance"}:
         raise ValueError("adapt needs --elements, --nodes or --tolerance, got none of them")
     with console.steps(4) as steps:
@@ -293,8 +286,8 @@ def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> in
         new = result.mesh
         fields = {**result.fields, "h": result.size(new.points)}
         new = new.with_data(point_data=fields, cell_data=result.cell_fields)
-        write_result(console, output, new)
-        draw(console, "size", plot, new)
+        files.write_result(console, output, new)
+        files.draw(console, "size", plot, new)
     report = result.report
     of_mesh = {
         "share_in_band": report.after.share_in_band,
@@ -331,7 +324,7 @@ def indicator_of(mesh: SimplexMesh, name: str) -> FloatArray:
     if not at_nodes:
         listed = ", ".join([*mesh.cell_data, *mesh.point_data]) or "none"
         raise ValueError(f"the mesh has no field {name!r}; it has: {listed}")
-    indicator: FloatArray = ads.zz_indicator(mesh, nodal_field(mesh, name))
+    indicator: FloatArray = ads.zz_indicator(mesh, files.nodal_field(mesh, name))
     return indicator
 
 

@@ -120,7 +120,7 @@ class Console:
         on_terminal = sys.stderr.isatty()
         with contextlib.ExitStack() as stack:
             bar = stack.enter_context(reporting(on_terminal and not self.quiet))
-            steps = Steps(count, self.say, self.times, self.verbose, bar)
+            steps = Steps(self, count, bar)
             if not (self.quiet or on_terminal):
                 timer = threading.Timer(PATIENCE, steps.talk)
                 timer.daemon = True
@@ -214,28 +214,16 @@ class Steps:
 
     Parameters
     ----------
+    console : Console
+        Prints lines, and has the times of the steps.
     count : int
         Expected number of steps.
-    say : callable
-        Prints a line.
-    times : list
-        Names and seconds of the steps are appended to it.
-    verbose : bool
-        Whether to print the time of each step as it ends.
     bar : callable, optional
         Shows the step and how far it is.
     """
 
-    def __init__(
-        self,
-        count: int,
-        say: Callable[[str], None],
-        times: list[tuple[str, float]],
-        verbose: bool = False,
-        bar: ProgressCallback = silent,
-    ) -> None:
-        self._count, self._say, self._times = count, say, times
-        self._verbose, self._bar = verbose, bar
+    def __init__(self, console: Console, count: int, bar: ProgressCallback = silent) -> None:
+        self._console, self._count, self._bar = console, count, bar
         self._lock = threading.Lock()
         self._talks = False
         self._number = 0
@@ -256,7 +244,7 @@ class Steps:
             passed = now - self._began
             left = remaining(passed, share)
             self._printed = now
-            self._say(f"{self._title()}, {passed:.0f} s so far{', ' if left else ''}{left}")
+            self._console.say(f"{self._title()}, {passed:.0f} s so far{', ' if left else ''}{left}")
 
     def following(self, name_of: Callable[[str], str | None]) -> ProgressCallback:
         """Return a progress callback whose texts divide the next step into parts.
@@ -286,9 +274,9 @@ class Steps:
         """End the present step."""
         if self._name:
             seconds = time.monotonic() - self._began
-            self._times.append((self._name, seconds))
-            if self._verbose:
-                self._say(f"{self._name}: {seconds:.2f} s")
+            self._console.times.append((self._name, seconds))
+            if self._console.verbose:
+                self._console.say(f"{self._name}: {seconds:.2f} s")
         self._name = ""
 
     def _go_on(self, name: str) -> None:
@@ -304,7 +292,7 @@ class Steps:
     def _line(self, text: str) -> None:
         self._printed = time.monotonic()
         passed = self._printed - self._start
-        self._say(f"{text} (after {passed:.0f} s)" if passed >= 1.0 else text)
+        self._console.say(f"{text} (after {passed:.0f} s)" if passed >= 1.0 else text)
 
     def _title(self) -> str:
         return f"step {self._number} of {self._count}: {self._name}"

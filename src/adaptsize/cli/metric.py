@@ -7,17 +7,8 @@ from typing import TYPE_CHECKING
 
 import adaptsize as ads
 from adaptsize._defaults import METRIC_GRADIENT_LIMIT
+from adaptsize.cli import files
 from adaptsize.cli.console import Console
-from adaptsize.cli.files import (
-    Content,
-    beside,
-    check_files,
-    draw,
-    field_of,
-    format_of,
-    read_mesh,
-    write_result,
-)
 from adaptsize.cli.options import Given
 from adaptsize.options import MeshOptions, options_of
 
@@ -35,24 +26,24 @@ def _check(file: Path, output: Path, given: Given, allowed: set[str]) -> None:
     if refused:
         listed = ", ".join(f"--{name.replace('_', '-')}" for name in refused)
         raise ValueError(f"--metric does not go with {listed}")
-    if beside(output) is None and "metrics" not in format_of(output).holds:
+    if files.beside(output) is None and "metrics" not in files.format_of(output).holds:
         raise ValueError(f"{output.name} cannot hold a metric; write .vtu, .sol or .pos")
     metric = Path(given["metric"])
     other = metric if metric.suffix.lower() == ".sol" else None
-    content: Content = "sizes" if beside(output) is None else "mesh"
-    check_files([file, other], output, content, plot=given.get("plot"))
+    content: files.Content = "sizes" if files.beside(output) is None else "mesh"
+    files.check_files([file, other], output, content, plot=given.get("plot"))
 
 
 def _read(file: Path, given: Given) -> tuple[SimplexMesh, Metric]:
     """Return the mesh in a file and the metric at its nodes, within limits of the sizes."""
     from adaptsize._formats.sizes import metric_in
 
-    mesh, metric = read_mesh(file), given["metric"]
+    mesh, metric = files.read_mesh(file), given["metric"]
     if Path(metric).suffix.lower() == ".sol":
         found: Metric = ads.io.read_metric(metric)
         found.check_mesh(mesh)
     else:
-        values = field_of(mesh, metric)
+        values = files.field_of(mesh, metric)
         try:
             found = metric_in(values, mesh.dim)
         except ValueError as error:
@@ -68,13 +59,13 @@ def limit_with_metric(console: Console, file: Path, output: Path, given: Given) 
     with console.steps(3) as steps:
         steps.begin("reading")
         mesh, metric = _read(file, given)
-        format_of(output).check_cells(output, mesh)
+        files.format_of(output).check_cells(output, mesh)
         steps.begin("limiting")
         limited, found = ads.limit_metric.with_info(mesh, metric, g, progress=steps.report)
         steps.begin("writing")
         function = ads.MetricFunction(mesh, limited)
-        write_result(console, output, function)
-        draw(console, "metric", given.get("plot"), function)
+        files.write_result(console, output, function)
+        files.draw(console, "metric", given.get("plot"), function)
     lowered = int((~found.kept).sum())
     console.record(
         input=str(file), g=g, n_points=mesh.n_points, n_lowered=lowered, metric=_summary(function)
@@ -99,10 +90,10 @@ def remesh_with_metric(console: Console, file: Path, output: Path, given: Given)
         new = ads.remesh(mesh, limited, progress=following, **options)
         steps.begin("writing")
         function = ads.MetricFunction(new, limited(new.points))
-        write_result(console, output, function)
+        files.write_result(console, output, function)
         steps.begin("checks")
         conformity = ads.size_conformity(new, limited)
-        draw(console, "metric", given.get("plot"), function)
+        files.draw(console, "metric", given.get("plot"), function)
     console.record(input=str(file), g=g, mesh=conformity.as_dict(), metric=_summary(function))
     console.print(conformity)
     return 0

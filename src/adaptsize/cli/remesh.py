@@ -12,18 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import adaptsize as ads
 from adaptsize._defaults import TOLERANCE
+from adaptsize.cli import files
 from adaptsize.cli.console import Console
-from adaptsize.cli.files import (
-    announce,
-    announce_sizes,
-    beside,
-    check_files,
-    draw,
-    format_of,
-    is_of_polygons,
-    read_mesh,
-    write_result,
-)
 from adaptsize.cli.metric import remesh_with_metric
 from adaptsize.cli.options import (
     FIELD,
@@ -82,7 +72,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     from adaptsize.reporting.outcome import outcome_of_remeshing
 
     plot, page = given.pop("plot", None), given.pop("report", None)
-    check_files([file], output, "mesh", plot=plot, report=page)
+    files.check_files([file], output, "mesh", plot=plot, report=page)
     check_installed(given.get("backend", "auto"))
     as_tolerance("tolerance", given.get("tolerance", TOLERANCE))
     with console.steps(5) as steps:
@@ -95,7 +85,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
             console.say(f"sizes: {report.choices}")
             if mesh.cell_dim == mesh.dim or given.get("target") != "triangles":
                 n = report.n_elements
-                announce(console, _PER_ELEMENT * n, f"about {n:.2g} elements")
+                files.announce(console, _PER_ELEMENT * n, f"about {n:.2g} elements")
 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ads.errors.OpenSurfaceWarning)  # printed by _accepted
@@ -107,14 +97,14 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         allowed = tolerance_of(report, given.get("tolerance"))
         new = new.with_data(point_data={"h": size(new.points)})
         steps.begin("writing")
-        write_result(console, output, new)
+        files.write_result(console, output, new)
         write_provenance(output, _provenance(file, given, as_dict(report), allowed, new))
         steps.begin("checks")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ads.errors.InputWarning)  # printed by `remesh`
             repaired = repair_mesh(mesh).mesh
         outcome = outcome_of_remeshing(new, repaired, size, allowed, given.get("elements"))
-        draw(console, "size", plot, new)
+        files.draw(console, "size", plot, new)
         if page is not None:
             names = [name.partition(" with ")[2] for name, _ in console.times]
             about = {
@@ -168,8 +158,8 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
     from adaptsize.remeshing.driver import check_backend
 
     # Half of the tolerance is for the mesh generator.
-    mesh = read_mesh(file, 0.5 * given.get("tolerance", TOLERANCE))
-    if is_of_polygons(file):
+    mesh = files.read_mesh(file, 0.5 * given.get("tolerance", TOLERANCE))
+    if files.is_of_polygons(file):
         console.say("the lines are simplified within half of the tolerance")
     close = given.pop("close", False)
     if "target" not in given and not close and _is_for_surfaces(output, mesh, given):
@@ -185,8 +175,8 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
         mesh = _accepted(console, mesh, allowed, close=close, strict=given.get("strict", False))
     elif close:
         raise ValueError(f"--close applies to surfaces that become tetrahedra, got {mesh!r}")
-    announce_sizes(console, mesh)
-    chosen, sizes = format_of(output), beside(output)
+    files.announce_sizes(console, mesh)
+    chosen, sizes = files.format_of(output), files.beside(output)
     if "triangles" in chosen.holds and mesh.dim == 3 and target != "triangles":
         console.warn(
             f"{output.name} holds triangles only: the boundary of the tetrahedra is written; "
@@ -201,7 +191,7 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
 
 def _is_for_surfaces(output: Path, mesh: SimplexMesh, given: Given) -> bool:
     """Return whether a surface is to be written to a file of triangles, and can be remeshed."""
-    if "triangles" not in format_of(output).holds or not mesh.cell_dim < mesh.dim == 3:
+    if "triangles" not in files.format_of(output).holds or not mesh.cell_dim < mesh.dim == 3:
         return False
     backend, mmg = given.get("backend", "auto"), ads.remeshing.available_backends()["mmg"]
     return backend == "mmg" or (backend == "auto" and bool(mmg.installed))

@@ -9,17 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import adaptsize as ads
 from adaptsize._checks import as_number
+from adaptsize.cli import files
 from adaptsize.cli.console import Console
-from adaptsize.cli.files import (
-    Content,
-    announce_sizes,
-    check_files,
-    draw,
-    format_of,
-    nodal_field,
-    read_mesh,
-    write_result,
-)
 from adaptsize.cli.options import (
     FIELD,
     PLOT,
@@ -71,8 +62,8 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
     as_number("speed", of_cost.get("speed", 1.0), lower=0.0, strict=True)
     if "speed" in of_cost and len(of_cost) == 1:
         raise ValueError("--speed has no effect without --cost or --parts")
-    content: Content = "sizes of an image" if of_image else "sizes"
-    check_files([file], output, content, plot=plot, plot_causes=plot_causes)
+    content: files.Content = "sizes of an image" if of_image else "sizes"
+    files.check_files([file], output, content, plot=plot, plot_causes=plot_causes)
     for name in _OF_MESHES if of_image else options_of(ImageOptions):
         if name in given | of_cost:
             flag = f"--{name.replace('_', '-')}"
@@ -92,11 +83,11 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
         report = report_of(found)
         console.say(f"sizes: {report.choices}")
         steps.begin("writing")
-        holds_fields = "fields" in format_of(output).holds
+        holds_fields = "fields" in files.format_of(output).holds
         fields = {"cause": report.cause.astype("int32")} if holds_fields else {}
-        write_result(console, output, found, fields)
-        draw(console, "size", plot, found)
-        draw(console, "causes", plot_causes, report)
+        files.write_result(console, output, found, fields)
+        files.draw(console, "size", plot, found)
+        files.draw(console, "causes", plot_causes, report)
     console.record(input=str(file), size=as_dict(report))
     console.print(report)
     if fields:
@@ -116,9 +107,9 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
 
 def _read(console: Console, file: Path, output: Path, *, by_faces: bool) -> SimplexMesh:
     """Return the mesh in a file, if its sizes can be written; of a surface the faces tagged."""
-    mesh = read_mesh(file)
-    format_of(output).check_cells(output, mesh)
-    announce_sizes(console, mesh)
+    mesh = files.read_mesh(file)
+    files.format_of(output).check_cells(output, mesh)
+    files.announce_sizes(console, mesh)
     untagged = mesh.cell_dim == 2 < mesh.dim and mesh.cell_tags is None
     return mesh.tag_faces() if by_faces and untagged else mesh
 
@@ -132,7 +123,7 @@ def bounded(mesh: SimplexMesh, given: Given) -> Given:
         return given
     off = {"elements_per_radian": 0.0, "elements_across": 0.0, "elements_between": 0.0}
     others = {name: value for name, value in given.items() if name != "field"}
-    return off | {"h0": nodal_field(mesh, given["field"])} | others
+    return off | {"h0": files.nodal_field(mesh, given["field"])} | others
 
 
 def as_dict(report: SizeReport) -> dict[str, Any]:
@@ -173,7 +164,7 @@ def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -
     from adaptsize.reporting.outcome import outcome_of_image
 
     plot = given.pop("plot", None)
-    check_files([file], output, "mesh", plot=plot)
+    files.check_files([file], output, "mesh", plot=plot)
     with console.steps(5) as steps:
         steps.begin("reading")
         pixels = ads.io.read_image(file)
@@ -181,9 +172,9 @@ def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -
         following = steps.following({"placing nodes": "meshing"}.get)
         mesh = ads.mesh_image(pixels, **given, progress=following)
         steps.begin("writing")
-        write_result(console, output, mesh)
+        files.write_result(console, output, mesh)
         steps.begin("checks")
         chosen = {name: given[name] for name in options_of(ImageOptions) if name in given}
         outcome = outcome_of_image(mesh, pixels, checked(ImageOptions, chosen))
-        draw(console, "size", plot, mesh)
+        files.draw(console, "size", plot, mesh)
     return print_outcome(console, file, outcome)
