@@ -160,7 +160,7 @@ class Console:
                 "share": "1",
             },
         }
-        print(json.dumps(_plain(whole), indent=2, allow_nan=False))
+        print(json.dumps(plain(whole), indent=2, allow_nan=False))
 
 
 def as_typed(text: str, flags: Mapping[str, str]) -> str:
@@ -194,14 +194,14 @@ def print_message(text: str) -> None:
     print(f"adaptsize: {text}", file=sys.stderr, flush=True)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Return a value of JSON.  Numbers that are not finite become null."""
     if isinstance(value, dict):
-        return {str(key): _plain(part) for key, part in value.items()}
+        return {str(key): plain(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(part) for part in value]
+        return [plain(part) for part in value]
     if hasattr(value, "tolist"):  # of numpy
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, str | int | float | bool) or value is None:

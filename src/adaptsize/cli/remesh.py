@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import adaptsize as ads
 from adaptsize._defaults import TOLERANCE
 from adaptsize.cli import files
-from adaptsize.cli.console import Console
+from adaptsize.cli.console import Console, plain
 from adaptsize.cli.metric import remesh_with_metric
 from adaptsize.cli.options import (
     FIELD,
@@ -134,23 +133,21 @@ def _provenance(
     file: Path, options: Given, sizes: Mapping[str, Any], tolerance: float, mesh: SimplexMesh
 ) -> dict[str, Any]:
     """Return what is stored with a mesh, plain values."""
-    numbers = {
-        name: value if math.isfinite(value) else None
-        for name, value in sizes.items()
-        if isinstance(value, float | int)
-    }
-    return {
-        "command": "remesh",
-        "version": ads.__version__,
-        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "input": str(file),
-        "options": {name: str(value) for name, value in options.items() if name != "sources"},
-        "tolerance": tolerance,
-        "sizes": numbers,
-        "units": {"length": "unit of the coordinates", "tolerance": "diagonal of the input"},
-        "n_points": mesh.n_points,
-        "n_cells": mesh.n_cells,
-    }
+    record: dict[str, Any] = plain(
+        {
+            "command": "remesh",
+            "version": ads.__version__,
+            "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+            "input": str(file),
+            "options": {name: str(value) for name, value in options.items() if name != "sources"},
+            "tolerance": tolerance,
+            "sizes": sizes,
+            "units": {"length": "unit of the coordinates", "tolerance": "diagonal of the input"},
+            "n_points": mesh.n_points,
+            "n_cells": mesh.n_cells,
+        }
+    )
+    return record
 
 
 def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMesh:

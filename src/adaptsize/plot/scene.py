@@ -131,11 +131,6 @@ class Scene:
         median = float(np.median(np.linalg.norm(stop - start, axis=1)))
         return median > float((high - low)[:2].max()) / 250.0
 
-    @property
-    def values_of_cells(self) -> FloatArray:
-        """One value per cell: the mean of its nodes where values are on nodes."""
-        return self.values[self.cells].mean(axis=1) if self.on_nodes else self.values
-
 
 def scene_of_mesh(
     mesh: SimplexMesh, values: npt.NDArray[Any], clip: str | None, *, on_nodes: bool, **look: Any
@@ -178,7 +173,8 @@ def _finite_scene(scene: Scene) -> Scene:
 def scene_of_grid(grid: CartesianGrid, values: FloatArray, clip: str | None, **look: Any) -> Scene:
     """Return the visible faces of a grid after the clip: of boxes whose nodes are all active."""
     clip = clip_axis(clip, grid.dim, grid.upper - grid.lower, solid=grid.dim == 3)
-    shown = [_some_of(n, _MOST_NODES[grid.dim]) for n in grid.shape]
+    most = _MOST_NODES[grid.dim]  # evenly, the first and the last among them
+    shown = [np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int)) for n in grid.shape]
     axes = [axis[i] for axis, i in zip(grid.axes, shown, strict=True)]
     shape = tuple(len(axis) for axis in axes)
     kept = np.ones([n - 1 for n in shape], np.bool_)
@@ -271,11 +267,6 @@ def _between(numbers: FloatArray, low: float, high: float) -> FloatArray:
     """Return the numbers from low to high, with a tolerance for rounding."""
     slack = 1e-12 * np.abs(numbers)
     return numbers[(numbers >= low - slack) & (numbers <= high + slack)]
-
-
-def _some_of(n: int, most: int) -> npt.NDArray[np.int64]:
-    """Return up to ``most`` of n indices, evenly, the first and the last among them."""
-    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
 
 
 def _outer_faces(kept: BoolArray, shape: tuple[int, ...]) -> npt.NDArray[Any]:

@@ -63,16 +63,14 @@ _PAGE = 800.0
 _OPAQUE, _LONG = 0.75, 9.0
 
 
-def opacities(lengths: FloatArray, width: float) -> FloatArray:
-    """Return the opacity of edges from their lengths, in pixels of a picture this wide."""
-    shown = lengths * (_PAGE / width)
-    opacity: FloatArray = _OPAQUE * np.clip((shown - 0.8) / _LONG, 0.03, 1.0)
-    return opacity
-
-
 def edge_colors(lengths: FloatArray, width: float) -> FloatArray:
-    """Return the colours of edges, float64[n, 4], fainter where edges are short."""
-    return np.column_stack([np.tile(EDGE, (len(lengths), 1)), opacities(lengths, width)])
+    """Return the colours of edges, float64[n, 4], fainter where edges are short.
+
+    Lengths are in pixels of a picture this wide.
+    """
+    shown = lengths * (_PAGE / width)
+    opacity = _OPAQUE * np.clip((shown - 0.8) / _LONG, 0.03, 1.0)
+    return np.column_stack([np.tile(EDGE, (len(lengths), 1)), opacity])
 
 
 def colors_of(scene: Scene) -> ScalarMappable:

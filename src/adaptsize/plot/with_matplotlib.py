@@ -24,7 +24,7 @@ def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
     seen = scene.points @ scene.axes.T
     corners = seen[scene.cells]
     order = np.argsort(corners[:, :, 2].mean(axis=1), kind="stable")
-    values = scene.values_of_cells
+    values = scene.values[scene.cells].mean(axis=1) if scene.on_nodes else scene.values
     shown = np.searchsorted(scene.names, values) if scene.classes else values
     faces = colors_of(scene).to_rgba(np.where(np.isfinite(values), shown, scene.limits[0]))
     faces[~np.isfinite(values)] = to_rgba(NOTHING)

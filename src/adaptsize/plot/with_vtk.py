@@ -181,16 +181,8 @@ def _add(plotter: Any, scene: Scene, width: int, **look: Any) -> Any:
     if scene.classes:
         places = np.searchsorted(scene.names, values).astype(np.float64)
         values = np.where(np.isfinite(values), places, np.nan)
-    plotter.add_mesh(drawn, scalars=values, **_appearance(scene, width) | look)
-    if not scene.flat:
-        plotter.add_light(pyvista.Light(light_type="headlight"))
-    return drawn
-
-
-def _appearance(scene: Scene, width: int) -> dict[str, Any]:
     colors = colors_of(scene)
-    low, high = colors.norm.vmin, colors.norm.vmax
-    return {
+    usual = {
         "preference": "point" if scene.on_nodes else "cell",
         "nan_color": NOTHING,
         "line_width": _FINER * max(0.8, width / 800),
@@ -200,10 +192,14 @@ def _appearance(scene: Scene, width: int) -> dict[str, Any]:
         "specular": 0.0,
         "interpolate_before_map": True,
         "cmap": colors.cmap,
-        "clim": (low, high),
+        "clim": (colors.norm.vmin, colors.norm.vmax),
         "log_scale": scene.is_logarithmic,
         "show_scalar_bar": False,
     }
+    plotter.add_mesh(drawn, scalars=values, **usual | look)
+    if not scene.flat:
+        plotter.add_light(pyvista.Light(light_type="headlight"))
+    return drawn
 
 
 def _lines(width: float) -> dict[str, Any]:
