@@ -72,6 +72,13 @@ def test_netgen_fills_a_shell_and_two_bodies(run):
     assert netgen.fill(joined(cube(), cube([2.0, 0.0, 0.0])), run) is not None
 
 
+def test_bodies_inside_out_are_filled_by_netgen(monkeypatch):
+    monkeypatch.setattr(TetWildBackend, "solve", lambda *_: pytest.fail("fTetWild fills"))
+    other = cube([2.0, 0.0, 0.0])
+    both = joined(cube(), SimplexMesh(other.points, other.cells[:, ::-1]))
+    assert_allclose(remesh(both, 0.5).measures.sum(), 2.0, rtol=1e-9)
+
+
 def test_surfaces_that_netgen_must_not_fill(run):
     assert netgen.fill(SimplexMesh(CUBE, CUBE_CELLS[1:]), run) is None  # open
     assert netgen.fill(joined(cube(), cube([0.5, 0.3, 0.4])), run) is None  # intersecting

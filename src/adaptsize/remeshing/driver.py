@@ -22,6 +22,7 @@ from adaptsize.errors import (
     ResolutionWarning,
     TooManyElementsError,
 )
+from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
 from adaptsize.quality.elements import minimum_angles
@@ -204,6 +205,10 @@ def remesh(
     allowed = tolerance * repaired.mesh.diagonal
     may_be_joined = task == "surface to tetrahedra" and warn_of_surface(repaired.mesh, allowed)
     frame = Frame.around(repaired.mesh)
+    if task == "surface to tetrahedra":
+        repaired = repaired._replace(
+            mesh=replace(repaired.mesh, cells=oriented(repaired.mesh).cells)
+        )
     required = as_required(required_facets, mesh, repaired)
     own, ridges = frame.mesh(repaired.mesh), _NO_RIDGES
     own_size = frame.size(wanted)

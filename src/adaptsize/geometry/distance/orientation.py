@@ -19,8 +19,9 @@ def oriented(boundary: SimplexMesh) -> SimplexMesh:
 
     Coincident nodes are merged.  If the orientations of neighbouring facets are inconsistent, the
     minority (by area) is flipped; then the whole piece is flipped if it encloses a negative
-    volume.  Consistent pieces are not changed, so that cavities remain cavities.  If all pieces
-    together enclose a negative volume, all are flipped.  Holes are allowed.
+    volume.  If all pieces together enclose a negative volume, all are flipped.  Then those are
+    flipped that enclose a negative volume, unless they are in the box of another piece: cavities
+    remain cavities.  Holes are allowed.
 
     Parameters
     ----------
@@ -47,13 +48,27 @@ def oriented(boundary: SimplexMesh) -> SimplexMesh:
     repaired[piece[contradicts]] = True
     wrong = repaired & ~is_sheet & (of_piece < 0.0)
     turned ^= wrong[piece]
-    if np.where(wrong, -of_piece, of_piece)[~is_sheet].sum() < 0.0:
-        turned = ~turned
+    of_piece = np.where(is_sheet, 0.0, np.where(wrong, -of_piece, of_piece))
+    if of_piece.sum() < 0.0:
+        turned, of_piece = ~turned, -of_piece
+    turned ^= _stand_alone(merged, piece, of_piece < 0.0)[piece]
     if not turned.any():
         return merged
     flipped = np.array(merged.cells)
     flipped[turned, :2] = flipped[turned, 1::-1]
     return SimplexMesh(merged.points, flipped)
+
+
+def _stand_alone(mesh: SimplexMesh, piece: IndexArray, chosen: BoolArray) -> BoolArray:
+    """Return which of the chosen pieces are not in the box of another piece."""
+    corners = mesh.points[mesh.cells]
+    low, high = np.full((len(chosen), mesh.dim), np.inf), np.full((len(chosen), mesh.dim), -np.inf)
+    np.minimum.at(low, piece, corners.min(axis=1))
+    np.maximum.at(high, piece, corners.max(axis=1))
+    alone = np.zeros(len(chosen), np.bool_)
+    for k in np.flatnonzero(chosen):
+        alone[k] = ((low <= low[k]) & (high >= high[k])).all(axis=1).sum() == 1
+    return alone
 
 
 def merged_cells(cells: IntArray, target: IndexArray) -> IntArray:
