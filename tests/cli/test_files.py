@@ -23,7 +23,8 @@ COMMANDS = {
     [
         ("missing/out.vtu", "there is no directory"),
         ("out.doc", "suffix"),
-        (".", "suffix"),
+        (".", "is a directory"),
+        ("out", "out has no suffix, which tells the format; write "),
         ("out.vti", "out.vti holds grids, not meshes"),
         ("square.vtu", "square.vtu is also the input; give another name"),
         ("../{folder}/square.vtu", "square.vtu is also the input; give another name"),

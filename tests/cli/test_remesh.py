@@ -212,3 +212,8 @@ def test_close_fills_the_holes_first(capsys, open_box, no_generator):
 def test_strict_refuses_an_open_surface_before_the_sizes(refused, open_box):
     err = refused("remesh", open_box, "-o", open_box.with_name("o.vtu"), "--strict")
     assert err.startswith("adaptsize: error: the surface is open: 4 open edges in 1 loop")
+
+
+def test_faces_of_a_surface_get_the_sizes_that_name_them(box, no_generator):
+    call("remesh", box, "-o", box.with_name("o.vtu"), "--size-of", "face 2=0.3")
+    assert np.unique(no_generator[0].cell_tags).tolist() == [1, 2, 3, 4, 5, 6]

@@ -53,6 +53,7 @@ def check_files(
         if path is None:
             continue
         option = f"--{name.replace('_', '-')}"
+        check_place(path)
         if name == "output":
             _check_format(path, content)
         else:
@@ -61,7 +62,6 @@ def check_files(
             allowed = (".html", ".htm") if name == "report" else SUFFIXES
             if path.suffix.lower() not in allowed:
                 raise ValueError(f"{option} must end in {', '.join(allowed)}, got {str(path)!r}")
-        check_place(path)
         sizes = beside(path) if name == "output" and content == "mesh" else None
         for written in (path, sizes):
             if written is None:
@@ -87,6 +87,12 @@ def read_mesh(path: Path, tolerance: float = 0.0) -> SimplexMesh:
     return mesh
 
 
+def with_faces(mesh: SimplexMesh) -> SimplexMesh:
+    """Return a mesh whose faces between feature edges are tagged, if it is a surface in space."""
+    is_untagged = mesh.cell_dim == 2 < mesh.dim and mesh.cell_tags is None
+    return mesh.tag_faces() if is_untagged else mesh
+
+
 def is_of_polygons(path: Path) -> bool:
     """Return whether a file holds polygons or lines, by its name."""
     from adaptsize._formats.polygon_files import READERS
@@ -107,6 +113,8 @@ def beside(path: Path) -> Path | None:
 
 
 def _check_format(path: Path, content: Content) -> None:
+    if not path.suffix:
+        raise ValueError(f"{path} has no suffix, which tells the format; write {path}.vtu")
     chosen, name = format_of(path), path.name
     if content == "mesh" and "sizes" in chosen.holds:
         raise ValueError(f"{name} would hold sizes but no mesh; write .vtu, or .mesh with a .sol")

@@ -172,6 +172,8 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
         mesh = _accepted(console, mesh, allowed, close=close, strict=given.get("strict", False))
     elif close:
         raise ValueError(f"--close applies to surfaces that become tetrahedra, got {mesh!r}")
+    if "size_of" in given:
+        mesh = files.with_faces(mesh)
     files.announce_sizes(console, mesh)
     chosen, sizes = files.format_of(output), files.beside(output)
     if "triangles" in chosen.holds and mesh.dim == 3 and target != "triangles":

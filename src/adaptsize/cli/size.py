@@ -110,8 +110,7 @@ def _read(console: Console, file: Path, output: Path, *, by_faces: bool) -> Simp
     mesh = files.read_mesh(file)
     files.format_of(output).check_cells(output, mesh)
     files.announce_sizes(console, mesh)
-    untagged = mesh.cell_dim == 2 < mesh.dim and mesh.cell_tags is None
-    return mesh.tag_faces() if by_faces and untagged else mesh
+    return files.with_faces(mesh) if by_faces else mesh
 
 
 def bounded(mesh: SimplexMesh, given: Given) -> Given:

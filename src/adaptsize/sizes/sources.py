@@ -101,7 +101,9 @@ class PointSource:
 
     def rows(self, dim: int) -> tuple[FloatArray, FloatArray]:
         """Return checked positions and sizes, float64[n, dim] and float64[n]."""
-        points = as_points("points", np.atleast_2d(as_float_array("points", self.points)), dim)
+        points = as_points(
+            "points of a source", np.atleast_2d(as_float_array("points", self.points)), dim
+        )
         return points, _sizes_per_row(self.size, len(points))
 
 
