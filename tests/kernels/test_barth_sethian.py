@@ -3,15 +3,14 @@
 import numpy as np
 from meshes import jittered_square
 
-from adaptsize._kernels.barth_sethian import fill_hat_gradients, fill_residuals, smallest_altitude
+from adaptsize._kernels.barth_sethian import fill_residuals
+from adaptsize.background.interpolation import hat_gradients
 
 
 def _move(mesh, u, time):
     """March u_t + |grad u| = 0 to ``time`` with steps of half the smallest altitude."""
-    measures = np.empty(mesh.n_cells)
-    gradients = np.empty((*mesh.cells.shape, mesh.dim))
-    fill_hat_gradients(mesh.points, mesh.cells, measures, gradients)
-    n_steps = int(np.ceil(time / (0.5 * smallest_altitude(measures, gradients))))
+    measures, gradients = hat_gradients(mesh)
+    n_steps = int(np.ceil(2.0 * time * np.linalg.norm(gradients, axis=2).max()))
     residual, weight, upstream = np.empty((3, mesh.n_points))
     u = u.copy()
     for _ in range(n_steps):

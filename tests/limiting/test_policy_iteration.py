@@ -28,7 +28,7 @@ def _swept(mesh, h0, g):
     """Repeat the local update of all nodes until nothing changes: the slow twin."""
     h, candidate = h0.copy(), np.empty(mesh.n_points)
     for _ in range(20_000):
-        sweep_cells(cells_in(mesh), h, (g, 1), candidate)
+        sweep_cells(cells_in(mesh), h, (g, 1), True, candidate)
         lower = np.minimum(h, candidate)
         if (lower >= h * (1.0 - 1e-15)).all():
             return lower

@@ -5,48 +5,6 @@ import math
 import numpy as np
 
 from adaptsize._kernels.compiling import kernel
-from adaptsize._kernels.simplex import dual_edges
-
-
-@kernel
-def fill_hat_gradients(points, cells, measures, gradients):
-    """Fill measure and gradients of the hat functions of each cell.
-
-    Parameters
-    ----------
-    points : float64[n, dim]
-    cells : int32[m, k + 1]
-    measures : float64[m]
-        Out: 0 in degenerate cells, which the scheme leaves out.
-    gradients : float64[m, k + 1, dim]
-        Out.
-    """
-    k = cells.shape[1] - 1
-    dim = points.shape[1]
-    edges = np.empty((k, dim))
-    dual = np.empty((k, dim))
-    for c in range(cells.shape[0]):
-        measures[c] = dual_edges(points, cells[c], edges, dual)
-        for d in range(dim):
-            total = 0.0
-            for i in range(k):
-                gradients[c, i + 1, d] = dual[i, d]
-                total += dual[i, d]
-            gradients[c, 0, d] = -total
-
-
-@kernel
-def smallest_altitude(measures, gradients):
-    """Return the smallest altitude, 1/|grad N_i|, of the cells that are not degenerate."""
-    steepest = 0.0
-    for c in range(measures.shape[0]):
-        if measures[c] > 0.0:
-            for v in range(gradients.shape[1]):
-                slope2 = 0.0
-                for d in range(gradients.shape[2]):
-                    slope2 += gradients[c, v, d] ** 2
-                steepest = max(steepest, slope2)
-    return 1.0 / math.sqrt(steepest) if steepest > 0.0 else math.inf
 
 
 @kernel
@@ -64,7 +22,7 @@ def fill_residuals(hats, u, limit, out):
     Parameters
     ----------
     hats : tuple of int32[m, k + 1], float64[m], float64[m, k + 1, dim]
-        The cells, and what `fill_hat_gradients` fills.
+        The cells, and what `simplex.fill_hat_gradients` fills.
     u : float64[n]
         Finite.
     limit : tuple of float64[m] or float64[1], int

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
-from adaptsize._kernels.trees import DEPTH, cells_of_leaf, descent
+from adaptsize._kernels.trees import DEPTH, box_of_cell, cells_of_leaf, leaf_within
 from adaptsize._kernels.vectors import between, cross, dot, minus, norm
 
 
@@ -155,23 +155,6 @@ def _common_nodes(cells, s, t):
     return count
 
 
-@lean
-def _overlaps(boxes, node, given):
-    """Return whether the box of a node meets that of a triangle; ``given``: the tree, the row."""
-    tree, s = given
-    apart = False
-    for d in range(3):
-        low = high = tree.points[tree.cells[s, 0], d]
-        for v in range(1, 3):
-            low = min(low, tree.points[tree.cells[s, v], d])
-            high = max(high, tree.points[tree.cells[s, v], d])
-        apart = apart or boxes[node, d] > high or boxes[node, 3 + d] < low
-    return not apart
-
-
-_overlapping_leaf = descent(_overlaps)
-
-
 @lean_kernel
 def find_crossings(tree, slack, first, last, found):
     """Find the triangles that cross others, and for each the deepest crossing.
@@ -191,9 +174,10 @@ def find_crossings(tree, slack, first, last, found):
     for s in range(first, last):
         if not _set_normal(tree, s, np.int64(0), work):
             continue
+        box = box_of_cell(tree.points, tree.cells, s)
         stack[0], height = 1, np.int64(1)
         while height > 0:
-            leaf, height = _overlapping_leaf(tree.boxes, stack, height, (tree, s))
+            leaf, height = leaf_within(tree.boxes, stack, height, (box, 0.0))
             begin, end = cells_of_leaf(leaf, tree.boxes, tree.cells.shape[0])
             for t in range(max(begin, s + 1), end):
                 if _common_nodes(tree.cells, s, t) > 1:

@@ -11,7 +11,6 @@ from adaptsize._kernels.vectors import (
     cross,
     dot,
     minus,
-    norm,
     triple,
     unit,
     without,
@@ -50,38 +49,6 @@ def fill_sector_normals(surface, sectors, normals):
             for d in range(3):
                 normals[s, d] += sign[fan[k]] * areas[c] * face_normals[c, d] / squares
         normalise(normals[s])
-
-
-@kernel
-def drop_conical_normals(surface, sectors, limit, normals):
-    """Set to zero the normal of each sector that has a triangle too oblique to it.
-
-    Such a sector is the tip of a cone, whose triangles meet at small angles: it has
-    no normal and no curvature.  ``limit``: smallest cosine of the angle between the normals.
-    """
-    for s in range(normals.shape[0]):
-        least = 1.0
-        for k in range(sectors.fan_ptr[s], sectors.fan_ptr[s + 1]):
-            corner = sectors.fan[k]
-            c = corner // 3
-            if surface.areas[c] > 0.0:
-                least = min(least, sectors.sign[corner] * dot(normals[s], surface.normals[c]))
-        if least < limit:
-            for d in range(3):
-                normals[s, d] = 0.0
-
-
-@kernel
-def fill_fan_angles(surface, sectors, angles):
-    """Fill the sum of the corner angles of each sector, in radians (Out: float64[n_sectors])."""
-    points, cells = surface.points, surface.cells
-    for s in range(angles.shape[0]):
-        angles[s] = 0.0
-        for k in range(sectors.fan_ptr[s], sectors.fan_ptr[s + 1]):
-            c, v = sectors.fan[k] // 3, sectors.fan[k] % 3
-            a = between(points, cells[c, v], cells[c, (v + 1) % 3])
-            b = between(points, cells[c, v], cells[c, (v + 2) % 3])
-            angles[s] += math.atan2(norm(cross(a, b)), dot(a, b))
 
 
 @inner
@@ -327,7 +294,7 @@ def fill_tensors(surface, sectors, normals, tensors):
 
 
 @inner
-def _frame(normal):
+def frame(normal):
     """Return u, v so that (u, v, normal) is an orthonormal frame."""
     least = 0
     for d in range(1, 3):
@@ -339,8 +306,11 @@ def _frame(normal):
 
 
 @inner
-def _restrict(tensor, u, v):
-    """Return (a, b, c), the components of a symmetric tensor float64[6] in the frame u, v."""
+def restrict(tensor, u, v):
+    """Return (a, b, c), the components of a symmetric tensor in the frame u, v.
+
+    ``tensor``: six numbers xx, yy, zz, yz, xz, xy.
+    """
     a, b, c = 0.0, 0.0, 0.0
     for d in range(3):
         i, j = (d + 1) % 3, (d + 2) % 3
@@ -377,26 +347,9 @@ def smooth_tensors(surface, sectors, normals, tensors, smoothed):
                     continue
                 turn = sign[fan[k]] * sign[corner]
                 source = (turn * normals[t, 0], turn * normals[t, 1], turn * normals[t, 2])
-                u, v = _frame(normals[t])
-                tensor = (u, v, _restrict(tensors[t], u, v))
+                u, v = frame(normals[t])
+                tensor = (u, v, restrict(tensors[t], u, v))
                 _add_turned(source, tensor, turn * areas[c], normals[s], smoothed[s])
                 total += areas[c]
         for d in range(6):
             smoothed[s, d] /= max(total, 1e-300)
-
-
-@kernel
-def fill_largest_curvature(normals, tensors, kappa):
-    """Fill the larger principal curvature, in modulus, of each sector.
-
-    Parameters
-    ----------
-    normals : float64[n_sectors, 3]
-    tensors : float64[n_sectors, 6]
-    kappa : float64[n_sectors]
-        Out: >= 0.
-    """
-    for s in range(tensors.shape[0]):
-        u, v = _frame(normals[s])
-        a, b, c = _restrict(tensors[s], u, v)
-        kappa[s] = abs(0.5 * (a + c)) + math.hypot(0.5 * (a - c), b)

@@ -116,6 +116,15 @@ def largest(h, count):
 
 
 @lean
+def begin(points, axes, which, sizes, block):
+    """Set the points of a block and their sizes; return the largest size."""
+    gather(points, axes, which, block.x, block.box)
+    for i in range(which.shape[0]):
+        block.h[i], block.by[i] = sizes[which[i]], -1
+    return largest(block.h, which.shape[0])
+
+
+@lean
 def _least_in_box(boxes, b, given):
     """Return a lower bound of what the entries in box b allow in the box of a block."""
     axes, box, g = given
@@ -264,23 +273,7 @@ def fill_arcs(table, k, axes, x, count, g, radius, values):
 
 
 @lean_kernel
-def lower_sizes(
-    points,
-    axes,
-    order,
-    first,
-    last,
-    table,
-    boxes,
-    g,
-    sizes,
-    source,
-    once,
-    edges,
-    faces,
-    radius,
-    block,
-):
+def lower_sizes(points, axes, order, span, tree, g, found, once, edges, faces, radius, block):
     """Lower the sizes of points to the minimum that entries allow, without regard to visibility.
 
     Parameters
@@ -289,17 +282,13 @@ def lower_sizes(
     axes : tuple of length dim
     order : int32[n]
         The points along a Morton curve.
-    first, last : int
-        The part of ``order`` to process; ``first`` a multiple of BLOCK.
-    table : float64[m, dim * (dim + 1)]
-        Entries.
-    boxes : float64[2 * n_leaves, 2 * dim + 1]
-        The tree over them (see trees.py).
+    span : tuple of int
+        The first and the last of ``order`` to process; the first is a multiple of BLOCK.
+    tree : tuple of float64[m, dim * (dim + 1)], float64[2 * n_leaves, 2 * dim + 1]
+        Entries, and the tree over them (see trees.py).
     g : float64
-    sizes : float64[n]
-        In/Out.
-    source : int32[n]
-        In/Out: the entry where a size was lowered.
+    found : tuple of float64[n], int32[n]
+        In/Out: sizes, and the entry where a size was lowered.
     once : bool
         Whether to lower each size once only, which is enough to know that it is not kept.
     edges, faces : None or bool
@@ -309,14 +298,12 @@ def lower_sizes(
         are only nodes then.  Boxes are compared by chords, which are never longer.
     block : Block
     """
+    (table, boxes), (sizes, source) = tree, found
     x, box, h, by, values = block.x, block.box, block.h, block.by, block.values
     share, stack, m = block.share, block.stack, table.shape[0]
-    for start in range(first, last, BLOCK):
-        count = min(BLOCK, last - start)
-        gather(points, axes, order[start : start + count], x, box)
-        for i in range(count):
-            h[i], by[i] = sizes[order[start + i]], -1
-        worst = largest(h, count)
+    for start in range(span[0], span[1], BLOCK):
+        count = min(BLOCK, span[1] - start)
+        worst = begin(points, axes, order[start : start + count], sizes, block)
         stack.box[0], stack.bound[0], height = 1, -math.inf, np.int64(1)
         while height > 0:
             given = (axes, box, g, x, h, count)

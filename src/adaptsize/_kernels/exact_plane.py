@@ -23,14 +23,7 @@ import math
 import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
-from adaptsize._kernels.exact import (
-    BLOCK,
-    fill_values,
-    gather,
-    largest,
-    least_allowed,
-    least_leaf,
-)
+from adaptsize._kernels.exact import BLOCK, begin, fill_values, largest, least_allowed, least_leaf
 from adaptsize._kernels.sight import (
     ANY,
     LEFT,
@@ -113,44 +106,27 @@ def _is_recent(recent, k):
 
 
 @lean_kernel
-def lower_seen(
-    points,
-    axes,
-    order,
-    first,
-    last,
-    table,
-    boxes,
-    g,
-    sizes,
-    source,
-    edges,
-    on_wall,
-    sight,
-    block,
-    rays,
-):
+def lower_seen(points, axes, order, span, tree, g, found, edges, on_wall, sight, block, rays):
     """Lower the sizes of points to the minimum that the visible entries allow.
 
     Parameters
     ----------
-    points, axes, order, first, last, table, boxes, g, sizes, source, edges, block
+    points, axes, order, span, tree, g, found, edges, block
         As in `exact.lower_sizes`, in the plane.
     on_wall : int32[n]
         Row in the sectors for points that are boundary nodes, else -1.
     sight : Sight
     rays : Rays
     """
-    x, box, h, by, stack = block.x, block.box, block.h, block.by, block.stack
+    (table, boxes), (sizes, source) = tree, found
+    box, h, by, stack = block.box, block.h, block.by, block.stack
     recent, slack = rays.recent, sight.slack
     m = table.shape[0]
-    for start in range(first, last, BLOCK):
-        count = min(BLOCK, last - start)
-        gather(points, axes, order[start : start + count], x, box)
+    for start in range(span[0], span[1], BLOCK):
+        count = min(BLOCK, span[1] - start)
+        worst = begin(points, axes, order[start : start + count], sizes, block)
         for i in range(count):
-            h[i], by[i] = sizes[order[start + i]], -1
             rays.rows[i] = on_wall[order[start + i]]
-        worst = largest(h, count)
         for r in range(N_RECENT):
             k = recent[r]
             if k >= 0 and _may_serve(table, k, axes, box, g, worst, slack, edges):
@@ -220,45 +196,26 @@ def set_wedge(table, k, walls, dx, dy, slack):
 
 
 @lean_kernel
-def solve_corners(
-    axes,
-    places,
-    order,
-    table,
-    walls,
-    sizes,
-    arrivals,
-    waiting,
-    serves,
-    g,
-    edges,
-    sight,
-    block,
-    rays,
-):
+def solve_corners(axes, corners, state, g, edges, sight, block, rays):
     """Propagate the sizes of corners to other corners, in order of size, as Dijkstra's algorithm.
 
     Parameters
     ----------
     axes : tuple of length 2
-    places, order : float64[c, 2], int32[c]
-        The corners, and 0 to c - 1; the corners are sorted along a Morton curve.
-    table : float64[c, COLUMNS]
-        In/Out: the corners as entries.  Paths leave corners of the kind ANY in all sectors.
-    walls : float64[c, 5]
-        Unit vectors along the two walls of each corner, and the length of the shortest edge there;
-        the sector extends counterclockwise from the first wall to the second.
-    sizes : float64[c]
-        In/Out.
-    arrivals : float64[c, 2]
-        In/Out: the directions in which paths arrive.
-    waiting : bool[c]
-        In/Out: corners that have been lowered and not been propagated yet.
-    serves : bool[c]
-        In/Out: set for propagated corners, whether paths continue from there.
+    corners : tuple
+        ``places`` float64[c, 2] along a Morton curve; ``order`` int32[c], 0 to c - 1; ``table``
+        float64[c, COLUMNS], In/Out: the corners as entries, of which those of the kind ANY are
+        left in all sectors; ``walls`` float64[c, 5]: unit vectors along the two walls of each
+        corner, and the length of the shortest edge there.  The sector extends counterclockwise
+        from the first wall to the second.
+    state : tuple
+        In/Out: ``sizes`` float64[c]; ``arrivals`` float64[c, 2], the directions in which paths
+        arrive; ``waiting`` bool[c], corners that have been lowered and not been propagated yet;
+        ``serves`` bool[c], set for propagated corners: whether paths continue from there.
     g, edges, sight, block, rays
         As in `lower_seen`.
     """
+    (places, order, table, walls), (sizes, arrivals, waiting, serves) = corners, state
     n = sizes.shape[0]
     while True:
         c, least = np.int64(-1), math.inf
@@ -274,11 +231,9 @@ def solve_corners(
             continue
         for start in range(0, n, BLOCK):
             count = min(BLOCK, n - start)
-            gather(places, axes, order[start : start + count], block.x, block.box)
+            worst = begin(places, axes, order[start : start + count], sizes, block)
             for i in range(count):
-                block.h[i], block.by[i] = sizes[start + i], -1
                 rays.rows[i] = int(table[start + i, ROW])
-            worst = largest(block.h, count)
             if not _may_serve(table, c, axes, block.box, g, worst, sight.slack, edges):
                 continue
             _try_entry(table, c, axes, count, worst, g, sight, edges, block, rays)

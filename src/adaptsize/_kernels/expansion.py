@@ -149,13 +149,6 @@ def connect(triangles, first, after):
     return True
 
 
-@lean_kernel
-def push_all(heap, nodes, h):
-    """Put nodes into a heap, with their sizes as keys."""
-    for i in range(nodes.shape[0]):
-        push_or_decrease(heap, nodes[i], h[nodes[i]])
-
-
 @lean
 def _offer(front, root, i, value, to_node):
     """Lower the size of node i to a value, and remember that it may be a root then."""

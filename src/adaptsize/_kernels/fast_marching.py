@@ -11,7 +11,7 @@ cells in one contiguous block.
 Meshes and limits are passed as tuples:
 
 mesh : points float64[n, dim], axes, cells int32[m, k]
-stars : points, axes, others, star_ptr, star, owner (see `fill_stars`)
+stars : points, axes, others, ring_ptr, ring, star (see `fill_stars`)
 limit : g, g_step
     The gradient limit of cell c is ``g[c * g_step]``; g is float64[m] or float64[1], and g_step 1
     or 0.
@@ -36,40 +36,25 @@ from adaptsize._kernels.local_updates import (
 
 
 @lean_kernel
-def fill_stars(cells, star_ptr, star, owner):
+def fill_stars(cells, ring_ptr, ring, star):
     """List for each node the other vertices of its cells.
 
     Parameters
     ----------
     cells : int32[m, k]
-    star_ptr : int64[n + 1]
-        Out: the entries of node i are ``star[star_ptr[i]:star_ptr[i + 1]]``.
+    ring_ptr, ring : int32[n + 1], int32[m * k]
+        The cells around each node, as from `topology.fill_rings`.
     star : int32[m * k, k - 1]
-        Out.
-    owner : int32[m * k] or int32[0]
-        Out: the cell of each entry; left alone if empty.
+        Out: in the order of ``ring``.
     """
     k = cells.shape[1]
-    n = star_ptr.shape[0] - 1
-    star_ptr[:] = 0
-    for c in range(cells.shape[0]):
-        for v in range(k):
-            star_ptr[cells[c, v] + 1] += 1
-    for i in range(n):
-        star_ptr[i + 1] += star_ptr[i]
-    # star_ptr[i] is the next free place of node i, and is restored afterwards.
-    for c in range(cells.shape[0]):
-        for v in range(k):
-            i = cells[c, v]
-            entry = star_ptr[i]
-            star_ptr[i] += 1
+    for i in range(ring_ptr.shape[0] - 1):
+        for entry in range(ring_ptr[i], ring_ptr[i + 1]):
+            v = 0
+            while cells[ring[entry], v] != i:
+                v += 1
             for w in range(k - 1):
-                star[entry, w] = cells[c, (v + 1 + w) % k]
-            if owner.shape[0] > 0:
-                owner[entry] = c
-    for i in range(n, 0, -1):
-        star_ptr[i] = star_ptr[i - 1]
-    star_ptr[0] = 0
+                star[entry, w] = cells[ring[entry], (v + 1 + w) % k]
 
 
 @lean
@@ -124,7 +109,7 @@ def minimum_in_cell(mesh, c, k, h, g):
 
 
 @lean_kernel
-def sweep_cells(mesh, h, limit, floor):
+def sweep_cells(mesh, h, limit, sides, floor):
     """Fill the least candidate of every node over its cells, all from the same sizes.
 
     Parameters
@@ -132,10 +117,12 @@ def sweep_cells(mesh, h, limit, floor):
     mesh, limit : tuple
     h : float64[n]
         Sizes, inf allowed.
+    sides : None or bool
+        None if candidates come along edges only; the code for sides is then not compiled.
     floor : float64[n]
         Out: inf where no neighbour is below.
     """
-    cells, (g, g_step) = mesh[2], limit
+    (points, axes, cells), (g, g_step) = mesh, limit
     floor[:] = math.inf
     for c in range(cells.shape[0]):
         least = math.inf
@@ -145,7 +132,13 @@ def sweep_cells(mesh, h, limit, floor):
             continue
         for v in range(cells.shape[1]):
             k = np.int64(cells[c, v])
-            if h[k] > least:
+            if sides is None:
+                for w in range(cells.shape[1]):
+                    j = np.int64(cells[c, w])
+                    if h[j] < h[k]:
+                        value = h[j] + g[c * g_step] * distance(points, axes, k, j)
+                        floor[k] = min(floor[k], value)
+            elif h[k] > least:
                 value = minimum_in_cell(mesh, c, k, h, g[c * g_step])[0]
                 floor[k] = min(floor[k], value)
 
@@ -194,25 +187,6 @@ def fill_policy(mesh, sizes, limit, value, policy):
                 cost[k] = found - used
 
 
-@lean_kernel
-def queue_lowered(h, candidate, keep, heap):
-    """Lower each node to its candidate and put those that change into the heap.
-
-    Parameters
-    ----------
-    h : float64[n]
-        In/Out.
-    candidate : float64[n]
-    keep : float
-    heap : Heap
-        In/Out.
-    """
-    for k in range(h.shape[0]):
-        if candidate[k] < h[k] * keep:
-            h[k] = candidate[k]
-            push_or_decrease(heap, k, h[k])
-
-
 @lean
 def _is_acute(points, axes, k, j, m):
     """Return whether the angle at k between j and m is below 90 degrees."""
@@ -223,15 +197,18 @@ def _is_acute(points, axes, k, j, m):
 
 
 @lean_kernel
-def march(stars, h, limit, heap, stop):
+def march(stars, h, limit, sides, heap, stop):
     """Accept nodes in order of size and lower their neighbours.
+
+    Along edges only, the sizes are those of shortest paths in the graph of the mesh.
 
     Parameters
     ----------
     stars, limit : tuple
-        The owner of the stars may be empty if g does not vary.
     h : float64[n]
         In/Out.
+    sides : None or bool
+        As in `sweep_cells`.
     heap : Heap
         In/Out.
     stop : tuple of float, float, int
@@ -244,88 +221,57 @@ def march(stars, h, limit, heap, stop):
     int
         Number of nodes accepted; less than the largest number if the heap is empty.
     """
-    (points, axes, others, star_ptr, star, owner), (g, g_step) = stars, limit
+    (points, axes, others, ring_ptr, ring, star), (g, g_step) = stars, limit
     (keep, until, max_pops), place = stop, heap.place
     pops = 0
     while heap.size[0] > 0 and heap.key[0] <= until and pops < max_pops:
         j = pop(heap)
         h_j = h[j]
         pops += 1
-        for entry in range(star_ptr[j], star_ptr[j + 1]):
-            g_here = g[owner[entry]] if g_step else g[0]
+        for entry in range(ring_ptr[j], ring_ptr[j + 1]):
+            g_here = g[ring[entry]] if g_step else g[0]
             for v in range(len(others)):
                 k = np.int64(star[entry, v])
                 h_k = h[k]
-                # The side opposite to k is j with a and b.  Nodes in the heap are omitted:
-                # the side is processed again when they are accepted.  Parts of it without
-                # j were processed when their last node was accepted.
-                a = b = np.int64(-1)
-                for w in range(1, len(others)):
-                    i = np.int64(star[entry, (v + w) % len(others)])
-                    if place[i] < 0 and h[i] < math.inf:
-                        if a < 0:
-                            a = i
-                        else:
-                            b = i
-                if a < 0:
+                if sides is None:
                     if h_k <= h_j:
                         continue
                     value = h_j + g_here * distance(points, axes, k, j)
                 else:
-                    if h_k <= h_j:
-                        # A minimum that uses j lies above h_j where the angles at k are acute.
-                        if h_k <= h[a] and (b < 0 or h_k <= h[b]):
+                    # The side opposite to k is j with a and b.  Nodes in the heap are omitted:
+                    # the side is processed again when they are accepted.  Parts of it without
+                    # j were processed when their last node was accepted.
+                    a = b = np.int64(-1)
+                    for w in range(1, len(others)):
+                        i = np.int64(star[entry, (v + w) % len(others)])
+                        if place[i] < 0 and h[i] < math.inf:
+                            if a < 0:
+                                a = i
+                            else:
+                                b = i
+                    if a < 0:
+                        if h_k <= h_j:
                             continue
-                        if _is_acute(points, axes, k, j, a) and (
-                            b < 0 or _is_acute(points, axes, k, j, b)
-                        ):
-                            continue
-                    if b < 0:
-                        value = minimum_on_edge(points, axes, k, (j, a), (h_j, h[a]), g_here)[0]
+                        value = h_j + g_here * distance(points, axes, k, j)
                     else:
-                        value = minimum_on_triangle(
-                            points, axes, k, (j, a, b), (h_j, h[a], h[b]), g_here, WITHOUT_BC
-                        )[0]
+                        if h_k <= h_j:
+                            # A minimum that uses j lies above h_j where the angles at k are acute.
+                            if h_k <= h[a] and (b < 0 or h_k <= h[b]):
+                                continue
+                            if _is_acute(points, axes, k, j, a) and (
+                                b < 0 or _is_acute(points, axes, k, j, b)
+                            ):
+                                continue
+                        if b < 0:
+                            value = minimum_on_edge(points, axes, k, (j, a), (h_j, h[a]), g_here)[0]
+                        else:
+                            value = minimum_on_triangle(
+                                points, axes, k, (j, a, b), (h_j, h[a], h[b]), g_here, WITHOUT_BC
+                            )[0]
                 if value < h_k * keep:
                     h[k] = value
                     push_or_decrease(heap, k, value)
     return pops
-
-
-@lean_kernel
-def march_edges(stars, h, limit, heap, stop):
-    """Do as `march`, but along edges only: shortest paths in the graph of the mesh."""
-    (points, axes, others, star_ptr, star, owner), (g, g_step) = stars, limit
-    keep, until, max_pops = stop
-    pops = 0
-    while heap.size[0] > 0 and heap.key[0] <= until and pops < max_pops:
-        j = pop(heap)
-        pops += 1
-        for entry in range(star_ptr[j], star_ptr[j + 1]):
-            g_here = g[owner[entry]] if g_step else g[0]
-            for v in range(len(others)):
-                k = np.int64(star[entry, v])
-                if h[k] > h[j]:
-                    value = h[j] + g_here * distance(points, axes, k, j)
-                    if value < h[k] * keep:
-                        h[k] = value
-                        push_or_decrease(heap, k, value)
-    return pops
-
-
-@lean_kernel
-def sweep_edges(mesh, h, limit, floor):
-    """Do as `sweep_cells`, but along edges only."""
-    (points, axes, cells), (g, g_step) = mesh, limit
-    floor[:] = math.inf
-    for c in range(cells.shape[0]):
-        for v in range(cells.shape[1]):
-            k = np.int64(cells[c, v])
-            for w in range(cells.shape[1]):
-                j = np.int64(cells[c, w])
-                if h[j] < h[k]:
-                    value = h[j] + g[c * g_step] * distance(points, axes, k, j)
-                    floor[k] = min(floor[k], value)
 
 
 @lean_kernel

@@ -277,55 +277,6 @@ def march_grid(u, grid, edges, queue, stop):
 
 
 @lean_kernel
-def order_by_size(u, u0, extent, start, order):
-    """List the nodes that were lowered, by increasing size.
-
-    Parameters
-    ----------
-    u, u0 : float64[n]
-        Padded sizes, and their bounds.
-    extent : tuple of 2 float
-        Range of the finite entries of ``u``.
-    start : int32[n_bins + 1]
-        Scratch.
-    order : int32[n]
-        Out: the nodes first, the rest unused.
-
-    Returns
-    -------
-    int
-        Number of nodes; -1 if the sizes crowd in few bins and another sort is better.
-    """
-    lowest, highest = extent
-    n_bins = start.shape[0] - 1
-    per_bin = n_bins / (highest - lowest) if highest > lowest else 0.0
-    if per_bin == math.inf:  # numbers of bins would be out of range
-        return -1
-    start[:] = 0
-    for k in range(u.shape[0]):
-        if u[k] < u0[k]:
-            start[min(int((u[k] - lowest) * per_bin), n_bins - 1) + 1] += 1
-    for b in range(n_bins):
-        if start[b + 1] > 64:
-            return -1
-        start[b + 1] += start[b]
-    for k in range(u.shape[0]):
-        if u[k] < u0[k]:
-            b = min(int((u[k] - lowest) * per_bin), n_bins - 1)
-            order[start[b]] = k
-            start[b] += 1
-    count = start[n_bins]
-    for here in range(1, count):  # sorted but for the few nodes within each bin
-        k = order[here]
-        there = here
-        while there > 0 and u[order[there - 1]] > u[k]:
-            order[there] = order[there - 1]
-            there -= 1
-        order[there] = k
-    return count
-
-
-@lean_kernel
 def refine_in_order(order, sizes, grid, spacing, u):
     """Recompute sizes with one-sided second differences, upwind ones first.
 

@@ -61,6 +61,13 @@ def push_or_decrease(heap, i, value):
 
 
 @lean_kernel
+def push_all(heap, nodes, h):
+    """Put nodes into a heap, with their sizes as keys."""
+    for i in range(nodes.shape[0]):
+        push_or_decrease(heap, np.int64(nodes[i]), h[nodes[i]])
+
+
+@lean_kernel
 def pop(heap):
     """Take out the entry of smallest key and return its node; the heap must not be empty."""
     key, node, place, size = heap

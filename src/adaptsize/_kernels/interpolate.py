@@ -7,13 +7,7 @@ import numpy as np
 
 from adaptsize._kernels.compiling import kernel, lean, lean_kernel
 from adaptsize._kernels.distance import closest_on_cell, find_inside
-from adaptsize._kernels.trees import (
-    cells_of_leaf,
-    descent,
-    descent_by_bound,
-    distance2_to_box,
-    nearest_leaf,
-)
+from adaptsize._kernels.trees import cells_of_leaf, descent_by_bound, leaf_within, nearest_leaf
 
 # Weights below this are rounding errors: values at nodes next to inf are exact.
 _ROUNDING = 3e-15
@@ -175,15 +169,6 @@ def locate_in_ranges(mesh, first, ranges, queries, which, found):
         _keep(q, best_cell, w, best, found)
 
 
-@lean
-def _is_within(boxes, node, near):
-    """Return whether a box is near a point, ``near``: the point and the squared distance."""
-    return distance2_to_box(boxes, node, near[0]) <= near[1]
-
-
-_leaf_within = descent(_is_within)
-
-
 @lean_kernel
 def list_within(tree, queries, reach, stack, rows):
     """List the cells that are at most a given distance away from each query point.
@@ -210,7 +195,7 @@ def list_within(tree, queries, reach, stack, rows):
         reach2 = reach[q] * reach[q]
         stack[0], height = 1, np.int64(1)
         while height > 0:
-            leaf, height = _leaf_within(tree.boxes, stack, height, (x, reach2))
+            leaf, height = leaf_within(tree.boxes, stack, height, ((x, x), reach2))
             for c in range(*cells_of_leaf(leaf, tree.boxes, tree.cells.shape[0])):
                 if _distance2_to_cell_box(tree, c, x) > reach2:
                     continue

@@ -6,8 +6,8 @@ row, the last axis fastest.
 
 import math
 
-from adaptsize._kernels.compiling import inner, kernel
-from adaptsize._kernels.vectors import cross, dot, unit
+from adaptsize._kernels.compiling import kernel
+from adaptsize._kernels.curvature import frame, restrict
 
 
 @kernel
@@ -75,7 +75,10 @@ def fill_level_set_curvature(fields, grid, nodes, choice, kappa):
             fyz = ry * rz * (
                 phi[at + sy + sz] - phi[at + sy - sz] - phi[at - sy + sz] + phi[at - sy - sz]
             )  # fmt: skip
-            mean, half = _mean_and_half_difference((fx, fy, fz), (fxx, fyy, fzz, fxy, fxz, fyz))
+            u, v = frame((fx, fy, fz))
+            a, b, c = restrict((fxx, fyy, fzz, fyz, fxz, fxy), u, v)
+            # H and sqrt(H^2 - G), without the rounding of two nearly equal numbers.
+            mean, half = 0.5 * (a + c), math.hypot(0.5 * (a - c), b)
             larger, smaller = per * (mean + half), per * (mean - half)
         if at_boundary:
             beyond, before = 1.0 - larger * distance[at], 1.0 - smaller * distance[at]
@@ -85,29 +88,3 @@ def fill_level_set_curvature(fields, grid, nodes, choice, kappa):
         if math.isfinite(larger) and math.isfinite(smaller):
             kappa[row, 0] = larger
             kappa[row, dim - 2] = smaller
-
-
-@inner
-def _mean_and_half_difference(normal, tensor):
-    """Return half the sum and half the difference, >= 0, of a tensor's two tangential values.
-
-    In a frame u, v of the tangent plane with a = u.A.u, b = u.A.v, c = v.A.v they are
-    (a + c) / 2 and hypot((a - c) / 2, b).  With A the second derivatives over the length of the
-    gradient these are the mean curvature H and sqrt(H^2 - G), G the Gaussian curvature, the
-    latter without the rounding of two nearly equal numbers.  ``normal``: of unit length;
-    ``tensor``: the components xx, yy, zz, xy, xz, yz of A.
-    """
-    (nx, ny, nz), (xx, yy, zz, xy, xz, yz) = normal, tensor
-    # u is normal to n and to the axis that n is farthest from.
-    u = (ny, -nx, 0.0)
-    if abs(nx) <= abs(ny) and abs(nx) <= abs(nz):
-        u = (0.0, nz, -ny)
-    elif abs(ny) <= abs(nz):
-        u = (-nz, 0.0, nx)
-    u = unit(u)
-    vx, vy, vz = v = cross(normal, u)
-    bend = (dot((xx, xy, xz), u), dot((xy, yy, yz), u), dot((xz, yz, zz), u))
-    a, b = dot(u, bend), dot(v, bend)
-    c = xx * vx * vx + yy * vy * vy + zz * vz * vz
-    c += 2.0 * (xy * vx * vy + xz * vx * vz + yz * vy * vz)
-    return 0.5 * (a + c), math.sqrt(0.25 * (a - c) ** 2 + b * b)

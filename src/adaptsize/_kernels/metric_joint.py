@@ -58,6 +58,10 @@ _SHORTER = 0.95
 _SHORT = 0.99
 
 
+# Kernels are compiled once more for each literal that is an argument, so these are none.
+YES, NO = np.bool_(True), np.bool_(False)
+
+
 class Joint(NamedTuple):
     """Metrics to intersect, their intersection, and scratch.
 
@@ -73,8 +77,6 @@ class Joint(NamedTuple):
         Sizes of the intersection.
     r_all : float64[dim, dim]
         Its directions.
-    weight : float64[MOST]
-        Multipliers tr(Y_s K_s^T P K_s), which add up to dim.
     k : float64[MOST, dim, dim]
         Factors.
     t : float64[MOST, dim, dim]
@@ -95,7 +97,6 @@ class Joint(NamedTuple):
     number: np.ndarray
     h_all: np.ndarray
     r_all: np.ndarray
-    weight: np.ndarray
     k: np.ndarray
     t: np.ndarray
     y: np.ndarray
@@ -114,7 +115,6 @@ def new_joint(dim: int) -> Joint:
         number=np.empty(MOST, np.int64),
         h_all=np.empty(dim),
         r_all=np.empty((dim, dim)),
-        weight=np.empty(MOST),
         k=np.empty(square),
         t=np.empty(square),
         y=np.empty(square),
@@ -154,7 +154,7 @@ def _longest_step(axes, a, da, scratch, c):
         for i in range(dim):
             for j in range(dim):
                 scratch[i, j] = a[i, j] + step * da[i, j]
-        if factorise(axes, scratch, c):
+        if factorise(dim, scratch, c):
             return step if step == 1.0 else _SHORT * step
         step *= _SHORTER
     return 0.0
@@ -171,7 +171,7 @@ def _improve(axes, count, joint, p, mu, inside):
     half, inverse, b, c, low, product, x = (
         small[1], small[2], small[3], small[4], small[5], small[6], small[7],
     )  # fmt: skip
-    m = dim * (dim + 1) // 2
+    m = np.int64(dim * (dim + 1) // 2)
     for i in range(m):
         for j in range(7):
             normal[i, j] = 0.0
@@ -243,27 +243,20 @@ def _fill_slacks(axes, count, joint, p):
 
 
 @lean
-def _fill_weights(axes, count, joint):
-    """Fill the multipliers of the metrics (Out: weight); T_s and Y_s are given."""
-    dim = len(axes)
+def _drop_inactive(axes, count, joint):
+    """Remove the metrics of small multipliers (In/Out: joint); return the new count.
+
+    The multipliers tr(Y_s K_s^T P K_s) = tr(Y_s (I - T_s)) add up to dim.
+    """
+    dim, kept = len(axes), 0
     for s in range(count):
         total = 0.0
         for i in range(dim):
             total += joint.y[s, i, i]
             for j in range(dim):
                 total -= joint.y[s, i, j] * joint.t[s, i, j]
-        joint.weight[s] = total
-
-
-@lean
-def _drop_inactive(axes, count, joint):
-    """Remove the metrics of small multipliers (In/Out: joint); return the new count."""
-    dim = len(axes)
-    _fill_weights(axes, count, joint)
-    kept = 0
-    for s in range(count):
         # Metrics with smaller multipliers are not active.
-        if joint.weight[s] <= 1e-6:
+        if total <= 1e-6:
             continue
         joint.number[kept] = joint.number[s]
         for j in range(dim):
@@ -294,16 +287,16 @@ def _optimise(axes, count, joint, p):
     for _ in range(_ITERATIONS):
         if gap < _GAP:
             break
-        step = _improve(axes, count, joint, p, fall * gap / n, True)
+        step = _improve(axes, count, joint, p, fall * gap / n, YES)
         gap = _fill_slacks(axes, count, joint, p)
         fall = _FALL if step > 0.9 else _FALL_NEAR
     mu = gap / n
     count = _drop_inactive(axes, count, joint)
     for _ in range(_CENTRE):
-        _improve(axes, count, joint, p, mu, True)
+        _improve(axes, count, joint, p, mu, YES)
         _fill_slacks(axes, count, joint, p)
     # From a point on the path of solutions for mu, a step to mu = 0 has an error of order mu^2.
-    _improve(axes, count, joint, p, 0.0, False)
+    _improve(axes, count, joint, p, 0.0, NO)
     _fill_slacks(axes, count, joint, p)
     return count
 
@@ -326,7 +319,7 @@ def _as_metric(axes, count, joint, p):
     for i in range(dim):
         for j in range(dim):
             c[i, j] = 0.0
-    factorise(axes, p, c)
+    factorise(dim, p, c)
     largest = 0.0
     for s in range(count):
         multiply(axes, joint.k[s], c, (True, False), g)

@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
-from adaptsize._kernels.metric_joint import MOST, intersect_several, two_by_two
+from adaptsize._kernels.metric_joint import MOST, NO, YES, intersect_several, two_by_two
 from adaptsize._kernels.metric_sources import (
     MANY,
     distance,
@@ -26,7 +26,7 @@ from adaptsize._kernels.metric_sources import (
     most_excessive,
     set_present,
 )
-from adaptsize._kernels.metrics import copy_metric, extremes, fill_relative, is_above
+from adaptsize._kernels.metrics import copy_metric, extremes, fill_relative, is_definite
 from adaptsize._kernels.sight import sees
 from adaptsize._kernels.trees import descent_by_bound, items_of_leaf
 
@@ -44,9 +44,9 @@ def _distance_if_above(boxes, b, given):
     axes, v, sources, g, scratch = given
     away = distance_to_box(axes, boxes, b, sources.x, v)
     if away < math.inf:
-        h, r, n = sources.box_h[b], sources.box_r[b], scratch.n
-        fill_relative(axes, h, r, g * away, scratch.s, n, scratch.row)
-        if is_above(axes, n):
+        h, r = sources.box_h[b], sources.box_r[b]
+        fill_relative(axes, h, r, g * away, scratch.s, scratch.n, scratch.row)
+        if is_definite(axes, scratch.n, 1.0, -1.0):
             return away
     return math.inf
 
@@ -154,9 +154,7 @@ def _limit(axes, x, v, sources, g, count, scratch, view):
         copy_metric(axes, (joint.h_all, joint.r_all), 0.0, (scratch.h, scratch.r))
         n = find_above(axes, x, v, sources, g, share, scratch, scratch.above, view)
         listed = min(n, MANY)
-        count, best = _intersect(
-            axes, x, v, sources, scratch.above, listed, g, count, True, scratch
-        )
+        count, best = _intersect(axes, x, v, sources, scratch.above, listed, g, count, YES, scratch)
         if n > MANY:
             share = 1.0
         elif extremes(axes, scratch.h, scratch.r, 0.0, scratch.s, scratch.n)[1] <= share * _MET:
@@ -201,7 +199,7 @@ def limit_metrics(axes, x, order, first, last, sources, g, h, r, active, scratch
     dim, joint, recent = len(axes), scratch.joint, scratch.recent
     n_recent = np.int64(0)
     for position in range(first, last):
-        v = order[position]
+        v = np.int64(order[position])
         _add(axes, joint, np.int64(0), h[v], r[v], 0.0, np.int64(-1))
         count = np.int64(1)
         two_by_two(axes, count, joint)
@@ -210,7 +208,7 @@ def limit_metrics(axes, x, order, first, last, sources, g, h, r, active, scratch
             count = np.int64(0)
         if view is not None:
             n_recent = _without_hidden(x, v, sources, recent, n_recent, view)
-        count, best = _intersect(axes, x, v, sources, recent, n_recent, g, count, False, scratch)
+        count, best = _intersect(axes, x, v, sources, recent, n_recent, g, count, NO, scratch)
         count, best = _limit(axes, x, v, sources, g, count, scratch, view)
         active[v] = count
         scale = 1.0 / math.sqrt(best)

@@ -23,7 +23,13 @@ import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.metric_joint import MOST, Joint, new_joint
-from adaptsize._kernels.metrics import excess, extremes, intersect_into
+from adaptsize._kernels.metrics import (
+    extremes,
+    fill_relative,
+    intersect_into,
+    is_definite,
+    is_definite_upper,
+)
 from adaptsize._kernels.sight import sees
 from adaptsize._kernels.trees import (
     LEAF,
@@ -55,7 +61,7 @@ class Sources(NamedTuple):
         Directions.
     powers : float64[m, dim * (dim + 1)]
         Upper triangles of L and of L^2.
-    number : int32[m]
+    number : int64[m]
         Nodes; for what comes around a corner, the corner.
     boxes : float64[2 * n_leaves, 2 * dim + 1]
         Boxes, with the least size in each.
@@ -203,17 +209,6 @@ def set_present(axes, h, r, scratch):
 
 
 @lean
-def _is_definite(upper):
-    """Return whether the matrix with the upper triangle a, b, c; d, e; f is positive definite."""
-    a, b, c, d, e, f = upper
-    if not a > 0.0:
-        return False
-    over = 1.0 / a
-    d, e, f = d - b * b * over, e - b * c * over, f - c * c * over
-    return d > 0.0 and d * f > e * e
-
-
-@lean
 def is_below(axes, powers, i, more, p, share):
     """Return whether metric i, its sizes increased, is surely nowhere above (share P)^-1."""
     w, t, q = powers[i], 2.0 * more, more * more
@@ -228,7 +223,7 @@ def is_below(axes, powers, i, more, p, share):
     a, b, c = w[6] + t * w[0] + q, w[7] + t * w[1], w[8] + t * w[2]
     d, e, f = w[9] + t * w[3] + q, w[10] + t * w[4], w[11] + t * w[5] + q
     margin = _MARGIN * (a + d + f + share * p[6])
-    return _is_definite((
+    return is_definite_upper((
         a - share * p[0] - margin, b - share * p[1], c - share * p[2],
         d - share * p[3] - margin, e - share * p[4], f - share * p[5] - margin,
     ))  # fmt: skip
@@ -263,10 +258,9 @@ def find_above(axes, x, v, sources, g, share, scratch, above, view):
             more = g * distance(axes, x, v, sources.x, k)
             if is_below(axes, sources.powers, k, more, p, share):
                 continue
-            value = excess(
-                axes, sources.h[k], sources.r[k], more, scratch.s, scratch.n, scratch.row, limit
-            )
-            if not value > limit:
+            h, r = sources.h[k], sources.r[k]
+            fill_relative(axes, h, r, more, scratch.s, scratch.n, scratch.row)
+            if is_definite(axes, scratch.n, -1.0, limit):
                 continue
             if view is not None and not sees(view, (sources.x, k, sources.number[k]), (x, v, v)):
                 continue
@@ -293,33 +287,31 @@ def most_excessive(axes, x, v, sources, some, count, g, scratch):
 
 
 @lean_kernel
-def fill_entering(axes, x, nodes, sources, g, guesses, counts, entering, scratch, view):
-    """Find the sources that nodes see and that none of their guesses dominates there.
+def list_entering(axes, x, v, sources, g, guesses, entering, scratch, view):
+    """List the sources that node v sees and that none of its guesses dominates there.
 
     Parameters
     ----------
     axes, x, sources, g, scratch, view
         As in `metric_limit.limit_metrics`.
-    nodes : int32[c]
-    guesses : int64[c, k]
+    v : int
+    guesses : int64[k]
         Sources to try, of which the first one that is seen is used.
-    counts : int64[c]
-        Out: number of sources; -1 if no guess is seen.
-    entering : int64[c, m]
+    entering : int64[m]
         Out: the sources.
+
+    Returns
+    -------
+    int
+        Their number; -1 if no guess is seen.
     """
     joint = scratch.joint
-    for i in range(nodes.shape[0]):
-        v = nodes[i]
-        counts[i] = -1
-        for j in range(guesses.shape[1]):
-            k = guesses[i, j]
-            if not sees(view, (sources.x, k, sources.number[k]), (x, v, v)):
-                continue
+    for k in guesses:
+        if sees(view, (sources.x, k, sources.number[k]), (x, v, v)):
             more = g * distance(axes, x, v, sources.x, k)
             for d in range(len(axes)):
                 joint.h_all[d] = sources.h[k, d] + more
             set_present(axes, joint.h_all, sources.r[k], scratch)
-            found = find_above(axes, x, v, sources, g, 1.0, scratch, entering[i, 1:], view)
-            entering[i, 0], counts[i] = k, found + 1
-            break
+            entering[0] = k
+            return 1 + find_above(axes, x, v, sources, g, 1.0, scratch, entering[1:], view)
+    return -1

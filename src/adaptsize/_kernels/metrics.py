@@ -165,46 +165,6 @@ def intersect_into(axes, a, b, k, g):
 
 
 @lean
-def _bound_of_eigenvalues(axes, n, limit):
-    """Return at least the largest eigenvalue of a symmetric matrix; at most ``limit`` if that is.
-
-    n: the upper triangle, In/Out.  In the plane the result is the eigenvalue itself.
-    """
-    dim = len(axes)
-    if dim == 1:
-        return n[0, 0]
-    if dim == 2:
-        half = 0.5 * (n[0, 0] - n[1, 1])
-        return 0.5 * (n[0, 0] + n[1, 1]) + math.sqrt(half * half + n[0, 1] * n[0, 1])
-    # The largest of three numbers is their mean plus one or two times p, or between.
-    mean = (n[0, 0] + n[1, 1] + n[2, 2]) / 3.0
-    square = (n[0, 0] - mean) ** 2 + (n[1, 1] - mean) ** 2 + (n[2, 2] - mean) ** 2
-    square += 2.0 * (n[0, 1] * n[0, 1] + n[0, 2] * n[0, 2] + n[1, 2] * n[1, 2])
-    p = math.sqrt(square / 6.0)
-    if mean + 2.0 * p <= limit or mean + p > limit:
-        return mean + 2.0 * p
-    for i in range(dim):
-        for j in range(i, dim):
-            n[i, j] = -n[i, j]
-        n[i, i] += limit
-    return limit if _is_definite(axes, n) else mean + 2.0 * p
-
-
-@lean
-def _is_definite(axes, n):
-    """Return whether a symmetric matrix is positive definite; n: the upper triangle, In/Out."""
-    dim = len(axes)
-    for j in range(dim):  # Gauss' elimination
-        if not n[j, j] > 0.0:
-            return False
-        for i in range(j + 1, dim):
-            share = n[j, i] / n[j, j]
-            for k in range(i, dim):
-                n[i, k] -= share * n[j, k]
-    return True
-
-
-@lean
 def fill_relative(axes, h, r, more, s, n, row):
     """Fill S^T M S for a metric M whose sizes are increased by ``more`` (Out: n).
 
@@ -227,21 +187,26 @@ def fill_relative(axes, h, r, more, s, n, row):
 
 
 @lean
-def excess(axes, h, r, more, s, n, row, limit):
-    """Return at least the largest eigenvalue of S^T M S; at most ``limit`` if that is.
-
-    The sizes of M are those of h increased by ``more``.
-    """
-    fill_relative(axes, h, r, more, s, n, row)
-    return _bound_of_eigenvalues(axes, n, limit)
+def is_definite(axes, n, sign, shift):
+    """Return whether sign N + shift I is positive definite, for a symmetric N (upper triangle)."""
+    a = sign * n[0, 0] + shift
+    if len(axes) == 1:
+        return a > 0.0
+    b, d = sign * n[0, 1], sign * n[1, 1] + shift
+    if len(axes) == 2:
+        return a > 0.0 and a * d > b * b
+    return is_definite_upper((a, b, sign * n[0, 2], d, sign * n[1, 2], sign * n[2, 2] + shift))
 
 
 @lean
-def is_above(axes, n):
-    """Return whether all eigenvalues of a symmetric matrix exceed 1; n: In/Out, upper triangle."""
-    for i in range(len(axes)):
-        n[i, i] -= 1.0
-    return _is_definite(axes, n)
+def is_definite_upper(upper):
+    """Return whether the matrix with the upper triangle a, b, c; d, e; f is positive definite."""
+    a, b, c, d, e, f = upper
+    if not a > 0.0:
+        return False
+    over = 1.0 / a
+    d, e, f = d - b * b * over, e - b * c * over, f - c * c * over
+    return d > 0.0 and d * f > e * e
 
 
 @lean
@@ -266,13 +231,11 @@ def extremes(axes, h, r, more, s, n):
 
 
 @lean
-def factorise(axes, a, c):
-    """Fill the lower triangle of the Cholesky factor (Out: c); return whether a is definite."""
-    return _factorise(len(axes), a, c)
+def factorise(n, a, c):
+    """Fill the lower triangle of the Cholesky factor (Out: c); return whether a is definite.
 
-
-@lean
-def _factorise(n, a, c):
+    a: float64[n, n], lower triangle.
+    """
     for j in range(n):
         for i in range(j, n):
             total = a[i, j]
@@ -305,7 +268,7 @@ def invert_lower(axes, c, inverse):
 @lean
 def invert(axes, a, c, lower, inverse):
     """Fill the inverse of a positive definite matrix (Out); c, lower: scratch."""
-    if not factorise(axes, a, c):
+    if not factorise(len(axes), a, c):
         return False
     invert_lower(axes, c, lower)
     multiply(axes, lower, lower, (True, False), inverse)
@@ -322,7 +285,7 @@ def sandwich(axes, k, a, transposed, half, out):
 @lean
 def solve(m, a):
     """Solve m equations with the right-hand side in column 6 (In/Out); lower triangle given."""
-    if not _factorise(m, a, a):
+    if not factorise(m, a, a):
         return False
     for i in range(m):
         for k in range(i):

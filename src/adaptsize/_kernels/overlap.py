@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.compiling import inlined, kernel, lean, lean_kernel
-from adaptsize._kernels.trees import DEPTH, cells_of_leaf, descent
+from adaptsize._kernels.trees import DEPTH, box_of_cell, cells_of_leaf, leaf_within
 
 # A tetrahedron cut by four planes has at most 8 faces, so 12 corners and 18 edges, on each of which
 # a corner may be added before others are removed.  A triangle cut three times has at most 6.
@@ -72,7 +72,6 @@ class Clipping(NamedTuple):
     local : float64[4, 4]
         Integrals of the products of coordinates in the new cell (rows) and in the old one.
     stack : int64[DEPTH]
-    box : float64[6]
     """
 
     start: np.ndarray
@@ -91,7 +90,6 @@ class Clipping(NamedTuple):
     products: np.ndarray
     local: np.ndarray
     stack: np.ndarray
-    box: np.ndarray
 
 
 class Front(NamedTuple):
@@ -119,7 +117,7 @@ def new_clipping() -> Clipping:
         np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((MAX_CORNERS, 4)), np.zeros((MAX_CORNERS, 4)),
         np.zeros(4 * MAX_CORNERS, np.int64), np.zeros(4 * MAX_CORNERS, np.bool_),
         np.zeros(3), np.zeros((3, 3)), np.zeros((4, 4)), np.zeros((4, 4)),
-        np.empty(DEPTH, np.int64), np.empty(6),
+        np.empty(DEPTH, np.int64),
     )  # fmt: skip
 
 
@@ -446,17 +444,6 @@ def _intersection(old, k, new_measure, work, whole, axes):
     return measure * share
 
 
-@lean
-def _meets(boxes, node, box):
-    apart = False
-    for d in range(3):
-        apart = apart or box[d] > boxes[node, 3 + d] or box[3 + d] < boxes[node, d]
-    return not apart
-
-
-_meeting_leaf = descent(_meets)
-
-
 @inlined
 def _walk(old, neighbours, row, work, axes):
     """Walk from an old cell to the one at the centroid of the new cell; return -1 on failure."""
@@ -482,17 +469,12 @@ def _walk(old, neighbours, row, work, axes):
 
 
 @inlined
-def _queue_by_boxes(old, front, stamp, n, new, c, work, axes):
+def _queue_by_boxes(old, front, stamp, n, new, c, work):
     """Queue old cells whose boxes are near that of new cell c; return the length of the queue."""
-    (points, cells), (_, stamps, queue), box = new, front, work.box
-    for d in range(3):
-        box[d] = box[3 + d] = points[cells[c, 0], d]
-        for v in range(1, len(axes) + 1):
-            box[d] = min(box[d], points[cells[c, v], d])
-            box[3 + d] = max(box[3 + d], points[cells[c, v], d])
+    (_, stamps, queue), box = front, box_of_cell(*new, c)
     work.stack[0], height = 1, np.int64(1)
     while height > 0:
-        leaf, height = _meeting_leaf(old.boxes, work.stack, height, box)
+        leaf, height = leaf_within(old.boxes, work.stack, height, (box, 0.0))
         for row in range(*cells_of_leaf(leaf, old.boxes, stamps.shape[0])):
             if stamps[row] != stamp and n < queue.shape[0]:
                 stamps[row] = stamp
@@ -601,7 +583,7 @@ def fill_overlaps(old, front, new, which, work, overlaps, members, axes):
             if at == n:
                 complete = True
                 if covered < (1.0 - _COVERED) * size:
-                    n = _queue_by_boxes(old, front, stamp, n, new, c, work, axes)
+                    n = _queue_by_boxes(old, front, stamp, n, new, c, work)
                     if n == room:
                         return place, start, first
                 continue

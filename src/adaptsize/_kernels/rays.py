@@ -16,7 +16,14 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
-from adaptsize._kernels.trees import DEPTH, Stack, cells_of_leaf, descent, descent_by_bound
+from adaptsize._kernels.trees import (
+    DEPTH,
+    Stack,
+    cells_of_leaf,
+    descent,
+    descent_by_bound,
+    leaf_within,
+)
 from adaptsize._kernels.vectors import cross, dot, minus, triple
 
 #: Numbers of a facet.
@@ -242,19 +249,6 @@ def shoot(walls, rule, rays, begin, end):
         rays.widths[r] = counts if counts <= nearest + slack else math.inf
 
 
-@inner
-def _is_around(boxes, node, near):
-    """Return whether a point is in a box or beside it, ``near``: the point and a distance."""
-    x, slack = near
-    apart = 0.0
-    for d in range(3):
-        apart = max(apart, boxes[node, d] - x[d], x[d] - boxes[node, 3 + d])
-    return apart <= slack
-
-
-_leaf_around = descent(_is_around)
-
-
 @kernel
 def find_entries(walls, two_sided, places, directions, enters):
     """Find whether a body begins at points of the boundary, in given directions.
@@ -276,7 +270,8 @@ def find_entries(walls, two_sided, places, directions, enters):
         enters[r] = False
         stack[0], height = 1, np.int64(1)
         while height > 0 and not enters[r]:
-            leaf, height = _leaf_around(walls.boxes, stack, height, (x, slack))
+            # What is hit is a slack beside a facet at most, and as much along the ray.
+            leaf, height = leaf_within(walls.boxes, stack, height, ((x, x), 2.0 * slack * slack))
             for t in range(*cells_of_leaf(leaf, walls.boxes, facets.shape[0])):
                 along, cosine = hit(facets, t, x, way)
                 if cosine < 0.0 and abs(along) <= slack and not two_sided[t]:

@@ -60,28 +60,6 @@ class Sectors(NamedTuple):
     ends: np.ndarray
 
 
-@kernel
-def fill_facet_cells(cell_facets, facet_cells):
-    """List the two cells at each facet.
-
-    Parameters
-    ----------
-    cell_facets : int32[m, k]
-    facet_cells : int32[n_facets, 2]
-        Out: the first two cells at each facet, -1 if there is none.
-    """
-    for f in range(facet_cells.shape[0]):
-        facet_cells[f, 0] = -1
-        facet_cells[f, 1] = -1
-    for c in range(cell_facets.shape[0]):
-        for v in range(cell_facets.shape[1]):
-            f = cell_facets[c, v]
-            if facet_cells[f, 0] < 0:
-                facet_cells[f, 0] = c
-            elif facet_cells[f, 1] < 0:
-                facet_cells[f, 1] = c
-
-
 @inner
 def normalise(a):
     """Scale float64[3] to length 1 (In/Out) and return its old length; zero stays zero."""

@@ -89,31 +89,27 @@ def fill_measures(points, cells, measures):
 
 
 @kernel
-def fill_gradient_norms(points, cells, values, norms):
-    """Fill the length of the gradient of the linear interpolant in each cell.
+def fill_hat_gradients(points, cells, measures, gradients):
+    """Fill measure and gradients of the hat functions of each cell.
 
     Parameters
     ----------
     points : float64[n, dim]
     cells : int32[m, k + 1]
-    values : float64[n]
-    norms : float64[m]
-        Out: 0 in degenerate cells and where a vertex has no finite value.
+    measures : float64[m]
+        Out: 0 in degenerate cells.
+    gradients : float64[m, k + 1, dim]
+        Out: 0 in degenerate cells.
     """
     k = cells.shape[1] - 1
     dim = points.shape[1]
     edges = np.empty((k, dim))
     dual = np.empty((k, dim))
     for c in range(cells.shape[0]):
-        norms[c] = 0.0
-        finite = True
-        for v in range(k + 1):
-            finite = finite and math.isfinite(values[cells[c, v]])
-        if not finite or dual_edges(points, cells[c], edges, dual) == 0.0:
-            continue
+        measures[c] = dual_edges(points, cells[c], edges, dual)
         for d in range(dim):
-            slope = 0.0
+            total = 0.0
             for i in range(k):
-                slope += (values[cells[c, i + 1]] - values[cells[c, 0]]) * dual[i, d]
-            norms[c] += slope**2
-        norms[c] = math.sqrt(norms[c])
+                gradients[c, i + 1, d] = dual[i, d]
+                total += dual[i, d]
+            gradients[c, 0, d] = -total

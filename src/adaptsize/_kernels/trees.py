@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.compiling import generated, inner, kernel, lean, lean_kernel
+from adaptsize._kernels.vectors import triple
 
 #: Items of a leaf.
 LEAF = 4
@@ -300,26 +301,6 @@ def fill_tiles(shape, tile, order):
                             count += 1
 
 
-@kernel
-def fill_centroids(points, cells, centroids):
-    """Fill the mean of the corners of each cell.
-
-    Parameters
-    ----------
-    points : float64[n, 3]
-    cells : int32[m, k]
-    centroids : float64[m, 3]
-        Out.
-    """
-    k = cells.shape[1]
-    for c in range(cells.shape[0]):
-        for d in range(3):
-            total = 0.0
-            for v in range(k):
-                total += points[cells[c, v], d]
-            centroids[c, d] = total / k
-
-
 @inner
 def _select(keys, axis, order, middle):
     """Move the cells of smaller keys before place ``middle``, the others behind (quickselect).
@@ -385,42 +366,33 @@ def sort_for_tree(centroids, n_leaves, order):
         _select(centroids, axis, order[first:last], (leaf + width // 2) * m // n_leaves - first)
 
 
-@kernel
-def fill_boxes(points, cells, boxes):
-    """Fill the bounding boxes of a tree over sorted cells, leaves first.
-
-    Parameters
-    ----------
-    points : float64[n, 3]
-    cells : int32[m, k]
-        In the order of the tree.
-    boxes : float64[2 * n_leaves, 6]
-        Out: lower and upper corner of each node; row 0 is not used.
-    """
-    n_cells = cells.shape[0]
-    n_leaves = boxes.shape[0] // 2
-    for leaf in range(n_leaves):
-        node = n_leaves + leaf
-        for d in range(3):
-            boxes[node, d] = math.inf
-            boxes[node, 3 + d] = -math.inf
-        for c in range(leaf * n_cells // n_leaves, (leaf + 1) * n_cells // n_leaves):
-            for v in range(cells.shape[1]):
-                for d in range(3):
-                    value = points[cells[c, v], d]
-                    boxes[node, d] = min(boxes[node, d], value)
-                    boxes[node, 3 + d] = max(boxes[node, 3 + d], value)
-    for node in range(n_leaves - 1, 0, -1):
-        for d in range(3):
-            boxes[node, d] = min(boxes[2 * node, d], boxes[2 * node + 1, d])
-            boxes[node, 3 + d] = max(boxes[2 * node, 3 + d], boxes[2 * node + 1, 3 + d])
+@lean
+def box_of_cell(points, cells, c):
+    """Return the corners of the bounding box of a cell in space, as tuples."""
+    low = high = triple(points, cells[c, 0], 0)
+    for v in range(1, cells.shape[1]):
+        x = triple(points, cells[c, v], 0)
+        low = (min(low[0], x[0]), min(low[1], x[1]), min(low[2], x[2]))
+        high = (max(high[0], x[0]), max(high[1], x[1]), max(high[2], x[2]))
+    return low, high
 
 
 @inner
 def distance2_to_box(boxes, node, x):
-    """Return the squared distance of x to the box of a node, 0 inside."""
+    """Return the squared distance of x, three floats, to the box of a node, 0 inside."""
     return gap2_to_box(boxes, node, x, (x, x))
 
 
 #: Descends to the leaves nearest to a point, by squared distances.
 nearest_leaf = descent_by_bound(distance2_to_box)
+
+
+@lean
+def _is_within(boxes, b, given):
+    """Return whether box b is near a box; ``given``: its corners, and the squared distance."""
+    (low, high), reach2 = given
+    return gap2_to_box(boxes, b, low, (low, high)) <= reach2
+
+
+#: Descends to the leaves that are near a box in space; its corners are tuples.
+leaf_within = descent(_is_within)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, reduce
 
 import numpy as np
 
@@ -11,8 +11,6 @@ from adaptsize._kernels.trees import (
     DIGIT,
     Curve,
     Tree,
-    fill_boxes,
-    fill_centroids,
     sort_along_curve,
     sort_for_tree,
 )
@@ -60,8 +58,7 @@ def tree_over(points: FloatArray, cells: IntArray) -> tuple[Tree, LongArray]:
         At least one.
     """
     cells = np.array(cells)  # kernels are compiled once more for read-only ones
-    centroids = np.empty((len(cells), 3))
-    fill_centroids(points, cells, centroids)
+    centroids = sum(points[nodes] for nodes in cells.T) / cells.shape[1]
     along = along_curve(centroids)
     n_leaves = 1
     while 4 * n_leaves < len(cells):
@@ -69,6 +66,13 @@ def tree_over(points: FloatArray, cells: IntArray) -> tuple[Tree, LongArray]:
     order = np.arange(len(cells))
     sort_for_tree(centroids[along], n_leaves, order)
     order = along[order].astype(np.int64)
-    tree = Tree(points, cells[order], np.empty((2 * n_leaves, 6)))
-    fill_boxes(*tree)
-    return tree, order
+    cells = cells[order]
+    corners = [points[nodes] for nodes in cells.T]
+    first = np.arange(n_leaves) * len(cells) // n_leaves
+    boxes = np.empty((2 * n_leaves, 6))
+    for half, extreme in ((slice(0, 3), np.minimum), (slice(3, 6), np.maximum)):
+        level = extreme.reduceat(reduce(extreme, corners), first)
+        while len(level):
+            boxes[len(level) : 2 * len(level), half] = level
+            level = extreme(level[:-1:2], level[1::2])
+    return Tree(points, cells, boxes), order

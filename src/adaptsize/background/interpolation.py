@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_points, one_of
+from adaptsize._kernels.simplex import fill_hat_gradients
 from adaptsize.background.grid import CartesianGrid
 from adaptsize.background.octree import Octree
 from adaptsize.background.partitioned import AnyMesh, PartitionedMesh
@@ -91,3 +92,23 @@ def places_of(
         return lambda nodes: background.points[nodes]
     origin, spacing, shape = background.origin, background.spacing, background.shape
     return lambda nodes: origin + spacing * np.stack(np.unravel_index(nodes, shape), axis=1)
+
+
+def hat_gradients(mesh: SimplexMesh) -> tuple[FloatArray, FloatArray]:
+    """Return the measures of cells and the gradients of their hat functions, 0 in flat cells.
+
+    Returns
+    -------
+    float64[n_cells], float64[n_cells, cell_dim + 1, dim]
+    """
+    measures, gradients = np.empty(mesh.n_cells), np.empty((*mesh.cells.shape, mesh.dim))
+    fill_hat_gradients(mesh.points, mesh.cells, measures, gradients)
+    return measures, gradients
+
+
+def cell_gradients(mesh: SimplexMesh, nodal: FloatArray) -> FloatArray:
+    """Return the gradient in each cell, float64[n_cells, dim]; 0 in flat ones and next to inf."""
+    with np.errstate(invalid="ignore"):
+        rises = nodal[mesh.cells] - nodal[mesh.cells[:, :1]]
+    rises[~np.isfinite(rises).all(axis=1)] = 0.0
+    return np.asarray(np.einsum("cv,cvd->cd", rises, hat_gradients(mesh)[1]))

@@ -12,7 +12,7 @@ from adaptsize._checks import as_angle, check_type
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._kernels import sectors as kernels
 from adaptsize.background import SimplexMesh
-from adaptsize.background.topology import components_of, is_tagged, pairs_of_cells
+from adaptsize.background.topology import components_of, is_tagged, pairs_of_cells, rings
 from adaptsize.typing import BoolArray, IntArray
 
 #: A triangle whose area is below this share of its longest edge squared has no normal.
@@ -21,14 +21,16 @@ FLAT_SHARE = 1e-12
 
 def normals_of(surface: SimplexMesh) -> kernels.Surface:
     """Return triangles in space with their unit normals."""
-    facet_cells = np.empty((len(surface.facets), 2), np.int32)
-    kernels.fill_facet_cells(surface.cell_facets, facet_cells)
+    counts = surface.facet_cell_counts
+    start, ring = rings(surface.cell_facets, len(counts))
+    facet_cells = np.full((len(counts), 2), -1, np.int32)
+    facet_cells[:, 0] = ring[start[:-1]]
+    facet_cells[counts > 1, 1] = ring[start[:-1][counts > 1] + 1]
     normals, areas = np.empty((surface.n_cells, 3)), np.empty(surface.n_cells)
     kernels.fill_face_normals(surface.points, surface.cells, FLAT_SHARE, normals, areas)
     found = kernels.Surface(
-        surface.points, surface.cells, surface.cell_facets, facet_cells,
-        surface.facet_cell_counts, normals, areas,
-    )  # fmt: skip
+        surface.points, surface.cells, surface.cell_facets, facet_cells, counts, normals, areas
+    )
     kernels.replace_degenerate_normals(found)
     return found
 

@@ -144,8 +144,7 @@ def curvature(
         kappa = np.zeros(boundary.n_points)
         return _of_lines(SimplexMesh(boundary.points, edges), crease_angle) if len(edges) else kappa
     sectors, normals, tensors = tensors_of(boundary, crease_angle, smoothing)
-    largest = np.empty(len(normals))
-    kernels.fill_largest_curvature(normals, tensors, largest)
+    largest = np.abs(_principal(normals, tensors)[1]).max(axis=1)
     corners: FloatArray = _without_rounding(largest, boundary)[sectors.sector].reshape(-1, 3)
     if of == "corners":
         return corners
@@ -198,11 +197,18 @@ def _without_rounding(kappa: FloatArray, mesh: SimplexMesh) -> FloatArray:
 
 def _normals_of(surface: Surface, sectors: Sectors, angle: float) -> FloatArray:
     """Return the unit normal of each sector, those of open fans corrected; zero at cone tips."""
-    n_sectors = len(sectors.ends)
-    normals, angles = np.empty((n_sectors, 3)), np.empty(n_sectors)
+    normals = np.empty((len(sectors.ends), 3))
     kernels.fill_sector_normals(surface, sectors, normals)
-    kernels.drop_conical_normals(surface, sectors, math.cos(angle), normals)
-    kernels.fill_fan_angles(surface, sectors, angles)
+    # A sector with a triangle too oblique to its normal is the tip of a cone, whose triangles meet
+    # at small angles: it has no normal and no curvature.
+    own = np.repeat(surface.normals, 3, axis=0)
+    cosines = sectors.sign * np.einsum("ij,ij->i", normals[sectors.sector], own)
+    oblique = (cosines < math.cos(angle)) & (np.repeat(surface.areas, 3) > 0.0)
+    normals[sectors.sector[oblique]] = 0.0
+    corners = surface.points[surface.cells]
+    a, b = (np.roll(corners, -turn, axis=1) - corners for turn in (1, 2))
+    at_corners = np.arctan2(np.linalg.norm(np.cross(a, b), axis=2), np.einsum("ijk,ijk->ij", a, b))
+    angles = np.bincount(sectors.sector, at_corners.ravel())
     # Facets of a smooth surface turn by less than the crease angle, and the error of the
     # normal of a fan is at most half of that.  Fans at corners and along feature edges depend
     # on each other; hence they are corrected alternately.
@@ -242,12 +248,19 @@ def sector_curvatures(
     nodes[sectors.sector] = surface.cells.ravel()
     known = np.linalg.norm(normals, axis=1) > 0.5
     unit = np.where(known[:, None], normals, [0.0, 0.0, 1.0])
-    least = np.eye(3)[np.argmin(np.abs(unit), axis=1)]
-    u = np.cross(unit, least)
-    u /= np.linalg.norm(u, axis=1)[:, None]
-    frame = np.dstack([u, np.cross(unit, u)])
-    xx, yy, zz, yz, xz, xy = tensors.T
-    full = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
-    curvatures, along = np.linalg.eigh(frame.swapaxes(1, 2) @ full @ frame)
+    frame, curvatures, along = _principal(unit, tensors)
     curvatures[~known | (np.abs(curvatures).max(axis=1) * surface.diagonal < FLAT)] = 0.0
     return nodes, unit, curvatures, np.asarray(frame @ along)
+
+
+def _principal(
+    normals: FloatArray, tensors: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return tangents in columns, and the eigenvalues and eigenvectors of tensors in these."""
+    least = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
+    u = np.cross(normals, least)
+    u /= np.maximum(np.linalg.norm(u, axis=1), 1e-300)[:, None]
+    frame = np.dstack([u, np.cross(normals, u)])
+    xx, yy, zz, yz, xz, xy = tensors.T
+    full = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
+    return frame, *np.linalg.eigh(frame.swapaxes(1, 2) @ full @ frame)

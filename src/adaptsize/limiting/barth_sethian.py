@@ -10,6 +10,7 @@ import numpy as np
 from adaptsize._checks import describe
 from adaptsize._kernels.fast_marching import sweep_cells
 from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
+from adaptsize.background.interpolation import hat_gradients
 from adaptsize.limiting.fast_marching import cells_in, march_mesh
 from adaptsize.limiting.problem import Problem, Scheme, Solution, checked_start
 
@@ -61,11 +62,7 @@ class PositiveCoefficient(Scheme):
 
     def solve(self, problem: Problem) -> Solution:
         """Solve a problem; the residual is the largest rate of change, divided by g."""
-        from adaptsize._kernels.barth_sethian import (
-            fill_hat_gradients,
-            fill_residuals,
-            smallest_altitude,
-        )
+        from adaptsize._kernels.barth_sethian import fill_residuals
 
         mesh: Any = problem.domain
         h0, slope, tol, max_iter = problem.h0, problem.slope, self.tol, self.max_iter
@@ -73,12 +70,12 @@ class PositiveCoefficient(Scheme):
         free = np.isinf(start)
         ceiling = np.where(free, 0.0, np.minimum(start, h0))  # free nodes share no cell with others
         u = ceiling.copy()
-        measures = np.empty(mesh.n_cells)
-        gradients = np.empty((*mesh.cells.shape, mesh.dim))
-        fill_hat_gradients(mesh.points, mesh.cells, measures, gradients)
-        altitude = float(smallest_altitude(measures, gradients))
-        if np.isinf(altitude):  # no cell with a volume: nothing moves
+        measures, gradients = hat_gradients(mesh)
+        # 1 / |grad N_i| are the altitudes; gradients in flat cells are zero.
+        steepest = float(np.sqrt(np.einsum("cvd,cvd->cv", gradients, gradients).max(initial=0.0)))
+        if steepest == 0.0:  # no cell with a volume: nothing moves
             return Solution(np.where(free, np.inf, u), 0, 0.0)
+        altitude = 1.0 / steepest
         dt = 0.5 * altitude
         if max_iter is None:
             max_iter = int(min(20.0 * mesh.diagonal / altitude, _MOST_STEPS)) + 1
@@ -94,7 +91,7 @@ class PositiveCoefficient(Scheme):
             moved = u - dt * np.divide(residual, weight, out=np.zeros_like(u), where=weight > 0.0)
             moved = np.maximum(moved, np.minimum(upstream, u))
             if self.floor:
-                sweep_cells(cells_in(mesh), u, bounds, lowest)
+                sweep_cells(cells_in(mesh), u, bounds, True, lowest)
                 moved = np.maximum(moved, np.minimum(lowest, u))
             change = float((u - moved).max())
             rate = change / fastest if fastest > 0.0 else change

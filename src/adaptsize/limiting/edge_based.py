@@ -7,7 +7,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from adaptsize._kernels import fast_marching as kernels
 from adaptsize.background import AnyMesh, CartesianGrid
 from adaptsize.limiting.fast_marching import march_grid, march_mesh
 from adaptsize.limiting.gradient_limit import Slope
@@ -36,7 +35,7 @@ class EdgeBased(Scheme):
         """Solve a problem exactly; ``iterations`` is the number of accepted nodes."""
         if isinstance(problem.domain, CartesianGrid):
             return march_grid(problem, along_edges=True)
-        return march_mesh(problem, kernels.sweep_edges, kernels.march_edges)
+        return march_mesh(problem, along_edges=True)
 
 
 def limit_along_edges(

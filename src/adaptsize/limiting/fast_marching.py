@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
@@ -13,7 +12,7 @@ import numpy.typing as npt
 from adaptsize._kernels import fast_marching as kernels
 from adaptsize._kernels import fast_marching_grid as grid_kernels
 from adaptsize._kernels.fast_marching import fill_policy
-from adaptsize._kernels.heap import Heap, new_heap
+from adaptsize._kernels.heap import Heap, new_heap, push_all
 from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
 from adaptsize.background.marching import (
     KEEP,
@@ -130,12 +129,8 @@ class FastMarching(Scheme):
             problem = replace(problem, h0=lowered)
 
 
-def march_mesh(
-    problem: Problem,
-    sweep: Callable[..., None] = kernels.sweep_cells,
-    march: Callable[..., int] = kernels.march,
-) -> Solution:
-    """March on simplices until no node is lowered any more, with the updates of two kernels.
+def march_mesh(problem: Problem, *, along_edges: bool = False) -> Solution:
+    """March on simplices until no node is lowered any more.
 
     Collective on a mesh in parts.  Ranks march in rounds, up to a common size, and exchange the
     sizes that have decreased at shared nodes.  A whole mesh takes one round.
@@ -144,9 +139,8 @@ def march_mesh(
     mesh, ranks, n = local_mesh(domain), domain.ranks, domain.n_points
     slope, report = problem.slope, problem.report
     limit = (slope.values, slope.step)
-    h, heap = problem.h0.copy(), new_heap(n)
+    h, heap, sides = problem.h0.copy(), new_heap(n), None if along_edges else True
     # Along edges every node is accepted once, in order, and sizes are minima of finitely many sums.
-    along_edges = march is kernels.march_edges
     keep, most, window = KEEP, _PATIENCE * n + CHUNK, np.inf
     if along_edges:
         keep, most = 1.0, np.inf
@@ -154,16 +148,16 @@ def march_mesh(
         window = _window(domain, slope)
     stars: tuple[Any, ...] = ()
     if mesh is not None:
-        _sweep_into_heap(mesh, sweep, h, limit, heap, keep)
+        _sweep_into_heap(mesh, sides, h, limit, heap, keep)
         if heap.size[0] > 0 or ranks.size > 1:
-            stars = _stars_in(mesh, limit)
+            stars = _stars_in(mesh)
     known, accepted, unfinished = problem.h0.copy(), 0, ""
 
     def accept(until: float, keep: float = keep, most: float = most) -> int:
         """Return how many nodes were accepted, with those before; ends after ``most``."""
         total, count = accepted, CHUNK if heap.size[0] > 0 else 0
         while count == CHUNK and total < most:
-            count = march(stars, h, limit, heap, (keep, until, CHUNK))
+            count = kernels.march(stars, h, limit, sides, heap, (keep, until, CHUNK))
             total += count
             report(_TEXT, min(total / n, 1.0))
         return total
@@ -180,8 +174,8 @@ def march_mesh(
         if mesh is None or ranks.size > 1:
             raise NeedsWholeMesh
         # Only small changes are missing now.  First give every node a finite size.
-        kernels.march_edges(stars, h, limit, heap, (KEEP, np.inf, 1 << 62))
-        _sweep_into_heap(mesh, sweep, h, limit, heap, _KEEP_ROUGHLY)
+        kernels.march(stars, h, limit, None, heap, (KEEP, np.inf, 1 << 62))
+        _sweep_into_heap(mesh, sides, h, limit, heap, _KEEP_ROUGHLY)
         accept(np.inf, _KEEP_ROUGHLY, np.inf)
         h, unfinished = iterate_policies(mesh, slope, h, report)
         break
@@ -190,7 +184,7 @@ def march_mesh(
         excess = 0.0
         if mesh is not None:
             candidate, finite = np.empty(n), np.isfinite(h)
-            sweep(cells_in(mesh), h, limit, candidate)
+            kernels.sweep_cells(cells_in(mesh), h, limit, sides, candidate)
             excess = float((h[finite] - candidate[finite]).max(initial=0.0))
         largest = h[np.isfinite(h)].max(initial=0.0)
         excess, largest = ranks.allreduce(np.array([excess, largest]), "max").tolist()
@@ -215,7 +209,7 @@ def _exchange(shared: SharedNodes, h: FloatArray, known: FloatArray, heap: Heap)
     for nodes, rows in zip(shared.nodes, received, strict=True):
         at = nodes[rows[:, 0].astype(np.int64)]
         candidate[at] = np.minimum(candidate[at], rows[:, 1])
-    kernels.queue_lowered(h, candidate, 1.0, heap)
+    _lower_into_heap(h, candidate, 1.0, heap)
     known[shared.every] = h[shared.every]
 
 
@@ -238,18 +232,23 @@ def cells_in(mesh: SimplexMesh) -> tuple[Any, ...]:
     return (mesh.points, (0,) * mesh.dim, mesh.cells)
 
 
-def _stars_in(mesh: SimplexMesh, limit: tuple[FloatArray, int]) -> tuple[Any, ...]:
-    """Return the stars of the nodes, with owners only if g varies, as the kernels take them."""
-    star_ptr = np.empty(mesh.n_points + 1, np.int64)
+def _stars_in(mesh: SimplexMesh) -> tuple[Any, ...]:
+    """Return the stars of the nodes, as the kernels take them."""
     star = np.empty((mesh.cells.size, mesh.cell_dim), np.int32)
-    owner = np.empty(mesh.cells.size if limit[1] else 0, np.int32)
-    kernels.fill_stars(mesh.cells, star_ptr, star, owner)
-    return (mesh.points, (0,) * mesh.dim, (0,) * mesh.cell_dim, star_ptr, star, owner)
+    kernels.fill_stars(mesh.cells, *mesh.rings, star)
+    return (mesh.points, (0,) * mesh.dim, (0,) * mesh.cell_dim, *mesh.rings, star)
+
+
+def _lower_into_heap(h: FloatArray, candidate: FloatArray, keep: float, heap: Heap) -> None:
+    """Lower nodes to their candidates (In/Out: h) and queue them (In/Out: heap)."""
+    lowered = np.flatnonzero(candidate < h * keep).astype(np.int32)
+    h[lowered] = candidate[lowered]
+    push_all(heap, lowered, h)
 
 
 def _sweep_into_heap(
     mesh: SimplexMesh,
-    sweep: Callable[..., None],
+    sides: bool | None,
     h: FloatArray,
     limit: tuple[FloatArray, int],
     heap: Heap,
@@ -257,8 +256,8 @@ def _sweep_into_heap(
 ) -> None:
     """Lower all nodes once (In/Out: h) and queue those that were lowered (In/Out: heap)."""
     candidate = np.empty(mesh.n_points)
-    sweep(cells_in(mesh), h, limit, candidate)
-    kernels.queue_lowered(h, candidate, keep, heap)
+    kernels.sweep_cells(cells_in(mesh), h, limit, sides, candidate)
+    _lower_into_heap(h, candidate, keep, heap)
 
 
 def march_grid(problem: Problem, order: int = 1, *, along_edges: bool = False) -> Solution:
@@ -296,14 +295,9 @@ def _grid_residual(u: FloatArray, geometry: PaddedGrid, along_edges: bool) -> fl
 
 def _refine(problem: Problem, u1: FloatArray, u0: FloatArray, geometry: PaddedGrid) -> FloatArray:
     """Return the second-order sizes from the first-order ones."""
-    finite = u1[np.isfinite(u1)]
-    order = np.empty(u1.size, np.int32)
-    start = np.empty(finite.size + 1, np.int32)
-    count = grid_kernels.order_by_size(u1, u0, (finite.min(), finite.max()), start, order)
-    if count < 0:
-        order = np.flatnonzero(u1 < u0).astype(np.int32)
-        order = order[np.argsort(u1[order], kind="stable")]
-        count = order.size
+    order = np.flatnonzero(u1 < u0).astype(np.int32)
+    order = order[np.argsort(u1[order], kind="stable")]
+    count = order.size
     spacing = tuple(map(float, problem.domain.spacing))  # type: ignore[union-attr]
     u = u0.copy()
     for begin in range(0, count, _REFINED_AT_ONCE):

@@ -11,8 +11,8 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from adaptsize._kernels.fast_marching import largest_edge_slope
-from adaptsize._kernels.simplex import fill_gradient_norms
 from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh, SimplexMesh
+from adaptsize.background.interpolation import cell_gradients
 from adaptsize.background.partitioned import local_mesh
 from adaptsize.limiting.exact import ExactSolution
 from adaptsize.limiting.fast_marching import cells_in
@@ -209,8 +209,7 @@ class LimitingInfo:
 def _slopes_on_mesh(mesh: SimplexMesh, u: FloatArray, slope: Slope) -> tuple[float, FloatArray]:
     """Return the steepest edge and |grad u| in each cell with a volume, as multiples of g."""
     steepest = largest_edge_slope(cells_in(mesh), u, (slope.values, slope.step))
-    norms = np.empty(mesh.n_cells)
-    fill_gradient_norms(mesh.points, mesh.cells, u, norms)
+    norms = np.linalg.norm(cell_gradients(mesh, u), axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.where(norms > 0.0, norms / slope.values, 0.0)[mesh.measures > 0.0]
     return float(steepest), ratio

@@ -14,7 +14,6 @@ from adaptsize._progress import reporting
 from adaptsize._with_info import with_info
 from adaptsize.background import AnyBackground, CartesianGrid, Octree, SimplexMesh
 from adaptsize.background._curve import along_curve
-from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.simplex import as_mesh
 from adaptsize.limiting.exact.field import Workers, boxes_over
 from adaptsize.metrics.algebra import AS_UNBOUNDED, UNBOUNDED, power_of_two
@@ -195,7 +194,8 @@ def _sources_of(field: _Field, nodes: IntArray) -> Sources:
     box_h = np.full((len(boxes), dim), np.finfo(float).max ** 0.25)
     box_r = np.broadcast_to(np.eye(dim), (len(boxes), dim, dim)).copy()
     powers = [np.empty((len(stack), dim * (dim + 1))) for stack in (x, boxes)]
-    sources = Sources(x, h[nodes], r[nodes], powers[0], nodes, boxes, box_h, box_r, powers[1])
+    numbers = nodes.astype(np.int64)
+    sources = Sources(x, h[nodes], r[nodes], powers[0], numbers, boxes, box_h, box_r, powers[1])
     fill_tree((0,) * dim, sources, *np.empty((2, dim, dim)))
     return sources
 
@@ -223,7 +223,7 @@ def _with_corners(sources: Sources, points: FloatArray, g: float, walls: Walls) 
     nodes = np.concatenate([sources.number, around.nodes])
     which = np.arange(len(nodes), dtype=np.int32)
     found = _sources_of(_Field(points[nodes], h, r), which)
-    return found._replace(number=nodes[found.number].astype(np.int32))
+    return found._replace(number=nodes[found.number].astype(np.int64))
 
 
 def _limited(
@@ -249,7 +249,7 @@ def _limited(
     if walls is not None:
         sources = _with_corners(sources, places, g, walls)
     axes = (0,) * points.shape[1]
-    order, places = read_only(along_curve(places)), read_only(places)
+    order = along_curve(places)
 
     def task(first: int, last: int) -> None:
         scratch, view = new_scratch(len(axes)), None if walls is None else walls.view()

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse.csgraph import shortest_path
 
-from adaptsize._kernels.metric_sources import Scratch, Sources, fill_entering, new_scratch
+from adaptsize._kernels.metric_sources import Scratch, Sources, list_entering, new_scratch
 from adaptsize._kernels.sight import Sight, View, fill_seen, new_view
 from adaptsize.background import SimplexMesh
 from adaptsize.background._mesh_arrays import read_only
@@ -70,7 +70,7 @@ def around_corners(points: FloatArray, sources: Sources, g: float, walls: Walls)
     n = len(corners)
     view, scratch = walls.view(), new_scratch(dim)
     seen = np.empty((n, n), np.bool_)
-    fill_seen(points, corners, view, seen)
+    fill_seen(points, corners.astype(np.int64), view, seen)
     between = np.linalg.norm(points[corners, None] - points[None, corners], axis=2)
     # Zeros would count as no edge: corners at one place are apart by less than rounding.
     between = shortest_path(np.where(seen, np.maximum(between, 1e-300), 0.0), directed=False)
@@ -98,13 +98,12 @@ def _entering(
     """Return sources that a corner sees, without those dominated there, and their distances."""
     distance = np.linalg.norm(sources.x - points[corner], axis=1)
     order = np.argsort(sources.h.max(axis=1) + g * distance, kind="stable")
-    counts, entering = np.empty(1, np.int64), np.empty((1, len(order) + 1), np.int64)
-    axes, nodes = (0,) * points.shape[1], np.array([corner], np.int32)
+    entering, axes = np.empty(len(order) + 1, np.int64), (0,) * points.shape[1]
     for first in range(0, len(order), _GUESSES):
-        guesses = order[None, first : first + _GUESSES].astype(np.int64)
-        fill_entering(axes, points, nodes, sources, g, guesses, counts, entering, scratch, view)
-        if counts[0] >= 0:
-            found = entering[0, : counts[0]]
+        guesses = order[first : first + _GUESSES].astype(np.int64)
+        given = (axes, points, corner, sources, g, guesses, entering, scratch, view)
+        if (count := list_entering(*given)) >= 0:
+            found = entering[:count]
             kept = undominated(sources.h[found] + g * distance[found, None], sources.r[found])
             return found[kept], distance[found[kept]]
     return np.empty(0, np.int64), np.empty(0)

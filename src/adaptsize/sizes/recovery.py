@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 
 from adaptsize._checks import as_values
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
+from adaptsize.background.interpolation import cell_gradients
 from adaptsize.background.simplex import as_mesh
 from adaptsize.background.surroundings import surroundings_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
@@ -184,21 +185,11 @@ def zz_indicator(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     mesh = as_mesh("mesh", mesh)
     nodal = as_nodal_field("values", values, mesh)
     recovered = recovered_gradient(mesh, nodal)
-    defect = recovered[mesh.cells] - _cell_gradients(mesh, nodal)[:, None]
+    defect = recovered[mesh.cells] - cell_gradients(mesh, nodal)[:, None]
     # The exact integral of the square of a function that is linear in a simplex.
     d = mesh.dim
     squares = (defect**2).sum(axis=(1, 2)) + (defect.sum(axis=1) ** 2).sum(axis=1)
     return np.asarray(np.sqrt(mesh.measures * squares / ((d + 1) * (d + 2))))
-
-
-def _cell_gradients(mesh: SimplexMesh, nodal: FloatArray) -> FloatArray:
-    """Return the gradient in each cell, float64[n_cells, dim]; zero where it has no volume."""
-    corners, at = mesh.points[mesh.cells], nodal[mesh.cells]
-    edges = corners[:, 1:] - corners[:, :1]
-    solvable = mesh.measures > 0.0
-    edges[~solvable] = np.eye(mesh.dim)
-    rises = np.where(solvable[:, None], at[:, 1:] - at[:, :1], 0.0)
-    return np.asarray(np.linalg.solve(edges, rises[:, :, None])[:, :, 0])
 
 
 def gradient_operators(mesh: SimplexMesh) -> list[csr_array]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from adaptsize._kernels import expansion as kernels
 from adaptsize._kernels.exact_plane import COLUMNS, KIND
-from adaptsize._kernels.heap import new_heap
+from adaptsize._kernels.heap import new_heap, push_all
 from adaptsize._kernels.sight import ANY, NARROW
 from adaptsize.background.topology import places_among
 from adaptsize.geometry.boundary import FlatBoundary, turns_in_plane
@@ -65,7 +65,7 @@ def expand_from_nodes(
         np.empty((m, 4)),
         np.empty(m + 1, np.int32),
     )
-    kernels.push_all(front.heap, sources, front.h)
+    push_all(front.heap, sources, front.h)
     slack = _SLACK * float(np.finfo(float).eps * np.abs(mesh.points).max())
     given = (component.g, slack, component.margin)
     while kernels.expand(triangles, front, *given, _AT_ONCE):

@@ -234,8 +234,8 @@ class ExactField:
 
         def task(first: int, last: int) -> None:
             block = kernels.new_block(dim)
-            tree = (entries.table, entries.boxes)
-            given = (places, (0,) * dim, order, first, last, *tree, self.g, sizes, found)
+            tree, lowered = (entries.table, entries.boxes), (sizes, found)
+            given = (places, (0,) * dim, order, (first, last), tree, self.g, lowered)
             if sight is None:
                 faces = edges if dim == 3 else None
                 kernels.lower_sizes(*given, once, edges, faces, self.radius, block)

@@ -147,22 +147,9 @@ def with_corners(
     if plane.merge is not None:
         plane.merge(plane.sizes, arrivals, lowered)
     table, serves = plane.table.copy(), np.zeros(n, np.bool_)
-    kernels.solve_corners(
-        (0, 0),
-        read_only(places),
-        read_only(order),
-        table,
-        plane.walls,
-        plane.sizes,
-        arrivals,
-        lowered,
-        serves,
-        g,
-        True if linear else None,
-        plane.sight,
-        new_block(2),
-        new_rays(),
-    )
+    corners = (read_only(places), read_only(order), table, plane.walls)
+    state, edges = (plane.sizes, arrivals, lowered, serves), True if linear else None
+    kernels.solve_corners((0, 0), corners, state, g, edges, plane.sight, new_block(2), new_rays())
     named = np.full((n, 2), -1, np.int32)
     named[:, 0] = plane.nodes
     is_free = table[:, KIND] == ANY
