@@ -296,7 +296,7 @@ def _grid_residual(u: FloatArray, geometry: PaddedGrid, along_edges: bool) -> fl
 def _refine(problem: Problem, u1: FloatArray, u0: FloatArray, geometry: PaddedGrid) -> FloatArray:
     """Return the second-order sizes from the first-order ones."""
     order = np.flatnonzero(u1 < u0).astype(np.int32)
-    order = order[np.argsort(u1[order], kind="stable")]
+    order = order[np.argsort(u1[order])]  # equal sizes do not depend on each other
     count = order.size
     spacing = tuple(map(float, problem.domain.spacing))  # type: ignore[union-attr]
     u = u0.copy()
