@@ -38,10 +38,6 @@ class Piece(NamedTuple):
         """Whether this rank has no cells of the component."""
         return len(self.ids) == 0
 
-    def bounds(self, h0: FloatArray) -> FloatArray:
-        """Return the bounds at the nodes of ``mesh``, given those of the part."""
-        return np.full(self.mesh.n_points, np.inf) if self.is_empty else h0[self.nodes]
-
 
 class Components(NamedTuple):
     """The components of the whole mesh."""
@@ -125,15 +121,6 @@ class Skeleton(NamedTuple):
     """Facets, in the order of the whole mesh."""
     convex: bool
 
-    @property
-    def diagonal(self) -> float:
-        """Diagonal of the domain."""
-        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
-
-    def rows(self, ids: Ids) -> IntArray:
-        """Return the number of each node in the skeleton, -1 for other nodes."""
-        return rows_among(ids, self.ids)
-
     def with_cells(self, piece: Piece, marked: IntArray) -> tuple[Skeleton, SimplexMesh]:
         """Return the skeleton with all cells at marked nodes, and these as a mesh; collective."""
         mesh = piece.mesh
@@ -141,7 +128,7 @@ class Skeleton(NamedTuple):
         if not piece.is_empty:
             is_marked = np.zeros(len(self.ids) + 1, np.bool_)
             is_marked[marked] = True
-            around = is_marked[self.rows(piece.ids)][mesh.cells].any(axis=1)
+            around = is_marked[rows_among(piece.ids, self.ids)][mesh.cells].any(axis=1)
             cells = mesh.cells[around].astype(np.int64)
         nodes = np.unique(cells)
         every = piece.ranks.allgather((piece.ids[cells], piece.ids[nodes], mesh.points[nodes]))

@@ -19,7 +19,7 @@ import numpy as np
 from adaptsize._kernels.exact_candidates import have_neighbours
 from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.background._curve import along_curve
-from adaptsize.geometry.boundary import FlatBoundary, plane_boundary
+from adaptsize.geometry.boundary import plane_boundary
 from adaptsize.geometry.convexity import count_corners
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.candidates import Component, Extra, margin_for
@@ -107,10 +107,12 @@ def _solve_piece(
     skeleton = part.once(f"_skeleton_{number}", lambda: find_skeleton(piece, workers.threads))
     if skeleton is None:
         raise NeedsWholeMesh
-    mesh, comm, bound = piece.mesh, piece.ranks, piece.bounds(problem.h0)
+    mesh, comm = piece.mesh, piece.ranks
+    bound = np.full(mesh.n_points, np.inf) if piece.is_empty else problem.h0[piece.nodes]
     g = problem.slope.number(scheme.name)
     least = min(float(bound.min()), np.inf if extra is None else float(extra.sizes.min()))
     facts = comm.allgather((least, bool(have_neighbours(mesh.cells, bound))))
+    diagonal = float(np.linalg.norm(np.ptp(skeleton.points, axis=0)))
     component = Component(
         mesh,
         bound,
@@ -120,7 +122,7 @@ def _solve_piece(
         extra,
         order=along_curve(mesh.points),
         meet=any(meet for _, meet in facts),
-        margin=margin_for(min(least for least, _ in facts), g, skeleton.diagonal),
+        margin=margin_for(min(least for least, _ in facts), g, diagonal),
         merge=lambda rows: merge_rows(piece, rows),
     )
     if skeleton.convex:
@@ -172,7 +174,7 @@ def _plane_on(piece: Piece, skeleton: Skeleton) -> Plane:
     wider, mesh = skeleton.with_cells(piece, irregular)
     whole = plane_boundary(mesh, wider.boundary)
     plane = plane_of(mesh.points, whole)
-    rows = np.append(whole.rows, np.int32(-1))[wider.rows(piece.ids)]
+    rows = np.append(whole.rows, np.int32(-1))[rows_among(piece.ids, wider.ids)]
     if piece.is_empty:
         rows = np.full(piece.mesh.n_points, -1, np.int32)
 
@@ -255,18 +257,7 @@ class Body(NamedTuple):
     """int64[n]: global numbers, ascending."""
     own: IntArray
     """int32[m]: the nodes of the piece of this rank; empty on a rank without cells."""
-    boundary: FlatBoundary
     solid: Solid
-
-    def rows(self, ids: Ids) -> IntArray:
-        """Return the numbers of the nodes of entries, padded with -1.
-
-        At a node of the boundary all cells are known.  So either all nodes of an entry are known,
-        or none is on the boundary; then they do not matter, and -1 is returned for all.
-        """
-        at = rows_among(ids, self.ids)
-        at[((at < 0) & (ids >= 0)).any(axis=1)] = -1
-        return at
 
 
 def find_body(piece: Piece, skeleton: Skeleton) -> Body:
@@ -280,7 +271,7 @@ def find_body(piece: Piece, skeleton: Skeleton) -> Body:
     points[own] = piece.mesh.points[: len(own)]
     boundary = wider.boundary._replace(facets=at[wider.boundary.facets])
     mesh = SimplexMesh(points, at[near.cells])
-    return Body(ids, own, boundary, solid_of(mesh, boundary, own))
+    return Body(ids, own, solid_of(mesh, boundary, own))
 
 
 def solve_body(
@@ -352,8 +343,14 @@ class PartOfSolid(WholeSolid):
         return added, numbers[first][added.nodes[:, 0]]
 
     def known(self, numbers: Ids) -> IntArray:
-        """Return the numbers of the nodes of sources in the body."""
-        return self.body.rows(numbers)
+        """Return the nodes of sources in the body, padded with -1.
+
+        At a node of the boundary all cells are known.  So either all nodes of a source are known,
+        or none is on the boundary; then they do not matter, and -1 is returned for all.
+        """
+        at = rows_among(numbers, self.body.ids)
+        at[((at < 0) & (numbers >= 0)).any(axis=1)] = -1
+        return at
 
     def own(self, sizes: FloatArray) -> FloatArray:
         """Return the sizes at the nodes of the piece."""
