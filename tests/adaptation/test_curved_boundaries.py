@@ -58,7 +58,7 @@ def test_bounds_by_the_tolerance_are_those_of_chords():
     assert np.median(of_metric.sizes[:, 0] / sizes) == pytest.approx(1.0, rel=0.05)
     metric = Metric.isotropic(np.full(mesh.n_points, 0.9), 3)
     request = metric_request(mesh, metric, {}, checked(AdaptOptions, {"g": None}))
-    found = request.within(mesh, 1e-3).next(mesh, 1.0).metric
+    found = request.within(mesh, 1e-3).next(mesh, 1.0).at_nodes
     assert_allclose(found.sizes, np.minimum(of_metric.sizes, 0.9), rtol=1e-9)
     # Around a tube of radius 1, and along it.
     angle, z = np.meshgrid(np.arange(32) * np.pi / 16, np.arange(4.0))

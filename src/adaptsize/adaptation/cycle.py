@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy.typing as npt
@@ -14,11 +15,13 @@ from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation._fields import Arrays, as_fields, methods_of
 from adaptsize.adaptation.boundary_moves import ProjectionLike, check_projection
+from adaptsize.adaptation.need import smallest
 from adaptsize.adaptation.new_mesh import NewMesh, make_mesh
 from adaptsize.adaptation.next_metric import as_anisotropic, as_metric_bound, metric_request
 from adaptsize.adaptation.next_sizes import (
     BoundLike,
     Decision,
+    NextSizes,
     Request,
     SizeRequest,
     as_bound,
@@ -233,8 +236,6 @@ def _result(
 ) -> AdaptResult:
     """Return fields on the new mesh, and the report; collective."""
     sizes, new, nodal, by_cell = made.sizes, made.mesh, fields.nodal, fields.by_cell
-    requested = sizes.requested(old)
-    before = after = _quality(old, sizes.at_nodes)
     how: dict[str, str] = {}
     integrals: dict[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]] = {}
     if decision.remesh:
@@ -253,11 +254,11 @@ def _result(
                 how[name] = "conservative" if request.options["conservative"] else how[name]
                 integrals[name] = integral(old, values), integral(new, moved_by_cell[name])
         nodal, by_cell = moved, moved_by_cell
-        if isinstance(new, PartitionedMesh):
-            after = _quality(new, interpolate(old, cast(FloatArray, requested), new.points))
-        else:
+        if isinstance(new, SimplexMesh):
             new = new.with_data(point_data=nodal, cell_data=by_cell)
-            after = _quality(new, requested)
+    qualities: Callable[[], Any] = partial(_qualities, old, new, sizes)
+    if isinstance(old, PartitionedMesh):  # collective, and the report stays without the meshes
+        qualities = partial(tuple, qualities())
     before_tags = tags_of(old)
     lost = sorted(before_tags - tags_of(new))
     (n_points, n_cells), (new_points, new_cells) = numbers_of(old), numbers_of(new)
@@ -269,22 +270,33 @@ def _result(
         tolerance=request.tolerance,
         predicted_elements=sizes.predicted, error=request.error,
         share_in_band=decision.in_band, share_too_long=decision.too_long,
-        share_too_short=decision.too_short, before=before, after=after,
+        share_too_short=decision.too_short, qualities=qualities,
         measure_before=total_measure(old), measure_after=total_measure(new),
         boundary_distance=made.boundary_distance, moves=made.moves,
         lost_tags=tuple(f"{kind} tag {tag}" for kind, tag in lost),
         kept_tags=bool(before_tags),
         transferred=how, integrals=integrals,
     )  # fmt: skip
-    size = SizeFunction(old, sizes.h) if isinstance(old, SimplexMesh) else sizes.h
+    requested = sizes.requested(old)
+    h = smallest(sizes.at_nodes)
     return AdaptResult(
-        new, size, nodal, by_cell, decision.remesh, decision.converged,
-        decision.reason, report, requested if isinstance(requested, MetricFunction) else None,
+        new, SizeFunction(old, h) if isinstance(old, SimplexMesh) else h, nodal, by_cell,
+        decision.remesh, decision.converged, decision.reason, report,
+        requested if isinstance(requested, MetricFunction) else None,
     )  # fmt: skip
 
 
+def _qualities(old: AnyMesh, new: AnyMesh, sizes: NextSizes) -> tuple[MeshQuality, MeshQuality]:
+    """Return how closely the old and the new mesh follow the sizes; collective."""
+    requested, before = sizes.requested(old), _quality(old, sizes.at_nodes)
+    if new is old:
+        return before, before
+    if isinstance(new, PartitionedMesh):
+        requested = interpolate(old, cast(FloatArray, requested), new.points)
+    return before, _quality(new, requested)
+
+
 def _quality(mesh: AnyMesh, size: Any) -> MeshQuality:
-    """Return how closely a mesh follows sizes; collective."""
     if isinstance(mesh, PartitionedMesh):
         return interface_quality(mesh, size)
     found: Conformity = size_conformity(mesh, size)

@@ -196,6 +196,11 @@ def _as_requested(mesh: AnyMesh, size: SizeLike | Metric | MetricFunction) -> Re
     return h
 
 
+def smallest(requested: Requested) -> FloatArray:
+    """Return the sizes at the nodes, the smallest ones if they depend on the direction."""
+    return requested.sizes[:, 0] if isinstance(requested, Metric) else requested
+
+
 def count_simplices(mesh: AnyMesh, requested: Requested) -> float:
     """Return the number of regular simplices of the requested sizes; collective."""
     if isinstance(requested, Metric):

@@ -21,6 +21,9 @@ from adaptsize.typing import ProgressCallback
 #: 5 %, 54 loops of triangles took 62 meshes in place of 54, and 12 of tetrahedra 22 in place of 13.
 _ACCEPTED = {2: 0.05, 3: BUDGET_TOLERANCE}
 
+#: The limits allow a requested number if the prediction is this close to it.
+_REACHED = 0.05
+
 
 @dataclass(frozen=True)
 class NewMesh:
@@ -71,7 +74,9 @@ def make_mesh(mesh: AnyMesh, first: NewMesh, request: Request, report: ProgressC
     best, best_count, n_meshes = new, count, 1
     requested: list[float] = []
     actual: list[float] = []
-    while target is not None and elements is not None and sizes.in_reach and n_meshes < 3:
+    while target is not None and elements is not None and n_meshes < 3:
+        if abs(sizes.predicted / elements - 1.0) > _REACHED:
+            break
         requested.append(math.log(sizes.simplices))
         actual.append(math.log(count))
         if abs(math.expm1(actual[-1] - math.log(target))) <= _ACCEPTED[mesh.cell_dim]:

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import describe, refuse_where
+from adaptsize._checks import describe
 from adaptsize._defaults import METRIC_GRADIENT_LIMIT
 from adaptsize._size_function import SizeFunction
-from adaptsize.adaptation.next_sizes import REACHED, BoundLike, NextSizes, Request, as_bound
+from adaptsize.adaptation.next_sizes import BoundLike, Request, as_bound
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import interfaces
 from adaptsize.metrics import (
@@ -41,13 +41,55 @@ class MetricRequest(Request):
     chords: Metric | None = None
     """Largest sizes that leave curved boundaries within the tolerance of the generator."""
 
-    def next(self, mesh: SimplexMesh, factor: float) -> NextSizes:
-        """Return the metric for a generator that makes ``factor`` cells per predicted cell."""
-        return next_metric(mesh, self, factor)
-
     def within(self, mesh: SimplexMesh, tolerance: float) -> MetricRequest:
         """Return the request with a bound that leaves curved boundaries within a tolerance."""
         return replace(self, chords=metric_by_tolerance(mesh, tolerance))
+
+    def without_number(self, mesh: SimplexMesh) -> Metric:
+        """Return the metric for the tolerance, or the one that is requested."""
+        return self._finished(mesh, self._wanted(mesh, None))
+
+    def of_number(self, mesh: SimplexMesh, number: float) -> Metric:
+        """Return the metric scaled such that the number of simplices is ``number``, within 3 %.
+
+        Each time the scale is corrected, the metric is limited anew.
+        """
+        wanted = self._wanted(mesh, number)
+        scale = 1.0
+        best, best_miss = wanted, math.inf
+        for _ in range(5):
+            metric = self._finished(mesh, wanted.scaled(scale))
+            miss = math.log(max(metric.predicted_elements(mesh), 1e-3) / number)
+            if abs(miss) < best_miss:
+                best, best_miss = metric, abs(miss)
+            if abs(miss) <= 0.03:
+                break
+            scale *= math.exp(miss / mesh.cell_dim)
+        return best
+
+    def _wanted(self, mesh: SimplexMesh, number: float | None) -> Metric:
+        """Return the metric before limits, for the tolerance or about a number of elements."""
+        parts = [
+            metric_from_hessian(
+                mesh, values, norm=self.options["norm"], max_aspect=self.options["max_aspect"],
+                tolerance=None if number is not None else self.options["tolerance"],
+                elements=number,
+            )
+            for values in self.fields
+        ]  # fmt: skip
+        if not parts:
+            assert self.bound is not None
+            return self.bound
+        return reduce(Metric.intersect, parts)
+
+    def _finished(self, mesh: SimplexMesh, metric: Metric) -> Metric:
+        """Apply bounds and limits."""
+        if self.bound is not None and self.fields:
+            metric = metric.intersect(self.bound)
+        if self.chords is not None:
+            metric = metric.intersect(self.chords)
+        metric = metric.clip(self.options["hmin"], self.options["hmax"])
+        return metric if self.g is None else limit_metric(mesh, metric, self.g)
 
 
 def as_metric_bound(h0: Any, mesh: SimplexMesh) -> Metric | None:
@@ -146,74 +188,3 @@ def metric_by_tolerance(mesh: SimplexMesh, tolerance: float) -> Metric | None:
 def _radii(mesh: SimplexMesh) -> Metric:
     """Return the radii of curvature as a metric."""
     return metric_from_curvature(mesh, elements_per_radian=1.0, max_aspect=100.0)
-
-
-def next_metric(mesh: SimplexMesh, request: MetricRequest, factor: float) -> NextSizes:
-    """Return the metric for a generator that makes ``factor`` cells per predicted cell.
-
-    Raises
-    ------
-    ValueError
-        If a size is not finite where there are cells, or an option is out of range.
-    """
-    options, capped = request.options, False
-    target = options["elements"]
-    metric: Metric | None = None
-    if options["tolerance"] is not None or target is None:
-        metric = _finished(mesh, request, _wanted(mesh, request, None))
-        capped = target is not None and factor * metric.predicted_elements(mesh) > target
-    if target is not None and (metric is None or capped):
-        metric = _of_number(mesh, request, max(target / factor, 1.0))
-    assert metric is not None
-    used = np.unique(mesh.cells)
-    bad = np.isinf(metric.sizes[used])
-    refuse_where("sizes", bad, metric.sizes[used], "must be finite after limiting: pass hmax")
-    simplices = metric.predicted_elements(mesh)
-    predicted = factor * simplices
-    in_reach = target is not None and abs(predicted / target - 1.0) <= REACHED
-    return NextSizes(metric.sizes[:, 0], predicted, in_reach, capped, simplices, metric)
-
-
-def _wanted(mesh: SimplexMesh, request: MetricRequest, number: float | None) -> Metric:
-    """Return the metric before limits, for a tolerance or about a number of elements."""
-    parts = [
-        metric_from_hessian(
-            mesh, values, norm=request.options["norm"], max_aspect=request.options["max_aspect"],
-            tolerance=None if number is not None else request.options["tolerance"],
-            elements=number,
-        )
-        for values in request.fields
-    ]  # fmt: skip
-    if not parts:
-        assert request.bound is not None
-        return request.bound
-    return reduce(Metric.intersect, parts)
-
-
-def _finished(mesh: SimplexMesh, request: MetricRequest, metric: Metric) -> Metric:
-    """Apply bounds and limits."""
-    if request.bound is not None and request.fields:
-        metric = metric.intersect(request.bound)
-    if request.chords is not None:
-        metric = metric.intersect(request.chords)
-    metric = metric.clip(request.options["hmin"], request.options["hmax"])
-    return metric if request.g is None else limit_metric(mesh, metric, request.g)
-
-
-def _of_number(mesh: SimplexMesh, request: MetricRequest, number: float) -> Metric:
-    """Return the metric scaled such that the number of simplices is as requested, within 3 %.
-
-    Each time the scale is corrected, the metric is limited anew.
-    """
-    wanted = _wanted(mesh, request, number)
-    scale = 1.0
-    best, best_miss = wanted, math.inf
-    for _ in range(5):
-        metric = _finished(mesh, request, wanted.scaled(scale))
-        miss = math.log(max(metric.predicted_elements(mesh), 1e-3) / number)
-        if abs(miss) < best_miss:
-            best, best_miss = metric, abs(miss)
-        if abs(miss) <= 0.03:
-            break
-        scale *= math.exp(miss / mesh.cell_dim)
-    return best

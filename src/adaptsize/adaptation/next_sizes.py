@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -22,7 +23,7 @@ from adaptsize._checks import (
 )
 from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize._size_function import SizeFunction
-from adaptsize.adaptation.need import Requested, present_of
+from adaptsize.adaptation.need import Requested, count_simplices, present_of, smallest
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import AnyMesh, PartitionedMesh
 from adaptsize.limiting import limit_gradient
@@ -33,9 +34,6 @@ from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.curvature import radius_at_curves, size_of_chords
 from adaptsize.sizes.error import scaled_by_error
 from adaptsize.typing import FloatArray, GradientLimit
-
-#: The limits allow a requested number if the prediction is this close to it.
-REACHED = 0.05
 
 #: Accepted relative error of a predicted number: generators miss it by per cents.
 _ACCURACY = 3e-3
@@ -56,15 +54,45 @@ class Request:
     @property
     def tolerance(self) -> float | None:
         """Target for this error."""
-        return None
-
-    def next(self, mesh: Any, factor: float) -> NextSizes:
-        """Return the sizes for a generator that makes ``factor`` cells per predicted cell."""
-        raise NotImplementedError
+        return None if self.error is None else self.options["tolerance"]
 
     def within(self, mesh: Any, tolerance: float) -> Request:
         """Return the request with a bound that leaves curved boundaries within a tolerance."""
         raise NotImplementedError
+
+    def without_number(self, mesh: Any) -> Requested:
+        """Return the sizes for the tolerance, or those that are requested."""
+        raise NotImplementedError
+
+    def of_number(self, mesh: Any, number: float) -> Requested:
+        """Return the sizes for a number of regular simplices."""
+        raise NotImplementedError
+
+    def next(self, mesh: AnyMesh, factor: float) -> NextSizes:
+        """Return the sizes for a generator that makes ``factor`` cells per predicted cell.
+
+        Raises
+        ------
+        ValueError
+            If the sizes are not finite where there are cells, or an option is out of range.
+        """
+        target, found = self.options["elements"], None
+        if target is None or self.options["tolerance"] is not None:
+            found = self.without_number(mesh)
+        if target is not None and (found is None or factor * count_simplices(mesh, found) > target):
+            found = self.of_number(mesh, max(target / factor, 1.0))
+        assert found is not None
+        sizes = found
+
+        def refuse_free() -> None:
+            h, used = smallest(sizes), np.zeros(mesh.n_points, np.bool_)
+            used[mesh.cells] = True
+            text = "must be finite after limiting, in each component of the mesh: pass hmax"
+            refuse_where("sizes", used & np.isinf(h), h, text)
+
+        mesh.ranks.agree(refuse_free)
+        simplices = count_simplices(mesh, sizes)
+        return NextSizes(sizes, factor * simplices, simplices)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,19 +105,10 @@ class SizeRequest(Request):
     """Largest sizes that leave curved boundaries within the tolerance of the generator."""
 
     @property
-    def tolerance(self) -> float | None:
-        """Target for this error."""
-        return self.options["tolerance"]
-
-    @property
     def g(self) -> GradientLimit | None:
         """Gradient limit."""
         g = self.options["g"]
         return GRADIENT_LIMIT if isinstance(g, str) else g
-
-    def next(self, mesh: AnyMesh, factor: float) -> NextSizes:
-        """Return the sizes for a generator that makes ``factor`` cells per predicted cell."""
-        return next_sizes(mesh, self, factor)
 
     def within(self, mesh: AnyMesh, tolerance: float) -> SizeRequest:
         """Return the request with the error, and a bound that leaves curves within a tolerance."""
@@ -99,22 +118,54 @@ class SizeRequest(Request):
             error = math.sqrt(squares)
         return replace(self, error=error, chords=bound_by_tolerance(mesh, tolerance))
 
+    def without_number(self, mesh: AnyMesh) -> FloatArray:
+        """Return the sizes for the tolerance, or those that are requested."""
+        if self.indicator is None:
+            assert self.h0 is not None
+            return self._finished(mesh, self.h0)
+        assert self.options["tolerance"] is not None
+        # Meshes miss sizes by a few per cent.
+        return self._from_error(mesh, {"tolerance": 0.95 * self.options["tolerance"]})
+
+    def of_number(self, mesh: AnyMesh, number: float) -> FloatArray:
+        """Return the sizes for a number of regular simplices."""
+        if self.indicator is not None:
+            return self._from_error(mesh, {"elements": number})
+        assert self.h0 is not None
+        bound, d = self.h0, mesh.cell_dim
+        start = count_elements(mesh, self._finished(mesh, bound))
+        first = (start / number) ** (1.0 / d) if start > 0.0 else 1.0
+        return scale_to(
+            number, lambda s: self._finished(mesh, s * bound), partial(count_elements, mesh),
+            first, d, _ACCURACY,
+        )  # fmt: skip
+
+    def _from_error(self, mesh: AnyMesh, goal: ErrorOptions) -> FloatArray:
+        assert self.indicator is not None
+        given: ErrorOptions = {
+            "tolerance": None, "elements": None, "max_refine": self.options["max_refine"],
+            "max_coarsen": self.options["max_coarsen"], "backend": None, **goal,
+        }  # fmt: skip
+        finish, order = partial(self._finished, mesh), self.options["order"]
+        return scaled_by_error(mesh, self.indicator, order, given, finish, _ACCURACY)
+
+    def _finished(self, mesh: AnyMesh, h: FloatArray) -> FloatArray:
+        """Apply bounds and limits."""
+        further = [None if self.indicator is None else self.h0, self.chords]
+        bounds = [bound for bound in further if bound is not None]
+        held = minimum(h, *bounds, hmin=self.options["hmin"], hmax=self.options["hmax"])
+        return held if self.g is None else limit_gradient(mesh, held, self.g)
+
 
 class NextSizes(NamedTuple):
     """Sizes of the next mesh."""
 
-    h: FloatArray
-    """float64[n_points]"""
+    at_nodes: Requested
+    """Sizes at the nodes, or the metric if they depend on the direction."""
     predicted: float
     """Predicted number of elements for the generator."""
-    in_reach: bool
-    """Whether the limits allow the requested number of elements, if there is one."""
-    capped: bool
-    """Whether the tolerance would need more elements than requested."""
     simplices: float
     """Number of regular simplices of these sizes that fill the mesh."""
-    metric: Metric | None = None
-    """The metric, if the sizes depend on the direction; ``h`` are then its smallest sizes."""
 
     def requested(self, mesh: AnyMesh) -> SizeFunction | MetricFunction | FloatArray:
         """Return the sizes as a function of points, or at the nodes of a mesh in parts.
@@ -122,15 +173,11 @@ class NextSizes(NamedTuple):
         The latter are finite, also at nodes in no cell, which may have no size.
         """
         if isinstance(mesh, PartitionedMesh):
-            return np.where(np.isinf(self.h), 1.0, self.h)
-        if self.metric is not None:
-            return MetricFunction(mesh, self.metric)
-        return SizeFunction(mesh, self.h)
-
-    @property
-    def at_nodes(self) -> Requested:
-        """Return the metric, or the sizes that do not depend on the direction."""
-        return self.h if self.metric is None else self.metric
+            h = smallest(self.at_nodes)
+            return np.where(np.isinf(h), 1.0, h)
+        if isinstance(self.at_nodes, Metric):
+            return MetricFunction(mesh, self.at_nodes)
+        return SizeFunction(mesh, self.at_nodes)
 
 
 class Decision(NamedTuple):
@@ -180,7 +227,7 @@ def refuse_two_numbers(options: AdaptOptions) -> None:
 
 def check_goal(request: SizeRequest) -> None:
     """Raise a ValueError if the request is incomplete or contradictory."""
-    options, tolerance = request.options, request.tolerance
+    options, tolerance = request.options, request.options["tolerance"]
     if request.indicator is None and request.h0 is None:
         raise ValueError("indicator or h0 must be given, got neither")
     if request.indicator is None and tolerance is not None:
@@ -192,71 +239,6 @@ def check_goal(request: SizeRequest) -> None:
     g = request.g
     if isinstance(g, int | float) and not 0.0 <= g < math.inf:
         raise ValueError(f"g must be finite and >= 0, or None, got {describe(g)}")
-
-
-def next_sizes(mesh: AnyMesh, request: SizeRequest, factor: float) -> NextSizes:
-    """Return the requested sizes for a generator that makes ``factor`` cells per predicted cell.
-
-    Raises
-    ------
-    ValueError
-        If the sizes are not finite where there are cells, or an option is out of range.
-    """
-    options = request.options
-
-    def finished(h: FloatArray) -> FloatArray:
-        further = [None if request.indicator is None else request.h0, request.chords]
-        bounds = [bound for bound in further if bound is not None]
-        held = minimum(h, *bounds, hmin=options["hmin"], hmax=options["hmax"])
-        return held if request.g is None else limit_gradient(mesh, held, request.g)
-
-    def count(h: FloatArray) -> float:
-        return count_elements(mesh, h)
-
-    def from_error(tolerance: float | None, target: float | None) -> FloatArray:
-        assert request.indicator is not None
-        given: ErrorOptions = {
-            "tolerance": tolerance, "elements": target, "max_refine": options["max_refine"],
-            "max_coarsen": options["max_coarsen"], "backend": None,
-        }  # fmt: skip
-        return scaled_by_error(
-            mesh, request.indicator, options["order"], given, finished, _ACCURACY
-        )
-
-    def from_bound(goal: float) -> FloatArray:
-        bound = request.h0
-        assert bound is not None
-        start = count(finished(bound))
-        first = (start / goal) ** (1.0 / mesh.cell_dim) if start > 0.0 else 1.0
-        return scale_to(goal, lambda s: finished(s * bound), count, first, mesh.cell_dim, _ACCURACY)
-
-    target, capped = options["elements"], False
-    h: FloatArray | None = None
-    if request.tolerance is not None:
-        # Meshes miss sizes by a few per cent.
-        h = from_error(0.95 * request.tolerance, None)
-        capped = target is not None and factor * count(h) > target
-    if target is not None and (h is None or capped):
-        goal = max(target / factor, 1.0)
-        h = from_bound(goal) if request.indicator is None else from_error(None, goal)
-    elif h is None:
-        assert request.h0 is not None
-        h = finished(request.h0)
-    sizes = h
-    mesh.ranks.agree(lambda: _refuse_free(mesh, sizes))
-    simplices = count(sizes)
-    predicted = factor * simplices
-    in_reach = target is not None and abs(predicted / target - 1.0) <= REACHED
-    return NextSizes(sizes, predicted, in_reach, capped, simplices)
-
-
-def _refuse_free(mesh: AnyMesh, h: FloatArray) -> None:
-    used = np.zeros(mesh.n_points, np.bool_)
-    used[mesh.cells] = True
-    refuse_where(
-        "sizes", used & np.isinf(h), h,
-        "must be finite after limiting, in each component of the mesh: pass hmax",
-    )  # fmt: skip
 
 
 def decide(mesh: AnyMesh, found: NextSizes, request: Request) -> Decision:

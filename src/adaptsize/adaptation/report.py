@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -55,7 +57,8 @@ class AdaptReport:
     share_too_long, share_too_short : float
         Shares of the other edges, with the same weights.
     before, after : Conformity, or InterfaceQuality in parts
-        Conformity of both meshes with the new sizes; the same object if not remeshed.
+        Conformity of both meshes with the new sizes; the same object if not remeshed.  That of
+        whole meshes is measured on first use, for instance when the report is printed.
     measure_before, measure_after : float
         Area or volume.
     boundary_distance : float
@@ -92,12 +95,25 @@ class AdaptReport:
     boundary_distance: float
     lost_tags: tuple[str, ...]
     backend: str
-    before: MeshQuality
-    after: MeshQuality
+    qualities: Callable[[], tuple[MeshQuality, MeshQuality]] = field(compare=False, repr=False)
     moves: BoundaryMoves | None
     kept_tags: bool
     transferred: dict[str, str]
     integrals: dict[str, tuple[FloatArray, FloatArray]]
+
+    @cached_property
+    def _qualities(self) -> tuple[MeshQuality, MeshQuality]:
+        return self.qualities()
+
+    @property
+    def before(self) -> MeshQuality:
+        """Conformity of the old mesh with the new sizes."""
+        return self._qualities[0]
+
+    @property
+    def after(self) -> MeshQuality:
+        """Conformity of the new mesh with the new sizes."""
+        return self._qualities[1]
 
     def __str__(self) -> str:
         """Return a few lines."""
