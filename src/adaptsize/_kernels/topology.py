@@ -263,24 +263,6 @@ def sum_facets(points, axes, cells, sums):
 
 
 @lean_kernel
-def list_cells(cells, marked, least, found):
-    """List the cells with at least so many marked nodes, as many as there is room for.
-
-    Returns their number.
-    """
-    count = 0
-    for c in range(cells.shape[0]):
-        n_marked = 0
-        for v in range(cells.shape[1]):
-            n_marked += 1 if marked[cells[c, v]] else 0
-        if n_marked >= least:
-            if count < found.shape[0]:
-                found[count] = c
-            count += 1
-    return count
-
-
-@lean_kernel
 def list_facets(points, axes, cells, marked, facets, sides, owners):
     """List the facets all of whose nodes are marked, as many as there is room for.
 
