@@ -265,7 +265,9 @@ class AdaptResult:
 
 def _quality(conformity: MeshQuality) -> str:
     if isinstance(conformity, InterfaceQuality):
-        return str(conformity)
+        near = conformity.at_interfaces
+        text = str(conformity.everywhere)
+        return f"{text}\nat former interfaces: {near}" if near.n_cells else text
     return (
         f"{conformity.share_in_band:.0%} of the edges within sqrt 2 of the sizes, radius ratio "
         f"min {conformity.radius_ratio_min:.3f} mean {conformity.radius_ratio_mean:.3f}, "

@@ -148,6 +148,13 @@ class Quality:
     angle_p01: float
     """Its quantile of 1 %; the smallest of those of the parts."""
 
+    def __str__(self) -> str:
+        """Return the numbers on one line."""
+        return (
+            f"{self.n_cells} cells, {self.share_in_band:.1%} of the edges in the band, least "
+            f"angle {self.angle_min:.1f} degrees, 1 % below {self.angle_p01:.1f}"
+        )
+
 
 @dataclass(frozen=True)
 class InterfaceQuality:
@@ -160,8 +167,7 @@ class InterfaceQuality:
     def __str__(self) -> str:
         """Return a line for all cells, and one for those at interfaces, if there are any."""
         return "\n".join(
-            f"{name:14}{q.n_cells} cells, {q.share_in_band:.1%} of the edges in the band, least "
-            f"angle {q.angle_min:.1f} degrees, 1 % below {q.angle_p01:.1f}"
+            f"{name:14}{q}"
             for name, q in (("all cells", self.everywhere), ("at interfaces", self.at_interfaces))
             if q.n_cells
         )
