@@ -106,7 +106,7 @@ def adapted(mesh, metric, hgrad):
         "facet_groups": np.zeros(len(facets), np.int32),
         "ridges": np.empty((0, 2), np.int32),
         "corners": np.empty(0, np.int32),
-        "sizes": metric.matrices[(slice(None), *np.triu_indices(3))],
+        "sizes": metric.matrices[(slice(None), *np.tril_indices(3))],
     }
     options = {
         "task": "tetrahedra", "hausd": 1e-3, "hgrad": hgrad, "ridge_angle": 45.0, "n_regions": 1,

@@ -57,8 +57,8 @@ def run():
 def test_netgen_keeps_the_surface_exactly(run):
     surface = cylinder(24)
     raw = netgen.fill(surface, run)
-    volume = SimplexMesh(raw.points, raw.cells)
-    assert_array_equal(raw.points[: surface.n_points], surface.points)
+    volume = SimplexMesh(raw["points"], raw["cells"])
+    assert_array_equal(raw["points"][: surface.n_points], surface.points)
     boundary = volume.facets[volume.facet_cell_counts == 1]
     assert set(map(tuple, boundary)) == set(map(tuple, np.sort(surface.cells, axis=1)))
     assert (volume.signed_measures > 0.0).all()

@@ -9,7 +9,6 @@ from adaptsize import check_mesh
 from adaptsize.errors import MeshingError, ResolutionWarning
 from adaptsize.remeshing import register_backend, registry, remesh
 from adaptsize.remeshing.acceptance import routes
-from adaptsize.remeshing.protocol import RawMesh
 
 CUBE = block(2)
 
@@ -20,7 +19,7 @@ class Sloppy(FakeBackend):
     def solve(self, problem, run):
         self.calls.append(problem.tolerance)
         points = problem.mesh.points + np.array([3.0 * problem.tolerance, 0.0, 0.0])
-        return RawMesh(points, problem.mesh.cells)
+        return {"points": points, "cells": problem.mesh.cells}
 
 
 @pytest.fixture

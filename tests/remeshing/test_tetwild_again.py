@@ -29,7 +29,7 @@ def test_a_crash_is_followed_by_a_run_with_a_smaller_tolerance_and_reported():
     run, tolerances = runner(BackendError("tetwild failed: crashed (SIGSEGV)"))
     with pytest.warns(ResolutionWarning, match=r"again with 0\.25 times .*SIGSEGV"):
         raw = TetWildBackend().solve(PROBLEM, run)
-    assert len(raw.cells) == CUBE.n_cells
+    assert len(raw["cells"]) == CUBE.n_cells
     np.testing.assert_allclose(tolerances, [0.02, 0.005])
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from adaptsize.remeshing.protocol import Backend, RawMesh
+from adaptsize.remeshing.protocol import Backend
 
 
 @dataclass(frozen=True)
@@ -17,10 +17,9 @@ class FakeBackend(Backend):
     tasks: frozenset = frozenset({"tetrahedra"})
 
     def solve(self, problem, run):
-        made = run(
+        return run(
             f"misbehaving:{self.function}",
             "faking",
             {"points": problem.mesh.points, "cells": problem.mesh.cells},
             dict(self.options),
         )
-        return RawMesh(made["points"], made["cells"])

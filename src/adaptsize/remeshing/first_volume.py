@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import renumbered_edges
 from adaptsize.errors import BackendError
 from adaptsize.remeshing import netgen
 from adaptsize.remeshing.isolation import IsolatedRunner
-from adaptsize.remeshing.mmg import GOOD_SHARE, band_and_median, job_of, run_adapt
+from adaptsize.remeshing.mmg import adapted
 from adaptsize.remeshing.preparation import as_problem, number_regions, restore
-from adaptsize.remeshing.protocol import Facets, Problem, RawMesh, Runner
+from adaptsize.remeshing.protocol import Arrays, Facets, Problem
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.surface import THINNEST, refine_surface, remove_slivers, sliver_height
 from adaptsize.remeshing.tetwild import TetWildBackend
@@ -42,7 +40,7 @@ def first_volume(problem: Problem, run: IsolatedRunner) -> Problem:
     return _inside(problem, raw, "tetwild")
 
 
-def _inside(problem: Problem, raw: RawMesh, generator: str, **known: Any) -> Problem:
+def _inside(problem: Problem, raw: Arrays, generator: str, **known: Any) -> Problem:
     """Return the request to adapt tetrahedra in the surface of another one."""
     volume = restore(raw, problem, generator)
     plain = as_problem("tetrahedra", volume, problem.tolerance / volume.diagonal)
@@ -82,7 +80,7 @@ def _adapted(
 
 
 def adapt_surface(
-    surface: SimplexMesh, ridges: IntArray, size: Size, tolerance: float, run: Runner
+    surface: SimplexMesh, ridges: IntArray, size: Size, tolerance: float, run: IsolatedRunner
 ) -> tuple[SimplexMesh, IntArray]:
     """Return a surface with the requested edge lengths, and the ridges as they are divided now.
 
@@ -103,24 +101,12 @@ def adapt_surface(
         If Mmg fails.
     """
     regions, tags = number_regions(surface)
-    none = np.empty(0, np.int32)
-    facets = Facets(none.reshape(0, 2), none, none.astype(bool), none.astype(np.int64), False)
-    problem = Problem("surface", surface, tolerance, facets, regions, tags, ridges=ridges)
-    made, options = job_of(problem)
-    factor = 1.0
+    problem = Problem(
+        "surface", surface, tolerance, Facets(), regions, tags, size=size, ridges=ridges
+    )
     # The first run, on triangles of all shapes, makes too many, and the more the smaller its
     # ``hausd``.  The second one corrects that.
-    for hausd in _HAUSD:
-        options["hausd"] = hausd * tolerance
-        sizes = factor * size(made["points"])
-        made = run_adapt(made, sizes, options, run, "adapting the surface with Mmg")
-        if len(made["cells"]) == 0:
-            raise BackendError("mmg returned an empty surface")
-        share, median = band_and_median(size, made)
-        if share >= GOOD_SHARE:
-            break
-        limit = 1.25
-        factor = float(np.clip(factor / median, 1.0 / limit, limit))
+    made = adapted(problem, _HAUSD, run, largest=1.25, text="adapting the surface with Mmg")
     new_tags = None if surface.cell_tags is None else tags[made["regions"]]
     new = SimplexMesh(
         made["points"], made["cells"], cell_tags=new_tags, tag_names=surface.tag_names

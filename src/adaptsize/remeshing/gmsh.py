@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize.remeshing.protocol import Arrays
+
 #: Gmsh's numbers of element types by their dimension.
 _TYPES = {1: 1, 2: 2}
 
 
-def triangulate(
-    arrays: Mapping[str, npt.NDArray[Any]], options: Mapping[str, Any]
-) -> dict[str, npt.NDArray[Any]]:
+def triangulate(arrays: Arrays, options: Mapping[str, Any]) -> Arrays:
     """Read a CAD file and mesh its faces.
 
     Parameters

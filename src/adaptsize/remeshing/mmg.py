@@ -13,7 +13,7 @@ Observed behaviour that is handled here:
 * Between the sides of plates much thinner than the sizes it may run without end.
 * A gradation at least as steep as the sizes leaves them unchanged.  Without gradation,
   Mmg's own small sizes at curved boundaries end in jumps.
-* Metrics are passed as rows of the upper triangle: xx, xy, yy or xx, xy, xz, yy, yz, zz.  For
+* Metrics are passed as rows of the lower triangle: xx, xy, yy or xx, xy, yy, xz, yz, zz.  For
   these, the gradation is off.
 """
 
@@ -22,7 +22,7 @@ from __future__ import annotations
 import os
 import shutil
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from itertools import combinations
 from pathlib import Path
@@ -33,10 +33,11 @@ import numpy.typing as npt
 
 from adaptsize.errors import BackendError, BackendTimeoutError, ResolutionWarning
 from adaptsize.remeshing._medit import read_medit, write_medit
-from adaptsize.remeshing.protocol import Backend, Problem, Program, RawMesh, Runner, Task
+from adaptsize.remeshing.protocol import Arrays, Backend, Problem, Program, Task
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
+    from adaptsize.remeshing.isolation import IsolatedRunner
     from adaptsize.remeshing.sizing import MetricAt, Size
 
 _RESULT = "out.meshb"
@@ -67,8 +68,7 @@ _ADAPTED_FACTOR = 1.2
 _MAX_TURNS = 3
 #: With a metric, cells of the input are farther from the requested ones.
 _MAX_METRIC_TURNS = 6
-GOOD_SHARE = 0.9
-_LARGEST_FACTOR = 1.1
+_GOOD_SHARE = 0.9
 
 
 class MmgBackend(Backend):
@@ -84,50 +84,86 @@ class MmgBackend(Backend):
     keeps_required_facets = True
     follows_metrics = True
 
-    def solve(self, problem: Problem, run: Runner) -> RawMesh:
+    def solve(self, problem: Problem, run: IsolatedRunner) -> Arrays:
         """Return the adapted mesh with its regions and groups of facets."""
-        assert problem.size is not None
-        made, options = job_of(problem)
-        if problem.is_adapted:  # as in the runs on the surface, see `first_volume`
-            options["hausd"] *= _ADAPTED_FACTOR
-        best, best_share = made, -1.0
-        # From a first volume with a surface of the requested sizes, edges come out shorter by this
-        # factor.
-        factor = 1.06 if problem.is_adapted else 1.0
         most = _MAX_TURNS if problem.metric is None else _MAX_METRIC_TURNS
-        for _ in range(most - int(problem.is_adapted)):
-            try:
-                made = run_adapt(made, _requested(problem, made["points"], factor), options, run)
-            except BackendTimeoutError:
+        hausd = [_TOLERANCE_FACTOR[problem.task]] * most
+        if not problem.is_adapted:
+            return adapted(problem, hausd, run)
+        # From a first volume with a surface of the requested sizes, edges come out shorter by 1.06.
+        try:
+            return adapted(problem, [_ADAPTED_FACTOR] * (most - 1), run, factor=1.06)
+        except BackendTimeoutError:
+            raise
+        except BackendError as error:
+            warnings.warn(
+                "the tetrahedra are those that fill the surface, not adapted to the sizes "
+                f"inside: {error}",
+                ResolutionWarning,
+                stacklevel=5,
+            )
+            return job_of(problem)[0]
+
+
+def adapted(
+    problem: Problem,
+    hausd: Sequence[float],
+    run: IsolatedRunner,
+    *,
+    factor: float = 1.0,
+    largest: float = 1.1,
+    text: str = "adapting with Mmg",
+) -> Arrays:
+    """Return the best of several runs of Mmg, each on the result of the one before.
+
+    Parameters
+    ----------
+    problem : Problem
+    hausd : sequence of float
+        For each run, Mmg's ``hausd`` over the tolerance.  Later runs are left out once enough edges
+        follow the sizes.
+    run : callable
+    factor : float
+        Of the sizes in the first run.  In later ones, the median of the edges over the sizes
+        corrects it.
+    largest : float
+        Limit of this factor.
+    text : str
+        For progress reports.
+
+    Raises
+    ------
+    BackendError
+        If the first run fails.
+    """
+    assert problem.size is not None
+    made, options = job_of(problem)
+    best, best_share = made, -1.0
+    for times in hausd:
+        sizes = _requested(problem, made["points"], factor)
+        try:
+            made = _adapted_once(made, sizes, times * problem.tolerance, options, run, text)
+        except BackendTimeoutError:
+            raise
+        except BackendError:
+            if best_share < 0.0:
                 raise
-            except BackendError as error:
-                if not problem.is_adapted:
-                    raise
-                warnings.warn(
-                    "the tetrahedra are those that fill the surface, not adapted to the sizes "
-                    f"inside: {error}",
-                    ResolutionWarning,
-                    stacklevel=5,
-                )
-                break
-            if len(made["cells"]) == 0:
-                return _raw(made)
-            share, median = band_and_median(problem.size, made, problem.metric)
-            if share > best_share:
-                best, best_share = made, share
-            if share >= GOOD_SHARE:
-                break
-            if median > 0.0:  # Mmg may return coincident nodes
-                factor = float(np.clip(factor / median, 1.0 / _LARGEST_FACTOR, _LARGEST_FACTOR))
-        return _raw(best)
+            break
+        share, median = _band_and_median(problem.size, made, problem.metric)
+        if share > best_share:
+            best, best_share = made, share
+        if share >= _GOOD_SHARE:
+            break
+        if median > 0.0:  # Mmg may return coincident nodes
+            factor = float(np.clip(factor / median, 1.0 / largest, largest))
+    return best
 
 
-def job_of(problem: Problem) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
-    """Return the arrays and options of `MMG`, except for the sizes."""
+def job_of(problem: Problem) -> tuple[Arrays, dict[str, Any]]:
+    """Return the arrays and options of `MMG`, except for the sizes, ``hausd`` and ``hgrad``."""
     task = problem.task
     options = {
         "task": task,
-        "hausd": _TOLERANCE_FACTOR[task] * problem.tolerance,
         "ridge_angle": RIDGE_ANGLE[task],
         "n_regions": int(problem.regions.max()) + 1,
         "n_groups": int(problem.facets.groups.max(initial=-1)) + 1,
@@ -135,7 +171,7 @@ def job_of(problem: Problem) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any
         "open_boundaries": problem.facets.has_free,
         "seconds": problem.seconds,
     }
-    arrays: dict[str, npt.NDArray[Any]] = {
+    arrays: Arrays = {
         "points": problem.mesh.points,
         "cells": problem.mesh.cells,
         "regions": problem.regions,
@@ -146,19 +182,21 @@ def job_of(problem: Problem) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any
     return arrays, options
 
 
-def run_adapt(
-    made: Mapping[str, npt.NDArray[Any]],
+def _adapted_once(
+    made: Arrays,
     sizes: FloatArray,
+    hausd: float,
     options: Mapping[str, Any],
-    run: Runner,
-    text: str = "adapting with Mmg",
+    run: IsolatedRunner,
+    text: str,
 ) -> dict[str, npt.NDArray[Any]]:
     """Run Mmg in a child process, with a gradation that leaves the sizes unchanged.
 
     Raises
     ------
     BackendError
-        If Mmg fails, or returns cells with nodes out of range, as it may for meshes with flaws.
+        If Mmg fails, returns no cells, or cells with nodes out of range, as it may for meshes with
+        flaws.
     """
     hgrad = -1.0
     if sizes.ndim == 1:
@@ -170,12 +208,10 @@ def run_adapt(
             gradient = max(gradient, float(rise.max()))
         # Upper limit of the gradation passed to Mmg.  A larger one has no effect.
         hgrad = float(np.exp(min(gradient, 3.0)))
-    new = run(
-        MMG,
-        text,
-        {**made, "sizes": sizes, "corners": _corners(made, options)},
-        {**options, "hgrad": hgrad},
-    )
+    options = {**options, "hausd": hausd, "hgrad": hgrad}
+    new = run(MMG, text, {**made, "sizes": sizes, "corners": _corners(made, options)}, options)
+    if len(new["cells"]) == 0:
+        raise BackendError("mmg returned an empty mesh")
     # The result is checked as a whole later, but its edges are measured before.
     if not ((new["cells"] >= 0) & (new["cells"] < len(new["points"]))).all():
         raise BackendError("mmg returned cells whose nodes do not exist")
@@ -184,23 +220,14 @@ def run_adapt(
 
 def _requested(problem: Problem, points: FloatArray, factor: float) -> FloatArray:
     """Return sizes times a factor, float64[n], or rows of the metric, float64[n, 3 or 6]."""
-    from adaptsize.remeshing.sizing import upper_triangles
-
     assert problem.size is not None
     if problem.metric is None:
         return factor * problem.size(points)
-    return upper_triangles(problem.metric(points).scaled(factor).matrices)
+    i, j = np.tril_indices(points.shape[1])
+    return np.ascontiguousarray(problem.metric(points).scaled(factor).matrices[:, j, i])
 
 
-def _raw(made: Mapping[str, npt.NDArray[Any]]) -> RawMesh:
-    return RawMesh(
-        made["points"], made["cells"], made["regions"], made["facets"], made["facet_groups"]
-    )
-
-
-def band_and_median(
-    size: Size, made: Mapping[str, npt.NDArray[Any]], metric: MetricAt | None = None
-) -> tuple[float, float]:
+def _band_and_median(size: Size, made: Arrays, metric: MetricAt | None) -> tuple[float, float]:
     """Return the share of edges within sqrt 2 of the requested length, and the median ratio.
 
     If there are many edges, an even sample of them is taken.
@@ -218,9 +245,7 @@ def band_and_median(
     return float(is_in_band(ratio).mean()), float(np.median(ratio))
 
 
-def _write_job(
-    folder: Path, arrays: Mapping[str, npt.NDArray[Any]], options: Mapping[str, Any]
-) -> list[str]:
+def _write_job(folder: Path, arrays: Arrays, options: Mapping[str, Any]) -> list[str]:
     """Write the input of Mmg, and return the command.
 
     Parameters
@@ -247,8 +272,6 @@ def _write_job(
         blocks["edges"] = [ridges, np.full(len(ridges), _RIDGE, np.int32)]
         blocks["ridges"] = [_from_one(np.arange(len(ridges)))]
     dim, sizes = points.shape[1], np.asarray(arrays["sizes"], np.float64)
-    if sizes.ndim == 2 and dim == 3:  # Medit stores the lower triangle
-        sizes = sizes[:, [0, 1, 3, 2, 4, 5]]
     write_medit(
         folder / "in.meshb", dim, {name: rows for name, rows in blocks.items() if len(rows[0])}
     )
@@ -298,9 +321,7 @@ def _executable(task: str) -> str:
     return found
 
 
-def _corners(
-    made: Mapping[str, npt.NDArray[Any]], options: Mapping[str, Any]
-) -> npt.NDArray[np.int32]:
+def _corners(made: Arrays, options: Mapping[str, Any]) -> npt.NDArray[np.int32]:
     """Return the nodes at which curves must not be rounded.
 
     These are the ends of required edges in the plane, and nodes of the boundary, of feature edges
@@ -318,7 +339,7 @@ def _corners(
     return np.union1d(ends, kept).astype(np.int32)
 
 
-def _curves(made: Mapping[str, npt.NDArray[Any]], task: str) -> npt.NDArray[np.int32]:
+def _curves(made: Arrays, task: str) -> npt.NDArray[np.int32]:
     """Return the edges in space that Mmg keeps on curves, int32[n, 2]."""
     from adaptsize.background import SimplexMesh
     from adaptsize.background.topology import are_among, regions_beside

@@ -20,12 +20,11 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize.errors import BackendError
 from adaptsize.geometry.enclosed import enclosed_measure, is_oriented
 from adaptsize.remeshing.isolation import IsolatedRunner
-from adaptsize.remeshing.protocol import RawMesh
+from adaptsize.remeshing.protocol import Arrays
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
@@ -39,14 +38,14 @@ _SECONDS_PER_TRIANGLE = 1e-3
 _PATIENCE = 5.0
 
 
-def fill(surface: SimplexMesh, run: IsolatedRunner) -> RawMesh | None:
+def fill(surface: SimplexMesh, run: IsolatedRunner) -> Arrays | None:
     """Return tetrahedra whose boundary is exactly ``surface``.
 
     Returns
     -------
-    RawMesh or None
-        The first points are those of the surface.  None if Netgen is not installed, the
-        surface is not closed, or Netgen fails.
+    mapping of str to array, or None
+        ``points`` and ``cells``.  The first points are those of the surface.  None if Netgen is
+        not installed, the surface is not closed, or Netgen fails.
     """
     if not can_fill(surface):
         return None
@@ -63,7 +62,7 @@ def fill(surface: SimplexMesh, run: IsolatedRunner) -> RawMesh | None:
         )
     except BackendError:
         return None
-    return RawMesh(made["points"], made["cells"]) if _fills(made, surface) else None
+    return made if _fills(made, surface) else None
 
 
 def can_fill(surface: SimplexMesh) -> bool:
@@ -71,7 +70,7 @@ def can_fill(surface: SimplexMesh) -> bool:
     return find_spec("netgen") is not None and is_oriented(surface)
 
 
-def _fills(made: Mapping[str, npt.NDArray[Any]], surface: SimplexMesh) -> bool:
+def _fills(made: Arrays, surface: SimplexMesh) -> bool:
     """Whether the cells are positive, and their boundary is the surface."""
     from adaptsize.background import SimplexMesh
     from adaptsize.background.topology import unique_rows
@@ -89,9 +88,7 @@ def _fills(made: Mapping[str, npt.NDArray[Any]], surface: SimplexMesh) -> bool:
     return len(boundary) == surface.n_cells == len(unique_rows(rows, mesh.n_points)[0])
 
 
-def tetrahedralize(
-    arrays: Mapping[str, npt.NDArray[Any]], _options: Mapping[str, Any]
-) -> dict[str, npt.NDArray[Any]]:
+def tetrahedralize(arrays: Arrays, _options: Mapping[str, Any]) -> Arrays:
     """Call Netgen.  Runs in the child process.
 
     Parameters

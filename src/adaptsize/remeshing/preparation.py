@@ -15,7 +15,7 @@ from adaptsize.background.topology import compacted, places_among, regions_besid
 from adaptsize.errors import BackendError, InputWarning
 from adaptsize.metrics import Metric
 from adaptsize.remeshing.acceptance import refuse_other_domain
-from adaptsize.remeshing.protocol import NO_TAG, Facets, Problem, RawMesh, Task
+from adaptsize.remeshing.protocol import NO_TAG, Arrays, Facets, Problem, Task
 from adaptsize.remeshing.sizing import MetricAt, Size
 from adaptsize.typing import FloatArray, IntArray
 
@@ -252,7 +252,7 @@ class Frame(NamedTuple):
         return new.moved(points)
 
 
-def restore(raw: RawMesh, problem: Problem, backend: str) -> SimplexMesh:
+def restore(raw: Arrays, problem: Problem, backend: str) -> SimplexMesh:
     """Return a checked mesh with the tags of the old one.
 
     Regions and tags that the generator lost are looked up in the old mesh.  The region of a cell
@@ -271,7 +271,7 @@ def restore(raw: RawMesh, problem: Problem, backend: str) -> SimplexMesh:
     old = problem.mesh
     cell_tags = None
     if old.cell_tags is not None and problem.task != "surface to tetrahedra":
-        regions = raw.regions
+        regions = raw.get("regions")
         if regions is None:
             regions = problem.regions[old.locator.nearest(points[cells].mean(axis=1))[0]]
         cell_tags = problem.region_tags[regions]
@@ -280,8 +280,8 @@ def restore(raw: RawMesh, problem: Problem, backend: str) -> SimplexMesh:
         if cell_tags is None and not old.tag_names:
             return plain
         return SimplexMesh(points, cells, cell_tags=cell_tags, tag_names=old.tag_names)
-    if raw.facets is not None and raw.facet_groups is not None:
-        found, tags = nodes[raw.facets], problem.facets.tag_of_group[raw.facet_groups]
+    if "facets" in raw:
+        found, tags = nodes[raw["facets"]], problem.facets.tag_of_group[raw["facet_groups"]]
     else:
         found, tags = _tags_there(SimplexMesh(points, cells, cell_tags=cell_tags), problem)
     tagged = (tags != NO_TAG) & (found >= 0).all(axis=1)
@@ -295,9 +295,9 @@ def restore(raw: RawMesh, problem: Problem, backend: str) -> SimplexMesh:
     )
 
 
-def _checked(raw: RawMesh, backend: str) -> tuple[FloatArray, IntArray, IntArray]:
+def _checked(raw: Arrays, backend: str) -> tuple[FloatArray, IntArray, IntArray]:
     """Return the used points, cells with positive measures, and the map of the nodes."""
-    points, cells = np.asarray(raw.points, np.float64), np.array(raw.cells, np.int32)
+    points, cells = np.asarray(raw["points"], np.float64), np.array(raw["cells"], np.int32)
     if len(cells) == 0:
         raise BackendError(f"{backend} returned an empty mesh")
     if cells.min() < 0 or cells.max() >= len(points):
@@ -316,13 +316,6 @@ def _checked(raw: RawMesh, backend: str) -> tuple[FloatArray, IntArray, IntArray
             count = int((volumes <= 0.0).sum())
             raise BackendError(f"{backend} returned {count} inverted or flat cells")
     return points, cells, new_number
-
-
-def inside_only(raw: RawMesh, problem: Problem) -> RawMesh:
-    """Return the cells whose centroids lie in the old mesh."""
-    centroids = np.asarray(raw.points)[raw.cells].mean(axis=1)
-    distances = problem.mesh.locator.nearest(centroids)[2]
-    return RawMesh(raw.points, raw.cells[distances <= 1e-12 * problem.mesh.diagonal])
 
 
 def _tags_there(new: SimplexMesh, problem: Problem) -> tuple[IntArray, npt.NDArray[np.int64]]:

@@ -15,6 +15,7 @@ from adaptsize.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:  # the child processes do not need the mesh classes
     from adaptsize.background import SimplexMesh
+    from adaptsize.remeshing.isolation import IsolatedRunner
     from adaptsize.remeshing.sizing import MetricAt
 
 #: The task: fill a surface with tetrahedra, or remesh with the same kind of cells.
@@ -33,29 +34,19 @@ class Program(NamedTuple):
     """Returns the arrays in this file."""
 
 
-class Runner(Protocol):
-    """Runs a program or a function of arrays in a child; see ``isolation.IsolatedRunner``."""
-
-    def __call__(
-        self, job: Program | str, text: str, arrays: Arrays, options: Mapping[str, Any]
-    ) -> dict[str, npt.NDArray[Any]]:
-        """Do a job ("module:name" for a function), report ``text`` meanwhile, return arrays."""
-        ...
-
-
 class Facets(NamedTuple):
-    """The facets that a generator must preserve, in groups that stay separate."""
+    """The facets that a generator must preserve, in groups that stay separate; none by default."""
 
-    nodes: IntArray
+    nodes: IntArray = np.empty((0, 2), np.int32)
     """int32[n, cell_dim], rows sorted: boundary, interfaces, tagged, required."""
-    groups: IntArray
+    groups: IntArray = np.empty(0, np.int32)
     """int32[n]: 0, 1, ...  Facets of one group have the same tag and adjacent regions, and all or
     none are required."""
-    required: npt.NDArray[np.bool_]
+    required: npt.NDArray[np.bool_] = np.empty(0, np.bool_)
     """bool[n]: which of them must not change."""
-    tag_of_group: npt.NDArray[np.int64]
+    tag_of_group: npt.NDArray[np.int64] = np.empty(0, np.int64)
     """Tag of each group; ``NO_TAG`` for facets without one."""
-    has_free: bool
+    has_free: bool = False
     """Whether some facets lie inside one region."""
 
 
@@ -110,27 +101,6 @@ class Problem:
     seconds: float = np.inf
 
 
-@dataclass(frozen=True)
-class RawMesh:
-    """The result of an adapter: arrays that are not checked yet.
-
-    Attributes
-    ----------
-    points : float64[n_points, dim]
-    cells : int32[n_cells, k + 1]
-    regions : int32[n_cells] or None
-        As in ``Problem``.  None if the generator does not preserve them.
-    facets, facet_groups : int32[n, k], int32[n], or None
-        The same for facets.
-    """
-
-    points: FloatArray
-    cells: IntArray
-    regions: IntArray | None = None
-    facets: IntArray | None = None
-    facet_groups: IntArray | None = None
-
-
 class Backend(Protocol):
     """An adapter to one mesh generator: a class with these attributes and the method ``solve``.
 
@@ -169,6 +139,20 @@ class Backend(Protocol):
         """Whether the package can be imported."""
         return find_spec(self.package) is not None
 
-    def solve(self, problem: Problem, run: Runner) -> RawMesh:
-        """Return the new mesh."""
+    def solve(self, problem: Problem, run: IsolatedRunner) -> Arrays:
+        """Return the new mesh, which is checked by the caller.
+
+        Parameters
+        ----------
+        problem : Problem
+        run : callable
+            Runs a function of arrays, ``"module:name"``, or a `Program` in a child process.
+
+        Returns
+        -------
+        mapping of str to array
+            ``points``, float64[n_points, dim], and ``cells``, int32[n_cells, k + 1].  If the
+            generator preserves them also ``regions``, int32[n_cells], ``facets``, int32[n, k],
+            and ``facet_groups``, int32[n], numbered as in ``problem``.
+        """
         ...

@@ -234,9 +234,3 @@ def mean_size(metric: MetricAt, cell_dim: int) -> Size:
         return np.asarray(np.exp(np.log(metric(points).sizes[:, :cell_dim]).mean(axis=1)))
 
     return size
-
-
-def upper_triangles(matrices: FloatArray) -> FloatArray:
-    """Return the rows of the upper triangles, float64[n, dim (dim + 1) / 2]."""
-    i, j = np.triu_indices(matrices.shape[-1])
-    return np.ascontiguousarray(matrices[:, i, j])

@@ -14,13 +14,16 @@ import sys
 import warnings
 from collections.abc import Mapping
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize.errors import BackendError, BackendTimeoutError, ResolutionWarning
-from adaptsize.remeshing.protocol import Backend, Problem, RawMesh, Runner, Task
+from adaptsize.remeshing.protocol import Arrays, Backend, Problem, Task
+
+if TYPE_CHECKING:
+    from adaptsize.remeshing.isolation import IsolatedRunner
 
 #: If fTetWild fails, it is run again with this times the tolerance.  On two cubes that overlap it
 #: crashed in each run at .02 of the diagonal, and not at .005.
@@ -35,7 +38,7 @@ class TetWildBackend(Backend):
     install = 'pip install "pytetwild>=0.4.2,<0.5"'
     tasks: frozenset[Task] = frozenset({"surface to tetrahedra", "tetrahedra"})
 
-    def solve(self, problem: Problem, run: Runner) -> RawMesh:
+    def solve(self, problem: Problem, run: IsolatedRunner) -> Arrays:
         """Return tetrahedra, without regions and facets."""
         mesh = problem.mesh
         faces = mesh.cells if problem.task == "surface to tetrahedra" else problem.facets.nodes
@@ -59,18 +62,15 @@ class TetWildBackend(Backend):
             # needed.
             options["coarsen"] = options["edge_length"] > (1.0 / 12.0) * mesh.diagonal
         made = _run_twice(run, arrays, options)
-        raw = RawMesh(made["points"], made["cells"])
         if options["filtered"]:
-            return raw
-        # Interfaces would disturb the winding number that separates inside from outside.
-        from adaptsize.remeshing.preparation import inside_only
+            return made
+        # Interfaces would disturb the winding number that separates inside from outside.  Instead,
+        # the cells whose centroids lie in the old mesh are kept.
+        off = mesh.locator.nearest(made["points"][made["cells"]].mean(axis=1))[2]
+        return {**made, "cells": made["cells"][off <= 1e-12 * mesh.diagonal]}
 
-        return inside_only(raw, problem)
 
-
-def _run_twice(
-    run: Runner, arrays: dict[str, npt.NDArray[Any]], options: dict[str, Any]
-) -> dict[str, npt.NDArray[Any]]:
+def _run_twice(run: IsolatedRunner, arrays: Arrays, options: dict[str, Any]) -> Arrays:
     """Run fTetWild, and if it fails, again with a smaller tolerance.
 
     Raises
@@ -78,23 +78,19 @@ def _run_twice(
     BackendError
         That of the first run, if both fail.
     """
-    function, text = "adaptsize.remeshing.tetwild:tetrahedralize", "tetrahedralizing with fTetWild"
+    job = "adaptsize.remeshing.tetwild:tetrahedralize", "tetrahedralizing with fTetWild", arrays
     try:
-        return run(function, text, arrays, options)
-    except BackendTimeoutError:
-        raise
+        return run(*job, options)
     except BackendError as error:
         # A larger tolerance, over the diagonal, is the likely cause of the failure, and so is a
         # quarter of it.  With 1000 the second run did not end.
-        if options["epsilon"] > 0.1:
+        if isinstance(error, BackendTimeoutError) or options["epsilon"] > 0.1:
             raise
         failure = error
     try:
-        made = run(function, text, arrays, options | {"epsilon": _SECOND * options["epsilon"]})
-    except BackendTimeoutError:
-        raise
-    except BackendError:
-        raise failure from None
+        made = run(*job, options | {"epsilon": _SECOND * options["epsilon"]})
+    except BackendError as error:
+        raise error if isinstance(error, BackendTimeoutError) else failure from None
     warnings.warn(
         f"fTetWild was run again with {_SECOND:g} times the tolerance: {failure}",
         ResolutionWarning,
@@ -103,9 +99,7 @@ def _run_twice(
     return made
 
 
-def tetrahedralize(
-    arrays: Mapping[str, npt.NDArray[Any]], options: Mapping[str, Any]
-) -> dict[str, npt.NDArray[Any]]:
+def tetrahedralize(arrays: Arrays, options: Mapping[str, Any]) -> Arrays:
     """Call pytetwild.  Runs in the child process.
 
     Parameters
