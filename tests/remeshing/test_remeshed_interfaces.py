@@ -1,13 +1,14 @@
 """Boundary and interfaces stay within the tolerance, also where they are coarse and curved."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 from shapes import block, two_region_block
 
-from adaptsize import SimplexMesh, check_mesh, remesh, size_function
+from adaptsize import SimplexMesh, check_mesh, read, remesh, size_function
 from adaptsize._kernels.smoothing import fill_quality
 from adaptsize.background.splitting import bisect_edges
 from adaptsize.background.topology import are_among
@@ -51,6 +52,16 @@ def test_a_coarse_ball_in_a_cube_keeps_its_interface_and_its_volume(n_nodes, tim
     # A sphere through the nodes is larger by 10 and by 1.5 %.
     assert after[2] == pytest.approx(before[2], rel=2e-3)
     assert after[1] + after[2] == pytest.approx(1.0, rel=1e-9)
+
+
+def test_an_interface_of_facets_as_long_as_the_sizes_does_not_spoil_the_number():
+    # Some of its edges would bulge by more than a quarter of the tolerance, and most would not.
+    pytest.importorskip("mmgpy")
+    mesh = read(Path(__file__).parents[2] / "data" / "block.vtu")
+    size = size_function(mesh, max_elements=8000)
+    new = remesh(mesh, size, tolerance=size.report.tolerance, hmax=size.report.hmax)
+    assert new.n_cells == pytest.approx(size.report.n_elements, rel=0.15)
+    assert check_mesh(new, original=mesh, size=size, tolerance=size.report.tolerance).is_met
 
 
 def test_an_interface_that_has_moved_is_no_mesh_of_the_same_regions():

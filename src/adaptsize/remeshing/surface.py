@@ -67,7 +67,8 @@ def refine_surface(
     mesh, _ = _without_slivers(mesh, height)
     mesh = _with_better_facets(mesh)
     # Mmg makes cells too small beside ridges that are closer than the sizes, so that they are few.
-    kept = _edges_to_keep(mesh, 0.5 * tolerance)
+    bent, bulges = _bulges(mesh)
+    kept = bent[bulges > 0.5 * tolerance]
     while True:
         middles = mesh.points[mesh.edges].mean(axis=1)
         # Edges are divided until they are four sizes long, or there are too many triangles.
@@ -105,7 +106,11 @@ def refine_facets(mesh: SimplexMesh, size: Size, tolerance: float) -> tuple[Simp
         Edges that must not be rounded, rows sorted.
     """
     surface = facets_of(mesh)
-    kept = _edges_to_keep(surface, 0.25 * tolerance)
+    bent, bulges = _bulges(surface)
+    # Where single edges of a smooth surface are ridges, Mmg makes cells too small beside their
+    # ends.  If most edges need not be ridges, the others are only if they must.
+    most = np.count_nonzero(bulges > 0.25 * tolerance) > 0.5 * len(bent)
+    kept = bent[bulges > (0.25 if most else 0.5) * tolerance]
     while mesh.cell_dim == 3:
         beside = np.isin(surface.cells, kept).any(axis=1)
         long = are_among(mesh.edges, edges_of(surface.cells[beside], mesh.n_points))
@@ -156,8 +161,8 @@ def _with_better_facets(mesh: SimplexMesh) -> SimplexMesh:
     return flip_edges(mesh, np.concatenate([folds.bent, folds.sharp]))
 
 
-def _edges_to_keep(mesh: SimplexMesh, bulge: float) -> IntArray:
-    """Return the edges, not sharp, at which a smooth surface would bulge farther.
+def _bulges(mesh: SimplexMesh) -> tuple[IntArray, FloatArray]:
+    """Return the bent edges that are not sharp, and how far a smooth surface bulges there.
 
     A smooth surface through the corners of a triangle of height l bulges by about l a / 8 if its
     normal turns by the angle a on the way to the next triangle.
@@ -167,7 +172,7 @@ def _edges_to_keep(mesh: SimplexMesh, bulge: float) -> IntArray:
     one, other = normals.facet_cells[bent].T
     sine = np.linalg.norm(np.cross(normals.normals[one], normals.normals[other]), axis=1)
     height = 2.0 * np.maximum(normals.areas[one], normals.areas[other]) / mesh.edge_lengths[bent]
-    return np.asarray(mesh.edges[bent][sine * height / 8.0 > bulge])
+    return mesh.edges[bent], np.asarray(sine * height / 8.0)
 
 
 def _ridges(mesh: SimplexMesh, kept: IntArray, size: Size) -> IntArray:
