@@ -94,8 +94,10 @@ def test_soup_is_repaired_and_the_repairs_are_counted():
     soup = triangle_soup()
     cube = CUBE.boundary().mesh
     message = f"{soup.n_points - cube.n_points} duplicate points merged, 2 degenerate or duplicate"
-    with pytest.warns(InputWarning, match=message):
-        repaired = repair_mesh(soup)
+    repaired = repair_mesh(soup)
+    assert message in repaired.repairs
+    with pytest.warns(InputWarning, match=message), pytest.raises(TooManyElementsError):
+        remesh(soup, 1e-5)
     assert (repaired.mesh.n_points, repaired.mesh.n_cells) == (cube.n_points, cube.n_cells)
     assert repaired.mesh.is_closed
     assert np.array_equal(soup.points[repaired.nodes], repaired.mesh.points)
@@ -110,9 +112,9 @@ def test_points_are_merged_up_to_the_merge_distance_also_across_a_lattice_border
     border = np.floor(1.0 / merge_distance) + 0.5  # where rounding to a lattice changes
     x = (border + np.array([-0.5, 0.5]) * apart) * merge_distance
     points = [[0, 0, 0], [0, 2, 0], [x[0], 0, 0], [x[1], 0, 0], [0, 2, 0], [1, 2, 0]]
-    with pytest.warns(InputWarning, match=f"{n_merged} duplicate points merged, 0 degenerate"):
-        repaired = repair_mesh(SimplexMesh(points, [[0, 2, 1], [3, 5, 4]])).mesh
-    assert repaired.n_points == 6 - n_merged
+    repaired = repair_mesh(SimplexMesh(points, [[0, 2, 1], [3, 5, 4]]))
+    assert f"{n_merged} duplicate points merged, 0 degenerate" in repaired.repairs
+    assert repaired.mesh.n_points == 6 - n_merged
 
 
 def test_a_slit_in_tetrahedra_stays_open():

@@ -251,7 +251,7 @@ def test_a_failure_of_mmg_leaves_ftetwild(first_volumes, monkeypatch):
 def test_ftetwild_takes_over_where_netgen_fails_and_another_number_is_told(
     first_volumes, monkeypatch
 ):
-    monkeypatch.setattr(driver, "_estimate", lambda problem: 100.0)
+    monkeypatch.setattr(driver, "_number_of_cells", lambda *_: 100.0)
     with (
         pytest.warns(OpenSurfaceWarning, match="bodies 1 and 2 overlap"),
         pytest.warns(ResolutionWarning, match=r"about \d+ elements instead of the predicted 100"),

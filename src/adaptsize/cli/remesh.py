@@ -67,12 +67,10 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     from adaptsize._formats.provenance import write_provenance
     from adaptsize.domain_size.elements import mesh_with_sizes, report_of, tolerance_of
     from adaptsize.remeshing.preparation import repair_mesh
-    from adaptsize.remeshing.registry import check_installed
     from adaptsize.reporting.outcome import outcome_of_remeshing
 
     plot, page = given.pop("plot", None), given.pop("report", None)
     files.check_files([file], output, "mesh", plot=plot, report=page)
-    check_installed(given.get("backend", "auto"))
     as_tolerance("tolerance", given.get("tolerance", TOLERANCE))
     with console.steps(5) as steps:
         steps.begin("reading")
@@ -99,9 +97,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         files.write_result(console, output, new)
         write_provenance(output, _provenance(file, given, as_dict(report), allowed, new))
         steps.begin("checks")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ads.errors.InputWarning)  # printed by `remesh`
-            repaired = repair_mesh(mesh).mesh
+        repaired = repair_mesh(mesh).mesh
         outcome = outcome_of_remeshing(new, repaired, size, allowed, given.get("elements"))
         files.draw(console, "size", plot, new)
         if page is not None:
@@ -208,34 +204,18 @@ def _accepted(
         this is ``strict``.
     """
     from adaptsize.remeshing.hole_filling import close_holes, merged_surface
-    from adaptsize.remeshing.surface_checks import near_bodies, open_boundary, overlapping_bodies
+    from adaptsize.remeshing.surface_checks import doubts, open_boundary
 
-    holes = open_boundary(mesh, tolerance)
-    if close and holes is not None:
+    holes = open_boundary(mesh, tolerance) if close else None
+    if holes is not None:
         closed = close_holes(mesh)
         console.record(closed_boundary=vars(holes))
         count = closed.n_cells - merged_surface(mesh).n_cells  # STL files repeat triangles
         console.say(f"surface closed by {count} triangles; it had {holes}")
         mesh = closed
-    elif holes is not None:
-        console.record(open_boundary=vars(holes))
+    for name, found, text in doubts(mesh, tolerance):
+        console.record(**{name: vars(found)})
         if strict:
-            raise ValueError(f"the surface is open: {holes}; see --close and --target triangles")
-        console.warn(
-            f"the surface is open: {holes}; the mesh generator closes or drops what is "
-            "not clearly enclosed; consider --close, --target triangles or --strict"
-        )
-    overlapping = overlapping_bodies(mesh)
-    if overlapping is not None:
-        console.record(overlapping_bodies=vars(overlapping))
-        if strict:
-            raise ValueError(f"{overlapping}; join the bodies before meshing")
-        console.warn(f"{overlapping}; the mesh generator fills their union")
-    near = near_bodies(mesh, tolerance, overlapping=overlapping)
-    if near is not None:
-        console.record(near_bodies=vars(near))
-        text = f"{near}, less than the tolerance of {tolerance:.3g}"
-        if strict:
-            raise ValueError(f"{text}; lower --tolerance")
-        console.warn(f"{text}: they may be joined; lower --tolerance to keep them apart")
+            raise ValueError(text)
+        console.warn(text)
     return mesh

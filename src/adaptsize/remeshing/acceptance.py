@@ -11,7 +11,7 @@ import numpy as np
 
 from adaptsize._checks import place_text
 from adaptsize.background import SimplexMesh
-from adaptsize.background.interfaces import interfaces, skin_of
+from adaptsize.background.interfaces import skin_of
 from adaptsize.errors import (
     BackendError,
     BackendTimeoutError,
@@ -20,10 +20,10 @@ from adaptsize.errors import (
     ResolutionWarning,
 )
 from adaptsize.quality import check_mesh
-from adaptsize.quality.boundary import topology_of
+from adaptsize.quality.boundary import interface_distances, topology_of
 from adaptsize.quality.certificate import MeshCheck
 from adaptsize.remeshing.protocol import Problem, Task
-from adaptsize.remeshing.registry import available_backends
+from adaptsize.remeshing.registry import able_backends
 from adaptsize.remeshing.sizing import Size
 from adaptsize.typing import FloatArray
 
@@ -43,15 +43,20 @@ def refuse_other_domain(new: SimplexMesh, problem: Problem, backend: str) -> Non
     # corners give less.
     far = max(0.05 * old.diagonal, 10.0 * problem.tolerance)
     ends = np.stack([[mesh.points.min(axis=0), mesh.points.max(axis=0)] for mesh in (new, old)])
-    _refuse_beyond(far, float(np.abs(ends[0] - ends[1]).max()), "bounding box", problem, backend)
+    off = {"bounding box": float(np.abs(ends[0] - ends[1]).max())}
     old_skin = skin_of(old)[0]
-    if not old_skin.is_closed:
-        return
-    # An inner part of a surface may end up inside the volume, hence not the boundary of new.
-    lost = _farthest(old_skin.points, new, far)[0]
-    added = _farthest(skin_of(new)[0].points, old_skin, far)[0]
-    _refuse_beyond(far, max(lost, added), "boundary", problem, backend)
-    if old.cell_dim == new.cell_dim == new.dim:
+    if old_skin.is_closed:
+        # An inner part of a surface may end up inside the volume, hence not the boundary of new.
+        lost = _farthest(old_skin.points, new, far)[0]
+        off["boundary"] = max(lost, _farthest(skin_of(new)[0].points, old_skin, far)[0])
+    for what, distance in off.items():
+        if distance > far:
+            raise BackendError(
+                f"{backend} returned a mesh of another domain: its {what} is off by "
+                f"{distance / old.diagonal:.2g} of the diagonal, at most "
+                f"{far / old.diagonal:.2g} is accepted"
+            )
+    if old_skin.is_closed and old.cell_dim == new.cell_dim == new.dim:
         change = float(new.measures.sum() / old.measures.sum() - 1.0)
         # Allowed change of the volume or area of a mesh.
         allowed = max(0.25, problem.tolerance * old_skin.measures.sum() / old.measures.sum())
@@ -59,15 +64,6 @@ def refuse_other_domain(new: SimplexMesh, problem: Problem, backend: str) -> Non
             raise BackendError(
                 f"{backend} returned a mesh of another domain: its measure differs by {change:+.0%}"
             )
-
-
-def _refuse_beyond(far: float, distance: float, what: str, problem: Problem, backend: str) -> None:
-    if distance > far:
-        share = distance / problem.mesh.diagonal
-        raise BackendError(
-            f"{backend} returned a mesh of another domain: its {what} is off by {share:.2g} of the "
-            f"diagonal, at most {far / problem.mesh.diagonal:.2g} is accepted"
-        )
 
 
 def warn_of_deviation(
@@ -97,59 +93,39 @@ def warn_of_deviation(
     # Distances of a boundary over the tolerance that are warned of.  Mmg on a first volume by
     # fTetWild reaches 4 times the tolerance, everything else less.
     far = 4.0 * tolerance
-    deviations: tuple[tuple[str, float, FloatArray], ...] = (
-        (
-            "the mesh misses part of the domain: its boundary is",
-            *_farthest(old_skin.points, new, far),
-        ),
-        ("the boundary of the mesh is", *_farthest(skin.points, old_skin, far)),
-    )
-    inside = [interfaces(mesh) for mesh in (new, old) if mesh.cell_dim == mesh.dim]
-    surfaces = [one[0] for one in inside if one is not None]
-    if len(surfaces) == 2:
-        made, given = surfaces
-        deviations += (
-            ("an interface of the mesh is", *_farthest(made.points, given, far)),
-            ("the mesh misses part of an interface: it is", *_farthest(given.points, made, far)),
-        )
-    what, distance, where = max(deviations, key=lambda deviation: deviation[1])
+    off = {
+        "the mesh misses part of the domain: its boundary is": _farthest(old_skin.points, new, far),
+        "the boundary of the mesh is": _farthest(skin.points, old_skin, far),
+    }
+    names = "the mesh misses part of an interface: it is", "an interface of the mesh is"
+    for what, found in zip(names, interface_distances(new, old), strict=False):
+        if found.largest > far:
+            off[what] = found.largest, found.points[found.distance.argmax()]
+    what, (distance, where) = max(off.items(), key=lambda item: item[1][0])
     advice = "lower the tolerance if thin parts are lost, or use strict=True"
-    if distance == 0.0 and not may_be_joined:
+    if distance == 0.0 and may_be_joined:
+        return
+    if distance == 0.0:
         distance, where = _farthest(old_skin.points, skin, far)
         what = "the mesh fills both sides of a part of the surface: its boundary is"
         advice = "a body inside another one is a cavity only if its triangles have the other side"
-    if distance == 0.0:
-        if not may_be_joined:
-            _warn_of_topology(skin, old_skin)
-        return
-    place = place_text(where, 4)
-    warnings.warn(
-        f"{what} {distance:.3g} from the given one at {place}, where the tolerance is "
-        f"{tolerance:.3g}; {advice}",
-        BoundaryWarning,
-        stacklevel=3,
-    )
-
-
-def _warn_of_topology(skin: SimplexMesh, old_skin: SimplexMesh) -> None:
-    """Warn if a boundary has other components or handles than a given closed manifold.
-
-    A thin wall or gap may be lost within the distance that is not warned of.
-    """
-    old = topology_of(old_skin)
-    if old is None:
-        return
-    new = topology_of(skin)
-    if new is not None and new[:2] == old[:2]:
-        return
-    found = "no closed manifold" if new is None else new
-    warnings.warn(
-        f"the boundary of the mesh has another topology than the given one: {found}, given: "
-        f"{old}; walls or gaps about as thin as the tolerance may be lost or filled; lower the "
-        "tolerance or use strict=True",
-        BoundaryWarning,
-        stacklevel=4,
-    )
+    if distance > 0.0:
+        text = f"{what} {distance:.3g} from the given one at {place_text(where, 4)}, where the "
+        text += f"tolerance is {tolerance:.3g}"
+    else:
+        # A thin wall or gap may be lost within the distance that is not warned of.
+        before, after = topology_of(old_skin), topology_of(skin)
+        if before is None or (after is not None and after[:2] == before[:2]):
+            return
+        text = (
+            "the boundary of the mesh has another topology than the given one: "
+            f"{after or 'no closed manifold'}, given: {before}"
+        )
+        advice = (
+            "walls or gaps about as thin as the tolerance may be lost or filled; lower the "
+            "tolerance or use strict=True"
+        )
+    warnings.warn(f"{text}; {advice}", BoundaryWarning, stacklevel=3)
 
 
 def _farthest(points: FloatArray, mesh: SimplexMesh, far: float) -> tuple[float, FloatArray]:
@@ -262,10 +238,8 @@ def routes(task: Task, backend: str, chosen: str, *, keep_facets: bool) -> Itera
     """Yield the routes to try: a smaller tolerance, for "auto" other generators, the smallest."""
     names = [chosen]
     if backend == "auto":
-        for name, info in available_backends().items():
-            fits = task in info.tasks and info.keeps_required_facets >= keep_facets
-            if info.installed and fits and name != chosen:
-                names.append(name)
+        able = able_backends(task, keep_facets=keep_facets)
+        names += [other.name for other in able if other.installed and other.name != chosen]
     # Tolerances passed to a generator, over the allowed one.  Generators keep a smaller tolerance
     # than the one they are given, at most 2.2 times.
     yield from (Route(name, factor) for name in names for factor in (1.0, 0.4))

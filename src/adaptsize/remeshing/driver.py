@@ -12,6 +12,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._checks import as_index_array
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import PartitionedMesh, SimplexMesh
@@ -19,6 +20,7 @@ from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import (
     BackendError,
     BackendTimeoutError,
+    InputWarning,
     ResolutionWarning,
     TooManyElementsError,
 )
@@ -33,14 +35,15 @@ from adaptsize.remeshing.in_parts import remesh_parts
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.preparation import (
     Frame,
+    RepairedMesh,
     as_problem,
-    as_required,
     repair_mesh,
     restore,
 )
 from adaptsize.remeshing.protocol import Backend, Problem, Task
 from adaptsize.remeshing.registry import choose_backend
 from adaptsize.remeshing.sizing import (
+    MetricAt,
     SizeLike,
     as_metric_at,
     as_size,
@@ -53,7 +56,7 @@ from adaptsize.remeshing.surface_checks import warn_of_surface
 from adaptsize.remeshing.tetwild import TetWildBackend
 from adaptsize.sizes import Enclosed, predict
 from adaptsize.sizes.budget import count_elements
-from adaptsize.typing import ProgressCallback, Unpack
+from adaptsize.typing import IntArray, ProgressCallback, Unpack
 
 M = TypeVar("M", SimplexMesh, PartitionedMesh)
 
@@ -183,18 +186,18 @@ def remesh(
             raise ValueError("required_facets must be None for meshes in parts")
         with reporting(progress if mesh.ranks.rank == 0 else None) as report:
             one: Any = partial(remesh, **(given | RemeshOptions(backend="mmg")), progress=report)
-            parts = remesh_parts(mesh, cast(npt.ArrayLike, size), one, given)
-            return parts  # type: ignore[return-value]  # M is PartitionedMesh
+            return remesh_parts(mesh, cast(npt.ArrayLike, size), one, given)  # type: ignore
     task, tolerance = _task(mesh, given["target"]), given["tolerance"]
     metric = as_metric_at(size, mesh, given["hmax"])
-    if metric is not None:
-        _check_metric(task, strict=given["strict"])
+    _check_metric(metric, task, strict=given["strict"])
     chosen = choose_backend(
         given["backend"], task, keep_facets=required_facets is not None, metric=metric is not None
     )
     sizes = cast(SizeLike, size) if metric is None else mean_size(metric, mesh.cell_dim)
     wanted = as_size(sizes, mesh, g=given["g"], hmax=given["hmax"])
     repaired = repair_mesh(mesh)
+    if repaired.repairs:
+        warnings.warn(repaired.repairs, InputWarning, stacklevel=3)
     if given["strict"]:
         attempt: Callable[..., SimplexMesh] = partial(
             remesh, mesh, sizes, required_facets=required_facets, progress=progress,
@@ -209,7 +212,7 @@ def remesh(
         repaired = repaired._replace(
             mesh=replace(repaired.mesh, cells=oriented(repaired.mesh).cells)
         )
-    required = as_required(required_facets, mesh, repaired)
+    required = _required(required_facets, mesh, repaired)
     own, ridges = frame.mesh(repaired.mesh), _NO_RIDGES
     own_size = frame.size(wanted)
     # Only Mmg rounds what it is given.
@@ -225,8 +228,12 @@ def remesh(
         size_nodes=frame.to_own(known_points(sizes, mesh.dim)),
         metric=None if metric is None else frame.metric(metric),
     )
-    n_cells = _known_number(mesh, size, given["hmax"]) or _estimate(problem)
-    _refuse_too_many(n_cells, given["max_elements"])
+    n_cells = _number_of_cells(mesh, size, given["hmax"], problem)
+    if n_cells > given["max_elements"]:
+        raise TooManyElementsError(
+            f"the sizes require about {n_cells:.3g} elements, more than max_elements = "
+            f"{given['max_elements']:.3g}; increase the sizes or raise max_elements"
+        )
     problem = replace(problem, seconds=_LONGEST + _LONGEST_PER_CELL * n_cells)
     with reporting(progress) as report:
         timeout = given["timeout"]
@@ -241,6 +248,16 @@ def remesh(
     made = frame.restored(new, repaired.mesh)
     warn_of_deviation(made, repaired.mesh, allowed, may_be_joined=may_be_joined)
     return made
+
+
+def _required(
+    value: npt.ArrayLike | None, mesh: SimplexMesh, repaired: RepairedMesh
+) -> IntArray | None:
+    """Return the facets to keep as node numbers of the repaired mesh."""
+    if value is None:
+        return None
+    facets = as_index_array("required_facets", value, mesh.n_points, width=mesh.cell_dim)
+    return repaired.node_map[facets] if len(facets) else None
 
 
 def check_backend(mesh: SimplexMesh, target: str = "auto", backend: str = "auto") -> None:
@@ -300,21 +317,15 @@ def _warn_of_number(inner: Problem, n_cells: float) -> None:
         )
 
 
-def _known_number(mesh: SimplexMesh, size: object, hmax: float) -> float | None:
-    """Return the number of sizes at the nodes, or that was predicted with those of a surface."""
-    if not isinstance(size, SizeFunction):
-        return None
-    if mesh.cell_dim == mesh.dim:
-        of_nodes = size.background is mesh
-        return count_elements(mesh, np.minimum(size.values, hmax)) if of_nodes else None
-    if size.report is None:
-        return None
-    nodes = size.background.points[: mesh.n_points]  # of its refined copy, the given ones first
-    return size.report.n_elements if np.array_equal(nodes, mesh.points) else None
-
-
-def _estimate(problem: Problem) -> float:
-    """Return the estimated number of cells."""
+def _number_of_cells(mesh: SimplexMesh, size: object, hmax: float, problem: Problem) -> float:
+    """Return the number that sizes at the nodes or on a surface predict, or an estimate."""
+    if isinstance(size, SizeFunction) and mesh.cell_dim == mesh.dim:
+        if size.background is mesh:
+            return count_elements(mesh, np.minimum(size.values, hmax))
+    elif isinstance(size, SizeFunction) and size.report is not None:
+        nodes = size.background.points[: mesh.n_points]  # of its refined copy, the given ones first
+        if np.array_equal(nodes, mesh.points):
+            return size.report.n_elements
     assert problem.size is not None
     if problem.task != "surface to tetrahedra":
         return predict(problem.mesh, problem.size).cells
@@ -322,16 +333,10 @@ def _estimate(problem: Problem) -> float:
     return predict(Enclosed(problem.mesh, 1000), problem.size).cells
 
 
-def _refuse_too_many(estimate: float, max_elements: float) -> None:
-    if estimate > max_elements:
-        raise TooManyElementsError(
-            f"the sizes require about {estimate:.3g} elements, more than "
-            f"max_elements = {max_elements:.3g}; increase the sizes or raise max_elements"
-        )
-
-
-def _check_metric(task: Task, *, strict: bool) -> None:
-    """Raise a ValueError if a metric cannot be used."""
+def _check_metric(metric: MetricAt | None, task: Task, *, strict: bool) -> None:
+    """Raise a ValueError if a metric is given that cannot be used."""
+    if metric is None:
+        return
     if task == "surface to tetrahedra":
         raise ValueError(
             "size must not be a Metric for a surface to be filled: make tetrahedra first and "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -13,7 +12,6 @@ import numpy.typing as npt
 from adaptsize._checks import check_type
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import components_of
-from adaptsize.errors import InputWarning
 from adaptsize.geometry.enclosed import cone_measures
 from adaptsize.remeshing.preparation import RepairedMesh, repair_mesh
 from adaptsize.typing import FloatArray, IntArray
@@ -93,7 +91,7 @@ def close_holes(surface: SimplexMesh) -> SimplexMesh:
 
 
 def merged_surface(surface: SimplexMesh) -> SimplexMesh:
-    """Return a surface without coincident points and useless triangles, without warnings."""
+    """Return a surface without coincident points and useless triangles."""
     return _repaired(surface).mesh
 
 
@@ -101,9 +99,7 @@ def _repaired(surface: SimplexMesh) -> RepairedMesh:
     check_type("surface", surface, SimplexMesh)
     if surface.cell_dim != 2 or surface.dim != 3:
         raise ValueError(f"surface must consist of triangles in space, got {surface!r}")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", InputWarning)
-        return repair_mesh(surface)
+    return repair_mesh(surface)
 
 
 def bodies_of(surface: SimplexMesh) -> npt.NDArray[np.intp]:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import warnings
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_index_array
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import first_at_place
 from adaptsize.background.topology import compacted, places_among, regions_beside, unique_rows
-from adaptsize.errors import BackendError, InputWarning
+from adaptsize.errors import BackendError
 from adaptsize.metrics import Metric
 from adaptsize.remeshing.acceptance import refuse_other_domain
 from adaptsize.remeshing.protocol import NO_TAG, Arrays, Facets, Problem, Task
@@ -31,6 +30,8 @@ class RepairedMesh(NamedTuple):
     """``nodes[i]`` is the node of the given mesh for node i."""
     node_map: IntArray
     """``node_map[j]`` is the node for node j of the given mesh, or -1 if it was dropped."""
+    repairs: str = ""
+    """What was repaired on a surface."""
 
 
 def repair_mesh(mesh: SimplexMesh) -> RepairedMesh:
@@ -40,21 +41,21 @@ def repair_mesh(mesh: SimplexMesh) -> RepairedMesh:
     every corner of every triangle), and degenerate or duplicate triangles are
     dropped.  Other meshes keep coincident points, because they form slits.
     Point and cell data are dropped.
-
-    Warns
-    -----
-    InputWarning
-        If triangles were dropped or points merged, with the counts.
     """
     cells = np.array(mesh.cells)
     target = np.arange(mesh.n_points)
-    kept = np.ones(mesh.n_cells, bool)
+    kept, repairs = np.ones(mesh.n_cells, bool), ""
     used = np.zeros(mesh.n_points, bool)
     used[mesh.cells] = True
     if mesh.cell_dim == 2 and mesh.dim == 3:
         target = first_at_place(mesh.points, MERGE_DISTANCE * mesh.diagonal)
         kept = _useful_triangles(mesh, target[cells])
-        _warn_of_repairs(mesh, target, kept)
+        merged, dropped = np.sum(target != np.arange(mesh.n_points)), np.sum(~kept)
+        if merged or dropped:
+            repairs = (
+                f"surface repaired: {merged} duplicate points merged, "
+                f"{dropped} degenerate or duplicate triangles dropped"
+            )
     elif mesh.cell_dim == mesh.dim:
         inverted = mesh.signed_measures < 0.0
         if used.all() and not inverted.any():
@@ -77,7 +78,7 @@ def repair_mesh(mesh: SimplexMesh) -> RepairedMesh:
         facet_tags=facet_tags,
         tag_names=mesh.tag_names,
     )
-    return RepairedMesh(repaired, nodes.astype(np.int32), node_map)
+    return RepairedMesh(repaired, nodes.astype(np.int32), node_map, repairs)
 
 
 def _useful_triangles(mesh: SimplexMesh, cells: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
@@ -96,20 +97,6 @@ def _useful_triangles(mesh: SimplexMesh, cells: npt.NDArray[np.intp]) -> npt.NDA
 def _has_different_nodes(cells: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
     ordered = np.sort(cells, axis=1)
     return np.asarray((ordered[:, 1:] != ordered[:, :-1]).all(axis=1))
-
-
-def _warn_of_repairs(
-    mesh: SimplexMesh, target: npt.NDArray[np.intp], kept: npt.NDArray[np.bool_]
-) -> None:
-    merged = int((target != np.arange(mesh.n_points)).sum())
-    dropped = int((~kept).sum())
-    if merged or dropped:
-        warnings.warn(
-            f"surface repaired: {merged} duplicate points merged, "
-            f"{dropped} degenerate or duplicate triangles dropped",
-            InputWarning,
-            stacklevel=5,
-        )
 
 
 def as_problem(
@@ -185,16 +172,6 @@ def facet_numbers(mesh: SimplexMesh, facets: IntArray) -> npt.NDArray[np.intp]:
     return np.asarray(row_of[number[len(mesh.facets) :]])
 
 
-def as_required(
-    value: npt.ArrayLike | None, mesh: SimplexMesh, repaired: RepairedMesh
-) -> IntArray | None:
-    """Return the facets to keep as node numbers of the repaired mesh."""
-    if value is None:
-        return None
-    facets = as_index_array("required_facets", value, mesh.n_points, width=mesh.cell_dim)
-    return repaired.node_map[facets] if len(facets) else None
-
-
 class Frame(NamedTuple):
     """The middle and the scale of a part."""
 
@@ -265,57 +242,47 @@ def restore(raw: Arrays, problem: Problem, backend: str) -> SimplexMesh:
         If the generator returned no cells, coordinates that are not finite, indices
         out of range, inverted cells, or a mesh of another domain.
     """
-    points, cells, nodes = _checked(raw, backend)
-    plain = SimplexMesh(points, cells)
-    refuse_other_domain(plain, problem, backend)
-    old = problem.mesh
-    cell_tags = None
-    if old.cell_tags is not None and problem.task != "surface to tetrahedra":
+    new, nodes = _checked(raw, backend)
+    refuse_other_domain(new, problem, backend)
+    old, is_filled = problem.mesh, problem.task == "surface to tetrahedra"
+    if old.tag_names:
+        new = replace(new, tag_names=old.tag_names)
+    if old.cell_tags is not None and not is_filled:
         regions = raw.get("regions")
         if regions is None:
-            regions = problem.regions[old.locator.nearest(points[cells].mean(axis=1))[0]]
-        cell_tags = problem.region_tags[regions]
-    wants_facets = problem.task == "surface to tetrahedra" and old.cell_tags is not None
-    if old.tagged_facets is None and not wants_facets:
-        if cell_tags is None and not old.tag_names:
-            return plain
-        return SimplexMesh(points, cells, cell_tags=cell_tags, tag_names=old.tag_names)
+            centroids = new.points[new.cells].mean(axis=1)
+            regions = problem.regions[old.locator.nearest(centroids)[0]]
+        new = replace(new, cell_tags=problem.region_tags[regions])
+    if old.tagged_facets is None and not (is_filled and old.cell_tags is not None):
+        return new
     if "facets" in raw:
         found, tags = nodes[raw["facets"]], problem.facets.tag_of_group[raw["facet_groups"]]
     else:
-        found, tags = _tags_there(SimplexMesh(points, cells, cell_tags=cell_tags), problem)
+        found, tags = _tags_there(new, problem)
     tagged = (tags != NO_TAG) & (found >= 0).all(axis=1)
-    return SimplexMesh(
-        points,
-        cells,
-        cell_tags=cell_tags,
-        tagged_facets=found[tagged],
-        facet_tags=tags[tagged].astype(np.int32),
-        tag_names=old.tag_names,
-    )
+    tags = tags[tagged].astype(np.int32)
+    return replace(new, tagged_facets=found[tagged], facet_tags=tags)
 
 
-def _checked(raw: Arrays, backend: str) -> tuple[FloatArray, IntArray, IntArray]:
-    """Return the used points, cells with positive measures, and the map of the nodes."""
+def _checked(raw: Arrays, backend: str) -> tuple[SimplexMesh, IntArray]:
+    """Return a mesh of used nodes and positive cells, and the map of the nodes."""
     points, cells = np.asarray(raw["points"], np.float64), np.array(raw["cells"], np.int32)
     if len(cells) == 0:
         raise BackendError(f"{backend} returned an empty mesh")
     if cells.min() < 0 or cells.max() >= len(points):
         raise BackendError(f"{backend} returned a mesh with indices out of range")
-    used, cells = compacted(cells)
-    new_number, points = places_among(used, len(points)), points[used]
-    if not np.isfinite(points).all():
+    used, local = compacted(cells)
+    if not np.isfinite(points[used]).all():
         raise BackendError(f"{backend} returned coordinates that are not finite")
-    mesh = SimplexMesh(points, cells)
-    if mesh.cell_dim == mesh.dim:
-        volumes = mesh.signed_measures
-        if volumes.sum() < 0.0:  # some generators use the opposite orientation
-            cells[:, :2] = cells[:, 1::-1]
-            volumes = -volumes
-        if (volumes <= 0.0).any():
-            count = int((volumes <= 0.0).sum())
-            raise BackendError(f"{backend} returned {count} inverted or flat cells")
-    return points, cells, new_number
+    mesh, new_number = SimplexMesh(points[used], local), places_among(used, len(points))
+    if mesh.cell_dim < mesh.dim:
+        return mesh, new_number
+    if mesh.signed_measures.sum() < 0.0:  # some generators use the opposite orientation
+        mesh = replace(mesh, cells=np.column_stack([mesh.cells[:, [1, 0]], mesh.cells[:, 2:]]))
+    count = int((mesh.signed_measures <= 0.0).sum())
+    if count:
+        raise BackendError(f"{backend} returned {count} inverted or flat cells")
+    return mesh, new_number
 
 
 def _tags_there(new: SimplexMesh, problem: Problem) -> tuple[IntArray, npt.NDArray[np.int64]]:

@@ -49,6 +49,17 @@ def available_backends() -> Mapping[str, Backend]:
     return dict(_BACKENDS)
 
 
+def able_backends(task: Task, *, keep_facets: bool, metric: bool = False) -> list[Backend]:
+    """Return the mesh generators that support a task, in order of preference."""
+    return [
+        backend
+        for backend in _BACKENDS.values()
+        if task in backend.tasks
+        and backend.keeps_required_facets >= keep_facets
+        and backend.follows_metrics >= metric
+    ]
+
+
 def choose_backend(name: str, task: Task, *, keep_facets: bool, metric: bool = False) -> Backend:
     """Return the adapter for ``task``.
 
@@ -61,13 +72,7 @@ def choose_backend(name: str, task: Task, *, keep_facets: bool, metric: bool = F
     """
     one_of("backend", name, ("auto", *_BACKENDS))
     if name == "auto":
-        able = [
-            b
-            for b in _BACKENDS.values()
-            if task in b.tasks
-            and (b.keeps_required_facets or not keep_facets)
-            and (b.follows_metrics or not metric)
-        ]
+        able = able_backends(task, keep_facets=keep_facets, metric=metric)
         backend = next((b for b in able if b.installed), able[0])
     else:
         backend = _BACKENDS[name]
@@ -83,20 +88,3 @@ def choose_backend(name: str, task: Task, *, keep_facets: bool, metric: bool = F
             f"install it with: {backend.install}"
         )
     return backend
-
-
-def check_installed(name: str) -> None:
-    """Raise what `choose_backend` would raise, whatever the task, for a name.
-
-    Raises
-    ------
-    ValueError
-        If there is no adapter of that name.
-    BackendUnavailableError
-        If it is not installed.
-    """
-    one_of("backend", name, ("auto", *_BACKENDS))
-    if name != "auto" and not _BACKENDS[name].installed:
-        raise BackendUnavailableError(
-            f"backend {name!r} is not installed; install it with: {_BACKENDS[name].install}"
-        )

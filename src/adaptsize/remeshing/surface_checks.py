@@ -5,7 +5,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,9 +24,10 @@ from adaptsize.typing import FloatArray
 #: Crossings less deep than this times the diagonal count as contacts.  It is above the rounding
 #: of the single precision of STL files.
 _SLACK = 1e-6
-#: Pairs of bodies that are examined for overlaps in common planes, and for small distances: those
-#: with the closest boxes first.
+#: Pairs of bodies that are examined for overlaps in common planes, and for small distances.
 _MOST_PAIRS = 200
+#: Points of a body that are examined for being inside another one.
+_MOST_SAMPLES = 2000
 #: Pairs that are named.
 _MOST_NAMED = 3
 
@@ -87,20 +89,29 @@ def overlapping_bodies(surface: SimplexMesh) -> OverlappingBodies | None:
     >>> print(overlapping_bodies(SimplexMesh(points, [[0, 1, 2], [3, 4, 5]])))
     bodies 1 and 2 overlap: 2 triangles cross others, by up to 0.2 at (0.5, 0.2, 0)
     """
-    mesh = merged_surface(surface)
-    body = bodies_of(mesh)
-    cells, partners, depths, places = _crossings(mesh)
-    both = np.sort(np.column_stack([body[cells], body[partners]]), axis=1)
+    bodies = _Bodies(surface)
+    cells, partners, depths, places = _crossings(bodies.mesh)
+    both = np.sort(np.column_stack([bodies.number[cells], bodies.number[partners]]), axis=1)
     pairs = {(a, b) for a, b in np.unique(both, axis=0).tolist()}
-    deepest = [(float(d), tuple(p.tolist())) for d, p in zip(depths, places, strict=True)]
-    for pair, depth, place in _overlaps_in_common_planes(mesh, body, frozenset(pairs)):
-        pairs.add(pair)
-        deepest.append((depth, place))
+    deepest = list(zip(depths.tolist(), places, strict=True))
+    slack = _SLACK * bodies.mesh.diagonal
+    for a, b in bodies.near(-slack)[:_MOST_PAIRS]:
+        if (a, b) in pairs:
+            continue
+        # Facets in common planes do not cross.
+        for one, other in ((a, b), (b, a)):
+            samples = bodies[one].samples[:: -(-len(bodies[one].samples) // _MOST_SAMPLES)]
+            away = bodies[other].surface.locator.nearest(samples)[2]
+            away = np.where(bodies[other].winding.contains(samples), away, -away)
+            if away.max() > slack and away.min() < -slack:
+                pairs.add((a, b))
+                deepest.append((float(away.max()), samples[away.argmax()]))
+                break
     if not pairs:
         return None
     depth, place = max(deepest, key=lambda found: found[0])
     named = tuple(sorted((a + 1, b + 1) for a, b in pairs))
-    return OverlappingBodies(named, len(cells), depth, place, int(body.max()) + 1)
+    return OverlappingBodies(named, len(cells), depth, tuple(place.tolist()), len(bodies.low))
 
 
 def _listed(names: list[str]) -> str:
@@ -125,76 +136,63 @@ def _crossings(
     return cells, others, depths[rows] / locator.scale, places[rows] / locator.scale
 
 
-def _overlaps_in_common_planes(
-    mesh: SimplexMesh, body: npt.NDArray[np.intp], known: frozenset[tuple[int, int]]
-) -> Iterator[tuple[tuple[int, int], float, tuple[float, ...]]]:
-    """Yield pairs of bodies without crossing triangles of which one is partly in the other.
+class _Bodies:
+    """The components of a surface, numbered 0, 1, ... in the order of their first nodes."""
 
-    With each, the depth and the place of the deepest sample.
-    """
-    slack = _SLACK * mesh.diagonal
-    parts: dict[int, _Body] = {}
-    for a, b in bodies_with_near_boxes(mesh, body, -slack)[:_MOST_PAIRS]:
-        if (a, b) in known:
-            continue
-        for k in (a, b):
-            if k not in parts:
-                parts[k] = _Body.of(mesh, body == k)
-        for one, other in ((a, b), (b, a)):
-            inside = parts[one].partly_inside(parts[other], slack)
-            if inside is not None:
-                yield (a, b), *inside
-                break
+    def __init__(self, surface: SimplexMesh) -> None:
+        self.mesh = merged_surface(surface)
+        self.number = bodies_of(self.mesh)
+        corners = self.mesh.points[self.mesh.cells]
+        self.low, high = np.full((2, int(self.number.max()) + 1, 3), np.inf)
+        np.minimum.at(self.low, self.number, corners.min(axis=1))
+        np.minimum.at(high, self.number, -corners.max(axis=1))
+        self.high = -high
+        self._known: dict[int, _Body] = {}
 
+    def __getitem__(self, number: int) -> _Body:
+        """Return one of them."""
+        if number not in self._known:
+            cells = self.mesh.cells[self.number == number]
+            self._known[number] = _Body(cut_out(self.mesh.points, cells)[0])
+        return self._known[number]
 
-def bodies_with_near_boxes(
-    mesh: SimplexMesh, body: npt.NDArray[np.intp], within: float
-) -> list[tuple[int, int]]:
-    """Return the pairs of bodies whose boxes are closer than a distance, the closest first.
+    def near(self, within: float) -> list[tuple[int, int]]:
+        """Return the pairs whose boxes are closer than a distance, the closest first.
 
-    If the distance is negative, the boxes overlap by more than its absolute value.
-    """
-    count = int(body.max()) + 1
-    if count == 1:
-        return []
-    corners = mesh.points[mesh.cells]
-    low, high = np.full((2, count, 3), np.inf)
-    np.minimum.at(low, body, corners.min(axis=1))
-    np.minimum.at(high, body, -corners.max(axis=1))
-    high = -high
-    pairs: list[tuple[float, int, int]] = []
-    for a in range(len(low) - 1):
-        gap = np.maximum(low[a + 1 :] - high[a], low[a] - high[a + 1 :]).max(axis=1)
-        pairs += [(float(gap[k]), a, a + 1 + int(k)) for k in np.flatnonzero(gap <= within)]
-    return [(a, b) for _, a, b in sorted(pairs)]
+        If the distance is negative, the boxes overlap by more than its absolute value.
+        """
+        pairs: list[tuple[float, int, int]] = []
+        for a, (low, high) in enumerate(zip(self.low, self.high, strict=True)):
+            gap = np.maximum(self.low[a + 1 :] - high, low - self.high[a + 1 :]).max(axis=1)
+            pairs += [(float(gap[k]), a, a + 1 + int(k)) for k in np.flatnonzero(gap <= within)]
+        return [(a, b) for _, a, b in sorted(pairs)]
 
 
-class _Body(NamedTuple):
+class _Body:
     """One component of a surface."""
 
-    surface: SimplexMesh
-    samples: FloatArray
-    """Centroids of its triangles."""
-    winding: WindingNumber
+    def __init__(self, surface: SimplexMesh) -> None:
+        self.surface = surface
+        middles = (surface.points[rows].mean(axis=1) for rows in (surface.cells, surface.edges))
+        self.samples = np.concatenate([surface.points, *middles])
 
-    @classmethod
-    def of(cls, mesh: SimplexMesh, which: npt.NDArray[np.bool_]) -> _Body:
-        cells = mesh.cells[which]
-        surface = cut_out(mesh.points, cells)[0]
-        # Points of a body that are examined for being inside another one.
-        stride = -(-len(cells) // 2000)
-        samples = mesh.points[cells[::stride]].mean(axis=1)
-        return cls(surface, samples, WindingNumber(surface))
+    @cached_property
+    def winding(self) -> WindingNumber:
+        """Its winding number."""
+        return WindingNumber(self.surface)
 
-    def partly_inside(self, other: _Body, slack: float) -> tuple[float, tuple[float, ...]] | None:
-        """Return the depth and place of the deepest sample inside, if others are outside."""
-        away = other.surface.locator.nearest(self.samples)[2]
-        inside = other.winding.contains(self.samples)
-        deep = np.where(inside, away, -away)
-        if deep.max() <= slack or deep.min() >= -slack:
-            return None
-        worst = int(np.argmax(deep))
-        return float(deep[worst]), tuple(self.samples[worst].tolist())
+    def distance(self, other: _Body, within: float) -> tuple[float, list[float]]:
+        """Return the smallest distance of a sample from another body, and the sample.
+
+        Samples farther from the box of the other body than ``within`` are left out.
+        """
+        low, high = (getattr(other.surface.points, name)(axis=0) for name in ("min", "max"))
+        near = (self.samples >= low - within) & (self.samples <= high + within)
+        samples = self.samples[near.all(axis=1)]
+        if len(samples) == 0:
+            return np.inf, []
+        distance = other.surface.locator.nearest(samples)[2]
+        return float(distance.min()), samples[distance.argmin()].tolist()
 
 
 #: Surfaces with more bodies than this are not examined for bodies that nearly touch.
@@ -325,9 +323,8 @@ def near_bodies(
     1 pair of bodies is only 0.01 apart at (0, 0, 0)
     """
     within = as_number("within", within, lower=0.0)
-    mesh = merged_surface(surface)
-    body = bodies_of(mesh)
-    count = int(body.max()) + 1
+    bodies = _Bodies(surface)
+    count = len(bodies.low)
     if count > _MOST_BODIES:
         warnings.warn(
             f"the surface has {count} bodies; whether they are closer to each other than the "
@@ -335,27 +332,22 @@ def near_bodies(
             OpenSurfaceWarning,
             stacklevel=2,
         )
-    if not 1 < count <= _MOST_BODIES:
         return None
     known = () if overlapping is None else overlapping.pairs
-    pairs = bodies_with_near_boxes(mesh, body, within)
-    pairs = [(a, b) for a, b in pairs if (a + 1, b + 1) not in known]
-    found: list[tuple[float, FloatArray]] = []
+    pairs = [(a, b) for a, b in bodies.near(within) if (a + 1, b + 1) not in known]
+    found: list[tuple[float, list[float]]] = []
     for a, b in pairs[:_MOST_PAIRS]:
-        best = min(
-            (_nearest(mesh, body == one, body == other, within) for one, other in ((a, b), (b, a))),
-            key=lambda candidate: candidate[0],
-        )
-        if best[0] <= within:
-            found.append(best)
-    if not found:
+        one, other = bodies[a], bodies[b]
+        found.append(min(one.distance(other, within), other.distance(one, within)))
+    n_near = sum(distance <= within for distance, _ in found)
+    if n_near == 0:
         return None
-    distance, place = min(found, key=lambda candidate: candidate[0])
-    return NearBodies(len(found), distance, tuple(place.tolist()))
+    distance, place = min(found)
+    return NearBodies(n_near, distance, tuple(place))
 
 
-def warn_of_surface(surface: SimplexMesh, tolerance: float) -> bool:
-    """Warn of a surface whose volume a generator has to guess.
+def doubts(surface: SimplexMesh, tolerance: float) -> Iterator[tuple[str, Any, str]]:
+    """Yield why a generator has to guess the volume of a surface: name, record and text.
 
     Parameters
     ----------
@@ -363,6 +355,28 @@ def warn_of_surface(surface: SimplexMesh, tolerance: float) -> bool:
         Triangles in space.
     tolerance : float
         Allowed distance of the new boundary, in the unit of the coordinates.
+    """
+    holes = open_boundary(surface, tolerance)
+    if holes is not None:
+        text = (
+            "the generator closes or drops what it does not clearly enclose; close the holes "
+            "(close_holes, --close) or keep a surface (target triangles)"
+        )
+        yield "open_boundary", holes, f"the surface is open: {holes}; {text}"
+    overlapping = overlapping_bodies(surface)
+    if overlapping is not None:
+        text = (
+            "the generator fills their union; join the bodies before meshing to keep what is meant"
+        )
+        yield "overlapping_bodies", overlapping, f"{overlapping}; {text}"
+    near = near_bodies(surface, tolerance, overlapping=overlapping)
+    if near is not None:
+        text = f"{near}, less than the tolerance of {tolerance:.3g}: they may be joined; "
+        yield "near_bodies", near, f"{text}lower the tolerance to keep them apart"
+
+
+def warn_of_surface(surface: SimplexMesh, tolerance: float) -> bool:
+    """Warn of a surface whose volume a generator has to guess, with the texts of `doubts`.
 
     Returns
     -------
@@ -375,54 +389,7 @@ def warn_of_surface(surface: SimplexMesh, tolerance: float) -> bool:
         If the surface is open, or has bodies that overlap or are closer to each other than the
         tolerance.
     """
-    holes = open_boundary(surface, tolerance)
-    if holes is not None:
-        warnings.warn(
-            f"the surface is open: {holes}; the generator closes or drops what it does not clearly "
-            "enclose; see close_holes, or remesh the surface with target='triangles'",
-            OpenSurfaceWarning,
-            stacklevel=3,
-        )
-    overlapping = overlapping_bodies(surface)
-    if overlapping is not None:
-        warnings.warn(
-            f"{overlapping}; the generator fills their union; join the bodies before meshing to "
-            "keep what is intended",
-            OpenSurfaceWarning,
-            stacklevel=3,
-        )
-    near = near_bodies(surface, tolerance, overlapping=overlapping)
-    if near is not None:
-        warnings.warn(
-            f"{near}, less than the tolerance of {tolerance:.3g}: they may be joined; "
-            "lower the tolerance to keep them apart",
-            OpenSurfaceWarning,
-            stacklevel=3,
-        )
-    return overlapping is not None or near is not None
-
-
-def _nearest(
-    mesh: SimplexMesh,
-    one: npt.NDArray[np.bool_],
-    other: npt.NDArray[np.bool_],
-    within: float,
-) -> tuple[float, FloatArray]:
-    """Return the smallest distance from samples of one body to another, and the sample."""
-    target = mesh.points[mesh.cells[other]]
-    low, high = target.min(axis=(0, 1)) - within, target.max(axis=(0, 1)) + within
-    corners = mesh.points[mesh.cells[one]]
-    middles = 0.5 * (corners + corners[:, [1, 2, 0]])
-    samples = np.concatenate([corners, middles, corners.mean(axis=1, keepdims=True)], axis=1)
-    samples = np.unique(samples.reshape(-1, 3), axis=0)
-    samples = samples[((samples >= low) & (samples <= high)).all(axis=1)]
-    if len(samples) == 0:
-        return np.inf, np.full(3, np.nan)
-    low, high = samples.min(axis=0) - within, samples.max(axis=0) + within
-    close = ((target.max(axis=1) >= low) & (target.min(axis=1) <= high)).all(axis=1)
-    if not close.any():
-        return np.inf, np.full(3, np.nan)
-    cells = mesh.cells[other][close]
-    distance = cut_out(mesh.points, cells)[0].locator.nearest(samples)[2]
-    first = int(np.argmin(distance))
-    return float(distance[first]), samples[first]
+    found = list(doubts(surface, tolerance))
+    for _, _, text in found:
+        warnings.warn(text, OpenSurfaceWarning, stacklevel=3)
+    return any(name != "open_boundary" for name, _, _ in found)
