@@ -246,10 +246,10 @@ def reach_number(
         power = new.dim / new.cell_dim
         if len(steps) == 2:
             # Details that the sizes do not resolve change the exponent, between these two meshes
-            # more than near the last: a quarter of the change is used.
+            # more than near the last: half of the change is used.
             (x0, y0), (x1, y1) = np.log(steps)
             found = float(np.clip((x1 - x0) / (y1 - y0), 0.4, 2.0)) if y1 != y0 else power
-            power = 0.75 * power + 0.25 * found
+            power = 0.5 * (power + found)
         wanted = max(steps[-1][0] * math.pow(requested / made, power), 1.0)
     assert best is not None
     if least > _ACCEPTED:
