@@ -105,7 +105,7 @@ def mesh_from_distance(
     the edges are within sqrt 2 of the size, if the sizes are limited and the domain is not
     narrower than the size.  Angles are usually above 25 degrees in the plane, and dihedral
     angles above 15 degrees in space.  Boundary nodes are usually within 1e-6 sizes of the
-    boundary.
+    boundary (1e-4 along edges in space).
 
     Regions narrower than about half of the size are not resolved.  In space, neither are
     concave edges without fixed points along them.

@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, refuse_where
-from adaptsize.geometry.implicit_surface import gradient_of
 from adaptsize.typing import FloatArray
 
 #: A function of points, float64[n, dim], with one value per point.
@@ -117,25 +116,47 @@ class ImplicitDomain:
         """Return a lower bound on how deep inside points are (if ``slope`` is one)."""
         return -phi / self.slope
 
-    def gradient(self, points: FloatArray, h: FloatArray) -> FloatArray:
-        """Return central differences of phi over ``1e-4 h``, float64[n, dim]."""
-        return gradient_of(self.phi, points, _STEP * h)[1]
+    def gradient(self, points: FloatArray, phi: FloatArray, h: FloatArray) -> FloatArray:
+        """Return differences of phi over ``1e-4 h``, float64[n, dim].
+
+        Forward ones, or backward ones where forward ones are shallow and these steeper: beside an
+        edge of the domain, forward steps along all axes may lead inside along the other face.
+        """
+        gradient = self._differences(points, phi, _STEP * h)
+        # A gradient that is too short by this factor would overshoot by 10 of the steps above.
+        shallow = np.flatnonzero(np.linalg.norm(gradient, axis=1) < 0.1 * self.slope)
+        back = self._differences(points[shallow], phi[shallow], -_STEP * h[shallow])
+        steeper = np.linalg.norm(back, axis=1) > np.linalg.norm(gradient[shallow], axis=1)
+        gradient[shallow[steeper]] = back[steeper]
+        return gradient
+
+    def _differences(self, points: FloatArray, phi: FloatArray, step: FloatArray) -> FloatArray:
+        if len(points) == 0:
+            return np.empty_like(points)
+        n, dim = points.shape
+        moved = np.repeat(points[None], dim, axis=0)
+        for d in range(dim):
+            moved[d, :, d] += step
+        there = self.phi(moved.reshape(-1, dim)).reshape(dim, n)
+        # Rounding changes the step that is added to a coordinate.
+        rises = np.stack([moved[d, :, d] - points[:, d] for d in range(dim)])
+        return np.asarray(((there - phi) / rises).T)
 
     def depths(self, points: FloatArray, h: FloatArray) -> FloatArray:
         """Return estimates of how deep inside points are: of first order, -phi / |grad phi|."""
         phi = self.phi(points)
-        slope = np.linalg.norm(self.gradient(points, h), axis=1)
+        slope = np.linalg.norm(self.gradient(points, phi, h), axis=1)
         return np.asarray(-phi / np.clip(slope, _FLAT * self.slope, self.slope))
 
     def normals(self, points: FloatArray, h: FloatArray) -> FloatArray:
         """Return the directions of the gradients; 0 where it is 0."""
-        gradient = self.gradient(points, h)
+        gradient = self.gradient(points, self.phi(points), h)
         length = np.linalg.norm(gradient, axis=1)
         return np.asarray(gradient / np.where(length > 0.0, length, 1.0)[:, None])
 
     def newton_steps(self, points: FloatArray, phi: FloatArray, h: FloatArray) -> FloatArray:
         """Return the moves to the zero of the linearised phi, none longer than ``h``."""
-        gradient = self.gradient(points, h)
+        gradient = self.gradient(points, phi, h)
         square = np.einsum("ij,ij->i", gradient, gradient)
         safe = square > (_FLAT * self.slope) ** 2
         factor = np.divide(-phi, square, out=np.zeros_like(phi), where=safe)
