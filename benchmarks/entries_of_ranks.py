@@ -11,8 +11,7 @@ import time
 
 import numpy as np
 
-from adaptsize.limiting.exact.field import node_entries
-from adaptsize.limiting.in_parts.entries import entries_in_reach
+from adaptsize.limiting.exact.field import entries_in_reach, node_entries
 
 G, LARGEST = 0.3, 1.0
 PIECES = {2: (4, 4), 3: (4, 2, 2)}
@@ -33,9 +32,9 @@ def sources(dim, n, reach, rng):
     return node_entries(points, bounds, np.arange(n, dtype=np.int32))
 
 
-def choose(wave, ranks):
+def choose(entries, ranks):
     """Return the number of entries for all ranks."""
-    return sum(len(wave.table[entries_in_reach(wave, boxes, G)]) for boxes in ranks)
+    return sum(len(entries_in_reach(entries, boxes, G)) for boxes in ranks)
 
 
 def main():
@@ -48,10 +47,10 @@ def main():
         ranks = [boxes_of(rank.astype(float)) for rank in lattice if rank.any()]
         far = [boxes_of(rank + 100.0) for rank in lattice if rank.any()]
         for others, reach in ((far, 1.0), (ranks, 1.0), (ranks, 2.0), (ranks, 4.0)):
-            wave = sources(dim, n, reach, rng)
-            choose(wave, others[:1])
+            entries = sources(dim, n, reach, rng)
+            choose(entries, others[:1])
             start = time.process_time()
-            sent = choose(wave, others)
+            sent = choose(entries, others)
             spent = time.process_time() - start
             print(
                 f"{dim} axes, {len(others)} other ranks, reach {reach}: "

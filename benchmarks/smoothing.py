@@ -18,7 +18,7 @@ import numpy as np
 from _timing import arguments_of, machine, table, three, write
 
 import adaptsize as ads
-from adaptsize.remeshing import _finish, _relaxation
+from adaptsize.remeshing.distmesh import finish, relaxation
 
 CENTRE, INNER = 0.2, 0.3
 # Dimension, size at the inner circle.
@@ -70,10 +70,10 @@ def replaced(module, name, value):
 @contextmanager
 def variant(name):
     if name == "other force":
-        with replaced(_relaxation, "_forces", pliant_forces):
+        with replaced(relaxation, "_forces", pliant_forces):
             yield
     elif name == "not improved":
-        with replaced(_finish, "improved", lambda domain, points, cells, h, **_: (points, cells)):
+        with replaced(finish, "improved", lambda domain, points, cells, h, **_: (points, cells)):
             yield
     else:
         yield

@@ -1,11 +1,14 @@
 """What `import adaptsize` brings with it, in a fresh interpreter."""
 
+import ast
 import importlib
 import importlib.resources
 import json
 import pkgutil
 import subprocess
 import sys
+from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 
@@ -106,3 +109,25 @@ def test_every_public_submodule_is_listed():
     public = {name for name in found if not name.startswith("_")} - {"cli", "options", "ranks"}
     assert public == set(SUBMODULES)
     assert set(SUBMODULES) <= set(dir(adaptsize))
+
+
+ROOT = Path(__file__).parent.parent
+SCRIPTS = [p for room in ("benchmarks", "docs", "examples") for p in (ROOT / room).rglob("*.py")]
+
+
+def test_scripts_that_no_test_runs_import_what_exists():
+    names = {
+        (node.module, name.name)
+        for script in SCRIPTS
+        for node in ast.walk(ast.parse(script.read_text("utf-8")))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "adaptsize"
+        for name in node.names
+    }
+    missing = [
+        pair
+        for pair in sorted(names)
+        if find_spec(pair[0]) is None
+        or not (hasattr(importlib.import_module(pair[0]), pair[1]) or find_spec(".".join(pair)))
+    ]
+    assert missing == []
+    assert len(names) > 20
