@@ -16,6 +16,8 @@ def test_ascii_stl_corners_are_merged_where_equal_and_minus_zero_is_zero(tmp_pat
     mesh = read(file)
     assert_array_equal(mesh.points, [[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
     assert_array_equal(mesh.cells, TWO_TRIANGLES)
+    file.write_text(ASCII_STL.replace("two triangles", "endfacet of a solid vertex").upper())
+    assert_array_equal(read(file).points[read(file).cells], mesh.points[mesh.cells])
 
 
 def test_a_binary_stl_whose_header_says_solid_is_read_as_binary(tmp_path):

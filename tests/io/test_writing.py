@@ -48,7 +48,7 @@ def test_a_file_is_replaced_in_one_step_not_overwritten(tmp_path):
 
 @posix_only
 @pytest.mark.parametrize("suffix", [".vtkhdf", ".vtu", ".vtk", ".msh", ".inp"])
-def test_a_file_is_kept_where_the_disk_has_no_room_for_the_new_one(tmp_path, suffix):
+def test_a_file_is_kept_where_the_disk_has_no_room_for_the_new_one(tmp_path, capfd, suffix):
     import resource
 
     file, mesh = tmp_path / f"mesh{suffix}", random_sphere(2000, 7313)
@@ -62,6 +62,7 @@ def test_a_file_is_kept_where_the_disk_has_no_room_for_the_new_one(tmp_path, suf
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert file.read_bytes() == b"old"
     assert os.listdir(tmp_path) == [file.name]
+    assert capfd.readouterr() == ("", "")
 
 
 def test_an_interrupted_write_leaves_nothing(tmp_path, monkeypatch):

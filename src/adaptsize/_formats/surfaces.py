@@ -16,10 +16,7 @@ from adaptsize.errors import MeshFileError
 
 #: A triangle in a binary STL file, after 80 free bytes and the number of triangles.
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-_SOLID, _END_SOLID, _VERTEX, _END_FACET = (
-    re.compile(rb"^[ \t]*" + words, re.MULTILINE | re.IGNORECASE)
-    for words in (rb"solid\b", rb"end ?solid\b", rb"vertex\b([^\n]*)", rb"end ?facet\b")
-)
+_SOLID, _VERTEX = re.compile(rb"solid\b.*"), re.compile(rb"vertex\b(.*)")
 _COMMENT = re.compile(rb"#[^\r\n]*")
 #: Vertices may have texture coordinates, colours and normals after their coordinates.
 _KEYWORD = re.compile(rb"(?:ST)?C?N?OFF", re.IGNORECASE)
@@ -42,26 +39,39 @@ def read_stl(path: Path) -> RawMesh:
     if len(content) == size or b"\0" in content:
         if len(content) < size:
             raise MeshFileError(f"is a truncated binary STL file (promises {n} triangles)")
-        corners = np.frombuffer(content, _TRIANGLE, n, 84)["corners"].astype(np.float64)
+        triangles = np.frombuffer(content, _TRIANGLE, n, 84)
+        corners = triangles["corners"].reshape(-1, 3).astype(np.float64)
+        number = np.arange(len(corners))
     else:
-        corners = _corners_in(content.replace(b"\r", b"\n"))
+        corners, number = _corners_in(content.replace(b"\r", b"\n").lower())
     with np.errstate(invalid="ignore"):  # numbers that are not finite are refused later
-        points, cells = merge_equal_points(corners.reshape(-1, 3))
-    return RawMesh(points, [("triangle", cells.reshape(-1, 3))])
+        points, point_of = merge_equal_points(corners)
+    return RawMesh(points, [("triangle", point_of[number].reshape(-1, 3))])
 
 
-def _corners_in(text: bytes) -> npt.NDArray[np.float64]:
-    """Return the corners of the triangles in a text file, of one solid or several."""
-    begins = [found.start() for found in _SOLID.finditer(text)]
-    if not begins:
+def _corners_in(text: bytes) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+    """Return the different corners in a text file of one solid or several, and that of each vertex.
+
+    Most vertices are written several times, in the same words.
+    """
+    solids = [found.start() for found in _SOLID.finditer(text)]
+    if not solids:
         raise MeshFileError("is neither a text STL file nor a binary one")
-    if not _END_SOLID.search(text, begins[-1]):
+    if text[max(solids[-1] - 4, 0) : solids[-1]].strip() != b"end":
         raise MeshFileError("is a truncated text STL file (no endsolid)")
-    rows = [row.split() for row in _VERTEX.findall(text)]
-    n_triangles = len(_END_FACET.findall(text))
-    if len(rows) != 3 * n_triangles or not all(len(row) == 3 for row in rows):
+    text = _SOLID.sub(b"", text)  # names may have any words
+    rows = _VERTEX.findall(text)
+    n_triangles = text.count(b"endfacet") + text.count(b"end facet")
+    first: dict[bytes, int] = {}
+    number = [first.setdefault(row, len(first)) for row in rows]
+    try:
+        corners = np.loadtxt([*first], comments=None, ndmin=2) if rows else np.empty((0, 3))
+    except ValueError as error:
+        reason = str(error).partition(" at row")[0]
+        raise MeshFileError(f"has vertices of STL that are not three numbers ({reason})") from error
+    if len(rows) != 3 * n_triangles or corners.shape != (len(first), 3):
         raise MeshFileError(f"has {n_triangles} triangles of STL, not all of three vertices")
-    return numbers([word for row in rows for word in row], np.float64)
+    return corners, np.array(number, np.int64)
 
 
 def read_off(path: Path) -> RawMesh:

@@ -333,7 +333,7 @@ def _add(data: Any, fields: Mapping[str, npt.NDArray[Any]]) -> None:
 
 @contextmanager
 def _errors() -> Iterator[list[str]]:
-    """Collect the errors that VTK prints, without the places in VTK."""
+    """Collect the errors of VTK, without the places in its source, instead of printing them."""
     errors: list[str] = []
 
     def add(window: Any, event: str, text: str) -> None:
@@ -342,12 +342,16 @@ def _errors() -> Iterator[list[str]]:
 
     # By this, VTK passes the text.
     add.CallDataType = "string0"  # type: ignore[attr-defined]
-    window = _get("vtkCommonCore.vtkOutputWindow").GetInstance()
-    tag = window.AddObserver("ErrorEvent", add)
+    window, logger = _get("vtkCommonCore.vtkStringOutputWindow")(), _get("vtkCommonCore.vtkLogger")
+    window.AddObserver("ErrorEvent", add)
+    usual, level = window.GetInstance(), logger.GetCurrentVerbosityCutoff()
+    window.SetInstance(window)
+    logger.SetStderrVerbosity(logger.VERBOSITY_OFF)
     try:
         yield errors
     finally:
-        window.RemoveObserver(tag)
+        window.SetInstance(usual)
+        logger.SetStderrVerbosity(level)
 
 
 def read_file(path: Path) -> Any:
@@ -528,6 +532,7 @@ def write_hdf(path: Path, mesh: RawMesh) -> None:
 
 def write(path: Path, suffix: str, data: Any) -> None:
     """Write a data set as ``.vtu``, ``.vtp``, ``.vti`` or ``.vtk``."""
+    path.touch()  # if this fails, VTK does not say why
     with _errors() as errors:
         writer = _get(_WRITERS[suffix])()
         writer.SetFileName(str(path))
