@@ -2,7 +2,7 @@
 
 import pytest
 
-from adaptsize.limiting.in_parts.agreement import solve_on_whole
+from adaptsize.limiting.agreement import solve_on_whole
 
 
 @pytest.fixture

@@ -170,6 +170,15 @@ def test_exact_limits_of_drawn_problems(data):
     assert_limits_equal(mesh, h0, rank_of, g, **options)
 
 
+def test_the_part_of_a_single_rank_is_solved_like_a_whole_mesh():
+    mesh = domains.holes(30, 5, 24)[0]
+    h0 = bounds(mesh, "two", np.random.default_rng(884))
+    h, info = limit_gradient.with_info(mesh, h0, 0.3)
+    alone, found = limit_gradient.with_info(PartitionedMesh.from_serial(mesh), h0, 0.3)
+    assert found.method == info.method == "exact"
+    np.testing.assert_array_equal(alone, h)
+
+
 @pytest.mark.parametrize("shift", [None, 0.0, 1e-13, 1e-11])
 def test_cells_without_measure_and_doubled_cells_are_collected(shift):
     rng = np.random.default_rng(861)

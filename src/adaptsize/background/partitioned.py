@@ -148,6 +148,10 @@ class PartitionedMesh:
             lowest rank that holds it; nodes in no cell are on the first rank with cells.
         """
         ranks = as_communicator(comm)
+        if ranks.size == 1 and parts is None:
+            check_type("mesh", mesh, SimplexMesh)
+            assert mesh is not None
+            return cls(mesh, np.arange(mesh.n_points), np.zeros(mesh.n_points, np.int32), ranks)
         pieces: list[Any] = ranks.agree(
             lambda: [None] * ranks.size if ranks.rank else parts_of(mesh, parts, ranks.size)
         )

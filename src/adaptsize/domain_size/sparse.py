@@ -166,7 +166,7 @@ def _extra_points(size: SizeFunction) -> tuple[FloatArray, FloatArray]:
     places, sizes = [np.empty((0, dim))], [np.empty(0)]
     if size.sources is not None and size.sources.transform is None:
         for part in size.sources.parts:
-            n = len(size.sources.bound) if part.nodes is None else len(part.nodes)
+            n = len(part.found.h)
             for entries in part.found.field.groups:
                 between = entries.nodes[:, 0] >= n
                 places.append(entries.places[between, 0])

@@ -25,19 +25,18 @@ from adaptsize.background import (
 )
 from adaptsize.background.simplex import as_mesh, as_own
 from adaptsize.errors import ConvergenceWarning
+from adaptsize.limiting.agreement import (
+    require_equal_arguments,
+    require_equal_functions,
+    slope_of_parts,
+    solve_on_whole,
+)
 from adaptsize.limiting.barth_sethian import PositiveCoefficient
 from adaptsize.limiting.edge_based import EdgeBased
 from adaptsize.limiting.exact import Exact
 from adaptsize.limiting.fast_marching import FastMarching
 from adaptsize.limiting.gradient_limit import SizeTransform, factors_of, in_space
 from adaptsize.limiting.hamilton_jacobi import HamiltonJacobi
-from adaptsize.limiting.in_parts.agreement import (
-    require_equal_arguments,
-    require_equal_functions,
-    slope_of_parts,
-    solve_on_whole,
-)
-from adaptsize.limiting.in_parts.exact import solve_exact
 from adaptsize.limiting.info import LimitingInfo
 from adaptsize.limiting.periodic import as_periodicity
 from adaptsize.limiting.problem import (
@@ -45,7 +44,6 @@ from adaptsize.limiting.problem import (
     PointBounds,
     Problem,
     Scheme,
-    Solution,
     TooManyCorners,
     as_nodal_sizes,
 )
@@ -265,10 +263,13 @@ def limit_gradient(
         scheme = _automatic(problem) if scheme is None else scheme
         _refuse_unsupported(scheme, problem)
         try:
-            solution = _solve(scheme, problem)
-        except TooManyCorners:  # on all ranks
-            scheme = FastMarching()
-            solution = _solve(scheme, problem)
+            try:
+                solution = scheme.solve(problem)
+            except TooManyCorners:  # on all ranks
+                scheme = FastMarching()
+                solution = scheme.solve(problem)
+        except NeedsWholeMesh:  # on all ranks
+            solution = solve_on_whole(scheme, problem)
     if solution.unfinished and ranks.rank == 0:
         warn_caller(solution.unfinished, ConvergenceWarning)
     h = solution.h
@@ -321,18 +322,6 @@ def _transformed(problem: Problem, transform: SizeTransform) -> Problem:
         start = transform.forward(start)
     h0 = transform.forward(problem.h0)
     return replace(problem, h0=h0, initial=start, point_sources=extra)
-
-
-def _solve(scheme: Scheme, problem: Problem) -> Solution:
-    """Solve a problem, on the whole mesh if a scheme does not on its parts."""
-    if not isinstance(problem.domain, PartitionedMesh):
-        return scheme.solve(problem)
-    try:
-        if isinstance(scheme, Exact):
-            return solve_exact(scheme, problem)
-        return scheme.solve(problem)
-    except NeedsWholeMesh:
-        return solve_on_whole(scheme, problem)
 
 
 def as_scheme(method: Scheme | str) -> Scheme | None:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_points
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.typing import BoolArray, FloatArray, IntArray
+from adaptsize.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from adaptsize.limiting.exact import ExactSolution
@@ -62,13 +62,10 @@ class SizeSources:
         bend = [part.found.bends() for part in solution.parts]
         bends = np.full((n if any(map(len, bend)) else 0, dim), np.nan)
         for part, own_bends in zip(solution.parts, bend, strict=True):
-            where = np.arange(n) if part.nodes is None else part.nodes
-            own = part.found.named()
-            if part.nodes is not None:
-                k = len(part.nodes)
-                inner = part.nodes[np.clip(own, 0, k - 1)]
-                own = np.where((own >= 0) & (own < k), inner, np.where(own < 0, -1, own - k + n))
-            nodes[where] = own
+            where, own = np.arange(n, dtype=np.int32)[part.nodes], part.found.named()
+            k = len(where)
+            inner = where[np.clip(own, 0, k - 1)]
+            nodes[where] = np.where(own < 0, -1, np.where(own < k, inner, own - k + n))
             if len(own_bends):
                 bends[where] = own_bends
         nodes[np.isinf(solution.h.ravel())] = -1
@@ -143,11 +140,9 @@ class SizeSources:
         bound = _interpolate(self.bound, around, weights)
         heaviest = np.take_along_axis(around, np.argmax(weights, axis=1)[:, None], axis=1)[:, 0]
         for part in self.parts:
-            inside: BoolArray = np.ones(len(points), np.bool_)
-            if part.nodes is not None:
-                member = np.zeros(len(self.limited), np.bool_)
-                member[part.nodes] = True
-                inside = member[heaviest]
+            member = np.zeros(len(self.limited), np.bool_)
+            member[part.nodes] = True
+            inside = member[heaviest]
             if part.found.proved is None:
                 field = part.found.between
                 places = points[inside]

@@ -13,6 +13,7 @@ from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import unique_rows
 from adaptsize.limiting.exact.field import Entries, ExactField, Points, Workers, entries_at
+from adaptsize.limiting.problem import PointBounds
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -35,11 +36,18 @@ class Extra(NamedTuple):
     numbers: IntArray
     """int32[k]: numbers that follow those of the nodes."""
 
+    @classmethod
+    def of(cls, given: PointBounds, which: IntArray, n_points: int) -> Extra:
+        """Return some of the given sources, in a domain with this number of nodes."""
+        points = np.ascontiguousarray(given.points[which])
+        return cls(points, given.sizes[which], np.int32(n_points) + which)
+
 
 class Component(NamedTuple):
     """A component of the domain with bounds."""
 
     mesh: SimplexMesh
+    """A grid if it is convex and has bounds at nodes only."""
     h0: FloatArray
     g: float
     face_sources: bool
@@ -69,12 +77,15 @@ class Component(NamedTuple):
         """Simplices on which h0 is linear."""
         return self.mesh.cells if self.linear is None else self.linear
 
+    @property
+    def least(self) -> float:
+        """The smallest bound."""
+        between = np.inf if self.extra is None else self.extra.sizes.min(initial=np.inf)
+        return float(min(self.h0.min(), between))
+
     def with_margin(self) -> Component:
         """Return the problem with the margin for a domain with these nodes and bounds."""
-        least = float(self.h0.min())
-        if self.extra is not None:
-            least = min(least, float(self.extra.sizes.min(initial=np.inf)))
-        return self._replace(margin=margin_for(least, self.g, self.mesh.diagonal))
+        return self._replace(margin=margin_for(self.least, self.g, self.mesh.diagonal))
 
 
 def margin_for(least: float, g: float, diagonal: float) -> float:
@@ -101,7 +112,7 @@ def sources_on_cells(
     steep: BoolArray,
     h: FloatArray,
     found: tuple[IntArray, ExactField] | None = None,
-) -> Entries | None:
+) -> Entries:
     """Return the edges and faces of steep cells that may be sources.
 
     ``found``: the sources of the sizes h, and their field, in a convex domain.  There the edges and
@@ -118,7 +129,7 @@ def sources_on_cells(
     named = _chosen(rows, mesh.n_points)
     if found is not None:
         named = _undominated(component, named, h, *found)
-    return entries_at(mesh.points, h0, named) if len(named) else None
+    return entries_at(mesh.points, h0, named)
 
 
 def _undominated(
@@ -149,12 +160,10 @@ def _undominated(
     entries = entries_at(mesh.points, h0, named[leads])
     others = named[~leads]
     nodes = np.unique(others[others >= 0]).astype(np.int32)
-    local = np.full(mesh.n_points, -1, np.int32)
-    sizes, found = h.copy(), np.full(mesh.n_points, -1, np.int32)
-    own = ExactField(g, None, True, [entries])
     places = np.ascontiguousarray(mesh.points[nodes])
-    points = Points(mesh.points, nodes[along_curve(places)], local)
-    own.lower_by_last(points, sizes, found, component.workers.part(0.5, 0.5))
+    points = Points(mesh.points, nodes[along_curve(places)])
+    own = ExactField(g, None, True, [entries])
+    _, found = own.lowered(points, h, component.workers.part(0.5, 0.5))
     others = others[kept(others, found, entries)]
     return np.concatenate([named[leads], others])
 

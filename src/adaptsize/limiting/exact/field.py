@@ -186,7 +186,7 @@ class Points(NamedTuple):
     """float64[n, dim]"""
     order: IntArray
     """int32[k]: the points to process, along a Morton curve."""
-    on_wall: IntArray
+    on_wall: IntArray = np.empty(0, np.int32)
     """int32[n]: row of each boundary node in the sectors, -1 for other points; empty in a convex
     domain."""
 
@@ -212,9 +212,14 @@ class ExactField:
         self.groups.append(entries)
 
     @property
-    def n_entries(self) -> int:
-        """Number of entries of all groups."""
-        return sum(len(entries.nodes) for entries in self.groups)
+    def table(self) -> FloatArray:
+        """The table of the entries of all groups."""
+        return np.concatenate([entries.table for entries in self.groups])
+
+    @property
+    def nodes(self) -> IntArray:
+        """The nodes of the entries of all groups."""
+        return np.concatenate([entries.nodes for entries in self.groups])
 
     def lower_by_last(
         self,
@@ -229,7 +234,7 @@ class ExactField:
         entries, sight, edges = self.groups[-1], self.sight, True if self.linear else None
         dim = points.places.shape[1]
         places, order, on_wall = (read_only(array) for array in points)
-        offset = self.n_entries - len(entries.nodes)
+        offset = sum(len(before.nodes) for before in self.groups[:-1])
         found = np.full(len(source), -1, np.int32) if offset else source
 
         def task(first: int, last: int) -> None:
@@ -251,25 +256,29 @@ class ExactField:
         """Return the last entries, nodes, without those that another one undercuts by a margin."""
         entries = self.groups[-1]
         order = np.arange(len(entries.nodes), dtype=np.int32)
-        on_wall = np.empty(0, np.int32)
+        points = Points(entries.table[:, : entries.nodes.shape[1]].copy(), order)
         if self.sight is not None:
-            on_wall = entries.table[:, plane.ROW].astype(np.int32)
-        points = Points(entries.table[:, : entries.nodes.shape[1]].copy(), order, on_wall)
+            points = points._replace(on_wall=entries.table[:, plane.ROW].astype(np.int32))
         sizes, source = entries.sizes[:, 0] - margin, np.full(len(order), -1, np.int32)
         self.lower_by_last(points, sizes, source, workers, once=True)
         return entries.only(source < 0)
 
+    def lowered(
+        self, points: Points, bound: FloatArray, workers: Workers
+    ) -> tuple[FloatArray, IntArray]:
+        """Return bounds, lowered by all entries, and these entries; -1 where a bound is kept."""
+        sizes, source = bound.copy(), np.full(len(bound), -1, np.int32)
+        for k in range(len(self.groups)):
+            replace(self, groups=self.groups[: k + 1]).lower_by_last(points, sizes, source, workers)
+        return sizes, source
+
     def evaluate(self, places: FloatArray, bound: FloatArray) -> FloatArray:
         """Return the minimum of ``bound`` and the allowed sizes at points of the domain."""
-        sizes = bound.copy()
         if len(places) == 0:
-            return sizes
+            return bound.copy()
         places = np.ascontiguousarray(places)
         points = Points(places, along_curve(places), np.full(len(places), -1, np.int32))
-        unused = np.empty(len(places), np.int32)
-        for entries in self.groups:
-            replace(self, groups=[entries]).lower_by_last(points, sizes, unused, Workers(1))
-        return sizes
+        return self.lowered(points, bound, Workers(1))[0]
 
 
 def reach_of(points: FloatArray, order: IntArray, h: FloatArray) -> FloatArray:

@@ -11,17 +11,25 @@ import numpy as np
 
 from adaptsize._checks import as_flag
 from adaptsize._kernels.exact_candidates import have_neighbours
-from adaptsize._kernels.topology import join_cells, mark_nodes
+from adaptsize._kernels.topology import mark_nodes
 from adaptsize._kernels.trees import fill_tiles
 from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.grid import both_ways
+from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.background.topology import places_among
 from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
 from adaptsize.geometry.convexity import is_convex
 from adaptsize.limiting.edge_based import EdgeBased
 from adaptsize.limiting.exact.candidates import EQUAL, Component, Extra, margin_for
+from adaptsize.limiting.exact.components import (
+    OUTSIDE,
+    components_of,
+    is_connected,
+    piece_of,
+    points_in_components,
+)
 from adaptsize.limiting.exact.field import (
     Entries,
     ExactField,
@@ -31,13 +39,11 @@ from adaptsize.limiting.exact.field import (
     node_entries,
     sorted_entries,
 )
-from adaptsize.limiting.exact.solve import ComponentSolution, solve_on_mesh
+from adaptsize.limiting.exact.in_parts import solve_piece
+from adaptsize.limiting.exact.solve import ComponentSolution, entries_of_nodes, solve_on_mesh
 from adaptsize.limiting.periodic import Periodicity
-from adaptsize.limiting.problem import PointBounds, Problem, Scheme, Solution
+from adaptsize.limiting.problem import NeedsWholeMesh, PointBounds, Problem, Scheme, Solution
 from adaptsize.typing import FloatArray, IntArray
-
-# Points this far outside, relative to the diagonal of the background, count as inside.
-OUTSIDE = 1e-9
 
 # Nodes of a tile of a grid, which is a block of the kernels.
 _TILES = {1: (32, 1, 1), 2: (4, 8, 1), 3: (4, 4, 2)}
@@ -51,8 +57,8 @@ UNFINISHED = (
 class Part(NamedTuple):
     """A component of the domain and its solution."""
 
-    nodes: IntArray | None
-    """Its nodes in the background; None for all nodes."""
+    nodes: IntArray | slice
+    """Its nodes in the background."""
     found: ComponentSolution
 
 
@@ -122,27 +128,78 @@ class Exact(Scheme):
                 )
             solution = self.solve(replace(problem, periodic=None))
             return _with_images(solution, periodic, self._component(problem, domain))
-        if isinstance(domain, CartesianGrid) and domain.active is not None:
-            return self._on_active(domain, problem)
-        component = self._component(problem, domain, _inside(domain, problem.point_sources))
+        if isinstance(domain, PartitionedMesh):
+            return replace(self._by_components(domain, problem), parts=[])
         if isinstance(domain, CartesianGrid):
-            if not self.face_sources or domain.dim == 1 or not _meet(h0):
-                return as_solution(h0, [Part(None, _on_convex_nodes(domain, component))])
-            return _on_grid_mesh(domain, h0, component)
-        if domain.dim == 1:
-            return _by_components(h0, component)
-        prepared, boundary, all_used = _prepared(component)
+            if domain.active is not None:
+                return self._on_active(domain, problem)
+            if self.face_sources and domain.dim > 1 and _meet(h0):
+                return self._on_grid_mesh(domain, problem)
+        elif domain.dim == 1:
+            return self._by_components(PartitionedMesh.from_serial(domain), problem)
+        component = self._component(problem, domain)
+        component = component._replace(extra=_inside(domain, problem.point_sources))
+        if isinstance(domain, CartesianGrid):
+            return as_solution(h0, [Part(slice(None), _on_convex_nodes(component))])
+        component, boundary, all_used = _prepared(component)
         convex = is_convex(domain.points, boundary)
-        if not (all_used and (convex or not _roots(domain).any())):
-            return _by_components(h0, component)
-        return as_solution(h0, [Part(None, solve_on_mesh(prepared, boundary, convex))])
+        if not (all_used and (convex or is_connected(domain))):
+            return self._by_components(PartitionedMesh.from_serial(domain), problem)
+        return as_solution(h0, [Part(slice(None), solve_on_mesh(component, boundary, convex))])
 
-    def _component(self, problem: Problem, domain: Any, extra: Extra | None = None) -> Component:
+    def _by_components(
+        self, part: PartitionedMesh, problem: Problem, linear: IntArray | None = None
+    ) -> ExactSolution:
+        """Solve on one component after another; nodes in no cell keep their bounds.  Collective.
+
+        Each rank uses one thread by default.
+        """
+        ranks = part.ranks
+        if ranks.size > 1 and part.dim == 1:
+            raise NeedsWholeMesh
+        scheme = replace(self, threads=1) if ranks.size > 1 and self.threads is None else self
+        whole = scheme._component(problem, part)
+        located = points_in_components(part, problem.point_sources)
+        parts = []
+        for number in sorted({*components_of(part).bounded(ranks, whole.h0), *located}):
+            piece = piece_of(part, number)
+            component = whole._replace(mesh=piece.mesh, h0=piece.bounds(whole.h0))
+            if problem.point_sources is not None and number in located:
+                here = Extra.of(problem.point_sources, located[number], piece.mesh.n_points)
+                component = component._replace(extra=here)
+            if linear is not None:
+                own = places_among(piece.nodes, part.n_points)[linear]
+                own = read_only(np.ascontiguousarray(own[own[:, 0] >= 0]))
+                component = component._replace(linear=own)
+            if ranks.size > 1:
+                found = solve_piece(part, number, component)
+            elif part.dim == 1:  # an interval; folds change nothing
+                found = _on_convex_nodes(component.with_margin())
+            else:
+                boundary = flat_boundary(piece.mesh, whole.workers.threads)
+                convex = is_convex(piece.mesh.points, boundary)
+                found = solve_on_mesh(component, boundary, convex)
+            parts.append(Part(piece.nodes, found))
+        solution = as_solution(problem.h0, parts)
+        finished = ranks.allreduce(int(not solution.unfinished), "min")
+        return solution if finished else replace(solution, unfinished=UNFINISHED)
+
+    def _component(self, problem: Problem, domain: Any) -> Component:
         """Return the problem on a mesh, or a grid, as one component."""
         workers = Workers.of(self.threads, problem.report)
         g = problem.slope.number(self.name)
         h0, price = problem.h0.ravel(), problem.at_any_price
-        return Component(domain, h0, g, self.face_sources, workers, extra, at_any_price=price)
+        return Component(domain, h0, g, self.face_sources, workers, at_any_price=price)
+
+    def _on_grid_mesh(self, grid: CartesianGrid, problem: Problem) -> ExactSolution:
+        """Solve on the whole boxes of a grid, split into simplices on which h0 is linear.
+
+        In the plane each box is split along both diagonals, and the lower size is used; no diagonal
+        is preferred.
+        """
+        bounded = np.isfinite(problem.h0)
+        linear = read_only(both_ways(bounded, grid.active)) if grid.dim == 2 else None
+        return self._by_components(PartitionedMesh.from_serial(grid.mesh), problem, linear)
 
     def _on_active(self, grid: CartesianGrid, problem: Problem) -> ExactSolution:
         """Solve on the active nodes of a grid.
@@ -155,8 +212,7 @@ class Exact(Scheme):
         if grid.n_cells == 0:  # no whole box
             return as_solution(by_edges.solve(problem).h, [])
         mesh, of_nodes = grid.mesh, replace(self, face_sources=False)
-        component = self._component(problem, mesh, _inside(mesh, problem.point_sources))
-        solution = _on_grid_mesh(grid, problem.h0, component)
+        solution = self._on_grid_mesh(grid, problem)
         h, parts, n_later = solution.h, solution.parts, 0
         unfinished = solution.unfinished
         while True:
@@ -194,51 +250,13 @@ def _prepared(component: Component) -> tuple[Component, FlatBoundary, bool]:
         return component, boundary, used.result() == mesh.n_points
 
 
-def _inside(
-    background: SimplexMesh | CartesianGrid, point_sources: PointBounds | None
-) -> Extra | None:
+def _inside(background: SimplexMesh | CartesianGrid, given: PointBounds | None) -> Extra | None:
     """Return the sources between the nodes that lie in the domain."""
-    if point_sources is None:
+    if given is None:
         return None
-    places, sizes = point_sources
-    numbers = background.n_points + np.arange(len(places), dtype=np.int32)
-    away = background.locator.weights(places)[2]
-    inside = (away <= OUTSIDE * background.diagonal) & np.isfinite(sizes)
-    return Extra(np.ascontiguousarray(places[inside]), sizes[inside], numbers[inside])
-
-
-def _by_components(
-    h0: FloatArray, whole: Component, linear: IntArray | None = None
-) -> ExactSolution:
-    """Solve on one component after another; nodes in no cell keep their bounds."""
-    mesh, bound, extra = whole.mesh, whole.h0, whole.extra
-    parts = []
-    which, extra_nodes = np.empty(0, np.int64), np.empty(0, np.int32)
-    if extra is not None:  # each belongs to all components of which a cell holds it
-        which, cells = mesh.locator.within(extra.points, OUTSIDE * mesh.diagonal)
-        extra_nodes = mesh.cells[cells, 0]
-    for nodes, domain in _components(mesh, bound, extra_nodes):
-        component = whole._replace(mesh=domain, linear=linear)
-        if nodes is not None:
-            component = component._replace(h0=bound[nodes])
-            if extra is not None:
-                here = np.unique(which[np.isin(extra_nodes, nodes)])
-                # Their numbers follow those of the nodes, in a component as in the whole mesh.
-                numbers = extra.numbers[here] + np.int32(len(nodes) - mesh.n_points)
-                some = Extra(extra.points[here], extra.sizes[here], numbers)
-                component = component._replace(extra=some)
-            if linear is not None:
-                own = places_among(nodes, mesh.n_points)[linear]
-                own = read_only(np.ascontiguousarray(own[own[:, 0] >= 0]))
-                component = component._replace(linear=own)
-        if mesh.dim == 1:  # an interval; folds change nothing
-            found = _on_convex_nodes(domain, component.with_margin())
-        else:
-            boundary = flat_boundary(domain, whole.workers.threads)
-            convex = is_convex(domain.points, boundary)
-            found = solve_on_mesh(component, boundary, convex)
-        parts.append(Part(nodes, found))
-    return as_solution(h0, parts)
+    away = background.locator.weights(given.points)[2]
+    inside = (away <= OUTSIDE * background.diagonal) & np.isfinite(given.sizes)
+    return Extra.of(given, np.flatnonzero(inside).astype(np.int32), background.n_points)
 
 
 def as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
@@ -246,8 +264,8 @@ def as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
     flat = h0.ravel().copy()
     n_hidden, gap, n_entries = 0, 0.0, 0
     for nodes, found in parts:
-        flat[slice(None) if nodes is None else nodes] = found.h
-        n_entries += found.field.n_entries
+        flat[nodes] = found.h
+        n_entries += len(found.field.nodes)
         if found.proved is not None and found.lower is not None:
             hidden = ~found.proved
             n_hidden += int(np.count_nonzero(hidden))
@@ -260,52 +278,13 @@ def as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
     )
 
 
-def _roots(mesh: SimplexMesh) -> IntArray:
-    """Return for each node the smallest node of its component; 0 for all if there is one."""
-    parent = np.arange(mesh.n_points, dtype=np.int32)
-    join_cells(mesh.cells, parent)
-    return parent
-
-
-def _components(
-    mesh: SimplexMesh, h0: FloatArray, extra_nodes: IntArray
-) -> Iterator[tuple[IntArray | None, SimplexMesh]]:
-    """Yield the components with a bound or one of the nodes ``extra_nodes``, and their nodes."""
-    parent = _roots(mesh)
-    if not parent.any():
-        yield None, mesh
-        return
-    used = np.zeros(mesh.n_points, np.bool_)
-    used[mesh.cells] = True
-    local = np.empty(mesh.n_points, np.int32)
-    of_cells = parent[mesh.cells[:, 0]]
-    wanted = np.concatenate([parent[used & np.isfinite(h0)], parent[extra_nodes]])
-    for root in np.unique(wanted).tolist():
-        nodes = np.flatnonzero(used & (parent == root)).astype(np.int32)
-        local[nodes] = np.arange(len(nodes))
-        cells = local[mesh.cells[of_cells == root]]
-        yield nodes, SimplexMesh(mesh.points[nodes], cells)
-
-
-def _on_convex_nodes(
-    domain: SimplexMesh | CartesianGrid, component: Component
-) -> ComponentSolution:
+def _on_convex_nodes(component: Component) -> ComponentSolution:
     """Solve for bounds at the nodes of a convex domain."""
-    h0, g, extra = component.h0, component.g, component.extra
-    nodes = np.flatnonzero(np.isfinite(h0)).astype(np.int32)
-    if isinstance(domain, CartesianGrid):
-        index = np.stack(np.unravel_index(nodes, domain.shape), axis=1)
-        places = domain.origin + domain.spacing * index
-    else:
-        places = domain.points[nodes]
-    sizes = h0[nodes]
-    if extra is not None:
-        places = np.concatenate([places, extra.points])
-        sizes, nodes = np.concatenate([sizes, extra.sizes]), np.concatenate([nodes, extra.numbers])
-    entries, workers = node_entries(places, sizes, nodes), component.workers
-    exact = field_of_nodes(entries, g, component.margin, workers.part(0.0, 0.1))
+    h0, workers = component.h0, component.workers
+    entries = entries_of_nodes(component, np.flatnonzero(np.isfinite(h0)).astype(np.int32))
+    exact = field_of_nodes(entries, component.g, component.margin, workers.part(0.0, 0.1))
     h, source = h0.copy(), np.full(len(h0), -1, np.int32)
-    for first, points in _slabs_of(domain):
+    for first, points in _slabs_of(component.mesh):
         last = first + len(points.places)
         part = workers.part(0.1 + 0.9 * first / len(h), 0.1 + 0.9 * last / len(h))
         exact.lower_by_last(points, h[first:last], source[first:last], part)
@@ -314,31 +293,20 @@ def _on_convex_nodes(
 
 def _slabs_of(domain: SimplexMesh | CartesianGrid) -> Iterator[tuple[int, Points]]:
     """Yield the nodes in blocks: all nodes of a mesh, a million at a time of a grid."""
-    none = np.empty(0, np.int32)
     if not isinstance(domain, CartesianGrid):
         order = along_curve(domain.points)
         if domain.dim == 1:
             order = np.argsort(domain.points[:, 0], kind="stable").astype(np.int32)
-        yield 0, Points(domain.points, order, none)
+        yield 0, Points(domain.points, order)
         return
-    order, first = none, 0
+    order, first = np.empty(0, np.int32), 0
     for slab, places in domain.slabs():
         shape = (slab.stop - slab.start, *domain.shape[1:])
         if len(order) != len(places):
             order = np.empty(len(places), np.int32)
             fill_tiles((*shape, 1, 1)[:3], _TILES[domain.dim], order)
-        yield first, Points(places, order, none)
+        yield first, Points(places, order)
         first += len(places)
-
-
-def _on_grid_mesh(grid: CartesianGrid, h0: FloatArray, component: Component) -> ExactSolution:
-    """Solve on the whole boxes of a grid, split into simplices on which h0 is linear.
-
-    In the plane each box is split along both diagonals, and the lower size is used; no diagonal is
-    preferred.
-    """
-    linear = read_only(both_ways(np.isfinite(h0), grid.active)) if grid.dim == 2 else None
-    return _by_components(h0, component._replace(mesh=grid.mesh), linear)
 
 
 def _meet(h0: FloatArray) -> bool:
@@ -376,14 +344,13 @@ def _with_images(
         span = slice(first, first + len(points.places))
         field.lower_by_last(points, h[span], source[span], component.workers)
     h = periodicity.least(h)  # rounding may differ between paired nodes
-    return as_solution(solution.h, [Part(None, ComponentSolution(h, source, field))])
+    return as_solution(solution.h, [Part(slice(None), ComponentSolution(h, source, field))])
 
 
 def _images(found: ComponentSolution, periodicity: Periodicity) -> Entries | None:
     """Return the images of sources that may lower a size in the cell."""
-    nodes = np.concatenate([entries.nodes for entries in found.field.groups])
-    places = np.concatenate([entries.places for entries in found.field.groups])
-    sizes = np.concatenate([entries.sizes for entries in found.field.groups])
+    every = Entries(found.field.table, np.empty(0), found.field.nodes)
+    nodes, places, sizes = every.nodes, every.places, every.sizes
     if len(nodes) == 0:
         return None
     box = np.stack([places.min(axis=1), places.max(axis=1)])
@@ -440,7 +407,6 @@ def limit_points(
     nodes = np.flatnonzero(np.isfinite(bounds)).astype(np.int32)
     entries = node_entries(points[nodes], bounds[nodes], nodes)
     field = field_of_nodes(entries, g, margin, workers, radius)
-    wanted = Points(points[:n], along_curve(points[:n]), np.empty(0, np.int32))
-    h, source = bounds[:n].copy(), np.full(n, -1, np.int32)
-    field.lower_by_last(wanted, h, source, workers)
+    wanted = Points(points[:n], along_curve(points[:n]))
+    h, source = field.lowered(wanted, bounds[:n], workers)
     return h, ComponentSolution(h, source, field).named()[:, 0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from adaptsize._kernels import exact_candidates as candidates
 from adaptsize._kernels.exact_plane import CORNER
 from adaptsize._progress import silent
-from adaptsize.background import SimplexMesh
+from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.geometry.boundary import FlatBoundary, plane_boundary
 from adaptsize.geometry.convexity import count_corners
@@ -80,7 +80,7 @@ class ComponentSolution:
         """Return the nodes of the source of each size, padded with -1; the own one of a bound."""
         if self.nodes is not None:
             return self.nodes
-        every = np.concatenate([entries.nodes for entries in self.field.groups])
+        every = self.field.nodes
         nodes = np.full((len(self.source), every.shape[1]), -1, np.int32)
         nodes[:, 0] = np.arange(len(nodes))
         has = self.source >= 0
@@ -91,15 +91,13 @@ class ComponentSolution:
         """Return the last bend of the path to each node, nan if none; no rows if convex."""
         if self.bend is not None:
             return self.bend
-        groups = self.field.groups
+        table = self.field.table
         if self.field.sight is None:
-            return np.empty((0, groups[0].nodes.shape[1]))
-        places = np.concatenate([entries.table[:, :2] for entries in groups])
-        is_corner = np.concatenate([entries.table[:, CORNER] > 0.0 for entries in groups])
+            return np.empty((0, self.field.groups[0].nodes.shape[1]))
         bend = np.full((len(self.source), 2), np.nan)
         nodes = np.flatnonzero(self.source >= 0)
-        nodes = nodes[is_corner[self.source[nodes]]]
-        bend[nodes] = places[self.source[nodes]]
+        nodes = nodes[table[self.source[nodes], CORNER] > 0.0]
+        bend[nodes] = table[self.source[nodes], :2]
         return bend
 
 
@@ -143,7 +141,7 @@ def _solve_by_expansion(
     if expanded is None:
         return None
     h, root, bend = expanded
-    if steep is not None and sources_on_cells(component, steep, h) is not None:
+    if steep is not None and len(sources_on_cells(component, steep, h).nodes):
         return None
     n_uses = np.bincount(root[np.isfinite(h)], minlength=len(h))
     used = np.flatnonzero(n_uses).astype(np.int32)
@@ -183,9 +181,10 @@ def solve_by_sight(
 ) -> ComponentSolution:
     """Solve in a convex domain (no ``plane``) or in the plane."""
     mesh, h0, g = component.mesh, component.h0, component.g
-    on_wall = np.empty(0, np.int32) if plane is None else plane.boundary.rows
     order = along_curve(mesh.points) if component.order is None else component.order
-    points = Points(mesh.points, order, on_wall)
+    points = Points(mesh.points, order)
+    if plane is not None:
+        points = points._replace(on_wall=plane.boundary.rows)
     nodes, steep = candidates_of(component)
     linear = steep is not None and component.face_sources
     field = ExactField(g, None if plane is None else plane.sight, linear)
@@ -196,12 +195,9 @@ def solve_by_sight(
     if not linear or steep is None:
         return ComponentSolution(h, source, field)
     entries = sources_on_cells(component, steep, h, (source, field) if plane is None else None)
-    if plane is not None and entries is not None:
-        entries = along_walls(entries, mesh.points, boundary.facets)
-    if entries is None and plane is not None and plane.merge is not None:
-        entries = field.groups[0].only(np.zeros(len(field.groups[0].nodes), np.bool_))
-    if entries is not None:
+    if len(entries.nodes) or (plane is not None and plane.merge is not None):
         if plane is not None:
+            entries = along_walls(entries, mesh.points, boundary.facets)
             entries = with_corners(entries, g, plane, linear, workers.report)
         field.add(entries)
         field.lower_by_last(points, h, source, workers.part(0.5, 1.0))
@@ -234,9 +230,9 @@ class WholeSolid:
         """Return the result of `candidates_of`."""
         return candidates_of(self.component)
 
-    def with_others(self, entries: Entries | None) -> tuple[Entries, npt.NDArray[Any]] | None:
+    def with_others(self, entries: Entries) -> tuple[Entries, npt.NDArray[Any]]:
         """Return sources with those that others know, and the numbers of their nodes."""
-        return None if entries is None else (entries, entries.nodes)
+        return entries, entries.nodes
 
     def known(self, numbers: npt.NDArray[Any]) -> IntArray:
         """Return the nodes of sources, given their numbers; -1 for points between the nodes."""
@@ -259,15 +255,14 @@ def solve_in_solid(known: WholeSolid) -> tuple[SpaceResult, ExactField, IntArray
     linear = steep is not None and component.face_sources
     field = ExactField(component.g, None, linear)
     lower, source = known.h0.copy(), np.full(len(known.h0), -1, np.int32)
-    points = Points(solid.points, solid.nodes, np.empty(0, np.int32))
+    points = Points(solid.points, solid.nodes)
     numbers = []
 
-    def lower_by(entries: Entries | None) -> None:
-        found = known.with_others(entries)
-        if found is not None:
-            field.add(found[0])
-            numbers.append(found[1])
-            field.lower_by_last(points, lower, source, component.workers)
+    def lower_by(entries: Entries) -> None:
+        every, names = known.with_others(entries)
+        field.add(every)
+        numbers.append(names)
+        field.lower_by_last(points, lower, source, component.workers)
 
     lower_by(entries_of_nodes(component, nodes))
     if linear and steep is not None:
@@ -276,8 +271,7 @@ def solve_in_solid(known: WholeSolid) -> tuple[SpaceResult, ExactField, IntArray
     order = np.lexsort(named.T[::-1]).astype(np.int32)
     place = np.empty(len(order) + 1, np.int32)  # of each entry in this order
     place[order], place[-1] = np.arange(len(order)), -1
-    table = np.concatenate([entries.table for entries in field.groups])[order]
-    sources = SolidSources(table, known.known(named)[order])
+    sources = SolidSources(field.table[order], known.known(named)[order])
     bounds = Bounds(known.h0, lower, place[source], known.spread)
     found = solve_in_space(solid, sources, bounds, component.g, component.workers)
     return found, field, order
@@ -397,18 +391,21 @@ def _keep_edges(component: Component, found: ComponentSolution) -> None:
     found.h[lowered] = along[lowered]
     found.source[lowered] = -1
     _name_all(component, found, np.full(mesh.n_points, -1, np.int32))
-    lower, source = component.h0.copy(), np.full(mesh.n_points, -1, np.int32)
-    points = Points(mesh.points, along_curve(mesh.points), np.empty(0, np.int32))
-    unhidden = ExactField(g, None, found.field.linear)
-    for entries in found.field.groups:
-        unhidden.add(entries)
-        unhidden.lower_by_last(points, lower, source, component.workers)
-    found.lower, found.proved = lower, found.h <= lower * (1.0 + EQUAL)
+    points = Points(mesh.points, along_curve(mesh.points))
+    unhidden = replace(found.field, sight=None)
+    found.lower, _ = unhidden.lowered(points, component.h0, component.workers)
+    found.proved = found.h <= found.lower * (1.0 + EQUAL)
 
 
 def entries_of_nodes(component: Component, nodes: IntArray) -> Entries:
     """Return nodes, and sources between nodes, as entries."""
-    places, sizes, extra = component.mesh.points[nodes], component.h0[nodes], component.extra
+    domain: Any = component.mesh
+    if isinstance(domain, CartesianGrid):
+        index = np.stack(np.unravel_index(nodes, domain.shape), axis=1)
+        places = domain.origin + domain.spacing * index
+    else:
+        places = domain.points[nodes]
+    sizes, extra = component.h0[nodes], component.extra
     if extra is not None:
         places = np.concatenate([places, extra.points])
         sizes, nodes = np.concatenate([sizes, extra.sizes]), np.concatenate([nodes, extra.numbers])

@@ -1,4 +1,4 @@
-"""Connected components of a mesh in parts, and the boundary of the whole domain on every rank."""
+"""The boundary of a component of a mesh in parts, the same on every rank."""
 
 from __future__ import annotations
 
@@ -7,104 +7,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._kernels.topology import join_cells
-from adaptsize.background import SimplexMesh, topology
-from adaptsize.background.partitioned import PartitionedMesh
+from adaptsize.background import SimplexMesh
 from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
 from adaptsize.geometry.convexity import is_convex
-from adaptsize.ranks import Communicator, Ids, rows_among
+from adaptsize.limiting.exact.components import Piece
+from adaptsize.ranks import Ids, rows_among
 from adaptsize.typing import BoolArray, FloatArray, IntArray
-
-
-class Piece(NamedTuple):
-    """The part of one component on this rank, nodes in the order of the whole mesh.
-
-    Methods then see nodes, edges and facets in the same order as in the whole mesh, and round
-    alike.
-    """
-
-    ranks: Communicator
-    mesh: SimplexMesh
-    """On a rank without cells of the component, some simplex."""
-    ids: Ids
-    """int64[n]: global numbers, ascending; empty on a rank without cells of the component."""
-    nodes: IntArray
-    """int32[n]: the nodes in the part of the rank."""
-    shared: list[IntArray]
-    """For each rank, the nodes that it holds too, ascending."""
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether this rank has no cells of the component."""
-        return len(self.ids) == 0
-
-
-class Components(NamedTuple):
-    """The components of the whole mesh."""
-
-    number: IntArray
-    """int32[n_local]: component of each local node, -1 for nodes in no cell."""
-    total: int
-    """Number of components."""
-
-    def bounded(self, comm: Communicator, h0: FloatArray) -> list[int]:
-        """Return the components in which a node has a bound; collective."""
-        found = np.zeros(self.total + 1, np.int8)
-        found[self.number[np.isfinite(h0)]] = 1
-        found[-1] = 0
-        everywhere = comm.allreduce(found, "max")
-        return [int(k) for k in np.flatnonzero(everywhere)]
-
-
-def components_of(part: PartitionedMesh) -> Components:
-    """Return the components; collective on first use."""
-    return part.once("_components", lambda: _find_components(part))
-
-
-def _find_components(part: PartitionedMesh) -> Components:
-    root = np.arange(part.n_points, dtype=np.int32)
-    join_cells(part.cells, root)
-    label = part.global_ids[root]
-    used = np.zeros(part.n_points, np.bool_)
-    used[part.cells] = True
-    label[~used] = -1
-    received = part.ranks.alltoallv([label[nodes] for nodes in part.shared.nodes])
-    links = [np.column_stack([np.unique(label[used])] * 2)]
-    for nodes, theirs in zip(part.shared.nodes, received, strict=True):
-        both = np.column_stack([label[nodes], theirs])
-        links.append(np.unique(both[(both >= 0).all(axis=1)], axis=0))
-    every = np.concatenate(part.ranks.allgather(np.concatenate(links)))
-    labels, ends = np.unique(every, return_inverse=True)
-    ends = ends.reshape(-1, 2)
-    of_label = topology.components_of(ends, len(labels))
-    number = np.full(part.n_points, -1, np.int32)
-    number[used] = of_label[np.searchsorted(labels, label[used])]
-    # A node without a cell here may have one on another rank.
-    return Components(part.shared.merge(number, np.maximum), int(of_label.max(initial=-1)) + 1)
-
-
-def piece_of(part: PartitionedMesh, component: int) -> Piece:
-    """Return the part of a component on this rank."""
-    return part.once(f"_piece_{component}", lambda: _find_piece(part, component))
-
-
-def _find_piece(part: PartitionedMesh, component: int) -> Piece:
-    number = components_of(part).number
-    own = np.flatnonzero(number[part.cells[:, 0]] == component)
-    if part.mesh is None or len(own) == 0:
-        corners = np.vstack([np.zeros(part.dim), np.eye(part.dim)])
-        simplex = SimplexMesh(corners, np.arange(part.dim + 1)[None])
-        none = np.empty(0, np.int32)
-        return Piece(part.ranks, simplex, part.global_ids[:0], none, [none] * part.ranks.size)
-    nodes = np.flatnonzero(number == component)
-    nodes = nodes[np.argsort(part.global_ids[nodes])]
-    mesh, ids = part.mesh, part.global_ids[nodes]
-    local = topology.places_among(nodes, part.n_points)
-    if not np.array_equal(nodes, np.arange(part.n_points)):
-        mesh = SimplexMesh(mesh.points[nodes], local[mesh.cells[own]])
-    shared = [local[held][local[held] >= 0] for held in part.shared.nodes]
-    return Piece(part.ranks, mesh, ids, nodes.astype(np.int32), shared)
-
 
 # A facet between two parts, on the boundary, or neither: a fold, or cells that coincide.
 _INNER, _WALL, _ODD = 0, 1, 2

@@ -12,7 +12,7 @@ docs/decisions/0030-one-exchange-between-ranks.md.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,26 +22,18 @@ from adaptsize.background._curve import along_curve
 from adaptsize.geometry.boundary import plane_boundary
 from adaptsize.geometry.convexity import count_corners
 from adaptsize.limiting.edge_based import limit_along_edges
-from adaptsize.limiting.exact.candidates import Component, Extra, margin_for
+from adaptsize.limiting.exact.candidates import Component, margin_for
+from adaptsize.limiting.exact.components import Piece, piece_of
 from adaptsize.limiting.exact.field import (
     Entries,
     Points,
-    Workers,
     exchange_rows,
-    node_entries,
     of_this_rank,
     reach_of,
     sorted_entries,
 )
 from adaptsize.limiting.exact.plane import Plane, has_many_corners, plane_of
-from adaptsize.limiting.exact.scheme import (
-    OUTSIDE,
-    UNFINISHED,
-    Exact,
-    ExactSolution,
-    Part,
-    as_solution,
-)
+from adaptsize.limiting.exact.skeleton import Skeleton, find_skeleton
 from adaptsize.limiting.exact.solve import (
     ComponentSolution,
     WholeSolid,
@@ -50,14 +42,7 @@ from adaptsize.limiting.exact.solve import (
     solve_in_solid,
 )
 from adaptsize.limiting.exact.space import Solid, solid_of
-from adaptsize.limiting.in_parts.domain import (
-    Piece,
-    Skeleton,
-    components_of,
-    find_skeleton,
-    piece_of,
-)
-from adaptsize.limiting.problem import NeedsWholeMesh, PointBounds, Problem, TooManyCorners
+from adaptsize.limiting.problem import NeedsWholeMesh, TooManyCorners
 from adaptsize.ranks import Communicator, Ids, rows_among
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -68,61 +53,25 @@ _COLUMNS = 12
 _ABOVE = 1.0 + 1e-9
 
 
-def solve_exact(scheme: Exact, problem: Problem) -> ExactSolution:
-    """Return the limited sizes on the nodes of this rank, without their sources; collective.
-
-    Each rank uses one thread by default.
+def solve_piece(part: PartitionedMesh, number: int, component: Component) -> ComponentSolution:
+    """Return the solution in one component at the nodes of this rank, without sources; collective.
 
     Raises
     ------
     NeedsWholeMesh
-        On all ranks, if the mesh has cells without measure or cells that overlap, or consists of
-        segments.
+        On all ranks, if the mesh has cells without measure or cells that overlap.
     """
-    part: Any = problem.domain
-    if part.dim == 1:
-        raise NeedsWholeMesh
-    if scheme.threads is None and part.ranks.size > 1:
-        scheme = replace(scheme, threads=1)
-    numbers = components_of(part).bounded(part.ranks, problem.h0)
-    located = locate(part, problem.point_sources)
-    if located is not None:
-        numbers = sorted({*numbers, *located.pairs[:, 0].tolist()})
-    found = []
-    for number in numbers:
-        piece = piece_of(part, number)
-        extra = None if located is None else located.extra(number, piece)
-        found.append(Part(piece.nodes, _solve_piece(scheme, problem, number, extra)))
-    solution = replace(as_solution(problem.h0, found), parts=[])
-    finished = part.ranks.allreduce(int(not solution.unfinished), "min")
-    return solution if finished else replace(solution, unfinished=UNFINISHED)
-
-
-def _solve_piece(
-    scheme: Exact, problem: Problem, number: int, extra: Extra | None
-) -> ComponentSolution:
-    """Return the solution in one component at the nodes of this rank."""
-    part: Any = problem.domain
-    piece, workers = piece_of(part, number), Workers.of(scheme.threads, problem.report)
-    skeleton = part.once(f"_skeleton_{number}", lambda: find_skeleton(piece, workers.threads))
+    piece, threads = piece_of(part, number), component.workers.threads
+    skeleton = part.once(f"_skeleton_{number}", lambda: find_skeleton(piece, threads))
     if skeleton is None:
         raise NeedsWholeMesh
     mesh, comm = piece.mesh, piece.ranks
-    bound = np.full(mesh.n_points, np.inf) if piece.is_empty else problem.h0[piece.nodes]
-    g = problem.slope.number(scheme.name)
-    least = min(float(bound.min()), np.inf if extra is None else float(extra.sizes.min()))
-    facts = comm.allgather((least, bool(have_neighbours(mesh.cells, bound))))
+    facts = comm.allgather((component.least, bool(have_neighbours(mesh.cells, component.h0))))
     diagonal = float(np.linalg.norm(np.ptp(skeleton.points, axis=0)))
-    component = Component(
-        mesh,
-        bound,
-        g,
-        scheme.face_sources,
-        workers,
-        extra,
+    component = component._replace(
         order=along_curve(mesh.points),
         meet=any(meet for _, meet in facts),
-        margin=margin_for(min(least for least, _ in facts), g, diagonal),
+        margin=margin_for(min(least for least, _ in facts), component.g, diagonal),
         merge=lambda rows: merge_rows(piece, rows),
     )
     if skeleton.convex:
@@ -130,7 +79,7 @@ def _solve_piece(
     if mesh.dim == 3:
         body = part.once(f"_body_{number}", lambda: find_body(piece, skeleton))
         return solve_body(part, piece, body, component)
-    if not problem.at_any_price:
+    if not component.at_any_price:
         n_corners = count_corners(skeleton.points, skeleton.boundary)
         own = np.ones(len(piece.ids), np.bool_)  # the nodes that no rank before this one holds
         own[np.concatenate([piece.nodes[:0], *piece.shared[: comm.rank]])] = False
@@ -155,8 +104,9 @@ def _with_others(
     found = solve_by_sight(component, plane, boundary)
     assert component.order is not None
     order = component.order[:0] if piece.is_empty else component.order
-    on_wall = np.empty(0, np.int32) if plane is None else plane.boundary.rows
-    points, field = Points(mesh.points, order, on_wall), found.field
+    points, field = Points(mesh.points, order), found.field
+    if plane is not None:
+        points = points._replace(on_wall=plane.boundary.rows)
     sent = [of_this_rank(entries, mesh.n_points) for entries in field.groups]
     reach = reach_of(points.places, points.order, found.h)
     table = exchange_rows(piece.ranks, sent, [own.table for own in sent], reach, component.g)
@@ -214,40 +164,6 @@ def merge_rows(piece: Piece, rows: IntArray) -> IntArray:
     found = np.concatenate(piece.ranks.alltoallv(sent))
     nodes = rows_among(found[:, :-1], piece.ids)
     return np.concatenate([rows, np.column_stack([nodes, found[:, -1]]).astype(np.int32)])
-
-
-class Located(NamedTuple):
-    """Sources between the nodes, and the components that they lie in."""
-
-    given: PointBounds
-    pairs: IntArray
-    """int32[k, 2]: a component and one of the points in it, in ascending order."""
-
-    def extra(self, component: int, piece: Piece) -> Extra | None:
-        """Return the sources in a component; None if there are none."""
-        chosen = self.pairs[self.pairs[:, 0] == component, 1]
-        if len(chosen) == 0:
-            return None
-        points = np.ascontiguousarray(self.given.points[chosen])
-        return Extra(points, self.given.sizes[chosen], piece.mesh.n_points + chosen)
-
-
-def locate(part: PartitionedMesh, given: PointBounds | None) -> Located | None:
-    """Return the sources that lie in the domain, with their components; collective.
-
-    Each rank sends pairs of numbers for the points in its part (one gather).
-    """
-    if given is None:
-        return None
-    pairs = np.empty((0, 2), np.int32)
-    number = components_of(part).number
-    reach = OUTSIDE * part.diagonal
-    if part.mesh is not None:
-        which, cells = part.mesh.locator.within(given.points, reach)
-        pairs = np.column_stack([number[part.cells[cells, 0]], which]).astype(np.int32)
-        pairs = np.unique(pairs[np.isfinite(given.sizes)[which]], axis=0)
-    every: IntArray = np.unique(np.concatenate(part.ranks.allgather(pairs)), axis=0)
-    return Located(given, every)
 
 
 class Body(NamedTuple):
@@ -324,10 +240,8 @@ class PartOfSolid(WholeSolid):
         merged = part.shared.merge(in_part, np.maximum)[nodes_in_part]
         return np.flatnonzero(merged == 1).astype(np.int32), steep
 
-    def with_others(self, entries: Entries | None) -> tuple[Entries, Ids]:
+    def with_others(self, entries: Entries) -> tuple[Entries, Ids]:
         """Return own sources, and those of other ranks that may act here; one exchange."""
-        if entries is None:
-            entries = node_entries(np.empty((0, 3)), np.empty(0), np.empty(0, np.int32))
         own = np.column_stack([entries.table, self.ids[entries.nodes].astype(np.float64)])
         ranks, n = self.piece.ranks, self.component.mesh.n_points
         sent = own[entries.nodes[:, 0] < n]

@@ -1,0 +1,139 @@
+"""Connected components of a mesh in parts, and the points that lie in each."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptsize._kernels.topology import join_cells
+from adaptsize.background import SimplexMesh, topology
+from adaptsize.background.partitioned import AnyMesh, PartitionedMesh
+from adaptsize.limiting.problem import PointBounds
+from adaptsize.ranks import Communicator, Ids
+from adaptsize.typing import FloatArray, IntArray
+
+# Points this far outside, relative to the diagonal of the background, count as inside.
+OUTSIDE = 1e-9
+
+
+class Piece(NamedTuple):
+    """The part of one component on this rank, nodes in the order of the whole mesh.
+
+    Methods then see nodes, edges and facets in the same order as in the whole mesh, and round
+    alike.
+    """
+
+    ranks: Communicator
+    mesh: SimplexMesh
+    """On a rank without cells of the component, some simplex."""
+    ids: Ids
+    """int64[n]: global numbers, ascending; empty on a rank without cells of the component."""
+    nodes: IntArray
+    """int32[n]: the nodes in the part of the rank."""
+    shared: list[IntArray]
+    """For each rank, the nodes that it holds too, ascending."""
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether this rank has no cells of the component."""
+        return len(self.ids) == 0
+
+    def bounds(self, h0: FloatArray) -> FloatArray:
+        """Return the bounds at the nodes of ``mesh``, given those in the part of the rank."""
+        return np.full(self.mesh.n_points, np.inf) if self.is_empty else h0[self.nodes]
+
+
+class Components(NamedTuple):
+    """The components of the whole mesh."""
+
+    number: IntArray
+    """int32[n_local]: component of each local node, -1 for nodes in no cell."""
+    total: int
+    """Number of components."""
+
+    def bounded(self, comm: Communicator, h0: FloatArray) -> list[int]:
+        """Return the components in which a node has a bound; collective."""
+        found = np.zeros(self.total + 1, np.int8)
+        found[self.number[np.isfinite(h0)]] = 1
+        found[-1] = 0
+        everywhere = comm.allreduce(found, "max")
+        return [int(k) for k in np.flatnonzero(everywhere)]
+
+
+def is_connected(mesh: SimplexMesh) -> bool:
+    """Return whether the mesh has one component, to which all nodes belong."""
+    return not _roots_of(mesh).any()
+
+
+def _roots_of(mesh: AnyMesh) -> IntArray:
+    """Return for each node the smallest node of its component on this rank."""
+    root = np.arange(mesh.n_points, dtype=np.int32)
+    join_cells(mesh.cells, root)
+    return root
+
+
+def components_of(part: PartitionedMesh) -> Components:
+    """Return the components; collective on first use."""
+    return part.once("_components", lambda: _find_components(part))
+
+
+def _find_components(part: PartitionedMesh) -> Components:
+    label = part.global_ids[_roots_of(part)]
+    used = np.zeros(part.n_points, np.bool_)
+    used[part.cells] = True
+    label[~used] = -1
+    received = part.ranks.alltoallv([label[nodes] for nodes in part.shared.nodes])
+    links = [np.column_stack([np.unique(label[used])] * 2)]
+    for nodes, theirs in zip(part.shared.nodes, received, strict=True):
+        both = np.column_stack([label[nodes], theirs])
+        links.append(np.unique(both[(both >= 0).all(axis=1)], axis=0))
+    every = np.concatenate(part.ranks.allgather(np.concatenate(links)))
+    labels, ends = np.unique(every, return_inverse=True)
+    ends = ends.reshape(-1, 2)
+    of_label = topology.components_of(ends, len(labels))
+    number = np.full(part.n_points, -1, np.int32)
+    number[used] = of_label[np.searchsorted(labels, label[used])]
+    # A node without a cell here may have one on another rank.
+    return Components(part.shared.merge(number, np.maximum), int(of_label.max(initial=-1)) + 1)
+
+
+def piece_of(part: PartitionedMesh, component: int) -> Piece:
+    """Return the part of a component on this rank."""
+    return part.once(f"_piece_{component}", lambda: _find_piece(part, component))
+
+
+def _find_piece(part: PartitionedMesh, component: int) -> Piece:
+    number = components_of(part).number
+    own = np.flatnonzero(number[part.cells[:, 0]] == component)
+    if part.mesh is None or len(own) == 0:
+        corners = np.vstack([np.zeros(part.dim), np.eye(part.dim)])
+        simplex = SimplexMesh(corners, np.arange(part.dim + 1)[None])
+        none = np.empty(0, np.int32)
+        return Piece(part.ranks, simplex, part.global_ids[:0], none, [none] * part.ranks.size)
+    nodes = np.flatnonzero(number == component)
+    nodes = nodes[np.argsort(part.global_ids[nodes])]
+    mesh, ids = part.mesh, part.global_ids[nodes]
+    local = topology.places_among(nodes, part.n_points)
+    if not np.array_equal(nodes, np.arange(part.n_points)):
+        mesh = SimplexMesh(mesh.points[nodes], local[mesh.cells[own]])
+    shared = [local[held][local[held] >= 0] for held in part.shared.nodes]
+    return Piece(part.ranks, mesh, ids, nodes.astype(np.int32), shared)
+
+
+def points_in_components(part: PartitionedMesh, given: PointBounds | None) -> dict[int, IntArray]:
+    """Return the bounded points that lie in each component; collective.
+
+    Each rank sends pairs of numbers for the points in its part (one gather).
+    """
+    if given is None:
+        return {}
+    pairs = np.empty((0, 2), np.int32)
+    number = components_of(part).number
+    reach = OUTSIDE * part.diagonal
+    if part.mesh is not None:
+        which, cells = part.mesh.locator.within(given.points, reach)
+        pairs = np.column_stack([number[part.cells[cells, 0]], which]).astype(np.int32)
+        pairs = np.unique(pairs[np.isfinite(given.sizes)[which]], axis=0)
+    every: IntArray = np.unique(np.concatenate(part.ranks.allgather(pairs)), axis=0)
+    return {k: every[every[:, 0] == k, 1] for k in np.unique(every[:, 0]).tolist()}

@@ -1,1 +1,0 @@
-"""Gradient limiting on meshes in parts."""
