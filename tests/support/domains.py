@@ -86,32 +86,10 @@ def disc(n, *, radius=50.0, seed=1005):
     return _triangulated(rings, n, seed), rings
 
 
-def disc_data(theta):
-    """Return sizes for the boundary of the disc: 5 + 4 sin(3 theta)."""
-    return 5.0 + 4.0 * np.sin(3.0 * theta)
-
-
 def disc_field(radius):
     """Return smooth sizes for all nodes of the disc: rings, of slopes up to 0.59."""
     wave_number = 4.0 * np.pi / HALF_WIDTH
     return 6.0 + 0.59 / wave_number * np.cos(wave_number * radius)
-
-
-def leaking_slit(n):
-    """The slit square with h0 = 1 on the left face of a slit of width 0.5, and 8 on the right one.
-
-    Returns mesh, rings, h0 (inf elsewhere), and the exact sources of that: the two faces,
-    float64[2, 2, 2], with their sizes, float64[2, 2].  The bottom of the slit, on which
-    linear data rise by 7 within 0.5, adds nothing for g < 14.
-    """
-    width, tip = 0.5, -20.0
-    mesh, rings = slit_square(n, width=width, tip=tip, seed=1006)
-    x, y = mesh.points.T
-    h0 = np.full(mesh.n_points, np.inf)
-    h0[(x == -0.5 * width) & (y >= tip)] = 1.0
-    h0[(x == 0.5 * width) & (y >= tip)] = 8.0
-    faces = np.array([[[side, tip], [side, HALF_WIDTH]] for side in (-0.5 * width, 0.5 * width)])
-    return mesh, rings, h0, faces, np.array([[1.0, 1.0], [8.0, 8.0]])
 
 
 def wall_box(n, *, seed=1007):

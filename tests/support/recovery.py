@@ -35,15 +35,6 @@ def hat_gradients(mesh):
     return np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)
 
 
-def means_of_cell_gradients(mesh, u):
-    slopes = np.einsum("mid,mi->md", hat_gradients(mesh), u[mesh.cells])
-    corners, weight = mesh.cells.ravel(), np.repeat(mesh.measures, mesh.dim + 1)
-    total = np.bincount(corners, weight)
-    return np.column_stack(
-        [np.bincount(corners, weight * np.repeat(s, mesh.dim + 1)) / total for s in slopes.T]
-    )
-
-
 def solve_poisson(mesh, u, source):
     """Linear elements for -laplace(u) = source, u given on the boundary, lumped right-hand side."""
     gradients = hat_gradients(mesh)

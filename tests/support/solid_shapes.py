@@ -50,9 +50,3 @@ def cylinder(radius, height):
 def torus(radius, tube):
     """About the z axis."""
     return lambda x: np.hypot(np.hypot(x[:, 0], x[:, 1]) - radius, x[:, 2]) - tube
-
-
-def plates(gap, thickness, normal=(0.0, 0.0, 1.0)):
-    """Two parallel plates without end, ``gap`` apart, on either side of the origin."""
-    unit = np.asarray(normal) / np.linalg.norm(normal)
-    return lambda x: np.abs(np.abs(x @ unit) - 0.5 * (gap + thickness)) - 0.5 * thickness

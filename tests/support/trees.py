@@ -14,11 +14,6 @@ def at_random(seed, share):
     return lambda centres, sizes: rng.random(len(centres)) < share
 
 
-def at_point(x):
-    """Refine the cells that hold a point."""
-    return lambda centres, sizes: (np.abs(centres - x) <= 0.5 * sizes).all(axis=1)
-
-
 def sphere(x):
     return np.linalg.norm(x, axis=1) - 0.7
 
