@@ -250,9 +250,7 @@ class SimplexMesh(ReadOnlyState):
         """Measure of each cell, negative if the cell is inverted; needs ``cell_dim == dim``."""
         if self.cell_dim != self.dim:
             raise ValueError(f"signed_measures needs cells of full dimension, got {self!r}")
-        corners = self.points[self.cells]
-        volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / factorial(self.dim)
-        return arrays.read_only(volumes)
+        return arrays.read_only(_signed_measures(self.points[self.cells]))
 
     @cached_property
     def _topology(self) -> topology.CellTopology:
@@ -325,7 +323,9 @@ class SimplexMesh(ReadOnlyState):
         if not on_boundary.any():
             raise ValueError("the mesh is closed: it has no boundary")
         cell, opposite = np.nonzero(on_boundary)
-        inverted = None if self.cell_dim < self.dim else self.signed_measures[cell] < 0.0
+        inverted = None
+        if self.cell_dim == self.dim:
+            inverted = _signed_measures(self.points[self.cells[cell]]) < 0.0
         facets = topology.oriented_facets(self.cells[cell], opposite, inverted)
         nodes, local = topology.compacted(facets)
         tags = None
@@ -405,3 +405,9 @@ class SimplexMesh(ReadOnlyState):
             raise ValueError(f"points must have shape {self.points.shape}, got {new.points.shape}")
         new.__dict__["_topology"] = self._topology
         return new
+
+
+def _signed_measures(corners: FloatArray) -> FloatArray:
+    """Return the measures of cells of full dimension, negative if they are inverted."""
+    edges = corners[:, 1:] - corners[:, :1]
+    return np.asarray(np.linalg.det(edges) / factorial(edges.shape[1]))

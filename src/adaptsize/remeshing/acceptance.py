@@ -44,11 +44,11 @@ def refuse_other_domain(new: SimplexMesh, problem: Problem, backend: str) -> Non
     far = max(0.05 * old.diagonal, 10.0 * problem.tolerance)
     ends = np.stack([[mesh.points.min(axis=0), mesh.points.max(axis=0)] for mesh in (new, old)])
     off = {"bounding box": float(np.abs(ends[0] - ends[1]).max())}
-    old_skin = skin_of(old)[0]
+    old_skin, skin = skin_of(old)[0], skin_of(new)[0]
     if old_skin.is_closed:
         # An inner part of a surface may end up inside the volume, hence not the boundary of new.
-        lost = _farthest(old_skin.points, new, far)[0]
-        off["boundary"] = max(lost, _farthest(skin_of(new)[0].points, old_skin, far)[0])
+        lost = _farthest(old_skin.points, skin, far, new)[0]
+        off["boundary"] = max(lost, _farthest(skin.points, old_skin, far)[0])
     for what, distance in off.items():
         if distance > far:
             raise BackendError(
@@ -94,7 +94,9 @@ def warn_of_deviation(
     # fTetWild reaches 4 times the tolerance, everything else less.
     far = 4.0 * tolerance
     off = {
-        "the mesh misses part of the domain: its boundary is": _farthest(old_skin.points, new, far),
+        "the mesh misses part of the domain: its boundary is": _farthest(
+            old_skin.points, skin, far, new
+        ),
         "the boundary of the mesh is": _farthest(skin.points, old_skin, far),
     }
     names = "the mesh misses part of an interface: it is", "an interface of the mesh is"
@@ -128,17 +130,26 @@ def warn_of_deviation(
     warnings.warn(f"{text}; {advice}", BoundaryWarning, stacklevel=3)
 
 
-def _farthest(points: FloatArray, mesh: SimplexMesh, far: float) -> tuple[float, FloatArray]:
-    """Return the distance and the place of the farthest point; 0 if none is beyond ``far``."""
+def _farthest(
+    points: FloatArray, skin: SimplexMesh, far: float, inside: SimplexMesh | None = None
+) -> tuple[float, FloatArray]:
+    """Return the distance and the place of the farthest point; 0 if none is beyond ``far``.
+
+    The distance is that from a surface or curve, or from the mesh that it is the boundary of.
+    """
     from scipy.spatial import cKDTree
 
-    near = cKDTree(mesh.points).query(points, distance_upper_bound=far)[0]
-    rest = points[~np.isfinite(near)]  # few, unless cells are large
+    rest, distance = points, np.empty(0)
+    near = cKDTree(skin.points).query(rest, distance_upper_bound=far)[0]
+    rest = rest[~np.isfinite(near)]
+    for mesh in (skin, inside):  # the search tree of the cells is built for few points only
+        if len(rest) and mesh is not None:
+            distance = mesh.locator.nearest(rest)[2]
+            rest, distance = rest[distance > far], distance[distance > far]
     if not len(rest):
         return 0.0, points[0]
-    distance = mesh.locator.nearest(rest)[2]
     k = int(distance.argmax())
-    return float(distance[k] if distance[k] > far else 0.0), rest[k]
+    return float(distance[k]), rest[k]
 
 
 #: Length of a failure in the message about all routes, of which there are five.

@@ -57,23 +57,24 @@ def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> Simplex
         With the same tags and the same facets, but that those are divided which are too far, and
         with the same nodes, some of them moved.
     """
-    old = facets_of(given)
-    surface = facets_of(mesh)
-    points, cells = mesh.points.copy(), mesh.cells
+    old, surface = facets_of(given), facets_of(mesh)
     nodes = np.unique(surface.cells)
-    distance = _nearest(old, points[nodes])[1]
+    distance = _nearest(old, mesh.points[nodes])[1]
     # With more nodes beyond the tolerance, the generator has made another surface, which projection
     # would only hide.
     if 0.0 < (distance > tolerance).mean() <= 0.2:
-        _pull(points, cells, nodes[distance > _FAR * tolerance], old)
-    mesh = _divided(mesh.moved(points), old, tolerance)
-    surface, points, cells = facets_of(mesh), mesh.points.copy(), mesh.cells
+        points = mesh.points.copy()
+        _pull(points, mesh.cells, nodes[distance > _FAR * tolerance], old)
+        mesh, surface = mesh.moved(points), surface.moved(points)
+    mesh, surface = _divided(mesh, surface, old, tolerance)
+    points, cells = mesh.points.copy(), mesh.cells
     groups = np.zeros(len(cells), np.int32) if mesh.cell_tags is None else mesh.cell_tags
     on_sheet = _nodes_of_sheets(mesh)
     far = np.unique(surface.cells)
     far = far[_nearest(old, points[far])[1] > tolerance]
-    qualities = _qualities(points, cells)
-    kept, best, wider = (points, cells, groups), qualities.min(axis=0), 0
+    qualities = _qualities(mesh)
+    best, wider = qualities.min(axis=0), 0
+    kept: tuple[FloatArray, IntArray, IntArray] | None = None
     fewest, n_missed = len(far), len(_missed(surface, old, tolerance)[0])
     for _ in range(8):
         bad = qualities[:, 0] < 20.0
@@ -91,7 +92,8 @@ def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> Simplex
         far = far[_pull(points, part, far, old) > tolerance]
         cells = np.concatenate([cells[~near], part])
         groups = np.concatenate([groups[~near], of_part])
-        qualities = np.concatenate([qualities[~near], _qualities(points, part)])
+        of_cells = _qualities(SimplexMesh(points, part))
+        qualities = np.concatenate([qualities[~near], of_cells])
         worst = qualities.min(axis=0)
         wider += int(worst[0] < best[0] + 0.1)
         is_better = len(far) < fewest or (len(far) == fewest and (worst >= best).all())
@@ -100,24 +102,27 @@ def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> Simplex
             is_better = len(_missed(surface.moved(points), old, tolerance)[0]) <= n_missed
         if is_better:
             kept, fewest, best = (points, cells, groups), len(far), worst
+    if kept is None:
+        return mesh
     points, cells, groups = kept
     tags = None if mesh.cell_tags is None else groups
     return replace(mesh, points=points, cells=cells, cell_tags=tags)
 
 
-def _qualities(points: FloatArray, cells: IntArray) -> FloatArray:
+def _qualities(mesh: SimplexMesh) -> FloatArray:
     """Return the smallest angle and the radius ratio of each cell, float64[n, 2]."""
-    mesh = SimplexMesh(points, cells)
     return np.column_stack([minimum_angles(mesh), radius_ratios(mesh)])
 
 
-def _divided(mesh: SimplexMesh, old: SimplexMesh, tolerance: float) -> SimplexMesh:
+def _divided(
+    mesh: SimplexMesh, surface: SimplexMesh, old: SimplexMesh, tolerance: float
+) -> tuple[SimplexMesh, SimplexMesh]:
     """Return the mesh with nodes of the old surface on edges of facets that are too far from it.
 
-    Then edges near places of the old surface that the facets miss get a node there.
+    Then edges near places of the old surface that the facets miss get a node there.  Also return
+    the facets of the mesh; ``surface`` are those before.
     """
     for _ in range(_ROUNDS):
-        surface = facets_of(mesh)
         there, distance = _nearest(old, surface.points[surface.edges].mean(axis=1))
         is_far = distance > _NEAR * tolerance
         centroids = surface.points[surface.cells].mean(axis=1)
@@ -127,8 +132,8 @@ def _divided(mesh: SimplexMesh, old: SimplexMesh, tolerance: float) -> SimplexMe
         if not 0 < is_far.sum() <= _FEW * len(surface.edges):
             break
         mesh = _with_nodes(mesh, surface.edges[is_far], there[is_far])
-    for _ in range(_ROUNDS):
         surface = facets_of(mesh)
+    for _ in range(_ROUNDS):
         places, cells = _missed(surface, old, tolerance)
         if not 0 < len(places) <= _FEW * len(old.edges):
             break
@@ -138,7 +143,8 @@ def _divided(mesh: SimplexMesh, old: SimplexMesh, tolerance: float) -> SimplexMe
         nearest = sides[np.arange(len(places)), away.argmin(axis=1)]
         edges, first = np.unique(nearest, return_index=True)  # the farthest place of each
         mesh = _with_nodes(mesh, surface.edges[edges], places[first])
-    return mesh
+        surface = facets_of(mesh)
+    return mesh, surface
 
 
 def _missed(

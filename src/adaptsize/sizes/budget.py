@@ -29,6 +29,9 @@ CELLS_PER_PREDICTED: dict[tuple[str, int], float] = {
 
 #: Tolerance of the logarithms of the scale, and of the value unless another one is given.
 ACCURACY = 2e-4
+#: Nodes and weights of the quadrature of densities, and cells whose numbers fit into the cache.
+_GAUSS = np.polynomial.legendre.leggauss(16)
+_CELLS_AT_ONCE = 4096
 # Bound on the logarithm of the scale, and the value that stands for the logarithm of zero.
 _REACH = 40.0
 _NOTHING = -700.0
@@ -63,18 +66,24 @@ def mean_density(corner_sizes: FloatArray) -> FloatArray:
         At most about 1e300.
     """
     d = corner_sizes.shape[1] - 1
-    free = np.isinf(corner_sizes.max(axis=1))
-    h = np.where(free[:, None], 1.0, corner_sizes)
-    m = np.sqrt(h.min(axis=1)) * np.sqrt(h.max(axis=1))
-    over_m = h / m[:, None]  # powers of small or large sizes stay in range
-    total = np.zeros(len(m))
-    for x, weight in zip(*np.polynomial.legendre.leggauss(16), strict=True):
-        product = np.full(len(m), 2.0 * d * weight * (1.0 - x) ** (d - 1))
-        for i in range(d + 1):
-            product /= over_m[:, i] * (1.0 - x) + (1.0 + x)
-        total += product
-    # Larger densities of elements are cut, since powers of tiny sizes overflow.
-    return np.where(free, 0.0, total * np.maximum(m, 1e300 ** (-1.0 / d)) ** -d)
+    densities = np.empty(len(corner_sizes))
+    for first in range(0, len(densities), _CELLS_AT_ONCE):
+        part = slice(first, first + _CELLS_AT_ONCE)
+        corners = np.ascontiguousarray(corner_sizes[part].T)
+        free = np.isinf(corners.max(axis=0))
+        h = np.where(free, 1.0, corners)
+        m = np.sqrt(h.min(axis=0)) * np.sqrt(h.max(axis=0))
+        over_m = h / m  # powers of small or large sizes stay in range
+        total = np.zeros(len(m))
+        for x, weight in zip(*_GAUSS, strict=True):
+            product = np.full(len(m), 2.0 * d * weight * (1.0 - x) ** (d - 1))
+            for at_corner in over_m:
+                product /= at_corner * (1.0 - x) + (1.0 + x)
+            total += product
+        # Larger densities of elements are cut, since powers of tiny sizes overflow.
+        total *= np.maximum(m, 1e300 ** (-1.0 / d)) ** -d
+        densities[part] = np.where(free, 0.0, total)
+    return densities
 
 
 def nodal_measures(background: AnyMesh | CartesianGrid | Octree) -> FloatArray:
