@@ -13,7 +13,7 @@ import resource
 import numpy as np
 from simulated_ranks import SimulatedCommunicator
 
-from adaptsize import interpolate, remesh
+from adaptsize import interpolate, remesh, size_conformity
 from adaptsize.distributed import PartitionedMesh
 from distributed import kuhn_cube
 
@@ -32,7 +32,7 @@ def run(mesh, edge, how, n_ranks):
         # Finer at a corner, with a slope of 0.25.
         h = np.minimum(edge * 0.5 + 0.25 * np.linalg.norm(part.points, axis=1), edge)
         new = remesh(part, h, how=how)
-        return new.interface_quality(interpolate(part, h, new.points))
+        return size_conformity(new, interpolate(part, h, new.points))
 
     before = seconds()
     quality = SimulatedCommunicator.run(n_ranks, work)[0]

@@ -44,8 +44,7 @@ RECORDS = {
     "quality.metric.MetricQuality",
     "mesh_from_distance": "remeshing.distmesh.report.SmoothingReport",
     "remeshing.register_backend": "remeshing.protocol.Problem",
-    "distributed.PartitionedMesh": "remeshing.in_parts.InterfaceQuality ranks.Communicator "
-    "ranks.Traffic",
+    "distributed.PartitionedMesh": "ranks.Communicator ranks.Traffic",
     "distributed.from_dolfinx": "distributed.from_dolfinx.DolfinxPart",
     "distributed.from_dmplex": "distributed.from_petsc.PlexPart",
 }

@@ -33,7 +33,6 @@ SLOW = {
 _MAY_BE_NAN = {
     "level_set_curvature": "where the curvature is not known, as documented",
     "interpolate": "points outside with outside='nan', as documented",
-    "interface_quality": "of no cells, where one rank has the whole mesh",
     "CartesianGrid.sample": "what the function of the caller returns",
 }
 

@@ -314,6 +314,21 @@ def test_the_boundary_is_that_of_the_whole():
                 np.testing.assert_array_equal(getattr(found.mesh, name), getattr(whole.mesh, name))
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_conformity_is_that_of_the_whole(kind):
+    mesh, rng = jittered_cube(5, 886), np.random.default_rng(886)
+    h = rng.uniform(0.05, 0.5, mesh.n_points)
+    h[:20] = np.inf
+    whole = ads.size_conformity(mesh, h)
+    found, _ = on_ranks(
+        mesh, partition(mesh, kind, SIZE, rng), SIZE,
+        lambda part: ads.size_conformity(part, h[part.global_ids]),
+    )  # fmt: skip
+    for name, value in whole.as_dict().items():
+        if value is not None:
+            assert all(one.as_dict()[name] == pytest.approx(value, rel=1e-12) for one in found)
+
+
 class OfOwnClass:
     """A source that is none of those of the package."""
 

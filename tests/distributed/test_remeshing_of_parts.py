@@ -7,7 +7,7 @@ from simulated_ranks import SimulatedCommunicator
 from adaptsize import CartesianGrid, SimplexMesh, interpolate, remesh
 from adaptsize.distributed import PartitionedMesh
 from adaptsize.errors import TooManyElementsError
-from adaptsize.remeshing.in_parts import interface_quality
+from adaptsize.quality import size_conformity
 
 
 def _box(dim, n):
@@ -35,7 +35,7 @@ def _remeshed(mesh, n_ranks, **options):
     def run(comm):
         part = PartitionedMesh.from_serial(mesh, None, comm)
         made = remesh(part, _sizes(part.points), **options)
-        quality = interface_quality(made, interpolate(part, _sizes(part.points), made.points))
+        quality = size_conformity(made, interpolate(part, _sizes(part.points), made.points))
         return made.gather(), quality, made.n_cells
 
     return SimulatedCommunicator.run(n_ranks, run)
@@ -57,16 +57,14 @@ def test_domain_tags_and_sizes(dim, n, how):
     assert tagged.measures.sum() == pytest.approx(1.0, abs=1e-9)
     assert np.abs(mesh.points[mesh.tagged_facets][:, :, 0]).max() < 1e-12
     assert all(n_cells > 0 for _, _, n_cells in results)
-    assert quality.everywhere.n_cells == mesh.n_cells
-    assert quality.everywhere.share_in_band > 0.8
-    assert quality.at_interfaces.n_cells == 0 if how == "gather" else quality.at_interfaces.n_cells
+    assert quality.n_cells == mesh.n_cells
+    assert quality.share_in_band > 0.8
+    assert (quality.at_interfaces is None) == (how == "gather")
 
 
 def test_second_round_repairs_the_interfaces():
     # Facets of the coarse mesh are frozen in the first round; sizes there are 6 times smaller.
-    share = [
-        _remeshed(_box(2, 4), 2, rounds=rounds)[0][1].everywhere.share_in_band for rounds in (1, 2)
-    ]
+    share = [_remeshed(_box(2, 4), 2, rounds=rounds)[0][1].share_in_band for rounds in (1, 2)]
     assert share[1] > share[0] + 0.05
 
 

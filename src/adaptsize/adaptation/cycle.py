@@ -32,7 +32,6 @@ from adaptsize.adaptation.next_sizes import (
 from adaptsize.adaptation.report import (
     AdaptReport,
     AdaptResult,
-    MeshQuality,
     numbers_of,
     tags_of,
     total_measure,
@@ -43,7 +42,6 @@ from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, checked, options_of, with_options
 from adaptsize.quality.conformity import Conformity, size_conformity
-from adaptsize.remeshing.in_parts import interface_quality
 from adaptsize.remeshing.protocol import Task
 from adaptsize.remeshing.registry import choose_backend
 from adaptsize.sizes.budget import calibration, elements_with_nodes
@@ -286,18 +284,12 @@ def _result(
     )  # fmt: skip
 
 
-def _qualities(old: AnyMesh, new: AnyMesh, sizes: NextSizes) -> tuple[MeshQuality, MeshQuality]:
+def _qualities(old: AnyMesh, new: AnyMesh, sizes: NextSizes) -> tuple[Conformity, Conformity]:
     """Return how closely the old and the new mesh follow the sizes; collective."""
-    requested, before = sizes.requested(old), _quality(old, sizes.at_nodes)
+    requested: Any = sizes.requested(old)
+    before = size_conformity(old, cast(Any, sizes.at_nodes))
     if new is old:
         return before, before
     if isinstance(new, PartitionedMesh):
-        requested = interpolate(old, cast(FloatArray, requested), new.points)
-    return before, _quality(new, requested)
-
-
-def _quality(mesh: AnyMesh, size: Any) -> MeshQuality:
-    if isinstance(mesh, PartitionedMesh):
-        return interface_quality(mesh, size)
-    found: Conformity = size_conformity(mesh, size)
-    return found
+        requested = interpolate(old, requested, new.points)
+    return before, size_conformity(new, requested)

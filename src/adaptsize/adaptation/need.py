@@ -13,6 +13,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_plain_array, as_sizes, check_type, refuse_where
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
+from adaptsize.background.migration import is_counted_here
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import NeedOptions, checked, with_options
 from adaptsize.quality.conformity import SizeLike, nodal_metric
@@ -263,8 +264,8 @@ class Present(NamedTuple):
 def present_of(mesh: AnyMesh, requested: Requested) -> Present:
     """Return how a mesh compares with the next sizes; collective."""
     weights, longest = np.zeros(3), 0.0
-    counted = _counted_edges(mesh) if isinstance(mesh, PartitionedMesh) else slice(None)
     whole = mesh.mesh if isinstance(mesh, PartitionedMesh) else mesh
+    counted = is_counted_here(mesh, np.empty((0, 2), np.int32) if whole is None else whole.edges)
     if whole is not None:
         pieces = pieces_of(whole.points, whole.edges, requested)
         longest, pieces = float(pieces.max()), pieces[counted]
@@ -276,20 +277,6 @@ def present_of(mesh: AnyMesh, requested: Requested) -> Present:
     return Present(
         int(ranks.allreduce(n_cells, "sum")), total, float(ranks.allreduce(longest, "max"))
     )
-
-
-def _counted_edges(part: PartitionedMesh) -> BoolArray:
-    """Return whether this rank is the lowest one that has each of its edges; one exchange."""
-    comm = part.ranks
-    edges = np.empty((0, 2), np.int32) if part.mesh is None else part.mesh.edges
-    low, high = np.sort(part.global_ids[edges], axis=1).T
-    keys = low * part.n_global_points + high
-    sent = []
-    for rank, nodes in enumerate(part.shared.nodes):
-        held = np.zeros(part.n_points, np.bool_)
-        held[nodes] = rank > comm.rank
-        sent.append(keys[held[edges].all(axis=1)])
-    return np.isin(keys, np.concatenate(comm.alltoallv(sent)), invert=True)
 
 
 class _Misses(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -19,11 +19,7 @@ from adaptsize.background.requests import ask_nearest, boxes_around
 from adaptsize.errors import ResolutionWarning
 from adaptsize.metrics import MetricFunction
 from adaptsize.quality.conformity import Conformity
-from adaptsize.remeshing.in_parts import InterfaceQuality
 from adaptsize.typing import FloatArray
-
-#: Conformity of a whole mesh, or of a mesh in parts.
-MeshQuality: TypeAlias = Conformity | InterfaceQuality
 
 #: Allowed relative deviation from the requested number of elements.
 BUDGET_TOLERANCE = 0.15
@@ -56,7 +52,7 @@ class AdaptReport:
         sqrt 2 of the new sizes, each weighted by the elements that replace it.
     share_too_long, share_too_short : float
         Shares of the other edges, with the same weights.
-    before, after : Conformity, or InterfaceQuality in parts
+    before, after : Conformity
         Conformity of both meshes with the new sizes; the same object if not remeshed.  That of
         whole meshes is measured on first use, for instance when the report is printed.
     measure_before, measure_after : float
@@ -95,23 +91,23 @@ class AdaptReport:
     boundary_distance: float
     lost_tags: tuple[str, ...]
     backend: str
-    qualities: Callable[[], tuple[MeshQuality, MeshQuality]] = field(compare=False, repr=False)
+    qualities: Callable[[], tuple[Conformity, Conformity]] = field(compare=False, repr=False)
     moves: BoundaryMoves | None
     kept_tags: bool
     transferred: dict[str, str]
     integrals: dict[str, tuple[FloatArray, FloatArray]]
 
     @cached_property
-    def _qualities(self) -> tuple[MeshQuality, MeshQuality]:
+    def _qualities(self) -> tuple[Conformity, Conformity]:
         return self.qualities()
 
     @property
-    def before(self) -> MeshQuality:
+    def before(self) -> Conformity:
         """Conformity of the old mesh with the new sizes."""
         return self._qualities[0]
 
     @property
-    def after(self) -> MeshQuality:
+    def after(self) -> Conformity:
         """Conformity of the new mesh with the new sizes."""
         return self._qualities[1]
 
@@ -263,16 +259,14 @@ class AdaptResult:
         return f"{self.reason}\n{self.report}"
 
 
-def _quality(conformity: MeshQuality) -> str:
-    if isinstance(conformity, InterfaceQuality):
-        near = conformity.at_interfaces
-        text = str(conformity.everywhere)
-        return f"{text}\nat former interfaces: {near}" if near.n_cells else text
-    return (
+def _quality(conformity: Conformity) -> str:
+    text = (
         f"{conformity.share_in_band:.0%} of the edges within sqrt 2 of the sizes, radius ratio "
         f"min {conformity.radius_ratio_min:.3f} mean {conformity.radius_ratio_mean:.3f}, "
         f"smallest angle {conformity.angle_min:.1f} deg"
     )
+    near = conformity.at_interfaces
+    return text if near is None else f"{text}\nat former interfaces: {_quality(near)}"
 
 
 def total_measure(mesh: AnyMesh) -> float:

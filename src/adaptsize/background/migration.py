@@ -51,6 +51,23 @@ def boundary_facets(mesh: AnyMesh) -> IntArray:
     return np.asarray(facets[~is_between])
 
 
+def is_counted_here(mesh: AnyMesh, edges: IntArray) -> BoolArray:
+    """Return whether this rank is the lowest one that passes each of its edges; collective.
+
+    One exchange.  Sums over the edges of all ranks then count each edge once.
+    """
+    if isinstance(mesh, SimplexMesh):
+        return np.ones(len(edges), np.bool_)
+    low, high = np.sort(mesh.global_ids[edges], axis=1).T
+    keys = low * mesh.n_global_points + high
+    sent = []
+    for rank, nodes in enumerate(mesh.shared.nodes):
+        held = np.zeros(mesh.n_points, np.bool_)
+        held[nodes] = rank > mesh.ranks.rank
+        sent.append(keys[held[edges].all(axis=1)])
+    return np.isin(keys, np.concatenate(mesh.ranks.alltoallv(sent)), invert=True)
+
+
 def _free_facets(part: PartitionedMesh) -> tuple[IntArray, BoolArray]:
     """Return the facets with one cell on this rank, and whether other ranks have them too.
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, check_type
 from adaptsize.background.partitioning import joined, parts_of
-from adaptsize.background.simplex import LaterMethod, SimplexMesh
+from adaptsize.background.simplex import SimplexMesh
 from adaptsize.ranks import Communicator, Ids, SharedNodes, as_communicator, find_shared_nodes
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -326,8 +326,6 @@ class PartitionedMesh:
             text = f"{low[i]} and {high[i]} at global node {self.global_ids[i]}"
         found = next(filter(None, self.ranks.allgather(text)), "others")
         raise ValueError(f"{name} must be the same on all ranks that hold a node, got {found}")
-
-    interface_quality = LaterMethod[Any]("adaptsize.remeshing.in_parts")
 
     def on_whole(self, function: Callable[[SimplexMesh], FloatArray]) -> FloatArray:
         """Return nodal values that rank 0 computes on the whole mesh; collective."""

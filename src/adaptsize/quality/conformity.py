@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -11,19 +11,23 @@ import numpy.typing as npt
 
 from adaptsize._checks import FARTHEST, as_plain_array, as_sizes, refuse_where
 from adaptsize._size_function import SizeFunction
-from adaptsize.background import SimplexMesh, topology
+from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh, topology
+from adaptsize.background.migration import boundary_facets, is_counted_here
+from adaptsize.background.requests import boxes_of, ranks_within
 from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.quality.boundary import distances_from
 from adaptsize.quality.elements import check_cells, minimum_angles, radius_ratios
 from adaptsize.quality.metric import MetricQuality, metric_quality
-from adaptsize.typing import BoolArray, FloatArray
+from adaptsize.ranks import Communicator, split_rows
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Requested edge lengths: a SizeFunction or another callable, one per node, or a number.
 SizeLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 _BAND = (np.sqrt(0.5), np.sqrt(2.0))
+_NO_SIZE = "size must be finite on one edge at least, got inf everywhere"
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,9 @@ class Conformity:
         The same over the diagonal of that surface.
     metric : MetricQuality or None
         Quality in the metric and complexity, if a metric was requested.
+    at_interfaces : Conformity or None
+        Of the cells whose centroid is within two sizes of a place where parts met while `remesh`
+        made the mesh; None if there are none.
     """
 
     n_points: int
@@ -84,6 +91,7 @@ class Conformity:
     hausdorff: float | None = None
     hausdorff_relative: float | None = None
     metric: MetricQuality | None = None
+    at_interfaces: Conformity | None = None
 
     @property
     def share_in_band(self) -> float:
@@ -128,7 +136,7 @@ def _ratio_line(name: str, ratio: RatioStatistics) -> str:
 
 
 def size_conformity(
-    mesh: SimplexMesh,
+    mesh: AnyMesh,
     size: SizeLike | Metric | MetricFunction,
     *,
     surface: SimplexMesh | None = None,
@@ -137,8 +145,8 @@ def size_conformity(
 
     Parameters
     ----------
-    mesh : SimplexMesh
-        Triangles or tetrahedra.
+    mesh : SimplexMesh or PartitionedMesh
+        Triangles or tetrahedra.  Collective for a mesh in parts, of which the whole is measured.
     size : SizeFunction, callable, array_like of float, shape (n_points,), or float
         Requested edge length.  Functions are called with the midpoints of the edges, an
         array of shape (n, dim).  Nodal values belong to ``mesh`` and are averaged.
@@ -147,6 +155,8 @@ def size_conformity(
         Or a metric: a `Metric` at the nodes of ``mesh``, a `MetricFunction` or a callable that
         returns a Metric, called with the nodes.  The ratios are then the lengths of the edges in
         the metric, see `Metric.edge_lengths`.  All its sizes must be finite.
+
+        In parts, functions are called with the nodes, and there are no metrics.
     surface : SimplexMesh, optional
         Reference for the boundary of ``mesh`` (or for ``mesh`` itself, if it has cells of the
         same dimension).  The distance from it is measured.
@@ -178,40 +188,136 @@ def size_conformity(
     >>> conformity.edges.q50, conformity.share_in_band, round(conformity.angle_min, 6)
     (1.0, 1.0, 45.0)
     """
-    mesh = as_mesh("mesh", mesh)
+    mesh = as_mesh("mesh", mesh, PartitionedMesh)
+    check_cells(mesh)
+    if isinstance(mesh, PartitionedMesh):
+        if surface is not None:
+            raise ValueError("surface must be None for meshes in parts")
+        return _conformity_of_parts(mesh, size)
     if surface is not None:
         surface = as_mesh("surface", surface)
-    check_cells(mesh)
     metric = nodal_metric(mesh, size)
     if metric is None:
         ratio = edge_ratios(mesh, cast(SizeLike, size))
     else:
         ratio = metric.edge_lengths(mesh.points, mesh.edges)
-    refuse_where("edges / size", ratio > FARTHEST, ratio, f"must be at most {FARTHEST:g}")
-    edges = _ratio_statistics(ratio)
-    assert edges is not None
-    boundary = topology.edges_of(mesh.facets[mesh.facet_cell_counts == 1], mesh.n_points)
-    ratios, angles = radius_ratios(mesh), minimum_angles(mesh)
-    distance = relative = None
+    _refuse_long(ratio)
+    found = _conformity(mesh, mesh, ratio, mesh.n_points, boundary_facets(mesh))
+    assert found is not None
     if surface is not None:
         distance = _hausdorff(mesh, surface)
         relative = distance / surface.diagonal if surface.diagonal > 0.0 else np.inf
+        found = replace(found, hausdorff=distance, hausdorff_relative=relative)
+    return found if metric is None else replace(found, metric=metric_quality(mesh, metric))
+
+
+def _conformity_of_parts(part: PartitionedMesh, size: object) -> Conformity:
+    """Return the conformity of a mesh in parts; collective."""
+
+    def at_nodes() -> FloatArray:
+        if isinstance(size, Metric | MetricFunction):
+            raise ValueError("size must be sizes for meshes in parts, got a metric")
+        h = as_plain_array("size", size(part.points) if callable(size) else cast(Any, size))
+        return as_sizes("size", np.full(part.n_points, h) if h.ndim == 0 else h, part.nodal_shape)
+
+    def ratios(mesh: SimplexMesh | None) -> FloatArray:
+        if mesh is None:
+            return np.empty(0)
+        wanted = _size_at_midpoints(mesh, h)
+        ratio = np.where(np.isfinite(wanted), mesh.edge_lengths / wanted, np.nan)
+        _refuse_long(ratio)
+        return ratio
+
+    h = part.ranks.agree(at_nodes)
+    ratio = part.ranks.agree(lambda: ratios(part.mesh))
+    facets = boundary_facets(part)
+    found = _conformity(part, part.mesh, ratio, part.n_global_points, facets)
+    if found is None:
+        raise ValueError(_NO_SIZE)
+    chosen = _at_interfaces(part, h)
+    near = SimplexMesh(part.points, part.cells[chosen]) if chosen.any() else None
+    used = np.zeros(part.n_points, np.bool_)
+    used[part.cells[chosen]] = True
+    used = part.shared.merge(used, np.logical_or) & part.is_owned
+    n_points = int(part.ranks.allreduce(int(used.sum()), "sum"))
+    return replace(found, at_interfaces=_conformity(part, near, ratios(near), n_points))
+
+
+def _conformity(
+    mesh: AnyMesh,
+    cells: SimplexMesh | None,
+    ratio: FloatArray,
+    n_points: int,
+    boundary: IntArray | None = None,
+) -> Conformity | None:
+    """Return the conformity of some cells, None if no edge has a ratio; collective.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh or PartitionedMesh
+    cells : SimplexMesh or None
+        The cells of this rank that count.
+    ratio : float64[n_edges]
+        Of their edges.
+    n_points : int
+        Number of their nodes, on all ranks.
+    boundary : int32[n, cell_dim], optional
+        Facets whose edges are counted apart.
+    """
+    ranks, none = mesh.ranks, np.empty(0)
+    ratios = none if cells is None else radius_ratios(cells)
+    angles = none if cells is None else minimum_angles(cells)
+    n_inverted = 0 if cells is None else np.count_nonzero(inverted_cells(cells))
+    own_edges = np.empty((0, 2), np.int32) if cells is None else cells.edges
+    edges = _ratio_statistics(ranks, ratio[is_counted_here(mesh, own_edges)])
+    on_boundary = None
+    if boundary is not None:
+        rows = topology.edges_of(boundary, len(mesh.points))
+        rows = rows[is_counted_here(mesh, rows)]
+        of_boundary = ratio[topology.rows_among(rows, own_edges)]
+        on_boundary = _ratio_statistics(ranks, of_boundary)
+    if edges is None:
+        return None
+    sums = np.array([len(ratios), n_inverted, ratios.sum()])
+    n_cells, n_inverted, total = ranks.allreduce(sums, "sum").tolist()
+    least = np.array([ratios.min(initial=np.inf), angles.min(initial=np.inf)])
+    ratio_min, angle_min = ranks.allreduce(least, "min").tolist()
     return Conformity(
-        n_points=mesh.n_points,
-        n_cells=mesh.n_cells,
+        n_points=n_points,
+        n_cells=int(n_cells),
         cell_dim=mesh.cell_dim,
         edges=edges,
-        boundary_edges=_ratio_statistics(ratio[topology.rows_among(boundary, mesh.edges)]),
-        radius_ratio_min=float(ratios.min()),
-        radius_ratio_p01=float(np.quantile(ratios, 0.01)),
-        radius_ratio_mean=float(ratios.mean()),
-        angle_min=float(angles.min()),
-        angle_p01=float(np.quantile(angles, 0.01)),
-        n_inverted=int(np.count_nonzero(inverted_cells(mesh))),
-        hausdorff=distance,
-        hausdorff_relative=relative,
-        metric=None if metric is None else metric_quality(mesh, metric),
+        boundary_edges=on_boundary,
+        radius_ratio_min=ratio_min,
+        radius_ratio_p01=_quantiles(ranks, ratios, (0.01,))[0],
+        radius_ratio_mean=total / n_cells,
+        angle_min=angle_min,
+        angle_p01=_quantiles(ranks, angles, (0.01,))[0],
+        n_inverted=int(n_inverted),
     )
+
+
+def _at_interfaces(part: PartitionedMesh, h: FloatArray) -> BoolArray:
+    """Return which cells have their centroid within two sizes of an interface; collective.
+
+    Each rank knows the interfaces of the parts it had.  They go to the ranks whose cells they may
+    be near.
+    """
+    from scipy.spatial import cKDTree
+
+    own = part.once("_former_interfaces", lambda: np.empty((0, part.dim)))
+    reach = 2.0 * h[part.cells].mean(axis=1)
+    boxes = boxes_of(part)
+    widest = np.array(part.ranks.allgather(float(reach.max(initial=0.0))))
+    boxes += np.array([-1.0, 1.0])[:, None] * widest[:, None, None]
+    which, rank = ranks_within(own, own, boxes, np.full(len(own), np.nextafter(0.0, 1.0)))
+    sent = split_rows(own[which], rank, part.ranks.size)
+    places = np.concatenate(part.ranks.alltoallv(sent))
+    near = np.zeros(part.n_cells, np.bool_)
+    if part.n_cells and len(places):
+        centroids = part.points[part.cells].mean(axis=1)
+        near = cKDTree(places).query(centroids)[0] < reach
+    return near
 
 
 def nodal_metric(mesh: SimplexMesh, size: object) -> Metric | None:
@@ -243,7 +349,7 @@ def edge_ratios(mesh: SimplexMesh, size: SizeLike) -> FloatArray:
     wanted = _size_at_midpoints(mesh, size)
     finite = np.isfinite(wanted)
     if not finite.any():
-        raise ValueError("size must be finite on one edge at least, got inf everywhere")
+        raise ValueError(_NO_SIZE)
     with np.errstate(over="ignore"):
         return np.where(finite, mesh.edge_lengths / wanted, np.nan)
 
@@ -273,15 +379,40 @@ def _size_at_midpoints(mesh: SimplexMesh, size: SizeLike) -> FloatArray:
     return np.asarray(0.5 * (nodal[i] + nodal[j]))
 
 
-def _ratio_statistics(ratio: FloatArray) -> RatioStatistics | None:
+def _refuse_long(ratio: FloatArray) -> None:
+    refuse_where("edges / size", ratio > FARTHEST, ratio, f"must be at most {FARTHEST:g}")
+
+
+def _ratio_statistics(ranks: Communicator, ratio: FloatArray) -> RatioStatistics | None:
     """Return the statistics of the ratios that are not NaN, or None if there are none."""
     ratio = ratio[~np.isnan(ratio)]
-    if len(ratio) == 0:
+    sums = np.array([len(ratio), np.count_nonzero(is_in_band(ratio)), ratio.sum()])
+    n, n_in_band, total = ranks.allreduce(sums, "sum").tolist()
+    if n == 0:
         return None
-    in_band = is_in_band(ratio)
-    q05, q25, q50, q75, q95 = (float(q) for q in np.quantile(ratio, _QUANTILES))
-    mean, share = float(ratio.mean()), float(in_band.mean())
-    return RatioStatistics(len(ratio), q05, q25, q50, q75, q95, mean, share)
+    q05, q25, q50, q75, q95 = _quantiles(ranks, ratio, _QUANTILES)
+    return RatioStatistics(int(n), q05, q25, q50, q75, q95, total / n, n_in_band / n)
+
+
+def _quantiles(ranks: Communicator, values: FloatArray, shares: Sequence[float]) -> list[float]:
+    """Return the quantiles of the values of all ranks, to rounding those of numpy; collective."""
+    if ranks.size == 1:
+        return [float(q) for q in np.quantile(values, shares)]
+    ordered = np.sort(values)
+    ends = np.array([values.min(initial=np.inf), -values.max(initial=-np.inf)])
+    least, minus_largest = ranks.allreduce(ends, "min").tolist()
+    n = ranks.allreduce(len(values), "sum")
+    place = np.array(shares) * (n - 1)
+    below = np.floor(place)
+    # The values with so many below them, by bisection: those at both sides of each quantile.
+    number = np.concatenate([below, np.minimum(below + 1.0, n - 1.0)])
+    low, high = np.full(len(number), least), np.full(len(number), -minus_largest)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        count = ranks.allreduce(np.searchsorted(ordered, middle, "right"), "sum")
+        low, high = np.where(count > number, low, middle), np.where(count > number, middle, high)
+    first, second = np.split(high, 2)
+    return (first + (place - below) * (second - first)).tolist()  # type: ignore[no-any-return]
 
 
 def _hausdorff(mesh: SimplexMesh, surface: SimplexMesh) -> float:

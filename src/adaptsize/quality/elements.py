@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from adaptsize._checks import check_type
-from adaptsize.background import SimplexMesh
+from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.typing import FloatArray
 
 # Cells are processed in blocks of this size to bound the memory.
@@ -93,7 +93,7 @@ def minimum_angles(mesh: SimplexMesh) -> FloatArray:
     return np.asarray(np.degrees(_of_cells(mesh, _angles_of_triangles, _angles_of_tetrahedra)))
 
 
-def check_cells(mesh: SimplexMesh) -> None:
+def check_cells(mesh: AnyMesh) -> None:
     """Raise a ValueError if a mesh consists of segments."""
     if mesh.cell_dim == 1:
         raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")

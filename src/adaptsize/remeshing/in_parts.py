@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -12,7 +11,6 @@ import numpy.typing as npt
 from adaptsize._checks import (
     as_float_array,
     as_sizes,
-    check_type,
     one_of,
     refuse_where,
 )
@@ -26,12 +24,9 @@ from adaptsize.background.migration import (
     with_common_tags,
 )
 from adaptsize.background.partitioned import PartitionedMesh
-from adaptsize.background.requests import boxes_of, ranks_within
 from adaptsize.errors import BackendError
 from adaptsize.options import RemeshOptions
-from adaptsize.quality.elements import minimum_angles
-from adaptsize.ranks import split_rows
-from adaptsize.typing import BoolArray, FloatArray, IntArray
+from adaptsize.typing import FloatArray, IntArray
 
 # Parts are divided anew in the end if one has more cells than the mean times this.
 _IMBALANCE = 1.2
@@ -133,114 +128,3 @@ def _stitched(old: PartitionedMesh, mesh: SimplexMesh | None, frozen: IntArray) 
     comm.agree(match)
     ids, owner = number_nodes(comm, keys)
     return PartitionedMesh(with_common_tags(comm, mesh), ids, owner, comm)
-
-
-@dataclass(frozen=True)
-class Quality:
-    """Some cells and edges of a mesh compared with the requested sizes."""
-
-    n_cells: int
-    share_in_band: float
-    """Share of the edges of these cells within a factor sqrt 2 of the size; nan without cells.
-    An edge counts once for each of its cells."""
-    angle_min: float
-    """Smallest angle of `minimum_angles` in degrees; nan without cells."""
-    angle_p01: float
-    """Its quantile of 1 %; the smallest of those of the parts."""
-
-    def __str__(self) -> str:
-        """Return the numbers on one line."""
-        return (
-            f"{self.n_cells} cells, {self.share_in_band:.1%} of the edges in the band, least "
-            f"angle {self.angle_min:.1f} degrees, 1 % below {self.angle_p01:.1f}"
-        )
-
-
-@dataclass(frozen=True)
-class InterfaceQuality:
-    """The quality of all cells, and of those at former interfaces."""
-
-    everywhere: Quality
-    at_interfaces: Quality
-    """Of cells whose centroid is within two sizes of an interface of an earlier round."""
-
-    def __str__(self) -> str:
-        """Return a line for all cells, and one for those at interfaces, if there are any."""
-        return "\n".join(
-            f"{name:14}{q}"
-            for name, q in (("all cells", self.everywhere), ("at interfaces", self.at_interfaces))
-            if q.n_cells
-        )
-
-
-def interface_quality(part: PartitionedMesh, h: npt.ArrayLike) -> InterfaceQuality:
-    """Return the quality of a mesh, everywhere and where parts met when it was made; collective.
-
-    Parameters
-    ----------
-    part : PartitionedMesh
-        For instance one that `adaptsize.remesh` has returned, which knows its former interfaces.
-    h : array_like of float, shape (n_local,)
-        Requested sizes at its nodes.
-
-    Returns
-    -------
-    InterfaceQuality
-        The same on all ranks.
-
-    Examples
-    --------
-    >>> from adaptsize import remesh
-    >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-    >>> fine = remesh(PartitionedMesh.from_serial(square), 0.1)
-    >>> interface_quality(fine, np.full(fine.n_points, 0.1)).everywhere.share_in_band > 0.8
-    True
-    """
-    check_type("part", part, PartitionedMesh)
-    h = part.ranks.agree(lambda: as_sizes("h", h, part.nodal_shape))
-    every = np.ones(part.n_cells, bool)
-    return InterfaceQuality(_quality(part, h, every), _quality(part, h, _at_interfaces(part, h)))
-
-
-def _at_interfaces(part: PartitionedMesh, h: FloatArray) -> BoolArray:
-    """Return which cells have their centroid within two sizes of an interface; collective.
-
-    Each rank knows the interfaces of the parts it had.  They go to the ranks whose cells they may
-    be near.
-    """
-    from scipy.spatial import cKDTree
-
-    own = part.once("_former_interfaces", lambda: np.empty((0, part.dim)))
-    reach = 2.0 * h[part.cells].mean(axis=1)
-    boxes = boxes_of(part)
-    widest = np.array(part.ranks.allgather(float(reach.max(initial=0.0))))
-    boxes += np.array([-1.0, 1.0])[:, None] * widest[:, None, None]
-    which, rank = ranks_within(own, own, boxes, np.full(len(own), np.nextafter(0.0, 1.0)))
-    sent = split_rows(own[which], rank, part.ranks.size)
-    places = np.concatenate(part.ranks.alltoallv(sent))
-    near = np.zeros(part.n_cells, bool)
-    if part.n_cells and len(places):
-        centroids = part.points[part.cells].mean(axis=1)
-        near = cKDTree(places).query(centroids)[0] < reach
-    return near
-
-
-def _quality(part: PartitionedMesh, h: FloatArray, chosen: BoolArray) -> Quality:
-    n_edges = n_good = 0
-    least = p01 = np.inf
-    if part.mesh is not None and chosen.any():
-        cells = part.cells[chosen]
-        for v in range(cells.shape[1]):
-            for w in range(v):
-                i, j = cells[:, v], cells[:, w]
-                length = np.linalg.norm(part.points[i] - part.points[j], axis=1)
-                ratio = length / (0.5 * (h[i] + h[j]))
-                n_edges += len(ratio)
-                n_good += int(np.count_nonzero(np.abs(np.log(ratio)) <= 0.5 * np.log(2.0)))
-        angles = minimum_angles(part.mesh)[chosen]
-        least, p01 = float(angles.min()), float(np.quantile(angles, 0.01))
-    total = part.ranks.allreduce(np.array([np.count_nonzero(chosen), n_edges, n_good]), "sum")
-    least, p01 = part.ranks.allreduce(np.array([least, p01]), "min").tolist()
-    if total[0] == 0:
-        return Quality(0, np.nan, np.nan, np.nan)
-    return Quality(int(total[0]), float(total[2] / total[1]), least, p01)
