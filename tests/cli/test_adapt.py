@@ -68,7 +68,7 @@ def test_a_solution_is_estimated_and_a_mesh_with_the_sizes_is_kept(capsys, solve
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--field", "u"], "adapt needs --elements, --nodes or --tolerance"),
+        (["--field", "u"], "--elements, --nodes or --tolerance must be given"),
         (["--field", "v", "--nodes", 9], "the mesh has no field 'v'; it has: eta, k, u"),
         (["--field", "u", "--nodes", 9, "--elements", 9], "exclude each other"),
         (["--field", "u", "--nodes", 0], "--nodes must be finite and >= 1, got 0"),

@@ -152,6 +152,22 @@ def test_sizes_of_the_mesh_are_checked_if_there_are_any(capsys, cubes):
     assert "no nodal field 'h'" in capsys.readouterr().err
 
 
+def test_the_distance_to_an_open_surface_is_that_which_is_compared(capsys, cubes):
+    skin = CUBE.boundary().mesh
+    write(cubes / "open.stl", SimplexMesh(skin.points, skin.cells[:-2]))
+    words = ["check", cubes / "cube.vtu", "--original", cubes / "open.stl", "--json"]
+    write(cubes / "cube.vtu", CUBE, fields={"h": np.full(CUBE.n_points, 0.65)})
+    assert call(*words) == 0
+    result = json.loads(capsys.readouterr().out)
+    (boundary,) = (d["distance"] for d in result["demands"] if d["name"] == "boundary")
+    assert result["hausdorff_relative"] == boundary < 1e-6
+
+
+def test_an_unknown_suffix_is_wrong_usage(refused, square):
+    err = refused("remesh", square, "-o", square.with_name("new.foo"))
+    assert err.startswith("adaptsize: error: --output must end in a suffix that can be written")
+
+
 def test_meshes_of_a_family_have_the_sizes_of_sources(capsys, tmp_path):
     pytest.importorskip("mmgpy")
     words = ["--levels", 2, "--hmax", 0.5, "--source", "point:0,0=0.1"]

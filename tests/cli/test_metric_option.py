@@ -64,8 +64,8 @@ def test_remesh_follows_the_metric(capsys, square, name, given, g):
 @pytest.mark.parametrize(
     ("command", "words", "message"),
     [
-        ("limit", [], "give either --field or --metric"),
-        ("limit", ["--metric", "demand", "--field", "h0"], "give either --field or --metric"),
+        ("limit", [], "--field or --metric must be given, got neither"),
+        ("limit", ["--metric", "demand", "--field", "h0"], "must be given, got both"),
         ("limit", ["--metric", "none"], "has no nodal field 'none'; it has: demand, h0"),
         ("limit", ["--metric", "missing.sol"], "missing.sol: No such file"),
         ("limit", ["--metric", "demand", "--method", "exact"], "--metric does not go with --me"),

@@ -167,7 +167,7 @@ def test_an_open_surface_is_reported(capsys, open_box, no_generator):
     }
     (text,) = (text for text in result["warnings"] if "open" in text)
     assert "4 open edges in 1 loop, 6 long around (1, 0.5, 1)" in text
-    assert "--close" in text
+    assert "; --close-holes closes the holes, --target triangles keeps a surface" in text
     assert printed.err.count("the surface is open") == 1
 
 
@@ -202,7 +202,7 @@ def test_bodies_closer_than_the_tolerance_are_reported(capsys, tmp_path, no_gene
 
 
 def test_close_fills_the_holes_first(capsys, open_box, no_generator):
-    call("remesh", open_box, "-o", open_box.with_name("o.vtu"), "--close")
+    call("remesh", open_box, "-o", open_box.with_name("o.vtu"), "--close-holes")
     err = capsys.readouterr().err
     assert "surface closed by 2 triangles; it had 4 open edges in 1 loop" in err
     assert "warning: the surface is open" not in err

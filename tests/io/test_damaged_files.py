@@ -63,7 +63,7 @@ BAD_FILES = {
         "has partitions of Gmsh.*unpartition",
     ),
     "other.msh": (b"(1 (an Ansys file))", "MeshFormat"),
-    "square.wkt": (b"TIN (((0 0 0, 1 0 0, 0 1 0, 0 0 0", r"knows \(\.wkt\).*from_object"),
+    "square.wkt": (b"TIN (((0 0 0, 1 0 0, 0 1 0, 0 0 0", r"knows \(\.wkt\).*meshio convert"),
     "tecplot.dat": (b"TITLE = x\n", r"knows \(\.dat\)"),
     "notes.txt": (b"hello", r"suffix that no reader knows \(\.txt\)"),
     "nosuffix": (b"hello", "suffix that no reader knows"),

@@ -147,7 +147,7 @@ def test_bad_arguments_are_named():
     with pytest.raises(ValueError, match="g must be"):
         size_from_sources(SQUARE, [], g=-0.1)
     untagged = SimplexMesh(SQUARE.points, SQUARE.cells)
-    with pytest.raises(ValueError, match="tags need a mesh with cell_tags"):
+    with pytest.raises(ValueError, match="tags must be region tags of the mesh, which has none"):
         size_from_sources(untagged, RegionSource(1, 0.1))
 
 

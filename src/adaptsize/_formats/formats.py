@@ -180,8 +180,7 @@ def load(path: Path) -> RawMesh:
         known = [s for form in FORMATS.values() if form.read for s in form.suffixes]
         raise MeshFileError(
             f"has a suffix that no reader knows ({suffix or 'none'}); these can be read: "
-            f"{', '.join(known)}; meshio may read it: "
-            "SimplexMesh.from_object(meshio.read(path))"
+            f"{', '.join(known)}; 'meshio convert' may make a .vtu file of it"
         )
     content = path.read_bytes()
     check_end(suffix, content)

@@ -105,8 +105,8 @@ def check(console: Console, file: Input, given: Given) -> int:
     with which remesh made the mesh, unless another one is given.
     """
     from adaptsize._formats.provenance import read_provenance
-    from adaptsize.background.interfaces import skin_of
     from adaptsize.remeshing.preparation import repair_mesh
+    from adaptsize.reporting.outcome import conformity_beside
 
     original, field = given.pop("original", None), given.pop("field", None)
     with console.steps(2) as steps:
@@ -126,8 +126,7 @@ def check(console: Console, file: Input, given: Given) -> int:
         steps.begin("checks")
         found = ads.check_mesh(mesh, original=other, size=sizes, **given)
         if sizes is not None:
-            surface = None if other is None else skin_of(other)[0]
-            conformity = ads.size_conformity(mesh, sizes, surface=surface)
+            conformity = conformity_beside(found, mesh, sizes, other)
     console.record(input=str(file), **found.as_dict())
     if sizes is not None:
         console.record(**conformity.as_dict())
@@ -152,7 +151,8 @@ def limit(console: Console, file: Input, output: SizesOutput, given: Given) -> i
     Of the exact method, the field source holds the node from which each size originates.
     """
     if ("field" in given) == ("metric" in given):
-        raise ValueError("give either --field or --metric")
+        got = "both" if "field" in given else "neither"
+        raise ValueError(f"--field or --metric must be given, got {got}")
     if "metric" in given:
         return limit_with_metric(console, file, output, given)
     g, plot = given["g"], given.get("plot")
@@ -266,7 +266,7 @@ def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> in
     field, plot = given.pop("field"), given.pop("plot", None)
     files.check_files([file], output, "mesh", plot=plot)
     if not given.keys() & {"elements", "nodes", "tolerance"}:
-        raise ValueError("adapt needs --elements, --nodes or --tolerance, got none of them")
+        raise ValueError("--elements, --nodes or --tolerance must be given, got none of them")
     with console.steps(4) as steps:
         steps.begin("reading")
         mesh = ads.io.read(file)

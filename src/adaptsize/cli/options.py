@@ -151,7 +151,7 @@ def command(
         del options[name]
     for name in _KINDS.keys() & options.keys():
         options[name] = replace(options[name], type=_KINDS[name])
-    flags = {name: option.flags[-1] for name, option in options.items()}
+    flags = {"path": "--output"} | {name: option.flags[-1] for name, option in options.items()}
     general = (*_GENERAL, _OPTIONS_FILE) if options else _GENERAL
 
     def decorate(function: Callable[..., int]) -> Callable[..., int]:

@@ -48,7 +48,7 @@ _PER_ELEMENT = 1000.0
         "or nearly touch.",
     ),
     own(
-        "Mesh generator", "close", bool,
+        "Mesh generator", "close_holes", bool,
         "First close the holes of a surface, by nearly plane caps.",
     ),
     PLOT,
@@ -154,7 +154,7 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
     mesh = files.read_mesh(file, 0.5 * given.get("tolerance", TOLERANCE))
     if files.is_of_polygons(file):
         console.say("the lines are simplified within half of the tolerance")
-    close = given.pop("close", False)
+    close = given.pop("close_holes", False)
     if "target" not in given and not close and _is_for_surfaces(output, mesh, given):
         given["target"] = "triangles"
         console.say(
@@ -167,7 +167,7 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
         allowed = given.get("tolerance", TOLERANCE) * mesh.diagonal
         mesh = _accepted(console, mesh, allowed, close=close, strict=given.get("strict", False))
     elif close:
-        raise ValueError(f"--close applies to surfaces that become tetrahedra, got {mesh!r}")
+        raise ValueError(f"--close-holes applies to surfaces that become tetrahedra, got {mesh!r}")
     if "size_of" in given:
         mesh = files.with_faces(mesh)
     files.announce_sizes(console, mesh)

@@ -359,8 +359,8 @@ def doubts(surface: SimplexMesh, tolerance: float) -> Iterator[tuple[str, Any, s
     holes = open_boundary(surface, tolerance)
     if holes is not None:
         text = (
-            "the generator closes or drops what it does not clearly enclose; close the holes "
-            "(close_holes, --close) or keep a surface (target triangles)"
+            "the generator closes or drops what it does not clearly enclose; close_holes closes "
+            "the holes, target='triangles' keeps a surface"
         )
         yield "open_boundary", holes, f"the surface is open: {holes}; {text}"
     overlapping = overlapping_bodies(surface)

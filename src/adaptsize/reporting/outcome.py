@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from adaptsize.background.image import Image
     from adaptsize.options import ImageOptions
     from adaptsize.quality import MeshCheck
-    from adaptsize.quality.conformity import Conformity
+    from adaptsize.quality.conformity import Conformity, SizeLike
 
 
 #: Cells with smaller angles, in degrees, draw a warning.
@@ -162,21 +162,17 @@ def outcome_of_remeshing(
     elements: float | None = None,
 ) -> Outcome:
     """Compare a new mesh with the repaired old one, its sizes, and the number requested."""
-    from adaptsize.quality import check_mesh, size_conformity
+    from adaptsize.quality import check_mesh
     from adaptsize.quality.boundary import region_measures
 
     # As `adaptsize check` does, which has the nodal sizes only.
     sizes = new.point_data.get("h", size)
     check = check_mesh(new, original=old, size=sizes, tolerance=tolerance)
-    conformity = size_conformity(new, sizes)
-    away = check.distance("boundary")
-    if away is not None:
-        conformity = replace(conformity, hausdorff=away * old.diagonal, hausdorff_relative=away)
     same_kind = old.cell_dim == new.cell_dim
     was, made = (region_measures(mesh) if same_kind else {} for mesh in (old, new))
     return Outcome(
         kind_of(new),
-        conformity,
+        conformity_beside(check, new, sizes, old),
         check,
         _predicted(new, size) if elements is None else elements,
         elements is not None,
@@ -185,6 +181,22 @@ def outcome_of_remeshing(
         {tag: (made[tag], made[tag] / was[tag] - 1.0) for tag in was if tag in made},
         sharp_cells(new),
     )
+
+
+def conformity_beside(
+    check: MeshCheck, mesh: SimplexMesh, size: SizeLike, original: SimplexMesh | None
+) -> Conformity:
+    """Return the conformity of a mesh, with the distance of the boundary that the check found.
+
+    The distance from an open surface to the mesh is the only one that is compared.
+    """
+    from adaptsize.quality import size_conformity
+
+    found: Conformity = size_conformity(mesh, size)
+    away = check.distance("boundary")
+    if original is None or away is None:
+        return found
+    return replace(found, hausdorff=away * original.diagonal, hausdorff_relative=away)
 
 
 def sharp_cells(mesh: SimplexMesh) -> tuple[int, tuple[float, ...]]:

@@ -73,7 +73,8 @@ def tagged_nodes(
     every = mesh.ranks.allgather(None if own is None else np.unique(own))
     present = [found for found in every if found is not None]
     if not present:
-        raise ValueError(f"tags need a mesh with {name}, which this one does not have")
+        what = "region" if kind == "cell" else "facet"
+        raise ValueError(f"tags must be {what} tags of the mesh, which has none ({name} is None)")
     wanted = np.atleast_1d(as_plain_array("tags", tags))
     missing = wanted[~np.isin(wanted, np.concatenate(present))]
     if len(missing) > 0:
