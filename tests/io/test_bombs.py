@@ -126,10 +126,6 @@ def nested_scene():
     return json.dumps(text).encode()
 
 
-ABAQUS = (
-    b"*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n3, 0, 1, 0\n*ELEMENT, TYPE=CPS3\n1, 1, 2, 3\n"
-    b"*NSET, NSET=all, GENERATE\n1, 9000000000, 1\n"
-)
 LAUGHS = b"<!DOCTYPE x [<!ENTITY a0 'ha'>%s]><Xdmf>&a40;</Xdmf>" % b"".join(
     b"<!ENTITY a%d '&a%d;&a%d;&a%d;'>" % (i + 1, i, i, i) for i in range(40)
 )
@@ -147,7 +143,6 @@ BOMBS = {
                       b"encoding: gzip\n\n" + gzipped(b""),
     "a.npz": zipped_array,
     "a.png": picture,
-    "generated.inp": lambda: ABAQUS,
     "nested.gltf": nested_scene,
     "laughs.xdmf": lambda: LAUGHS,
     "promised.ply": lambda: b"ply\nformat ascii 1.0\nelement vertex 99999999999\nproperty float x\n"

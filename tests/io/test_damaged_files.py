@@ -38,6 +38,11 @@ BAD_FILES = {
     "blah.stl": (ASCII_STL.replace("1.0e0 1 1", "1 blah 1").encode(), "not three numbers .*'blah'"),
     "corner.stl": (ASCII_STL.replace("1.0e0 1 1", "1").encode(), "not three numbers"),
     "nan.stl": (ASCII_STL.replace("1.0e0 1 1", "nan 1 1").encode(), "point 3 is not finite"),
+    "points.ply": (
+        b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+        b"property float z\nend_header\n0 0 0\n",
+        "holds no faces",
+    ),
     "same.stl": (binary_stl(np.ones((3, 3, 3))), "contain a node twice"),
     "nan.off": (b"OFF\n3 1 0\n0 0 0\n1 nan 0\n0 1 0\n3 0 1 2\n", "point 1 is not finite"),
     "index.off": (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", r"has nodes \[0, 1, 3\]"),
@@ -171,6 +176,15 @@ def test_a_file_cut_at_any_byte_is_refused_or_read_completely(tmp_path, name):
         fields = {field: len(values) for field, values in part.point_data.items()}
         assert fields in ({}, {field: whole.n_points for field in whole.point_data}), n
     assert n_complete < 30  # the end mark, and sections after the mesh
+
+
+def test_the_type_of_the_last_cell_is_not_completed(tmp_path):
+    file, quad = tmp_path / "a.vtk", meshio.Mesh(POINTS, [("quad", np.array([[0, 1, 2, 3]]))])
+    meshio.write(file, quad, file_format="vtk42")
+    content = file.read_bytes().rstrip(b"\n")
+    file.write_bytes(content[:-1])  # with a line break instead, it is a tetrahedron
+    with pytest.raises(MeshFileError, match=r"truncated|cannot be read"):
+        read(file)
 
 
 def test_an_open_second_solid_is_refused(tmp_path):

@@ -80,6 +80,11 @@ def test_solvers_get_cells_regions_and_boundaries(tmp_path, mesh):
         back = there_and_back(tmp_path / f"mesh{suffix}", mesh)
         assert np.abs(back.points - mesh.points).max() < 1e-10 * mesh.diagonal
         assert_array_equal(back.cells, mesh.cells)
+        if suffix == ".inp":  # sets are numbered in their order
+            assert_array_equal(
+                back.cell_tags, np.unique(mesh.cell_tags, return_inverse=True)[1] + 1
+            )
+            assert "soft_part" in back.tag_names.values()
         if suffix == ".bdf":  # properties are numbered from 1
             assert_array_equal(back.cell_tags, np.maximum(mesh.cell_tags, 1))
     assert (tmp_path / "mesh.su2").read_text().count("MARKER_TAG= wall\n") == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
@@ -107,6 +108,11 @@ def dimension_of(cell_type: str) -> int:
     if base is not None:
         return _SHAPES[base][0]
     return 0 if cell_type == "vertex" else 3
+
+
+def n_nodes_of(cell_type: str) -> int:
+    """Return the number of nodes of a cell type, for which the name ends in it or is a base."""
+    return int(re.sub("[a-z]", "", cell_type) or _SHAPES[cell_type][1])
 
 
 def name_of_polygon(n_corners: int) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._formats import raster, vtk
+from adaptsize._formats import abaqus, raster, vtk
 from adaptsize._formats.blocks import RawMesh, name_of_polygon, sewn
 from adaptsize._formats.guards import files_named_in
 from adaptsize.errors import MeshFileError
@@ -82,6 +82,11 @@ def read_picture(path: Path, name: str | None) -> tuple[raster.Image, list[str]]
     return raster.load(path, name, notes), notes
 
 
+def read_abaqus(path: Path) -> RawMesh:
+    """Return the mesh in an input file of Abaqus, of which sets could take long."""
+    return abaqus.read(path)
+
+
 def read_meshio(path: Path) -> RawMesh:
     """Return the mesh in any other file."""
     import meshio
@@ -142,6 +147,8 @@ def read_trimesh(path: Path) -> RawMesh:
     mesh: Any = trimesh.load_mesh(path, process=False, skip_materials=True, **options)
     points = np.asarray(mesh.vertices, dtype=np.float64)
     if is_ply:
+        if "_ply_raw" not in mesh.metadata:
+            raise MeshFileError("holds no faces")
         return _raw_of_ply(points, mesh.metadata["_ply_raw"])
     return RawMesh(points, [("triangle", np.asarray(mesh.faces, np.int64).reshape(-1, 3))])
 

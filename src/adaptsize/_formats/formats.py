@@ -120,8 +120,8 @@ class Format:
         return partial(self.write, mesh=mesh)
 
 
-_MESHIO, _VTK, _TRIMESH = (
-    partial(read_limited, f"read_{name}") for name in ("meshio", "vtk", "trimesh")
+_MESHIO, _VTK, _TRIMESH, _ABAQUS = (
+    partial(read_limited, f"read_{name}") for name in ("meshio", "vtk", "trimesh", "abaqus")
 )
 _of_vtk = {name: partial(write.write_vtk, suffix=f".{name}") for name in ("vtu", "vtp", "vtk")}
 _surface = {name: partial(write.write_surface, file_format=name) for name in ("ply", "obj", "off")}
@@ -151,7 +151,7 @@ FORMATS: dict[str, Format] = {
     "off": Format((".off",), _surface["off"], read_off, holds=_TRIANGLES),
     "gltf": Format((".gltf", ".glb", ".3mf"), None, _TRIMESH),
     "fort.14": Format((".14", ".grd", ".gr3"), fort14.write, fort14.read, holds=_CELLS, dims=(2,)),
-    "abaqus": Format((".inp",), write_abaqus, _MESHIO, None, check.check_abaqus, _CELLS),
+    "abaqus": Format((".inp",), write_abaqus, _ABAQUS, None, check.check_abaqus, _CELLS),
     "nastran": Format(
         (".bdf", ".nas", ".fem"), write_nastran, _MESHIO, check.check_nastran_end, holds=_CELLS
     ),

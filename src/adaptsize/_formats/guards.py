@@ -60,17 +60,22 @@ def files_named_in(path: Path) -> list[Path]:
         for word in _WORDS.findall(line)
         if len(word) < 300
     }
-    folder, found = path.parent.resolve(), []
-    for word in words:
-        file = folder / word
-        if not os.path.exists(file) or file.is_dir():  # Path.exists raises for long names
-            continue
-        if folder not in file.resolve().parents:
-            raise MeshFileError(f"names the file {word!r}, which is outside of its folder")
-        if is_special(file):
-            raise MeshFileError(f"names {word!r}, which is a device or a pipe")
-        found.append(file)
-    return found
+    files = {word: os.path.join(path.parent, word) for word in words}  # Path raises for long names
+    return [
+        neighbour(path, word)
+        for word, file in files.items()
+        if os.path.exists(file) and not os.path.isdir(file)
+    ]
+
+
+def neighbour(path: Path, name: str) -> Path:
+    """Return the file that a file names; refuse one outside of its folder, and what is no file."""
+    file, folder = path.parent / name, path.parent.resolve()
+    if folder not in file.resolve().parents:
+        raise MeshFileError(f"names the file {name!r}, which is outside of its folder")
+    if is_special(file):
+        raise MeshFileError(f"names {name!r}, which is a device or a pipe")
+    return file
 
 
 def about_file(path: str | os.PathLike[str], error: BaseException) -> MeshFileError:

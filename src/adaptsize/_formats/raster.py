@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._formats.guards import check_readable
+from adaptsize._formats.guards import check_readable, neighbour
 from adaptsize.errors import MeshFileError
 from adaptsize.typing import FloatArray
 
@@ -187,7 +187,7 @@ def _load_nrrd(path: Path, name: str | None, notes: list[str]) -> Image:
     with path.open("rb") as file:
         header = nrrd.read_header(file)
         for key in ("data file", "datafile"):
-            _check_inside(path, str(header.get(key, path.name)))
+            check_readable(neighbour(path, str(header.get(key, path.name))))
         values = nrrd.read_data(header, file, str(path), index_order="F")
     steps = np.asarray(header.get("space directions", np.empty((0, 0))), dtype=np.float64)
     origin = np.asarray(header.get("space origin", ()), dtype=np.float64)
@@ -203,15 +203,6 @@ def _load_nrrd(path: Path, name: str | None, notes: list[str]) -> Image:
     given = np.asarray(header.get("spacings", np.ones(values.ndim)), dtype=np.float64)
     spacing = np.where(np.isfinite(given), np.abs(given), 1.0)
     return _without_single_planes(values, spacing, np.zeros(values.ndim))
-
-
-def _check_inside(path: Path, name: str) -> None:
-    """Refuse a file of numbers outside of the folder of its header."""
-    folder = path.parent.resolve()
-    numbers = (folder / name).resolve()
-    if folder not in numbers.parents:
-        raise MeshFileError(f"has its numbers in {name!r}, outside of its folder")
-    check_readable(numbers)
 
 
 def _along_axes(

@@ -429,8 +429,10 @@ def _read_legacy(content: bytes) -> Any:
         n = int(points[1]) if points else math.prod(map(int, counts[1].split())) if counts else 0
         head = f"POINT_DATA {n}\n"
     is_binary = re.match(rb"[^\n]*\n[^\n]*\n\s*BINARY", content, re.IGNORECASE)
-    head = f"\n\n{head}FIELD FieldData 1\n{quote(_END)} 1 {n} unsigned_char\n"
-    content += head.encode() + (b"\0" if is_binary else b"0 ") * n + b"\n"
+    head = f"{head}FIELD FieldData 1\n{quote(_END)} 1 {n} unsigned_char\n"
+    # No line break before it in a binary file: as the last byte of a number, it would be a 10.
+    content += (b"" if is_binary else b"\n\n") + head.encode()
+    content += (b"\0" if is_binary else b"0 ") * n + b"\n"
     reader = _get("vtkIOLegacy.vtkGenericDataObjectReader")()
     for kind in ("Scalars", "Vectors", "Normals", "Tensors", "ColorScalars", "TCoords", "Fields"):
         getattr(reader, f"ReadAll{kind}On")()

@@ -1,0 +1,220 @@
+"""Reading of Abaqus input files, with parts, instances and sets.
+
+meshio takes the last list of nodes for all, ends a list at a comment, and ignores instances.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._formats.blocks import RawMesh, dimension_of, n_nodes_of
+from adaptsize._formats.guards import neighbour
+from adaptsize._formats.text import numbers
+from adaptsize.errors import MeshFileError
+from adaptsize.typing import FloatArray
+
+#: Types of elements with their numbers of nodes, and the cells by these.
+_ELEMENTS: tuple[tuple[re.Pattern[str], dict[int, str]], ...] = (
+    (re.compile(r"(?:D?C|AC|COH)3D(\d+)|SC(\d)"), {
+        4: "tetra", 5: "pyramid", 6: "wedge", 8: "hexahedron", 10: "tetra10", 13: "pyramid13",
+        15: "wedge15", 20: "hexahedron20",
+    }),
+    (re.compile(r"(?:CP[SE]G?|D?CAX|ACAX|D?C2D|AC2D|S|DS|STRI|[MR]3D|SFM3D)(\d)"), {
+        3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9",
+    }),
+    (re.compile(r"T[23]D(\d)"), {2: "line", 3: "line3"}),
+    (re.compile(r"B[23](\d)"), {1: "line", 2: "line3", 3: "line"}),  # linear, quadratic, cubic
+)  # fmt: skip
+#: Keywords that make nodes or elements from others, or move them.
+_MAKING = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM", "INCLUDE")
+_COMMENT = re.compile(r"^\*\*.*\n?", re.MULTILINE)
+_CONTINUED = re.compile(r"^(\*.*,)[ \t]*\n", re.MULTILINE)
+_INCLUDE = re.compile(
+    r"^\*[ \t]*INCLUDE[ \t]*,[ \t]*INPUT[ \t]*=(.*)$", re.MULTILINE | re.IGNORECASE
+)
+
+
+class _Range(NamedTuple):
+    """The numbers first, first + step ... up to last."""
+
+    first: int
+    last: int
+    step: int
+
+
+@dataclass
+class _Part:
+    """What is between the keywords of a part or an instance, or outside of all."""
+
+    nodes: list[str] = field(default_factory=list)
+    """Lines."""
+    elements: list[tuple[str, npt.NDArray[np.int64]]] = field(default_factory=list)
+    """The type of cells, and rows of numbers of the element and its nodes."""
+    sets: dict[str, list[_Range | npt.NDArray[np.int64] | str]] = field(default_factory=dict)
+    """Numbers of elements, or names of other sets, by the name in capital letters."""
+    sections: list[str] = field(default_factory=list)
+    """Sets with a material: no element is in two."""
+    offset: FloatArray = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def regions(self) -> list[str]:
+        """The sets with a section, or all but those of other sets."""
+        of_sets = {
+            name for name, items in self.sets.items() if any(isinstance(i, str) for i in items)
+        }
+        return self.sections or [name for name in self.sets if name not in of_sets]
+
+    def holds(self, name: str, elements: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+        """Return which of some elements are in a set."""
+        names, found = [name.upper()], np.zeros(len(elements), bool)
+        for known in names:  # grows
+            for item in self.sets.get(known, ()):
+                if isinstance(item, _Range):
+                    inside = (elements >= item.first) & (elements <= item.last)
+                    found |= inside & ((elements - item.first) % item.step == 0)
+                elif isinstance(item, str):
+                    names += [item] * (item not in names)
+                else:
+                    found |= np.isin(elements, item)
+        return found
+
+
+def read(path: Path) -> RawMesh:
+    """Return the elements of all instances, or of all parts, with their sets as tags.
+
+    Tags are the sets with a section, if there are any.  Otherwise an element has the tag of the
+    last set that lists it.
+
+    Raises
+    ------
+    MeshFileError
+        If the file is damaged, rotates an instance, or makes nodes or elements by keywords.
+    """
+    whole = current = _Part()
+    parts, instances, names = {"": whole}, list[_Part](), dict[str, str]()
+    for keyword, options, lines in _keywords_in(_text_of(path, set())):
+        is_mesh = keyword in ("NODE", "ELEMENT")
+        if keyword in _MAKING or (is_mesh and options.keys() & {"INPUT", "SYSTEM"}):
+            raise MeshFileError(f"has the keyword *{keyword}, of a kind that cannot be read")
+        named = options.get("ELSET", "")
+        if named and keyword in ("ELEMENT", "ELSET"):
+            names.setdefault(named.upper(), named)
+        if keyword == "PART":
+            current = parts.setdefault(options.get("NAME", "").upper(), _Part())
+        elif keyword == "INSTANCE":
+            current = _instance_of(parts.get(options.get("PART", "").upper(), _Part()), lines)
+            instances.append(current)
+        elif keyword in ("END PART", "END INSTANCE"):
+            current = whole
+        elif keyword == "NODE":
+            current.nodes += lines
+        elif keyword == "ELEMENT":
+            current.elements.append(_elements_of(options.get("TYPE", "").upper(), lines))
+            current.sets.setdefault(named.upper(), []).append(current.elements[-1][1][:, 0])
+        elif keyword == "ELSET" and "INSTANCE" not in options:
+            items = _items_of(lines, is_range="GENERATE" in options)
+            current.sets.setdefault(named.upper(), []).extend(items)
+        elif keyword.endswith(" SECTION") and named:
+            current.sections.append(named.upper())
+    return _joined([whole, *instances] if instances else [*parts.values()], names)
+
+
+def _text_of(path: Path, known: set[Path]) -> str:
+    """Return the text of a file with those that it includes, without comments."""
+    known.add(path.resolve())
+    text = _COMMENT.sub("", path.read_text(encoding="utf-8-sig", errors="replace"))
+
+    def included(found: re.Match[str]) -> str:
+        file = neighbour(path, found[1].strip(' "'))
+        if file.resolve() in known:
+            raise MeshFileError(f"includes {file.name!r} twice")
+        return _text_of(file, known)
+
+    return _INCLUDE.sub(included, text)
+
+
+def _keywords_in(text: str) -> Iterator[tuple[str, dict[str, str], list[str]]]:
+    """Yield keywords in capital letters with their options and the lines of data."""
+    for block in re.split(r"^\*", _CONTINUED.sub(r"\1", text), flags=re.MULTILINE)[1:]:
+        head, *lines = block.splitlines() or [""]
+        keyword, *words = (word.strip() for word in head.split(","))
+        pairs = (word.partition("=") for word in words)
+        options = {key.strip().upper(): value.strip(' "') for key, _, value in pairs}
+        yield " ".join(keyword.upper().split()), options, [row for row in lines if row.strip()]
+
+
+def _instance_of(part: _Part, lines: list[str]) -> _Part:
+    if len(lines) > 1:
+        raise MeshFileError("has a rotated instance, which cannot be read")
+    words, offset = _words_in(lines), np.zeros(3)
+    offset[: len(words)] = numbers(words, np.float64)
+    sets = {name: [*items] for name, items in part.sets.items()}
+    return _Part([*part.nodes], [*part.elements], sets, [*part.sections], offset)
+
+
+def _elements_of(kind: str, lines: list[str]) -> tuple[str, npt.NDArray[np.int64]]:
+    found = next(
+        ((found, cells) for pattern, cells in _ELEMENTS if (found := pattern.match(kind))), None
+    )
+    name = found[1].get(int(found[0][1] or found[0][2])) if found else None
+    if name is None:
+        raise MeshFileError(f"holds elements of type {kind!r}, which cannot be read")
+    n, words = n_nodes_of(name), _words_in(lines)
+    if len(words) % (n + 1):
+        raise MeshFileError(f"has elements {kind} of other than {n} nodes")
+    return name, numbers(words, np.int64).reshape(-1, n + 1)
+
+
+def _words_in(lines: list[str]) -> list[str]:
+    return [word for word in map(str.strip, ",".join(lines).split(",")) if word]
+
+
+def _items_of(lines: list[str], *, is_range: bool) -> Iterator[Any]:
+    if is_range:
+        for line in lines:
+            limits = numbers(_words_in([line]), np.int64).tolist()
+            if len(limits) not in (2, 3) or limits[2:] == [0]:
+                raise MeshFileError(f"has a set with the range {line[:40]!r}")
+            yield _Range(limits[0], limits[1], limits[2] if limits[2:] else 1)
+        return
+    words = _words_in(lines)
+    yield numbers([word for word in words if word.isdigit()], np.int64)
+    yield from (word.strip('"').upper() for word in words if not word.isdigit())
+
+
+def _joined(parts: list[_Part], names: dict[str, str]) -> RawMesh:
+    """Return the elements of all parts as one mesh."""
+    points, blocks, tags, n_points, width = [], [], [], 0, 3
+    number = {name: k for k, name in enumerate(names, start=1)}
+    for part in parts:
+        rows = [line.split(",")[:4] for line in part.nodes]
+        width = max([width, *map(len, rows)])
+        words = [word if word.strip() else "0" for row in rows for word in [*row, "", "", ""][:4]]
+        points.append(numbers(words, np.float64).reshape(-1, 4)[:, 1:] + part.offset)
+        ids = numbers([row[0] for row in rows], np.int64)
+        order = np.argsort(ids, kind="stable")
+        for cell_type, elements in part.elements:
+            own, nodes = elements[:, 0], elements[:, 1:]
+            missing = nodes[~np.isin(nodes, ids)]
+            if len(missing):
+                raise MeshFileError(f"has elements with node {missing[0]}, which it lacks")
+            blocks.append((cell_type, order[np.searchsorted(ids, nodes, sorter=order)] + n_points))
+            tags.append(np.zeros(len(own), np.int32))
+            for name in filter(number.get, part.regions):
+                tags[-1][part.holds(name, own)] = number[name]
+        n_points += len(ids)
+    labels = dict(enumerate(names.values(), start=1))
+    tag_names = {
+        (dimension_of(cell_type), tag): labels[tag]
+        for (cell_type, _), held in zip(blocks, tags, strict=True)
+        for tag in np.unique(held[held > 0]).tolist()
+    }
+    coordinates = np.concatenate(points)[:, : width - 1]
+    return RawMesh(coordinates, blocks, {}, {"cell_tags": tags}, tag_names)

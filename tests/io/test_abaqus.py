@@ -1,0 +1,105 @@
+"""Input files as Abaqus/CAE, CalculiX and people write them."""
+
+import pytest
+from numpy.testing import assert_array_equal
+
+from adaptsize import read
+from adaptsize.errors import MeshFileError
+
+PART = """*Part, name={0}
+*Node
+1, {1}., 0., 0.
+2, {2}., 0., 0.
+** a comment inside a list
+3, {1}., 1., 0.
+4, {1}., 0., 1.
+*Element, type=C3D4H
+7, 1, 2, 3, 4
+*Elset, elset=_inner, generate
+1, 9000000000, 1
+*Elset, elset="Set {0}"
+_inner
+*Solid Section, elset="set {0}", material=steel
+,
+*End Part
+"""
+ASSEMBLY = """*Assembly, name=Assembly
+*Instance, name=A-1, part=a
+*End Instance
+*Instance, name=A-2, part=A
+10., 0., 0.
+*End Instance
+*Instance, name=B-1, part=B
+*End Instance
+*Elset, elset=load, instance=A-1
+7
+*End Assembly
+"""
+FLAT = """*HEADING
+*NODE, NSET=all
+1, 0., 0.
+2, 1., 0.,
+*NODE
+30, , 1.
+*node
+4, 1., 1.
+*NODE PRINT
+U
+*ELEMENT, TYPE=CPE3, ELSET=left
+1, 1, 2, 30
+** a comment
+*ELEMENT, ELSET=right,
+ TYPE=cax3
+2, 2, 4,
+   30
+*ELSET, ELSET=both
+left, right
+*NSET, NSET=bottom
+1, 2
+"""
+
+
+def test_parts_are_repeated_for_each_instance_and_sections_are_regions(tmp_path):
+    file = tmp_path / "job.inp"
+    file.write_text("*Heading\n" + PART.format("A", 0, 1) + PART.format("B", 5, 7) + ASSEMBLY)
+    mesh = read(file)
+    assert_array_equal(mesh.points[::4, 0], [0.0, 10.0, 5.0])
+    assert_array_equal(mesh.measures * 6.0, [1.0, 1.0, 2.0])
+    assert [mesh.tag_names[3, tag] for tag in mesh.cell_tags] == ["Set A", "Set A", "Set B"]
+
+
+def test_lists_of_nodes_are_one_and_sets_of_sets_are_no_regions(tmp_path):
+    file = tmp_path / "flat.inp"
+    file.write_text(FLAT)
+    mesh = read(file)
+    assert_array_equal(mesh.points, [[0, 0], [1, 0], [0, 1], [1, 1]])
+    assert_array_equal(mesh.cells, [[0, 1, 2], [1, 3, 2]])
+    assert [mesh.tag_names[2, tag] for tag in mesh.cell_tags] == ["left", "right"]
+
+
+def test_an_included_file_is_a_part_of_the_text(tmp_path):
+    nodes, elements = FLAT.split("*ELEMENT", 1)
+    (tmp_path / "nodes ü.inp").write_text(nodes)
+    (tmp_path / "a.inp").write_text(f"*INCLUDE, input=nodes ü.inp\n*ELEMENT{elements}")
+    assert read(tmp_path / "a.inp").n_cells == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (FLAT.replace("*NSET", "*ELGEN"), r"the keyword \*ELGEN"),
+        (FLAT.replace("NSET=all", "SYSTEM=C"), r"the keyword \*NODE"),
+        (FLAT.replace("30\n", "31\n"), "node 31, which it lacks"),
+        (FLAT.replace("CPE3", "MASS"), "elements of type 'MASS'"),
+        (FLAT.replace("   30", "   30, 5"), "CAX3 of other than 3 nodes"),
+        (FLAT + "*INCLUDE, INPUT=a.inp\n", "includes 'a.inp' twice"),
+        (FLAT + "*INCLUDE, INPUT=absent.inp\n", "No such file"),
+        (ASSEMBLY.replace("0.\n", "0.\n0., 0., 0., 0., 0., 1., 9.\n"),
+         "rotated instance"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_read_is_refused(tmp_path, text, reason):
+    (tmp_path / "a.inp").write_text(text)
+    with pytest.raises(MeshFileError, match=reason) as caught:
+        read(tmp_path / "a.inp")
+    assert "\n" not in str(caught.value)
