@@ -49,3 +49,18 @@ def test_a_polygon_is_rounded_by_no_more_than_twice_the_tolerance(n_sides, size)
     mesh = SimplexMesh(points, fan)
     check = check_mesh(remesh(mesh, size), original=mesh, tolerance=2e-3)
     assert [demand.text for demand in check.demands if not demand.is_met] == []
+
+
+@pytest.mark.parametrize(("target", "h"), [("triangles", 0.3), ("tetrahedra", 0.6)])
+def test_the_tip_of_a_cone_without_feature_edges_stays(target, h):
+    pytest.importorskip("mmgpy")
+    angles = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(48)], axis=1)
+    i = np.arange(48)
+    sides, base = (
+        np.stack([i, (i + 1) % 48, 0 * i + 48], 1),
+        np.stack([(i + 1) % 48, i, 0 * i + 49], 1),
+    )
+    cone = SimplexMesh([*ring, [0, 0, 3], [0, 0, 0]], [*sides, *base])
+    new = remesh(cone, h, target=target, backend="mmg")
+    assert np.linalg.norm(new.points - [0, 0, 3], axis=1).min() < 1e-9

@@ -10,6 +10,8 @@ Observed behaviour that is handled here:
   beside a fillet then bulge by more than the tolerance, unless the edge is passed as a ridge.
 * In the plane, edges of the boundary that meet at less than the ridge angle count as one smooth
   curve.  Nodes where it may bulge too far, and ends of required edges, are passed as corners.
+* Tips of cones whose facets differ little from their neighbours are rounded unless they are
+  corners.
 * Between the sides of plates much thinner than the sizes it may run without end.
 * A gradation at least as steep as the sizes leaves them unchanged.  Without gradation,
   Mmg's own small sizes at curved boundaries end in jumps.
@@ -324,19 +326,37 @@ def _executable(task: str) -> str:
 def _corners(made: Arrays, options: Mapping[str, Any]) -> npt.NDArray[np.int32]:
     """Return the nodes at which curves must not be rounded.
 
-    These are the ends of required edges in the plane, and nodes of the boundary, of feature edges
-    and of edges between groups where a smooth curve would bulge too far.
+    These are the ends of required edges in the plane, tips of cones in space, and nodes of the
+    boundary, of feature edges and of edges between groups where a smooth curve would bulge too far.
     """
-    task, ends = options["task"], np.empty(0, np.int32)
-    curves = made["facets"]
+    task, curves = options["task"], made["facets"]
     if task == "plane triangles":
         required = np.isin(made["facet_groups"], options["required_groups"])
         ends = np.intersect1d(curves[required], curves[~required])
     else:
         curves = _curves(made, task)
+        triangles = made["cells" if task == "surface" else "facets"]
+        ends = np.setdiff1d(_tips(made["points"], triangles, RIDGE_ANGLE[task]), curves)
     tolerance = options["hausd"] / _TOLERANCE_FACTOR[task]
     kept = _nodes_to_keep(made["points"], curves, tolerance)
     return np.union1d(ends, kept).astype(np.int32)
+
+
+def _tips(
+    points: FloatArray, triangles: npt.NDArray[np.integer], angle: float
+) -> npt.NDArray[np.intp]:
+    """Return the nodes around which triangles lean as those of a cone, by more than an angle.
+
+    No two neighbours need to differ by the angle, so that there may be no feature edge.  Mmg would
+    round the tip.  Around the tip of a cone that leans by ``a``, angles add up to 2 pi cos a.
+    Nodes on the boundary of the triangles are returned, too.
+    """
+    ahead = points[np.roll(triangles, -1, axis=1)] - points[triangles]
+    behind = -np.roll(ahead, 1, axis=1)
+    sines = np.linalg.norm(np.cross(ahead, behind), axis=2)
+    angles = np.arctan2(sines, np.einsum("ijk,ijk->ij", ahead, behind))
+    around = np.bincount(triangles.ravel(), angles.ravel(), len(points))
+    return np.flatnonzero((around > 0.0) & (around < 2.0 * np.pi * np.cos(np.radians(angle))))
 
 
 def _curves(made: Arrays, task: str) -> npt.NDArray[np.int32]:
