@@ -12,6 +12,7 @@ from geodesics import contains, limited_sizes
 from meshes import jittered_cube, jittered_square, random_square, structured_square
 from meshes import slit_square as crack
 from numpy.testing import assert_allclose, assert_array_equal
+from partitions import on_ranks
 
 from adaptsize import CartesianGrid, SimplexMesh, SizeFunction, limit_gradient
 from adaptsize.limiting import Exact
@@ -256,6 +257,48 @@ def test_points_outside_take_the_value_of_the_closest_point():
     with_sources, interpolating = limited(background, h0)
     points = np.array([[-60.0, -30.0], [55.0, 70.0], [0.3, 51.0]])
     assert_array_equal(with_sources(points), interpolating(points))
+
+
+def grid_with_a_hole():
+    x, y = np.meshgrid(np.arange(11) - 5, np.arange(11) - 5)
+    return CartesianGrid([-50.0, -50.0], 10.0, (11, 11), active=np.hypot(x, y) > 2.5)
+
+
+@pytest.mark.parametrize("off", [1e-12, 5e-6])
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: domains.l_shape(300)[0],
+        lambda: domains.holes(16, 5, 24)[0],
+        lambda: jittered_square(9, 948),
+        lambda: domains.wall_box(300)[0],
+        grid_with_a_hole,
+    ],
+)
+def test_points_just_outside_count_as_on_the_boundary(make, off):
+    background = make()
+    h0 = np.full(background.nodal_shape, np.inf)
+    h0.flat[0] = 40.0
+    on = np.array([[-50.0, 31.0, 7.0], [-17.0, -50.0, -11.0]])[:, : background.dim]
+    outside = np.where(on == -50.0, -50.0 - off, on)
+    sizes = [0.5, 0.7]
+    h, info = limit_gradient.with_info(background, h0, G, point_sources=(on, sizes), method="exact")
+    assert h.min() < 10.0
+    moved = limit_gradient(background, h0, G, point_sources=(outside, sizes), method="exact")
+    assert_allclose(moved, h, rtol=1e-5)
+    assert_allclose(info.sources.evaluate(outside), info.sources.evaluate(on), rtol=1e-5)
+    if isinstance(background, SimplexMesh):
+        for size in (1, 3):
+            found, parts = on_ranks(
+                background,
+                None,
+                size,
+                lambda p: limit_gradient(
+                    p, h0[p.global_ids], G, point_sources=(outside, sizes), method="exact"
+                ),
+            )
+            for own, part in zip(found, parts, strict=True):
+                assert_allclose(own, moved[part.global_ids], rtol=1e-14)
 
 
 def test_in_solids_that_are_not_convex_nodal_sizes_are_interpolated():

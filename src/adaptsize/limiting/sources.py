@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -146,9 +146,11 @@ class SizeSources:
             if part.found.proved is None:
                 field = part.found.between
                 places = points[inside]
-                if field.sight is not None and isinstance(self.background, SimplexMesh):
+                if field.sight is not None:
                     # Walls hide points that are outside by more than rounding.
-                    corners = self.background.points[around[inside]]
+                    domain: Any = self.background
+                    mesh = domain if isinstance(domain, SimplexMesh) else domain.mesh
+                    corners = mesh.points[around[inside]]
                     places = np.einsum("ij,ijd->id", weights[inside], corners)
                 value[inside] = field.evaluate(places, bound[inside])
         return value

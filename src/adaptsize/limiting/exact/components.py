@@ -8,13 +8,17 @@ import numpy as np
 
 from adaptsize._kernels.topology import join_cells
 from adaptsize.background import SimplexMesh, topology
-from adaptsize.background.partitioned import AnyMesh, PartitionedMesh
+from adaptsize.background.partitioned import AnyMesh, PartitionedMesh, local_mesh
 from adaptsize.limiting.problem import PointBounds
 from adaptsize.ranks import Communicator, Ids
 from adaptsize.typing import FloatArray, IntArray
 
-# Points this far outside, relative to the diagonal of the background, count as inside.
-OUTSIDE = 1e-9
+# Points this far outside, relative to the diagonal of the background, count as on the boundary:
+# coordinates in files have seven to nine digits.
+OUTSIDE = 1e-7
+
+# Components this far from a point hold it.
+_TOUCHING = 1e-9
 
 
 class Piece(NamedTuple):
@@ -121,6 +125,24 @@ def _find_piece(part: PartitionedMesh, component: int) -> Piece:
     return Piece(part.ranks, mesh, ids, nodes.astype(np.int32), shared)
 
 
+def moved_inside(domain: AnyMesh, given: PointBounds) -> PointBounds:
+    """Return the given points, those just outside moved to the boundary; collective.
+
+    Walls would hide a point just behind them.
+    """
+    mesh, ranks = local_mesh(domain), domain.ranks
+    away, feet = np.full(len(given.points), np.inf), given.points
+    if mesh is not None:
+        cells, weights, away = mesh.locator.nearest(given.points)
+        feet = np.einsum("iv,ivd->id", weights, mesh.points[mesh.cells[cells]])
+    least = ranks.allreduce(away, "min")
+    first = ranks.allreduce(np.where(away == least, ranks.rank, ranks.size), "min")
+    feet = np.where((first == ranks.rank)[:, None], feet, -np.inf)
+    outside = (least > 0.0) & (least <= OUTSIDE * domain.diagonal)
+    points = np.where(outside[:, None], ranks.allreduce(feet, "max"), given.points)
+    return given._replace(points=points)
+
+
 def points_in_components(part: PartitionedMesh, given: PointBounds | None) -> dict[int, IntArray]:
     """Return the bounded points that lie in each component; collective.
 
@@ -130,7 +152,7 @@ def points_in_components(part: PartitionedMesh, given: PointBounds | None) -> di
         return {}
     pairs = np.empty((0, 2), np.int32)
     number = components_of(part).number
-    reach = OUTSIDE * part.diagonal
+    reach = _TOUCHING * part.diagonal
     if part.mesh is not None:
         which, cells = part.mesh.locator.within(given.points, reach)
         pairs = np.column_stack([number[part.cells[cells, 0]], which]).astype(np.int32)

@@ -27,6 +27,7 @@ from adaptsize.limiting.exact.components import (
     OUTSIDE,
     components_of,
     is_connected,
+    moved_inside,
     piece_of,
     points_in_components,
 )
@@ -159,13 +160,16 @@ class Exact(Scheme):
             raise NeedsWholeMesh
         scheme = replace(self, threads=1) if ranks.size > 1 and self.threads is None else self
         whole = scheme._component(problem, part)
-        located = points_in_components(part, problem.point_sources)
+        given = problem.point_sources
+        if given is not None:
+            given = moved_inside(part, given)
+        located = points_in_components(part, given)
         parts = []
         for number in sorted({*components_of(part).bounded(ranks, whole.h0), *located}):
             piece = piece_of(part, number)
             component = whole._replace(mesh=piece.mesh, h0=piece.bounds(whole.h0))
-            if problem.point_sources is not None and number in located:
-                here = Extra.of(problem.point_sources, located[number], piece.mesh.n_points)
+            if given is not None and number in located:
+                here = Extra.of(given, located[number], piece.mesh.n_points)
                 component = component._replace(extra=here)
             if linear is not None:
                 own = places_among(piece.nodes, part.n_points)[linear]
@@ -254,6 +258,8 @@ def _inside(background: SimplexMesh | CartesianGrid, given: PointBounds | None) 
     """Return the sources between the nodes that lie in the domain."""
     if given is None:
         return None
+    if isinstance(background, SimplexMesh):
+        given = moved_inside(background, given)
     away = background.locator.weights(given.points)[2]
     inside = (away <= OUTSIDE * background.diagonal) & np.isfinite(given.sizes)
     return Extra.of(given, np.flatnonzero(inside).astype(np.int32), background.n_points)
