@@ -13,7 +13,7 @@ from adaptsize.background import AnyMesh, CartesianGrid
 from adaptsize.background.marching import pad, strides_of_padded, unpad
 from adaptsize.limiting.fast_marching import march_grid
 from adaptsize.limiting.problem import Problem, Scheme, Solution, checked_start
-from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -124,6 +124,8 @@ class HamiltonJacobi(Scheme):
         They are lowered to ``h0`` where they exceed it.  Nodes that are inf here are ignored and
         stay inf (a component without a bound).
         """
+        from adaptsize._kernels.hamilton_jacobi import iterate_hamilton_jacobi
+
         grid: Any = problem.domain
         h0, slope, order, max_iter = problem.h0, problem.slope, self.order, self.max_iter
         takes_part = np.isfinite(start)
@@ -144,8 +146,22 @@ class HamiltonJacobi(Scheme):
         rows = (_rows(takes_part, strides, order), grid.shape[-1], strides)
         arguments = (bound, g, slope.step, *rows, weights, order, dt, self.tol * fastest)
         u = pad(grid, np.minimum(start, h0), order, takes_part)
-        taken, u, change = _iterate(u, arguments, max_iter, problem.report)
-
+        spare = np.full_like(u, np.nan)
+        stage = np.full_like(u, np.nan) if order == 2 else spare
+        # The work is in nodes times axes: about 0.1 s between two progress calls.
+        work = rows[0].size * grid.shape[-1] * grid.dim * (1 if order == 1 else 6)
+        chunk = max(1, int(5e7 / max(work, 1)))
+        taken, moving = 0, 1
+        while moving and taken < max_iter:
+            some = min(chunk, max_iter - taken)
+            steps, moving = iterate_hamilton_jacobi(some, u, spare, stage, arguments)
+            if steps % 2:
+                u, spare = spare, u
+            taken += steps
+            problem.report("Hamilton-Jacobi iteration", taken / max_iter)
+        np.subtract(u, spare, out=spare)
+        np.abs(spare, out=spare)
+        change = float(np.fmax.reduce(spare, initial=0.0))
         rate = change / fastest if fastest > 0.0 else change
         unfinished = ""
         if change > self.tol * fastest:
@@ -156,32 +172,6 @@ class HamiltonJacobi(Scheme):
             )
         h = np.where(takes_part, unpad(grid, u, order), np.inf)
         return Solution(h, taken, rate, unfinished)
-
-
-def _iterate(
-    u: FloatArray, arguments: tuple[Any, ...], max_iter: int, report: ProgressCallback
-) -> tuple[int, FloatArray, float]:
-    """Iterate from ``u``, which is overwritten; return the number of steps, h, the last change."""
-    from adaptsize._kernels.hamilton_jacobi import iterate_hamilton_jacobi
-
-    _, _, _, rows, n_row, strides, _, order, _, _ = arguments
-    spare = np.full_like(u, np.nan)
-    stage = np.full_like(u, np.nan) if order == 2 else spare
-    work = len(rows) * n_row * len(strides) * (1 if order == 1 else 6)
-    # The work is in nodes times axes: about 0.1 s between two progress calls.
-    chunk = max(1, int(5e7 / max(work, 1)))
-    taken, moving = 0, 1
-    while moving and taken < max_iter:
-        steps, moving = iterate_hamilton_jacobi(
-            min(chunk, max_iter - taken), u, spare, stage, arguments
-        )
-        if steps % 2:
-            u, spare = spare, u
-        taken += steps
-        report("Hamilton-Jacobi iteration", taken / max_iter)
-    np.subtract(u, spare, out=spare)
-    np.abs(spare, out=spare)
-    return taken, u, float(np.fmax.reduce(spare, initial=0.0))
 
 
 def _rows(

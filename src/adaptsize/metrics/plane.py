@@ -13,7 +13,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.geometry.boundary import flat_boundary, plane_boundary
 from adaptsize.geometry.convexity import is_convex
-from adaptsize.limiting.exact.plane import plane_of
+from adaptsize.limiting.exact.obstacles_in_plane import plane_of
 from adaptsize.typing import FloatArray, IntArray, LongArray
 
 # Sources that a corner may see first.

@@ -16,7 +16,7 @@ from solids_of_cubes import solid_of_cubes
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.errors import ConvergenceWarning
 from adaptsize.limiting import Exact
-from adaptsize.limiting.exact import space
+from adaptsize.limiting.exact import paths_in_space as space
 
 G = 0.3
 

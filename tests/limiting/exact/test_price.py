@@ -14,7 +14,8 @@ from adaptsize import limit_gradient
 from adaptsize.geometry.boundary import flat_boundary
 from adaptsize.geometry.convexity import count_corners
 from adaptsize.limiting import Exact
-from adaptsize.limiting.exact import expansion, plane, solve
+from adaptsize.limiting.exact import expansion, solve
+from adaptsize.limiting.exact import obstacles_in_plane as plane
 
 G = 0.3
 

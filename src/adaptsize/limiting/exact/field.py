@@ -252,8 +252,8 @@ class ExactField:
             lowered: BoolArray = found >= 0
             source[lowered] = found[lowered] + offset
 
-    def survivors(self, margin: float, workers: Workers) -> Entries:
-        """Return the last entries, nodes, without those that another one undercuts by a margin."""
+    def keep_survivors(self, margin: float, workers: Workers) -> None:
+        """Drop those of the last entries, all nodes, that another one undercuts by a margin."""
         entries = self.groups[-1]
         order = np.arange(len(entries.nodes), dtype=np.int32)
         points = Points(entries.table[:, : entries.nodes.shape[1]].copy(), order)
@@ -261,7 +261,7 @@ class ExactField:
             points = points._replace(on_wall=entries.table[:, plane.ROW].astype(np.int32))
         sizes, source = entries.sizes[:, 0] - margin, np.full(len(order), -1, np.int32)
         self.lower_by_last(points, sizes, source, workers, once=True)
-        return entries.only(source < 0)
+        self.groups[-1] = entries.only(source < 0)
 
     def lowered(
         self, points: Points, bound: FloatArray, workers: Workers
@@ -348,7 +348,8 @@ def field_of_nodes(
 ) -> ExactField:
     """Return the field of the nodes that keep their bounds in a convex domain or on a sphere."""
     field = ExactField(g, None, False, [entries], radius)
-    return replace(field, groups=[field.survivors(margin, workers)])
+    field.keep_survivors(margin, workers)
+    return field
 
 
 def field_of_cells(points: FloatArray, cells: IntArray, sizes: FloatArray, g: float) -> ExactField:

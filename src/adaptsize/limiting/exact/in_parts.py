@@ -12,6 +12,7 @@ docs/decisions/0030-one-exchange-between-ranks.md.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from adaptsize.background._curve import along_curve
 from adaptsize.geometry.boundary import plane_boundary
 from adaptsize.geometry.convexity import count_corners
 from adaptsize.limiting.edge_based import limit_along_edges
+from adaptsize.limiting.exact.boundary_of_parts import Skeleton, find_skeleton
 from adaptsize.limiting.exact.candidates import Component, margin_for
 from adaptsize.limiting.exact.components import Piece, piece_of
 from adaptsize.limiting.exact.field import (
@@ -32,8 +34,8 @@ from adaptsize.limiting.exact.field import (
     reach_of,
     sorted_entries,
 )
-from adaptsize.limiting.exact.plane import Plane, has_many_corners, plane_of
-from adaptsize.limiting.exact.skeleton import Skeleton, find_skeleton
+from adaptsize.limiting.exact.obstacles_in_plane import Plane, has_many_corners, plane_of
+from adaptsize.limiting.exact.paths_in_space import Solid, solid_of
 from adaptsize.limiting.exact.solve import (
     ComponentSolution,
     WholeSolid,
@@ -41,7 +43,6 @@ from adaptsize.limiting.exact.solve import (
     solve_by_sight,
     solve_in_solid,
 )
-from adaptsize.limiting.exact.space import Solid, solid_of
 from adaptsize.limiting.problem import NeedsWholeMesh, TooManyCorners
 from adaptsize.ranks import Communicator, Ids, rows_among
 from adaptsize.typing import BoolArray, FloatArray, IntArray
@@ -72,7 +73,7 @@ def solve_piece(part: PartitionedMesh, number: int, component: Component) -> Com
         order=along_curve(mesh.points),
         meet=any(meet for _, meet in facts),
         margin=margin_for(min(least for least, _ in facts), component.g, diagonal),
-        merge=lambda rows: merge_rows(piece, rows),
+        merge=partial(_merge_rows, piece),
     )
     if skeleton.convex:
         return _with_others(piece, component, None, skeleton)
@@ -127,10 +128,7 @@ def _plane_on(piece: Piece, skeleton: Skeleton) -> Plane:
     rows = np.append(whole.rows, np.int32(-1))[rows_among(piece.ids, wider.ids)]
     if piece.is_empty:
         rows = np.full(piece.mesh.n_points, -1, np.int32)
-
-    def merge(sizes: FloatArray, arrivals: FloatArray, lowered: BoolArray) -> None:
-        _merge_corners(piece.ranks, sizes, arrivals, lowered)
-
+    merge = partial(_merge_corners, piece.ranks)
     return replace(plane, boundary=whole._replace(rows=rows), merge=merge)
 
 
@@ -152,7 +150,7 @@ def _local_facets(piece: Piece, skeleton: Skeleton) -> IntArray:
     return facets[(facets >= 0).all(axis=1)]
 
 
-def merge_rows(piece: Piece, rows: IntArray) -> IntArray:
+def _merge_rows(piece: Piece, rows: IntArray) -> IntArray:
     """Return edges and faces with those that other ranks list at shared nodes; one exchange."""
     padded = np.append(piece.ids, -1)
     sent = []

@@ -27,7 +27,7 @@ from adaptsize.limiting.exact.candidates import (
 )
 from adaptsize.limiting.exact.expansion import expand_from_nodes
 from adaptsize.limiting.exact.field import Entries, ExactField, Points, node_entries
-from adaptsize.limiting.exact.plane import (
+from adaptsize.limiting.exact.obstacles_in_plane import (
     Plane,
     along_walls,
     at_nodes,
@@ -36,7 +36,7 @@ from adaptsize.limiting.exact.plane import (
     plane_of,
     with_corners,
 )
-from adaptsize.limiting.exact.space import (
+from adaptsize.limiting.exact.paths_in_space import (
     Bounds,
     Solid,
     SolidSources,
@@ -187,10 +187,16 @@ def solve_by_sight(
         points = points._replace(on_wall=plane.boundary.rows)
     nodes, steep = candidates_of(component)
     linear = steep is not None and component.face_sources
-    field = ExactField(g, None if plane is None else plane.sight, linear)
-    field.add(_node_sources(component, nodes, steep is not None, plane, linear))
+    entries, workers = entries_of_nodes(component, nodes), component.workers
+    field = ExactField(g, None, linear, [entries])
+    if plane is not None:
+        field = ExactField(g, plane.sight, linear, [at_nodes(entries, plane)])
+    # In the plane, all nodes are kept if no bounds meet.
+    if (steep is not None or plane is None) and len(entries.nodes):
+        field.keep_survivors(component.margin, workers.part(0.0, 0.1))
+    if plane is not None:
+        field.groups[0] = with_corners(field.groups[0], g, plane, linear, workers.report)
     h, source = h0.copy(), np.full(mesh.n_points, -1, np.int32)
-    workers = component.workers
     field.lower_by_last(points, h, source, workers.part(0.1, 0.5 if linear else 1.0))
     if not linear or steep is None:
         return ComponentSolution(h, source, field)
@@ -203,21 +209,6 @@ def solve_by_sight(
         field.lower_by_last(points, h, source, workers.part(0.5, 1.0))
     workers.report("limiting the gradient", 1.0)
     return ComponentSolution(h, source, field)
-
-
-def _node_sources(
-    component: Component, nodes: IntArray, meet: bool, plane: Plane | None, linear: bool
-) -> Entries:
-    """Return the survivors among nodes, and corners; in the plane all nodes if no bounds meet."""
-    entries, sight = entries_of_nodes(component, nodes), None
-    if plane is not None:
-        entries, sight = at_nodes(entries, plane), plane.sight
-    if (meet or plane is None) and len(entries.nodes):
-        field = ExactField(component.g, sight, linear, [entries])
-        entries = field.survivors(component.margin, component.workers.part(0.0, 0.1))
-    if plane is None:
-        return entries
-    return with_corners(entries, component.g, plane, linear, component.workers.report)
 
 
 class WholeSolid:

@@ -1,4 +1,4 @@
-"""Corners and lines of sight in a plane domain that is not convex."""
+"""Obstacles in the plane: corners and lines of sight in a domain that is not convex."""
 
 from __future__ import annotations
 

@@ -20,7 +20,12 @@ from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.limiting.exact.candidates import EQUAL, TIE
 from adaptsize.limiting.exact.field import Workers, boxes_over, node_table
-from adaptsize.limiting.exact.solid import GRAZING, ReflexEdges, build_sight, find_reflex_edges
+from adaptsize.limiting.exact.obstacles_in_space import (
+    GRAZING,
+    ReflexEdges,
+    build_sight,
+    find_reflex_edges,
+)
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
