@@ -255,6 +255,8 @@ def check_type(name: str, value: object, *kinds: type) -> None:
     takes_mesh = any(kind.__name__ == "SimplexMesh" for kind in kinds)
     is_path = isinstance(value, str | os.PathLike)
     hint = "; read(path) gives one" if takes_mesh and is_path else ""
+    if takes_mesh and type(value).__name__ == "Image":
+        hint = "; mesh_image(image) gives one"
     raise ValueError(f"{name} must be {wanted}, got {describe(value)}{hint}")
 
 

@@ -89,7 +89,7 @@ def test_an_included_file_is_a_part_of_the_text(tmp_path):
     [
         (FLAT.replace("*NSET", "*ELGEN"), r"the keyword \*ELGEN"),
         (FLAT.replace("NSET=all", "SYSTEM=C"), r"the keyword \*NODE"),
-        (FLAT.replace("30\n", "31\n"), "node 31, which it lacks"),
+        (FLAT.replace("30\n", "31\n"), "node 31, which is not in the file"),
         (FLAT.replace("CPE3", "MASS"), "elements of type 'MASS'"),
         (FLAT.replace("   30", "   30, 5"), "CAX3 of other than 3 nodes"),
         (FLAT + "*INCLUDE, INPUT=a.inp\n", "includes 'a.inp' twice"),

@@ -88,7 +88,7 @@ def test_a_cut_before_the_last_element_is_noticed(tmp_path):
     ("old", "new", "message"),
     [
         (b"1 3 10 20 30", b"1 4 10 20 30", "no triangles"),
-        (b"1 3 10 20 30", b"1 3 10 20 50", "node that is not in the file"),
+        (b"1 3 10 20 30", b"1 3 10 20 50", "which is not in the file"),
         (b"0.0 0.0 5.5", b"0.0 0.0", "line with 3 numbers, where 4 are required"),
         (b"7.5", b"deep", "holds b?'deep' where float64 is required"),
     ],

@@ -315,7 +315,7 @@ DAMAGED = {
     "cut.csv": ("0,0\n4,0\n4,4", "ends inside a line"),
     "words.csv": ("0,0\n4,a\n4,4\n", "line 2 must be x, y, got '4,a'"),
     "cut.poly": ("4 2 0 0\n1 0 0\n2 4 0\n", "a table has fewer rows"),
-    "node.poly": ("1 2 0 0\n1 0 0\n1 0\n1 1 2\n0\n", "a node that is not in the file"),
+    "node.poly": ("1 2 0 0\n1 0 0\n1 0\n1 1 2\n0\n", "node 2, which is not in the file"),
     "inside.poly": (
         "6 2 0 0\n1 0 0\n2 9 0\n3 0 9\n4 1 1\n5 2 1\n6 1 2\n"
         "6 0\n1 1 2\n2 2 3\n3 3 1\n4 4 5\n5 5 6\n6 6 4\n0\n",

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from adaptsize._formats.blocks import RawMesh, dimension_of, n_nodes_of
 from adaptsize._formats.guards import neighbour
-from adaptsize._formats.text import numbers
+from adaptsize._formats.text import numbers, rows_of
 from adaptsize.errors import MeshFileError
 from adaptsize.typing import FloatArray
 
@@ -199,13 +199,9 @@ def _joined(parts: list[_Part], names: dict[str, str]) -> RawMesh:
         words = [word if word.strip() else "0" for row in rows for word in [*row, "", "", ""][:4]]
         points.append(numbers(words, np.float64).reshape(-1, 4)[:, 1:] + part.offset)
         ids = numbers([row[0] for row in rows], np.int64)
-        order = np.argsort(ids, kind="stable")
         for cell_type, elements in part.elements:
             own, nodes = elements[:, 0], elements[:, 1:]
-            missing = nodes[~np.isin(nodes, ids)]
-            if len(missing):
-                raise MeshFileError(f"has elements with node {missing[0]}, which it lacks")
-            blocks.append((cell_type, order[np.searchsorted(ids, nodes, sorter=order)] + n_points))
+            blocks.append((cell_type, rows_of(nodes, ids, "an element") + n_points))
             tags.append(np.zeros(len(own), np.int32))
             for name in filter(number.get, part.regions):
                 tags[-1][part.holds(name, own)] = number[name]

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._formats.blocks import RawMesh
-from adaptsize._formats.text import check_last_number, numbers, write_text
+from adaptsize._formats.text import check_last_number, numbers, rows_of, write_text
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import MeshFileError
 
@@ -51,19 +51,14 @@ def read(path: Path) -> RawMesh:
     cells = _columns(rows[n_points:], 5, np.int64)
     if (cells[:, 1] != 3).any():
         raise MeshFileError("holds elements that are no triangles, which cannot be read")
-    order = np.argsort(points[:, 0], kind="stable")
-    names = points[order, 0]
-    place = np.searchsorted(names, cells[:, 2:]).clip(0, max(n_points - 1, 0))
-    if n_points == 0 or (names[place] != cells[:, 2:]).any():
-        raise MeshFileError("has an element with a node that is not in the file")
-    raw = RawMesh(points[:, 1:3], [("triangle", order[place])], {DEPTH: points[:, 3]})
-    _add_boundaries(raw, lines[2 + n_points + n_cells :], order, names)
+    names = points[:, 0]
+    place = rows_of(cells[:, 2:], names, "an element")
+    raw = RawMesh(points[:, 1:3], [("triangle", place)], {DEPTH: points[:, 3]})
+    _add_boundaries(raw, lines[2 + n_points + n_cells :], names)
     return raw
 
 
-def _add_boundaries(
-    raw: RawMesh, lines: Sequence[bytes], order: npt.NDArray[Any], names: npt.NDArray[Any]
-) -> None:
+def _add_boundaries(raw: RawMesh, lines: Sequence[bytes], names: npt.NDArray[Any]) -> None:
     """Add the lists of boundaries to a mesh, or a note if they are damaged."""
     try:
         found = list(_lists(iter(lines)))
@@ -76,13 +71,10 @@ def _add_boundaries(
         return
     labels = sorted({name for name, _ in found})
     edges = np.array([pair for _, nodes in found for pair in pairwise(nodes)])
-    place = np.searchsorted(names, edges).clip(0, len(names) - 1)
-    if (names[place] != edges).any():
-        raise MeshFileError("has a boundary with a node that is not in the file")
     tags = np.repeat(
         [labels.index(name) + 1 for name, _ in found], [len(nodes) - 1 for _, nodes in found]
     )
-    raw.blocks.append(("line", order[place]))
+    raw.blocks.append(("line", rows_of(edges, names, "a boundary")))
     raw.cell_data = {"cell_tags": [np.zeros(len(raw.blocks[0][1]), np.int32), tags]}
     raw.tag_names = {(1, k + 1): name for k, name in enumerate(labels)}
 

@@ -18,7 +18,7 @@ from adaptsize._formats.guards import about_file, check_readable
 from adaptsize._formats.limited import read_limited
 from adaptsize._formats.outlines import Line
 from adaptsize._formats.polygons import domain_of
-from adaptsize._formats.text import check_last_number, numbers
+from adaptsize._formats.text import check_last_number, numbers, rows_of
 from adaptsize.errors import InputWarning, MeshFileError
 from adaptsize.typing import FloatArray
 
@@ -218,11 +218,10 @@ def _read_poly(path: Path, notes: list[str]) -> Content:
         nodes = _table(_rows(path.with_suffix(".node").read_bytes()), 4)[0]
     ends, after = _table(after, 2)
     holes = _table(after, 1)[0]
-    order = np.argsort(nodes[:, 0], kind="stable")
-    at = np.searchsorted(nodes[order, 0], ends[:, 1:3]).clip(0, len(nodes) - 1)
-    if not len(ends) or (nodes[order[at], 0] != ends[:, 1:3]).any():
-        raise MeshFileError("has no segments, or one with a node that is not in the file")
-    points = as_points("the nodes", nodes[:, 1:3], 2)[order[at]]
+    if not len(ends):
+        raise MeshFileError("has no segments")
+    at = rows_of(ends[:, 1:3], nodes[:, 0], "a segment")
+    points = as_points("the nodes", nodes[:, 1:3], 2)[at]
     markers = ends[:, 3].astype(int) if ends.shape[1] > 3 else np.zeros(len(ends), int)
     lines = [
         Line(pair, str(marker) if marker else None, f"segment {number:g}", closes=False)

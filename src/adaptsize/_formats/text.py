@@ -41,6 +41,21 @@ def numbers(words: Sequence[bytes] | Sequence[str], dtype: npt.DTypeLike) -> npt
         raise MeshFileError(f"holds {text!r} where {kind} is required") from error
 
 
+def rows_of(wanted: npt.NDArray[Any], names: npt.NDArray[Any], what: str) -> npt.NDArray[np.intp]:
+    """Return the rows in which nodes have the given numbers.
+
+    Raises
+    ------
+    MeshFileError
+        If no node has one of them.  ``what`` is the place of the numbers.
+    """
+    missing = wanted[~np.isin(wanted, names)]
+    if len(missing):
+        raise MeshFileError(f"has {what} with node {missing[0]:g}, which is not in the file")
+    order = np.argsort(names, kind="stable")
+    return order[np.searchsorted(names, wanted, sorter=order)]
+
+
 def check_last_number(content: bytes, n_points: float = math.inf) -> None:
     """Refuse a text that ends inside a line after a number that may lack digits.
 
