@@ -326,6 +326,17 @@ def warn_caller(text: str, category: type[Warning]) -> None:
     warnings.warn(text, category, stacklevel=level)
 
 
+def count_text(number: float) -> str:
+    """Return about how many there are, for a message: two digits, without an exponent.
+
+    Examples
+    --------
+    >>> count_text(11484.8)
+    '11000'
+    """
+    return f"{float(f'{number:.2g}'):.0f}"
+
+
 def place_text(point: Iterable[float], digits: int = 6) -> str:
     """Return coordinates for a message, without exponents and without what is only rounding.
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._checks import count_text
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.limiting.info import LimitingInfo
 from adaptsize.typing import FloatArray, IntArray
@@ -92,7 +93,7 @@ class SizeReport:
                 *parts,
                 f"g = {self.g:.3g}",
                 f"h from {least:.3g} to {self.largest:.3g} {limits}",
-                f"about {float(f'{self.n_elements:.2g}'):.0f} elements",
+                f"about {count_text(self.n_elements)} elements",
             ]
         )
 

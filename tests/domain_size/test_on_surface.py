@@ -91,7 +91,8 @@ def test_every_kind_of_domain_keeps_to_the_number_of_elements(kind):
     assert kept.n_elements <= 1.02 * 0.5 * free.n_elements
     assert kept.relaxation > free.relaxation == 1.0
     with pytest.warns(
-        ResolutionWarning, match=r"hmax controls \d+% of the elements, given parameters: hmax"
+        ResolutionWarning,
+        match=r"max_elements = 10: hmax controls \d+% of the elements, given parameters: hmax;",
     ):
         size_function(domain, **options, hmax=1e-2, max_elements=10.0)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import adaptsize as ads
+from adaptsize._checks import count_text
 from adaptsize._defaults import TOLERANCE
 from adaptsize.cli import files
 from adaptsize.cli.console import Console, plain
@@ -82,7 +83,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
             console.say(f"sizes: {report.choices}")
             if mesh.cell_dim == mesh.dim or given.get("target") != "triangles":
                 n = report.n_elements
-                files.announce(console, _PER_ELEMENT * n, f"about {n:.2g} elements")
+                files.announce(console, _PER_ELEMENT * n, f"about {count_text(n)} elements")
 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ads.errors.OpenSurfaceWarning)  # printed by _accepted

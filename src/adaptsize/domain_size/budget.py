@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from adaptsize._checks import warn_caller
+from adaptsize._checks import count_text, warn_caller
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
@@ -69,14 +69,14 @@ def _with_fewer_elements(domain: SizedDomain, request: Request) -> tuple[SizeFun
         step = max(1.2, load ** (1.0 / power))
         before = load
         relaxation *= step
-    name, needed, most = "max_elements", "elements", f"{request.max_elements:.3g}"
-    number = report.n_elements
-    if number <= (1.0 + _CLOSE) * request.max_elements:
-        name, needed = "max_memory", "bytes for the matrix"
-        number, most = system_of(report, *request.system)[2], str(request.options["max_memory"])
+    name, most = "max_elements", f"{request.max_elements:.6g}"
+    needed = f"{count_text(report.n_elements)} elements"
+    if report.n_elements <= (1.0 + _CLOSE) * request.max_elements:
+        name, most = "max_memory", str(request.options["max_memory"])
+        needed = f"{system_of(report, *request.system)[2] / 1e9:.2g} GB for the matrix"
     warn_caller(
-        f"the sizes require about {number:.2g} {needed}, more than {name} = {most}: "
-        f"{_what_forbids(request, report)}; relax that or raise {name}",
+        f"the sizes require about {needed}, more than {name} = {most}: "
+        f"{_what_forbids(request, report)}; relax that bound or raise {name}",
         ResolutionWarning,
     )
     return size, report
@@ -92,7 +92,9 @@ def _given(request: Request) -> list[str]:
 
 def _what_forbids(request: Request, report: SizeReport) -> str:
     """Return which bound controls most of the elements, and which parameters are given."""
-    return f"{what_controls(report)}, given parameters: {', '.join(_given(request)) or 'none'}"
+    given = ", ".join(_given(request))
+    rest = f"given parameters: {given}" if given else "and the parameters are relaxed already"
+    return f"{what_controls(report)}, {rest}"
 
 
 def what_controls(report: SizeReport) -> str:
@@ -134,7 +136,7 @@ def _with_number(
     if least > 0.1:
         number = predicted_number(best[1], what, request.system)
         warn_caller(
-            f"the sizes require about {number:.2g} {what} instead of {wanted:.6g}: "
+            f"the sizes require about {count_text(number)} {what} instead of {wanted:.6g}: "
             f"{_what_forbids(request, best[1])}",
             ResolutionWarning,
         )
