@@ -11,7 +11,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_sizes, as_whole_number, check_function
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh, cut_out
-from adaptsize.geometry.distance.winding import WindingNumber
+from adaptsize.geometry.distance.winding import WindingNumber, is_cycle
 from adaptsize.sizes.budget import (
     ELEMENTS_PER_MEASURE,
     calibration,
@@ -19,7 +19,10 @@ from adaptsize.sizes.budget import (
     mean_density,
     nodes_of,
 )
-from adaptsize.typing import FloatArray, IndexArray
+from adaptsize.typing import BoolArray, FloatArray
+
+#: Of a cube with edges of length 1.
+_HALF_DIAGONAL = 0.5 * np.sqrt(3.0)
 
 #: A size as a function of points, float64[n, dim] to float64[n].
 SizeAt: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
@@ -32,6 +35,27 @@ class Prediction(NamedTuple):
     facets: float = np.nan
     """Facets of the boundary; nan if they are not known, as nodes."""
     nodes: float = np.nan
+
+
+class _Cubes(NamedTuple):
+    """Cubes with a point in each; they cover what a surface encloses."""
+
+    corners: FloatArray
+    """The lower ones, in coordinates that turn with the surface."""
+    sides: FloatArray
+    points: FloatArray
+    counts: BoolArray
+    """Whether the point is inside."""
+    are_inside: BoolArray
+    """Whether the whole cube is known to be inside."""
+    least: FloatArray
+    """Lower bounds of the sizes at the centres."""
+    are_exact: BoolArray
+    """Whether the bounds are these sizes."""
+
+    def only(self, which: BoolArray) -> _Cubes:
+        """Return some of the cubes."""
+        return _Cubes._make(values[which] for values in self)
 
 
 class Enclosed:
@@ -47,10 +71,11 @@ class Enclosed:
     -----
     The integral is a sum over one random point in each cube of an octree, as in stratified
     sampling [1]_.  Cubes are divided until their edges are at most a multiple of the size at their
-    centres, the same for all and at most 2, and at least 4000 points are inside.  In a cube of
-    2 sizes, sizes of gradient g are nowhere smaller than 1 - 1.7 g times that at the centre.  The
-    standard error is that of the cubes that the surface intersects, less than 1 %.  The points turn
-    and move with the surface.  Further sizes use the same cubes where these are small enough.
+    centres, the same for all and at most 2, and at least 4000 points are inside.  Cubes outside are
+    left out, and all parts of a cube inside are inside.  In a cube of 2 sizes, sizes of gradient g
+    are nowhere smaller than 1 - 1.7 g times that at the centre.  The standard error is that of the
+    cubes that the surface intersects, less than 1 %.  The points turn and move with the surface.
+    Further sizes use the same cubes where these are small enough.
 
     References
     ----------
@@ -64,6 +89,8 @@ class Enclosed:
         self.surface = surface
         self._n_points = as_whole_number("n_points", n_points, lower=1, upper=10**7)
         self._winding = WindingNumber(surface)
+        # Only a closed surface has the same winding number in all of a cube that it leaves alone.
+        self._is_closed = is_cycle(surface)
         self._middle, self._axes = _principal_axes(surface)
         local = ((surface.points - self._middle) @ self._axes)[surface.cells].reshape(-1, 3)
         low = local.min(axis=0)
@@ -71,24 +98,24 @@ class Enclosed:
         side = max(float(extent.max()), np.finfo(float).tiny) / 8.0
         number = np.indices(np.maximum(np.ceil(extent / side), 1).astype(int)).reshape(3, -1).T
         self._random = np.random.default_rng(20061)
-        self._corners = low + side * number
-        self._sides = np.full(len(number), side)
-        self._samples = self._sampled(self._corners, self._sides)
+        n = len(number)
+        sides = np.full(n, side)
+        self._cubes = self._located(low + side * number, sides, np.zeros(n, np.bool_), np.zeros(n))
         self._factor = np.inf
 
     def _volume_integral(self, size: SizeAt) -> float:
         """Return the integral of h^-3 over the region."""
-        inside, points = self._samples
-        sizes = np.asarray(size(points), np.float64)
-        if (
-            not np.isfinite(self._factor)
-            or (self._sides[inside] > 1.5 * self._factor * sizes).any()
-        ):
+        sides, sizes = self._at_samples(size)
+        if np.isinf(self._factor) or (sides > 1.5 * self._factor * sizes).any():
             self._divide(size)
-            inside, points = self._samples
-            sizes = np.asarray(size(points), np.float64)
+            sides, sizes = self._at_samples(size)
         with np.errstate(over="ignore"):
-            return float(np.sum((self._sides[inside] / sizes) ** 3.0))
+            return float(np.sum((sides / sizes) ** 3.0))
+
+    def _at_samples(self, size: SizeAt) -> tuple[FloatArray, FloatArray]:
+        """Return the edges of the cubes whose point is inside, and the sizes there."""
+        counts = self._cubes.counts
+        return self._cubes.sides[counts], np.asarray(size(self._cubes.points[counts]), np.float64)
 
     def _area_integral(self, size: SizeAt) -> float:
         """Return the integral of h^-2 over the surface."""
@@ -102,42 +129,55 @@ class Enclosed:
         return _integral(sample, size) / share
 
     def _divide(self, size: SizeAt) -> None:
-        """Divide cubes until they are small enough compared with the sizes at their centres."""
-        h = self._at_centres(size, self._corners, self._sides)
+        """Divide cubes until they are small enough compared with the sizes at their centres.
+
+        The size at a centre is not needed where a lower bound, by the gradient of the sizes from
+        the centre of the cube before, is large enough.
+        """
+        known = getattr(size, "g", None)
+        g, n = np.inf if known is None else known, len(self._cubes.sides)
+        cubes = self._cubes._replace(least=np.zeros(n), are_exact=np.zeros(n, np.bool_))
         factor = 16.0  # from few large cubes on, so that too many are noticed early
         while True:
-            while (split := self._sides > factor * h).any():
-                if len(h) + 7 * int(split.sum()) > 30 * self._n_points:
+            while (large := cubes.sides > factor * cubes.least).any():
+                asked = large & ~cubes.are_exact
+                centres = cubes.corners[asked] + 0.5 * cubes.sides[asked, None]
+                cubes.least[asked] = size(self._from_own(centres))
+                cubes.are_exact[asked] = True
+                split = cubes.sides > factor * cubes.least
+                if len(split) + 7 * int(split.sum()) > 30 * self._n_points:
                     return
-                side = 0.5 * np.repeat(self._sides[split], 8)
-                octants = np.array(list(np.ndindex(2, 2, 2)), np.float64)
-                corner = np.repeat(self._corners[split], 8, axis=0)
-                corner += side[:, None] * np.tile(octants, (int(split.sum()), 1))
-                below = self._at_centres(size, corner, side)
-                inside, points = self._sampled(corner, side)
-                was_inside = self._samples[0]
-                kept = ~split[was_inside]
-                number = np.cumsum(~split) - 1
-                self._samples = (
-                    np.concatenate([number[was_inside[kept]], (~split).sum() + inside]),
-                    np.concatenate([self._samples[1][kept], points]),
-                )
-                self._corners = np.concatenate([self._corners[~split], corner])
-                self._sides = np.concatenate([self._sides[~split], side])
-                h = np.concatenate([h[~split], below])
+                parts = self._parts(cubes.only(split), g)
+                pairs = zip(cubes, parts, strict=True)
+                cubes = self._cubes = _Cubes._make(np.concatenate([a[~split], b]) for a, b in pairs)
             self._factor = factor
-            if factor <= 2.0 and len(self._samples[0]) >= self._n_points:
+            if factor <= 2.0 and np.count_nonzero(cubes.counts) >= self._n_points:
                 return
             factor *= np.sqrt(0.5)
 
-    def _at_centres(self, size: SizeAt, corners: FloatArray, sides: FloatArray) -> FloatArray:
-        return np.asarray(size(self._from_own(corners + 0.5 * sides[:, None])), np.float64)
+    def _parts(self, cubes: _Cubes, g: float) -> _Cubes:
+        """Return the eighths of cubes, with bounds of sizes of gradient g."""
+        sides = 0.5 * np.repeat(cubes.sides, 8)
+        octants = np.tile(list(np.ndindex(2, 2, 2)), (len(cubes.sides), 1))
+        corners = np.repeat(cubes.corners, 8, axis=0) + sides[:, None] * octants
+        least = np.repeat(cubes.least, 8) - g * _HALF_DIAGONAL * sides
+        return self._located(corners, sides, np.repeat(cubes.are_inside, 8), least)
 
-    def _sampled(self, corners: FloatArray, sides: FloatArray) -> tuple[IndexArray, FloatArray]:
-        """Return the cubes with a random point inside the surface, and these points."""
+    def _located(
+        self, corners: FloatArray, sides: FloatArray, are_inside: BoolArray, least: FloatArray
+    ) -> _Cubes:
+        """Return the cubes that are not outside; ``are_inside``: which are known to be inside."""
         points = self._from_own(corners + sides[:, None] * self._random.random(corners.shape))
-        inside = np.flatnonzero(self._winding.contains(points))
-        return inside, points[inside]
+        counts, rest = are_inside.copy(), np.flatnonzero(~are_inside)
+        counts[rest] = self._winding.contains(points[rest])
+        at_surface = ~are_inside
+        if self._is_closed:
+            centres = self._from_own(corners[rest] + 0.5 * sides[rest, None])
+            distances = self.surface.locator.weights(centres)[2]
+            at_surface[rest] = distances <= _HALF_DIAGONAL * sides[rest]
+        are_exact = np.zeros(len(sides), np.bool_)
+        cubes = _Cubes(corners, sides, points, counts, ~at_surface, least, are_exact)
+        return cubes.only(counts | at_surface)
 
     def _from_own(self, points: FloatArray) -> FloatArray:
         return points @ self._axes.T + self._middle
