@@ -35,7 +35,7 @@ RECORDS = {
     "limiting.problem.Scheme",
     "limit_metric": "metrics.limit.MetricLimitingInfo",
     "size_function": "_size_report.SizeReport",
-    "SizeFunction": "domain_size.cost.Cost domain_size.cost.SmallPlace domain_size.cost.Part",
+    "SizeFunction": "domain_size.cost.Cost domain_size.cost.SmallPlace domain_size.parts.Part",
     "remesh_to_elements": "domain_size.elements.MeshOfElements",
     "mesh_family": "domain_size.family.MeshFamily domain_size.family.Convergence",
     "check_mesh": "quality.certificate.MeshCheck quality.certificate.Demand "

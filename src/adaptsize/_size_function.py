@@ -191,7 +191,7 @@ class SizeFunction(ReadOnlyState):
     plot = LaterMethod[Any]("adaptsize.plot.pictures")
     sparse = LaterMethod[Any]("adaptsize.domain_size.sparse", "sparse_size")
     cost = LaterMethod[Any]("adaptsize.domain_size.cost")
-    parts = LaterMethod[Any]("adaptsize.domain_size.cost")
+    parts = LaterMethod[Any]("adaptsize.domain_size.parts")
     _repr_html_ = LaterMethod[str]("adaptsize.plot.notebook", "html_of")
 
     def __call__(self, points: npt.ArrayLike) -> FloatArray:

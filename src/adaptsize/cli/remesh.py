@@ -66,7 +66,8 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         return remesh_with_metric(console, file, output, given)
     from adaptsize._checks import as_tolerance
     from adaptsize._formats.provenance import write_provenance
-    from adaptsize.domain_size.elements import mesh_with_sizes, report_of, tolerance_of
+    from adaptsize.domain_size.cost import report_of
+    from adaptsize.domain_size.elements import mesh_with_sizes, tolerance_of
     from adaptsize.remeshing.preparation import repair_mesh
     from adaptsize.reporting.outcome import outcome_of_remeshing
 

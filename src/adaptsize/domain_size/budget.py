@@ -11,7 +11,7 @@ from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.domain_size.by_domain import MeshDomain, SizedDomain
-from adaptsize.domain_size.matrix import as_bytes, system_of
+from adaptsize.domain_size.cost import as_bytes, system_of
 from adaptsize.domain_size.on_surface import SurfaceDomain, warn_where_missed
 from adaptsize.domain_size.request import Goal, Request
 from adaptsize.errors import ResolutionWarning

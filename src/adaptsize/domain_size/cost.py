@@ -1,21 +1,23 @@
-"""What a mesh with given sizes costs before it is made, and the sizes of each part of a domain."""
+"""What a finite element method costs on a mesh with given sizes, before that is made."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from math import comb
+from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._checks import as_number, as_whole_number, check_type, place_text
+from adaptsize._checks import as_number, as_whole_number, check_type, describe, place_text
 from adaptsize._size_function import SizeFunction
-from adaptsize._size_report import NONE, SizeReport, measure_dim
+from adaptsize._size_report import NONE, SizeReport
 from adaptsize.background import SimplexMesh
-from adaptsize.domain_size.matrix import system_of
-from adaptsize.domain_size.named_parts import parts_of
-from adaptsize.sizes.budget import nodal_measures
-from adaptsize.typing import FloatArray
+from adaptsize.sizes.budget import nodes_of
+from adaptsize.sizes.prediction import Prediction
+
+_MEMORY = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*([KMGT]?)B?\s*", re.IGNORECASE)
 
 
 class SmallPlace(NamedTuple):
@@ -107,7 +109,7 @@ def cost(size: SizeFunction, *, degree: int = 1, fields: int = 1, speed: float =
     >>> print(f"{size.cost(degree=2).n_unknowns:.2g}")
     4.7e+04
     """
-    report = _report_of(size)
+    report = report_of(size)
     degree = as_whole_number("degree", degree, lower=1, upper=20)
     fields = as_whole_number("fields", fields, lower=1, upper=1000)
     speed = as_number("speed", speed, lower=0.0, strict=True)
@@ -123,13 +125,6 @@ def cost(size: SizeFunction, *, degree: int = 1, fields: int = 1, speed: float =
         time_steps={name: report.smallest[name] / speed for name in shares},
         places=_small_places(size, report),
     )
-
-
-def _report_of(size: SizeFunction) -> SizeReport:
-    check_type("size", size, SizeFunction)
-    if size.report is None:
-        raise ValueError("size must be a result of size_function, with a report; got one without")
-    return size.report
 
 
 def _small_places(size: SizeFunction, report: SizeReport) -> tuple[SmallPlace, ...]:
@@ -148,138 +143,82 @@ def _small_places(size: SizeFunction, report: SizeReport) -> tuple[SmallPlace, .
     return tuple(found)
 
 
-@dataclass(frozen=True)
-class Part:
-    """A region or a face of a domain, with what determines its mesh."""
-
-    kind: Literal["region", "face"]
-    tag: int
-    name: str
-    """Of the tag, else the kind and the tag."""
-    measure: float
-    """Length, area or volume."""
-    width: float
-    """Least width of the domain at it; inf where it is not narrow, nan where it is not known or
-    the size is prescribed by ``size_of``."""
-    separation: float
-    """Least distance of features that do not meet; inf and nan as for the width."""
-    radius: float
-    """Least radius of curvature; inf where it is flat, nan where it is not known."""
-    size: float
-    """Smallest size on it."""
-    tolerance: float
-    """Distance of edges of that size, times sqrt 2, from an arc of the radius."""
-    element_share: float
-    """Share of the elements in a region; of those whose sizes grow from a face, nan if unknown."""
-    time_step: float
-    """Time in which a signal crosses an element of the smallest size."""
+def report_of(size: SizeFunction) -> SizeReport:
+    """Return the report of a result of `size_function`."""
+    check_type("size", size, SizeFunction)
+    if size.report is None:
+        raise ValueError("size must be a result of size_function, with a report; got one without")
+    return size.report
 
 
-def parts(size: SizeFunction, *, speed: float = 1.0) -> tuple[Part, ...]:
-    """Return the width, curvature, size and cost of each region and face of a domain.
+def simplices_of(dim: int, predicted: Prediction) -> tuple[float, ...]:
+    """Return the numbers of nodes, edges ... cells, by Euler's formula without its constant.
 
-    Regions are those of ``cell_tags`` of a mesh of full dimension.  Faces are those of
-    ``tagged_facets`` there, and of ``cell_tags`` of a surface.  If there are no tags, faces are
-    those of `SimplexMesh.tag_faces`, in the plane the lines between corners.
-
-    Parameters
-    ----------
-    size : SizeFunction
-        From `size_function` of a mesh, with the mesh or its surface as background.
-    speed : float
-        As in `SizeFunction.cost`.
-
-    Returns
-    -------
-    tuple of Part
-        Regions first, then faces, by tag.
-
-    Raises
-    ------
-    ValueError
-        If ``size`` has no report, or is on a grid or an octree.
-
-    Notes
-    -----
-    Widths, separations and radii are those that bound the size, so they are known where these
-    bounds are active.  A node on several faces counts for each; sizes that grow from it count for
-    the smallest of them.
-
-    Examples
-    --------
-    >>> from adaptsize import SimplexMesh, size_function
-    >>> corners, facets = [[0, 0], [4, 0], [4, 1], [0, 1]], [[0, 1], [1, 2], [2, 3], [3, 0]]
-    >>> strip = SimplexMesh(corners, [[0, 1, 2], [0, 2, 3]], tagged_facets=facets,
-    ...                     facet_tags=[1, 1, 1, 2], tag_names={(1, 2): "inlet"})
-    >>> [(part.name, part.measure) for part in size_function(strip).parts()]
-    [('face 1', 9.0), ('inlet', 1.0)]
+    Where the facets of the boundary are not known, they are not counted.
     """
-    report, mesh = _report_of(size), size.background
-    speed = as_number("speed", speed, lower=0.0, strict=True)
-    if not isinstance(mesh, SimplexMesh):
-        raise ValueError(f"size must be on a mesh or a surface to have parts, got {size!r}")
-    h = size.values
-    elements = nodal_measures(mesh) / h ** measure_dim(mesh)
-    diameter = mesh.diameter
-    length = _lengths(report, diameter)
-    found: list[Part] = []
-
-    named = parts_of(mesh)
-    owner = np.full(mesh.n_points, -1)
-    faces = [k for k, part in enumerate(named) if part.kind == "face"]
-    for k in sorted(faces, key=lambda k: -named[k].measures.sum()):
-        owner[named[k].cells] = k
-    caused = None if report.origin is None else np.append(owner, -1)[report.origin]
-    density = (1.0 / h[mesh.cells] ** mesh.cell_dim).mean(axis=1)
-    for k, part in enumerate(named):
-        nodes = np.unique(part.cells)
-        is_given = "size_of" in report.bounds and np.isfinite(report.bounds["size_of"][nodes]).all()
-        shape = {} if is_given else length
-        least = {name: float(values[nodes].min()) for name, values in shape.items()}
-        smallest, radius = float(h[nodes].min()), least.get("radius", np.nan)
-        share = np.nan
-        if part.kind == "region":
-            own = part.measures * (1.0 / h[part.cells] ** mesh.cell_dim).mean(axis=1)
-            share = float(own.sum() / (mesh.measures * density).sum())
-        elif caused is not None:
-            share = float(elements[caused == k].sum() / elements.sum())
-        found.append(
-            Part(
-                part.kind, part.tag, part.name, float(part.measures.sum()),
-                least.get("width", np.nan), least.get("separation", np.nan), radius, smallest,
-                smallest**2 / (4.0 * radius), share, smallest / speed,
-            )
-        )  # fmt: skip
-    return tuple(found)
+    cells, facets, nodes = predicted
+    if np.isnan(nodes):
+        facets, nodes = 0.0, nodes_of(dim, cells, 0.0)
+    if dim == 1:
+        return nodes, cells
+    if dim == 2:
+        return nodes, 1.5 * cells + 0.5 * facets, cells
+    triangles = 2.0 * cells + 0.5 * facets
+    return nodes, nodes + triangles - cells, triangles, cells
 
 
-def table_of(found: Sequence[Part]) -> str:
-    """Return a table with a row for each part."""
-    names = ("measure", "width", "separation", "radius", "size", "tolerance", "time_step")
-    rows = [("part", *(name.replace("_", " ") for name in names), "elements")]
-    for part in found:
-        values = (getattr(part, name) for name in names)
-        numbers = ("-" if np.isnan(value) else f"{value:.4g}" for value in values)
-        share = "-" if np.isnan(part.element_share) else f"{part.element_share:.1%}"
-        rows.append((part.name, *numbers, share))
-    width = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join(
-        "  ".join([row[0].ljust(width[0]), *map(str.rjust, row[1:], width[1:])]) for row in rows
-    )
+def unknowns_of(simplices: Sequence[float], degree: int) -> float:
+    """Return the number of nodes of Lagrange elements, from the numbers of nodes, edges ..."""
+    return sum(n * comb(degree - 1, k) for k, n in enumerate(simplices))
 
 
-def _lengths(report: SizeReport, diameter: float) -> dict[str, FloatArray]:
-    """Return what the bounds at the nodes are found from: widths, separations and radii."""
-    found = {}
-    for name, number in (
-        ("width", report.elements_across),
-        ("separation", report.elements_between),
-    ):
-        if name in report.bounds and number > 0.0:
-            found[name] = number * report.bounds[name]
-    if "curvature" in report.bounds:
-        bound = report.bounds["curvature"]
-        with np.errstate(invalid="ignore"):  # a bound that is disabled says nothing about inf
-            chords = np.square(bound) / (4.0 * report.chord_tolerance * diameter)
-            found["radius"] = np.fmax(report.elements_per_radian * bound, chords)
-    return found
+def nonzeros_of(simplices: Sequence[float], degree: int) -> float:
+    r"""Return the number of ordered pairs of nodes of Lagrange elements with a cell in common.
+
+    Each pair is counted at the smallest simplex that holds both.  A simplex of dimension k holds
+    :math:`m_k = \binom{p + k}{k}` nodes, so by inclusion and exclusion
+    :math:`\sum_j (-1)^{k - j} \binom{k + 1}{j + 1} m_j^2` pairs that none of its facets holds.
+    """
+    total = 0.0
+    for k, n in enumerate(simplices):
+        pairs = [
+            (-1) ** (k - j) * comb(k + 1, j + 1) * comb(degree + j, j) ** 2 for j in range(k + 1)
+        ]
+        total += n * sum(pairs)
+    return total
+
+
+def matrix_of(
+    dim: int, predicted: Prediction, degree: int, fields: int
+) -> tuple[float, float, float]:
+    """Return the numbers of unknowns and nonzeros, and the bytes of the assembled matrix.
+
+    The matrix is stored by rows, with the integers that SciPy takes for indices.  All fields at
+    the nodes of a cell are coupled.
+    """
+    simplices = simplices_of(dim, predicted)
+    unknowns = fields * unknowns_of(simplices, degree)
+    nonzeros = fields**2 * nonzeros_of(simplices, degree)
+    index = 4.0 if nonzeros < 2.0**31 else 8.0
+    return unknowns, nonzeros, (8.0 + index) * nonzeros + index * (unknowns + 1.0)
+
+
+def system_of(report: SizeReport, degree: int, fields: int) -> tuple[float, float, float]:
+    """Return the same for the mesh that a report predicts."""
+    predicted = Prediction(report.n_elements, report.n_facets, report.n_nodes)
+    return matrix_of(report.element_dim, predicted, degree, fields)
+
+
+def unknowns_on(mesh: SimplexMesh, degree: int, fields: int) -> float:
+    """Return the number of unknowns on a mesh."""
+    inner = {1: [], 2: [len(mesh.edges)], 3: [len(mesh.edges), len(mesh.facets)]}[mesh.cell_dim]
+    return fields * unknowns_of([mesh.n_points, *inner, mesh.n_cells], degree)
+
+
+def as_bytes(name: str, memory: str) -> float:
+    """Return the number of bytes that a text such as "8GB" stands for."""
+    found = _MEMORY.fullmatch(memory) if isinstance(memory, str) else None
+    number = float(found[1]) if found else 0.0
+    if found is None or number == 0.0:
+        raise ValueError(f'{name} must be a text such as "8GB" or "500MB", got {describe(memory)}')
+    return number * 1000.0 ** " KMGT".index(found[2].upper() or " ")

@@ -21,7 +21,7 @@ from adaptsize.background.simplex import as_mesh
 from adaptsize.background.splitting import with_short_edges
 from adaptsize.domain_size.budget import predicted_number, what_controls
 from adaptsize.domain_size.complete_size import size_function
-from adaptsize.domain_size.matrix import unknowns_on
+from adaptsize.domain_size.cost import report_of, unknowns_on
 from adaptsize.domain_size.request import Goal, Implicit, goal_of
 from adaptsize.errors import ResolutionWarning
 from adaptsize.options import (
@@ -53,12 +53,6 @@ class MeshOfElements(NamedTuple):
     def report(self) -> SizeReport:
         """The report on the sizes."""
         return report_of(self.size)
-
-
-def report_of(size: SizeFunction) -> SizeReport:
-    """Return the report of a size function made by `size_function`."""
-    assert size.report is not None
-    return size.report
 
 
 @with_options(RemeshToElementsOptions)

@@ -15,7 +15,8 @@ from adaptsize.background import AnyBackground, SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.background.splitting import with_short_edges
 from adaptsize.domain_size.complete_size import size_function
-from adaptsize.domain_size.elements import report_of, tolerance_of, without_order
+from adaptsize.domain_size.cost import report_of
+from adaptsize.domain_size.elements import tolerance_of, without_order
 from adaptsize.domain_size.request import Implicit
 from adaptsize.options import (
     BudgetOptions,

@@ -14,8 +14,8 @@ from adaptsize._defaults import MAX_ELEMENTS, TOLERANCE
 from adaptsize._progress import silent
 from adaptsize._size_report import NONE, SizeReport, measure_dim
 from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
-from adaptsize.domain_size.matrix import as_bytes
-from adaptsize.domain_size.named_parts import as_sizes_of_parts, sizes_of_parts
+from adaptsize.domain_size.cost import as_bytes
+from adaptsize.domain_size.parts import as_sizes_of_parts, sizes_of_parts
 from adaptsize.limiting import limit_gradient
 from adaptsize.limiting.exact import limit_points
 from adaptsize.limiting.exact.field import Workers

@@ -1,0 +1,236 @@
+"""The regions and faces of a mesh by their names: prescribed sizes, and what determines theirs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from adaptsize._checks import as_number, describe
+from adaptsize._size_function import SizeFunction
+from adaptsize._size_report import SizeReport, measure_dim
+from adaptsize.background import SimplexMesh
+from adaptsize.domain_size.cost import report_of
+from adaptsize.geometry.creases import tag_faces
+from adaptsize.geometry.faces import Faces
+from adaptsize.sizes.budget import nodal_measures
+from adaptsize.typing import FloatArray, IntArray
+
+
+class NamedPart(NamedTuple):
+    """Cells of a mesh, or facets, with the same tag."""
+
+    kind: Literal["region", "face"]
+    tag: int
+    name: str
+    """Of the tag, else the kind and the tag."""
+    cells: IntArray
+    """Nodes of the cells or facets, int32[n, k + 1]."""
+    measures: FloatArray
+    """float64[n]"""
+
+
+def parts_of(mesh: SimplexMesh) -> list[NamedPart]:
+    """Return the regions of a mesh, then its faces, by tag.
+
+    Without tags, the faces are those of `tag_faces`, and in the plane the lines between corners.
+    """
+    if mesh.cell_dim < mesh.dim:
+        faces = mesh if mesh.cell_tags is not None else _with_tags(mesh)
+        return _by_tag("face", mesh, faces, faces.cell_tags)
+    found = [] if mesh.cell_tags is None else _by_tag("region", mesh, mesh, mesh.cell_tags)
+    if mesh.tagged_facets is not None:
+        facets = SimplexMesh(mesh.points, mesh.tagged_facets)
+        return found + _by_tag("face", mesh, facets, mesh.facet_tags)
+    boundary, nodes, _ = mesh.boundary()
+    faces = _with_tags(boundary)
+    own = SimplexMesh(mesh.points, nodes[faces.cells])
+    return found + _by_tag("face", mesh, own, faces.cell_tags)
+
+
+def _with_tags(boundary: SimplexMesh) -> SimplexMesh:
+    if boundary.cell_dim == 2:
+        return tag_faces(boundary)
+    faces = Faces.of(boundary)
+    tags = np.where(faces.rows < 0, 0, faces.face[faces.rows] + 1)
+    return SimplexMesh(boundary.points, boundary.cells, cell_tags=tags)
+
+
+def _by_tag(
+    kind: Literal["region", "face"], mesh: SimplexMesh, cells: SimplexMesh, tags: IntArray | None
+) -> list[NamedPart]:
+    assert tags is not None
+    found = []
+    for tag in np.unique(tags).tolist():
+        own = tags == tag
+        name = mesh.tag_names.get((cells.cell_dim, tag), f"{kind} {tag}")
+        found.append(NamedPart(kind, tag, name, cells.cells[own], cells.measures[own]))
+    return found
+
+
+def as_sizes_of_parts(size_of: Any) -> dict[str, float]:
+    """Return the prescribed sizes of parts by their names, after checking them."""
+    if not isinstance(size_of, Mapping) or not all(isinstance(name, str) for name in size_of):
+        raise ValueError(f"size_of must be sizes by the names of parts, got {describe(size_of)}")
+    return {
+        name: as_number(f"size_of[{name!r}]", size, lower=0.0, strict=True)
+        for name, size in size_of.items()
+    }
+
+
+def sizes_of_parts(mesh: object, size_of: Mapping[str, float]) -> FloatArray:
+    """Return the prescribed size at each node, inf where there is none.  Refuse unknown names."""
+    tagged = isinstance(mesh, SimplexMesh) and (
+        mesh.cell_tags is not None or mesh.tagged_facets is not None
+    )
+    if not (tagged and isinstance(mesh, SimplexMesh)):
+        raise ValueError(f"size_of needs a mesh with tags that carries the sizes, got {mesh!r}")
+    parts = parts_of(mesh)
+    sizes = np.full(mesh.n_points, np.inf)
+    for name, size in size_of.items():
+        named = [part for part in parts if part.name == name]
+        if not named:
+            known = ", ".join(dict.fromkeys(part.name for part in parts))
+            raise ValueError(f"size_of must name parts among {known}; got {name!r}")
+        for part in named:
+            sizes[part.cells] = np.minimum(sizes[part.cells], size)
+    return sizes
+
+
+@dataclass(frozen=True)
+class Part:
+    """A region or a face of a domain, with what determines its mesh."""
+
+    kind: Literal["region", "face"]
+    tag: int
+    name: str
+    """Of the tag, else the kind and the tag."""
+    measure: float
+    """Length, area or volume."""
+    width: float
+    """Least width of the domain at it; inf where it is not narrow, nan where it is not known or
+    the size is prescribed by ``size_of``."""
+    separation: float
+    """Least distance of features that do not meet; inf and nan as for the width."""
+    radius: float
+    """Least radius of curvature; inf where it is flat, nan where it is not known."""
+    size: float
+    """Smallest size on it."""
+    tolerance: float
+    """Distance of edges of that size, times sqrt 2, from an arc of the radius."""
+    element_share: float
+    """Share of the elements in a region; of those whose sizes grow from a face, nan if unknown."""
+    time_step: float
+    """Time in which a signal crosses an element of the smallest size."""
+
+
+def parts(size: SizeFunction, *, speed: float = 1.0) -> tuple[Part, ...]:
+    """Return the width, curvature, size and cost of each region and face of a domain.
+
+    Regions are those of ``cell_tags`` of a mesh of full dimension.  Faces are those of
+    ``tagged_facets`` there, and of ``cell_tags`` of a surface.  If there are no tags, faces are
+    those of `SimplexMesh.tag_faces`, in the plane the lines between corners.
+
+    Parameters
+    ----------
+    size : SizeFunction
+        From `size_function` of a mesh, with the mesh or its surface as background.
+    speed : float
+        As in `SizeFunction.cost`.
+
+    Returns
+    -------
+    tuple of Part
+        Regions first, then faces, by tag.
+
+    Raises
+    ------
+    ValueError
+        If ``size`` has no report, or is on a grid or an octree.
+
+    Notes
+    -----
+    Widths, separations and radii are those that bound the size, so they are known where these
+    bounds are active.  A node on several faces counts for each; sizes that grow from it count for
+    the smallest of them.
+
+    Examples
+    --------
+    >>> from adaptsize import SimplexMesh, size_function
+    >>> corners, facets = [[0, 0], [4, 0], [4, 1], [0, 1]], [[0, 1], [1, 2], [2, 3], [3, 0]]
+    >>> strip = SimplexMesh(corners, [[0, 1, 2], [0, 2, 3]], tagged_facets=facets,
+    ...                     facet_tags=[1, 1, 1, 2], tag_names={(1, 2): "inlet"})
+    >>> [(part.name, part.measure) for part in size_function(strip).parts()]
+    [('face 1', 9.0), ('inlet', 1.0)]
+    """
+    report, mesh = report_of(size), size.background
+    speed = as_number("speed", speed, lower=0.0, strict=True)
+    if not isinstance(mesh, SimplexMesh):
+        raise ValueError(f"size must be on a mesh or a surface to have parts, got {size!r}")
+    h = size.values
+    elements = nodal_measures(mesh) / h ** measure_dim(mesh)
+    diameter = mesh.diameter
+    length = _lengths(report, diameter)
+    found: list[Part] = []
+
+    named = parts_of(mesh)
+    owner = np.full(mesh.n_points, -1)
+    faces = [k for k, part in enumerate(named) if part.kind == "face"]
+    for k in sorted(faces, key=lambda k: -named[k].measures.sum()):
+        owner[named[k].cells] = k
+    caused = None if report.origin is None else np.append(owner, -1)[report.origin]
+    density = (1.0 / h[mesh.cells] ** mesh.cell_dim).mean(axis=1)
+    for k, part in enumerate(named):
+        nodes = np.unique(part.cells)
+        is_given = "size_of" in report.bounds and np.isfinite(report.bounds["size_of"][nodes]).all()
+        shape = {} if is_given else length
+        least = {name: float(values[nodes].min()) for name, values in shape.items()}
+        smallest, radius = float(h[nodes].min()), least.get("radius", np.nan)
+        share = np.nan
+        if part.kind == "region":
+            own = part.measures * (1.0 / h[part.cells] ** mesh.cell_dim).mean(axis=1)
+            share = float(own.sum() / (mesh.measures * density).sum())
+        elif caused is not None:
+            share = float(elements[caused == k].sum() / elements.sum())
+        found.append(
+            Part(
+                part.kind, part.tag, part.name, float(part.measures.sum()),
+                least.get("width", np.nan), least.get("separation", np.nan), radius, smallest,
+                smallest**2 / (4.0 * radius), share, smallest / speed,
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+def table_of(found: Sequence[Part]) -> str:
+    """Return a table with a row for each part."""
+    names = ("measure", "width", "separation", "radius", "size", "tolerance", "time_step")
+    rows = [("part", *(name.replace("_", " ") for name in names), "elements")]
+    for part in found:
+        values = (getattr(part, name) for name in names)
+        numbers = ("-" if np.isnan(value) else f"{value:.4g}" for value in values)
+        share = "-" if np.isnan(part.element_share) else f"{part.element_share:.1%}"
+        rows.append((part.name, *numbers, share))
+    width = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join(
+        "  ".join([row[0].ljust(width[0]), *map(str.rjust, row[1:], width[1:])]) for row in rows
+    )
+
+
+def _lengths(report: SizeReport, diameter: float) -> dict[str, FloatArray]:
+    """Return what the bounds at the nodes are found from: widths, separations and radii."""
+    found = {}
+    for name, number in (
+        ("width", report.elements_across),
+        ("separation", report.elements_between),
+    ):
+        if name in report.bounds and number > 0.0:
+            found[name] = number * report.bounds[name]
+    if "curvature" in report.bounds:
+        bound = report.bounds["curvature"]
+        with np.errstate(invalid="ignore"):  # a bound that is disabled says nothing about inf
+            chords = np.square(bound) / (4.0 * report.chord_tolerance * diameter)
+            found["radius"] = np.fmax(report.elements_per_radian * bound, chords)
+    return found
