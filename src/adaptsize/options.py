@@ -586,9 +586,9 @@ class CurvatureOptions(ClipOptions, total=False):
     tolerance: Annotated[
         float | None,
         Option(
-            chosen="0.001 of the diagonal of ``boundary``; on a grid the diagonal of a box, and on "
-            "an octree that of the smallest leaf, to include all corners of the boxes that the "
-            "boundary passes; with distances two of the largest spacings",
+            chosen="0.001 of the diagonal of ``boundary``; on a grid the diagonal of a box; on an "
+            "octree the nodes of the leaves that the boundary passes count; with distances two of "
+            "the largest spacings",
             unit="length",
         ),
     ]
@@ -616,9 +616,8 @@ class FeatureOptions(ClipOptions, total=False):
     tolerance: Annotated[
         float | None,
         Option(
-            chosen="the diagonal of the largest box at a node of a grid or an octree, so that all "
-            "corners of the boxes that the boundary passes have a size, otherwise 0.001 of the "
-            "diagonal of the boundary",
+            chosen="0.001 of the diagonal of ``boundary``; on a grid the diagonal of a box; on an "
+            "octree the nodes of the leaves that the boundary passes count",
             unit="length",
         ),
     ]

@@ -7,7 +7,7 @@ from meshes import random_sphere
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import Delaunay
 
-from adaptsize import SimplexMesh, size_from_curvature, size_function
+from adaptsize import Octree, SimplexMesh, size_from_curvature, size_from_feature, size_function
 
 
 def disk(n, seed, *, radius=1.0):
@@ -111,6 +111,23 @@ def test_boundary_mesh_gives_its_curvature_to_the_nodes_on_it():
     background = SimplexMesh(nodes, [[0, 1, 2, 3], [1, 2, 3, 4]])
     h0 = size_from_curvature(background, boundary)
     assert_allclose(h0, [0.5, 0.5, np.inf, np.inf, 0.5], rtol=1e-10)
+
+
+def test_nodes_of_large_and_small_leaves_that_the_boundary_passes_have_sizes():
+    def near(centres, sizes):
+        return np.linalg.norm(centres - [1.0, 0.0], axis=1) < sizes[:, 0]
+
+    tree = Octree.build([-1.5, -1.6], [1.7, 1.6], near, max_level=7, root_shape=(8, 8))
+    angle = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+    ends = np.arange(400)
+    circle = SimplexMesh(
+        np.column_stack([np.cos(angle), np.sin(angle)]), np.column_stack([ends, (ends + 1) % 400])
+    )
+    inside = np.linalg.norm(tree.points, axis=1) < 1.0
+    cells = tree.mesh.cells
+    passed = np.unique(cells[inside[cells].any(axis=1) & ~inside[cells].all(axis=1)])
+    assert_allclose(size_from_curvature(tree, circle)[passed], 0.25, rtol=1e-3)
+    assert_allclose(size_from_feature(tree, circle, elements_across=4.0)[passed], 0.5, rtol=1e-3)
 
 
 def test_bad_arguments_are_named():

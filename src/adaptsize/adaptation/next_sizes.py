@@ -85,10 +85,9 @@ class Request:
         sizes = found
 
         def refuse_free() -> None:
-            h, used = smallest(sizes), np.zeros(mesh.n_points, np.bool_)
-            used[mesh.cells] = True
+            h = smallest(sizes)
             text = "must be finite after limiting, in each component of the mesh: pass hmax"
-            refuse_where("sizes", used & np.isinf(h), h, text)
+            refuse_where("sizes", mesh.in_a_cell & np.isinf(h), h, text)
 
         mesh.ranks.agree(refuse_free)
         simplices = count_simplices(mesh, sizes)

@@ -122,9 +122,7 @@ class SimplexLocator(Locator):
 
     def __init__(self, mesh: SimplexMesh) -> None:
         self._mesh = mesh
-        used = np.zeros(mesh.n_points, np.bool_)
-        used[mesh.cells] = True
-        nodes = np.flatnonzero(used)
+        nodes = np.flatnonzero(mesh.in_a_cell)
         # Scaling by a power of two is exact; it keeps squares of lengths in range.
         largest = float(np.abs(mesh.points[nodes]).max())
         #: A power of two, which keeps squares of lengths in range: multiplication by it is exact.

@@ -185,6 +185,11 @@ class PartitionedMesh:
         return none if self.mesh is None else self.mesh.cells
 
     @property
+    def in_a_cell(self) -> BoolArray:
+        """Which nodes belong to a cell of this rank."""
+        return np.empty(0, np.bool_) if self.mesh is None else self.mesh.in_a_cell
+
+    @property
     def measures(self) -> FloatArray:
         """Length, area or volume of each cell of this rank."""
         return np.empty(0) if self.mesh is None else self.mesh.measures

@@ -211,9 +211,8 @@ class SimplexMesh(ReadOnlyState):
     @cached_property
     def diagonal(self) -> float:
         """Length of the diagonal of the bounding box of the nodes that belong to a cell."""
-        in_a_cell = self._in_a_cell()
         # Several times faster than along an axis.
-        return float(np.linalg.norm([np.ptp(x[in_a_cell]) for x in self.points.T]))
+        return float(np.linalg.norm([np.ptp(x[self.in_a_cell]) for x in self.points.T]))
 
     @cached_property
     def diameter(self) -> float:
@@ -221,12 +220,14 @@ class SimplexMesh(ReadOnlyState):
 
         It does not depend on the orientation of the mesh, as the diagonal does.
         """
-        return enclosing_diameter(self.points[self._in_a_cell()])
+        return enclosing_diameter(self.points[self.in_a_cell])
 
-    def _in_a_cell(self) -> BoolArray:
+    @cached_property
+    def in_a_cell(self) -> BoolArray:
+        """Which nodes belong to a cell, bool[n_points]."""
         used = np.zeros(self.n_points, bool)
         mark_nodes(self.cells, used)
-        return used
+        return arrays.read_only(used)
 
     @property
     def ranks(self) -> Communicator:

@@ -8,6 +8,10 @@ import numpy.typing as npt
 from adaptsize._checks import as_limits, as_sizes
 from adaptsize.typing import FloatArray
 
+#: Least size over the diameter: a noisy spot, or a part that tapers to nothing, must not require
+#: more than 10^6 elements along the part.
+SMALLEST_SHARE = 1e-6
+
 
 def minimum(*h0: npt.ArrayLike, hmin: float | None = None, hmax: float | None = None) -> FloatArray:
     """Return the minimum of several upper bounds at each node, clipped to two limits.

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_slope, describe
-from adaptsize._defaults import CREASE_ANGLE, GRADIENT_LIMIT, TOLERANCE
+from adaptsize._defaults import CREASE_ANGLE, GRADIENT_LIMIT
 from adaptsize.background import (
     AnyBackground,
     AnyMesh,
@@ -27,12 +27,9 @@ from adaptsize.geometry.curvatures import curvature
 from adaptsize.options import CurvatureOptions, checked, with_options
 from adaptsize.ranks import rows_among
 from adaptsize.sizes._from_distance import size_from_distance
-from adaptsize.sizes._on_grid import nodes_near
-from adaptsize.sizes.combine import minimum
+from adaptsize.sizes.combine import SMALLEST_SHARE, minimum
+from adaptsize.sizes.touched import nodes_beside
 from adaptsize.typing import FloatArray, Unpack
-
-# A folded or noisy spot must not require more than 10^6 elements along the part.
-_SMALLEST_SHARE = 1e-6
 
 
 @with_options(CurvatureOptions)
@@ -145,7 +142,7 @@ def size_from_curvature(
                 f"got {describe(boundary)} on {background!r}"
             )
         h0 = size_from_distance(background, boundary, given)
-        h0 = np.maximum(h0, _SMALLEST_SHARE * background.diagonal)
+        h0 = np.maximum(h0, SMALLEST_SHARE * background.diagonal)
         return minimum(h0, hmin=given["hmin"], hmax=given["hmax"])
     kappa = np.zeros(background.n_points)
     nodes: npt.NDArray[np.integer[Any]]
@@ -159,11 +156,17 @@ def size_from_curvature(
     else:
         source = boundary
         _refuse_other_boundary(boundary, background)
-        nodes, points, within = _nodes_on(boundary, background, tolerance)
-        kappa[nodes] = _curvature_at(boundary, points, within, given)
+        nodes, within = nodes_beside(background, boundary, tolerance)
+        if len(nodes) == 0:
+            closest = boundary.locator.nearest(background.points)[2].min()
+            raise ValueError(
+                "boundary must pass through nodes of the background, got none within tolerance "
+                f"{np.max(within, initial=0.0):g} (the closest is {closest:g} away)"
+            )
+        kappa[nodes] = _curvature_at(boundary, places_of(background)(nodes), within, given)
     with np.errstate(divide="ignore"):
         h0 = 1.0 / (given["elements_per_radian"] * kappa)
-    h0 = np.maximum(h0, _SMALLEST_SHARE * source.diameter)
+    h0 = np.maximum(h0, SMALLEST_SHARE * source.diameter)
     return minimum(h0.reshape(background.nodal_shape), hmin=given["hmin"], hmax=given["hmax"])
 
 
@@ -205,35 +208,11 @@ def _refuse_other_boundary(boundary: SimplexMesh, background: AnyBackground) -> 
         raise ValueError(f"boundary must consist of {kind} in {dim}-D, got {boundary!r}")
 
 
-def _nodes_on(
-    boundary: SimplexMesh, background: AnyBackground, tolerance: float | None
-) -> tuple[npt.NDArray[np.integer[Any]], FloatArray, float]:
-    """Return the nodes of the background that lie on the boundary, where, and the tolerance."""
-    if tolerance is not None:
-        within = tolerance
-    elif isinstance(background, CartesianGrid):
-        within = float(np.linalg.norm(background.spacing))
-    elif isinstance(background, Octree):
-        within = float(np.linalg.norm(background.leaf_sizes, axis=1).min())
-    else:
-        within = TOLERANCE * boundary.diagonal
-    if isinstance(background, CartesianGrid):
-        nodes = nodes_near(background, boundary, within)
-        points, closest = places_of(background)(nodes), ""
-    else:
-        distances = boundary.locator.nearest(background.points)[2]
-        nodes = np.flatnonzero(distances <= within)
-        points, closest = background.points[nodes], f" (the closest is {distances.min():g} away)"
-    if len(nodes) == 0:
-        raise ValueError(
-            f"boundary must pass through nodes of the background, got none within "
-            f"tolerance {within:g}{closest}"
-        )
-    return nodes, points, within
-
-
 def _curvature_at(
-    boundary: SimplexMesh, points: FloatArray, tolerance: float, given: CurvatureOptions
+    boundary: SimplexMesh,
+    points: FloatArray,
+    tolerance: float | FloatArray,
+    given: CurvatureOptions,
 ) -> FloatArray:
     """Return the curvature of the boundary at the point closest to each of ``points``."""
     crease_angle, smoothing = given["crease_angle"], given["smoothing"]

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_number, describe
-from adaptsize._defaults import CORNER_ANGLE, CREASE_ANGLE, TOLERANCE
+from adaptsize._defaults import CORNER_ANGLE, CREASE_ANGLE
 from adaptsize._progress import reporting
 from adaptsize.background import (
     AnyBackground,
@@ -26,11 +26,9 @@ from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.medial.feature_size import feature_size
 from adaptsize.geometry.width import Width
 from adaptsize.options import FeatureOptions, checked, with_options
-from adaptsize.sizes.combine import minimum
+from adaptsize.sizes.combine import SMALLEST_SHARE, minimum
+from adaptsize.sizes.touched import nodes_beside
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback, Unpack
-
-# Sizes must not require more than 10^6 elements along the part where a part tapers to nothing.
-SMALLEST_SHARE = 1e-6
 
 
 @with_options(FeatureOptions)
@@ -165,9 +163,8 @@ def _in_parts(
             lambda whole: size_from_feature(whole, boundary, progress=progress, **options)
         )
     outer = whole_boundary(part)
-    in_cell = np.zeros(part.n_points)
-    in_cell[part.cells] = 1.0
-    points, used = part.gather_nodal(part.points), part.gather_nodal(part.maximum(in_cell))
+    in_cell = part.maximum(part.in_a_cell.astype(np.float64))
+    points, used = part.gather_nodal(part.points), part.gather_nodal(in_cell)
 
     def solve() -> FloatArray | None:
         if points is None or used is None:
@@ -191,9 +188,7 @@ def _at_own_nodes(
     if boundary is background:
         return width.at_nodes(report), boundary
     row = places_among(nodes, background.n_points)
-    used = np.zeros(background.n_points, np.bool_)
-    used[background.cells] = True
-    return _widths_in(width, background.points, row, used, report), boundary
+    return _widths_in(width, background.points, row, background.in_a_cell, report), boundary
 
 
 def own_boundary(background: SimplexMesh) -> tuple[SimplexMesh, IntArray]:
@@ -280,19 +275,17 @@ def _near_boundary(
     report: ProgressCallback,
 ) -> FloatArray:
     """Return the width closest to each node that is not outside, else inf."""
-    points = background.points
-    wanted = _not_outside(background, boundary, points, tolerance, report)
+    wanted = _not_outside(background, boundary, tolerance, report)
     if not wanted.any():
         raise ValueError("boundary must have nodes of the background in it or near it, got none")
     widths = np.full(background.n_points, np.inf)
-    widths[wanted] = _width_of(boundary, *angles).near(points[wanted], report)
+    widths[wanted] = _width_of(boundary, *angles).near(background.points[wanted], report)
     return widths
 
 
 def _not_outside(
     background: AnyBackground,
     boundary: SimplexMesh,
-    points: FloatArray,
     tolerance: float | None,
     report: ProgressCallback,
 ) -> BoolArray:
@@ -302,23 +295,10 @@ def _not_outside(
         raise ValueError(f"boundary must consist of {kind} in {background.dim}-D, got {boundary!r}")
     if tolerance is not None:
         tolerance = as_number("tolerance", tolerance, lower=0.0)
-    if isinstance(background, SimplexMesh) and background.cell_dim < background.dim:
-        within = TOLERANCE * boundary.diagonal if tolerance is None else tolerance
-        return np.asarray(boundary.locator.nearest(points)[2] <= within)
-    phi = signed_distance(background, boundary, progress=report).ravel()
-    wanted = phi <= (_reach(background, boundary) if tolerance is None else tolerance)
+    wanted = np.zeros(background.n_points, np.bool_)
+    wanted[nodes_beside(background, boundary, tolerance)[0]] = True
+    if not isinstance(background, SimplexMesh) or background.cell_dim == background.dim:
+        wanted |= signed_distance(background, boundary, progress=report).ravel() <= 0.0
     if isinstance(background, CartesianGrid) and background.active is not None:
         wanted &= background.active.ravel()
-    return np.asarray(wanted)
-
-
-def _reach(background: AnyBackground, boundary: SimplexMesh) -> float | FloatArray:
-    """Return the largest distance outside of a node of a cell that the boundary passes."""
-    if isinstance(background, CartesianGrid):
-        return float(np.linalg.norm(background.spacing))
-    if isinstance(background, SimplexMesh):
-        return TOLERANCE * boundary.diagonal
-    reach = np.zeros(background.n_points)
-    diagonals = np.linalg.norm(background.leaf_sizes, axis=1)
-    np.maximum.at(reach, background.leaf_corners, diagonals[:, None])
-    return reach
+    return wanted

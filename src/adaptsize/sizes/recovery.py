@@ -68,7 +68,15 @@ def recovered_gradient(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     """
     mesh = as_mesh("mesh", mesh)
     nodal = as_nodal_field("values", values, mesh)
-    return np.column_stack([operator @ nodal for operator in gradient_operators(mesh)])
+    near, gradient = nodes_within_an_edge(mesh), np.empty(mesh.points.shape)
+    inner = np.flatnonzero(~_on_boundary(mesh))
+    # The smallest eigenvalue over the largest of normal matrices in coordinates of unit covariance:
+    # around nodes of good meshes 0.003 to 0.05, below where the nodes nearly lie on a conic.
+    gradient[inner], good = _gradients_of_fits(mesh.points, nodal, near[inner], inner, 3e-3)
+    others = np.setdiff1d(np.arange(mesh.n_points), inner[good])
+    wide = csr_array(near[others] @ near)
+    gradient[others] = _gradients_of_fits(mesh.points, nodal, wide, others, DETERMINED)[0]
+    return gradient
 
 
 def recovered_hessian(mesh: AnyMesh, values: npt.ArrayLike) -> FloatArray:
@@ -192,66 +200,33 @@ def zz_indicator(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     return np.asarray(np.sqrt(mesh.measures * squares / ((d + 1) * (d + 2))))
 
 
-def gradient_operators(mesh: SimplexMesh) -> list[csr_array]:
-    """Return matrices that map nodal values to the components of `recovered_gradient`.
-
-    Returns
-    -------
-    list of dim csr_array, float64[n_points, n_points]
-    """
-    n = mesh.n_points
-    near = nodes_within_an_edge(mesh)
-    inner = np.flatnonzero(~_on_boundary(mesh))
-    narrow = near[inner]
-    # The smallest eigenvalue over the largest of normal matrices in coordinates of unit covariance:
-    # around nodes of good meshes 0.003 to 0.05, below where the nodes nearly lie on a conic.
-    weights, good = _weights_of_fits(mesh.points, narrow, inner, 3e-3)
-    weights[~good[_row_of_entry(narrow)]] = 0.0
-    others = np.setdiff1d(np.arange(n), inner[good])
-    wide = csr_array(near[others] @ near)
-    wide_weights, _ = _weights_of_fits(mesh.points, wide, others, DETERMINED)
-    rows = np.concatenate([inner[_row_of_entry(narrow)], others[_row_of_entry(wide)]])
-    columns = np.concatenate([narrow.indices, wide.indices])
-    both = np.concatenate([weights, wide_weights])
-    return [csr_array((both[:, d], (rows, columns)), shape=(n, n)) for d in range(mesh.dim)]
-
-
-def _row_of_entry(matrix: csr_array) -> LongArray:
-    return np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
-
-
 def _on_boundary(mesh: SimplexMesh) -> BoolArray:
     found = np.zeros(mesh.n_points, np.bool_)
     found[mesh.facets[mesh.facet_cell_counts == 1]] = True
     return found
 
 
-def _weights_of_fits(
-    points: FloatArray, patches: csr_array, nodes: LongArray, least: float
+def _gradients_of_fits(
+    points: FloatArray, nodal: FloatArray, patches: csr_array, nodes: LongArray, least: float
 ) -> tuple[FloatArray, BoolArray]:
-    """Return the weights of the nodes of patches in the gradients of fits.
+    """Return the gradients of fits to a field, and where quadratics were fitted, else linear ones.
 
     Parameters
     ----------
     points : float64[n, dim]
+    nodal : float64[n]
     patches : csr_array
         Its entries in row r are the nodes of the patch around ``nodes[r]``.
     nodes : int64[m]
     least : float
         Smallest eigenvalue of a normal matrix over the largest, for quadratics to be fitted.
-
-    Returns
-    -------
-    weights : float64[n_entries, dim]
-    good : bool[m]
-        Where quadratics were fitted.  Elsewhere a linear function was fitted.
     """
-    weights = np.empty((len(patches.indices), points.shape[1]))
-    good = np.empty(len(nodes), np.bool_)
+    gradients, good = np.empty((len(nodes), points.shape[1])), np.empty(len(nodes), np.bool_)
     for part in parts_of(patches):
         away = points[part.members] - points[nodes[part.rows]][part.patch]
-        weights[part.entries], good[part.rows] = _fit(away, part, least)
-    return weights, good
+        weights, good[part.rows] = _fit(away, part, least)
+        gradients[part.rows] = np.add.reduceat(weights * nodal[part.members, None], part.starts)
+    return gradients, good
 
 
 def _fit(away: FloatArray, part: PatchPart, least: float) -> tuple[FloatArray, BoolArray]:

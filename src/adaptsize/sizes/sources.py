@@ -27,9 +27,8 @@ from adaptsize.background.interpolation import places_of
 from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import InputWarning
 from adaptsize.ranks import SingleRank
-from adaptsize.sizes import _touched
-from adaptsize.sizes._on_grid import at_active_nodes
-from adaptsize.sizes._touched import lower
+from adaptsize.sizes import touched
+from adaptsize.sizes.touched import lower
 from adaptsize.typing import FloatArray
 
 SizeOfPoint: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
@@ -92,7 +91,7 @@ class PointSource:
     def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells around the points."""
         points, size = self.rows(mesh.dim)
-        at = _touched.touched(mesh, points)
+        at = touched.cells_around(mesh, points)
         # No point lies on a curved surface exactly.
         if isinstance(mesh, CartesianGrid) or (mesh.ranks.rank, mesh.cell_dim) == (0, mesh.dim):
             _warn_of_outside(points, at.distances, mesh.diagonal)
@@ -134,7 +133,7 @@ class CurveSource:
         """Lower ``h0`` (In/Out) at the nodes of the cells along the curve."""
         curve = _as_curve(self.curve, mesh.dim)
         size = self.rows(mesh.dim)[1]
-        _touched.lower_along(mesh, curve, size, g, h0)
+        touched.lower_along(mesh, curve, size, g, h0)
 
     def rows(self, dim: int) -> tuple[FloatArray, FloatArray]:
         """Return the checked points of the curve and their sizes, float64[n, dim], float64[n]."""
@@ -168,9 +167,9 @@ class BoundarySource:
         """Lower ``h0`` (In/Out) at the nodes of the facets."""
         size = _one_size(self.size)
         if self.tags is None:
-            nodes = _touched.boundary_nodes(mesh)
+            nodes = touched.boundary_nodes(mesh)
         else:
-            nodes = _touched.tagged_nodes(mesh, "facet", self.tags)
+            nodes = touched.tagged_nodes(mesh, "facet", self.tags)
         lower(h0, nodes, size)
 
 
@@ -196,7 +195,7 @@ class RegionSource:
     def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells."""
         size = _one_size(self.size)
-        lower(h0, _touched.tagged_nodes(mesh, "cell", self.tags), size)
+        lower(h0, touched.tagged_nodes(mesh, "cell", self.tags), size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +228,7 @@ class BoxSource:
         highest = _one_point("upper", self.upper, mesh.dim)
         if (lowest > highest).any():
             raise ValueError(f"lower must be at most upper = {highest}, got {lowest}")
-        nodes = np.unique(_touched.nodes_beside_box(mesh, lowest, highest))
+        nodes = np.unique(touched.nodes_beside_box(mesh, lowest, highest))
         points = places_of(mesh)(nodes)
         distance = np.linalg.norm(points - np.clip(points, lowest, highest), axis=1)
         lower(h0, nodes, size + g * distance)
@@ -265,7 +264,7 @@ class BallSource:
         size = _one_size(self.size)
         centre = _one_point("centre", self.centre, mesh.dim)
         radius = as_number("radius", self.radius, lower=0.0)
-        nodes = np.unique(_touched.nodes_beside_ball(mesh, centre, radius))
+        nodes = np.unique(touched.nodes_beside_ball(mesh, centre, radius))
         distance = np.linalg.norm(places_of(mesh)(nodes) - centre, axis=1) - radius
         lower(h0, nodes, size + g * np.maximum(distance, 0.0))
 
@@ -439,10 +438,25 @@ def _lower_by(
     name = f"sources[{number}](points)"
     given: npt.ArrayLike
     if isinstance(mesh, CartesianGrid):
-        given = at_active_nodes(mesh, source, name)
+        given = _at_active_nodes(mesh, source, name)
     else:
         given = source(mesh.points)
     np.minimum(h0, as_sizes(name, given, h0.shape), out=h0)
+
+
+def _at_active_nodes(
+    grid: CartesianGrid, function: Callable[[FloatArray], npt.ArrayLike], name: str
+) -> FloatArray:
+    """Return the values of a function at active nodes, and inf at other nodes."""
+    values = np.full(grid.shape, np.inf)
+    for slab, points in grid.slabs():
+        wanted = np.ones(len(points), np.bool_)
+        if grid.active is not None:
+            wanted = grid.active[slab].ravel()
+        here = points[wanted]
+        part = values[slab].reshape(-1)  # a view: slabs are contiguous
+        part[wanted] = as_float_array(name, function(here), (len(here),))
+    return values
 
 
 def _digest(source: Any) -> str:

@@ -1,24 +1,25 @@
-"""Which nodes of a mesh or grid a source acts on, and the sizes that it requests there.
+"""Which nodes of a background a source or a boundary acts on, and the sizes that it requests there.
 
-A source acts on the nodes of the cells (of a grid, the boxes) that it touches.
+It acts on the nodes of the cells that it touches.  Those of a grid, the boxes, follow from the
+indices of the nodes: no boxes and no coordinates are stored per node.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import combinations
+from itertools import combinations, product
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_plain_array
-from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
+from adaptsize._defaults import TOLERANCE
+from adaptsize.background import AnyBackground, AnyMesh, CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.interpolation import places_of
 from adaptsize.background.migration import boundary_facets
 from adaptsize.background.partitioned import local_mesh
-from adaptsize.sizes import _on_grid
-from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongArray
 
 # Points within this distance, in diagonals of the mesh, count as inside, and cells whose distances
 # from a point differ by less are equally close.
@@ -49,9 +50,16 @@ class Touched(NamedTuple):
 
 
 def boundary_nodes(mesh: _Domain) -> Nodes:
-    """Return the nodes on the boundary of the whole mesh or grid; collective."""
+    """Return the nodes on the boundary of the whole mesh or grid; collective.
+
+    Those of a grid are the active nodes with inactive neighbours, including diagonal ones.
+    """
     if isinstance(mesh, CartesianGrid):
-        return _on_grid.boundary_nodes(mesh)
+        from scipy import ndimage
+
+        active = np.ones(mesh.shape, np.bool_) if mesh.active is None else mesh.active
+        inner = ndimage.binary_erosion(active, np.ones((3,) * mesh.dim))
+        return np.flatnonzero(active & ~inner)
     if isinstance(mesh, SimplexMesh):
         return mesh.boundary().nodes
     if mesh.cell_dim == 1:
@@ -88,12 +96,12 @@ def tagged_nodes(
     return nodes
 
 
-def touched(domain: _Domain, points: FloatArray) -> Touched:
+def cells_around(domain: _Domain, points: FloatArray) -> Touched:
     """Return the nodes of all cells that contain points, or else are closest; collective."""
     if isinstance(domain, CartesianGrid):
         away = np.linalg.norm(points - np.clip(points, domain.lower, domain.upper), axis=1)
         spacing = np.full(len(points), float(domain.spacing.min()) / _SAMPLES)
-        return Touched(*_on_grid.nodes_around(domain, points), away, spacing)
+        return Touched(*_corners_around(domain, points), away, spacing)
     inside, local = _INSIDE * domain.diagonal, local_mesh(domain)
     away = np.full(len(points), np.inf)
     if local is not None:
@@ -137,7 +145,7 @@ def samples_along(
     found = []
 
     def visit(points: FloatArray, along: FloatArray) -> Touched:
-        at = touched(domain, points)
+        at = cells_around(domain, points)
         found.append((at.nodes, segment[at.which], along[at.which], at.inside))
         return at
 
@@ -160,8 +168,8 @@ def samples_along(
 def nodes_beside_box(domain: _Domain, lower: FloatArray, upper: FloatArray) -> Nodes:
     """Return the nodes of the cells that meet a box; collective."""
     if isinstance(domain, CartesianGrid):
-        return _on_grid.nodes_beside_ball(domain, lower, upper, 0.0)
-    at = touched(domain, 0.5 * (lower + upper)[None])
+        return _corners_beside(domain, lower, upper, 0.0)
+    at = cells_around(domain, 0.5 * (lower + upper)[None])
     nodes, _, _, inside = samples_along(domain, _box_edges(lower, upper))
     meeting = domain.cells[_have_edge_in_box(domain, lower, upper)]
     return np.concatenate([meeting.ravel(), at.nodes[at.inside], nodes[inside]])
@@ -170,7 +178,7 @@ def nodes_beside_box(domain: _Domain, lower: FloatArray, upper: FloatArray) -> N
 def nodes_beside_ball(domain: _Domain, centre: FloatArray, radius: float) -> Nodes:
     """Return the nodes of the cells that meet a ball; collective."""
     if isinstance(domain, CartesianGrid):
-        return _on_grid.nodes_beside_ball(domain, centre, centre, radius)
+        return _corners_beside(domain, centre, centre, radius)
     reach, local = radius + _INSIDE * domain.diagonal, local_mesh(domain)
     if local is None:
         return np.empty(0, np.int32)
@@ -229,3 +237,109 @@ def lower_along(
     unique = np.unique(nodes)
     at_nearest, distances = curve.locator.interpolate(size, place(unique))
     lower(h0, unique, at_nearest + g * distances)
+
+
+def nodes_beside(
+    background: AnyBackground, boundary: SimplexMesh, tolerance: float | None
+) -> tuple[IndexArray, float | FloatArray]:
+    """Return the nodes up to a tolerance from a boundary, and the tolerance at each or at all.
+
+    By default, the nodes of a mesh must be on the boundary.  Those of a grid may be a diagonal of a
+    box away from it, and those of an octree must be in leaves that it passes.
+    """
+    if tolerance is None and isinstance(background, Octree):
+        diagonals = np.linalg.norm(background.leaf_sizes, axis=1)
+        passed = boundary.locator.nearest(background.leaf_centres)[2] <= 0.5 * diagonals
+        reach = np.zeros(background.n_points)
+        of_cells = np.repeat(np.where(passed, diagonals, 0.0), np.diff(background.first_cells))
+        np.maximum.at(reach, background.mesh.cells, of_cells[:, None])
+        nodes = np.flatnonzero(reach)
+        return nodes, reach[nodes]
+    if isinstance(background, CartesianGrid):
+        within = float(np.linalg.norm(background.spacing)) if tolerance is None else tolerance
+        return _grid_nodes_near(background, boundary, within), within
+    within = TOLERANCE * boundary.diagonal if tolerance is None else tolerance
+    return np.flatnonzero(boundary.locator.nearest(background.points)[2] <= within), within
+
+
+def _grid_nodes_near(grid: CartesianGrid, mesh: SimplexMesh, within: float) -> IndexArray:
+    """Return the active nodes up to a distance from a mesh.
+
+    Blocks of nodes are halved along each axis while they may contain such nodes.
+    """
+    shape = np.array(grid.shape)
+    edge = 1
+    while (shape > 8 * edge).any():
+        edge *= 2
+    corners = np.array(list(product((0, 1), repeat=grid.dim)))
+    blocks = np.argwhere(np.ones(-(-shape // edge), np.bool_))
+    while True:
+        first, last = edge * blocks, np.minimum(edge * (blocks + 1), shape) - 1
+        distance = mesh.locator.nearest(grid.origin + grid.spacing * 0.5 * (first + last))[2]
+        reach = 0.5 * np.linalg.norm(grid.spacing * (last - first), axis=1)
+        blocks = blocks[distance <= within + reach * (1.0 + 1e-9)]
+        if edge == 1:
+            break
+        edge //= 2
+        blocks = (2 * blocks[:, None] + corners).reshape(-1, grid.dim)
+        blocks = blocks[(edge * blocks < shape).all(axis=1)]
+    return _active(grid, _numbers(grid, blocks))
+
+
+def _corners_around(grid: CartesianGrid, points: FloatArray) -> tuple[LongArray, IndexArray]:
+    """Return the corners of the boxes around points: the number of the point, and the node.
+
+    A point outside belongs to the closest box.  If no corner of it is active, it belongs to
+    the nearest active node.
+    """
+    last = np.array(grid.shape) - 2
+    # Clipped before they become integers: points may be far away.
+    boxes = np.clip(np.floor((points - grid.lower) / grid.spacing), 0.0, last).astype(np.int64)
+    corners = np.array(list(product((0, 1), repeat=grid.dim)))
+    nodes = _numbers(grid, (boxes[:, None, :] + corners).reshape(-1, grid.dim))
+    which = np.repeat(np.arange(len(points)), len(corners))
+    if grid.active is not None:
+        good = grid.active.ravel()[nodes]
+        lost = np.flatnonzero(~good.reshape(len(points), -1).any(axis=1))
+        nodes, which = nodes[good], which[good]
+        if len(lost):
+            nodes = np.concatenate([nodes, _nearest_active(grid, points[lost])])
+            which = np.concatenate([which, lost])
+    return which, nodes
+
+
+def _corners_beside(
+    grid: CartesianGrid, lower: FloatArray, upper: FloatArray, radius: float
+) -> IndexArray:
+    """Return the corners of the boxes that are within a radius of a box, or of a point."""
+    ends = np.clip([lower, upper], grid.lower, grid.upper)
+    beyond = np.maximum(np.maximum(lower - grid.upper, grid.lower - upper), 0.0)
+    gaps, index = [], []
+    for d, x in enumerate(grid.axes):
+        # The boxes around a node extend one spacing from it.  Those that extend beyond the grid
+        # intersect the ball only where the ball is outside as well.
+        to_node = np.abs(x - np.clip(x, *ends[:, d]))
+        gap = np.maximum(to_node - grid.spacing[d], 0.0) + beyond[d]
+        index.append(np.flatnonzero(gap <= radius))
+        gaps.append(gap[index[-1]] ** 2)
+    meets = np.array(sum(np.meshgrid(*gaps, indexing="ij", sparse=True))) <= radius**2
+    nodes = np.stack(np.meshgrid(*index, indexing="ij"), axis=-1)[meets]
+    return _active(grid, _numbers(grid, nodes))
+
+
+def _nearest_active(grid: CartesianGrid, points: FloatArray) -> IndexArray:
+    """Return the nearest active node of each point in or outside boxes without any."""
+    from scipy.spatial import cKDTree
+
+    # It has a neighbour that is not active, or it would not be the nearest.
+    nodes = boundary_nodes(grid)
+    return np.asarray(nodes[cKDTree(places_of(grid)(nodes)).query(points)[1]])
+
+
+def _numbers(grid: CartesianGrid, index: LongArray) -> IndexArray:
+    """Return the numbers of nodes with given indices along the axes, int64[n, dim]."""
+    return np.asarray(np.ravel_multi_index(tuple(index.T), grid.shape))
+
+
+def _active(grid: CartesianGrid, nodes: IndexArray) -> IndexArray:
+    return nodes if grid.active is None else nodes[grid.active.ravel()[nodes]]
