@@ -29,7 +29,7 @@ import numpy.typing as npt
 from _gallery import CURVES, DATA, draw_mesh, drawing, run, save_drawing
 
 import adaptsize as ads
-from adaptsize.domain_size.image_regions import distance_to_edge, mask_of
+from adaptsize.domain_size.masks import distance_to_edge, mask_of
 from adaptsize.options import ImageOptions, checked
 from adaptsize.quality import size_conformity
 

@@ -67,6 +67,23 @@ def test_sizes_do_not_pass_through_the_outside(on):
     assert_allclose(size([[0.7, 0.0]]), 0.025, atol=0.004)
 
 
+@pytest.mark.parametrize("on", ["grid", "octree", "image", "solid"])
+def test_the_number_of_elements_in_a_level_set_is_that_of_its_measure(on):
+    options, n = {"hmin": 0.1, "hmax": 0.1}, 4.0 / np.sqrt(3.0) * np.pi / 0.1**2
+    if on == "image":
+        pixels = CartesianGrid([-1.3, -1.3], 0.02, (131, 131)).sample(disc) < 0.0
+        size = size_function(pixels, spacing=0.02, **options)
+    elif on == "solid":
+        grid = CartesianGrid([-1.2] * 3, 0.06, (41, 41, 41))
+        size = size_function(lambda x: disc(x, (0.0, 0.0, 0.0)), background=grid, **options)
+        n = 1.22 * 6.0 * np.sqrt(2.0) * 4.0 / 3.0 * np.pi / 0.1**3
+    else:
+        size = size_function(
+            disc, **({"background": GRID} if on == "grid" else {"box": BOX}), **options
+        )
+    assert size.report.n_elements == pytest.approx(n, rel=0.01)
+
+
 def test_outside_sizes_go_on_as_at_the_boundary():
     size = size_function(
         disc, background=GRID, elements_per_radian=5.0, elements_across=0.0, g=G, hmax=10.0

@@ -128,12 +128,16 @@ def _split(
     )
 
 
-def halved_edges(edges: IntArray, split: IntArray, n_points: int) -> IntArray:
-    """Return ``edges`` with those in ``split`` halved; row k has the midpoint n_points + k."""
-    middle = np.arange(n_points, n_points + len(split), dtype=np.int32)
-    affected = are_among(split, edges)
-    halves = [np.column_stack([split[affected, end], middle[affected]]) for end in (0, 1)]
-    return np.concatenate([edges[~are_among(edges, split)], *halves]).astype(np.int32)
+def halved_edges(edges: IntArray, split: IntArray, n_points: int) -> tuple[IntArray, IndexArray]:
+    """Return ``edges`` with those in ``split`` halved, and the row of ``edges`` of each.
+
+    Row k of ``split`` has the midpoint n_points + k.
+    """
+    row, whole = rows_among(split, edges), np.flatnonzero(~are_among(edges, split))
+    cut = np.flatnonzero(row >= 0)
+    middle = (n_points + cut).astype(np.int32)
+    halves = [np.column_stack([split[cut, end], middle]) for end in (0, 1)]
+    return np.concatenate([edges[whole], *halves]), np.concatenate([whole, row[cut], row[cut]])
 
 
 def with_short_edges(

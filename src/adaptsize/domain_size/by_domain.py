@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -41,19 +40,6 @@ class SizedDomain(Protocol):
         ...
 
 
-class _Cached:
-    """Expensive results that do not depend on the request, by their names."""
-
-    def __init__(self) -> None:
-        self._values: dict[str, FloatArray] = {}
-
-    def get(self, name: str, compute: Callable[[], FloatArray]) -> FloatArray:
-        """Return the result of that name, computed once."""
-        if name not in self._values:
-            self._values[name] = compute()
-        return self._values[name]
-
-
 @dataclass
 class LevelSet:
     """The region where a signed distance on a grid is negative."""
@@ -62,7 +48,8 @@ class LevelSet:
     phi: FloatArray
     is_image: bool = False
     """Whether the boundary ripples with the pixels of an image."""
-    _cached: _Cached = field(default_factory=_Cached)
+    _width: FloatArray | None = None
+    """Found once: it does not depend on the request."""
 
     @property
     def dim(self) -> int:
@@ -95,11 +82,11 @@ class LevelSet:
                 g=request.g,
             )
         if request.across > 0.0:
-            width = self._cached.get(
-                "width",
-                lambda: size_from_feature(grid, phi, elements_across=1.0, progress=request.report),
-            )
-            bounds["width"] = width / request.across
+            if self._width is None:
+                self._width = size_from_feature(
+                    grid, phi, elements_across=1.0, progress=request.report
+                )
+            bounds["width"] = self._width / request.across
         # In space, bounds in an image are less accurate than fast marching, and the exact method
         # takes longer than all other steps together.
         quick = self.is_image and grid.dim == 3
@@ -184,7 +171,9 @@ class MeshDomain:
 
     mesh: SimplexMesh
     background: AnyBackground | None
-    _cached: _Cached = field(default_factory=_Cached)
+    # Found once: they do not depend on the request.
+    _radius: FloatArray | None = None
+    _width: FloatArray | None = None
     _features: _Features | None = None
 
     @property
@@ -199,7 +188,8 @@ class MeshDomain:
         bounds.points, bounds.is_rough = self._separated(request)
         if self.background is None:
             bounds.nodal = self._bounds(mesh, None, request) | request.external(mesh)
-            return _sized(bounds, request, with_tolerance="curvature" in bounds.nodal)
+            bounds.of_chords = True
+            return _sized(bounds, request)
         boundary = mesh if mesh.cell_dim == mesh.dim - 1 else mesh.boundary().mesh
         bounds.nodal = self._bounds(background, boundary, request)
         if not isinstance(background, SimplexMesh):
@@ -224,10 +214,9 @@ class MeshDomain:
             sampled = found.at_nodes if self.background is None else found.sampled
             self._features = _Features(*sampled(request.report), faces.is_rough, boundary.diameter)
         places, distances, is_rough, diameter = self._features
-        between = request.between(is_rough)
-        if between == 0.0:
+        if request.between(is_rough) == 0.0:
             return [], is_rough
-        sizes = np.maximum(distances, request.least_separation * diameter) / between
+        sizes = request.on_features(distances, diameter, is_rough)
         return [("separation", places, sizes)], is_rough
 
     def _bounds(
@@ -235,15 +224,17 @@ class MeshDomain:
     ) -> dict[str, FloatArray]:
         mesh, angle, bounds = self.mesh, request.crease_angle, {}
         if boundary is None and request.bounds_curvature:
-            radius = self._cached.get("radius", lambda: radius_at_curves(mesh, angle))
-            bounds["curvature"] = request.on_curves(radius, mesh.diameter)
+            if self._radius is None:
+                self._radius = radius_at_curves(mesh, angle)
+            bounds["curvature"] = request.on_curves(self._radius, mesh.diameter)
         elif request.per_radian > 0.0:  # not the size on the boundary alone: no tolerance
             bounds["curvature"] = size_from_curvature(
                 background, boundary, elements_per_radian=request.per_radian, crease_angle=angle
             )
         if request.across > 0.0:
-            width = self._cached.get("width", lambda: self._widths(background, boundary, request))
-            bounds["width"] = width / request.across
+            if self._width is None:
+                self._width = self._widths(background, boundary, request)
+            bounds["width"] = self._width / request.across
         return bounds
 
     def _widths(
@@ -259,10 +250,8 @@ class MeshDomain:
         return np.minimum(width, width_in_regions(self.mesh, angle, request.report))
 
 
-def _sized(
-    bounds: Bounds, request: Request, *, with_tolerance: bool = False
-) -> tuple[SizeFunction, SizeReport]:
+def _sized(bounds: Bounds, request: Request) -> tuple[SizeFunction, SizeReport]:
     """Return the limited minimum of the bounds as a size function, and its report."""
-    h, report = bounds.limited(request, with_tolerance=with_tolerance)
+    h, report = bounds.limited(request)
     sources = None if report.info is None else report.info.sources
     return SizeFunction(bounds.background, h, sources=sources), report

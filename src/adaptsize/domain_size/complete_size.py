@@ -15,8 +15,8 @@ from adaptsize.background.octree import as_box
 from adaptsize.background.simplex import as_own
 from adaptsize.domain_size.budget import within_budget
 from adaptsize.domain_size.by_domain import LevelSet, SizedDomain, mesh_domain
-from adaptsize.domain_size.image_regions import distance_to_edge, mask_of
 from adaptsize.domain_size.implicit import ImplicitDomain, octree_around
+from adaptsize.domain_size.masks import distance_to_edge, mask_of
 from adaptsize.domain_size.request import Implicit, Request
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.implicit_surface import checked as checked_function

@@ -111,16 +111,15 @@ class ImplicitDomain:
         inner = inner_cells(tree.mesh, nodes.depth >= -1e-12 * tree.mesh.diagonal)
         edges = tree.mesh.edges
         near = np.unique(edges[-nodes.depth[edges].sum(axis=1) <= tree.mesh.edge_lengths])
-        everywhere = np.full(tree.n_points, np.inf)
+        width = np.full(tree.n_points, np.inf)
         seen = Depths(nodes.depth[near], nodes.outward[near])
-        everywhere[near] = width_within(boundary, tree.points[near], seen, tree.diagonal, report)
+        width[near] = width_within(boundary, tree.points[near], seen, tree.diagonal, report)
         reach = longest_edges(inner.mesh)
         close = nodes.depth[inner.nodes] <= reach
         closest = nodes.closest_points(tree.points)[inner.nodes[close]]
         curvature = np.full(len(close), np.nan)
         curvature[close] = self._curvature(tree, closest, reach[close], request)
-        width = everywhere[inner.nodes]
-        return Shape(tree, nodes, inner, width, everywhere, curvature)
+        return Shape(tree, nodes, inner, width, curvature)
 
     def _curvature(
         self, tree: Octree, points: FloatArray, reach: FloatArray, request: Request

@@ -55,9 +55,8 @@ class Shape(NamedTuple):
     inner: InnerCells
     """The cells with an inside node."""
     width: FloatArray
-    """Width of the domain at the closest points of the nodes of the inner cells."""
-    everywhere: FloatArray
-    """The same at the nodes of the octree, inf where the domain is not next to them."""
+    """Width of the domain at the closest points of the nodes of the octree, inf where the domain is
+    not next to them."""
     curvature: FloatArray
     """Of the closest point of the boundary, at the nodes of the inner cells; nan far from it."""
 
@@ -104,7 +103,7 @@ def limited_on_octree(
     if request.per_radian > 0.0:
         bounds["curvature"] = _size_of_curvature(shape, request.per_radian, request.g)
     if request.across > 0.0:
-        bounds["width"] = shape.width / request.across
+        bounds["width"] = shape.width[inner.nodes] / request.across
     bounds |= {name: h[inner.nodes] for name, h in request.external(shape.tree).items()}
     weights = _measures_inside(inner.mesh, -shape.nodes.depth[inner.nodes])
     h, report = Bounds(inner.mesh, bounds, limits, weights).limited(request)
@@ -232,7 +231,6 @@ def adapted(shape: Shape, h: FloatArray, hmin: float, request: Request) -> Octre
     # Shorter leaves hold the tolerance for sizes with any gradient that is usual.
     can = (times == 0) & (edges > 0.2 * least)
     error = np.where(can, leaf_errors(shape, h), 0.0)
-    error[can & _is_double(shape, h)[tree.leaf_corners].any(axis=1)] = np.inf
     if not times.any() and error.max() <= largest * TOLERANCE:
         return None
     times[error > wanted * TOLERANCE] = 1
@@ -254,7 +252,7 @@ def _requested(shape: Shape, h: FloatArray, hmin: float, request: Request) -> Fl
     # Outside, sizes are extrapolated; those at the boundary count.
     requested, grown = at_nodes(shape, h), request.g * np.maximum(-depth, 0.0)
     if request.across > 0.0:
-        requested = np.minimum(requested, np.maximum(shape.everywhere / request.across, hmin))
+        requested = np.minimum(requested, np.maximum(shape.width / request.across, hmin))
     requested += grown
     if request.per_radian > 0.0:
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -262,13 +260,6 @@ def _requested(shape: Shape, h: FloatArray, hmin: float, request: Request) -> Fl
         longest = np.maximum(0.5 * radius, hmin)
         np.minimum.at(requested, inner.nodes, longest)
     return requested
-
-
-def _is_double(shape: Shape, h: FloatArray) -> BoolArray:
-    """Return which nodes in a gap of the domain have different sizes for its two sides."""
-    highest = np.full(shape.tree.n_points, -np.inf)
-    np.maximum.at(highest, shape.inner.nodes, h)
-    return np.asarray(highest > (1.0 + TOLERANCE) * at_nodes(shape, h))
 
 
 def leaf_errors(shape: Shape, h: FloatArray) -> FloatArray:

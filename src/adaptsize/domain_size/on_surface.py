@@ -16,8 +16,8 @@ from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import ordered_by_place, reordered
-from adaptsize.background.splitting import SplitMesh, split_edges
-from adaptsize.background.topology import are_among, rows_among
+from adaptsize.background.splitting import SplitMesh, halved_edges, split_edges
+from adaptsize.background.topology import rows_among
 from adaptsize.domain_size.request import Bounds, PointBounds, Request, bound_at_nodes
 from adaptsize.errors import InputWarning, OpenSurfaceWarning
 from adaptsize.geometry.creases import folds_of
@@ -207,15 +207,8 @@ class _Marked:
 
     def split(self, parents: IntArray, n_points: int) -> _Marked:
         """Return the edges after those in ``parents`` were halved; row k has node n_points + k."""
-        found = self.find(parents)
-        cut = np.flatnonzero(found >= 0)
-        lost = are_among(self.edges, parents[cut])
-        middle = (n_points + cut).astype(np.int32)
-        halves = [np.column_stack([parents[cut, end], middle]) for end in (0, 1)]
-        return _Marked(
-            np.concatenate([self.edges[~lost], *halves]),
-            np.concatenate([self.row[~lost], found[cut], found[cut]]),
-        )
+        edges, origin = halved_edges(self.edges, parents, n_points)
+        return _Marked(edges, self.row[origin])
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,9 +257,9 @@ class _Surface:
         mesh, faces = self.mesh, self.shape.faces
         bounds = dict(self.nodal)
         if "separation" in bounds:
-            least = request.least_separation * faces.mesh.diameter
-            between = request.between(faces.is_rough)
-            bounds["separation"] = np.maximum(bounds["separation"], least) / between
+            bounds["separation"] = request.on_features(
+                bounds["separation"], faces.mesh.diameter, faces.is_rough
+            )
         points = [(name, at, across_surface(w, request)) for name, at, w in self.in_facets]
         if "width" in bounds:
             bounds["width"] = across_surface(bounds["width"], request)
@@ -276,7 +269,9 @@ class _Surface:
             request.limits(faces.mesh.diameter),
             points=points,
             is_rough=faces.is_rough,
-        ).limited(request, through_space=True, with_tolerance="curvature" in bounds)
+            through_space=True,
+            of_chords=True,
+        ).limited(request)
         return SizeFunction(mesh, h, g=request.g, hmax=report.hmax), report
 
     def split(self, long: BoolArray, request: Request) -> _Surface:

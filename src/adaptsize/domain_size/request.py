@@ -125,11 +125,6 @@ class Request:
         return 0.0 if is_rough else max(1.0 / self.relaxation, 0.25)
 
     @property
-    def least_separation(self) -> float:
-        """Least separation over the diameter that counts: closer features may be joined."""
-        return self.chord_tolerance if np.isfinite(self.chord_tolerance) else TOLERANCE
-
-    @property
     def chord_tolerance(self) -> float:
         """Distance of chords from curved boundaries, over the diameter; inf if not limited."""
         if self.options["tolerance"] is not None:
@@ -145,6 +140,12 @@ class Request:
         """Return sizes that resolve curves of given radii and leave a mesh within the tolerance."""
         chords = size_of_chords(radius, self.chord_tolerance * diameter)
         return np.minimum(radius / self.per_radian, chords) if self.per_radian else chords
+
+    def on_features(self, separation: FloatArray, diameter: float, is_rough: bool) -> FloatArray:
+        """Return sizes between features; those closer than the tolerance may be joined."""
+        finite = np.isfinite(self.chord_tolerance)
+        least = (self.chord_tolerance if finite else TOLERANCE) * diameter
+        return np.maximum(separation, least) / self.between(is_rough)
 
     def limits(self, diameter: float, least: float = 0.0) -> tuple[float, float]:
         """Return hmin and hmax; by default in proportion to the diameter of the domain."""
@@ -234,15 +235,12 @@ class Bounds:
     """Applied by the exact method at their positions; on surfaces, only through space."""
     is_rough: bool = False
     """Whether the boundary of the domain is."""
+    through_space: bool = False
+    """Whether sizes grow through the space around a surface, not along it."""
+    of_chords: bool = False
+    """Whether the bound by curvature, if there is one, keeps edges within the tolerance."""
 
-    def limited(
-        self,
-        request: Request,
-        *,
-        through_space: bool = False,
-        with_tolerance: bool = False,
-        **options: Any,
-    ) -> tuple[FloatArray, SizeReport]:
+    def limited(self, request: Request, **options: Any) -> tuple[FloatArray, SizeReport]:
         """Return the minimum of the bounds, limited as requested, and its report.
 
         Where the exact method applies, the sources of the sizes determine the causes.  Elsewhere
@@ -252,24 +250,17 @@ class Bounds:
         Parameters
         ----------
         request : Request
-        through_space : bool
-            Whether sizes grow through the space around a surface, not along it.
-        with_tolerance : bool
-            Whether the bound from curvature is within the tolerance.
         **options
             Of `limit_gradient`, where there are no points.
         """
         if request.options["size_of"]:
             freed = self._overridden(request.options["size_of"])
             fixed = replace(request, options={**request.options, "size_of": None})
-            return freed.limited(
-                fixed, through_space=through_space, with_tolerance=with_tolerance, **options
-            )
+            return freed.limited(fixed, **options)
         background, (low, high) = self.background, self.limits
         dim = background.dim
         points = [*self.points, *request.points(dim)]
-        has_features = "separation" in (*self.nodal, *(name for name, _, _ in points))
-        if measure_dim(background) < dim and not through_space:
+        if measure_dim(background) < dim and not self.through_space:
             points = []  # point sources act at the nodes around them
         names = (*dict.fromkeys([*self.nodal, *(name for name, _, _ in points)]), "hmin", "hmax")
         requested = np.full(background.nodal_shape, high)
@@ -289,7 +280,7 @@ class Bounds:
         kept = sizes < high  # others bound nothing
         places, sizes, of_points = places[kept], np.maximum(sizes[kept], low), of_points[kept]
         info, roots = None, None
-        if through_space:
+        if self.through_space:
             assert isinstance(background, SimplexMesh)
             every = np.concatenate([background.points, places])
             bound = np.concatenate([requested, sizes])
@@ -307,19 +298,10 @@ class Bounds:
             cause = np.append(np.concatenate([own.ravel(), of_points]), np.int8(NONE))[roots]
         else:
             cause = _by_separate_runs(background, requested, own, len(names) - 1, request.g)
-        report = self._report(names, cause, h, info)
+        report = self._report(request, names, cause, h, info)
         if roots is not None and isinstance(background, SimplexMesh):
             report = replace(report, origin=self._origin(roots.ravel(), cause.ravel(), places))
-        tolerance = _tolerance_of(h, self.nodal, background, request) if with_tolerance else np.inf
-        return h, replace(
-            report,
-            g=request.g,
-            elements_per_radian=request.per_radian,
-            elements_across=request.across,
-            elements_between=request.between(self.is_rough) if has_features else 0.0,
-            tolerance=tolerance,
-            chord_tolerance=request.chord_tolerance,
-        )
+        return h, report
 
     def _overridden(self, size_of: Mapping[str, float]) -> Bounds:
         """Return the bounds without those of the shape on some parts, which have own sizes."""
@@ -352,6 +334,7 @@ class Bounds:
 
     def _report(
         self,
+        request: Request,
         names: tuple[str, ...],
         cause: npt.NDArray[np.int8],
         h: FloatArray,
@@ -369,6 +352,9 @@ class Bounds:
         share = np.bincount(k, weights=elements, minlength=count) / max(elements.sum(), 1e-300)
         least = np.full(count, np.inf)
         np.minimum.at(least, k, sizes)
+        tolerance = np.inf
+        if self.of_chords and "curvature" in self.nodal:
+            tolerance = _tolerance_of(h, self.nodal["curvature"], self.background, request)
         return SizeReport(
             background=self.background,
             causes=names,
@@ -379,10 +365,15 @@ class Bounds:
             largest=float(sizes.max(initial=0.0)),
             bounds={n: self.nodal.get(n, np.full(cause.shape, np.inf)) for n in names[:-2]},
             info=info,
-            g=0.0,
+            g=request.g,
             hmin=self.limits[0],
             hmax=self.limits[1],
             n_elements=float(ELEMENTS_PER_MEASURE[dim] * elements.sum()),
+            elements_per_radian=request.per_radian,
+            elements_across=request.across,
+            elements_between=request.between(self.is_rough) if "separation" in names else 0.0,
+            tolerance=tolerance,
+            chord_tolerance=request.chord_tolerance,
             is_rough=self.is_rough,
         )
 
@@ -413,7 +404,7 @@ def _by_separate_runs(
 
 
 def _tolerance_of(
-    h: FloatArray, bounds: Mapping[str, FloatArray], background: AnyBackground, request: Request
+    h: FloatArray, bound: FloatArray, background: AnyBackground, request: Request
 ) -> float:
     """Return the tolerance for a mesh of these sizes.
 
@@ -424,7 +415,7 @@ def _tolerance_of(
     largest = request.chord_tolerance
     if request.options["tolerance"] is not None or largest <= TOLERANCE:
         return largest
-    bound, diameter = bounds["curvature"], background.diameter
+    diameter = background.diameter
     curved = np.isfinite(bound) & np.isfinite(h)
     if not curved.any():
         return TOLERANCE

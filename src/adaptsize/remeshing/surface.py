@@ -76,7 +76,7 @@ def refine_surface(
         if not long.any() or mesh.n_cells + 2 * int(long.sum()) > 400_000:
             return mesh, _ridges(mesh, kept, size)
         split = split_edges(mesh, long)
-        kept = halved_edges(kept, mesh.edges[split.split_edges], mesh.n_points)
+        kept = halved_edges(kept, mesh.edges[split.split_edges], mesh.n_points)[0]
         mesh, new_node = _without_slivers(split.mesh, height)
         kept = renumbered_edges(kept, new_node)
         mesh = _with_better_facets(mesh)
@@ -120,7 +120,7 @@ def refine_facets(mesh: SimplexMesh, size: Size, tolerance: float) -> tuple[Simp
         if not long.any():
             break
         split = bisect_edges(mesh, long)
-        kept = halved_edges(kept, mesh.edges[split.split_edges], mesh.n_points)
+        kept = halved_edges(kept, mesh.edges[split.split_edges], mesh.n_points)[0]
         mesh = split.mesh
         surface = facets_of(mesh)
     return mesh, _ridges(surface, kept, size)

@@ -211,7 +211,7 @@ def sharp_cells(mesh: SimplexMesh) -> tuple[int, tuple[float, ...]]:
 
 def outcome_of_image(mesh: SimplexMesh, image: Image, options: ImageOptions) -> Outcome:
     """Compare a mesh of an image with its nodal field h, and its volume with that of the voxels."""
-    from adaptsize.domain_size.image_regions import mask_of
+    from adaptsize.domain_size.masks import mask_of
     from adaptsize.quality import check_mesh, size_conformity
     from adaptsize.quality.boundary import region_measures
 
