@@ -25,6 +25,12 @@ PLY = (
     "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
     "property float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header"
 )
+NASTRAN = (
+    b"BEGIN BULK\nGRID           1              0.      0.      0.\n"
+    b"GRID           2%8s      1.      0.      0.\n"
+    b"GRID           3              0.      1.      0.\n"
+    b"CTRIA3         1       1       1       2       3\nENDDATA\n"
+)
 QUAD = "QUAD\n0 0 1\n1 0 1\n1 1 1\n0 1 1\n4 0 1 2 3\n"
 BAD_FILES = {
     "empty.stl": (b"", "is empty"),
@@ -38,6 +44,12 @@ BAD_FILES = {
     "blah.stl": (ASCII_STL.replace("1.0e0 1 1", "1 blah 1").encode(), "not three numbers .*'blah'"),
     "corner.stl": (ASCII_STL.replace("1.0e0 1 1", "1").encode(), "not three numbers"),
     "nan.stl": (ASCII_STL.replace("1.0e0 1 1", "nan 1 1").encode(), "point 3 is not finite"),
+    "system.bdf": (NASTRAN % b"       1", r"coordinate systems \(CP of GRID\)"),
+    "free.bdf": (
+        (NASTRAN % b"").replace(b"GRID    ", b"GRID,4,12,0.,0.,0.\nGRID    ", 1),
+        "CP of GRID",
+    ),
+    "include.bdf": (b"INCLUDE 'a.bdf'\n" + NASTRAN % b"", "has INCLUDE"),
     "points.ply": (
         b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
         b"property float z\nend_header\n0 0 0\n",

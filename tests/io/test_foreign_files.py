@@ -43,18 +43,48 @@ def test_gmsh_2_files_with_element_fields_are_read_without_them(tmp_path):
     assert_array_equal(mesh.facet_tags, [4])
 
 
-def test_gmsh_4_files_give_physical_groups(tmp_path):
+def test_gmsh_2_files_repeat_elements_for_each_group_and_the_first_is_kept(tmp_path):
+    file = tmp_path / "groups.msh"
+    file.write_text(
+        "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 1 1 0\n"
+        "$EndNodes\n$Elements\n4\n1 2 2 5 1 1 2 3\n2 2 2 6 1 1 2 3\n3 1 2 4 1 1 2\n"
+        "4 2 2 6 2 2 4 3\n$EndElements\n"
+    )
+    with pytest.warns(InputWarning, match="1 elements that repeat another"):
+        mesh = read(file)
+    assert_array_equal(mesh.cells, [[0, 1, 2], [1, 3, 2]])
+    assert_array_equal(mesh.cell_tags, [5, 6])
+    assert_array_equal(mesh.facet_tags, [4])
+
+
+def test_su2_markers_keep_their_names_and_numbers(tmp_path):
+    file = tmp_path / "a.su2"
+    markers = ["7", "lower wall", "8", "far"]  # meshio counts on from 7
+    lines = "".join(f"MARKER_TAG= {name}\nMARKER_ELEMS= 1\n3 {i} {(i + 1) % 4}\n"
+                    for i, name in enumerate(markers))  # fmt: skip
+    file.write_text(
+        "NDIME= 2\nNELEM= 2\n5 0 1 2 0\n5 0 2 3 1\nNPOIN= 4\n0 0 0\n1 0 1\n1 1 2\n0 1 3\n"
+        f"NMARK= 4\n{lines}"
+    )
+    mesh = read(file)
+    assert_array_equal(mesh.facet_tags, [7, 1, 8, 2])
+    assert mesh.tag_names == {(1, 1): "lower wall", (1, 2): "far"}
+
+
+@pytest.mark.parametrize("of_line", ["1 11", "0"])
+def test_gmsh_4_files_give_physical_groups(tmp_path, of_line):
     file = tmp_path / "groups.msh"
     file.write_text(
         "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
-        "$Entities\n0 1 1 0\n1 0 0 0 1 0 0 1 11 0\n1 0 0 0 1 1 0 1 22 0\n$EndEntities\n"
+        f"$Entities\n0 1 1 0\n1 0 0 0 1 0 0 {of_line} 0\n1 0 0 0 1 1 0 1 22 0\n$EndEntities\n"
         "$Nodes\n1 3 1 3\n2 1 0 3\n1\n2\n3\n0 0 0\n1 0 0\n0 1 0\n$EndNodes\n"
         "$Elements\n2 2 1 2\n1 1 1 1\n1 1 2\n2 1 2 1\n2 1 2 3\n$EndElements\n"
     )
     mesh = read(file)
     assert_array_equal(mesh.cell_tags, [22])
-    assert_array_equal(mesh.tagged_facets, [[0, 1]])
-    assert_array_equal(mesh.facet_tags, [11])
+    if of_line == "1 11":
+        assert_array_equal(mesh.tagged_facets, [[0, 1]])
+        assert_array_equal(mesh.facet_tags, [11])
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,13 @@ Modules with compiled kernels are not imported here, because that would take a s
 from __future__ import annotations
 
 import io
+import itertools
 import re
 import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +28,7 @@ _VERTEX = re.compile(rb"^[ \t]*v[ \t]", re.M)  # of OBJ
 _ELEMENT_DATA = re.compile(rb"^\$ElementData\s*?\n.*?^\$EndElementData\s*?\n", re.M | re.S)
 #: The names of physical groups.  meshio keeps one per name; a volume and its skin may share one.
 _NAMES = re.compile(r"^\$PhysicalNames\s*$(.*?)^\$EndPhysicalNames", re.M | re.S)
+_MARKER = re.compile(r"^([ \t]*MARKER_TAG[ \t]*=[ \t]*)(.*?)[ \t\r]*$", re.M)  # of SU2
 _NAME = re.compile(r'^[ \t]*([0-3])\s+(-?\d+)\s+"([^"\n]*)"', re.M)
 
 
@@ -92,6 +98,7 @@ def read_meshio(path: Path) -> RawMesh:
     import meshio
 
     suffix, notes, names = path.suffix.lower(), list[str](), dict[tuple[int, int], str]()
+    repeats = False
     if suffix == ".msh":
         from meshio.gmsh.main import read_buffer
 
@@ -101,18 +108,26 @@ def read_meshio(path: Path) -> RawMesh:
             names = {(int(dim), int(tag)): name for dim, tag, name in found if name.strip()}
         # meshio takes version "4" for 4.1, and fails on fields of elements in version 2.
         content = re.sub(rb"\A\$MeshFormat\s+4(?=\s)", b"$MeshFormat\n4.0", content)
-        if re.match(rb"\$MeshFormat\s+2", content):
+        repeats = bool(re.match(rb"\$MeshFormat\s+2", content))
+        if repeats:
             content, n_left_out = _ELEMENT_DATA.subn(b"", content)
             notes += ["cell fields ($ElementData) left out"] * (n_left_out > 0)
-        with tempfile.TemporaryFile() as file:  # NumPy reads only what the system has opened
-            file.write(content)
-            file.seek(0)
-            mesh: Any = read_buffer(file)
+        # NumPy reads only what the system has opened.
+        with tempfile.TemporaryFile() as opened, _groups_of_all_entities():
+            opened.write(content)
+            opened.seek(0)
+            mesh: Any = read_buffer(opened)
     elif suffix in (".bdf", ".nas", ".fem"):
         text = path.read_text(encoding="latin-1")
         if not re.search(r"^BEGIN BULK", text, re.M):  # as Gmsh writes them
             text = f"BEGIN BULK\n{text}"
         mesh = meshio.read(io.StringIO(text), "nastran")
+    elif suffix == ".su2":
+        text, names = _numbered_markers(path.read_text(encoding="utf-8", errors="replace"))
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder, "numbered.su2")
+            file.write_text(text, encoding="utf-8")
+            mesh = meshio.read(file)
     else:
         if suffix in (".xdmf", ".xmf"):
             refuse_links(path)
@@ -123,7 +138,65 @@ def read_meshio(path: Path) -> RawMesh:
         raise MeshFileError(f"holds cells of type {ragged!r}, which cannot be read")
     points = np.asarray(mesh.points, dtype=np.float64)
     numeric = {name: v for name, v in mesh.point_data.items() if np.asarray(v).dtype != object}
-    return RawMesh(points, blocks, numeric, mesh.cell_data, names, notes)
+    raw = RawMesh(points, blocks, numeric, mesh.cell_data, names, notes)
+    return _without_repeated(raw) if repeats else raw
+
+
+@contextmanager
+def _groups_of_all_entities() -> Iterator[None]:
+    """Let meshio give the group 0 to entities without a group; it fails if only some have one."""
+    from meshio.gmsh import _gmsh40, _gmsh41
+
+    def with_group(read: Callable[..., Any], *given: Any) -> Any:
+        found = read(*given)
+        for groups in found[0] if isinstance(found[0], tuple) else found:
+            groups.update({entity: [0] for entity, held in groups.items() if not held})
+        return found
+
+    modules = {module: module._read_entities for module in (_gmsh40, _gmsh41)}
+    for module, read in modules.items():
+        module._read_entities = partial(with_group, read)
+    try:
+        yield
+    finally:
+        for module, read in modules.items():
+            module._read_entities = read
+
+
+def _without_repeated(raw: RawMesh) -> RawMesh:
+    """Return the first of the elements that version 2 repeats for each of their groups."""
+    kept = [np.ones(len(cells), bool) for _, cells in raw.blocks]
+    for name in {name for name, _ in raw.blocks}:
+        of_type = [i for i, block in enumerate(raw.blocks) if block[0] == name]
+        rows = np.sort(np.concatenate([raw.blocks[i][1] for i in of_type]), axis=1)
+        is_first = np.zeros(len(rows), bool)
+        is_first[np.unique(rows, axis=0, return_index=True)[1]] = True
+        ends = np.cumsum([len(kept[i]) for i in of_type])[:-1]
+        for i, part in zip(of_type, np.split(is_first, ends), strict=True):
+            kept[i] = part
+    n_repeated = sum(np.count_nonzero(~part) for part in kept)
+    if not n_repeated:
+        return raw
+    blocks = [(name, cells[own]) for (name, cells), own in zip(raw.blocks, kept, strict=True)]
+    cell_data = {
+        name: [values[own] for values, own in zip(parts, kept, strict=True)]
+        for name, parts in raw.cell_data.items()
+    }
+    notes = [*raw.notes, f"{n_repeated} elements that repeat another, in a further group, dropped"]
+    return replace(raw, blocks=blocks, cell_data=cell_data, notes=notes)
+
+
+def _numbered_markers(text: str) -> tuple[str, dict[tuple[int, int], str]]:
+    """Return a text of SU2 with numbers for the names of markers, and the names.
+
+    meshio counts on from the last number, which may be that of another marker.
+    """
+    names = dict.fromkeys(name for _, name in _MARKER.findall(text))
+    free = (k for k in itertools.count(1) if str(k) not in names)
+    number = {name: name if name.isdigit() else str(next(free)) for name in names}
+    dim = re.search(r"^[ \t]*NDIME[ \t]*=[ \t]*(\d)", text, re.M)
+    tags = {(int(dim[1]) - 1, int(k)): n for n, k in number.items() if dim and n != k}
+    return _MARKER.sub(lambda found: f"{found[1]}{number[found[2]]}", text), tags
 
 
 def read_shp(path: Path) -> dict[str, Any]:

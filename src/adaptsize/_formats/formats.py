@@ -153,7 +153,7 @@ FORMATS: dict[str, Format] = {
     "fort.14": Format((".14", ".grd", ".gr3"), fort14.write, fort14.read, holds=_CELLS, dims=(2,)),
     "abaqus": Format((".inp",), write_abaqus, _ABAQUS, None, check.check_abaqus, _CELLS),
     "nastran": Format(
-        (".bdf", ".nas", ".fem"), write_nastran, _MESHIO, check.check_nastran_end, holds=_CELLS
+        (".bdf", ".nas", ".fem"), write_nastran, _MESHIO, check.check_nastran, holds=_CELLS
     ),
     "su2": Format(
         (".su2",), write_su2, _MESHIO, check.check_su2_points, check.check_su2, _CELLS, _FULL
