@@ -11,6 +11,7 @@ from adaptsize._kernels.smoothing import fill_quality, smooth_nodes
 from adaptsize._kernels.swapping import Tetrahedra, new_work, swap
 from adaptsize.background import topology
 from adaptsize.remeshing.improvement import _with_nodes as with_nodes
+from adaptsize.remeshing.improvement import improved
 
 
 def volume_length(points, cells):
@@ -99,3 +100,16 @@ def test_an_edge_is_divided_only_if_its_node_or_one_halfway_spoils_no_cell(heigh
     added = np.empty((0, 3)) if reached is None else [[0.5, reached, reached]]
     np.testing.assert_allclose(new.points[4:], added, atol=1e-15)
     assert volume_length(new.points, new.cells).min() > 0.2
+
+
+def test_a_plane_edge_too_far_from_the_old_boundary_gets_a_node_there():
+    angles = np.arange(48) * np.pi / 24.0
+    points = [*np.stack([np.cos(angles), np.sin(angles)], axis=1), [0.0, 0.0]]
+    given = ads.SimplexMesh(points, [[i, (i + 1) % 48, 48] for i in range(48)])
+    cells = [[i, i + 1, 48] for i in range(46)] + [[46, 0, 48]]  # without node 47
+    mesh = ads.SimplexMesh(points, cells, tagged_facets=[[46, 0], [0, 1]], facet_tags=[3, 4])
+    away = 1.0 - np.cos(np.pi / 24.0)
+    new = improved(mesh, given, 1.05 * away)
+    np.testing.assert_allclose(new.points[-1], points[47], atol=1e-3)
+    assert (new.n_cells, sorted(new.facet_tags)) == (48, [3, 3, 4])
+    assert improved(mesh, given, 1.2 * away) is mesh

@@ -243,7 +243,7 @@ def remesh(
             new = _filled(problem, chosen, run, n_cells)
         else:
             new = restore(chosen.solve(problem, run), problem, chosen.name)
-            if new.cell_dim == 3 and metric is None and required is None:
+            if new.cell_dim == new.dim and metric is None and required is None:
                 new = improved(new, problem.mesh, problem.tolerance)
     made = frame.restored(new, repaired.mesh)
     warn_of_deviation(made, repaired.mesh, allowed, may_be_joined=may_be_joined)

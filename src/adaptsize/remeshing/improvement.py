@@ -1,11 +1,11 @@
-"""Tetrahedra after a generator: nodes that left the boundary, and the worst cells.
+"""Meshes after a generator: nodes that left the boundary, and the worst tetrahedra.
 
 Mmg puts single nodes beside corners off the surface, by up to five times its tolerance.  They are
 projected back, and the few edges that are still too far away get a node on the surface.  Then edges
 and faces of the worst cells are swapped, each region on its own, and nodes are moved: inside of
 regions freely, on smooth boundaries and interfaces along these.  No move is kept that makes the
 worst cell around a node worse or brings a facet farther away than the tolerance, and no pass that
-lowers the least angle or the least radius ratio of the mesh.
+lowers the least angle or the least radius ratio of the mesh.  In the plane, only edges get nodes.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from adaptsize.background.splitting import bisect_edges
 from adaptsize.geometry.creases import normals_of
 from adaptsize.quality.elements import minimum_angles, radius_ratios
 from adaptsize.remeshing.distmesh.finish import swapped, take_back, worst_of_nodes
-from adaptsize.remeshing.preparation import facet_numbers, number_regions
+from adaptsize.remeshing.preparation import collect_facets, facet_numbers, number_regions
 from adaptsize.remeshing.surface import facets_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -32,20 +32,22 @@ _ROUNDS = 3
 _FAR = 0.5
 _LEAST = 0.2
 #: Edges of facets whose middle is farther from the old surface than this share of the tolerance are
-#: divided, unless they are more than the other share.
-_NEAR, _FEW = 0.9, 0.02
+#: divided, unless they are more than the other share, in space and in the plane.
+_NEAR, _FEW, _FEW_IN_PLANE = 0.9, 0.02, 0.1
 #: Cosine of the angle between a facet and the plane at a node up to which a surface is smooth, and
 #: up to which nodes are moved along it if nothing else helps.
 _SMOOTH, _ROUGH = 0.97, 0.3
 
 
 def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> SimplexMesh:
-    """Return tetrahedra with facets within the tolerance and better cells, where that is possible.
+    """Return a mesh with facets within the tolerance, where that is possible.
+
+    Tetrahedra get better cells, too.
 
     Parameters
     ----------
     mesh : SimplexMesh
-        Tetrahedra of positive volume.
+        Tetrahedra of positive volume, or triangles in the plane.
     given : SimplexMesh
         The mesh or surface whose boundary and interfaces these must have.
     tolerance : float
@@ -57,6 +59,8 @@ def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> Simplex
         With the same tags and the same facets, but that those are divided which are too far, and
         with the same nodes, some of them moved.
     """
+    if mesh.dim == 2:
+        return _with_closer_edges(mesh, given, tolerance)
     old, surface = facets_of(given), facets_of(mesh)
     nodes = np.unique(surface.cells)
     distance = _nearest(old, mesh.points[nodes])[1]
@@ -107,6 +111,28 @@ def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> Simplex
     points, cells, groups = kept
     tags = None if mesh.cell_tags is None else groups
     return replace(mesh, points=points, cells=cells, cell_tags=tags)
+
+
+def _with_closer_edges(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> SimplexMesh:
+    """Return plane triangles with nodes of the old boundary where edges are too far from it.
+
+    Mmg leaves edges that are up to sqrt 2 times as long as the size, which then bulge by twice as
+    much.  Edges of interfaces and tagged edges are divided, too.
+    """
+    old = _curves_of(given)
+    for _ in range(_ROUNDS):
+        edges = _curves_of(mesh).cells
+        there, distance = _nearest(old, mesh.points[edges].mean(axis=1))
+        is_far = distance > _NEAR * tolerance
+        if not 0 < is_far.sum() <= _FEW_IN_PLANE * len(edges):
+            break
+        mesh = _with_nodes(mesh, edges[is_far], there[is_far])
+    return mesh
+
+
+def _curves_of(mesh: SimplexMesh) -> SimplexMesh:
+    """Return the edges of boundary, interfaces and tags as a mesh of segments."""
+    return SimplexMesh(mesh.points, collect_facets(mesh, number_regions(mesh)[0], None).nodes)
 
 
 def _qualities(mesh: SimplexMesh) -> FloatArray:
