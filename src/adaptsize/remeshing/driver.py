@@ -49,7 +49,6 @@ from adaptsize.remeshing.sizing import (
     as_size,
     known_points,
     mean_size,
-    once_per_point,
 )
 from adaptsize.remeshing.surface import refine_facets, refine_surface
 from adaptsize.remeshing.surface_checks import warn_of_surface
@@ -217,7 +216,6 @@ def remesh(
     own_size = frame.size(wanted)
     # Only Mmg rounds what it is given.
     if chosen.name == "mmg" and task in ("tetrahedra", "surface") and required is None:
-        own_size = once_per_point(own_size)
         is_plain = task == "surface" and own.is_closed and own.tagged_facets is None
         refined = refine_surface if is_plain else refine_facets
         own, ridges = refined(own, own_size, tolerance * own.diagonal)

@@ -29,7 +29,7 @@ from adaptsize.background.topology import (
 from adaptsize.geometry.creases import folds_of, normals_of, sharp_facets
 from adaptsize.remeshing.mmg import RIDGE_ANGLE
 from adaptsize.remeshing.preparation import collect_facets, number_regions
-from adaptsize.remeshing.sizing import Size
+from adaptsize.remeshing.sizing import Size, once_per_point
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Triangles of less height than these shares of the tolerance are removed, in two attempts.
@@ -63,6 +63,7 @@ def refine_surface(
     int32[n, 2]
         Edges that must not be rounded, rows sorted.
     """
+    size = once_per_point(size)
     height = sliver_height(mesh, size, thinnest * tolerance)
     mesh, _ = _without_slivers(mesh, height)
     mesh = _with_better_facets(mesh)
@@ -105,6 +106,7 @@ def refine_facets(mesh: SimplexMesh, size: Size, tolerance: float) -> tuple[Simp
     int32[n, 2]
         Edges that must not be rounded, rows sorted.
     """
+    size = once_per_point(size)
     surface = facets_of(mesh)
     bent, bulges = _bulges(surface)
     # Where single edges of a smooth surface are ridges, Mmg makes cells too small beside their
