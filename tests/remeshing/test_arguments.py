@@ -1,15 +1,23 @@
 """What is refused before any generator starts, and what is repaired."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from shapes import block, two_region_rectangle
 
 from adaptsize import SimplexMesh, SizeFunction, remesh
-from adaptsize.errors import BackendUnavailableError, InputWarning, TooManyElementsError
+from adaptsize.errors import (
+    BackendUnavailableError,
+    InputWarning,
+    ResolutionWarning,
+    TooManyElementsError,
+)
 from adaptsize.remeshing import available_backends, protocol
-from adaptsize.remeshing.preparation import MERGE_DISTANCE, repair_mesh
+from adaptsize.remeshing.driver import _check_number
+from adaptsize.remeshing.preparation import MERGE_DISTANCE, as_problem, repair_mesh
+from adaptsize.sizes import predict
 
 CUBE = block(2)
 
@@ -128,3 +136,17 @@ def test_inverted_cells_are_turned_and_unused_nodes_dropped():
     repaired = repair_mesh(SimplexMesh(points, CUBE.cells[:, [1, 0, 2, 3]])).mesh
     assert (repaired.signed_measures > 0.0).all()
     assert repaired.n_points == CUBE.n_points
+
+
+@pytest.mark.parametrize(
+    ("most", "error"), [(1e6, ResolutionWarning), (1000, TooManyElementsError)]
+)
+def test_a_first_volume_larger_than_the_surface_is_reported_or_refused(most, error):
+    inner = replace(as_problem("tetrahedra", CUBE, 1e-3), size=lambda x: np.full(len(x), 0.1))
+    expected = predict(CUBE, inner.size, backend="mmg").cells  # about 10 000
+    _check_number(inner, expected, 1000)
+    text = r"elements instead of the predicted 1e\+03: the first mesh fills more than the surface"
+    with pytest.warns(ResolutionWarning, match=text):
+        _check_number(inner, 1000, 1e6)
+    with pytest.raises(TooManyElementsError, match=f"{text}.* raise max_elements = 1e.03"):
+        _check_number(inner, 1000, 1000)

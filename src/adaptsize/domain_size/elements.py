@@ -32,7 +32,7 @@ from adaptsize.options import (
     options_of,
     with_options,
 )
-from adaptsize.remeshing.driver import check_backend, remesh
+from adaptsize.remeshing.driver import MANY_MORE, check_backend, remesh
 from adaptsize.typing import ProgressCallback, Unpack
 
 #: A mesh with a number of elements within this share of the wanted one is accepted.
@@ -159,10 +159,12 @@ def mesh_with_sizes(
         return size
 
     def meshed(old: SimplexMesh, size: SizeFunction) -> SimplexMesh:
-        report = report_of(size)
+        report, limit = report_of(size), {}
+        if request.get("max_elements") is not None:  # kept unless given parameters forbid it
+            limit["max_elements"] = max(request["max_elements"], MANY_MORE * report.n_elements)
         return remesh(
             old, size, progress=progress, g=request.get("g", GRADIENT_LIMIT), hmax=report.hmax,
-            tolerance=tolerance_of(report, request.get("tolerance")), **for_mesh,
+            tolerance=tolerance_of(report, request.get("tolerance")), **for_mesh, **limit,
         )  # fmt: skip
 
     goal = goal_of(budget)

@@ -70,8 +70,8 @@ _SECONDS_PER_CELL = 1e-3
 #: tolerance is far too small for the sizes.
 _LONGEST = 60.0
 _LONGEST_PER_CELL = 0.02
-#: Cells that a first volume requires over those that were predicted, above which a warning says so.
-_MANY_MORE = 1.5
+#: Cells that a first volume requires over those that were predicted, above which this is reported.
+MANY_MORE = 1.5
 _NO_RIDGES = np.empty((0, 2), np.int32)
 
 
@@ -238,7 +238,7 @@ def remesh(
         deadline = None if timeout is None else time.monotonic() + timeout
         run = IsolatedRunner(chosen.name, timeout, deadline, report)
         if task == "surface to tetrahedra" and chosen.needs_volume:
-            new = _filled(problem, chosen, run, n_cells)
+            new = _filled(problem, chosen, run, n_cells, given["max_elements"])
         else:
             new = restore(chosen.solve(problem, run), problem, chosen.name)
             if new.cell_dim == new.dim and metric is None and required is None:
@@ -266,7 +266,9 @@ def check_backend(mesh: SimplexMesh, target: str = "auto", backend: str = "auto"
     choose_backend(backend, _task(mesh, target), keep_facets=False)
 
 
-def _filled(problem: Problem, chosen: Backend, run: IsolatedRunner, n_cells: float) -> SimplexMesh:
+def _filled(
+    problem: Problem, chosen: Backend, run: IsolatedRunner, n_cells: float, max_elements: float
+) -> SimplexMesh:
     """Return the tetrahedra in a surface, adapted from a first volume and improved.
 
     If cells are still flat, fTetWild fills the surface with the same sizes, and the mesh with the
@@ -274,7 +276,7 @@ def _filled(problem: Problem, chosen: Backend, run: IsolatedRunner, n_cells: flo
     """
     inner = first_volume(problem, run)
     if not inner.is_adapted:
-        _warn_of_number(inner, n_cells)
+        _check_number(inner, n_cells, max_elements)
     seconds = _SECONDS + _SECONDS_PER_CELL * max(inner.mesh.n_cells, n_cells)
     inner = replace(inner, seconds=seconds)
     new, angle, failure = None, -np.inf, None
@@ -299,20 +301,27 @@ def _filled(problem: Problem, chosen: Backend, run: IsolatedRunner, n_cells: flo
     return other if new is None or float(minimum_angles(other).min()) > angle else new
 
 
-def _warn_of_number(inner: Problem, n_cells: float) -> None:
+def _check_number(inner: Problem, n_cells: float, max_elements: float) -> None:
     """Warn if the sizes require many more cells in a first volume than in the surface.
 
     Of open surfaces, generators may fill more than what the surface encloses.
+
+    Raises
+    ------
+    TooManyElementsError
+        If these are also more than ``max_elements``.
     """
     assert inner.size is not None
     found = predict(inner.mesh, inner.size, backend="mmg").cells
-    if found > _MANY_MORE * n_cells:
-        warnings.warn(
-            f"about {found:.3g} elements instead of the predicted {n_cells:.3g}: the first mesh "
-            "fills more than the surface encloses; close the surface or increase the sizes",
-            ResolutionWarning,
-            stacklevel=4,
-        )
+    if found <= MANY_MORE * n_cells:
+        return
+    text = (
+        f"about {found:.3g} elements instead of the predicted {n_cells:.3g}: the first mesh "
+        "fills more than the surface encloses; close the surface or increase the sizes"
+    )
+    if found > max_elements:
+        raise TooManyElementsError(f"{text}, or raise max_elements = {max_elements:.3g}")
+    warnings.warn(text, ResolutionWarning, stacklevel=4)
 
 
 def _number_of_cells(mesh: SimplexMesh, size: object, hmax: float, problem: Problem) -> float:
