@@ -149,6 +149,17 @@ def as_sizes(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> FloatAr
     return sizes
 
 
+def as_sizes_at(name: str, size: Any, points: FloatArray) -> FloatArray:
+    """Return sizes at points: those of a function, one per point, or one number for all."""
+    shape = (len(points),)
+    if callable(size):
+        return as_sizes(f"{name}(points)", size(points) if len(points) else np.empty(0), shape)
+    given = as_float_array(name, size)
+    if given.ndim == 0:
+        given = np.full(shape, as_sizes(name, given, ()))
+    return as_sizes(name, given, shape)
+
+
 def as_number(
     name: str,
     value: Any,

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import combinations
-from typing import NamedTuple, TypeAlias, cast
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_plain_array, as_sizes, check_type, refuse_where
+from adaptsize._checks import as_sizes_at, check_type, refuse_where
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.migration import is_counted_here
@@ -187,12 +187,7 @@ def _as_requested(mesh: AnyMesh, size: SizeLike | Metric | MetricFunction) -> Re
             return metric
     elif isinstance(size, Metric | MetricFunction):
         raise ValueError("size must be sizes on several ranks, got a metric")
-    given = cast(npt.ArrayLike, size)
-    if callable(size):
-        given = cast(npt.ArrayLike, size(mesh.points) if mesh.n_points else np.empty(0))
-    elif as_plain_array("size", given).ndim == 0:
-        given = np.full(mesh.n_points, as_sizes("size", given, ())[()])
-    h = as_sizes("size(points)" if callable(size) else "size", given, mesh.nodal_shape)
+    h = as_sizes_at("size", size, mesh.points)
     refuse_where("size", np.isinf(h), h, "must be finite")
     return h
 

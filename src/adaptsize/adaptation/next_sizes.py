@@ -14,10 +14,8 @@ import numpy.typing as npt
 from adaptsize._checks import (
     FARTHEST,
     NEAREST,
-    as_float_array,
     as_limits,
-    as_number,
-    as_plain_array,
+    as_sizes_at,
     describe,
     refuse_where,
 )
@@ -194,14 +192,7 @@ def as_bound(h0: BoundLike | None, mesh: AnyMesh) -> FloatArray | None:
     """Return upper bounds at the nodes of the mesh."""
     if h0 is None:
         return None
-    if callable(h0):
-        given = h0(mesh.points) if mesh.n_points else np.empty(0)
-        values = as_float_array("h0(points)", given, mesh.nodal_shape)
-    elif as_plain_array("h0", h0).ndim == 0:
-        values = np.full(mesh.nodal_shape, as_number("h0", h0, lower=0.0, strict=True))
-    else:
-        values = as_float_array("h0", h0, mesh.nodal_shape)
-    refuse_where("h0", ~(values > 0.0), values, "must be positive (inf where there is no bound)")
+    values = as_sizes_at("h0", h0, mesh.points)
     far = np.isfinite(values) & ((values < NEAREST) | (values > FARTHEST))
     refuse_where("h0", far, values, f"must be from {NEAREST:g} to {FARTHEST:g}, or inf")
     return values

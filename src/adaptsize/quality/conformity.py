@@ -9,7 +9,7 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import FARTHEST, as_plain_array, as_sizes, refuse_where
+from adaptsize._checks import FARTHEST, as_sizes, as_sizes_at, refuse_where
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh, topology
 from adaptsize.background.migration import boundary_facets, is_counted_here
@@ -217,8 +217,7 @@ def _conformity_of_parts(part: PartitionedMesh, size: object) -> Conformity:
     def at_nodes() -> FloatArray:
         if isinstance(size, Metric | MetricFunction):
             raise ValueError("size must be sizes for meshes in parts, got a metric")
-        h = as_plain_array("size", size(part.points) if callable(size) else cast(Any, size))
-        return as_sizes("size", np.full(part.n_points, h) if h.ndim == 0 else h, part.nodal_shape)
+        return as_sizes_at("size", size, part.points)
 
     def ratios(mesh: SimplexMesh | None) -> FloatArray:
         if mesh is None:
@@ -373,9 +372,7 @@ def _size_at_midpoints(mesh: SimplexMesh, size: SizeLike) -> FloatArray:
     if callable(size):
         midpoints = 0.5 * (mesh.points[i] + mesh.points[j])
         return as_sizes("size(midpoints)", size(midpoints), (len(i),))
-    if as_plain_array("size", size).ndim == 0:
-        return np.full(len(i), as_sizes("size", size, ())[()])
-    nodal = as_sizes("size", size, (mesh.n_points,))
+    nodal = as_sizes_at("size", size, mesh.points)
     return np.asarray(0.5 * (nodal[i] + nodal[j]))
 
 

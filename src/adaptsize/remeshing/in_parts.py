@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import (
-    as_float_array,
-    as_sizes,
+    as_sizes_at,
     one_of,
     refuse_where,
 )
@@ -42,9 +41,7 @@ def remesh_parts(
     ranks = part.ranks
 
     def check() -> FloatArray:
-        values = size(part.points) if callable(size) else size
-        h = as_float_array("size", values)
-        h = as_sizes("size", np.full(part.n_points, h) if h.ndim == 0 else h, part.nodal_shape)
+        h = as_sizes_at("size", size, part.points)
         refuse_where("size", np.isinf(h), h, "must be finite")
         if part.cell_dim != part.dim or part.dim < 2:
             raise ValueError("part must consist of triangles in the plane or tetrahedra")
