@@ -98,8 +98,8 @@ def test_the_reason_is_messages_before_the_last_of_three_meshes():
     assert mesh.n_cells == pytest.approx(1000, rel=0.05)
     wanted = [f"{number:.0f}" for number in generator.wanted]
     assert len(wanted) == 3
-    assert messages[0].startswith("the meshes have 15")
-    assert messages[0].endswith(f"the last one is made for {wanted[2]} elements")
+    assert messages[0].startswith("elements so far: 15")
+    assert messages[0].endswith(f"the last mesh is made for {wanted[2]}")
 
 
 def grid(n):
@@ -117,10 +117,18 @@ def grid(n):
     )
 
 
-def test_a_regular_grid_becomes_any_number_and_keeps_its_tags():
+def test_a_regular_grid_becomes_any_number_and_keeps_its_tags(monkeypatch):
     # From the grid itself, Mmg makes 800 or 417 triangles, and from a finer one in order 700.
     pytest.importorskip("mmgpy")
+    wanted = []
+
+    def sized(mesh, **options):
+        wanted.append(options["elements"])
+        return size_function(mesh, **options)
+
+    monkeypatch.setattr("adaptsize.domain_size.elements.size_function", sized)
     mesh, _ = remesh_to_elements(grid(20), 550)
+    assert len(set(wanted)) == len(wanted)  # no size function is computed twice
     assert mesh.n_cells == pytest.approx(550, rel=0.05)
     assert mesh.measures[mesh.cell_tags == 3].sum() == pytest.approx(0.5)
     assert set(mesh.facet_tags) >= {7, 8}

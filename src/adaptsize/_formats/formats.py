@@ -231,5 +231,5 @@ def format_of(path: Path, file_format: str | None) -> Format:
             return candidate
     raise ValueError(
         f"path must end in a suffix that can be written ({listed}; "
-        f"'meshio convert' makes others of a .vtu file), got {path}"
+        f"'meshio convert' makes others of a .msh file), got {path}"
     )

@@ -222,8 +222,9 @@ def reach_number(
     for number in range(3):
         if best is not None and number == 2 and tried:
             bound = what_controls(report_of(best.size))
-            tell(f"the meshes have {tried}; {bound}; the last one is made for {wanted:.0f} {what}")
-        size = sized(**{what: wanted})
+            tell(f"{what} so far: {tried}; {bound}; the last mesh is made for {wanted:.0f}")
+        if number == 0 or steps:  # for short edges, the sizes are the same
+            size = sized(**{what: wanted})
         new = meshed(old, size)
         made = _number_on(new, what, system)
         off = abs(made / requested - 1.0)
