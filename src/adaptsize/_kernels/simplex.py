@@ -1,10 +1,10 @@
-"""Measures and linear gradients of single simplices, and of all cells of a mesh."""
+"""Measures, gradients and mass matrices of linear elements."""
 
 import math
 
 import numpy as np
 
-from adaptsize._kernels.compiling import kernel
+from adaptsize._kernels.compiling import kernel, lean_kernel
 
 
 @kernel
@@ -113,3 +113,24 @@ def fill_hat_gradients(points, cells, measures, gradients):
                 gradients[c, i + 1, d] = dual[i, d]
                 total += dual[i, d]
             gradients[c, 0, d] = -total
+
+
+@lean_kernel
+def add_mass(cells, share, x, y):
+    """Add the product of the mass matrix of linear elements with columns.
+
+    Parameters
+    ----------
+    cells : int32[m, k]
+    share : float64[m]
+        The measures of the cells over k (k + 1).
+    x, y : float64[n, columns]
+        ``y``: In/Out.
+    """
+    for c in range(cells.shape[0]):
+        for j in range(x.shape[1]):
+            total = 0.0
+            for v in range(cells.shape[1]):
+                total += x[cells[c, v], j]
+            for v in range(cells.shape[1]):
+                y[cells[c, v], j] += share[c] * (x[cells[c, v], j] + total)

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
-from adaptsize._kernels.overlap import Front, fill_overlaps, new_clipping
+from adaptsize._kernels.clipping import new_clipping
+from adaptsize._kernels.overlap import Front, fill_overlaps
 from adaptsize._kernels.trees import Tree
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve

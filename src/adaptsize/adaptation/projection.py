@@ -32,7 +32,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.sparse import csr_array
 
-from adaptsize._kernels.overlap import add_mass
+from adaptsize._kernels.simplex import add_mass
 from adaptsize.ranks import SharedNodes
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 

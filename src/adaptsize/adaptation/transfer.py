@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_array
 
 from adaptsize._checks import as_flag, check_type, describe
-from adaptsize._kernels.overlap import combine
+from adaptsize._kernels.interpolate import combine
 from adaptsize._progress import reporting
 from adaptsize.adaptation._fields import (
     Arrays,

@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_points
-from adaptsize._kernels.interpolate import Located, interpolate, list_within, locate
+from adaptsize._kernels.interpolate import interpolate
+from adaptsize._kernels.location import Located, list_within, locate
 from adaptsize._kernels.trees import new_stack
 from adaptsize.background._curve import along_curve, tree_over
 from adaptsize.typing import FloatArray, IntArray, LongArray

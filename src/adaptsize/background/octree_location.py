@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_points
-from adaptsize._kernels.interpolate import Located, locate_in_ranges
+from adaptsize._kernels.location import Located, locate_in_ranges
 from adaptsize.background.location import Locator, in_space, parts_of
 from adaptsize.typing import FloatArray, IntArray
 
