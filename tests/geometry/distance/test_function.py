@@ -43,6 +43,20 @@ def test_points_at_the_heights_of_corners_have_the_right_sign():
         assert (values < 0).sum() == inside, y
 
 
+def test_many_polygons_through_each_other_agree_with_all_segments_at_the_heights_of_corners():
+    polygons = [RNG.integers(0, 30, (n, 2)).astype(float) for n in RNG.integers(3, 30, 100)]
+    polygons = [p for p in polygons if (p[0] != p[-1]).any()]
+    x, y = points = (RNG.integers(0, 60, (500, 2)) / 2.0 + [0.25, 0.0]).T
+    n_crossed = np.zeros(len(x), int)
+    for corners in polygons:
+        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            (ax, ay), (bx, by) = (a, b) if a[1] < b[1] else (b, a)
+            n_crossed += (ay <= y) & (y < by) & ((bx - ax) * (y - ay) > (x - ax) * (by - ay))
+    values = SignedDistance(polygons)(points.T)
+    assert 0.2 < (values < 0).mean() < 0.8
+    np.testing.assert_array_equal((values < 0)[values != 0], (n_crossed % 2 == 1)[values != 0])
+
+
 def test_meshes_agree_with_signed_distance():
     mesh = random_square(60, 3)
     points = random_square(500, 4, half_width=2.0)

@@ -12,11 +12,9 @@ import numpy.typing as npt
 from adaptsize._checks import as_near_points, as_points, describe
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import skin_of
+from adaptsize.geometry.distance.polygons import Polygons
 from adaptsize.geometry.distance.winding import WindingNumber, winding_of
-from adaptsize.typing import BoolArray, FloatArray
-
-# Points that are compared with polygons at once.
-_POINTS_AT_ONCE = 3000
+from adaptsize.typing import FloatArray
 
 _Outline: TypeAlias = SimplexMesh | npt.ArrayLike | Sequence[npt.ArrayLike]
 
@@ -70,15 +68,11 @@ class SignedDistance:
         """Return the signed distance of each point, float64[n]."""
         where = as_near_points("points", points, self.mesh.dim)
         distance = self.mesh.locator.nearest(where)[2]
-        if self._polygons is None:
-            inside = self._winding.contains(where)
-        else:
-            inside = _inside(self.mesh, where)
-        return np.where(inside, -distance, distance)
+        return np.where(self._domain.contains(where), -distance, distance)
 
     @cached_property
-    def _winding(self) -> WindingNumber:
-        return winding_of(self.mesh)[0]
+    def _domain(self) -> Polygons | WindingNumber:
+        return winding_of(self.mesh)[0] if self._polygons is None else Polygons(self._polygons)
 
     def unsigned(self, points: npt.ArrayLike) -> FloatArray:
         """Return the distance of each point without a sign, float64[n], for instance to a coast."""
@@ -122,24 +116,3 @@ def _segments(polygons: list[FloatArray]) -> SimplexMesh:
         pairs.append(first + np.stack([number, np.roll(number, -1)], axis=1))
         first += len(corners)
     return SimplexMesh(np.concatenate(polygons), np.concatenate(pairs))
-
-
-def _inside(outline: SimplexMesh, points: FloatArray) -> BoolArray:
-    """Return which points an odd number of polygons contains, by crossings of a ray along x."""
-    start, end = (outline.points[outline.cells[:, k]] for k in (0, 1))
-    low, high = np.minimum(start[:, 1], end[:, 1]), np.maximum(start[:, 1], end[:, 1])
-    inside = np.zeros(len(points), np.bool_)
-    along_y = np.argsort(points[:, 1])
-    for begin in range(0, len(points), _POINTS_AT_ONCE):
-        part = along_y[begin : begin + _POINTS_AT_ONCE]
-        # All pairs of a segment and a point between its ends in y.
-        first, last = (np.searchsorted(points[part, 1], y) for y in (low, high))
-        count = last - first
-        segment = np.repeat(np.arange(len(count)), count)
-        place = np.arange(len(segment)) + np.repeat(last - np.cumsum(count), count)
-        (x, y), (ax, ay), (bx, by) = points[part[place]].T, start[segment].T, end[segment].T
-        # The sign of the area of the triangle of the point and the segment, from bottom to top.
-        area = (bx - ax) * (y - ay) - (x - ax) * (by - ay)
-        crossed = place[np.where(by > ay, area, -area) > 0.0]
-        inside[part] = np.bincount(crossed, minlength=len(part)) % 2 == 1
-    return inside
