@@ -16,7 +16,8 @@ from adaptsize import SimplexMesh, io
 from adaptsize._progress import silent
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import FeaturePoints, Separation, boundary_separation
-from adaptsize.geometry.width import Walls, boundary_width
+from adaptsize.geometry.walls import Walls
+from adaptsize.geometry.width import boundary_width
 
 DATA = Path(__file__).parents[2] / "data"
 # Of exact cases: coordinates are rounded to 2e-16, and the least distances are a hundredth.

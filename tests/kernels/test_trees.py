@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from numba import njit
 from numpy.testing import assert_array_equal
 
-from adaptsize._kernels.trees import BITS, LEAF, distance_to_box, fill_tiles
+from adaptsize._kernels.ordering import BITS, fill_tiles
+from adaptsize._kernels.trees import LEAF, distance_to_box
 from adaptsize.background._curve import along_curve
 from adaptsize.limiting.exact.field import boxes_over
 

@@ -1,7 +1,5 @@
 """Triangles of a surface that cross each other.
 
-Rows of the scratch are passed as int64, since each literal would be compiled separately.
-
 Two triangles cross if each has corners on both sides of the plane of the other, farther from it
 than a slack, and the segments in which they meet the line common to both planes overlap by more
 than the slack [1]_.  Triangles that touch each other, or lie in one plane, do not cross.
@@ -18,11 +16,11 @@ import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.trees import DEPTH, box_of_cell, cells_of_leaf, leaf_within
-from adaptsize._kernels.vectors import between, cross, dot, minus, norm
+from adaptsize._kernels.vectors import between, cross, dot, minus, norm, triple, unit, without
 
 
 class Crossings(NamedTuple):
-    """The deepest crossing of each triangle, and scratch.
+    """The deepest crossing of each triangle.
 
     Parameters
     ----------
@@ -33,116 +31,105 @@ class Crossings(NamedTuple):
     place : float64[m, 3], Out
         Where that is.
     stack : int64[DEPTH]
-    work : float64[10, 4]
-        The normals of two triangles, the distances of the corners of each from the plane of
-        the other, the ends of the two segments, the place, and positions along the line
-        that both planes have in common.
+        Scratch.
     """
 
     depth: np.ndarray
     partner: np.ndarray
     place: np.ndarray
     stack: np.ndarray
-    work: np.ndarray
 
 
 def new_crossings(n: int) -> Crossings:
     """Return no crossings of n triangles."""
     return Crossings(
-        np.zeros(n), np.zeros(n, np.int32), np.zeros((n, 3)),
-        np.empty(DEPTH, np.int64), np.empty((10, 4)),
-    )  # fmt: skip
+        np.zeros(n), np.zeros(n, np.int32), np.zeros((n, 3)), np.empty(DEPTH, np.int64)
+    )
 
 
 @lean
-def _set_normal(tree, t, row, work):
-    """Set a row of scratch to the unit normal of a triangle, and return whether it has one."""
-    points = tree.points
+def _normal(tree, t):
+    """Return the unit normal of a triangle, zero if it is degenerate."""
     a, b, c = tree.cells[t, 0], tree.cells[t, 1], tree.cells[t, 2]
-    across = cross(between(points, a, b), between(points, a, c))
-    length = norm(across)
-    if not length > 0.0:
-        return False
-    for d in range(3):
-        work[row, d] = across[d] / length
-    return True
+    return unit(cross(between(tree.points, a, b), between(tree.points, a, c)))
 
 
 @lean
-def _penetration(tree, one, other, slack, row, work):
-    """Return how far triangle ``one`` reaches to both sides of the plane of ``other``.
-
-    ``row`` of the scratch is set to the distances of its corners from that plane, 0 within the
-    slack; the normal of the plane is two rows before.
-    """
-    points = tree.points
-    low, high = 0.0, 0.0
-    a = tree.cells[other, 0]
-    for v in range(3):
-        i = tree.cells[one, v]
-        away = dot(work[row - 2], between(points, a, i))
-        if abs(away) <= slack:
-            away = 0.0
-        work[row, v] = away
-        low = min(low, away)
-        high = max(high, away)
-    return min(high, -low)
+def _height(tree, other, i, normal, slack):
+    """Return the distance of node i from the plane of triangle ``other``, 0 within the slack."""
+    away = dot(normal, between(tree.points, tree.cells[other, 0], i))
+    return 0.0 if abs(away) <= slack else away
 
 
 @lean
-def _set_segment(tree, t, row, work):
-    """Set two rows of scratch, from ``2 * row`` on, to the segment of a triangle in a plane.
+def _heights(tree, t, other, normal, slack):
+    """Return the distances of the corners of triangle t from the plane of ``other``."""
+    return (
+        _height(tree, other, tree.cells[t, 0], normal, slack),
+        _height(tree, other, tree.cells[t, 1], normal, slack),
+        _height(tree, other, tree.cells[t, 2], normal, slack),
+    )
 
-    The distances of its corners from the plane, in ``row``, have both signs.
-    """
-    points = tree.points
+
+@lean
+def _reach(heights):
+    """Return how far a triangle with these distances from a plane reaches to both of its sides."""
+    a, b, c = heights
+    return min(max(a, b, c), -min(a, b, c))
+
+
+@lean
+def _segment(tree, t, heights):
+    """Return the ends of the segment of triangle t in a plane on both sides of which it lies."""
+    begin = end = (0.0, 0.0, 0.0)
     count = 0
     for v in range(3):
         w = (v + 1) % 3
-        i, j = tree.cells[t, v], tree.cells[t, w]
-        from_i, from_j = work[row, v], work[row, w]
-        if from_i == 0.0:
+        if heights[v] == 0.0:
             share = 0.0
-        elif (from_i > 0.0) != (from_j > 0.0) and from_j != 0.0:
-            share = from_i / (from_i - from_j)
+        elif (heights[v] > 0.0) != (heights[w] > 0.0) and heights[w] != 0.0:
+            share = heights[v] / (heights[v] - heights[w])
         else:
             continue
-        if count < 2:
-            for d in range(3):
-                work[2 * row + count, d] = points[i, d] + share * (points[j, d] - points[i, d])
-            count += 1
+        i, j = tree.cells[t, v], tree.cells[t, w]
+        place = without(triple(tree.points, i, 0), -share, between(tree.points, i, j))
+        if count == 0:
+            begin = place
+        elif count == 1:
+            end = place
+        count += 1
+    return begin, end
 
 
 @lean
-def _depth(tree, s, t, slack, work):
-    """Return how deeply two triangles cross, 0 if they do not; row 8 of the scratch is the place.
+def _deepest(tree, s, t, normal, slack):
+    """Return how deeply two triangles cross, 0 if they do not, and where.
 
     The depth is the least distance that a corner reaches beyond the other plane, and at most the
-    length of the common segment.
+    length of the common segment.  ``normal``: that of the first triangle.
     """
-    depth = _penetration(tree, t, s, slack, np.int64(2), work)
-    if depth == 0.0 or not _set_normal(tree, t, np.int64(1), work):
-        return 0.0
-    depth = min(depth, _penetration(tree, s, t, slack, np.int64(3), work))
-    if depth == 0.0:
-        return 0.0
-    _set_segment(tree, t, np.int64(2), work)
-    _set_segment(tree, s, np.int64(3), work)
+    nowhere = 0.0, (0.0, 0.0, 0.0)
+    heights_t = _heights(tree, t, s, normal, slack)
+    depth = _reach(heights_t)
+    if not depth > 0.0:
+        return nowhere
+    normal_t = _normal(tree, t)
+    heights_s = _heights(tree, s, t, normal_t, slack)
+    depth = min(depth, _reach(heights_s))
     # The line that both planes have in common.
-    line = cross(work[0], work[1])
+    line = cross(normal, normal_t)
     length = norm(line)
-    if not length > 0.0:
-        return 0.0
-    for k in range(4):
-        work[9, k] = dot(line, minus(work[4 + k], work[4])) / length
-    begin = max(min(work[9, 0], work[9, 1]), min(work[9, 2], work[9, 3]))
-    end = min(max(work[9, 0], work[9, 1]), max(work[9, 2], work[9, 3]))
+    if not (depth > 0.0 and length > 0.0):
+        return nowhere
+    (p, q), (u, v) = _segment(tree, t, heights_t), _segment(tree, s, heights_s)
+    # Positions along the line, from p on.
+    at_q, at_u = dot(line, minus(q, p)) / length, dot(line, minus(u, p)) / length
+    at_v = dot(line, minus(v, p)) / length
+    begin, end = max(min(0.0, at_q), min(at_u, at_v)), min(max(0.0, at_q), max(at_u, at_v))
     if end - begin <= slack:
-        return 0.0
+        return nowhere
     middle = 0.5 * (begin + end) / length
-    for d in range(3):
-        work[8, d] = work[4, d] + middle * line[d]
-    return min(depth, end - begin)
+    return min(depth, end - begin), without(p, -middle, line)
 
 
 @lean
@@ -170,9 +157,10 @@ def find_crossings(tree, slack, first, last, found):
     found : Crossings
         In/Out.
     """
-    stack, work = found.stack, found.work
+    stack = found.stack
     for s in range(first, last):
-        if not _set_normal(tree, s, np.int64(0), work):
+        normal = _normal(tree, s)
+        if not norm(normal) > 0.0:
             continue
         box = box_of_cell(tree.points, tree.cells, s)
         stack[0], height = 1, np.int64(1)
@@ -182,11 +170,11 @@ def find_crossings(tree, slack, first, last, found):
             for t in range(max(begin, s + 1), end):
                 if _common_nodes(tree.cells, s, t) > 1:
                     continue
-                depth = _depth(tree, s, t, slack, work)
+                depth, place = _deepest(tree, s, t, normal, slack)
                 for k in range(2):
                     own, other = (s, t) if k == 0 else (t, s)
                     if depth > found.depth[own]:
                         found.depth[own] = depth
                         found.partner[own] = other
                         for d in range(3):
-                            found.place[own, d] = work[8, d]
+                            found.place[own, d] = place[d]

@@ -10,7 +10,9 @@ from adaptsize._kernels.vectors import (
     between,
     cross,
     dot,
+    frame,
     minus,
+    restrict,
     triple,
     unit,
     without,
@@ -291,33 +293,6 @@ def fill_tensors(surface, sectors, normals, tensors):
     for s in range(tensors.shape[0]):
         for d in range(6):
             tensors[s, d] /= max(weights[s], 1e-300)  # all zero where there is no area
-
-
-@inner
-def frame(normal):
-    """Return u, v so that (u, v, normal) is an orthonormal frame."""
-    least = 0
-    for d in range(1, 3):
-        if abs(normal[d]) < abs(normal[least]):
-            least = d
-    axis = (1.0 if least == 0 else 0.0, 1.0 if least == 1 else 0.0, 1.0 if least == 2 else 0.0)
-    u = unit(cross(normal, axis))
-    return u, cross(normal, u)
-
-
-@inner
-def restrict(tensor, u, v):
-    """Return (a, b, c), the components of a symmetric tensor in the frame u, v.
-
-    ``tensor``: six numbers xx, yy, zz, yz, xz, xy.
-    """
-    a, b, c = 0.0, 0.0, 0.0
-    for d in range(3):
-        i, j = (d + 1) % 3, (d + 2) % 3
-        a += tensor[d] * u[d] * u[d] + 2.0 * tensor[3 + d] * u[i] * u[j]
-        b += tensor[d] * u[d] * v[d] + tensor[3 + d] * (u[i] * v[j] + u[j] * v[i])
-        c += tensor[d] * v[d] * v[d] + 2.0 * tensor[3 + d] * v[i] * v[j]
-    return a, b, c
 
 
 @kernel

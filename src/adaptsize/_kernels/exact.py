@@ -30,21 +30,18 @@ import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.trees import (
-    LEAF,
     Stack,
     descent_by_bound,
     distance_to_box,
     items_of_leaf,
     new_stack,
 )
+from adaptsize._kernels.vectors import column, cross, dot, minus, triple
 
 #: Points of a block.
 BLOCK = 32
-
 # Bounds are lowered by this share, so that rounding discards no relevant entry.
 SLACK = 1.0 - 1e-13
-
-
 #: Cells and faces flatter than this (determinant of the Gram matrix over the product of squared
 #: lengths) are treated as steep, since their gradients are dominated by rounding.
 FLAT = 1e-14
@@ -209,16 +206,13 @@ def _fill_edge(table, k, axes, x, count, g, values, share):
 @lean
 def _fill_face(table, k, x, count, g, values):
     """Fill the sizes that triangle k allows at points, inf where the minimum is not inside."""
-    ax, ay, az = table[k, 0], table[k, 1], table[k, 2]
-    ux, uy, uz = table[k, 3] - ax, table[k, 4] - ay, table[k, 5] - az
-    vx, vy, vz = table[k, 6] - ax, table[k, 7] - ay, table[k, 8] - az
+    corner = triple(table, k, 0)
+    e1, e2 = minus(triple(table, k, 3), corner), minus(triple(table, k, 6), corner)
     base = table[k, 9]
     r1, r2 = table[k, 10] - base, table[k, 11] - base
-    a11 = ux * ux + uy * uy + uz * uz
-    a12 = ux * vx + uy * vy + uz * vz
-    a22 = vx * vx + vy * vy + vz * vz
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    det = nx * nx + ny * ny + nz * nz
+    a11, a12, a22 = dot(e1, e1), dot(e1, e2), dot(e2, e2)
+    normal = cross(e1, e2)
+    det = dot(normal, normal)
     q1 = q2 = scale = 0.0
     slack2 = -1.0
     if det > FLAT * a11 * a22:
@@ -227,10 +221,10 @@ def _fill_face(table, k, x, count, g, values):
     if slack2 > 0.0:
         scale = 1.0 / math.sqrt(det * slack2)
     for i in range(count):
-        wx, wy, wz = x[0, i] - ax, x[1, i] - ay, x[2, i] - az
-        w1, w2 = ux * wx + uy * wy + uz * wz, vx * wx + vy * wy + vz * wz
+        w = minus(column(x, i), corner)
+        w1, w2 = dot(e1, w), dot(e2, w)
         p1, p2 = (a22 * w1 - a12 * w2) / det, (a11 * w2 - a12 * w1) / det
-        ratio = abs(nx * wx + ny * wy + nz * wz) * scale
+        ratio = abs(dot(normal, w)) * scale
         l1, l2 = p1 - ratio * q1, p2 - ratio * q2
         inside = scale > 0.0 and min(l1, l2) >= 0.0 and l1 + l2 <= 1.0
         values[i] = base + p1 * r1 + p2 * r2 + ratio * slack2 if inside else math.inf
@@ -323,69 +317,3 @@ def lower_sizes(points, axes, order, span, tree, g, found, once, edges, faces, r
             if by[i] >= 0:
                 sizes[order[start + i]] = h[i]
                 source[order[start + i]] = by[i]
-
-
-@lean_kernel
-def list_entries_in_reach(table, boxes, axes, g, around, order, stack, found):
-    """List the entries that may allow less than the largest size in one of several boxes.
-
-    The tree over the entries is descended as long as one of the boxes is in reach.  A box out of
-    reach of a part of the tree is not tested again in this part.  So the time is that for the
-    entries in reach, and a few tests for boxes that none reaches.
-
-    Parameters
-    ----------
-    table : float64[m, dim * (dim + 1) or more]
-        Entries (see exact.py).
-    boxes : float64[2 * n_leaves, 2 * dim + 1]
-        The tree over them (see trees.py).
-    axes : tuple of length dim
-    g : float64
-    around : float64[k, 2 * dim + 1]
-        The lower and the upper corner of each box, and the largest size in it.
-    order : int32[k]
-        Scratch: the boxes, those that may be in reach first.
-    stack : int32[DEPTH, 2]
-        Scratch: boxes of the tree, and how many of ``order`` may be in their reach.
-    found : int32[m]
-        Out: the entries, in ascending order.
-
-    Returns
-    -------
-    int
-        The number of entries found.
-    """
-    dim = len(axes)
-    m, n_leaves = table.shape[0], boxes.shape[0] // 2
-    for i in range(around.shape[0]):
-        order[i] = i
-    stack[0, 0], stack[0, 1], size = 1, around.shape[0], 1
-    count = 0
-    while size > 0:
-        size -= 1
-        b, left = stack[size, 0], stack[size, 1]
-        while left > 0:  # until the first of the boxes is in reach
-            box = around[order[0]]
-            least = boxes[b, 2 * dim] + g * distance_to_box(boxes, b, axes, box)
-            if SLACK * least < box[2 * dim]:
-                break
-            left -= 1
-            order[0], order[left] = order[left], order[0]
-        if left == 0:
-            continue
-        if b < n_leaves:
-            for half in range(2):  # the lower one is processed first
-                stack[size, 0], stack[size, 1] = 2 * b + 1 - half, left
-                size += 1
-            continue
-        for k in range((b - n_leaves) * LEAF, min(m, (b - n_leaves + 1) * LEAF)):
-            rest = left
-            while rest > 0:
-                box = around[order[0]]
-                if least_allowed(table, k, axes, box, g, True) < box[2 * dim]:
-                    found[count] = k
-                    count += 1
-                    break
-                rest -= 1
-                order[0], order[rest] = order[rest], order[0]
-    return count

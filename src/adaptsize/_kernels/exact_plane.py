@@ -32,6 +32,7 @@ from adaptsize._kernels.sight import (
     RIGHT,
     WIDE,
     common_sides,
+    cone_in,
     side_in_cone,
     turned,
     without_hidden,
@@ -67,9 +68,7 @@ def _try_entry(table, k, axes, count, worst, g, sight, edges, block, rays):
     # A corner does not lower itself.
     least = table[k, 4] if table[k, CORNER] > 0.0 else -math.inf
     row, m = int(table[k, ROW]), np.int64(0)  # callees would be compiled for a literal, too
-    cone = (
-        table[k, CONE], table[k, CONE + 1], table[k, CONE + 2], table[k, CONE + 3], table[k, KIND],
-    )  # fmt: skip
+    cone = cone_in(table, k, CONE)
     for i in range(count):
         if not least < values[i] < h[i]:
             continue

@@ -21,36 +21,37 @@ import numpy as np
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.exact import BLOCK, fill_values, gather
 from adaptsize._kernels.local_updates import SPACE, WITH_BC, minimum_on_edge, minimum_on_triangle
-from adaptsize._kernels.space_paths import length_between, length_from, straighten
+from adaptsize._kernels.space_paths import (
+    PATH_SLACK,
+    in_sector,
+    length_between,
+    length_from,
+    promise_of,
+    straighten,
+)
 from adaptsize._kernels.space_sight import AHEAD, without_hidden, without_leaving
 from adaptsize._kernels.trees import LEAF
+from adaptsize._kernels.vectors import column, dot, minus, norm, triple, without
 
 # Part of the ends of an edge that belongs to its nodes.
 _END = 1e-12
-
-# Lower bounds are lowered by this share, so that rounding discards no path.  The allowed size is
-# then the minimum over the same paths, whatever the order in which they are tested.
-_SLACK = 1.0 - 1e-12
 
 
 @lean
 def _estimate(paths, w, x, count, g, slack, values):
     """Fill lower bounds of the sizes that a path over edges allows, inf where it does not act."""
     edges, e, f, r = paths.edges, paths.edge[w], paths.image[w, 0], paths.image[w, 1]
-    sx, sy, sz = edges.start[e, 0], edges.start[e, 1], edges.start[e, 2]
-    ux, uy, uz = edges.along[e, 0], edges.along[e, 1], edges.along[e, 2]
-    length, offset, skew = edges.length[e], paths.offset[w], paths.skew[w]
-    sector = paths.sector
-    nx, ny, nz = sector[w, 0], sector[w, 1], sector[w, 2]
-    ax, ay, az = sector[w, 3], sector[w, 4], sector[w, 5]
-    bx, by, bz = sector[w, 6], sector[w, 7], sector[w, 8]
+    start, along, length = triple(edges.start, e, 0), triple(edges.along, e, 0), edges.length[e]
+    offset, skew = paths.offset[w], paths.skew[w]
+    outward, one, other = (
+        triple(paths.sector, w, 0), triple(paths.sector, w, 3), triple(paths.sector, w, 6),
+    )  # fmt: skip
     for i in range(count):  # no branches and no division: this is vectorised
-        px, py, pz = x[0, i] - sx, x[1, i] - sy, x[2, i] - sz
-        served = nx * px + ny * py + nz * pz <= slack
-        served &= (ax * px + ay * py + az * pz >= -slack) | (bx * px + by * py + bz * pz >= -slack)
-        s = px * ux + py * uy + pz * uz
-        px, py, pz = px - s * ux, py - s * uy, pz - s * uz
-        d = math.sqrt(px * px + py * py + pz * pz)
+        p = minus(column(x, i), start)
+        served = dot(outward, p) <= slack
+        served &= (dot(one, p) >= -slack) | (dot(other, p) >= -slack)
+        s = dot(p, along)
+        d = norm(without(p, s, along))
         t = f * d + s * r  # the bend, times d + r
         before, beyond = t <= 0.0, t >= length * (d + r)
         served &= (d > _END * length) & (skew | ~(before | beyond))
@@ -66,20 +67,16 @@ def _estimate(paths, w, x, count, g, slack, values):
 def _put_bends(paths, w, bends, level, active, m):
     """Set bends[level + 1] of path w, on its edge, for the paths to bends[level]."""
     edges, e, f, r = paths.edges, paths.edge[w], paths.image[w, 0], paths.image[w, 1]
-    sx, sy, sz = edges.start[e, 0], edges.start[e, 1], edges.start[e, 2]
-    ux, uy, uz = edges.along[e, 0], edges.along[e, 1], edges.along[e, 2]
-    length, x = edges.length[e], bends[level]
+    start, along, length = triple(edges.start, e, 0), triple(edges.along, e, 0), edges.length[e]
     for k in range(m):
         i = active[k]
-        px, py, pz = x[0, i] - sx, x[1, i] - sy, x[2, i] - sz
-        s = px * ux + py * uy + pz * uz
-        px, py, pz = px - s * ux, py - s * uy, pz - s * uz
-        d = math.sqrt(px * px + py * py + pz * pz)
+        p = minus(column(bends[level], i), start)
+        s = dot(p, along)
+        d = norm(without(p, s, along))
         t = (f * d + s * r) / (d + r) if d + r > 0.0 else s
         t = min(max(t, 0.0), length)
-        bends[level + 1, 0, i] = sx + t * ux
-        bends[level + 1, 1, i] = sy + t * uy
-        bends[level + 1, 2, i] = sz + t * uz
+        for axis in range(3):
+            bends[level + 1, axis, i] = start[axis] + t * along[axis]
 
 
 @lean
@@ -234,7 +231,7 @@ def _try_path(paths, w, count, sight, g, faces, block):
                 values[i] = -math.inf
     m = np.int64(0)
     for i in range(count):
-        if _SLACK * values[i] <= sizes[i]:
+        if PATH_SLACK * values[i] <= sizes[i]:
             active[m] = i
             m += 1
     if m == 0:
@@ -256,44 +253,6 @@ def _try_path(paths, w, count, sight, g, faces, block):
         for d in range(3):
             block.last[d, i] = block.bends[1, d, i]
     return m > 0
-
-
-@lean
-def _in_sector(paths, w, box, slack):
-    """Return whether a path may act on a point of a box."""
-    e = paths.edge[w]
-    if e < 0:
-        return True
-    least = first = second = 0.0
-    for d in range(3):
-        low, high = box[d] - paths.edges.start[e, d], box[3 + d] - paths.edges.start[e, d]
-        n, a, b = paths.sector[w, d], paths.sector[w, 3 + d], paths.sector[w, 6 + d]
-        least += n * low if n > 0.0 else n * high
-        first += a * high if a > 0.0 else a * low
-        second += b * high if b > 0.0 else b * low
-    return least <= slack and max(first, second) >= -slack
-
-
-@lean
-def _promise(boxes, b, x, sizes, count, g):
-    """Return the number of points of a block that the paths in box b may lower.
-
-    The test uses the points of the block, since sizes within a block differ by more than the
-    paths to one point do.
-    """
-    value = boxes[b, 6]
-    lx, ly, lz = boxes[b, 0], boxes[b, 1], boxes[b, 2]
-    hx, hy, hz = boxes[b, 3], boxes[b, 4], boxes[b, 5]
-    found = 0
-    if value == math.inf:
-        return found
-    for i in range(count):
-        dx = max(lx - x[0, i], x[0, i] - hx, 0.0)
-        dy = max(ly - x[1, i], x[1, i] - hy, 0.0)
-        dz = max(lz - x[2, i], x[2, i] - hz, 0.0)
-        bound = value + g * math.sqrt(dx * dx + dy * dy + dz * dz)
-        found += 1 if _SLACK * bound <= sizes[i] else 0
-    return found
 
 
 @lean
@@ -364,7 +323,7 @@ def lower_by_paths(points, nodes, order, span, paths, choice, hints, sight, g, f
             if b < choice.n_leaves:
                 at_near = 0
                 for child in range(2 * b, 2 * b + 2):
-                    promise = _promise(choice.boxes, child, block.bends[0], block.sizes, count, g)
+                    promise = promise_of(choice.boxes, child, block.bends[0], block.sizes, count, g)
                     if promise == 0:
                         continue
                     stack[size] = child
@@ -375,7 +334,7 @@ def lower_by_paths(points, nodes, order, span, paths, choice, hints, sight, g, f
                 continue
             leaf = b - choice.n_leaves
             for k in range(leaf * LEAF, min(n_paths, (leaf + 1) * LEAF)):
-                if _in_sector(paths, choice.paths[k], block.box, sight.walls.slack):
+                if in_sector(paths, choice.paths[k], block.box, sight.walls.slack):
                     queue[queued] = choice.paths[k]
                     queued += 1
         for i in range(count):

@@ -28,9 +28,9 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
-from adaptsize._kernels.exact_plane import CONE, KIND, set_wedge
+from adaptsize._kernels.exact_plane import CONE, set_wedge
 from adaptsize._kernels.heap import Heap, pop, push_or_decrease
-from adaptsize._kernels.sight import NARROW, side_in_cone
+from adaptsize._kernels.sight import NARROW, cone_in, side_in_cone
 
 
 class Triangles(NamedTuple):
@@ -173,7 +173,7 @@ def _push(front, top, edge, right, left):
 
 
 @lean
-def _start(triangles, front, root, size, g, narrow, cone, slack):
+def _start(triangles, front, root, size, g, cone, slack):
     """Offer sizes to the neighbours of a root, and put its first windows on the stack."""
     points, cells = triangles.points, triangles.cells
     x, y = points[root, 0], points[root, 1]
@@ -193,7 +193,7 @@ def _start(triangles, front, root, size, g, narrow, cone, slack):
         if side_in_cone(cone, left, slack) > 0:
             length = math.sqrt(left[0] * left[0] + left[1] * left[1])
             _offer(front, root, j, size + g * length, left)
-        if narrow:  # of at most half a turn: both cones meet in one
+        if cone[4] == NARROW:  # of at most half a turn: both cones meet in one
             first, last = right, left
             if _turn(right, start) > 0.0 and _turn(start, left) > 0.0:
                 first = start
@@ -321,12 +321,7 @@ def expand(triangles, front, g, slack, margin, most):
             dx, dy = front.arrivals[k, 0], front.arrivals[k, 1]
             if not set_wedge(front.table, k, front.walls, dx, dy, slack):
                 continue
-            table = front.table
-            cone = (
-                table[k, CONE], table[k, CONE + 1], table[k, CONE + 2], table[k, CONE + 3],
-                table[k, KIND],
-            )  # fmt: skip
-        narrow = cone[4] == NARROW
-        top = _start(triangles, front, root, size, g, narrow, cone, slack)
+            cone = cone_in(front.table, k, CONE)
+        top = _start(triangles, front, root, size, g, cone, slack)
         count += 1 + _flood(triangles, front, root, size, top, g, slack, margin)
     return front.heap.size[0] > 0

@@ -6,8 +6,34 @@ row, the last axis fastest.
 
 import math
 
-from adaptsize._kernels.compiling import kernel
-from adaptsize._kernels.curvature import frame, restrict
+import numpy as np
+
+from adaptsize._kernels.compiling import inner, kernel
+from adaptsize._kernels.vectors import frame, norm, restrict
+
+
+@inner
+def _gradient(f, at, steps, per, dim):
+    """Return the gradient at a node by central differences; ``per``: 1 over twice the spacing."""
+    return (
+        per[0] * (f[at + steps[0]] - f[at - steps[0]]),
+        per[1] * (f[at + steps[1]] - f[at - steps[1]]),
+        per[2] * (f[at + steps[2]] - f[at - steps[2]]) if dim == 3 else 0.0,
+    )
+
+
+@inner
+def _second(f, at, step, per):
+    """Return the second difference along an axis."""
+    return 4.0 * per * per * (f[at + step] - 2.0 * f[at] + f[at - step])
+
+
+@inner
+def _mixed(f, at, one, other, per):
+    """Return the mixed second difference along two axes; ``per``: the product of both."""
+    return per * (
+        f[at + one + other] - f[at + one - other] - f[at - one + other] + f[at - one - other]
+    )
 
 
 @kernel
@@ -34,8 +60,8 @@ def fill_level_set_curvature(fields, grid, nodes, choice, kappa):
     (phi, distance), (spacing, shape), (tolerance, at_boundary) = fields, grid, choice
     dim = kappa.shape[1] + 1
     ny, nz = shape[1], shape[2]
-    sx, sy, sz = ny * nz, nz, 1
-    rx, ry, rz = 0.5 / spacing[0], 0.5 / spacing[1], 0.5 / spacing[2]
+    steps = (sx, sy, sz) = (ny * nz, nz, np.int64(1))
+    per = (rx, ry, rz) = (0.5 / spacing[0], 0.5 / spacing[1], 0.5 / spacing[2])
     for row in range(kappa.shape[0]):
         at = nodes[row]
         kappa[row, :] = math.nan
@@ -44,42 +70,28 @@ def fill_level_set_curvature(fields, grid, nodes, choice, kappa):
             continue
         if dim == 3 and (k < 1 or k > nz - 2):
             continue
-        fx = rx * (distance[at + sx] - distance[at - sx])
-        fy = ry * (distance[at + sy] - distance[at - sy])
-        fz = rz * (distance[at + sz] - distance[at - sz]) if dim == 3 else 0.0
         # Written so that a gradient that is not finite fails.
-        if not abs(math.sqrt(fx * fx + fy * fy + fz * fz) - 1.0) <= tolerance:
+        if not abs(norm(_gradient(distance, at, steps, per, dim)) - 1.0) <= tolerance:
             continue
-        f = 2.0 * phi[at]
-        fx = rx * (phi[at + sx] - phi[at - sx])
-        fy = ry * (phi[at + sy] - phi[at - sy])
-        fz = rz * (phi[at + sz] - phi[at - sz]) if dim == 3 else 0.0
-        norm = math.sqrt(fx * fx + fy * fy + fz * fz)
-        if not norm > 0.0:
+        fx, fy, fz = _gradient(phi, at, steps, per, dim)
+        steepness = norm((fx, fy, fz))
+        if not steepness > 0.0:
             continue
-        per = 1.0 / norm
-        fx, fy, fz = per * fx, per * fy, per * fz
-        fxx = 4.0 * rx * rx * (phi[at + sx] - f + phi[at - sx])
-        fyy = 4.0 * ry * ry * (phi[at + sy] - f + phi[at - sy])
-        fxy = rx * ry * (
-            phi[at + sx + sy] - phi[at + sx - sy] - phi[at - sx + sy] + phi[at - sx - sy]
-        )  # fmt: skip
+        flat = 1.0 / steepness
+        fx, fy, fz = flat * fx, flat * fy, flat * fz
+        fxx, fyy = _second(phi, at, sx, rx), _second(phi, at, sy, ry)
+        fxy = _mixed(phi, at, sx, sy, rx * ry)
         if dim == 2:
-            larger = per * (fxx * fy * fy - 2.0 * fx * fy * fxy + fyy * fx * fx)
+            larger = flat * (fxx * fy * fy - 2.0 * fx * fy * fxy + fyy * fx * fx)
             smaller = larger
         else:
-            fzz = 4.0 * rz * rz * (phi[at + sz] - f + phi[at - sz])
-            fxz = rx * rz * (
-                phi[at + sx + sz] - phi[at + sx - sz] - phi[at - sx + sz] + phi[at - sx - sz]
-            )  # fmt: skip
-            fyz = ry * rz * (
-                phi[at + sy + sz] - phi[at + sy - sz] - phi[at - sy + sz] + phi[at - sy - sz]
-            )  # fmt: skip
+            fzz = _second(phi, at, sz, rz)
+            fxz, fyz = _mixed(phi, at, sx, sz, rx * rz), _mixed(phi, at, sy, sz, ry * rz)
             u, v = frame((fx, fy, fz))
             a, b, c = restrict((fxx, fyy, fzz, fyz, fxz, fxy), u, v)
             # H and sqrt(H^2 - G), without the rounding of two nearly equal numbers.
             mean, half = 0.5 * (a + c), math.hypot(0.5 * (a - c), b)
-            larger, smaller = per * (mean + half), per * (mean - half)
+            larger, smaller = flat * (mean + half), flat * (mean - half)
         if at_boundary:
             beyond, before = 1.0 - larger * distance[at], 1.0 - smaller * distance[at]
             if not (beyond > 0.0 and before > 0.0):

@@ -7,7 +7,13 @@ import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.distance import closest_on_cell, find_inside
-from adaptsize._kernels.trees import cells_of_leaf, descent_by_bound, leaf_within, nearest_leaf
+from adaptsize._kernels.trees import (
+    box_of_cell,
+    cells_of_leaf,
+    descent_by_bound,
+    leaf_within,
+    nearest_leaf,
+)
 
 # Weights below this are rounding errors: values at nodes next to inf are exact.
 _ROUNDING = 3e-15
@@ -48,15 +54,10 @@ _holding_leaf = descent_by_bound(_distance_to_centre)
 @lean
 def _distance2_to_cell_box(tree, c, x):
     """Return the squared distance of x to the bounding box of cell c, 0 inside."""
-    points, cells = tree.points, tree.cells
+    low, high = box_of_cell(tree.points, tree.cells, c)
     total = 0.0
     for d in range(3):
-        low = points[cells[c, 0], d]
-        high = low
-        for v in range(1, cells.shape[1]):
-            low = min(low, points[cells[c, v], d])
-            high = max(high, points[cells[c, v], d])
-        gap = max(low - x[d], x[d] - high)
+        gap = max(low[d] - x[d], x[d] - high[d])
         if gap > 0.0:
             total += gap * gap
     return total

@@ -20,6 +20,7 @@ import numpy as np
 from adaptsize._kernels.clipping import clip, integrate
 from adaptsize._kernels.compiling import inlined, lean, lean_kernel
 from adaptsize._kernels.trees import DEPTH, box_of_cell, cells_of_leaf, leaf_within
+from adaptsize._kernels.vectors import cross, dot, minus, triple
 
 # A new cell of which a larger share is missing may extend beyond the boundary, or across a slit.
 _COVERED = 1e-12
@@ -54,28 +55,23 @@ def _set_corners(points, cells, c, start, axes, corners):
 @lean
 def _set_gradients(x, axes, gradients):
     """Set the gradients of the barycentric coordinates; return the measure, 0 of a flat cell."""
-    e0, e1, e2 = x[1, 0] - x[0, 0], x[1, 1] - x[0, 1], x[1, 2] - x[0, 2]
-    f0, f1, f2 = x[2, 0] - x[0, 0], x[2, 1] - x[0, 1], x[2, 2] - x[0, 2]
+    corner = triple(x, 0, 0)
+    e, f = minus(triple(x, 1, 0), corner), minus(triple(x, 2, 0), corner)
     if len(axes) == 2:
-        twice = e0 * f1 - e1 * f0
+        twice = e[0] * f[1] - e[1] * f[0]
         if twice == 0.0:
             return 0.0
-        gradients[1, 0], gradients[1, 1] = f1 / twice, -f0 / twice
-        gradients[2, 0], gradients[2, 1] = -e1 / twice, e0 / twice
+        gradients[1, 0], gradients[1, 1] = f[1] / twice, -f[0] / twice
+        gradients[2, 0], gradients[2, 1] = -e[1] / twice, e[0] / twice
         return 0.5 * abs(twice)
-    g0, g1, g2 = x[3, 0] - x[0, 0], x[3, 1] - x[0, 1], x[3, 2] - x[0, 2]
-    a0, a1, a2 = f1 * g2 - f2 * g1, f2 * g0 - f0 * g2, f0 * g1 - f1 * g0
-    six = e0 * a0 + e1 * a1 + e2 * a2
+    g = minus(triple(x, 3, 0), corner)
+    rows = (cross(f, g), cross(g, e), cross(e, f))
+    six = dot(e, rows[0])
     if six == 0.0:
         return 0.0
-    s = 1.0 / six
-    gradients[1, 0], gradients[1, 1], gradients[1, 2] = s * a0, s * a1, s * a2
-    gradients[2, 0] = s * (g1 * e2 - g2 * e1)
-    gradients[2, 1] = s * (g2 * e0 - g0 * e2)
-    gradients[2, 2] = s * (g0 * e1 - g1 * e0)
-    gradients[3, 0] = s * (e1 * f2 - e2 * f1)
-    gradients[3, 1] = s * (e2 * f0 - e0 * f2)
-    gradients[3, 2] = s * (e0 * f1 - e1 * f0)
+    for v in range(3):
+        for d in range(3):
+            gradients[v + 1, d] = 1.0 / six * rows[v][d]
     return abs(six) / 6.0
 
 
@@ -84,12 +80,10 @@ def _set_coordinates(gradients, corners, x, axes, result):
     """Set the barycentric coordinates of points in a cell, ``result[i, v]`` coordinate v of i."""
     k = len(axes) + 1
     for i in range(k):
-        r0, r1, r2 = x[i, 0] - corners[0, 0], x[i, 1] - corners[0, 1], x[i, 2] - corners[0, 2]
+        r = minus(triple(x, i, 0), triple(corners, 0, 0))
         rest = 1.0
         for v in range(1, k):
-            value = gradients[v, 0] * r0 + gradients[v, 1] * r1
-            if k == 4:
-                value += gradients[v, 2] * r2
+            value = dot(triple(gradients, v, 0), r)
             result[i, v] = value
             rest -= value
         result[i, 0] = rest
@@ -107,14 +101,11 @@ def _intersection(old, k, new_measure, work, whole, axes):
     _set_corners(old.points, old.cells, k, work.start, axes, corners)
     # A side of one cell that has all of the other beyond it: nothing to be cut.
     for i in range(1, n_corners):
-        g0, g1, g2 = work.gradients[i, 0], work.gradients[i, 1], work.gradients[i, 2]
+        gradient = triple(work.gradients, i, 0)
         highest = -math.inf
         for v in range(n_corners):
-            value = g0 * corners[v, 0] + g1 * corners[v, 1]
-            if dim == 3:
-                value += g2 * corners[v, 2]
-            mixed[i, v] = value
-            highest = max(highest, value)
+            mixed[i, v] = dot(gradient, triple(corners, v, 0))
+            highest = max(highest, mixed[i, v])
         if highest <= 0.0:
             return 0.0
     highest = -math.inf

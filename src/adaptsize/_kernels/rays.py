@@ -1,7 +1,7 @@
 """Rays from points of a boundary into the domain, and the first wall that each one hits.
 
 Facets are triangles, or segments in the plane z = 0, in the order of a tree of boxes (trees.py).
-A facet is a row of `FACET` numbers: a corner c, the unit outward normal n, two vectors a and b, and
+A facet is a row of 15 numbers: a corner c, the unit outward normal n, two vectors a and b, and
 three tolerances, so that a point x of its plane has the weights
 
     u = a . (x - c),    v = b . (x - c),    1 - u - v,
@@ -24,10 +24,7 @@ from adaptsize._kernels.trees import (
     descent_by_bound,
     leaf_within,
 )
-from adaptsize._kernels.vectors import cross, dot, minus, triple
-
-#: Numbers of a facet.
-FACET = 15
+from adaptsize._kernels.vectors import dot, minus, triple
 
 #: A direction lies in a plane up to this sine of an angle: single precision in files tilts facets.
 ALONG = 1e-3
@@ -38,7 +35,7 @@ class Walls(NamedTuple):
 
     Parameters
     ----------
-    facets : float64[m, FACET]
+    facets : float64[m, 15]
     boxes : float64[2 * n_leaves, 6]
     slack : float
         Lengths up to this are rounding.
@@ -97,45 +94,6 @@ class Rays(NamedTuple):
     leaves: np.ndarray
     stops: np.ndarray
     widths: np.ndarray
-
-
-@kernel
-def fill_facets(corners, normals, slack, facets):
-    """Fill the rows of facets.
-
-    Parameters
-    ----------
-    corners : float64[m, k, 3]
-        k = 3, or 2 in the plane.
-    normals : float64[m, 3]
-        Unit; zero for facets without area, which nothing hits.
-    slack : float
-        Distance beside a facet that belongs to it.
-    facets : float64[m, FACET]
-        Out.
-    """
-    in_plane = corners.shape[1] == 2
-    for t in range(corners.shape[0]):
-        c, n = corners[t, 0], normals[t]
-        p, q = corners[t, 1] - c, corners[t, 1] - c
-        if in_plane:
-            a = p / (p[0] * p[0] + p[1] * p[1])
-            b = np.zeros(3)
-        else:
-            q = corners[t, 2] - c
-            across = np.array(cross(n, q))
-            a = across / dot(across, p)
-            across = np.array(cross(n, p))
-            b = across / dot(across, q)
-        lengths = np.zeros(3)
-        for d in range(3):
-            facets[t, d], facets[t, 3 + d] = c[d], n[d]
-            facets[t, 6 + d], facets[t, 9 + d] = a[d], b[d]
-            lengths[0] += a[d] * a[d]
-            lengths[1] += b[d] * b[d]
-            lengths[2] += (a[d] + b[d]) * (a[d] + b[d])
-        for d in range(3):
-            facets[t, 12 + d] = slack * math.sqrt(lengths[d])
 
 
 @inner

@@ -129,13 +129,20 @@ def side_in_cone(cone, direction, slack):
 
 
 @lean
+def cone_in(rows, k, column):
+    """Return the cone in row k, from a column on."""
+    return (
+        rows[k, column], rows[k, column + 1], rows[k, column + 2], rows[k, column + 3],
+        rows[k, column + 4],
+    )  # fmt: skip
+
+
+@lean
 def in_sectors(sight, row, direction):
     """Return how a vector begins in the sectors of a boundary node."""
     code = 0
-    cones = sight.sectors
     for k in range(sight.first[row], sight.first[row + 1]):
-        cone = (cones[k, 0], cones[k, 1], cones[k, 2], cones[k, 3], cones[k, 4])
-        code |= side_in_cone(cone, direction, sight.slack)
+        code |= side_in_cone(cone_in(sight.sectors, k, 0), direction, sight.slack)
     return code
 
 

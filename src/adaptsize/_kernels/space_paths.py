@@ -16,6 +16,10 @@ from adaptsize._kernels.trees import DEPTH
 #: Largest number of edges of a path.
 LONGEST = 12
 
+#: Lower bounds are lowered by this share, so that rounding discards no path.  The allowed size is
+#: then the minimum over the same paths, whatever the order in which they are tested.
+PATH_SLACK = 1.0 - 1e-12
+
 # Times that the bends of a path are moved, at most.
 _SWEEPS = 20
 
@@ -249,3 +253,41 @@ def straighten(edges, chain, bends, n, i):
         before, length = length, length_from(bends, n + 1, i)
         if length >= before * (1.0 - 1e-11):
             return
+
+
+@lean
+def in_sector(paths, w, box, slack):
+    """Return whether a path may act on a point of a box."""
+    e = paths.edge[w]
+    if e < 0:
+        return True
+    least = first = second = 0.0
+    for d in range(3):
+        low, high = box[d] - paths.edges.start[e, d], box[3 + d] - paths.edges.start[e, d]
+        n, a, b = paths.sector[w, d], paths.sector[w, 3 + d], paths.sector[w, 6 + d]
+        least += n * low if n > 0.0 else n * high
+        first += a * high if a > 0.0 else a * low
+        second += b * high if b > 0.0 else b * low
+    return least <= slack and max(first, second) >= -slack
+
+
+@lean
+def promise_of(boxes, b, x, sizes, count, g):
+    """Return the number of points of a block that the paths in box b may lower.
+
+    The test uses the points of the block, since sizes within a block differ by more than the
+    paths to one point do.
+    """
+    value = boxes[b, 6]
+    lx, ly, lz = boxes[b, 0], boxes[b, 1], boxes[b, 2]
+    hx, hy, hz = boxes[b, 3], boxes[b, 4], boxes[b, 5]
+    found = 0
+    if value == math.inf:
+        return found
+    for i in range(count):
+        dx = max(lx - x[0, i], x[0, i] - hx, 0.0)
+        dy = max(ly - x[1, i], x[1, i] - hy, 0.0)
+        dz = max(lz - x[2, i], x[2, i] - hz, 0.0)
+        bound = value + g * math.sqrt(dx * dx + dy * dy + dz * dz)
+        found += 1 if PATH_SLACK * bound <= sizes[i] else 0
+    return found

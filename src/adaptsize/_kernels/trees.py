@@ -17,20 +17,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.compiling import generated, inner, kernel, lean, lean_kernel
+from adaptsize._kernels.compiling import generated, inner, lean
 from adaptsize._kernels.vectors import triple
 
 #: Items of a leaf.
 LEAF = 4
-
 #: Rows of a stack on which a depth-first descent finds room, with at most 2^31 leaves.
 DEPTH = 64
-
-#: Bits per axis of a Morton key.
-BITS = 21
-
-#: Bits of a key that are sorted at a time; three digits of one axis fit into a key of 63 bits.
-DIGIT = 11
 
 
 class Tree(NamedTuple):
@@ -193,74 +186,6 @@ def _meets_shaft(boxes, b, given):
 leaf_in_shaft = descent(_meets_shaft)
 
 
-class Curve(NamedTuple):
-    """Where a Morton curve runs.
-
-    Parameters
-    ----------
-    axes : tuple[int, ...]
-        Of length dim.
-    lower : float64[dim]
-    scale : float
-        Coordinates less ``lower`` times this are in [0, 2^BITS); others, and nan, count as
-        0.
-    spread : int64[2^DIGIT]
-        Numbers with dim - 1 zeros after each of their bits.
-    """
-
-    axes: tuple[int, ...]
-    lower: np.ndarray
-    scale: float
-    spread: np.ndarray
-
-
-@lean_kernel
-def sort_along_curve(points, curve, keys, order, counts):
-    """Sort points along a Morton curve, equal keys by their number.
-
-    A key has the bits of the coordinates in turn, the highest first.  Keys are sorted by one digit
-    after another, from the lowest to the highest.
-
-    Parameters
-    ----------
-    points : float64[n, dim]
-    curve : Curve
-    keys : int64[2, n]
-        Out: the sorted keys, and scratch.
-    order : int32[2, n]
-        Out: the numbers of the points, and scratch.
-    counts : int64[2^DIGIT]
-        Scratch.
-    """
-    lower, scale, spread = curve.lower, curve.scale, curve.spread
-    dim = len(curve.axes)
-    mask = 2**DIGIT - 1
-    for i in range(points.shape[0]):
-        key = 0
-        for d in range(dim):
-            along = (points[i, d] - lower[d]) * scale
-            x = int(along) if 0.0 <= along < 2.0**BITS else 0
-            key |= (spread[x & mask] | (spread[x >> DIGIT] << (DIGIT * dim))) << d
-        keys[0, i] = key
-        order[0, i] = i
-    here = 0
-    for shift in range(0, BITS * dim, DIGIT):  # an even number of digits
-        for b in range(mask + 1):
-            counts[b] = 0
-        for i in range(points.shape[0]):
-            counts[(keys[here, i] >> shift) & mask] += 1
-        total = 0
-        for b in range(mask + 1):
-            total += counts[b]
-            counts[b] = total - counts[b]
-        for i in range(points.shape[0]):
-            b = (keys[here, i] >> shift) & mask
-            to = counts[b]
-            counts[b] = to + 1
-            keys[1 - here, to], order[1 - here, to] = keys[here, i], order[here, i]
-        here = 1 - here
-
-
 @lean
 def gap2_to_box(boxes, b, axes, corners):
     """Return the squared distance between box b and the box with two corners, low and high."""
@@ -277,93 +202,6 @@ def gap2_to_box(boxes, b, axes, corners):
 def distance_to_box(boxes, b, axes, box):
     """Return the distance of box b of a tree from the box float64[2 * dim]; inf if b is empty."""
     return math.sqrt(gap2_to_box(boxes, b, axes, (box, box[len(axes) :])))
-
-
-@lean_kernel
-def fill_tiles(shape, tile, order):
-    """Fill the numbers of the nodes of a grid, tile by tile.
-
-    Parameters
-    ----------
-    shape, tile : tuple of 3 int
-        Numbers of nodes along the axes, of the grid and of a tile; 1 where there is no axis.
-    order : int32[product of shape]
-        Out.
-    """
-    count = 0
-    for first_i in range(0, shape[0], tile[0]):
-        for first_j in range(0, shape[1], tile[1]):
-            for first_k in range(0, shape[2], tile[2]):
-                for i in range(first_i, min(first_i + tile[0], shape[0])):
-                    for j in range(first_j, min(first_j + tile[1], shape[1])):
-                        for k in range(first_k, min(first_k + tile[2], shape[2])):
-                            order[count] = (i * shape[1] + j) * shape[2] + k
-                            count += 1
-
-
-@inner
-def _select(keys, axis, order, middle):
-    """Move the cells of smaller keys before place ``middle``, the others behind (quickselect).
-
-    ``keys``: float64[m, 3], of which one column, ``axis``, counts; ``order``: In/Out.
-    """
-    low, high = 0, order.shape[0] - 1
-    while low < high:
-        pivot = keys[order[(low + high) // 2], axis]
-        i, j = low, high
-        while i <= j:
-            while keys[order[i], axis] < pivot:
-                i += 1
-            while keys[order[j], axis] > pivot:
-                j -= 1
-            if i <= j:
-                order[i], order[j] = order[j], order[i]
-                i += 1
-                j -= 1
-        if middle <= j:
-            high = j
-        elif middle >= i:
-            low = i
-        else:
-            return
-
-
-@kernel
-def sort_for_tree(centroids, n_leaves, order):
-    """Put cells in the order of a tree: each node is halved along the longest side.
-
-    Halving by number keeps the tree complete; unlike runs along a space-filling curve,
-    the halves of a box overlap by no more than the size of a cell.
-
-    Parameters
-    ----------
-    centroids : float64[m, 3]
-    n_leaves : int
-        Power of 2, at most m.
-    order : int64[m]
-        In/Out: numbers of the cells.  Centroids along a space-filling curve are faster.
-    """
-    m = centroids.shape[0]
-    for node in range(1, n_leaves):
-        width = n_leaves  # number of leaves under the node
-        level = node
-        while level > 1:
-            level >>= 1
-            width >>= 1
-        leaf = node * width - n_leaves
-        first, last = leaf * m // n_leaves, (leaf + width) * m // n_leaves
-        axis = np.int64(0)  # callees would be compiled for a literal, too
-        longest = -1.0
-        for d in range(3):
-            lower = math.inf
-            upper = -math.inf
-            for place in range(first, last):
-                lower = min(lower, centroids[order[place], d])
-                upper = max(upper, centroids[order[place], d])
-            if upper - lower > longest:
-                axis = d
-                longest = upper - lower
-        _select(centroids, axis, order[first:last], (leaf + width // 2) * m // n_leaves - first)
 
 
 @lean

@@ -16,6 +16,12 @@ def triple(rows, i, k):
 
 
 @lean
+def column(rows, i):
+    """Return the first three numbers of column i."""
+    return rows[0, i], rows[1, i], rows[2, i]
+
+
+@lean
 def between(points, i, j):
     """Return x_j - x_i."""
     return (
@@ -83,3 +89,30 @@ def mean(points, nodes, weights):
         s * points[i, 1] + t * points[j, 1] + u * points[k, 1],
         s * points[i, 2] + t * points[j, 2] + u * points[k, 2],
     )
+
+
+@lean
+def frame(normal):
+    """Return u, v so that (u, v, normal) is an orthonormal frame."""
+    least = 0
+    for d in range(1, 3):
+        if abs(normal[d]) < abs(normal[least]):
+            least = d
+    axis = (1.0 if least == 0 else 0.0, 1.0 if least == 1 else 0.0, 1.0 if least == 2 else 0.0)
+    u = unit(cross(normal, axis))
+    return u, cross(normal, u)
+
+
+@lean
+def restrict(tensor, u, v):
+    """Return (a, b, c), the components of a symmetric tensor in the frame u, v.
+
+    ``tensor``: six numbers xx, yy, zz, yz, xz, xy.
+    """
+    a, b, c = 0.0, 0.0, 0.0
+    for d in range(3):
+        i, j = (d + 1) % 3, (d + 2) % 3
+        a += tensor[d] * u[d] * u[d] + 2.0 * tensor[3 + d] * u[i] * u[j]
+        b += tensor[d] * u[d] * v[d] + tensor[3 + d] * (u[i] * v[j] + u[j] * v[i])
+        c += tensor[d] * v[d] * v[d] + 2.0 * tensor[3 + d] * v[i] * v[j]
+    return a, b, c

@@ -6,14 +6,8 @@ from functools import cache, reduce
 
 import numpy as np
 
-from adaptsize._kernels.trees import (
-    BITS,
-    DIGIT,
-    Curve,
-    Tree,
-    sort_along_curve,
-    sort_for_tree,
-)
+from adaptsize._kernels.ordering import BITS, DIGIT, Curve, sort_along_curve, sort_for_tree
+from adaptsize._kernels.trees import Tree
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.typing import FloatArray, IntArray, LongArray
 

@@ -17,12 +17,12 @@ from adaptsize._kernels.octree import (
     Leaves,
     Nodes,
     Table,
-    cut_leaves,
     decode,
     encode,
     mark_hanging,
     number_corners,
 )
+from adaptsize._kernels.octree_cells import cut_leaves
 from adaptsize.background.refinement import NeedsRefinement
 from adaptsize.typing import BoolArray, FloatArray, LongArray
 

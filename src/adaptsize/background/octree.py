@@ -21,7 +21,8 @@ from adaptsize._checks import (
     check_range,
     refuse_where,
 )
-from adaptsize._kernels.octree import Nodes, cut_leaves
+from adaptsize._kernels.octree import Nodes
+from adaptsize._kernels.octree_cells import cut_leaves
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import _octree_growth as growth
 from adaptsize.background._mesh_arrays import read_only

@@ -18,7 +18,7 @@ from adaptsize.domain_size.request import Bounds, PointBounds, Request
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import Separation
-from adaptsize.geometry.width import Walls
+from adaptsize.geometry.walls import Walls
 from adaptsize.limiting import FastMarching
 from adaptsize.sizes import size_from_curvature, size_from_feature
 from adaptsize.sizes.budget import nodal_measures

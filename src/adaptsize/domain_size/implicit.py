@@ -32,7 +32,7 @@ from adaptsize.geometry.distance.closest_points import (
     is_distance,
 )
 from adaptsize.geometry.implicit_surface import Implicit, largest_curvature
-from adaptsize.geometry.width import width_within
+from adaptsize.geometry.width_of_functions import width_within
 from adaptsize.sizes.budget import calibration
 from adaptsize.typing import BoolArray, FloatArray
 

@@ -18,7 +18,8 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import tree_over
 from adaptsize.background.topology import rows_among
 from adaptsize.geometry.faces import ANGLE_SLACK, Faces, Lists, sorted_by_place
-from adaptsize.geometry.width import Walls, check_boundary
+from adaptsize.geometry.walls import Walls
+from adaptsize.geometry.width import check_boundary
 from adaptsize.typing import FloatArray, IndexArray, IntArray, ProgressCallback
 
 # A compiled loop cannot be interrupted; one call of it processes this many points.

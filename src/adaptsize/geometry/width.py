@@ -16,19 +16,15 @@ from adaptsize._kernels import rays as kernels
 from adaptsize._kernels.distance import fill_closest
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
-from adaptsize.background._curve import tree_over
 from adaptsize.background.location import parts_of
 from adaptsize.background.topology import components_of, pairs_of_cells
-from adaptsize.geometry.distance.closest_points import Boundary, Depths
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.faces import ANGLE_SLACK, Faces
-from adaptsize.geometry.medial.fronts import Fronts, meet_at_corner
-from adaptsize.typing import BoolArray, FloatArray, IndexArray, LongArray, ProgressCallback
+from adaptsize.geometry.walls import SLACK, Walls
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, ProgressCallback
 
-# Distances below this, in units of the longest side of the boundary's box, are rounding.
-SLACK = 1e-9
-# Walls do not count if they are steeper to the ray than this, radians.
-_STEEPEST = math.radians(75.0)
+#: Walls do not count if they are steeper to the ray than this, radians.
+STEEPEST = math.radians(75.0)
 
 
 def boundary_width(
@@ -119,29 +115,6 @@ def check_boundary(boundary: SimplexMesh) -> None:
         )
 
 
-class Walls(NamedTuple):
-    """The facets of a boundary in a tree.
-
-    Parameters
-    ----------
-    order : LongArray
-        Number of the facet in each row.
-    tree : kernels.Walls
-    """
-
-    order: LongArray
-    tree: kernels.Walls
-
-    @classmethod
-    def of(cls, faces: Faces) -> Walls:
-        """Return the walls of a boundary in its frame."""
-        tree, order = tree_over(faces.frame.of(faces.mesh.points), faces.mesh.cells)
-        facets = np.empty((len(order), kernels.FACET))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            kernels.fill_facets(faces.corners[order], faces.normals[order], SLACK, facets)
-        return cls(order, kernels.Walls(facets, tree.boxes, SLACK))
-
-
 @dataclass(frozen=True, eq=False)
 class Width:
     """Finds the width of a domain at points of its boundary, see `boundary_width`.
@@ -177,7 +150,7 @@ class Width:
         faces, mesh, piece, order = self.faces, self.faces.mesh, self._pieces, self.walls.order
         has_rim = np.zeros(mesh.n_cells, np.bool_)
         has_rim[piece[(mesh.facet_cell_counts[mesh.cell_facets] == 1).any(axis=1)]] = True
-        angles = [_STEEPEST + ANGLE_SLACK, math.radians(self.corner_angle) - ANGLE_SLACK]
+        angles = [STEEPEST + ANGLE_SLACK, math.radians(self.corner_angle) - ANGLE_SLACK]
         limits = np.cos(np.maximum(angles, 0.0))
         meets = (faces.meets.first, faces.meets.items)
         return kernels.Rule(has_rim[piece][order], faces.face[order], meets, limits)
@@ -346,54 +319,3 @@ def _inside(weights: FloatArray) -> FloatArray:
     # Rays start where each weight in the facet is at least this: near an edge, but beside it.
     inside = np.maximum(weights, (1.0 / 24.0))
     return np.asarray(inside / inside.sum(axis=1)[:, None])
-
-
-def width_within(
-    boundary: Boundary, points: FloatArray, seen: Depths, extent: float, report: ProgressCallback
-) -> FloatArray:
-    """Return the width of the domain of a function at the closest points of its boundary.
-
-    Rays run inwards along the normals there, each by the distance from the boundary at a time.
-    Walls count as for `boundary_width`; they meet if the boundary follows their tangents to where
-    these meet.
-
-    Parameters
-    ----------
-    boundary : Boundary
-    points : float64[n, dim]
-        Around which the balls up to the closest points have no boundary inside.
-    seen : Depths
-        Of the points.
-    extent : float
-        Longer rays have the width inf.
-    report : callable
-    """
-    starts, directions = seen.closest_points(points), -seen.outward
-    along = np.maximum(seen.depth, 1e-6 * extent)
-    hit = np.zeros(len(starts), np.bool_)
-    # At equal distance from two parts of the boundary, the direction may be that to neither.
-    going = np.flatnonzero(boundary.distance(starts) <= 1e-3 * along)
-    # Rays that are still on their way then touch a wall without crossing it.
-    for step in range(64):
-        depth = boundary.seen_from(starts[going] + along[going, None] * directions[going]).depth
-        hit[going] = (depth <= 1e-3 * along[going]) & (step > 0)
-        along[going] += np.maximum(depth, 0.0)
-        # A ray that begins outside, at the tip of a corner, has no width.
-        going = going[~hit[going] & (along[going] < extent) & (depth > 0.0)]
-        report("width", step / 64)
-        if len(going) == 0:
-            break
-    at = np.flatnonzero(hit)
-    starts, directions, reach = starts[at], directions[at], along[at]
-    normals = boundary.seen_from(starts + (0.999 * reach)[:, None] * directions).outward
-    facing = (directions * normals).sum(axis=1)
-    radii = reach * facing / (1.0 + facing)
-    middles, both = starts + radii[:, None] * directions, np.stack([-directions, normals], axis=1)
-    fronts = Fronts(middles, radii, both, np.empty((len(at), 2), np.int64))
-    counts = facing >= math.cos(_STEEPEST)
-    fronts, at, reach = fronts.taken(counts), at[counts], reach[counts]
-    # Closest points are known to this distance, also at corners.
-    corner = meet_at_corner(boundary.distance, 1e-5 * extent, fronts, CORNER_ANGLE)[0]
-    widths = np.full(len(points), np.inf)
-    widths[at[~corner]] = reach[~corner]
-    return widths

@@ -11,8 +11,9 @@ from adaptsize._kernels.metric_sources import Scratch, Sources, list_entering, n
 from adaptsize._kernels.sight import Sight, View, fill_seen, new_view
 from adaptsize.background import SimplexMesh
 from adaptsize.background._mesh_arrays import read_only
-from adaptsize.geometry.boundary import flat_boundary, plane_boundary
+from adaptsize.geometry.boundary import flat_boundary
 from adaptsize.geometry.convexity import is_convex
+from adaptsize.geometry.plane_boundary import plane_boundary
 from adaptsize.limiting.exact.obstacles_in_plane import plane_of
 from adaptsize.typing import FloatArray, IntArray, LongArray
 

@@ -11,7 +11,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import Separation
-from adaptsize.geometry.width import Walls
+from adaptsize.geometry.walls import Walls
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.feature import own_boundary
 from adaptsize.typing import FloatArray, ProgressCallback

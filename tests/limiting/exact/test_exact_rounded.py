@@ -12,8 +12,9 @@ from meshes import structured_square
 from numpy.testing import assert_allclose
 
 from adaptsize import SimplexMesh, limit_gradient
-from adaptsize.geometry.boundary import flat_boundary, plane_boundary
+from adaptsize.geometry.boundary import flat_boundary
 from adaptsize.geometry.convexity import is_convex
+from adaptsize.geometry.plane_boundary import plane_boundary
 from adaptsize.limiting import Exact
 
 G = 0.3

@@ -13,6 +13,7 @@ import numpy as np
 from adaptsize._kernels import exact as kernels
 from adaptsize._kernels import exact_plane as plane
 from adaptsize._kernels.exact import BLOCK
+from adaptsize._kernels.exact_reach import list_entries_in_reach
 from adaptsize._kernels.sight import Sight, new_rays
 from adaptsize._kernels.trees import DEPTH, LEAF
 from adaptsize._progress import silent
@@ -300,7 +301,7 @@ def reach_of(points: FloatArray, order: IntArray, h: FloatArray) -> FloatArray:
 def entries_in_reach(entries: Entries, boxes: FloatArray, g: float) -> IntArray:
     """Return the entries that may allow less than the largest size in any of the boxes."""
     found = np.empty(len(entries.nodes), np.int32)
-    count = kernels.list_entries_in_reach(
+    count = list_entries_in_reach(
         entries.table,
         entries.boxes,
         (0,) * entries.nodes.shape[1],

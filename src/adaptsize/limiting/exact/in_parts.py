@@ -20,8 +20,8 @@ import numpy as np
 from adaptsize._kernels.exact_candidates import have_neighbours
 from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.background._curve import along_curve
-from adaptsize.geometry.boundary import plane_boundary
 from adaptsize.geometry.convexity import count_corners
+from adaptsize.geometry.plane_boundary import plane_boundary
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.boundary_of_parts import Skeleton, find_skeleton
 from adaptsize.limiting.exact.candidates import Component, margin_for

@@ -13,7 +13,7 @@ from adaptsize._kernels.exact_plane import COLUMNS, CONE, CORNER, KIND, ROW
 from adaptsize._kernels.sight import ANY, NARROW, Sight, new_rays
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
-from adaptsize.geometry.boundary import PlaneBoundary
+from adaptsize.geometry.plane_boundary import PlaneBoundary
 from adaptsize.limiting.exact.field import (
     Entries,
     ExactField,

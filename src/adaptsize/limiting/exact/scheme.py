@@ -11,8 +11,8 @@ import numpy as np
 
 from adaptsize._checks import as_flag
 from adaptsize._kernels.exact_candidates import have_neighbours
+from adaptsize._kernels.ordering import fill_tiles
 from adaptsize._kernels.topology import mark_nodes
-from adaptsize._kernels.trees import fill_tiles
 from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only

@@ -15,8 +15,9 @@ from adaptsize._kernels.exact_plane import CORNER
 from adaptsize._progress import silent
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
-from adaptsize.geometry.boundary import FlatBoundary, plane_boundary
+from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.geometry.convexity import count_corners
+from adaptsize.geometry.plane_boundary import plane_boundary
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.candidates import (
     EQUAL,
