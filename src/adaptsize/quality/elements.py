@@ -12,8 +12,8 @@ from adaptsize._checks import check_type
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.typing import FloatArray
 
-# Cells are processed in blocks of this size to bound the memory.
-_CELLS_AT_ONCE = 100_000
+# Cells are processed in blocks whose numbers fit into the cache.
+_CELLS_AT_ONCE = 4096
 
 
 def radius_ratios(mesh: SimplexMesh) -> FloatArray:
@@ -103,52 +103,59 @@ _Formula: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 def _of_cells(mesh: SimplexMesh, of_triangles: _Formula, of_tetrahedra: _Formula) -> FloatArray:
-    """Return a formula of corners, float64[m, k + 1, dim], and measures; 0 for degenerate cells.
+    """Return a formula of corners, float64[k + 1, dim, m], and measures; 0 for degenerate cells.
 
     Each cell is scaled by its longest extent, so that products of lengths stay in the
     range of float64.
     """
     check_type("mesh", mesh, SimplexMesh)
     check_cells(mesh)
-    formula, values = of_triangles if mesh.cell_dim == 2 else of_tetrahedra, []
+    formula, values = of_triangles if mesh.cell_dim == 2 else of_tetrahedra, np.zeros(mesh.n_cells)
     for first in range(0, mesh.n_cells, _CELLS_AT_ONCE):
         part = slice(first, first + _CELLS_AT_ONCE)
-        corners = mesh.points[mesh.cells[part]]
-        corners = corners - corners[:, :1]
-        extent = np.abs(corners).max(axis=(1, 2))
+        # Each coordinate of a corner is a contiguous row.
+        corners = np.ascontiguousarray(mesh.points[mesh.cells[part]].transpose(1, 2, 0))
+        corners = corners - corners[0]
+        extent = np.abs(corners).max(axis=(0, 1))
         extent[extent == 0.0] = 1.0
-        corners /= extent[:, None, None]
-        measures = mesh.measures[part] / extent ** (corners.shape[1] - 1)
+        corners /= extent
+        measures = mesh.measures[part] / extent**mesh.cell_dim
         with np.errstate(invalid="ignore"):  # 0 / 0
-            values.append(np.where(measures > 0.0, formula(corners, measures), 0.0))
-    return np.concatenate(values)
+            values[part] = np.where(measures > 0.0, formula(corners, measures), 0.0)
+    return values
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray((a * b).sum(axis=0))
 
 
 def _lengths(vectors: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.norm(vectors, axis=-1))
+    return np.sqrt(_dot(vectors, vectors))
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.stack([a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3)])
 
 
 def _radius_ratios_of_triangles(corners: FloatArray, areas: FloatArray) -> FloatArray:
-    a, b, c = (_lengths(corners[:, i] - corners[:, j]) for i, j in ((1, 2), (2, 0), (0, 1)))
+    a, b, c = (_lengths(corners[i] - corners[j]) for i, j in ((1, 2), (2, 0), (0, 1)))
     return np.asarray(16.0 * areas**2 / (a * b * c * (a + b + c)))
 
 
 def _radius_ratios_of_tetrahedra(corners: FloatArray, volumes: FloatArray) -> FloatArray:
-    e1, e2, e3 = (corners[:, i] - corners[:, 0] for i in (1, 2, 3))
-    n1, n2, n3 = np.cross(e2, e3), np.cross(e3, e1), np.cross(e1, e2)
-    opposite = np.cross(corners[:, 2] - corners[:, 1], corners[:, 3] - corners[:, 1])
+    e1, e2, e3 = (corners[i] - corners[0] for i in (1, 2, 3))
+    n1, n2, n3 = _cross(e2, e3), _cross(e3, e1), _cross(e1, e2)
+    opposite = _cross(corners[2] - corners[1], corners[3] - corners[1])
     area = 0.5 * (_lengths(n1) + _lengths(n2) + _lengths(n3) + _lengths(opposite))
-    squares = [np.einsum("ij,ij->i", e, e)[:, None] for e in (e1, e2, e3)]
-    centre = _lengths(squares[0] * n1 + squares[1] * n2 + squares[2] * n3)  # 12 V R
+    centre = _lengths(_dot(e1, e1) * n1 + _dot(e2, e2) * n2 + _dot(e3, e3) * n3)  # 12 V R
     return np.asarray(108.0 * volumes**2 / (area * centre))
 
 
 def _angles_of_triangles(corners: FloatArray, areas: FloatArray) -> FloatArray:
     angles = []
     for i in range(3):
-        u = corners[:, (i + 1) % 3] - corners[:, i]
-        v = corners[:, (i + 2) % 3] - corners[:, i]
-        angles.append(np.arctan2(2.0 * areas, np.einsum("ij,ij->i", u, v)))
+        u, v = (corners[(i + k) % 3] - corners[i] for k in (1, 2))
+        angles.append(np.arctan2(2.0 * areas, _dot(u, v)))
     return np.asarray(np.min(angles, axis=0))
 
 
@@ -156,7 +163,7 @@ def _angles_of_tetrahedra(corners: FloatArray, volumes: FloatArray) -> FloatArra
     angles = []
     for i, j in combinations(range(4), 2):
         k, m = (v for v in range(4) if v not in (i, j))
-        e, u, v = (corners[:, other] - corners[:, i] for other in (j, k, m))
-        cosine = np.einsum("ij,ij->i", np.cross(e, u), np.cross(e, v))
+        e, u, v = (corners[other] - corners[i] for other in (j, k, m))
+        cosine = _dot(_cross(e, u), _cross(e, v))
         angles.append(np.arctan2(6.0 * volumes * _lengths(e), cosine))
     return np.asarray(np.min(angles, axis=0))
