@@ -117,6 +117,24 @@ def test_a_mesh_comes_back_from_a_program_with_all_names(program, dim):
     assert named(back, back.tagged_facets, back.facet_tags) == given
 
 
+def test_quadrilaterals_of_netgen_are_split():
+    square = pytest.importorskip("netgen.geom2d").unit_square
+    made = square.GenerateMesh(maxh=0.3, quad_dominated=True)
+    with pytest.warns(InputWarning, match="quadrilaterals split"):
+        mesh = SimplexMesh.from_object(made)
+    assert mesh.measures.sum() == pytest.approx(1.0)
+    assert set(mesh.tag_names.values()) == {"bottom", "right", "top", "left"}
+
+
+def test_hanging_nodes_of_mfem_are_reported():
+    mfem = pytest.importorskip("mfem.ser")
+    made = mfem.Mesh.MakeCartesian2D(3, 2, mfem.Element.QUADRILATERAL, True, 2.0, 1.0)
+    made.EnsureNCMesh()
+    made.GeneralRefinement(mfem.intArray([0]))
+    with pytest.warns(InputWarning, match="hanging nodes"):
+        assert SimplexMesh.from_object(made).measures.sum() == pytest.approx(2.0)
+
+
 def test_ngsolve_integrates_over_a_named_boundary():
     ngsolve = pytest.importorskip("ngsolve")
     square = SimplexMesh(SQUARE, TWO_TRIANGLES, tagged_facets=[[0, 1]], facet_tags=[3])

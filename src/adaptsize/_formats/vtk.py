@@ -337,7 +337,7 @@ def _errors() -> Iterator[list[str]]:
     errors: list[str] = []
 
     def add(window: Any, event: str, text: str) -> None:
-        text = re.sub(r"^.*?\(0x[0-9a-f]+\): ", "", text, flags=re.DOTALL)
+        text = re.sub(r"^.*?\((0x[0-9a-f]+|nullptr)\): ", "", text, flags=re.DOTALL)
         errors.append(" ".join(text.split()))
 
     # By this, VTK passes the text.

@@ -67,6 +67,7 @@ def from_object(
     try:
         raw = read()
         check_raw(raw)
+        notes += raw.notes
         made = assembly.build(raw, kind=kind, flatten=flatten, notes=notes)
     except MeshFileError as error:
         raise ValueError(f"mesh {error}") from error

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._formats import writers
-from adaptsize._formats.blocks import SIMPLEX, UNTAGGED, RawMesh, dimension_of
+from adaptsize._formats.blocks import SIMPLEX, UNTAGGED, RawMesh, dimension_of, n_nodes_of
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import MeshFileError
 
@@ -84,21 +84,31 @@ def _raw_of_skfem(mesh: Any) -> RawMesh:
     return RawMesh(points, blocks, {}, {"cell_tags": tags}, names)
 
 
+#: Names of the cells of Netgen by the codes of its types; the corners come first.
+_OF_NETGEN = {
+    0: "line", 10: "triangle", 12: "triangle", 11: "quad", 13: "quad", 14: "quad", 20: "tetra",
+    21: "tetra10", 22: "pyramid", 28: "pyramid", 23: "wedge", 24: "wedge", 27: "wedge",
+    25: "hexahedron", 26: "hexahedron",
+}  # fmt: skip
+
+
 def _raw_of_netgen(mesh: Any) -> RawMesh:
     blocks, tags = [], []
-    for n, kind, elements in (
-        (2, "line", mesh.Elements1D()),
-        (3, "triangle", mesh.Elements2D()),
-        (4, "tetra", mesh.Elements3D()),
-    ):
+    for elements in (mesh.Elements1D(), mesh.Elements2D(), mesh.Elements3D()):
         found = elements.NumPy()
-        if len(found):
-            blocks.append((kind, found["nodes"][:, :n].astype(np.int64) - 1))
-            tags.append(found["index"].astype(np.int32))
+        types = found["type"] if "type" in found.dtype.names else np.zeros(len(found), np.int64)
+        for code in np.unique(types).tolist():
+            if code not in _OF_NETGEN:
+                raise MeshFileError(f"holds elements of type {code} of Netgen")
+            name, rows = _OF_NETGEN[code], found[types == code]
+            blocks.append((name, rows["nodes"][:, : n_nodes_of(name)].astype(np.int64) - 1))
+            tags.append(rows["index"].astype(np.int32))
     dim, names = mesh.dim, {}
     for of_dim, name_of in ((dim, mesh.GetMaterial), (dim - 1, lambda i: mesh.GetBCName(i - 1))):
-        numbers = [t for (kind, _), t in zip(blocks, tags, strict=True) if kind == SIMPLEX[of_dim]]
-        for number in np.unique(np.concatenate([np.empty(0, np.int32), *numbers])).tolist():
+        held = [
+            t for (name, _), t in zip(blocks, tags, strict=True) if dimension_of(name) == of_dim
+        ]
+        for number in np.unique(np.concatenate([np.empty(0, np.int32), *held])).tolist():
             names[of_dim, number] = str(name_of(number))
     points = np.array(mesh.Coordinates(), np.float64)
     good = {key: name for key, name in names.items() if name not in ("", "default")}
@@ -174,7 +184,8 @@ def _raw_of_mfem(mesh: Any) -> RawMesh:
             if len(numbers) == 1:
                 names[of_dim, int(numbers[0])] = str(name)
     points = np.array(mesh.GetVertexArray(), np.float64)
-    return RawMesh(points, blocks, {}, {"cell_tags": tags}, names)
+    notes = ["hanging nodes are not joined to their edges"] * bool(mesh.Nonconforming())
+    return RawMesh(points, blocks, {}, {"cell_tags": tags}, names, notes)
 
 
 def to_mfem(mesh: SimplexMesh) -> Any:
