@@ -61,8 +61,10 @@ def test_remesh_is_read_size_function_and_remesh(tmp_path):
 def test_elements_is_the_number_of_elements_of_the_mesh(capsys, tmp_path):
     pytest.importorskip("mmgpy")
     output = tmp_path / "new.vtu"
-    words = ["--elements", 900, "--source", "point:0,0=0.01", "--json"]
+    page = tmp_path / "new.html"
+    words = ["--elements", 900, "--source", "point:0,0=0.01", "--report", page, "--json"]
     assert call("remesh", DATA / "lshape.vtu", "-o", output, *words) == 0
+    assert ", 900 requested (" in page.read_text()
     assert read(output).n_cells == pytest.approx(900, rel=0.15)
     result = json.loads(capsys.readouterr().out)
     assert result["mesh"]["n_cells_requested"] == 900
@@ -75,7 +77,8 @@ def test_remesh_exits_1_where_check_does_and_names_the_boundary(capsys, tmp_path
     pytest.importorskip("mmgpy")
     new = tmp_path / "new.vtu"
     command = ["remesh", DATA / "shell.vtu", "-o", new, "--target", "triangles"]
-    assert call(*command, "--hmin", "0.5", "--hmax", "0.6", "--tolerance", "1e-4", "--json") == 1
+    command += ["--hmin", "0.5", "--hmax", "0.6", "--tolerance", "1e-4"]
+    assert call(*command, "--json") == 1
     printed = capsys.readouterr()
     result = json.loads(printed.out)
     assert result["mesh"]["tolerance"] == 1e-4
@@ -83,6 +86,10 @@ def test_remesh_exits_1_where_check_does_and_names_the_boundary(capsys, tmp_path
     assert "adaptsize: warning: boundary: within " in printed.err
     assert any(text.startswith("boundary: ") for text in result["warnings"])
     assert call("check", new, "--original", DATA / "shell.vtu", "-q") == 1
+    assert call(*command, "-q") == 1
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("adaptsize: error: the mesh does not pass adaptsize check: bound")
 
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])

@@ -103,14 +103,16 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         outcome = outcome_of_remeshing(new, repaired, size, allowed, given.get("elements"))
         files.draw(console, "size", plot, new)
         if page is not None:
+            from adaptsize.reporting.page import write_page  # matplotlib takes a while
+
             names = [name.partition(" with ")[2] for name, _ in console.times]
             about = {
                 "input": str(file),
                 "command": console.typed,
                 "generator": " and ".join(dict.fromkeys(filter(None, names))),
             }
-            ads.report(page, new, size, original=repaired, tolerance=allowed, times=console.times,
-                       about=about)  # fmt: skip
+            head = {"title": None, "times": console.times, "about": about}
+            write_page(page, new, size, outcome, outcome.check, head)
             console.say(f"report: {page}")
     console.record(size=as_dict(report))
     times = ", ".join(f"{name} {seconds:.1f}" for name, seconds in console.times)

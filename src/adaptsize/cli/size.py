@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import adaptsize as ads
 from adaptsize._checks import as_number
 from adaptsize.cli import files
-from adaptsize.cli.console import Console
+from adaptsize.cli.console import Console, print_message
 from adaptsize.cli.options import (
     FIELD,
     PLOT,
@@ -144,12 +144,18 @@ def as_dict(report: SizeReport) -> dict[str, Any]:
 
 
 def print_outcome(console: Console, file: Path, outcome: Outcome, *lines: str) -> int:
-    """Print how good a new mesh is and what is out of bounds, and return the exit code."""
+    """Print how good a new mesh is and what is out of bounds, and return the exit code.
+
+    A quiet command prints why the exit code is 1.
+    """
     console.record(input=str(file), mesh=outcome.as_dict())
     for line in (outcome, *lines):
         console.print(line)
     for text in outcome.warnings():
         console.warn(text)
+    if console.quiet and outcome.check.failures:
+        names = ", ".join(demand.name for demand in outcome.check.failures)
+        print_message(f"error: the mesh does not pass adaptsize check: {names}")
     return int(not outcome.check.is_met)
 
 

@@ -9,6 +9,7 @@ from datetime import datetime
 from html import escape
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -101,8 +102,6 @@ def report(
         if value is not None:
             check_type(name, value, kind)
     tolerance = as_tolerance("tolerance", tolerance)
-    from adaptsize.reporting import scenes  # matplotlib takes a while
-
     if size is None and "h" in mesh.point_data:
         size = SizeFunction(mesh, mesh.point_data["h"])
     outcome = None
@@ -113,13 +112,31 @@ def report(
         check = check_mesh(mesh, original=original, size=size, tolerance=tolerance)
         if size is not None:
             outcome = Outcome(kind_of(mesh), size_conformity(mesh, size), check)
+    head = {"title": title, "times": times, "about": about or {}}
+    write_page(target, mesh, size, outcome, check, head)
+
+
+def write_page(
+    target: Path,
+    mesh: SimplexMesh,
+    size: SizeFunction | None,
+    outcome: Outcome | None,
+    check: MeshCheck,
+    head: Mapping[str, Any],
+) -> None:
+    """Write the page of `report` from what is known of the mesh.
+
+    ``head`` has the arguments ``title``, ``times`` and ``about`` of `report`.
+    """
+    from adaptsize.reporting import scenes  # matplotlib takes a while
+
     warnings = [] if outcome is None else outcome.warnings()
     charts = [] if size is None else [scenes.histogram_of_lengths(mesh, size)]
     charts.append(scenes.histogram_of_angles(mesh))
-    heading = f"{escape(title or target.stem)}: {kind_of(mesh)}"
+    heading = f"{escape(head['title'] or target.stem)}: {kind_of(mesh)}"
     data = json.dumps(scenes.data_of(scenes.scenes_of_mesh(mesh, size))).replace("<", "\\u003c")
-    head = [
-        *(about or {}).items(),
+    origin = [
+        *head["about"].items(),
         ("date", datetime.now().astimezone().isoformat(" ", "seconds")),
         ("version", f"adaptsize {adaptsize.__version__}"),
         ("units", "lengths in the unit of the coordinates, angles in degrees"),
@@ -129,12 +146,12 @@ def report(
         '<html lang="en"><head><meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         f"<title>{heading}</title><style>{_file('page.css')}</style></head><body>",
-        f'<h1>{heading}</h1><div class="head">{_table(head)}</div>',
+        f'<h1>{heading}</h1><div class="head">{_table(origin)}</div>',
         *(f'<p class="warning">{escape(text)}</p>' for text in warnings),
         "<h2>Mesh</h2>",
         _SCENE,
         "<h2>Summary</h2>",
-        _table(_rows(mesh, outcome, None if size is None else size.report, times)),
+        _table(_rows(mesh, outcome, None if size is None else size.report, head["times"])),
         '<h2>Edge lengths and angles</h2><div class="charts">',
         *(f"<figure>{chart}</figure>" for chart in charts),
         "</div><h2>Cells with the smallest angles</h2>",
