@@ -19,7 +19,7 @@ from adaptsize.geometry.creases import (
     normals_of,
     refuse_other_than_surface,
 )
-from adaptsize.geometry.faces import Passages, twice_area
+from adaptsize.geometry.faces import Passages, corner_angles, twice_area
 from adaptsize.typing import FloatArray, IntArray
 
 #: What the curvature is returned for.
@@ -205,9 +205,7 @@ def _normals_of(surface: Surface, sectors: Sectors, angle: float) -> FloatArray:
     cosines = sectors.sign * np.einsum("ij,ij->i", normals[sectors.sector], own)
     oblique = (cosines < math.cos(angle)) & (np.repeat(surface.areas, 3) > 0.0)
     normals[sectors.sector[oblique]] = 0.0
-    corners = surface.points[surface.cells]
-    a, b = (np.roll(corners, -turn, axis=1) - corners for turn in (1, 2))
-    at_corners = np.arctan2(np.linalg.norm(np.cross(a, b), axis=2), np.einsum("ijk,ijk->ij", a, b))
+    at_corners = corner_angles(surface.points[surface.cells])
     angles = np.bincount(sectors.sector, at_corners.ravel())
     # Facets of a smooth surface turn by less than the crease angle, and the error of the
     # normal of a fan is at most half of that.  Fans at corners and along feature edges depend

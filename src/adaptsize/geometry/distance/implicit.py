@@ -48,9 +48,8 @@ def implicit_distance(
 
     crossings, lengths = crossings_of(background, function, values)
     spacing = float(lengths.max())
-    if isinstance(
-        background, CartesianGrid
-    ):  # nodes at edges only would miss closest points at corners
+    if isinstance(background, CartesianGrid):
+        # Nodes at edges only would miss closest points at corners.
         layer = _nodes_of_mixed_boxes(values > 0.0)
     else:
         layer = np.unique(np.concatenate(_edges_across(background, values)))
