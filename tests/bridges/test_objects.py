@@ -117,6 +117,22 @@ def test_a_mesh_comes_back_from_a_program_with_all_names(program, dim):
     assert named(back, back.tagged_facets, back.facet_tags) == given
 
 
+def test_parts_of_a_scene_are_tags_with_their_names(tmp_path):
+    import trimesh
+
+    scene = trimesh.Scene(
+        {"box": trimesh.creation.box(), "line": trimesh.load_path([[0, 0], [1, 0]])}
+    )
+    move = trimesh.transformations.translation_matrix([3, 0, 0])
+    scene.add_geometry(trimesh.creation.icosphere(1), transform=move, node_name="the ball")
+    (tmp_path / "a.glb").write_bytes(scene.export(file_type="glb"))
+    for mesh in (SimplexMesh.from_object(scene), ads.read(tmp_path / "a.glb")):
+        numbers = {name: tag for (_, tag), name in mesh.tag_names.items()}
+        assert set(numbers) == {"box", "the ball"}
+        ball = mesh.points[mesh.cells[mesh.cell_tags == numbers["the ball"]]]
+        assert (ball.reshape(-1, 3).mean(axis=0)[0], len(ball)) == (pytest.approx(3.0), 80)
+
+
 def test_quadrilaterals_of_netgen_are_split():
     square = pytest.importorskip("netgen.geom2d").unit_square
     made = square.GenerateMesh(maxh=0.3, quad_dominated=True)

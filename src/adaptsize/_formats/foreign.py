@@ -215,15 +215,29 @@ def read_trimesh(path: Path) -> RawMesh:
     """Return the triangles of all parts of a scene in its coordinates, or a PLY with its fields."""
     import trimesh
 
-    is_ply = path.suffix.lower() == ".ply"
-    options = {"fix_texture": False} if is_ply else {}
-    mesh: Any = trimesh.load_mesh(path, process=False, skip_materials=True, **options)
-    points = np.asarray(mesh.vertices, dtype=np.float64)
-    if is_ply:
-        if "_ply_raw" not in mesh.metadata:
-            raise MeshFileError("holds no faces")
-        return _raw_of_ply(points, mesh.metadata["_ply_raw"])
-    return RawMesh(points, [("triangle", np.asarray(mesh.faces, np.int64).reshape(-1, 3))])
+    if path.suffix.lower() != ".ply":
+        return raw_of_trimesh(trimesh.load_scene(path, process=False, skip_materials=True))
+    mesh: Any = trimesh.load_mesh(path, process=False, skip_materials=True, fix_texture=False)
+    if "_ply_raw" not in mesh.metadata:
+        raise MeshFileError("holds no faces")
+    return _raw_of_ply(np.asarray(mesh.vertices, dtype=np.float64), mesh.metadata["_ply_raw"])
+
+
+def raw_of_trimesh(mesh: Any) -> RawMesh:
+    """Return the triangles of a mesh, or of a scene, with the names of its parts as tags."""
+    held = mesh.dump() if hasattr(mesh, "graph") else [mesh]
+    parts = [part for part in held if hasattr(part, "faces")]
+    if not parts:
+        raise MeshFileError("holds no triangles")
+    start = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    faces = [np.asarray(part.faces, np.int64).reshape(-1, 3) for part in parts]
+    cells = np.concatenate([own + n for own, n in zip(faces, start[:-1], strict=True)])
+    points = np.concatenate([np.asarray(part.vertices, np.float64) for part in parts])
+    if len(parts) == 1:
+        return RawMesh(points, [("triangle", cells)])
+    tags = np.repeat(np.arange(1, len(parts) + 1, dtype=np.int32), [len(own) for own in faces])
+    names = {(2, k): str(part.metadata.get("node", k)) for k, part in enumerate(parts, start=1)}
+    return RawMesh(points, [("triangle", cells)], {}, {"cell_tags": [tags]}, names)
 
 
 def _raw_of_ply(points: npt.NDArray[np.float64], elements: dict[str, Any]) -> RawMesh:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from adaptsize._checks import as_flag, check_type, describe, warn_caller
-from adaptsize._formats import assembly, vtk, writers
+from adaptsize._formats import assembly, foreign, vtk, writers
 from adaptsize._formats.blocks import RawMesh, check_raw
 from adaptsize.background import SimplexMesh
 from adaptsize.bridges import solvers
@@ -26,17 +26,17 @@ def from_object(
     Parameters
     ----------
     mesh : object
-        A mesh of meshio, PyVista (or a data set of VTK), trimesh, scikit-fem, DOLFINx (also with
-        its tags, as ``model_to_mesh`` returns it), MFEM, Netgen or NGSolve, or ``gmsh.model``, the
-        current model of Gmsh.  Not changed.
+        A mesh of meshio, PyVista (or a data set of VTK), trimesh (or a scene), scikit-fem, DOLFINx
+        (also with its tags, as ``model_to_mesh`` returns it), MFEM, Netgen or NGSolve, or
+        ``gmsh.model``, the current model of Gmsh.  Not changed.
     kind, flatten
         Which cells to read, and whether a coordinate z = 0 is dropped, as for `read`.
 
     Returns
     -------
     SimplexMesh
-        Subdomains, materials, attributes and physical groups are cell tags, those of boundaries
-        are tagged facets, with their names.
+        Subdomains, materials, attributes, physical groups and parts of scenes are cell tags, those
+        of boundaries are tagged facets, with their names.
 
     Raises
     ------
@@ -55,9 +55,8 @@ def from_object(
         read = partial(_raw_of_meshio, mesh)
     elif getattr(mesh, "IsA", lambda _: False)("vtkDataObject"):
         read = partial(vtk.raw_of, mesh)
-    elif read is None and hasattr(mesh, "vertices") and hasattr(mesh, "faces"):  # trimesh
-        blocks = [("triangle", np.array(mesh.faces))]
-        read = partial(RawMesh, np.array(mesh.vertices), blocks)
+    elif read is None and any(map(partial(hasattr, mesh), ("faces", "graph"))):  # trimesh
+        read = partial(foreign.raw_of_trimesh, mesh)
     if read is None:
         raise ValueError(
             "mesh must be of meshio, PyVista, VTK, trimesh, scikit-fem, DOLFINx, MFEM, Netgen or "
