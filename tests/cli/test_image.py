@@ -32,6 +32,18 @@ def test_image_writes_a_mesh_with_sizes_and_regions(mask, tmp_path, capsys):
     assert mesh.point_data["h"].min() > 0.0
 
 
+def test_a_region_whose_area_has_changed_is_named(tmp_path, capsys):
+    y, x = np.mgrid[0:100, 0:100]
+    rows = (np.hypot(x - 50, y - 50) < 42).astype(np.uint8)
+    rows[np.hypot(x - 40, y - 50) < 8] = 2
+    Pillow.fromarray(rows).save(tmp_path / "mask.png")
+    words = ["image", tmp_path / "mask.png", "-o", tmp_path / "mesh.vtu"]
+    assert call(*words) == 0
+    assert "warning: the area of these regions has changed: 2 (" in capsys.readouterr().err
+    assert call(*words, "--hmax", "2.5") == 0
+    assert "warning" not in capsys.readouterr().err
+
+
 def test_size_of_an_image_says_what_controls_what(mask, tmp_path, capsys):
     output = tmp_path / "size.vti"
     assert call("size", mask, "-o", output, "--spacing", "0.5,0.5") == 0

@@ -142,8 +142,17 @@ class Outcome:
                 f"{', or the backend tetwild,' if found.cell_dim == 3 else ''} may help"
             )
         # Pixels at an edge are not resolved.
-        if self.change is not None and abs(self.change) > (0.05 if self.expected is None else 0.01):
+        most = 0.05 if self.expected is None else 0.01
+        if self.change is not None and abs(self.change) > most:
             lines.append(f"the {self._measure} has changed by {self.change:+.1%}")
+        of_regions = self.regions if self.expected is None and len(self.regions) > 1 else {}
+        changes = {tag: change for tag, (_, change) in of_regions.items() if abs(change) > most}
+        if changes:  # of other meshes, check compares the regions
+            listed = ", ".join(f"{tag} ({change:+.1%})" for tag, change in changes.items())
+            lines.append(
+                f"the {self._measure} of these regions has changed: {listed}; sizes do not follow "
+                "interfaces: a smaller hmax, or a source there, resolves them"
+            )
         if self.pinched[0]:
             n, place = self.pinched
             lines.append(
