@@ -94,9 +94,13 @@ _OF_NETGEN = {
 
 def _raw_of_netgen(mesh: Any) -> RawMesh:
     blocks, tags = [], []
-    for elements in (mesh.Elements1D(), mesh.Elements2D(), mesh.Elements3D()):
+    for usual, elements in (
+        (0, mesh.Elements1D()),
+        (10, mesh.Elements2D()),
+        (20, mesh.Elements3D()),
+    ):
         found = elements.NumPy()
-        types = found["type"] if "type" in found.dtype.names else np.zeros(len(found), np.int64)
+        types = found["type"] if "type" in found.dtype.names else np.full(len(found), usual)
         for code in np.unique(types).tolist():
             if code not in _OF_NETGEN:
                 raise MeshFileError(f"holds elements of type {code} of Netgen")
