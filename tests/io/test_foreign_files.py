@@ -57,6 +57,18 @@ def test_gmsh_2_files_repeat_elements_for_each_group_and_the_first_is_kept(tmp_p
     assert_array_equal(mesh.facet_tags, [4])
 
 
+def test_medit_files_have_required_triangles_and_counts_in_the_line_of_a_keyword(tmp_path):
+    file = tmp_path / "a.mesh"
+    file.write_text(
+        "MeshVersionFormatted 2\nDimension 3\nVertices 4\n0 0 0 0\n1 0 0 0\n0 1 0 0\n0 0 1 0\n"
+        "RequiredTriangles\n1\n1\n\nTetrahedra\n1\n1 2 3 4 7\nTriangles 1\n1 2 3 5\n"
+        "RequiredEdges 2\n1\n2\nEdges\n1\n1 2 0\nEnd\n"
+    )
+    mesh = read(file)
+    assert_array_equal(mesh.cell_tags, [7])
+    assert_array_equal(mesh.facet_tags, [5])
+
+
 def test_su2_markers_keep_their_names_and_numbers(tmp_path):
     file = tmp_path / "a.su2"
     markers = ["7", "lower wall", "8", "far"]  # meshio counts on from 7

@@ -28,6 +28,8 @@ _VERTEX = re.compile(rb"^[ \t]*v[ \t]", re.M)  # of OBJ
 _ELEMENT_DATA = re.compile(rb"^\$ElementData\s*?\n.*?^\$EndElementData\s*?\n", re.M | re.S)
 #: The names of physical groups.  meshio keeps one per name; a volume and its skin may share one.
 _NAMES = re.compile(r"^\$PhysicalNames\s*$(.*?)^\$EndPhysicalNames", re.M | re.S)
+_REQUIRED = re.compile(r"^[ \t]*Required(?!Vertices)\w+[\s\d]*", re.M)  # of Medit
+_COUNT = re.compile(r"^([ \t]*(?!MeshVersion|Dimension)[A-Z]\w+)[ \t]+(\d+)[ \t]*$", re.M)
 _MARKER = re.compile(r"^([ \t]*MARKER_TAG[ \t]*=[ \t]*)(.*?)[ \t\r]*$", re.M)  # of SU2
 _NAME = re.compile(r'^[ \t]*([0-3])\s+(-?\d+)\s+"([^"\n]*)"', re.M)
 
@@ -122,10 +124,14 @@ def read_meshio(path: Path) -> RawMesh:
         if not re.search(r"^BEGIN BULK", text, re.M):  # as Gmsh writes them
             text = f"BEGIN BULK\n{text}"
         mesh = meshio.read(io.StringIO(text), "nastran")
-    elif suffix == ".su2":
-        text, names = _numbered_markers(path.read_text(encoding="utf-8", errors="replace"))
+    elif suffix in (".su2", ".mesh"):
+        text = path.read_text(encoding="utf-8-sig", errors="replace")
+        if suffix == ".su2":
+            text, names = _numbered_markers(text)
+        else:  # meshio knows neither these keywords, nor counts in their line
+            text = _COUNT.sub(r"\1\n\2", _REQUIRED.sub("", text))
         with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder, "numbered.su2")
+            file = Path(folder, f"text{suffix}")
             file.write_text(text, encoding="utf-8")
             mesh = meshio.read(file)
     else:
