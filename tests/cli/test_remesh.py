@@ -216,6 +216,15 @@ def test_close_fills_the_holes_first(capsys, open_box, no_generator):
     assert no_generator[0].is_closed
 
 
+def test_a_tolerance_that_looks_like_a_length_is_a_warning(capsys, box, no_generator):
+    words = ["remesh", box, "-o", box.with_name("o.vtu"), "--tolerance"]
+    call(*words, "0.5")
+    text = "adaptsize: warning: --tolerance = 0.5 is a share of the diagonal, not a length"
+    assert text in capsys.readouterr().err
+    call(*words, "0.05")
+    assert "not a length" not in capsys.readouterr().err
+
+
 def test_strict_refuses_an_open_surface_before_the_sizes(refused, open_box):
     err = refused("remesh", open_box, "-o", open_box.with_name("o.vtu"), "--strict")
     assert err.startswith("adaptsize: error: the surface is open: 4 open edges in 1 loop")

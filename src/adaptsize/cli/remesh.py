@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import adaptsize as ads
-from adaptsize._checks import count_text
+from adaptsize._checks import as_tolerance, count_text
 from adaptsize._defaults import TOLERANCE
 from adaptsize.cli import files
 from adaptsize.cli.console import Console, plain
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 #: Bytes for a mesh by Mmg, per element made: 1 GB for 1 million, in both processes together.
 _PER_ELEMENT = 1000.0
+#: A tolerance that looks like a length.
+_LOOSE = 0.1
 
 
 @command(
@@ -64,7 +66,6 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     """
     if "metric" in given:
         return remesh_with_metric(console, file, output, given)
-    from adaptsize._checks import as_tolerance
     from adaptsize._formats.provenance import write_provenance
     from adaptsize.domain_size.cost import report_of
     from adaptsize.domain_size.elements import mesh_with_sizes, tolerance_of
@@ -73,7 +74,6 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
 
     plot, page = given.pop("plot", None), given.pop("report", None)
     files.check_files([file], output, "mesh", plot=plot, report=page)
-    as_tolerance("tolerance", given.get("tolerance", TOLERANCE))
     with console.steps(5) as steps:
         steps.begin("reading")
         mesh = _read(console, file, output, given)
@@ -154,8 +154,14 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
     """Return the mesh in the file, closed if that is requested; refuse what cannot be meshed."""
     from adaptsize.remeshing.driver import check_backend
 
+    tolerance = as_tolerance("tolerance", given.get("tolerance", TOLERANCE))
+    if tolerance >= _LOOSE:
+        console.warn(
+            f"tolerance = {tolerance:g} is a share of the diagonal, not a length: the boundary may "
+            "move so far, and check accepts it"
+        )
     # Half of the tolerance is for the mesh generator.
-    mesh = files.read_mesh(file, 0.5 * given.get("tolerance", TOLERANCE))
+    mesh = files.read_mesh(file, 0.5 * tolerance)
     if files.is_of_polygons(file):
         console.say("the lines are simplified within half of the tolerance")
     close = given.pop("close_holes", False)
@@ -168,7 +174,7 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
     target = given.get("target", "auto")
     check_backend(mesh, target, given.get("backend", "auto"))
     if mesh.cell_dim < mesh.dim and target != "triangles":
-        allowed = given.get("tolerance", TOLERANCE) * mesh.diagonal
+        allowed = tolerance * mesh.diagonal
         mesh = _accepted(console, mesh, allowed, close=close, strict=given.get("strict", False))
     elif close:
         raise ValueError(f"--close-holes applies to surfaces that become tetrahedra, got {mesh!r}")
