@@ -5,7 +5,7 @@ Modules with compiled kernels are not imported here, because that would take a s
 
 from __future__ import annotations
 
-import io
+import codecs
 import itertools
 import re
 import tempfile
@@ -28,9 +28,12 @@ _VERTEX = re.compile(rb"^[ \t]*v[ \t]", re.M)  # of OBJ
 _ELEMENT_DATA = re.compile(rb"^\$ElementData\s*?\n.*?^\$EndElementData\s*?\n", re.M | re.S)
 #: The names of physical groups.  meshio keeps one per name; a volume and its skin may share one.
 _NAMES = re.compile(r"^\$PhysicalNames\s*$(.*?)^\$EndPhysicalNames", re.M | re.S)
-_REQUIRED = re.compile(r"^[ \t]*Required(?!Vertices)\w+[\s\d]*", re.M)  # of Medit
-_COUNT = re.compile(r"^([ \t]*(?!MeshVersion|Dimension)[A-Z]\w+)[ \t]+(\d+)[ \t]*$", re.M)
-_MARKER = re.compile(r"^([ \t]*MARKER_TAG[ \t]*=[ \t]*)(.*?)[ \t\r]*$", re.M)  # of SU2
+#: meshio's names of formats.
+_PROGRAMS = {".msh": "gmsh", ".mesh": "medit", ".meshb": "medit", ".su2": "su2"}
+_VERSION_2 = re.compile(rb"\$MeshFormat\s+2")
+_REQUIRED = re.compile(rb"^[ \t]*Required(?!Vertices)\w+[\s\d]*", re.M)  # of Medit
+_COUNT = re.compile(rb"^([ \t]*(?!MeshVersion|Dimension)[A-Z]\w+)[ \t]+(\d+)[ \t]*$", re.M)
+_MARKER = re.compile(rb"^([ \t]*MARKER_TAG[ \t]*=[ \t]*)(.*?)[ \t\r]*$", re.M)  # of SU2
 _NAME = re.compile(r'^[ \t]*([0-3])\s+(-?\d+)\s+"([^"\n]*)"', re.M)
 
 
@@ -96,56 +99,49 @@ def read_abaqus(path: Path) -> RawMesh:
 
 
 def read_meshio(path: Path) -> RawMesh:
-    """Return the mesh in any other file."""
+    """Return the mesh in any other file.  What meshio cannot read in its text is replaced."""
     import meshio
+    from meshio import _helpers  # `read` would name the file of the text
 
-    suffix, notes, names = path.suffix.lower(), list[str](), dict[tuple[int, int], str]()
-    repeats = False
-    if suffix == ".msh":
-        from meshio.gmsh.main import read_buffer
-
-        content = path.read_bytes()
-        if section := _NAMES.search(content.partition(b"\n$Nodes")[0].decode("utf-8", "replace")):
-            found = _NAME.findall(section[1])
-            names = {(int(dim), int(tag)): name for dim, tag, name in found if name.strip()}
-        # meshio takes version "4" for 4.1, and fails on fields of elements in version 2.
-        content = re.sub(rb"\A\$MeshFormat\s+4(?=\s)", b"$MeshFormat\n4.0", content)
-        repeats = bool(re.match(rb"\$MeshFormat\s+2", content))
-        if repeats:
-            content, n_left_out = _ELEMENT_DATA.subn(b"", content)
-            notes += ["cell fields ($ElementData) left out"] * (n_left_out > 0)
-        # NumPy reads only what the system has opened.
-        with tempfile.TemporaryFile() as opened, _groups_of_all_entities():
-            opened.write(content)
-            opened.seek(0)
-            mesh: Any = read_buffer(opened)
-    elif suffix in (".bdf", ".nas", ".fem"):
-        text = path.read_text(encoding="latin-1")
-        if not re.search(r"^BEGIN BULK", text, re.M):  # as Gmsh writes them
-            text = f"BEGIN BULK\n{text}"
-        mesh = meshio.read(io.StringIO(text), "nastran")
-    elif suffix in (".su2", ".mesh"):
-        text = path.read_text(encoding="utf-8-sig", errors="replace")
-        if suffix == ".su2":
-            text, names = _numbered_markers(text)
-        else:  # meshio knows neither these keywords, nor counts in their line
-            text = _COUNT.sub(r"\1\n\2", _REQUIRED.sub("", text))
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder, f"text{suffix}")
-            file.write_text(text, encoding="utf-8")
-            mesh = meshio.read(file)
+    suffix, raw = path.suffix.lower(), RawMesh(np.empty((0, 3)), [])
+    if suffix in (".xdmf", ".xmf"):  # they name others
+        refuse_links(path)
+        mesh: Any = meshio.read(path)
     else:
-        if suffix in (".xdmf", ".xmf"):
-            refuse_links(path)
-        mesh = meshio.read(path)
-    blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
-    ragged = next((name for name, cells in blocks if cells.dtype == object), None)
+        content = path.read_bytes().removeprefix(codecs.BOM_UTF8)
+        if suffix == ".msh":
+            content = _text_of_gmsh(content, raw)
+        elif suffix == ".mesh":
+            content = _COUNT.sub(rb"\1\n\2", _REQUIRED.sub(b"", content))
+        elif suffix == ".su2":
+            content = _text_of_su2(content, raw)
+        elif suffix != ".meshb" and not re.search(rb"^BEGIN BULK", content, re.M):
+            content = b"BEGIN BULK\n" + content  # Nastran, as Gmsh writes it
+        with tempfile.TemporaryDirectory() as folder, _groups_of_all_entities():
+            file = Path(folder, f"text{suffix}")
+            file.write_bytes(content)
+            mesh = _helpers.reader_map[_PROGRAMS.get(suffix, "nastran")](str(file))
+    raw.blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
+    ragged = next((name for name, cells in raw.blocks if cells.dtype == object), None)
     if ragged is not None:
         raise MeshFileError(f"holds cells of type {ragged!r}, which cannot be read")
-    points = np.asarray(mesh.points, dtype=np.float64)
-    numeric = {name: v for name, v in mesh.point_data.items() if np.asarray(v).dtype != object}
-    raw = RawMesh(points, blocks, numeric, mesh.cell_data, names, notes)
-    return _without_repeated(raw) if repeats else raw
+    raw.points, raw.cell_data = np.asarray(mesh.points, dtype=np.float64), mesh.cell_data
+    raw.point_data = {n: v for n, v in mesh.point_data.items() if np.asarray(v).dtype != object}
+    is_version_2 = suffix == ".msh" and _VERSION_2.match(content)
+    return _without_repeated(raw) if is_version_2 else raw
+
+
+def _text_of_gmsh(content: bytes, raw: RawMesh) -> bytes:
+    """Return what meshio can read of a file of Gmsh, and add the names of groups to a mesh."""
+    if section := _NAMES.search(content.partition(b"\n$Nodes")[0].decode("utf-8", "replace")):
+        found = _NAME.findall(section[1])
+        raw.tag_names = {(int(dim), int(tag)): name for dim, tag, name in found if name.strip()}
+    # meshio takes version "4" for 4.1, and fails on fields of elements in version 2.
+    content = re.sub(rb"\A\$MeshFormat\s+4(?=\s)", b"$MeshFormat\n4.0", content)
+    if _VERSION_2.match(content):
+        content, n_left_out = _ELEMENT_DATA.subn(b"", content)
+        raw.notes += ["cell fields ($ElementData) left out"] * (n_left_out > 0)
+    return content
 
 
 @contextmanager
@@ -192,17 +188,20 @@ def _without_repeated(raw: RawMesh) -> RawMesh:
     return replace(raw, blocks=blocks, cell_data=cell_data, notes=notes)
 
 
-def _numbered_markers(text: str) -> tuple[str, dict[tuple[int, int], str]]:
-    """Return a text of SU2 with numbers for the names of markers, and the names.
+def _text_of_su2(content: bytes, raw: RawMesh) -> bytes:
+    """Return a file of SU2 with numbers for the names of markers, which are added to a mesh.
 
     meshio counts on from the last number, which may be that of another marker.
     """
-    names = dict.fromkeys(name for _, name in _MARKER.findall(text))
-    free = (k for k in itertools.count(1) if str(k) not in names)
-    number = {name: name if name.isdigit() else str(next(free)) for name in names}
-    dim = re.search(r"^[ \t]*NDIME[ \t]*=[ \t]*(\d)", text, re.M)
-    tags = {(int(dim[1]) - 1, int(k)): n for n, k in number.items() if dim and n != k}
-    return _MARKER.sub(lambda found: f"{found[1]}{number[found[2]]}", text), tags
+    names = dict.fromkeys(name for _, name in _MARKER.findall(content))
+    free = (b"%d" % k for k in itertools.count(1) if b"%d" % k not in names)
+    number = {name: name if name.isdigit() else next(free) for name in names}
+    if dim := re.search(rb"^[ \t]*NDIME[ \t]*=[ \t]*(\d)", content, re.M):
+        raw.tag_names = {
+            (int(dim[1]) - 1, int(tag)): name.decode("utf-8", "replace")
+            for name, tag in number.items() if name != tag
+        }  # fmt: skip
+    return _MARKER.sub(lambda found: found[1] + number[found[2]], content)
 
 
 def read_shp(path: Path) -> dict[str, Any]:
