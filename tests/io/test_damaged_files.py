@@ -190,6 +190,18 @@ def test_a_file_cut_at_any_byte_is_refused_or_read_completely(tmp_path, name):
     assert n_complete < 30  # the end mark, and sections after the mesh
 
 
+@pytest.mark.parametrize(
+    "name", ["a.off", "text.stl", "a.su2", "text.vtk", "text2.msh", "a.mesh", "a.bdf"]
+)
+def test_a_text_may_begin_with_a_byte_order_mark_and_have_line_ends_of_windows(tmp_path, name):
+    file = tmp_path / name
+    WHOLE_FILES[name](file)
+    whole, content = read(file), file.read_bytes()
+    file.write_bytes(b"\xef\xbb\xbf" + content.replace(b"\n", b"\r\n"))
+    assert_array_equal(read(file).points, whole.points)
+    assert_array_equal(read(file).cells, whole.cells)
+
+
 def test_the_type_of_the_last_cell_is_not_completed(tmp_path):
     file, quad = tmp_path / "a.vtk", meshio.Mesh(POINTS, [("quad", np.array([[0, 1, 2, 3]]))])
     meshio.write(file, quad, file_format="vtk42")

@@ -28,7 +28,7 @@ _GMSH_SECTIONS = (
 
 def check_gmsh(content: bytes) -> None:
     """Refuse a file without its header, with partitions, or with a section that does not end."""
-    if not re.match(rb"\s*\$(MeshFormat|Comments|NOD)\b", content[:1000]):
+    if not re.match(rb"(\xef\xbb\xbf)?\s*\$(MeshFormat|Comments|NOD)\b", content[:1000]):
         raise MeshFileError("cannot be read as a mesh (no $MeshFormat at the start; is it Gmsh's?)")
     for name in _GMSH_SECTIONS:
         begun = len(re.findall(rb"^\$" + name + rb"\s*$", content, re.MULTILINE))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from pathlib import Path
 from typing import Any
@@ -84,7 +85,7 @@ def read_off(path: Path) -> RawMesh:
     MeshFileError
         If the file is damaged, or ends before the counts in its header are reached.
     """
-    content = _COMMENT.sub(b"", path.read_bytes())
+    content = _COMMENT.sub(b"", path.read_bytes().removeprefix(codecs.BOM_UTF8))
     rows = [row for row in map(bytes.split, content.splitlines()) if row]
     if not rows or not _KEYWORD.fullmatch(rows[0][0]):
         raise MeshFileError("cannot be read as a mesh (an OFF file begins with OFF)")

@@ -5,6 +5,7 @@ Only the modules of VTK that are needed are imported; all of them, or pyvista, t
 
 from __future__ import annotations
 
+import codecs
 import io
 import math
 import re
@@ -415,6 +416,7 @@ def _read_legacy(content: bytes) -> Any:
     VTK reads a file that ends early without an error.  An array after the end is only found if the
     last section is complete.
     """
+    content = content.removeprefix(codecs.BOM_UTF8)
     content = _MESHIO_TYPES.sub(lambda found: _LEGACY_TYPES[found[1]], content)
     capitals = content.upper()  # rfind is much faster than an expression
     last = max(capitals.rfind(b"\nPOINT_DATA"), capitals.rfind(b"\nCELL_DATA"))
