@@ -53,6 +53,17 @@ class FlatBoundary(NamedTuple):
     has_flat: bool = False
 
 
+def facet_normals(corners: FloatArray) -> FloatArray:
+    """Return the normals of segments in the plane, or of triangles, float64[f, dim, dim].
+
+    They have the length of the segment, or twice the area of the triangle.
+    """
+    edges = corners[:, 1:] - corners[:, :1]
+    if corners.shape[2] == 2:
+        return np.column_stack([edges[:, 0, 1], -edges[:, 0, 0]])
+    return np.asarray(np.cross(edges[:, 0], edges[:, 1]))
+
+
 def flat_boundary(mesh: SimplexMesh, threads: int = 1) -> FlatBoundary:
     """Return the walls of a mesh of triangles in the plane or of tetrahedra.
 

@@ -83,10 +83,10 @@ class LimitingInfo:
         return int(self._ranks.allreduce(int(np.count_nonzero(chosen)), "sum"))
 
     @property
-    @_once
     def n_points(self) -> int:
         """Number of nodes, also inactive ones of a grid."""
-        return self._count(np.ones(self.solution.h.shape, np.bool_))
+        domain = self.problem.domain
+        return domain.n_global_points if isinstance(domain, PartitionedMesh) else domain.n_points
 
     @property
     def method(self) -> str:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_float_array, refuse_where
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.topology import components_of
-from adaptsize.geometry.boundary import flat_boundary
+from adaptsize.geometry.boundary import facet_normals, flat_boundary
 from adaptsize.geometry.convexity import is_convex
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
@@ -74,7 +74,7 @@ class Periodicity:
             return False
         if self._has_measure(float(domain.measures.sum())):
             return True
-        normals = _normals(domain.points[boundary.facets])
+        normals = facet_normals(domain.points[boundary.facets])
         return all(self._ends_every_line(v, boundary.facets, normals) for v in self.vectors)
 
     def _has_measure(self, measure: float) -> bool:
@@ -252,11 +252,3 @@ def _on_boundary(domain: SimplexMesh | CartesianGrid) -> BoolArray:
     outer = np.zeros(domain.n_points, np.bool_)
     outer[domain.facets[domain.facet_cell_counts == 1]] = True
     return outer
-
-
-def _normals(corners: FloatArray) -> FloatArray:
-    """Return normals of segments or triangles, of the length or area times a constant."""
-    edges = corners[:, 1:] - corners[:, :1]
-    if corners.shape[2] == 2:
-        return np.column_stack([edges[:, 0, 1], -edges[:, 0, 0]])
-    return np.asarray(np.cross(edges[:, 0], edges[:, 1]))

@@ -7,6 +7,7 @@ import numpy as np
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import first_at_place
 from adaptsize.background.topology import components_of, pairs_of_cells
+from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.enclosed import cone_measures
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
@@ -130,11 +131,7 @@ def _volumes(mesh: SimplexMesh, piece: IndexArray) -> FloatArray:
 
 def _are_sheets(mesh: SimplexMesh, sign: FloatArray, piece: IndexArray) -> BoolArray:
     """Return which pieces enclose nothing; for closed ones, normals times areas sum to zero."""
-    edges = mesh.points[mesh.cells[:, 1:]] - mesh.points[mesh.cells[:, :1]]
-    if mesh.cell_dim == 1:
-        normals = edges[:, 0, ::-1] * [1.0, -1.0]
-    else:
-        normals = 0.5 * np.cross(edges[:, 0], edges[:, 1])
+    normals = facet_normals(mesh.points[mesh.cells]) / mesh.cell_dim
     total = np.stack([np.bincount(piece, sign * x) for x in normals.T], axis=1)
     area = np.bincount(piece, mesh.measures)
     # A piece is a sheet, not a closed surface with holes, if the norm of the sum of its normals

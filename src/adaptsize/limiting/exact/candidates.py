@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from adaptsize._kernels import exact_candidates as kernels
 from adaptsize._kernels.exact import new_block
+from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import unique_rows
-from adaptsize.limiting.exact.field import Entries, ExactField, Points, Workers, entries_at
+from adaptsize.limiting.exact.field import (
+    Entries,
+    ExactField,
+    Points,
+    Workers,
+    entries_at,
+    node_entries,
+)
 from adaptsize.limiting.problem import PointBounds
 from adaptsize.typing import BoolArray, FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from adaptsize.background import SimplexMesh
 
 #: Sizes that differ by less than this share are equal.
 EQUAL = 1e-12
@@ -92,6 +97,21 @@ def margin_for(least: float, g: float, diagonal: float) -> float:
     """Return the margin of a problem with a least bound in a domain of a given diagonal."""
     # A source must be better by this share of the largest size to make another one unnecessary.
     return 1e-9 * (least + g * diagonal)
+
+
+def entries_of_nodes(component: Component, nodes: IntArray) -> Entries:
+    """Return nodes, and sources between nodes, as entries."""
+    domain: SimplexMesh | CartesianGrid = component.mesh
+    if isinstance(domain, CartesianGrid):
+        index = np.stack(np.unravel_index(nodes, domain.shape), axis=1)
+        places = domain.origin + domain.spacing * index
+    else:
+        places = domain.points[nodes]
+    sizes, extra = component.h0[nodes], component.extra
+    if extra is not None:
+        places = np.concatenate([places, extra.points])
+        sizes, nodes = np.concatenate([sizes, extra.sizes]), np.concatenate([nodes, extra.numbers])
+    return node_entries(places, sizes, nodes)
 
 
 def candidates_of(component: Component) -> tuple[IntArray, BoolArray | None]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numba
@@ -280,6 +281,59 @@ class ExactField:
         places = np.ascontiguousarray(places)
         points = Points(places, along_curve(places), np.full(len(places), -1, np.int32))
         return self.lowered(points, bound, Workers(1))[0]
+
+
+@dataclass(eq=False)
+class ComponentSolution:
+    """Sizes and their sources."""
+
+    h: FloatArray
+    source: IntArray
+    """int32[n]: number of the entry in ``field``; -1 if the bound is kept, or if only ``nodes``
+    names the source."""
+    field: ExactField
+    bend: FloatArray | None = None
+    """float64[n, dim]: last bend of the path, nan if there is none; None if it follows from
+    ``field``."""
+    proved: BoolArray | None = None
+    """bool[n]: nodes whose size is proved exact; None if all are."""
+    lower: FloatArray | None = None
+    """float64[n]: lower bounds, if not all nodes are proved."""
+    nodes: IntArray | None = None
+    """int32[n, dim]: the nodes of each source; None if they follow from ``source``."""
+    finished: bool = True
+    """Whether the search for paths around reflex edges was completed."""
+    later: Callable[[], ExactField] | None = None
+    """Makes ``between``."""
+
+    @cached_property
+    def between(self) -> ExactField:
+        """The sources for points between the nodes."""
+        return self.field if self.later is None else self.later()
+
+    def named(self) -> IntArray:
+        """Return the nodes of the source of each size, padded with -1; the own one of a bound."""
+        if self.nodes is not None:
+            return self.nodes
+        every = self.field.nodes
+        nodes = np.full((len(self.source), every.shape[1]), -1, np.int32)
+        nodes[:, 0] = np.arange(len(nodes))
+        has = self.source >= 0
+        nodes[has] = every[self.source[has]]
+        return nodes
+
+    def bends(self) -> FloatArray:
+        """Return the last bend of the path to each node, nan if none; no rows if convex."""
+        if self.bend is not None:
+            return self.bend
+        table = self.field.table
+        if self.field.sight is None:
+            return np.empty((0, self.field.groups[0].nodes.shape[1]))
+        bend = np.full((len(self.source), 2), np.nan)
+        nodes = np.flatnonzero(self.source >= 0)
+        nodes = nodes[table[self.source[nodes], plane.CORNER] > 0.0]
+        bend[nodes] = table[self.source[nodes], :2]
+        return bend
 
 
 def reach_of(points: FloatArray, order: IntArray, h: FloatArray) -> FloatArray:

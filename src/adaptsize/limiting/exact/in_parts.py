@@ -27,6 +27,7 @@ from adaptsize.limiting.exact.boundary_of_parts import Skeleton, find_skeleton
 from adaptsize.limiting.exact.candidates import Component, margin_for
 from adaptsize.limiting.exact.components import Piece, piece_of
 from adaptsize.limiting.exact.field import (
+    ComponentSolution,
     Entries,
     Points,
     exchange_rows,
@@ -35,13 +36,10 @@ from adaptsize.limiting.exact.field import (
     sorted_entries,
 )
 from adaptsize.limiting.exact.obstacles_in_plane import Plane, has_many_corners, plane_of
-from adaptsize.limiting.exact.paths_in_space import Solid, solid_of
+from adaptsize.limiting.exact.paths_in_space import Solid, WholeSolid, solid_of, solve_in_solid
 from adaptsize.limiting.exact.solve import (
-    ComponentSolution,
-    WholeSolid,
     rises_too_fast,
     solve_by_sight,
-    solve_in_solid,
 )
 from adaptsize.limiting.problem import NeedsWholeMesh, TooManyCorners
 from adaptsize.ranks import Communicator, Ids, rows_among
@@ -195,15 +193,12 @@ def solve_body(
 
     Nodes that other ranks own count as proved, so that each node counts once.
     """
-    found, field, _ = solve_in_solid(PartOfSolid(part, piece, body, component))
-    return ComponentSolution(
-        found.h[body.own],
-        np.empty(0, np.int32),
-        field,
-        proved=found.proved[body.own] | ~part.is_owned[piece.nodes],
-        lower=found.lower[body.own],
-        finished=found.finished,
-    )
+    found, _ = solve_in_solid(PartOfSolid(part, piece, body, component))
+    own = body.own
+    assert found.proved is not None
+    assert found.lower is not None
+    proved = found.proved[own] | ~part.is_owned[piece.nodes]
+    return replace(found, h=found.h[own], proved=proved, lower=found.lower[own])
 
 
 class PartOfSolid(WholeSolid):

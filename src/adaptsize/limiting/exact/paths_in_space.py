@@ -5,9 +5,8 @@ Paths over reflex edges are extended by one edge at a time.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,8 +17,24 @@ from adaptsize._kernels.space_paths import LONGEST, Bases, Choice, Field, Paths,
 from adaptsize._kernels.space_sight import Sight
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
-from adaptsize.limiting.exact.candidates import EQUAL, TIE
-from adaptsize.limiting.exact.field import Workers, boxes_over, node_table
+from adaptsize.limiting.edge_based import limit_along_edges
+from adaptsize.limiting.exact.candidates import (
+    EQUAL,
+    TIE,
+    Component,
+    candidates_of,
+    entries_of_nodes,
+    sources_on_cells,
+)
+from adaptsize.limiting.exact.field import (
+    ComponentSolution,
+    Entries,
+    ExactField,
+    Points,
+    Workers,
+    boxes_over,
+    node_table,
+)
 from adaptsize.limiting.exact.obstacles_in_space import (
     GRAZING,
     ReflexEdges,
@@ -187,17 +202,10 @@ class Network:
             turned = np.einsum("ra,ra->r", sideways, self.reflex_edges.obstacles[edge]) < 0.0
             sector[:, 3 + 3 * end : 6 + 3 * end] = np.where(turned[:, None], -sideways, sideways)
         self.depth = np.concatenate([self.depth, self.depth[parent[ok]] + 1])
-        self.paths = Paths(
-            paths.bases,
-            paths.edges,
-            np.concatenate([paths.base, paths.base[parent[ok]]]),
-            np.concatenate([paths.parent, parent[ok]]),
-            np.concatenate([paths.edge, edge[ok]]),
-            np.concatenate([paths.image, image[ok]]),
-            np.concatenate([paths.offset, offset[ok]]),
-            np.concatenate([paths.sector, sector[ok]]),
-            np.concatenate([paths.skew, skew[ok]]),
-        )
+        ancestor, kept = parent[ok], (edge[ok], image[ok], offset[ok], sector[ok], skew[ok])
+        added = (paths.base[ancestor], ancestor, *kept)
+        longer = [np.concatenate(pair) for pair in zip(paths[2:], added, strict=True)]
+        self.paths = Paths(paths.bases, paths.edges, *longer)
 
     def _extent(self, base: IntArray, start: FloatArray) -> FloatArray:
         """Return the largest distance of a point in each base, where a path starts, to a vertex.
@@ -283,42 +291,8 @@ class SolidSources(NamedTuple):
     """float64[m, 12] (see exact.py)"""
     nodes: IntArray
     """int32[m, 3]: their nodes, padded with -1; points between the nodes have none."""
-
-
-class SpaceResult(NamedTuple):
-    """Limited sizes in a solid."""
-
-    h: FloatArray
-    """float64[n]"""
-    entry: IntArray
-    """int32[n]: the source at the origin of the path; -1 if not known, or if there is none."""
-    start: IntArray
-    """int32[n]: the node of a reflex edge where the path starts, -1 if there is none.  The size at
-    that node comes along edges of the mesh."""
-    bend: FloatArray
-    """float64[n, 3]: last bend of the path, nan if it is straight."""
-    proved: BoolArray
-    """bool[n]: the size is exact, since ``h`` equals ``lower``."""
-    lower: FloatArray
-    """float64[n]: the smallest size that the sources allow, without regard to visibility."""
-    finished: bool
-    """Whether sizes along reflex edges converged within the largest number of iterations."""
-
-
-#: Lowers sizes (float64[n]) that exceed a neighbour by more than g allows along the edge between.
-Spread: TypeAlias = Callable[[FloatArray], FloatArray]
-
-
-class Bounds(NamedTuple):
-    """Bounds at the nodes of a solid."""
-
-    h0: FloatArray
-    """float64[n]"""
-    lower: FloatArray
-    """float64[n]: the smallest size that the entries allow, without regard to visibility."""
-    nearest: IntArray
-    """int32[n]: the entry that allows it."""
-    spread: Spread
+    order: IntArray
+    """int32[m]: their numbers in the field."""
 
 
 def solid_of(mesh: SimplexMesh, boundary: FlatBoundary, nodes: IntArray | None = None) -> Solid:
@@ -341,10 +315,83 @@ def solid_of(mesh: SimplexMesh, boundary: FlatBoundary, nodes: IntArray | None =
     return Solid(mesh.points, nodes[order], sight, reflex_edges)
 
 
-def solve_in_space(
-    solid: Solid, sources: SolidSources, bounds: Bounds, g: float, workers: Workers
-) -> SpaceResult:
+class WholeSolid:
+    """A solid that is not convex, of which all is known; a rank may know a part only."""
+
+    def __init__(self, component: Component, solid: Solid) -> None:
+        self.component, self.solid, self.h0 = component, solid, component.h0
+
+    def candidates(self) -> tuple[IntArray, BoolArray | None]:
+        """Return the result of `candidates_of`."""
+        return candidates_of(self.component)
+
+    def with_others(self, entries: Entries) -> tuple[Entries, npt.NDArray[Any]]:
+        """Return sources with those that others know, and the numbers of their nodes."""
+        return entries, entries.nodes
+
+    def known(self, numbers: npt.NDArray[Any]) -> IntArray:
+        """Return the nodes of sources, given their numbers; -1 for points between the nodes."""
+        return np.where(numbers < len(self.h0), numbers, -1).astype(np.int32)
+
+    def own(self, sizes: FloatArray) -> FloatArray:
+        """Return the sizes at the nodes of the component."""
+        return sizes
+
+    def spread(self, h: FloatArray) -> FloatArray:
+        """Return sizes, lowered along edges."""
+        component = self.component
+        return limit_along_edges(component.mesh, h, component.g, component.workers.report)
+
+
+def solve_in_solid(known: WholeSolid) -> tuple[ComponentSolution, IntArray]:
+    """Return the solution, and where the known part of the path to each node starts.
+
+    This is a node of a reflex edge, whose size comes along edges of the mesh; -1 if there is none.
+    """
+    component, solid = known.component, known.solid
+    nodes, steep = known.candidates()
+    linear = steep is not None and component.face_sources
+    field = ExactField(component.g, None, linear)
+    lower, source = known.h0.copy(), np.full(len(known.h0), -1, np.int32)
+    points = Points(solid.points, solid.nodes)
+    numbers = []
+
+    def lower_by(entries: Entries) -> None:
+        every, names = known.with_others(entries)
+        field.add(every)
+        numbers.append(names)
+        field.lower_by_last(points, lower, source, component.workers)
+
+    lower_by(entries_of_nodes(component, nodes))
+    if linear and steep is not None:
+        lower_by(sources_on_cells(component, steep, known.own(lower)))
+    named = np.concatenate(numbers)
+    order = np.lexsort(named.T[::-1]).astype(np.int32)
+    place = np.empty(len(order) + 1, np.int32)  # of each entry in this order
+    place[order], place[-1] = np.arange(len(order)), -1
+    sources = SolidSources(field.table[order], known.known(named)[order], order)
+    return _solve(known, field, sources, lower, place[source])
+
+
+def _solve(
+    known: WholeSolid,
+    exact: ExactField,
+    sources: SolidSources,
+    lower: FloatArray,
+    nearest: IntArray,
+) -> tuple[ComponentSolution, IntArray]:
     """Return the limited sizes in a solid that is not convex.
+
+    Parameters
+    ----------
+    known : WholeSolid
+    exact : ExactField
+    sources : SolidSources
+        Those of ``exact``.
+    lower : float64[n]
+        The smallest size that the sources allow, without regard to visibility.
+    nearest : int32[n]
+        The source that allows it.
 
     Notes
     -----
@@ -353,9 +400,10 @@ def solve_in_space(
     the size is ``lower`` whichever is found first.  At nodes of reflex edges it matters which
     source it is, and the first one counts.
     """
-    h0, lower, nearest, spread = bounds
+    solid, h0, spread = known.solid, known.h0, known.spread
+    g, workers = known.component.g, known.component.workers
     n, nodes, reflex_nodes = len(solid.points), solid.nodes, solid.reflex_edges.nodes
-    network = _network_of(*sources, g, solid.sight, solid.reflex_edges)
+    network = _network_of(*sources[:2], g, solid.sight, solid.reflex_edges)
     nearly = lower + EQUAL * np.abs(lower)
     field = Field(nearly.copy(), np.full(n, -1, np.int32), np.full((n, 3), np.nan))
     none = network.choice(np.empty(0, np.int32))
@@ -377,7 +425,9 @@ def solve_in_space(
     h = spread(np.where(sizes <= nearly, lower, sizes))
     entry, start, bend = _origins(network, field, sizes, h)
     proved = h <= lower + EQUAL * np.abs(lower)
-    return SpaceResult(h, entry, start, bend, proved, lower, finished)
+    source = np.append(sources.order, np.int32(-1))[entry]
+    found = ComponentSolution(h, source, exact, bend, proved, lower, finished=finished)
+    return found, start
 
 
 def _solve_hidden(network: Network, field: Field, hidden: IntArray, workers: Workers) -> bool:
@@ -421,7 +471,17 @@ def _in_use(network: Network, field: Field) -> IntArray:
 def _origins(
     network: Network, field: Field, sizes: FloatArray, h: FloatArray
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Return entry, start and bend of `SpaceResult`, for the paths of ``sizes``."""
+    """Return where paths come from, for those of ``sizes``.
+
+    Returns
+    -------
+    entry : int32[n]
+        The source at the origin of the path; -1 if not known, or if there is none.
+    start : int32[n]
+        As in `solve_in_solid`.
+    bend : float64[n, 3]
+        Last bend of the path, nan if it is straight.
+    """
     paths = network.paths
     m = network.n_sources
     reached = np.flatnonzero(field.path >= 0)  # none if the bounds satisfy the limit

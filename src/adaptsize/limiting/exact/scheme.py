@@ -22,7 +22,13 @@ from adaptsize.background.topology import places_among
 from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
 from adaptsize.geometry.convexity import is_convex
 from adaptsize.limiting.edge_based import EdgeBased
-from adaptsize.limiting.exact.candidates import EQUAL, Component, Extra, margin_for
+from adaptsize.limiting.exact.candidates import (
+    EQUAL,
+    Component,
+    Extra,
+    entries_of_nodes,
+    margin_for,
+)
 from adaptsize.limiting.exact.components import (
     OUTSIDE,
     components_of,
@@ -32,6 +38,7 @@ from adaptsize.limiting.exact.components import (
     points_in_components,
 )
 from adaptsize.limiting.exact.field import (
+    ComponentSolution,
     Entries,
     ExactField,
     Points,
@@ -41,7 +48,7 @@ from adaptsize.limiting.exact.field import (
     sorted_entries,
 )
 from adaptsize.limiting.exact.in_parts import solve_piece
-from adaptsize.limiting.exact.solve import ComponentSolution, entries_of_nodes, solve_on_mesh
+from adaptsize.limiting.exact.solve import solve_on_mesh
 from adaptsize.limiting.periodic import Periodicity
 from adaptsize.limiting.problem import NeedsWholeMesh, PointBounds, Problem, Scheme, Solution
 from adaptsize.typing import FloatArray, IntArray

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import Any
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize._kernels import exact_candidates as candidates
-from adaptsize._kernels.exact_plane import CORNER
 from adaptsize._progress import silent
-from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.geometry.convexity import count_corners
@@ -24,10 +20,11 @@ from adaptsize.limiting.exact.candidates import (
     TIE,
     Component,
     candidates_of,
+    entries_of_nodes,
     sources_on_cells,
 )
 from adaptsize.limiting.exact.expansion import expand_from_nodes
-from adaptsize.limiting.exact.field import Entries, ExactField, Points, node_entries
+from adaptsize.limiting.exact.field import ComponentSolution, ExactField, Points, node_entries
 from adaptsize.limiting.exact.obstacles_in_plane import (
     Plane,
     along_walls,
@@ -37,69 +34,9 @@ from adaptsize.limiting.exact.obstacles_in_plane import (
     plane_of,
     with_corners,
 )
-from adaptsize.limiting.exact.paths_in_space import (
-    Bounds,
-    Solid,
-    SolidSources,
-    SpaceResult,
-    solid_of,
-    solve_in_space,
-)
+from adaptsize.limiting.exact.paths_in_space import WholeSolid, solid_of, solve_in_solid
 from adaptsize.limiting.problem import TooManyCorners
 from adaptsize.typing import BoolArray, FloatArray, IntArray
-
-
-@dataclass(eq=False)
-class ComponentSolution:
-    """Sizes and their sources."""
-
-    h: FloatArray
-    source: IntArray
-    """int32[n]: number of the entry in ``field``; -1 if the bound is kept, or if only ``nodes``
-    names the source."""
-    field: ExactField
-    bend: FloatArray | None = None
-    """float64[n, dim]: last bend of the path, nan if there is none; None if it follows from
-    ``field``."""
-    proved: BoolArray | None = None
-    """bool[n]: nodes whose size is proved exact; None if all are."""
-    lower: FloatArray | None = None
-    """float64[n]: lower bounds, if not all nodes are proved."""
-    nodes: IntArray | None = None
-    """int32[n, dim]: the nodes of each source; None if they follow from ``source``."""
-    finished: bool = True
-    """Whether the search for paths around reflex edges was completed."""
-    later: Callable[[], ExactField] | None = None
-    """Makes ``between``."""
-
-    @cached_property
-    def between(self) -> ExactField:
-        """The sources for points between the nodes."""
-        return self.field if self.later is None else self.later()
-
-    def named(self) -> IntArray:
-        """Return the nodes of the source of each size, padded with -1; the own one of a bound."""
-        if self.nodes is not None:
-            return self.nodes
-        every = self.field.nodes
-        nodes = np.full((len(self.source), every.shape[1]), -1, np.int32)
-        nodes[:, 0] = np.arange(len(nodes))
-        has = self.source >= 0
-        nodes[has] = every[self.source[has]]
-        return nodes
-
-    def bends(self) -> FloatArray:
-        """Return the last bend of the path to each node, nan if none; no rows if convex."""
-        if self.bend is not None:
-            return self.bend
-        table = self.field.table
-        if self.field.sight is None:
-            return np.empty((0, self.field.groups[0].nodes.shape[1]))
-        bend = np.full((len(self.source), 2), np.nan)
-        nodes = np.flatnonzero(self.source >= 0)
-        nodes = nodes[table[self.source[nodes], CORNER] > 0.0]
-        bend[nodes] = table[self.source[nodes], :2]
-        return bend
 
 
 def solve_on_mesh(component: Component, boundary: FlatBoundary, convex: bool) -> ComponentSolution:
@@ -110,7 +47,9 @@ def solve_on_mesh(component: Component, boundary: FlatBoundary, convex: bool) ->
     if convex:
         return solve_by_sight(component, None, boundary)
     if mesh.dim == 3:
-        return _solve_in_space(component, boundary)
+        found, start = solve_in_solid(WholeSolid(component, solid_of(mesh, boundary)))
+        _name_all(component, found, start)
+        return found
     n_corners = count_corners(mesh.points, boundary)
     if favours_expansion(n_corners, mesh.n_points):
         too_many = has_many_corners(n_corners, mesh.n_points)
@@ -210,79 +149,6 @@ def solve_by_sight(
         field.lower_by_last(points, h, source, workers.part(0.5, 1.0))
     workers.report("limiting the gradient", 1.0)
     return ComponentSolution(h, source, field)
-
-
-class WholeSolid:
-    """A solid that is not convex, of which all is known; a rank may know a part only."""
-
-    def __init__(self, component: Component, solid: Solid) -> None:
-        self.component, self.solid, self.h0 = component, solid, component.h0
-
-    def candidates(self) -> tuple[IntArray, BoolArray | None]:
-        """Return the result of `candidates_of`."""
-        return candidates_of(self.component)
-
-    def with_others(self, entries: Entries) -> tuple[Entries, npt.NDArray[Any]]:
-        """Return sources with those that others know, and the numbers of their nodes."""
-        return entries, entries.nodes
-
-    def known(self, numbers: npt.NDArray[Any]) -> IntArray:
-        """Return the nodes of sources, given their numbers; -1 for points between the nodes."""
-        return np.where(numbers < len(self.h0), numbers, -1).astype(np.int32)
-
-    def own(self, sizes: FloatArray) -> FloatArray:
-        """Return the sizes at the nodes of the component."""
-        return sizes
-
-    def spread(self, h: FloatArray) -> FloatArray:
-        """Return sizes, lowered along edges."""
-        component = self.component
-        return limit_along_edges(component.mesh, h, component.g, component.workers.report)
-
-
-def solve_in_solid(known: WholeSolid) -> tuple[SpaceResult, ExactField, IntArray]:
-    """Return the limited sizes, the sources, and the order in which the former number these."""
-    component, solid = known.component, known.solid
-    nodes, steep = known.candidates()
-    linear = steep is not None and component.face_sources
-    field = ExactField(component.g, None, linear)
-    lower, source = known.h0.copy(), np.full(len(known.h0), -1, np.int32)
-    points = Points(solid.points, solid.nodes)
-    numbers = []
-
-    def lower_by(entries: Entries) -> None:
-        every, names = known.with_others(entries)
-        field.add(every)
-        numbers.append(names)
-        field.lower_by_last(points, lower, source, component.workers)
-
-    lower_by(entries_of_nodes(component, nodes))
-    if linear and steep is not None:
-        lower_by(sources_on_cells(component, steep, known.own(lower)))
-    named = np.concatenate(numbers)
-    order = np.lexsort(named.T[::-1]).astype(np.int32)
-    place = np.empty(len(order) + 1, np.int32)  # of each entry in this order
-    place[order], place[-1] = np.arange(len(order)), -1
-    sources = SolidSources(field.table[order], known.known(named)[order])
-    bounds = Bounds(known.h0, lower, place[source], known.spread)
-    found = solve_in_space(solid, sources, bounds, component.g, component.workers)
-    return found, field, order
-
-
-def _solve_in_space(component: Component, boundary: FlatBoundary) -> ComponentSolution:
-    """Solve in a solid that is not convex."""
-    result, field, order = solve_in_solid(WholeSolid(component, solid_of(component.mesh, boundary)))
-    found = ComponentSolution(
-        result.h,
-        np.append(order, np.int32(-1))[result.entry],
-        field,
-        result.bend,
-        result.proved,
-        result.lower,
-        finished=result.finished,
-    )
-    _name_all(component, found, result.start)
-    return found
 
 
 def _name_all(component: Component, found: ComponentSolution, start: IntArray) -> None:
@@ -387,18 +253,3 @@ def _keep_edges(component: Component, found: ComponentSolution) -> None:
     unhidden = replace(found.field, sight=None)
     found.lower, _ = unhidden.lowered(points, component.h0, component.workers)
     found.proved = found.h <= found.lower * (1.0 + EQUAL)
-
-
-def entries_of_nodes(component: Component, nodes: IntArray) -> Entries:
-    """Return nodes, and sources between nodes, as entries."""
-    domain: Any = component.mesh
-    if isinstance(domain, CartesianGrid):
-        index = np.stack(np.unravel_index(nodes, domain.shape), axis=1)
-        places = domain.origin + domain.spacing * index
-    else:
-        places = domain.points[nodes]
-    sizes, extra = component.h0[nodes], component.extra
-    if extra is not None:
-        places = np.concatenate([places, extra.points])
-        sizes, nodes = np.concatenate([sizes, extra.sizes]), np.concatenate([nodes, extra.numbers])
-    return node_entries(places, sizes, nodes)

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from adaptsize._kernels.smoothing import fill_quality, smooth_nodes
 from adaptsize._kernels.swapping import MOST_AROUND, Tetrahedra, new_work, swap
 from adaptsize.background import topology
+from adaptsize.geometry.boundary import facet_normals
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
 from adaptsize.remeshing.distmesh.relaxation import ON_BOUNDARY, nodes_of, skin_of, triangulate
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
@@ -70,14 +71,6 @@ def take_back(
             return
         points[worse] = old[worse]
     points[:] = old
-
-
-def _facet_normals(corners: FloatArray) -> FloatArray:
-    """Return the normals of facets, as long as their measures, float64[..., dim]."""
-    edge = corners[..., 1, :] - corners[..., 0, :]
-    if corners.shape[-1] == 2:
-        return np.stack([edge[..., 1], -edge[..., 0]], axis=-1)
-    return 0.5 * np.cross(edge, corners[..., 2, :] - corners[..., 0, :])
 
 
 def improved(
@@ -172,7 +165,7 @@ def _quality(points: FloatArray, cells: IntArray) -> FloatArray:
 def _is_crease(points: FloatArray, cells: IntArray, normals: FloatArray) -> BoolArray:
     """Return at which nodes a boundary facet deviates from the normal of the domain."""
     skin = skin_of(cells, len(points))
-    across = _facet_normals(points[skin])
+    across = facet_normals(points[skin])
     across /= np.linalg.norm(across, axis=1)[:, None]
     askew = np.zeros(len(points), np.bool_)
     for v in range(skin.shape[1]):
