@@ -41,6 +41,14 @@ def test_what_is_asked_between_the_nodes_is_right_on_the_boundary(dim, sign):
     assert_allclose(found, wanted, atol=1.2 * bound)
 
 
+@pytest.mark.parametrize("angle", [0.15, 0.25, 0.6])
+def test_a_square_has_no_curvature_at_any_angle(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    grid = CartesianGrid([-1.3, -1.3], 2.6 / 250, (251, 251))
+    phi = grid.sample(lambda x: np.abs(x @ np.array([[c, -s], [s, c]])).max(axis=1) - 0.8)
+    assert (size_from_curvature(grid, phi) > 100.0).all()
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_limited_sizes_are_right_on_the_boundary_and_inside(sign):
     grid = box(48)

@@ -31,7 +31,9 @@ def size_from_distance(
     """
     phi = as_level_set("boundary", boundary, grid)
     angle = math.radians(given["crease_angle"])
-    nodes = _nodes_near(grid, phi, given["tolerance"])
+    tolerance = given["tolerance"]
+    within = _REACH * float(grid.spacing.max()) if tolerance is None else tolerance
+    nodes = _nodes_near(grid, phi, within)
     # The mean of two unit vectors with that angle between them is shorter by this much.
     kink = 1.0 - math.cos(0.5 * angle)
     principal = curvature_at_nodes(
@@ -40,6 +42,7 @@ def size_from_distance(
     kappa = np.abs(principal).max(axis=1)
     _refuse_no_distance(kappa)
     known = _away_from_corners(grid, nodes, kappa * grid.spacing.max() <= angle)
+    known &= phi.ravel()[nodes] >= -within
     nodes, kappa = nodes[known], kappa[known]
     kappa[kappa * grid.diagonal < _FLAT] = 0.0
     h0 = np.full(grid.n_points, np.inf)
@@ -48,9 +51,12 @@ def size_from_distance(
     return h0.reshape(grid.shape)
 
 
-def _nodes_near(grid: CartesianGrid, phi: FloatArray, tolerance: float | None) -> LongArray:
-    """Return the active nodes up to ``tolerance`` from the boundary, flat indices."""
-    within = _REACH * float(grid.spacing.max()) if tolerance is None else tolerance
+def _nodes_near(grid: CartesianGrid, phi: FloatArray, within: float) -> LongArray:
+    """Return the active nodes near the boundary and their neighbours inside, flat indices.
+
+    The distance has a kink on the line from a corner inwards.  Of two nodes beside it, the one that
+    shows it may be deeper than ``within``.
+    """
     near = np.abs(phi) <= within
     if grid.active is not None:
         near &= grid.active
@@ -60,7 +66,10 @@ def _nodes_near(grid: CartesianGrid, phi: FloatArray, tolerance: float | None) -
             f"boundary must be zero near nodes of the background, got distances of "
             f"{closest:g} and more, which is over the tolerance {within:g}"
         )
-    return np.flatnonzero(near)
+    beside = phi >= -within - float(np.linalg.norm(grid.spacing))
+    if grid.active is not None:
+        beside &= grid.active
+    return np.flatnonzero(near | (beside & (phi < 0.0)))
 
 
 def _refuse_no_distance(kappa: FloatArray) -> None:
