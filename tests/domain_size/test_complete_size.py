@@ -84,6 +84,19 @@ def test_the_number_of_elements_in_a_level_set_is_that_of_its_measure(on):
     assert size.report.n_elements == pytest.approx(n, rel=0.01)
 
 
+@pytest.mark.parametrize("on", [{"background": GRID}, {"box": BOX}])
+def test_default_limits_are_those_of_a_mesh_and_do_not_depend_on_the_orientation(on):
+    def corner(points):
+        return np.maximum(np.abs(points).max(axis=1) - 0.8, points.min(axis=1))
+
+    def turned(points):
+        c, s = np.cos(0.7), np.sin(0.7)
+        return corner(points @ np.array([[c, s], [-s, c]]))
+
+    limits = [size_function(f, **on).report for f in (corner, turned, disc)]
+    assert_allclose([report.hmax for report in limits], [0.08 * 2.0**0.5] * 2 + [0.1], rtol=0.03)
+
+
 def test_outside_sizes_go_on_as_at_the_boundary():
     size = size_function(
         disc, background=GRID, elements_per_radian=5.0, elements_across=0.0, g=G, hmax=10.0

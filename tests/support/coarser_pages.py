@@ -97,8 +97,9 @@ COARSER = {
     "docs/how-to/image.md": [
         words("1940 triangles\n"),
         words("1221 points, 1940 triangles, 498 tagged facets"),
-        words("372 triangles\n"),
-        words("210 points, 372 triangles, 46 tagged facets"),
+        words("least 28.0 degrees, 1 % below 36.4"),
+        words("731 triangles\n"),
+        words("400 points, 731 triangles, 67 tagged facets"),
         # The coarse volume causes warnings.
         ("cells     3990 tetrahedra\n", "...\ncells     ... tetrahedra\n"),
         words("least 24.3 degrees"),
@@ -107,7 +108,7 @@ COARSER = {
             "curvature  controls  71.0% of the area,  63.8% of the elements, h from 1\n"
             "width      controls  15.8% of the area,   8.9% of the elements, h from 1.05\n"
             "hmin       controls  13.2% of the area,  27.3% of the elements, h from 1\n",
-            "hmin  ...\ncurvature  ...\nwidth  ...\n",
+            "hmin  ...\ncurvature  ...\nwidth  ...\nhmax  ...\n",
         ),
     ],
     "docs/tutorials/cad.md": [

@@ -11,7 +11,7 @@ from adaptsize._defaults import CORNER_ANGLE
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
-from adaptsize.background.grid import span_of
+from adaptsize.background.enclosing import enclosing_diameter
 from adaptsize.background.interfaces import skin_of
 from adaptsize.domain_size.on_surface import SurfaceDomain
 from adaptsize.domain_size.request import Bounds, PointBounds, Request
@@ -68,8 +68,6 @@ class LevelSet:
         """
         grid, phi = self.grid, self.phi
         inside = _inside(grid, phi)
-        corners = [axis[ends] for axis, ends in zip(grid.axes, span_of(inside), strict=True)]
-        diagonal = float(np.linalg.norm(np.ptp(np.array(corners), axis=1)))
         least = float(grid.spacing.max()) * (2.0 if self.is_image else 1.0)
         bounds = {}
         if request.per_radian > 0.0:
@@ -91,7 +89,7 @@ class LevelSet:
         # takes longer than all other steps together.
         quick = self.is_image and grid.dim == 3
         options = {"method": FastMarching(order=2)} if quick else {}
-        limits = request.limits(diagonal, least)
+        limits = request.limits(_diameter_of(grid, inside), least)
         return _on_grid(phi, Bounds(grid, bounds, limits), request, **options)
 
 
@@ -101,6 +99,15 @@ def _inside(grid: CartesianGrid, phi: FloatArray) -> BoolArray:
         inside &= grid.active
     check_signs(inside, phi, grid)
     return inside
+
+
+def _diameter_of(grid: CartesianGrid, inside: BoolArray) -> float:
+    """Return the diameter of the smallest ball around the inside nodes."""
+    lines = np.argwhere(inside.any(axis=0))
+    along = inside[(slice(None), *lines.T)]
+    ends = along.argmax(axis=0), len(along) - 1 - along[::-1].argmax(axis=0)
+    index = np.concatenate([np.column_stack([end, lines]) for end in ends])
+    return enclosing_diameter(grid.origin + grid.spacing * index)
 
 
 def check_signs(inside: BoolArray, phi: FloatArray, background: AnyBackground) -> None:
@@ -190,7 +197,7 @@ class MeshDomain:
             bounds.nodal = self._bounds(mesh, None, request) | request.external(mesh)
             bounds.of_chords = True
             return _sized(bounds, request)
-        boundary = mesh if mesh.cell_dim == mesh.dim - 1 else mesh.boundary().mesh
+        boundary = skin_of(mesh)[0]
         bounds.nodal = self._bounds(background, boundary, request)
         if not isinstance(background, SimplexMesh):
             phi = signed_distance(background, boundary, progress=request.report)

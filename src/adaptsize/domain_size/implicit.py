@@ -13,6 +13,7 @@ from adaptsize._checks import describe, warn_caller
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import Octree
+from adaptsize.background.enclosing import enclosing_diameter
 from adaptsize.domain_size.by_domain import check_signs
 from adaptsize.domain_size.on_octree import (
     Shape,
@@ -69,7 +70,7 @@ class ImplicitDomain:
         if self._first_shape is None:  # relaxed requests see the same
             self._first_shape = self._shape(self.tree, request)
         shape = self._first_shape
-        limits = request.limits(_diagonal(shape))
+        limits = request.limits(_diameter(shape))
         for _ in range(10):
             h, report = limited_on_octree(shape, limits, request)
             n_elements = calibration("mmg", self.dim) * report.n_elements
@@ -137,13 +138,13 @@ class ImplicitDomain:
         return kappa
 
 
-def _diagonal(shape: Shape) -> float:
-    """Return the diagonal of the domain."""
+def _diameter(shape: Shape) -> float:
+    """Return the diameter of the smallest ball around the domain."""
     tree, inner = shape.tree, shape.inner
     near = inner.nodes[np.isfinite(shape.curvature)]
     closest = shape.nodes.closest_points(tree.points)[near]
     places = np.concatenate([tree.points[inner.nodes[inner.inside]], closest])
-    return float(np.linalg.norm(np.ptp(np.clip(places, tree.lower, tree.upper), axis=0)))
+    return enclosing_diameter(np.clip(places, tree.lower, tree.upper))
 
 
 def octree_around(function: Implicit, lower: FloatArray, upper: FloatArray) -> Octree:

@@ -19,7 +19,6 @@ from adaptsize.domain_size.parts import as_sizes_of_parts, sizes_of_parts
 from adaptsize.limiting import limit_gradient
 from adaptsize.limiting.exact import limit_points
 from adaptsize.limiting.exact.field import Workers
-from adaptsize.limiting.info import LimitingInfo
 from adaptsize.options import BudgetOptions, SizeFunctionOptions
 from adaptsize.sizes import PointSource, size_from_sources
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, nodal_measures
@@ -298,10 +297,10 @@ class Bounds:
             cause = np.append(np.concatenate([own.ravel(), of_points]), np.int8(NONE))[roots]
         else:
             cause = _by_separate_runs(background, requested, own, len(names) - 1, request.g)
-        report = self._report(request, names, cause, h, info)
+        report, origin = self._report(request, names, cause, h), None
         if roots is not None and isinstance(background, SimplexMesh):
-            report = replace(report, origin=self._origin(roots.ravel(), cause.ravel(), places))
-        return h, report
+            origin = self._origin(roots.ravel(), cause.ravel(), places)
+        return h, replace(report, info=info, origin=origin)
 
     def _overridden(self, size_of: Mapping[str, float]) -> Bounds:
         """Return the bounds without those of the shape on some parts, which have own sizes."""
@@ -338,7 +337,6 @@ class Bounds:
         names: tuple[str, ...],
         cause: npt.NDArray[np.int8],
         h: FloatArray,
-        info: LimitingInfo | None,
     ) -> SizeReport:
         """Return the report with the shares and the smallest size of each cause."""
         weights = nodal_measures(self.background) if self.weights is None else self.weights
@@ -364,7 +362,7 @@ class Bounds:
             smallest=dict(zip(names, least.tolist(), strict=True)),
             largest=float(sizes.max(initial=0.0)),
             bounds={n: self.nodal.get(n, np.full(cause.shape, np.inf)) for n in names[:-2]},
-            info=info,
+            info=None,
             g=request.g,
             hmin=self.limits[0],
             hmax=self.limits[1],
