@@ -5,28 +5,25 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 
-from adaptsize._checks import as_plain_array
 from adaptsize.background.octree import Octree
 from adaptsize.background.refinement import NeedsRefinement
-from adaptsize.typing import BoolArray, FloatArray
+from adaptsize.typing import BoolArray, FloatArray, LongArray
 
 # Relative tolerance for the comparison of edges of cells, which differ by factors of 2.
 _SAME = 1.5
 
 
-def refined(octree: Octree, times: npt.ArrayLike, within: NeedsRefinement | None = None) -> Octree:
+def refined(octree: Octree, times: LongArray, within: NeedsRefinement) -> Octree:
     """Return an octree whose leaves are halved further along each axis.
 
     Parameters
     ----------
     octree : Octree
-    times : array_like of int, shape (n_leaves,)
+    times : int64[n_leaves]
         How often each leaf is halved at most, >= 0.
-    within : callable, optional
-        As ``needs_refinement`` of `Octree.build`: which parts of leaves are halved further.  By
-        default, all are halved the full number of times.
+    within : callable
+        As ``needs_refinement`` of `Octree.build`: which parts of leaves are halved further.
 
     Returns
     -------
@@ -36,28 +33,22 @@ def refined(octree: Octree, times: npt.ArrayLike, within: NeedsRefinement | None
     Raises
     ------
     ValueError
-        If ``times`` has another shape, or the smallest cells would be too small for float64.
+        If the smallest cells would be too small for float64.
 
     Examples
     --------
     >>> tree = Octree([0, 0], [1, 1], (1, 1), [1, 1, 1, 1])
-    >>> refined(tree, [2, 0, 0, 0])
+    >>> refined(tree, np.array([2, 0, 0, 0]), lambda centres, sizes: np.ones(len(sizes), bool))
     Octree(19 leaves of level 1 to 3, 2-D)
     """
-    more = as_plain_array("times", times)
-    if more.shape != (octree.n_leaves,) or more.dtype.kind not in "iu" or (more < 0).any():
-        raise ValueError(
-            f"times must be integers >= 0 of shape {(octree.n_leaves,)}, "
-            f"got {more.dtype} of shape {more.shape}"
-        )
 
     def needs_refinement(centres: FloatArray, sizes: FloatArray) -> BoolArray:
         leaf = octree.find_leaves(centres)
         edges = octree.leaf_sizes[leaf, 0]
-        last = edges * 0.5 ** more[leaf].astype(float)
+        last = edges * 0.5 ** times[leaf].astype(float)
         needed = np.asarray(sizes[:, 0] > _SAME * last)
         parts = np.flatnonzero(needed & (sizes[:, 0] < edges / _SAME))
-        if within is not None and len(parts):
+        if len(parts):
             needed[parts] = within(centres[parts], sizes[parts])
         return needed
 
@@ -65,7 +56,7 @@ def refined(octree: Octree, times: npt.ArrayLike, within: NeedsRefinement | None
         octree.lower,
         octree.upper,
         needs_refinement,
-        max_level=int((octree.levels + more).max()),
+        max_level=int((octree.levels + times).max()),
         root_shape=octree.root_shape,
     )
 

@@ -10,11 +10,12 @@ import numpy as np
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import NONE, SizeReport
 from adaptsize.background import Octree, SimplexMesh
+from adaptsize.background.interpolation import cell_gradients
 from adaptsize.background.reshaping import parent_errors, refined
 from adaptsize.background.topology import components_of
 from adaptsize.domain_size.request import Bounds, Request
 from adaptsize.geometry.distance.closest_points import Depths
-from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongArray
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, LongArray
 
 #: Tolerance for sizes interpolated between the nodes, relative to the size.
 TOLERANCE = 0.05
@@ -121,7 +122,7 @@ def _extrapolated(inner: InnerCells, h: FloatArray, g: float) -> FloatArray:
     mesh, inside = inner.mesh, inner.inside
     whole = mesh.cells[inside[mesh.cells].all(axis=1)]
     gradient, counts = np.zeros(mesh.points.shape), np.zeros(mesh.n_points)
-    slopes = _gradients(mesh, h, whole)
+    slopes = cell_gradients(mesh, h)[inside[mesh.cells].all(axis=1)]
     for column in whole.T:
         np.add.at(gradient, column, slopes)
         np.add.at(counts, column, 1.0)
@@ -152,25 +153,19 @@ def _size_of_curvature(shape: Shape, per_radian: float, g: float) -> FloatArray:
     with np.errstate(divide="ignore"):
         size = np.where(kappa > 0.0, 1.0 / (per_radian * kappa), np.inf)
     known = np.isfinite(size)
-    m = _slopes(shape.inner.mesh, np.where(known, size, 0.0), known)
+    m = _slopes(shape.inner.mesh, size)
     slope = np.where(depth < 0.0, np.sqrt(np.maximum(g**2 - m**2, 0.0)), g)
     return np.where(known, np.maximum(size + slope * depth, _LEAST_SHARE * size), np.inf)
 
 
-def _slopes(mesh: SimplexMesh, values: FloatArray, known: BoolArray) -> FloatArray:
-    """Return the mean length of the gradients in the cells at each node whose values are known."""
-    cells = mesh.cells[known[mesh.cells].all(axis=1)]
+def _slopes(mesh: SimplexMesh, values: FloatArray) -> FloatArray:
+    """Return the mean length of the gradients in the cells at each node whose values are finite."""
+    finite = np.isfinite(values[mesh.cells]).all(axis=1)
     slopes, counts = np.zeros(mesh.n_points), np.zeros(mesh.n_points)
-    np.add.at(slopes, cells, np.linalg.norm(_gradients(mesh, values, cells), axis=1)[:, None])
-    np.add.at(counts, cells, 1.0)
+    lengths = np.linalg.norm(cell_gradients(mesh, values)[finite], axis=1)
+    np.add.at(slopes, mesh.cells[finite], lengths[:, None])
+    np.add.at(counts, mesh.cells[finite], 1.0)
     return np.asarray(slopes / np.maximum(counts, 1.0))
-
-
-def _gradients(mesh: SimplexMesh, values: FloatArray, cells: IntArray) -> FloatArray:
-    """Return the gradient of nodal values in some cells, float64[n, dim]."""
-    edges = mesh.points[cells[:, 1:]] - mesh.points[cells[:, :1]]
-    rise = values[cells[:, 1:]] - values[cells[:, :1]]
-    return np.asarray(np.linalg.solve(edges, rise[:, :, None])[:, :, 0])
 
 
 def _measures_inside(mesh: SimplexMesh, phi: FloatArray) -> FloatArray:
