@@ -65,6 +65,16 @@ def test_a_file_is_kept_where_the_disk_has_no_room_for_the_new_one(tmp_path, cap
     assert capfd.readouterr() == ("", "")
 
 
+def test_threads_leave_what_vtk_prints_to_as_it_was(tmp_path):
+    from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow
+
+    mesh = random_sphere(50, 7314)
+    before = vtkOutputWindow.GetInstance(), vtkLogger.GetCurrentVerbosityCutoff()
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda k: write(tmp_path / f"{k}.vtk", mesh), range(40)))
+    assert (vtkOutputWindow.GetInstance(), vtkLogger.GetCurrentVerbosityCutoff()) == before
+
+
 def test_an_interrupted_write_leaves_nothing(tmp_path, monkeypatch):
     def interrupt(path, *arguments, **options):
         path.write_bytes(b"half")

@@ -8,7 +8,9 @@ from __future__ import annotations
 import codecs
 import io
 import math
+import os
 import re
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -332,6 +334,18 @@ def _add(data: Any, fields: Mapping[str, npt.NDArray[Any]]) -> None:
 # --- files ----------------------------------------------------------------------------------------
 
 
+_LOCK = threading.Lock()
+
+
+def _unlock() -> None:
+    global _LOCK  # noqa: PLW0603 - another thread may hold it when this process is forked
+    _LOCK = threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_unlock)
+
+
 @contextmanager
 def _errors() -> Iterator[list[str]]:
     """Collect the errors of VTK, without the places in its source, instead of printing them."""
@@ -345,14 +359,15 @@ def _errors() -> Iterator[list[str]]:
     add.CallDataType = "string0"  # type: ignore[attr-defined]
     window, logger = _get("vtkCommonCore.vtkStringOutputWindow")(), _get("vtkCommonCore.vtkLogger")
     window.AddObserver("ErrorEvent", add)
-    usual, level = window.GetInstance(), logger.GetCurrentVerbosityCutoff()
-    window.SetInstance(window)
-    logger.SetStderrVerbosity(logger.VERBOSITY_OFF)
-    try:
-        yield errors
-    finally:
-        window.SetInstance(usual)
-        logger.SetStderrVerbosity(level)
+    with _LOCK:  # VTK has one window for all threads
+        usual, level = window.GetInstance(), logger.GetCurrentVerbosityCutoff()
+        window.SetInstance(window)
+        logger.SetStderrVerbosity(logger.VERBOSITY_OFF)
+        try:
+            yield errors
+        finally:
+            window.SetInstance(usual)
+            logger.SetStderrVerbosity(level)
 
 
 def read_file(path: Path) -> Any:
