@@ -82,6 +82,7 @@ BAD_FILES = {
     "other.msh": (b"(1 (an Ansys file))", "MeshFormat"),
     "square.wkt": (b"TIN (((0 0 0, 1 0 0, 0 1 0, 0 0 0", r"knows \(\.wkt\).*meshio convert"),
     "tecplot.dat": (b"TITLE = x\n", r"knows \(\.dat\)"),
+    "labels.png": (b"anything", "holds an image, not a mesh; mesh_image or 'adaptsize image'"),
     "notes.txt": (b"hello", r"suffix that no reader knows \(\.txt\)"),
     "nosuffix": (b"hello", "suffix that no reader knows"),
 }

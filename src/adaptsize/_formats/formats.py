@@ -22,6 +22,7 @@ from adaptsize._formats import writers as write
 from adaptsize._formats.blocks import RawMesh, check_raw
 from adaptsize._formats.guards import about_file, check_readable, files_named_in
 from adaptsize._formats.limited import read_limited
+from adaptsize._formats.raster import is_image_file
 from adaptsize._formats.solvers import write_abaqus, write_nastran, write_su2
 from adaptsize._formats.surfaces import read_off, read_stl
 from adaptsize.background import CartesianGrid, SimplexMesh
@@ -175,6 +176,8 @@ def load(path: Path) -> RawMesh:
     suffix = path.suffix.lower()
     if suffix in _ELSEWHERE:
         raise MeshFileError(_ELSEWHERE[suffix])
+    if is_image_file(path):
+        raise MeshFileError("holds an image, not a mesh; mesh_image or 'adaptsize image' meshes it")
     found = _of_suffix(suffix)
     if found is None or found.read is None:
         known = [s for form in FORMATS.values() if form.read for s in form.suffixes]
