@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -127,6 +127,8 @@ def scale_to(
     start: float,
     order: float,
     accuracy: float = ACCURACY,
+    *,
+    bounds: tuple[float, float] = (0.0, math.inf),
 ) -> T:
     """Return the sizes whose value is as wanted, or nearest to it.
 
@@ -147,6 +149,8 @@ def scale_to(
         The value falls about as the scale to this power.
     accuracy : float
         Relative error of the value that is accepted.
+    bounds : (float, float)
+        The sizes are the same for all scales below the first, and above the second.
 
     Returns
     -------
@@ -155,44 +159,50 @@ def scale_to(
     """
     from scipy.optimize import brentq  # slow to import
 
-    def excess(made: T) -> float:
-        found = value(made)
-        return max(math.log(found / wanted), _NOTHING) if found > 0.0 else _NOTHING
+    known: dict[float, float] = {}
+    best: T | None = None
 
     def excess_at(exponent: float) -> float:
-        return excess(make(start * math.exp(exponent)))
+        nonlocal best
+        if exponent not in known:
+            made = make(start * math.exp(exponent))
+            found = value(made)
+            off = max(math.log(found / wanted), _NOTHING) if found > 0.0 else _NOTHING
+            if not known or abs(off) < min(map(abs, known.values())):
+                best = made
+            known[exponent] = off
+        return known[exponent]
 
-    x, slope = 0.0, order
-    last_x = last = math.nan
-    for trial in range(6):
-        made = make(start * math.exp(x))
-        off = excess(made)
-        if abs(off) <= accuracy:
-            return made
-        if trial == 0:
-            at_start = off
-        else:
-            slope = (last - off) / (x - last_x)
-            if not 0.25 * order < slope < 4.0 * order:
-                break
-        last_x, last = x, off
-        x += min(max(off / slope, -3.0), 3.0)
+    def is_found() -> bool:
+        x, slope = 0.0, order
+        last_x = last = math.nan
+        for trial in range(6):
+            off = excess_at(x)
+            if abs(off) <= accuracy:
+                return True
+            if trial:
+                slope = (last - off) / (x - last_x)
+                if not 0.25 * order < slope < 4.0 * order:
+                    return False
+            last_x, last = x, off
+            x += min(max(off / slope, -3.0), 3.0)
+        return False
 
-    low = high = 0.0
-    at_low = at_high = at_start
-    step = math.log(2.0)
-    while at_low < 0.0 and low > -_REACH:
-        high, at_high = low, at_low
-        low, step = low - step, 2.0 * step
-        at_low = excess_at(low)
-    while at_high > 0.0 and high < _REACH:
-        low, at_low = high, at_high
-        high, step = high + step, 2.0 * step
-        at_high = excess_at(high)
-    exponent = low if at_low <= 0.0 else high
-    if at_low > 0.0 > at_high:
-        exponent = float(brentq(excess_at, low, high, xtol=ACCURACY))
-    return make(start * math.exp(exponent))
+    def search() -> None:
+        sign = math.copysign(1.0, excess_at(0.0))
+        bound = bounds[1] if sign > 0.0 else bounds[0]
+        reach = _REACH if bound in (0.0, math.inf) else sign * math.log(bound / start)
+        most = max(reach, 0.0)
+        if sign * excess_at(sign * most) >= 0.0:  # beyond what is possible
+            return
+        near, far = 0.0, math.log(2.0)
+        while far < most and sign * excess_at(sign * far) > 0.0:
+            near, far = far, 3.0 * far
+        brentq(excess_at, *sorted((sign * near, sign * min(far, most))), xtol=ACCURACY)
+
+    if not is_found():
+        search()
+    return cast(T, best)
 
 
 def as_goal(tolerance: float | None, elements: float | None) -> tuple[str, float]:

@@ -141,6 +141,11 @@ def scaled_by_error(
         largest = mesh.ranks.allreduce(float(eta.max(initial=0.0)), "max")
         shape = (eta / max(largest, np.finfo(float).tiny)) ** (-1.0 / (order + 0.5 * d))
 
+    # Beyond these scales, all cells have their least or their largest ratio.
+    widest = float(np.max(shape, where=np.isfinite(shape), initial=1.0))
+    widest = mesh.ranks.allreduce(widest, "max")
+    bounds = 1.0 / (given["max_refine"] * widest), given["max_coarsen"]
+
     def ratios(scale: float) -> FloatArray:
         return np.asarray(np.clip(scale * shape, 1.0 / given["max_refine"], given["max_coarsen"]))
 
@@ -155,14 +160,16 @@ def scaled_by_error(
             error = math.sqrt(mesh.ranks.allreduce(float(errors @ errors), "sum"))
             return math.inf if error == 0.0 else 1.0 / float(error)
 
-        return sizes(scale_to(1.0 / wanted, float, gain, 1.0, order))
+        return sizes(scale_to(1.0 / wanted, float, gain, 1.0, order, bounds=bounds))
     wanted /= calibration(given["backend"], d)
 
     def unlimited(scale: float) -> float:
         return float(mesh.ranks.allreduce(float((ratios(scale) ** -d).sum()), "sum"))
 
-    start = scale_to(wanted, float, unlimited, 1.0, d)
-    return scale_to(wanted, sizes, lambda h: count_elements(mesh, h), start, d, accuracy)
+    start = scale_to(wanted, float, unlimited, 1.0, d, bounds=bounds)
+    return scale_to(
+        wanted, sizes, lambda h: count_elements(mesh, h), start, d, accuracy, bounds=bounds
+    )
 
 
 @with_options(HessianOptions)
