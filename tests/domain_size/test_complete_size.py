@@ -97,6 +97,13 @@ def test_default_limits_are_those_of_a_mesh_and_do_not_depend_on_the_orientation
     assert_allclose([report.hmax for report in limits], [0.08 * 2.0**0.5] * 2 + [0.1], rtol=0.03)
 
 
+def test_an_open_polyline_has_no_elements_between_features():
+    points = [[0, 0], [1, 0], [1, 0.05], [0, 0.05], [0, 1]]
+    report = size_function(SimplexMesh(points, [[0, 1], [1, 2], [2, 3], [3, 4]])).report
+    assert "separation" not in report.causes
+    assert report.elements_between == 0.0
+
+
 def test_outside_sizes_go_on_as_at_the_boundary():
     size = size_function(
         disc, background=GRID, elements_per_radian=5.0, elements_across=0.0, g=G, hmax=10.0
