@@ -38,7 +38,7 @@ def test_a_region_whose_area_has_changed_is_named(tmp_path, capsys):
     rows[np.hypot(x - 40, y - 50) < 8] = 2
     Pillow.fromarray(rows).save(tmp_path / "mask.png")
     words = ["image", tmp_path / "mask.png", "-o", tmp_path / "mesh.vtu"]
-    assert call(*words) == 0
+    assert call(*words, "--hmax", "6") == 0
     assert "warning: the area of these regions has changed: 2 (" in capsys.readouterr().err
     assert call(*words, "--hmax", "2.5") == 0
     assert "warning" not in capsys.readouterr().err
