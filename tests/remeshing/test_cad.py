@@ -33,6 +33,17 @@ def models(tmp_path_factory):
     return folder
 
 
+def test_a_cone_ends_at_its_tip(models):
+    script = PLATE.partition("box =")[0] + "gmsh.model.occ.addCone(0, 0, 0, 0, 0, 20, 10, 0)\n"
+    script += "gmsh.model.occ.synchronize()\ngmsh.write(sys.argv[1])\n"
+    path = models / "cone.step"
+    subprocess.run([sys.executable, "-c", script, path], check=True, capture_output=True)
+    part = read_cad(path, timeout=60.0)
+    assert (part.facet_cell_counts == 2).all()
+    assert np.linalg.norm(part.points - [0, 0, 20], axis=1).min() < 1e-6
+    assert part.n_cells < 60_000
+
+
 @pytest.mark.parametrize("suffix", ["step", "brep"])
 def test_the_surface_is_closed_and_has_a_region_per_face(models, suffix):
     part = read_cad(models / f"plate.{suffix}", elements_per_circle=60)

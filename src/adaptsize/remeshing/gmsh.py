@@ -15,6 +15,8 @@ from adaptsize.remeshing.protocol import Arrays
 
 #: Gmsh's numbers of element types by their dimension.
 _TYPES = {1: 1, 2: 2}
+#: Least size over the diagonal.  At the tip of a cone the radius is 0, and Gmsh would not end.
+_SMALLEST = 1e-4
 
 
 def triangulate(arrays: Arrays, options: Mapping[str, Any]) -> Arrays:
@@ -40,6 +42,7 @@ def triangulate(arrays: Arrays, options: Mapping[str, Any]) -> Arrays:
     *low, hx, hy, hz = gmsh.model.getBoundingBox(-1, -1)
     diagonal = float(np.linalg.norm(np.subtract((hx, hy, hz), low)))
     gmsh.option.setNumber("Mesh.MeshSizeMax", options["largest"] or 0.1 * diagonal)
+    gmsh.option.setNumber("Mesh.MeshSizeMin", _SMALLEST * diagonal)
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", options["count"])
     gmsh.model.mesh.generate(2)
     node_tags, coordinates, _ = gmsh.model.mesh.getNodes()
