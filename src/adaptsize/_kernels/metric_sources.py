@@ -144,8 +144,7 @@ def _fill_powers(axes, h, r, powers):
         for j in range(i, dim):
             first, second = 0.0, 0.0
             for q in range(dim):
-                # Sizes above this are no bounds, and count as this in L: the others are at most 1
-                # (physical.py).
+                # Sizes above this are no bounds, and count as this in L: the others are at most 1.
                 size = min(h[q], 2.0)
                 first += r[i, q] * size * r[j, q]
                 second += r[i, q] * size * size * r[j, q]

@@ -107,10 +107,10 @@ class Outcome:
         several = self.regions if len(self.regions) > 1 else {}
         for tag, (measure, change) in several.items():
             rows.append(
-                (f"region {tag}", f"{self._measure} {measure:.6g}, changed by {change:+.2%}")
+                (f"region {tag}", f"{self._measure} {measure:.6g}, changed by {_percent(change)}")
             )
         if self.change is not None:
-            rows.append((self._measure, f"changed by {self.change:+.2%}"))
+            rows.append((self._measure, f"changed by {_percent(self.change)}"))
         return rows
 
     def __str__(self) -> str:
@@ -239,6 +239,10 @@ def outcome_of_image(mesh: SimplexMesh, image: Image, options: ImageOptions) -> 
         sharp=sharp_cells(mesh),
         pinched=(len(pinched), tuple(skin.points[pinched[:1]].mean(axis=1).ravel().tolist())),
     )
+
+
+def _percent(change: float) -> str:
+    return f"{round(change, 4) + 0.0:+.2%}"  # zero without a minus sign
 
 
 def _predicted(new: SimplexMesh, size: SizeFunction) -> float:
