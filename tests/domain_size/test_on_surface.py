@@ -140,6 +140,22 @@ def test_sizes_on_round_surfaces_allow_the_tolerance():
     assert_allclose(size(mesh.points), radius / 4.0, rtol=0.02)
 
 
+def test_sizes_on_a_cone_fall_to_its_tip():
+    # Curved by cos(a) / rho across the lines to the tip, which lie in facets without other nodes.
+    n, height = 48, 3.0
+    angle = 2.0 * np.pi * np.arange(n) / n
+    ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(n)])
+    around = [(i, (i + 1) % n) for i in range(n)]
+    cells = [[i, j, n] for i, j in around] + [[j, i, n + 1] for i, j in around]
+    cone = SimplexMesh([*ring, [0.0, 0.0, height], [0.0, 0.0, 0.0]], cells)
+    size = size_function(cone, elements_per_radian=4.0)
+    z = np.linspace(0.0, 0.95 * height, 20)[:, None]
+    rho = (1.0 - z / height)[:, 0]
+    radius = rho * np.hypot(1.0, height) / height
+    expected = np.minimum(radius / 4.0, 2.0 * np.sqrt(1e-3 * cone.diameter * radius))
+    assert_allclose(size(rho[:, None] * ring[3] + z * [0.0, 0.0, 1.0]), expected, rtol=0.2)
+
+
 def test_a_relaxed_tolerance_is_not_larger_than_the_sizes_require():
     mesh = cylinder(60, radius=10.0)
     options = {"elements_per_radian": 6.0, "elements_across": 0.0, "g": 1.0, "max_elements": 4000}

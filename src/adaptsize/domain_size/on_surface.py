@@ -20,7 +20,7 @@ from adaptsize.background.splitting import SplitMesh, halved_edges, split_edges
 from adaptsize.background.topology import rows_among
 from adaptsize.domain_size.request import Bounds, PointBounds, Request, bound_at_nodes
 from adaptsize.errors import InputWarning, OpenSurfaceWarning
-from adaptsize.geometry.creases import folds_of
+from adaptsize.geometry.creases import folds_of, tips_of_cones
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import FeaturePoints, Separation
 from adaptsize.geometry.width import Width
@@ -70,7 +70,8 @@ class SurfaceDomain:
         and the curvature of curves on feature edges; the curvature of the surface at its nodes.
         From these points, sizes grow through space.  Edges longer than two sizes are halved, and
         the bounds are found at points between.  A new node on an edge along which the surface bends
-        gets the mean of the curvatures at the ends.
+        gets the mean of the curvatures at the ends; on the way to the tip of a cone, where there is
+        none, it gets half of the radius at the other end.
 
         The surface gets at most 400 000 nodes, and not more than a tenth of the elements allowed: a
         single layer of tetrahedra has about 4.5 per node of it, and a thicker solid more than 10.
@@ -138,6 +139,12 @@ class _Shape:
     def bent(self) -> IntArray:
         """Edges along which the surface is curved."""
         return folds_of(self.faces.mesh, np.deg2rad(self.crease_angle)).bent
+
+    @cached_property
+    def tips(self) -> IndexArray:
+        """Nodes where a cone ends, off the feature edges."""
+        mesh, angle = self.faces.mesh, np.deg2rad(self.crease_angle)
+        return np.setdiff1d(tips_of_cones(mesh.points, mesh.cells, angle), self.faces.features)
 
     @cached_property
     def inner_nodes(self) -> BoolArray:
@@ -232,7 +239,7 @@ class _Surface:
         faces = shape.faces
         nodal = {}
         if request.bounds_curvature:
-            nodal["curvature"] = request.on_curves(shape.radius, faces.mesh.diameter)
+            nodal["curvature"] = shape.radius
         # Where bodies overlap, their features cross each other, and are no features of the union.
         if request.between(faces.is_rough) > 0.0 and not shape.overlaps:
             nodal["separation"] = shape.first_separations
@@ -256,6 +263,8 @@ class _Surface:
         """Return the limited sizes, and which cause controls them where."""
         mesh, faces = self.mesh, self.shape.faces
         bounds = dict(self.nodal)
+        if "curvature" in bounds:
+            bounds["curvature"] = request.on_curves(bounds["curvature"], faces.mesh.diameter)
         if "separation" in bounds:
             bounds["separation"] = request.on_features(
                 bounds["separation"], faces.mesh.diameter, faces.is_rough
@@ -314,7 +323,11 @@ class _Surface:
             longer[n:] = self.shape.separations(at, which, report, len(longer) - n)
         else:
             curved = np.flatnonzero(self.bent.find(parents) >= 0)
-            longer[n + curved] = 2.0 / (1.0 / bound[parents[curved]]).sum(axis=1).clip(1e-300)
+            ends = bound[parents[curved]]
+            longer[n + curved] = 2.0 / (1.0 / ends).sum(axis=1).clip(1e-300)
+            if name == "curvature":  # along a cone, the radius is proportional to that from its tip
+                to_tip = np.isin(parents[curved], self.shape.tips).any(axis=1)
+                longer[n + curved[to_tip]] = 0.5 * ends[to_tip].min(axis=1)
         return longer
 
     def _in_new_facets(

@@ -13,7 +13,7 @@ from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._kernels import sectors as kernels
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import components_of, is_tagged, pairs_of_cells, rings
-from adaptsize.typing import BoolArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 #: A triangle whose area is below this share of its longest edge squared has no normal.
 FLAT_SHARE = 1e-12
@@ -105,6 +105,21 @@ def folds_of(surface: SimplexMesh, crease_angle: float) -> Folds:
     off = doubled * sine > 1e-6 * surface.diagonal * surface.edge_lengths[smooth]
     bent = smooth[(np.arctan2(sine, cosine) > math.radians(0.1)) & off]
     return Folds(surface.edges[bent], surface.edges[sharp])
+
+
+def tips_of_cones(points: FloatArray, triangles: IntArray, angle: float) -> IndexArray:
+    """Return the nodes around which triangles lean as those of a cone, by more than an angle.
+
+    No two neighbours need to differ by the angle, so that there may be no feature edge.  Around the
+    tip of a cone that leans by ``a``, in radians, angles add up to 2 pi cos a.  Ends of feature
+    edges and nodes of the boundary are returned, too.
+    """
+    ahead = points[np.roll(triangles, -1, axis=1)] - points[triangles]
+    behind = -np.roll(ahead, 1, axis=1)
+    sines = np.linalg.norm(np.cross(ahead, behind), axis=2)
+    angles = np.arctan2(sines, np.einsum("ijk,ijk->ij", ahead, behind))
+    around = np.bincount(triangles.ravel(), angles.ravel(), len(points))
+    return np.flatnonzero((around > 0.0) & (around < 2.0 * np.pi * np.cos(angle)))
 
 
 def crease_edges(surface: SimplexMesh, *, crease_angle: float = CREASE_ANGLE) -> IntArray:

@@ -334,29 +334,15 @@ def _corners(made: Arrays, options: Mapping[str, Any]) -> npt.NDArray[np.int32]:
         required = np.isin(made["facet_groups"], options["required_groups"])
         ends = np.intersect1d(curves[required], curves[~required])
     else:
+        from adaptsize.geometry.creases import tips_of_cones
+
         curves = _curves(made, task)
         triangles = made["cells" if task == "surface" else "facets"]
-        ends = np.setdiff1d(_tips(made["points"], triangles, RIDGE_ANGLE[task]), curves)
+        tips = tips_of_cones(made["points"], triangles, np.radians(RIDGE_ANGLE[task]))
+        ends = np.setdiff1d(tips, curves)
     tolerance = options["hausd"] / _TOLERANCE_FACTOR[task]
     kept = _nodes_to_keep(made["points"], curves, tolerance)
     return np.union1d(ends, kept).astype(np.int32)
-
-
-def _tips(
-    points: FloatArray, triangles: npt.NDArray[np.integer], angle: float
-) -> npt.NDArray[np.intp]:
-    """Return the nodes around which triangles lean as those of a cone, by more than an angle.
-
-    No two neighbours need to differ by the angle, so that there may be no feature edge.  Mmg would
-    round the tip.  Around the tip of a cone that leans by ``a``, angles add up to 2 pi cos a.
-    Nodes on the boundary of the triangles are returned, too.
-    """
-    ahead = points[np.roll(triangles, -1, axis=1)] - points[triangles]
-    behind = -np.roll(ahead, 1, axis=1)
-    sines = np.linalg.norm(np.cross(ahead, behind), axis=2)
-    angles = np.arctan2(sines, np.einsum("ijk,ijk->ij", ahead, behind))
-    around = np.bincount(triangles.ravel(), angles.ravel(), len(points))
-    return np.flatnonzero((around > 0.0) & (around < 2.0 * np.pi * np.cos(np.radians(angle))))
 
 
 def _curves(made: Arrays, task: str) -> npt.NDArray[np.int32]:
