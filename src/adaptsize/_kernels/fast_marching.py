@@ -36,25 +36,24 @@ from adaptsize._kernels.local_updates import (
 
 
 @lean_kernel
-def fill_stars(cells, ring_ptr, ring, star):
+def fill_stars(cells, free, star):
     """List for each node the other vertices of its cells.
 
     Parameters
     ----------
     cells : int32[m, k]
-    ring_ptr, ring : int32[n + 1], int32[m * k]
-        The cells around each node, as from `topology.fill_rings`.
+    free : int32[n + 1]
+        In: the first entry of each node, the ``ring_ptr`` of `topology.fill_rings`.  Out: the next.
     star : int32[m * k, k - 1]
-        Out: in the order of ``ring``.
+        Out: in the order of ``ring``, which has the cells of a node in ascending order.
     """
     k = cells.shape[1]
-    for i in range(ring_ptr.shape[0] - 1):
-        for entry in range(ring_ptr[i], ring_ptr[i + 1]):
-            v = 0
-            while cells[ring[entry], v] != i:
-                v += 1
+    for c in range(cells.shape[0]):
+        for v in range(k):
+            entry = free[cells[c, v]]
+            free[cells[c, v]] += 1
             for w in range(k - 1):
-                star[entry, w] = cells[ring[entry], (v + 1 + w) % k]
+                star[entry, w] = cells[c, (v + 1 + w) % k]
 
 
 @lean

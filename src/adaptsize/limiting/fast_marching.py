@@ -235,7 +235,7 @@ def cells_in(mesh: SimplexMesh) -> tuple[Any, ...]:
 def _stars_in(mesh: SimplexMesh) -> tuple[Any, ...]:
     """Return the stars of the nodes, as the kernels take them."""
     star = np.empty((mesh.cells.size, mesh.cell_dim), np.int32)
-    kernels.fill_stars(mesh.cells, *mesh.rings, star)
+    kernels.fill_stars(mesh.cells, mesh.rings[0].copy(), star)
     return (mesh.points, (0,) * mesh.dim, (0,) * mesh.cell_dim, *mesh.rings, star)
 
 
