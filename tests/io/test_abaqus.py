@@ -93,9 +93,11 @@ def test_an_included_file_is_a_part_of_the_text(tmp_path):
         (FLAT.replace("CPE3", "MASS"), "elements of type 'MASS'"),
         (FLAT.replace("   30", "   30, 5"), "CAX3 of other than 3 nodes"),
         (FLAT + "*INCLUDE, INPUT=a.inp\n", "includes 'a.inp' twice"),
-        (FLAT + "*INCLUDE, INPUT=absent.inp\n", "No such file"),
-        (ASSEMBLY.replace("0.\n", "0.\n0., 0., 0., 0., 0., 1., 9.\n"),
+        (FLAT + "*INCLUDE, INPUT=absent.inp\n", "'absent.inp', which does not exist"),
+        (PART.format("A", 0, 1) + ASSEMBLY.replace("0.\n", "0.\n0., 0., 0., 0., 0., 1., 9.\n"),
          "rotated instance"),
+        (PART.format("A", 0, 1) + ASSEMBLY.replace("0.\n", "0., 0.\n"), "not three numbers"),
+        (PART.format("A", 0, 1) + ASSEMBLY, "instance of the part 'B', which it does not hold"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_read_is_refused(tmp_path, text, reason):

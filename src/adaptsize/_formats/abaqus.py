@@ -90,12 +90,17 @@ def read(path: Path) -> RawMesh:
     """Return the elements of all instances, or of all parts, with their sets as tags.
 
     Tags are the sets with a section, if there are any.  Otherwise an element has the tag of the
-    last set that lists it.
+    last set that lists it.  Sets that the assembly makes of elements of instances are left out.
 
     Raises
     ------
     MeshFileError
         If the file is damaged, rotates an instance, or makes nodes or elements by keywords.
+
+    References
+    ----------
+    Keywords, types of elements and translations of instances are those of the Abaqus Keywords
+    Reference Guide.
     """
     whole = current = _Part()
     parts, instances, names = {"": whole}, list[_Part](), dict[str, str]()
@@ -109,7 +114,10 @@ def read(path: Path) -> RawMesh:
         if keyword == "PART":
             current = parts.setdefault(options.get("NAME", "").upper(), _Part())
         elif keyword == "INSTANCE":
-            current = _instance_of(parts.get(options.get("PART", "").upper(), _Part()), lines)
+            name = options.get("PART", "")
+            if name.upper() not in parts:
+                raise MeshFileError(f"has an instance of the part {name!r}, which it does not hold")
+            current = _instance_of(parts[name.upper()], lines)
             instances.append(current)
         elif keyword in ("END PART", "END INSTANCE"):
             current = whole
@@ -133,6 +141,8 @@ def _text_of(path: Path, known: set[Path]) -> str:
 
     def included(found: re.Match[str]) -> str:
         file = neighbour(path, found[1].strip(' "'))
+        if not file.exists():
+            raise MeshFileError(f"includes {file.name!r}, which does not exist")
         if file.resolve() in known:
             raise MeshFileError(f"includes {file.name!r} twice")
         return _text_of(file, known)
@@ -154,6 +164,8 @@ def _instance_of(part: _Part, lines: list[str]) -> _Part:
     if len(lines) > 1:
         raise MeshFileError("has a rotated instance, which cannot be read")
     words, offset = _words_in(lines), np.zeros(3)
+    if len(words) > 3:
+        raise MeshFileError(f"moves an instance by {lines[0][:40]!r}, which is not three numbers")
     offset[: len(words)] = numbers(words, np.float64)
     sets = {name: [*items] for name, items in part.sets.items()}
     return _Part([*part.nodes], [*part.elements], sets, [*part.sections], offset)

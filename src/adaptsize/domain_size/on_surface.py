@@ -142,9 +142,10 @@ class _Shape:
 
     @cached_property
     def tips(self) -> IndexArray:
-        """Nodes where a cone ends, off the feature edges."""
+        """Nodes where a cone ends, off the feature edges, and where no curvature is known."""
         mesh, angle = self.faces.mesh, np.deg2rad(self.crease_angle)
-        return np.setdiff1d(tips_of_cones(mesh.points, mesh.cells, angle), self.faces.features)
+        found = np.setdiff1d(tips_of_cones(mesh.points, mesh.cells, angle), self.faces.features)
+        return found[np.isinf(self.radius[found])]
 
     @cached_property
     def inner_nodes(self) -> BoolArray:
@@ -227,7 +228,7 @@ class _Surface:
     owner: IndexArray
     """The facet of the given surface of which each triangle is a part."""
     nodal: dict[str, FloatArray]
-    """Bounds at the nodes."""
+    """By cause: radii of curvature, separations, widths, and the sizes h0 at the nodes."""
     in_facets: PointBounds
     """Widths at points in the facets of the given surface."""
     features: _Marked

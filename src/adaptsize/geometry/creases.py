@@ -113,6 +113,18 @@ def tips_of_cones(points: FloatArray, triangles: IntArray, angle: float) -> Inde
     No two neighbours need to differ by the angle, so that there may be no feature edge.  Around the
     tip of a cone that leans by ``a``, in radians, angles add up to 2 pi cos a.  Ends of feature
     edges and nodes of the boundary are returned, too.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    triangles : int[m, 3]
+    angle : float
+        In radians.
+
+    Returns
+    -------
+    int64[k]
+        In ascending order.
     """
     ahead = points[np.roll(triangles, -1, axis=1)] - points[triangles]
     behind = -np.roll(ahead, 1, axis=1)

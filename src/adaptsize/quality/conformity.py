@@ -409,7 +409,8 @@ def _quantiles(ranks: Communicator, values: FloatArray, shares: Sequence[float])
         count = ranks.allreduce(np.searchsorted(ordered, middle, "right"), "sum")
         low, high = np.where(count > number, low, middle), np.where(count > number, middle, high)
     first, second = np.split(high, 2)
-    return (first + (place - below) * (second - first)).tolist()  # type: ignore[no-any-return]
+    found: list[float] = (first + (place - below) * (second - first)).tolist()
+    return found
 
 
 def _hausdorff(mesh: SimplexMesh, surface: SimplexMesh) -> float:
