@@ -286,42 +286,25 @@ def _by_brute_force(points, h0, places):
     return np.array([(h0 + G * np.linalg.norm(points - x, axis=1)).min() for x in places])
 
 
-def leaking_slit(n):
-    """Return sizes 1 on one face of a thin slit and 8 on the other."""
-    mesh, rings, h0, faces, sizes = domains.leaking_slit(n)
-    exact = geodesics.limited_sizes(rings, mesh.points, G, segments=faces, segment_sizes=sizes)
-    return Problem(mesh, h0, EVERYWHERE, exact)
-
-
-def disc_boundary(n, *, smooth=False):
-    """Return sizes at the boundary of a disc, which count as linear between its nodes.
-
-    Compared to the smooth data 5 + 4 sin(3 theta) on the circle if asked.
-    """
+def disc_boundary(n):
+    """Return sizes at the boundary of a disc, which count as linear between its nodes."""
     mesh, (ring,) = domains.disc(n)
     some = _some(mesh.n_points)
-    theta = np.arctan2(*mesh.points.T[::-1])
+
+    def data(points):
+        return 5.0 + 4.0 * np.sin(3.0 * np.arctan2(*points.T[::-1]))
+
     h0 = np.full(mesh.n_points, np.inf)
     at_edge = _nodes_at(mesh, ring)
-    h0[at_edge] = domains.disc_data(theta[at_edge])
-    if smooth:
-
-        def circle(angle):
-            return domains.HALF_WIDTH * np.column_stack([np.cos(angle), np.sin(angle)])
-
-        exact = geodesics.curve_sizes(
-            circle, domains.disc_data, (-np.pi, np.pi), mesh.points[some], G
-        )
-    else:
-        angle = np.arctan2(*ring.T[::-1])
-        sizes = domains.disc_data(angle)
-        exact = geodesics.limited_sizes(
-            (ring,),
-            mesh.points[some],
-            G,
-            segments=np.stack([ring, np.roll(ring, -1, axis=0)], axis=1),
-            segment_sizes=np.column_stack([sizes, np.roll(sizes, -1)]),
-        )
+    h0[at_edge] = data(mesh.points[at_edge])
+    sizes = data(ring)
+    exact = geodesics.limited_sizes(
+        (ring,),
+        mesh.points[some],
+        G,
+        segments=np.stack([ring, np.roll(ring, -1, axis=0)], axis=1),
+        segment_sizes=np.column_stack([sizes, np.roll(sizes, -1)]),
+    )
     return Problem(mesh, h0, some, exact)
 
 
@@ -330,7 +313,8 @@ def disc_everywhere(n):
     mesh, _ = domains.disc(n)
     some = _some(mesh.n_points)
     radii = np.linalg.norm(mesh.points, axis=1)
-    exact = geodesics.radial_sizes(domains.disc_field, domains.HALF_WIDTH, mesh.points[some], G)
+    # The nearest point at another radius is on the same ray.
+    exact = geodesics.line_sizes(domains.disc_field, (0.0, domains.HALF_WIDTH), radii[some], G)
     return Problem(mesh, domains.disc_field(radii), some, exact)
 
 
@@ -428,11 +412,7 @@ SERIES = {
     "30 % of the edges cut": Series(cut_edges, (5_000, 10_000), ALL),
     "wall": Series(lambda n: around_obstacles("wall", n), (5_000, 15_000, 45_000), BOTH),
     "window": Series(lambda n: around_obstacles("window", n), (5_000, 15_000, 45_000), BOTH),
-    "leaking slit": Series(leaking_slit, (6_800, 26_000), BOTH),
     "disc, data on its boundary": Series(disc_boundary, (9_000, 35_000, 140_000), BOTH),
-    "disc, to the smooth data": Series(
-        lambda n: disc_boundary(n, smooth=True), (9_000, 35_000, 140_000), BOTH
-    ),
     "disc, smooth field": Series(disc_everywhere, (10_000, 40_000, 160_000), BOTH),
     "smooth g(x)": Series(
         smooth_limit,

@@ -13,7 +13,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from geodesics import area, contains, limited_sizes, perimeter, prism_sizes, window_sizes
+from geodesics import contains, limited_sizes, polygon, prism_sizes, window_sizes
 from scipy.spatial import Delaunay, cKDTree
 
 from adaptsize import SimplexMesh
@@ -269,7 +269,8 @@ def _spacing(rings, n):
 
     Along the boundary s P of the area belongs half to the boundary's own nodes.
     """
-    a, b, c = n, -0.5 * perimeter(rings), -area(rings) / (0.5 * np.sqrt(3.0))
+    domain = polygon(rings)
+    a, b, c = n, -0.5 * domain.length, -domain.area / (0.5 * np.sqrt(3.0))
     return (-b + np.sqrt(b * b - 4.0 * a * c)) / (2.0 * a)
 
 

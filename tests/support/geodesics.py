@@ -13,11 +13,11 @@ the path through that corner is no longer.
 """
 
 import numpy as np
-from visibility import fill_inside, fill_sizes, fill_visible
+import shapely
 
-#: Depth, relative to the domain's extent, to which a path may enter the outside.  A chord that
-#: passes a corner at this depth is shorter than the path around it by its square only.
-_RELATIVE_DEPTH = 1e-11
+#: By how much the domain is widened, relative to its extent, so that rounding blocks no path.
+#: A chord that passes a corner at this depth is shorter than the path around it by its square only.
+_RELATIVE_DEPTH = 1e-9
 
 
 def limited_sizes(rings, points, g, sources=None, sizes=None, *, segments=None, segment_sizes=None):
@@ -28,18 +28,14 @@ def limited_sizes(rings, points, g, sources=None, sizes=None, *, segments=None, 
     about 1e-12 of the extent; inf if nothing reaches a point.
     """
     starts, start_sizes = _as_segments(sources, sizes, segments, segment_sizes)
-    walls, depth = _walls(rings)
-    corners = reflex_corners(rings)
-    corner_sizes = np.full(len(corners), np.inf)
+    corners, domain = reflex_corners(rings), _widened(rings)
     if len(corners):
-        direct = np.empty(len(corners))
-        none = np.empty((0, 2))
-        fill_sizes(corners, walls, depth, g, starts, start_sizes, none, np.empty(0), direct)
-        corner_sizes = _relaxed(direct, g * _visible_lengths(corners, walls, depth))
-    points = np.ascontiguousarray(points, float)
-    result = np.empty(len(points))
-    fill_sizes(points, walls, depth, g, starts, start_sizes, corners, corner_sizes, result)
-    return result
+        direct = _straight_sizes(domain, corners, g, starts, start_sizes)
+        corner_sizes = _relaxed(direct, g * _visible_lengths(domain, corners))
+        corner_starts = _as_segments(corners, corner_sizes, None, None)
+        starts = np.concatenate([starts, corner_starts[0]])
+        start_sizes = np.concatenate([start_sizes, corner_starts[1]])
+    return _straight_sizes(domain, points, g, starts, start_sizes)
 
 
 def distances(rings, source, points):
@@ -130,72 +126,13 @@ def _bent_in_rectangle(a, b, rectangle):
     return p, length
 
 
-def curve_sizes(curve, sizes, interval, points, g, *, n_samples=720):
-    """Return min over s in an interval of ``sizes(s) + g |x - curve(s)|``, float64[n].
-
-    For smooth data on a smooth curve in a convex domain: ``curve(s)`` gives float64[len(s), dim],
-    ``sizes(s)`` float64[len(s)].  Samples find the valleys, golden sections their ground.
-    With ``curve = lambda s: s[:, None]`` the limit of a function of one variable.
-
-    Every valley of the samples is searched whose samples are within reach of the
-    lowest: its ground is at most half a step of Lipschitz growth below them.
-    """
-    s = np.linspace(*interval, n_samples)
-    places, values = curve(s), sizes(s)
-    speed = np.linalg.norm(np.diff(places, axis=0), axis=1).max()
-    reach = g * speed + np.abs(np.diff(values)).max()
-    result = np.empty(len(points))
-    for first in range(0, len(points), 4096):  # 4096 x 720 x 8 bytes = 24 MB
-        some = points[first : first + 4096]
-        all_values = values + g * _lengths_between(some, places)
-        padded = np.pad(all_values, ((0, 0), (1, 1)), constant_values=np.inf)
-        is_valley = (all_values <= padded[:, :-2]) & (all_values <= padded[:, 2:])
-        lowest = all_values.min(axis=1)
-        point, sample = np.nonzero(is_valley & (all_values <= lowest[:, None] + reach))
-        left, right = s[np.maximum(sample - 1, 0)], s[np.minimum(sample + 1, n_samples - 1)]
-        ground = _golden_minimum(
-            lambda t, x=some[point]: sizes(t) + g * np.linalg.norm(x - curve(t), axis=1),
-            left,
-            right,
-        )
-        np.minimum.at(lowest, point, ground)
-        result[first : first + 4096] = lowest
-    return result
-
-
-def radial_sizes(sizes, radius, points, g):
-    """Return the limit of ``sizes(|x|)``, given everywhere in the disc or ball, float64[n].
-
-    The nearest point at another radius is on the same ray, so this is a problem on [0, radius].
-    """
-    r = np.linalg.norm(points, axis=1)[:, None]
-    return curve_sizes(lambda s: s[:, None], sizes, (0.0, radius), r, g)
-
-
-def _lengths_between(points, places):
-    squares = sum((points[:, a, None] - places[:, a]) ** 2 for a in range(points.shape[1]))
-    return np.sqrt(squares)
-
-
-def _golden_minimum(f, left, right):
-    """Return the least value of f seen in each interval; the bracket shrinks to rounding."""
-    ratio = (np.sqrt(5.0) - 1.0) / 2.0
-    a, b = right - ratio * (right - left), left + ratio * (right - left)
-    f_a, f_b = f(a), f(b)
-    least = np.minimum(f_a, f_b)
-    for _ in range(60):  # 0.618^60 = 3e-13
-        lower = f_a < f_b
-        left, right = np.where(lower, left, a), np.where(lower, b, right)
-        new = np.where(lower, right - ratio * (right - left), left + ratio * (right - left))
-        f_new = f(new)
-        a, b, f_a, f_b = (
-            np.where(lower, new, b),
-            np.where(lower, a, new),
-            np.where(lower, f_new, f_b),
-            np.where(lower, f_a, f_new),
-        )
-        least = np.minimum(least, f_new)
-    return least
+def line_sizes(sizes, interval, x, g):
+    """Return min over s in an interval of ``sizes(s) + g |x - s|``, float64[n], by fine samples."""
+    s = np.linspace(*interval, 200_001)
+    values, rise = sizes(s), g * s
+    from_left = np.minimum.accumulate(values - rise) + rise
+    from_right = np.minimum.accumulate((values + rise)[::-1])[::-1] - rise
+    return np.interp(x, s, np.minimum(from_left, from_right))
 
 
 def reflex_corners(rings):
@@ -210,11 +147,14 @@ def reflex_corners(rings):
     return np.concatenate(found)
 
 
+def polygon(rings):
+    """Return the domain as an object of shapely."""
+    return shapely.Polygon(rings[0], rings[1:])
+
+
 def contains(rings, points):
     """Return which points lie in the domain or on its boundary, bool[n]."""
-    result = np.empty(len(points), bool)
-    fill_inside(np.ascontiguousarray(points, float), *_walls(rings), result)
-    return result
+    return shapely.intersects_xy(_widened(rings), *np.transpose(points))
 
 
 def sees(rings, a, b):
@@ -222,25 +162,7 @@ def sees(rings, a, b):
 
     Running along the boundary and touching corners is allowed.  a, b: float64[n, 2], in the domain.
     """
-    result = np.empty(len(a), bool)
-    walls, depth = _walls(rings)
-    fill_visible(
-        np.ascontiguousarray(a, float), np.ascontiguousarray(b, float), walls, depth, result
-    )
-    return result
-
-
-def area(rings):
-    """Return the area of the domain: outer ring less holes."""
-    return 0.5 * sum(
-        float(np.sum(r[:, 0] * np.roll(r[:, 1], -1) - r[:, 1] * np.roll(r[:, 0], -1)))
-        for r in rings
-    )
-
-
-def perimeter(rings):
-    """Return the length of the boundary, holes included."""
-    return sum(float(np.linalg.norm(np.roll(r, -1, axis=0) - r, axis=1).sum()) for r in rings)
+    return _is_visible(_widened(rings), a, b)
 
 
 def _as_segments(sources, sizes, segments, segment_sizes):
@@ -255,22 +177,57 @@ def _as_segments(sources, sizes, segments, segment_sizes):
     return np.concatenate(starts), np.concatenate(start_sizes)
 
 
-def _walls(rings):
-    """Return the edges of all rings, float64[m, 4] (both ends), and the depth allowed."""
-    walls = np.concatenate([np.hstack([r, np.roll(r, -1, axis=0)]) for r in rings])
-    return walls, _RELATIVE_DEPTH * float(np.ptp(rings[0], axis=0).max())
+def _widened(rings):
+    depth = _RELATIVE_DEPTH * float(np.ptp(rings[0], axis=0).max())
+    domain = polygon(rings).buffer(depth, join_style="mitre")
+    shapely.prepare(domain)
+    return domain
 
 
-def _visible_lengths(corners, walls, depth):
+def _is_visible(domain, a, b):
+    lines = shapely.linestrings(np.stack([a, b], axis=1))
+    return shapely.covers(domain, lines) | (a == b).all(axis=1)
+
+
+def _visible_lengths(domain, corners):
     """Return the distances between corners that see each other, else inf, float64[k, k]."""
-    k = len(corners)
-    i, j = np.triu_indices(k, 1)
-    visible = np.empty(len(i), bool)
-    fill_visible(corners[i], corners[j], walls, depth, visible)
-    lengths = np.full((k, k), np.inf)
+    i, j = np.triu_indices(len(corners), 1)
+    lengths = np.full((len(corners), len(corners)), np.inf)
     straight = np.linalg.norm(corners[i] - corners[j], axis=1)
+    visible = _is_visible(domain, corners[i], corners[j])
     lengths[i, j] = lengths[j, i] = np.where(visible, straight, np.inf)
     return lengths
+
+
+def _straight_sizes(domain, points, g, starts, start_sizes):
+    """Return the least of the candidates straight from the starts whose feet a point sees.
+
+    The foot on a segment e = b - a is where ``rise * share + g |w - share e|`` is least: along
+    the segment the slope of the distance is (s - t)/sqrt((s - t)^2 + D^2), with t the foot of the
+    perpendicular and D its length; it is to balance the slope of the data.
+    """
+    a, e = starts[:, 0], starts[:, 1] - starts[:, 0]
+    length, rise = np.linalg.norm(e, axis=1), np.diff(start_sizes, axis=1)[:, 0]
+    w = points[:, None] - a
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = rise / (g * length)
+        height = np.abs(w[..., 0] * e[:, 1] - w[..., 1] * e[:, 0]) / length
+        shift = height * slope / np.sqrt((1.0 - slope) * (1.0 + slope))
+        share = np.clip(((w * e).sum(axis=2) / length - shift) / length, 0.0, 1.0)
+    share = np.where(slope >= 1.0, 0.0, np.where(slope <= -1.0, 1.0, share))
+    share[:, length == 0.0] = 0.0
+    feet = a + share[..., None] * e
+    values = start_sizes[:, 0] + np.where(share > 0.0, share * rise, 0.0)
+    values = values + g * np.linalg.norm(points[:, None] - feet, axis=2)
+    order = np.argsort(values, axis=1)
+    least, left = np.full(len(points), np.inf), np.arange(len(points))
+    for best in order.T:
+        value = values[left, best[left]]
+        left, value = left[value < np.inf], value[value < np.inf]
+        seen = _is_visible(domain, points[left], feet[left, best[left]])
+        least[left[seen]] = value[seen]
+        left = left[~seen]
+    return least
 
 
 def _relaxed(values, weights):

@@ -4,10 +4,7 @@ import domains
 import numpy as np
 import pytest
 from exact_oracle import plane_domain, plane_sees, plane_sizes
-from geodesics import (
-    limited_sizes,
-    sees,
-)
+from geodesics import limited_sizes, sees
 from numpy.testing import assert_allclose
 
 G = 0.3
