@@ -286,6 +286,22 @@ def _by_brute_force(points, h0, places):
     return np.array([(h0 + G * np.linalg.norm(points - x, axis=1)).min() for x in places])
 
 
+def leaking_slit(n):
+    """Return sizes 1 on one face of a slit of width 0.5, and 8 on the other.
+
+    The bottom of the slit, on which linear data rise by 7 within 0.5, adds nothing for g < 14.
+    """
+    side, tip = 0.25, -20.0
+    mesh, rings = domains.slit_square(n, width=2.0 * side, tip=tip, seed=1006)
+    x, y = mesh.points.T
+    h0 = np.full(mesh.n_points, np.inf)
+    h0[(x == -side) & (y >= tip)], h0[(x == side) & (y >= tip)] = 1.0, 8.0
+    faces = np.array([[[x, tip], [x, domains.HALF_WIDTH]] for x in (-side, side)])
+    sizes = np.array([[1.0, 1.0], [8.0, 8.0]])
+    exact = geodesics.limited_sizes(rings, mesh.points, G, segments=faces, segment_sizes=sizes)
+    return Problem(mesh, h0, EVERYWHERE, exact)
+
+
 def disc_boundary(n):
     """Return sizes at the boundary of a disc, which count as linear between its nodes."""
     mesh, (ring,) = domains.disc(n)
@@ -412,6 +428,7 @@ SERIES = {
     "30 % of the edges cut": Series(cut_edges, (5_000, 10_000), ALL),
     "wall": Series(lambda n: around_obstacles("wall", n), (5_000, 15_000, 45_000), BOTH),
     "window": Series(lambda n: around_obstacles("window", n), (5_000, 15_000, 45_000), BOTH),
+    "leaking slit": Series(leaking_slit, (6_800, 26_000), BOTH),
     "disc, data on its boundary": Series(disc_boundary, (9_000, 35_000, 140_000), BOTH),
     "disc, smooth field": Series(disc_everywhere, (10_000, 40_000, 160_000), BOTH),
     "smooth g(x)": Series(

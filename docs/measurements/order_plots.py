@@ -25,8 +25,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
 
 import _problems
 import curved_shapes
+import distance_shapes
 import octrees
-import planar_shapes
 from _gallery import drawing, save_drawing
 from meshes import jittered_square, random_sphere
 from recovery import means_of_cell_gradients, root_mean_square, wave
@@ -242,8 +242,8 @@ def medial_axis() -> list[Panel]:
     def axis(n):
         errors = []
         for shift in shifts:
-            grid, phi = planar_shapes.sampled(
-                planar_shapes.annulus(0.4, 1.0), 1.0 / n, shift=shift, half=1.15
+            grid, phi = distance_shapes.sampled(
+                distance_shapes.annulus(0.4, 1.0), 1.0 / n, shift=shift, half=1.15
             )
             points = ads.medial_axis(grid, phi).points
             errors.append(np.abs(np.linalg.norm(points, axis=1) - 0.7))
@@ -253,7 +253,7 @@ def medial_axis() -> list[Panel]:
         def measure(n):
             errors = []
             for shift in shifts:
-                grid, phi = planar_shapes.sampled(shape, 1.0 / n, shift=shift, half=1.15)
+                grid, phi = distance_shapes.sampled(shape, 1.0 / n, shift=shift, half=1.15)
                 found = ads.feature_size(grid, phi)
                 inside = np.isfinite(found)
                 true = exact(grid.points.reshape(-1, 2), phi.ravel()).reshape(phi.shape)
@@ -267,7 +267,7 @@ def medial_axis() -> list[Panel]:
         return np.hypot(beyond, x[:, 1]) - phi
 
     sizes = (20, 40, 80, 160)
-    annulus = planar_shapes.annulus(0.4, 1.0)
+    annulus = distance_shapes.annulus(0.4, 1.0)
     return [
         Panel(
             "medial axis and feature size",
@@ -282,7 +282,7 @@ def medial_axis() -> list[Panel]:
                 curve(
                     "feature size, ellipse",
                     sizes,
-                    width(planar_shapes.ellipse(1.0, 0.5), of_ellipse),
+                    width(distance_shapes.Ellipse(1.0, 0.5), of_ellipse),
                 ),
             ],
         )
@@ -350,7 +350,7 @@ def curvature() -> list[Panel]:
     def level_set(at_boundary):
         def measure(n):
             step = 1.0 / n
-            grid, phi = planar_shapes.sampled(planar_shapes.ellipse(1.0, 0.5), step, half=1.15)
+            grid, phi = distance_shapes.sampled(distance_shapes.Ellipse(1.0, 0.5), step, half=1.15)
             x = grid.points.reshape(-1, 2)
             near = np.abs(phi).ravel() < 2.0 * step
             found = level_set_curvature(grid, phi, at_boundary=at_boundary).reshape(x.shape[0], -1)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from implicit_domains import disc
+from distance_shapes import ball
 from meshes import random_sphere
 
 from adaptsize import SimplexMesh, remesh_to_elements, size_function
@@ -21,7 +21,7 @@ BOX = {"box": ([-1.1, -1.1], [1.1, 1.1])}
 
 
 @pytest.mark.parametrize("factor", [0.3, 1.0, 3.0])
-@pytest.mark.parametrize(("domain", "options"), [(sphere(), {}), (disc, BOX)])
+@pytest.mark.parametrize(("domain", "options"), [(sphere(), {}), (ball(1.0), BOX)])
 def test_the_predicted_number_is_the_requested_one(domain, options, factor):
     free = size_function(domain, **options).report
     wanted = factor * free.n_elements

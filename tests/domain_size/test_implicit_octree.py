@@ -1,13 +1,14 @@
 """Implicit domains on octrees: sizes between the nodes against closed forms, and refinement."""
 
+import distance_shapes as shapes
 import numpy as np
 import pytest
-from implicit_domains import disc
 from numpy.testing import assert_allclose
 from scipy.spatial import cKDTree
 
 from adaptsize import PointSource, size_function
 
+disc, torus = shapes.ball(1.0), shapes.torus(1.0, 0.3)
 G, K = 0.25, 4.0
 FREE = {"g": G, "hmax": 100.0, "max_elements": np.inf}
 CURVATURE = {**FREE, "elements_per_radian": K, "elements_across": 0.0}
@@ -30,10 +31,6 @@ def ellipse_size(x):
     return (radius / K + G * away).min(axis=1)
 
 
-def torus(x):
-    return np.hypot(np.hypot(x[:, 0], x[:, 1]) - 1.0, x[:, 2]) - 0.3
-
-
 def holes(x, half=0.004, radius=0.3):
     """A disc with two holes and a wall of twice ``half`` between them."""
     one, other = (
@@ -43,9 +40,7 @@ def holes(x, half=0.004, radius=0.3):
 
 
 def rounded_cube(x, half=0.5, radius=0.25):
-    away = np.abs(x) - half + radius
-    outside = np.linalg.norm(np.maximum(away, 0.0), axis=1)
-    return outside + np.minimum(away.max(axis=1), 0.0) - radius
+    return shapes.box(*[2.0 * (half - radius)] * x.shape[1])(x) - radius
 
 
 def rounded_cube_size(x, half=0.5, radius=0.25):
@@ -119,11 +114,9 @@ def test_a_wedge_of_17_degrees_is_narrow_up_to_its_tip_and_its_other_corners_are
 
 
 def test_rounded_corners_below_the_leaves_are_found():
-    def rounded(x, r=0.02):
-        q = np.abs(x) - 1.0 + r
-        return np.linalg.norm(np.maximum(q, 0.0), axis=1) + np.minimum(q.max(axis=1), 0.0) - r
-
-    size = size_function(rounded, box=([-1.3, -1.3], [1.3, 1.3]), **CURVATURE)
+    size = size_function(
+        lambda x: rounded_cube(x, 1.0, 0.02), box=([-1.3, -1.3], [1.3, 1.3]), **CURVATURE
+    )
     at = (1.0 - 0.02) + 0.02 / np.sqrt(2.0)
     assert_allclose(size([[at, at], [at, -at]]), 0.02 / K, rtol=TOLERANCE)
 

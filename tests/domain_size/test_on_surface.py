@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from implicit_domains import disc
+from distance_shapes import ball
 from meshes import jittered_cube, random_sphere, random_square, structured_square
 from numpy.testing import assert_allclose
 
@@ -83,7 +83,7 @@ def test_every_kind_of_domain_keeps_to_the_number_of_elements(kind):
     domain, options = {
         "surface": (random_sphere(400, 616, radius=3.0), {}),
         "plane": (square, {}),
-        "level set": (disc, {"box": ([-1.1, -1.1], [1.1, 1.1])}),
+        "level set": (ball(1.0), {"box": ([-1.1, -1.1], [1.1, 1.1])}),
         "closed line": (square.boundary().mesh, {}),
     }[kind]
     free = size_function(domain, **options).report

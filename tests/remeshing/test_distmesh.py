@@ -4,12 +4,43 @@ import itertools
 
 import numpy as np
 import pytest
-from implicit_domains import box, corner, disc, dumbbell, ellipse, neck_size, ring, ring_size
+from distance_shapes import ball, box
 
 import adaptsize as ads
 from adaptsize.errors import ConvergenceWarning, ResolutionWarning
 
 SEEDS = (20040601, 771)
+disc, square = ball(1.0), box(2.0, 2.0)
+
+
+def ring(x):
+    """A disc of radius 1 less one of radius 0.3, not concentric."""
+    return np.maximum(disc(x), 0.3 - np.linalg.norm(x - [0.2, 0.2], axis=1))
+
+
+def ring_size(x):
+    return 0.03 + 0.25 * np.abs(np.linalg.norm(x - [0.2, 0.2], axis=1) - 0.3)
+
+
+def corner(x):
+    """An L: the square of edge 2 less its upper right quarter."""
+    return np.maximum(square(x), -square(x - 1.0))
+
+
+def ellipse(x):
+    """No distance: its slope at the boundary is 1 to 2."""
+    return (x[:, 0] / 2.0) ** 2 + x[:, 1] ** 2 - 1.0
+
+
+def dumbbell(x):
+    """Two discs of radius 0.6 and a neck of width 0.04."""
+    discs = [np.linalg.norm(x - [c, 0.0], axis=1) - 0.6 for c in (-1.0, 1.0)]
+    return np.min([*discs, box(2.0, 0.04)(x)], axis=0)
+
+
+def neck_size(x):
+    away = np.maximum(np.abs(x) - [0.4, 0.02], 0.0)
+    return 0.02 + 0.2 * np.linalg.norm(away, axis=1)
 
 
 # Domain, size, half the box, exact area.
@@ -116,8 +147,7 @@ def test_a_graded_ball_has_no_slivers():
 
 
 def test_edges_of_a_box_in_space_are_found():
-    half = np.array([0.8, 0.5, 0.5])
-    mesh, report = with_report(lambda x: box(x, half), 0.25, 1.0, 3)
+    mesh, report = with_report(box(1.6, 1.0, 1.0), 0.25, 1.0, 3)
     # Chamfers of a size at all edges would take 14.4 * 0.25^2 / 2 of 1.6.
     assert mesh.measures.sum() == pytest.approx(1.6, rel=0.01)
     assert report.conformity.angle_min > 15.0

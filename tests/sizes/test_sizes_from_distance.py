@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from distance_shapes import RADIUS, Ellipse, ball, box, slope
+from distance_shapes import Ellipse, ball, box, grid_across
 from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import (
@@ -15,6 +15,8 @@ from adaptsize import (
 from adaptsize.geometry import signed_distance
 
 G, K = 0.25, 4.0
+RADIUS = 0.6
+BALL, ELLIPSE = ball(RADIUS), Ellipse(0.8, 0.4)
 
 
 def directions(n, dim):
@@ -32,11 +34,11 @@ def directions(n, dim):
 def test_what_is_asked_between_the_nodes_is_right_on_the_boundary(dim, sign):
     # Linear across: multilinear interpolation errs by the second derivatives of the distance,
     # 1 / R in dim - 1 directions, times G h^2 / 8; and the curvature by h^2 / (4 R^2).
-    grid = box(48 if dim == 2 else 24, dim)
+    grid = grid_across(48 if dim == 2 else 24, dim)
     spacing = grid.spacing[0]
     wanted = RADIUS / K
     bound = wanted * spacing**2 / (3.5 * RADIUS**2) + G * (dim - 1) * spacing**2 / (8.0 * RADIUS)
-    h0 = size_from_curvature(grid, sign * grid.sample(ball), g=G)
+    h0 = size_from_curvature(grid, sign * grid.sample(BALL), g=G)
     found = SizeFunction(grid, h0)(RADIUS * directions(200, dim))
     assert_allclose(found, wanted, atol=1.2 * bound)
 
@@ -51,8 +53,8 @@ def test_a_square_has_no_curvature_at_any_angle(angle):
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_limited_sizes_are_right_on_the_boundary_and_inside(sign):
-    grid = box(48)
-    phi = sign * grid.sample(ball)
+    grid = grid_across(48)
+    phi = sign * grid.sample(BALL)
     h = limit_gradient(grid, size_from_curvature(grid, phi, g=G), G)
     wanted = RADIUS / K
     # As above, 0.0013 and 0.0007; the limiter adds little where the field is a distance.
@@ -63,18 +65,18 @@ def test_limited_sizes_are_right_on_the_boundary_and_inside(sign):
 
 def exact_on_ellipse(x):
     """Limited sizes inside the ellipse: the smallest of 1 / (K kappa) + g distance."""
-    ellipse, t = Ellipse(), np.linspace(0.0, 2.0 * np.pi, 1500)
-    away = np.linalg.norm(x[:, None] - ellipse.at(t), axis=2)
-    return (1.0 / (K * ellipse.curvature_at(t)) + G * away).min(axis=1)
+    t = np.linspace(0.0, 2.0 * np.pi, 1500)
+    away = np.linalg.norm(x[:, None] - ELLIPSE.at(t), axis=2)
+    return (1.0 / (K * ELLIPSE.curvature_at(t)) + G * away).min(axis=1)
 
 
 def errors_on_ellipse(n, asked):
     """Relative errors of the limited sizes on the boundary and inside, from what is asked for."""
-    grid = box(n)
-    phi = grid.sample(Ellipse())
+    grid = grid_across(n)
+    phi = grid.sample(ELLIPSE)
     h0 = asked(grid, phi)
     h = limit_gradient(grid, h0, G)
-    at = Ellipse().at(np.linspace(0.0, 2.0 * np.pi, 157))
+    at = ELLIPSE.at(np.linspace(0.0, 2.0 * np.pi, 157))
     inside = phi.ravel() < 0.0
     return (
         SizeFunction(grid, h)(at) / exact_on_ellipse(at) - 1.0,
@@ -89,7 +91,11 @@ def test_sizes_that_change_along_the_boundary_are_right():
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_flat_boundaries_ask_for_nothing(dim):
-    grid = box(20, dim)
+    def slope(x):  # no axis is normal to it
+        normal = np.array([3.0, 4.0, 12.0])[:dim]
+        return x @ (normal / np.linalg.norm(normal)) - 0.1
+
+    grid = grid_across(20, dim)
     assert_array_equal(size_from_curvature(grid, grid.sample(slope)), np.inf)
     assert_array_equal(size_from_curvature(grid, grid.sample(slope), hmax=0.3), 0.3)
 
@@ -122,8 +128,8 @@ def test_sizes_of_pixels_are_smoothed(radius):
 
 
 def test_limits_of_the_size_and_tolerance():
-    grid = box(40)
-    phi = grid.sample(ball)
+    grid = grid_across(40)
+    phi = grid.sample(BALL)
     h0 = size_from_curvature(grid, phi, hmin=0.2, hmax=0.5, tolerance=0.1)
     assert_array_equal(np.unique(h0), [0.2, 0.5])
     assert_array_equal(h0[phi < -0.1], 0.5)
@@ -131,8 +137,8 @@ def test_limits_of_the_size_and_tolerance():
 
 
 def test_bad_arguments_are_named():
-    grid = box(10)
-    phi = grid.sample(ball)
+    grid = grid_across(10)
+    phi = grid.sample(BALL)
     mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
     with pytest.raises(ValueError, match="boundary must be a SimplexMesh, or distances on a"):
         size_from_curvature(mesh, np.zeros(3))
@@ -150,15 +156,13 @@ def test_bad_arguments_are_named():
 
 
 def test_edges_and_corners_of_a_box_are_not_curvature():
-    grid = box(24, 3)
-    away = np.abs(grid.points) - [0.7, 0.6, 0.5]
-    phi = np.linalg.norm(np.maximum(away, 0.0), axis=1) + np.minimum(away.max(axis=1), 0.0)
-    assert_array_equal(size_from_curvature(grid, phi.reshape(grid.shape)), np.inf)
+    grid = grid_across(24, 3)
+    assert_array_equal(size_from_curvature(grid, grid.sample(box(1.4, 1.2, 1.0))), np.inf)
 
 
 def test_inactive_nodes_ask_for_nothing():
-    grid = box(40)
-    phi = grid.sample(ball)
+    grid = grid_across(40)
+    phi = grid.sample(BALL)
     inside = phi <= 0.0
     everywhere = size_from_curvature(grid, phi)
     h0 = size_from_curvature(grid.with_active(inside), phi)

@@ -1,46 +1,98 @@
-"""Shapes with known signed distance and curvature, and grids around them."""
+"""Shapes as functions of float64[n, dim], negative inside, and grids around them.
+
+Values are exact signed distances inside; outside they are too unless a shape says otherwise.
+"""
 
 import numpy as np
-import solid_shapes
+import shapely
 from scipy.spatial import cKDTree
 
 from adaptsize import CartesianGrid
 
-RADIUS, TUBE = 0.6, 0.25
-ball, torus = solid_shapes.ball(RADIUS), solid_shapes.torus(RADIUS, TUBE)
+
+def sampled(shape, spacing, *, dim=2, half=1.2, shift=0.0):
+    """Return a grid over [-half, half]^dim, shifted by parts of a spacing, and distances on it."""
+    step = np.broadcast_to(np.asarray(spacing, dtype=float), dim)
+    n = np.ceil(2.0 * half / step).astype(int) + 2
+    grid = CartesianGrid(-half - step * np.asarray(shift), step, n.tolist())
+    return grid, grid.sample(shape)
 
 
-def box(n, dim=2, *, stretch=1.0):
-    """A grid of n boxes across [-1.05, 1.05]^dim, off centre; the first spacing is stretched."""
-    spacing = np.full(dim, 2.1 / n)
-    spacing[0] *= stretch
-    shape = np.ceil(2.1 / spacing).astype(int) + 1
-    return CartesianGrid(np.array([-1.03, -1.01, -1.02])[:dim], spacing, shape.tolist())
+def turned(shape, turn):
+    """Return a shape turned by a matrix, or in the plane by degrees counter-clockwise."""
+    if np.ndim(turn) == 0:
+        turn = turn_about((0.0, 0.0, 1.0), turn)[:2, :2]
+    return lambda x: shape(x @ turn)
 
 
-def cylinder(x):
-    """Of radius 0.6 about the line through 0 along (1, 2, 2) / 3."""
-    axis = np.array([1.0, 2.0, 2.0]) / 3.0
-    return np.linalg.norm(x - np.outer(x @ axis, axis), axis=1) - RADIUS
+def turn_about(axis, degrees):
+    """Return the matrix of a turn about an axis through the origin (Rodrigues)."""
+    x, y, z = np.asarray(axis) / np.linalg.norm(axis)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    angle = np.radians(degrees)
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
 
 
-def torus_curvature(x):
-    """Of the closest point of the tube: 1 / r, and cos(t) / (R + r cos(t)) around the axis."""
-    away = np.hypot(x[:, 0], x[:, 1]) - RADIUS
-    cosine = away / np.hypot(away, x[:, 2])
-    return np.column_stack([np.full(len(x), 1.0 / TUBE), cosine / (RADIUS + TUBE * cosine)])
+def ball(radius):
+    return lambda x: np.linalg.norm(x, axis=1) - radius
 
 
-def slope(x):
-    """Distance to a plane, or a line, that no axis is normal to."""
-    normal = np.array([3.0, 4.0, 12.0])[: x.shape[1]]
-    return x @ (normal / np.linalg.norm(normal)) - 0.1
+def _of_gaps(gaps):
+    """Return the distance from the meet of walls at right angles, from that to each, [n, m]."""
+    outside = np.linalg.norm(np.maximum(gaps, 0.0), axis=1)
+    return outside + np.minimum(gaps.max(axis=1), 0.0)
+
+
+def box(*edges):
+    """About the origin; a rectangle if there are two edges."""
+    return lambda x: _of_gaps(np.abs(x) - 0.5 * np.array(edges))
+
+
+def cylinder(radius, height):
+    """About the z axis."""
+    return lambda x: _of_gaps(
+        np.column_stack([np.hypot(x[:, 0], x[:, 1]) - radius, np.abs(x[:, 2]) - 0.5 * height])
+    )
+
+
+def torus(radius, tube):
+    """About the z axis."""
+    return lambda x: np.hypot(np.hypot(x[:, 0], x[:, 1]) - radius, x[:, 2]) - tube
+
+
+def annulus(inner, outer):
+    return lambda x: (
+        np.abs(np.linalg.norm(x, axis=1) - 0.5 * (inner + outer)) - 0.5 * (outer - inner)
+    )
+
+
+def polygon(corners):
+    shape = shapely.Polygon(corners)
+
+    def distance(x):
+        points = shapely.points(x)
+        away = shapely.distance(shape.exterior, points)
+        return np.where(shapely.contains(shape, points), -away, away)
+
+    return distance
+
+
+def regular_polygon(n, radius):
+    angle = 2.0 * np.pi * np.arange(n) / n
+    return polygon(radius * np.column_stack([np.cos(angle), np.sin(angle)]))
+
+
+def letter_l(size, width):
+    """An L in [-size, size]^2 with arms of one width."""
+    s, w = size, width - size
+    return polygon([(-s, -s), (s, -s), (s, w), (w, w), (w, s), (-s, s)])
 
 
 class Ellipse:
-    """The ellipse of half axes 0.8 and 0.4, its distance by Newton's method."""
+    """The ellipse of half axes a and b, its distance by Newton's method."""
 
-    a, b = 0.8, 0.4
+    def __init__(self, a, b):
+        self.a, self.b = a, b
 
     def at(self, t):
         return np.column_stack([self.a * np.cos(t), self.b * np.sin(t)])
@@ -56,9 +108,18 @@ class Ellipse:
             tangent = np.column_stack([-self.a * np.sin(t), self.b * np.cos(t)])
             gap = self.at(t) - x
             curving = (tangent**2).sum(axis=1) - (gap * self.at(t)).sum(axis=1)
-            t = t - (gap * tangent).sum(axis=1) / curving
+            step = (gap * tangent).sum(axis=1) / np.where(curving > 1e-6, curving, np.inf)
+            t = t - np.clip(step, -1e-3, 1e-3)
         return t
 
     def __call__(self, x):
         away = np.linalg.norm(x - self.at(self.closest(x)), axis=1)
         return np.where(((x / [self.a, self.b]) ** 2).sum(axis=1) < 1.0, -away, away)
+
+
+def grid_across(n, dim=2, *, stretch=1.0):
+    """A grid of n boxes across [-1.05, 1.05]^dim, off centre; the first spacing is stretched."""
+    spacing = np.full(dim, 2.1 / n)
+    spacing[0] *= stretch
+    shape = np.ceil(2.1 / spacing).astype(int) + 1
+    return CartesianGrid(np.array([-1.03, -1.01, -1.02])[:dim], spacing, shape.tolist())

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from distance_shapes import polygon
 from meshes import random_square
-from planar_shapes import polygon
 
 from adaptsize import SignedDistance, signed_distance
 

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
-import solid_shapes as solid
 from curved_shapes import part_of, smooth_torus
+from distance_shapes import box
 from meshes import jittered_cube, jittered_square, random_sphere
 from numpy.testing import assert_allclose, assert_array_equal
 from solids import inside_out
 
 from adaptsize import CartesianGrid, Octree, SimplexMesh, signed_distance
 
-to_box = solid.box(2.0, 2.0, 2.0)
+to_box = box(2.0, 2.0, 2.0)
 BOX = CartesianGrid([-1, -1, -1], 2.0, (2, 2, 2)).mesh.boundary().mesh
 INWARD_AND_OUTWARD = pytest.mark.parametrize("turned", [False, True], ids=["outward", "inward"])
 

@@ -1,9 +1,8 @@
 """Local feature size from the medial axis, on shapes whose widths are known."""
 
 import numpy as np
-import planar_shapes as planar
 import pytest
-import solid_shapes as solid
+from distance_shapes import annulus, ball, box, polygon, regular_polygon, sampled, turned
 
 from adaptsize import feature_size
 
@@ -20,7 +19,7 @@ def at(grid, values, place):
 @pytest.mark.parametrize("degrees", [0.0, 20.0, 45.0])
 def test_between_parallel_walls_it_is_half_their_distance(degrees):
     step = 0.02
-    grid, phi = planar.sampled(planar.turned(planar.rectangle(1.8, 0.6), degrees), step)
+    grid, phi = sampled(turned(box(1.8, 0.6), degrees), step)
     size = feature_size(grid, phi)
     angle = np.radians(degrees)
     x, y = np.abs(grid.points @ [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]).T
@@ -36,9 +35,9 @@ def test_between_parallel_walls_it_is_half_their_distance(degrees):
 @pytest.mark.parametrize("degrees", [0.0, 20.0, 45.0])
 def test_strips_of_a_few_spacings_are_resolved(degrees, spacings):
     step = 0.02
-    shape = planar.turned(planar.rectangle(1.8, spacings * step), degrees)
+    shape = turned(box(1.8, spacings * step), degrees)
     for shift in ((0.0, 0.0), (0.5, 0.5), (0.31, 0.77)):
-        grid, phi = planar.sampled(shape, step, shift=shift)
+        grid, phi = sampled(shape, step, shift=shift)
         inside = feature_size(grid, phi)[phi <= 0.0]
         assert np.median(inside) == pytest.approx(0.5 * spacings * step, rel=0.01)
         # At the ends the corners are close.
@@ -48,7 +47,7 @@ def test_strips_of_a_few_spacings_are_resolved(degrees, spacings):
 def test_on_an_annulus_it_converges():
     error = []
     for n in (20, 40, 80):
-        grid, phi = planar.sampled(planar.annulus(0.4, 1.0), 1.0 / n, shift=(0.3, 0.6))
+        grid, phi = sampled(annulus(0.4, 1.0), 1.0 / n, shift=(0.3, 0.6))
         inside = phi <= 0.0
         error.append(np.abs(feature_size(grid, phi)[inside] - 0.3).max())
     order = np.log2(np.divide(error[:-1], error[1:]))
@@ -60,10 +59,10 @@ def test_on_an_annulus_it_converges():
 @pytest.mark.parametrize("steps", [6.3, 14.0])
 def test_in_balls_and_discs_it_is_the_radius(steps):
     rng = np.random.default_rng(20060112)
-    for shape, shapes in ((planar.disc(0.9), planar), (solid.ball(0.9), solid)):
+    for dim, half in ((2, 1.2), (3, 1.0)):
         step = 0.9 / steps
         for _ in range(6):
-            grid, phi = shapes.sampled(shape, step, shift=rng.random(3)[: 2 + (shapes is solid)])
+            grid, phi = sampled(ball(0.9), step, dim=dim, half=half, shift=rng.random(3)[:dim])
             size = feature_size(grid, phi)[phi <= 0.0]
             # A centre up to a spacing off, and rings around it at first order.
             assert size.max() < 0.9 + 1.6 * step
@@ -76,8 +75,8 @@ def test_in_balls_and_discs_it_is_the_radius(steps):
 @pytest.mark.parametrize("sides", [3, 5, 6, 12])
 def test_at_a_polygon_it_is_at_most_a_side_and_not_small(sides):
     step = 0.015
-    shape = planar.turned(planar.regular_polygon(sides, 1.0), 7.0)
-    grid, phi = planar.sampled(shape, step)
+    shape = turned(regular_polygon(sides, 1.0), 7.0)
+    grid, phi = sampled(shape, step)
     size = feature_size(grid, phi)
     side, inner = 2.0 * np.sin(np.pi / sides), np.cos(np.pi / sides)
     at_boundary = (phi <= 0.0) & (phi > -1.5 * step)
@@ -88,8 +87,8 @@ def test_at_a_polygon_it_is_at_most_a_side_and_not_small(sides):
 @pytest.mark.parametrize("corner_angle", [30.0, 10.0])
 def test_a_sharp_wedge_is_narrow_unless_it_counts_as_a_corner(corner_angle):
     half = np.radians(10.0)
-    wedge = planar.polygon([(-1.0, 0.0), (1.0, -2.0 * np.tan(half)), (1.0, 2.0 * np.tan(half))])
-    grid, phi = planar.sampled(wedge, 0.02, half=1.1)
+    wedge = polygon([(-1.0, 0.0), (1.0, -2.0 * np.tan(half)), (1.0, 2.0 * np.tan(half))])
+    grid, phi = sampled(wedge, 0.02, half=1.1)
     size = feature_size(grid, phi, corner_angle=corner_angle)
     tip = at(grid, size, (-0.8, 0.0))
     if corner_angle == 30.0:

@@ -1,9 +1,8 @@
 """Algorithm 1 on shapes whose medial axis is known."""
 
 import numpy as np
-import planar_shapes as planar
 import pytest
-import solid_shapes as solid
+from distance_shapes import Ellipse, annulus, box, sampled, torus, turn_about, turned
 from scipy.spatial import cKDTree
 
 from adaptsize import medial_axis
@@ -26,7 +25,7 @@ def between(a, b, n=400):
 def test_points_of_an_annulus_are_of_third_order():
     error = []
     for n in (20, 40, 80):
-        grid, phi = planar.sampled(planar.annulus(0.4, 1.0), 1.0 / n, shift=(0.3, 0.6))
+        grid, phi = sampled(annulus(0.4, 1.0), 1.0 / n, shift=(0.3, 0.6))
         found = medial_axis(grid, phi)
         error.append(np.abs(np.linalg.norm(found.points, axis=1) - 0.7).max())
         # An edge crosses a circle of radius R about 8 R / h times.
@@ -38,7 +37,7 @@ def test_points_of_an_annulus_are_of_third_order():
 
 
 def test_normals_radii_angles_and_distances_of_an_annulus():
-    grid, phi = planar.sampled(planar.annulus(0.4, 1.0), 0.02, shift=(0.3, 0.6))
+    grid, phi = sampled(annulus(0.4, 1.0), 0.02, shift=(0.3, 0.6))
     found = medial_axis(grid, phi)
     outward = found.points / np.linalg.norm(found.points, axis=1)[:, None]
     across = np.abs((found.normals * outward).sum(axis=1))
@@ -56,7 +55,7 @@ def test_normals_radii_angles_and_distances_of_an_annulus():
 @pytest.mark.parametrize("shift", SHIFTS)
 def test_axis_of_an_ellipse_ends_at_the_centres_of_curvature(shift):
     step = 1.0 / 60.0
-    grid, phi = planar.sampled(planar.ellipse(1.0, 0.5), step, shift=shift)
+    grid, phi = sampled(Ellipse(1.0, 0.5), step, shift=shift)
     x, y = medial_axis(grid, phi).points.T
     # x = +-(a^2 - b^2) / a, where both fronts fall together and no method has digits.
     inner = np.abs(x) < 0.6
@@ -74,10 +73,10 @@ def test_noise_of_a_tenth_of_a_spacing_gives_no_points_near_the_boundary(part):
     step = 1.0 / 60.0
     rng = np.random.default_rng(19731)
     for shape, radius in (
-        (planar.turned(planar.rectangle(1.8, 0.8), 20.0), 0.4),
-        (planar.annulus(0.5, 1.0), 0.25),
+        (turned(box(1.8, 0.8), 20.0), 0.4),
+        (annulus(0.5, 1.0), 0.25),
     ):
-        grid, phi = planar.sampled(shape, step)
+        grid, phi = sampled(shape, step)
         found = medial_axis(grid, phi + part * step * rng.uniform(-1.0, 1.0, phi.shape))
         assert len(found.points) > 40
         assert found.radii.min() > 0.9 * radius
@@ -86,16 +85,11 @@ def test_noise_of_a_tenth_of_a_spacing_gives_no_points_near_the_boundary(part):
 # In space
 
 
-def turns():
-    return [np.eye(3), solid.turn_about((1.0, 2.0, 3.0), 40.0)]
-
-
-@pytest.mark.parametrize("turn", turns())
+@pytest.mark.parametrize("turn", [np.eye(3), turn_about((1.0, 2.0, 3.0), 40.0)])
 def test_axis_of_a_torus_is_a_circle(turn):
     step = 1.0 / 32.0
-    grid, phi = solid.sampled(
-        solid.turned(solid.torus(0.55, 0.22), turn), step, half=0.85, shift=(0.3, 0.1, 0.6)
-    )
+    shape = turned(torus(0.55, 0.22), turn)
+    grid, phi = sampled(shape, step, dim=3, half=0.85, shift=(0.3, 0.1, 0.6))
     found = medial_axis(grid, phi)
     x, y, z = (found.points @ turn).T
     assert np.hypot(np.hypot(x, y) - 0.55, z).max() < 1.2 * step

@@ -1,8 +1,8 @@
 """The crossings of Algorithm 1 against the same steps with polynomials of NumPy."""
 
 import numpy as np
-import planar_shapes as planar
 import pytest
+from distance_shapes import Ellipse, ball, letter_l, sampled, turned
 
 from adaptsize._progress import silent
 from adaptsize.geometry.medial.crossings import Padded, find_crossings
@@ -61,10 +61,10 @@ def by_polynomials(phi, tolerance, gamma=2.0):
 
 @pytest.mark.parametrize(
     "shape",
-    [planar.turned(planar.letter_l(9.0, 8.0), 17.0), planar.ellipse(11.0, 6.0), planar.disc(9.0)],
+    [turned(letter_l(9.0, 8.0), 17.0), Ellipse(11.0, 6.0), ball(9.0)],
 )
 def test_crossings_are_those_of_algorithm_1(shape):
-    grid, phi = planar.sampled(shape, 1.0, half=17.0, shift=(0.31, 0.77))
+    grid, phi = sampled(shape, 1.0, half=17.0, shift=(0.31, 0.77))
     twin = by_polynomials(phi, 0.1)
     crossings = find_crossings(Padded.of(grid, phi), phi < 0.0, 0.1, silent)
     positions = Padded.of(grid, phi).positions(crossings.nodes)
