@@ -65,6 +65,18 @@ def test_a_solution_is_estimated_and_a_mesh_with_the_sizes_is_kept(capsys, solve
     np.testing.assert_array_equal(read(output).points, read(solved).points)
 
 
+@pytest.mark.parametrize("suffix", [".vtu", ".msh"])
+def test_cell_fields_are_listed_or_named_where_the_format_has_none(capsys, solved, suffix):
+    output = solved.with_name("next" + suffix)
+    words = ["--field", "u", "--tolerance", "100"]  # the mesh stays, without a generator's run
+    assert call("adapt", solved, "-o", output, *words) == 0
+    found = capsys.readouterr()
+    holds = suffix == ".vtu"
+    assert (", fields u, h, cell fields eta, k" in found.out) == holds
+    message = "next.msh holds no cell fields: k is not written"
+    assert (message in found.err, "k" in read(output).cell_data) == (not holds, holds)
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

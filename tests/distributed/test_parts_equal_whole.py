@@ -463,6 +463,14 @@ WRONG = {
     "h0": (lambda m, bad: limit_gradient(m, -1.0 if bad else 1.0, 0.3), "rank 2: h0 must be pos"),
     "g": (lambda m, bad: limit_gradient(m, 1.0, -0.1 if bad else 0.3), "rank 2: g must be finite"),
     "other g": (lambda m, bad: limit_gradient(m, 1.0, 0.5 if bad else 0.3), "g must be the same"),
+    "g of nodes and of cells": (
+        lambda m, bad: limit_gradient(m, 1.0, np.full(m.n_cells if bad else m.n_points, 0.3)),
+        "g must be an array per node on all ranks, or per cell on all ranks",
+    ),
+    "g at a shared node": (
+        lambda m, bad: limit_gradient(m, 1.0, at_shared_node(m, 1.0 + 1e-6 * bad)),
+        "g must be the same on all ranks that hold a node, got 1.0 and 1.000001 at global node",
+    ),
     "other method": (
         lambda m, bad: limit_gradient(m, 1.0, 0.3, method="fast-marching" if bad else "auto"),
         "method must be the same on all ranks",
@@ -524,6 +532,28 @@ def test_bad_input_on_one_rank_is_reported_by_all(name):
             function(part, part.ranks.rank == 2)
 
     on_ranks(WITH_TAGS["structured"], None, SIZE, work)
+
+
+def test_g_of_parts_with_as_many_cells_as_nodes_is_that_of_the_nodes():
+    """Of the cells it would differ between the ranks, so it is refused instead of misread."""
+    points = [[0, 0], [3, 0], [3, 1], [0, 1], [1, 0.5], [2, 0.5]]
+    cells = np.array([[0, 1, 4], [1, 5, 4], [1, 2, 5], [2, 4, 5], [2, 3, 4], [3, 0, 4]])
+    points += [[x, -y] for x, y in points[2:]]
+    mesh = ads.SimplexMesh(points, [*cells, *np.where(cells > 1, cells + 4, cells)])
+    h0, g = np.full(mesh.n_points, np.inf), np.linspace(0.1, 0.5, mesh.n_cells)
+    h0[3] = 0.1
+    whole = limit_gradient(mesh, h0, g[: mesh.n_points])
+
+    def work(part):
+        bound = h0[part.global_ids]
+        assert part.n_points == part.n_cells
+        with pytest.raises(ValueError, match=r"^g must be the same on all ranks"):
+            limit_gradient(part, bound, g[part.cell_ids])
+        return limit_gradient(part, bound, g[part.global_ids])
+
+    results, parts = on_ranks(mesh, np.repeat([0, 1], 6), 2, work)
+    for found, part in zip(results, parts, strict=True):
+        np.testing.assert_allclose(found, whole[part.global_ids], rtol=1e-12)
 
 
 def counts(function, mesh, rank_of=None):

@@ -54,9 +54,9 @@ class Format:
     """Refuses a file without its end mark, before it is read."""
     check_counts: Callable[[bytes, RawMesh], None] | None = None
     """Refuses a mesh with less than its file promises."""
-    holds: frozenset[str] = frozenset({"cells", "tags", "fields", "metrics"})
-    """Of these words and ``sizes`` (without cells), ``grids``, ``triangles``: no other cells, so of
-    tetrahedra those of the boundary."""
+    holds: frozenset[str] = frozenset({"cells", "tags", "fields", "cell fields", "metrics"})
+    """Of these words (``fields`` are those of nodes) and ``sizes`` (without cells), ``grids``,
+    ``triangles``: no other cells, so of tetrahedra those of the boundary."""
     dims: tuple[int, ...] = ()
     """Dimensions of meshes, if their cells must have the dimension of the space."""
     names: re.Pattern[str] = _IN_XML
@@ -129,6 +129,7 @@ _surface = {name: partial(write.write_surface, file_format=name) for name in ("p
 _stl = partial(write.write_surface, file_format="stl", binary=True)
 _CELLS, _TRIANGLES = frozenset({"cells", "tags"}), frozenset({"triangles"})
 _PLY, _GRIDS = _TRIANGLES | {"fields"}, frozenset({"grids", "fields"})
+_NODAL = _CELLS | {"fields", "metrics"}
 _SIZES, _FULL = frozenset({"sizes", "metrics"}), (2, 3)
 #: In the order in which suffixes are tried: JIGSAW's longer suffix before Gmsh's.
 FORMATS: dict[str, Format] = {
@@ -142,7 +143,9 @@ FORMATS: dict[str, Format] = {
     "vtk": Format((".vtk",), _of_vtk["vtk"], _VTK, check.check_vtk, names=_LEGACY),
     "vtkhdf": Format((".vtkhdf",), partial(write.write_vtk, suffix=".vtkhdf"), _VTK, names=_IN_HDF),
     "xdmf": Format((".xdmf", ".xmf"), write.write_xdmf, _MESHIO),
-    "gmsh": Format((".msh",), write.write_gmsh, _MESHIO, check.check_gmsh, names=_QUOTED),
+    "gmsh": Format(
+        (".msh",), write.write_gmsh, _MESHIO, check.check_gmsh, None, _NODAL, names=_QUOTED
+    ),
     "medit": Format(
         (".mesh", ".meshb"), write.write_medit, _MESHIO, check.check_medit_end, holds=_CELLS
     ),

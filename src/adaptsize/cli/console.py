@@ -184,8 +184,11 @@ def _content_of(held: Mapping[str, Any]) -> str:
         text += f", {held['n_cells']} {'boxes' if held['kind'] == 'grid' else held['kind']}"
     if held.get("n_tagged_facets"):
         text += f", {held['n_tagged_facets']} tagged facets"
-    if held["fields"]:
-        text += f", {'fields' if len(held['fields']) > 1 else 'field'} {', '.join(held['fields'])}"
+    for kind in ("fields", "cell_fields"):
+        names = held.get(kind)
+        if names:
+            word = kind.replace("_", " ").removesuffix("" if len(names) > 1 else "s")
+            text += f", {word} {', '.join(names)}"
     return text
 
 

@@ -169,6 +169,7 @@ def write_result(
     """Write a mesh or sizes with nodal fields, and record what is in the files.
 
     Beside a ``.mesh``, which holds no fields, sizes are written to a ``.sol`` of the same name.
+    A message names cell fields that the format does not hold.
     """
     sizes = beside(path)
     bare = result.mesh if sizes and isinstance(result, ads.MetricFunction) else result
@@ -176,6 +177,9 @@ def write_result(
         if target is not None:
             ads.io.write(target, what, fields=fields)
             console.wrote(**_contents(target, what, fields or ()))
+    if isinstance(result, ads.SimplexMesh) and "cell fields" not in format_of(path).holds:
+        for name in result.cell_data:
+            console.say(f"{path.name} holds no cell fields: {name} is not written")
 
 
 def _contents(
@@ -194,6 +198,8 @@ def _contents(
         written = mesh = surface_of(mesh) if "triangles" in chosen.holds else mesh
         held["kind"] = kind_of(mesh)
         names = list(dict.fromkeys([*mesh.point_data, *names]))
+        if "cell fields" in chosen.holds:
+            held["cell_fields"] = list(mesh.cell_data)
         if mesh.tagged_facets is not None and "tags" in chosen.holds:
             held["n_tagged_facets"] = len(mesh.tagged_facets)
     if "sizes" in chosen.holds:

@@ -46,14 +46,20 @@ def require_equal_arguments(
 def slope_of_parts(part: PartitionedMesh, g: npt.ArrayLike, slope: Slope) -> Slope:
     """Return the gradient limit in space, of which each rank has its own; collective.
 
-    On some parts, an array may be one of the cells or of the nodes, which are as many.
+    An array is one of the nodes if it has their number on all ranks, as on a whole mesh.  Only
+    then is it one of the cells, which may be as many as the nodes on some ranks.
     """
     shape = np.shape(g)
     if shape == ():
         return slope
-    in_cells = shape == (part.n_cells,) and part.n_cells != part.n_points
-    if part.ranks.allreduce(int(in_cells), "max") and shape == (part.n_cells,):
+    fits = np.array([shape == (part.n_points,), shape == (part.n_cells,)])
+    at_nodes, in_cells = part.ranks.allreduce(fits, "min")
+    if at_nodes:
+        part.require_equal_values("g", np.asarray(g, np.float64))
+    elif in_cells:
         slope = in_space(part, g, in_cells=True)
+    else:
+        raise ValueError("g must be an array per node on all ranks, or per cell on all ranks")
     return replace(slope, varies_elsewhere=True)
 
 
