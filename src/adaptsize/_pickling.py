@@ -1,7 +1,5 @@
 """Pickles and copies of immutable dataclasses."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import fields
 from types import MappingProxyType

@@ -11,7 +11,7 @@ from typing import Any
 import numpy.typing as npt
 
 from adaptsize._checks import as_flag, as_path, one_of
-from adaptsize._formats import assembly, formats, raster, sizes, writers
+from adaptsize._formats import assembly, formats, sizes, writers
 from adaptsize._formats.blocks import KINDS
 from adaptsize._formats.guards import about_file, check_readable, is_special, write_whole
 from adaptsize._formats.limited import read_limited
@@ -239,7 +239,7 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
         try:
             check_readable(file)
             formats.check_end(".vti", file.read_bytes())
-            grid, fields = read_limited("read_vti", file)
+            grid, fields = read_limited("foreign.read_vti", file)
             background = CartesianGrid(**grid)
         except (ValueError, MemoryError) as error:
             raise about_file(file, error) from error
@@ -359,11 +359,10 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
     file = as_path("path", path)
     try:
         check_readable(file)
-        raster.check_suffix(file)
-        image, notes = read_limited("read_picture", file, name)
-        read = Image(*image)
+        found = read_limited("raster.load", file, name)
+        image = Image(found.values, found.spacing, found.origin)
     except (ValueError, MemoryError) as error:
         raise about_file(file, error) from error
-    if notes:
-        warnings.warn(f"{file}: {'; '.join(notes)}", InputWarning, stacklevel=2)
-    return read
+    if found.notes:
+        warnings.warn(f"{file}: {'; '.join(found.notes)}", InputWarning, stacklevel=2)
+    return image

@@ -203,7 +203,7 @@ def test_a_reader_that_is_missing_is_named_with_how_to_get_it(tmp_path, monkeypa
     Pillow.fromarray(corner()).save(tmp_path / "mask.tif")
     monkeypatch.setitem(sys.modules, "tifffile", None)
     with pytest.raises(MeshFileError, match=r"tifffile.*adaptsize\[image\]"):
-        raster.load(tmp_path / "mask.tif", None, [])
+        raster.load(tmp_path / "mask.tif", None)
 
 
 def test_numbers_of_a_header_are_read_from_its_own_folder_only(tmp_path):

@@ -3,13 +3,11 @@
 meshio takes the last list of nodes for all, ends a list at a comment, and ignores instances.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -41,14 +39,6 @@ _INCLUDE = re.compile(
 )
 
 
-class _Range(NamedTuple):
-    """The numbers first, first + step ... up to last."""
-
-    first: int
-    last: int
-    step: int
-
-
 @dataclass
 class _Part:
     """What is between the keywords of a part or an instance, or outside of all."""
@@ -57,7 +47,7 @@ class _Part:
     """Lines."""
     elements: list[tuple[str, npt.NDArray[np.int64]]] = field(default_factory=list)
     """The type of cells, and rows of numbers of the element and its nodes."""
-    sets: dict[str, list[_Range | npt.NDArray[np.int64] | str]] = field(default_factory=dict)
+    sets: dict[str, list[range | npt.NDArray[np.int64] | str]] = field(default_factory=dict)
     """Numbers of elements, or names of other sets, by the name in capital letters."""
     sections: list[str] = field(default_factory=list)
     """Sets with a material: no element is in two."""
@@ -76,9 +66,9 @@ class _Part:
         names, found = [name.upper()], np.zeros(len(elements), bool)
         for known in names:  # grows
             for item in self.sets.get(known, ()):
-                if isinstance(item, _Range):
-                    inside = (elements >= item.first) & (elements <= item.last)
-                    found |= inside & ((elements - item.first) % item.step == 0)
+                if isinstance(item, range):
+                    inside = (elements >= item.start) & (elements < item.stop)
+                    found |= inside & ((elements - item.start) % item.step == 0)
                 elif isinstance(item, str):
                     names += [item] * (item not in names)
                 else:
@@ -194,7 +184,7 @@ def _items_of(lines: list[str], *, is_range: bool) -> Iterator[Any]:
             limits = numbers(_words_in([line]), np.int64).tolist()
             if len(limits) not in (2, 3) or limits[2:] == [0]:
                 raise MeshFileError(f"has a set with the range {line[:40]!r}")
-            yield _Range(limits[0], limits[1], limits[2] if limits[2:] else 1)
+            yield range(limits[0], limits[1] + 1, *limits[2:])
         return
     words = _words_in(lines)
     yield numbers([word for word in words if word.isdigit()], np.int64)

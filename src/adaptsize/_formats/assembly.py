@@ -1,7 +1,5 @@
 """Conversion of the content of a file to a SimplexMesh: choice of cells, tags and fields."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

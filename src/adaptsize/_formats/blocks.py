@@ -1,7 +1,5 @@
 """Cell blocks as in files, and their conversion to simplices."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

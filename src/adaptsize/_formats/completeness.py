@@ -3,8 +3,6 @@
 The readers of other packages do not check it.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from functools import partial
@@ -85,7 +83,7 @@ def check_su2(content: bytes, raw: RawMesh) -> None:
     lines = re.sub(rb"%[^\r\n]*", b"", content)
     points, cells = _sum(lines, rb"NPOIN"), _sum(lines, rb"NELEM") + _sum(lines, rb"MARKER_ELEMS")
     _compare("points", points, len(raw.points))
-    _compare("cells", cells, _n_cells(raw))
+    _compare("cells", cells, sum(len(block) for _, block in raw.blocks))
     markers = len(re.findall(rb"^[ \t]*MARKER_TAG\s*=", lines, re.MULTILINE))
     _compare("markers", _sum(lines, rb"NMARK"), markers)
     check_last_number(lines, len(raw.points))
@@ -127,10 +125,6 @@ def _check_last_line(content: bytes, raw: RawMesh, words: tuple[bytes, ...]) -> 
     """Check the last number, unless the last line begins as one that has no numbers."""
     if not content[-1000:].splitlines()[-1].lstrip().startswith(words):
         check_last_number(content, len(raw.points))
-
-
-def _n_cells(raw: RawMesh) -> int:
-    return sum(len(cells) for _, cells in raw.blocks)
 
 
 def _compare(what: str, promised: int, held: int) -> None:

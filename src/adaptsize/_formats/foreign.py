@@ -3,8 +3,6 @@
 Modules with compiled kernels are not imported here, because that would take a second.
 """
 
-from __future__ import annotations
-
 import codecs
 import itertools
 import re
@@ -19,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._formats import abaqus, raster, vtk
+from adaptsize._formats import vtk
 from adaptsize._formats.blocks import RawMesh, name_of_polygon, sewn
 from adaptsize._formats.guards import files_named_in
 from adaptsize.errors import MeshFileError
@@ -85,17 +83,6 @@ def read_pieces(path: Path, rank: int, size: int) -> list[RawMesh]:
 def read_vti(path: Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
     """Return the grid and the fields in a file of VTK."""
     return vtk.image_of(vtk.read_file(path))
-
-
-def read_picture(path: Path, name: str | None) -> tuple[raster.Image, list[str]]:
-    """Return values, spacing and origin of an image, and notes for a warning."""
-    notes: list[str] = []
-    return raster.load(path, name, notes), notes
-
-
-def read_abaqus(path: Path) -> RawMesh:
-    """Return the mesh in an input file of Abaqus, of which sets could take long."""
-    return abaqus.read(path)
 
 
 def read_meshio(path: Path) -> RawMesh:

@@ -4,8 +4,6 @@ Formats that the readers of other packages cannot read safely are left out: in s
 shows that a file ends early.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -121,9 +119,10 @@ class Format:
         return partial(self.write, mesh=mesh)
 
 
-_MESHIO, _VTK, _TRIMESH, _ABAQUS = (
-    partial(read_limited, f"read_{name}") for name in ("meshio", "vtk", "trimesh", "abaqus")
+_MESHIO, _VTK, _TRIMESH = (
+    partial(read_limited, f"foreign.read_{name}") for name in ("meshio", "vtk", "trimesh")
 )
+_ABAQUS = partial(read_limited, "abaqus.read")  # sets could take long
 _of_vtk = {name: partial(write.write_vtk, suffix=f".{name}") for name in ("vtu", "vtp", "vtk")}
 _surface = {name: partial(write.write_surface, file_format=name) for name in ("ply", "obj", "off")}
 _stl = partial(write.write_surface, file_format="stl", binary=True)

@@ -1,7 +1,5 @@
 """ADCIRC's fort.14 and SCHISM's hgrid.gr3: triangles in the plane with a depth at each node."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Files are written completely or not at all; devices and pipes are written into, never read."""
 
-from __future__ import annotations
-
 import os
 import re
 import secrets
@@ -93,8 +91,12 @@ def about_file(path: str | os.PathLike[str], error: BaseException) -> MeshFileEr
 
 def write_whole(target: Path, write_to: Callable[[Path], None]) -> None:
     """Write under a temporary name in the same directory and rename.  Raises OSError."""
-    if is_special(target):
-        _write_into(target, write_to)
+    if is_special(target):  # it must not be replaced
+        with tempfile.TemporaryDirectory(prefix="adaptsize-") as folder:
+            whole = Path(folder, target.name)
+            write_to(whole)
+            with whole.open("rb") as content, target.open("wb", buffering=0) as device:
+                shutil.copyfileobj(content, device)
         return
     temporary = temporary_for(target)
     try:
@@ -119,12 +121,3 @@ def temporary_for(target: Path) -> Path:
 def is_special(path: Path) -> bool:
     """Whether a path exists and is neither a file nor a directory: a device, pipe or socket."""
     return path.exists() and not path.is_file() and not path.is_dir()
-
-
-def _write_into(special: Path, write_to: Callable[[Path], None]) -> None:
-    """Write to a temporary file and copy its content, because a device must not be replaced."""
-    with tempfile.TemporaryDirectory(prefix="adaptsize-") as folder:
-        whole = Path(folder, special.name)
-        write_to(whole)
-        with whole.open("rb") as content, special.open("wb", buffering=0) as device:
-            shutil.copyfileobj(content, device)

@@ -8,8 +8,6 @@ replaced.  Memory and processor time are limited where the system can do it (mem
 The child imports numpy and the package that it calls, and is ready after some tenths of a second.
 """
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import io
@@ -53,7 +51,7 @@ def read_limited(function: str, path: Path, *arguments: Any) -> Any:
     Parameters
     ----------
     function : str
-        Name of a function in ``adaptsize._formats.foreign``.
+        Its module in ``adaptsize._formats`` and its name, as ``"foreign.read_vtk"``.
 
     Returns
     -------
@@ -73,7 +71,10 @@ def read_limited(function: str, path: Path, *arguments: Any) -> Any:
         while True:
             if _CHILD is not None and _CHILD.poll() is not None:
                 _drop()  # writing to it could end this process, too, by SIGPIPE
-            child = _CHILD = _CHILD or _started()
+            if _CHILD is None:
+                streams = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+                _CHILD = start(isolated(_SERVE), tempfile.gettempdir(), **streams)
+            child = _CHILD
             assert child.stdin is not None
             assert child.stdout is not None
             timer = threading.Timer(_PATIENCE * seconds, child.kill)
@@ -95,11 +96,6 @@ def read_limited(function: str, path: Path, *arguments: Any) -> Any:
     if error is not None:
         raise MeshFileError(error)
     return result
-
-
-def _started() -> subprocess.Popen[bytes]:
-    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
-    return start(isolated(_SERVE), tempfile.gettempdir(), **streams)
 
 
 def _drop() -> int:
@@ -167,8 +163,9 @@ def _done(name: str, path: str, arguments: tuple[Any, ...]) -> tuple[Any, str | 
     ):
         warnings.simplefilter("ignore")
         try:
-            function = getattr(import_module("adaptsize._formats.foreign"), name)
-            return function(Path(path), *arguments), None
+            module, _, function = name.partition(".")
+            read = getattr(import_module(f"adaptsize._formats.{module}"), function)
+            return read(Path(path), *arguments), None
         except MeshFileError as error:
             return None, str(error)
         except MemoryError:

@@ -1,7 +1,5 @@
 """Lines in the plane that are rings together, and the refusal of those that are not."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Files of polygons and lines: GeoJSON, shapefiles, tables of points, and Triangle's ``.poly``."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -173,7 +171,7 @@ def _read_shp(path: Path, notes: list[str]) -> Content:
     about = path.with_suffix(".prj")
     if about.is_file() and about.read_bytes()[:100].lstrip().startswith((b"GEOGCS", b"GEOGCRS")):
         warn_caller(_DEGREES, InputWarning)
-    return of_geojson(read_limited("read_shp", path), notes)
+    return of_geojson(read_limited("foreign.read_shp", path), notes)
 
 
 def _read_csv(path: Path, notes: list[str]) -> Content:

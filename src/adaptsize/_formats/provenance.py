@@ -1,7 +1,5 @@
 """What a mesh was made with: tolerance, sizes, input, date, version, in ``NAME.json`` beside it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

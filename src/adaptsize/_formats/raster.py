@@ -5,9 +5,7 @@ pixel types, stacks, spacings), nibabel (NIfTI), pynrrd.  For LZW, PackBits and 
 tifffile needs another package of 45 MB.  Pillow, which is required anyway, reads those.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,11 +22,12 @@ _ALIGNED = 1.0 - 1e-6
 
 
 class Image(NamedTuple):
-    """What `adaptsize.background.image.Image` is made from."""
+    """What `adaptsize.background.image.Image` is made from, and notes for a warning."""
 
     values: npt.NDArray[Any]
     spacing: Any = 1.0
     origin: Any = None
+    notes: Sequence[str] = ()
 
 
 def is_image_file(path: Path) -> bool:
@@ -36,24 +35,21 @@ def is_image_file(path: Path) -> bool:
     return _suffix(path) in _LOADERS
 
 
-def check_suffix(path: Path) -> None:
-    """Refuse a file of an unknown format."""
-    if not is_image_file(path):
-        raise MeshFileError(
-            f"is not an image format that can be read; these can: {', '.join(_LOADERS)}"
-        )
-
-
-def load(path: Path, name: str | None, notes: list[str]) -> Image:
-    """Return the image in a file, and notes for a warning.
+def load(path: Path, name: str | None) -> Image:
+    """Return the image in a file.
 
     Raises
     ------
     MeshFileError
-        If the file does not hold a single picture or volume, or its package is not installed.
+        If the format is unknown, the file does not hold a single picture or volume, or its package
+        is not installed.
     """
+    if not is_image_file(path):
+        raise MeshFileError(
+            f"is not an image format that can be read; these can: {', '.join(_LOADERS)}"
+        )
     try:
-        return _LOADERS[_suffix(path)](path, name, notes)
+        return _LOADERS[_suffix(path)](path, name)
     except ModuleNotFoundError as error:
         raise MeshFileError(
             f"needs the package {error.name} (pip install 'adaptsize[image]')"
@@ -65,14 +61,13 @@ def _suffix(path: Path) -> str:
     return "".join(ends) if ends[-1:] == [".gz"] else "".join(ends[-1:])
 
 
-def _load_picture(path: Path, name: str | None, notes: list[str]) -> Image:
+def _load_picture(path: Path, name: str | None) -> Image:
     from PIL import Image as pillow
 
     with pillow.open(path) as opened:
         n_frames = getattr(opened, "n_frames", 1)
-        if n_frames > 1:
-            notes.append(f"only the first of {n_frames} frames is taken")
-        return Image(_upright(_grey(_pixels_of(opened))))
+        notes = [f"only the first of {n_frames} frames is taken"] if n_frames > 1 else []
+        return Image(_upright(_grey(_pixels_of(opened))), notes=notes)
 
 
 def _pixels_of(opened: Any) -> npt.NDArray[Any]:
@@ -105,13 +100,12 @@ def _upright(pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return pixels[::-1].T
 
 
-def _load_tiff(path: Path, name: str | None, notes: list[str]) -> Image:
+def _load_tiff(path: Path, name: str | None) -> Image:
     import tifffile
 
     with tifffile.TiffFile(path) as file:
-        series = file.series[0]
-        if len(file.series) > 1:
-            notes.append(f"only the first of {len(file.series)} series is taken")
+        series, n_series = file.series[0], len(file.series)
+        notes = [f"only the first of {n_series} series is taken"] if n_series > 1 else []
         spacing = _tiff_spacing(file)
         try:
             pixels = series.asarray()
@@ -124,13 +118,14 @@ def _load_tiff(path: Path, name: str | None, notes: list[str]) -> Image:
         pixels = _grey(pixels)
     pixels = np.squeeze(pixels)
     if pixels.ndim == 2:
-        return Image(_upright(pixels), spacing[:2])
+        return Image(_upright(pixels), spacing[:2], notes=notes)
     if pixels.ndim != 3:
         raise MeshFileError(
             f"holds an array of shape {pixels.shape} (axes {axes}), where one picture or one "
             "stack is required"
         )
-    return Image(pixels.T, spacing)  # x right, y down, z from page to page: right-handed
+    # x right, y down, z from page to page: right-handed
+    return Image(pixels.T, spacing, notes=notes)
 
 
 def _tiff_frames(path: Path) -> npt.NDArray[Any]:
@@ -165,7 +160,7 @@ def _tiff_spacing(file: Any) -> FloatArray:
     return np.abs(spacing)
 
 
-def _load_nifti(path: Path, name: str | None, notes: list[str]) -> Image:
+def _load_nifti(path: Path, name: str | None) -> Image:
     import nibabel
 
     file: Any = nibabel.load(path)
@@ -178,10 +173,10 @@ def _load_nifti(path: Path, name: str | None, notes: list[str]) -> Image:
             "(a series in time? take one of its volumes)"
         )
     affine = np.asarray(file.affine, dtype=np.float64)
-    return _along_axes(values, affine[:3, : values.ndim], affine[:3, 3], notes)
+    return _along_axes(values, affine[:3, : values.ndim], affine[:3, 3])
 
 
-def _load_nrrd(path: Path, name: str | None, notes: list[str]) -> Image:
+def _load_nrrd(path: Path, name: str | None) -> Image:
     import nrrd
 
     with path.open("rb") as file:
@@ -199,15 +194,13 @@ def _load_nrrd(path: Path, name: str | None, notes: list[str]) -> Image:
                 "space, where one number per pixel is required"
             )
         origin = origin if origin.size else np.zeros(steps.shape[1])
-        return _along_axes(values, steps.T, origin, notes)
+        return _along_axes(values, steps.T, origin)
     given = np.asarray(header.get("spacings", np.ones(values.ndim)), dtype=np.float64)
     spacing = np.where(np.isfinite(given), np.abs(given), 1.0)
-    return _without_single_planes(values, spacing, np.zeros(values.ndim))
+    return _image_of(values, spacing, np.zeros(values.ndim))
 
 
-def _along_axes(
-    values: npt.NDArray[Any], steps: FloatArray, origin: FloatArray, notes: list[str]
-) -> Image:
+def _along_axes(values: npt.NDArray[Any], steps: FloatArray, origin: FloatArray) -> Image:
     """Return an image with the axes of space, after permutation and mirroring.
 
     ``steps[:, d]`` is the step of axis d in space.  Oblique axes are replaced by the
@@ -220,6 +213,7 @@ def _along_axes(
         raise MeshFileError(f"has steps of {lengths} from pixel to pixel, where > 0 is required")
     cosines = steps / lengths
     in_space, of_array = linear_sum_assignment(-np.abs(cosines))
+    notes = []
     if np.abs(cosines[in_space, of_array]).min() < _ALIGNED:
         notes.append("its axes are oblique in space; coordinates are along its own axes")
     values = np.transpose(values, of_array)
@@ -228,60 +222,49 @@ def _along_axes(
         if cosines[row, axis] < 0.0:
             values = np.flip(values, axis=d)
             first[d] -= lengths[axis] * (values.shape[d] - 1)
-    return _without_single_planes(values, lengths[of_array], first)
+    return _image_of(values, lengths[of_array], first, notes)
 
 
-def _without_single_planes(
-    values: npt.NDArray[Any], spacing: FloatArray, origin: FloatArray
+def _image_of(
+    values: npt.NDArray[Any], spacing: FloatArray, origin: FloatArray, notes: Sequence[str] = ()
 ) -> Image:
-    """Return an image without its last axis if that has only one pixel."""
+    """Return an image, without its last axis if that has only one pixel.
+
+    Labels that are stored as floats become integers.
+    """
     if values.ndim == 3 and values.shape[2] == 1:
         values, spacing, origin = values[:, :, 0], spacing[:2], origin[:2]
-    return Image(_whole_numbers(values), spacing, origin)
+    if values.dtype.kind == "f" and np.isfinite(values).all():
+        is_whole = (values == np.rint(values)).all()
+        if is_whole and np.abs(values).max(initial=0.0) <= 2**31 - 1:
+            values = values.astype(np.int32)
+    return Image(values, spacing, origin, notes)
 
 
-def _whole_numbers(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return labels that are stored as floats as integers."""
-    if values.dtype.kind != "f" or not np.isfinite(values).all():
-        return values
-    if (values != np.rint(values)).any() or np.abs(values).max(initial=0.0) > 2**31 - 1:
-        return values
-    return values.astype(np.int32)
-
-
-def _load_npy(path: Path, name: str | None, notes: list[str]) -> Image:
-    return Image(np.load(path, allow_pickle=False))
-
-
-def _load_npz(path: Path, name: str | None, notes: list[str]) -> Image:
+def _load_npz(path: Path, name: str | None) -> Image:
+    """Load the array of the given name, else the only one that can be an image, or a usual name."""
     with np.load(path, allow_pickle=False) as file:
         arrays = {key: file[key] for key in file.files}
-    chosen = _name_of_values(arrays, name)
+    listed = f"(found: {', '.join(arrays) or 'none'})"
+    if name is None:
+        fit = [key for key, array in arrays.items() if array.ndim in (2, 3)]
+        usual = [key for key in _NAMES_OF_VALUES if key in fit]
+        if len(fit) != 1 and not usual:
+            raise MeshFileError(
+                f"holds {len(fit)} arrays that could be an image, pass name= {listed}"
+            )
+        name = fit[0] if len(fit) == 1 else usual[0]
+    elif name not in arrays:
+        raise MeshFileError(f"has no array {name!r} {listed}")
     extra = {key: arrays[key] for key in ("spacing", "origin") if key in arrays}
-    return Image(arrays[chosen], **extra)
+    return Image(arrays[name], **extra)
 
 
-def _name_of_values(arrays: Mapping[str, npt.NDArray[Any]], name: str | None) -> str:
-    """Return the given name, or that of the only possible image, or a usual name."""
-    fit = [key for key, array in arrays.items() if array.ndim in (2, 3)]
-    if name is not None:
-        if name not in arrays:
-            raise MeshFileError(f"has no array {name!r} (found: {', '.join(arrays) or 'none'})")
-        return name
-    usual = [key for key in _NAMES_OF_VALUES if key in fit]
-    if len(fit) != 1 and not usual:
-        raise MeshFileError(
-            f"holds {len(fit)} arrays that could be an image, pass name= "
-            f"(found: {', '.join(arrays) or 'none'})"
-        )
-    return fit[0] if len(fit) == 1 else usual[0]
-
-
-_LOADERS: dict[str, Callable[[Path, str | None, list[str]], Image]] = {
+_LOADERS: dict[str, Callable[[Path, str | None], Image]] = {
     **dict.fromkeys((".png", ".bmp", ".gif", ".jpg", ".jpeg", ".pgm"), _load_picture),
     **dict.fromkeys((".tif", ".tiff"), _load_tiff),
     **dict.fromkeys((".nii", ".nii.gz"), _load_nifti),
     **dict.fromkeys((".nrrd", ".nhdr"), _load_nrrd),
-    ".npy": _load_npy,
+    ".npy": lambda path, name: Image(np.load(path, allow_pickle=False)),
     ".npz": _load_npz,
 }

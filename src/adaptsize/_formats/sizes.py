@@ -3,8 +3,6 @@
 Metrics are nodal fields of nine components, or symmetric matrices in Mmg's ``.sol``.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

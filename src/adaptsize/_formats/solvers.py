@@ -1,7 +1,5 @@
 """Writing of meshes for Abaqus, CalculiX, Nastran and SU2."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

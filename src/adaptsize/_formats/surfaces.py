@@ -1,7 +1,5 @@
 """Files of surfaces that are read here: STL and OFF."""
 
-from __future__ import annotations
-
 import codecs
 import re
 from pathlib import Path

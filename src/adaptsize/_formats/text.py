@@ -1,7 +1,5 @@
 """Numbers in text files: read, and written many at a time."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Sequence

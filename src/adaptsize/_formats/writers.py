@@ -1,7 +1,5 @@
 """Writing of meshes in each format."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -3,8 +3,6 @@
 A command takes only what is given, on the command line or in a file; defaults are the library's.
 """
 
-from __future__ import annotations
-
 import functools
 import inspect
 import sys

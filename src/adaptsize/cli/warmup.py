@@ -1,7 +1,5 @@
 """``adaptsize warmup``: compile the kernels before they are needed."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import warnings

@@ -59,7 +59,7 @@ def _pieces_in(file: Path, ranks: Communicator) -> list[Piece]:
         check_readable(file)
         check_named(file, ranks.rank, ranks.size)
         pieces = []
-        for raw in read_limited("read_pieces", file, ranks.rank, ranks.size):
+        for raw in read_limited("foreign.read_pieces", file, ranks.rank, ranks.size):
             check_raw(raw)
             mesh = assembly.build(raw, kind=None, flatten=False, notes=[])
             pieces.append(Piece(mesh, numbers_of_nodes(mesh.point_data)))

@@ -1,7 +1,5 @@
 """What notebooks show of a mesh or a size function: a small picture and a table."""
 
-from __future__ import annotations
-
 from base64 import b64encode
 from html import escape
 

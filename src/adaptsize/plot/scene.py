@@ -1,7 +1,5 @@
 """What a picture shows, as arrays: the visible faces of a mesh, grid or octree and their values."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import product

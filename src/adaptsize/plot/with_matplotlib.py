@@ -4,8 +4,6 @@ Cells are drawn from back to front, with one colour each.  This hides cells behi
 others correctly if the cells are of moderate size, which is sufficient for meshes.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

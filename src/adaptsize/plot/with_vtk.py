@@ -1,7 +1,5 @@
 """Drawing by VTK, through pyvista, without a window or in one."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What the viewer of a report shows: the scenes, and their arrays in one compressed block."""
 
-from __future__ import annotations
-
 import base64
 import io
 import zlib
