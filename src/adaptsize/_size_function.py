@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -34,38 +34,6 @@ if TYPE_CHECKING:
 
 # Points this far outside, relative to the diagonal of the background, count as inside.
 _TOLERANCE = 1e-9
-
-
-class Locator(Protocol):
-    """Locates points in a background and interpolates there."""
-
-    def interpolate(
-        self, values: npt.ArrayLike, points: npt.ArrayLike
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the values at (the closest points to) points, and the distances."""
-        ...
-
-
-class LocatableBackground(Background, Protocol):
-    """A background that a SizeFunction can be built on.
-
-    A new kind of background needs no change in this module.  It must have a ``locator``.
-    """
-
-    @property
-    def points(self) -> FloatArray:
-        """Nodes, float64[n_points, dim]."""
-        ...
-
-    @property
-    def diagonal(self) -> float:
-        """Length of the diagonal of the bounding box."""
-        ...
-
-    @property
-    def locator(self) -> Locator:
-        """Point location in the background."""
-        ...
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -136,7 +104,7 @@ class SizeFunction(ReadOnlyState):
     array([0.25])
     """
 
-    background: LocatableBackground
+    background: Background
     values: FloatArray
     _: KW_ONLY
     outside: Literal["nearest", "error"] = "nearest"
@@ -225,6 +193,7 @@ class SizeFunction(ReadOnlyState):
             return self._field.evaluate(where, np.full(len(where), self.hmax))
         if self.sources is not None:
             return self._from_sources(where, self.sources)
+        sizes: FloatArray
         sizes, distances = self.background.locator.interpolate(self.values, where)
         if self.outside == "error":
             self._refuse_outside(where, distances)
@@ -319,7 +288,7 @@ class SizeFunction(ReadOnlyState):
         values = np.clip(self.values, lower, upper)
         return replace(self, values=values, sources=None, hmax=hmax, report=None)
 
-    def on(self, background: LocatableBackground) -> SizeFunction:
+    def on(self, background: Background) -> SizeFunction:
         """Return the size function sampled at the nodes of another background.
 
         Parameters
@@ -333,12 +302,12 @@ class SizeFunction(ReadOnlyState):
         return SizeFunction(background, values, outside=self.outside)
 
 
-def _is_thin(background: LocatableBackground) -> bool:
+def _is_thin(background: Background) -> bool:
     """Return whether a background has a lower dimension than its space."""
     return isinstance(background, SimplexMesh) and background.cell_dim < background.dim
 
 
-def _at_nodes(size: SizeFunction, background: LocatableBackground) -> FloatArray:
+def _at_nodes(size: SizeFunction, background: Background) -> FloatArray:
     """Return the sizes at the nodes of a background, of its nodal shape."""
     if isinstance(background, CartesianGrid):  # all nodes may not fit into memory at once
         return background.sample(size)

@@ -42,7 +42,10 @@ ProgressCallback: TypeAlias = Callable[[str, float | None], Any]
 
 @runtime_checkable
 class Background(Protocol):
-    """A carrier of nodal sizes: a simplex mesh, a Cartesian grid or an octree."""
+    """A carrier of nodal sizes: a simplex mesh, a Cartesian grid or an octree.
+
+    `SizeFunction` takes any other kind that has these attributes as well.
+    """
 
     @property
     def dim(self) -> int:
@@ -57,4 +60,19 @@ class Background(Protocol):
     @property
     def nodal_shape(self) -> tuple[int, ...]:
         """Shape of an array of nodal values."""
+        ...
+
+    @property
+    def points(self) -> FloatArray:
+        """Nodes, float64[n_points, dim]."""
+        ...
+
+    @property
+    def diagonal(self) -> float:
+        """Length of the diagonal of the bounding box."""
+        ...
+
+    @property
+    def locator(self) -> Any:
+        """Point location: ``interpolate(values, points)`` returns values and distances."""
         ...

@@ -72,13 +72,12 @@ def test_the_page_has_the_points_and_values_of_its_scenes():
     scenes = scenes_of_mesh(CUBE, size)
     data = json.loads(json.dumps(data_of(scenes)))
     assert len(data["geometries"]) == 2  # cut open, and whole
-    block = zlib.decompress(base64.b64decode(data["block"]))
     number = list(scenes).index("size h")
     found, scene = data["scenes"][number], scenes["size h"]
     geometry = data["geometries"][found["geometry"]]
     steps, cells, values = (
-        np.frombuffer(block, kind, count, start)
-        for kind, (start, count) in (
+        np.frombuffer(zlib.decompress(base64.b64decode(packed)), kind)
+        for kind, packed in (
             ("<u2", geometry["points"]), ("<u4", geometry["cells"]), ("<u1", found["values"])
         )
     )  # fmt: skip

@@ -21,7 +21,6 @@ from adaptsize._formats.blocks import RawMesh, check_raw
 from adaptsize._formats.guards import about_file, check_readable, files_named_in
 from adaptsize._formats.limited import read_limited
 from adaptsize._formats.raster import is_image_file
-from adaptsize._formats.solvers import write_abaqus, write_nastran, write_su2
 from adaptsize._formats.surfaces import read_off, read_stl
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.errors import MeshFileError
@@ -154,12 +153,12 @@ FORMATS: dict[str, Format] = {
     "off": Format((".off",), _surface["off"], read_off, holds=_TRIANGLES),
     "gltf": Format((".gltf", ".glb", ".3mf"), None, _TRIMESH),
     "fort.14": Format((".14", ".grd", ".gr3"), fort14.write, fort14.read, holds=_CELLS, dims=(2,)),
-    "abaqus": Format((".inp",), write_abaqus, _ABAQUS, None, check.check_abaqus, _CELLS),
+    "abaqus": Format((".inp",), write.write_abaqus, _ABAQUS, None, check.check_abaqus, _CELLS),
     "nastran": Format(
-        (".bdf", ".nas", ".fem"), write_nastran, _MESHIO, check.check_nastran, holds=_CELLS
+        (".bdf", ".nas", ".fem"), write.write_nastran, _MESHIO, check.check_nastran, holds=_CELLS
     ),
     "su2": Format(
-        (".su2",), write_su2, _MESHIO, check.check_su2_points, check.check_su2, _CELLS, _FULL
+        (".su2",), write.write_su2, _MESHIO, check.check_su2_points, check.check_su2, _CELLS, _FULL
     ),
     "polygons": Format(tuple(polygon_files.READERS), None, polygon_files.load),
 }

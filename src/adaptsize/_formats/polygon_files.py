@@ -3,7 +3,7 @@
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -123,7 +123,9 @@ def of_geojson(data: Any, notes: list[str]) -> Content:
     # The standard knows no other coordinates, but programs write them; older ones say so.
     has_crs = isinstance(data, Mapping) and "crs" in data and "CRS84" not in str(data["crs"])
     if lines and not has_crs:
-        _warn_of_degrees(lines)
+        largest = np.max([np.abs(line.points).max(axis=0) for line in lines], axis=0)
+        if (largest <= (180.0, 90.0)).all():
+            warn_caller(_DEGREES, InputWarning)
     return Content(lines)
 
 
@@ -156,12 +158,6 @@ def _line(points: FloatArray, name: str | None, source: str, *, is_ring: bool) -
         ends = " and ends at ".join(place_text(points[k]) for k in (0, -1))
         raise ValueError(f"{source} has an open ring, which begins at {ends}")
     return Line(points, name, source, closes=is_ring)
-
-
-def _warn_of_degrees(lines: Sequence[Line]) -> None:
-    largest = np.max([np.abs(line.points).max(axis=0) for line in lines], axis=0)
-    if (largest <= (180.0, 90.0)).all():
-        warn_caller(_DEGREES, InputWarning)
 
 
 # --- other formats --------------------------------------------------------------------------------

@@ -124,11 +124,13 @@ def polygons(
 def _lines_of(what: str, given: Any) -> list[Line]:
     """Return the rings or lines in an argument."""
     if isinstance(given, Mapping):
-        named = [
-            line._replace(name=_as_name(what, name))
-            for name, part in given.items()
-            for line in _lines_of(f"{what}[{name!r}]", part)
-        ]
+        named: list[Line] = []
+        for name, part in given.items():
+            if not isinstance(name, str) or not 0 < len(name) <= 100:
+                raise ValueError(
+                    f"{what} must have names of 1 to 100 letters, got {describe(name)}"
+                )
+            named += [line._replace(name=name) for line in _lines_of(f"{what}[{name!r}]", part)]
         # Those of the outer boundary are parts of rings; if they do not meet, one is wrong.
         closes = what != "outer" or len(named) == 1
         return [line._replace(closes=closes, is_hole=what != "outer") for line in named]
@@ -145,12 +147,6 @@ def _lines_of(what: str, given: Any) -> list[Line]:
     ]
 
 
-def _as_name(what: str, name: Any) -> str:
-    if not isinstance(name, str) or not 0 < len(name) <= 100:
-        raise ValueError(f"{what} must have names of 1 to 100 letters, got {describe(name)}")
-    return name
-
-
 def _segments_of(what: str, mesh: SimplexMesh) -> list[Line]:
     if mesh.cell_dim != 1 or mesh.dim != 2:
         raise ValueError(f"{what} must be segments in the plane, got {mesh!r}")
@@ -163,10 +159,8 @@ def _segments_of(what: str, mesh: SimplexMesh) -> list[Line]:
 
 
 def _is_point(given: Any) -> bool:
-    return np.ndim(given) == 1 if isinstance(given, np.ndarray) else _is_row(given)
-
-
-def _is_row(given: Any) -> bool:
+    if isinstance(given, np.ndarray):
+        return given.ndim == 1
     return isinstance(given, Sequence) and len(given) > 0 and np.isscalar(given[0])
 
 

@@ -1,4 +1,4 @@
-"""What the viewer of a report shows: the scenes, and their arrays in one compressed block."""
+"""What the viewer of a report shows: the scenes, with their arrays compressed."""
 
 import base64
 import io
@@ -67,7 +67,6 @@ def data_of(scenes: Mapping[str, Scene]) -> dict[str, Any]:
     Coordinates are rounded to 1/65535 of the extents, values to 1/255 of their range.  Scenes with
     the same cells share them.
     """
-    block = _Block()
     geometries: list[dict[str, Any]] = []
     numbers: dict[tuple[bytes, bytes], int] = {}
     found = []
@@ -75,45 +74,31 @@ def data_of(scenes: Mapping[str, Scene]) -> dict[str, Any]:
         key = scene.points.tobytes(), scene.cells.tobytes()
         if key not in numbers:
             numbers[key] = len(geometries)
-            geometries.append(_geometry(scene, block))
-        found.append({"name": name, "geometry": numbers[key], **_coloured(scene, block)})
-    return {"geometries": geometries, "scenes": found, "block": block.text()}
+            geometries.append(_geometry(scene))
+        found.append({"name": name, "geometry": numbers[key], **_coloured(scene)})
+    return {"geometries": geometries, "scenes": found}
 
 
-class _Block:
-    """Arrays one after the other, compressed."""
-
-    def __init__(self) -> None:
-        self._parts: list[bytes] = []
-        self._length = 0
-
-    def add(self, array: npt.NDArray[Any], kind: str) -> list[int]:
-        """Append an array; return where it starts, in bytes, and its number of entries."""
-        part = np.ascontiguousarray(array, kind).tobytes()
-        start = self._length
-        self._parts.append(part)
-        self._length += len(part)
-        return [start, array.size]
-
-    def text(self) -> str:
-        return base64.b64encode(zlib.compress(b"".join(self._parts), 9)).decode()
+def _packed(array: npt.NDArray[Any], kind: str) -> str:
+    """Return the numbers of an array, compressed, as text."""
+    return base64.b64encode(zlib.compress(np.ascontiguousarray(array, kind).tobytes(), 9)).decode()
 
 
-def _geometry(scene: Scene, block: _Block) -> dict[str, Any]:
+def _geometry(scene: Scene) -> dict[str, Any]:
     used, cells = np.unique(scene.cells, return_inverse=True)
     points = scene.points[used]
     low, size = points.min(axis=0), np.ptp(points, axis=0)
     steps = np.rint((points - low) / np.where(size > 0.0, size, 1.0) * 65535.0)
     return {
-        "points": block.add(steps, "<u2"),
-        "cells": block.add(cells, "<u4"),
+        "points": _packed(steps, "<u2"),
+        "cells": _packed(cells, "<u4"),
         "low": low.tolist(),
         "size": size.tolist(),
         "flat": scene.flat,
     }
 
 
-def _coloured(scene: Scene, block: _Block) -> dict[str, Any]:
+def _coloured(scene: Scene) -> dict[str, Any]:
     """Return the values of a scene, 0 to 255, and what explains them."""
     values = scene.values[np.unique(scene.cells)] if scene.on_nodes else scene.values
     result: dict[str, Any] = {
@@ -123,14 +108,14 @@ def _coloured(scene: Scene, block: _Block) -> dict[str, Any]:
         places = np.searchsorted(scene.names, np.where(np.isfinite(values), values, np.inf)) % 256
         ticks: list[tuple[float, str]] = list(enumerate(scene.class_labels))
         result["colours"] = CLASS_COLORS
-        return result | {"values": block.add(places, "<u1"), "ticks": ticks}
+        return result | {"values": _packed(places, "<u1"), "ticks": ticks}
     mapped = colors_of(scene)
     low, high = scene.limits
     scaled = mapped.norm(np.where(np.isfinite(values), values, high))
     at = np.asarray(mapped.norm(scene.ticks)).tolist()
     ticks = [(place, f"{tick:.4g}") for place, tick in zip(at, scene.ticks, strict=True)]
     return result | {
-        "values": block.add(np.rint(255.0 * np.clip(scaled, 0.0, 1.0)), "<u1"),
+        "values": _packed(np.rint(255.0 * np.clip(scaled, 0.0, 1.0)), "<u1"),
         "ticks": ticks,
         "colours": [to_hex(colour) for colour in mapped.cmap(np.linspace(0.0, 1.0, 12))],
         "low": low,

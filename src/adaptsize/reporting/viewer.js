@@ -10,14 +10,14 @@
     return;
   }
 
-  // Arrays follow each other in one compressed block.
-  const packed = Uint8Array.from(atob(DATA.block), (c) => c.charCodeAt(0));
-  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
-  const bytes = await new Response(stream).arrayBuffer();
-  const array = (Kind, [start, n]) => new Kind(bytes.slice(start, start + n * Kind.BYTES_PER_ELEMENT));
-
+  // Arrays are compressed.
+  const array = async (Kind, text) => {
+    const packed = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
+    return new Kind(await new Response(stream).arrayBuffer());
+  };
   for (const g of DATA.geometries) {
-    const steps = array(Uint16Array, g.points), cells = array(Uint32Array, g.cells);
+    const steps = await array(Uint16Array, g.points), cells = await array(Uint32Array, g.cells);
     g.corners = new Float32Array(3 * cells.length); // relative to the middle of the box
     cells.forEach((p, k) => {
       for (let d = 0; d < 3; d++) g.corners[3 * k + d] = (steps[3 * p + d] / 65535 - 0.5) * g.size[d];
@@ -26,7 +26,7 @@
     g.middle = g.low.map((x, d) => x + 0.5 * g.size[d]);
   }
   for (const s of DATA.scenes) {
-    const values = array(Uint8Array, s.values), cells = DATA.geometries[s.geometry].indices;
+    const values = await array(Uint8Array, s.values), cells = DATA.geometries[s.geometry].indices;
     s.shown = s.on_nodes ? Uint8Array.from(cells, (p) => values[p]) : Uint8Array.from(cells, (_, k) => values[(k / 3) | 0]);
     list.append(new Option(s.name));
   }
