@@ -7,8 +7,12 @@ from pathlib import Path
 from adaptsize._formats.formats import FORMATS
 
 PAGE = (Path(__file__).parents[2] / "docs/files.md").read_text(encoding="utf-8")
-PROGRAMS = {"read_vtk": "VTK", "read_meshio": "meshio", "read_trimesh": "trimesh",
-            "read_abaqus": "adaptsize"}  # fmt: skip
+PROGRAMS = {
+    "foreign.read_vtk": "VTK",
+    "foreign.read_meshio": "meshio",
+    "foreign.read_trimesh": "trimesh",
+    "abaqus.read": "adaptsize",
+}
 FORMAT_OF = {suffix: form for form in FORMATS.values() for suffix in form.suffixes}
 
 
