@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from coarser_pages import COARSER, FIRST, OF_THE_MACHINE
+from coarser_pages import COARSER, FIRST, OF_THE_MACHINE, OTHER_FIGURES
 from meshes import jittered_cube
 from page_code import Block, blocks_of, matches
 
@@ -130,7 +130,8 @@ def test_the_code_of_a_page_prints_what_the_page_shows(page, workplace):
     blocks = blocks_of(text)
     assert blocks, page
     runs = [block for block in blocks if block.can_run()]
-    wrong = [block.difference(block.run(ROOT / page, names)) for block in runs]
+    any_number = not FULL and page in OTHER_FIGURES
+    wrong = [block.difference(block.run(ROOT / page, names), any_number) for block in runs]
     assert not any(wrong), page + ": " + "\n\n".join(filter(None, wrong))
     # Also where the other blocks have passed: .ci/run repeats what is skipped, with more packages.
     missing = sorted({block.needs for block in blocks if block not in runs})

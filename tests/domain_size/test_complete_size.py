@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from meshes import random_sphere, random_square, structured_square
 from numpy.testing import assert_allclose
+from shapes import moved
 from solids import circle, outline
 
 from adaptsize import (
@@ -131,13 +132,6 @@ def test_further_bounds_count(given):
 # --- who controls what ------------------------------------------------------------
 
 
-def unit_square(n):
-    """Right triangles of the unit square, 2 n^2 of them."""
-    mesh = structured_square(n)
-    low, high = mesh.points.min(), mesh.points.max()
-    return SimplexMesh((mesh.points - low) / (high - low), mesh.cells)
-
-
 def two_bounds(mesh):
     """Small sizes asked for on the left and on the right."""
     x = mesh.points[:, 0]
@@ -147,7 +141,7 @@ def two_bounds(mesh):
 
 
 def test_each_cause_controls_what_is_nearer_to_it_and_the_middle_is_free():
-    mesh = unit_square(40)
+    mesh = moved(structured_square(40, half_width=0.5), 0.5)
     request = Request.of(checked(SizeFunctionOptions, {"g": 0.5}))
     _, report = Bounds(mesh, two_bounds(mesh), (0.01, 0.2)).limited(request)
     # 0.2 is reached 0.3 from the left and 0.2 from the right.

@@ -5,6 +5,7 @@ import pytest
 from distance_shapes import ball
 from meshes import jittered_cube, random_sphere, random_square, structured_square
 from numpy.testing import assert_allclose
+from solids import cylinder
 
 from adaptsize import (
     BoxSource,
@@ -15,21 +16,6 @@ from adaptsize import (
 )
 from adaptsize.background.splitting import split_edges
 from adaptsize.errors import InputWarning, ResolutionWarning
-
-
-def cylinder(n, *, radius=1.0, height=20.0):
-    """A closed cylinder as CAD programs export it: n long strips, caps as fans."""
-    angle = 2 * np.pi * np.arange(n) / n
-    ring = radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    points = np.vstack([np.c_[ring, np.zeros(n)], np.c_[ring, np.full(n, height)]])
-    cells = []
-    for i in range(n):
-        j = (i + 1) % n
-        cells += [[i, j, j + n], [i, j + n, i + n]]
-    for i in range(1, n - 1):
-        cells += [[0, i + 1, i], [n, n + i, n + i + 1]]
-    return SimplexMesh(points, cells)
-
 
 # --- splitting edges --------------------------------------------------------------
 
@@ -124,7 +110,7 @@ def test_sizes_on_a_surface_grow_into_what_it_encloses():
 
 def test_sizes_on_round_surfaces_allow_the_tolerance():
     radius = 10.0
-    mesh = cylinder(60, radius=radius)
+    mesh = cylinder(60, radius, 20.0)
     options = {"elements_across": 0, "hmax": 20.0, "g": 9.0}
     for tolerance in (1e-4, 1e-3):
         size = size_function(mesh, tolerance=tolerance, **options)
@@ -157,7 +143,7 @@ def test_sizes_on_a_cone_fall_to_its_tip():
 
 
 def test_a_relaxed_tolerance_is_not_larger_than_the_sizes_require():
-    mesh = cylinder(60, radius=10.0)
+    mesh = cylinder(60, 10.0, 20.0)
     options = {"elements_per_radian": 6.0, "elements_across": 0.0, "g": 1.0, "max_elements": 4000}
     report = size_function(mesh, **options).report
     # Chords of length l leave l^2 / (8 r); edges may be longer than the size by sqrt 2.
@@ -171,4 +157,4 @@ def test_a_relaxed_tolerance_is_not_larger_than_the_sizes_require():
 def test_a_source_that_no_node_of_the_surface_is_near_is_reported():
     for source in (PointSource([0, 0, 10], 0.1), BoxSource([-0.1, -0.1, 9], [0.1, 0.1, 11], 0.1)):
         with pytest.warns(InputWarning, match=r"requests the size 0\.1 at \(0, 0, .*off the"):
-            size_function(cylinder(12), sources=source, hmax=2, elements_across=0)
+            size_function(cylinder(12, 1.0, 20.0), sources=source, hmax=2, elements_across=0)

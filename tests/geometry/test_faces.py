@@ -2,20 +2,14 @@
 
 import numpy as np
 from numpy.testing import assert_array_equal
-from shapes import block
-from solids import circle, hull, outline
+from shapes import block, joined, moved
+from solids import circle, cylinder, outline
 
 from adaptsize import SimplexMesh
 from adaptsize.geometry.creases import tag_faces
 from adaptsize.geometry.faces import Faces
 
 CUBE = block(3).boundary().mesh
-
-
-def cylinder(n):
-    """A closed cylinder; its strips meet at 360 / n degrees."""
-    flat = np.column_stack([circle(n), np.zeros(n)])
-    return hull(np.concatenate([flat, flat + np.array([0.0, 0.0, 1.0])]))
 
 
 def test_a_cube_has_six_faces_one_for_each_normal():
@@ -36,11 +30,7 @@ def test_the_angle_tells_which_edges_separate_faces():
 
 
 def test_parts_that_do_not_touch_and_sheets_at_one_edge_are_faces_of_their_own():
-    apart = SimplexMesh(
-        np.concatenate([CUBE.points, CUBE.points + 5.0]),
-        np.concatenate([CUBE.cells, CUBE.cells + CUBE.n_points]),
-    )
-    assert tag_faces(apart).cell_tags.max() == 12
+    assert tag_faces(joined(CUBE, moved(CUBE, 5.0))).cell_tags.max() == 12
     book = SimplexMesh(
         [[0, 0, 0], [0, 0, 1], [1, 0, 0], [1, 0.1, 0], [1, 0.2, 0]],
         [[0, 1, 2], [0, 1, 3], [0, 1, 4]],

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from meshes import structured_square
 from numpy.testing import assert_allclose
+from scipy.spatial import Delaunay
+from shapes import moved
 
 from adaptsize import CartesianGrid, SimplexMesh, SizeFunction, limit_gradient
 from adaptsize.limiting import FastMarching
@@ -15,8 +17,7 @@ SQUARE = np.eye(2)
 
 
 def unit_square(n):
-    mesh = structured_square(n, half_width=0.5)
-    return SimplexMesh(mesh.points + 0.5, mesh.cells)
+    return moved(structured_square(n, half_width=0.5), 0.5)
 
 
 def unit_cube(n, seed):
@@ -60,24 +61,10 @@ def sparse_bounds(n, seed, share=0.03):
 
 def hexagon(n):
     """A regular hexagon of side 1, as 6 n^2 triangles, and two vectors of its lattice."""
-    corners = np.array([[np.cos(a), np.sin(a)] for a in np.arange(6) * np.pi / 3])
-    points, cells = [], []
-    for k in range(6):
-        a, b = corners[k], corners[(k + 1) % 6]
-        index = {}
-        for i, j in product(range(n + 1), repeat=2):
-            if i + j <= n:
-                index[i, j] = len(points)
-                points.append((i * a + j * b) / n)
-        for i, j in product(range(n), repeat=2):
-            if i + j < n:
-                cells.append([index[i, j], index[i + 1, j], index[i, j + 1]])
-            if i + j < n - 1:
-                cells.append([index[i + 1, j], index[i + 1, j + 1], index[i, j + 1]])
-    points = np.array(points)
-    _, first, number = np.unique(points.round(9), axis=0, return_index=True, return_inverse=True)
-    vectors = np.array([corners[0] + corners[1], corners[1] + corners[2]])
-    return SimplexMesh(points[first], number.ravel()[np.array(cells)]), vectors
+    i, j = np.indices((2 * n + 1, 2 * n + 1)).reshape(2, -1) - n
+    corners = np.array([[np.cos(a), np.sin(a)] for a in np.arange(3) * np.pi / 3])
+    points = (np.column_stack([i, j])[np.abs(i - j) <= n] / n) @ corners[[0, 2]]
+    return SimplexMesh(points, Delaunay(points).simplices), corners[:2] + corners[1:]
 
 
 PLANE = {

@@ -13,6 +13,7 @@ from meshes import jittered_cube, jittered_square, random_square, structured_squ
 from meshes import slit_square as crack
 from numpy.testing import assert_allclose, assert_array_equal
 from partitions import on_ranks
+from shapes import joined, moved
 
 from adaptsize import CartesianGrid, SimplexMesh, SizeFunction, limit_gradient
 from adaptsize.limiting import Exact
@@ -311,10 +312,7 @@ def test_in_solids_that_are_not_convex_nodal_sizes_are_interpolated():
 
 def test_components_have_sources_of_their_own_between_the_nodes():
     one = random_square(100, 946)
-    mesh = SimplexMesh(
-        np.concatenate([one.points, one.points + np.array([2.1, 0.0])]),
-        np.concatenate([one.cells, one.cells + one.n_points]),
-    )
+    mesh = joined(one, moved(one, [2.1, 0.0]))
     h0 = np.full(mesh.n_points, np.inf)
     nodes = [3, one.n_points + 5]
     h0[nodes] = 0.1, 0.2

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from shapes import CORNERS as CUBE
 from shapes import CUBE_CELLS, joined
+from solids import cylinder
 
 from adaptsize import SimplexMesh, remesh, size_conformity
 from adaptsize.errors import BackendError, OpenSurfaceWarning, ResolutionWarning
@@ -26,21 +27,6 @@ def cube(shift=0.0):
     return SimplexMesh(CUBE + shift, CUBE_CELLS)
 
 
-def cylinder(n, radius=0.2, height=1.0):
-    """A closed prism over a regular polygon: two fans and n strips of two long triangles."""
-    angle = 2.0 * np.pi * np.arange(n) / n
-    ring = radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    points = np.concatenate(
-        [np.column_stack([ring, np.full(n, z)]) for z in (0.0, height)]
-        + [[[0.0, 0.0, 0.0], [0.0, 0.0, height]]]
-    )
-    i = np.arange(n)
-    j = (i + 1) % n
-    bottom, top = np.full(n, 2 * n), np.full(n, 2 * n + 1)
-    cells = [(i, j, j + n), (i, j + n, i + n), (j, i, bottom), (i + n, j + n, top)]
-    return SimplexMesh(points, np.concatenate([np.column_stack(c) for c in cells]))
-
-
 def enclosed(mesh):
     return float(np.linalg.det(mesh.points[mesh.cells]).sum()) / 6.0
 
@@ -55,7 +41,7 @@ def run():
 
 
 def test_netgen_keeps_the_surface_exactly(run):
-    surface = cylinder(24)
+    surface = cylinder(24, 0.2)
     raw = netgen.fill(surface, run)
     volume = SimplexMesh(raw["points"], raw["cells"])
     assert_array_equal(raw["points"][: surface.n_points], surface.points)
@@ -89,7 +75,7 @@ def test_surfaces_that_netgen_must_not_fill(run):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of processor time")
 def test_processor_time_is_limited(run, monkeypatch):
-    surface, _ = refine_surface(cylinder(200), lambda x: np.full(len(x), 0.008), 1e-5)
+    surface, _ = refine_surface(cylinder(200, 0.2), lambda x: np.full(len(x), 0.008), 1e-5)
     monkeypatch.setattr(netgen, "_SECONDS", 0.5)
     monkeypatch.setattr(netgen, "_SECONDS_PER_TRIANGLE", 0.0)
     monkeypatch.setattr(netgen, "_PATIENCE", 1000.0)
@@ -109,7 +95,7 @@ def test_a_result_that_is_not_the_surface_is_refused():
 
 
 def test_refined_surface_is_the_same_surface():
-    surface = cylinder(12)
+    surface = cylinder(12, 0.2)
     refined, _ = refine_surface(surface, lambda x: np.full(len(x), 0.02), 1e-3)
     assert is_oriented(refined)
     assert refined.edge_lengths.max() <= 4.0 * 0.02
@@ -125,7 +111,7 @@ def test_refined_surface_is_the_same_surface():
     ],
 )
 def test_coarse_facets_stay_facets_and_fine_ones_are_rounded(n, kept):
-    refined, ridges = refine_surface(cylinder(n), lambda x: np.full(len(x), 0.1), 1e-3)
+    refined, ridges = refine_surface(cylinder(n, 0.2), lambda x: np.full(len(x), 0.1), 1e-3)
     ends = refined.points[ridges]
     on_rim = (ends[:, 0, 2] == ends[:, 1, 2]) & np.isin(ends[:, 0, 2], (0.0, 1.0))
     lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
@@ -162,7 +148,7 @@ def test_tagged_edges_are_ridges_whether_slivers_are_removed_or_not(width):
 
 
 def test_the_adapted_surface_has_the_sizes_and_keeps_tags_and_ridges(run):
-    surface = cylinder(24, radius=0.5)
+    surface = cylinder(24, 0.5)
     top = (surface.points[surface.cells, 2] == 1.0).all(axis=1)
     surface = SimplexMesh(surface.points, surface.cells, cell_tags=np.where(top, 7, 3))
 
@@ -184,7 +170,7 @@ def test_the_adapted_surface_has_the_sizes_and_keeps_tags_and_ridges(run):
 
 
 def test_mmg_starts_from_a_surface_of_the_sizes_and_from_the_given_one_if_that_fails(monkeypatch):
-    surface = cylinder(16)
+    surface = cylinder(16, 0.2)
     made, adapted = [], []
     fill, solve = netgen.fill, MmgBackend.solve
 
@@ -267,5 +253,5 @@ def test_mmg_has_a_limit_of_processor_time_on_a_first_volume(monkeypatch):
     monkeypatch.setattr(driver, "_SECONDS", -1.0)  # the limit is rounded up to whole seconds
     monkeypatch.setattr(driver, "_SECONDS_PER_CELL", 1e-9)
     with pytest.warns(ResolutionWarning, match="limit of processor time"):
-        new = remesh(cylinder(16), 0.04)
-    assert_allclose(new.measures.sum(), enclosed(cylinder(16)), rtol=0.01)
+        new = remesh(cylinder(16, 0.2), 0.04)
+    assert_allclose(new.measures.sum(), enclosed(cylinder(16, 0.2)), rtol=0.01)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from shapes import CORNERS as UNIT
-from shapes import CUBE_CELLS
+from shapes import CUBE_CELLS, joined, moved
 
 from adaptsize import SimplexMesh
 from adaptsize.remeshing.hole_filling import close_holes
@@ -113,9 +113,7 @@ def test_nodal_fields_are_kept_and_new_triangles_have_the_tag_0():
 
 
 def two_boxes(gap, at=0.0):
-    cells = np.array(CUBE)
-    points = np.concatenate([CORNERS, CORNERS + np.array([0.0, 0.0, 1.0 + gap])]) + at
-    return SimplexMesh(points, np.concatenate([cells, cells + 8]))
+    return moved(joined(box(), moved(box(), [0.0, 0.0, 1.0 + gap])), at)
 
 
 def test_bodies_are_near_within_the_distance_only():
@@ -129,9 +127,7 @@ def test_bodies_are_near_within_the_distance_only():
 
 def test_all_pairs_of_near_bodies_are_counted():
     first, second = two_boxes(0.01), two_boxes(0.02, at=10.0)
-    points = np.concatenate([first.points, second.points])
-    cells = np.concatenate([first.cells, second.cells + 16])
-    near = near_bodies(SimplexMesh(points, cells), 0.03)
+    near = near_bodies(joined(first, second), 0.03)
     assert near.n_pairs == 2
     assert near.distance == pytest.approx(0.01)
     assert str(near).startswith("2 pairs of bodies are down to 0.01 apart at (")

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from meshes import random_sphere, structured_square
 from scipy.integrate import quad
-from shapes import block
+from shapes import block, joined, moved
+from solids import inside_out
 
 from adaptsize import SimplexMesh
 from adaptsize.geometry.distance.winding import WindingNumber
@@ -93,15 +94,8 @@ def test_graded_sizes_in_a_ball_follow_the_closed_form():
 
 def test_cavities_are_left_out_and_overlaps_count_once():
     cube = CUBE.boundary().mesh
-    inner = 0.5 + 0.5 * (cube.points - 0.5)
-    n = cube.n_points
-    hollow = SimplexMesh(
-        np.vstack([cube.points, inner]), np.vstack([cube.cells, n + cube.cells[:, ::-1]])
-    )
-    shifted = SimplexMesh(
-        np.vstack([cube.points, np.add(cube.points, [0.5, 0.0, 0.0])]),
-        np.vstack([cube.cells, n + cube.cells]),
-    )
+    hollow = joined(cube, inside_out(moved(cube, 0.25, 0.5)))
+    shifted = joined(cube, moved(cube, [0.5, 0.0, 0.0]))
     for surface, volume in ((hollow, 0.875), (shifted, 1.5)):
         found = predict(Enclosed(surface), lambda x: np.full(len(x), 0.05)).cells
         assert found == pytest.approx(PER_VOLUME * volume / 0.05**3, rel=0.02)

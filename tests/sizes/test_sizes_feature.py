@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from meshes import jittered_cube, structured_square
+from shapes import joined, moved
 from solids import circle, outline
 
 from adaptsize import (
@@ -96,10 +97,7 @@ def test_distances_on_a_grid_give_the_medial_axis():
 def test_the_two_sides_of_a_slit_do_not_see_each_other():
     # Two squares that share no node along the line where they meet.
     left = structured_square(4, half_width=1.0)
-    right = left.points + np.array([2.0, 0.0])
-    mesh = SimplexMesh(
-        np.concatenate([left.points, right]), np.concatenate([left.cells, left.cells + 25])
-    )
+    mesh = joined(left, moved(left, [2.0, 0.0]))
     np.testing.assert_allclose(size_from_feature(mesh, elements_across=2.0), 1.0, rtol=RTOL)
 
 

@@ -1,7 +1,8 @@
 """Meshes that the tests share, made from a seed that each test writes out."""
 
 import numpy as np
-from scipy.spatial import ConvexHull, Delaunay
+from scipy.spatial import Delaunay
+from solids import hull
 
 from adaptsize import SimplexMesh
 
@@ -74,10 +75,4 @@ def random_sphere(n, seed, *, radius=1.0):
     """Convex hull of n random points on a sphere: an irregular closed surface."""
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(n, 3))
-    points *= radius / np.linalg.norm(points, axis=1, keepdims=True)
-    cells = ConvexHull(points).simplices.astype(np.int32)
-    corners = points[cells]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = np.einsum("ij,ij->i", normal, corners[:, 0]) < 0.0
-    cells[inward] = cells[inward][:, [0, 2, 1]]
-    return SimplexMesh(points, cells)
+    return hull(points * (radius / np.linalg.norm(points, axis=1, keepdims=True)))

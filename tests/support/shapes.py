@@ -12,6 +12,7 @@ CUBE_CELLS = np.array([
     [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
 ])  # fmt: skip
 
+
 #: Kuhn's division of a cube into six tetrahedra around the diagonal 0-7.
 _KUHN = [(0, 1, 3, 7), (0, 3, 2, 7), (0, 2, 6, 7), (0, 6, 4, 7), (0, 4, 5, 7), (0, 5, 1, 7)]
 
@@ -32,21 +33,23 @@ def block(n, *, length=1):
     return SimplexMesh(points, cells)
 
 
-def two_region_block(n):
-    """Two unit cubes, tags 7 (x < 1) and -3; interface 40, the end x = 0 41, x = 2 42."""
-    mesh = block(n, length=2)
-    middle = mesh.points[mesh.cells].mean(axis=1)[:, 0]
+def _two_regions(mesh, tags, planes):
+    """Tag cells by the side of x = 1 that they are on, and facets in planes of given x."""
     x = mesh.points[mesh.facets][:, :, 0]
-    planes = [(1.0, 40), (0.0, 41), (2.0, 42)]
-    facets = [mesh.facets[(np.abs(x - at) < 1e-9).all(axis=1)] for at, _ in planes]
-    tags = [np.full(len(f), tag) for f, (_, tag) in zip(facets, planes, strict=True)]
+    facets = [mesh.facets[(np.abs(x - at) < 1e-9).all(axis=1)] for at in planes]
+    left = mesh.points[mesh.cells].mean(axis=1)[:, 0] < 1.0
     return SimplexMesh(
         mesh.points,
         mesh.cells,
-        cell_tags=np.where(middle < 1.0, 7, -3),
+        cell_tags=np.where(left, *tags),
         tagged_facets=np.concatenate(facets),
-        facet_tags=np.concatenate(tags),
+        facet_tags=np.repeat(list(planes.values()), [len(f) for f in facets]),
     )
+
+
+def two_region_block(n):
+    """Two unit cubes, tags 7 (x < 1) and -3; interface 40, the end x = 0 41, x = 2 42."""
+    return _two_regions(block(n, length=2), (7, -3), {1.0: 40, 0.0: 41, 2.0: 42})
 
 
 def two_region_rectangle(n):
@@ -54,17 +57,7 @@ def two_region_rectangle(n):
     x, y = np.meshgrid(np.arange(2 * n + 1) / n, np.arange(n + 1) / n, indexing="ij")
     points = np.column_stack([x.ravel(), y.ravel()])
     mesh = SimplexMesh(points, Delaunay(points).simplices)
-    middle = points[mesh.cells].mean(axis=1)[:, 0]
-    at = points[mesh.facets][:, :, 0]
-    facets = [mesh.facets[(np.abs(at - place) < 1e-9).all(axis=1)] for place in (1.0, 0.0)]
-    tags = [np.full(len(f), tag) for f, tag in zip(facets, (30, 31), strict=True)]
-    return SimplexMesh(
-        points,
-        mesh.cells,
-        cell_tags=np.where(middle < 1.0, 5, 9),
-        tagged_facets=np.concatenate(facets),
-        facet_tags=np.concatenate(tags),
-    )
+    return _two_regions(mesh, (5, 9), {1.0: 30, 0.0: 31})
 
 
 def facet_areas(mesh, tag):

@@ -42,6 +42,12 @@ def circle(n, radius=1.0):
     return radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
+def cylinder(n, radius=1.0, height=1.0):
+    """A closed cylinder along z: n long strips, which meet at 360 / n degrees."""
+    ends = [np.column_stack([circle(n, radius), np.full(n, z)]) for z in (0.0, height)]
+    return hull(np.concatenate(ends))
+
+
 def turned(mesh, seed=60311):
     """Turn a body at random."""
     turn = Rotation.random(random_state=seed).as_matrix()

@@ -6,6 +6,7 @@ from curved_shapes import part_of, smooth_torus
 from distance_shapes import box
 from meshes import jittered_cube, jittered_square, random_sphere
 from numpy.testing import assert_allclose, assert_array_equal
+from shapes import joined, moved
 from solids import inside_out
 
 from adaptsize import CartesianGrid, Octree, SimplexMesh, signed_distance
@@ -129,18 +130,14 @@ def test_holes_change_signs_near_them_only():
 
 def test_what_is_enclosed_twice_is_inside_and_a_cavity_is_not():
     one, other = random_sphere(300, 11), random_sphere(300, 12)
-    aside = np.add(other.points, [0.7, 0.0, 0.0])
-    shifted = np.concatenate([one.points, aside])
-    both = SimplexMesh(shifted, np.concatenate([one.cells, other.cells + one.n_points]))
-    points = np.concatenate([one.points, 0.5 * other.points])
-    inner = inside_out(other).cells + one.n_points
-    shell = SimplexMesh(points, np.concatenate([one.cells, inner]))
+    aside, hole = moved(other, [0.7, 0.0, 0.0]), moved(other, 0.0, 0.5)
+    both, shell = joined(one, aside), joined(one, inside_out(hole))
     grid = CartesianGrid([-1.31, -1.31, -1.31], 0.13, (29, 21, 21))
     to_one = signed_distance(grid, one)
-    to_other = signed_distance(grid, SimplexMesh(aside, other.cells))
+    to_other = signed_distance(grid, aside)
     union = signed_distance(grid, both)
     assert_array_equal(union < 0.0, (to_one < 0.0) | (to_other < 0.0))
-    to_hole = signed_distance(grid, SimplexMesh(0.5 * other.points, other.cells))
+    to_hole = signed_distance(grid, hole)
     assert_array_equal(signed_distance(grid, shell) < 0.0, (to_one < 0.0) & (to_hole > 0.0))
 
 

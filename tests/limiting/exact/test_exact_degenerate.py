@@ -9,6 +9,7 @@ from exact_oracle import plane_domain, plane_sizes
 from meshes import slit_square, structured_square
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import Delaunay
+from shapes import joined, moved
 from test_exact_any_mesh import assert_between_bounds
 
 from adaptsize import SimplexMesh, limit_gradient
@@ -97,10 +98,7 @@ def test_a_flat_cell_between_two_rows_lets_everything_through():
 @pytest.mark.parametrize("gap", [0.0, 0.1])
 def test_nothing_crosses_between_components(gap):
     one = structured_square(5, half_width=1.0)
-    other = one.points + np.array([2.0 + gap, 0.0])
-    mesh = SimplexMesh(
-        np.concatenate([one.points, other]), np.concatenate([one.cells, one.cells + one.n_points])
-    )
+    mesh = joined(one, moved(one, [2.0 + gap, 0.0]))
     away = np.linalg.norm(one.points - one.points[0], axis=1)
     assert_lengths(mesh, 0, np.concatenate([away, np.full(one.n_points, INF)]))
     h0 = np.full(mesh.n_points, INF)

@@ -7,6 +7,7 @@ all corners are active.  In space sizes go along the edges only of faces without
 import geodesics
 import numpy as np
 import pytest
+from domains import _box
 from exact_on_grids import exact_sizes, fine_grid_sizes
 from exact_oracle import straight_sizes
 from hypothesis import given
@@ -130,18 +131,14 @@ def test_segments_of_boxes_carry_linear_data_without_a_mask(shape):
             assert_allclose(limit(grid, h0, face_sources=False), nodes_only, rtol=1e-13)
 
 
-def ring(x0, x1, y0, y1):
-    return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], float)
-
-
 def with_holes(shape, spacing, holes):
     """Return a grid with rectangular holes (node ranges, boundaries included) and its polygon."""
     active = np.ones(shape, bool)
     dx, dy = spacing
-    rings = [ring(0.0, (shape[0] - 1) * dx, 0.0, (shape[1] - 1) * dy)]
+    rings = [_box(0.0, (shape[0] - 1) * dx, 0.0, (shape[1] - 1) * dy)]
     for i0, i1, j0, j1 in holes:
         active[i0 + 1 : i1, j0 + 1 : j1] = False
-        rings.append(ring(i0 * dx, i1 * dx, j0 * dy, j1 * dy)[::-1])
+        rings.append(_box(i0 * dx, i1 * dx, j0 * dy, j1 * dy)[::-1])
     return CartesianGrid([0.0, 0.0], spacing, shape, active=active), tuple(rings)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from exact_oracle import plane_domain, plane_sizes, refined_triangles
 from geodesics import limited_sizes, line_sizes
-from meshes import jittered_cube, jittered_square, random_square, slit_square
+from meshes import jittered_cube, jittered_square, random_cube, random_square, slit_square
 from numpy.testing import assert_allclose
 from scipy.spatial import ConvexHull, Delaunay
 
@@ -188,11 +188,6 @@ def test_linear_data_are_between_the_bounds_that_samples_give(make, kind):
     assert (h >= lower * (1.0 - 1e-12)).all()
     of_nodes = limit(mesh, h0, face_sources=False)[nodes]
     assert (of_nodes - h).max() > 2.0 * np.median(upper - lower)
-
-
-def random_cube(n, seed):
-    points = np.random.default_rng(seed).random((n, 3))
-    return SimplexMesh(points, Delaunay(points).simplices)
 
 
 def test_a_face_is_no_source_where_one_of_its_nodes_is_free():

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from meshes import structured_square
 from numpy.testing import assert_array_equal
+from shapes import joined, moved
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.limiting import Exact
@@ -15,10 +16,7 @@ DOMAINS = {
     "wall": WALL,
     "window": domains.window_box(150, seed=951)[0],
     "folded": SimplexMesh(SQUARE.points, np.concatenate([SQUARE.cells, [[0, 4, 8]]])),
-    "two": SimplexMesh(
-        np.concatenate([WALL.points, WALL.points + np.array([200.0, 0.0, 0.0])]),
-        np.concatenate([WALL.cells, WALL.cells + WALL.n_points]),
-    ),
+    "two": joined(WALL, moved(WALL, [200.0, 0.0, 0.0])),
 }
 
 
