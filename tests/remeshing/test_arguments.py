@@ -15,7 +15,7 @@ from adaptsize.errors import (
     TooManyElementsError,
 )
 from adaptsize.remeshing import available_backends, protocol
-from adaptsize.remeshing.driver import _check_number
+from adaptsize.remeshing.filling import _check_number
 from adaptsize.remeshing.preparation import MERGE_DISTANCE, as_problem, repair_mesh
 from adaptsize.sizes import predict
 

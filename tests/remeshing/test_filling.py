@@ -12,8 +12,8 @@ from solids import cylinder
 from adaptsize import SimplexMesh, remesh, size_conformity
 from adaptsize.errors import BackendError, OpenSurfaceWarning, ResolutionWarning
 from adaptsize.geometry.enclosed import is_oriented
-from adaptsize.remeshing import driver, first_volume, netgen
-from adaptsize.remeshing.first_volume import adapt_surface
+from adaptsize.remeshing import driver, filling, netgen
+from adaptsize.remeshing.filling import adapt_surface
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.mmg import MmgBackend
 from adaptsize.remeshing.surface import refine_surface
@@ -174,7 +174,7 @@ def test_mmg_starts_from_a_surface_of_the_sizes_and_from_the_given_one_if_that_f
     made, adapted = [], []
     fill, solve = netgen.fill, MmgBackend.solve
 
-    def filling(mesh, run):
+    def recording(mesh, run):
         made.append(mesh)
         return fill(mesh, run)
 
@@ -182,14 +182,14 @@ def test_mmg_starts_from_a_surface_of_the_sizes_and_from_the_given_one_if_that_f
         adapted.append(problem.is_adapted)
         return solve(backend, problem, run)
 
-    monkeypatch.setattr(netgen, "fill", filling)
+    monkeypatch.setattr(netgen, "fill", recording)
     monkeypatch.setattr(MmgBackend, "solve", solving)
     remesh(surface, 0.1)
     size = 0.1 / surface.diagonal  # generators work on a part of diagonal 1
     assert np.median(made[0].edge_lengths) == pytest.approx(size, rel=0.3)
     assert adapted == [True]
 
-    monkeypatch.setattr(first_volume, "adapt_surface", fail)
+    monkeypatch.setattr(filling, "adapt_surface", fail)
     new = remesh(surface, 0.1)
     assert len(made) == 2
     assert made[1].edge_lengths.max() > 1.5 * size
@@ -220,7 +220,7 @@ def first_volumes(monkeypatch):
         used.append(backend)
         return restore(raw, problem, backend)
 
-    for module in (driver, first_volume):
+    for module in (driver, filling):
         monkeypatch.setattr(module, "restore", recording)
     return used
 
@@ -249,9 +249,9 @@ def test_ftetwild_takes_over_where_netgen_fails_and_another_number_is_told(
 
 def test_mmg_has_a_limit_of_processor_time_on_a_first_volume(monkeypatch):
     pytest.importorskip("resource", reason="the system has no limit of processor time")
-    monkeypatch.setattr(driver, "_LEAST_ANGLE", 0.0)
-    monkeypatch.setattr(driver, "_SECONDS", -1.0)  # the limit is rounded up to whole seconds
-    monkeypatch.setattr(driver, "_SECONDS_PER_CELL", 1e-9)
+    monkeypatch.setattr(filling, "_LEAST_ANGLE", 0.0)
+    monkeypatch.setattr(filling, "_SECONDS", -1.0)  # the limit is rounded up to whole seconds
+    monkeypatch.setattr(filling, "_SECONDS_PER_CELL", 1e-9)
     with pytest.warns(ResolutionWarning, match="limit of processor time"):
         new = remesh(cylinder(16, 0.2), 0.04)
     assert_allclose(new.measures.sum(), enclosed(cylinder(16, 0.2)), rtol=0.01)

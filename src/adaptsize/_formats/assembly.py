@@ -17,7 +17,7 @@ from adaptsize._formats.blocks import (
     simplices_of,
 )
 from adaptsize.background import SimplexMesh
-from adaptsize.background.topology import facets_of, unique_rows
+from adaptsize.background.topology import facets_of, have_different_nodes, unique_rows
 from adaptsize.errors import MeshFileError
 
 
@@ -91,8 +91,7 @@ def _without_untagged(
 
 def _without_repeated_nodes(simplices: Simplices, notes: list[str]) -> Simplices:
     """Drop cells that contain a node twice.  All changes to cells are appended to ``notes``."""
-    ordered = np.sort(simplices.cells, axis=1)
-    good = (ordered[:, 1:] != ordered[:, :-1]).all(axis=1)
+    good = have_different_nodes(simplices.cells)
     cells, block, row, own_notes = simplices
     if not good.any():
         raise MeshFileError("holds only cells that contain a node twice")

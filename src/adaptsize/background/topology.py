@@ -110,6 +110,19 @@ def compacted(cells: npt.NDArray[Any]) -> tuple[IntArray, IntArray]:
     return nodes.astype(np.int32), places.reshape(cells.shape).astype(np.int32)
 
 
+def have_different_nodes(cells: npt.NDArray[np.integer]) -> BoolArray:
+    """Return which cells have no node twice."""
+    ordered = np.sort(cells, axis=1)
+    return np.asarray((ordered[:, 1:] != ordered[:, :-1]).all(axis=1))
+
+
+def marked(index: npt.NDArray[np.integer], n: int) -> BoolArray:
+    """Return bool[n], true at the given indices."""
+    found = np.zeros(n, np.bool_)
+    found[index] = True
+    return found
+
+
 def places_among(nodes: npt.NDArray[Any], n_points: int) -> IntArray:
     """Return the place of each point among some nodes, -1 if it is none of them."""
     places = np.full(n_points, -1, np.int32)

@@ -11,7 +11,7 @@ from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.domain_size.by_domain import MeshDomain, SizedDomain
-from adaptsize.domain_size.cost import as_bytes, system_of
+from adaptsize.domain_size.cost import as_bytes, report_of, system_of
 from adaptsize.domain_size.on_surface import SurfaceDomain, warn_where_missed
 from adaptsize.domain_size.request import Goal, Request
 from adaptsize.errors import ResolutionWarning
@@ -42,24 +42,25 @@ def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
     """
     if request.goal is not None:
         what, wanted = request.goal
-        size, report = _with_number(domain, request, wanted, what)
+        size = _with_number(domain, request, wanted, what)
     else:
-        size, report = _with_fewer_elements(domain, request)
+        size = _with_fewer_elements(domain, request)
     if isinstance(domain, SurfaceDomain):
-        size, report = domain.in_given_order(size, report)
-        relaxed = replace(request, relaxation=report.relaxation)
+        size = domain.in_given_order(size)
+        relaxed = replace(request, relaxation=report_of(size).relaxation)
         warn_where_missed(size, request.sources, relaxed.limits(domain.mesh.diameter)[0])
-    return replace(size, report=report)
+    return size
 
 
-def _with_fewer_elements(domain: SizedDomain, request: Request) -> tuple[SizeFunction, SizeReport]:
+def _with_fewer_elements(domain: SizedDomain, request: Request) -> SizeFunction:
     """Return the size function, relaxed to at most the predicted number of elements allowed."""
     relaxation, step, before, power, n_flat = 1.0, 1.0, np.inf, float(domain.dim), 0
     for _ in range(16):
-        size, report = _relaxed(domain, request, relaxation)
+        size = _relaxed(domain, request, relaxation)
+        report = report_of(size)
         load = _load(report, request)
         if load <= 1.0 + _CLOSE:
-            return size, report
+            return size
         # Where a bound no longer grows, hmin does, and exceeds it in the end.
         n_flat = n_flat + 1 if load > 0.95 * before else 0
         if request.is_fixed or n_flat == (1 if _given(request) else 6):
@@ -79,7 +80,7 @@ def _with_fewer_elements(domain: SizedDomain, request: Request) -> tuple[SizeFun
         f"{_what_forbids(request, report)}; relax that bound or raise {name}",
         ResolutionWarning,
     )
-    return size, report
+    return size
 
 
 def _given(request: Request) -> list[str]:
@@ -103,22 +104,19 @@ def what_controls(report: SizeReport) -> str:
     return f"{cause} controls {report.element_shares[cause]:.0%} of the elements"
 
 
-def _with_number(
-    domain: SizedDomain, request: Request, wanted: float, what: Goal
-) -> tuple[SizeFunction, SizeReport]:
+def _with_number(domain: SizedDomain, request: Request, wanted: float, what: Goal) -> SizeFunction:
     """Return the size function with a predicted number, or the nearest one found.
 
     With all bounds in proportion to the relaxation r there are about r^-dim of them.  From the
     second step on, the exponent is that of the two last steps.
     """
     steps: list[tuple[float, float]] = []  # logarithms of relaxation and number over the wanted
-    best: tuple[SizeFunction, SizeReport] | None = None
+    best: SizeFunction | None = None
     relaxation, least, slope, n_flat = 1.0, np.inf, -float(domain.dim), 0
     for _ in range(12):
         found = _relaxed(domain, request, relaxation)
-        steps.append(
-            (np.log(relaxation), np.log(predicted_number(found[1], what, request.system) / wanted))
-        )
+        number = predicted_number(report_of(found), what, request.system)
+        steps.append((np.log(relaxation), np.log(number / wanted)))
         off = abs(steps[-1][1])
         if off < least:
             best, least = found, off
@@ -134,10 +132,10 @@ def _with_number(
         relaxation *= np.exp(np.clip(-steps[-1][1] / slope, -1.5, 1.5))
     assert best is not None
     if least > 0.1:
-        number = predicted_number(best[1], what, request.system)
+        number = predicted_number(report_of(best), what, request.system)
         warn_caller(
             f"the sizes require about {count_text(number)} {what} instead of {wanted:.6g}: "
-            f"{_what_forbids(request, best[1])}",
+            f"{_what_forbids(request, report_of(best))}",
             ResolutionWarning,
         )
     return best
@@ -162,20 +160,20 @@ def _load(report: SizeReport, request: Request) -> float:
     return max(load, system_of(report, *request.system)[2] / as_bytes("max_memory", memory))
 
 
-def _relaxed(
-    domain: SizedDomain, request: Request, relaxation: float
-) -> tuple[SizeFunction, SizeReport]:
+def _relaxed(domain: SizedDomain, request: Request, relaxation: float) -> SizeFunction:
     """Return the sizes for relaxed parameters, with the predicted numbers of a mesh by Mmg."""
     request.report("size function", None)
-    size, report = domain.limited(replace(request, relaxation=relaxation))
-    dim, found = domain.dim, Prediction(calibration("mmg", domain.dim) * report.n_elements)
+    size = domain.limited(replace(request, relaxation=relaxation))
+    report, dim = report_of(size), domain.dim
+    found = Prediction(calibration("mmg", dim) * report.n_elements)
     if isinstance(domain, SurfaceDomain):
         found = predict(domain.inside, size, backend="mmg")
     elif isinstance(domain, MeshDomain) and isinstance(size.background, SimplexMesh):
         mesh = domain.mesh
         if mesh.cell_dim >= mesh.dim - 1:
             dim, found = mesh.cell_dim, predict(mesh, size, backend="mmg")
-    return size, replace(
+    report = replace(
         report, n_elements=found.cells, n_facets=found.facets, n_nodes=found.nodes,
         element_dim=dim, relaxation=relaxation,
     )  # fmt: skip
+    return replace(size, report=report)

@@ -9,7 +9,6 @@ import numpy as np
 
 from adaptsize._defaults import CORNER_ANGLE
 from adaptsize._size_function import SizeFunction
-from adaptsize._size_report import SizeReport
 from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
 from adaptsize.background.enclosing import enclosing_diameter
 from adaptsize.background.interfaces import skin_of
@@ -35,8 +34,8 @@ class SizedDomain(Protocol):
         """Number of coordinates."""
         ...
 
-    def limited(self, request: Request) -> tuple[SizeFunction, SizeReport]:
-        """Return the limited sizes and which cause controls them where."""
+    def limited(self, request: Request) -> SizeFunction:
+        """Return the limited sizes, with a report on which cause controls them where."""
         ...
 
 
@@ -56,8 +55,8 @@ class LevelSet:
         """Number of axes."""
         return self.grid.dim
 
-    def limited(self, request: Request) -> tuple[SizeFunction, SizeReport]:
-        """Return the limited sizes and which cause controls them where.
+    def limited(self, request: Request) -> SizeFunction:
+        """Return the limited sizes, with a report on which cause controls them where.
 
         The smallest size by default is one spacing, and two in an image: smaller details may not
         belong to the object.  Gradient limiting propagates the smallest sizes, so ripples of the
@@ -122,9 +121,7 @@ def check_signs(inside: BoolArray, phi: FloatArray, background: AnyBackground) -
         )
 
 
-def _on_grid(
-    phi: FloatArray, bounds: Bounds, request: Request, **options: Any
-) -> tuple[SizeFunction, SizeReport]:
+def _on_grid(phi: FloatArray, bounds: Bounds, request: Request, **options: Any) -> SizeFunction:
     """Limit at the nodes inside and around the boundary.  Outside, take the nearest size."""
     from scipy import ndimage
 
@@ -145,10 +142,12 @@ def _on_grid(
     nearest = ndimage.distance_transform_edt(
         ~around, sampling=grid.spacing, return_distances=False, return_indices=True
     )
-    return SizeFunction(grid.with_active(None), h[tuple(nearest)]), report
+    return SizeFunction(grid.with_active(None), h[tuple(nearest)], report=report)
 
 
-def mesh_domain(mesh: SimplexMesh, background: AnyBackground | None) -> SizedDomain:
+def mesh_domain(
+    mesh: SimplexMesh, background: AnyBackground | None, crease_angle: float
+) -> SizedDomain:
     """Return the domain of a mesh, or the domain that a surface or closed polyline encloses."""
     if background is None and mesh.dim == 2 and mesh.cell_dim == 1:
         ends = np.bincount(mesh.cells.ravel(), minlength=mesh.n_points)
@@ -156,7 +155,7 @@ def mesh_domain(mesh: SimplexMesh, background: AnyBackground | None) -> SizedDom
             spacing = float(np.ptp(mesh.points, axis=0).max()) / 250
             background = CartesianGrid.around(mesh.points, spacing, 6 * spacing)
     if background is None and mesh.dim == 3 and mesh.cell_dim == 2:
-        return SurfaceDomain.of(mesh)
+        return SurfaceDomain.of(mesh, crease_angle)
     if background is not None and background.dim != mesh.dim:
         raise ValueError(f"background must be {mesh.dim}-D, got {background!r}")
     return MeshDomain(mesh, background)
@@ -188,8 +187,8 @@ class MeshDomain:
         """Number of coordinates."""
         return self.mesh.dim
 
-    def limited(self, request: Request) -> tuple[SizeFunction, SizeReport]:
-        """Return the limited sizes and which cause controls them where."""
+    def limited(self, request: Request) -> SizeFunction:
+        """Return the limited sizes, with a report on which cause controls them where."""
         mesh, background = self.mesh, self.background or self.mesh
         bounds = Bounds(background, {}, request.limits(mesh.diameter))
         bounds.points, bounds.is_rough = self._separated(request)
@@ -257,8 +256,8 @@ class MeshDomain:
         return np.minimum(width, width_in_regions(self.mesh, angle, request.report))
 
 
-def _sized(bounds: Bounds, request: Request) -> tuple[SizeFunction, SizeReport]:
-    """Return the limited minimum of the bounds as a size function, and its report."""
+def _sized(bounds: Bounds, request: Request) -> SizeFunction:
+    """Return the limited minimum of the bounds as a size function, with a report."""
     h, report = bounds.limited(request)
     sources = None if report.info is None else report.info.sources
-    return SizeFunction(bounds.background, h, sources=sources), report
+    return SizeFunction(bounds.background, h, sources=sources, report=report)

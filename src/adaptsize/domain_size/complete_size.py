@@ -123,7 +123,7 @@ def _as_domain(
             if request.options.get(name) is not None:
                 raise ValueError(f"{name} applies to images only, got it with {describe(domain)}")
     if isinstance(domain, SimplexMesh):
-        return mesh_domain(domain, background)
+        return mesh_domain(domain, background, request.crease_angle)
     if callable(domain):
         return _implicit_domain(domain, background, box, request.report)
     if background is not None and not isinstance(background, CartesianGrid):

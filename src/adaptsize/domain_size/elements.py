@@ -32,7 +32,8 @@ from adaptsize.options import (
     options_of,
     with_options,
 )
-from adaptsize.remeshing.driver import MANY_MORE, check_backend, remesh
+from adaptsize.remeshing.driver import check_backend, remesh
+from adaptsize.remeshing.filling import MANY_MORE
 from adaptsize.typing import ProgressCallback, Unpack
 
 #: A mesh with a number of elements within this share of the wanted one is accepted.

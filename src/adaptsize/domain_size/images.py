@@ -13,7 +13,7 @@ from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.image import Image
-from adaptsize.background.topology import regions_beside
+from adaptsize.background.topology import marked, regions_beside
 from adaptsize.domain_size.budget import within_budget
 from adaptsize.domain_size.by_domain import LevelSet
 from adaptsize.domain_size.masks import Mask, distance_to_edge, mask_of
@@ -21,7 +21,7 @@ from adaptsize.domain_size.request import Request
 from adaptsize.options import ImageMeshOptions, ImageOptions, checked, options_of, with_options
 from adaptsize.quality.elements import radius_ratios
 from adaptsize.remeshing.distmesh.from_distance import mesh_from_distance
-from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray, ProgressCallback, Unpack
+from adaptsize.typing import FloatArray, IntArray, LongArray, ProgressCallback, Unpack
 
 
 @with_options(ImageMeshOptions)
@@ -184,13 +184,12 @@ def with_regions(mesh: SimplexMesh, mask: Mask) -> SimplexMesh:
 def _with_smooth_interfaces(mesh: SimplexMesh, labels: Labels) -> SimplexMesh:
     """Return the mesh with the nodes between two regions moved onto their interface."""
     assert mesh.cell_tags is not None
-    on_skin = np.zeros(mesh.n_points, np.bool_)
-    on_skin[mesh.boundary().nodes] = True
-    touches = {name: _nodes_of(mesh, mesh.cell_tags == name) for name in labels.names}
+    n = mesh.n_points
+    on_skin = marked(mesh.boundary().nodes, n)
+    touches = {name: marked(mesh.cells[mesh.cell_tags == name], n) for name in labels.names}
     several = sum(mask.astype(int) for mask in touches.values()) > 2
-    reach = np.full(mesh.n_points, np.inf)
-    for end in (0, 1):
-        np.minimum.at(reach, mesh.edges[:, end], mesh.edge_lengths)
+    reach = np.full(n, np.inf)
+    np.minimum.at(reach, mesh.edges, mesh.edge_lengths[:, None])
     points = mesh.points.copy()
     ratios = radius_ratios(mesh)
     for _ in range(_STEPS):
@@ -203,12 +202,6 @@ def _with_smooth_interfaces(mesh: SimplexMesh, labels: Labels) -> SimplexMesh:
             moved[nodes] += step * np.minimum(1.0, most / np.maximum(length, 1e-300))[:, None]
         points = _without_bad_cells(mesh, points, moved, ratios)
     return SimplexMesh(points, mesh.cells, cell_tags=mesh.cell_tags)
-
-
-def _nodes_of(mesh: SimplexMesh, cells: BoolArray) -> BoolArray:
-    marked = np.zeros(mesh.n_points, np.bool_)
-    marked[mesh.cells[cells]] = True
-    return marked
 
 
 def _without_bad_cells(

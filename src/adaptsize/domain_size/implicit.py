@@ -11,7 +11,6 @@ import numpy as np
 
 from adaptsize._checks import describe, warn_caller
 from adaptsize._size_function import SizeFunction
-from adaptsize._size_report import SizeReport
 from adaptsize.background import Octree
 from adaptsize.background.enclosing import enclosing_diameter
 from adaptsize.domain_size.by_domain import check_signs
@@ -20,7 +19,6 @@ from adaptsize.domain_size.on_octree import (
     adapted,
     inner_cells,
     limited_on_octree,
-    longest_edges,
     size_on_octree,
 )
 from adaptsize.domain_size.request import Request
@@ -56,8 +54,8 @@ class ImplicitDomain:
         """Number of coordinates."""
         return self.tree.dim
 
-    def limited(self, request: Request) -> tuple[SizeFunction, SizeReport]:
-        """Return the limited sizes and which cause controls them where.
+    def limited(self, request: Request) -> SizeFunction:
+        """Return the limited sizes, with a report on which cause controls them where.
 
         If the request would be relaxed because of the number of elements, the octree is not
         refined further.
@@ -90,7 +88,7 @@ class ImplicitDomain:
                 )
                 break
             shape = self._shape(tree, request)
-        return size_on_octree(shape, h), report
+        return size_on_octree(shape, h, report)
 
     @cached_property
     def _is_distance(self) -> bool:
@@ -115,7 +113,8 @@ class ImplicitDomain:
         width = np.full(tree.n_points, np.inf)
         seen = Depths(nodes.depth[near], nodes.outward[near])
         width[near] = width_within(boundary, tree.points[near], seen, tree.diagonal, report)
-        reach = longest_edges(inner.mesh)
+        reach = np.zeros(inner.mesh.n_points)  # the longest edge at each node
+        np.maximum.at(reach, inner.mesh.edges, inner.mesh.edge_lengths[:, None])
         close = nodes.depth[inner.nodes] <= reach
         closest = nodes.closest_points(tree.points)[inner.nodes[close]]
         curvature = np.full(len(close), np.nan)

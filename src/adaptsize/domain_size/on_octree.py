@@ -88,13 +88,6 @@ def _copies(cells: LongArray, inside: BoolArray) -> tuple[IndexArray, IndexArray
     return corner, components_of(links, len(corner) + len(names))[: len(corner)]
 
 
-def longest_edges(mesh: SimplexMesh) -> FloatArray:
-    """Return the length of the longest edge at each node, float64[n_points]."""
-    longest = np.zeros(mesh.n_points)
-    np.maximum.at(longest, mesh.edges, mesh.edge_lengths[:, None])
-    return longest
-
-
 def limited_on_octree(
     shape: Shape, limits: tuple[float, float], request: Request
 ) -> tuple[FloatArray, SizeReport]:
@@ -181,19 +174,15 @@ def _measures_inside(mesh: SimplexMesh, phi: FloatArray) -> FloatArray:
 
 def _on_tree(shape: Shape, h: FloatArray, report: SizeReport) -> SizeReport:
     """Return the report at the nodes of the octree, from that at the nodes of the inner cells."""
-    n, inner = shape.tree.n_points, shape.inner
-    bounds = {}
-    for name, bound in report.bounds.items():
-        bounds[name] = np.full(n, np.inf)
-        np.minimum.at(bounds[name], inner.nodes, bound)
-    cause = np.full(n, NONE, np.int8)
+    bounds = {name: at_nodes(shape, bound) for name, bound in report.bounds.items()}
+    cause = np.full(shape.tree.n_points, NONE, np.int8)
     largest_first = np.argsort(-h, kind="stable")
-    cause[inner.nodes[largest_first]] = report.cause[largest_first]
+    cause[shape.inner.nodes[largest_first]] = report.cause[largest_first]
     cause.flags.writeable = False
     return replace(report, background=shape.tree, bounds=bounds, cause=cause)
 
 
-def size_on_octree(shape: Shape, h: FloatArray) -> SizeFunction:
+def size_on_octree(shape: Shape, h: FloatArray, report: SizeReport) -> SizeFunction:
     """Return the size function on the octree.  Outside, nodes get the size of the nearest node."""
     from scipy.spatial import cKDTree
 
@@ -203,7 +192,7 @@ def size_on_octree(shape: Shape, h: FloatArray) -> SizeFunction:
     if len(unknown):
         nearest = cKDTree(inner.mesh.points).query(tree.points[unknown])[1]
         values[unknown] = values[inner.nodes[nearest]]
-    return SizeFunction(tree, values)
+    return SizeFunction(tree, values, report=report)
 
 
 def at_nodes(shape: Shape, h: FloatArray) -> FloatArray:

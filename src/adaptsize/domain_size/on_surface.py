@@ -13,11 +13,11 @@ from adaptsize._checks import warn_caller
 from adaptsize._defaults import CORNER_ANGLE
 from adaptsize._progress import silent
 from adaptsize._size_function import SizeFunction
-from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import ordered_by_place, reordered
 from adaptsize.background.splitting import SplitMesh, halved_edges, split_edges
-from adaptsize.background.topology import rows_among
+from adaptsize.background.topology import marked, rows_among
+from adaptsize.domain_size.cost import report_of
 from adaptsize.domain_size.request import Bounds, PointBounds, Request, bound_at_nodes
 from adaptsize.errors import InputWarning, OpenSurfaceWarning
 from adaptsize.geometry.creases import folds_of, tips_of_cones
@@ -31,9 +31,9 @@ from adaptsize.sizes.sources import BallSource, BoxSource, CurveSource, PointSou
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, ProgressCallback
 
 
-@dataclass
+@dataclass(eq=False)
 class SurfaceDomain:
-    """The solid that a surface in space encloses."""
+    """The solid that a surface in space encloses, and what its bounds are found with."""
 
     mesh: SimplexMesh
     """Its nodes and cells ordered by their places."""
@@ -41,17 +41,18 @@ class SurfaceDomain:
     """The node of the given surface at each node."""
     overlaps: bool
     """Whether bodies of the surface overlap, or intersect themselves."""
-    _shape: _Shape | None = None
+    crease_angle: float
+    """Degrees."""
 
     @classmethod
-    def of(cls, mesh: SimplexMesh) -> SurfaceDomain:
+    def of(cls, mesh: SimplexMesh, crease_angle: float) -> SurfaceDomain:
         """Return the solid, and warn if bodies of the surface overlap."""
         overlapping = overlapping_bodies(mesh)
         ordered, nodes = ordered_by_place(mesh)
         if overlapping is not None:
             text = f"{overlapping}; facets inside of bodies do not bound the sizes"
             warn_caller(text, OpenSurfaceWarning)
-        return cls(ordered, nodes, overlapping is not None)
+        return cls(ordered, nodes, overlapping is not None, crease_angle)
 
     @property
     def dim(self) -> int:
@@ -63,8 +64,8 @@ class SurfaceDomain:
         """The solid, to predict the number of elements in it."""
         return Enclosed(self.mesh)
 
-    def limited(self, request: Request) -> tuple[SizeFunction, SizeReport]:
-        """Return the limited sizes on a refined copy, and which cause controls them where.
+    def limited(self, request: Request) -> SizeFunction:
+        """Return the limited sizes on a refined copy, with a report.
 
         The bounds are known at points: the width where rays start, in the facets; the separation
         and the curvature of curves on feature edges; the curvature of the surface at its nodes.
@@ -78,16 +79,12 @@ class SurfaceDomain:
         A surface with more nodes consists of slivers much narrower than the size, where no finer
         background is needed.
         """
-        if self._shape is None:  # requests differ in what does not change it
-            angle = request.crease_angle
-            self._shape = _Shape(Faces.of(self.mesh, angle), angle, self.overlaps)
         if request.h0 is not None and not callable(request.h0):
             request = replace(request, h0=bound_at_nodes(request.h0, self.mesh)[self.nodes])
-        surface = _Surface.of(self._shape, self.mesh, request)
+        surface = _Surface.of(self, request)
         max_nodes = 4e5 if request.is_fixed else min(4e5, 0.1 * request.max_elements)
         while True:
-            size, report = surface.limited(request)
-            mesh = surface.mesh
+            size, mesh = surface.limited(request), surface.mesh
             ratio = mesh.edge_lengths / size.values[mesh.edges].min(axis=1)
             long, room = ratio > 2.0, max_nodes - mesh.n_points
             for power in range(2, 64):
@@ -95,17 +92,15 @@ class SurfaceDomain:
                     break
                 long = ratio > 2.0**power  # the longest ones if not all
             if not long.any():
-                return size, report
+                return size
             surface = surface.split(long, request)
 
-    def in_given_order(
-        self, size: SizeFunction, report: SizeReport
-    ) -> tuple[SizeFunction, SizeReport]:
-        """Return sizes and report with the nodes of the given surface first, in their order.
+    def in_given_order(self, size: SizeFunction) -> SizeFunction:
+        """Return the sizes with the nodes of the given surface first, in their order.
 
         Sizes at the nodes are lowered to those that cells around them allow through the solid.
         """
-        mesh = size.background
+        mesh, report = size.background, report_of(size)
         assert isinstance(mesh, SimplexMesh)
         number = np.arange(mesh.n_points, dtype=np.int32)
         number[: len(self.nodes)] = self.nodes
@@ -116,17 +111,12 @@ class SurfaceDomain:
         bounds = {name: bound[place] for name, bound in report.bounds.items()}
         origin = None if report.origin is None else np.append(number, -1)[report.origin[place]]
         report = replace(report, background=given, cause=cause, bounds=bounds, origin=origin)
-        return SizeFunction(given, values, g=size.g, hmax=size.hmax), report
+        return SizeFunction(given, values, g=size.g, hmax=size.hmax, report=report)
 
-
-@dataclass(eq=False)
-class _Shape:
-    """What the bounds of a surface are found with."""
-
-    faces: Faces
-    crease_angle: float
-    """Degrees."""
-    overlaps: bool
+    @cached_property
+    def faces(self) -> Faces:
+        """Its faces and feature edges."""
+        return Faces.of(self.mesh, self.crease_angle)
 
     @cached_property
     def radius(self) -> FloatArray:
@@ -162,10 +152,12 @@ class _Shape:
 
     @cached_property
     def width(self) -> Width:
+        """What shoots rays through the solid."""
         return Width(self.faces, CORNER_ANGLE, self.overlaps)
 
     @cached_property
     def separation(self) -> Separation:
+        """What finds distances between features."""
         return Separation(self.faces, CORNER_ANGLE, self.width.walls)
 
     @cached_property
@@ -223,7 +215,7 @@ class _Marked:
 class _Surface:
     """A refined copy of a surface, and the bounds at points of it."""
 
-    shape: _Shape
+    solid: SurfaceDomain
     mesh: SimplexMesh
     owner: IndexArray
     """The facet of the given surface of which each triangle is a part."""
@@ -235,34 +227,34 @@ class _Surface:
     bent: _Marked
 
     @classmethod
-    def of(cls, shape: _Shape, mesh: SimplexMesh, request: Request) -> _Surface:
+    def of(cls, solid: SurfaceDomain, request: Request) -> _Surface:
         """Return the surface as it is given."""
-        faces = shape.faces
+        faces = solid.faces
         nodal = {}
         if request.bounds_curvature:
-            nodal["curvature"] = shape.radius
+            nodal["curvature"] = solid.radius
         # Where bodies overlap, their features cross each other, and are no features of the union.
-        if request.between(faces.is_rough) > 0.0 and not shape.overlaps:
-            nodal["separation"] = shape.first_separations
+        if request.between(faces.is_rough) > 0.0 and not solid.overlaps:
+            nodal["separation"] = solid.first_separations
         in_facets: PointBounds = []
         if request.across > 0.0:
-            nodal["width"], places, widths = shape.first_samples
+            nodal["width"], places, widths = solid.first_samples
             in_facets = [("width", places, widths)]
         if request.h0 is not None:
-            nodal["h0"] = bound_at_nodes(request.h0, mesh)
+            nodal["h0"] = bound_at_nodes(request.h0, solid.mesh)
         return cls(
-            shape,
+            solid,
             faces.mesh,
             np.arange(faces.mesh.n_cells),
             nodal,
             in_facets,
             _Marked(faces.features, np.arange(len(faces.features))),
-            _Marked(shape.bent, np.zeros(len(shape.bent), np.intp)),
+            _Marked(solid.bent, np.zeros(len(solid.bent), np.intp)),
         )
 
-    def limited(self, request: Request) -> tuple[SizeFunction, SizeReport]:
-        """Return the limited sizes, and which cause controls them where."""
-        mesh, faces = self.mesh, self.shape.faces
+    def limited(self, request: Request) -> SizeFunction:
+        """Return the limited sizes, with a report."""
+        mesh, faces = self.mesh, self.solid.faces
         bounds = dict(self.nodal)
         if "curvature" in bounds:
             bounds["curvature"] = request.on_curves(bounds["curvature"], faces.mesh.diameter)
@@ -282,7 +274,7 @@ class _Surface:
             through_space=True,
             of_chords=True,
         ).limited(request)
-        return SizeFunction(mesh, h, g=request.g, hmax=report.hmax), report
+        return SizeFunction(mesh, h, g=request.g, hmax=report.hmax, report=report)
 
     def split(self, long: BoolArray, request: Request) -> _Surface:
         """Return the surface with some edges halved, with bounds at the new nodes and facets."""
@@ -296,7 +288,7 @@ class _Surface:
         if "width" in nodal:
             in_facets.append(self._in_new_facets(split, owner, nodal["width"], request))
         return _Surface(
-            self.shape,
+            self.solid,
             mesh,
             owner,
             nodal,
@@ -315,19 +307,19 @@ class _Surface:
         report = request.report
         if name == "width":
             node, places, owners = self._starts(split)
-            np.minimum.at(longer, node, self.shape.widths(places, owners, report))
+            np.minimum.at(longer, node, self.solid.widths(places, owners, report))
         elif name == "separation":
             row = self.features.find(parents)
             at = np.flatnonzero(row >= 0)
-            places = self.shape.faces.frame.of(split.mesh.points[n + at])
+            places = self.solid.faces.frame.of(split.mesh.points[n + at])
             which = FeaturePoints(places, np.full(len(at), -1), row[at])
-            longer[n:] = self.shape.separations(at, which, report, len(longer) - n)
+            longer[n:] = self.solid.separations(at, which, report, len(longer) - n)
         else:
             curved = np.flatnonzero(self.bent.find(parents) >= 0)
             ends = bound[parents[curved]]
             longer[n + curved] = 2.0 / (1.0 / ends).sum(axis=1).clip(1e-300)
             if name == "curvature":  # along a cone, the radius is proportional to that from its tip
-                to_tip = np.isin(parents[curved], self.shape.tips).any(axis=1)
+                to_tip = np.isin(parents[curved], self.solid.tips).any(axis=1)
                 longer[n + curved[to_tip]] = 0.5 * ends[to_tip].min(axis=1)
         return longer
 
@@ -342,8 +334,8 @@ class _Surface:
         is_new = np.bincount(split.parents)[split.parents] > 1
         chosen = np.flatnonzero(is_new & np.isinf(widths[cells]).any(axis=1))
         middles = split.mesh.points[cells[chosen]].mean(axis=1)
-        places = self.shape.faces.frame.of(middles)
-        found = self.shape.widths(places, owner[chosen], request.report)
+        places = self.solid.faces.frame.of(middles)
+        found = self.solid.widths(places, owner[chosen], request.report)
         counts = np.isfinite(found)
         return "width", middles[counts], found[counts]
 
@@ -354,15 +346,14 @@ class _Surface:
         1/24 of the height of the triangle.
         """
         mesh, n = self.mesh, self.mesh.n_points
-        places = self.shape.faces.frame.of(split.mesh.points)
+        places = self.solid.faces.frame.of(split.mesh.points)
         number = np.full(len(mesh.edges), -1)
         number[split.split_edges] = np.arange(n, n + len(split.split_edges))
         cell, v = np.nonzero(number[mesh.cell_facets] >= 0)
         node, owner = number[mesh.cell_facets[cell, v]], self.owner[cell]
         first = np.full(split.mesh.n_points, -1)
         first[node] = owner
-        is_between = np.zeros(split.mesh.n_points, np.bool_)
-        is_between[node[owner != first[node]]] = True
+        is_between = marked(node[owner != first[node]], split.mesh.n_points)
         beside = np.flatnonzero(is_between[node])
         inside = np.unique(node[~is_between[node]])
         starts = places[node[beside]]

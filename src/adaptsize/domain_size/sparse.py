@@ -16,7 +16,7 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.errors import MeshFileError
 from adaptsize.limiting.exact import limit_points
 from adaptsize.limiting.exact.field import ExactField, Workers, node_entries
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,7 +41,8 @@ class SparseSize:
         where = as_points("points", points, self.points.shape[1])
         field = ExactField(self.g, None, False)
         if len(self.sizes):
-            field.add(node_entries(self.points, self.sizes, _numbers(self.sizes)))
+            numbers = np.arange(len(self.sizes), dtype=np.int32)
+            field.add(node_entries(self.points, self.sizes, numbers))
         return field.evaluate(where, np.full(len(where), self.hmax))
 
     def __repr__(self) -> str:
@@ -172,10 +173,6 @@ def _extra_points(size: SizeFunction) -> tuple[FloatArray, FloatArray]:
                 places.append(entries.places[between, 0])
                 sizes.append(entries.sizes[between, 0])
     return np.concatenate(places), np.concatenate(sizes)
-
-
-def _numbers(sizes: FloatArray) -> IntArray:
-    return np.arange(len(sizes), dtype=np.int32)
 
 
 def _checked(path: str | os.PathLike[str]) -> Path:

@@ -25,7 +25,7 @@ import numpy.typing as npt
 from adaptsize._kernels import flat_boundary as kernels
 from adaptsize._kernels.topology import join_cells
 from adaptsize.background import SimplexMesh
-from adaptsize.background.topology import unique_rows
+from adaptsize.background.topology import have_different_nodes, unique_rows
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 
@@ -143,9 +143,7 @@ def _without_short_edges(points: FloatArray, cells: IntArray) -> tuple[IntArray,
     while not np.array_equal(parent, parent[parent]):
         parent = parent[parent]
     merged = parent[cells]
-    ordered = np.sort(merged, axis=1)
-    whole = (ordered[:, 1:] != ordered[:, :-1]).all(axis=1)
-    return np.ascontiguousarray(merged[whole]), parent
+    return np.ascontiguousarray(merged[have_different_nodes(merged)]), parent
 
 
 class PlaneTurns(NamedTuple):

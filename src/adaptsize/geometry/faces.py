@@ -14,7 +14,12 @@ from adaptsize._defaults import CREASE_ANGLE
 from adaptsize.background import SimplexMesh
 from adaptsize.background.location import in_space
 from adaptsize.background.merging import first_at_place
-from adaptsize.background.topology import components_of, pairs_of_cells, unique_rows
+from adaptsize.background.topology import (
+    components_of,
+    have_different_nodes,
+    pairs_of_cells,
+    unique_rows,
+)
 from adaptsize.geometry.creases import FLAT_SHARE, feature_facets, normals_of, sharp_facets
 from adaptsize.geometry.distance.orientation import MERGE_SHARE, merged_cells, oriented
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
@@ -204,8 +209,7 @@ def _clean(boundary: SimplexMesh) -> tuple[SimplexMesh, IndexArray, IndexArray]:
     """Return the oriented boundary, the merged nodes, and its cell for each given one."""
     targets = first_at_place(boundary.points, MERGE_SHARE * boundary.diagonal)
     cells = targets[boundary.cells].astype(np.int32)
-    ordered = np.sort(cells, axis=1)
-    whole = (ordered[:, 1:] != ordered[:, :-1]).all(axis=1)
+    whole = have_different_nodes(cells)
     if not whole.any():
         targets = np.arange(boundary.n_points)
         cells, whole = boundary.cells, np.ones(len(cells), np.bool_)

@@ -17,30 +17,17 @@ from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh
-from adaptsize.errors import (
-    BackendError,
-    BackendTimeoutError,
-    InputWarning,
-    ResolutionWarning,
-    TooManyElementsError,
-)
+from adaptsize.errors import InputWarning, TooManyElementsError
 from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
-from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing.acceptance import remesh_strictly, routes, warn_of_deviation
-from adaptsize.remeshing.first_volume import first_volume
+from adaptsize.remeshing.filling import filled
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.in_parts import remesh_parts
 from adaptsize.remeshing.isolation import IsolatedRunner
-from adaptsize.remeshing.preparation import (
-    Frame,
-    RepairedMesh,
-    as_problem,
-    repair_mesh,
-    restore,
-)
-from adaptsize.remeshing.protocol import Backend, Problem, Task
+from adaptsize.remeshing.preparation import Frame, RepairedMesh, as_problem, repair_mesh, restore
+from adaptsize.remeshing.protocol import Problem, Task
 from adaptsize.remeshing.registry import choose_backend
 from adaptsize.remeshing.sizing import (
     MetricAt,
@@ -52,26 +39,16 @@ from adaptsize.remeshing.sizing import (
 )
 from adaptsize.remeshing.surface import refine_facets, refine_surface
 from adaptsize.remeshing.surface_checks import warn_of_surface
-from adaptsize.remeshing.tetwild import TetWildBackend
 from adaptsize.sizes import Enclosed, predict
 from adaptsize.sizes.budget import count_elements
 from adaptsize.typing import IntArray, ProgressCallback, Unpack
 
 M = TypeVar("M", SimplexMesh, PartitionedMesh)
 
-#: If cells have a smaller dihedral angle in degrees, fTetWild is tried alone.
-_LEAST_ANGLE = 2.0
-
-#: Processor time, in all and per cell, after which the generator is stopped while it adapts a first
-#: volume.  On closed parts, it needed a fifth of that.
-_SECONDS = 10.0
-_SECONDS_PER_CELL = 1e-3
-#: Likewise for other meshes: two hundred times what is usual.  A generator hardly ends where the
-#: tolerance is far too small for the sizes.
+#: Processor time, in all and per cell, after which the generator is stopped: two hundred times what
+#: is usual.  It hardly ends where the tolerance is far too small for the sizes.
 _LONGEST = 60.0
 _LONGEST_PER_CELL = 0.02
-#: Cells that a first volume requires over those that were predicted, above which this is reported.
-MANY_MORE = 1.5
 _NO_RIDGES = np.empty((0, 2), np.int32)
 
 
@@ -238,7 +215,7 @@ def remesh(
         deadline = None if timeout is None else time.monotonic() + timeout
         run = IsolatedRunner(chosen.name, timeout, deadline, report)
         if task == "surface to tetrahedra" and chosen.needs_volume:
-            new = _filled(problem, chosen, run, n_cells, given["max_elements"])
+            new = filled(problem, chosen, run, n_cells, given["max_elements"])
         else:
             new = restore(chosen.solve(problem, run), problem, chosen.name)
             if new.cell_dim == new.dim and metric is None and required is None:
@@ -264,64 +241,6 @@ def check_backend(mesh: SimplexMesh, target: str = "auto", backend: str = "auto"
     For callers that spend time on the sizes first.
     """
     choose_backend(backend, _task(mesh, target), keep_facets=False)
-
-
-def _filled(
-    problem: Problem, chosen: Backend, run: IsolatedRunner, n_cells: float, max_elements: float
-) -> SimplexMesh:
-    """Return the tetrahedra in a surface, adapted from a first volume and improved.
-
-    If cells are still flat, fTetWild fills the surface with the same sizes, and the mesh with the
-    larger smallest angle is returned.  It also does if the generator fails on the first volume.
-    """
-    inner = first_volume(problem, run)
-    if not inner.is_adapted:
-        _check_number(inner, n_cells, max_elements)
-    seconds = _SECONDS + _SECONDS_PER_CELL * max(inner.mesh.n_cells, n_cells)
-    inner = replace(inner, seconds=seconds)
-    new, angle, failure = None, -np.inf, None
-    try:
-        new = restore(chosen.solve(inner, run), inner, chosen.name)
-        new = improved(new, problem.mesh, problem.tolerance)
-        angle = float(minimum_angles(new).min())
-    except BackendTimeoutError:
-        raise
-    except BackendError as error:
-        failure = error
-    if angle >= _LEAST_ANGLE:
-        assert new is not None
-        return new
-    try:
-        raw = TetWildBackend().solve(problem, replace(run, backend="tetwild"))
-        other = improved(restore(raw, problem, "tetwild"), problem.mesh, problem.tolerance)
-    except BackendError as error:
-        if new is None:
-            raise failure or error from None
-        return new
-    return other if new is None or float(minimum_angles(other).min()) > angle else new
-
-
-def _check_number(inner: Problem, n_cells: float, max_elements: float) -> None:
-    """Warn if the sizes require many more cells in a first volume than in the surface.
-
-    Of open surfaces, generators may fill more than what the surface encloses.
-
-    Raises
-    ------
-    TooManyElementsError
-        If these are also more than ``max_elements``.
-    """
-    assert inner.size is not None
-    found = predict(inner.mesh, inner.size, backend="mmg").cells
-    if found <= MANY_MORE * n_cells:
-        return
-    text = (
-        f"about {found:.3g} elements instead of the predicted {n_cells:.3g}: the first mesh "
-        "fills more than the surface encloses; close the surface or increase the sizes"
-    )
-    if found > max_elements:
-        raise TooManyElementsError(f"{text}, or raise max_elements = {max_elements:.3g}")
-    warnings.warn(text, ResolutionWarning, stacklevel=4)
 
 
 def _number_of_cells(mesh: SimplexMesh, size: object, hmax: float, problem: Problem) -> float:

@@ -13,8 +13,6 @@ import numpy.typing as npt
 
 from adaptsize.remeshing.protocol import Arrays
 
-#: Gmsh's numbers of element types by their dimension.
-_TYPES = {1: 1, 2: 2}
 #: Least size over the diagonal.  At the tip of a cone the radius is 0, and Gmsh would not end.
 _SMALLEST = 1e-4
 
@@ -68,7 +66,7 @@ def _tagged_elements(
     """Return the elements of all entities of a dimension, and the entity of each."""
     parts, tags = [np.empty((0, dim + 1), np.int32)], [np.empty(0, np.int32)]
     for _, tag in gmsh.model.getEntities(dim):
-        corners = gmsh.model.mesh.getElementsByType(_TYPES[dim], tag)[1]
+        corners = gmsh.model.mesh.getElementsByType(dim, tag)[1]  # 1: segments, 2: triangles
         parts.append(number[corners].reshape(-1, dim + 1))
         tags.append(np.full(len(parts[-1]), tag, np.int32))
     return np.concatenate(parts), np.concatenate(tags)

@@ -21,7 +21,7 @@ from adaptsize.background.splitting import bisect_edges
 from adaptsize.geometry.creases import normals_of
 from adaptsize.quality.elements import minimum_angles, radius_ratios
 from adaptsize.remeshing.distmesh.finish import swapped, take_back, worst_of_nodes
-from adaptsize.remeshing.preparation import collect_facets, facet_numbers, number_regions
+from adaptsize.remeshing.preparation import facet_numbers, number_regions
 from adaptsize.remeshing.surface import facets_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -84,8 +84,7 @@ def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> Simplex
         bad = qualities[:, 0] < 20.0
         if not (bad.any() or len(far)) or wider > 2:
             break
-        is_moved = np.zeros(len(points), np.bool_)
-        is_moved[cells[bad]] = is_moved[far] = True
+        is_moved = topology.marked(np.union1d(cells[bad], far), len(points))
         for _ in range(wider):  # the neighbours must move, too
             is_moved[cells[is_moved[cells].any(axis=1)]] = True
         near = is_moved[cells].any(axis=1)
@@ -119,20 +118,15 @@ def _with_closer_edges(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) 
     Mmg leaves edges that are up to sqrt 2 times as long as the size, which then bulge by twice as
     much.  Edges of interfaces and tagged edges are divided, too.
     """
-    old = _curves_of(given)
+    old = facets_of(given)
     for _ in range(_ROUNDS):
-        edges = _curves_of(mesh).cells
+        edges = facets_of(mesh).cells
         there, distance = _nearest(old, mesh.points[edges].mean(axis=1))
         is_far = distance > _NEAR * tolerance
         if not 0 < is_far.sum() <= _FEW_IN_PLANE * len(edges):
             break
         mesh = _with_nodes(mesh, edges[is_far], there[is_far])
     return mesh
-
-
-def _curves_of(mesh: SimplexMesh) -> SimplexMesh:
-    """Return the edges of boundary, interfaces and tags as a mesh of segments."""
-    return SimplexMesh(mesh.points, collect_facets(mesh, number_regions(mesh)[0], None).nodes)
 
 
 def _qualities(mesh: SimplexMesh) -> FloatArray:
@@ -283,8 +277,7 @@ def _move(
     if len(at) == 0:
         return
     points[at] = _nearest(old, points[at])[0]
-    has_moved = np.zeros(len(points), np.bool_)
-    has_moved[at] = True
+    has_moved = topology.marked(at, len(points))
     facets = surface.cells[has_moved[surface.cells].any(axis=1)]
     allowed = np.maximum(_off(old, start[facets]), _FAR * tolerance)
     far = _off(old, points[facets]) > allowed
@@ -315,8 +308,7 @@ def _normals_at(
     used = np.unique(surface.cells)
     normals = np.zeros_like(points)
     normals[used] = np.linalg.eigh(tensor[used])[1][:, :, 2]
-    on_surface, is_smooth = (np.zeros(len(points), np.bool_) for _ in range(2))
-    on_surface[used] = is_smooth[used] = True
+    on_surface, is_smooth = (topology.marked(used, len(points)) for _ in range(2))
     cosine = np.abs(np.einsum("ij,ikj->ik", normal, normals[surface.cells]))
     is_smooth[surface.cells[cosine < least]] = False
     uneven = surface.facet_cell_counts != 2

@@ -10,7 +10,13 @@ import numpy.typing as npt
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import first_at_place
-from adaptsize.background.topology import compacted, places_among, regions_beside, unique_rows
+from adaptsize.background.topology import (
+    compacted,
+    have_different_nodes,
+    places_among,
+    regions_beside,
+    unique_rows,
+)
 from adaptsize.errors import BackendError
 from adaptsize.metrics import Metric
 from adaptsize.remeshing.acceptance import refuse_other_domain
@@ -45,8 +51,6 @@ def repair_mesh(mesh: SimplexMesh) -> RepairedMesh:
     cells = np.array(mesh.cells)
     target = np.arange(mesh.n_points)
     kept, repairs = np.ones(mesh.n_cells, bool), ""
-    used = np.zeros(mesh.n_points, bool)
-    used[mesh.cells] = True
     if mesh.cell_dim == 2 and mesh.dim == 3:
         target = first_at_place(mesh.points, MERGE_DISTANCE * mesh.diagonal)
         kept = _useful_triangles(mesh, target[cells])
@@ -58,7 +62,7 @@ def repair_mesh(mesh: SimplexMesh) -> RepairedMesh:
             )
     elif mesh.cell_dim == mesh.dim:
         inverted = mesh.signed_measures < 0.0
-        if used.all() and not inverted.any():
+        if mesh.in_a_cell.all() and not inverted.any():
             numbers = target.astype(np.int32)
             return RepairedMesh(mesh.moved(mesh.points), numbers, numbers)
         cells[inverted, :2] = cells[inverted, 1::-1]
@@ -68,7 +72,7 @@ def repair_mesh(mesh: SimplexMesh) -> RepairedMesh:
     facets = facet_tags = None
     if mesh.tagged_facets is not None and mesh.facet_tags is not None:
         facets = node_map[mesh.tagged_facets]
-        good = (facets >= 0).all(axis=1) & _has_different_nodes(facets)
+        good = (facets >= 0).all(axis=1) & have_different_nodes(facets)
         facets, facet_tags = facets[good], mesh.facet_tags[good]
     repaired = SimplexMesh(
         mesh.points[nodes],
@@ -83,7 +87,7 @@ def repair_mesh(mesh: SimplexMesh) -> RepairedMesh:
 
 def _useful_triangles(mesh: SimplexMesh, cells: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
     # Triangles smaller than this times the squared diagonal are degenerate.
-    kept = _has_different_nodes(cells) & (mesh.measures > 1e-16 * mesh.diagonal**2)
+    kept = have_different_nodes(cells) & (mesh.measures > 1e-16 * mesh.diagonal**2)
     number = unique_rows(cells.astype(np.int32), mesh.n_points)[1]
     candidates = np.flatnonzero(kept)
     first = np.unique(number[candidates], return_index=True)[1]
@@ -92,11 +96,6 @@ def _useful_triangles(mesh: SimplexMesh, cells: npt.NDArray[np.intp]) -> npt.NDA
     if not kept.any():
         raise ValueError("mesh must have a triangle with an area, got degenerate triangles only")
     return kept
-
-
-def _has_different_nodes(cells: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
-    ordered = np.sort(cells, axis=1)
-    return np.asarray((ordered[:, 1:] != ordered[:, :-1]).all(axis=1))
 
 
 def as_problem(

@@ -21,11 +21,14 @@ from adaptsize.background.splitting import bisect_edges, halved_edges, split_edg
 from adaptsize.background.topology import (
     are_among,
     edges_of,
+    have_different_nodes,
     is_tagged,
+    marked,
     pairs_of_cells,
     places_among,
     renumbered_edges,
 )
+from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.creases import folds_of, normals_of, sharp_facets
 from adaptsize.remeshing.mmg import RIDGE_ANGLE
 from adaptsize.remeshing.preparation import collect_facets, number_regions
@@ -129,11 +132,11 @@ def refine_facets(mesh: SimplexMesh, size: Size, tolerance: float) -> tuple[Simp
 
 
 def facets_of(mesh: SimplexMesh) -> SimplexMesh:
-    """Return boundary, interfaces and tagged facets of tetrahedra; triangles themselves.
+    """Return boundary, interfaces and tagged facets of a volume; a surface itself.
 
     The cell tags number groups of facets with the same tag between the same regions.
     """
-    if mesh.cell_dim == 2:
+    if mesh.cell_dim < mesh.dim:
         return mesh
     found = collect_facets(mesh, number_regions(mesh)[0], None)
     return SimplexMesh(mesh.points, found.nodes, cell_tags=found.groups)
@@ -184,15 +187,14 @@ def _ridges(mesh: SimplexMesh, kept: IntArray, size: Size) -> IntArray:
     """
     sharp = sharp_facets(mesh, normals_of(mesh), _FEATURE_ANGLE)
     kept_now = are_among(mesh.edges, kept) & ~sharp
-    on_ridge = np.zeros(mesh.n_points, bool)
-    on_ridge[mesh.edges[sharp | kept_now]] = True
+    on_ridge = marked(mesh.edges[sharp | kept_now], mesh.n_points)
     height = 2.0 * mesh.measures[:, None] / mesh.edge_lengths[mesh.cell_facets]
     beside = np.flatnonzero(kept_now[mesh.cell_facets].any(axis=1))
     centroids = mesh.points[mesh.cells[beside]].mean(axis=1)
     # Ridges closer than this share of the size are too close for good cells between them.
     narrow = height[beside] < 0.3 * size(centroids)[:, None]
-    crowded = np.zeros(len(mesh.edges), bool)
-    crowded[mesh.cell_facets[beside][narrow & on_ridge[mesh.cells[beside]]]] = True
+    near = mesh.cell_facets[beside][narrow & on_ridge[mesh.cells[beside]]]
+    crowded = marked(near, len(mesh.edges))
     return mesh.edges[sharp | (kept_now & ~crowded)]
 
 
@@ -253,11 +255,10 @@ def _collapsible(mesh: SimplexMesh, length: float) -> IntArray:
 
 
 def _collapsed(mesh: SimplexMesh, ends: IntArray) -> tuple[SimplexMesh, IntArray]:
-    target = np.arange(mesh.n_points)
+    target = np.arange(mesh.n_points, dtype=np.int32)
     target[ends[:, 1]] = ends[:, 0]
     cells = target[mesh.cells]
-    ordered = np.sort(cells, axis=1)
-    left = (ordered[:, 1:] != ordered[:, :-1]).all(axis=1)
+    left = have_different_nodes(cells)
     tags = None if mesh.cell_tags is None else mesh.cell_tags[left]
     smaller, nodes = cut_out(mesh.points, cells[left], cell_tags=tags, tag_names=mesh.tag_names)
     return smaller, places_among(nodes, mesh.n_points)[target]
@@ -275,11 +276,8 @@ def _with_flipped_caps(mesh: SimplexMesh, height: float) -> SimplexMesh:
     sides = np.linalg.norm(np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1), axis=2)
     apex = sides.argmax(axis=1)
     thin = np.flatnonzero((_heights(corners) < height) & (sides.min(axis=1) >= height))
-    edges = mesh.cell_facets[thin, apex[thin]]
-    chosen = np.zeros(len(mesh.edges), bool)
-    chosen[edges] = True
-    chosen &= mesh.facet_cell_counts == 2
-    places = pairs_of_cells(mesh, chosen)
+    chosen = marked(mesh.cell_facets[thin, apex[thin]], len(mesh.edges))
+    places = pairs_of_cells(mesh, chosen & (mesh.facet_cell_counts == 2))
     cells, turn = np.divmod(places, 3)
     around = (turn[:, :, None] + np.arange(3)) % 3
     (c, p, q), (d, _, _) = (mesh.cells[cells[:, i, None], around[:, i]].T for i in (0, 1))
@@ -321,7 +319,7 @@ def _oriented(mesh: SimplexMesh, edges: IntArray) -> IntArray:
 
 
 def _normals(corners: FloatArray) -> FloatArray:
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = facet_normals(corners)
     lengths = np.linalg.norm(normals, axis=1)
     return np.asarray(normals / np.maximum(lengths, np.finfo(float).tiny)[:, None])
 
@@ -363,9 +361,7 @@ def _keeps_orientation(mesh: SimplexMesh, ends: IntArray, length: float) -> Bool
 
 def _heights(corners: FloatArray) -> FloatArray:
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    twice = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
+    twice = np.linalg.norm(facet_normals(corners), axis=1)
     return np.asarray(twice / np.maximum(sides, np.finfo(float).tiny))
 
 

@@ -40,7 +40,11 @@ def size_from_distance(
         grid, phi, nodes, gradient_tolerance=kink, smoothing=given["smoothing"]
     )
     kappa = np.abs(principal).max(axis=1)
-    _refuse_no_distance(kappa)
+    if np.isnan(kappa).all():
+        raise ValueError(
+            f"boundary must be a signed distance, or finer resolved: at none of the {len(kappa)} "
+            f"nodes near its zeros is its gradient of about length 1"
+        )
     known = _away_from_corners(grid, nodes, kappa * grid.spacing.max() <= angle)
     known &= phi.ravel()[nodes] >= -within
     nodes, kappa = nodes[known], kappa[known]
@@ -70,14 +74,6 @@ def _nodes_near(grid: CartesianGrid, phi: FloatArray, within: float) -> LongArra
     if grid.active is not None:
         beside &= grid.active
     return np.flatnonzero(near | (beside & (phi < 0.0)))
-
-
-def _refuse_no_distance(kappa: FloatArray) -> None:
-    if np.isnan(kappa).all():
-        raise ValueError(
-            f"boundary must be a signed distance, or finer resolved: at none of the {len(kappa)} "
-            f"nodes near its zeros is its gradient of about length 1"
-        )
 
 
 def _away_from_corners(grid: CartesianGrid, nodes: LongArray, smooth: BoolArray) -> BoolArray:

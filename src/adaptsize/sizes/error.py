@@ -255,22 +255,12 @@ def size_from_hessian(
         mesh.require_equal_values("values", nodal)
     ends = np.array([nodal.min(initial=np.inf), -nodal.max(initial=-np.inf)])
     low, minus_high = mesh.ranks.allreduce(ends, "min").tolist()
-    hessian = second_derivatives(mesh, nodal)
-    steepest = _steepest_derivatives(hessian, -(minus_high + low), mesh.diagonal)
-    return _scaled_by_derivative(mesh, steepest, given)
-
-
-def _steepest_derivatives(hessian: FloatArray, rise: float, diagonal: float) -> FloatArray:
-    """Return the largest modulus of a second derivative at each node, 0 where it is rounding.
-
-    ``rise`` is the difference of the largest and the least value of the field, ``diagonal`` that
-    of the whole mesh.
-    """
+    hessian, diagonal = second_derivatives(mesh, nodal), mesh.diagonal
     steepest = np.abs(np.linalg.eigvalsh(hessian)).max(axis=1, initial=0.0)
     # Smaller values are rounding errors of values and coordinates.  If all nodes coincide, all are.
-    noise = 1e-9 * rise / diagonal**2 if diagonal > 0.0 else np.inf
+    noise = 1e-9 * -(minus_high + low) / diagonal**2 if diagonal > 0.0 else np.inf
     steepest[steepest <= noise] = 0.0
-    return np.asarray(steepest)
+    return _scaled_by_derivative(mesh, np.asarray(steepest), given)
 
 
 def _scaled_by_derivative(mesh: AnyMesh, steepest: FloatArray, given: HessianOptions) -> FloatArray:

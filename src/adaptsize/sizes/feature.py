@@ -19,7 +19,7 @@ from adaptsize.background import (
 from adaptsize.background.interfaces import skin_of
 from adaptsize.background.migration import whole_boundary
 from adaptsize.background.simplex import as_mesh, cut_out
-from adaptsize.background.topology import places_among
+from adaptsize.background.topology import marked, places_among
 from adaptsize.geometry.distance.closest_points import DistanceFunction
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.faces import Faces
@@ -170,7 +170,7 @@ def _in_parts(
         if points is None or used is None:
             return None
         row = places_among(outer.ids, len(points))
-        width = _width_of(outer.mesh, given["crease_angle"], given["corner_angle"])
+        width = Width(Faces.of(outer.mesh, given["crease_angle"]), given["corner_angle"])
         with reporting(progress) as report:
             widths = _widths_in(width, points, row, used > 0.0, report)
         h0 = np.maximum(widths / given["elements_across"], SMALLEST_SHARE * outer.mesh.diameter)
@@ -184,7 +184,7 @@ def _at_own_nodes(
 ) -> tuple[FloatArray, SimplexMesh]:
     """Return the width at each node of a mesh, and the boundary of the mesh."""
     boundary, nodes = own_boundary(background)
-    width = _width_of(boundary, *angles)
+    width = Width(Faces.of(boundary, angles[0]), angles[1])
     if boundary is background:
         return width.at_nodes(report), boundary
     row = places_among(nodes, background.n_points)
@@ -199,10 +199,6 @@ def own_boundary(background: SimplexMesh) -> tuple[SimplexMesh, IntArray]:
             f"got {background!r}"
         )
     return skin_of(background)
-
-
-def _width_of(boundary: SimplexMesh, crease_angle: float, corner_angle: float) -> Width:
-    return Width(Faces.of(boundary, crease_angle), corner_angle)
 
 
 def _widths_in(
@@ -274,31 +270,20 @@ def _near_boundary(
     angles: tuple[float, float],
     report: ProgressCallback,
 ) -> FloatArray:
-    """Return the width closest to each node that is not outside, else inf."""
-    wanted = _not_outside(background, boundary, tolerance, report)
-    if not wanted.any():
-        raise ValueError("boundary must have nodes of the background in it or near it, got none")
-    widths = np.full(background.n_points, np.inf)
-    widths[wanted] = _width_of(boundary, *angles).near(background.points[wanted], report)
-    return widths
-
-
-def _not_outside(
-    background: AnyBackground,
-    boundary: SimplexMesh,
-    tolerance: float | None,
-    report: ProgressCallback,
-) -> BoolArray:
-    """Return which nodes lie in the domain or within a tolerance of it."""
+    """Return the width closest to each node in the domain or within a tolerance of it, else inf."""
     if boundary.dim != background.dim or boundary.cell_dim != background.dim - 1:
         kind = "segments" if background.dim == 2 else "triangles"
         raise ValueError(f"boundary must consist of {kind} in {background.dim}-D, got {boundary!r}")
     if tolerance is not None:
         tolerance = as_number("tolerance", tolerance, lower=0.0)
-    wanted = np.zeros(background.n_points, np.bool_)
-    wanted[nodes_beside(background, boundary, tolerance)[0]] = True
+    wanted = marked(nodes_beside(background, boundary, tolerance)[0], background.n_points)
     if not isinstance(background, SimplexMesh) or background.cell_dim == background.dim:
         wanted |= signed_distance(background, boundary, progress=report).ravel() <= 0.0
     if isinstance(background, CartesianGrid) and background.active is not None:
         wanted &= background.active.ravel()
-    return wanted
+    if not wanted.any():
+        raise ValueError("boundary must have nodes of the background in it or near it, got none")
+    widths = np.full(background.n_points, np.inf)
+    width = Width(Faces.of(boundary, angles[0]), angles[1])
+    widths[wanted] = width.near(background.points[wanted], report)
+    return widths

@@ -15,6 +15,7 @@ from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.interpolation import cell_gradients
 from adaptsize.background.simplex import as_mesh
 from adaptsize.background.surroundings import surroundings_of
+from adaptsize.background.topology import marked
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 
 
@@ -69,7 +70,7 @@ def recovered_gradient(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     mesh = as_mesh("mesh", mesh)
     nodal = as_nodal_field("values", values, mesh)
     near, gradient = nodes_within_an_edge(mesh), np.empty(mesh.points.shape)
-    inner = np.flatnonzero(~_on_boundary(mesh))
+    inner = np.flatnonzero(~marked(mesh.facets[mesh.facet_cell_counts == 1], mesh.n_points))
     # The smallest eigenvalue over the largest of normal matrices in coordinates of unit covariance:
     # around nodes of good meshes 0.003 to 0.05, below where the nodes nearly lie on a conic.
     gradient[inner], good = _gradients_of_fits(mesh.points, nodal, near[inner], inner, 3e-3)
@@ -200,12 +201,6 @@ def zz_indicator(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     return np.asarray(np.sqrt(mesh.measures * squares / ((d + 1) * (d + 2))))
 
 
-def _on_boundary(mesh: SimplexMesh) -> BoolArray:
-    found = np.zeros(mesh.n_points, np.bool_)
-    found[mesh.facets[mesh.facet_cell_counts == 1]] = True
-    return found
-
-
 def _gradients_of_fits(
     points: FloatArray, nodal: FloatArray, patches: csr_array, nodes: LongArray, least: float
 ) -> tuple[FloatArray, BoolArray]:
@@ -221,25 +216,18 @@ def _gradients_of_fits(
     least : float
         Smallest eigenvalue of a normal matrix over the largest, for quadratics to be fitted.
     """
-    gradients, good = np.empty((len(nodes), points.shape[1])), np.empty(len(nodes), np.bool_)
+    dim = points.shape[1]
+    gradients, good = np.empty((len(nodes), dim)), np.empty(len(nodes), np.bool_)
     for part in parts_of(patches):
         away = points[part.members] - points[nodes[part.rows]][part.patch]
-        weights, good[part.rows] = _fit(away, part, least)
+        unit, to_unit = in_unit_covariance(away, part)
+        monomials = monomials_of(unit)
+        products = sums_of_products(monomials, part.starts)
+        slopes, good[part.rows] = _slopes_of_fits(products, dim, least)
+        in_unit = np.einsum("pdk,kp->pd", slopes[part.patch], monomials)
+        weights = np.einsum("pij,pj->pi", to_unit[part.patch], in_unit)
         gradients[part.rows] = np.add.reduceat(weights * nodal[part.members, None], part.starts)
     return gradients, good
-
-
-def _fit(away: FloatArray, part: PatchPart, least: float) -> tuple[FloatArray, BoolArray]:
-    """Return the weight of each member of each patch in the gradient of the fit, at its node.
-
-    ``away`` holds the coordinates of the members relative to the node of their patch.
-    """
-    dim = away.shape[1]
-    unit, to_unit = in_unit_covariance(away, part)
-    monomials = monomials_of(unit)
-    slopes, good = _slopes_of_fits(sums_of_products(monomials, part.starts), dim, least)
-    in_unit = np.einsum("pdk,kp->pd", slopes[part.patch], monomials)
-    return np.asarray(np.einsum("pij,pj->pi", to_unit[part.patch], in_unit)), good
 
 
 def _slopes_of_fits(normal: FloatArray, dim: int, least: float) -> tuple[FloatArray, BoolArray]:
@@ -290,7 +278,6 @@ class PatchPart(NamedTuple):
     """A range of the rows of a matrix of patches."""
 
     rows: slice
-    entries: slice
     members: IntArray
     """Nodes of all patches of the part, one patch after the other."""
     starts: IntArray
@@ -372,12 +359,10 @@ def parts_of(patches: csr_array) -> Iterator[PatchPart]:
         # Parts of 100 000 pairs of nodes take 80 MB in space.
         stop = int(np.searchsorted(indptr, indptr[start] + 100_000, side="right")) - 1
         stop = min(max(stop, start + 1), n)
-        entries = slice(indptr[start], indptr[stop])
-        counts = np.diff(indptr[start : stop + 1])
-        yield PatchPart(
-            slice(start, stop), entries, patches.indices[entries],
-            indptr[start:stop] - indptr[start], np.repeat(np.arange(stop - start), counts),
-        )  # fmt: skip
+        first, counts = indptr[start], np.diff(indptr[start : stop + 1])
+        members, patch = patches.indices[first : indptr[stop]], np.arange(stop - start)
+        starts = indptr[start:stop] - first
+        yield PatchPart(slice(start, stop), members, starts, np.repeat(patch, counts))
         start = stop
 
 

@@ -165,12 +165,11 @@ class BoundarySource:
 
     def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the facets."""
-        size = _one_size(self.size)
         if self.tags is None:
             nodes = touched.boundary_nodes(mesh)
         else:
             nodes = touched.tagged_nodes(mesh, "facet", self.tags)
-        lower(h0, nodes, size)
+        lower(h0, nodes, self.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,8 +193,7 @@ class RegionSource:
 
     def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells."""
-        size = _one_size(self.size)
-        lower(h0, touched.tagged_nodes(mesh, "cell", self.tags), size)
+        lower(h0, touched.tagged_nodes(mesh, "cell", self.tags), self.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,7 +221,6 @@ class BoxSource:
 
     def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells that reach into the box."""
-        size = _one_size(self.size)
         lowest = _one_point("lower", self.lower, mesh.dim)
         highest = _one_point("upper", self.upper, mesh.dim)
         if (lowest > highest).any():
@@ -231,7 +228,7 @@ class BoxSource:
         nodes = np.unique(touched.nodes_beside_box(mesh, lowest, highest))
         points = places_of(mesh)(nodes)
         distance = np.linalg.norm(points - np.clip(points, lowest, highest), axis=1)
-        lower(h0, nodes, size + g * distance)
+        lower(h0, nodes, self.size + g * distance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,12 +258,10 @@ class BallSource:
 
     def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells that reach into the ball."""
-        size = _one_size(self.size)
         centre = _one_point("centre", self.centre, mesh.dim)
-        radius = as_number("radius", self.radius, lower=0.0)
-        nodes = np.unique(touched.nodes_beside_ball(mesh, centre, radius))
-        distance = np.linalg.norm(places_of(mesh)(nodes) - centre, axis=1) - radius
-        lower(h0, nodes, size + g * np.maximum(distance, 0.0))
+        nodes = np.unique(touched.nodes_beside_ball(mesh, centre, self.radius))
+        distance = np.linalg.norm(places_of(mesh)(nodes) - centre, axis=1) - self.radius
+        lower(h0, nodes, self.size + g * np.maximum(distance, 0.0))
 
 
 def _warn_of_outside(points: FloatArray, away: FloatArray, diagonal: float) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import first_at_place
-from adaptsize.background.topology import components_of, pairs_of_cells
+from adaptsize.background.topology import components_of, have_different_nodes, pairs_of_cells
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.enclosed import cone_measures
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
@@ -75,8 +75,7 @@ def _stand_alone(mesh: SimplexMesh, piece: IndexArray, chosen: BoolArray) -> Boo
 def merged_cells(cells: IntArray, target: IndexArray) -> IntArray:
     """Return the cells with merged nodes; cells that would degenerate keep their nodes."""
     new = target[cells].astype(np.int32)
-    ordered = np.sort(new, axis=1)
-    vanished = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
+    vanished = ~have_different_nodes(new)
     new[vanished] = cells[vanished]
     return new
 

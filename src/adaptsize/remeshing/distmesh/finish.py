@@ -7,10 +7,10 @@ import numpy.typing as npt
 
 from adaptsize._kernels.smoothing import fill_quality, smooth_nodes
 from adaptsize._kernels.swapping import MOST_AROUND, Tetrahedra, new_work, swap
-from adaptsize.background import topology
+from adaptsize.background.topology import marked, rings
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
-from adaptsize.remeshing.distmesh.relaxation import ON_BOUNDARY, nodes_of, skin_of, triangulate
+from adaptsize.remeshing.distmesh.relaxation import ON_BOUNDARY, skin_of, triangulate
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 #: Rounds of triangulation and projection.  Two are usually enough.
@@ -37,9 +37,9 @@ def finish(
     points = points.copy()
     for k in range(_ROUNDS):
         report("fitting the boundary", k / _ROUNDS)
-        h, phi = domain.size(points), domain.phi(points)
-        cells = triangulate(domain, points, phi, h)
-        at = np.flatnonzero(nodes_of(skin_of(cells, len(points)), len(points)))
+        h = domain.size(points)
+        cells = triangulate(domain, points, h)
+        at = np.unique(skin_of(cells, len(points)))
         at = at[at >= n_fixed]
         there, _ = domain.project(points[at], h[at], tolerance=TOLERANCE, max_steps=20)
         near = np.linalg.norm(there - points[at], axis=1) <= ON_BOUNDARY * h[at]
@@ -115,7 +115,7 @@ def swapped(points: FloatArray, cells: IntArray) -> IntArray:
         quality = _quality(points, cells)
         bad = np.flatnonzero(quality < _BAD[3])
         bad = bad[np.argsort(quality[bad])]
-        ring_ptr, ring = topology.rings(cells, len(points))
+        ring_ptr, ring = rings(cells, len(points))
         removed = np.zeros(len(cells), np.bool_)
         made = np.empty((2 * MOST_AROUND * (len(bad) + 1), 4), np.int32)
         mesh = Tetrahedra(points, cells, ring_ptr, ring, quality, removed)
@@ -136,13 +136,12 @@ def _move_nodes(
 ) -> None:
     """Move nodes to better positions, on smooth boundaries along these.  Changes ``points``."""
     normals = np.zeros_like(points)
-    on_boundary = nodes_of(skin_of(cells, len(points)), len(points))
-    at = nodes[on_boundary[nodes]]
+    at = np.intersect1d(nodes, skin_of(cells, len(points)))
     normals[at] = domain.normals(points[at], h[at])
     sharp = at[~normals[at].any(axis=1) | _is_crease(points, cells, normals)[at]]
     nodes = np.setdiff1d(nodes, sharp).astype(np.int64)
     before, old = worst_of_nodes(points, cells), points.copy()
-    smooth_nodes(points, cells, topology.rings(cells, len(points)), (nodes, normals, steps))
+    smooth_nodes(points, cells, rings(cells, len(points)), (nodes, normals, steps))
     at = np.setdiff1d(at, sharp)
     at = at[(points[at] != old[at]).any(axis=1)]
     points[at], _ = domain.project(points[at], h[at], tolerance=TOLERANCE, max_steps=20)
@@ -167,10 +166,7 @@ def _is_crease(points: FloatArray, cells: IntArray, normals: FloatArray) -> Bool
     skin = skin_of(cells, len(points))
     across = facet_normals(points[skin])
     across /= np.linalg.norm(across, axis=1)[:, None]
-    askew = np.zeros(len(points), np.bool_)
-    for v in range(skin.shape[1]):
-        cosine = np.abs(np.einsum("ij,ij->i", across, normals[skin[:, v]]))
-        # Cosine of the angle between a facet and the boundary above which a node is at no edge or
-        # corner.
-        askew[skin[cosine < 0.8, v]] = True
-    return askew
+    cosine = np.abs(np.einsum("ij,ikj->ik", across, normals[skin]))
+    # Cosine of the angle between a facet and the boundary above which a node is at no edge or
+    # corner.
+    return marked(skin[cosine < 0.8], len(points))

@@ -7,12 +7,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import (
-    as_near_points,
-    as_number,
-    as_whole_number,
-    refuse_where,
-)
+from adaptsize._checks import as_near_points, as_number, as_whole_number, refuse_where
 from adaptsize._progress import reporting
 from adaptsize._with_info import with_info
 from adaptsize.background import SimplexMesh
@@ -201,8 +196,6 @@ def _as_fixed(points: npt.ArrayLike | None, domain: ImplicitDomain) -> FloatArra
     if points is None:
         return np.empty((0, domain.dim))
     fixed = as_near_points("fixed_points", points, domain.dim)
-    if len(fixed) == 0:
-        return fixed
     depth = domain.depth(domain.phi(fixed))
     h = domain.size(fixed)
     # On the boundary the size may be unknown.  The size inside is used then.

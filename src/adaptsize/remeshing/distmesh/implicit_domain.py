@@ -131,8 +131,6 @@ class ImplicitDomain:
         return gradient
 
     def _differences(self, points: FloatArray, phi: FloatArray, step: FloatArray) -> FloatArray:
-        if len(points) == 0:
-            return np.empty_like(points)
         n, dim = points.shape
         moved = np.repeat(points[None], dim, axis=0)
         for d in range(dim):

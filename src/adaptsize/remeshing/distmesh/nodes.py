@@ -48,11 +48,7 @@ def adapted(
     removed = _chosen(edges[short[~across[: len(short)]]], on_boundary, n_fixed)
     is_new = inside[len(short) :]
     new = spread(middles[len(short) :][is_new], h[i[long[is_new]]], 1.0)
-    kept = np.ones(len(points), np.bool_)
-    kept[removed] = False
-    kept[:n_fixed] = True
-    changed = np.concatenate([points[kept], new])
-    changed = uncovered(domain, changed)
+    changed = uncovered(domain, np.concatenate([np.delete(points, removed, axis=0), new]))
     return None if len(removed) == 0 and len(changed) == len(points) else changed
 
 
@@ -95,9 +91,7 @@ def uncovered(domain: ImplicitDomain, points: FloatArray) -> FloatArray:
     probes = domain.probes
     assert probes is not None
     h = domain.size(probes)
-    far = np.ones(len(probes), np.bool_)
-    if len(points):
-        far = cKDTree(points).query(probes)[0] > _TOO_FAR * h
+    far = cKDTree(points).query(probes)[0] > _TOO_FAR * h
     new = spread(probes[far], h[far], _TOO_FAR)
     return np.concatenate([points, new])
 
@@ -106,8 +100,6 @@ def spread(points: FloatArray, h: FloatArray, factor: float) -> FloatArray:
     """Return points chosen greedily, at least ``factor * h`` from those already chosen."""
     from scipy.spatial import cKDTree
 
-    if len(points) < 2:
-        return points
     tree = cKDTree(points)
     free = np.ones(len(points), np.bool_)
     taken = []
@@ -122,8 +114,6 @@ def far_from(domain: ImplicitDomain, fixed: FloatArray, points: FloatArray) -> F
     """Return the points that are not too near to the fixed ones."""
     from scipy.spatial import cKDTree
 
-    if len(fixed) == 0 or len(points) == 0:
-        return points
     return np.asarray(points[cKDTree(fixed).query(points)[0] > _TOO_SHORT * domain.size(points)])
 
 
@@ -158,27 +148,22 @@ def with_corners(
 
     corners, sizes = _between(domain, points, h, skin_edges)
     corners = spread(corners, sizes, _BRING)
-    if len(corners) == 0:
-        return None, n_fixed
     way, node = cKDTree(points).query(corners)
     near = way < _BRING * h[node]
-    is_fixed = near & (node < n_fixed)
-    there = near & (way < 1e-4 * h[node])
-    used, first = np.unique(node[near & ~is_fixed], return_index=True)
-    chosen = np.flatnonzero(near & ~is_fixed)[first]
-    new = corners[~near]
-    points = points.copy()
-    points[used] = corners[chosen]
+    free = near & (node >= n_fixed)
+    used, first = np.unique(node[free], return_index=True)
+    moved, new = corners[free][first], corners[~near]
     if domain.dim == 3:
-        moved = (near & ~is_fixed & ~there).any() or len(new) > 0
-        return (np.concatenate([points, new]) if moved else None), n_fixed
+        if len(new) == 0 and (way < 1e-4 * h[node])[free].all():
+            return None, n_fixed
+        points = points.copy()
+        points[used] = moved
+        return np.concatenate([points, new]), n_fixed
     if len(used) + len(new) == 0:
         return None, n_fixed
-    free = np.ones(len(points), np.bool_)
-    free[:n_fixed] = False
-    free[used] = False
-    ordered = np.concatenate([points[:n_fixed], points[used], new, points[free]])
-    return ordered, n_fixed + len(used) + len(new)
+    rest = np.delete(points, np.append(np.arange(n_fixed), used), axis=0)
+    fixed = np.concatenate([points[:n_fixed], moved, new])
+    return np.concatenate([fixed, rest]), len(fixed)
 
 
 def _between(

@@ -60,14 +60,12 @@ class _Boxes(NamedTuple):
 
     lower: FloatArray
     spacing: float
-    box: FloatArray
-    """Edges of a box for spacing 1."""
     cells: LongArray
     """Their numbers along the axes, int64[n, dim]."""
 
     @property
     def edges(self) -> FloatArray:
-        return self.box * self.spacing
+        return _BOX[len(self.lower)] * self.spacing
 
     def at(self, place: float) -> FloatArray:
         return np.asarray(self.lower + (self.cells + place) * self.edges)
@@ -136,7 +134,7 @@ def _root(domain: ImplicitDomain) -> _Boxes:
     # Centred, so that the lattice does not depend on the position of the box.
     lower = domain.lower - 0.5 * (shape * box * spacing - extent)
     index = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), axis=-1)
-    return _Boxes(lower, spacing, box, index.reshape(-1, domain.dim))
+    return _Boxes(lower, spacing, index.reshape(-1, domain.dim))
 
 
 def _leaves(
@@ -147,7 +145,7 @@ def _leaves(
     The number is a lower bound on the number of points from the other boxes.
     """
     spacing = boxes.spacing
-    radius = 0.5 * spacing * float(np.linalg.norm(boxes.box))
+    radius = 0.5 * spacing * float(np.linalg.norm(_BOX[domain.dim]))
     phi = domain.phi(boxes.at(0.5))
     near = phi <= domain.slope * radius
     boxes, phi = boxes._replace(cells=boxes.cells[near]), phi[near]

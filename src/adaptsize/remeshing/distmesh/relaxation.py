@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize.background import topology
+from adaptsize.background.topology import edges_of, facets_of, marked
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
 from adaptsize.remeshing.distmesh.nodes import Triangulation, adapted, uncovered, with_corners
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
@@ -54,9 +54,7 @@ class Relaxed(NamedTuple):
     converged: bool
 
 
-def triangulate(
-    domain: ImplicitDomain, points: FloatArray, phi: FloatArray, h: FloatArray
-) -> IntArray:
+def triangulate(domain: ImplicitDomain, points: FloatArray, h: FloatArray) -> IntArray:
     """Return the Delaunay cells whose centroids lie in the domain, positive, int32[m, dim + 1].
 
     Raises
@@ -73,19 +71,19 @@ def triangulate(
             "size must be small enough to put nodes into the domain, got sizes for which "
             f"{len(points)} nodes suffice"
         ) from error
-    cells = np.ascontiguousarray(cells[_are_inside(domain, points, cells, phi, h)])
+    cells = np.ascontiguousarray(cells[_are_inside(domain, points, cells, h)])
     negative = np.linalg.det(points[cells[:, 1:]] - points[cells[:, :1]]) < 0.0
     cells[negative, :2] = cells[negative, 1::-1]
     return np.asarray(cells)
 
 
 def _are_inside(
-    domain: ImplicitDomain, points: FloatArray, cells: IntArray, phi: FloatArray, h: FloatArray
+    domain: ImplicitDomain, points: FloatArray, cells: IntArray, h: FloatArray
 ) -> BoolArray:
     """Return which cells have their centroids deep enough in the domain."""
     corners = points[cells]
     longest = np.linalg.norm(np.ptp(corners, axis=1), axis=1)
-    inside = domain.depth(phi[cells]).max(axis=1) > longest
+    inside = domain.depth(domain.phi(points))[cells].max(axis=1) > longest
     unsure = np.flatnonzero(~inside)
     centroids, wanted = corners[unsure].mean(axis=1), h[cells[unsure]].mean(axis=1)
     depth = domain.depth(domain.phi(centroids))
@@ -98,23 +96,9 @@ def _are_inside(
 
 def skin_of(cells: IntArray, n_points: int) -> IntArray:
     """Return the facets that belong to only one cell, int32[m, dim]."""
-    facets, cell_facets = topology.facets_of(cells, n_points)
+    facets, cell_facets = facets_of(cells, n_points)
     single = np.bincount(cell_facets.ravel(), minlength=len(facets)) == 1
     return np.asarray(facets[single])
-
-
-def nodes_of(facets: IntArray, n_points: int) -> BoolArray:
-    """Return which nodes lie on facets."""
-    marked = np.zeros(n_points, np.bool_)
-    marked[facets] = True
-    return marked
-
-
-def _triangulation(domain: ImplicitDomain, points: FloatArray, h: FloatArray) -> Triangulation:
-    cells = triangulate(domain, points, domain.phi(points), h)
-    skin = skin_of(cells, len(points))
-    edges = topology.edges_of(cells, len(points))
-    return Triangulation(points, edges, skin, nodes_of(skin, len(points)))
 
 
 def relax(
@@ -133,9 +117,12 @@ def relax(
     count, k, mean, converged = 0, 0, np.inf, False
     for k in range(1, max_iter + 1):
         report("moving nodes", k / max_iter)
-        h = domain.size(points)
-        if known is None or _is_stale(points, known.points, h):
-            known = _triangulation(domain, points, h)
+        h, n = domain.size(points), len(points)
+        way = 0.0 if known is None else np.linalg.norm(points - known.points, axis=1) / h
+        if known is None or np.quantile(way, 0.99) > 0.1:  # 1 % of the nodes moved so many sizes
+            cells = triangulate(domain, points, h)
+            skin = skin_of(cells, n)
+            known = Triangulation(points, edges_of(cells, n), skin, marked(skin, n))
             count += 1
         changed = None
         if k % _ADAPT_EVERY == 0 and k <= adapt_until:
@@ -143,7 +130,7 @@ def relax(
             if changed is not None and len(changed) > max_nodes:
                 changed = None
         elif k % _ADAPT_EVERY == _ADAPT_EVERY // 2 and k > _ADAPT_EVERY:
-            skin_edges = topology.edges_of(known.skin, len(points))
+            skin_edges = edges_of(known.skin, n)
             changed, n_fixed = with_corners(domain, points, h, skin_edges, n_fixed)
         if changed is not None:
             points, known = changed, None
@@ -162,12 +149,6 @@ def relax(
         if converged and k >= 36:
             break
     return Relaxed(points, n_fixed, k, count, mean, converged)
-
-
-def _is_stale(points: FloatArray, connected: FloatArray, h: FloatArray) -> bool:
-    way = np.linalg.norm(points - connected, axis=1) / h
-    # The triangulation is renewed when 1 % of the nodes have moved further than this, in sizes.
-    return bool(np.quantile(way, 0.99) > 0.1)
 
 
 def _forces(points: FloatArray, edges: IntArray, h: FloatArray) -> FloatArray:

@@ -112,7 +112,9 @@ def describe(
     gap = domain.project(centres, h, tolerance=0.0, max_steps=0)[1] / h
     # A sample point without a node within this distance is not covered, in sizes.
     far = cKDTree(mesh.points).query(sampling.probes)[0] > 1.1 * domain.size(sampling.probes)
-    component = _components(mesh)
+    # Components have no facet in common.
+    links = topology.pairs_of_cells(mesh, mesh.facet_cell_counts == 2) // mesh.cells.shape[1]
+    component = topology.components_of(links, mesh.n_cells)
     return SmoothingReport(
         n_steps=relaxed.n_steps,
         n_triangulations=relaxed.n_triangulations,
@@ -129,12 +131,6 @@ def describe(
         n_broken=_n_broken(mesh, component, domain),
         fixed_nodes=fixed_nodes,
     )
-
-
-def _components(mesh: SimplexMesh) -> npt.NDArray[np.integer]:
-    """Return the component of each cell.  Components have no facet in common."""
-    links = topology.pairs_of_cells(mesh, mesh.facet_cell_counts == 2) // mesh.cells.shape[1]
-    return topology.components_of(links, mesh.n_cells)
 
 
 def _n_broken(mesh: SimplexMesh, component: npt.NDArray[np.integer], domain: ImplicitDomain) -> int:

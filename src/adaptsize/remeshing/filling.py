@@ -1,21 +1,32 @@
-"""Tetrahedra in a surface for Mmg to start from, and the surface adapted before."""
+"""Tetrahedra in a surface: a first volume for Mmg to start from, adapted and improved."""
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import renumbered_edges
-from adaptsize.errors import BackendError
+from adaptsize.errors import (
+    BackendError,
+    BackendTimeoutError,
+    ResolutionWarning,
+    TooManyElementsError,
+)
+from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing import netgen
+from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.mmg import adapted
 from adaptsize.remeshing.preparation import as_problem, number_regions, restore
-from adaptsize.remeshing.protocol import Arrays, Facets, Problem
+from adaptsize.remeshing.protocol import Arrays, Backend, Facets, Problem
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.surface import THINNEST, refine_surface, remove_slivers, sliver_height
 from adaptsize.remeshing.tetwild import TetWildBackend
+from adaptsize.sizes import predict
 from adaptsize.typing import IntArray
 
 #: Mmg's ``hausd`` over the tolerance in the two runs on a surface.  Mmg divides edges whose middle
@@ -25,7 +36,75 @@ from adaptsize.typing import IntArray
 _HAUSD = (2.0, 1.2)
 
 
-def first_volume(problem: Problem, run: IsolatedRunner) -> Problem:
+#: If cells have a smaller dihedral angle in degrees, fTetWild is tried alone.
+_LEAST_ANGLE = 2.0
+#: Processor time, in all and per cell, after which the generator is stopped while it adapts a first
+#: volume.  On closed parts, it needed a fifth of that.
+_SECONDS = 10.0
+_SECONDS_PER_CELL = 1e-3
+#: Cells that a first volume requires over those that were predicted, above which this is reported.
+MANY_MORE = 1.5
+
+
+def filled(
+    problem: Problem, chosen: Backend, run: IsolatedRunner, n_cells: float, max_elements: float
+) -> SimplexMesh:
+    """Return the tetrahedra in a surface, adapted from a first volume by a generator, and improved.
+
+    If cells are still flat, fTetWild fills the surface with the same sizes, and the mesh with the
+    larger smallest angle is returned.  It also does if the generator fails on the first volume.
+    """
+    inner = _first_volume(problem, run)
+    if not inner.is_adapted:
+        _check_number(inner, n_cells, max_elements)
+    seconds = _SECONDS + _SECONDS_PER_CELL * max(inner.mesh.n_cells, n_cells)
+    inner = replace(inner, seconds=seconds)
+    new, angle, failure = None, -np.inf, None
+    try:
+        new = restore(chosen.solve(inner, run), inner, chosen.name)
+        new = improved(new, problem.mesh, problem.tolerance)
+        angle = float(minimum_angles(new).min())
+    except BackendTimeoutError:
+        raise
+    except BackendError as error:
+        failure = error
+    if angle >= _LEAST_ANGLE:
+        assert new is not None
+        return new
+    try:
+        raw = TetWildBackend().solve(problem, replace(run, backend="tetwild"))
+        other = improved(restore(raw, problem, "tetwild"), problem.mesh, problem.tolerance)
+    except BackendError as error:
+        if new is None:
+            raise failure or error from None
+        return new
+    return other if new is None or float(minimum_angles(other).min()) > angle else new
+
+
+def _check_number(inner: Problem, n_cells: float, max_elements: float) -> None:
+    """Warn if the sizes require many more cells in a first volume than in the surface.
+
+    Of open surfaces, generators may fill more than what the surface encloses.
+
+    Raises
+    ------
+    TooManyElementsError
+        If these are also more than ``max_elements``.
+    """
+    assert inner.size is not None
+    found = predict(inner.mesh, inner.size, backend="mmg").cells
+    if found <= MANY_MORE * n_cells:
+        return
+    text = (
+        f"about {found:.3g} elements instead of the predicted {n_cells:.3g}: the first mesh "
+        "fills more than the surface encloses; close the surface or increase the sizes"
+    )
+    if found > max_elements:
+        raise TooManyElementsError(f"{text}, or raise max_elements = {max_elements:.3g}")
+    warnings.warn(text, ResolutionWarning, stacklevel=4)
+
+
+def _first_volume(problem: Problem, run: IsolatedRunner) -> Problem:
     """Return the request to adapt tetrahedra in a surface, which do not follow the sizes yet.
 
     Mmg adapts the surface to the sizes, and Netgen fills it, without moving a node.  If one of
