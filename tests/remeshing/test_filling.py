@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from shapes import CORNERS as CUBE
-from shapes import CUBE_CELLS, joined
+from shapes import CUBE_CELLS, block, joined
 from solids import cylinder
 
 from adaptsize import SimplexMesh, remesh, size_conformity
 from adaptsize.errors import BackendError, OpenSurfaceWarning, ResolutionWarning
 from adaptsize.geometry.enclosed import is_oriented
+from adaptsize.quality.boundary import topology_of
 from adaptsize.remeshing import driver, filling, netgen
 from adaptsize.remeshing.filling import adapt_surface
 from adaptsize.remeshing.isolation import IsolatedRunner
@@ -255,3 +256,20 @@ def test_mmg_has_a_limit_of_processor_time_on_a_first_volume(monkeypatch):
     with pytest.warns(ResolutionWarning, match="limit of processor time"):
         new = remesh(cylinder(16, 0.2), 0.04)
     assert_allclose(new.measures.sum(), enclosed(cylinder(16, 0.2)), rtol=0.01)
+
+
+def test_a_mesh_without_flat_cells_replaces_another_one_only_if_it_keeps_the_topology(monkeypatch):
+    whole = block(4)
+    # Two cubes of an edge of the block are left out, which have one edge in common.
+    cube_of = np.floor(whole.points[whole.cells].mean(axis=1) * 4.0).astype(int)
+    out = (cube_of == [0, 0, 0]).all(axis=1) | (cube_of == [1, 1, 0]).all(axis=1)
+    points = (whole.points - 0.5) / np.sqrt(3.0)  # generators work on a part of diagonal 1
+    made = {"points": points, "cells": whole.cells[~out]}
+    monkeypatch.setattr(filling, "_LEAST_ANGLE", 90.0)
+    monkeypatch.setattr(filling, "improved", lambda mesh, *_: mesh)
+    monkeypatch.setattr(TetWildBackend, "solve", lambda *_: made)
+    new = remesh(cube(), 0.3, tolerance=2e-2)
+    assert new.n_cells != np.count_nonzero(~out)
+    assert topology_of(new.boundary().mesh) is not None
+    made = {"points": points, "cells": whole.cells}
+    assert remesh(cube(), 0.3, tolerance=2e-2).n_cells == whole.n_cells

@@ -98,6 +98,12 @@ def topology_of(skin: SimplexMesh) -> Topology | None:
     return Topology(n_components(skin), int(euler), enclosed_measure(skin))
 
 
+def keeps_topology(skin: SimplexMesh, old: SimplexMesh) -> bool:
+    """Return whether a boundary has the topology of another one; true if that is no manifold."""
+    before, after = topology_of(old), topology_of(skin)
+    return before is None or (after is not None and after[:2] == before[:2])
+
+
 def n_components(mesh: SimplexMesh) -> int:
     """Return the number of components, which have no node in common."""
     return len(np.unique(components_of(mesh.edges, mesh.n_points)[mesh.cells[:, 0]]))

@@ -20,7 +20,7 @@ from adaptsize.errors import (
     ResolutionWarning,
 )
 from adaptsize.quality import check_mesh
-from adaptsize.quality.boundary import interface_distances, topology_of
+from adaptsize.quality.boundary import interface_distances, keeps_topology, topology_of
 from adaptsize.quality.certificate import MeshCheck
 from adaptsize.remeshing.protocol import Problem, Task
 from adaptsize.remeshing.registry import able_backends
@@ -116,12 +116,11 @@ def warn_of_deviation(
         text += f"tolerance is {tolerance:.3g}"
     else:
         # A thin wall or gap may be lost within the distance that is not warned of.
-        before, after = topology_of(old_skin), topology_of(skin)
-        if before is None or (after is not None and after[:2] == before[:2]):
+        if keeps_topology(skin, old_skin):
             return
         text = (
             "the boundary of the mesh has another topology than the given one: "
-            f"{after or 'no closed manifold'}, given: {before}"
+            f"{topology_of(skin) or 'no closed manifold'}, given: {topology_of(old_skin)}"
         )
         advice = (
             "walls or gaps about as thin as the tolerance may be lost or filled; lower the "

@@ -16,6 +16,7 @@ from adaptsize.errors import (
     ResolutionWarning,
     TooManyElementsError,
 )
+from adaptsize.quality.boundary import keeps_topology
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing import netgen
 from adaptsize.remeshing.improvement import improved
@@ -51,8 +52,10 @@ def filled(
 ) -> SimplexMesh:
     """Return the tetrahedra in a surface, adapted from a first volume by a generator, and improved.
 
-    If cells are still flat, fTetWild fills the surface with the same sizes, and the mesh with the
-    larger smallest angle is returned.  It also does if the generator fails on the first volume.
+    If cells are still flat, fTetWild fills the surface with the same sizes.  Its mesh is returned
+    if the smallest angle is larger, and the topology of the boundary is kept: of a fin thinner
+    than the tolerance, it may leave an edge in more than two facets.  It also fills the surface if
+    the generator fails on the first volume.
     """
     inner = _first_volume(problem, run)
     if not inner.is_adapted:
@@ -78,7 +81,13 @@ def filled(
         if new is None:
             raise failure or error from None
         return new
-    return other if new is None or float(minimum_angles(other).min()) > angle else new
+    if new is None:
+        return other
+    keeps, other_keeps = (
+        keeps_topology(mesh.boundary().mesh, problem.mesh) for mesh in (new, other)
+    )
+    is_better = float(minimum_angles(other).min()) > angle and other_keeps >= keeps
+    return other if is_better else new
 
 
 def _check_number(inner: Problem, n_cells: float, max_elements: float) -> None:
