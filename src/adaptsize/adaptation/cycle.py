@@ -29,13 +29,7 @@ from adaptsize.adaptation.next_sizes import (
     decide,
     refuse_two_numbers,
 )
-from adaptsize.adaptation.report import (
-    AdaptReport,
-    AdaptResult,
-    numbers_of,
-    tags_of,
-    total_measure,
-)
+from adaptsize.adaptation.report import AdaptReport, AdaptResult, numbers_of, tags_of, total_measure
 from adaptsize.adaptation.transfer import FieldTransfer, integral, transferred
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh, interpolate
 from adaptsize.background.simplex import as_mesh

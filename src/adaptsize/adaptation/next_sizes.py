@@ -11,14 +11,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import (
-    FARTHEST,
-    NEAREST,
-    as_limits,
-    as_sizes_at,
-    describe,
-    refuse_where,
-)
+from adaptsize._checks import FARTHEST, NEAREST, as_limits, as_sizes_at, describe, refuse_where
 from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation.need import Requested, count_simplices, present_of, smallest

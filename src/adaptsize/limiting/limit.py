@@ -8,21 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import (
-    as_points,
-    as_sizes,
-    describe,
-    one_of,
-    warn_caller,
-)
+from adaptsize._checks import as_points, as_sizes, describe, one_of, warn_caller
 from adaptsize._progress import reporting, silent
 from adaptsize._with_info import with_info
-from adaptsize.background import (
-    AnyMesh,
-    CartesianGrid,
-    Octree,
-    PartitionedMesh,
-)
+from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh
 from adaptsize.background.simplex import as_mesh, as_own
 from adaptsize.errors import ConvergenceWarning
 from adaptsize.limiting.agreement import (

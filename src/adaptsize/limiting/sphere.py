@@ -5,12 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import (
-    as_number,
-    as_points,
-    as_slope,
-    refuse_where,
-)
+from adaptsize._checks import as_number, as_points, as_slope, refuse_where
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.limiting.exact import Exact, limit_points
 from adaptsize.limiting.exact.field import Workers

@@ -8,11 +8,7 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import (
-    as_sizes_at,
-    one_of,
-    refuse_where,
-)
+from adaptsize._checks import as_sizes_at, one_of, refuse_where
 from adaptsize.background import SimplexMesh, interpolate
 from adaptsize.background.migration import (
     balanced,

@@ -37,10 +37,7 @@ from adaptsize.limiting.exact.field import (
 )
 from adaptsize.limiting.exact.obstacles_in_plane import Plane, has_many_corners, plane_of
 from adaptsize.limiting.exact.paths_in_space import Solid, WholeSolid, solid_of, solve_in_solid
-from adaptsize.limiting.exact.solve import (
-    rises_too_fast,
-    solve_by_sight,
-)
+from adaptsize.limiting.exact.solve import rises_too_fast, solve_by_sight
 from adaptsize.limiting.problem import NeedsWholeMesh, TooManyCorners
 from adaptsize.ranks import Communicator, Ids, rows_among
 from adaptsize.typing import BoolArray, FloatArray, IntArray
