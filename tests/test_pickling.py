@@ -13,7 +13,7 @@ from shapes import block, two_region_rectangle
 
 import adaptsize as ads
 from adaptsize.adaptation.report import AdaptReport
-from adaptsize.adaptation.transfer_in_parts import TransferredFields
+from adaptsize.adaptation.transfer import TransferredFields
 from adaptsize.background.simplex import Boundary
 from adaptsize.geometry.medial.fronts import MedialAxis
 from adaptsize.quality.conformity import Conformity

@@ -30,7 +30,7 @@ RECORDS = {
     "sizes.predict": "sizes.prediction.Prediction",
     "adapt": "adaptation.report.AdaptResult adaptation.report.AdaptReport",
     "needs_remeshing": "adaptation.need.RemeshingNeed adaptation.need.Place",
-    "transfer_fields": "adaptation.transfer_in_parts.TransferredFields",
+    "transfer_fields": "adaptation.transfer.TransferredFields",
     "limit_gradient": "limiting.info.LimitingInfo limiting.sources.SizeSources "
     "limiting.problem.Scheme",
     "limit_metric": "metrics.limit.MetricLimitingInfo",

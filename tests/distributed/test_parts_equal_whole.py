@@ -446,6 +446,38 @@ def test_fields_on_another_mesh(dim, kind):
                 np.testing.assert_allclose(made[name], values[name][rows], rtol=0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("away", [0.05, 3.0])
+def test_fields_beyond_the_old_mesh_are_those_of_its_nearest_cells(kind, away):
+    """Partly or wholly outside, and at a node in no cell."""
+    old, rng = jittered_square(7, 9224), np.random.default_rng(9225)
+    moved = jittered_square(6, 9226).moved(jittered_square(6, 9226).points + away * old.diagonal)
+    new = ads.SimplexMesh([*moved.points, old.points[7] + 0.1 * old.diagonal], moved.cells)
+    fields = {"u": rng.random(old.n_points), "k": rng.integers(0, 99, old.n_points)}
+    by_cell = {"e": rng.random(old.n_cells)}
+    ranks = [partition(mesh, kind, SIZE, rng) for mesh in (old, new)]
+    for method in ("interpolate", "bounded"):
+        whole = ads.transfer_fields(old, new, fields=fields, cell_fields=by_cell, method=method)
+
+        def run(comm, method=method):
+            a, b = (
+                PartitionedMesh.from_serial(mesh, rank_of, comm)
+                for mesh, rank_of in zip((old, new), ranks, strict=True)
+            )
+            made = ads.transfer_fields(
+                a, b, method=method,
+                fields={name: values[a.global_ids] for name, values in fields.items()},
+                cell_fields={name: values[a.cell_ids] for name, values in by_cell.items()},
+            )  # fmt: skip
+            return made, b.global_ids, b.cell_ids
+
+        for made, ids, cell_ids in SimulatedCommunicator.run(SIZE, run):
+            np.testing.assert_allclose(made.fields["u"], whole.fields["u"][ids], atol=1e-12)
+            np.testing.assert_array_equal(made.fields["k"], whole.fields["k"][ids])
+            expected = whole.cell_fields["e"][cell_ids]
+            np.testing.assert_allclose(made.cell_fields["e"], expected, atol=1e-12)
+
+
 def rising(part):
     """Return sizes that grow away from a line."""
     return 0.1 + np.abs(part.points[:, 0])

@@ -1,8 +1,9 @@
 """One adaptation cycle: estimate, size, limit, remesh, transfer."""
 
 from adaptsize.adaptation.cycle import adapt
+from adaptsize.adaptation.field_transfer import FieldTransfer
 from adaptsize.adaptation.need import needs_remeshing
-from adaptsize.adaptation.transfer import FieldTransfer, transfer_fields
+from adaptsize.adaptation.transfer import transfer_fields
 
 __all__ = [
     "FieldTransfer",

@@ -15,6 +15,7 @@ from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation._fields import Arrays, as_fields, methods_of
 from adaptsize.adaptation.boundary_moves import ProjectionLike, check_projection
+from adaptsize.adaptation.field_transfer import FieldTransfer, integral
 from adaptsize.adaptation.need import smallest
 from adaptsize.adaptation.new_mesh import NewMesh, make_mesh
 from adaptsize.adaptation.next_metric import as_anisotropic, as_metric_bound, metric_request
@@ -30,7 +31,7 @@ from adaptsize.adaptation.next_sizes import (
     refuse_two_numbers,
 )
 from adaptsize.adaptation.report import AdaptReport, AdaptResult, numbers_of, tags_of, total_measure
-from adaptsize.adaptation.transfer import FieldTransfer, integral, transferred
+from adaptsize.adaptation.transfer import transferred
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh, interpolate
 from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics import Metric, MetricFunction

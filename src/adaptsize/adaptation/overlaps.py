@@ -10,7 +10,7 @@ from scipy.sparse import csr_array, vstack
 from adaptsize._kernels.clipping import new_clipping
 from adaptsize._kernels.overlap import Front, fill_overlaps
 from adaptsize._kernels.trees import Tree
-from adaptsize.background import SimplexMesh
+from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background.location import in_space
 from adaptsize.limiting.exact.field import Workers
@@ -39,12 +39,15 @@ class Intersections(NamedTuple):
 
 
 def intersections_of(
-    old: SimplexMesh, new: SimplexMesh, workers: Workers, *, products: bool = False
+    old: SimplexMesh, new: AnyMesh, workers: Workers, *, products: bool = False
 ) -> Intersections:
-    """Return integrals over the intersections of the cells of two meshes.
+    """Return integrals over the intersections of the cells of a mesh and of those of this rank.
 
     The result does not depend on the number of threads, to the last bit.
     """
+    if new.n_cells == 0:
+        none = [csr_array((rows, n)) for rows, n in ((0, old.n_cells), (0, old.n_points))]
+        return Intersections(none[0], none[1] if products else None)
     locator = old.locator
     points = in_space(new.points * locator.scale)
     cells = np.array(new.cells)

@@ -96,16 +96,19 @@ class Projection:
         Parameters
         ----------
         sums : float64[n_points, 1 + k + 2 n_bounded]
-            Those of `sums_over`, over all ranks.
+            Those of `sums_over`, of this rank.
         interpolated : callable
             Returns the values at the nodes, float64[n_points, k], which count where the old domain
             does not extend and at nodes in no cell; collective.
         n_bounded : int
             So many columns, the first ones, keep within the range of the old values nearby.
         """
-        split = sums.shape[1] - 2 * n_bounded, sums.shape[1] - n_bounded
-        load, low, high = np.split(sums[:, 1:], np.subtract(split, 1), axis=1)
-        outside = self.lumped - sums[:, 0]
+        ends = sums.shape[1] - 2 * n_bounded, sums.shape[1] - n_bounded
+        merges = zip(np.split(sums, ends, axis=1), (np.add, np.minimum, np.maximum), strict=True)
+        sums, low, high = (
+            self.shared.merge(part, merge) if part.shape[1] else part for part, merge in merges
+        )
+        load, outside = sums[:, 1:], self.lumped - sums[:, 0]
         covered = np.abs(outside) < _ROUNDING * self.lumped
         start = load * self._inverse[:, None]
         if self.shared.ranks.allreduce(int(not covered.all()), "max"):

@@ -1,39 +1,40 @@
-"""Transfer of fields from one mesh to another mesh of the same domain."""
+"""Transfer of fields between two meshes of the same domain, whole or in parts."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_array
 
-from adaptsize._checks import as_flag, check_type, describe
-from adaptsize._kernels.interpolate import combine
-from adaptsize._progress import reporting
 from adaptsize.adaptation._fields import (
     Arrays,
     as_columns,
-    as_field,
     as_fields,
-    as_method,
     from_columns,
     methods_of,
 )
-from adaptsize.adaptation.overlaps import OUTSIDE, Intersections, intersections_of
-from adaptsize.adaptation.projection import Projection, sums_over
-from adaptsize.adaptation.transfer_in_parts import TransferredFields, transfer_in_parts
+from adaptsize.adaptation.field_transfer import FieldTransfer, check_kinds
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
-from adaptsize.background.simplex import as_mesh, as_own
-from adaptsize.limiting.exact.field import Workers
+from adaptsize.background.migration import joined_pieces, send_cells
+from adaptsize.background.requests import (
+    boxes_around,
+    boxes_of_pieces,
+    ranks_that_meet,
+)
+from adaptsize.background.simplex import as_own
 from adaptsize.options import TransferOptions, checked, with_options
-from adaptsize.sizes.budget import nodal_measures
-from adaptsize.typing import FloatArray, IntArray, NodalMethod, ProgressCallback, Unpack
+from adaptsize.typing import FloatArray, NodalMethod, ProgressCallback, Unpack
 
-#: Distance, over the size, by which a point is moved into a cell to find its side of a slit.
-_ASIDE = 1e-8
+
+class TransferredFields(NamedTuple):
+    """Result of `transfer_fields`."""
+
+    fields: dict[str, npt.NDArray[Any]]
+    """Nodal fields on the new mesh."""
+    cell_fields: dict[str, npt.NDArray[Any]]
+    """Cell fields on the new mesh."""
 
 
 @with_options(TransferOptions)
@@ -70,9 +71,8 @@ def transfer_fields(
 
     Notes
     -----
-    Between meshes in parts, the values are those for the whole meshes, to rounding, except at
-    slits, where a node between the two sides may get the value of either.  Points and cells go to
-    the ranks whose boxes they meet, once for all fields.  ``keep_integral`` is not available there.
+    Between meshes in parts, the values are those for the whole meshes, to rounding.  Old cells go
+    with their fields to the ranks with new cells near them.  ``keep_integral`` is not available.
 
     Examples
     --------
@@ -83,7 +83,7 @@ def transfer_fields(
     array([2., 2.])
     """
     old, new = as_own(old), as_own(new)
-    _check_kinds(old, new)
+    check_kinds(old, new)
 
     def check() -> tuple[TransferOptions, Arrays, Arrays]:
         given = checked(TransferOptions, options)
@@ -107,387 +107,113 @@ def transferred(
     progress: ProgressCallback | bool | None,
 ) -> TransferredFields:
     """Return checked fields on the new mesh; ``given`` has the options of `transfer_fields`."""
-    method = methods_of(given["method"], nodal, old)
+    method, how = methods_of(given["method"], nodal, old), {"conservative": given["conservative"]}
     if isinstance(old, PartitionedMesh):
         assert isinstance(new, PartitionedMesh)
-        conservative = given["conservative"]
-        return transfer_in_parts(old, new, nodal, by_cell, conservative=conservative, method=method)
+        return _transferred_in_parts(old, new, nodal, by_cell, method, how)
     assert isinstance(new, SimplexMesh)
     transfer = FieldTransfer(old, new, progress=progress)
     if by_cell and given["conservative"]:
         transfer.refuse_surfaces()
-    how = {name: given[name] for name in ("conservative", "keep_integral")}
+    how["keep_integral"] = given["keep_integral"]
     return TransferredFields(
         {name: transfer.nodal(values, method=method[name]) for name, values in nodal.items()},
         {name: transfer.cells(values, **how) for name, values in by_cell.items()},
     )
 
 
-def integral(mesh: AnyMesh, values: npt.NDArray[Any], *, nodal: bool = False) -> npt.NDArray[Any]:
-    """Return the integral of a checked field; collective."""
-    weights = nodal_measures(mesh) if nodal else mesh.measures
-    return np.asarray(mesh.ranks.allreduce(np.tensordot(weights, values, axes=1), "sum"))
+def _transferred_in_parts(
+    old: PartitionedMesh,
+    new: PartitionedMesh,
+    nodal: Arrays,
+    by_cell: Arrays,
+    method: dict[str, NodalMethod],
+    how: dict[str, bool],
+) -> TransferredFields:
+    """Return fields on another mesh in parts; collective."""
+    kinds = [
+        [(name, array.dtype.kind, array.shape[1:]) for name, array in fields.items()]
+        for fields in (nodal, by_cell)
+    ]
+    old.ranks.require_equal(fields=kinds[0], cell_fields=kinds[1], method=method, **how)
+    reach, slack = np.zeros(old.ranks.size), 1e-9 * old.diagonal
+    while True:
+        near = _cells_near(old, new, (list(nodal.values()), list(by_cell.values())), reach + slack)
+        transfer = _TransferToPart(near, new)
+        away = transfer.farthest(nodal=bool(nodal), by_cell=bool(by_cell))
+        farthest = np.array(old.ranks.allgather(away))
+        if (farthest <= reach + slack).all():
+            break
+        reach = farthest  # some nodes are outside: the nearest old cells are no farther
+    made: Arrays = {}
+    of_method: dict[NodalMethod, Arrays] = {name: {} for name in get_args(NodalMethod)}
+    for k, (name, values) in enumerate(nodal.items()):
+        field = near.point_data[str(k)]
+        if values.dtype.kind in "biu":
+            made[name] = transfer.nodal(field)
+        else:
+            of_method[method[name]][name] = field
+    for kind, fields in of_method.items():
+        if fields:  # all are sent together
+            columns = [as_columns(values) for values in fields.values()]
+            found = transfer.nodal(np.hstack(columns), method=kind)
+            ends = np.cumsum([part.shape[1] for part in columns])[:-1]
+            for (name, values), part in zip(fields.items(), np.split(found, ends, 1), strict=True):
+                made[name] = from_columns(part, values)
+    cells = {name: transfer.cells(near.cell_data[str(k)], **how) for k, name in enumerate(by_cell)}
+    return TransferredFields({name: made[name] for name in nodal}, cells)
 
 
-def _check_kinds(old: AnyMesh, new: AnyMesh) -> None:
-    """Raise a ValueError if fields cannot be transferred between two meshes."""
-    for name, mesh in (("old", old), ("new", new)):
-        check_type(name, mesh, SimplexMesh, PartitionedMesh)
-        if mesh.cell_dim == 1:
-            raise ValueError(
-                f"{name} must be a SimplexMesh of triangles or tetrahedra, got {describe(mesh)}"
-            )
-    if type(old) is not type(new) or (old.dim, old.cell_dim) != (new.dim, new.cell_dim):
-        raise ValueError(f"old and new must be meshes of one kind, got {old!r} and {new!r}")
+class _TransferToPart(FieldTransfer):
+    """Transfers fields of the old cells near the part of this rank to it; collective."""
+
+    def __init__(self, near: SimplexMesh, part: PartitionedMesh) -> None:
+        self.old, self.new, self._progress, self._threads = near, part, None, 1
+
+    def farthest(self, *, nodal: bool, by_cell: bool) -> float:
+        """Return the largest distance of a node, or centroid of a cell, from the old cells."""
+        at_nodes = float(self._located[2].max(initial=0.0)) if nodal else 0.0
+        return max(at_nodes, float(self._holders[2].max(initial=0.0))) if by_cell else at_nodes
+
+    def _interpolated(self, field: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return the values that the owners of the nodes find."""
+        made = super()._interpolated(field)
+        made[~self.new.is_owned] = 0
+        merged: npt.NDArray[Any] = self.new.shared.merge(made, np.add)
+        return merged
 
 
-class FieldTransfer:
-    r"""Transfers fields from one mesh to another of the same domain.
-
-    Locations and overlaps are computed once and reused for all fields.  Nodal fields are linear in
-    each cell, see `nodal` for the methods.  Cell fields are constant in each cell.  A new cell L
-    gets the value of the old cell that contains its centroid, or the mean over the old cells that
-    it overlaps,
-
-    .. math:: u_L = \frac{\sum_K |K \cap L|\, u_K}{\sum_K |K \cap L|},
-
-    which is the L2 projection onto constants [1]_.  The overlaps are computed by clipping.
+def _cells_near(
+    old: PartitionedMesh,
+    new: PartitionedMesh,
+    fields: tuple[list[npt.NDArray[Any]], list[npt.NDArray[Any]]],
+    reach: FloatArray,
+) -> SimplexMesh:
+    """Return the old cells whose boxes are near those of new cells on this rank; collective.
 
     Parameters
     ----------
-    old, new : SimplexMesh
-        Both triangles in the plane, both tetrahedra, or both triangles in space.  Cells may have
-        any orientation.
-    progress : callable, bool or None
-        Called with a text and the fraction completed while overlaps are computed.  True shows a
-        progress bar.
-
-    Raises
-    ------
-    ValueError
-        If the meshes consist of segments or are of different kinds.
-
-    Notes
-    -----
-    Integers and booleans are not averaged and keep their type.  A node gets the value of the
-    corner with the largest weight in its cell.  A cell gets the value at its centroid.
-    Other fields are returned as float64 or complex128, of any trailing shape.  Components of
-    vectors and tensors are transferred separately, in fixed axes.
-
-    The overlaps cost 1.5 microseconds per new triangle and 14 per new tetrahedron, once for all
-    fields, and 12 bytes of memory for each of the 5 or 17 old cells that overlap one.  With what
-    the projection needs they cost 7 microseconds per new node in the plane and 100 in space, and 12
-    bytes for each of the 12 or 37 old nodes near one; interpolation costs 1 and 5.  A further
-    field costs .6 and 2 by projection, twice that in bounds.
-
-    References
-    ----------
-    .. [1] P. E. Farrell, J. R. Maddison, "Conservative interpolation between volume meshes by
-       local Galerkin projection", Comput. Methods Appl. Mech. Eng. 200 (2011) 89-100.
-    .. [2] P. E. Farrell, M. D. Piggott, C. C. Pain, G. J. Gorman, C. R. Wilson, "Conservative
-       interpolation between unstructured meshes via supermesh construction", Comput. Methods
-       Appl. Mech. Eng. 198 (2009) 2632-2642.
-
-    Examples
-    --------
-    Two triangles of the unit square, cut along the other diagonal:
-
-    >>> points = [[0, 0], [1, 0], [1, 1], [0, 1]]
-    >>> old = SimplexMesh(points, [[0, 1, 2], [0, 2, 3]])
-    >>> new = SimplexMesh([*points, [0.5, 0.25]], [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])
-    >>> transfer = FieldTransfer(old, new)
-    >>> transfer.nodal([0.0, 1.0, 3.0, 2.0], method="interpolate")
-    array([0., 1., 3., 2., 1.])
-    >>> heat = transfer.cells([1.0, 3.0])
-    >>> heat.round(3), float((heat * new.measures).sum())
-    (array([1. , 1. , 2.6, 2.6]), 2.0)
+    fields : nodal and cell fields
+        They become data of the cells, named by their places in the lists.
+    reach : float64[ranks]
+        How far from the new cells of each rank.
     """
-
-    def __init__(
-        self,
-        old: SimplexMesh,
-        new: SimplexMesh,
-        *,
-        progress: ProgressCallback | bool | None = None,
-    ) -> None:
-        old, new = as_mesh("old", old), as_mesh("new", new)
-        _check_kinds(old, new)
-        self.old = old
-        self.new = new
-        self._progress = progress
-
-    def refuse_surfaces(self) -> None:
-        """Raise a ValueError if the cells do not have the dimension of the space."""
-        if self.old.cell_dim != self.old.dim:
-            raise ValueError(
-                "conservative must be False for triangles in space: two triangulations of a "
-                f"curved surface do not overlap, got {self.old!r}"
-            )
-
-    def nodal(
-        self, values: npt.ArrayLike, *, method: NodalMethod | None = None
-    ) -> npt.NDArray[Any]:
-        r"""Return a nodal field on the new mesh.
-
-        Parameters
-        ----------
-        values : array_like, shape (n_points of the old mesh, ...)
-            Numbers, finite; any trailing shape.
-        method : {"interpolate", "project", "bounded"}, optional
-            "interpolate" takes the values of the old field at the new nodes.  "project" is the L2
-            projection :math:`u` of the old field :math:`v` onto linear elements,
-
-            .. math:: \int \phi_i u = \int \phi_i v \quad \text{for all hat functions } \phi_i,
-
-            by exact integration over the intersections of the cells (reference 2 of the class).
-            "bounded" is the projection, with fluxes between nodes limited where it would leave the
-            range of the old values nearby.  No effect on integers and booleans, which are not
-            averaged.  The default is "bounded", or "interpolate" for triangles in space, where
-            nothing else is available.
-
-        Returns
-        -------
-        ndarray, shape (n_points of the new mesh, ...)
-            Interpolated: exact for linear fields inside the old mesh, and within the range of the
-            corner values of the old cell.  Nodes outside the old mesh, and those in no cell, get
-            the value at the nearest point of the old mesh.  At slits, where old nodes coincide,
-            each new node gets the value of its side.
-
-            Projected: exact for linear fields, and the integral is preserved to rounding, if the
-            domains are the same.  Near jumps, the projection exceeds the range of the old values:
-            for a jump over one cell, by 13 % of it in the plane and 30 % in space.  Where the new
-            domain extends beyond the old one, the interpolated values there count; what the old
-            field has outside the new domain is lost.  Constants stay constant.
-
-            Bounded: the same, with each value between the smallest and the largest value at nodes
-            of the old cells that overlap the new cells at the node.
-
-        Raises
-        ------
-        ValueError
-            If the shape is wrong, a value is not finite, or ``method`` needs overlaps of
-            triangles in space.
-        """
-        field = as_field("values", values, self.old.n_points)
-        method = as_method("method", method, self.old)
-        if method == "interpolate" or field.dtype.kind in "biu":
-            return self._interpolated(field)
-        return self._projected(field, bounded=method == "bounded")
-
-    def _interpolated(self, field: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        nodes, weights = self._nodes
-        if field.dtype.kind in "biu":
-            return np.asarray(field[nodes[np.arange(len(nodes)), weights.argmax(axis=1)]])
-        start = np.arange(len(nodes) + 1, dtype=np.int64) * nodes.shape[1]
-        return _combined(start, nodes.ravel(), weights.ravel(), field)
-
-    def _projected(self, field: npt.NDArray[Any], *, bounded: bool) -> npt.NDArray[Any]:
-        new = self.new
-        products = self._with_products.products
-        assert products is not None
-        columns = np.array(as_columns(field))
-        n_bounded = columns.shape[1] if bounded else 0
-        found = Projection(new.cells, new.measures, new.shared, new.n_points).field(
-            sums_over(products, columns, n_bounded),
-            lambda: as_columns(self._interpolated(field)),
-            n_bounded,
-        )
-        return from_columns(found, field)
-
-    def cells(
-        self, values: npt.ArrayLike, *, conservative: bool = True, keep_integral: bool = False
-    ) -> npt.NDArray[Any]:
-        """Return a cell field on the new mesh.
-
-        Parameters
-        ----------
-        values : array_like, shape (n_cells of the old mesh, ...)
-            Numbers, finite; any trailing shape.
-        conservative : bool, default True
-            Use the mean over the overlaps instead of the value at the centroid.  Not available
-            for triangles in space.  No effect on integers and booleans, which are not averaged.
-        keep_integral : bool, default False
-            Preserve the integral where the two domains differ, at curved boundaries.  The values
-            of the new cells there are changed, and of all cells if that is not enough.  Values
-            stay between the smallest and the largest old value.
-
-        Returns
-        -------
-        ndarray, shape (n_cells of the new mesh, ...)
-            Within the range of the values of the old cells that overlap the new cell (or contain
-            its centroid).  If conservative, the integral is preserved to rounding for equal
-            domains.  Where the domains differ, a new cell gets the mean over its part inside the
-            old domain.  A constant field stays constant, and its integral changes with the
-            measure of the domain.  A new cell outside the old domain gets the value of the nearest
-            old cell.
-
-        Raises
-        ------
-        ValueError
-            If the shape is wrong, a value is not finite, or ``conservative`` is set for
-            triangles in space.
-        """
-        field = as_field("values", values, self.old.n_cells)
-        conservative = as_flag("conservative", conservative)
-        keep_integral = as_flag("keep_integral", keep_integral)
-        if field.dtype.kind in "biu":
-            return np.asarray(field[self._holders])
-        if not conservative:
-            return field[self._holders]
-        self.refuse_surfaces()
-        overlap = self.overlap
-        inside = np.where(self.coverage > OUTSIDE, 1.0, 0.0)
-        weights = overlap.data * np.repeat(inside, np.diff(overlap.indptr))
-        made = _combined(overlap.indptr, overlap.indices, weights, field, field[self._holders])
-        if keep_integral:
-            return self._with_integral(made, field)
-        return made
-
-    def integrals(
-        self, old_values: npt.NDArray[Any], new_values: npt.NDArray[Any], *, nodal: bool = False
-    ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-        """Return the integrals of a field over the old and over the new mesh.
-
-        Parameters
-        ----------
-        old_values : ndarray, shape (n_cells or n_points of the old mesh, ...)
-        new_values : ndarray, shape (n_cells or n_points of the new mesh, ...)
-        nodal : bool, default False
-            Whether the values are those at the nodes, linear in each cell.
-
-        Returns
-        -------
-        before, after : ndarray of the trailing shape
-        """
-        nodal = as_flag("nodal", nodal)
-        found = []
-        for name, mesh, values in (
-            ("old_values", self.old, old_values),
-            ("new_values", self.new, new_values),
-        ):
-            n = mesh.n_points if nodal else mesh.n_cells
-            found.append(integral(mesh, as_field(name, values, n), nodal=nodal))
-        return found[0], found[1]
-
-    @cached_property
-    def coverage(self) -> FloatArray:
-        """Share of each new cell that lies in the old mesh, float64[n_cells]; 1 to rounding."""
-        measures = self.new.measures
-        inside = np.asarray(self.overlap.sum(axis=1)).ravel()
-        return np.asarray(
-            np.divide(inside, measures, out=np.zeros_like(inside), where=measures > 0.0)
-        )
-
-    @cached_property
-    def distances(self) -> FloatArray:
-        """Distance of each new node to the old mesh, float64[n_points], 0 inside."""
-        return self._located[2]
-
-    @cached_property
-    def overlap(self) -> csr_array:
-        """Measures of the overlaps, sparse [n_cells of the new mesh, n_cells of the old one].
-
-        Raises
-        ------
-        ValueError
-            For triangles in space.
-        """
-        self.refuse_surfaces()
-        if "_with_products" in self.__dict__:
-            return self._with_products.measures
-        with reporting(self._progress) as report:
-            return intersections_of(self.old, self.new, Workers.of(None, report)).measures
-
-    @cached_property
-    def _with_products(self) -> Intersections:
-        with reporting(self._progress) as report:
-            return intersections_of(self.old, self.new, Workers.of(None, report), products=True)
-
-    @cached_property
-    def _located(self) -> tuple[IntArray, FloatArray, FloatArray]:
-        cells, weights, distances = self.old.locator.nearest(self.new.points)
-        if _has_slits(self.old):
-            nodes = self.new.boundary().nodes
-            cells, weights = cells.copy(), weights.copy()
-            cells[nodes], weights[nodes] = self._on_their_side(nodes)
-        return cells, weights, distances
-
-    def _on_their_side(self, nodes: IntArray) -> tuple[IntArray, FloatArray]:
-        """Return old cells and weights for new nodes, on their side of a slit.
-
-        Where two old nodes coincide, the location is ambiguous.  A point slightly inside a new
-        cell at the node determines the side.
-        """
-        old, new = self.old, self.new
-        one_cell = np.zeros(new.n_points, np.intp)
-        one_cell[new.cells] = np.arange(new.n_cells)[:, None]
-        points = new.points[nodes]
-        inside = new.points[new.cells[one_cell[nodes]]].mean(axis=1)
-        cells, weights, _ = old.locator.nearest(points + _ASIDE * (inside - points))
-        # Weights of the node itself in that cell, which it may miss by rounding.
-        corners = old.points[old.cells[cells]]
-        edges = (corners[:, 1:] - corners[:, :1]).swapaxes(1, 2)
-        valid = np.abs(np.linalg.det(edges)) > 0.0
-        found = np.linalg.solve(edges[valid], (points - corners[:, 0])[valid][..., None])[..., 0]
-        found = np.column_stack([1.0 - found.sum(axis=1), found])
-        near = np.abs(found - weights[valid]).max(axis=1) <= 1e3 * _ASIDE
-        found = np.clip(found, 0.0, 1.0)
-        kept = np.flatnonzero(valid)[near]
-        weights[kept] = found[near] / found[near].sum(axis=1, keepdims=True)
-        return cells, weights
-
-    @property
-    def _nodes(self) -> tuple[IntArray, FloatArray]:
-        cells, weights, _ = self._located
-        return self.old.cells[cells], weights
-
-    @cached_property
-    def _holders(self) -> IntArray:
-        """The old cells that contain the centroids of the new ones, or the nearest."""
-        centroids = self.new.points[self.new.cells].mean(axis=1)
-        return self.old.locator.nearest(centroids)[0]
-
-    def _with_integral(self, made: npt.NDArray[Any], field: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Return values corrected, near the boundary first, to the integral of the old field."""
-        measures = self.new.measures
-        at_boundary = np.zeros(self.new.n_cells, np.bool_)
-        if not self.new.is_closed:
-            at_boundary[self.new.boundary().cells] = True
-        old, new = as_columns(field), as_columns(made)
-        for j in range(new.shape[1]):
-            low, high = old[:, j].min(), old[:, j].max()
-            for where in (at_boundary, np.ones_like(at_boundary)):
-                missing = self.old.measures @ old[:, j] - measures @ new[:, j]
-                bound = high if missing > 0.0 else low
-                room = np.where(where, bound - new[:, j], 0.0)
-                total = measures @ room
-                if missing != 0.0 and total != 0.0:
-                    new[:, j] += min(missing / total, 1.0) * room
-            np.clip(new[:, j], low, high, out=new[:, j])
-        return from_columns(new, made)
-
-
-def _has_slits(mesh: SimplexMesh) -> bool:
-    """Return whether nodes of the boundary coincide: the two faces of a crack."""
-    if mesh.cell_dim != mesh.dim:
-        return False
-    points = mesh.boundary().mesh.points
-    return len(np.unique(points, axis=0)) < len(points)
-
-
-def _combined(
-    start: npt.NDArray[Any],
-    found: npt.NDArray[Any],
-    weights: FloatArray,
-    field: npt.NDArray[Any],
-    otherwise: npt.NDArray[Any] | None = None,
-) -> npt.NDArray[Any]:
-    """Return weighted means of rows of a field; ``otherwise`` where all weights are zero."""
-    columns = np.array(as_columns(field))
-    result = np.zeros((len(start) - 1, columns.shape[1]))
-    if otherwise is not None:
-        result[:] = as_columns(otherwise)
-    combine(
-        np.array(start, np.int64), np.array(found, np.int32), np.array(weights), columns, result
-    )
-    return from_columns(result, field)
+    comm = old.ranks
+    loose = boxes_around(new.points[~new.in_a_cell], comm)
+    boxes = np.concatenate([boxes_of_pieces(new), loose[:, None]], axis=1)
+    boxes += np.array([[-1.0], [1.0]]) * reach[:, None, None, None]
+    corners = old.points[old.cells]
+    low, high = corners.min(axis=1, initial=np.inf), corners.max(axis=1, initial=-np.inf)
+    which, rank = ranks_that_meet(low, high, boxes)
+    numbers = comm.allreduce(np.bincount(rank, minlength=comm.size), "sum")
+    if comm.rank == int(np.argmax(comm.allgather(old.n_cells))):
+        # All take part in what is collective: those without such cells get one anyway.
+        without = np.flatnonzero(numbers == 0)
+        which, rank = np.append(which, np.zeros_like(without)), np.append(rank, without)
+    mesh = None
+    if old.mesh is not None:
+        point_data, cell_data = ({str(k): v for k, v in enumerate(some)} for some in fields)
+        mesh = SimplexMesh(old.points, old.cells, point_data=point_data, cell_data=cell_data)
+    near = joined_pieces(send_cells(comm, mesh, old.global_ids, which, rank))[0]
+    assert near is not None
+    return near

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -14,7 +13,7 @@ from adaptsize._kernels.simplex import fill_hat_gradients
 from adaptsize.background.grid import CartesianGrid
 from adaptsize.background.octree import Octree
 from adaptsize.background.partitioned import AnyMesh, PartitionedMesh
-from adaptsize.background.requests import ask_nearest, boxes_of, values_at
+from adaptsize.background.requests import ask_nearest, boxes_of
 from adaptsize.background.simplex import SimplexMesh, as_mesh
 from adaptsize.typing import FloatArray
 
@@ -72,7 +71,13 @@ def interpolate(
 
     if isinstance(background, PartitionedMesh):
         nodal, where = background.ranks.agree(check)
-        answer = partial(values_at, background.mesh, nodal[:, None])
+        mesh = background.mesh
+
+        def answer(asked: FloatArray) -> FloatArray:
+            assert mesh is not None
+            nodes, weights, distance = mesh.locator.weights(asked)
+            return np.column_stack([distance, np.einsum("iv,iv->i", weights, nodal[nodes])])
+
         rows = ask_nearest(background, boxes_of(background), where, answer)
         distances, found = rows[:, 0], np.ascontiguousarray(rows[:, 1])
     else:

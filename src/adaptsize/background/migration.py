@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from adaptsize._checks import refuse_where
 from adaptsize.background.merging import hashes_of
@@ -26,15 +27,32 @@ def migrate(part: PartitionedMesh, rank_of_cells: IntArray) -> PartitionedMesh:
 
     Tags and fields move with the cells.  Nodes in no cell are left out, and nodes get new numbers.
     """
-    pieces: list[Piece | None] = [None] * part.ranks.size
-    if part.mesh is not None:
-        nobody = np.full(part.n_points, -1, np.int32)
-        for rank in np.unique(rank_of_cells).tolist():
-            cut = cut_part(part.mesh, rank_of_cells, nobody, rank)
-            if cut.mesh is not None:
-                pieces[rank] = Piece(cut.mesh, part.global_ids[cut.global_ids])
-    received = part.ranks.alltoall(pieces)
-    return from_pieces(part.ranks, [piece for piece in received if piece is not None])
+    which = np.arange(part.n_cells)
+    pieces = send_cells(part.ranks, part.mesh, part.global_ids, which, rank_of_cells)
+    return from_pieces(part.ranks, pieces)
+
+
+def send_cells(
+    comm: Communicator,
+    mesh: SimplexMesh | None,
+    global_ids: Ids,
+    which: npt.NDArray[np.integer],
+    ranks: npt.NDArray[np.integer],
+) -> list[Piece]:
+    """Send cells with their tags and fields to ranks, any number of times; return those received.
+
+    The keys of their nodes are the global numbers.  One exchange.
+    """
+    pieces: list[Piece | None] = [None] * comm.size
+    if mesh is not None:
+        nobody = np.full(mesh.n_points, -1, np.int32)
+        for rank in np.unique(ranks).tolist():
+            chosen = np.zeros(mesh.n_cells, np.int32)
+            chosen[which[ranks == rank]] = 1
+            cut = cut_part(mesh, chosen, nobody, 1)
+            assert cut.mesh is not None
+            pieces[rank] = Piece(cut.mesh, global_ids[cut.global_ids])
+    return [piece for piece in comm.alltoall(pieces) if piece is not None]
 
 
 def interface_facets(part: PartitionedMesh) -> IntArray:
@@ -237,13 +255,13 @@ def from_pieces(comm: Communicator, pieces: Sequence[Piece]) -> PartitionedMesh:
 
     by_points = bool(comm.allreduce(int(any(p.keys is None for p in pieces)), "max"))
     own = comm.agree(check)
-    mesh, keys = comm.agree(lambda: _joined(own))
+    mesh, keys = comm.agree(lambda: joined_pieces(own))
     mesh = with_common_tags(comm, mesh)
     ids, owner = number_nodes(comm, keys)
     return PartitionedMesh(mesh, ids, owner, comm)
 
 
-def _joined(pieces: Sequence[Piece]) -> tuple[SimplexMesh | None, Ids]:
+def joined_pieces(pieces: Sequence[Piece]) -> tuple[SimplexMesh | None, Ids]:
     """Return the pieces of this rank as one mesh, and the keys of its nodes."""
     if not pieces:
         return None, np.empty(0, np.int64)

@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from adaptsize.background._curve import along_curve
 from adaptsize.background.partitioned import AnyMesh, PartitionedMesh
-from adaptsize.background.simplex import SimplexMesh
 from adaptsize.ranks import Communicator
 from adaptsize.typing import FloatArray, IntArray, LongArray
 
@@ -80,12 +79,19 @@ def ask_nearest(
     The first column of an answer is the distance.  First the part with the nearest box is asked,
     then all those whose boxes are nearer than the distance that it found.
     """
-    first = _nearest_boxes(points, boxes, old.ranks.rank)
-    best = ask_ranks(old, points, np.arange(len(points)), first, answer)
+    comm = old.ranks
+
+    def reply(asked: FloatArray, _: npt.NDArray[Any]) -> FloatArray:
+        replies = comm.agree(lambda: answer(asked) if len(asked) else None)
+        width = comm.allreduce(1 if replies is None else replies.shape[1], "max")
+        return np.empty((0, width)) if replies is None else replies
+
+    first = _nearest_boxes(points, boxes, comm.rank)
+    best = comm.ask(points, first, reply)
     which, rank = ranks_within(points, points, boxes, best[:, 0])
     others = rank != first[which]
     which, rank = which[others], rank[others]
-    more = ask_ranks(old, points, which, rank, answer)
+    more = comm.ask(points[which], rank, reply)
     order = np.lexsort((rank, more[:, 0], which))[::-1]  # the nearest one, of the lowest rank, last
     which, more = which[order], more[order]
     closer = more[:, 0] < best[which, 0]
@@ -143,34 +149,3 @@ def _distances(low: FloatArray, high: FloatArray, boxes: FloatArray) -> FloatArr
     """Return the distances between boxes; inf from those without cells."""
     gaps = np.maximum(0.0, np.maximum(boxes[:, 0] - high, low - boxes[:, 1]))
     return np.asarray(np.linalg.norm(gaps, axis=-1))
-
-
-def ask_ranks(
-    old: AnyMesh,
-    points: FloatArray,
-    which: LongArray,
-    rank: npt.NDArray[Any],
-    answer: Callable[[FloatArray], FloatArray],
-) -> FloatArray:
-    """Return the answers of given ranks for given points, one row for each; collective."""
-    comm = old.ranks
-
-    def reply(asked: FloatArray, _: npt.NDArray[Any]) -> FloatArray:
-        replies = comm.agree(lambda: answer(asked) if len(asked) else None)
-        width = comm.allreduce(1 if replies is None else replies.shape[1], "max")
-        return np.empty((0, width)) if replies is None else replies
-
-    return comm.ask(points[which], rank, reply)
-
-
-def values_at(
-    mesh: SimplexMesh | None, columns: FloatArray, points: FloatArray, *, of_one_node: bool = False
-) -> FloatArray:
-    """Return the distance of each point and the values there, float64[n, 1 + columns]."""
-    assert mesh is not None
-    nodes, weights, distance = mesh.locator.weights(points)
-    if of_one_node:
-        values = columns[nodes[np.arange(len(nodes)), weights.argmax(axis=1)]]
-    else:
-        values = np.einsum("iv,ivc->ic", weights, columns[nodes])
-    return np.column_stack([distance, values])
