@@ -55,6 +55,7 @@ def with_info(function: Callable[P, tuple[R_co, I_co]]) -> WithInfo[P, R_co, I_c
     name = function.__name__
     both.__doc__ = f"Return the pair ``(result, info)``; takes the arguments of `{name}`."
     both.__qualname__ = f"{function.__qualname__}.with_info"
+    both.__signature__ = signature  # type: ignore[attr-defined]
     plain: Any = result_only  # functions may have attributes, but their type does not say so
     plain.with_info = both
     plain.__annotations__ = {**function.__annotations__, "return": first}

@@ -66,6 +66,9 @@ def test_every_public_callable_is_attacked_or_left_out_with_a_reason():
     results = {"AdaptResult", "LimitingInfo", "SizeReport", "SizeSources", "__version__"}
     assert not set(ads.__all__) - known - set(LEFT_OUT) - results
     assert "SizeFunction.__call__" in known
+    parameters = {subject.name: list(subject.parameters) for subject in subjects()}
+    for name in known:
+        assert parameters[name] == parameters[name.removesuffix(".with_info")]
 
 
 def test_the_sweep_passes_every_bad_value_to_every_parameter():

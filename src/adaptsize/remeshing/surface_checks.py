@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, place_text
+from adaptsize._checks import as_number, check_type, place_text
 from adaptsize._kernels.crossings import find_crossings, new_crossings
 from adaptsize.background import SimplexMesh
 from adaptsize.background.location import parts_of
@@ -333,6 +333,8 @@ def near_bodies(
             stacklevel=2,
         )
         return None
+    if overlapping is not None:
+        check_type("overlapping", overlapping, OverlappingBodies)
     known = () if overlapping is None else overlapping.pairs
     pairs = [(a, b) for a, b in bodies.near(within) if (a + 1, b + 1) not in known]
     found: list[tuple[float, list[float]]] = []
