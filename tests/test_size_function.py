@@ -81,20 +81,10 @@ OF_VALUES = partial(SizeFunction, SQUARE)
     ("call", "given", "message"),
     [
         (ONES, [0.5, 0.5], r"shape \(n, 2\), got \(2,\); .* shape \(1, 2\)"),
-        (ONES, np.zeros((3, 3)), r"points must have shape \(n, 2\), got \(3, 3\)"),
-        (ONES, np.zeros(5), r"points must have shape \(n, 2\), got \(5,\)"),
-        (ONES, [[0.0, 0.0], [0.0, np.nan]], r"points must be finite, got points\[1, 1\] = nan"),
-        (ONES, "here", "points must be an array of numbers"),
-        (OF_VALUES, [1.0, 1.0, np.nan, 1.0], r"values must be positive .*, got values\[2\] = nan"),
         (OF_VALUES, [1.0, 0.0, 1.0, -1.0], r"values\[1\] = 0\.0 \(and 1 more\)"),
-        (OF_VALUES, [1.0, -np.inf, 1.0, 1.0], r"values\[1\] = -inf"),
-        (OF_VALUES, [1.0, 1.0], r"values must have shape \(4,\), got \(2,\)"),
-        (OF_VALUES, 1.0, r"values must have shape \(4,\), got \(\)"),
         (lambda h: ONES.clip(*h), (2.0, 1.0), "hmin must be at most hmax = 1, got 2"),
-        (lambda h: ONES.clip(*h), (None, -1.0), "hmax must be > 0, got -1"),
         (lambda g: SizeFunction(SQUARE, np.ones(4), g=g), 0.3, "g is for sizes on surfaces"),
         (lambda h: SizeFunction(SQUARE, np.ones(4), hmax=h), 0.3, "hmax needs g"),
-        (lambda h: SizeFunction(SQUARE, np.ones(4), hmax=h), [1.0, 2.0], "hmax must be a number"),
     ],
 )
 def test_what_does_not_fit_is_refused(call, given, message):

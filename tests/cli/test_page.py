@@ -72,7 +72,9 @@ KEYS = {
 )
 def test_json_is_one_object_with_the_keys_on_the_page(folder, capsys, words):
     code = run([*words, "--json"])
-    result = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)  # no NaN
+    printed = capsys.readouterr()
+    result = json.loads(printed.out, parse_constant=pytest.fail)  # no NaN
+    assert code == 0 or printed.err == f"adaptsize: error: {result['error']}\n"
     assert (result["command"], result["version"]) == (words[0], __version__)
     assert SHARED | ({"error"} if code else KEYS[words[0]]) <= set(result)
     assert all(step["seconds"] >= 0.0 for step in result["steps"])

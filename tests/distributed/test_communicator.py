@@ -41,15 +41,3 @@ def test_a_single_process_needs_no_communicator():
 def test_rows_keep_their_order():
     parts = split_rows(np.array([5, 6, 7, 8]), np.array([1, 0, 1, 0]), 3)
     assert [part.tolist() for part in parts] == [[6, 8], [5, 7], []]
-
-
-@pytest.mark.parametrize(
-    ("other", "message"),
-    [
-        (lambda comm: None, r"ranks \[1\] do not take part in allgather"),
-        (lambda comm: comm.allreduce(1, "sum"), "different operations"),
-    ],
-)
-def test_ranks_that_do_not_meet_are_an_error_not_a_deadlock(other, message):
-    with pytest.raises(RuntimeError, match=message):
-        run(2, lambda comm: other(comm) if comm.rank else comm.allgather(1))

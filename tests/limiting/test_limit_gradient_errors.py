@@ -24,11 +24,8 @@ POSITIVE = "h0 must be positive (inf where there is no bound), got "
 FREE = "h0 must be finite at one node at least, got inf at all of them"
 AS_G = "g must be a number, an array per node (4,) or per cell (2,), or callable; got shape "
 REFUSED = [
-    ({"h0": [1.0, np.nan, 1.0, 1.0]}, POSITIVE + "h0[1] = nan"),
     ({"h0": [1.0, -1.0, 0.0, np.nan]}, POSITIVE + "h0[1] = -1.0 (and 2 more)"),
     ({"h0": [np.inf] * 4}, FREE),
-    ({"h0": [1.0]}, "h0 must have shape (4,), got (1,)"),
-    ({"g": -0.1}, "g must be finite and >= 0, got -0.1"),
     ({"g": 1e200}, "g must be at most 1e+30, got 1e+200"),
     ({"g": [0.1, 0.2, -0.3, 0.1]}, "g must be finite and >= 0, got g[2] = -0.3"),
     ({"g": [0.1, 0.2, 0.3]}, AS_G + "(3,)"),
@@ -111,20 +108,6 @@ def test_a_scheme_on_a_background_that_it_does_not_support_says_what_it_needs():
         limit_gradient(SQUARE, H0, 0.3, method="hamilton-jacobi")
     with message("method='positive-coefficient' needs a mesh, got CartesianGrid"):
         limit_gradient(GRID, np.ones((2, 2)), 0.3, method="positive-coefficient")
-
-
-@pytest.mark.parametrize(
-    ("start", "expected"),
-    [
-        (np.ones(3), "initial must have shape (4,), got (3,)"),
-        ([1.0, np.nan, 1.0, 1.0], "got initial[1] = nan"),
-        ([1.0, 1.0, 0.0, 1.0], "got initial[2] = 0.0"),
-        ([1.0, np.inf, 1.0, 1.0], "initial must be finite in every component"),
-    ],
-)
-def test_an_iteration_refuses_bad_starts(start, expected):
-    with message(expected):
-        limit_gradient(SQUARE, H0, 0.3, method="positive-coefficient", initial=start)
 
 
 def test_stopping_at_max_iter_warns_and_is_in_the_info():

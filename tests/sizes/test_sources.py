@@ -151,25 +151,6 @@ def test_bad_arguments_are_named():
         size_from_sources(untagged, RegionSource(1, 0.1))
 
 
-SOURCES = {
-    "point": lambda size: PointSource([0.5, 0.5], size),
-    "points": lambda size: PointSource([[0.5, 0.5], [0.1, 0.2]], [1.0, size]),
-    "curve": lambda size: CurveSource([[0.0, 0.0], [1.0, 1.0]], size),
-    "boundary": BoundarySource,
-    "region": lambda size: RegionSource(1, size),
-    "box": lambda size: BoxSource([0.0, 0.0], [1.0, 1.0], size),
-    "ball": lambda size: BallSource([0.0, 0.0], 1.0, size),
-}
-
-
-@pytest.mark.parametrize("size", [-1.0, 0.0, np.nan, "small"])
-@pytest.mark.parametrize("kind", SOURCES)
-def test_a_source_without_a_positive_size_cannot_be_made(kind, size):
-    SOURCES[kind](0.1)
-    with pytest.raises(ValueError, match=r"^size must be (positive|finite|an array|a number)"):
-        SOURCES[kind](size)
-
-
 def test_sizes_scale_with_the_mesh():
     scale = 3e6
     big = SimplexMesh(scale * SQUARE.points, SQUARE.cells)
