@@ -7,13 +7,7 @@ from meshes import jittered_cube, random_sphere, random_square, structured_squar
 from numpy.testing import assert_allclose
 from solids import cylinder
 
-from adaptsize import (
-    BoxSource,
-    PointSource,
-    SimplexMesh,
-    SizeFunction,
-    size_function,
-)
+from adaptsize import BoxSource, PointSource, SimplexMesh, SizeFunction, size_function
 from adaptsize.background.splitting import split_edges
 from adaptsize.errors import InputWarning, ResolutionWarning
 

@@ -3,20 +3,10 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from recovery import (
-    MESHES,
-    gradient_errors,
-    root_mean_square,
-    solve_poisson,
-    wave,
-)
+from recovery import MESHES, gradient_errors, root_mean_square, solve_poisson, wave
 
 from adaptsize import CartesianGrid, SimplexMesh
-from adaptsize.sizes import (
-    recovered_gradient,
-    recovered_hessian,
-    zz_indicator,
-)
+from adaptsize.sizes import recovered_gradient, recovered_hessian, zz_indicator
 
 
 @pytest.mark.parametrize("dim", [2, 3])

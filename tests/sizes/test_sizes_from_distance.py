@@ -5,13 +5,7 @@ import pytest
 from distance_shapes import Ellipse, ball, box, grid_across
 from numpy.testing import assert_allclose, assert_array_equal
 
-from adaptsize import (
-    CartesianGrid,
-    SimplexMesh,
-    SizeFunction,
-    limit_gradient,
-    size_from_curvature,
-)
+from adaptsize import CartesianGrid, SimplexMesh, SizeFunction, limit_gradient, size_from_curvature
 from adaptsize.geometry import signed_distance
 
 G, K = 0.25, 4.0

@@ -6,11 +6,7 @@ The reference is the visibility graph of `exact_oracle`.
 import domains
 import numpy as np
 import pytest
-from exact_oracle import (
-    plane_domain,
-    plane_sizes,
-    straight_sizes,
-)
+from exact_oracle import plane_domain, plane_sizes, straight_sizes
 from meshes import jittered_square, random_square, slit_square, structured_square
 
 from adaptsize import SimplexMesh, limit_gradient
