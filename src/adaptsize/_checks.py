@@ -30,25 +30,16 @@ def as_plain_array(name: str, value: npt.ArrayLike) -> npt.NDArray[Any]:
 
     The result may share memory with ``value``; callers do not write into it.
     """
-    for where, part in [(name, value), *_rows_of(name, value)]:
+    rows = value if isinstance(value, list | tuple) else ()
+    for number, part in enumerate((value, *rows), start=-1):
         if isinstance(part, np.ma.MaskedArray):
+            where = name if number < 0 else f"{name}[{number}]"
             masked = np.ma.getmaskarray(part)
             refuse_where(where, masked, part, "must not have masked entries (see numpy.ma.filled)")
     try:
         return np.asarray(value)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be an array of numbers, got {describe(value)}") from error
-
-
-def _rows_of(name: str, value: object) -> list[tuple[str, object]]:
-    """Return the masked items of a sequence with their names.  numpy would unmask them."""
-    if not isinstance(value, list | tuple):
-        return []
-    return [
-        (f"{name}[{number}]", row)
-        for number, row in enumerate(value)
-        if isinstance(row, np.ma.MaskedArray)
-    ]
 
 
 def as_float_array(
@@ -77,12 +68,9 @@ def as_float_array(
 def as_points(name: str, value: npt.ArrayLike, dim: int | None = None) -> FloatArray:
     """Return finite coordinates as float64[n, dim], for any n including 0."""
     points = as_float_array(name, value)
-    wanted = "(n, dim) with dim 1, 2 or 3" if dim is None else f"(n, {dim})"
-    good = points.ndim == 2 and (
-        points.shape[1] in (1, 2, 3) if dim is None else points.shape[1] == dim
-    )
-    if not good:
-        known = (1, 2, 3) if dim is None else (dim,)
+    known = (1, 2, 3) if dim is None else (dim,)
+    if points.ndim != 2 or points.shape[1] not in known:
+        wanted = "(n, dim) with dim 1, 2 or 3" if dim is None else f"(n, {dim})"
         is_transposed = points.ndim == 2 and len(points) in known
         hint = f"; {name} is transposed" if is_transposed else ""
         raise ValueError(f"{name} must have shape {wanted}, got {points.shape}{hint}")

@@ -128,7 +128,9 @@ class SizeFunction(ReadOnlyState):
         object.__setattr__(self, "hmax", hmax)
         if self.g is not None:
             object.__setattr__(self, "g", as_number("g", self.g, lower=0.0))
-            if not _is_thin(self.background) or self.outside == "error":
+            background = self.background
+            is_thin = isinstance(background, SimplexMesh) and background.cell_dim < background.dim
+            if not is_thin or self.outside == "error":
                 raise ValueError(
                     "g is for sizes on surfaces and lines that continue off them, "
                     f"got g = {self.g:g} with outside={self.outside!r} on {self.background!r}"
@@ -239,12 +241,11 @@ class SizeFunction(ReadOnlyState):
         if not outside.any():
             return
         first = int(np.argmax(outside))
-        at = ", ".join(f"{float(x):.6g}" for x in points[first])
         count = int(np.count_nonzero(outside))
         more = f" (and {count - 1} more)" if count > 1 else ""
         raise OutsideError(
-            f"points must lie in the background, got points[{first}] = ({at}) at a distance "
-            f"of {distances[first]:.4g} from it{more}"
+            f"points must lie in the background, got points[{first}] = "
+            f"{place_text(points[first])} at a distance of {distances[first]:.4g} from it{more}"
         )
 
     def minimum(self, other: SizeFunction) -> SizeFunction:
@@ -300,11 +301,6 @@ class SizeFunction(ReadOnlyState):
         background = as_mesh("background", background, CartesianGrid, Octree)
         values = _at_nodes(self, background)
         return SizeFunction(background, values, outside=self.outside)
-
-
-def _is_thin(background: Background) -> bool:
-    """Return whether a background has a lower dimension than its space."""
-    return isinstance(background, SimplexMesh) and background.cell_dim < background.dim
 
 
 def _at_nodes(size: SizeFunction, background: Background) -> FloatArray:

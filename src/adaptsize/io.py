@@ -239,7 +239,7 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
         try:
             check_readable(file)
             formats.check_end(".vti", file.read_bytes())
-            grid, fields = read_limited("foreign.read_vti", file)
+            grid, fields = read_limited("vtk.read_image", file)
             background = CartesianGrid(**grid)
         except (ValueError, MemoryError) as error:
             raise about_file(file, error) from error

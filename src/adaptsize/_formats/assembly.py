@@ -92,17 +92,14 @@ def _without_untagged(
 def _without_repeated_nodes(simplices: Simplices, notes: list[str]) -> Simplices:
     """Drop cells that contain a node twice.  All changes to cells are appended to ``notes``."""
     good = have_different_nodes(simplices.cells)
-    cells, block, row, own_notes = simplices
     if not good.any():
         raise MeshFileError("holds only cells that contain a node twice")
     if not good.all():
-        own_notes = [
-            *own_notes,
-            f"{np.count_nonzero(~good)} cells that contain a node twice dropped",
-        ]
-        cells, block, row = cells[good], block[good], row[good]
-    notes.extend(own_notes)
-    return Simplices(cells, block, row, own_notes)
+        dropped = f"{np.count_nonzero(~good)} cells that contain a node twice dropped"
+        cells, block, row = (rows[good] for rows in simplices[:3])
+        simplices = Simplices(cells, block, row, [*simplices.notes, dropped])
+    notes.extend(simplices.notes)
+    return simplices
 
 
 def _kept_nodes(raw: RawMesh, cells: npt.NDArray[Any], *, reduced: bool) -> npt.NDArray[np.bool_]:

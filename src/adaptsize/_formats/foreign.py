@@ -80,11 +80,6 @@ def read_pieces(path: Path, rank: int, size: int) -> list[RawMesh]:
     return [raw for raw in vtk.pieces_in(path, rank, size) if raw.blocks]
 
 
-def read_vti(path: Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
-    """Return the grid and the fields in a file of VTK."""
-    return vtk.image_of(vtk.read_file(path))
-
-
 def read_meshio(path: Path) -> RawMesh:
     """Return the mesh in any other file.  What meshio cannot read in its text is replaced."""
     import meshio
@@ -109,9 +104,6 @@ def read_meshio(path: Path) -> RawMesh:
             file.write_bytes(content)
             mesh = _helpers.reader_map[_PROGRAMS.get(suffix, "nastran")](str(file))
     raw.blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
-    ragged = next((name for name, cells in raw.blocks if cells.dtype == object), None)
-    if ragged is not None:
-        raise MeshFileError(f"holds cells of type {ragged!r}, which cannot be read")
     raw.points, raw.cell_data = np.asarray(mesh.points, dtype=np.float64), mesh.cell_data
     raw.point_data = {n: v for n, v in mesh.point_data.items() if np.asarray(v).dtype != object}
     is_version_2 = suffix == ".msh" and _VERSION_2.match(content)

@@ -52,7 +52,6 @@ _GHOSTS, _HIDDEN = "vtkGhostType", 2
 
 #: What names in XML need besides & < >.
 _ESCAPED = {'"': "&quot;", "\t": "&#9;", "\n": "&#10;", "\r": "&#13;"}
-XML = (".vtu", ".vtp", ".vti", ".vtr", ".vts", ".vtm", ".pvtu", ".pvtp")
 _READERS = {
     ".obj": "vtkIOGeometry.vtkOBJReader",
     ".vtkhdf": "vtkIOHDF.vtkHDFReader",
@@ -465,11 +464,12 @@ def _read_legacy(content: bytes) -> Any:
     return data
 
 
-def image_of(data: Any) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
+def read_image(path: Path) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
     """Return what a CartesianGrid of image data is made from, and its fields of one component.
 
     In VTK, x varies fastest, which is the opposite of the order here.
     """
+    data = read_file(path)
     if not data.IsA("vtkImageData"):
         raise MeshFileError(f"holds a {data.GetClassName()}, not image data")
     matrix = data.GetDirectionMatrix()
@@ -559,7 +559,7 @@ def write(path: Path, suffix: str, data: Any) -> None:
         if suffix == ".vtk":
             writer.SetFileTypeToBinary()
             writer.SetFileVersion(42)  # which every VTK reads
-        elif suffix in XML:
+        else:
             writer.SetHeaderTypeToUInt64()
             for held in (data.GetPointData(), data.GetCellData()):
                 for array in map(held.GetArray, range(held.GetNumberOfArrays())):

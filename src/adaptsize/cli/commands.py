@@ -88,7 +88,7 @@ def info(console: Console, file: Input) -> int:
         mesh = files.read_mesh(file)
         steps.begin("checks")
         summary = summarize(mesh)
-    console.record(input=str(file), **summary.as_dict())
+    console.record(**summary.as_dict())
     console.print(summary)
     return 0
 
@@ -127,7 +127,7 @@ def check(console: Console, file: Input, given: Given) -> int:
         found = ads.check_mesh(mesh, original=other, size=sizes, **given)
         if sizes is not None:
             conformity = conformity_beside(found, mesh, sizes, other)
-    console.record(input=str(file), **found.as_dict())
+    console.record(**found.as_dict())
     if sizes is not None:
         console.record(**conformity.as_dict())
         console.print(conformity)
@@ -173,7 +173,6 @@ def limit(console: Console, file: Input, output: SizesOutput, given: Given) -> i
         files.draw(console, "size", plot, mesh, h)
     quantiles = found.cell_gradient_quantiles
     console.record(
-        input=str(file),
         method=found.method,
         g=g,
         n_points=mesh.n_points,
@@ -228,7 +227,7 @@ def family(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         for path, new, h in zip(paths, made.meshes, made.sizes, strict=True):
             files.write_result(console, path, new.with_data(point_data={"h": h(new.points)}))
     sizes = made.mean_sizes.tolist()
-    console.record(input=str(file), mean_sizes=sizes, ratios=made.ratios.tolist())
+    console.record(mean_sizes=sizes, ratios=made.ratios.tolist())
     console.print("mean sizes  " + ", ".join(f"{h:.5g}" for h in sizes))
     console.print("ratios      " + ", ".join(f"{ratio:.4g}" for ratio in made.ratios))
     return 0
@@ -294,7 +293,6 @@ def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> in
         "boundary_distance": report.boundary_distance,
     }
     console.record(
-        input=str(file),
         remeshed=result.remeshed,
         converged=result.converged,
         reason=result.reason,

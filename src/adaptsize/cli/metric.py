@@ -67,9 +67,7 @@ def limit_with_metric(console: Console, file: Path, output: Path, given: Given) 
         files.write_result(console, output, function)
         files.draw(console, "metric", given.get("plot"), function)
     lowered = int((~found.kept).sum())
-    console.record(
-        input=str(file), g=g, n_points=mesh.n_points, n_lowered=lowered, metric=_summary(function)
-    )
+    console.record(g=g, n_points=mesh.n_points, n_lowered=lowered, metric=_summary(function))
     console.print(f"{lowered} of {mesh.n_points} nodes lowered")
     console.print(f"{limited!r}, complexity {limited.complexity(mesh):.4g}")
     return 0
@@ -94,7 +92,7 @@ def remesh_with_metric(console: Console, file: Path, output: Path, given: Given)
         steps.begin("checks")
         conformity = ads.size_conformity(new, limited)
         files.draw(console, "metric", given.get("plot"), function)
-    console.record(input=str(file), g=g, mesh=conformity.as_dict(), metric=_summary(function))
+    console.record(g=g, mesh=conformity.as_dict(), metric=_summary(function))
     console.print(conformity)
     return 0
 

@@ -170,6 +170,8 @@ def command(
                 if "source" in given:
                     given["sources"] = [parse_source(text) for text in given.pop("source")]
                 values["given"] = given
+            if "file" in values:
+                console.record(input=str(values["file"]))
             with console.messages_of_generators():
                 code = function(console, **values)
             console.finish()

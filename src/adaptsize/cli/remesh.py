@@ -121,7 +121,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         off = f"{new.n_points / given['nodes'] - 1.0:+.1%}"
         nodes = f"{'nodes':10}{new.n_points}, {given['nodes']:.0f} requested ({off})"
         lines.insert(0, nodes)
-    return print_outcome(console, file, outcome, *lines)
+    return print_outcome(console, outcome, *lines)
 
 
 def _part_of(text: str) -> str | None:

@@ -88,7 +88,7 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
         files.write_result(console, output, found, fields)
         files.draw(console, "size", plot, found)
         files.draw(console, "causes", plot_causes, report)
-    console.record(input=str(file), size=as_dict(report))
+    console.record(size=as_dict(report))
     console.print(report)
     if fields:
         names = ", ".join(f"{k} {name}" for k, name in enumerate(report.causes))
@@ -143,12 +143,12 @@ def as_dict(report: SizeReport) -> dict[str, Any]:
     return values | {"smallest": min(report.smallest.values())} | after | {"causes": causes}
 
 
-def print_outcome(console: Console, file: Path, outcome: Outcome, *lines: str) -> int:
+def print_outcome(console: Console, outcome: Outcome, *lines: str) -> int:
     """Print how good a new mesh is and what is out of bounds, and return the exit code.
 
     A quiet command prints why the exit code is 1.
     """
-    console.record(input=str(file), mesh=outcome.as_dict())
+    console.record(mesh=outcome.as_dict())
     for line in (outcome, *lines):
         console.print(line)
     for text in outcome.warnings():
@@ -182,4 +182,4 @@ def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -
         chosen = {name: given[name] for name in options_of(ImageOptions) if name in given}
         outcome = outcome_of_image(mesh, pixels, checked(ImageOptions, chosen))
         files.draw(console, "size", plot, mesh)
-    return print_outcome(console, file, outcome)
+    return print_outcome(console, outcome)

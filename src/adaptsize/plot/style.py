@@ -4,22 +4,24 @@ Text and frames are grey, which can be read on white pages and on dark ones.  Ed
 where they are dense, so that the colours of fine regions remain visible.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib import colormaps
-from matplotlib.colors import Colormap, LinearSegmentedColormap
+from matplotlib import colormaps, rc_context, rcParams
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import (
+    Colormap,
+    LinearSegmentedColormap,
+    ListedColormap,
+    LogNorm,
+    Normalize,
+)
+from matplotlib.figure import Figure
 
 from adaptsize.plot.scene import Scene
 from adaptsize.typing import FloatArray
-
-if TYPE_CHECKING:
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.figure import Figure
-
 
 #: Text, frames and ticks: a contrast of at least 4 on white and on dark pages.
 INK = "#7b8087"
@@ -75,9 +77,6 @@ def edge_colors(lengths: FloatArray, width: float) -> FloatArray:
 
 def colors_of(scene: Scene) -> ScalarMappable:
     """Return the colours of values, or of positions in ``scene.names`` for classes."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import ListedColormap, LogNorm, Normalize
-
     low, high = scene.limits
     if scene.classes:
         n = len(scene.names)
@@ -100,10 +99,6 @@ def text_size(width: float) -> float:
 
 def with_bar(image: npt.NDArray[np.uint8], scene: Scene, width: int) -> npt.NDArray[np.uint8]:
     """Return a drawing of a scene with its colour bar to the right, ``width`` pixels wide."""
-    from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     height = image.shape[0]
     settings: Any = SETTINGS | {"font.size": 0.72 * text_size(width)}
     with rc_context(settings):
@@ -118,8 +113,6 @@ def with_bar(image: npt.NDArray[np.uint8], scene: Scene, width: int) -> npt.NDAr
 
 def _add_bar(figure: Figure, scene: Scene, left: float) -> None:
     """Add the colour bar, its title above it, to the right of this share of the figure."""
-    from matplotlib import rcParams
-
     width, height = figure.get_size_inches()
     # In points: a number at the top of the bar reaches half a letter above it.
     pad = 0.5 * rcParams["font.size"] + 6.0

@@ -6,6 +6,10 @@ others correctly if the cells are of moderate size, which is sufficient for mesh
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
 
 from adaptsize.plot.scene import Scene
 from adaptsize.plot.style import NOTHING, colors_of, edge_colors
@@ -14,11 +18,6 @@ from adaptsize.typing import FloatArray
 
 def draw(scene: Scene, width: int, height: int) -> npt.NDArray[np.uint8]:
     """Return the scene alone as uint8[height, width, 4], red, green, blue and opacity."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.collections import PolyCollection
-    from matplotlib.colors import to_rgba
-    from matplotlib.figure import Figure
-
     seen = scene.points @ scene.axes.T
     corners = seen[scene.cells]
     order = np.argsort(corners[:, :, 2].mean(axis=1), kind="stable")

@@ -16,6 +16,7 @@ import numpy as np
 import adaptsize
 from adaptsize._checks import as_path, as_tolerance, check_type
 from adaptsize._formats.guards import write_whole
+from adaptsize._formats.text import write_text
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
@@ -161,11 +162,7 @@ def write_page(
         f"<script>const DATA = {data};\n{_file('viewer.js')}</script>",
         "</body></html>",
     ]
-
-    def write_text(path: Path) -> None:
-        path.write_text("\n".join(parts), encoding="utf-8")
-
-    write_whole(target, write_text)
+    write_whole(target, lambda path: write_text(path, "\n".join(parts)))
 
 
 def _file(name: str) -> str:
