@@ -6,8 +6,9 @@ import pickle
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from numbers import Real
-from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -109,7 +110,15 @@ class Communicator(ABC):
         except Exception as failure:
             error = failure
         errors = self.allgather(None if error is None else (type(error), str(error)))
-        self.raise_first(errors, error)
+        for rank, failed in enumerate(errors):
+            if failed is None:
+                continue
+            kind, text = failed
+            try:
+                raised = kind(f"rank {rank}: {text}")
+            except TypeError:  # the exception takes other arguments
+                raised = RuntimeError(f"rank {rank}: {kind.__name__}: {text}")
+            raise raised from (error if rank == self.rank else None)
         return result  # type: ignore[return-value]
 
     def require_equal(self, **arguments: Any) -> None:
@@ -128,21 +137,6 @@ class Communicator(ABC):
                     f"{name} must be the same on all ranks, got {every[0][name]} on rank 0 and "
                     f"{every[rank][name]} on rank {rank}"
                 )
-
-    def raise_first(
-        self, errors: Sequence[tuple[type[Exception], str] | None], own: Exception | None = None
-    ) -> None:
-        """Raise the first of the errors of all ranks, if there is any."""
-        for rank, error in enumerate(errors):
-            if error is None:
-                continue
-            kind, text = error
-            where = f"rank {rank}: " if self.size > 1 else ""
-            try:
-                failure = kind(where + text)
-            except TypeError:  # the exception takes other arguments
-                failure = RuntimeError(f"{where}{kind.__name__}: {text}")
-            raise failure from (own if rank == self.rank else None)
 
 
 def _comparable(value: object) -> float | str:
@@ -293,6 +287,42 @@ def rows_among(numbers: npt.NDArray[Any], ascending: npt.NDArray[Any]) -> IntArr
         return np.full(numbers.shape, -1, np.int32)
     at = np.minimum(np.searchsorted(ascending, numbers), len(ascending) - 1)
     return np.where(ascending[at] == numbers, at, -1).astype(np.int32)
+
+
+if TYPE_CHECKING:
+    kept = cached_property
+else:
+
+    class kept(cached_property):
+        """A cached property without the lock of Python 3.10 and 3.11.
+
+        Ranks in other threads would wait for it if the computation is collective.
+        """
+
+        def __get__(self, instance, owner=None):
+            """Return the value, computed on first use."""
+            if instance is None:
+                return self
+            values = vars(instance)
+            if self.attrname not in values:
+                values[self.attrname] = self.func(instance)
+            return values[self.attrname]
+
+
+def values_in_order(
+    comm: Communicator, values: npt.NDArray[np.float64], places: npt.NDArray[Any]
+) -> npt.NDArray[np.float64]:
+    """Return those of the numbers >= 0 of all ranks that are at places of their order; collective.
+
+    Such numbers are ordered like their bits, of which each of eight reductions finds eight.
+    """
+    bits = np.sort(values).view(np.int64)
+    found = np.zeros(len(places), np.int64)
+    for shift in range(56, -8, -8):
+        digits = np.arange(1, 256 if shift < 56 else 128, dtype=np.int64) << shift
+        below = comm.allreduce(np.searchsorted(bits, found[:, None] + digits), "sum")
+        found += np.count_nonzero(below <= places[:, None], axis=1).astype(np.int64) << shift
+    return found.view(np.float64)
 
 
 class SharedNodes(NamedTuple):

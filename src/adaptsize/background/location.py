@@ -1,4 +1,4 @@
-"""Point location in a mesh: the cell that contains a point, or the closest one."""
+"""Point location in a mesh or octree: the cell that contains a point, or the closest one."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_points
 from adaptsize._kernels.interpolate import interpolate
-from adaptsize._kernels.location import Located, list_within, locate
+from adaptsize._kernels.location import Located, list_within, locate, locate_in_ranges
 from adaptsize._kernels.trees import new_stack
 from adaptsize.background._curve import along_curve, tree_over
 from adaptsize.typing import FloatArray, IntArray, LongArray
 
 if TYPE_CHECKING:
+    from adaptsize.background.octree import Octree
     from adaptsize.background.simplex import SimplexMesh
 
 # Squares of coordinates must stay in the range of float64.
@@ -221,6 +222,62 @@ class SimplexLocator(Locator):
         """Return checked points, scaled and padded like those of the mesh."""
         queries = as_points("points", points, self._mesh.dim) * self.scale
         return in_space(np.clip(queries, -_FARTHEST, _FARTHEST))
+
+
+class OctreeLocator(Locator):
+    """Point location in the simplices of the leaves of an octree.
+
+    ``tree.locator`` is the cached locator of an octree.  It needs no other tree over the cells of
+    ``tree.mesh``, which would take more memory and a longer time than the octree itself.
+
+    Parameters
+    ----------
+    tree : Octree
+
+    Examples
+    --------
+    >>> from adaptsize import Octree
+    >>> tree = Octree([0, 0], [2, 1], (2, 1), [0, 0])
+    >>> cells, weights, distances = tree.locator.nearest([[1.5, 0.5], [3.0, 0.0]])
+    >>> cells.tolist(), distances.tolist()
+    ([2, 2], [0.0, 1.0])
+    """
+
+    def __init__(self, tree: Octree) -> None:
+        self._tree, self._mesh = tree, tree.mesh
+        # Scaling by a power of two keeps squares of lengths in range; see `SimplexLocator`.
+        largest = float(np.abs([tree.lower, tree.upper]).max())
+        self._scale = math.ldexp(1.0, -math.frexp(largest)[1])
+        self._points = in_space(tree.points * self._scale)
+
+    def nearest(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return for each point the cell that contains it, or else the closest point of the box.
+
+        Parameters
+        ----------
+        points : array_like of float, shape (n, dim)
+
+        Returns
+        -------
+        cells : ndarray of int32, shape (n,)
+            Rows of ``tree.mesh.cells``.
+        weights : ndarray of float64, shape (n, dim + 1)
+        distances : ndarray of float64, shape (n,)
+            As those of `SimplexLocator.nearest`; exactly 0 in the box.
+        """
+        tree = self._tree
+        where = as_points("points", points, tree.dim)
+        inside = np.clip(where, tree.lower, tree.upper)
+        leaves, n = tree.find_leaves(inside), len(where)
+        found = Located(np.empty(n, np.int32), np.empty((n, tree.dim + 1)), np.empty(n))
+        queries = in_space(inside * self._scale)
+        order = np.argsort(leaves)  # neighbours follow each other, for the cache
+        mesh = (self._points, self._mesh.cells)
+        for first, last in parts_of(n):
+            which = order[first:last]
+            locate_in_ranges(mesh, tree.first_cells, leaves, queries, which, found)
+        distances = np.linalg.norm((where - inside) * self._scale, axis=1) / self._scale
+        return found.cell, found.weights, distances
 
 
 def in_space(points: FloatArray) -> FloatArray:

@@ -13,8 +13,7 @@ from adaptsize._checks import refuse_where
 from adaptsize.background.merging import hashes_of
 from adaptsize.background.partitioned import AnyMesh, PartitionedMesh
 from adaptsize.background.partitioning import cut_part, joined
-from adaptsize.background.simplex import SimplexMesh
-from adaptsize.background.topology import oriented_facets, tags_of_facets
+from adaptsize.background.simplex import SimplexMesh, facets_with_normals
 from adaptsize.ranks import Communicator, Ids
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -57,7 +56,7 @@ def send_cells(
 
 def interface_facets(part: PartitionedMesh) -> IntArray:
     """Return the facets that this rank shares with others, as local nodes; collective."""
-    facets, is_between = _free_facets(part)
+    facets, _, is_between = _free_facets(part)
     return np.asarray(facets[is_between])
 
 
@@ -65,8 +64,8 @@ def boundary_facets(mesh: AnyMesh) -> IntArray:
     """Return the facets on the boundary of the whole mesh, as local nodes; collective."""
     if isinstance(mesh, SimplexMesh):
         return np.asarray(mesh.facets[mesh.facet_cell_counts == 1])
-    facets, is_between = _free_facets(mesh)
-    return np.asarray(facets[~is_between])
+    facets, is_outer, _ = _free_facets(mesh)
+    return np.asarray(facets[is_outer])
 
 
 def is_counted_here(mesh: AnyMesh, edges: IntArray) -> BoolArray:
@@ -86,28 +85,28 @@ def is_counted_here(mesh: AnyMesh, edges: IntArray) -> BoolArray:
     return np.isin(keys, np.concatenate(mesh.ranks.alltoallv(sent)), invert=True)
 
 
-def _free_facets(part: PartitionedMesh) -> tuple[IntArray, BoolArray]:
-    """Return the facets with one cell on this rank, and whether other ranks have them too.
+def _free_facets(part: PartitionedMesh) -> tuple[IntArray, BoolArray, BoolArray]:
+    """Return the facets on this rank, and which are on the boundary, and which between ranks.
 
     Two exchanges: each candidate goes to a rank that follows from its lowest node, which counts
     the ranks that have it.
     """
-    comm = part.ranks
-    free = np.empty((0, part.cell_dim), np.int32)
+    comm, facets = part.ranks, np.empty((0, part.cell_dim), np.int32)
+    counts = np.empty(0, np.int32)
     is_shared = np.zeros(part.n_points, np.bool_)
     is_shared[part.shared.every] = True
     if part.mesh is not None:
-        free = part.mesh.facets[part.mesh.facet_cell_counts == 1]
-    candidates = is_shared[free].all(axis=1)
-    keys = np.sort(part.global_ids[free[candidates]], axis=1)
+        facets, counts = part.mesh.facets, part.mesh.facet_cell_counts
+    candidates = np.flatnonzero((counts == 1) & is_shared[facets].all(axis=1))
+    keys = np.sort(part.global_ids[facets[candidates]], axis=1)
 
     def count(rows: Ids, _: Ids) -> Ids:
         _, group, times = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
         return np.asarray(times[group.ravel()])
 
-    is_between = np.zeros(len(free), np.bool_)
+    is_between = np.zeros(len(facets), np.bool_)
     is_between[candidates] = comm.ask(keys, keys[:, 0] % comm.size, count) > 1
-    return free, is_between
+    return facets, (counts == 1) & ~is_between, is_between
 
 
 class WholeBoundary(NamedTuple):
@@ -125,7 +124,13 @@ def whole_boundary(part: PartitionedMesh) -> WholeBoundary:
 
 
 def _find_boundary(part: PartitionedMesh) -> WholeBoundary:
-    own = _own_facets(part, interface_facets(part))
+    _, is_outer, _ = _free_facets(part)
+    none = np.empty(0, np.int32)
+    own: Any = part.cell_ids[:0], none, np.empty((0, part.dim), np.int32), none
+    if part.mesh is not None:
+        cell, opposite, facets, tags = facets_with_normals(part.mesh, is_outer)
+        tags = np.full(len(cell), -1, np.int32) if tags is None else tags
+        own = part.cell_ids[cell], opposite.astype(np.int32), facets, tags
     nodes = np.unique(own[2])
     sent = (*own[:2], part.global_ids[own[2]], own[3], part.global_ids[nodes], part.points[nodes])
     every = part.ranks.allgather((*sent, None if part.mesh is None else dict(part.mesh.tag_names)))
@@ -144,38 +149,6 @@ def _find_boundary(part: PartitionedMesh) -> WholeBoundary:
         tag_names=names,
     )
     return WholeBoundary(mesh, ids)
-
-
-def _own_facets(
-    part: PartitionedMesh, between: IntArray
-) -> tuple[Ids, IntArray, IntArray, IntArray]:
-    """Return the facets of the boundary on this rank, without those between parts.
-
-    Returns
-    -------
-    cell, opposite : int[f]
-        Global numbers of their cells, and the vertices that are not in the facet.
-    facets : int32[f, dim]
-        Local nodes, normals outward.
-    tags : int32[f]
-        0 for none; -1 if no facets are tagged.
-    """
-    mesh = part.mesh
-    if mesh is None:
-        none = np.empty(0, np.int32)
-        return np.empty(0, np.int64), none, np.empty((0, part.dim), np.int32), none
-    inner = np.zeros(len(mesh.facets), np.int32)
-    if len(between):
-        inner = tags_of_facets(mesh.facets, between, np.ones(len(between), np.int32), mesh.n_points)
-    free = (mesh.facet_cell_counts == 1) & (inner == 0)
-    cell, opposite = np.nonzero(free[mesh.cell_facets])
-    inverted = mesh.signed_measures[cell] < 0.0
-    facets = oriented_facets(mesh.cells[cell], opposite, inverted)
-    tags = np.full(len(cell), -1, np.int32)
-    if mesh.tagged_facets is not None and mesh.facet_tags is not None:
-        every = tags_of_facets(mesh.facets, mesh.tagged_facets, mesh.facet_tags, mesh.n_points)
-        tags = every[mesh.cell_facets[cell, opposite]]
-    return part.cell_ids[cell], opposite.astype(np.int32), facets, tags
 
 
 def displaced(part: PartitionedMesh, layers: int) -> IntArray:

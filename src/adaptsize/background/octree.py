@@ -26,7 +26,7 @@ from adaptsize._kernels.octree_cells import cut_leaves
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import _octree_growth as growth
 from adaptsize.background._mesh_arrays import read_only
-from adaptsize.background.octree_location import OctreeLocator
+from adaptsize.background.location import OctreeLocator
 from adaptsize.background.refinement import NeedsRefinement
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.typing import FloatArray, IntArray, LongArray

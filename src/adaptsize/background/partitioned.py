@@ -12,7 +12,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_float_array, check_type
 from adaptsize.background.partitioning import joined, parts_of
 from adaptsize.background.simplex import SimplexMesh
-from adaptsize.ranks import Communicator, Ids, SharedNodes, as_communicator, find_shared_nodes
+from adaptsize.ranks import Communicator, Ids, SharedNodes, as_communicator, find_shared_nodes, kept
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 T = TypeVar("T")
@@ -194,12 +194,9 @@ class PartitionedMesh:
         """Length, area or volume of each cell of this rank."""
         return np.empty(0) if self.mesh is None else self.mesh.measures
 
-    @property
+    @kept
     def diagonal(self) -> float:
         """Diagonal of the box around all cells of the whole mesh; collective on first use."""
-        return self.once("_diagonal", self._find_diagonal)
-
-    def _find_diagonal(self) -> float:
         used = self.points[np.unique(self.cells)]
         low, high = used.min(axis=0, initial=np.inf), used.max(axis=0, initial=-np.inf)
         ends = self.ranks.allreduce(np.concatenate([low, -high]), "min")
@@ -210,20 +207,13 @@ class PartitionedMesh:
         """Whether this rank owns each of its nodes."""
         return np.asarray(self.owner == self.ranks.rank)
 
-    @property
+    @kept
     def shared(self) -> SharedNodes:
         """The nodes that other ranks hold too; collective on first use."""
-        found: SharedNodes = self.once(
-            "_shared", lambda: find_shared_nodes(self.ranks, self.global_ids, self.owner)
-        )
-        return found
+        return find_shared_nodes(self.ranks, self.global_ids, self.owner)
 
     def once(self, name: str, compute: Callable[[], T]) -> T:
-        """Return a value that is computed on first use and kept; collective if ``compute`` is.
-
-        Unlike a cached property of Python 3.10 and 3.11, it holds no lock that ranks in other
-        threads wait for.
-        """
+        """Return a value that is computed on first use and kept; collective if ``compute`` is."""
         if name not in self.__dict__:
             self.__dict__[name] = compute()
         return self.__dict__[name]  # type: ignore[no-any-return]
@@ -249,7 +239,7 @@ class PartitionedMesh:
 
     def gather(self) -> SimplexMesh | None:
         """Return the whole mesh on rank 0, None on other ranks; collective."""
-        pieces = self._to_first(self)
+        pieces = self._to_first((self.mesh, self.global_ids, self.cell_ids))
         return None if pieces is None else joined(pieces)
 
     def gather_nodal(self, values: npt.ArrayLike) -> FloatArray | None:
@@ -341,10 +331,7 @@ class PartitionedMesh:
 
     def _to_first(self, value: Any) -> list[Any] | None:
         """Return the values of all ranks on rank 0."""
-        if isinstance(value, PartitionedMesh):
-            value = (value.mesh, value.global_ids, value.cell_ids)
-        sent = [value] + [None] * (self.ranks.size - 1)
-        received = self.ranks.alltoall(sent)
+        received = self.ranks.alltoall([value] + [None] * (self.ranks.size - 1))
         return received if self.ranks.rank == 0 else None
 
     def _nodal(self, values: npt.ArrayLike) -> FloatArray:

@@ -22,7 +22,7 @@ from adaptsize.background import topology
 from adaptsize.background.enclosing import enclosing_diameter
 from adaptsize.background.location import SimplexLocator
 from adaptsize.ranks import Communicator, SharedNodes, no_shared_nodes
-from adaptsize.typing import BoolArray, FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 _Result = TypeVar("_Result")
 _CELL_NAMES = {1: "segments", 2: "triangles", 3: "tetrahedra"}
@@ -320,21 +320,11 @@ class SimplexMesh(ReadOnlyState):
         """
         if self.cell_dim == 1:
             raise ValueError("the boundary of segments is not a mesh; cells must have 3 or 4 nodes")
-        on_boundary = self.facet_cell_counts[self.cell_facets] == 1
+        on_boundary = self.facet_cell_counts == 1
         if not on_boundary.any():
             raise ValueError("the mesh is closed: it has no boundary")
-        cell, opposite = np.nonzero(on_boundary)
-        inverted = None
-        if self.cell_dim == self.dim:
-            inverted = _signed_measures(self.points[self.cells[cell]]) < 0.0
-        facets = topology.oriented_facets(self.cells[cell], opposite, inverted)
+        cell, _, facets, tags = facets_with_normals(self, on_boundary)
         nodes, local = topology.compacted(facets)
-        tags = None
-        if self.tagged_facets is not None and self.facet_tags is not None:
-            all_tags = topology.tags_of_facets(
-                self.facets, self.tagged_facets, self.facet_tags, self.n_points
-            )
-            tags = all_tags[self.cell_facets[cell, opposite]]
         mesh = SimplexMesh(
             self.points[nodes],
             local,
@@ -406,6 +396,32 @@ class SimplexMesh(ReadOnlyState):
             raise ValueError(f"points must have shape {self.points.shape}, got {new.points.shape}")
         new.__dict__["_topology"] = self._topology
         return new
+
+
+def facets_with_normals(
+    mesh: SimplexMesh, chosen: BoolArray
+) -> tuple[IndexArray, IndexArray, IntArray, IntArray | None]:
+    """Return the cells at chosen facets, and the facets with normals out of these cells.
+
+    Returns
+    -------
+    cell, opposite : intp[n]
+        The cells, and their vertices that are not in the facet.
+    facets : int32[n, cell_dim]
+    tags : int32[n] or None
+        0 for facets without a tag; None if there are no tags.
+    """
+    cell, opposite = np.nonzero(chosen[mesh.cell_facets])
+    inverted = tags = None
+    if mesh.cell_dim == mesh.dim:
+        inverted = _signed_measures(mesh.points[mesh.cells[cell]]) < 0.0
+    facets = topology.oriented_facets(mesh.cells[cell], opposite, inverted)
+    if mesh.tagged_facets is not None and mesh.facet_tags is not None:
+        every = topology.tags_of_facets(
+            mesh.facets, mesh.tagged_facets, mesh.facet_tags, mesh.n_points
+        )
+        tags = every[mesh.cell_facets[cell, opposite]]
+    return cell, opposite, facets, tags
 
 
 def _signed_measures(corners: FloatArray) -> FloatArray:

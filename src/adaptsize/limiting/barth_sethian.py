@@ -54,7 +54,7 @@ class PositiveCoefficient(Scheme):
             isinstance(self.floor, str) and self.floor == "hopf-lax"
         ):
             raise ValueError(f"floor must be 'hopf-lax' or None, got {describe(self.floor)}")
-        self._check_options()
+        super().__post_init__()
 
     def supports(self, domain: AnyMesh | CartesianGrid) -> str:
         """Return which backgrounds the scheme needs."""

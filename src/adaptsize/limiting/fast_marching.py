@@ -98,10 +98,6 @@ class FastMarching(Scheme):
     optional: ClassVar[frozenset[str]] = frozenset({"periodic"})
     order: int = 1
 
-    def __post_init__(self) -> None:
-        """Check the options."""
-        self._check_options()
-
     def supports(self, domain: AnyMesh | CartesianGrid) -> str:
         """Return which backgrounds the scheme needs."""
         is_mesh = not isinstance(domain, CartesianGrid)

@@ -100,10 +100,6 @@ class HamiltonJacobi(Scheme):
     tol: float = 1e-3
     max_iter: int | None = None
 
-    def __post_init__(self) -> None:
-        """Check the options."""
-        self._check_options()
-
     def supports(self, domain: AnyMesh | CartesianGrid) -> str:
         """Return which backgrounds the scheme needs."""
         return "" if isinstance(domain, CartesianGrid) else "a CartesianGrid"

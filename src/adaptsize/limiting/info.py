@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import wraps
-from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -19,29 +17,10 @@ from adaptsize.limiting.fast_marching import cells_in
 from adaptsize.limiting.gradient_limit import SizeTransform, Slope
 from adaptsize.limiting.problem import Problem, Scheme, Solution
 from adaptsize.limiting.sources import SizeSources
-from adaptsize.ranks import Communicator, SingleRank
+from adaptsize.ranks import Communicator, SingleRank, kept, values_in_order
 from adaptsize.typing import BoolArray, FloatArray
 
-T = TypeVar("T")
-
 _QUANTILES = (0.5, 0.9, 0.99, 1.0)
-
-
-def _once(compute: Callable[[LimitingInfo], T]) -> Callable[[LimitingInfo], T]:
-    """Return a method that keeps its result.
-
-    Unlike a cached property of Python 3.10 and 3.11, it holds no lock that ranks in other threads
-    wait for.
-    """
-
-    @wraps(compute)
-    def kept(info: LimitingInfo) -> T:
-        values: dict[str, Any] = vars(info)
-        if compute.__name__ not in values:
-            values[compute.__name__] = compute(info)
-        return cast(T, values[compute.__name__])
-
-    return kept
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -67,7 +46,7 @@ class LimitingInfo:
     def completed(self) -> LimitingInfo:
         """Compute all figures; collective."""
         for name, attribute in vars(LimitingInfo).items():
-            if isinstance(attribute, property):
+            if isinstance(attribute, property | kept):
                 getattr(self, name)
         return self
 
@@ -93,8 +72,7 @@ class LimitingInfo:
         """Name of the scheme that was used."""
         return self.scheme.name
 
-    @property
-    @_once
+    @kept
     def iterations(self) -> int:
         """Number of accepted nodes (marching), steps (iterations) or sources (exact method)."""
         return int(self._ranks.allreduce(self.solution.iterations, "sum"))
@@ -110,14 +88,12 @@ class LimitingInfo:
             f"LimitingInfo({self.method}: {self.n_changed} of {self.n_points} sizes are below h0)"
         )
 
-    @property
-    @_once
+    @kept
     def n_changed(self) -> int:
         """Number of nodes whose size is now below ``h0``."""
         return self._count(self.solution.h < self.problem.h0)
 
-    @property
-    @_once
+    @kept
     def n_free(self) -> int:
         """Number of nodes whose size is inf because there is no bound in their component.
 
@@ -126,8 +102,7 @@ class LimitingInfo:
         active = getattr(self.problem.domain, "active", None)
         return self._count(np.isinf(self.solution.h) & (True if active is None else active))
 
-    @property
-    @_once
+    @kept
     def residual(self) -> float:
         """Residual of the discrete equations of the scheme.
 
@@ -136,8 +111,7 @@ class LimitingInfo:
         """
         return self.solution.residual
 
-    @property
-    @_once
+    @kept
     def _slopes(self) -> tuple[float, dict[float, float]]:
         domain, u, slope = self.problem.domain, self.solution.h, self.problem.slope
         steepest, ratio = 0.0, np.empty(0)
@@ -164,8 +138,7 @@ class LimitingInfo:
         """
         return self._slopes[1]
 
-    @property
-    @_once
+    @kept
     def n_proved(self) -> int | None:
         """Number of nodes whose size is proved exact; None for other methods than ``"exact"``.
 
@@ -177,8 +150,7 @@ class LimitingInfo:
         n_hidden = self.solution.h.size - self.solution.n_proved
         return self.n_points - int(self._ranks.allreduce(n_hidden, "sum"))
 
-    @property
-    @_once
+    @kept
     def largest_gap(self) -> float | None:
         """Largest difference between a size that is not proved exact and its lower bound.
 
@@ -190,8 +162,7 @@ class LimitingInfo:
             return None
         return float(self._ranks.allreduce(self.solution.largest_gap, "max"))
 
-    @property
-    @_once
+    @kept
     def sources(self) -> SizeSources | None:
         """Source of each size; None for other methods than ``"exact"``.
 
@@ -218,20 +189,13 @@ def _slopes_on_mesh(mesh: SimplexMesh, u: FloatArray, slope: Slope) -> tuple[flo
 def _quantiles(ranks: Communicator, values: FloatArray) -> dict[float, float]:
     """Return quantiles of numbers >= 0 on all ranks, 0 if there are none; collective.
 
-    They are values that occur, not means of two, since a cell with g = 0 may have inf.  Such
-    numbers are ordered like their bits, of which each of eight reductions finds eight.
+    They are values that occur, not means of two, since a cell with g = 0 may have inf.
     """
     n = ranks.allreduce(len(values), "sum")
     if n == 0:
         return dict.fromkeys(_QUANTILES, 0.0)
-    bits = np.sort(values).view(np.int64)
-    found = np.zeros(len(_QUANTILES), np.int64)
-    place = np.array([[math.ceil((n - 1) * share)] for share in _QUANTILES])
-    for shift in range(56, -8, -8):
-        digits = np.arange(1, 256 if shift < 56 else 128, dtype=np.int64) << shift
-        below = ranks.allreduce(np.searchsorted(bits, found[:, None] + digits), "sum")
-        found += np.count_nonzero(below <= place, axis=1).astype(np.int64) << shift
-    return dict(zip(_QUANTILES, found.view(np.float64).tolist(), strict=True))
+    places = np.array([math.ceil((n - 1) * share) for share in _QUANTILES])
+    return dict(zip(_QUANTILES, values_in_order(ranks, values, places).tolist(), strict=True))
 
 
 def _slopes_on_grid(grid: CartesianGrid, u: FloatArray, slope: Slope) -> tuple[float, FloatArray]:
@@ -252,9 +216,9 @@ def _slopes_on_grid(grid: CartesianGrid, u: FloatArray, slope: Slope) -> tuple[f
             ratio = np.abs(rise) / at_upper
             ratio = ratio[np.isfinite(rise) & (rise != 0.0)]
             steepest = max(steepest, float(ratio.max(initial=0.0)))
-            squares += _mean_across(rise, axis) ** 2
+            squares += _averaged(rise, (a for a in range(grid.dim) if a != axis)) ** 2
         norms = np.sqrt(squares)
-        ratio = np.where(norms > 0.0, norms / _mean_of_corners(g), 0.0)
+        ratio = np.where(norms > 0.0, norms / _averaged(g, range(grid.dim)), 0.0)
     # Boxes at inf or inactive nodes have no gradient.
     return steepest, ratio[np.isfinite(norms)]
 
@@ -265,18 +229,9 @@ def _ends(values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
     return values.take(range(n - 1), axis), values.take(range(1, n), axis)
 
 
-def _mean_across(along: FloatArray, axis: int) -> FloatArray:
-    """Average values on the edges along an axis over the edges of each box."""
-    for other in range(along.ndim):
-        if other != axis:
-            first, last = _ends(along, other)
-            along = 0.5 * (first + last)
-    return along
-
-
-def _mean_of_corners(values: FloatArray) -> FloatArray:
-    """Average nodal values over the corners of each box."""
-    for axis in range(values.ndim):
+def _averaged(values: FloatArray, axes: Iterable[int]) -> FloatArray:
+    """Return the means of neighbours along axes: from nodes or edges to the middle of boxes."""
+    for axis in axes:
         first, last = _ends(values, axis)
         values = 0.5 * (first + last)
     return values

@@ -96,7 +96,7 @@ class Scheme:
         """Solve a problem; collective on meshes in parts."""
         raise NotImplementedError
 
-    def _check_options(self) -> None:
+    def __post_init__(self) -> None:
         """Check the options that several schemes have."""
         given: Any = self
         if hasattr(self, "order"):

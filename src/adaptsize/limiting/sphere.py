@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -85,7 +87,12 @@ def limit_on_sphere(
     >>> limit_on_sphere(points, [1.0, np.inf, np.inf], 0.2, radius=6371.0).round(1)
     array([1.0000e+00, 4.5500e+01, 2.0025e+03])
     """
-    where, shape, active = _nodes(lon_lat)
+    given: Any = lon_lat
+    is_background = isinstance(given, SimplexMesh | CartesianGrid)
+    where = as_points("lon_lat", given.points if is_background else given, 2)
+    refuse_where("lon_lat", np.abs(where) > [np.inf, 90.0], where, "must have latitudes -90 to 90")
+    shape = given.nodal_shape if is_background else (len(where),)
+    active = getattr(lon_lat, "active", None)
     bound = as_nodal_sizes("h0", h0, shape, active)
     if bound.min() == np.inf:
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
@@ -104,19 +111,3 @@ def to_sphere(lon_lat: FloatArray, radius: float) -> FloatArray:
     lon, lat = np.deg2rad(lon_lat).T
     around = np.cos(lat)
     return radius * np.column_stack([around * np.cos(lon), around * np.sin(lon), np.sin(lat)])
-
-
-def _nodes(
-    lon_lat: SimplexMesh | CartesianGrid | npt.ArrayLike,
-) -> tuple[FloatArray, tuple[int, ...], npt.NDArray[np.bool_] | None]:
-    """Return the checked nodes, the nodal shape, and the active nodes of a grid."""
-    active = None
-    if isinstance(lon_lat, SimplexMesh | CartesianGrid):
-        shape = lon_lat.nodal_shape
-        where = as_points("lon_lat", lon_lat.points, 2)
-        active = getattr(lon_lat, "active", None)
-    else:
-        where = as_points("lon_lat", lon_lat, 2)
-        shape = (len(where),)
-    refuse_where("lon_lat", np.abs(where) > [np.inf, 90.0], where, "must have latitudes -90 to 90")
-    return where, shape, active

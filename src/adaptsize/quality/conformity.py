@@ -19,7 +19,7 @@ from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.quality.boundary import distances_from
 from adaptsize.quality.elements import check_cells, minimum_angles, radius_ratios
 from adaptsize.quality.metric import MetricQuality, metric_quality
-from adaptsize.ranks import Communicator, split_rows
+from adaptsize.ranks import Communicator, split_rows, values_in_order
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Requested edge lengths: a SizeFunction or another callable, one per node, or a number.
@@ -392,23 +392,14 @@ def _ratio_statistics(ranks: Communicator, ratio: FloatArray) -> RatioStatistics
 
 
 def _quantiles(ranks: Communicator, values: FloatArray, shares: Sequence[float]) -> list[float]:
-    """Return the quantiles of the values of all ranks, to rounding those of numpy; collective."""
+    """Return the quantiles of values >= 0 of all ranks, to rounding those of numpy; collective."""
     if ranks.size == 1:
         return [float(q) for q in np.quantile(values, shares)]
-    ordered = np.sort(values)
-    ends = np.array([values.min(initial=np.inf), -values.max(initial=-np.inf)])
-    least, minus_largest = ranks.allreduce(ends, "min").tolist()
     n = ranks.allreduce(len(values), "sum")
     place = np.array(shares) * (n - 1)
     below = np.floor(place)
-    # The values with so many below them, by bisection: those at both sides of each quantile.
-    number = np.concatenate([below, np.minimum(below + 1.0, n - 1.0)])
-    low, high = np.full(len(number), least), np.full(len(number), -minus_largest)
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        count = ranks.allreduce(np.searchsorted(ordered, middle, "right"), "sum")
-        low, high = np.where(count > number, low, middle), np.where(count > number, middle, high)
-    first, second = np.split(high, 2)
+    both_sides = np.concatenate([below, np.minimum(below + 1.0, n - 1.0)])
+    first, second = np.split(values_in_order(ranks, values, both_sides), 2)
     found: list[float] = (first + (place - below) * (second - first)).tolist()
     return found
 

@@ -117,7 +117,7 @@ class Exact(Scheme):
     def __post_init__(self) -> None:
         """Check the options."""
         object.__setattr__(self, "face_sources", as_flag("face_sources", self.face_sources))
-        self._check_options()
+        super().__post_init__()
 
     def supports(self, domain: AnyMesh | CartesianGrid) -> str:
         """Return which backgrounds the scheme needs."""
