@@ -8,6 +8,7 @@ intervals along the line, for all cells around it.
 import itertools
 
 import numpy as np
+from geodesics import candidates, relaxed
 from numba import njit
 
 #: Share of a line that may lie in a cell without meeting its inside: rounding.
@@ -31,13 +32,7 @@ def along_lines(h0, active, spacing, g):
     steps = np.full((len(nodes), len(nodes)), np.inf)
     # A copy, since a read-only array would be another type.
     fill_lengths(active.flatten(), np.array(active.shape), nodes, np.array(spacing, float), steps)
-    steps[np.isfinite(steps)] *= g
-    value = h0[active]
-    while True:
-        way = (value[:, None] + steps).min(axis=0)
-        if (way >= value).all():
-            return value
-        value = np.minimum(value, way)
+    return relaxed(h0[active], g * steps)
 
 
 def segments_with_data(active, h0):
@@ -90,41 +85,18 @@ def fine_grid_sizes(grid, h0, g, parts, *, segments=False):
 def _from_segments(spacing, active, h0, g):
     """Return for each node the least value of a foot on a segment that it sees."""
     value = np.full(active.shape, np.inf)
-    segments = list(segments_with_data(active, h0))
-    if not segments:
+    ends = np.array([(p, p + along) for p, along in segments_with_data(active, h0)])
+    if len(ends) == 0:
         return value
-    starts, along = (np.array(x, float)[:, None] for x in zip(*segments, strict=True))
-    first = h0[tuple(starts[:, 0].astype(int).T)][:, None]
-    rise = h0[tuple((starts + along)[:, 0].astype(int).T)][:, None] - first
-    places, shape = np.argwhere(active).astype(float), np.array(active.shape)
-
-    def size(t):
-        away = (places - starts - t[:, :, None] * along) * spacing
-        return first + t * rise + g * np.linalg.norm(away, axis=2)
-
-    t = _golden(size, (len(segments), len(places)))
-    sizes, feet = size(t), starts + t[:, :, None] * along
-    for i, place in enumerate(places):
-        for k in np.argsort(sizes[:, i]):
-            if sees(active.flatten(), shape, place, feet[k, i]):
-                value[tuple(place.astype(int))] = sizes[k, i]
+    nodes = np.argwhere(active).astype(float)
+    sizes, feet = candidates(nodes * spacing, ends * spacing, h0[tuple(ends.T)].T, g)
+    shape = np.array(active.shape)
+    for node, of_segments, places in zip(nodes, sizes, feet / spacing, strict=True):
+        for k in np.argsort(of_segments):
+            if sees(active.flatten(), shape, node, places[k]):
+                value[tuple(node.astype(int))] = of_segments[k]
                 break
     return value
-
-
-def _golden(f, shape):
-    """Return where convex functions on [0, 1] are least, by golden sections."""
-    ratio = (np.sqrt(5.0) - 1.0) / 2.0
-    left, right = np.zeros(shape), np.ones(shape)
-    for _ in range(70):
-        a, b = right - ratio * (right - left), left + ratio * (right - left)
-        lower = f(a) < f(b)
-        left, right = np.where(lower, left, a), np.where(lower, b, right)
-    t = 0.5 * (left + right)
-    for end in (0.0, 1.0):
-        better = f(np.full(shape, end)) <= f(t)
-        t = np.where(better, end, t)
-    return t
 
 
 @njit(cache=True)

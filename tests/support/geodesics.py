@@ -31,7 +31,7 @@ def limited_sizes(rings, points, g, sources=None, sizes=None, *, segments=None, 
     corners, domain = reflex_corners(rings), _widened(rings)
     if len(corners):
         direct = _straight_sizes(domain, corners, g, starts, start_sizes)
-        corner_sizes = _relaxed(direct, g * _visible_lengths(domain, corners))
+        corner_sizes = relaxed(direct, g * _visible_lengths(domain, corners))
         corner_starts = _as_segments(corners, corner_sizes, None, None)
         starts = np.concatenate([starts, corner_starts[0]])
         start_sizes = np.concatenate([start_sizes, corner_starts[1]])
@@ -199,8 +199,8 @@ def _visible_lengths(domain, corners):
     return lengths
 
 
-def _straight_sizes(domain, points, g, starts, start_sizes):
-    """Return the least of the candidates straight from the starts whose feet a point sees.
+def candidates(points, starts, start_sizes, g):
+    """Return the sizes that segments with linear data give straight to points, and their feet.
 
     The foot on a segment e = b - a is where ``rise * share + g |w - share e|`` is least: along
     the segment the slope of the distance is (s - t)/sqrt((s - t)^2 + D^2), with t the foot of the
@@ -211,17 +211,22 @@ def _straight_sizes(domain, points, g, starts, start_sizes):
     w = points[:, None] - a
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = rise / (g * length)
-        height = np.abs(w[..., 0] * e[:, 1] - w[..., 1] * e[:, 0]) / length
+        along = (w * e).sum(axis=2) / length
+        height = np.linalg.norm(w - (along / length)[..., None] * e, axis=2)
         shift = height * slope / np.sqrt((1.0 - slope) * (1.0 + slope))
-        share = np.clip(((w * e).sum(axis=2) / length - shift) / length, 0.0, 1.0)
+        share = np.clip((along - shift) / length, 0.0, 1.0)
     share = np.where(slope >= 1.0, 0.0, np.where(slope <= -1.0, 1.0, share))
     share[:, length == 0.0] = 0.0
     feet = a + share[..., None] * e
     values = start_sizes[:, 0] + np.where(share > 0.0, share * rise, 0.0)
-    values = values + g * np.linalg.norm(points[:, None] - feet, axis=2)
-    order = np.argsort(values, axis=1)
+    return values + g * np.linalg.norm(points[:, None] - feet, axis=2), feet
+
+
+def _straight_sizes(domain, points, g, starts, start_sizes):
+    """Return the least of the candidates straight from the starts whose feet a point sees."""
+    values, feet = candidates(points, starts, start_sizes, g)
     least, left = np.full(len(points), np.inf), np.arange(len(points))
-    for best in order.T:
+    for best in np.argsort(values, axis=1).T:
         value = values[left, best[left]]
         left, value = left[value < np.inf], value[value < np.inf]
         seen = _is_visible(domain, points[left], feet[left, best[left]])
@@ -230,7 +235,7 @@ def _straight_sizes(domain, points, g, starts, start_sizes):
     return least
 
 
-def _relaxed(values, weights):
+def relaxed(values, weights):
     """Return the smallest sums of a value and the weights of a path (Bellman and Ford)."""
     while True:
         lower = np.minimum(values, (values[:, None] + weights).min(axis=0))

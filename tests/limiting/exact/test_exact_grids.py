@@ -20,8 +20,8 @@ from adaptsize.limiting import Exact
 METHOD = "exact"
 G = 0.3
 
-#: Golden sections of the reference find the places between nodes to 1e-8 of a spacing.
-TOLERANCE = 1e-9
+#: Closed forms on both sides; sizes are up to 30.
+TOLERANCE = 1e-12
 PARTS = 4
 #: Bends on edges in space at their best places: share of the nodes in small grids that may be
 #: above paths that bend at nodes.
