@@ -18,6 +18,7 @@ from meshes import (
 )
 from partitions import BOUNDS, FIGURES, KINDS, SIZE, bounds, on_ranks, partition
 from scipy.spatial import Delaunay
+from shapes import joined, moved
 from simulated_ranks import SimulatedCommunicator
 from solids_of_cubes import solid_of_cubes
 
@@ -33,8 +34,8 @@ from adaptsize.sizes import predict, recovered_hessian
 def beside_each_other():
     """Return two squares that touch without common nodes, and a node in no cell."""
     one, two = structured_square(4), structured_square(6)
-    points = np.concatenate([one.points, [[500.0, 0.0]], two.points + np.array([100.0, 0.0])])
-    return SimplexMesh(points, np.concatenate([one.cells, two.cells + one.n_points + 1]))
+    one = SimplexMesh([*one.points, [500.0, 0.0]], one.cells)
+    return joined(one, moved(two, [100.0, 0.0]))
 
 
 def intervals():

@@ -10,6 +10,7 @@ import itertools
 import numpy as np
 from geodesics import candidates, relaxed
 from numba import njit
+from scipy.spatial.distance import cdist
 
 #: Share of a line that may lie in a cell without meeting its inside: rounding.
 _TOUCH = 1e-9
@@ -29,9 +30,9 @@ def exact_sizes(shape, spacing, active, h0, g, *, segments):
 def along_lines(h0, active, spacing, g):
     """Return the sizes at the active nodes by straight lines from node to node, float64[n]."""
     nodes = np.argwhere(active).astype(float)
-    steps = np.full((len(nodes), len(nodes)), np.inf)
-    # A copy, since a read-only array would be another type.
-    fill_lengths(active.flatten(), np.array(active.shape), nodes, np.array(spacing, float), steps)
+    seen = np.empty((len(nodes), len(nodes)), bool)
+    fill_seen(active.flatten(), np.array(active.shape), nodes, seen)
+    steps = np.where(seen, cdist(nodes * spacing, nodes * spacing), np.inf)
     return relaxed(h0[active], g * steps)
 
 
@@ -100,15 +101,11 @@ def _from_segments(spacing, active, h0, g):
 
 
 @njit(cache=True)
-def fill_lengths(active, shape, nodes, spacing, lengths):
-    """Fill the lengths of the straight lines between nodes, float64[n, dim], that stay inside."""
+def fill_seen(active, shape, nodes, seen):
+    """Fill which nodes, float64[n, dim], see each other."""
     for i in range(len(nodes)):
         for j in range(i + 1):
-            if sees(active, shape, nodes[i], nodes[j]):
-                square = 0.0
-                for d in range(len(spacing)):
-                    square += ((nodes[i][d] - nodes[j][d]) * spacing[d]) ** 2
-                lengths[i, j] = lengths[j, i] = np.sqrt(square)
+            seen[i, j] = seen[j, i] = sees(active, shape, nodes[i], nodes[j])
 
 
 @njit(cache=True)

@@ -68,25 +68,19 @@ class AllFacets:
         return along[crossed], crossed, cosine[crossed]
 
 
-def open_sheets(cells):
-    """Return which facets are joined, over facets of theirs that two share, to a free one."""
-    of_ridge = {}
-    for t, cell in enumerate(cells.tolist()):
-        for node in cell:
-            of_ridge.setdefault(frozenset(cell) - {node}, []).append(t)
-    is_open = np.zeros(len(cells), bool)
-    left = [t for around in of_ridge.values() if len(around) == 1 for t in around]
-    neighbours = [[] for _ in cells]
-    for around in of_ridge.values():
-        if len(around) == 2:
-            neighbours[around[0]].append(around[1])
-            neighbours[around[1]].append(around[0])
-    while left:
-        t = left.pop()
-        if not is_open[t]:
-            is_open[t] = True
-            left += neighbours[t]
-    return is_open
+def pieces(mesh):
+    """Return the piece of each facet: they are joined where two share a facet of theirs."""
+    pairs = [
+        np.flatnonzero((mesh.cell_facets == f).any(axis=1))
+        for f in np.flatnonzero(mesh.facet_cell_counts == 2)
+    ]
+    return components_of(np.array(pairs).reshape(-1, 2), mesh.n_cells)
+
+
+def open_sheets(mesh):
+    """Return which facets are of a piece with a free side."""
+    piece, free = pieces(mesh), (mesh.facet_cell_counts[mesh.cell_facets] == 1).any(axis=1)
+    return np.isin(piece, piece[free])
 
 
 def winding_number(corners, x):
@@ -109,13 +103,9 @@ class Bodies:
 
     def __init__(self, faces):
         mesh = faces.mesh
-        pairs = [
-            np.flatnonzero((mesh.cell_facets == f).any(axis=1))
-            for f in np.flatnonzero(mesh.facet_cell_counts == 2)
-        ]
-        self.piece = components_of(np.array(pairs).reshape(-1, 2), mesh.n_cells)
+        self.piece = pieces(mesh)
         self.corners = faces.frame.of(mesh.points)[mesh.cells]
-        self.facets, self.two_sided = AllFacets(faces), open_sheets(mesh.cells)
+        self.facets, self.two_sided = AllFacets(faces), open_sheets(mesh)
 
     def hold(self, place, way, cell):
         """Return whether a body that does not begin there is beyond a place near another piece."""
@@ -131,7 +121,7 @@ class Bodies:
 
 def widths(faces, starts, cells, corner_angle=30.0):
     """Return the widths at points in the frame on given facets, in the unit of the frame."""
-    facets, two_sided = AllFacets(faces), open_sheets(faces.mesh.cells)
+    facets, two_sided = AllFacets(faces), open_sheets(faces.mesh)
     first, items = faces.meets
     meeting = [set(items[a:b].tolist()) for a, b in itertools.pairwise(first)]
     steep = np.cos(STEEPEST + ANGLE_SLACK)
