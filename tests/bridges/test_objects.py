@@ -117,6 +117,15 @@ def test_a_mesh_comes_back_from_a_program_with_all_names(program, dim):
     assert named(back, back.tagged_facets, back.facet_tags) == given
 
 
+def test_tags_of_one_name_are_one_subdomain():
+    pytest.importorskip("skfem")
+    mesh = replace(tagged_mesh(2), tag_names={(2, 1): "core", (2, 2): "core", (1, 4): "5"})
+    made = mesh.to_skfem()
+    assert_array_equal(made.subdomains["core"], np.flatnonzero(np.isin(mesh.cell_tags, [1, 2])))
+    assert len(made.boundaries["5"]) == np.count_nonzero(mesh.facet_tags == 4)
+    assert len(made.boundaries["5_5"]) == np.count_nonzero(mesh.facet_tags == 5)
+
+
 def test_parts_of_a_scene_are_tags_with_their_names(tmp_path):
     import trimesh
 

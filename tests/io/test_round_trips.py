@@ -95,6 +95,29 @@ def test_solvers_get_cells_regions_and_boundaries(tmp_path, mesh):
     assert_array_equal(sets.point_sets["wall"], wall)
 
 
+@pytest.mark.parametrize(
+    ("one", "other", "written"),
+    [
+        ("a b", "a_b", ["a_b", "a_b_2"]),
+        ("Wall", "wall", ["Wall", "wall_2"]),  # the same name for Abaqus
+        ("\u00e9", "\u00fc", ["_", "__2"]),
+        ("wall", "wall", ["wall"]),
+    ],
+)
+def test_sets_of_solvers_have_the_cells_of_one_name(tmp_path, one, other, written):
+    cells, facets = [[0, 1, 2], [0, 2, 3]], [[0, 1], [1, 2]]
+    names = {(2, 1): one, (2, 2): other, (1, 1): one, (1, 2): other}
+    mesh = SimplexMesh(
+        SQUARE, cells, cell_tags=[1, 2], tagged_facets=facets, facet_tags=[1, 2], tag_names=names
+    )
+    back = there_and_back(tmp_path / "mesh.inp", mesh)
+    assert list(back.tag_names.values()) == written
+    assert len(np.unique(back.cell_tags)) == len(written)
+    write(tmp_path / "mesh.su2", mesh)
+    text = (tmp_path / "mesh.su2").read_text()
+    assert text.count("MARKER_TAG=") == len(written)
+
+
 @pytest.mark.parametrize("suffix", [".stl", *SURFACE_FORMATS])
 def test_surfaces_come_back_to_the_last_bit_that_the_format_holds(tmp_path, suffix):
     mesh = random_sphere(50, 7304)

@@ -1,8 +1,8 @@
 """Writing of meshes in each format: by VTK, by meshio, and as text for solvers."""
 
-import itertools
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -117,7 +117,7 @@ def gmsh_groups(
     of_cells, *of_facets = groups
     if any(part.any() for part in groups) and not of_cells.all():
         taken = {tag for dim, tag in names if dim == mesh.cell_dim}.union(of_cells.tolist())
-        number = next(number for number in itertools.count(1) if number not in taken)
+        number = next(number for number in count(1) if number not in taken)
         names[mesh.cell_dim, number] = UNTAGGED
         groups = [np.where(of_cells == 0, np.int32(number), of_cells), *of_facets]
     # Gmsh needs an entity number above 0, and one physical group for each.
@@ -170,9 +170,12 @@ def write_abaqus(path: Path, mesh: SimplexMesh) -> None:
         f"*ELEMENT, TYPE={_ELEMENTS[mesh.cell_dim, mesh.dim]}\n",
         ("%d" + ", %d" * (mesh.cell_dim + 1) + "\n", _numbered(mesh.cells + 1)),
     ]
-    for name, cells in _groups(mesh, mesh.cell_dim, mesh.cell_tags):
+    # Names of Abaqus are the same in capital letters.
+    regions = groups_of(mesh, mesh.cell_dim, mesh.cell_tags, "region", _plain)
+    for name, cells in regions.items():
         pieces += [f"*ELSET, ELSET={name}\n", ("%d\n", cells + 1)]
-    for name, facets in _groups(mesh, mesh.cell_dim - 1, mesh.facet_tags):
+    parts = groups_of(mesh, mesh.cell_dim - 1, mesh.facet_tags, "boundary", _plain)
+    for name, facets in parts.items():
         assert mesh.tagged_facets is not None
         nodes = np.unique(mesh.tagged_facets[facets])
         pieces += [f"*NSET, NSET={name}\n", ("%d\n", nodes + 1)]
@@ -197,7 +200,7 @@ def write_nastran(path: Path, mesh: SimplexMesh) -> None:
 
 def write_su2(path: Path, mesh: SimplexMesh) -> None:
     """Write the cells, and the tagged facets as markers with the names or numbers of the tags."""
-    groups = list(_groups(mesh, mesh.cell_dim - 1, mesh.facet_tags, kind=""))
+    groups = groups_of(mesh, mesh.cell_dim - 1, mesh.facet_tags, label=_plain)
     pieces: list[Any] = [
         f"NDIME= {mesh.dim}\nNPOIN= {mesh.n_points}\n",
         (" ".join(["%.16e"] * mesh.dim) + "\n", mesh.points),
@@ -205,7 +208,7 @@ def write_su2(path: Path, mesh: SimplexMesh) -> None:
         (_su2_line(mesh.cells), mesh.cells),
         f"NMARK= {len(groups)}\n",
     ]
-    for name, facets in groups:
+    for name, facets in groups.items():
         assert mesh.tagged_facets is not None
         own = mesh.tagged_facets[facets]
         pieces += [f"MARKER_TAG= {name}\nMARKER_ELEMS= {len(own)}\n", (_su2_line(own), own)]
@@ -224,15 +227,35 @@ def _numbered(rows: npt.NDArray[Any], first: int = 1) -> npt.NDArray[Any]:
     return np.column_stack([np.arange(first, first + len(rows)), rows])
 
 
-def _groups(
-    mesh: SimplexMesh, dim: int, tags: IntArray | None, kind: str | None = None
-) -> Iterator[tuple[str, npt.NDArray[np.intp]]]:
-    """Yield the name of each tag, and the cells or facets that have it."""
-    kind = ("region" if dim == mesh.cell_dim else "boundary") if kind is None else kind
-    for tag in () if tags is None else np.unique(tags).tolist():
-        name = mesh.tag_names.get((dim, tag), f"{kind}{tag}")
-        # Solvers take letters, digits and underscores.
-        yield re.sub(r"\W", "_", name, flags=re.ASCII)[:80], np.flatnonzero(tags == tag)
+def _plain(name: str) -> str:
+    """Return a name of letters, digits and underscores, which solvers take."""
+    return re.sub(r"\W", "_", name, flags=re.ASCII)[:80]
+
+
+def groups_of(
+    mesh: SimplexMesh,
+    dim: int,
+    tags: IntArray | None,
+    kind: str = "",
+    label: Callable[[str], str] = str,
+) -> dict[str, npt.NDArray[np.intp]]:
+    """Return the cells or facets with each name, or with each tag that has none, by labels.
+
+    Tags without a name are called by their ``kind`` and number.  Different names that have the same
+    label, also in other letters if there is a ``kind``, are told apart by a number.
+    """
+    tags_of: dict[str | int, list[int]] = {}
+    for tag in [] if tags is None else np.unique(tags).tolist():
+        tags_of.setdefault(mesh.tag_names.get((dim, tag), tag), []).append(tag)
+    groups, taken = {}, set[str]()
+    for name, own in tags_of.items():
+        first, numbers = label(name if isinstance(name, str) else f"{kind}{name}"), count(own[0])
+        chosen = first
+        while (key := chosen.upper() if kind else chosen) in taken:
+            chosen = f"{first[:60]}_{next(numbers)}"
+        taken.add(key)
+        groups[chosen] = np.flatnonzero(np.isin(np.asarray(tags), own))
+    return groups
 
 
 def parts_of(

@@ -139,24 +139,16 @@ def to_skfem(mesh: SimplexMesh) -> Any:
     kind = {1: skfem.MeshLine, 2: skfem.MeshTri, 3: skfem.MeshTet}[mesh.dim]
     made = kind(np.ascontiguousarray(mesh.points.T), np.ascontiguousarray(mesh.cells.T))
     if mesh.cell_tags is not None:
-        made = made.with_subdomains(
-            {name: np.flatnonzero(mesh.cell_tags == tag)
-             for tag, name in _named(mesh, mesh.cell_tags, mesh.dim)}
-        )  # fmt: skip
+        parts = writers.groups_of(mesh, mesh.dim, mesh.cell_tags)
+        made = made.with_subdomains({n: own for n, own in parts.items() if mesh.cell_tags[own[0]]})
     if mesh.tagged_facets is not None and mesh.facet_tags is not None:
         place = {tuple(nodes): i for i, nodes in enumerate(np.sort(made.facets.T, axis=1).tolist())}
         rows = [place[tuple(nodes)] for nodes in np.sort(mesh.tagged_facets, axis=1).tolist()]
+        parts = writers.groups_of(mesh, mesh.dim - 1, mesh.facet_tags)
         made = made.with_boundaries(
-            {name: np.array(rows)[mesh.facet_tags == tag]
-             for tag, name in _named(mesh, mesh.facet_tags, mesh.dim - 1)}
-        )  # fmt: skip
+            {n: np.array(rows)[own] for n, own in parts.items() if mesh.facet_tags[own[0]]}
+        )
     return made
-
-
-def _named(mesh: SimplexMesh, tags: Any, dim: int) -> list[tuple[int, str]]:
-    """Return the tags except 0 with their names."""
-    numbers = [tag for tag in np.unique(tags).tolist() if tag]
-    return [(tag, mesh.tag_names.get((dim, tag), str(tag))) for tag in numbers]
 
 
 #: Names of the cells of MFEM by the codes of its geometries, and of Gmsh by its names.
@@ -217,10 +209,13 @@ def to_mfem(mesh: SimplexMesh) -> Any:
             add_one(nodes, tag)
     made.FinalizeTopology()
     made.Finalize()
+    named: dict[tuple[int, str], list[int]] = {}
     for (dim, tag), name in groups.names.items():
-        sets = made.attribute_sets if dim == mesh.cell_dim else made.bdr_attribute_sets
         if (dim, tag) in mesh.tag_names or name == UNTAGGED:
-            sets.SetAttributeSet(name, mfem.ser.intArray([tag]))
+            named.setdefault((dim, name), []).append(tag)
+    for (dim, name), own in named.items():
+        sets = made.attribute_sets if dim == mesh.cell_dim else made.bdr_attribute_sets
+        sets.SetAttributeSet(name, mfem.ser.intArray(own))
     return made
 
 
