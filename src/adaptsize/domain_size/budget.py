@@ -40,11 +40,10 @@ def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
     InputWarning
         If a source off a surface gets larger sizes than it requests.
     """
-    if request.goal is not None:
-        what, wanted = request.goal
-        size = _with_number(domain, request, wanted, what)
-    else:
+    if request.goal is None:
         size = _with_fewer_elements(domain, request)
+    else:
+        size = _with_number(domain, request, *request.goal)
     if isinstance(domain, SurfaceDomain):
         size = domain.in_given_order(size)
         relaxed = replace(request, relaxation=report_of(size).relaxation)
@@ -54,7 +53,7 @@ def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
 
 def _with_fewer_elements(domain: SizedDomain, request: Request) -> SizeFunction:
     """Return the size function, relaxed to at most the predicted number of elements allowed."""
-    relaxation, step, before, power, n_flat = 1.0, 1.0, np.inf, float(domain.dim), 0
+    relaxation, step, before, n_flat = 1.0, 1.0, np.inf, 0
     for _ in range(16):
         size = _relaxed(domain, request, relaxation)
         report = report_of(size)
@@ -65,8 +64,9 @@ def _with_fewer_elements(domain: SizedDomain, request: Request) -> SizeFunction:
         n_flat = n_flat + 1 if load > 0.95 * before else 0
         if request.is_fixed or n_flat == (1 if _given(request) else 6):
             break
+        power = float(size.background.dim)
         if step > 1.0:  # the last step shows how the number depends on the relaxation
-            power = float(np.clip(np.log(before / load) / np.log(step), 1.0, domain.dim))
+            power = float(np.clip(np.log(before / load) / np.log(step), 1.0, power))
         step = max(1.2, load ** (1.0 / power))
         before = load
         relaxation *= step
@@ -74,7 +74,7 @@ def _with_fewer_elements(domain: SizedDomain, request: Request) -> SizeFunction:
     needed = f"{count_text(report.n_elements)} elements"
     if report.n_elements <= (1.0 + _CLOSE) * request.max_elements:
         name, most = "max_memory", str(request.options["max_memory"])
-        needed = f"{system_of(report, *request.system)[2] / 1e9:.2g} GB for the matrix"
+        needed = f"{system_of(report, *request.system)[1] / 1e9:.2g} GB for the matrix"
     warn_caller(
         f"the sizes require about {needed}, more than {name} = {most}: "
         f"{_what_forbids(request, report)}; relax that bound or raise {name}",
@@ -104,7 +104,7 @@ def what_controls(report: SizeReport) -> str:
     return f"{cause} controls {report.element_shares[cause]:.0%} of the elements"
 
 
-def _with_number(domain: SizedDomain, request: Request, wanted: float, what: Goal) -> SizeFunction:
+def _with_number(domain: SizedDomain, request: Request, what: Goal, wanted: float) -> SizeFunction:
     """Return the size function with a predicted number, or the nearest one found.
 
     With all bounds in proportion to the relaxation r there are about r^-dim of them.  From the
@@ -112,7 +112,7 @@ def _with_number(domain: SizedDomain, request: Request, wanted: float, what: Goa
     """
     steps: list[tuple[float, float]] = []  # logarithms of relaxation and number over the wanted
     best: SizeFunction | None = None
-    relaxation, least, slope, n_flat = 1.0, np.inf, -float(domain.dim), 0
+    relaxation, least, n_flat = 1.0, np.inf, 0
     for _ in range(12):
         found = _relaxed(domain, request, relaxation)
         number = predicted_number(report_of(found), what, request.system)
@@ -122,6 +122,7 @@ def _with_number(domain: SizedDomain, request: Request, wanted: float, what: Goa
             best, least = found, off
         if off <= _CLOSE:
             break
+        slope = -float(found.background.dim)
         if len(steps) > 1:
             (x0, y0), (x1, y1) = steps[-2:]
             slope = (y1 - y0) / (x1 - x0)
@@ -157,14 +158,14 @@ def _load(report: SizeReport, request: Request) -> float:
     load, memory = report.n_elements / request.max_elements, request.options["max_memory"]
     if memory is None:
         return load
-    return max(load, system_of(report, *request.system)[2] / as_bytes("max_memory", memory))
+    return max(load, system_of(report, *request.system)[1] / as_bytes(memory))
 
 
 def _relaxed(domain: SizedDomain, request: Request, relaxation: float) -> SizeFunction:
     """Return the sizes for relaxed parameters, with the predicted numbers of a mesh by Mmg."""
     request.report("size function", None)
     size = domain.limited(replace(request, relaxation=relaxation))
-    report, dim = report_of(size), domain.dim
+    report, dim = report_of(size), size.background.dim
     found = Prediction(calibration("mmg", dim) * report.n_elements)
     if isinstance(domain, SurfaceDomain):
         found = predict(domain.inside, size, backend="mmg")

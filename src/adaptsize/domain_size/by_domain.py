@@ -29,11 +29,6 @@ from adaptsize.typing import BoolArray, FloatArray
 class SizedDomain(Protocol):
     """A domain whose size function can be made for several requests."""
 
-    @property
-    def dim(self) -> int:
-        """Number of coordinates."""
-        ...
-
     def limited(self, request: Request) -> SizeFunction:
         """Return the limited sizes, with a report on which cause controls them where."""
         ...
@@ -49,11 +44,6 @@ class LevelSet:
     """Whether the boundary ripples with the pixels of an image."""
     _width: FloatArray | None = None
     """Found once: it does not depend on the request."""
-
-    @property
-    def dim(self) -> int:
-        """Number of axes."""
-        return self.grid.dim
 
     def limited(self, request: Request) -> SizeFunction:
         """Return the limited sizes, with a report on which cause controls them where.
@@ -181,11 +171,6 @@ class MeshDomain:
     _radius: FloatArray | None = None
     _width: FloatArray | None = None
     _features: _Features | None = None
-
-    @property
-    def dim(self) -> int:
-        """Number of coordinates."""
-        return self.mesh.dim
 
     def limited(self, request: Request) -> SizeFunction:
         """Return the limited sizes, with a report on which cause controls them where."""

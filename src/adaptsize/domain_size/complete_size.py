@@ -21,7 +21,7 @@ from adaptsize.domain_size.request import Implicit, Request
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.implicit_surface import checked as checked_function
 from adaptsize.options import ImageOptions, SizeFunctionOptions, checked, options_of, with_options
-from adaptsize.typing import FloatArray, ProgressCallback, Unpack
+from adaptsize.typing import ProgressCallback, Unpack
 
 Domain: TypeAlias = (
     SimplexMesh | Implicit | Image | npt.ArrayLike | tuple[CartesianGrid, npt.ArrayLike]
@@ -153,8 +153,15 @@ def _implicit_domain(
 ) -> SizedDomain:
     """Return the domain where a function is negative."""
     if background is None:
+        if box is None:
+            raise ValueError(
+                "box must be given with a callable domain: (lower, upper), or a background"
+            )
+        if not isinstance(box, tuple | list) or len(box) != 2:
+            raise ValueError(f"box must be a pair (lower, upper), got {describe(box)}")
+        lower, upper = as_box(*box)
         values_at = checked_function(function)
-        return ImplicitDomain(values_at, octree_around(values_at, *_corners_of(box)))
+        return ImplicitDomain(values_at, octree_around(values_at, lower, upper))
     if isinstance(background, CartesianGrid):
         return LevelSet(background, signed_distance(background, function, progress=report))
     if isinstance(background, Octree):
@@ -162,14 +169,3 @@ def _implicit_domain(
     raise ValueError(
         f"background must be a CartesianGrid or an Octree for a function, got {background!r}"
     )
-
-
-def _corners_of(box: tuple[npt.ArrayLike, npt.ArrayLike] | None) -> tuple[FloatArray, FloatArray]:
-    """Return the checked corners of a box."""
-    if box is None:
-        raise ValueError(
-            "box must be given with a callable domain: (lower, upper), or a background"
-        )
-    if not isinstance(box, tuple | list) or len(box) != 2:
-        raise ValueError(f"box must be a pair (lower, upper), got {describe(box)}")
-    return as_box(*box)

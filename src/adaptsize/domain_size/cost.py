@@ -113,7 +113,7 @@ def cost(size: SizeFunction, *, degree: int = 1, fields: int = 1, speed: float =
     degree = as_whole_number("degree", degree, lower=1, upper=20)
     fields = as_whole_number("fields", fields, lower=1, upper=1000)
     speed = as_number("speed", speed, lower=0.0, strict=True)
-    unknowns, _, memory = system_of(report, degree, fields)
+    unknowns, memory = system_of(report, degree, fields)
     shares = {name: share for name, share in report.element_shares.items() if share > 0.0}
     return Cost(
         degree=degree,
@@ -188,10 +188,8 @@ def nonzeros_of(simplices: Sequence[float], degree: int) -> float:
     return total
 
 
-def matrix_of(
-    dim: int, predicted: Prediction, degree: int, fields: int
-) -> tuple[float, float, float]:
-    """Return the numbers of unknowns and nonzeros, and the bytes of the assembled matrix.
+def matrix_of(dim: int, predicted: Prediction, degree: int, fields: int) -> tuple[float, float]:
+    """Return the number of unknowns, and the bytes of the assembled matrix.
 
     The matrix is stored by rows, with the integers that SciPy takes for indices.  All fields at
     the nodes of a cell are coupled.
@@ -200,10 +198,10 @@ def matrix_of(
     unknowns = fields * unknowns_of(simplices, degree)
     nonzeros = fields**2 * nonzeros_of(simplices, degree)
     index = 4.0 if nonzeros < 2.0**31 else 8.0
-    return unknowns, nonzeros, (8.0 + index) * nonzeros + index * (unknowns + 1.0)
+    return unknowns, (8.0 + index) * nonzeros + index * (unknowns + 1.0)
 
 
-def system_of(report: SizeReport, degree: int, fields: int) -> tuple[float, float, float]:
+def system_of(report: SizeReport, degree: int, fields: int) -> tuple[float, float]:
     """Return the same for the mesh that a report predicts."""
     predicted = Prediction(report.n_elements, report.n_facets, report.n_nodes)
     return matrix_of(report.element_dim, predicted, degree, fields)
@@ -215,10 +213,11 @@ def unknowns_on(mesh: SimplexMesh, degree: int, fields: int) -> float:
     return fields * unknowns_of([mesh.n_points, *inner, mesh.n_cells], degree)
 
 
-def as_bytes(name: str, memory: str) -> float:
+def as_bytes(memory: str) -> float:
     """Return the number of bytes that a text such as "8GB" stands for."""
     found = _MEMORY.fullmatch(memory) if isinstance(memory, str) else None
     number = float(found[1]) if found else 0.0
     if found is None or number == 0.0:
-        raise ValueError(f'{name} must be a text such as "8GB" or "500MB", got {describe(memory)}')
+        wanted = 'max_memory must be a text such as "8GB" or "500MB"'
+        raise ValueError(f"{wanted}, got {describe(memory)}")
     return number * 1000.0 ** " KMGT".index(found[2].upper() or " ")

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, warn_caller
+from adaptsize._checks import warn_caller
 from adaptsize._defaults import GRADIENT_LIMIT, TOLERANCE
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
@@ -214,8 +214,7 @@ def reach_number(
     system : tuple of int
         Degree and number of fields, for ``dofs``.
     """
-    what = goal[0]
-    requested = as_number(what, goal[1], lower=1.0)
+    what, requested = goal
     best: MeshOfElements | None = None
     old, least, wanted = mesh, np.inf, requested
     steps: list[tuple[float, float]] = []  # predicted and made numbers
@@ -234,8 +233,7 @@ def reach_number(
         if off <= _ACCEPTED:
             break
         if old is mesh and mesh.dim == mesh.cell_dim == 2:
-            # Edges of at most half the size, and at most 2 million cells.
-            old = without_order(with_short_edges(mesh, size, 0.5, 2_000_000))
+            old = without_order(mesh, size)
             continue  # the first mesh says little about one from this
         report = report_of(size)
         steps.append((predicted_number(report, what, system), made))
@@ -266,7 +264,8 @@ def _number_on(mesh: SimplexMesh, what: Goal, system: tuple[int, int]) -> int:
     return mesh.n_cells if what == "elements" else mesh.n_points
 
 
-def without_order(mesh: SimplexMesh) -> SimplexMesh:
-    """Return the same mesh with nodes and cells in a random order, always the same one."""
+def without_order(mesh: SimplexMesh, size: SizeFunction) -> SimplexMesh:
+    """Return triangles with edges of at most half the size, in a random order, always the same."""
+    mesh = with_short_edges(mesh, size, 0.5, 2_000_000)
     rng = np.random.default_rng(mesh.n_cells)
     return reordered(mesh, rng.permutation(mesh.n_points), rng.permutation(mesh.n_cells))

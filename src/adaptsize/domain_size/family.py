@@ -13,7 +13,6 @@ from adaptsize._checks import as_float_array, as_number, refuse_where
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import AnyBackground, SimplexMesh
 from adaptsize.background.simplex import as_mesh
-from adaptsize.background.splitting import with_short_edges
 from adaptsize.domain_size.complete_size import size_function
 from adaptsize.domain_size.cost import report_of
 from adaptsize.domain_size.elements import tolerance_of, without_order
@@ -270,7 +269,7 @@ def mesh_family(
         size = _scaled(coarsest, factor)
         old = mesh
         if mesh.dim == mesh.cell_dim == 2:
-            old = without_order(with_short_edges(mesh, size, 0.5, 2_000_000))
+            old = without_order(mesh, size)
         new = remesh(
             old, size, progress=progress, g=given["g"] * factor, hmax=report.hmax * factor,
             tolerance=tolerance * factor**2, **for_mesh,

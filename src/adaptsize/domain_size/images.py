@@ -224,7 +224,12 @@ def _without_bad_cells(
 def _with_tagged_facets(mesh: SimplexMesh, mask: Mask) -> SimplexMesh:
     """Tag the skin of each region, the interfaces, and where objects leave the image."""
     regions = np.zeros(mesh.n_cells, np.int32) if mesh.cell_tags is None else mesh.cell_tags
-    facets, sides = _facets_between(mesh, regions)
+    low, high = regions_beside(mesh.cell_facets, regions, len(mesh.facets))
+    is_outer = mesh.facet_cell_counts == 1
+    kept = is_outer | (low != high)
+    facets = mesh.facets[kept]
+    # The second region is -1 at the boundary, and otherwise the larger one.
+    sides = np.column_stack([low, np.where(is_outer, -1, high)])[kept].astype(np.int32)
     border = _borders(mesh.points[facets], mask)
     border[(sides[:, 1] >= 0)] = -1
     keys = np.column_stack([np.where(border[:, None] >= 0, -1, sides), border])
@@ -239,18 +244,6 @@ def _with_tagged_facets(mesh: SimplexMesh, mask: Mask) -> SimplexMesh:
         facet_tags=(tags.reshape(-1) + 1).astype(np.int32),
         tag_names=names,
     )
-
-
-def _facets_between(mesh: SimplexMesh, regions: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the facets of the boundary and of interfaces, and the regions beside each.
-
-    The second region is -1 at the boundary, and otherwise the larger one.
-    """
-    low, high = regions_beside(mesh.cell_facets, regions, len(mesh.facets))
-    is_outer = mesh.facet_cell_counts == 1
-    kept = is_outer | (low != high)
-    sides = np.column_stack([low, np.where(is_outer, -1, high)])[kept].astype(np.int32)
-    return mesh.facets[kept], sides
 
 
 def _borders(corners: FloatArray, mask: Mask) -> LongArray:

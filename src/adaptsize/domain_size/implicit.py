@@ -49,11 +49,6 @@ class ImplicitDomain:
     """Whether the octree is used as it is."""
     _first_shape: Shape | None = None
 
-    @property
-    def dim(self) -> int:
-        """Number of coordinates."""
-        return self.tree.dim
-
     def limited(self, request: Request) -> SizeFunction:
         """Return the limited sizes, with a report on which cause controls them where.
 
@@ -68,10 +63,10 @@ class ImplicitDomain:
         if self._first_shape is None:  # relaxed requests see the same
             self._first_shape = self._shape(self.tree, request)
         shape = self._first_shape
-        limits = request.limits(_diameter(shape))
+        limits, dim = request.limits(_diameter(shape)), self.tree.dim
         for _ in range(10):
             h, report = limited_on_octree(shape, limits, request)
-            n_elements = calibration("mmg", self.dim) * report.n_elements
+            n_elements = calibration("mmg", dim) * report.n_elements
             most = min(request.max_elements, 1e7)  # octrees for more are larger than any memory
             too_many = n_elements > most and not request.is_fixed
             if self.is_fixed or too_many:
@@ -79,10 +74,10 @@ class ImplicitDomain:
             tree = adapted(shape, h, limits[0], request)
             if tree is None:
                 break
-            if tree.n_leaves > MAX_LEAVES[self.dim]:
+            if tree.n_leaves > MAX_LEAVES[dim]:
                 warn_caller(
                     f"the background has {shape.tree.n_leaves} leaves, and {tree.n_leaves} would "
-                    f"be more than the {MAX_LEAVES[self.dim]} allowed: between its nodes, sizes "
+                    f"be more than the {MAX_LEAVES[dim]} allowed: between its nodes, sizes "
                     "may be off by more than 5 %; raise hmin, or give a background",
                     ResolutionWarning,
                 )

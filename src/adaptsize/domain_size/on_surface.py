@@ -54,11 +54,6 @@ class SurfaceDomain:
             warn_caller(text, OpenSurfaceWarning)
         return cls(ordered, nodes, overlapping is not None, crease_angle)
 
-    @property
-    def dim(self) -> int:
-        """Number of coordinates."""
-        return self.mesh.dim
-
     @cached_property
     def inside(self) -> Enclosed:
         """The solid, to predict the number of elements in it."""

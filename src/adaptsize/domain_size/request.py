@@ -193,7 +193,7 @@ def largest_number(options: BudgetOptions) -> float:
     elements, most = options["elements"], options["max_elements"]
     goal, memory = goal_of(options), options["max_memory"]
     if memory is not None:
-        as_bytes("max_memory", memory)
+        as_bytes(memory)
     if goal is not None and goal[0] != "elements":
         if most is not None or memory is not None:
             other = "max_memory" if most is None else "max_elements"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_slope, describe
+from adaptsize._checks import describe
 from adaptsize._defaults import CREASE_ANGLE, GRADIENT_LIMIT
 from adaptsize.background import (
     AnyBackground,
@@ -130,7 +130,7 @@ def size_from_curvature(
     if isinstance(background, PartitionedMesh):
         return _in_parts(background, boundary, options)
     given = checked(CurvatureOptions, options)
-    tolerance, g = given["tolerance"], as_slope("g", given["g"])
+    tolerance, g = given["tolerance"], given["g"]
     if boundary is None and tolerance is not None:
         raise ValueError(f"tolerance needs boundary, got {describe(tolerance)} without one")
     if g != GRADIENT_LIMIT and (boundary is None or isinstance(boundary, SimplexMesh)):

@@ -247,7 +247,7 @@ def size_from_hessian(
     def check() -> tuple[FloatArray, HessianOptions]:
         given = checked(HessianOptions, options)
         _check_goal(given)
-        return as_nodal_field("values", values, mesh), given
+        return as_nodal_field(values, mesh), given
 
     nodal, given = mesh.ranks.agree(check)
     mesh.ranks.require_equal(**given)

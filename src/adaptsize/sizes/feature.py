@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, describe
+from adaptsize._checks import describe
 from adaptsize._defaults import CORNER_ANGLE, CREASE_ANGLE
 from adaptsize._progress import reporting
 from adaptsize.background import (
@@ -274,8 +274,6 @@ def _near_boundary(
     if boundary.dim != background.dim or boundary.cell_dim != background.dim - 1:
         kind = "segments" if background.dim == 2 else "triangles"
         raise ValueError(f"boundary must consist of {kind} in {background.dim}-D, got {boundary!r}")
-    if tolerance is not None:
-        tolerance = as_number("tolerance", tolerance, lower=0.0)
     wanted = marked(nodes_beside(background, boundary, tolerance)[0], background.n_points)
     if not isinstance(background, SimplexMesh) or background.cell_dim == background.dim:
         wanted |= signed_distance(background, boundary, progress=report).ravel() <= 0.0

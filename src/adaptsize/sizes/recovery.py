@@ -68,7 +68,7 @@ def recovered_gradient(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     True
     """
     mesh = as_mesh("mesh", mesh)
-    nodal = as_nodal_field("values", values, mesh)
+    nodal = as_nodal_field(values, mesh)
     near, gradient = nodes_within_an_edge(mesh), np.empty(mesh.points.shape)
     inner = np.flatnonzero(~marked(mesh.facets[mesh.facet_cell_counts == 1], mesh.n_points))
     # The smallest eigenvalue over the largest of normal matrices in coordinates of unit covariance:
@@ -136,9 +136,7 @@ def recovered_hessian(mesh: AnyMesh, values: npt.ArrayLike) -> FloatArray:
     True
     """
     mesh = as_mesh("mesh", mesh, PartitionedMesh)
-    return second_derivatives(
-        mesh, mesh.ranks.agree(lambda: as_nodal_field("values", values, mesh))
-    )
+    return second_derivatives(mesh, mesh.ranks.agree(lambda: as_nodal_field(values, mesh)))
 
 
 def zz_indicator(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
@@ -192,7 +190,7 @@ def zz_indicator(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     array([0., 0.])
     """
     mesh = as_mesh("mesh", mesh)
-    nodal = as_nodal_field("values", values, mesh)
+    nodal = as_nodal_field(values, mesh)
     recovered = recovered_gradient(mesh, nodal)
     defect = recovered[mesh.cells] - cell_gradients(mesh, nodal)[:, None]
     # The exact integral of the square of a function that is linear in a simplex.
@@ -260,11 +258,11 @@ def second_derivatives(mesh: AnyMesh, nodal: FloatArray) -> FloatArray:
     return second_derivatives_of_fits(around.mesh, at_nodes)[around.own]
 
 
-def as_nodal_field(name: str, value: npt.ArrayLike, mesh: AnyMesh) -> FloatArray:
+def as_nodal_field(value: npt.ArrayLike, mesh: AnyMesh) -> FloatArray:
     """Return finite nodal values of a mesh of triangles in the plane or of tetrahedra."""
     if mesh.cell_dim != mesh.dim or mesh.dim == 1:
         raise ValueError(f"mesh must consist of triangles in 2-D or tetrahedra, got {mesh!r}")
-    return as_values(name, value, (mesh.n_points,))
+    return as_values("values", value, (mesh.n_points,))
 
 
 #: Of normal matrices in coordinates of unit covariance, the smallest eigenvalue over the largest.

@@ -41,7 +41,7 @@ def finish(
         cells = triangulate(domain, points, h)
         at = np.unique(skin_of(cells, len(points)))
         at = at[at >= n_fixed]
-        there, _ = domain.project(points[at], h[at], tolerance=TOLERANCE, max_steps=20)
+        there = domain.project(points[at], h[at], tolerance=TOLERANCE, max_steps=20)
         near = np.linalg.norm(there - points[at], axis=1) <= ON_BOUNDARY * h[at]
         before = points.copy()
         points[at] = there
@@ -144,7 +144,7 @@ def _move_nodes(
     smooth_nodes(points, cells, rings(cells, len(points)), (nodes, normals, steps))
     at = np.setdiff1d(at, sharp)
     at = at[(points[at] != old[at]).any(axis=1)]
-    points[at], _ = domain.project(points[at], h[at], tolerance=TOLERANCE, max_steps=20)
+    points[at] = domain.project(points[at], h[at], tolerance=TOLERANCE, max_steps=20)
     take_back(points, cells, old, at, before)
 
 

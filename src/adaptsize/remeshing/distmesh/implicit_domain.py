@@ -166,8 +166,8 @@ class ImplicitDomain:
 
     def project(
         self, points: FloatArray, h: FloatArray, *, tolerance: float, max_steps: int
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return points moved to the boundary by Newton steps, and how far they are from it.
+    ) -> FloatArray:
+        """Return points moved to the boundary by Newton steps.
 
         Parameters
         ----------
@@ -175,28 +175,19 @@ class ImplicitDomain:
         h : float64[n]
             Sizes there.
         tolerance : float
-            Distance below which a point is on the boundary, in sizes.
+            Length of a step below which a point is on the boundary, in sizes.
         max_steps : int
-
-        Returns
-        -------
-        points : float64[n, dim]
-        residual : float64[n]
-            Estimated distance to the boundary: the length of the next Newton step.
         """
-        points = points.copy()
-        residual = np.zeros(len(points))
-        active = np.arange(len(points))
-        for k in range(max_steps + 1):
+        points, active = points.copy(), np.arange(len(points))
+        for _ in range(max_steps):
             here = points[active]
             move = self.newton_steps(here, self.phi(here), h[active])
-            residual[active] = np.linalg.norm(move, axis=1)
-            far = residual[active] > tolerance * h[active]
-            if k == max_steps or not far.any():
-                break
+            far = np.linalg.norm(move, axis=1) > tolerance * h[active]
             active = active[far]
+            if len(active) == 0:
+                break
             points[active] += move[far]
-        return points, residual
+        return points
 
 
 def grid_of(lower: FloatArray, upper: FloatArray, counts: npt.ArrayLike) -> FloatArray:

@@ -179,7 +179,7 @@ def _between(
             both = np.concatenate(
                 [corner + _NEARER * (a - corner), corner + _NEARER * (b - corner)]
             )
-            both, _ = domain.project(both, np.tile(size, 2), tolerance=1e-6, max_steps=5)
+            both = domain.project(both, np.tile(size, 2), tolerance=1e-6, max_steps=5)
             a, b = both[: len(a)], both[len(a) :]
     # The tangents meet this near to the boundary, in sizes.
     on_it = np.abs(domain.depths(corner, size)) < 0.02 * size

@@ -184,7 +184,7 @@ def _put_back(
     moving = outside | on_boundary
     moving[:n_fixed] = False
     at = np.flatnonzero(moving)
-    there, _ = domain.project(points[at], h[at], tolerance=ON_BOUNDARY, max_steps=2)
+    there = domain.project(points[at], h[at], tolerance=ON_BOUNDARY, max_steps=2)
     near = np.linalg.norm(there - points[at], axis=1) < 0.5 * h[at]
     points[at] = np.where((outside[at] | near)[:, None], there, points[at])
     return points

@@ -109,7 +109,7 @@ def describe(
     residual[(residual == 0.0) & ~is_zero] = np.inf  # unknown without a slope
     centres = skin.points[skin.cells].mean(axis=1)
     h = domain.size(centres)
-    gap = domain.project(centres, h, tolerance=0.0, max_steps=0)[1] / h
+    gap = np.linalg.norm(domain.newton_steps(centres, domain.phi(centres), h), axis=1) / h
     # A sample point without a node within this distance is not covered, in sizes.
     far = cKDTree(mesh.points).query(sampling.probes)[0] > 1.1 * domain.size(sampling.probes)
     # Components have no facet in common.
