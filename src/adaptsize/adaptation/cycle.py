@@ -14,11 +14,11 @@ from adaptsize._checks import describe, one_of
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation._fields import Arrays, as_fields, methods_of
-from adaptsize.adaptation.boundary_moves import ProjectionLike, check_projection
+from adaptsize.adaptation.boundary_moves import ProjectionLike, check_projection, move_to_boundary
 from adaptsize.adaptation.field_transfer import FieldTransfer, integral
 from adaptsize.adaptation.need import smallest
 from adaptsize.adaptation.new_mesh import NewMesh, make_mesh
-from adaptsize.adaptation.next_metric import as_anisotropic, as_metric_bound, metric_request
+from adaptsize.adaptation.next_metric import as_anisotropic, metric_request
 from adaptsize.adaptation.next_sizes import (
     BoundLike,
     Decision,
@@ -28,7 +28,6 @@ from adaptsize.adaptation.next_sizes import (
     as_bound,
     check_goal,
     decide,
-    refuse_two_numbers,
 )
 from adaptsize.adaptation.report import AdaptReport, AdaptResult, numbers_of, tags_of, total_measure
 from adaptsize.adaptation.transfer import transferred
@@ -36,7 +35,7 @@ from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh, interpol
 from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, checked, options_of, with_options
-from adaptsize.quality.conformity import Conformity, size_conformity
+from adaptsize.quality.conformity import Conformity, nodal_metric, size_conformity
 from adaptsize.remeshing.protocol import Task
 from adaptsize.remeshing.registry import choose_backend
 from adaptsize.sizes.budget import calibration, elements_with_nodes
@@ -139,7 +138,9 @@ def adapt(
         if decision.remesh:
             made = make_mesh(mesh, made, request, report)
             if project is not None:
-                made = made.projected(project, given["corner_angle"])
+                assert isinstance(made.mesh, SimplexMesh)
+                moved, moves = move_to_boundary(made.mesh, project, given["corner_angle"])
+                made = replace(made, mesh=moved, moves=moves)
         result = _result(mesh, request, decision, made, cycle, report)
     allowed = tolerance * mesh.diagonal if project is None else math.inf
     if ranks.rank == 0:
@@ -187,10 +188,11 @@ def _checked(
         one_of("backend", backend, ("auto", "mmg"))
         backend = "mmg"
     else:
-        is_metric = is_metric or as_metric_bound(h0, mesh) is not None
+        is_metric = is_metric or nodal_metric(mesh, h0, finite=False) is not None
         if by_cell and given["conservative"]:
             FieldTransfer(mesh, mesh).refuse_surfaces()
-    refuse_two_numbers(given)
+    if given["elements"] is not None and given["nodes"] is not None:
+        raise ValueError("elements and nodes exclude each other: omit one")
     request: Request
     if is_metric:
         assert isinstance(mesh, SimplexMesh)

@@ -14,6 +14,7 @@ from adaptsize._checks import as_sizes_at, check_type, refuse_where
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.migration import is_counted_here
+from adaptsize.background.partitioned import local_mesh
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import NeedOptions, checked, with_options
 from adaptsize.quality.conformity import SizeLike, nodal_metric
@@ -259,7 +260,7 @@ class Present(NamedTuple):
 def present_of(mesh: AnyMesh, requested: Requested) -> Present:
     """Return how a mesh compares with the next sizes; collective."""
     weights, longest = np.zeros(3), 0.0
-    whole = mesh.mesh if isinstance(mesh, PartitionedMesh) else mesh
+    whole = local_mesh(mesh)
     counted = is_counted_here(mesh, np.empty((0, 2), np.int32) if whole is None else whole.edges)
     if whole is not None:
         pieces = pieces_of(whole.points, whole.edges, requested)
@@ -300,7 +301,7 @@ class _Misses(NamedTuple):
 
 def _misses_of(mesh: AnyMesh, requested: Requested, least_angle: float) -> _Misses:
     """Measure the cells of this rank."""
-    whole = mesh.mesh if isinstance(mesh, PartitionedMesh) else mesh
+    whole = local_mesh(mesh)
     n = len(mesh.cells)
     folded = np.zeros(n, np.bool_)
     longest, shortest, angles = np.zeros(n), np.full(n, np.inf), np.full(n, np.inf)

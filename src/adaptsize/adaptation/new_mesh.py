@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from adaptsize.adaptation.boundary_moves import BoundaryMoves, ProjectionLike, move_to_boundary
+from adaptsize.adaptation.boundary_moves import BoundaryMoves
 from adaptsize.adaptation.next_sizes import NextSizes, Request
 from adaptsize.adaptation.report import BUDGET_TOLERANCE, boundary_distance, numbers_of
-from adaptsize.background import AnyMesh, SimplexMesh
+from adaptsize.background import AnyMesh
 from adaptsize.errors import BoundaryWarning
 from adaptsize.options import RemeshOptions
 from adaptsize.remeshing import remesh
@@ -35,12 +35,6 @@ class NewMesh:
     n_meshes: int = 0
     boundary_distance: float = 0.0
     moves: BoundaryMoves | None = None
-
-    def projected(self, project: ProjectionLike, corner_angle: float) -> NewMesh:
-        """Return the mesh with its boundary nodes on the true boundary."""
-        assert isinstance(self.mesh, SimplexMesh)
-        mesh, moves = move_to_boundary(self.mesh, project, corner_angle)
-        return replace(self, mesh=mesh, moves=moves)
 
 
 def make_mesh(mesh: AnyMesh, first: NewMesh, request: Request, report: ProgressCallback) -> NewMesh:

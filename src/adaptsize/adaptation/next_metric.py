@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from adaptsize._checks import describe
 from adaptsize._defaults import METRIC_GRADIENT_LIMIT
-from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation.next_sizes import BoundLike, Request, as_bound
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import interfaces
@@ -26,6 +25,7 @@ from adaptsize.metrics import (
 )
 from adaptsize.metrics.limit import as_gradient_limit
 from adaptsize.options import AdaptOptions
+from adaptsize.quality.conformity import nodal_metric
 from adaptsize.sizes.curvature import size_of_chords
 from adaptsize.typing import FloatArray
 
@@ -92,23 +92,6 @@ class MetricRequest(Request):
         return metric if self.g is None else limit_metric(mesh, metric, self.g)
 
 
-def as_metric_bound(h0: Any, mesh: SimplexMesh) -> Metric | None:
-    """Return an upper bound that depends on the direction, or None if it does not.
-
-    Raises
-    ------
-    ValueError
-        If the metric does not fit the mesh.
-    """
-    if callable(h0) and not isinstance(h0, SizeFunction):
-        found = h0(mesh.points)
-        h0 = found if isinstance(found, Metric) else None
-    if not isinstance(h0, Metric):
-        return None
-    h0.check_mesh(mesh)
-    return h0
-
-
 def metric_request(
     mesh: SimplexMesh,
     h0: BoundLike | Metric | MetricFunction | None,
@@ -116,7 +99,7 @@ def metric_request(
     options: AdaptOptions,
 ) -> MetricRequest:
     """Return the checked request, with the nodal ``fields`` named by ``anisotropic``."""
-    bound = as_metric_bound(h0, mesh)
+    bound = nodal_metric(mesh, h0, finite=False)
     if bound is None and h0 is not None:
         sizes = as_bound(h0, mesh)  # type: ignore[arg-type]
         assert sizes is not None

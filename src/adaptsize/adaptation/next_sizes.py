@@ -202,12 +202,6 @@ def bound_by_tolerance(mesh: AnyMesh, tolerance: float) -> FloatArray | None:
     return size_of_chords(radius, tolerance * mesh.diagonal)
 
 
-def refuse_two_numbers(options: AdaptOptions) -> None:
-    """Raise a ValueError if a number of elements is given besides one of nodes."""
-    if options["elements"] is not None and options["nodes"] is not None:
-        raise ValueError("elements and nodes exclude each other: omit one")
-
-
 def check_goal(request: SizeRequest) -> None:
     """Raise a ValueError if the request is incomplete or contradictory."""
     options, tolerance = request.options, request.options["tolerance"]

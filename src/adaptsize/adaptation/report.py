@@ -113,9 +113,6 @@ class AdaptReport:
 
     def __str__(self) -> str:
         """Return a few lines."""
-        return "\n".join(self._lines())
-
-    def _lines(self) -> list[str]:
         kind = "triangles" if self.cell_dim == 2 else "tetrahedra"
         lines = [f"{self.n_cells_before} {kind}, {self.n_points_before} nodes"]
         if self.n_meshes:
@@ -123,7 +120,10 @@ class AdaptReport:
             lines[0] += f" ({self.backend}" + (
                 f", try {self.n_meshes})" if self.n_meshes > 1 else ")"
             )
-        lines += self._request()
+        lines.append(f"predicted {self.predicted_elements:.0f} elements" + self._target())
+        if self.error is not None:
+            goal = "" if self.tolerance is None else f", tolerance {self.tolerance:.3g}"
+            lines.append(f"estimated error of the old mesh {self.error:.3g}{goal}")
         lines.append(
             f"sizes: {self.share_in_band:.0%} of the next mesh present already, "
             f"{self.share_too_long:.0%} too long, {self.share_too_short:.0%} too short"
@@ -131,14 +131,18 @@ class AdaptReport:
         lines.append("old mesh: " + _quality(self.before))
         if self.n_meshes:
             lines.append("new mesh: " + _quality(self.after))
-            lines.append(self._boundary())
+            change = self.measure_after / self.measure_before - 1.0
+            lines.append(
+                f"boundary within {self.boundary_distance:.2g} of the old one, "
+                f"area or volume changed by {change:.1e}"
+            )
         if self.moves is not None:
             lines.append(f"projected: {self.moves}")
         if self.kept_tags:
             lost = ", ".join(self.lost_tags)
             lines.append(f"tags lost: {lost}" if lost else "tags: all kept")
         lines += [self._field(name, how) for name, how in self.transferred.items()]
-        return lines
+        return "\n".join(lines)
 
     def _field(self, name: str, how: str) -> str:
         text = f"field {name}: {how}"
@@ -166,14 +170,6 @@ class AdaptReport:
             return self.n_cells_after / self.elements
         return None
 
-    def _request(self) -> list[str]:
-        """Return the lines about elements and errors."""
-        lines = [f"predicted {self.predicted_elements:.0f} elements" + self._target()]
-        if self.error is not None:
-            goal = "" if self.tolerance is None else f", tolerance {self.tolerance:.3g}"
-            lines.append(f"estimated error of the old mesh {self.error:.3g}{goal}")
-        return lines
-
     def _target(self) -> str:
         if self.elements is None:
             return ""
@@ -184,14 +180,6 @@ class AdaptReport:
             return text
         met = "budget met" if self.budget_met else "budget missed"
         return f"{text}: {met}, ratio {self._ratio:.2f}"
-
-    def _boundary(self) -> str:
-        """Return the line about the domain of the new mesh."""
-        change = self.measure_after / self.measure_before - 1.0
-        return (
-            f"boundary within {self.boundary_distance:.2g} of the old one, "
-            f"area or volume changed by {change:.1e}"
-        )
 
     def warn(self, allowed: float) -> None:
         """Warn of lost tags, and of a boundary that has moved farther than allowed."""

@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize.background import AnyMesh, CartesianGrid
 from adaptsize.background.marching import pad, strides_of_padded, unpad
 from adaptsize.limiting.fast_marching import march_grid
 from adaptsize.limiting.problem import Problem, Scheme, Solution, checked_start
-from adaptsize.typing import BoolArray, FloatArray
+from adaptsize.typing import FloatArray
 
 
 @dataclass(frozen=True)
@@ -139,7 +138,9 @@ class HamiltonJacobi(Scheme):
         if slope.step:
             g = pad(grid, slope.values, order, takes_part)
         fastest = dt * float(np.fmax.reduce(g))
-        rows = (_rows(takes_part, strides, order), grid.shape[-1], strides)
+        # Where the rows along the last axis begin that contain nodes which take part.
+        begin = (np.argwhere(takes_part.any(axis=-1)) + order) @ strides[:-1] + order
+        rows = (begin, grid.shape[-1], strides)
         arguments = (bound, g, slope.step, *rows, weights, order, dt, self.tol * fastest)
         u = pad(grid, np.minimum(start, h0), order, takes_part)
         spare = np.full_like(u, np.nan)
@@ -168,12 +169,3 @@ class HamiltonJacobi(Scheme):
             )
         h = np.where(takes_part, unpad(grid, u, order), np.inf)
         return Solution(h, taken, rate, unfinished)
-
-
-def _rows(
-    takes_part: BoolArray, strides: npt.NDArray[np.int64], width: int
-) -> npt.NDArray[np.int64]:
-    """Return the starts of the rows along the last axis that contain participating nodes."""
-    index = np.argwhere(takes_part.any(axis=-1)) + width
-    begin: npt.NDArray[np.int64] = index @ strides[:-1] + width
-    return begin

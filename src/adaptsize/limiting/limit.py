@@ -217,11 +217,14 @@ def limit_gradient(
     of_place, of_size = factors_of(g)
 
     def check() -> tuple[Problem, Scheme | None]:
-        problem = _checked(background, h0, of_place, initial, point_sources, periodic)
-        scheme = as_scheme(method)
-        if periodic is not None and getattr(scheme, "order", 1) != 1:
+        if isinstance(method, Scheme):
+            scheme: Scheme | None = method
+        else:
+            name = one_of("method", method, ("auto", *SCHEMES))
+            scheme = None if name == "auto" else SCHEMES[name]()
+        if periodic is not None and (initial is not None or getattr(scheme, "order", 1) != 1):
             raise ValueError("periodic cannot be combined with initial, or with order=2")
-        return problem, scheme
+        return _checked(background, h0, of_place, initial, point_sources, periodic), scheme
 
     given, scheme = ranks.agree(check)
     bound, slope, extra = given.h0, given.slope, given.point_sources
@@ -292,8 +295,6 @@ def _checked(
     extra = None if point_sources is None else as_point_bounds(point_sources, background.dim)
     start = cell = None
     if periodic is not None:
-        if initial is not None:
-            raise ValueError("periodic cannot be combined with initial, or with order=2")
         cell = as_periodicity(domain, periodic)
         bound = cell.least(bound)
     if initial is not None:
@@ -311,14 +312,6 @@ def _transformed(problem: Problem, transform: SizeTransform) -> Problem:
         start = transform.forward(start)
     h0 = transform.forward(problem.h0)
     return replace(problem, h0=h0, initial=start, point_sources=extra)
-
-
-def as_scheme(method: Scheme | str) -> Scheme | None:
-    """Return the scheme of a name, or the given one; None for "auto"."""
-    if isinstance(method, Scheme):
-        return method
-    name = one_of("method", method, ("auto", *SCHEMES))
-    return None if name == "auto" else SCHEMES[name]()
 
 
 def _automatic(problem: Problem) -> Scheme:

@@ -319,13 +319,13 @@ def _at_interfaces(part: PartitionedMesh, h: FloatArray) -> BoolArray:
     return near
 
 
-def nodal_metric(mesh: SimplexMesh, size: object) -> Metric | None:
+def nodal_metric(mesh: SimplexMesh, size: object, *, finite: bool = True) -> Metric | None:
     """Return a requested metric at the nodes of a mesh, or None for sizes.
 
     Raises
     ------
     ValueError
-        If the metric does not fit the mesh or a size is inf.
+        If the metric does not fit the mesh, or a size is inf that must be finite.
     """
     if callable(size) and not isinstance(size, SizeFunction):
         probe = size(mesh.points[:1])
@@ -333,7 +333,8 @@ def nodal_metric(mesh: SimplexMesh, size: object) -> Metric | None:
     if not isinstance(size, Metric):
         return None
     size.check_mesh(mesh)
-    refuse_where("size", np.isinf(size.sizes), size.sizes, "must be finite in all directions")
+    if finite:
+        refuse_where("size", np.isinf(size.sizes), size.sizes, "must be finite in all directions")
     return size
 
 
