@@ -1,7 +1,5 @@
 """Groups of processes (ranks) that work on one mesh: a single process, or those of mpi4py."""
 
-from __future__ import annotations
-
 import pickle
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence

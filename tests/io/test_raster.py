@@ -45,10 +45,12 @@ def test_compressed_tiffs_are_the_same_picture_or_stack(tmp_path, monkeypatch, c
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.int64, np.float32, np.float64])
 def test_tiffs_keep_their_kind_of_pixels(tmp_path, dtype):
-    tifffile.imwrite(tmp_path / "mask.tiff", corner(dtype=dtype))
+    is_float = np.dtype(dtype).kind == "f"
+    pixels = corner(dtype=dtype) / 2 if is_float else corner(dtype=dtype)
+    tifffile.imwrite(tmp_path / "mask.tiff", pixels.astype(dtype))
     image = read_image(tmp_path / "mask.tiff")
     assert image.values.dtype == dtype
-    np.testing.assert_array_equal(image.values, corner()[::-1].T)
+    np.testing.assert_array_equal(image.values, pixels[::-1].T)
 
 
 def test_the_indices_of_a_palette_are_the_labels(tmp_path):
@@ -150,6 +152,8 @@ def test_whole_numbers_stored_as_floats_are_labels(tmp_path):
     half = nibabel.Nifti1Image(volume() * np.float32(0.5), np.eye(4))
     nibabel.save(half, tmp_path / "w.nii")
     assert read_image(tmp_path / "w.nii").values.dtype.kind == "f"
+    tifffile.imwrite(tmp_path / "t.tif", volume().astype(np.float32))
+    assert read_image(tmp_path / "t.tif").values.dtype == np.int32
 
 
 def test_one_slice_is_a_picture_and_a_series_in_time_is_refused(tmp_path):

@@ -85,8 +85,8 @@ def test_solvers_get_cells_regions_and_boundaries(tmp_path, mesh):
                 back.cell_tags, np.unique(mesh.cell_tags, return_inverse=True)[1] + 1
             )
             assert "soft_part" in back.tag_names.values()
-        if suffix == ".bdf":  # properties are numbered from 1
-            assert_array_equal(back.cell_tags, np.maximum(mesh.cell_tags, 1))
+        if suffix == ".bdf":  # cells without a tag, 0 here, have a property of their own
+            assert_array_equal(back.cell_tags, np.where(mesh.cell_tags, mesh.cell_tags, 4))
     assert (tmp_path / "mesh.su2").read_text().count("MARKER_TAG= wall\n") == 1
     sets = meshio.read(tmp_path / "mesh.inp")
     assert_array_equal(sets.cell_sets["soft_part"][0], np.flatnonzero(mesh.cell_tags == 2))

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -86,6 +87,18 @@ def test_the_page_has_the_points_and_values_of_its_scenes():
     assert found["logarithmic"]
     h = found["low"] * (found["high"] / found["low"]) ** (values / 255.0)
     np.testing.assert_allclose(h[cells], scene.values[scene.cells.ravel()], rtol=0.01)
+
+
+def test_more_than_256_regions_keep_their_numbers():
+    mesh = jittered_square(16, 1, half_width=0.5)
+    mesh = replace(mesh, cell_tags=np.arange(1, mesh.n_cells + 1))
+    scenes = scenes_of_mesh(mesh, None)
+    number = list(scenes).index("region")
+    found = data_of(scenes)["scenes"][number]
+    places = np.frombuffer(zlib.decompress(base64.b64decode(found["values"])), "<u4")
+    names = np.array([name for _, name in found["ticks"]])
+    assert len(names) > 256
+    assert names[places].tolist() == [f"{tag:g}" for tag in scenes["region"].values]
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")

@@ -116,7 +116,7 @@ def _load_tiff(path: Path, name: str | None) -> Image:
         axes = series.axes
     if pixels.ndim == len(axes) and axes.endswith("S"):
         pixels = _grey(pixels)
-    pixels = np.squeeze(pixels)
+    pixels = _whole_numbers(np.squeeze(pixels))
     if pixels.ndim == 2:
         return Image(_upright(pixels), spacing[:2], notes=notes)
     if pixels.ndim != 3:
@@ -228,17 +228,19 @@ def _along_axes(values: npt.NDArray[Any], steps: FloatArray, origin: FloatArray)
 def _image_of(
     values: npt.NDArray[Any], spacing: FloatArray, origin: FloatArray, notes: Sequence[str] = ()
 ) -> Image:
-    """Return an image, without its last axis if that has only one pixel.
-
-    Labels that are stored as floats become integers.
-    """
+    """Return an image, without its last axis if that has only one pixel."""
     if values.ndim == 3 and values.shape[2] == 1:
         values, spacing, origin = values[:, :, 0], spacing[:2], origin[:2]
+    return Image(_whole_numbers(values), spacing, origin, notes)
+
+
+def _whole_numbers(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return labels that are stored as floats as integers."""
     if values.dtype.kind == "f" and np.isfinite(values).all():
         is_whole = (values == np.rint(values)).all()
         if is_whole and np.abs(values).max(initial=0.0) <= 2**31 - 1:
-            values = values.astype(np.int32)
-    return Image(values, spacing, origin, notes)
+            return values.astype(np.int32)
+    return values
 
 
 def _load_npz(path: Path, name: str | None) -> Image:

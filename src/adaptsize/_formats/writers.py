@@ -183,7 +183,10 @@ def write_abaqus(path: Path, mesh: SimplexMesh) -> None:
 
 
 def write_nastran(path: Path, mesh: SimplexMesh) -> None:
-    """Write cells and tagged facets, with their tags as numbers of properties, which start at 1."""
+    """Write cells and tagged facets, with their tags as numbers of properties.
+
+    These start at 1: those without a tag get the smallest number that is not a tag.
+    """
     pieces: list[Any] = [
         "$ written by adaptsize\nBEGIN BULK\n",
         (f"GRID*   %-16d{'':16}%16.9E%16.9E\n*       %16.9E\n", _numbered(_in_space(mesh))),
@@ -191,7 +194,8 @@ def write_nastran(path: Path, mesh: SimplexMesh) -> None:
     first = 1
     for cells, tags in ((mesh.cells, mesh.cell_tags), (mesh.tagged_facets, mesh.facet_tags)):
         if cells is not None:
-            properties = np.ones(len(cells), np.int32) if tags is None else np.maximum(tags, 1)
+            held = np.zeros(len(cells), np.int32) if tags is None else tags
+            properties = np.where(held > 0, held, next(k for k in count(1) if k not in held))
             line = f"{_CARDS[cells.shape[1] - 1]:<8}{'%-8d' * (2 + cells.shape[1])}\n"
             pieces.append((line, _numbered(np.column_stack([properties, cells + 1]), first)))
             first += len(cells)

@@ -1,7 +1,5 @@
 """Meshes of scikit-fem, MFEM, Netgen, DOLFINx and Gmsh, with the names of their tags."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
@@ -33,6 +31,8 @@ def reader_of(mesh: Any) -> Callable[[], RawMesh] | None:
 class _Groups(NamedTuple):
     """The cells and the tagged facets of a mesh, each with a positive tag."""
 
+    points: npt.NDArray[Any]
+    """In space."""
     cells: list[npt.NDArray[Any]]
     """The cells and, if there are any, the tagged facets."""
     tags: list[npt.NDArray[np.int32]]
@@ -63,7 +63,7 @@ def _groups_of(mesh: SimplexMesh, *, with_boundary: bool = False) -> _Groups:
         raise ValueError("cell_tags and facet_tags must be positive for this program")
     held = [(rows.shape[1] - 1, tag) for rows, part in zip(cells, tags, strict=True)
             for tag in np.unique(part).tolist()]  # fmt: skip
-    return _Groups(cells, tags, {key: names.get(key, str(key[1])) for key in held})
+    return _Groups(content.points, cells, tags, {key: names.get(key, str(key[1])) for key in held})
 
 
 def _raw_of_skfem(mesh: Any) -> RawMesh:
@@ -199,7 +199,7 @@ def to_mfem(mesh: SimplexMesh) -> Any:
     groups = _groups_of(mesh, with_boundary=True)
     counts = [len(rows) for rows in groups.cells]
     made = mfem.ser.Mesh(mesh.cell_dim, mesh.n_points, counts[0], sum(counts[1:]), mesh.dim)
-    for point in np.pad(mesh.points, ((0, 0), (0, 3 - mesh.dim))).tolist():
+    for point in groups.points.tolist():
         made.AddVertex(*point)
     add = {1: made.AddSegment, 2: made.AddTriangle, 3: made.AddTet}
     add_boundary = {1: made.AddBdrSegment, 2: made.AddBdrTriangle}
@@ -237,7 +237,7 @@ def to_netgen(mesh: SimplexMesh) -> Any:
         raise ValueError(f"mesh must be triangles in the plane or tetrahedra, got {mesh!r}")
     groups = _groups_of(mesh, with_boundary=True)
     made = NetgenMesh(dim=mesh.dim)
-    made.AddPoints(np.ascontiguousarray(np.pad(mesh.points, ((0, 0), (0, 3 - mesh.dim)))))
+    made.AddPoints(np.ascontiguousarray(groups.points))
     for rows, tags in zip(groups.cells, groups.tags, strict=True):
         dim = rows.shape[1] - 1
         kinds, index = np.unique(tags, return_inverse=True)
@@ -309,7 +309,7 @@ def to_gmsh(mesh: SimplexMesh, name: str = "adaptsize") -> Any:
     if not gmsh.isInitialized():
         gmsh.initialize(interruptible=False)
     gmsh.model.add(name)
-    points, n_elements = np.pad(mesh.points, ((0, 0), (0, 3 - mesh.dim))), 0
+    points, n_elements = groups.points, 0
     for rows, tags in zip(groups.cells, groups.tags, strict=True):
         dim = rows.shape[1] - 1
         for tag in np.unique(tags).tolist():

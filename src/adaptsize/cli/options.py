@@ -33,16 +33,14 @@ _FORMS = (
     "box:x0,y0,z0,x1,y1,z1=h, boundary[:tag]=h, region:tag=h"
 )
 
-Input = Annotated[Path, typer.Argument(metavar="FILE", help="Mesh: STL, VTU, .msh, .mesh, ...")]
-ImageFile = Annotated[
-    Path, typer.Argument(metavar="FILE", help="Image: PNG, TIFF, NIfTI, NRRD, .npy, .npz")
-]
-AnyFile = Annotated[
-    Path,
-    typer.Argument(
-        metavar="FILE", help="Mesh: STL, VTU, .msh ...; or image: PNG, TIFF, NIfTI, NRRD ..."
-    ),
-]
+
+def _input(text: str) -> Any:
+    return typer.Argument(metavar="FILE", help=text)
+
+
+Input = Annotated[Path, _input("Mesh: STL, VTU, .msh, .mesh, ...")]
+ImageFile = Annotated[Path, _input("Image: PNG, TIFF, NIfTI, NRRD, .npy, .npz")]
+AnyFile = Annotated[Path, _input("Mesh: STL, VTU, .msh ...; or image: PNG, TIFF, NIfTI, NRRD ...")]
 
 
 def _output(text: str) -> Any:
@@ -177,6 +175,7 @@ def command(
             console.finish()
             return code
 
+        in_order = sorted(options.values(), key=lambda option: option.group != "Output")
         own_signature = inspect.signature(function, eval_str=True)
         keyword = inspect.Parameter.KEYWORD_ONLY
         parameters = [
@@ -186,18 +185,13 @@ def command(
                 for name, parameter in own_signature.parameters.items()
                 if name not in ("console", "given")
             ),
-            *map(_as_parameter, (*sorted(options.values(), key=_place), *general)),
+            *map(_as_parameter, (*in_order, *general)),
         ]
         run.__signature__ = own_signature.replace(parameters=parameters)  # type: ignore[attr-defined]
         run.__annotations__ = {p.name: p.annotation for p in parameters}
         return run
 
     return decorate
-
-
-def _place(option: Option) -> int:
-    """Return where the group of an option is in the help: files first, general ones last."""
-    return {"Output": 0, "General": 2}.get(option.group, 1)
 
 
 def _as_parameter(option: Option) -> inspect.Parameter:

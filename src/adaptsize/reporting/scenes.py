@@ -99,16 +99,16 @@ def _geometry(scene: Scene) -> dict[str, Any]:
 
 
 def _coloured(scene: Scene) -> dict[str, Any]:
-    """Return the values of a scene, 0 to 255, and what explains them."""
+    """Return the values of a scene, 0 to 255 or numbers of classes, and what explains them."""
     values = scene.values[np.unique(scene.cells)] if scene.on_nodes else scene.values
     result: dict[str, Any] = {
         "label": scene.label, "classes": scene.classes, "on_nodes": scene.on_nodes
     }  # fmt: skip
     if scene.classes:
-        places = np.searchsorted(scene.names, np.where(np.isfinite(values), values, np.inf)) % 256
+        places = np.searchsorted(scene.names, np.where(np.isfinite(values), values, np.inf))
         ticks: list[tuple[float, str]] = list(enumerate(scene.class_labels))
         result["colours"] = CLASS_COLORS
-        return result | {"values": _packed(places, "<u1"), "ticks": ticks}
+        return result | {"values": _packed(places, "<u4"), "ticks": ticks}
     mapped = colors_of(scene)
     low, high = scene.limits
     scaled = mapped.norm(np.where(np.isfinite(values), values, high))

@@ -26,8 +26,9 @@
     g.middle = g.low.map((x, d) => x + 0.5 * g.size[d]);
   }
   for (const s of DATA.scenes) {
-    const values = await array(Uint8Array, s.values), cells = DATA.geometries[s.geometry].indices;
-    s.shown = s.on_nodes ? Uint8Array.from(cells, (p) => values[p]) : Uint8Array.from(cells, (_, k) => values[(k / 3) | 0]);
+    const values = await array(s.classes ? Uint32Array : Uint8Array, s.values), cells = DATA.geometries[s.geometry].indices;
+    s.held = cells.map((p, k) => values[s.on_nodes ? p : (k / 3) | 0]);
+    s.shown = Uint8Array.from(s.held, (v) => (s.classes ? v % s.colours.length : v));
     list.append(new Option(s.name));
   }
 
@@ -199,7 +200,7 @@
       const point = [0, 1, 2].map((i) => (w[0] * c[0][i] + w[1] * c[1][i] + w[2] * c[2][i]) / sum);
       if (dot(eye, point) > nearest) {
         nearest = dot(eye, point);
-        const value = w.reduce((total, part, i) => total + (part / sum) * scene.shown[k / 3 + i], 0);
+        const value = w.reduce((total, part, i) => total + (part / sum) * scene.held[k / 3 + i], 0);
         best = { point: point.map((p, i) => p + geometry.middle[i]), value };
       }
     }
