@@ -18,6 +18,7 @@ from meshes import (
 )
 from partitions import BOUNDS, FIGURES, KINDS, SIZE, bounds, on_ranks, partition
 from scipy.spatial import Delaunay
+from scipy.spatial.transform import Rotation
 from shapes import joined, moved
 from simulated_ranks import SimulatedCommunicator
 from solids_of_cubes import solid_of_cubes
@@ -61,6 +62,13 @@ def without_some_cells(seed):
     return SimplexMesh(cube.points[used], cells.reshape(-1, 4))
 
 
+def rounded_wall(seed):
+    """Return a solid with oblique faces that are plane but for their rounding."""
+    wall = domains.wall_box(200, seed=seed)[0]
+    turn = Rotation.random(random_state=seed).as_matrix()
+    return SimplexMesh(np.round(wall.points @ turn, 6), wall.cells)
+
+
 def tagged(mesh, seed):
     """Return a mesh with regions, tagged facets, a node in no cell, and cells turned around."""
     rng = np.random.default_rng(seed)
@@ -93,6 +101,7 @@ FLAT = {
     "holes": domains.holes(14, 3, 6, seed=826)[0],
     "wall": domains.wall_box(200, seed=871)[0],
     "window": domains.window_box(250, seed=872)[0],
+    "rounded": rounded_wall(875),
     "ring": square_ring(873),
     "pinched": without_some_cells(874),
     "squares": beside_each_other(),

@@ -23,6 +23,7 @@ from adaptsize._kernels.exact import BLOCK, fill_values, gather
 from adaptsize._kernels.local_updates import SPACE, WITH_BC, minimum_on_edge, minimum_on_triangle
 from adaptsize._kernels.space_paths import (
     PATH_SLACK,
+    beside_edge,
     in_sector,
     length_between,
     length_from,
@@ -48,10 +49,11 @@ def _estimate(paths, w, x, count, g, slack, values):
     )  # fmt: skip
     for i in range(count):  # no branches and no division: this is vectorised
         p = minus(column(x, i), start)
-        served = dot(outward, p) <= slack
-        served &= (dot(one, p) >= -slack) | (dot(other, p) >= -slack)
         s = dot(p, along)
         d = norm(without(p, s, along))
+        near = beside_edge(d, r, slack)
+        served = dot(outward, p) <= slack
+        served &= (dot(one, p) >= -near) | (dot(other, p) >= -near)
         t = f * d + s * r  # the bend, times d + r
         before, beyond = t <= 0.0, t >= length * (d + r)
         served &= (d > _END * length) & (skew | ~(before | beyond))

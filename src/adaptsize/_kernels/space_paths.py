@@ -79,7 +79,8 @@ class Paths(NamedTuple):
         Size at the image of the base, or a lower bound if the base is not a node.
     sector : float64[w, 9]
         Three vectors.  The path acts on points x for which the product of the first and (x
-        - start of the edge) is not positive, and that of one of the others is not negative.
+        - start of the edge) is not positive, and that of one of the others is not negative, to
+        the tolerance of `beside_edge`.
     skew : bool[w]
         Whether two successive edges are not in one plane.
     """
@@ -256,19 +257,31 @@ def straighten(edges, chain, bends, n, i):
 
 
 @lean
+def beside_edge(d, r, slack):
+    """Return how far a straight line from distance r before an edge to d behind it is beside it.
+
+    Faces hide what is behind them also from a line that passes some ``slack`` beside their edge.
+    The path that bends there has the same length but for rounding.
+    """
+    return 4.0 * slack * (1.0 + d / max(r, 1e-300))
+
+
+@lean
 def in_sector(paths, w, box, slack):
     """Return whether a path may act on a point of a box."""
     e = paths.edge[w]
     if e < 0:
         return True
-    least = first = second = 0.0
+    least = first = second = square = 0.0
     for d in range(3):
         low, high = box[d] - paths.edges.start[e, d], box[3 + d] - paths.edges.start[e, d]
         n, a, b = paths.sector[w, d], paths.sector[w, 3 + d], paths.sector[w, 6 + d]
         least += n * low if n > 0.0 else n * high
         first += a * high if a > 0.0 else a * low
         second += b * high if b > 0.0 else b * low
-    return least <= slack and max(first, second) >= -slack
+        square += max(-low, high) ** 2
+    near = beside_edge(math.sqrt(square), paths.image[w, 1], slack)
+    return least <= slack and max(first, second) >= -near
 
 
 @lean

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from meshes import structured_square
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+from solids_of_cubes import solid_of_cubes
 
 from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.geometry.boundary import flat_boundary
@@ -93,6 +95,34 @@ def test_noise_about_the_tolerance_leaves_no_node_without_its_path(share):
     # Regression: corners that a path passes within the tolerance hid what was behind them.
     for seed in range(30):
         assert_off_by_noise_only("maze", *noisy(share), np.random.default_rng(seed))
+
+
+def _is_around(x):
+    return np.abs(x[:, :2] - 2.5).max(axis=1) > 1.0
+
+
+SOLIDS = {
+    "wall": lambda: domains.wall_box(200, seed=2291)[0],
+    "window": lambda: domains.window_box(250, seed=2292)[0],
+    "frame": lambda: solid_of_cubes(_is_around, (5, 5, 2), 5),
+}
+
+
+@pytest.mark.parametrize("decimals", range(5, 12))
+@pytest.mark.parametrize("name", SOLIDS)
+def test_rounded_solids_are_those_with_plane_faces(name, decimals):
+    # Faces are oblique, so that each of their triangles is tilted by the rounding.
+    mesh, rng = SOLIDS[name](), np.random.default_rng(2293)
+    points = mesh.points @ Rotation.random(random_state=2294).as_matrix() / mesh.diagonal
+    h0 = np.full(mesh.n_points, np.inf)
+    h0[rng.choice(mesh.n_points, 3)] = 0.01, 0.05, 0.1
+    expected = limit_gradient(SimplexMesh(points, mesh.cells), h0, G, method=Exact())
+    rounded_mesh = SimplexMesh(np.round(points, decimals), mesh.cells)
+    h = limit_gradient(rounded_mesh, h0, G, method=Exact())
+    assert_allclose(h, expected, rtol=0.0, atol=30.0 * G * 10.0**-decimals)
+    i, j = mesh.edges.T
+    length = np.linalg.norm(rounded_mesh.points[i] - rounded_mesh.points[j], axis=1)
+    assert (np.abs(h[i] - h[j]) <= G * length * (1.0 + 1e-12) + 1e-15).all()
 
 
 @pytest.mark.parametrize("distance", [0.0, 1e3, 1e6])

@@ -204,9 +204,10 @@ class PartOfSolid(WholeSolid):
     def __init__(
         self, part: PartitionedMesh, piece: Piece, body: Body, component: Component
     ) -> None:
-        super().__init__(component, body.solid)
+        points = piece.mesh.points if piece.is_empty else body.solid.points[body.own]
+        super().__init__(component, body.solid, points)
         self.part, self.piece, self.body = part, piece, body
-        self.h0, self.reach = _bounds(piece, body, component)
+        self.h0, self.reach = _bounds(piece, body, self.component)
         # Global numbers of nodes, then those of sources between the nodes, then -1.
         n, extra = component.mesh.n_points, component.extra
         last = n if extra is None else int(extra.numbers.max(initial=n - 1)) + 1
@@ -279,7 +280,7 @@ def _bounds(piece: Piece, body: Body, component: Component) -> tuple[FloatArray,
     The latter are sizes that grow along the edges of the own cells, at the own nodes and at the
     nodes of reflex edges.
     """
-    mesh, reflex_nodes = piece.mesh, body.solid.reflex_edges.nodes
+    mesh, reflex_nodes = component.mesh, body.solid.reflex_edges.nodes
     both = np.full((2, len(body.ids)), np.inf)
     order = np.empty(0, np.int32)
     if not piece.is_empty:

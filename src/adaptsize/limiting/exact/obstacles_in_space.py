@@ -10,15 +10,12 @@ from adaptsize._kernels.space_paths import Edges
 from adaptsize._kernels.space_sight import Sight, Stars, Walls
 from adaptsize.background._curve import along_curve
 from adaptsize.background.topology import components_of, places_among
-from adaptsize.geometry.boundary import FlatBoundary
-from adaptsize.geometry.convexity import ridges_of
+from adaptsize.geometry.convexity import Ridges
 from adaptsize.limiting.exact.field import boxes_over
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
-
-    from adaptsize.background import SimplexMesh
 
 # Angles between a path and the faces of an edge below this are zero.
 GRAZING = 1e-9
@@ -31,9 +28,8 @@ _SLACK = 1e-11
 _NO_VOLUME = 1e-12
 
 
-def build_sight(mesh: SimplexMesh, boundary: FlatBoundary) -> Sight:
-    """Return the boundary of a mesh of tetrahedra, for lines of sight."""
-    points, facets = mesh.points, boundary.facets
+def build_sight(points: FloatArray, cells: IntArray, facets: IntArray) -> Sight:
+    """Return the boundary of tetrahedra, for lines of sight."""
     corners = points[facets]
     diagonal, rounding = _scales_of(points, facets)
     origin, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -54,7 +50,7 @@ def build_sight(mesh: SimplexMesh, boundary: FlatBoundary) -> Sight:
     rows[:, 12] = np.maximum(slack, 4.0 * rounding * diagonal / height[order])
     rows[:, 13] = np.minimum(slack / height[order], 1e-3)
     boxes = boxes_over(corners[order].min(axis=1), corners[order].max(axis=1), np.zeros(len(order)))
-    return Sight(Walls(rows, boxes, slack), _stars_at(mesh, np.unique(facets)))
+    return Sight(Walls(rows, boxes, slack), _stars_at(points, cells, np.unique(facets)))
 
 
 def _scales_of(points: FloatArray, facets: IntArray) -> tuple[float, float]:
@@ -72,11 +68,11 @@ def _heights_of(corners: FloatArray, area: FloatArray) -> FloatArray:
     return heights
 
 
-def _stars_at(mesh: SimplexMesh, nodes: IntArray) -> Stars:
+def _stars_at(points: FloatArray, cells: IntArray, nodes: IntArray) -> Stars:
     """Return the cells with a volume at boundary nodes."""
-    rows = places_among(nodes, mesh.n_points)
-    cells = mesh.cells[(rows[mesh.cells] >= 0).any(axis=1)]
-    edges = mesh.points[cells[:, 1:]] - mesh.points[cells[:, :1]]
+    rows = places_among(nodes, len(points))
+    cells = cells[(rows[cells] >= 0).any(axis=1)]
+    edges = points[cells[:, 1:]] - points[cells[:, :1]]
     volume = np.einsum("ij,ij->i", edges[:, 0], np.cross(edges[:, 1], edges[:, 2]))
     longest = np.abs(edges).max(axis=(1, 2), initial=0.0)
     flat = np.abs(volume) <= _NO_VOLUME * longest**3
@@ -91,7 +87,7 @@ def _stars_at(mesh: SimplexMesh, nodes: IntArray) -> Stars:
     star = star[np.argsort(row, kind="stable"), 1:]
     first = np.zeros(len(nodes) + 1, np.int32)
     first[1:] = np.cumsum(np.bincount(row, minlength=len(nodes)))
-    return Stars(mesh.points, rows, first, np.ascontiguousarray(star))
+    return Stars(points, rows, first, np.ascontiguousarray(star))
 
 
 class _Ridges(NamedTuple):
@@ -125,7 +121,7 @@ class ReflexEdges(NamedTuple):
     """(e, e): the common node of two edges, as an index in ``nodes`` plus 1."""
 
 
-def _ridges_of(points: FloatArray, facets: IntArray) -> _Ridges:
+def _turns_at(ridges: Ridges, points: FloatArray, facets: IntArray) -> _Ridges:
     """Return the edges of a boundary and the turn of the boundary at each."""
     corners = points[facets]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -134,7 +130,7 @@ def _ridges_of(points: FloatArray, facets: IntArray) -> _Ridges:
     diagonal, rounding = _scales_of(points, facets)
     thin = heights <= _NO_VOLUME * diagonal
     units = np.where(thin[:, None], 0.0, normals / np.where(thin, 1.0, areas)[:, None])
-    edges, sides, apex, regular = ridges_of(facets, len(points))
+    edges, sides, apex, regular = ridges
     is_odd = ~regular | thin[sides].any(axis=1)
 
     along = points[edges[:, 1]] - points[edges[:, 0]]
@@ -185,11 +181,13 @@ def _chains_of(points: FloatArray, ridges: _Ridges, slack: float) -> IntArray:
     return np.unique(chain, return_inverse=True)[1].ravel().astype(np.int32)
 
 
-def find_reflex_edges(points: FloatArray, boundary: FlatBoundary, slack: float) -> ReflexEdges:
+def find_reflex_edges(
+    every: Ridges, points: FloatArray, facets: IntArray, slack: float
+) -> ReflexEdges:
     """Return the reflex edges of a boundary, with straight chains merged, and their nodes."""
     from scipy.sparse import csr_array
 
-    ridges = _ridges_of(points, boundary.facets)
+    ridges = _turns_at(every, points, facets)
     chain = _chains_of(points, ridges, slack)
     ends = ridges.ends[ridges.is_reflex]
     n_edges = chain.max(initial=-1) + 1

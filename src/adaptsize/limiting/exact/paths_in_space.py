@@ -6,7 +6,7 @@ Paths over reflex edges are extended by one edge at a time.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,13 +15,18 @@ from adaptsize._kernels import exact_space as kernels
 from adaptsize._kernels.exact import BLOCK
 from adaptsize._kernels.space_paths import LONGEST, Bases, Choice, Field, Paths, new_block
 from adaptsize._kernels.space_sight import Sight
+from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
+from adaptsize.geometry.boundary import FlatBoundary
+from adaptsize.geometry.convexity import ridges_of
+from adaptsize.geometry.flat_faces import with_flat_faces
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.candidates import (
     EQUAL,
     TIE,
     Component,
+    Extra,
     candidates_of,
     entries_of_nodes,
     sources_on_cells,
@@ -42,10 +47,6 @@ from adaptsize.limiting.exact.obstacles_in_space import (
     find_reflex_edges,
 )
 from adaptsize.typing import BoolArray, FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from adaptsize.background import SimplexMesh
-    from adaptsize.geometry.boundary import FlatBoundary
 
 # Largest number of iterations; each allows paths one more bend.
 _ROUNDS = 200
@@ -274,7 +275,13 @@ class Solid(NamedTuple):
     """A solid, its reflex edges, and the nodes at which sizes are computed."""
 
     points: FloatArray
-    """float64[n, 3]: the nodes; on one of many processes, its own and those at the boundary."""
+    """float64[n, 3]: the nodes; on one of many processes, its own and those at the boundary.
+
+    Those on faces that are plane but for noise are in common planes."""
+    surface: SimplexMesh | None
+    """The boundary before nodes were moved for that; None if none was."""
+    moved: float
+    """How far a coordinate has been moved, at most."""
     nodes: IntArray
     """int32[k]: the nodes to solve along a Morton curve; nodes of reflex edges are among them."""
     sight: Sight
@@ -306,20 +313,45 @@ def solid_of(mesh: SimplexMesh, boundary: FlatBoundary, nodes: IntArray | None =
     nodes : int32[k], optional
         Nodes to solve besides those of reflex edges; by default all.
     """
-    sight = build_sight(mesh, boundary)
-    reflex_edges = find_reflex_edges(mesh.points, boundary, sight.walls.slack)
+    facets = boundary.facets
+    ridges = ridges_of(facets, mesh.n_points)
+    points = with_flat_faces(mesh.points, facets, ridges)
+    sight = build_sight(points, mesh.cells, facets)
+    reflex_edges = find_reflex_edges(ridges, points, facets, sight.walls.slack)
+    surface = None if points is mesh.points else SimplexMesh(mesh.points, facets)
+    moved = float(np.abs(points - mesh.points).max())
     if nodes is None:
-        return Solid(mesh.points, along_curve(mesh.points), sight, reflex_edges)
+        return Solid(points, surface, moved, along_curve(points), sight, reflex_edges)
     nodes = np.union1d(nodes, reflex_edges.nodes).astype(np.int32)
-    order = along_curve(np.ascontiguousarray(mesh.points[nodes]))
-    return Solid(mesh.points, nodes[order], sight, reflex_edges)
+    order = along_curve(np.ascontiguousarray(points[nodes]))
+    return Solid(points, surface, moved, nodes[order], sight, reflex_edges)
 
 
 class WholeSolid:
     """A solid that is not convex, of which all is known; a rank may know a part only."""
 
-    def __init__(self, component: Component, solid: Solid) -> None:
-        self.component, self.solid, self.h0 = component, solid, component.h0
+    def __init__(
+        self, component: Component, solid: Solid, points: FloatArray | None = None
+    ) -> None:
+        """``points``: the nodes of the component as in the solid, by default all of these."""
+        self.mesh, self.h0, self.solid = component.mesh, component.h0, solid
+        if solid.surface is not None:
+            points = solid.points if points is None else points
+            component = component._replace(
+                mesh=SimplexMesh(points, component.mesh.cells), extra=self._moved(component.extra)
+            )
+        self.component = component
+
+    def _moved(self, extra: Extra | None) -> Extra | None:
+        """Return the sources between the nodes, those on the boundary moved with it."""
+        solid = self.solid
+        if extra is None or solid.surface is None:
+            return extra
+        facets, weights, away = solid.surface.locator.nearest(extra.points)
+        corners = solid.points[solid.surface.cells[facets]]
+        on = (away <= 10.0 * solid.moved)[:, None]
+        places = np.where(on, np.einsum("iv,ivd->id", weights, corners), extra.points)
+        return extra._replace(points=places)
 
     def candidates(self) -> tuple[IntArray, BoolArray | None]:
         """Return the result of `candidates_of`."""
@@ -340,7 +372,7 @@ class WholeSolid:
     def spread(self, h: FloatArray) -> FloatArray:
         """Return sizes, lowered along edges."""
         component = self.component
-        return limit_along_edges(component.mesh, h, component.g, component.workers.report)
+        return limit_along_edges(self.mesh, h, component.g, component.workers.report)
 
 
 def solve_in_solid(known: WholeSolid) -> tuple[ComponentSolution, IntArray]:
@@ -416,7 +448,8 @@ def _solve(
     upper = spread(np.where(proved, lower, h0))
     proved |= np.isinf(upper)  # not reached by any source
     # Keep paths as short as those along edges of the mesh: they may continue over other edges.
-    field.sizes[:] = np.where(proved, np.minimum(lower, upper), upper + TIE * np.abs(upper))
+    nearly_upper = upper + TIE * np.abs(upper) + 10.0 * g * solid.moved
+    field.sizes[:] = np.where(proved, np.minimum(lower, upper), nearly_upper)
     hidden = nodes[~proved[nodes]]
     finished = True
     if len(hidden):
