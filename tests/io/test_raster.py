@@ -152,7 +152,8 @@ def test_whole_numbers_stored_as_floats_are_labels(tmp_path):
     half = nibabel.Nifti1Image(volume() * np.float32(0.5), np.eye(4))
     nibabel.save(half, tmp_path / "w.nii")
     assert read_image(tmp_path / "w.nii").values.dtype.kind == "f"
-    tifffile.imwrite(tmp_path / "t.tif", volume().astype(np.float32))
+    pixels = volume().astype(np.float32)
+    tifffile.imwrite(tmp_path / "t.tif", pixels, photometric="minisblack")
     assert read_image(tmp_path / "t.tif").values.dtype == np.int32
 
 
