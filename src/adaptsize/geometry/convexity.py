@@ -38,7 +38,7 @@ def is_convex(points: FloatArray, boundary: FlatBoundary) -> bool:
     corners = points[boundary.facets]
     a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
     volume = np.einsum("ij,ij->i", a, _cross(b, c))
-    la, lb, lc = map(_norm, (a, b, c))
+    la, lb, lc = map(norms, (a, b, c))
     mixed = (
         la * lb * lc
         + np.einsum("ij,ij->i", a, b) * lc
@@ -99,13 +99,13 @@ def turns_of(points: FloatArray, boundary: FlatBoundary) -> FloatArray:
     """
     corners = points[boundary.facets]
     normals = _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = _norm(normals)
+    areas = norms(normals)
     ridges = ridges_of(boundary.facets, len(points))
     has_area = (areas > 0.0)[:, None]
     units = np.divide(normals, areas[:, None], out=np.zeros_like(normals), where=has_area)
     normal, other = np.moveaxis(units[ridges.facets], 1, 0)
     rise = np.einsum("ij,ij->i", normal, points[ridges.apex[:, 1]] - points[ridges.ends[:, 0]])
-    sine = _norm(_cross(normal, other))
+    sine = norms(_cross(normal, other))
     cosine = np.einsum("ij,ij->i", normal, other)
     angles = np.arctan2(sine, cosine)
     angles = np.where(rise > 0.0, -angles, angles)
@@ -122,7 +122,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.stack(columns, axis=1)
 
 
-def _norm(vectors: FloatArray) -> FloatArray:
+def norms(vectors: FloatArray) -> FloatArray:
     """Return the lengths of rows."""
     lengths: FloatArray = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
     return lengths

@@ -10,7 +10,7 @@ import numpy as np
 
 from adaptsize.background.topology import components_of, places_among
 from adaptsize.geometry.boundary import facet_normals
-from adaptsize.geometry.convexity import Ridges
+from adaptsize.geometry.convexity import Ridges, norms
 from adaptsize.typing import FloatArray, IntArray
 
 # Distances from a plane below this share of the diagonal are rounding.
@@ -31,8 +31,7 @@ def with_flat_faces(points: FloatArray, facets: IntArray, ridges: Ridges) -> Flo
     ridges : Ridges
         The edges of the facets.
     """
-    corners = points[facets]
-    middle, diagonal = corners.mean(axis=(0, 1)), np.linalg.norm(np.ptp(corners, axis=(0, 1)))
+    diagonal = diagonal_of(points, facets)
     offsets = _offsets_at(ridges, points, facets) / diagonal
     noise = _noise_in(offsets)
     if noise == 0.0:
@@ -40,6 +39,7 @@ def with_flat_faces(points: FloatArray, facets: IntArray, ridges: Ridges) -> Flo
     face: IntArray = components_of(ridges.facets[offsets <= noise], len(facets)).astype(np.int32)
     pairs = np.unique(np.column_stack([facets.ravel(), np.repeat(face, 3)]), axis=0)
     node, plane = pairs[np.bincount(face)[pairs[:, 1]] > 1].T
+    middle = points[facets].mean(axis=(0, 1))
     moved = (points - middle) / diagonal
     normals, away, _ = _planes_of(moved, facets, face, node, plane)
     furthest = np.zeros(len(normals))
@@ -58,18 +58,24 @@ def with_flat_faces(points: FloatArray, facets: IntArray, ridges: Ridges) -> Flo
     return new if np.abs(new - points).max() <= 3.0 * noise * diagonal else points
 
 
+def diagonal_of(points: FloatArray, facets: IntArray) -> float:
+    """Return the diagonal of the box around facets."""
+    return float(np.linalg.norm([np.ptp(column[facets]) for column in points.T]))
+
+
 def _offsets_at(ridges: Ridges, points: FloatArray, facets: IntArray) -> FloatArray:
     """Return the noise of coordinates that would explain the angle at each ridge."""
-    normals = facet_normals(points[facets])
-    areas = np.linalg.norm(normals, axis=1)
+    normals = facet_normals(points.take(facets, axis=0))
+    areas = norms(normals)
     normals /= np.maximum(areas, 1e-300)[:, None]
     first, second = ridges.facets.T
-    side = np.linalg.norm(points[ridges.ends[:, 1]] - points[ridges.ends[:, 0]], axis=1)
-    to_apex = points[ridges.apex[:, 1]] - points[ridges.ends[:, 0]]
-    rise = np.abs(np.einsum("ra,ra->r", normals[first], to_apex))
+    normal, other = normals.take(first, axis=0), normals.take(second, axis=0)
+    start, end = points.take(ridges.ends[:, 0], axis=0), points.take(ridges.ends[:, 1], axis=0)
+    to_apex = points.take(ridges.apex[:, 1], axis=0) - start
+    rise = np.abs(np.einsum("ra,ra->r", normal, to_apex))
     # The apex of one facet is so far from the ridge, in heights of the other facet.
-    lever = side * np.linalg.norm(to_apex, axis=1) / np.maximum(areas[first], 1e-300)
-    is_fold = np.einsum("ra,ra->r", normals[first], normals[second]) <= 0.0
+    lever = norms(end - start) * norms(to_apex) / np.maximum(areas[first], 1e-300)
+    is_fold = np.einsum("ra,ra->r", normal, other) <= 0.0
     return np.where(ridges.regular & ~is_fold, rise / (1.0 + lever), np.inf)
 
 

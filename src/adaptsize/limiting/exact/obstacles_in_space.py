@@ -11,6 +11,7 @@ from adaptsize._kernels.space_sight import Sight, Stars, Walls
 from adaptsize.background._curve import along_curve
 from adaptsize.background.topology import components_of, places_among
 from adaptsize.geometry.convexity import Ridges
+from adaptsize.geometry.flat_faces import diagonal_of
 from adaptsize.limiting.exact.field import boxes_over
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -55,9 +56,8 @@ def build_sight(points: FloatArray, cells: IntArray, facets: IntArray) -> Sight:
 
 def _scales_of(points: FloatArray, facets: IntArray) -> tuple[float, float]:
     """Return the diagonal of the domain, and the rounding error of a coordinate."""
-    used = points[facets]
-    diagonal = float(np.linalg.norm(np.ptp(used, axis=(0, 1))))
-    return diagonal, float(np.finfo(float).eps * np.abs(used).max())
+    largest = np.abs(points[facets]).max()
+    return diagonal_of(points, facets), float(np.finfo(float).eps * largest)
 
 
 def _heights_of(corners: FloatArray, area: FloatArray) -> FloatArray:
