@@ -55,27 +55,21 @@ def _normal(tree, t):
 
 
 @lean
-def _height(tree, other, i, normal, slack):
-    """Return the distance of node i from the plane of triangle ``other``, 0 within the slack."""
-    away = dot(normal, between(tree.points, tree.cells[other, 0], i))
-    return 0.0 if abs(away) <= slack else away
-
-
-@lean
 def _heights(tree, t, other, normal, slack):
-    """Return the distances of the corners of triangle t from the plane of ``other``."""
-    return (
-        _height(tree, other, tree.cells[t, 0], normal, slack),
-        _height(tree, other, tree.cells[t, 1], normal, slack),
-        _height(tree, other, tree.cells[t, 2], normal, slack),
+    """Return the distances of the corners of triangle t from the plane of ``other``.
+
+    They are 0 within the slack.  The second result is how far t reaches to both sides.
+    """
+    points, cells, base = tree.points, tree.cells, tree.cells[other, 0]
+    a = dot(normal, between(points, base, cells[t, 0]))
+    b = dot(normal, between(points, base, cells[t, 1]))
+    c = dot(normal, between(points, base, cells[t, 2]))
+    a, b, c = (
+        0.0 if abs(a) <= slack else a,
+        0.0 if abs(b) <= slack else b,
+        0.0 if abs(c) <= slack else c,
     )
-
-
-@lean
-def _reach(heights):
-    """Return how far a triangle with these distances from a plane reaches to both of its sides."""
-    a, b, c = heights
-    return min(max(a, b, c), -min(a, b, c))
+    return (a, b, c), min(max(a, b, c), -min(a, b, c))
 
 
 @lean
@@ -109,13 +103,12 @@ def _deepest(tree, s, t, normal, slack):
     length of the common segment.  ``normal``: that of the first triangle.
     """
     nowhere = 0.0, (0.0, 0.0, 0.0)
-    heights_t = _heights(tree, t, s, normal, slack)
-    depth = _reach(heights_t)
+    heights_t, depth = _heights(tree, t, s, normal, slack)
     if not depth > 0.0:
         return nowhere
     normal_t = _normal(tree, t)
-    heights_s = _heights(tree, s, t, normal_t, slack)
-    depth = min(depth, _reach(heights_s))
+    heights_s, reach = _heights(tree, s, t, normal_t, slack)
+    depth = min(depth, reach)
     # The line that both planes have in common.
     line = cross(normal, normal_t)
     length = norm(line)

@@ -38,8 +38,7 @@ def fill_sector_normals(surface, sectors, normals):
     )  # fmt: skip
     sign, fan, fan_ptr = sectors.sign, sectors.fan, sectors.fan_ptr
     for s in range(normals.shape[0]):
-        for d in range(3):
-            normals[s, d] = 0.0
+        normals[s, :] = 0.0
         for k in range(fan_ptr[s], fan_ptr[s + 1]):
             c, v = fan[k] // 3, fan[k] % 3
             if areas[c] == 0.0:
@@ -51,17 +50,6 @@ def fill_sector_normals(surface, sectors, normals):
             for d in range(3):
                 normals[s, d] += sign[fan[k]] * areas[c] * face_normals[c, d] / squares
         normalise(normals[s])
-
-
-@inner
-def _open_frame(points, i, ends, normal):
-    """Return tangents u, v at node i: v across the line between the ends of its fan, u along it.
-
-    ``ends``: the far nodes of the feature edges that bound the fan.
-    """
-    along = minus(unit(between(points, i, ends[0])), unit(between(points, i, ends[1])))
-    v = unit(cross(normal, along))
-    return cross(v, normal), v
 
 
 @inner
@@ -136,7 +124,10 @@ def correct_open_normals(surface, sectors, angles, choice, normals, corrected):
             continue
         corner = sectors.fan[sectors.fan_ptr[s]]
         i = surface.cells[corner // 3, corner % 3]
-        u, v = _open_frame(surface.points, i, ends[s], normals[s])
+        # Tangents across the line between the ends of the fan, v, and along it.
+        a, b = between(surface.points, i, ends[s, 0]), between(surface.points, i, ends[s, 1])
+        v = unit(cross(normals[s], minus(unit(a), unit(b))))
+        u = cross(v, normals[s])
         uu, uv, vv, right_u, right_v = _chord_sums(surface, sectors, s, normals, (u, v))
         # Negligible for regular fans; avoids a division by zero for a fan of needles.
         damp = 1e-6 * (uu + vv)
@@ -261,34 +252,26 @@ def fill_tensors(surface, sectors, normals, tensors):
         In/Out: zeros on entry; xx, yy, zz, yz, xz, xy, positive where the surface bends
         away from the normal.
     """
-    points, cells, areas, face_normals = (
-        surface.points, surface.cells, surface.areas, surface.normals,
-    )  # fmt: skip
-    sector, sign = sectors.sector, sectors.sign
+    points, areas, sector, sign = surface.points, surface.areas, sectors.sector, sectors.sign
     weights = np.zeros(tensors.shape[0])
-    for c in range(cells.shape[0]):
+    for c in range(areas.shape[0]):
         if areas[c] == 0.0:
             continue
-        corners = (np.int64(3 * c), np.int64(3 * c + 1), np.int64(3 * c + 2))
-        x = (
-            triple(points, cells[c, 0], 0),
-            triple(points, cells[c, 1], 0),
-            triple(points, cells[c, 2], 0),
-        )
-        face = triple(face_normals, c, 0)
+        i, j, k = surface.cells[c, 0], surface.cells[c, 1], surface.cells[c, 2]
+        x = (triple(points, i, 0), triple(points, j, 0), triple(points, k, 0))
+        face, first = triple(surface.normals, c, 0), np.int64(3 * c)
         n = (
-            _normal_at(sectors, normals, corners[0], face),
-            _normal_at(sectors, normals, corners[1], face),
-            _normal_at(sectors, normals, corners[2], face),
+            _normal_at(sectors, normals, first, face),
+            _normal_at(sectors, normals, first + 1, face),
+            _normal_at(sectors, normals, first + 2, face),
         )
         tensor = _face_tensor(x, n, face)
-        for k in range(3):
-            corner = 3 * c + k
-            s = np.int64(sector[corner])
+        for v in range(3):
+            s = np.int64(sector[first + v])
             if not is_known(normals, s):
                 continue
             # The tensor changes sign with the normal, the sum is in the sector's orientation.
-            _add_turned(face, tensor, sign[corner] * areas[c], n[k], tensors[s])
+            _add_turned(face, tensor, sign[first + v] * areas[c], n[v], tensors[s])
             weights[s] += areas[c]
     for s in range(tensors.shape[0]):
         for d in range(6):
@@ -310,8 +293,7 @@ def smooth_tensors(surface, sectors, normals, tensors, smoothed):
     """
     areas, sign, fan, fan_ptr = surface.areas, sectors.sign, sectors.fan, sectors.fan_ptr
     for s in range(tensors.shape[0]):
-        for d in range(6):
-            smoothed[s, d] = 0.0
+        smoothed[s, :] = 0.0
         total = 0.0
         for k in range(fan_ptr[s], fan_ptr[s + 1]):
             c = fan[k] // 3

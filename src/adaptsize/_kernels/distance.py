@@ -12,7 +12,7 @@ vertices; that moves no closest point by more than its height.
 import math
 
 from adaptsize._kernels.compiling import inner, kernel
-from adaptsize._kernels.vectors import between, cross, dot, offset, without
+from adaptsize._kernels.vectors import between, cross, dot, mean, offset, without
 
 # |sine| of a corner (solid for tetrahedra) below which a simplex counts as flat: the
 # determinant, of relative error 1e-16 / sine, still has three digits there.
@@ -241,6 +241,41 @@ def closest_on_tetrahedron(points, corners, x):
     return best, at[0], at[1], at[2], at[3]
 
 
+@inner
+def closest_on_facet(points, facets, f, x):
+    """Return the squared distance of x to facet f, and three weights (0 beyond its corners).
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    facets : int32[m, k]
+        Points, segments or triangles: k = 1, 2 or 3.
+    f : int
+    x : tuple of 3 float64
+
+    Returns
+    -------
+    float64
+    tuple of 3 float64
+    """
+    a = facets[f, 0]
+    if facets.shape[1] == 3:
+        d2, s, t, u = closest_on_triangle(points, a, facets[f, 1], facets[f, 2], x)
+        return d2, (s, t, u)
+    if facets.shape[1] == 2:
+        d2, s, t = closest_on_segment(points, a, facets[f, 1], x)
+        return d2, (s, t, 0.0)
+    gap = offset(points, a, x)
+    return dot(gap, gap), (1.0, 0.0, 0.0)
+
+
+@inner
+def place_on_facet(points, facets, f, weights):
+    """Return the point of a facet with given weights."""
+    last = facets.shape[1] - 1
+    return mean(points, (facets[f, 0], facets[f, min(1, last)], facets[f, last]), weights)
+
+
 @kernel
 def closest_on_cell(points, cells, c, x):
     """Return the squared distance of x to cell c, and four weights (0 beyond its corners).
@@ -258,12 +293,8 @@ def closest_on_cell(points, cells, c, x):
     float64
     tuple of 4 float64
     """
-    width = cells.shape[1]
-    if width == 2:
-        d2, s, t = closest_on_segment(points, cells[c, 0], cells[c, 1], x)
-        return d2, (s, t, 0.0, 0.0)
-    if width == 3:
-        d2, s, t, u = closest_on_triangle(points, cells[c, 0], cells[c, 1], cells[c, 2], x)
+    if cells.shape[1] < 4:
+        d2, (s, t, u) = closest_on_facet(points, cells, c, x)
         return d2, (s, t, u, 0.0)
     corners = (cells[c, 0], cells[c, 1], cells[c, 2], cells[c, 3])
     d2, s, t, u, v = closest_on_tetrahedron(points, corners, x)

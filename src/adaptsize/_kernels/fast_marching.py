@@ -169,21 +169,13 @@ def fill_policy(mesh, sizes, limit, value, policy):
             k = np.int64(cells[c, v])
             found, a, b, d, l1, l2 = minimum_in_cell(mesh, c, k, h, g[c * g_step])
             if found < value[k]:
-                value[k] = found
-                used = (1.0 - l1 - l2) * h[a]
-                source[k, 0] = a
-                weight[k, 0] = 1.0 - l1 - l2
-                weight[k, 1] = l1
-                weight[k, 2] = l2
-                source[k, 1] = 0
-                source[k, 2] = 0
-                if b >= 0:
-                    source[k, 1] = b
-                    used += l1 * h[b]
-                if d >= 0:
-                    source[k, 2] = d
-                    used += l2 * h[d]
-                cost[k] = found - used
+                value[k] = cost[k] = found
+                nodes, shares, used = (a, b, d), (1.0 - l1 - l2, l1, l2), 0.0
+                for s in range(3):
+                    source[k, s], weight[k, s] = max(nodes[s], 0), shares[s]
+                    if nodes[s] >= 0:
+                        used += shares[s] * h[nodes[s]]
+                cost[k] -= used
 
 
 @lean

@@ -19,6 +19,9 @@ import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
 
+# Values of three axes along which there is no neighbour, and their coefficients.
+_NONE, _ONES = (math.inf, math.inf, math.inf), (1.0, 1.0, 1.0)
+
 
 @lean
 def upwind_value(f, v, c, g):
@@ -71,6 +74,13 @@ def upwind_value(f, v, c, g):
 
 
 @lean
+def _replaced(values, a, value):
+    """Return a tuple of three values with value a replaced."""
+    v0, v1, v2 = values
+    return value if a == 0 else v0, value if a == 1 else v1, value if a == 2 else v2
+
+
+@lean
 def _smaller_neighbour(u, k, step, u_k):
     """Return the smaller neighbour of node k along an axis, ``u_k`` if none is below."""
     v = u_k
@@ -101,27 +111,17 @@ def sweep_grid(u, grid, edges, candidate):
         u_k = u[k]
         if not u_k > 0.0:
             continue
-        v0 = v1 = v2 = math.inf
-        c0 = c1 = c2 = 1.0
+        v, c = _NONE, _ONES
         for a in range(len(strides)):
             below = _smaller_neighbour(u, k, strides[a], u_k)
             if below < u_k:
-                if a == 0:
-                    v0 = below
-                    c0 = weights[a]
-                elif a == 1:
-                    v1 = below
-                    c1 = weights[a]
-                else:
-                    v2 = below
-                    c2 = weights[a]
+                v, c = _replaced(v, a, below), _replaced(c, a, weights[a])
         g_k = g[k * g_step]
         if edges:
-            along = min(v0 + g_k / math.sqrt(c0), v1 + g_k / math.sqrt(c1))
-            candidate[k] = min(along, v2 + g_k / math.sqrt(c2))
+            for a in range(3):
+                candidate[k] = min(candidate[k], v[a] + g_k / math.sqrt(c[a]))
         else:
-            v = (v0, v1, v2)
-            candidate[k] = upwind_value(v, v, (c0, c1, c2), g_k)
+            candidate[k] = upwind_value(v, v, c, g_k)
 
 
 class Buckets(NamedTuple):
@@ -244,21 +244,15 @@ def march_grid(u, grid, edges, queue, stop):
                 if not u_k > u_j or u[k + step] < u_j:
                     continue
                 g_k = g[k * g_step]
-                v1 = v2 = math.inf
-                c1 = c2 = 1.0
+                v, c, n = _replaced(_NONE, 0, u_j), _replaced(_ONES, 0, weights[a]), 1
                 if not edges:
                     for b in range(len(strides)):
                         if b != a:
                             below = _smaller_neighbour(u, k, strides[b], u_k)
                             if below < u_k:
-                                if math.isinf(v1):
-                                    v1 = below
-                                    c1 = weights[b]
-                                else:
-                                    v2 = below
-                                    c2 = weights[b]
-                v = (u_j, v1, v2)
-                value = upwind_value(v, v, (weights[a], c1, c2), g_k)
+                                v, c = _replaced(v, n, below), _replaced(c, n, weights[b])
+                                n += 1
+                value = upwind_value(v, v, c, g_k)
                 if value < u_k * keep:
                     u[k] = value
                     slot = max(int((value - origin) * per_width), here) & ring
@@ -270,9 +264,7 @@ def march_grid(u, grid, edges, queue, stop):
                     else:
                         waiting += 1
                     _put(queue, k, slot)
-    state[0] = here
-    state[1] = waiting
-    state[2] = taken
+    state[0], state[1], state[2] = here, waiting, taken
     return accepted
 
 
@@ -301,32 +293,21 @@ def refine_in_order(order, sizes, grid, spacing, u):
         k = order[here]
         own = u1[k]
         g_k = g[k * g_step]
-        f0 = f1 = f2 = v0 = v1 = v2 = most = math.inf
-        c0 = c1 = c2 = 1.0
+        f, v, c, most = _NONE, _NONE, _ONES, math.inf
         for a in range(len(strides)):
-            v = math.inf
-            step = 0
-            if u1[k - strides[a]] < own:
-                v = u[k - strides[a]]
-                step = -strides[a]
-            if u1[k + strides[a]] < own and u[k + strides[a]] < v:
-                v = u[k + strides[a]]
-                step = strides[a]
+            below, step = math.inf, 0
+            for side in range(-1, 2, 2):
+                at = k + side * strides[a]
+                if u1[at] < own and u[at] < below:
+                    below, step = u[at], side * strides[a]
             if step == 0:
                 continue
-            f = v
-            c = weights[a]
-            most = min(most, v + g_k * spacing[a])
-            if v < u0[k + step] and u1[k + step + step] < own:
+            f_a, c_a = below, weights[a]
+            most = min(most, below + g_k * spacing[a])
+            if below < u0[k + step] and u1[k + step + step] < own:
                 beyond = u[k + step + step]
-                if beyond <= v:
-                    f = v + (v - beyond) / 3.0
-                    c = 2.25 * c
-            if a == 0:
-                f0, v0, c0 = f, v, c
-            elif a == 1:
-                f1, v1, c1 = f, v, c
-            else:
-                f2, v2, c2 = f, v, c
-        value = upwind_value((f0, f1, f2), (v0, v1, v2), (c0, c1, c2), g_k)
+                if beyond <= below:
+                    f_a, c_a = below + (below - beyond) / 3.0, 2.25 * c_a
+            f, v, c = _replaced(f, a, f_a), _replaced(v, a, below), _replaced(c, a, c_a)
+        value = upwind_value(f, v, c, g_k)
         u[k] = min(u0[k], value, most)

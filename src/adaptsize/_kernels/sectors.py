@@ -62,12 +62,8 @@ class Sectors(NamedTuple):
 
 @inner
 def normalise(a):
-    """Scale float64[3] to length 1 (In/Out) and return its old length; zero stays zero."""
-    length = math.sqrt(dot(a, a))
-    if length > 0.0:
-        for d in range(3):
-            a[d] /= length
-    return length
+    """Scale float64[3] to length 1 (In/Out); zero stays zero."""
+    a[0], a[1], a[2] = unit(a)
 
 
 @inner
@@ -241,8 +237,7 @@ def fill_sectors(surface, is_crease, sectors):
         Number of sectors.
     """
     sector, ends = sectors.sector, sectors.ends
-    for corner in range(sector.shape[0]):
-        sector[corner] = -1
+    sector[:] = -1
     sectors.fan_ptr[0] = 0
     count, n_sectors = 0, 0
     ahead, back = np.int64(1), np.int64(2)  # _walk would be compiled for each literal

@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
-from adaptsize._kernels.distance import closest_on_segment, closest_on_triangle
+from adaptsize._kernels.distance import closest_on_facet, place_on_facet
 from adaptsize._kernels.rays import ALONG, holds, is_blocked
 from adaptsize._kernels.trees import DEPTH, Stack, Tree, cells_of_leaf, nearest_leaf
-from adaptsize._kernels.vectors import cross, dot, mean, minus, norm, triple, without
+from adaptsize._kernels.vectors import cross, dot, minus, norm, triple, without
 
 #: Numbers of a sector: two unit vectors along its sides, its unit outward normal, and its angle.
 SECTOR = 10
@@ -63,22 +63,6 @@ class Queries(NamedTuple):
     sine: float
     first_sector: np.ndarray
     sectors: np.ndarray
-
-
-@inner
-def _closest(tree, t, x):
-    """Return the point of a node, segment or triangle that is closest to x."""
-    points, cells = tree.points, tree.cells
-    i = cells[t, 0]
-    j, k = i, i
-    s, u, v = 1.0, 0.0, 0.0
-    if cells.shape[1] == 2:
-        j = cells[t, 1]
-        _, s, u = closest_on_segment(points, i, j, x)
-    elif cells.shape[1] == 3:
-        j, k = cells[t, 1], cells[t, 2]
-        _, s, u, v = closest_on_triangle(points, i, j, k, x)
-    return mean(points, (i, j, k), (s, u, v))
 
 
 @inner
@@ -165,7 +149,8 @@ def lower_separations(elements, queries, walls, part, distances):
             for t in range(*cells_of_leaf(leaf, tree.boxes, tree.cells.shape[0])):
                 if holds(queries.skipped, r, elements.owner[t]):
                     continue
-                y = _closest(tree, t, x)
+                weights = closest_on_facet(tree.points, tree.cells, t, x)[1]
+                y = place_on_facet(tree.points, tree.cells, t, weights)
                 length = norm(minus(y, x))
                 if not walls.slack < length < distances[r]:
                     continue

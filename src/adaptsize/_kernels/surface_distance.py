@@ -10,23 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.compiling import inner, kernel
-from adaptsize._kernels.distance import closest_on_segment, closest_on_triangle
-from adaptsize._kernels.vectors import dot, mean, minus, offset
-
-
-class GridFrame(NamedTuple):
-    """A Cartesian grid of three axes.
-
-    Parameters
-    ----------
-    lower : float64[3]
-    spacing : float64[3]
-    shape : int64[3]
-    """
-
-    lower: np.ndarray
-    spacing: np.ndarray
-    shape: np.ndarray
+from adaptsize._kernels.distance import closest_on_facet, place_on_facet
+from adaptsize._kernels.vectors import dot, minus, offset
 
 
 class Features(NamedTuple):
@@ -87,22 +72,15 @@ class Queue(NamedTuple):
 
 
 @inner
-def _distance2_to_facet(points, facets, f, x):
-    """Return the squared distance of x, a tuple of three floats, to facet f."""
-    if facets.shape[1] == 3:
-        return closest_on_triangle(points, facets[f, 0], facets[f, 1], facets[f, 2], x)[0]
-    if facets.shape[1] == 2:
-        return closest_on_segment(points, facets[f, 0], facets[f, 1], x)[0]
-    gap = offset(points, facets[f, 0], x)
-    return dot(gap, gap)
+def _place_of(grid, i, j, k):
+    """Return the place of a node."""
+    lower, spacing = grid.lower, grid.spacing
+    return lower[0] + i * spacing[0], lower[1] + j * spacing[1], lower[2] + k * spacing[2]
 
 
 @kernel
-def scan_facets(features, part, grid, scan, found):
+def scan_facets(features, part, grid, reach, found):
     """Lower the distances of the nodes around each facet.
-
-    Called twice: first for the distances to centroids, bounds that let the second call leave
-    out most pairs of node and facet.
 
     Parameters
     ----------
@@ -111,14 +89,12 @@ def scan_facets(features, part, grid, scan, found):
     part : tuple of 2 int
         First and last (exclusive) of the facets to scan.
     grid : GridFrame
-    scan : tuple of float, bool
-        The largest distance, and whether to find the closest point of each facet, or to take its
-        centroid.
+    reach : float
+        The largest distance.
     found : Nearest
-        In/Out: upper bounds of the distances, at most the largest one, which are lowered; the
-        facets where closest points did so.
+        In/Out: the distances, at most the largest one, which are lowered; the facets that did so.
     """
-    (points, facets), (reach, exact), (distance, nearest) = features, scan, found
+    (points, facets), (distance, nearest) = features, found
     lower, spacing, shape = grid
     begin = [0, 0, 0]
     end = [0, 0, 0]
@@ -161,13 +137,9 @@ def scan_facets(features, part, grid, scan, found):
                     z = lower[2] + k * spacing[2]
                     known = distance[row + k]
                     away2 = across2 + (z - centre[2]) ** 2
-                    if not exact:
-                        if away2 < known * known:
-                            distance[row + k] = math.sqrt(away2)
-                        continue
                     if away2 >= (radius + known) ** 2:
                         continue
-                    found2 = _distance2_to_facet(points, facets, f, (x, y, z))
+                    found2 = closest_on_facet(points, facets, f, (x, y, z))[0]
                     if found2 < known * known:
                         distance[row + k] = math.sqrt(found2)
                         nearest[row + k] = f
@@ -193,18 +165,10 @@ def _nearest_around(features, f, x):
         return _nearest_point_around(points, ring_ptr, ring, f, x)
     best = math.inf
     while True:
-        s, t, u = 0.0, 0.0, 0.0
-        if width == 3:
-            i, j, k = facets[f, 0], facets[f, 1], facets[f, 2]
-            best, s, t, u = closest_on_triangle(points, i, j, k, x)
-            if s > 0.0 and t > 0.0 and u > 0.0:
-                return f, best
-        else:
-            i, j, k = facets[f, 0], facets[f, 1], facets[f, 1]
-            best, s, t = closest_on_segment(points, i, j, x)
-            if s > 0.0 and t > 0.0:
-                return f, best
-        y = mean(points, (i, j, k), (s, t, u))
+        best, (s, t, u) = closest_on_facet(points, facets, f, x)
+        if s > 0.0 and t > 0.0 and (u > 0.0 or width == 2):
+            return f, best
+        y = place_on_facet(points, facets, f, (s, t, u))
         away = minus(x, y)
         # The nodes of f that y lies between: one, or two.
         a = corners[f, 0] if s > 0.0 else (corners[f, 1] if t > 0.0 else corners[f, width - 1])
@@ -226,7 +190,7 @@ def _nearest_around(features, f, x):
                 ahead = ahead or descent > 0.0
             if not (beside and ahead) or other == f:
                 continue
-            distance2 = _distance2_to_facet(points, facets, other, x)
+            distance2 = closest_on_facet(points, facets, other, x)[0]
             if distance2 < best * (1.0 - 1e-13):
                 best = distance2
                 found = other
@@ -278,7 +242,7 @@ def propagate_features(features, grid, found, queue, most):
         Number of accepted nodes; less than ``most`` at the end.
     """
     points, facets = features.points, features.facets
-    (lower, spacing, shape), (distance, nearest) = grid, found
+    shape, (distance, nearest) = grid.shape, found
     width, first, following, state = queue
     n1, n2 = shape[1], shape[2]
     n_buckets = first.shape[0]
@@ -311,16 +275,10 @@ def propagate_features(features, grid, found, queue, most):
         waiting -= 1
         accepted += 1
         at = (node // (n1 * n2), node // n2 % n1, node % n2)
-        x = (
-            lower[0] + at[0] * spacing[0],
-            lower[1] + at[1] * spacing[1],
-            lower[2] + at[2] * spacing[2],
-        )
-        f = np.int64(nearest[node])
-        f, found2 = _nearest_around(features, f, x)
+        x = _place_of(grid, at[0], at[1], at[2])
+        f, found2 = _nearest_around(features, np.int64(nearest[node]), x)
         reached = min(math.sqrt(found2), distance[node])
-        nearest[node] = f
-        distance[node] = reached
+        distance[node], nearest[node] = reached, f
         for a in range(3):
             for side in range(-1, 2, 2):
                 if at[a] + side < 0 or at[a] + side >= shape[a]:
@@ -329,22 +287,17 @@ def propagate_features(features, grid, found, queue, most):
                 known = distance[other]
                 if nearest[other] == f or known <= reached:
                     continue
-                x = (
-                    lower[0] + (at[0] + (side if a == 0 else 0)) * spacing[0],
-                    lower[1] + (at[1] + (side if a == 1 else 0)) * spacing[1],
-                    lower[2] + (at[2] + (side if a == 2 else 0)) * spacing[2],
-                )
-                found2 = _distance2_to_facet(points, facets, f, x)
+                to = (side if a == 0 else 0, side if a == 1 else 0, side if a == 2 else 0)
+                x = _place_of(grid, at[0] + to[0], at[1] + to[1], at[2] + to[2])
+                found2 = closest_on_facet(points, facets, f, x)[0]
                 if not found2 < known * known * (1.0 - 1e-14):
                     continue
-                found = math.sqrt(found2)
-                distance[other] = found
-                nearest[other] = f
+                distance[other], nearest[other] = math.sqrt(found2), f
                 if following[other] == -2:
-                    slot = max(here, min(int(found / width), here + n_buckets - 1)) % n_buckets
+                    slot = min(int(distance[other] / width), here + n_buckets - 1)
+                    slot = max(here, slot) % n_buckets
                     following[other] = first[slot]
                     first[slot] = other
                     waiting += 1
-    state[0] = here
-    state[1] = waiting
+    state[0], state[1] = here, waiting
     return accepted

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_points
-from adaptsize._kernels.interpolate import GridNodes, interpolate_grid
+from adaptsize._kernels.interpolate import GridFrame, interpolate_grid
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.typing import FloatArray, IntArray
 
@@ -44,15 +44,10 @@ class GridLocator:
         self._grid = grid
         farthest = np.maximum(np.abs(grid.lower), np.abs(grid.upper)) / grid.spacing
         # Rounding of a coordinate and of its place along an axis, in units of its last place.
-        snap = 4.0 * np.finfo(float).eps * farthest
+        self._snap = 4.0 * np.finfo(float).eps * farthest
         none = np.empty(0, np.bool_)
-        self._nodes = GridNodes(
-            _in_space(grid.lower, 0.0),
-            _in_space(grid.spacing, 1.0),
-            _in_space(np.array(grid.shape), 1),
-            _in_space(snap, 0.0),
-            read_only(none if grid.active is None else grid.active.reshape(-1)),
-        )
+        self._active = read_only(none if grid.active is None else grid.active.reshape(-1))
+        self._frame = frame_of(grid)
 
     def interpolate(
         self, values: npt.ArrayLike, points: npt.ArrayLike
@@ -86,7 +81,10 @@ class GridLocator:
         result, distances = np.empty(n), np.empty(n)
         for first in range(0, n, _POINTS_PER_CALL):
             part = slice(first, first + _POINTS_PER_CALL)
-            interpolate_grid(self._nodes, nodal, where[part], result[part], distances[part])
+            interpolate_grid(
+                (self._frame, self._snap), (nodal, self._active),
+                where[part], result[part], distances[part],
+            )  # fmt: skip
         return result, distances
 
     def weights(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -107,27 +105,30 @@ class GridLocator:
             Distance of each point from the box of the grid.
         """
         where = as_points("points", points, self._grid.dim)
-        lower, spacing, shape, snap = (array[: self._grid.dim] for array in self._nodes[:4])
-        end = shape - 1
-        along = (where - lower) / spacing
+        grid, snap = self._grid, self._snap
+        end = np.array(grid.shape) - 1
+        along = (where - grid.lower) / grid.spacing
         inside = np.clip(along, 0.0, end)
-        distances = np.linalg.norm((along - inside) * spacing, axis=1)
+        distances = np.linalg.norm((along - inside) * grid.spacing, axis=1)
         lowest = np.minimum(inside.astype(np.int64), end - 1)
         share = inside - lowest
         share = np.where(share <= snap, 0.0, np.where(share >= 1.0 - snap, 1.0, share))
-        corners = np.array(list(np.ndindex(*[2] * self._grid.dim)))
+        corners = np.array(list(np.ndindex(*[2] * grid.dim)))
         index = lowest[:, None, :] + corners
-        nodes = np.ravel_multi_index(tuple(np.moveaxis(index, -1, 0)), self._grid.shape)
+        nodes = np.ravel_multi_index(tuple(np.moveaxis(index, -1, 0)), grid.shape)
         weights = np.where(corners == 1, share[:, None, :], 1.0 - share[:, None, :]).prod(axis=2)
-        if self._grid.active is not None:
-            weights *= self._nodes.active[nodes]
+        if grid.active is not None:
+            weights *= self._active[nodes]
             total = weights.sum(axis=1, keepdims=True)
             weights = np.divide(weights, total, out=weights, where=total > 0.0)
         return nodes.astype(np.int32), weights, distances
 
 
-def _in_space(per_axis: npt.NDArray[Any], missing: float) -> npt.NDArray[Any]:
-    """Return three entries of the same type, ``missing`` for the axes that a grid lacks."""
-    padded = np.full(3, missing, per_axis.dtype)
-    padded[: len(per_axis)] = per_axis
-    return padded
+def frame_of(grid: CartesianGrid) -> GridFrame:
+    """Return a grid in which missing axes have one node."""
+    missing = 3 - grid.dim
+    return GridFrame(
+        np.append(grid.origin, [0.0] * missing),
+        np.append(grid.spacing, [1.0] * missing),
+        np.array([*grid.shape, *[1] * missing], np.int64),
+    )

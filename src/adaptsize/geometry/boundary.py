@@ -14,8 +14,6 @@ The *walls* are defined as follows:
 Nodes in no cell are not in the domain.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 

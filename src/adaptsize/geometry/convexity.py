@@ -1,7 +1,5 @@
 """Whether a flat domain is convex, from the angles by which its boundary turns."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

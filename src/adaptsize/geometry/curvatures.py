@@ -13,12 +13,7 @@ from adaptsize._kernels import curvature as kernels
 from adaptsize._kernels.sectors import Sectors, Surface, fill_sectors
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import as_mesh
-from adaptsize.geometry.creases import (
-    crease_edges,
-    feature_facets,
-    normals_of,
-    refuse_other_than_surface,
-)
+from adaptsize.geometry.creases import crease_edges, feature_facets, normals_of
 from adaptsize.geometry.faces import Passages, corner_angles, twice_area
 from adaptsize.typing import FloatArray, IntArray
 
@@ -170,7 +165,6 @@ def tensors_of(
     surface: SimplexMesh, crease_angle: float, smoothing: int
 ) -> tuple[Sectors, FloatArray, FloatArray]:
     """Return the sectors of a surface, their normals and their curvature tensors."""
-    refuse_other_than_surface(surface)
     turns = as_whole_number("smoothing", smoothing, lower=0, upper=MOST_TURNS)
     angle = math.radians(as_angle("crease_angle", crease_angle))
     faces = normals_of(surface)

@@ -1,7 +1,5 @@
 """The zero level of a function: normals and curvatures by differences, and closest points."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 

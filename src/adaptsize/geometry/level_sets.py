@@ -11,8 +11,8 @@ from adaptsize._checks import as_flag, as_float_array, as_number, as_whole_numbe
 from adaptsize._kernels.level_sets import fill_level_set_curvature
 from adaptsize._progress import reporting
 from adaptsize.background import CartesianGrid
+from adaptsize.background.grid_location import frame_of
 from adaptsize.geometry.curvatures import MOST_TURNS
-from adaptsize.geometry.distance.surface import frame_of
 from adaptsize.typing import FloatArray, LongArray, ProgressCallback
 
 # A kink by 90 degrees leaves a gradient of 0.71; a circle of a radius of one spacing, 0.75.
@@ -140,28 +140,25 @@ def level_set_curvature(
 
 
 def curvature_at_nodes(
-    grid: CartesianGrid,
-    phi: FloatArray,
-    nodes: LongArray,
-    *,
-    gradient_tolerance: float = _TOLERANCE,
-    smoothing: int = 0,
+    grid: CartesianGrid, phi: FloatArray, nodes: LongArray, gradient_tolerance: float, turns: int
 ) -> FloatArray:
     """Return the principal curvatures of the boundary closest to some nodes.
 
     Parameters
     ----------
-    grid, phi, gradient_tolerance, smoothing
+    grid, phi, gradient_tolerance
         As for `level_set_curvature`.
     nodes : ndarray of int64, shape (m,)
         Flat indices, ``values.ravel()[nodes]``.
+    turns : int
+        How often phi is averaged, the ``smoothing`` of `level_set_curvature`.
 
     Returns
     -------
     ndarray of float64, shape (m, dim - 1)
         The larger one first; NaN where no reliable value exists.
     """
-    smooth = _smoothed(phi, smoothing)
+    smooth = _smoothed(phi, turns)
     return _curvature_at(grid, (smooth, phi), nodes, (gradient_tolerance, True))
 
 

@@ -1,7 +1,5 @@
 """The boundary of a plane domain for lines of sight: straight walls, sectors and corners."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -102,8 +102,8 @@ def boundary_width(
     faces = Faces.of(boundary, as_angle("crease_angle", crease_angle))
     width = Width(faces, as_angle("corner_angle", corner_angle))
     with reporting(progress) as report:
-        found = width.at_centroids(report)
-    return np.where(faces.rows >= 0, found[faces.rows], np.inf)
+        found = width.shoot(faces.corners.mean(axis=1), np.arange(faces.mesh.n_cells), report)
+    return np.where(faces.rows >= 0, found[faces.rows] / faces.frame.scale, np.inf)
 
 
 def check_boundary(boundary: SimplexMesh) -> None:
@@ -209,12 +209,6 @@ class Width:
         widths = np.full(len(points), np.inf)
         np.minimum.at(widths, which, self.shoot(starts, cells, report))
         return widths / faces.frame.scale
-
-    def at_centroids(self, report: ProgressCallback) -> FloatArray:
-        """Return the width at the centroid of each facet of ``faces.mesh``."""
-        corners = self.faces.corners
-        widths = self.shoot(corners.mean(axis=1), np.arange(len(corners)), report)
-        return widths / self.faces.frame.scale
 
     def shoot(
         self, starts: FloatArray, cells: npt.NDArray[np.integer], report: ProgressCallback

@@ -1,7 +1,5 @@
 """The width of the domain of a function, by rays that advance by the distance at a time."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Operations on arrays of sizes and directions, the parts of metrics."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -194,7 +194,10 @@ def _second_derivatives(
     skew = np.abs(second - second.swapaxes(1, 2)).max(axis=(1, 2))
     largest = np.abs(second).max(axis=(1, 2))
     refuse_where("hessian", skew > _SKEW * largest, second, "must be symmetric")
-    return second if frames is None else _in_frames(second, frames)
+    if frames is None:
+        return second
+    inside = frames.swapaxes(1, 2) @ second @ frames
+    return np.asarray(0.5 * (inside + inside.swapaxes(1, 2)))
 
 
 def _eigen(second: FloatArray, aspect: float) -> tuple[FloatArray, FloatArray]:
@@ -239,9 +242,3 @@ def _tangents(surface: SimplexMesh) -> FloatArray:
         for k in range(9):
             total[:, k] += np.bincount(nodes, outer[:, k], surface.n_points)
     return np.asarray(np.linalg.eigh(total.reshape(-1, 3, 3))[1][:, :, :2])
-
-
-def _in_frames(matrices: FloatArray, frames: FloatArray) -> FloatArray:
-    """Return the symmetric part of matrices in the tangent planes, float64[n, 2, 2]."""
-    inside = frames.swapaxes(1, 2) @ matrices @ frames
-    return np.asarray(0.5 * (inside + inside.swapaxes(1, 2)))

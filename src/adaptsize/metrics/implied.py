@@ -61,10 +61,7 @@ def from_regular(mesh: SimplexMesh) -> FloatArray:
     """
     corners = mesh.points[mesh.cells]
     edges = (corners[:, 1:] - corners[:, :1]).swapaxes(1, 2)
-    return np.asarray(edges @ np.linalg.inv(_regular_edges(mesh.cell_dim)))
-
-
-def _regular_edges(dim: int) -> FloatArray:
-    """Return the edges from one corner of a regular simplex of edge 1, as columns."""
-    gram = 0.5 * (np.eye(dim) + np.ones((dim, dim)))
-    return np.asarray(np.linalg.cholesky(gram).T)
+    k = mesh.cell_dim
+    # The edges from one corner of a regular simplex of edge 1, as columns.
+    regular = np.linalg.cholesky(0.5 * (np.eye(k) + np.ones((k, k)))).T
+    return np.asarray(edges @ np.linalg.inv(regular))

@@ -218,9 +218,9 @@ def _survivors_of(
 
 def _with_corners(sources: Sources, points: FloatArray, g: float, walls: Walls) -> Sources:
     """Return sources together with the metrics that come to corners."""
-    around = around_corners(points, sources, g, walls)
-    h, r = np.concatenate([sources.h, around.h]), np.concatenate([sources.r, around.r])
-    nodes = np.concatenate([sources.number, around.nodes])
+    h, r, nodes = around_corners(points, sources, g, walls)
+    h, r = np.concatenate([sources.h, h]), np.concatenate([sources.r, r])
+    nodes = np.concatenate([sources.number, nodes])
     which = np.arange(len(nodes), dtype=np.int32)
     found = _sources_of(_Field(points[nodes], h, r), which)
     return found._replace(number=nodes[found.number].astype(np.int64))

@@ -1,7 +1,5 @@
 """Paths of metrics around the corners of a plane domain that is not convex."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -38,17 +36,6 @@ class Walls(NamedTuple):
         return new_view(self.sight, self.rows)
 
 
-class Around(NamedTuple):
-    """Metrics that have come to corners."""
-
-    h: FloatArray
-    """float64[k, 2]: sizes, grown by the paths to the corners."""
-    r: FloatArray
-    """float64[k, 2, 2]"""
-    nodes: IntArray
-    """int32[k]: the corners."""
-
-
 def walls_of(mesh: SimplexMesh) -> Walls | None:
     """Return the domain of triangles in the plane; None if it is convex."""
     boundary = flat_boundary(mesh)
@@ -61,8 +48,10 @@ def walls_of(mesh: SimplexMesh) -> Walls | None:
     return Walls(plane.sight, read_only(rows), np.asarray(plane.nodes, np.int32))
 
 
-def around_corners(points: FloatArray, sources: Sources, g: float, walls: Walls) -> Around:
-    """Return the grown metrics with which sources come to the corners, as sources there.
+def around_corners(
+    points: FloatArray, sources: Sources, g: float, walls: Walls
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Return sizes and directions with which sources come to corners, and the corners, int32[k].
 
     The growth is isotropic, so that a metric keeps its directions around a corner, and only the
     length of the path counts.  What another metric dominates at a corner, it dominates behind it.
@@ -89,8 +78,8 @@ def around_corners(points: FloatArray, sources: Sources, g: float, walls: Walls)
         r.append(directions[kept])
         nodes.append(np.full(len(kept), corners[i], np.int32))
     if not h:
-        return Around(np.empty((0, dim)), np.empty((0, dim, dim)), np.empty(0, np.int32))
-    return Around(np.concatenate(h), np.concatenate(r), np.concatenate(nodes))
+        return np.empty((0, dim)), np.empty((0, dim, dim)), np.empty(0, np.int32)
+    return np.concatenate(h), np.concatenate(r), np.concatenate(nodes)
 
 
 def _entering(

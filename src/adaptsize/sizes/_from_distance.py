@@ -36,9 +36,7 @@ def size_from_distance(
     nodes = _nodes_near(grid, phi, within)
     # The mean of two unit vectors with that angle between them is shorter by this much.
     kink = 1.0 - math.cos(0.5 * angle)
-    principal = curvature_at_nodes(
-        grid, phi, nodes, gradient_tolerance=kink, smoothing=given["smoothing"]
-    )
+    principal = curvature_at_nodes(grid, phi, nodes, kink, given["smoothing"])
     kappa = np.abs(principal).max(axis=1)
     if np.isnan(kappa).all():
         raise ValueError(

@@ -1,7 +1,5 @@
 """Depths of points inside the zero level of a function, and directions to it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 

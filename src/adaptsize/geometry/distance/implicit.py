@@ -1,7 +1,5 @@
 """Distance to the zero level of a function that need not be a distance itself."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Repair of the orientation of boundaries: all facets have the domain on the same side."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from adaptsize.background import SimplexMesh

@@ -1,7 +1,5 @@
 """Exact inside test for polygons in the plane."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from adaptsize._kernels.polygons import mark_inside

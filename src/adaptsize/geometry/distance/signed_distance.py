@@ -174,33 +174,24 @@ def signed_distance(
         )
     with reporting(progress) as report:
         if given is None:
-            return _to_own_boundary(background, report)
+            if not isinstance(background, SimplexMesh):
+                raise ValueError(
+                    "boundary may be left out for a SimplexMesh only, "
+                    f"got {background!r} as background"
+                )
+            own = background.boundary()
+            distance = -surface_distance(background, own.mesh, np.inf, report)
+            distance[own.nodes] = 0.0
+            return distance
         if isinstance(given, SimplexMesh):
-            return _to_surface(background, given, band, report)
+            if given.dim != background.dim or given.cell_dim != given.dim - 1:
+                wanted = "triangles in space" if background.dim == 3 else "segments in the plane"
+                raise ValueError(f"boundary must be a mesh of {wanted}, got {given!r}")
+            distance = surface_distance(background, given, band, report)
+            inside = inside_surface(background, given, distance, report)
+            return np.where(inside, -distance, distance)
         function, values = _as_implicit(background, given, smoothing)
         return implicit_distance(background, function, values, band, report)
-
-
-def _to_own_boundary(background: AnyBackground, report: ProgressCallback) -> FloatArray:
-    if not isinstance(background, SimplexMesh):
-        raise ValueError(
-            f"boundary may be left out for a SimplexMesh only, got {background!r} as background"
-        )
-    boundary = background.boundary()
-    distance = -surface_distance(background, boundary.mesh, np.inf, report)
-    distance[boundary.nodes] = 0.0
-    return distance
-
-
-def _to_surface(
-    background: AnyBackground, surface: SimplexMesh, band: float, report: ProgressCallback
-) -> FloatArray:
-    if surface.dim != background.dim or surface.cell_dim != surface.dim - 1:
-        wanted = "triangles in space" if background.dim == 3 else "segments in the plane"
-        raise ValueError(f"boundary must be a mesh of {wanted}, got {surface!r}")
-    distance = surface_distance(background, surface, band, report)
-    inside = inside_surface(background, surface, distance, report)
-    return np.where(inside, -distance, distance)
 
 
 def _as_implicit(
@@ -224,7 +215,7 @@ def _as_implicit(
     else:
         values = as_float_array("boundary", boundary)
         refuse_where("boundary", ~np.isfinite(values), values, "must be finite")
-    return _GridSpline(background, values), values
+    return _spline(background, values), values
 
 
 def _smooth_mask(mask: BoolArray, smoothing: float) -> FloatArray:
@@ -276,25 +267,15 @@ def _thin_parts(mask: BoolArray) -> BoolArray:
     return np.asarray(is_large[group])
 
 
-class _GridSpline:
-    """Cubic spline through nodal values of a grid, callable at points.
+def _spline(grid: CartesianGrid, values: FloatArray) -> Implicit:
+    """Return the cubic spline through nodal values of a grid; beyond it they are mirrored."""
+    from scipy.ndimage import map_coordinates, spline_filter
 
-    Beyond the grid the values are mirrored.
-    """
+    coefficients = spline_filter(values, order=3, mode="mirror")
 
-    def __init__(self, grid: CartesianGrid, values: FloatArray) -> None:
-        from scipy import ndimage
+    def at(points: FloatArray) -> FloatArray:
+        along = ((points - grid.origin) / grid.spacing).T
+        found = map_coordinates(coefficients, along, order=3, mode="mirror", prefilter=False)
+        return np.asarray(found)
 
-        self._grid = grid
-        self._coefficients = ndimage.spline_filter(values, order=3, mode="mirror")
-
-    def __call__(self, points: FloatArray) -> FloatArray:
-        """Return the spline at points, float64[n]."""
-        from scipy import ndimage
-
-        along = ((points - self._grid.origin) / self._grid.spacing).T
-        return np.asarray(
-            ndimage.map_coordinates(
-                self._coefficients, along, order=3, mode="mirror", prefilter=False
-            )
-        )
+    return at

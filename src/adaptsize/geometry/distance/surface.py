@@ -1,21 +1,18 @@
 """Distance to triangles in space or segments in the plane."""
 
-from __future__ import annotations
-
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from adaptsize._kernels.surface_distance import (
     Features,
-    GridFrame,
     Nearest,
     Queue,
     propagate_features,
     scan_facets,
 )
 from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh, topology
+from adaptsize.background.grid_location import frame_of
 from adaptsize.background.interpolation import places_of
 from adaptsize.background.location import in_space
 from adaptsize.geometry.distance.winding import same_places, winding_of
@@ -62,38 +59,35 @@ def _on_grid(
     distance = np.full(grid.n_points, reach)
     nearest = np.full(grid.n_points, -1, np.int32)
     known = Nearest(distance, nearest)
-    pieces = _short_facets(points, facets, grid, reach)
-    n = len(pieces.facets)
-    for exact in (False, True):
-        for first in range(0, n, _FACETS_AT_ONCE):
-            part = (first, min(first + _FACETS_AT_ONCE, n))
-            scan_facets((pieces.points, pieces.facets), part, frame, (reach, exact), known)
-            report("distance in the band", 0.5 * (part[1] / n + exact))
-        if not exact:
-            distance *= 1.0 + 1e-9  # the facet itself must be found nearer than its centroid
+    corners, pieces, owner = _short_facets(points, facets, grid, reach)
+    n = len(pieces)
+    for first in range(0, n, _FACETS_AT_ONCE):
+        part = (first, min(first + _FACETS_AT_ONCE, n))
+        scan_facets((corners, pieces), part, frame, reach, known)
+        report("distance in the band", part[1] / n)
     found = nearest >= 0
-    nearest[found] = pieces.owner[nearest[found]]
+    nearest[found] = owner[nearest[found]]
     distance[~found] = np.inf
     if not found.all():
         _seed_hull(grid, surface, distance, nearest)
-        corners = same_places(points, facets)[facets]
-        features = Features(points, facets, corners, *topology.rings(corners, len(points)))
+        nodes = same_places(points, facets)[facets]
+        features = Features(points, facets, nodes, *topology.rings(nodes, len(points)))
         propagate(grid, features, known, report)
     return distance.reshape(grid.shape)
 
 
-class _Pieces(NamedTuple):
-    """Parts of facets of limited length."""
-
-    points: FloatArray
-    facets: IntArray
-    owner: IntArray
-
-
 def _short_facets(
     points: FloatArray, facets: IntArray, grid: CartesianGrid, reach: float
-) -> _Pieces:
-    """Bisect facets at their longest edge until they are short; omit distant ones."""
+) -> tuple[FloatArray, IntArray, IntArray]:
+    """Bisect facets at their longest edge until they are short; omit distant ones.
+
+    Returns
+    -------
+    float64[n, 3], int32[m, k]
+        Points and parts of facets.
+    int32[m]
+        The facet of each part.
+    """
     longest = _LONGEST * float(grid.spacing.max())
     lower, upper = in_space(grid.lower[None])[0] - reach, in_space(grid.upper[None])[0] + reach
     corners, owner = points[facets], np.arange(len(facets), dtype=np.int32)
@@ -114,7 +108,7 @@ def _short_facets(
         corners, owner = np.concatenate(halves), np.tile(owner, 2)
     found = np.concatenate(short)
     cells = np.arange(found.shape[0] * found.shape[1], dtype=np.int32).reshape(found.shape[:2])
-    return _Pieces(found.reshape(-1, 3), cells, np.concatenate(owners))
+    return found.reshape(-1, 3), cells, np.concatenate(owners)
 
 
 def _seed_hull(
@@ -169,16 +163,6 @@ def _connected(background: AnyBackground, distance: FloatArray) -> LongArray:
     mesh = background if isinstance(background, SimplexMesh) else background.mesh
     joined = distance[mesh.edges].sum(axis=1) > mesh.edge_lengths * (1.0 + 1e-9)
     return topology.components_of(mesh.edges[joined], mesh.n_points)
-
-
-def frame_of(grid: CartesianGrid) -> GridFrame:
-    """Return a grid in which missing axes have one node."""
-    missing = 3 - grid.dim
-    return GridFrame(
-        np.append(grid.origin, [0.0] * missing),
-        np.append(grid.spacing, [1.0] * missing),
-        np.array([*grid.shape, *[1] * missing], np.int64),
-    )
 
 
 def propagate(

@@ -1,7 +1,5 @@
 """Inside test for surfaces that may be defective, by the generalised winding number."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from adaptsize._kernels.trees import new_stack

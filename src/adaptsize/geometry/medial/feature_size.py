@@ -14,7 +14,7 @@ from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.geometry.distance.closest_points import DistanceFunction
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.medial.fronts import MedialAxis
-from adaptsize.geometry.medial.on_grids import DomainOnGrid
+from adaptsize.geometry.medial.on_grids import feature_size_on_grid, medial_axis_on_grid
 from adaptsize.typing import FloatArray, ProgressCallback
 
 __all__ = ["MedialAxis", "feature_size", "medial_axis"]
@@ -115,7 +115,7 @@ def medial_axis(
     corner_angle = as_angle("corner_angle", corner_angle)
     with reporting(progress) as report:
         phi = _distance_on(background, boundary, report)
-        return DomainOnGrid(background, phi, report, corner_angle).medial_axis()
+        return medial_axis_on_grid(background, phi, corner_angle, report)
 
 
 def feature_size(
@@ -202,8 +202,9 @@ def feature_size(
             raise ValueError(f"medial must be of a background of shape {shape}, got {own}")
     with reporting(progress) as report:
         phi = _distance_on(background, boundary, report)
-        domain = DomainOnGrid(background, phi, report, corner_angle)
-        return domain.feature_size(domain.medial_axis() if medial is None else medial)
+        if medial is None:
+            medial = medial_axis_on_grid(background, phi, corner_angle, report)
+        return feature_size_on_grid(background, phi, medial, report)
 
 
 def _distance_on(grid: CartesianGrid, boundary: _Boundary, report: ProgressCallback) -> FloatArray:

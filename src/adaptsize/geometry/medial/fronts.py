@@ -160,23 +160,3 @@ class MedialAxis(ReadOnlyState):
     def __repr__(self) -> str:
         """Return the number of points."""
         return f"MedialAxis({len(self.points)} points)"
-
-    @classmethod
-    def of(
-        cls, fronts: Fronts, away: FloatArray, corners: FloatArray, shape: tuple[int, ...]
-    ) -> MedialAxis:
-        """Return the medial axis of fronts.
-
-        Parameters
-        ----------
-        fronts : Fronts
-        away : float64[n, 2]
-            Distances of the ends of the edges from the medial axis.
-        corners : float64[m, dim]
-        shape : tuple of int
-            The nodal shape of the background.
-        """
-        distances = np.full(shape, np.inf)
-        np.minimum.at(distances.reshape(-1), fronts.ends, away)
-        angles = np.degrees(np.arccos(np.clip(fronts.cosine, -1.0, 1.0)))
-        return cls(fronts.points, fronts.normals, fronts.radii, angles, distances, corners)

@@ -1,14 +1,10 @@
 """The medial axis of a distance on a Cartesian grid (Algorithm 1 of Persson), and feature sizes."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
-from adaptsize._defaults import CORNER_ANGLE
 from adaptsize.background import CartesianGrid
 from adaptsize.background.grid import span_of
 from adaptsize.background.marching import march_distance
@@ -25,67 +21,55 @@ _FOOT_SPACINGS = 0.5
 _FOOT_SHARE = 0.05
 
 
-@dataclass(frozen=True)
-class DomainOnGrid:
-    """The region where a distance at the nodes of a grid is negative.
+def medial_axis_on_grid(
+    grid: CartesianGrid, phi: FloatArray, corner_angle: float, report: ProgressCallback
+) -> MedialAxis:
+    """Return the medial axis of the region where a distance, float64[shape], is negative."""
+    step = float(grid.spacing.max())
+    # Smallest curvature that is resolved, times the diameter of the part.
+    n_inside = np.diff(span_of(is_inside(grid, phi < 0.0)), axis=1)[:, 0] + 1
+    tolerance = 4.0 / float(np.linalg.norm(n_inside * grid.spacing))
+    found, fronts = fronts_on_edges(grid, phi, tolerance, report)
+    fronts = _look_half_way(grid, phi, fronts)
+    # Directions must differ by this much, in radians, to have a normal between them.
+    turned = max(GAMMA * tolerance * step, 1e-3)
+    valid = (fronts.cosine < 1.0 - 0.5 * turned**2) & _come_from_boundary(grid, phi, fronts)
+    found, fronts = found.taken(valid), fronts.taken(valid)
+    at_corner, apex = meet_at_corner(
+        lambda points: _interpolated(grid, phi, points), step, fronts, corner_angle
+    )
+    # At larger distances or smaller turns, a smooth boundary looks like a corner.
+    # Smallest turn of the boundary, in degrees, at a corner that is reported.
+    sharp = at_corner & (fronts.cosine < np.cos(np.radians(20.0)))
+    # Crossings up to this distance from the boundary, in spacings, are used to locate corners.
+    sharp &= (fronts.radii / step >= RESOLVED) & (fronts.radii / step <= 12.0)
+    found, fronts = found.taken(~at_corner), fronts.taken(~at_corner)
+    across = np.abs(fronts.normals[np.arange(len(found.axis)), found.axis])
+    away = (across * grid.spacing[found.axis])[:, None]
+    away = away * np.column_stack([found.place, 1.0 - found.place])
+    distances = np.full(grid.shape, np.inf)
+    np.minimum.at(distances.reshape(-1), fronts.ends, away)
+    angles = np.degrees(np.arccos(np.clip(fronts.cosine, -1.0, 1.0)))
+    return MedialAxis(fronts.points, fronts.normals, fronts.radii, angles, distances, apex[sharp])
 
-    Parameters
-    ----------
-    grid : CartesianGrid
-        Inactive nodes are outside.
-    phi : float64[shape]
-    report : callable
-    corner_angle : float
-        As for `adaptsize.medial_axis`, degrees.
-    """
 
-    grid: CartesianGrid
-    phi: FloatArray
-    report: ProgressCallback
-    corner_angle: float = CORNER_ANGLE
-
-    def medial_axis(self) -> MedialAxis:
-        """Return the medial axis."""
-        grid, phi, step = self.grid, self.phi, float(self.grid.spacing.max())
-        # Smallest curvature that is resolved, times the diameter of the part.
-        n_inside = np.diff(span_of(is_inside(grid, phi < 0.0)), axis=1)[:, 0] + 1
-        tolerance = 4.0 / float(np.linalg.norm(n_inside * grid.spacing))
-        found, fronts = fronts_on_edges(grid, phi, tolerance, self.report)
-        fronts = _look_half_way(grid, phi, fronts)
-        # Directions must differ by this much, in radians, to have a normal between them.
-        turned = max(GAMMA * tolerance * step, 1e-3)
-        valid = (fronts.cosine < 1.0 - 0.5 * turned**2) & _come_from_boundary(grid, phi, fronts)
-        found, fronts = found.taken(valid), fronts.taken(valid)
-        at_corner, apex = meet_at_corner(
-            lambda points: _interpolated(grid, phi, points), step, fronts, self.corner_angle
-        )
-        # At larger distances or smaller turns, a smooth boundary looks like a corner.
-        # Smallest turn of the boundary, in degrees, at a corner that is reported.
-        sharp = at_corner & (fronts.cosine < np.cos(np.radians(20.0)))
-        # Crossings up to this distance from the boundary, in spacings, are used to locate corners.
-        sharp &= (fronts.radii / step >= RESOLVED) & (fronts.radii / step <= 12.0)
-        found, fronts = found.taken(~at_corner), fronts.taken(~at_corner)
-        across = np.abs(fronts.normals[np.arange(len(found.axis)), found.axis])
-        away = (across * grid.spacing[found.axis])[:, None]
-        away = away * np.column_stack([found.place, 1.0 - found.place])
-        return MedialAxis.of(fronts, away, apex[sharp], grid.shape)
-
-    def feature_size(self, medial: MedialAxis) -> FloatArray:
-        """Return the local feature size."""
-        grid, phi = self.grid, self.phi
-        inside = is_inside(grid, phi <= 0.0)
-        seeds = medial.distances.copy()
-        seeds[_deepest(grid, phi, inside, seeds)] = 0.0
-        text = "marching from the medial axis"
-        size = march_distance(grid, seeds, where=inside, report=self.report, text=text)
-        _reach_diagonally(grid, inside, size)
-        size[inside] -= phi[inside]
-        if grid.dim == 2:
-            lengths = _edge_lengths(grid, phi, _corner_points(grid, medial.corners))
-            near, text = inside | np.isfinite(lengths), "marching from edges"
-            grown = march_distance(grid, lengths, where=near, report=self.report, text=text)
-            size[inside] = np.minimum(size[inside], grown[inside])
-        return size
+def feature_size_on_grid(
+    grid: CartesianGrid, phi: FloatArray, medial: MedialAxis, report: ProgressCallback
+) -> FloatArray:
+    """Return the local feature size of the region where a distance is negative."""
+    inside = is_inside(grid, phi <= 0.0)
+    seeds = medial.distances.copy()
+    seeds[_deepest(grid, phi, inside, seeds)] = 0.0
+    text = "marching from the medial axis"
+    size = march_distance(grid, seeds, where=inside, report=report, text=text)
+    _reach_diagonally(grid, inside, size)
+    size[inside] -= phi[inside]
+    if grid.dim == 2:
+        lengths = _edge_lengths(grid, phi, _corner_points(grid, medial.corners))
+        near, text = inside | np.isfinite(lengths), "marching from edges"
+        grown = march_distance(grid, lengths, where=near, report=report, text=text)
+        size[inside] = np.minimum(size[inside], grown[inside])
+    return size
 
 
 # Directions of fronts
