@@ -62,6 +62,7 @@ ALLOWED = {
     "local_updates.distance": "points that are scratch, in solids",
     "local_updates.minimum_on_edge": "the same",
     "local_updates.minimum_on_triangle": "the same",
+    "sight.cone_in": "the tables of sectors and of entries",
     "trees.gap2_to_box": "boxes and points",
     "vectors": "a few operations on tuples and on rows of arrays",
 }

@@ -244,7 +244,7 @@ def march_grid(u, grid, edges, queue, stop):
                 if not u_k > u_j or u[k + step] < u_j:
                     continue
                 g_k = g[k * g_step]
-                v, c, n = _replaced(_NONE, 0, u_j), _replaced(_ONES, 0, weights[a]), 1
+                v, c, n = (u_j, math.inf, math.inf), (weights[a], 1.0, 1.0), 1
                 if not edges:
                     for b in range(len(strides)):
                         if b != a:

@@ -57,8 +57,28 @@ class GridFrame(NamedTuple):
     shape: np.ndarray
 
 
+class GridNodes(NamedTuple):
+    """The nodes of a Cartesian grid, whose frame comes first.
+
+    Parameters
+    ----------
+    lower, spacing, shape
+        As in `GridFrame`.
+    snap : float64[dim]
+        Points within this distance of a plane of nodes, in spacings, lie in it.
+    active : bool[n_points]
+        Or bool[0] if all nodes are active.
+    """
+
+    lower: np.ndarray
+    spacing: np.ndarray
+    shape: np.ndarray
+    snap: np.ndarray
+    active: np.ndarray
+
+
 @kernel
-def interpolate_grid(grid, nodes, queries, result, distances):
+def interpolate_grid(grid, values, queries, result, distances):
     """Fill the multilinear interpolant at the closest point of the grid's box.
 
     Corners of weight 0 do not count, so that 0 * inf is no nan, and neither do corners
@@ -68,18 +88,16 @@ def interpolate_grid(grid, nodes, queries, result, distances):
 
     Parameters
     ----------
-    grid : tuple of GridFrame, float64[dim]
-        Points within the second distance of a plane of nodes, in spacings, lie in it.
-    nodes : tuple of float64[n_points], bool[n_points]
-        Values, finite or +inf, the last axis fastest; and which nodes are active, or bool[0] if all
-        are.
+    grid : GridNodes
+    values : float64[n_points]
+        Finite or +inf, the last axis fastest.
     queries : float64[n_queries, dim]
     result : float64[n_queries]
         Out: inf where no active corner counts.
     distances : float64[n_queries]
         Out: from the box, 0 inside.
     """
-    ((lower, spacing, shape), snap), (values, active) = grid, nodes
+    lower, spacing, shape, snap, active = grid
     dim = queries.shape[1]
     masked = active.shape[0] > 0
     corner = np.zeros(3, np.int64)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_points
-from adaptsize._kernels.interpolate import GridFrame, interpolate_grid
+from adaptsize._kernels.interpolate import GridFrame, GridNodes, interpolate_grid
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.typing import FloatArray, IntArray
 
@@ -44,10 +44,9 @@ class GridLocator:
         self._grid = grid
         farthest = np.maximum(np.abs(grid.lower), np.abs(grid.upper)) / grid.spacing
         # Rounding of a coordinate and of its place along an axis, in units of its last place.
-        self._snap = 4.0 * np.finfo(float).eps * farthest
-        none = np.empty(0, np.bool_)
-        self._active = read_only(none if grid.active is None else grid.active.reshape(-1))
-        self._frame = frame_of(grid)
+        snap = 4.0 * np.finfo(float).eps * farthest
+        active = np.empty(0, np.bool_) if grid.active is None else grid.active.reshape(-1)
+        self._nodes = GridNodes(*frame_of(grid), snap, read_only(active))
 
     def interpolate(
         self, values: npt.ArrayLike, points: npt.ArrayLike
@@ -81,10 +80,7 @@ class GridLocator:
         result, distances = np.empty(n), np.empty(n)
         for first in range(0, n, _POINTS_PER_CALL):
             part = slice(first, first + _POINTS_PER_CALL)
-            interpolate_grid(
-                (self._frame, self._snap), (nodal, self._active),
-                where[part], result[part], distances[part],
-            )  # fmt: skip
+            interpolate_grid(self._nodes, nodal, where[part], result[part], distances[part])
         return result, distances
 
     def weights(self, points: npt.ArrayLike) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -105,7 +101,7 @@ class GridLocator:
             Distance of each point from the box of the grid.
         """
         where = as_points("points", points, self._grid.dim)
-        grid, snap = self._grid, self._snap
+        grid, snap = self._grid, self._nodes.snap
         end = np.array(grid.shape) - 1
         along = (where - grid.lower) / grid.spacing
         inside = np.clip(along, 0.0, end)
@@ -118,7 +114,7 @@ class GridLocator:
         nodes = np.ravel_multi_index(tuple(np.moveaxis(index, -1, 0)), grid.shape)
         weights = np.where(corners == 1, share[:, None, :], 1.0 - share[:, None, :]).prod(axis=2)
         if grid.active is not None:
-            weights *= self._active[nodes]
+            weights *= self._nodes.active[nodes]
             total = weights.sum(axis=1, keepdims=True)
             weights = np.divide(weights, total, out=weights, where=total > 0.0)
         return nodes.astype(np.int32), weights, distances
