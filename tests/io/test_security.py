@@ -147,7 +147,7 @@ def test_files_of_hdf5_with_data_in_other_files_are_refused(tmp_path, kind, read
     do = distributed.read_parts if reader == "parts" else read
     path = tmp_path / (name if reader == "parts" else reader)
     if kind:
-        with pytest.raises(MeshFileError, match="has data 'Points' in another file of HDF5"):
+        with pytest.raises(MeshFileError, match="has data 'VTKHDF/Points' in another file of HDF5"):
             do(path)
     else:
         assert do(path).n_cells == 1

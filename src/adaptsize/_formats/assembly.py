@@ -17,7 +17,7 @@ from adaptsize._formats.blocks import (
     simplices_of,
 )
 from adaptsize.background import SimplexMesh
-from adaptsize.background.topology import facets_of, have_different_nodes, unique_rows
+from adaptsize.background.topology import facets_of, have_different_nodes, tags_of_facets
 from adaptsize.errors import MeshFileError
 
 
@@ -174,11 +174,8 @@ def _facets(
         return None, None, None
     n_points = len(raw.points)
     facets = facets_of(simplices.cells.astype(np.int32), n_points)[0]
-    rows = np.concatenate([facets, found.cells.astype(np.int32)])
-    number = unique_rows(rows, n_points)[1]
-    known = np.zeros(int(number.max()) + 1, bool)
-    known[number[: len(facets)]] = True
-    good = known[number[len(facets) :]]
+    known = np.ones(len(facets), np.int32)
+    good = tags_of_facets(found.cells.astype(np.int32), facets, known, n_points) == 1
     if not good.all():
         notes.append(f"{np.count_nonzero(~good)} tagged facets that bound no cell dropped")
     if not good.any():

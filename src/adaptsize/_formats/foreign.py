@@ -41,22 +41,16 @@ def refuse_links(path: Path) -> None:
 
     for file in filter(h5py.is_hdf5, [path, *files_named_in(path)]):
         with h5py.File(file) as opened:
-            groups, known = [opened], set()
-            while groups:
-                group = groups.pop()
-                for name in group:
-                    link = group.get(name, getlink=True)
-                    if isinstance(link, h5py.SoftLink):
-                        continue  # to a place in this file
-                    is_outside = isinstance(link, h5py.ExternalLink)
-                    item = None if is_outside else group[name]
-                    if isinstance(item, h5py.Dataset):
-                        is_outside = bool(item.external) or item.is_virtual
-                    if is_outside:
-                        raise MeshFileError(f"has data {name!r} in another file of HDF5")
-                    if isinstance(item, h5py.Group) and item.id not in known:
-                        known.add(item.id)
-                        groups.append(item)
+
+            def outside(name: str, link: object, opened: Any = opened) -> str | None:
+                item = opened[name] if isinstance(link, h5py.HardLink) else None
+                is_outside = isinstance(link, h5py.ExternalLink)
+                if isinstance(item, h5py.Dataset):
+                    is_outside = bool(item.external) or item.is_virtual
+                return name if is_outside else None
+
+            if found := opened.visititems_links(outside):
+                raise MeshFileError(f"has data {found!r} in another file of HDF5")
 
 
 def read_vtk(path: Path) -> RawMesh:
