@@ -1,7 +1,5 @@
 """Fields with one row per node or cell: checks, and a view as columns."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, TypeAlias, get_args
 

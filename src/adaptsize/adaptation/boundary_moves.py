@@ -1,7 +1,5 @@
 """Projection of boundary nodes onto the true boundary, as far as the cells allow."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import combinations

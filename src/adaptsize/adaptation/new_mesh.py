@@ -1,7 +1,5 @@
 """A mesh with given sizes, and with a requested number of elements or nodes."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Intersections of the cells of two meshes: their measures, and products of linear functions."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -24,8 +24,6 @@ References
    data projections for equations of gas dynamics", J. Comput. Phys. 229 (2010) 8766-8779.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """The result of one adaptation cycle, and the report on it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Orders in which points, or the cells of a tree, are near in memory if they are near in space."""
 
-from __future__ import annotations
-
 from functools import cache, reduce
 
 import numpy as np

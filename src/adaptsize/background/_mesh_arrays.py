@@ -1,7 +1,5 @@
 """Checked, read-only arrays of a `SimplexMesh`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import combinations
 from types import MappingProxyType

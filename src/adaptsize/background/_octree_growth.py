@@ -4,8 +4,6 @@ Cells are represented by sorted codes (see `adaptsize._kernels.octree`), one arr
 A tree is defined by the refined cells of each level.
 """
 
-from __future__ import annotations
-
 from itertools import product
 from typing import NamedTuple
 

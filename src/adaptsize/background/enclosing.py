@@ -1,7 +1,5 @@
 """The smallest ball that encloses points."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

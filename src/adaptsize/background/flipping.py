@@ -1,7 +1,5 @@
 """Edge flips of a triangle mesh towards a constrained Delaunay triangulation."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

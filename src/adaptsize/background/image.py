@@ -1,7 +1,5 @@
 """Images: pixels or voxels with their spacing."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Interfaces: facets inside a mesh that remeshing keeps."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from adaptsize.background import topology

@@ -1,7 +1,5 @@
 """Points that coincide, or nearly so, and an order of nodes and cells by their places."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

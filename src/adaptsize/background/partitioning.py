@@ -1,7 +1,5 @@
 """Division of a mesh into parts, and the mesh that parts make up."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from importlib.util import find_spec
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Values that other ranks compute at points: requests and answers between meshes in parts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any
 

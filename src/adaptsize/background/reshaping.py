@@ -1,7 +1,5 @@
 """Refinement of an existing octree, and how well it interpolates its nodal values."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -1,7 +1,5 @@
 """New nodes in the middle of chosen edges."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import combinations
 from typing import NamedTuple

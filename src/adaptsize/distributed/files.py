@@ -1,7 +1,5 @@
 """Files of meshes in parts: read by all ranks, and written by all to one VTKHDF file."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from pathlib import Path

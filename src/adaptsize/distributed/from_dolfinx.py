@@ -1,7 +1,5 @@
 """Meshes of DOLFINx as partitioned meshes."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Meshes of PETSc (DMPlex) as partitioned meshes."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Arguments on which ranks have to agree, and solutions of problems in parts on the whole."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 from zlib import crc32

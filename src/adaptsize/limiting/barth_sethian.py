@@ -1,7 +1,5 @@
 """The positive coefficient scheme of Barth and Sethian, as a limiter."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 

@@ -1,7 +1,5 @@
 """The edge-based scheme, which propagates sizes along edges only; Persson's paper refutes it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """Label-correcting fast marching on simplices and on Cartesian grids."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar, NamedTuple

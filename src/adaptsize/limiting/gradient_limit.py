@@ -1,7 +1,5 @@
 """The gradient limit ``g``: slopes in space and a change of variable for g(h)."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The Hamilton-Jacobi iteration on Cartesian grids, as a limiter."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar

@@ -1,7 +1,5 @@
 """Periodic domains: nodes identified by translations or rotations, and images beyond the cell."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """What a scheme solves, what it returns, and what all schemes have in common."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple

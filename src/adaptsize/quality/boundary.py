@@ -1,7 +1,5 @@
 """Boundaries of meshes: their distance from each other, and their topology."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

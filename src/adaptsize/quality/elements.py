@@ -1,7 +1,5 @@
 """Quality of single elements: radius ratios and angles."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import combinations
 from typing import TypeAlias

@@ -1,7 +1,5 @@
 """Quality of cells in a metric, and how many there are for its complexity."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

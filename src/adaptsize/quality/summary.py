@@ -1,7 +1,5 @@
 """Summary of a mesh."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from typing import Any
 
