@@ -204,7 +204,12 @@ def _cells_near(
     boxes += np.array([[-1.0], [1.0]]) * reach[:, None, None, None]
     corners = old.points[old.cells]
     low, high = corners.min(axis=1, initial=np.inf), corners.max(axis=1, initial=-np.inf)
-    which, rank = ranks_that_meet(low, high, boxes)
+    # Few of many ranks have a box that meets the one around all of these cells.
+    meets = boxes[:, :, 0] <= high.max(axis=0, initial=-np.inf)
+    meets &= boxes[:, :, 1] >= low.min(axis=0, initial=np.inf)
+    close = np.flatnonzero(meets.all(axis=2).any(axis=1))
+    which, rank = ranks_that_meet(low, high, boxes[close])
+    rank = close[rank]
     numbers = comm.allreduce(np.bincount(rank, minlength=comm.size), "sum")
     if comm.rank == int(np.argmax(comm.allgather(old.n_cells))):
         # All take part in what is collective: those without such cells get one anyway.
