@@ -61,10 +61,18 @@ def tree_over(points: FloatArray, cells: IntArray) -> tuple[Tree, LongArray]:
     cells = cells[order]
     corners = [points[nodes] for nodes in cells.T]
     first = np.arange(n_leaves) * len(cells) // n_leaves
-    boxes = np.empty((2 * n_leaves, 6))
-    for half, extreme in ((slice(0, 3), np.minimum), (slice(3, 6), np.maximum)):
-        level = extreme.reduceat(reduce(extreme, corners), first)
-        while len(level):
-            boxes[len(level) : 2 * len(level), half] = level
-            level = extreme(level[:-1:2], level[1::2])
-    return Tree(points, cells, boxes), order
+    lower, upper = (f.reduceat(reduce(f, corners), first) for f in (np.minimum, np.maximum))
+    return Tree(points, cells, boxes_over_leaves(lower, upper)), order
+
+
+def boxes_over_leaves(lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return the boxes of a tree from the corners of its leaves, float64[n_leaves, dim]."""
+    n, dim = lower.shape
+    boxes = np.zeros((2 * n, 2 * dim))
+    boxes[n:] = np.hstack([lower, upper])
+    while n > 1:
+        pairs = boxes[n : 2 * n].reshape(-1, 2, 2, dim)
+        n //= 2
+        boxes[n : 2 * n, :dim] = np.minimum(pairs[:, 0, 0], pairs[:, 1, 0])
+        boxes[n : 2 * n, dim:] = np.maximum(pairs[:, 0, 1], pairs[:, 1, 1])
+    return boxes

@@ -22,6 +22,13 @@ def assemble(directions: FloatArray, values: FloatArray) -> FloatArray:
     return np.asarray((directions * values[:, None, :]) @ directions.swapaxes(1, 2))
 
 
+def refuse_skew(name: str, matrices: FloatArray) -> None:
+    """Refuse matrices that are not symmetric to 1e-6 of their largest entry."""
+    skew = np.abs(matrices - matrices.swapaxes(1, 2)).max(axis=(1, 2), initial=0.0)
+    largest = np.abs(matrices).max(axis=(1, 2), initial=0.0)
+    refuse_where(name, skew > 1e-6 * largest, matrices, "must be symmetric")
+
+
 def power_of_two(h: FloatArray) -> float:
     """Return the power of two above the largest finite size, by which division is exact."""
     return math.ldexp(1.0, math.frexp(float(h.max(where=np.isfinite(h), initial=0.0)))[1])

@@ -7,16 +7,14 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import NEAREST, as_aspect, as_number, as_values, check_type, refuse_where
+from adaptsize._checks import NEAREST, as_aspect, as_number, as_values, check_type
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import as_mesh
+from adaptsize.metrics.algebra import refuse_skew
 from adaptsize.metrics.metric import Metric
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, as_goal, calibration, scale_to
 from adaptsize.sizes.recovery import recovered_hessian, second_derivatives_of_fits
 from adaptsize.typing import FloatArray
-
-# Largest difference of a Hessian from its transpose, relative to it.
-_SKEW = 1e-6
 
 
 def metric_from_hessian(
@@ -191,9 +189,7 @@ def _second_derivatives(
         return as_values("second derivatives", found)
     assert hessian is not None
     second = as_values("hessian", hessian, (mesh.n_points, mesh.dim, mesh.dim))
-    skew = np.abs(second - second.swapaxes(1, 2)).max(axis=(1, 2))
-    largest = np.abs(second).max(axis=(1, 2))
-    refuse_where("hessian", skew > _SKEW * largest, second, "must be symmetric")
+    refuse_skew("hessian", second)
     if frames is None:
         return second
     inside = frames.swapaxes(1, 2) @ second @ frames

@@ -26,9 +26,6 @@ from adaptsize.background.simplex import LaterMethod
 from adaptsize.metrics import algebra
 from adaptsize.typing import BoolArray, FloatArray
 
-# Largest difference of M from its transpose, relative to M.
-_SKEW = 1e-6
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Metric(ReadOnlyState):
@@ -160,9 +157,8 @@ class Metric(ReadOnlyState):
                 f"matrices must have shape (n, dim, dim) with dim 1, 2 or 3, got {m.shape}"
             )
         refuse_where("matrices", ~np.isfinite(m), m, "must be finite")
+        algebra.refuse_skew("matrices", m)
         largest = np.abs(m).max(axis=(1, 2), initial=0.0)
-        skew = np.abs(m - m.swapaxes(1, 2)).max(axis=(1, 2), initial=0.0)
-        refuse_where("matrices", skew > _SKEW * largest, m, "must be symmetric")
         # Scaled to unit size: squares stay in range.
         unit = np.where(largest > 0.0, largest, 1.0)[:, None, None]
         values, vectors = np.linalg.eigh((0.5 * (m + m.swapaxes(1, 2))) / unit)

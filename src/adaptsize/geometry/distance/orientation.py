@@ -84,8 +84,13 @@ def _consistent(mesh: SimplexMesh) -> tuple[BoolArray, IndexArray, BoolArray]:
     Each cell is in a graph twice, flipped and not flipped.  Neighbours are joined in consistent
     states.  An orientable piece then has two components.
     """
-    n = mesh.n_cells
-    one, other, same = _neighbours(mesh)
+    n, width = mesh.cells.shape
+    cell, v = np.divmod(pairs_of_cells(mesh, mesh.facet_cell_counts == 2), width)
+    # The direction of the facet opposite to a corner: its end, or whether its nodes ascend.
+    forward = v == 0
+    if width == 3:
+        forward = mesh.cells[cell, (v + 1) % 3] < mesh.cells[cell, (v + 2) % 3]
+    (one, other), same = cell.T, forward[:, 0] != forward[:, 1]
     contradicts = np.zeros(n, np.bool_)
     contradicts[one[~same]] = contradicts[other[~same]] = True
     ones = np.concatenate([one, one + n])
@@ -98,22 +103,6 @@ def _consistent(mesh: SimplexMesh) -> tuple[BoolArray, IndexArray, BoolArray]:
     turned = kept[reversed_] > kept[as_is]
     ties = (kept[reversed_] == kept[as_is]) & (reversed_ < as_is)
     return turned | ties, piece.reshape(-1), contradicts
-
-
-def _neighbours(mesh: SimplexMesh) -> tuple[IndexArray, IndexArray, BoolArray]:
-    """Return the pairs of cells at facets of two cells, and whether their orientations agree."""
-    width = mesh.cells.shape[1]
-    corner, corner_other = pairs_of_cells(mesh, mesh.facet_cell_counts == 2).T
-    forward = [_runs_forward(mesh, at, width) for at in (corner, corner_other)]
-    return corner // width, corner_other // width, forward[0] != forward[1]
-
-
-def _runs_forward(mesh: SimplexMesh, corner: IndexArray, width: int) -> BoolArray:
-    """Return the direction of the facet opposite to a corner: its end, or if its nodes ascend."""
-    cell, v = np.divmod(corner, width)
-    if width == 2:
-        return np.asarray(v == 0)
-    return np.asarray(mesh.cells[cell, (v + 1) % 3] < mesh.cells[cell, (v + 2) % 3])
 
 
 def _volumes(mesh: SimplexMesh, piece: IndexArray) -> FloatArray:

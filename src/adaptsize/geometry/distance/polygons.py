@@ -4,7 +4,7 @@ import numpy as np
 
 from adaptsize._kernels.polygons import mark_inside
 from adaptsize._kernels.trees import new_stack
-from adaptsize.background._curve import along_curve
+from adaptsize.background._curve import along_curve, boxes_over_leaves
 from adaptsize.typing import BoolArray, FloatArray
 
 
@@ -27,15 +27,8 @@ class Polygons:
         n_leaves = 1 << (len(chain) - 2).bit_length()
         missing = n_leaves + 1 - len(chain)
         self._chain = np.pad(chain, ((0, missing), (0, 0)), mode="edge")
-        self._boxes = np.zeros((2 * n_leaves, 4))
         start, end = self._chain[:-1], self._chain[1:]
-        self._boxes[n_leaves:] = np.hstack([np.minimum(start, end), np.maximum(start, end)])
-        while n_leaves > 1:
-            lower, upper = np.hsplit(self._boxes[n_leaves : 2 * n_leaves], 2)
-            n_leaves //= 2
-            self._boxes[n_leaves : 2 * n_leaves] = np.hstack(
-                [np.minimum(lower[::2], lower[1::2]), np.maximum(upper[::2], upper[1::2])]
-            )
+        self._boxes = boxes_over_leaves(np.minimum(start, end), np.maximum(start, end))
 
     def contains(self, points: FloatArray) -> BoolArray:
         """Return which points an odd number of polygons contains."""
