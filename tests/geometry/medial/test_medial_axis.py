@@ -5,7 +5,7 @@ import pytest
 from distance_shapes import Ellipse, annulus, box, sampled, torus, turn_about, turned
 from scipy.spatial import cKDTree
 
-from adaptsize import medial_axis
+from adaptsize import CartesianGrid, medial_axis
 
 SHIFTS = [(0.0, 0.0), (0.5, 0.5), (0.31, 0.77)]
 
@@ -96,3 +96,16 @@ def test_axis_of_a_torus_is_a_circle(turn):
     angle = between(0.0, 2.0 * np.pi)
     circle = 0.55 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
     assert covered(circle, found.points @ turn, 2.0 * step) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("distance", "message"),
+    [
+        (np.full((5, 5), np.nan), r"boundary must be finite, got boundary\[0, 0\] = nan"),
+        (np.ones((5, 5)), "boundary must be negative at one node at least"),
+        (np.ones((4, 5)), r"boundary must have shape \(5, 5\)"),
+    ],
+)
+def test_a_distance_is_refused_by_the_name_of_its_argument(distance, message):
+    with pytest.raises(ValueError, match=message):
+        medial_axis(CartesianGrid([0.0, 0.0], 0.1, (5, 5)), distance)

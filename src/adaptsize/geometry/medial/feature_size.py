@@ -212,9 +212,9 @@ def _distance_on(grid: CartesianGrid, boundary: _Boundary, report: ProgressCallb
     if isinstance(boundary, SimplexMesh) or callable(boundary):
         values = signed_distance(grid, boundary, progress=report)
     else:
-        values = as_float_array("phi", boundary, grid.shape)
+        values = as_float_array("boundary", boundary, grid.shape)
     counted = True if grid.active is None else grid.active
-    refuse_where("phi", ~np.isfinite(values) & counted, values, "must be finite")
+    refuse_where("boundary", ~np.isfinite(values) & counted, values, "must be finite")
     if not ((values < 0.0) & counted).any():
-        raise ValueError("phi must be negative at one node at least, inside the domain, got none")
+        raise ValueError("boundary must be negative at one node at least, inside, got none")
     return values
