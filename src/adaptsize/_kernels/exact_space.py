@@ -276,26 +276,22 @@ def _first_tries(order, start, count, hints, recent, queue):
 
 
 @lean_kernel
-def lower_by_paths(points, nodes, order, span, paths, choice, hints, sight, g, field, faces, block):
-    """Lower the sizes of points to the minimum over paths whose pieces are all visible.
+def lower_by_paths(order, span, paths, choice, hints, sight, g, field, faces, block):
+    """Lower the sizes of nodes to the minimum over paths whose pieces are all visible.
 
-    Without hints, the path of each point is the first of those that allow the minimum.
+    Without hints, the path of each node is the first of those that allow the minimum.
 
     Parameters
     ----------
-    points : float64[n, 3]
-    nodes : int32[n]
-        Node numbers of the points in the mesh, -1 if not known to be nodes.
     order : int32[k]
-        The points to process, along a Morton curve.
+        The nodes to process, along a Morton curve.
     span : tuple of int
-        First and last index of the part of ``order`` to process, and the points per block, at
-        most BLOCK.
+        First and last index of the part of ``order`` to process.
     paths : Paths
     choice : Choice
         The paths to test; if it is empty, only the hints are tested.
     hints : int32[n]
-        A path that is tested first for each point, -1 for none.
+        A path that is tested first for each node, -1 for none.
     sight : Sight
     g : float64
     field : Field
@@ -305,15 +301,15 @@ def lower_by_paths(points, nodes, order, span, paths, choice, hints, sight, g, f
     block : Block
     """
     stack, queue, recent = block.stack[0], block.queue, block.recent
-    n_paths = choice.paths.shape[0]
-    for start in range(span[0], span[1], span[2]):
-        stop = min(start + span[2], span[1])
+    n_paths, n_leaves = choice.paths.shape[0], choice.boxes.shape[0] // 2
+    for start in range(span[0], span[1], BLOCK):
+        stop = min(start + BLOCK, span[1])
         count = stop - start
-        gather(points, SPACE, order[start:stop], block.bends[0], block.box)
+        gather(sight.stars.points, SPACE, order[start:stop], block.bends[0], block.box)
         queued = _first_tries(order, start, count, hints, recent, queue)
         for i in range(count):
             p = order[start + i]
-            block.sizes[i], block.path[i], block.nodes[0, i] = field.sizes[p], -1, nodes[p]
+            block.sizes[i], block.path[i], block.nodes[0, i] = field.sizes[p], -1, p
         stack[0], size = 1, 1 if n_paths > 0 else 0
         while queued > 0 or size > 0:
             if queued > 0:
@@ -322,7 +318,7 @@ def lower_by_paths(points, nodes, order, span, paths, choice, hints, sight, g, f
                 continue
             size -= 1
             b = stack[size]
-            if b < choice.n_leaves:
+            if b < n_leaves:
                 at_near = 0
                 for child in range(2 * b, 2 * b + 2):
                     promise = promise_of(choice.boxes, child, block.bends[0], block.sizes, count, g)
@@ -334,7 +330,7 @@ def lower_by_paths(points, nodes, order, span, paths, choice, hints, sight, g, f
                     at_near = promise
                     size += 1
                 continue
-            leaf = b - choice.n_leaves
+            leaf = b - n_leaves
             for k in range(leaf * LEAF, min(n_paths, (leaf + 1) * LEAF)):
                 if in_sector(paths, choice.paths[k], block.box, sight.walls.slack):
                     queue[queued] = choice.paths[k]

@@ -102,13 +102,12 @@ class Choice(NamedTuple):
     Parameters
     ----------
     paths : int32[c]
-    boxes : np.ndarray
-    n_leaves : int
+    boxes : float64[2 * n_leaves, 7]
+        The tree over them (see trees.py).
     """
 
     paths: np.ndarray
     boxes: np.ndarray
-    n_leaves: int
 
 
 class Field(NamedTuple):
@@ -129,14 +128,14 @@ class Field(NamedTuple):
 
 
 class Block(NamedTuple):
-    """Points of a block, and paths to them.
+    """Nodes of a block, and paths to them.
 
     Parameters
     ----------
     box : float64[6]
         Around the points.
     nodes : int64[3, BLOCK]
-        Row 0 nodes of the mesh, -1 for other points; else -1.
+        Row 0 the points as nodes of the mesh, the others -1.
     sizes : float64[BLOCK]
     path : int64[BLOCK]
         The path that lowered each point, -1 if none.

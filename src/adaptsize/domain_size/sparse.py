@@ -42,7 +42,7 @@ class SparseSize:
         field = ExactField(self.g, None, False)
         if len(self.sizes):
             numbers = np.arange(len(self.sizes), dtype=np.int32)
-            field.add(node_entries(self.points, self.sizes, numbers))
+            field.groups.append(node_entries(self.points, self.sizes, numbers))
         return field.evaluate(where, np.full(len(where), self.hmax))
 
     def __repr__(self) -> str:

@@ -209,10 +209,6 @@ class ExactField:
     radius: float | None = None
     """Radius of a sphere around 0 along which distances run; all entries are nodes then."""
 
-    def add(self, entries: Entries) -> None:
-        """Add entries."""
-        self.groups.append(entries)
-
     @property
     def table(self) -> FloatArray:
         """The table of the entries of all groups."""
@@ -418,12 +414,12 @@ def field_of_cells(points: FloatArray, cells: IntArray, sizes: FloatArray, g: fl
     field = ExactField(g, None, True)
     nodes = np.full((np.count_nonzero(finite), points.shape[1]), -1, np.int32)
     nodes[:, 0] = np.flatnonzero(finite)
-    field.add(entries_at(points, sizes, nodes))
+    field.groups.append(entries_at(points, sizes, nodes))
     sides = [cells[:, [v, w]] for v in range(cells.shape[1]) for w in range(v)]
     edges = unique_rows(np.concatenate(sides), len(points))[0]
     items = np.full((len(edges), points.shape[1]), -1, np.int32)
     items[:, :2] = edges
     if cells.shape[1] == 3:
         items = np.concatenate([items, cells])
-    field.add(entries_at(points, sizes, items))
+    field.groups.append(entries_at(points, sizes, items))
     return field

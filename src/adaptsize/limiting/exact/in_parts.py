@@ -108,7 +108,7 @@ def _with_others(
     table = exchange_rows(piece.ranks, sent, [own.table for own in sent], reach, component.g)
     named = np.full((len(table), mesh.dim), -1, np.int32)
     named[:, 0] = np.arange(len(table))
-    field.add(sorted_entries(table, named))
+    field.groups.append(sorted_entries(table, named))
     field.lower_by_last(points, found.h, found.source, component.workers)
     return replace(found, h=found.h[: len(piece.nodes)])
 

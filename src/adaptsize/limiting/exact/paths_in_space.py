@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels import exact_space as kernels
-from adaptsize._kernels.exact import BLOCK
 from adaptsize._kernels.space_paths import LONGEST, Bases, Choice, Field, Paths, new_block
 from adaptsize._kernels.space_sight import Sight
 from adaptsize.background import SimplexMesh
@@ -64,11 +63,6 @@ class Network:
     depth: IntArray
     """int32[w]: number of edges of each path."""
 
-    @property
-    def faces(self) -> bool | None:
-        """None if all sources are nodes, True otherwise."""
-        return True if bool((self.paths.bases.counts > 1).any()) else None
-
     def choice(self, which: IntArray) -> Choice:
         """Return some of the paths, with a tree over them."""
         paths, edges, bases = self.paths, self.paths.edges, self.paths.bases
@@ -84,7 +78,7 @@ class Network:
         value[bent] = paths.offset[w] + self.g * np.hypot(beyond, paths.image[w, 1])
         order = along_curve(0.5 * (lower + upper))
         boxes = boxes_over(lower[order], upper[order], value[order])
-        return Choice(which[order].astype(np.int32), boxes, len(boxes) // 2)
+        return Choice(which[order].astype(np.int32), boxes)
 
     def sources(self) -> Choice:
         """Return the straight paths from the sources."""
@@ -99,16 +93,13 @@ class Network:
         hints: IntArray | None = None,
     ) -> None:
         """Lower sizes (In/Out: field) at the nodes ``order`` by a choice of paths."""
-        points = self.sight.stars.points
-        nodes = np.arange(len(points), dtype=np.int32)
-        tried = np.full(len(points), -1, np.int32) if hints is None else hints
-        # Points that are processed together; fewer where no path to try first is known.
-        faces, size = self.faces, 32 if hints is None else BLOCK
-        places, along = read_only(points), read_only(order)
+        tried = np.full(len(field.sizes), -1, np.int32) if hints is None else hints
+        # The code for edges and triangles is not compiled if all sources are nodes.
+        faces = True if bool((self.paths.bases.counts > 1).any()) else None
+        along = read_only(order)
 
         def task(first: int, last: int) -> None:
-            span = (first, last, size)
-            given = (places, nodes, along, span, self.paths, choice, tried)
+            given = (along, (first, last), self.paths, choice, tried)
             kernels.lower_by_paths(*given, self.sight, self.g, field, faces, new_block())
 
         workers.in_chunks(task, len(order))
@@ -236,41 +227,6 @@ def _key_of(edge: IntArray, parent: IntArray) -> npt.NDArray[np.int64]:
     return edge.astype(np.int64) << 32 | parent
 
 
-def _network_of(
-    table: FloatArray, nodes: IntArray, g: float, sight: Sight, reflex_edges: ReflexEdges
-) -> Network:
-    """Return a network of straight paths; the sizes at the nodes of reflex edges are inf.
-
-    Parameters
-    ----------
-    table : float64[m, 12]
-        Entries (see exact.py).
-    nodes : int32[m, 3]
-        Their nodes, padded with -1.
-    g, sight, reflex_edges
-    """
-    m, k = len(table), len(reflex_edges.nodes)
-    ends = node_table(sight.stars.points[reflex_edges.nodes], np.full(k, np.inf))
-    all_nodes = np.full((m + k, 3), -1, np.int32)
-    all_nodes[:m] = nodes
-    all_nodes[m:, 0] = reflex_edges.nodes
-    table = np.concatenate([table, ends])
-    counts = np.concatenate([np.isfinite(table[:m, 9:]).sum(axis=1), np.ones(k)]).astype(np.int8)
-    none = np.full(m + k, -1, np.int32)
-    paths = Paths(
-        Bases(table, counts, all_nodes),
-        reflex_edges.edges,
-        np.arange(m + k, dtype=np.int32),
-        none,
-        none.copy(),
-        np.zeros((m + k, 2)),
-        table[:, 9:].min(axis=1),
-        np.zeros((m + k, 9)),
-        np.zeros(m + k, np.bool_),
-    )
-    return Network(g, sight, reflex_edges, paths, m, np.zeros(m + k, np.int32))
-
-
 class Solid(NamedTuple):
     """A solid, its reflex edges, and the nodes at which sizes are computed."""
 
@@ -286,20 +242,6 @@ class Solid(NamedTuple):
     """int32[k]: the nodes to solve along a Morton curve; nodes of reflex edges are among them."""
     sight: Sight
     reflex_edges: ReflexEdges
-
-
-class SolidSources(NamedTuple):
-    """The sources, in lexicographic order of their nodes.
-
-    The first of several sources that allow the same size counts, so that their order matters.
-    """
-
-    table: FloatArray
-    """float64[m, 12] (see exact.py)"""
-    nodes: IntArray
-    """int32[m, 3]: their nodes, padded with -1; points between the nodes have none."""
-    order: IntArray
-    """int32[m]: their numbers in the field."""
 
 
 def solid_of(mesh: SimplexMesh, boundary: FlatBoundary, nodes: IntArray | None = None) -> Solid:
@@ -383,43 +325,77 @@ def solve_in_solid(known: WholeSolid) -> tuple[ComponentSolution, IntArray]:
     component, solid = known.component, known.solid
     nodes, steep = known.candidates()
     linear = steep is not None and component.face_sources
-    field = ExactField(component.g, None, linear)
+    exact = ExactField(component.g, None, linear)
     lower, source = known.h0.copy(), np.full(len(known.h0), -1, np.int32)
     points = Points(solid.points, solid.nodes)
     numbers = []
 
     def lower_by(entries: Entries) -> None:
         every, names = known.with_others(entries)
-        field.add(every)
+        exact.groups.append(every)
         numbers.append(names)
-        field.lower_by_last(points, lower, source, component.workers)
+        exact.lower_by_last(points, lower, source, component.workers)
 
     lower_by(entries_of_nodes(component, nodes))
     if linear and steep is not None:
         lower_by(sources_on_cells(component, steep, known.own(lower)))
+    # The first of several sources that allow the same size counts: their order is that of nodes.
     named = np.concatenate(numbers)
     order = np.lexsort(named.T[::-1]).astype(np.int32)
     place = np.empty(len(order) + 1, np.int32)  # of each entry in this order
     place[order], place[-1] = np.arange(len(order)), -1
-    sources = SolidSources(field.table[order], known.known(named)[order], order)
-    return _solve(known, field, sources, lower, place[source])
+    network = _network_of(exact.table[order], known.known(named)[order], component.g, solid)
+    field = Field(
+        np.empty_like(lower), np.full_like(source, -1), np.full_like(solid.points, np.nan)
+    )
+    h, sizes, finished = _solve(known, network, field, lower, place[source])
+    entry, start, bend = _origins(network, field, sizes, h)
+    source = np.append(order, np.int32(-1))[entry]
+    proved = h <= lower + EQUAL * np.abs(lower)
+    return ComponentSolution(h, source, exact, bend, proved, lower, finished=finished), start
+
+
+def _network_of(table: FloatArray, nodes: IntArray, g: float, solid: Solid) -> Network:
+    """Return the straight paths from entries and nodes of reflex edges, with inf as size of these.
+
+    ``table``: float64[m, 12], entries (see exact.py); ``nodes``: int32[m, 3], their nodes, padded
+    with -1.
+    """
+    reflex_nodes = solid.reflex_edges.nodes
+    m, k = len(table), len(reflex_nodes)
+    ends = node_table(solid.points[reflex_nodes], np.full(k, np.inf))
+    all_nodes = np.full((m + k, 3), -1, np.int32)
+    all_nodes[:m] = nodes
+    all_nodes[m:, 0] = reflex_nodes
+    table = np.concatenate([table, ends])
+    counts = np.concatenate([np.isfinite(table[:m, 9:]).sum(axis=1), np.ones(k)]).astype(np.int8)
+    none = np.full(m + k, -1, np.int32)
+    paths = Paths(
+        Bases(table, counts, all_nodes),
+        solid.reflex_edges.edges,
+        np.arange(m + k, dtype=np.int32),
+        none,
+        none.copy(),
+        np.zeros((m + k, 2)),
+        table[:, 9:].min(axis=1),
+        np.zeros((m + k, 9)),
+        np.zeros(m + k, np.bool_),
+    )
+    return Network(g, solid.sight, solid.reflex_edges, paths, m, np.zeros(m + k, np.int32))
 
 
 def _solve(
-    known: WholeSolid,
-    exact: ExactField,
-    sources: SolidSources,
-    lower: FloatArray,
-    nearest: IntArray,
-) -> tuple[ComponentSolution, IntArray]:
-    """Return the limited sizes in a solid that is not convex.
+    known: WholeSolid, network: Network, field: Field, lower: FloatArray, nearest: IntArray
+) -> tuple[FloatArray, FloatArray, bool]:
+    """Return the limited sizes, those of paths over reflex edges, and whether all were found.
 
     Parameters
     ----------
     known : WholeSolid
-    exact : ExactField
-    sources : SolidSources
-        Those of ``exact``.
+    network : Network
+        The straight paths from the sources (In/Out).
+    field : Field
+        Out: the paths.
     lower : float64[n]
         The smallest size that the sources allow, without regard to visibility.
     nearest : int32[n]
@@ -432,35 +408,25 @@ def _solve(
     the size is ``lower`` whichever is found first.  At nodes of reflex edges it matters which
     source it is, and the first one counts.
     """
-    solid, h0, spread = known.solid, known.h0, known.spread
-    g, workers = known.component.g, known.component.workers
-    n, nodes, reflex_nodes = len(solid.points), solid.nodes, solid.reflex_edges.nodes
-    network = _network_of(*sources[:2], g, solid.sight, solid.reflex_edges)
+    solid, h0, spread, workers = known.solid, known.h0, known.spread, known.component.workers
+    nodes = solid.nodes
     nearly = lower + EQUAL * np.abs(lower)
-    field = Field(nearly.copy(), np.full(n, -1, np.int32), np.full((n, 3), np.nan))
+    field.sizes[:] = nearly
+    on_reflex_edge = np.isin(nodes, solid.reflex_edges.nodes)
     none = network.choice(np.empty(0, np.int32))
-    on_reflex_edge = np.isin(nodes, reflex_nodes)
-    others = nodes[~on_reflex_edge]
-    network.lower(others, none, field, workers, nearest)
+    network.lower(nodes[~on_reflex_edge], none, field, workers, nearest)
     hidden = nodes[on_reflex_edge | ((field.path < 0) & (h0 > lower))[nodes]]
     network.lower(hidden, network.sources(), field, workers)
     proved = (field.path >= 0) | (h0 <= lower)
     upper = spread(np.where(proved, lower, h0))
     proved |= np.isinf(upper)  # not reached by any source
     # Keep paths as short as those along edges of the mesh: they may continue over other edges.
-    nearly_upper = upper + TIE * np.abs(upper) + 10.0 * g * solid.moved
+    nearly_upper = upper + TIE * np.abs(upper) + 10.0 * network.g * solid.moved
     field.sizes[:] = np.where(proved, np.minimum(lower, upper), nearly_upper)
     hidden = nodes[~proved[nodes]]
-    finished = True
-    if len(hidden):
-        finished = _solve_hidden(network, field, hidden, workers)
+    finished = len(hidden) == 0 or _solve_hidden(network, field, hidden, workers)
     sizes = np.maximum(np.minimum(field.sizes, upper), lower)
-    h = spread(np.where(sizes <= nearly, lower, sizes))
-    entry, start, bend = _origins(network, field, sizes, h)
-    proved = h <= lower + EQUAL * np.abs(lower)
-    source = np.append(sources.order, np.int32(-1))[entry]
-    found = ComponentSolution(h, source, exact, bend, proved, lower, finished=finished)
-    return found, start
+    return spread(np.where(sizes <= nearly, lower, sizes)), sizes, finished
 
 
 def _solve_hidden(network: Network, field: Field, hidden: IntArray, workers: Workers) -> bool:

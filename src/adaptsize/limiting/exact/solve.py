@@ -86,7 +86,7 @@ def _solve_by_expansion(
     n_uses = np.bincount(root[np.isfinite(h)], minlength=len(h))
     used = np.flatnonzero(n_uses).astype(np.int32)
     field = ExactField(component.g, None, False)
-    field.add(node_entries(component.mesh.points[used], h[used], used))
+    field.groups.append(node_entries(component.mesh.points[used], h[used], used))
     named = np.full((len(h), 2), -1, np.int32)
     named[:, 0] = root
     found = ComponentSolution(h, np.full(len(h), -1, np.int32), field, bend, nodes=named)
@@ -145,7 +145,7 @@ def solve_by_sight(
         if plane is not None:
             entries = along_walls(entries, mesh.points, boundary.facets)
             entries = with_corners(entries, g, plane, linear, workers.report)
-        field.add(entries)
+        field.groups.append(entries)
         field.lower_by_last(points, h, source, workers.part(0.5, 1.0))
     workers.report("limiting the gradient", 1.0)
     return ComponentSolution(h, source, field)
