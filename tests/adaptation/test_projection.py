@@ -10,8 +10,8 @@ from overlap_twin import common_part, measure
 from scipy.spatial import Delaunay
 
 from adaptsize import CartesianGrid, FieldTransfer, SimplexMesh, adapt, transfer_fields
+from adaptsize._workers import Workers
 from adaptsize.adaptation.overlaps import intersections_of
-from adaptsize.limiting.exact.field import Workers
 from adaptsize.sizes.budget import nodal_measures
 
 SEED = 91127

@@ -104,14 +104,8 @@ def mark_steep(points, axes, cells, h0, g, linear, margin, steep, candidate):
         Out: steep cells with two bounds or more.
     candidate : bool[n]
         Out.
-
-    Returns
-    -------
-    int
-        The number of cells marked.
     """
     corners = len(axes) + 1
-    count = 0
     candidate[:] = False
     for c in range(cells.shape[0]):
         n_finite = 0
@@ -126,9 +120,7 @@ def mark_steep(points, axes, cells, h0, g, linear, margin, steep, candidate):
         for v in range(corners):
             if h0[cells[c, v]] < math.inf:
                 candidate[cells[c, v]] = True
-        if n_finite > 1:
-            steep[c] = True
-            count += 1
+        steep[c] = n_finite > 1
     for c in range(cells.shape[0]):
         if not steep[c]:
             continue
@@ -141,11 +133,10 @@ def mark_steep(points, axes, cells, h0, g, linear, margin, steep, candidate):
                     candidate[j] = False
                 elif h0[j] + away < h0[i]:
                     candidate[i] = False
-    return count
 
 
 @lean_kernel
-def keep_undominated(points, axes, rows, h0, source, table, g, edges, faces, block, keep):
+def keep_undominated(points, axes, rows, h0, source, table, g, faces, block, keep):
     """Find the edges or faces that no source of one of their vertices dominates.
 
     For convex domains.  The size that an entry allows is a convex function, and h0 is linear on
@@ -160,7 +151,7 @@ def keep_undominated(points, axes, rows, h0, source, table, g, edges, faces, blo
     h0 : float64[n]
     source : int32[n]
         The entry from which the size of each node grows, -1 if there is none.
-    table, g, edges, faces, block
+    table, g, faces, block
         As in `exact.lower_sizes`.
     keep : bool[m]
         Out.
@@ -178,7 +169,7 @@ def keep_undominated(points, axes, rows, h0, source, table, g, edges, faces, blo
             k = np.int64(source[rows[r, v]])
             if k < 0 or not keep[r]:
                 continue
-            fill_values(table, k, axes, block.x, count, g, values, block.share, edges, faces)
+            fill_values(table, k, axes, block.x, count, g, values, block.share, True, faces)
             keep[r] = False
             for w in range(count):
                 if not values[w] < h0[rows[r, w]]:

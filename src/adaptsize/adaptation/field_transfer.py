@@ -12,13 +12,13 @@ from scipy.sparse import csr_array
 from adaptsize._checks import as_flag, check_type, describe
 from adaptsize._kernels.interpolate import combine
 from adaptsize._progress import reporting
+from adaptsize._workers import Workers
 from adaptsize.adaptation._fields import as_columns, as_field, as_method, from_columns
 from adaptsize.adaptation.overlaps import OUTSIDE, Intersections, intersections_of
 from adaptsize.adaptation.projection import Projection, sums_over
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.partitioned import local_mesh
 from adaptsize.background.simplex import as_mesh
-from adaptsize.limiting.exact.field import Workers
 from adaptsize.sizes.budget import nodal_measures
 from adaptsize.typing import FloatArray, IntArray, NodalMethod, ProgressCallback
 

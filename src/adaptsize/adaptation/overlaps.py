@@ -8,10 +8,10 @@ from scipy.sparse import csr_array, vstack
 from adaptsize._kernels.clipping import new_clipping
 from adaptsize._kernels.overlap import Front, fill_overlaps
 from adaptsize._kernels.trees import Tree
+from adaptsize._workers import Workers
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background.location import in_space
-from adaptsize.limiting.exact.field import Workers
 from adaptsize.typing import FloatArray, IntArray, LongArray
 
 # A cell with less than this share of its measure in the old domain counts as outside.

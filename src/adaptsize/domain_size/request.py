@@ -13,12 +13,12 @@ from adaptsize._checks import FARTHEST, as_limits, as_sizes
 from adaptsize._defaults import MAX_ELEMENTS, TOLERANCE
 from adaptsize._progress import silent
 from adaptsize._size_report import NONE, SizeReport, measure_dim
+from adaptsize._workers import Workers
 from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
 from adaptsize.domain_size.cost import as_bytes
 from adaptsize.domain_size.parts import as_sizes_of_parts, sizes_of_parts
 from adaptsize.limiting import limit_gradient
 from adaptsize.limiting.exact import limit_points
-from adaptsize.limiting.exact.field import Workers
 from adaptsize.options import BudgetOptions, SizeFunctionOptions
 from adaptsize.sizes import PointSource, size_from_sources
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, nodal_measures

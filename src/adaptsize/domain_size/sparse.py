@@ -13,9 +13,10 @@ import numpy.typing as npt
 from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, check_type
 from adaptsize._formats.guards import about_file, write_whole
 from adaptsize._size_function import SizeFunction
+from adaptsize._workers import Workers
 from adaptsize.errors import MeshFileError
 from adaptsize.limiting.exact import limit_points
-from adaptsize.limiting.exact.field import ExactField, Workers, node_entries
+from adaptsize.limiting.exact.field import ExactField, node_entries
 from adaptsize.typing import FloatArray
 
 

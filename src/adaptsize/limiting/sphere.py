@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_number, as_points, as_slope, refuse_where
+from adaptsize._workers import Workers
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.limiting.exact import Exact, limit_points
-from adaptsize.limiting.exact.field import Workers
 from adaptsize.limiting.problem import as_nodal_sizes
 from adaptsize.typing import FloatArray
 

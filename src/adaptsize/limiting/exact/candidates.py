@@ -9,6 +9,7 @@ import numpy as np
 
 from adaptsize._kernels import exact_candidates as kernels
 from adaptsize._kernels.exact import new_block
+from adaptsize._workers import Workers
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
@@ -17,7 +18,6 @@ from adaptsize.limiting.exact.field import (
     Entries,
     ExactField,
     Points,
-    Workers,
     entries_at,
     node_entries,
 )
@@ -169,7 +169,7 @@ def _undominated(
         given = (*(read_only(array) for array in (rows, below, source)), entries.table)
         faces = True if mesh.dim == 3 else None
         block = new_block(mesh.dim)
-        kernels.keep_undominated(mesh.points, axes, *given, g, True, faces, block, keep)
+        kernels.keep_undominated(mesh.points, axes, *given, g, faces, block, keep)
         return keep
 
     named = named[kept(named, source, field.groups[0])]

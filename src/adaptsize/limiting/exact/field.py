@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from adaptsize._kernels import exact as kernels
 from adaptsize._kernels import exact_plane as plane
-from adaptsize._kernels.exact import BLOCK
 from adaptsize._kernels.exact_reach import list_entries_in_reach
 from adaptsize._kernels.sight import Sight, new_rays
 from adaptsize._kernels.trees import DEPTH, LEAF
-from adaptsize._progress import silent
+from adaptsize._workers import Workers
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import unique_rows
 from adaptsize.ranks import Communicator
-from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
-
-# Points per chunk, some milliseconds; Ctrl-C takes effect between chunks.
-_CHUNK = 512 * BLOCK
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 
 def boxes_over(lower: FloatArray, upper: FloatArray, value: FloatArray) -> FloatArray:
@@ -48,54 +42,6 @@ def boxes_over(lower: FloatArray, upper: FloatArray, value: FloatArray) -> Float
             if len(level) <= n_leaves:
                 boxes[len(level) : 2 * len(level), column] = level
     return boxes
-
-
-class Workers(NamedTuple):
-    """Threads that process points in chunks, and the report of their progress."""
-
-    threads: int
-    report: ProgressCallback = silent
-
-    @classmethod
-    def of(cls, threads: int | None, report: ProgressCallback = silent) -> Workers:
-        """Return a number of threads, by default that of numba."""
-        return cls(int(numba.get_num_threads()) if threads is None else threads, report)
-
-    def part(self, first: float, last: float) -> Workers:
-        """Return workers for a part of the work, between two fractions of the whole."""
-
-        def report_part(text: str, share: float | None) -> None:
-            self.report(text, None if share is None else first + (last - first) * share)
-
-        return Workers(self.threads, report_part)
-
-    def in_chunks(
-        self,
-        task: Callable[[int, int], object],
-        n: int,
-        step: int = _CHUNK,
-        text: str = "limiting the gradient",
-    ) -> None:
-        """Run ``task(first, last)`` on chunks of 0..n - 1, of ``step`` items.
-
-        Tasks release the interpreter lock and write to disjoint memory.  An exception, also one in
-        the report, stops the work after the chunks that have begun.
-        """
-        chunks = [(first, min(first + step, n)) for first in range(0, n, step)]
-        if self.threads == 1 or len(chunks) < 2:
-            for first, last in chunks:
-                task(first, last)
-                self.report(text, last / n)
-            return
-        with ThreadPoolExecutor(min(self.threads, len(chunks))) as pool:
-            try:
-                waiting = [pool.submit(task, *chunk) for chunk in chunks]
-                for count, done in enumerate(as_completed(waiting), 1):
-                    done.result()
-                    self.report(text, count / len(chunks))
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
 
 
 class Entries(NamedTuple):

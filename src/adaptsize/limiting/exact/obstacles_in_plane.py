@@ -11,6 +11,7 @@ from adaptsize._kernels import exact_plane as kernels
 from adaptsize._kernels.exact import new_block
 from adaptsize._kernels.exact_plane import COLUMNS, CONE, CORNER, KIND, ROW
 from adaptsize._kernels.sight import ANY, NARROW, Sight, new_rays
+from adaptsize._workers import Workers
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.geometry.plane_boundary import PlaneBoundary
@@ -18,7 +19,6 @@ from adaptsize.limiting.exact.field import (
     Entries,
     ExactField,
     Points,
-    Workers,
     boxes_over,
     node_table,
     sorted_entries,

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from adaptsize._kernels import exact_space as kernels
 from adaptsize._kernels.space_paths import LONGEST, Bases, Choice, Field, Paths, new_block
 from adaptsize._kernels.space_sight import Sight
+from adaptsize._workers import Workers
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
@@ -35,7 +36,6 @@ from adaptsize.limiting.exact.field import (
     Entries,
     ExactField,
     Points,
-    Workers,
     boxes_over,
     node_table,
 )

@@ -13,6 +13,7 @@ from adaptsize._checks import as_flag
 from adaptsize._kernels.exact_candidates import have_neighbours
 from adaptsize._kernels.ordering import fill_tiles
 from adaptsize._kernels.topology import mark_nodes
+from adaptsize._workers import Workers
 from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
@@ -42,7 +43,6 @@ from adaptsize.limiting.exact.field import (
     Entries,
     ExactField,
     Points,
-    Workers,
     field_of_nodes,
     node_entries,
     sorted_entries,
