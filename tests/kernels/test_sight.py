@@ -10,7 +10,7 @@ from numba import njit
 from adaptsize._kernels import sight
 from adaptsize._kernels.sight import CACHED, LEFT, RIGHT, Sight
 from adaptsize._kernels.trees import DEPTH
-from adaptsize.limiting.exact.field import boxes_over
+from adaptsize.background._curve import boxes_over
 
 SLACK = 1e-9
 coordinate = st.integers(0, 6)

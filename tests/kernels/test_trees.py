@@ -9,8 +9,7 @@ from numpy.testing import assert_array_equal
 
 from adaptsize._kernels.ordering import BITS, fill_tiles
 from adaptsize._kernels.trees import LEAF, distance_to_box
-from adaptsize.background._curve import along_curve
-from adaptsize.limiting.exact.field import boxes_over
+from adaptsize.background._curve import along_curve, boxes_over
 
 
 def interleaved(numbers):

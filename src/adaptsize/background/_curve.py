@@ -5,7 +5,7 @@ from functools import cache, reduce
 import numpy as np
 
 from adaptsize._kernels.ordering import BITS, DIGIT, Curve, sort_along_curve, sort_for_tree
-from adaptsize._kernels.trees import Tree
+from adaptsize._kernels.trees import LEAF, Tree
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.typing import FloatArray, IntArray, LongArray
 
@@ -75,4 +75,26 @@ def boxes_over_leaves(lower: FloatArray, upper: FloatArray) -> FloatArray:
         n //= 2
         boxes[n : 2 * n, :dim] = np.minimum(pairs[:, 0, 0], pairs[:, 1, 0])
         boxes[n : 2 * n, dim:] = np.maximum(pairs[:, 0, 1], pairs[:, 1, 1])
+    return boxes
+
+
+def boxes_over(lower: FloatArray, upper: FloatArray, value: FloatArray) -> FloatArray:
+    """Return the boxes of a tree over items sorted along a curve (see trees.py)."""
+    m, dim = lower.shape
+    n_leaves = 1
+    while n_leaves * LEAF < m:
+        n_leaves *= 2
+    boxes = np.empty((2 * n_leaves, 2 * dim + 1))
+    boxes[0] = 0.0
+    boxes[0, -1] = np.inf
+    for column in range(2 * dim + 1):
+        items = [*lower.T, *upper.T, value][column]
+        is_upper = dim <= column < 2 * dim
+        merge = np.maximum if is_upper else np.minimum
+        level = np.full(n_leaves * LEAF, -np.inf if is_upper else np.inf)
+        level[:m] = items
+        while len(level) > 1:
+            level = merge(level[::2], level[1::2])
+            if len(level) <= n_leaves:
+                boxes[len(level) : 2 * len(level), column] = level
     return boxes

@@ -14,9 +14,8 @@ from adaptsize._progress import reporting
 from adaptsize._with_info import with_info
 from adaptsize._workers import Workers
 from adaptsize.background import AnyBackground, CartesianGrid, Octree, SimplexMesh
-from adaptsize.background._curve import along_curve
+from adaptsize.background._curve import along_curve, boxes_over
 from adaptsize.background.simplex import as_mesh
-from adaptsize.limiting.exact.field import boxes_over
 from adaptsize.metrics.algebra import AS_UNBOUNDED, UNBOUNDED, power_of_two
 from adaptsize.metrics.metric import Metric
 from adaptsize.metrics.plane import Walls, around_corners, walls_of

@@ -13,35 +13,13 @@ from adaptsize._kernels import exact as kernels
 from adaptsize._kernels import exact_plane as plane
 from adaptsize._kernels.exact_reach import list_entries_in_reach
 from adaptsize._kernels.sight import Sight, new_rays
-from adaptsize._kernels.trees import DEPTH, LEAF
+from adaptsize._kernels.trees import DEPTH
 from adaptsize._workers import Workers
-from adaptsize.background._curve import along_curve
+from adaptsize.background._curve import along_curve, boxes_over
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import unique_rows
 from adaptsize.ranks import Communicator
 from adaptsize.typing import BoolArray, FloatArray, IntArray
-
-
-def boxes_over(lower: FloatArray, upper: FloatArray, value: FloatArray) -> FloatArray:
-    """Return the boxes of a tree over sorted items (see trees.py)."""
-    m, dim = lower.shape
-    n_leaves = 1
-    while n_leaves * LEAF < m:
-        n_leaves *= 2
-    boxes = np.empty((2 * n_leaves, 2 * dim + 1))
-    boxes[0] = 0.0
-    boxes[0, -1] = np.inf
-    for column in range(2 * dim + 1):
-        items = [*lower.T, *upper.T, value][column]
-        is_upper = dim <= column < 2 * dim
-        merge = np.maximum if is_upper else np.minimum
-        level = np.full(n_leaves * LEAF, -np.inf if is_upper else np.inf)
-        level[:m] = items
-        while len(level) > 1:
-            level = merge(level[::2], level[1::2])
-            if len(level) <= n_leaves:
-                boxes[len(level) : 2 * len(level), column] = level
-    return boxes
 
 
 class Entries(NamedTuple):

@@ -12,14 +12,13 @@ from adaptsize._kernels.exact import new_block
 from adaptsize._kernels.exact_plane import COLUMNS, CONE, CORNER, KIND, ROW
 from adaptsize._kernels.sight import ANY, NARROW, Sight, new_rays
 from adaptsize._workers import Workers
-from adaptsize.background._curve import along_curve
+from adaptsize.background._curve import along_curve, boxes_over
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.geometry.plane_boundary import PlaneBoundary
 from adaptsize.limiting.exact.field import (
     Entries,
     ExactField,
     Points,
-    boxes_over,
     node_table,
     sorted_entries,
 )

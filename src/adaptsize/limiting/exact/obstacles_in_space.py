@@ -8,11 +8,10 @@ import numpy as np
 
 from adaptsize._kernels.space_paths import Edges
 from adaptsize._kernels.space_sight import Sight, Stars, Walls
-from adaptsize.background._curve import along_curve
+from adaptsize.background._curve import along_curve, boxes_over
 from adaptsize.background.topology import components_of, places_among
 from adaptsize.geometry.convexity import Ridges
 from adaptsize.geometry.flat_faces import diagonal_of
-from adaptsize.limiting.exact.field import boxes_over
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from adaptsize._kernels.space_paths import LONGEST, Bases, Choice, Field, Paths,
 from adaptsize._kernels.space_sight import Sight
 from adaptsize._workers import Workers
 from adaptsize.background import SimplexMesh
-from adaptsize.background._curve import along_curve
+from adaptsize.background._curve import along_curve, boxes_over
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.geometry.convexity import ridges_of
@@ -36,7 +36,6 @@ from adaptsize.limiting.exact.field import (
     Entries,
     ExactField,
     Points,
-    boxes_over,
     node_table,
 )
 from adaptsize.limiting.exact.obstacles_in_space import (
