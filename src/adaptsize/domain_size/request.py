@@ -284,7 +284,8 @@ class Bounds:
             every = np.concatenate([background.points, places])
             bound = np.concatenate([requested, sizes])
             workers = Workers.of(None, request.report)
-            h, roots = limit_points(every, bound, len(own), request.g, workers)
+            found = limit_points(every, bound, len(own), request.g, workers)
+            h, roots = found.h, found.named()[:, 0]
         else:
             if len(sizes) > 0:
                 options = {"point_sources": (places, sizes)}

@@ -155,7 +155,7 @@ def sparse_size(size: SizeFunction, g: float | None = None) -> SparseSize:
     if len(sizes):
         # Raised by more than rounding, to see which of them others allow.
         lifted = sizes * (1.0 + 1e-12)
-        roots = limit_points(places, lifted, len(sizes), limit, Workers.of(None))[1]
+        roots = limit_points(places, lifted, len(sizes), limit, Workers.of(None)).named()[:, 0]
         kept = np.unique(roots)
         kept = kept[np.argsort(sizes[kept], kind="stable")]
         places, sizes = places[kept], sizes[kept]

@@ -100,7 +100,7 @@ def limit_on_sphere(
     r = as_number("radius", radius, lower=0.0, strict=True)
     workers = Workers.of(Exact(threads=threads).threads)
     sizes = bound.reshape(-1)
-    h = limit_points(to_sphere(where, r), sizes, len(sizes), slope, workers, r)[0].reshape(shape)
+    h = limit_points(to_sphere(where, r), sizes, len(sizes), slope, workers, r).h.reshape(shape)
     if active is not None:
         h[~active] = np.inf
     return h

@@ -391,7 +391,7 @@ def limit_points(
     g: float,
     workers: Workers,
     radius: float | None = None,
-) -> tuple[FloatArray, IntArray]:
+) -> ComponentSolution:
     r"""Return :math:`\min_j b_j + g |x_i - x_j|` at the first n points, and the j of each.
 
     Parameters
@@ -409,10 +409,9 @@ def limit_points(
 
     Returns
     -------
-    float64[n]
-        Bit by bit the same in any order of the points.
-    int32[n]
-        -1 where no bound reaches.
+    ComponentSolution
+        Sizes, bit by bit the same in any order of the points, and ``named``: each j, or i where no
+        bound reaches.
     """
     margin = 0.0
     if radius is None:
@@ -422,4 +421,4 @@ def limit_points(
     field = field_of_nodes(entries, g, margin, workers, radius)
     wanted = Points(points[:n], along_curve(points[:n]))
     h, source = field.lowered(wanted, bounds[:n], workers)
-    return h, ComponentSolution(h, source, field).named()[:, 0]
+    return ComponentSolution(h, source, field)
