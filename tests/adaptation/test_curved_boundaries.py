@@ -102,6 +102,10 @@ def test_corners_and_ridges_stay_and_so_do_nodes_inside():
     ridge = (np.abs(cube.points) == 1.0).sum(axis=1) >= 2
     assert report.n_corners == ridge.sum() == 12 * 3 + 8
     assert_array_equal(moved.points[ridge], cube.points[ridge])
+    surface = SimplexMesh(np.pad(square.points, ((0, 0), (0, 1))), square.cells)
+    moved, report = move_to_boundary(surface, lambda x: x + np.array([0.0, 0.0, 0.01]), 30.0)
+    assert report.n_corners == np.count_nonzero(~inside)  # the rim
+    assert_array_equal(moved.points[:, 2], np.where(inside, 0.01, 0.0))
 
 
 def test_projections_by_tag_move_their_facets_only():

@@ -141,6 +141,14 @@ def test_polygons_are_split_inside_however_they_begin(turn):
     assert mesh.measures.sum() == pytest.approx(3.0, rel=1e-14)
 
 
+def test_polygons_on_a_line_are_split_too():
+    points = np.array([[0, 0], [1, 0], [2, 0], [3, 0], [4, 0], [0, 1]], float)
+    raw = blocks.RawMesh(points, [("polygon", np.array([[0, 1, 2, 3, 4], [0, 1, 2, 3, 5]]))])
+    simplices = blocks.simplices_of(raw, 2)
+    assert sorted(simplices.row) == [0, 0, 0, 1, 1, 1]
+    assert {*simplices.cells[simplices.row == 0].ravel()} == {0, 1, 2, 3, 4}
+
+
 def mixed_file(tmp_path):
     """A tetrahedron, two of its faces, one edge, and a node of its own."""
     points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [5, 5, 5]]

@@ -49,6 +49,7 @@ def test_the_solution_does_not_depend_on_the_start(order):
         h = _solve(grid, h0, 0.3, order, start=start).h
         assert_allclose(h, from_bound, rtol=1e-6)
     assert (h < h0 - 1e-6).mean() > 0.5  # most of it is limited
+    assert _solve(grid, h0, 0.3, order, max_iter=3).iterations == 3
 
 
 def test_progress_is_reported_and_may_stop_the_work():
