@@ -92,14 +92,14 @@ def disc_field(radius):
     return 6.0 + 0.59 / wave_number * np.cos(wave_number * radius)
 
 
-def wall_box(n, *, seed=1007):
-    """The box (-50, 50)^3 with a wall |x| < 1, y > 0: a slit square times an interval.
+def wall_box(n, *, width=2.0, seed=1007):
+    """The box (-50, 50)^3 with a wall |x| < width / 2, y > 0: a slit square times an interval.
 
     The wall reaches the three sides y = 50, z = -50 and z = 50; its end, two reflex edges
     along z, leaves an opening.  Returns tetrahedra and the rings of the section z = const.
     """
     y, z = (-HALF_WIDTH, 0.0, HALF_WIDTH), (-HALF_WIDTH, HALF_WIDTH)
-    return _walled_box(n, 2.0, y, z, lambda y, z: y < 0.0, seed), (slit_polygon(2.0, 0.0),)
+    return _walled_box(n, width, y, z, lambda y, z: y < 0.0, seed), (slit_polygon(width, 0.0),)
 
 
 def window_box(n, *, seed=1008):

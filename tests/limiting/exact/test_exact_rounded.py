@@ -103,6 +103,7 @@ def _is_around(x):
 
 SOLIDS = {
     "wall": lambda: domains.wall_box(200, seed=2291)[0],
+    "thin wall": lambda: domains.wall_box(200, width=0.1, seed=2295)[0],
     "window": lambda: domains.window_box(250, seed=2292)[0],
     "frame": lambda: solid_of_cubes(_is_around, (5, 5, 2), 5),
 }
