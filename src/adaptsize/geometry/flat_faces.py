@@ -4,8 +4,6 @@ A plane face whose coordinates are rounded to, say, nine digits becomes bumpy: i
 the noise over their heights, and hide points from each other that see each other along the face.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from adaptsize.background.topology import components_of, places_among

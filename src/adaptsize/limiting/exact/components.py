@@ -1,7 +1,5 @@
 """Connected components of a mesh in parts, and the points that lie in each."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

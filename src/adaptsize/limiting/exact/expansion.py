@@ -1,7 +1,5 @@
 """The exact method in plane domains with very many corners: triangular expansion."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from adaptsize._kernels import expansion as kernels

@@ -9,8 +9,6 @@ and compute the sizes at the nodes of these edges alike.  See
 docs/decisions/0030-one-exchange-between-ranks.md.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Obstacles in the plane: corners and lines of sight in a domain that is not convex."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

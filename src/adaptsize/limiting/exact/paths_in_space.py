@@ -3,8 +3,6 @@
 Paths over reflex edges are extended by one edge at a time.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """The exact method on any flat background: components, lines, meshes, grids and periodic cells."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace

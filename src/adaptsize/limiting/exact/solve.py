@@ -1,7 +1,5 @@
 """Exact limiting on one component: sources at nodes, edges, faces and corners, allowed sizes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 
