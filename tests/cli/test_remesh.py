@@ -10,7 +10,7 @@ from shapes import CORNERS as UNIT
 from shapes import CUBE_CELLS
 
 from adaptsize import SimplexMesh, read, remesh, size_function, write
-from adaptsize._formats.provenance import read_provenance, write_provenance
+from adaptsize.cli.files import read_provenance, write_provenance
 from adaptsize.quality import check_mesh, size_conformity
 from adaptsize.reporting.outcome import Outcome
 

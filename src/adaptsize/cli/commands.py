@@ -104,7 +104,6 @@ def check(console: Console, file: Input, given: Given) -> int:
     The exit code is 1 if a demand is not met.  The worst places are listed.  The tolerance is that
     with which remesh made the mesh, unless another one is given.
     """
-    from adaptsize._formats.provenance import read_provenance
     from adaptsize.remeshing.preparation import repair_mesh
     from adaptsize.reporting.outcome import conformity_beside
 
@@ -112,7 +111,7 @@ def check(console: Console, file: Input, given: Given) -> int:
     with console.steps(2) as steps:
         steps.begin("reading")
         mesh = files.read_mesh(file)
-        made = read_provenance(file)
+        made = files.read_provenance(file)
         if made.get("n_cells") == mesh.n_cells and isinstance(made.get("tolerance"), float):
             given = {"tolerance": made["tolerance"]} | given
             console.say(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -11,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 import adaptsize as ads
+from adaptsize._formats.guards import write_whole
+from adaptsize._formats.text import write_text
 from adaptsize.cli.console import Console
 from adaptsize.reporting.outcome import kind_of
 
@@ -208,6 +211,35 @@ def _contents(
     if chosen.suffixes == (".sol",):
         return held | {"kind": "nodal sizes", "n_points": written.n_points}
     return held | {"n_points": written.n_points, "n_cells": written.n_cells}
+
+
+def write_provenance(path: Path, record: Mapping[str, Any]) -> None:
+    """Store what a mesh was made with, plain values, in ``NAME.json`` beside it.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "part.stl"
+    ...     write_provenance(path, {"tolerance": 0.001})
+    ...     (sorted(p.name for p in path.parent.iterdir()), read_provenance(path))
+    (['part.stl.json'], {'tolerance': 0.001})
+    """
+    text = json.dumps(record, allow_nan=False)
+    write_whole(_record_beside(path), lambda target: write_text(target, text, "\n"))
+
+
+def read_provenance(path: Path) -> dict[str, Any]:
+    """Return what `write_provenance` stored beside a mesh; empty if there is nothing."""
+    try:
+        found = json.loads(_record_beside(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError):  # also of another program
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _record_beside(path: Path) -> Path:
+    return path.with_name(f"{path.name}.json")
 
 
 def draw(console: Console, kind: str, path: Path | None, *what: Any) -> None:

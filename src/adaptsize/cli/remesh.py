@@ -66,7 +66,6 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     """
     if "metric" in given:
         return remesh_with_metric(console, file, output, given)
-    from adaptsize._formats.provenance import write_provenance
     from adaptsize.domain_size.cost import report_of
     from adaptsize.domain_size.elements import mesh_with_sizes, tolerance_of
     from adaptsize.remeshing.preparation import repair_mesh
@@ -97,7 +96,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         new = new.with_data(point_data={"h": size(new.points)})
         steps.begin("writing")
         files.write_result(console, output, new)
-        write_provenance(output, _provenance(file, given, as_dict(report), allowed, new))
+        files.write_provenance(output, _provenance(file, given, as_dict(report), allowed, new))
         steps.begin("checks")
         repaired = repair_mesh(mesh).mesh
         outcome = outcome_of_remeshing(new, repaired, size, allowed, given.get("elements"))
