@@ -8,7 +8,7 @@ from functools import cache
 import domains
 import numpy as np
 import pytest
-from meshes import structured_square
+from meshes import jittered_cube, structured_square
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 from solids_of_cubes import solid_of_cubes
@@ -102,6 +102,7 @@ def _is_around(x):
 
 
 SOLIDS = {
+    "box": lambda: jittered_cube(5, 2296),
     "wall": lambda: domains.wall_box(200, seed=2291)[0],
     "thin wall": lambda: domains.wall_box(200, width=0.1, seed=2295)[0],
     "window": lambda: domains.window_box(250, seed=2292)[0],
