@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptsize._checks import warn_caller
+from adaptsize._checks import place_text, warn_caller
 from adaptsize._defaults import CORNER_ANGLE
 from adaptsize._progress import silent
 from adaptsize._size_function import SizeFunction
@@ -387,11 +387,11 @@ def warn_where_missed(size: SizeFunction, sources: Sequence[Any], hmin: float) -
         if len(excess) == 0 or excess.max() <= 1.2:
             continue
         worst = int(np.argmax(excess))
-        place = ", ".join(f"{x:.6g}" for x in places[worst])
         warn_caller(
-            f"{type(source).__name__} requests the size {requested[worst]:.4g} at ({place}), which "
-            f"is off the surface, where the size is {given[worst]:.4g}: a surface carries sizes at "
-            "its own nodes only; make tetrahedra first and compute their sizes with this source",
+            f"{type(source).__name__} requests the size {requested[worst]:.4g} at "
+            f"{place_text(places[worst])}, which is off the surface, where the size is "
+            f"{given[worst]:.4g}: a surface carries sizes at its own nodes only; make tetrahedra "
+            "first and compute their sizes with this source",
             InputWarning,
         )
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from adaptsize.background import CartesianGrid
 from adaptsize.background.grid import strides_of
+from adaptsize.background.topology import marked
 from adaptsize.geometry.level_sets import as_level_set, curvature_at_nodes
 from adaptsize.options import CurvatureOptions
 from adaptsize.typing import BoolArray, FloatArray, LongArray
@@ -43,8 +44,12 @@ def size_from_distance(
             f"boundary must be a signed distance, or finer resolved: at none of the {len(kappa)} "
             f"nodes near its zeros is its gradient of about length 1"
         )
-    known = _away_from_corners(grid, nodes, kappa * grid.spacing.max() <= angle)
-    known &= phi.ravel()[nodes] >= -within
+    # Differences across a corner give a curvature of the order of 1 / spacing, which depends on the
+    # position of the corner between the nodes.  Some of these nodes are detected, and their
+    # neighbours are excluded too.
+    smooth = kappa * grid.spacing.max() <= angle
+    known = smooth & (phi.ravel()[nodes] >= -within)
+    known[smooth] &= ~_are_beside(grid, marked(nodes[~smooth], grid.n_points), nodes[smooth])
     nodes, kappa = nodes[known], kappa[known]
     kappa[kappa * grid.diagonal < _FLAT] = 0.0
     h0 = np.full(grid.n_points, np.inf)
@@ -74,24 +79,6 @@ def _nodes_near(grid: CartesianGrid, phi: FloatArray, within: float) -> LongArra
     return np.flatnonzero(near | (beside & (phi < 0.0)))
 
 
-def _away_from_corners(grid: CartesianGrid, nodes: LongArray, smooth: BoolArray) -> BoolArray:
-    """Return which nodes are smooth themselves, and all of their neighbours among ``nodes``.
-
-    Differences across a corner give a curvature of the order of 1 / spacing, which depends on the
-    position of the corner between the nodes.  Some of these nodes are detected, and their
-    neighbours are excluded too.
-    """
-    corner = np.zeros(grid.n_points, np.bool_)
-    corner[nodes] = ~smooth
-    found = smooth.copy()
-    inner = nodes[smooth]
-    beside = np.zeros(len(inner), np.bool_)
-    for step in _steps_to_neighbours(grid):
-        beside |= corner[inner + step]
-    found[smooth] = ~beside
-    return found
-
-
 def _sizes_beside_boundary(
     grid: CartesianGrid, phi: FloatArray, nodes: LongArray, per_size: FloatArray, g: float
 ) -> FloatArray:
@@ -110,7 +97,8 @@ def _sizes_beside_boundary(
     across = np.sqrt(np.maximum(g**2 - along**2, 0.0))
     h0[outside] -= across * distance[outside]
     h0 = np.maximum(h0, _LEAST_SHARE * size)
-    h0[outside] = np.where(_beside_inside(grid, phi, nodes[outside]), h0[outside], np.inf)
+    is_beside = _are_beside(grid, phi.ravel() <= 0.0, nodes[outside])
+    h0[outside] = np.where(is_beside, h0[outside], np.inf)
     return h0
 
 
@@ -130,16 +118,10 @@ def _slope_along(grid: CartesianGrid, nodes: LongArray, per_size: FloatArray) ->
     return np.asarray(np.sqrt(total) / np.where(per_size > 0.0, per_size, np.inf) ** 2)
 
 
-def _beside_inside(grid: CartesianGrid, phi: FloatArray, nodes: LongArray) -> BoolArray:
-    """Return which nodes share a box with an inside node; none may be on the grid border."""
-    inside = phi.ravel() <= 0.0
+def _are_beside(grid: CartesianGrid, chosen: BoolArray, nodes: LongArray) -> BoolArray:
+    """Return which nodes share a box with a chosen node; none may be on the grid border."""
+    steps = np.array(list(product((-1, 0, 1), repeat=grid.dim)))
     found = np.zeros(len(nodes), np.bool_)
-    for step in _steps_to_neighbours(grid):
-        found |= inside[nodes + step]
+    for step in (steps @ strides_of(grid.shape)).tolist():  # of flat indices, one of them 0
+        found |= chosen[nodes + step]
     return found
-
-
-def _steps_to_neighbours(grid: CartesianGrid) -> list[int]:
-    """Return the offsets of flat indices to the nodes in the same boxes, including 0."""
-    all_steps = np.array(list(product((-1, 0, 1), repeat=grid.dim)))
-    return [int(step) for step in all_steps @ strides_of(grid.shape)]

@@ -19,6 +19,7 @@ from adaptsize._checks import (
     as_sizes,
     as_slope,
     describe,
+    place_text,
     refuse_where,
 )
 from adaptsize._defaults import GRADIENT_LIMIT
@@ -269,12 +270,11 @@ def _warn_of_outside(points: FloatArray, away: FloatArray, diagonal: float) -> N
     outside = away > 1e-9 * diagonal  # more than rounding
     if outside.any():
         first = int(np.argmax(outside))
-        place = ", ".join(f"{x:.6g}" for x in points[first])
         more = int(np.count_nonzero(outside)) - 1
         also = f" (and {more} more)" if more else ""
         warnings.warn(
-            f"the source at ({place}) lies {away[first]:.4g} outside the domain{also}: it acts "
-            "only on the nodes of the closest cells, with its distance from them",
+            f"the source at {place_text(points[first])} lies {away[first]:.4g} outside the domain"
+            f"{also}: it acts only on the nodes of the closest cells, with its distance from them",
             InputWarning,
             stacklevel=2,
         )

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_near_points, as_number, as_whole_number, refuse_where
+from adaptsize._checks import as_near_points, as_number, as_whole_number, place_text, refuse_where
 from adaptsize._progress import reporting
 from adaptsize._with_info import with_info
 from adaptsize.background import SimplexMesh
@@ -184,11 +184,10 @@ def _refuse_cut(domain: ImplicitDomain) -> None:
     deep[deep] = depth[deep] > 0.5 * domain.size(skin[deep])
     if deep.any():
         first = skin[int(np.argmax(np.where(deep, depth, -np.inf)))]
-        at = ", ".join(f"{float(x):.6g}" for x in first)
         raise ValueError(
             "distance must not be negative on the faces of the box from lower to upper, got "
-            f"{domain.given(first[None])[0]:.4g} at ({at}); is it negative inside?  Take a larger "
-            "box, or clip=True to cut the domain off there"
+            f"{domain.given(first[None])[0]:.4g} at {place_text(first)}; is it negative inside?  "
+            "Take a larger box, or clip=True to cut the domain off there"
         )
 
 
