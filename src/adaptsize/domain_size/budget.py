@@ -1,7 +1,5 @@
 """The size function of a domain within a number of elements."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

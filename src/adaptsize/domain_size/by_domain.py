@@ -1,7 +1,5 @@
 """The size function of each kind of domain: bounds from its shape, then gradient limiting."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 

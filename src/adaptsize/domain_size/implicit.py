@@ -1,7 +1,5 @@
 """The size function of an implicit domain, on an octree that is refined by it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

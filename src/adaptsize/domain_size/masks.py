@@ -1,7 +1,5 @@
 """Objects in images: their masks, filtered, and the distance to their boundary."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

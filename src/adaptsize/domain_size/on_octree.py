@@ -1,7 +1,5 @@
 """Sizes in the part of an octree that lies in a domain."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

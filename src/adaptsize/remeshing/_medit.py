@@ -5,8 +5,6 @@ next block, the number of rows, and the rows.  Version 2 has real numbers of 64 
 of 32.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Checks of generated meshes, and other generators if one is not accepted (``strict``)."""
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator

@@ -1,7 +1,5 @@
 """Tetrahedra in a surface: a first volume for Mmg to start from, adapted and improved."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 from typing import Any

@@ -3,8 +3,6 @@
 Observed behaviour that is handled here: initialize() replaces the handler of SIGINT.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

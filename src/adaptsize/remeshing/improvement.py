@@ -8,8 +8,6 @@ worst cell around a node worse or brings a facet farther away than the tolerance
 lowers the least angle or the least radius ratio of the mesh.  In the plane, only edges get nodes.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Remeshing of meshes in parts: each rank remeshes its part, then the interfaces move."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

@@ -7,8 +7,6 @@ call gets a new process in its own session and temporary directory, under a supe
 directory, when the time limit is reached or the caller is interrupted, ends or is killed.
 """
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import math

@@ -1,7 +1,5 @@
 """Sizes and metrics in the form that generators need: callables, or a background mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, TypeAlias
 

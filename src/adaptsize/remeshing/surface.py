@@ -5,8 +5,6 @@ flipped in flat facets, which leaves the surface as it is.  Slivers are removed,
 share of the tolerance.  Edges that must not be rounded are listed.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

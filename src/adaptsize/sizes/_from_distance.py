@@ -1,7 +1,5 @@
 """Sizes from the curvature of a boundary given by the signed distance on a grid."""
 
-from __future__ import annotations
-
 import math
 from itertools import product
 

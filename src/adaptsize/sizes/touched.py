@@ -4,8 +4,6 @@ It acts on the nodes of the cells that it touches.  Those of a grid, the boxes, 
 indices of the nodes: no boxes and no coordinates are stored per node.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from itertools import combinations, product
 from typing import Literal, NamedTuple, TypeAlias

@@ -1,7 +1,5 @@
 """From converged nodes to a mesh: projection of boundary nodes, improvement of bad cells."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -1,7 +1,5 @@
 """A domain given by a distance function: checked values, gradients, projection to its boundary."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property

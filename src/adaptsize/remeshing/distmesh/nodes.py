@@ -1,7 +1,5 @@
 """Insertion and removal of nodes by edge lengths, and nodes at corners and edges of the domain."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -12,8 +12,6 @@ References
    329-345.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -18,8 +18,6 @@ References
    International Meshing Roundtable (1996) 63-74.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
