@@ -196,7 +196,8 @@ class SizeOptions(TypedDict, total=False):
     hmin: Annotated[
         float | None,
         Option(
-            chosen="1/1000 of the diameter, at least a spacing or two pixels",
+            chosen="1/1000 of the diameter, at least a spacing or two pixels, "
+            "but at most prescribed sizes",
             unit="length",
             above=True,
         ),

@@ -8,9 +8,14 @@ from shapes import moved
 from solids import circle, outline
 
 from adaptsize import (
+    BallSource,
+    BoundarySource,
+    BoxSource,
     CartesianGrid,
+    CurveSource,
     Octree,
     PointSource,
+    RegionSource,
     SimplexMesh,
     SizeFunction,
     refine_at_boundary,
@@ -256,3 +261,20 @@ def test_sources_may_come_from_a_generator():
         **options,
     )
     assert size([[0.3, 0.1]]) < 0.006
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        PointSource([0.0, 0.0], 5e-4), CurveSource([[-0.5, 0.0], [0.5, 0.0]], 5e-4),
+        BoundarySource(5e-4), RegionSource(1, 5e-4), BoxSource([-0.3, -0.3], [0.3, 0.3], 5e-4),
+        BallSource([0.0, 0.0], 0.3, 5e-4),
+    ],
+)  # fmt: skip
+def test_the_default_of_hmin_raises_no_prescribed_size(source):
+    square = structured_square(8, half_width=1.0)
+    square = SimplexMesh(square.points, square.cells, cell_tags=np.ones(square.n_cells, int))
+    options = {"sources": source, "max_elements": np.inf}
+    size = size_function(square, **options)
+    assert size.values.min() == size.report.hmin == 5e-4 < 1e-3 * square.diameter
+    assert size_function(square, hmin=0.01, **options).values.min() == 0.01

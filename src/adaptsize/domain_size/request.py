@@ -23,7 +23,7 @@ from adaptsize.options import BudgetOptions, SizeFunctionOptions
 from adaptsize.sizes import PointSource, size_from_sources
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, nodal_measures
 from adaptsize.sizes.curvature import size_of_chords
-from adaptsize.sizes.sources import as_sources
+from adaptsize.sizes.sources import KNOWN, as_sources
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 #: What a mesh may have a requested number of; "dofs" are the unknowns of finite elements.
@@ -153,17 +153,15 @@ class Request:
             high = max(self.relaxation * (1.0 / 20.0) * diameter, low or 0.0, least)
         if low is None:
             low = min(max(self.relaxation * (1.0 / 1000.0) * diameter, least), high)
-            for source in self._point_sources():  # prescribed sizes are not raised
-                low = min(low, float(np.min(source.size)))
-            low = min(low, *(self.options["size_of"] or {"": low}).values())
+            sizes = [source.size for source in self.sources if isinstance(source, KNOWN)]
+            sizes += (self.options["size_of"] or {}).values()
+            low = min([low, *(np.min(size, initial=low) for size in sizes)])  # none is raised
         return float(low), float(high)
-
-    def _point_sources(self) -> list[PointSource]:
-        return [source for source in self.sources if isinstance(source, PointSource)]
 
     def points(self, dim: int) -> list[tuple[str, FloatArray, FloatArray]]:
         """Return the positions and sizes of the point sources."""
-        return [("sources", *source.rows(dim)) for source in self._point_sources()]
+        given = [source for source in self.sources if isinstance(source, PointSource)]
+        return [("sources", *source.rows(dim)) for source in given]
 
     def external(self, background: AnyBackground) -> dict[str, FloatArray]:
         """Return the bounds that do not depend on the shape."""

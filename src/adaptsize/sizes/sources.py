@@ -406,7 +406,7 @@ def size_from_sources(
         ranks.require_equal(sources=len(several), g=slope)
         ranks.require_equal(**digests)
     for number, source in enumerate(several):
-        if isinstance(source, _KNOWN):
+        if isinstance(source, KNOWN):
             source.lower_sizes(on, slope, h0)
         else:
             local = on.mesh if isinstance(on, PartitionedMesh) else on
@@ -414,7 +414,8 @@ def size_from_sources(
     return h0 if isinstance(on, CartesianGrid) else on.shared.merge(h0, np.minimum)
 
 
-_KNOWN = (PointSource, CurveSource, BoundarySource, RegionSource, BoxSource, BallSource)
+#: Those that all ranks search together.
+KNOWN = (PointSource, CurveSource, BoundarySource, RegionSource, BoxSource, BallSource)
 
 
 def _lower_by(
@@ -457,7 +458,7 @@ def _at_active_nodes(
 def _digest(source: Any) -> str:
     """Return the class of a source, with the values of those that all ranks search together."""
     name = type(source).__name__
-    if not isinstance(source, _KNOWN):
+    if not isinstance(source, KNOWN):
         return name
     found = sha256()
     for field in fields(source):
