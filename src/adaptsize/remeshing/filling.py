@@ -14,7 +14,7 @@ from adaptsize.errors import (
     ResolutionWarning,
     TooManyElementsError,
 )
-from adaptsize.quality.boundary import keeps_topology
+from adaptsize.quality.boundary import distances_from, keeps_topology
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing import netgen
 from adaptsize.remeshing.improvement import improved
@@ -51,9 +51,9 @@ def filled(
     """Return the tetrahedra in a surface, adapted from a first volume by a generator, and improved.
 
     If cells are still flat, fTetWild fills the surface with the same sizes.  Its mesh is returned
-    if the smallest angle is larger, and the topology of the boundary is kept: of a fin thinner
-    than the tolerance, it may leave an edge in more than two facets.  It also fills the surface if
-    the generator fails on the first volume.
+    if the smallest angle is larger, and topology and tolerance of the boundary are kept: of a fin
+    thinner than the tolerance, it may leave an edge in more than two facets.  It also fills the
+    surface if the generator fails on the first volume.
     """
     inner = _first_volume(problem, run)
     if not inner.is_adapted:
@@ -81,11 +81,17 @@ def filled(
         return new
     if new is None:
         return other
-    keeps, other_keeps = (
-        keeps_topology(mesh.boundary().mesh, problem.mesh) for mesh in (new, other)
-    )
-    is_better = float(minimum_angles(other).min()) > angle and other_keeps >= keeps
+    fits, other_fits = (_fits(mesh, problem) for mesh in (new, other))
+    is_better = float(minimum_angles(other).min()) > angle and other_fits >= fits
     return other if is_better else new
+
+
+def _fits(mesh: SimplexMesh, problem: Problem) -> bool:
+    """Return whether the boundary has the topology of the surface, and is within the tolerance."""
+    skin, surface = mesh.boundary().mesh, problem.mesh
+    distances = distances_from(skin, surface), distances_from(surface, skin)
+    is_near = max(found.largest for found in distances) <= problem.tolerance
+    return is_near and keeps_topology(skin, surface)
 
 
 def _check_number(inner: Problem, n_cells: float, max_elements: float) -> None:
