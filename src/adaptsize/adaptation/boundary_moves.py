@@ -94,7 +94,10 @@ def move_to_boundary(
         nodes = np.unique(facets[kind == number])
         nodes = nodes[~kept[nodes]]
         moving[nodes] = True
-        target[nodes] = _projected(projection, mesh.points[nodes])
+        places = mesh.points[nodes]
+        found = as_float_array("project(points)", projection(places), places.shape)
+        refuse_where("project(points)", ~np.isfinite(found), found, "must be finite")
+        target[nodes] = found
     on_any = np.unique(facets[kind >= 0])
     move = target - mesh.points
     length = np.linalg.norm(move, axis=1)
@@ -180,13 +183,6 @@ def _height(
         height = height - along[:, None] * side
     length = np.linalg.norm(height, axis=1, keepdims=True)
     return np.asarray(height / np.maximum(length, np.finfo(float).tiny))
-
-
-def _projected(projection: Projection, points: FloatArray) -> FloatArray:
-    """Return checked results of a projection."""
-    result = as_float_array("project(points)", projection(points.copy()), points.shape)
-    refuse_where("project(points)", ~np.isfinite(result), result, "must be finite")
-    return result
 
 
 def _allowed_shares(mesh: SimplexMesh, move: FloatArray, moving: BoolArray) -> FloatArray:

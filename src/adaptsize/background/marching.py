@@ -1,18 +1,13 @@
 """Marching on grids until no node is lowered any more, and the distances that this gives."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from adaptsize._kernels import fast_marching_grid as grid_kernels
 from adaptsize._kernels.fast_marching_grid import Buckets
-from adaptsize.background.grid import strides_of
+from adaptsize.background.grid import CartesianGrid, strides_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
-
-if TYPE_CHECKING:
-    from adaptsize.background import CartesianGrid
 
 # Buckets that the sizes of waiting nodes may spread over.
 _BUCKETS = 4096
