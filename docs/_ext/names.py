@@ -41,12 +41,12 @@ RECORDS = {
     "check_mesh": "quality.certificate.MeshCheck quality.certificate.Demand "
     "quality.certificate.Place",
     "size_conformity": "quality.conformity.Conformity quality.conformity.RatioStatistics "
-    "quality.metric.MetricQuality",
+    "quality.elements.MetricQuality",
     "mesh_from_distance": "remeshing.distmesh.report.SmoothingReport",
     "remeshing.register_backend": "remeshing.protocol.Problem",
     "distributed.PartitionedMesh": "ranks.Communicator ranks.Traffic",
-    "distributed.from_dolfinx": "distributed.from_dolfinx.DolfinxPart",
-    "distributed.from_dmplex": "distributed.from_petsc.PlexPart",
+    "distributed.from_dolfinx": "distributed.solvers.DolfinxPart",
+    "distributed.from_dmplex": "distributed.solvers.PlexPart",
 }
 
 

@@ -6,7 +6,7 @@ from shapes import block, two_region_rectangle
 
 from adaptsize import Metric, SimplexMesh, size_conformity
 from adaptsize.metrics.implied import implied_metric
-from adaptsize.quality.metric import metric_qualities
+from adaptsize.quality.elements import metric_qualities
 
 REGULAR = {
     2: [[0, 0], [1, 0], [0.5, np.sqrt(3) / 2]],

@@ -347,7 +347,7 @@ class SimplexMesh(ReadOnlyState):
     summarize = LaterMethod[Any]("adaptsize.quality.summary")
     radius_ratios = LaterMethod[FloatArray]("adaptsize.quality.elements")
     minimum_angles = LaterMethod[FloatArray]("adaptsize.quality.elements")
-    metric_qualities = LaterMethod[FloatArray]("adaptsize.quality.metric")
+    metric_qualities = LaterMethod[FloatArray]("adaptsize.quality.elements")
     implied_metric = LaterMethod[Any]("adaptsize.metrics.implied")
     crease_edges = LaterMethod[IntArray]("adaptsize.geometry.creases")
     tag_faces = LaterMethod["SimplexMesh"]("adaptsize.geometry.creases")

@@ -2,8 +2,7 @@
 
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.distributed.files import read_parts, write_parts
-from adaptsize.distributed.from_dolfinx import from_dolfinx, to_dolfinx
-from adaptsize.distributed.from_petsc import from_dmplex
+from adaptsize.distributed.solvers import from_dmplex, from_dolfinx, to_dolfinx
 
 __all__ = [
     "PartitionedMesh",

@@ -17,8 +17,13 @@ from adaptsize.background.requests import boxes_of, ranks_within
 from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.quality.boundary import distances_from
-from adaptsize.quality.elements import check_cells, minimum_angles, radius_ratios
-from adaptsize.quality.metric import MetricQuality, metric_quality
+from adaptsize.quality.elements import (
+    MetricQuality,
+    check_cells,
+    metric_quality,
+    minimum_angles,
+    radius_ratios,
+)
 from adaptsize.ranks import Communicator, split_rows, values_in_order
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
