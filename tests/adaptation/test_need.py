@@ -6,7 +6,7 @@ from meshes import jittered_cube, structured_square
 from numpy.testing import assert_allclose
 from partitions import on_ranks, partition
 
-from adaptsize import SimplexMesh, SizeFunction, adapt, needs_remeshing
+from adaptsize import Metric, SimplexMesh, SizeFunction, adapt, needs_remeshing
 
 SEED = 91133
 
@@ -16,9 +16,11 @@ def layer(x):
     return 0.05 + 0.1 * np.abs(x[:, 0] + 1.0)
 
 
-@pytest.mark.parametrize("size", [0.2145, 0.4, 0.21])
+@pytest.mark.parametrize("size", [0.2145, 0.4, 0.21, (0.2, 0.23)])
 def test_the_decision_is_that_of_adapt(generator, size):
     mesh = structured_square(10, half_width=1.0)
+    if isinstance(size, tuple):
+        size = Metric(np.tile(size, (mesh.n_points, 1)), [np.eye(2)] * mesh.n_points)
     need = needs_remeshing(mesh, size)
     result = adapt(mesh, h0=size, g=None)
     assert need.needed == result.remeshed
