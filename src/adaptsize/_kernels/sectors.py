@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.compiling import inner, kernel, lean_kernel
+from adaptsize._kernels.compiling import inner, kernel
 from adaptsize._kernels.vectors import between, cross, dot, norm, triple, unit
 
 
@@ -18,9 +18,7 @@ class Surface(NamedTuple):
     cells : int32[m, 3]
     cell_facets : int32[m, 3]
     facet_cells : int32[n_facets, 2]
-        The first two cells at each facet, -1 if there is none.
-    facet_counts : int32[n_facets]
-        Numbers of cells.
+        The cells at each facet of two, else -1.
     normals : float64[m, 3]
         Unit normals in the orientation of each triangle, that of a neighbour where a
         triangle is degenerate.
@@ -32,7 +30,6 @@ class Surface(NamedTuple):
     cells: np.ndarray
     cell_facets: np.ndarray
     facet_cells: np.ndarray
-    facet_counts: np.ndarray
     normals: np.ndarray
     areas: np.ndarray
 
@@ -137,7 +134,7 @@ def replace_degenerate_normals(surface):
             if dot(edge, edge) > best:
                 longest, best = v, dot(edge, edge)
         f = surface.cell_facets[c, longest]
-        if surface.facet_counts[f] != 2:
+        if surface.facet_cells[f, 0] < 0:
             continue
         other = surface.facet_cells[f, 0] + surface.facet_cells[f, 1] - c
         if areas[other] > 0.0:
@@ -164,7 +161,7 @@ def mark_creases(surface, facets, angle, is_crease):
     normals = surface.normals
     for f in range(facets.shape[0]):
         is_crease[f] = True
-        if surface.facet_counts[f] != 2:
+        if surface.facet_cells[f, 0] < 0:
             continue
         c, other = np.int64(surface.facet_cells[f, 0]), np.int64(surface.facet_cells[f, 1])
         sign = _agreement(surface.cells, c, other, facets[f, 0], facets[f, 1])
@@ -254,34 +251,3 @@ def fill_sectors(surface, is_crease, sectors):
         n_sectors += 1
         sectors.fan_ptr[n_sectors] = count
     return n_sectors
-
-
-@lean_kernel
-def remove_loose(edges, is_kept, is_feature, degree):
-    """Remove feature edges with a loose end until there are none.
-
-    Parameters
-    ----------
-    edges : int32[n_edges, 2]
-    is_kept : bool[n_edges]
-        Edges that are not removed.
-    is_feature : bool[n_edges]
-        In/Out.
-    degree : int32[n_points]
-        In/Out: number of feature edges at each node.
-    """
-    n = edges.shape[0]
-    left, forward = True, True
-    while left:
-        left = False
-        for k in range(n):
-            e = k if forward else n - 1 - k  # chains of edges are numbered in either direction
-            if not is_feature[e] or is_kept[e]:
-                continue
-            i, j = edges[e, 0], edges[e, 1]
-            if degree[i] == 1 or degree[j] == 1:
-                is_feature[e] = False
-                degree[i] -= 1
-                degree[j] -= 1
-                left = True
-        forward = not forward

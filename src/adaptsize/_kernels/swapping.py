@@ -104,26 +104,20 @@ def _list_around(mesh, a, b, work):
     n = 0
     for place in range(mesh.ring_ptr[a], mesh.ring_ptr[a + 1]):
         t = mesh.ring[place]
-        has = False
+        has, u, w = False, -1, -1
         for v in range(4):
-            has = has or mesh.cells[t, v] == b
+            node = mesh.cells[t, v]
+            if node == b:
+                has = True
+            elif node != a:
+                u, w = w, node
         if not has:
             continue
         if mesh.removed[t] or n == MOST_AROUND:
             return 0
-        u = -1
-        w = -1
-        for v in range(4):
-            if mesh.cells[t, v] != a and mesh.cells[t, v] != b:
-                if u < 0:
-                    u = mesh.cells[t, v]
-                else:
-                    w = mesh.cells[t, v]
         if tetrahedron(mesh.points, a, b, u, w) < 0.0:
             u, w = w, u
-        work.old[n] = t
-        work.left[n] = u
-        work.right[n] = w
+        work.old[n], work.left[n], work.right[n] = t, u, w
         n += 1
     return n
 
@@ -182,23 +176,18 @@ def _set_cell(new, row, corners):
 def _list_filling(a, b, n, work):
     """List the cells of the best filling; return how many."""
     loop, stack, n_new = work.loop, work.stack, 0
-    stack[0, 0] = 0
-    stack[0, 1] = n - 1
-    height = 1
+    stack[0, 0], stack[0, 1], height = 0, n - 1, 1
     while height > 0:
         height -= 1
-        i = stack[height, 0]
-        j = stack[height, 1]
+        i, j = stack[height, 0], stack[height, 1]
         if j - i < 2:
             continue
         k = work.split[i, j]
         _set_cell(work.new, n_new, (a, loop[i], loop[k], loop[j]))
         _set_cell(work.new, n_new + 1, (b, loop[i], loop[j], loop[k]))
         n_new += 2
-        stack[height, 0] = i
-        stack[height, 1] = k
-        stack[height + 1, 0] = k
-        stack[height + 1, 1] = j
+        stack[height, 0], stack[height, 1] = i, k
+        stack[height + 1, 0], stack[height + 1, 1] = k, j
         height += 2
     return n_new
 

@@ -21,15 +21,14 @@ FLAT_SHARE = 1e-12
 
 def normals_of(surface: SimplexMesh) -> kernels.Surface:
     """Return triangles in space with their unit normals."""
-    counts = surface.facet_cell_counts
-    start, ring = rings(surface.cell_facets, len(counts))
-    facet_cells = np.full((len(counts), 2), -1, np.int32)
-    facet_cells[:, 0] = ring[start[:-1]]
-    facet_cells[counts > 1, 1] = ring[start[:-1][counts > 1] + 1]
+    inner = np.flatnonzero(surface.facet_cell_counts == 2)
+    start, ring = rings(surface.cell_facets, len(surface.facets))
+    facet_cells = np.full((len(surface.facets), 2), -1, np.int32)
+    facet_cells[inner] = ring[start[inner, None] + np.arange(2)]
     normals, areas = np.empty((surface.n_cells, 3)), np.empty(surface.n_cells)
     kernels.fill_face_normals(surface.points, surface.cells, FLAT_SHARE, normals, areas)
     found = kernels.Surface(
-        surface.points, surface.cells, surface.cell_facets, facet_cells, counts, normals, areas
+        surface.points, surface.cells, surface.cell_facets, facet_cells, normals, areas
     )
     kernels.replace_degenerate_normals(found)
     return found
@@ -51,10 +50,16 @@ def feature_facets(surface: SimplexMesh, normals: kernels.Surface, angle: float)
     These are the ones of `sharp_facets` without sharp edges that have a loose end.
     """
     is_feature = sharp_facets(surface, normals, angle)
-    degree = np.bincount(surface.edges[is_feature].ravel(), minlength=surface.n_points)
     is_kept = is_tagged(surface) | (surface.facet_cell_counts != 2)
-    kernels.remove_loose(surface.edges, is_kept, is_feature, degree.astype(np.int32))
-    return is_feature
+    rows = np.flatnonzero(is_feature)
+    number = np.unique(surface.edges[rows], return_inverse=True)[1].reshape(-1, 2)
+    while True:
+        degree = np.bincount(number.ravel())
+        loose = ~is_kept[rows] & (degree[number] == 1).any(axis=1)
+        if not loose.any():
+            return is_feature
+        is_feature[rows[loose]] = False
+        rows, number = rows[~loose], number[~loose]
 
 
 class Folds(NamedTuple):
@@ -126,12 +131,21 @@ def tips_of_cones(points: FloatArray, triangles: IntArray, angle: float) -> Inde
     int64[k]
         In ascending order.
     """
-    ahead = points[np.roll(triangles, -1, axis=1)] - points[triangles]
-    behind = -np.roll(ahead, 1, axis=1)
-    sines = np.linalg.norm(np.cross(ahead, behind), axis=2)
-    angles = np.arctan2(sines, np.einsum("ijk,ijk->ij", ahead, behind))
-    around = np.bincount(triangles.ravel(), angles.ravel(), len(points))
+    around = angles_around(points, triangles)
     return np.flatnonzero((around > 0.0) & (around < 2.0 * np.pi * np.cos(angle)))
+
+
+def angles_around(points: FloatArray, triangles: IntArray) -> FloatArray:
+    """Return the sum of the angles of triangles at each point, 0 at points of none."""
+    angles = corner_angles(points[triangles])
+    return np.asarray(np.bincount(triangles.ravel(), angles.ravel(), len(points)), np.float64)
+
+
+def corner_angles(corners: FloatArray) -> FloatArray:
+    """Return the angles of triangles at their corners, float64[n, 3], from float64[n, 3, 3]."""
+    a, b = (np.roll(corners, -turn, axis=1) - corners for turn in (1, 2))
+    sine, cosine = np.linalg.norm(np.cross(a, b), axis=2), np.einsum("ijk,ijk->ij", a, b)
+    return np.asarray(np.arctan2(sine, cosine))
 
 
 def crease_edges(surface: SimplexMesh, *, crease_angle: float = CREASE_ANGLE) -> IntArray:

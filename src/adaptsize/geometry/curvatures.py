@@ -13,8 +13,8 @@ from adaptsize._kernels import curvature as kernels
 from adaptsize._kernels.sectors import Sectors, Surface, fill_sectors
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import as_mesh
-from adaptsize.geometry.creases import crease_edges, feature_facets, normals_of
-from adaptsize.geometry.faces import Passages, corner_angles, twice_area
+from adaptsize.geometry.creases import corner_angles, crease_edges, feature_facets, normals_of
+from adaptsize.geometry.faces import Passages, twice_area
 from adaptsize.typing import FloatArray, IntArray
 
 #: What the curvature is returned for.

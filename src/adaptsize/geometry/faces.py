@@ -20,7 +20,13 @@ from adaptsize.background.topology import (
     pairs_of_cells,
     unique_rows,
 )
-from adaptsize.geometry.creases import FLAT_SHARE, feature_facets, normals_of, sharp_facets
+from adaptsize.geometry.creases import (
+    FLAT_SHARE,
+    angles_around,
+    feature_facets,
+    normals_of,
+    sharp_facets,
+)
 from adaptsize.geometry.distance.orientation import MERGE_SHARE, merged_cells, oriented
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
@@ -280,19 +286,10 @@ def _all_pairs(around: Lists, which: npt.NDArray[np.integer], n: int) -> Lists:
 
 def _cells_at_tips(mesh: SimplexMesh, on_feature: BoolArray) -> IndexArray:
     """Return a cell at each tip: a node on no feature edge, with too small a sum of angles."""
-    angles = corner_angles(mesh.points[mesh.cells])
-    total = np.bincount(mesh.cells.ravel(), angles.ravel(), mesh.n_points)
     # A node inside a face is a tip if the angles around it are less than a full turn by more,
     # radians.
-    is_tip = ~on_feature & (total < 2.0 * math.pi - 0.5)
+    is_tip = ~on_feature & (angles_around(mesh.points, mesh.cells) < 2.0 * math.pi - 0.5)
     return np.flatnonzero(is_tip[mesh.cells].any(axis=1))
-
-
-def corner_angles(corners: FloatArray) -> FloatArray:
-    """Return the angles of triangles at their corners, float64[n, 3], from float64[n, 3, 3]."""
-    a, b = (np.roll(corners, -turn, axis=1) - corners for turn in (1, 2))
-    sine, cosine = np.linalg.norm(np.cross(a, b), axis=2), np.einsum("ijk,ijk->ij", a, b)
-    return np.asarray(np.arctan2(sine, cosine))
 
 
 def _curves_of(points: FloatArray, edges: IntArray, angle: float) -> tuple[BoolArray, IntArray]:
