@@ -10,6 +10,7 @@ from adaptsize._kernels.space_paths import Edges
 from adaptsize._kernels.space_sight import Sight, Stars, Walls
 from adaptsize.background._curve import along_curve, boxes_over
 from adaptsize.background.topology import components_of, places_among
+from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.convexity import Ridges
 from adaptsize.geometry.flat_faces import diagonal_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray
@@ -30,41 +31,39 @@ _NO_VOLUME = 1e-12
 
 def build_sight(points: FloatArray, cells: IntArray, facets: IntArray) -> Sight:
     """Return the boundary of tetrahedra, for lines of sight."""
+    normals, areas, heights, diagonal, rounding = _facets_of(points, facets)
+    order = np.flatnonzero(heights > _NO_VOLUME * diagonal)
+    order = order[along_curve(points[facets[order]].mean(axis=1))]
+    corners, normals, heights = points[facets[order]], normals[order], heights[order]
+    area, slack = areas[order, None], _SLACK * diagonal
+    triangles = [
+        corners[:, 0],
+        normals / area,
+        np.cross(corners[:, 2] - corners[:, 0], normals) / area**2,
+        np.cross(normals, corners[:, 1] - corners[:, 0]) / area**2,
+        # The normal of a sliver is uncertain, and so is the side on which a distant point lies.
+        np.maximum(slack, 4.0 * rounding * diagonal / heights),
+        np.minimum(slack / heights, 1e-3),
+    ]
+    boxes = boxes_over(corners.min(axis=1), corners.max(axis=1), np.zeros(len(order)))
+    walls = Walls(np.column_stack(triangles), boxes, slack)
+    return Sight(walls, _stars_at(points, cells, np.unique(facets)))
+
+
+def _facets_of(
+    points: FloatArray, facets: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
+    """Return normals of facets, of the length of twice their areas, these, and the least heights.
+
+    With them the diagonal of the domain, and the rounding error of a coordinate.
+    """
     corners = points[facets]
-    diagonal, rounding = _scales_of(points, facets)
-    origin, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    normal = np.cross(e1, e2)
-    area = np.linalg.norm(normal, axis=1)
-    height = _heights_of(corners, area)
-    keep = height > _NO_VOLUME * diagonal
-    order = np.flatnonzero(keep)
-    order = order[along_curve(np.ascontiguousarray(corners[keep].mean(axis=1)))]
-    square = area[order, None] ** 2
-    rows = np.empty((len(order), 14))
-    rows[:, :3] = origin[order]
-    rows[:, 3:6] = normal[order] / area[order, None]
-    rows[:, 6:9] = np.cross(e2[order], normal[order]) / square
-    rows[:, 9:12] = np.cross(normal[order], e1[order]) / square
-    slack = _SLACK * diagonal
-    # The normal of a sliver is uncertain, and so is the side on which a distant point lies.
-    rows[:, 12] = np.maximum(slack, 4.0 * rounding * diagonal / height[order])
-    rows[:, 13] = np.minimum(slack / height[order], 1e-3)
-    boxes = boxes_over(corners[order].min(axis=1), corners[order].max(axis=1), np.zeros(len(order)))
-    return Sight(Walls(rows, boxes, slack), _stars_at(points, cells, np.unique(facets)))
-
-
-def _scales_of(points: FloatArray, facets: IntArray) -> tuple[float, float]:
-    """Return the diagonal of the domain, and the rounding error of a coordinate."""
-    largest = np.abs(points[facets]).max()
-    return diagonal_of(points, facets), float(np.finfo(float).eps * largest)
-
-
-def _heights_of(corners: FloatArray, area: FloatArray) -> FloatArray:
-    """Return the smallest heights of triangles, given twice their areas."""
+    normals = facet_normals(corners)
+    areas = np.linalg.norm(normals, axis=1)
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    heights = np.zeros_like(area)
-    np.divide(area, longest, out=heights, where=longest > 0.0)
-    return heights
+    heights = np.divide(areas, longest, out=np.zeros_like(areas), where=longest > 0.0)
+    rounding = float(np.finfo(float).eps * np.abs(corners).max())
+    return normals, areas, heights, diagonal_of(points, facets), rounding
 
 
 def _stars_at(points: FloatArray, cells: IntArray, nodes: IntArray) -> Stars:
@@ -122,11 +121,7 @@ class ReflexEdges(NamedTuple):
 
 def _turns_at(ridges: Ridges, points: FloatArray, facets: IntArray) -> _Ridges:
     """Return the edges of a boundary and the turn of the boundary at each."""
-    corners = points[facets]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.linalg.norm(normals, axis=1)
-    heights = _heights_of(corners, areas)
-    diagonal, rounding = _scales_of(points, facets)
+    normals, areas, heights, diagonal, rounding = _facets_of(points, facets)
     thin = heights <= _NO_VOLUME * diagonal
     units = np.where(thin[:, None], 0.0, normals / np.where(thin, 1.0, areas)[:, None])
     edges, sides, apex, regular = ridges
