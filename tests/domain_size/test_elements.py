@@ -8,6 +8,7 @@ from meshes import random_sphere
 from adaptsize import SimplexMesh, remesh_to_elements, size_function
 from adaptsize.background.splitting import with_short_edges
 from adaptsize.domain_size.elements import reach_number
+from adaptsize.errors import ResolutionWarning
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 LINE = SimplexMesh([[0, 0], [1, 0]], [[0, 1]])  # not refined
@@ -35,6 +36,15 @@ def test_the_predicted_number_of_nodes_is_the_requested_one(domain):
     report = size_function(domain, nodes=7_000).report
     assert report.n_nodes == pytest.approx(7_000, rel=0.025)
     assert 1.7 < report.n_elements / report.n_nodes < (2.0 if domain is SQUARE else 6.0)
+
+
+def test_a_number_that_the_given_sizes_forbid_is_reported_with_the_bound():
+    message = (
+        r"require about 2\d\d elements instead of 9000: .* controls .*, given parameters: hmin"
+    )
+    with pytest.warns(ResolutionWarning, match=message):
+        report = size_function(SQUARE, elements=9000, hmin=0.1).report
+    assert report.n_elements == pytest.approx(4.0 / 3.0**0.5 / 0.1**2, rel=0.05)  # of side hmin
 
 
 @pytest.mark.parametrize(
