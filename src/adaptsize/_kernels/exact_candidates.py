@@ -18,6 +18,8 @@ from adaptsize._kernels.vectors import between, cross, dot, norm, without
 
 # Gradients below g by less than this are treated as steep, so that rounding loses no source.
 _NEARLY = 1.0 - 1e-9
+# Sources along edges count; a literal as argument would compile callees once more.
+_EDGES = np.bool_(True)
 
 
 @lean
@@ -169,7 +171,7 @@ def keep_undominated(points, axes, rows, h0, source, table, g, faces, block, kee
             k = np.int64(source[rows[r, v]])
             if k < 0 or not keep[r]:
                 continue
-            fill_values(table, k, axes, block.x, count, g, values, block.share, True, faces)
+            fill_values(table, k, axes, block.x, count, g, values, block.share, _EDGES, faces)
             keep[r] = False
             for w in range(count):
                 if not values[w] < h0[rows[r, w]]:
