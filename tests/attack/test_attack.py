@@ -73,8 +73,7 @@ def test_every_public_callable_is_attacked_or_left_out_with_a_reason():
 
 def test_the_sweep_passes_every_bad_value_to_every_parameter():
     assert n_sweep() == len(BAD) * sum(len(subject.parameters) for subject in subjects())
-    rng = np.random.default_rng(1)
-    assert "SimplexMesh(points=nan" in sweep(0, rng) or "=nan" in sweep(0, rng)
+    assert "=nan" in sweep(0, np.random.default_rng(1))
     # A stride that is no multiple of the number of values meets all of them.
     done = attack("--sweep", 2003, "--jobs", 0)
     assert done.returncode == 0, done.stdout[-3000:]

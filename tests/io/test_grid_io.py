@@ -2,7 +2,6 @@
 
 import base64
 import struct
-import zlib
 
 import numpy as np
 import pytest
@@ -71,43 +70,13 @@ def test_other_fields_go_along(tmp_path):
         read_size(file)
 
 
-def _uncompressed(data):
-    return base64.b64encode(struct.pack("<I", len(data)) + data).decode()
-
-
-def _packed(data):
-    """Two blocks of 32 and 16 bytes, packed; the sizes before them encoded on their own."""
-    blocks = [zlib.compress(data[:32]), zlib.compress(data[32:])]
-    sizes = struct.pack("<5I", 2, 32, 16, *map(len, blocks))
-    return (base64.b64encode(sizes) + base64.b64encode(b"".join(blocks))).decode()
-
-
-def _swapped():
-    data = np.arange(1.0, 7.0).astype(">f8").tobytes()
-    return base64.b64encode(struct.pack(">Q", len(data)) + data).decode()
-
-
-NUMBERS = np.arange(1.0, 7.0).astype("<f8").tobytes()
 ORDER = 'byte_order="LittleEndian" header_type="UInt32"'
-PACKED = f'{ORDER} compressor="vtkZLibDataCompressor"'
-FILES = {
-    "text": ASCII,
-    "inline": image(f'format="binary">\n {_uncompressed(NUMBERS)}\n</DataArray>', head=ORDER),
-    "big-endian": image(f'format="binary">{_swapped()}</DataArray>',
-                        head='byte_order="BigEndian" header_type="UInt64"'),
-    "inline, packed": image(f'format="binary">{_packed(NUMBERS)}</DataArray>', head=PACKED),
-    "appended": image('format="appended" offset="4"/>', head=ORDER,
-                      appended=f'<AppendedData encoding="base64">_AAAA{_uncompressed(NUMBERS)}'
-                               "</AppendedData>"),
-    "appended, packed": image('format="appended" offset="0"/>', head=PACKED,
-                              appended=f'<AppendedData encoding="base64">\n _{_packed(NUMBERS)}'
-                                       "</AppendedData>"),
-}  # fmt: skip
+NUMBERS = np.arange(1.0, 7.0).astype("<f8").tobytes()
+INLINE = base64.b64encode(struct.pack("<I", len(NUMBERS)) + NUMBERS).decode()
 
 
-@pytest.mark.parametrize("kind", FILES)
-def test_image_data_of_other_programs_are_read(tmp_path, kind):
-    (tmp_path / "a.vti").write_text(FILES[kind])
+def test_text_in_image_data_is_read(tmp_path):
+    (tmp_path / "a.vti").write_text(ASCII)
     size = read_size(tmp_path / "a.vti")
     assert_array_equal(size.values, FIELD)
     assert repr(size.background) == "CartesianGrid(3 x 2 nodes, (0, 0) to (2, 1))"
@@ -131,7 +100,7 @@ def test_vtk_sees_the_same_nodes_and_values(tmp_path):
 
 BAD = {
     "is no XML": "no XML",
-    "ends early": FILES["inline"][:300],
+    "ends early": image(f'format="binary">\n {INLINE}\n</DataArray>', head=ORDER)[:300],
     "ends inside its numbers": image('format="appended" offset="0"/>', head=ORDER,
                                      appended='<AppendedData encoding="raw">_\x30\x00\x00\x00abc'),
     "too few numbers": image('format="ascii">1 2 3 4 5</DataArray>'),
