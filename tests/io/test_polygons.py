@@ -184,6 +184,7 @@ def test_lines_that_are_no_rings_are_refused_with_the_place(case):
 
 
 def test_sizes_follow_from_the_shape_and_from_sources_far_from_the_boundary():
+    pytest.importorskip("mmgpy")
     angle = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     hole = (8.0, 5.0) + 0.5 * np.column_stack([np.cos(angle), np.sin(angle)])
     mesh = polygons([(0, 0), (20, 0), (20, 10), (0, 10)], holes=[hole, np.add(TRIANGLE, (16.9, 6))])

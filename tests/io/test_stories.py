@@ -10,6 +10,7 @@ import adaptsize as ads
 
 
 def test_a_coast_of_geojson_gets_the_mesh_of_a_tidal_model(tmp_path):
+    pytest.importorskip("mmgpy")
     shore, sea = [[0, 0], [20, 4], [40, 0]], [[40, 0], [40, 30], [0, 30], [0, 0]]
     island = [[15, 15], [20, 15], [20, 20], [15, 15]]
     kinds = {"land": ("LineString", shore), "open sea": ("LineString", sea)}
