@@ -219,7 +219,8 @@ def _edge_lengths(grid: CartesianGrid, phi: FloatArray, corners: FloatArray) -> 
     # Nodes up to this distance from the boundary, in spacings, are on it.
     index = np.argwhere(np.abs(phi) <= 1.0 * step)
     pairs = cKDTree(index).query_pairs(1.5, output_type="ndarray")  # with diagonals
-    a, b = pairs[np.lexsort(pairs.T[::-1])].T
+    # SciPy 1.13 takes numbers of this type only.
+    a, b = pairs[np.lexsort(pairs.T[::-1])].T.astype(np.int32)
     links = np.hypot(*(grid.spacing * (index[b] - index[a])).T)
     graph = coo_array((links, (a, b)), shape=(len(index),) * 2)
     start = cKDTree(grid.origin + grid.spacing * index).query(corners)[1]
