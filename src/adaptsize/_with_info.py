@@ -41,8 +41,7 @@ def with_info(function: Callable[P, tuple[R_co, I_co]]) -> WithInfo[P, R_co, I_c
     dropped: Any = {"wants_info": False} if "wants_info" in signature.parameters else {}
     shown = [p for name, p in signature.parameters.items() if name != "wants_info"]
     signature = signature.replace(parameters=shown)
-    pair = signature.return_annotation
-    first = pair.removeprefix("tuple[").split(",")[0]
+    first = signature.return_annotation.removeprefix("tuple[").split(",")[0]
 
     @functools.wraps(function)
     def result_only(*args: P.args, **kwargs: P.kwargs) -> R_co:
@@ -52,12 +51,14 @@ def with_info(function: Callable[P, tuple[R_co, I_co]]) -> WithInfo[P, R_co, I_c
     def both(*args: P.args, **kwargs: P.kwargs) -> tuple[R_co, I_co]:
         return function(*args, **kwargs)
 
+    # Functions may have attributes, but their type does not say so.
+    plain: Any = result_only
+    pair: Any = both
     name = function.__name__
-    both.__doc__ = f"Return the pair ``(result, info)``; takes the arguments of `{name}`."
-    both.__qualname__ = f"{function.__qualname__}.with_info"
-    both.__signature__ = signature  # type: ignore[attr-defined]
-    plain: Any = result_only  # functions may have attributes, but their type does not say so
-    plain.with_info = both
+    pair.__doc__ = f"Return the pair ``(result, info)``; takes the arguments of `{name}`."
+    pair.__qualname__ = f"{function.__qualname__}.with_info"
+    pair.__signature__ = signature
+    plain.with_info = pair
     plain.__annotations__ = {**function.__annotations__, "return": first}
     plain.__signature__ = signature.replace(return_annotation=first)
     decorated: WithInfo[P, R_co, I_co] = plain

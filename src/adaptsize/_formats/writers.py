@@ -245,8 +245,9 @@ def groups_of(
 ) -> dict[str, npt.NDArray[np.intp]]:
     """Return the cells or facets with each name, or with each tag that has none, by labels.
 
-    Tags without a name are called by their ``kind`` and number.  Different names that have the same
-    label, also in other letters if there is a ``kind``, are told apart by a number.
+    A tag without a name gets its ``kind`` and number as the name.  Where the labels of different
+    names are equal, a number is appended.  If ``kind`` is given, labels are compared without regard
+    to case, as Abaqus does.
     """
     tags_of: dict[str | int, list[int]] = {}
     for tag in [] if tags is None else np.unique(tags).tolist():
