@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial import Delaunay
 
-from adaptsize import SimplexMesh
+from adaptsize import SimplexMesh, SizeFunction
 from adaptsize.background.bisection import resolved
 from adaptsize.background.topology import are_among
 from adaptsize.quality.elements import minimum_angles
@@ -158,3 +158,14 @@ def test_a_surface_and_both_sides_of_a_slit_are_divided():
     fine = resolved(skin, lambda x: np.full(len(x), 0.1), g=0.0).mesh
     assert fine.is_closed
     assert_allclose(fine.measures.sum(), skin.measures.sum(), rtol=1e-12)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_nodal_sizes_are_linear_in_the_cells(dim):
+    # Divided as with the interpolating function, which is evaluated at the middles of edges, too.
+    mesh = box(dim, 15, 14)
+    h = 0.02 + 0.1 * np.random.default_rng(15).random(mesh.n_points)
+    by_nodes = resolved(mesh, h).mesh
+    by_function = resolved(mesh, SizeFunction(mesh, h)).mesh
+    assert by_nodes.n_points > 10 * mesh.n_points
+    assert _corner_sets(by_nodes) == _corner_sets(by_function)

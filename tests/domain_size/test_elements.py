@@ -6,7 +6,6 @@ from distance_shapes import ball
 from meshes import random_sphere
 
 from adaptsize import SimplexMesh, remesh_to_elements, size_function
-from adaptsize.background.splitting import with_short_edges
 from adaptsize.domain_size.elements import reach_number
 from adaptsize.errors import ResolutionWarning
 
@@ -142,22 +141,6 @@ def test_a_regular_grid_becomes_any_number_and_keeps_its_tags(monkeypatch):
     assert mesh.n_cells == pytest.approx(550, rel=0.05)
     assert mesh.measures[mesh.cell_tags == 3].sum() == pytest.approx(0.5)
     assert set(mesh.facet_tags) >= {7, 8}
-
-
-@pytest.mark.parametrize("share", [0.4, 1.2])
-def test_refined_triangles_keep_tags_of_cells_and_facets(share):
-    old = grid(4)
-    fine = with_short_edges(old, lambda x: 0.1 + 0.5 * x[:, 0], share, 10_000)
-    middles = fine.points[fine.edges].mean(axis=1)
-    assert (fine.edge_lengths <= share * (0.1 + 0.5 * middles[:, 0])).all()
-    assert fine.measures.sum() == pytest.approx(1.0)
-    for tag in (3, 4):
-        assert fine.measures[fine.cell_tags == tag].sum() == pytest.approx(0.5)
-    ends = fine.points[fine.tagged_facets]
-    for tag, x in ((7, 0.0), (8, 1.0)):
-        side = ends[fine.facet_tags == tag]
-        assert (side[:, :, 0] == x).all()
-        assert np.abs(np.diff(side[:, :, 1], axis=1)).sum() == pytest.approx(1.0)
 
 
 def test_what_is_no_mesh_or_no_target_is_refused_before_the_sizes():

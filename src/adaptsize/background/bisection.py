@@ -46,10 +46,29 @@ class Resolved(NamedTuple):
     curves: IntArray
     is_complete: bool
 
+    def extended(self, nodal: FloatArray) -> FloatArray:
+        """Return nodal values of the old mesh on this one: new nodes get the mean of the ends.
+
+        So they stay linear in the old cells; inf where one of the ends is inf.
+        """
+        known = len(nodal)
+        values = longer(nodal, self.mesh.n_points)
+        for new in _generations(self.node_parents, known):
+            values[known + new] = values[self.node_parents[new]].mean(axis=1)
+        return values
+
+    def after(self, before: Resolved) -> Resolved:
+        """Return what became of a mesh that was divided to ``before``, and that to this one."""
+        return self._replace(
+            parents=before.parents[self.parents],
+            node_parents=np.concatenate([before.node_parents, self.node_parents]),
+            is_complete=before.is_complete and self.is_complete,
+        )
+
 
 def resolved(
     mesh: SimplexMesh,
-    size: SizeAt,
+    size: SizeAt | FloatArray,
     *,
     g: float | None = None,
     samples: FloatArray | None = None,
@@ -73,10 +92,12 @@ def resolved(
     ----------
     mesh : SimplexMesh
         Segments, triangles or tetrahedra.
-    size : callable
+    size : callable, or float64[n_points]
+        At points, or at the nodes and linear in each cell, where the smallest size is at a corner.
     g : float, optional
-        Bound on the gradient of the size.  Without it, the size is sampled: at centroids, corners
-        and middles of edges, and at ``samples``.  Small sizes between these points are missed.
+        Bound on the gradient of the size.  Without it, the size is sampled: at centroids and
+        corners, and at ``samples``, or if there are none, at the middles of edges.  Small sizes
+        between these points are missed.
     samples : float64[n, dim], optional
         More points where the size is evaluated, such as the nodes of a background.
     factor : float
@@ -108,9 +129,14 @@ def resolved(
     (True, True)
     """
     division = _Division(mesh)
-    if samples is not None and g is None and len(samples):
-        division.place(samples, np.asarray(size(samples), np.float64))
-    rule = _Rule(division, size, g, factor)
+    rule: Callable[[IndexArray], FloatArray]
+    if not callable(size):
+        rule = _LinearRule(division, size, factor)
+    else:
+        is_sampled = samples is not None and len(samples) > 0
+        if samples is not None and is_sampled and g is None:
+            division.place(samples, np.asarray(size(samples), np.float64))
+        rule = _Rule(division, size, g, factor, between=not is_sampled)
     is_complete = division.all_within(rule, max_points)
     fine = division.mesh()
     halves = np.empty((0, 2), np.int32)
@@ -120,36 +146,78 @@ def resolved(
 
 
 class _Rule:
-    """The longest edge of cells over the largest one that the sizes allow."""
+    """The longest edge of cells over the largest one that a function of points allows."""
 
-    def __init__(self, division: _Division, size: SizeAt, g: float | None, factor: float) -> None:
+    def __init__(
+        self, division: _Division, size: SizeAt, g: float | None, factor: float, *, between: bool
+    ) -> None:
         self._division, self._size, self._g, self._factor = division, size, g, factor
+        self._between = between
         self._nodal = np.empty(0)
 
     def __call__(self, cells: IndexArray) -> FloatArray:
         corners = self._division.points[self._division.cells[cells]]
-        pairs = np.array(list(combinations(range(corners.shape[1]), 2)))
-        edges = corners[:, pairs[:, 0]] - corners[:, pairs[:, 1]]
-        longest = np.sqrt(np.einsum("ijk,ijk->ij", edges, edges).max(axis=1))
         middle = corners.mean(axis=1)
         least = np.array(self._size(middle), np.float64)
         if self._g is not None:
             away = corners - middle[:, None]
             least -= self._g * np.sqrt(np.einsum("ijk,ijk->ij", away, away).max(axis=1))
         else:
-            least = np.minimum(least, self._sampled(cells, corners, pairs))
-        with np.errstate(divide="ignore"):
-            ratio = longest / (self._factor * least)
-        return np.where(least > 0.0, np.minimum(ratio, _FARTHEST), _FARTHEST)
+            least = np.minimum(least, self._sampled(cells, corners))
+        return _ratios(corners, self._factor * least)
 
-    def _sampled(self, cells: IndexArray, corners: FloatArray, pairs: IntArray) -> FloatArray:
-        """Return the least size at corners, middles of edges, and samples in the cells."""
+    def _sampled(self, cells: IndexArray, corners: FloatArray) -> FloatArray:
+        """Return the least size at corners and at samples or middles of edges."""
         division, known = self._division, len(self._nodal)
         self._nodal = np.append(self._nodal, self._size(division.points[known:]))
-        least = np.minimum(division.least(cells), self._nodal[division.cells[cells]].min(axis=1))
-        middles = corners[:, pairs].mean(axis=2)
+        least = self._nodal[division.cells[cells]].min(axis=1)
+        if not self._between:
+            return np.asarray(np.minimum(least, division.least(cells)))
+        middles = corners[:, _pairs(corners)].mean(axis=2)
         between = np.asarray(self._size(middles.reshape(-1, middles.shape[2])))
         return np.asarray(np.minimum(least, between.reshape(middles.shape[:2]).min(axis=1)))
+
+
+class _LinearRule:
+    """The longest edge of cells over the largest one that sizes at the old nodes allow."""
+
+    def __init__(self, division: _Division, nodal: FloatArray, factor: float) -> None:
+        self._division, self._nodal, self._factor = division, nodal, factor
+
+    def __call__(self, cells: IndexArray) -> FloatArray:
+        division, known = self._division, len(self._nodal)
+        nodal = longer(self._nodal, len(division.points))
+        for new in _generations(division.node_parents[known - division.n_old :], known):
+            nodal[known + new] = nodal[division.ends[known + new]].mean(axis=1)
+        self._nodal = nodal
+        corners = division.cells[cells]
+        return _ratios(division.points[corners], self._factor * nodal[corners].min(axis=1))
+
+
+def _generations(parents: IntArray, first: int) -> list[IndexArray]:
+    """Return the rows of new nodes, those first whose parents are no new nodes, and so on."""
+    left, is_known, found = np.arange(len(parents)), np.zeros(first + len(parents), np.bool_), []
+    is_known[:first] = True
+    while len(left):
+        ready = is_known[parents[left]].all(axis=1)
+        found.append(left[ready])
+        is_known[first + left[ready]] = True
+        left = left[~ready]
+    return found
+
+
+def _pairs(corners: FloatArray) -> IntArray:
+    return np.array(list(combinations(range(corners.shape[1]), 2)), np.int32)
+
+
+def _ratios(corners: FloatArray, longest: FloatArray) -> FloatArray:
+    """Return the longest edges over the largest ones allowed."""
+    one, other = _pairs(corners).T
+    edges = corners[:, one] - corners[:, other]
+    lengths = np.sqrt(np.einsum("ijk,ijk->ij", edges, edges).max(axis=1))
+    with np.errstate(divide="ignore"):
+        ratio = lengths / longest
+    return np.where(longest > 0.0, np.minimum(ratio, _FARTHEST), _FARTHEST)
 
 
 class _Division:
@@ -170,6 +238,16 @@ class _Division:
     def points(self) -> FloatArray:
         """The nodes, the old ones first."""
         return self._points[: self._counts[0]]
+
+    @property
+    def n_old(self) -> int:
+        """Number of nodes of the given mesh."""
+        return self._old.n_points
+
+    @property
+    def ends(self) -> IntArray:
+        """The ends of the edges in whose middles the nodes are; of old nodes, nothing."""
+        return self._ends[: self._counts[0]]
 
     @property
     def cells(self) -> IntArray:

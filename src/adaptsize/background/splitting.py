@@ -1,6 +1,5 @@
 """New nodes in the middle of chosen edges."""
 
-from collections.abc import Callable
 from itertools import combinations
 from typing import NamedTuple
 
@@ -136,40 +135,6 @@ def halved_edges(edges: IntArray, split: IntArray, n_points: int) -> tuple[IntAr
     middle = (n_points + cut).astype(np.int32)
     halves = [np.column_stack([split[cut, end], middle]) for end in (0, 1)]
     return np.concatenate([edges[whole], *halves]), np.concatenate([whole, row[cut], row[cut]])
-
-
-def with_short_edges(
-    mesh: SimplexMesh, size: Callable[[FloatArray], FloatArray], share: float, max_cells: float
-) -> SimplexMesh:
-    """Return triangles with edges no longer than a share of the size, split at their middles.
-
-    Parameters
-    ----------
-    mesh : SimplexMesh
-        Triangles.
-    size : callable
-        Takes points, float64[n, dim], and returns sizes, float64[n].
-    share : float
-        Largest length of an edge over the size at its middle.
-    max_cells : float
-        The edges stay longer if there would be more cells.
-
-    Returns
-    -------
-    SimplexMesh
-        With the tags of cells and facets; ``mesh`` itself if nothing was split.  Data are dropped.
-
-    Examples
-    --------
-    >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
-    >>> with_short_edges(mesh, lambda x: np.ones(len(x)), 0.5, 1000).n_cells
-    8
-    """
-    while True:
-        long = mesh.edge_lengths > share * size(mesh.points[mesh.edges].mean(axis=1))
-        if not long.any() or mesh.n_cells + 2 * int(long.sum()) > max_cells:
-            return mesh
-        mesh = split_edges(mesh, long).mesh
 
 
 def bisect_edges(mesh: SimplexMesh, chosen: BoolArray) -> SplitMesh:

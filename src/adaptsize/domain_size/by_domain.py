@@ -11,7 +11,8 @@ from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
 from adaptsize.background.enclosing import enclosing_diameter
 from adaptsize.background.interfaces import skin_of
 from adaptsize.domain_size.on_surface import SurfaceDomain
-from adaptsize.domain_size.request import Bounds, PointBounds, Request
+from adaptsize.domain_size.request import Bounds, PointBounds, Request, bound_at_nodes
+from adaptsize.domain_size.resolution import with_sources_resolved
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import Separation
@@ -171,12 +172,25 @@ class MeshDomain:
     _features: _Features | None = None
 
     def limited(self, request: Request) -> SizeFunction:
-        """Return the limited sizes, with a report on which cause controls them where."""
+        """Return the limited sizes, with a report on which cause controls them where.
+
+        If the mesh is the background, its cells are divided at sources that are smaller; bounds
+        from the shape are found at the given nodes, and are linear between them.
+        """
         mesh, background = self.mesh, self.background or self.mesh
         bounds = Bounds(background, {}, request.limits(mesh.diameter))
         bounds.points, bounds.is_rough = self._separated(request)
         if self.background is None:
-            bounds.nodal = self._bounds(mesh, None, request) | request.external(mesh)
+            bounds.nodal = self._bounds(mesh, None, request)
+            if request.h0 is not None and not callable(request.h0):
+                bounds.nodal["h0"] = bound_at_nodes(request.h0, mesh)
+            finer = with_sources_resolved(mesh, request)
+            if finer is not None:
+                bounds.background = finer.mesh
+                bounds.nodal = {k: finer.extended(bound) for k, bound in bounds.nodal.items()}
+            # Sources come before the function or the array that is given as a bound.
+            given = bounds.nodal.pop("h0", None)
+            bounds.nodal |= request.external(bounds.background, given)
             bounds.of_chords = True
             return _sized(bounds, request)
         boundary = skin_of(mesh)[0]

@@ -16,9 +16,9 @@ from adaptsize._defaults import GRADIENT_LIMIT, TOLERANCE
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import AnyBackground, SimplexMesh
+from adaptsize.background.bisection import resolved
 from adaptsize.background.merging import reordered
 from adaptsize.background.simplex import as_mesh
-from adaptsize.background.splitting import with_short_edges
 from adaptsize.domain_size.budget import predicted_number, what_controls
 from adaptsize.domain_size.complete_size import size_function
 from adaptsize.domain_size.cost import report_of, unknowns_on
@@ -266,6 +266,6 @@ def _number_on(mesh: SimplexMesh, what: Goal, system: tuple[int, int]) -> int:
 
 def without_order(mesh: SimplexMesh, size: SizeFunction) -> SimplexMesh:
     """Return triangles with edges of at most half the size, in a random order, always the same."""
-    mesh = with_short_edges(mesh, size, 0.5, 2_000_000)
+    mesh = resolved(mesh, size, factor=0.5, max_points=1e6).mesh
     rng = np.random.default_rng(mesh.n_cells)
     return reordered(mesh, rng.permutation(mesh.n_points), rng.permutation(mesh.n_cells))

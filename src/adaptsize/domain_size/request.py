@@ -163,10 +163,14 @@ class Request:
         given = [source for source in self.sources if isinstance(source, PointSource)]
         return [("sources", *source.rows(dim)) for source in given]
 
-    def external(self, background: AnyBackground) -> dict[str, FloatArray]:
-        """Return the bounds that do not depend on the shape."""
+    def external(
+        self, background: AnyBackground, h0: FloatArray | None = None
+    ) -> dict[str, FloatArray]:
+        """Return the bounds that do not depend on the shape; ``h0``, if known on the background."""
         bounds = self.from_sources(background)
-        if self.h0 is not None:
+        if h0 is not None:
+            bounds["h0"] = h0
+        elif self.h0 is not None:
             bounds["h0"] = bound_at_nodes(self.h0, background)
         return bounds
 

@@ -26,21 +26,19 @@ from adaptsize.remeshing.filling import filled
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.in_parts import remesh_parts
 from adaptsize.remeshing.isolation import IsolatedRunner
-from adaptsize.remeshing.preparation import Frame, RepairedMesh, as_problem, repair_mesh, restore
+from adaptsize.remeshing.preparation import Frame, RepairedMesh, repair_mesh, restore
 from adaptsize.remeshing.protocol import Problem, Task
 from adaptsize.remeshing.registry import choose_backend
+from adaptsize.remeshing.resolution import RequestedSizes, as_request
 from adaptsize.remeshing.sizing import (
     MetricAt,
     SizeLike,
     as_metric_at,
     as_size,
-    known_points,
     mean_size,
 )
-from adaptsize.remeshing.surface import refine_facets, refine_surface
 from adaptsize.remeshing.surface_checks import warn_of_surface
 from adaptsize.sizes import Enclosed, predict
-from adaptsize.sizes.budget import count_elements
 from adaptsize.typing import IntArray, ProgressCallback, Unpack
 
 M = TypeVar("M", SimplexMesh, PartitionedMesh)
@@ -49,7 +47,6 @@ M = TypeVar("M", SimplexMesh, PartitionedMesh)
 #: is usual.  It hardly ends where the tolerance is far too small for the sizes.
 _LONGEST = 60.0
 _LONGEST_PER_CELL = 0.02
-_NO_RIDGES = np.empty((0, 2), np.int32)
 
 
 @with_options(RemeshOptions)
@@ -183,27 +180,16 @@ def remesh(
         return remesh_strictly(attempt, repaired.mesh, wanted, tolerance, ways, given["timeout"])
     allowed = tolerance * repaired.mesh.diagonal
     may_be_joined = task == "surface to tetrahedra" and warn_of_surface(repaired.mesh, allowed)
-    frame = Frame.around(repaired.mesh)
     if task == "surface to tetrahedra":
         repaired = repaired._replace(
             mesh=replace(repaired.mesh, cells=oriented(repaired.mesh).cells)
         )
     required = _required(required_facets, mesh, repaired)
-    own, ridges = frame.mesh(repaired.mesh), _NO_RIDGES
-    own_size = frame.size(wanted)
-    # Only Mmg rounds what it is given.
-    if chosen.name == "mmg" and task in ("tetrahedra", "surface") and required is None:
-        is_plain = task == "surface" and own.is_closed and own.tagged_facets is None
-        refined = refine_surface if is_plain else refine_facets
-        own, ridges = refined(own, own_size, tolerance * own.diagonal)
-    problem = replace(
-        as_problem(task, own, tolerance, required),
-        size=own_size,
-        ridges=ridges,
-        size_nodes=frame.to_own(known_points(sizes, mesh.dim)),
-        metric=None if metric is None else frame.metric(metric),
+    wanted_sizes = RequestedSizes(wanted, sizes, mesh, metric)
+    problem = as_request(
+        task, repaired.mesh, wanted_sizes, tolerance, required, is_by_mmg=chosen.name == "mmg"
     )
-    n_cells = _number_of_cells(mesh, size, given["hmax"], problem)
+    n_cells = _number_of_cells(mesh, size, problem)
     if n_cells > given["max_elements"]:
         raise TooManyElementsError(
             f"the sizes require about {n_cells:.3g} elements, more than max_elements = "
@@ -220,7 +206,7 @@ def remesh(
             new = restore(chosen.solve(problem, run), problem, chosen.name)
             if new.cell_dim == new.dim and metric is None and required is None:
                 new = improved(new, problem.mesh, problem.tolerance)
-    made = frame.restored(new, repaired.mesh)
+    made = Frame.around(repaired.mesh).restored(new, repaired.mesh)
     warn_of_deviation(made, repaired.mesh, allowed, may_be_joined=may_be_joined)
     return made
 
@@ -243,18 +229,15 @@ def check_backend(mesh: SimplexMesh, target: str = "auto", backend: str = "auto"
     choose_backend(backend, _task(mesh, target), keep_facets=False)
 
 
-def _number_of_cells(mesh: SimplexMesh, size: object, hmax: float, problem: Problem) -> float:
-    """Return the number that sizes at the nodes or on a surface predict, or an estimate."""
-    if isinstance(size, SizeFunction) and mesh.cell_dim == mesh.dim:
-        if size.background is mesh:
-            return count_elements(mesh, np.minimum(size.values, hmax))
-    elif isinstance(size, SizeFunction) and size.report is not None:
+def _number_of_cells(mesh: SimplexMesh, size: object, problem: Problem) -> float:
+    """Return the number of cells that the sizes predict."""
+    assert problem.size is not None
+    if problem.task != "surface to tetrahedra":
+        return predict(problem.mesh, problem.size(problem.mesh.points)).cells
+    if isinstance(size, SizeFunction) and size.report is not None:
         nodes = size.background.points[: mesh.n_points]  # of its refined copy, the given ones first
         if np.array_equal(nodes, mesh.points):
             return size.report.n_elements
-    assert problem.size is not None
-    if problem.task != "surface to tetrahedra":
-        return predict(problem.mesh, problem.size).cells
     # So many points are enough to find out whether there are too many elements.
     return predict(Enclosed(problem.mesh, 1000), problem.size).cells
 

@@ -9,12 +9,15 @@ import numpy.typing as npt
 from adaptsize._checks import as_float_array, as_number, describe, refuse_where
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background.bisection import resolved
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.typing import FloatArray, IntArray
 
 #: What ``remesh`` takes as ``size``.
 SizeLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 Size: TypeAlias = Callable[[FloatArray], FloatArray]
+#: Spacing of the background of fTetWild over the diagonal, and its nodes at most.
+_SPACING, _MOST_SAMPLES = 1.0 / 15.0, 150_000
 
 
 def as_size(
@@ -93,8 +96,14 @@ def sample_in_box(
     """Return a background of tetrahedra over the box around ``mesh``, with sizes.
 
     The box is larger than the mesh, so that the size is defined also where the new surface
-    lies slightly outside the old one.  The nodes are those of the mesh, those in ``known``
-    and a grid.  Nodes are added where linear interpolation is not accurate enough.
+    lies slightly outside the old one.  Its cells are divided until the sizes are known in them.
+
+    Parameters
+    ----------
+    size : callable
+    mesh : SimplexMesh
+    known : float64[n, 3]
+        More points where the sizes are needed.
 
     Returns
     -------
@@ -102,33 +111,14 @@ def sample_in_box(
     cells : int32[m, 4]
     sizes : float64[n]
     """
-    from scipy.spatial import Delaunay
-
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     margin = 0.05 * mesh.diagonal
-    spacing = mesh.diagonal / 15.0
-    axes = [
-        np.linspace(a - margin, b + margin, 2 + int((b - a + 2 * margin) / spacing))
-        for a, b in zip(low, high, strict=True)
-    ]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    inside = ((known > low - margin) & (known < high + margin)).all(axis=1)
-    points = np.unique(np.concatenate([mesh.points, known[inside], grid]), axis=0)
-    sizes = size(points)
-    # Each round about halves the distance between nodes where it is needed.
-    for _ in range(4):
-        cells = Delaunay(points).simplices.astype(np.int32)
-        centers = points[cells].mean(axis=1)
-        there = size(centers)
-        # The background may deviate by this share, unless it would need too many nodes.
-        off = np.abs(sizes[cells].mean(axis=1) - there) > 0.05 * there
-        edge = np.linalg.norm(np.ptp(points[cells], axis=1), axis=1)
-        off &= edge > 2.0 * there  # details smaller than the elements have no effect
-        if not off.any() or len(points) + int(off.sum()) > 150_000:
-            break
-        points = np.concatenate([points, centers[off]])
-        sizes = np.concatenate([sizes, there[off]])
-    return points[: cells.max() + 1], cells, sizes[: cells.max() + 1]
+    shape = 2 + ((high - low + 2.0 * margin) / (_SPACING * mesh.diagonal)).astype(int)
+    spacing = (high - low + 2.0 * margin) / (shape - 1)
+    box = CartesianGrid(low - margin, spacing, tuple(shape.tolist())).mesh
+    samples = np.concatenate([mesh.points, known])
+    fine = resolved(box, size, samples=samples, max_points=_MOST_SAMPLES).mesh
+    return fine.points, fine.cells, size(fine.points)
 
 
 def _beyond_active(size: SizeFunction) -> SizeFunction:

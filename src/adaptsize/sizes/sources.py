@@ -132,13 +132,17 @@ class CurveSource:
 
     def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells along the curve."""
-        curve = _as_curve(self.curve, mesh.dim)
+        curve = self.as_mesh(mesh.dim)
         size = self.rows(mesh.dim)[1]
         touched.lower_along(mesh, curve, size, g, h0)
 
+    def as_mesh(self, dim: int) -> SimplexMesh:
+        """Return the curve as checked segments."""
+        return _as_curve(self.curve, dim)
+
     def rows(self, dim: int) -> tuple[FloatArray, FloatArray]:
         """Return the checked points of the curve and their sizes, float64[n, dim], float64[n]."""
-        curve = _as_curve(self.curve, dim)
+        curve = self.as_mesh(dim)
         return curve.points, _sizes_per_row(self.size, curve.n_points)
 
 

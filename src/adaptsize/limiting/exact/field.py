@@ -339,6 +339,8 @@ def field_of_cells(points: FloatArray, cells: IntArray, sizes: FloatArray, g: fl
     nodes = np.full((np.count_nonzero(finite), points.shape[1]), -1, np.int32)
     nodes[:, 0] = np.flatnonzero(finite)
     field.groups.append(entries_at(points, sizes, nodes))
+    if len(cells) == 0:
+        return field
     sides = [cells[:, [v, w]] for v in range(cells.shape[1]) for w in range(v)]
     edges = unique_rows(np.concatenate(sides), len(points))[0]
     items = np.full((len(edges), points.shape[1]), -1, np.int32)

@@ -1,0 +1,98 @@
+"""The request to a mesh generator, on a mesh on whose nodes the sizes are known everywhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple, cast
+
+import numpy as np
+
+from adaptsize._size_function import SizeFunction
+from adaptsize.background import SimplexMesh
+from adaptsize.background.bisection import resolved
+from adaptsize.limiting.sources import is_same
+from adaptsize.remeshing.preparation import Frame, as_problem
+from adaptsize.remeshing.protocol import Problem, Task
+from adaptsize.remeshing.sizing import MetricAt, Size, SizeLike, known_points
+from adaptsize.remeshing.surface import refine_facets, refine_surface
+from adaptsize.typing import FloatArray, IntArray
+
+#: Nodes up to which a mesh is divided for a generator.  It then has about a quarter of the nodes of
+#: the new mesh in the plane and an eighth in space, so that this is enough for millions.
+_MOST_NODES = 500_000
+
+
+class RequestedSizes(NamedTuple):
+    """Sizes as they were given and as they are used."""
+
+    at: Size
+    """The sizes at points."""
+    given: SizeLike
+    on: SimplexMesh
+    """The mesh to which nodal values belong."""
+    metric: MetricAt | None = None
+
+    @property
+    def are_nodal(self) -> bool:
+        """Whether they are given at the nodes of the mesh, and linear between them."""
+        given = self.given
+        if isinstance(given, SizeFunction):
+            return given.sources is None and given.g is None and is_same(given.background, self.on)
+        return not callable(given) and np.ndim(cast(FloatArray, given)) < 2
+
+
+def as_request(
+    task: Task,
+    mesh: SimplexMesh,
+    sizes: RequestedSizes,
+    tolerance: float,
+    required: IntArray | None,
+    *,
+    is_by_mmg: bool,
+) -> Problem:
+    """Return the request to remesh a repaired mesh.
+
+    Generators read sizes at the nodes of a mesh only.  So the cells are divided until the sizes are
+    known in them, see `resolved`, unless some facets must not change.
+
+    Parameters
+    ----------
+    task : str
+    mesh : SimplexMesh
+    sizes : RequestedSizes
+    tolerance : float
+        Over the diagonal.
+    required : int32[n, cell_dim] or None
+        Facets to keep.
+    is_by_mmg : bool
+        Only Mmg rounds edges that it is not told to keep.
+    """
+    frame = Frame.around(mesh)
+    own, ridges = frame.mesh(mesh), np.empty((0, 2), np.int32)
+    size, known = frame.size(sizes.at), frame.to_own(known_points(sizes.given, mesh.dim))
+    if task != "surface to tetrahedra" and required is None:
+        if is_by_mmg and task != "plane triangles":
+            is_plain = task == "surface" and own.is_closed and own.tagged_facets is None
+            refined = refine_surface if is_plain else refine_facets
+            own, ridges = refined(own, size, tolerance * own.diagonal)
+        if sizes.metric is None:
+            own, ridges = _resolved(own, ridges, size, sizes, known)
+    return replace(
+        as_problem(task, own, tolerance, required),
+        size=size,
+        ridges=ridges,
+        size_nodes=known,
+        metric=None if sizes.metric is None else frame.metric(sizes.metric),
+    )
+
+
+def _resolved(
+    mesh: SimplexMesh, ridges: IntArray, size: Size, sizes: RequestedSizes, known: FloatArray
+) -> tuple[SimplexMesh, IntArray]:
+    """Return a mesh divided until the sizes are known in its cells, and its ridges."""
+    if sizes.are_nodal:
+        fine = resolved(mesh, size(mesh.points), curves=ridges, max_points=_MOST_NODES)
+    else:  # g is set if the sizes grow off a surface
+        g = sizes.given.g if isinstance(sizes.given, SizeFunction) else None
+        fine = resolved(mesh, size, g=g, samples=known, curves=ridges, max_points=_MOST_NODES)
+    return fine.mesh, fine.curves
