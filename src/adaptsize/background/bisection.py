@@ -17,6 +17,9 @@ from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 SizeAt: TypeAlias = Callable[[FloatArray], FloatArray]
 #: Longest edge of a resolved cell over the smallest size in it.
 EDGE_OVER_SIZE = 2.0
+#: Deviation of sizes from linear ones, over the size, up to which cells may be larger, if no size
+#: in them can be smaller than the other share of those at their corners.
+ACCURACY, _HIDDEN = 0.05, 0.5
 #: Rounds of division; each at least halves the longest edges every three rounds.
 _MOST_ROUNDS = 400
 #: Ratio where the lower bound of the sizes is not positive.
@@ -68,11 +71,13 @@ class Resolved(NamedTuple):
 
 def resolved(
     mesh: SimplexMesh,
-    size: SizeAt | FloatArray,
+    size: SizeAt,
     *,
     g: float | None = None,
+    is_proved: bool = True,
     samples: FloatArray | None = None,
     factor: float = EDGE_OVER_SIZE,
+    accuracy: float = ACCURACY,
     curves: IntArray | None = None,
     max_points: float = np.inf,
 ) -> Resolved:
@@ -84,7 +89,9 @@ def resolved(
 
     where m is its centroid, r the distance from m to its farthest corner, and f the factor.  If
     the gradient of h is at most g, the right-hand side is a lower bound of f h in the cell, so
-    that no small size is missed, however small it is and wherever it is.  Cells beside divided
+    that no small size is missed, however small it is and wherever it is.  Larger cells are not
+    divided where that is not necessary: if the size at m is the mean of those at the corners, up to
+    a share, and the lower bound of h is at least half of them.  Cells beside divided
     ones are divided at their longest edges until the mesh is conforming [1]_, which keeps the
     angles of triangles above half of the smallest one.
 
@@ -92,16 +99,19 @@ def resolved(
     ----------
     mesh : SimplexMesh
         Segments, triangles or tetrahedra.
-    size : callable, or float64[n_points]
-        At points, or at the nodes and linear in each cell, where the smallest size is at a corner.
+    size : callable
     g : float, optional
-        Bound on the gradient of the size.  Without it, the size is sampled: at centroids and
-        corners, and at ``samples``, or if there are none, at the middles of edges.  Small sizes
-        between these points are missed.
+        Bound on the gradient of the size; without it, 0 in the rule.
+    is_proved : bool
+        Whether the gradient is at most g for certain.  If not, or without g, the size is
+        also sampled: at corners, and at ``samples``, or if there are none, at the middles of edges.
+        Small sizes between these points may then be missed.
     samples : float64[n, dim], optional
         More points where the size is evaluated, such as the nodes of a background.
     factor : float
         Of the rule.
+    accuracy : float
+        Cells on which the sizes are linear up to this share stay larger.
     curves : int32[n, 2], optional
         Edges of cells of which the halves are returned.
     max_points : float
@@ -128,15 +138,13 @@ def resolved(
     >>> bool(size(fine.points).min() < 1.5e-3), fine.n_points < 1000
     (True, True)
     """
-    division = _Division(mesh)
-    rule: Callable[[IndexArray], FloatArray]
-    if not callable(size):
-        rule = _LinearRule(division, size, factor)
-    else:
-        is_sampled = samples is not None and len(samples) > 0
-        if samples is not None and is_sampled and g is None:
-            division.place(samples, np.asarray(size(samples), np.float64))
-        rule = _Rule(division, size, g, factor, between=not is_sampled)
+    division, sampled = _Division(mesh), None
+    if not is_proved or g is None:
+        has_samples = samples is not None and len(samples) > 0
+        sampled = "nodes" if has_samples else "edges"
+    if samples is not None and sampled == "nodes":
+        division.place(samples, np.asarray(size(samples), np.float64))
+    rule = _Rule(division, size, g or 0.0, factor, accuracy, sampled)
     is_complete = division.all_within(rule, max_points)
     fine = division.mesh()
     halves = np.empty((0, 2), np.int32)
@@ -149,49 +157,54 @@ class _Rule:
     """The longest edge of cells over the largest one that a function of points allows."""
 
     def __init__(
-        self, division: _Division, size: SizeAt, g: float | None, factor: float, *, between: bool
+        self,
+        division: _Division,
+        size: SizeAt,
+        g: float,
+        factor: float,
+        accuracy: float,
+        sampled: str | None,
     ) -> None:
-        self._division, self._size, self._g, self._factor = division, size, g, factor
-        self._between = between
+        self._division, self._size, self._g = division, size, g
+        self._factor, self._accuracy, self._sampled_at = factor, accuracy, sampled
         self._nodal = np.empty(0)
 
     def __call__(self, cells: IndexArray) -> FloatArray:
-        corners = self._division.points[self._division.cells[cells]]
-        middle = corners.mean(axis=1)
-        least = np.array(self._size(middle), np.float64)
-        if self._g is not None:
-            away = corners - middle[:, None]
-            least -= self._g * np.sqrt(np.einsum("ijk,ijk->ij", away, away).max(axis=1))
-        else:
-            least = np.minimum(least, self._sampled(cells, corners))
-        return _ratios(corners, self._factor * least)
-
-    def _sampled(self, cells: IndexArray, corners: FloatArray) -> FloatArray:
-        """Return the least size at corners and at samples or middles of edges."""
         division, known = self._division, len(self._nodal)
         self._nodal = np.append(self._nodal, self._size(division.points[known:]))
-        least = self._nodal[division.cells[cells]].min(axis=1)
-        if not self._between:
-            return np.asarray(np.minimum(least, division.least(cells)))
-        middles = corners[:, _pairs(corners)].mean(axis=2)
+        corners = division.points[division.cells[cells]]
+        nodal = self._nodal[division.cells[cells]]
+        middle = corners.mean(axis=1)
+        there = np.array(self._size(middle), np.float64)
+        away = corners - middle[:, None]
+        least = there - self._g * np.sqrt(np.einsum("ijk,ijk->ij", away, away).max(axis=1))
+        off = np.zeros(len(cells))
+        with np.errstate(invalid="ignore"):  # inf at all corners
+            off = np.abs(nodal.mean(axis=1) - there) / there
+        if self._sampled_at is not None:
+            found, most = self._sampled(cells, corners, nodal)
+            least, off = np.minimum(least, found), np.maximum(off, most)
+        is_known = (off <= self._accuracy) & (least >= _HIDDEN * nodal.max(axis=1))
+        is_known |= np.isinf(least)
+        return np.where(is_known, 0.0, _ratios(corners, self._factor * least))
+
+    def _sampled(
+        self, cells: IndexArray, corners: FloatArray, nodal: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the least size at corners and at samples or middles of edges.
+
+        Also return how much the sizes at middles of edges differ from linear ones.
+        """
+        least = nodal.min(axis=1)
+        if self._sampled_at == "nodes":
+            return np.minimum(least, self._division.least(cells)), np.zeros(len(cells))
+        pairs = _pairs(corners)
+        middles = corners[:, pairs].mean(axis=2)
         between = np.asarray(self._size(middles.reshape(-1, middles.shape[2])))
-        return np.asarray(np.minimum(least, between.reshape(middles.shape[:2]).min(axis=1)))
-
-
-class _LinearRule:
-    """The longest edge of cells over the largest one that sizes at the old nodes allow."""
-
-    def __init__(self, division: _Division, nodal: FloatArray, factor: float) -> None:
-        self._division, self._nodal, self._factor = division, nodal, factor
-
-    def __call__(self, cells: IndexArray) -> FloatArray:
-        division, known = self._division, len(self._nodal)
-        nodal = longer(self._nodal, len(division.points))
-        for new in _generations(division.node_parents[known - division.n_old :], known):
-            nodal[known + new] = nodal[division.ends[known + new]].mean(axis=1)
-        self._nodal = nodal
-        corners = division.cells[cells]
-        return _ratios(division.points[corners], self._factor * nodal[corners].min(axis=1))
+        between = between.reshape(middles.shape[:2])
+        with np.errstate(invalid="ignore"):
+            off = np.abs(nodal[:, pairs].mean(axis=2) - between) / between
+        return np.minimum(least, between.min(axis=1)), np.nan_to_num(off).max(axis=1)
 
 
 def _generations(parents: IntArray, first: int) -> list[IndexArray]:

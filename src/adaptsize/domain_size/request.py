@@ -21,7 +21,7 @@ from adaptsize.limiting import limit_gradient
 from adaptsize.limiting.exact import limit_points
 from adaptsize.options import BudgetOptions, SizeFunctionOptions
 from adaptsize.sizes import PointSource, size_from_sources
-from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, nodal_measures
+from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, count_elements, nodal_measures
 from adaptsize.sizes.curvature import size_of_chords
 from adaptsize.sizes.sources import KNOWN, as_sources
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
@@ -158,6 +158,13 @@ class Request:
             low = min([low, *(np.min(size, initial=low) for size in sizes)])  # none is raised
         return float(low), float(high)
 
+    def not_raised(self, limits: tuple[float, float], sizes: FloatArray) -> tuple[float, float]:
+        """Return hmin and hmax, the former lowered to the nodal sizes of functions if not given."""
+        low, high = limits
+        if self.options["hmin"] is None:
+            low = min(low, float(sizes.min(initial=np.inf)))
+        return low, high
+
     def points(self, dim: int) -> list[tuple[str, FloatArray, FloatArray]]:
         """Return the positions and sizes of the point sources."""
         given = [source for source in self.sources if isinstance(source, PointSource)]
@@ -258,6 +265,8 @@ class Bounds:
             freed = self._overridden(request.options["size_of"])
             fixed = replace(request, options={**request.options, "size_of": None})
             return freed.limited(fixed, **options)
+        if "sources" in self.nodal:
+            self.limits = request.not_raised(self.limits, self.nodal["sources"])
         background, (low, high) = self.background, self.limits
         dim = background.dim
         points = [*self.points, *request.points(dim)]
@@ -353,6 +362,9 @@ class Bounds:
         share = np.bincount(k, weights=elements, minlength=count) / max(elements.sum(), 1e-300)
         least = np.full(count, np.inf)
         np.minimum.at(least, k, sizes)
+        n_elements = float(ELEMENTS_PER_MEASURE[dim] * elements.sum())
+        if self.weights is None and isinstance(self.background, SimplexMesh):
+            n_elements = count_elements(self.background, h)  # sizes are linear in cells
         tolerance = np.inf
         if self.of_chords and "curvature" in self.nodal:
             tolerance = _tolerance_of(h, self.nodal["curvature"], self.background, request)
@@ -369,7 +381,7 @@ class Bounds:
             g=request.g,
             hmin=self.limits[0],
             hmax=self.limits[1],
-            n_elements=float(ELEMENTS_PER_MEASURE[dim] * elements.sum()),
+            n_elements=n_elements,
             elements_per_radian=request.per_radian,
             elements_across=request.across,
             elements_between=request.between(self.is_rough) if "separation" in names else 0.0,

@@ -10,25 +10,25 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.bisection import Resolved, SizeAt, resolved
 from adaptsize.domain_size.request import Request
 from adaptsize.sizes.cones import lowest_of
-from adaptsize.sizes.sources import KNOWN, BallSource, BoxSource, RegionSource, SizeOfPoint, Source
+from adaptsize.sizes.sources import KNOWN, CurveSource, PointSource, SizeOfPoint, Source
 from adaptsize.typing import FloatArray
 
 #: Nodes that sources may add to a mesh, and their share of the elements allowed.  Before a mesh
 #: generator adapts it, a resolved mesh has a quarter to an eighth of the nodes of the new one.
 _MOST_NODES = 400_000
 _SHARE = 0.25
-#: Longest edge of a cell over the size in it.  Nodes inside boxes, balls and regions have their
-#: size.  At a point, a curve or a boundary, sizes at the nodes beside it are larger.
-_AT_SOLID, _AT_THIN = 2.0, 1.0
-_SOLID = (BallSource, BoxSource, RegionSource)
+#: Longest edge of a cell over the size in it.  There are no nodes at points and on curves, and the
+#: sizes at the nodes beside them are larger by g times the distance.
+_USUAL, _AT_THIN = 2.0, 0.5
+_THIN = (PointSource, CurveSource)
 
 
 def with_sources_resolved(mesh: SimplexMesh, request: Request) -> Resolved | None:
     """Return a mesh divided at the sources that are small compared with its cells.
 
-    Of the known sources none is missed.  Functions, and the function that is given as upper bound,
-    are evaluated at corners, middles of edges and centroids only.  Sources of other classes act on
-    the nodes that there are.
+    Of the known sources none is missed.  Nor is a size of a function, or of one that is given as
+    upper bound, if its gradient is at most g; else it may be, since they are evaluated at corners,
+    middles of edges and centroids only.  Sources of other classes act on the nodes that there are.
 
     Returns
     -------
@@ -37,24 +37,26 @@ def with_sources_resolved(mesh: SimplexMesh, request: Request) -> Resolved | Non
     """
     room = mesh.n_points + min(_MOST_NODES, _SHARE * request.max_elements)
     found = None
-    for size, g, factor in _sizes_of(mesh, request):
+    for size, is_proved, factor in _sizes_of(mesh, request):
         start = mesh if found is None else found.mesh
-        finer = resolved(start, size, g=g, factor=factor, max_points=room)
+        finer = resolved(
+            start, size, g=request.g, is_proved=is_proved, factor=factor, max_points=room
+        )
         found = finer if found is None else finer.after(found)
     return None if found is None or found.mesh.n_points == mesh.n_points else found
 
 
-def _sizes_of(mesh: SimplexMesh, request: Request) -> Iterator[tuple[SizeAt, float | None, float]]:
-    """Yield sizes between the nodes, their gradient limit, and the edges allowed over them."""
+def _sizes_of(mesh: SimplexMesh, request: Request) -> Iterator[tuple[SizeAt, bool, float]]:
+    """Yield sizes between the nodes, whether they are graded, and the edges allowed over them."""
     known = [source for source in request.sources if isinstance(source, KNOWN)]
-    solid = [source for source in known if isinstance(source, _SOLID)]
-    thin = [source for source in known if not isinstance(source, _SOLID)]
-    for group, factor in ((thin, _AT_THIN), (solid, _AT_SOLID)):
+    thin = [source for source in known if isinstance(source, _THIN)]
+    others = [source for source in known if not isinstance(source, _THIN)]
+    for group, factor in ((thin, _AT_THIN), (others, _USUAL)):
         lowest = lowest_of(group, mesh, request.g)
         if lowest is not None:
-            yield lowest, request.g, factor
+            yield lowest, True, factor
     for name, function in _functions(request):
-        yield partial(_checked, function, name), None, _AT_SOLID
+        yield partial(_checked, function, name), False, _USUAL
 
 
 def _functions(request: Request) -> Iterator[tuple[str, SizeOfPoint]]:

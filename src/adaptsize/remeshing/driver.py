@@ -185,7 +185,7 @@ def remesh(
             mesh=replace(repaired.mesh, cells=oriented(repaired.mesh).cells)
         )
     required = _required(required_facets, mesh, repaired)
-    wanted_sizes = RequestedSizes(wanted, sizes, mesh, metric)
+    wanted_sizes = RequestedSizes(wanted, sizes, mesh, given["g"], metric)
     problem = as_request(
         task, repaired.mesh, wanted_sizes, tolerance, required, is_by_mmg=chosen.name == "mmg"
     )

@@ -20,6 +20,9 @@ from adaptsize.typing import FloatArray, IntArray
 #: Nodes up to which a mesh is divided for a generator.  It then has about a quarter of the nodes of
 #: the new mesh in the plane and an eighth in space, so that this is enough for millions.
 _MOST_NODES = 500_000
+#: Longest edge of cells over the size where this is not linear, as at a source.  Of 16 points and
+#: curves in the plane and in space, 2 served 73 % of the requested elements, 1 served 92 %.
+_EDGE_OVER_SIZE = 1.0
 
 
 class RequestedSizes(NamedTuple):
@@ -30,6 +33,8 @@ class RequestedSizes(NamedTuple):
     given: SizeLike
     on: SimplexMesh
     """The mesh to which nodal values belong."""
+    g: float
+    """Gradient that they are likely to have."""
     metric: MetricAt | None = None
 
     @property
@@ -91,8 +96,18 @@ def _resolved(
 ) -> tuple[SimplexMesh, IntArray]:
     """Return a mesh divided until the sizes are known in its cells, and its ridges."""
     if sizes.are_nodal:
-        fine = resolved(mesh, size(mesh.points), curves=ridges, max_points=_MOST_NODES)
-    else:  # g is set if the sizes grow off a surface
-        g = sizes.given.g if isinstance(sizes.given, SizeFunction) else None
-        fine = resolved(mesh, size, g=g, samples=known, curves=ridges, max_points=_MOST_NODES)
+        return mesh, ridges
+    given = sizes.given
+    # Sizes that grow off a surface have this gradient; others are only likely to have it.
+    own_g = given.g if isinstance(given, SizeFunction) else None
+    fine = resolved(
+        mesh,
+        size,
+        g=sizes.g if own_g is None else own_g,
+        is_proved=own_g is not None,
+        samples=known,
+        factor=_EDGE_OVER_SIZE,
+        curves=ridges,
+        max_points=_MOST_NODES,
+    )
     return fine.mesh, fine.curves

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_sizes, as_whole_number, check_function
+from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.bisection import resolved
 from adaptsize.background.simplex import as_mesh, cut_out
@@ -25,8 +26,9 @@ from adaptsize.typing import BoolArray, FloatArray
 #: Of a cube with edges of length 1.
 _HALF_DIAGONAL = 0.5 * np.sqrt(3.0)
 
-#: Edges of the cells over which sizes are integrated over these sizes, and nodes added for that.
-_EDGE_OVER_SIZE, _MOST_NODES = 1.0, 200_000
+#: Cells over which sizes are integrated are divided until their edges are this share of the sizes,
+#: or sizes are linear up to the other share, or so many nodes were added.
+_EDGE_OVER_SIZE, _ACCURACY, _MOST_NODES = 0.5, 0.02, 200_000
 
 #: A size as a function of points, float64[n, dim] to float64[n].
 SizeAt: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
@@ -231,7 +233,8 @@ def predict(
     Notes
     -----
     The integral over a cell of linear sizes is exact up to rounding.  With a callable, cells are
-    halved along their longest edges until these are as short as the sizes.  The integral over
+    halved along their longest edges until the sizes are linear up to 2 %, or the edges half as long
+    as the sizes.  The integral over
     an Enclosed region has a standard error below 1 %.
 
     Examples
@@ -288,9 +291,11 @@ def _integral(mesh: SimplexMesh, size: SizeAt) -> float:
     fine = resolved(
         mesh,
         partial(_sizes, size),
-        g=getattr(size, "g", None),
+        g=getattr(size, "g", None) or GRADIENT_LIMIT,
+        is_proved=getattr(size, "g", None) is not None,
         samples=cast(SimplexMesh, background).points if is_known else None,
         factor=_EDGE_OVER_SIZE,
+        accuracy=_ACCURACY,
         max_points=mesh.n_points + _MOST_NODES,
     ).mesh
     return count_elements(fine, _sizes(size, fine.points)) / ELEMENTS_PER_MEASURE[mesh.cell_dim]
