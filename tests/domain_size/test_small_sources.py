@@ -14,6 +14,7 @@ from adaptsize import (
     SimplexMesh,
     size_function,
 )
+from adaptsize.errors import ResolutionWarning
 from adaptsize.sizes.cones import cone_of, lowest_of
 
 G = 0.25
@@ -106,10 +107,10 @@ def test_without_small_sources_the_background_is_the_mesh_itself():
 
 
 def test_the_limit_of_the_number_of_elements_bounds_the_background():
-    size = size_function(
-        SQUARE, sources=[BoxSource([0.1, 0.1], [0.9, 0.9], 1e-4)], max_elements=1e4, **FREE
-    )
-    assert size.background.n_points < 2e4
+    source = BoxSource([0.3, 0.3], [0.7, 0.7], 2e-3)
+    with pytest.warns(ResolutionWarning, match="more than max_elements = 10000"):
+        size = size_function(SQUARE, sources=[source], max_elements=1e4, **FREE)
+    assert size.background.n_points < 1e4
 
 
 def test_sizes_of_functions_are_not_raised_unless_hmin_is_given():

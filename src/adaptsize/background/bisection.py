@@ -77,7 +77,7 @@ def resolved(
     is_proved: bool = True,
     samples: FloatArray | None = None,
     factor: float = EDGE_OVER_SIZE,
-    accuracy: float = ACCURACY,
+    accuracy: float | None = ACCURACY,
     curves: IntArray | None = None,
     max_points: float = np.inf,
 ) -> Resolved:
@@ -111,7 +111,7 @@ def resolved(
     factor : float
         Of the rule.
     accuracy : float
-        Cells on which the sizes are linear up to this share stay larger.
+        Cells on which the sizes are linear up to this share stay larger; with None, none does.
     curves : int32[n, 2], optional
         Edges of cells of which the halves are returned.
     max_points : float
@@ -162,7 +162,7 @@ class _Rule:
         size: SizeAt,
         g: float,
         factor: float,
-        accuracy: float,
+        accuracy: float | None,
         sampled: str | None,
     ) -> None:
         self._division, self._size, self._g = division, size, g
@@ -184,8 +184,9 @@ class _Rule:
         if self._sampled_at is not None:
             found, most = self._sampled(cells, corners, nodal)
             least, off = np.minimum(least, found), np.maximum(off, most)
-        is_known = (off <= self._accuracy) & (least >= _HIDDEN * nodal.max(axis=1))
-        is_known |= np.isinf(least)
+        is_known = np.isinf(least)
+        if self._accuracy is not None:
+            is_known |= (off <= self._accuracy) & (least >= _HIDDEN * nodal.max(axis=1))
         return np.where(is_known, 0.0, _ratios(corners, self._factor * least))
 
     def _sampled(

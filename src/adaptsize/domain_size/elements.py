@@ -266,6 +266,6 @@ def _number_on(mesh: SimplexMesh, what: Goal, system: tuple[int, int]) -> int:
 
 def without_order(mesh: SimplexMesh, size: SizeFunction) -> SimplexMesh:
     """Return triangles with edges of at most half the size, in a random order, always the same."""
-    mesh = resolved(mesh, size, factor=0.5, max_points=1e6).mesh
+    mesh = resolved(mesh, size, factor=0.5, accuracy=None, max_points=1e6).mesh
     rng = np.random.default_rng(mesh.n_cells)
     return reordered(mesh, rng.permutation(mesh.n_points), rng.permutation(mesh.n_cells))
