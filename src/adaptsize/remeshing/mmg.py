@@ -45,6 +45,9 @@ if TYPE_CHECKING:
 _RESULT = "out.meshb"
 #: Reference number of edges that are passed as ridges.
 _RIDGE = 1
+#: References of regions start here, followed by those of groups of facets.  Mmg uses 2 and 3 for the
+#: sides of level sets, and 10 for level sets.  It does not orient facets of tetrahedra of region 2.
+_FIRST_REGION = 11
 _PROGRAMS = {"tetrahedra": "mmg3d_O3", "plane triangles": "mmg2d_O3", "surface": "mmgs_O3"}
 _ENTITIES = {
     "tetrahedra": ("tetrahedra", "triangles"),
@@ -259,11 +262,12 @@ def _write_job(folder: Path, arrays: Arrays, options: Mapping[str, Any]) -> list
     """
     task, points, groups = options["task"], arrays["points"], arrays["facet_groups"]
     cells, facets = _ENTITIES[task]
-    # References: regions from 1, then groups of facets.  Entities that Mmg adds get 0.
+    # References: regions, then groups of facets.  Facets that Mmg adds get those of regions.
+    first_group = _FIRST_REGION + options["n_regions"]
     blocks = {
         "vertices": [points, np.zeros(len(points), np.int32)],
-        cells: [_from_one(arrays["cells"]), _from_one(arrays["regions"])],
-        facets: [_from_one(arrays["facets"]), _from_one(groups + options["n_regions"])],
+        cells: [_from_one(arrays["cells"]), np.int32(_FIRST_REGION) + arrays["regions"]],
+        facets: [_from_one(arrays["facets"]), np.int32(first_group) + groups],
         f"required {facets}": [
             _from_one(np.flatnonzero(np.isin(groups, options["required_groups"])))
         ],
@@ -295,12 +299,12 @@ def _read_job(result: Path, options: Mapping[str, Any]) -> dict[str, npt.NDArray
     (points, _), (cells, regions), (facets, groups), (edges, references) = read_medit(
         result, "vertices", *_ENTITIES[task], "edges"
     )
-    groups = groups - 1 - options["n_regions"]
+    groups = groups - (_FIRST_REGION + options["n_regions"])
     known = (groups >= 0) & (groups < options["n_groups"])
     return {
         "points": points,
         "cells": cells,
-        "regions": regions - 1,
+        "regions": regions - _FIRST_REGION,
         "facets": facets[known],
         "facet_groups": groups[known],
         "ridges": edges[(references == _RIDGE) & (task != "plane triangles")],
