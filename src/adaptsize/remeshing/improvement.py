@@ -8,6 +8,7 @@ worst cell around a node worse or brings a facet farther away than the tolerance
 lowers the least angle or the least radius ratio of the mesh.  In the plane, only edges get nodes.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,9 +17,10 @@ import numpy.typing as npt
 from adaptsize._kernels.smoothing import smooth_nodes
 from adaptsize.background import SimplexMesh, topology
 from adaptsize.background.splitting import bisect_edges
-from adaptsize.geometry.creases import normals_of
+from adaptsize.geometry.creases import normals_of, sharp_facets
 from adaptsize.quality.elements import minimum_angles, radius_ratios
 from adaptsize.remeshing.distmesh.finish import swapped, take_back, worst_of_nodes
+from adaptsize.remeshing.mmg import RIDGE_ANGLE
 from adaptsize.remeshing.preparation import facet_numbers, number_regions
 from adaptsize.remeshing.surface import facets_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray
@@ -35,6 +37,7 @@ _NEAR, _FEW, _FEW_IN_PLANE = 0.9, 0.02, 0.1
 #: Cosine of the angle between a facet and the plane at a node up to which a surface is smooth, and
 #: up to which nodes are moved along it if nothing else helps.
 _SMOOTH, _ROUGH = 0.97, 0.3
+_FEATURE_ANGLE = math.radians(RIDGE_ANGLE["tetrahedra"])
 
 
 def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> SimplexMesh:
@@ -299,7 +302,8 @@ def _normals_at(
     from the mean plane, and all edges have two facets of the same group.
     """
     moved = SimplexMesh(points, surface.cells)
-    normal = normals_of(moved).normals
+    normals_found = normals_of(moved)
+    normal = normals_found.normals
     tensor = np.zeros((len(points), 3, 3))
     outer = normal[:, :, None] * normal[:, None, :]
     np.add.at(tensor, surface.cells, outer[:, None])
@@ -309,7 +313,7 @@ def _normals_at(
     on_surface, is_smooth = (topology.marked(used, len(points)) for _ in range(2))
     cosine = np.abs(np.einsum("ij,ikj->ik", normal, normals[surface.cells]))
     is_smooth[surface.cells[cosine < least]] = False
-    uneven = surface.facet_cell_counts != 2
+    uneven = sharp_facets(moved, normals_found, _FEATURE_ANGLE)
     if surface.cell_tags is not None:
         lowest, highest = topology.regions_beside(
             surface.cell_facets, surface.cell_tags, len(surface.facets)

@@ -288,7 +288,7 @@ def _write_job(folder: Path, arrays: Arrays, options: Mapping[str, Any]) -> list
         "-sol": "in.solb", "-out": _RESULT,
     }  # fmt: skip
     flags = ["-nosizreq"]
-    if options["open_boundaries"] and cells == "tetrahedra":
+    if options["open_boundaries"]:
         flags.append("-opnbdy")
     return [_executable(task), *flags, *(str(word) for pair in settings.items() for word in pair)]
 
@@ -301,12 +301,15 @@ def _read_job(result: Path, options: Mapping[str, Any]) -> dict[str, npt.NDArray
     )
     groups = groups - (_FIRST_REGION + options["n_regions"])
     known = (groups >= 0) & (groups < options["n_groups"])
+    # Mmg writes edges inside of regions in the plane once for each side.
+    rows = np.sort(facets[known], axis=1)
+    first = np.sort(np.unique(rows, axis=0, return_index=True)[1])
     return {
         "points": points,
         "cells": cells,
         "regions": regions - _FIRST_REGION,
-        "facets": facets[known],
-        "facet_groups": groups[known],
+        "facets": facets[known][first],
+        "facet_groups": groups[known][first],
         "ridges": edges[(references == _RIDGE) & (task != "plane triangles")],
     }
 
