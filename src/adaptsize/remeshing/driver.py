@@ -218,7 +218,7 @@ def remesh(
             new = filled(problem, chosen, run, n_cells, given["max_elements"])
         else:
             new = restore(chosen.solve(problem, run), problem, chosen.name)
-            if new.cell_dim == new.dim and metric is None and required is None:
+            if metric is None and required is None:
                 new = improved(new, problem.mesh, problem.tolerance)
     made = frame.restored(new, repaired.mesh)
     warn_of_deviation(made, repaired.mesh, allowed, may_be_joined=may_be_joined)

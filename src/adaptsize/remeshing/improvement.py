@@ -8,7 +8,6 @@ worst cell around a node worse or brings a facet farther away than the tolerance
 lowers the least angle or the least radius ratio of the mesh.  In the plane, only edges get nodes.
 """
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -17,11 +16,11 @@ import numpy.typing as npt
 from adaptsize._kernels.smoothing import smooth_nodes
 from adaptsize.background import SimplexMesh, topology
 from adaptsize.background.splitting import bisect_edges
-from adaptsize.geometry.creases import normals_of, sharp_facets
+from adaptsize.geometry.creases import normals_of
 from adaptsize.quality.elements import minimum_angles, radius_ratios
 from adaptsize.remeshing.distmesh.finish import swapped, take_back, worst_of_nodes
-from adaptsize.remeshing.mmg import RIDGE_ANGLE
 from adaptsize.remeshing.preparation import facet_numbers, number_regions
+from adaptsize.remeshing.straight_edges import StraightEdges
 from adaptsize.remeshing.surface import facets_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -37,7 +36,6 @@ _NEAR, _FEW, _FEW_IN_PLANE = 0.9, 0.02, 0.1
 #: Cosine of the angle between a facet and the plane at a node up to which a surface is smooth, and
 #: up to which nodes are moved along it if nothing else helps.
 _SMOOTH, _ROUGH = 0.97, 0.3
-_FEATURE_ANGLE = math.radians(RIDGE_ANGLE["tetrahedra"])
 
 
 def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> SimplexMesh:
@@ -60,6 +58,10 @@ def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> Simplex
         With the same tags and the same facets, but that those are divided which are too far, and
         with the same nodes, some of them moved.
     """
+    lines = StraightEdges(given)
+    mesh = lines.straightened(mesh, tolerance)
+    if mesh.cell_dim < mesh.dim:
+        return mesh
     if mesh.dim == 2:
         return _with_closer_edges(mesh, given, tolerance)
     old, surface = facets_of(given), facets_of(mesh)
@@ -71,10 +73,10 @@ def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> Simplex
         points = mesh.points.copy()
         _pull(points, mesh.cells, nodes[distance > _FAR * tolerance], old)
         mesh, surface = mesh.moved(points), surface.moved(points)
-    mesh, surface = _divided(mesh, surface, old, tolerance)
+    mesh, surface = _divided(mesh, surface, old, tolerance, lines)
     points, cells = mesh.points.copy(), mesh.cells
     groups = np.zeros(len(cells), np.int32) if mesh.cell_tags is None else mesh.cell_tags
-    on_sheet = _nodes_of_sheets(mesh)
+    on_sheet, on_lines = _nodes_of_sheets(mesh), lines.are_on(mesh)
     far = np.unique(surface.cells)
     far = far[_nearest(old, points[far])[1] > tolerance]
     qualities = _qualities(mesh)
@@ -89,6 +91,7 @@ def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> Simplex
         for _ in range(wider):  # the neighbours must move, too
             is_moved[cells[is_moved[cells].any(axis=1)]] = True
         near = is_moved[cells].any(axis=1)
+        is_moved &= ~on_lines
         least = _SMOOTH if wider == 0 else _ROUGH
         part, of_part = _swapped(points, cells[near], groups[near], on_sheet)
         points = points.copy()
@@ -136,7 +139,11 @@ def _qualities(mesh: SimplexMesh) -> FloatArray:
 
 
 def _divided(
-    mesh: SimplexMesh, surface: SimplexMesh, old: SimplexMesh, tolerance: float
+    mesh: SimplexMesh,
+    surface: SimplexMesh,
+    old: SimplexMesh,
+    tolerance: float,
+    lines: StraightEdges,
 ) -> tuple[SimplexMesh, SimplexMesh]:
     """Return the mesh with nodes of the old surface on edges of facets that are too far from it.
 
@@ -161,9 +168,11 @@ def _divided(
         sides = surface.cell_facets[cells]
         middles = surface.points[surface.edges[sides]].mean(axis=2)
         away = np.linalg.norm(middles - places[:, None], axis=2)
+        away[lines.are_on(mesh)[surface.edges[sides]].all(axis=2)] = np.inf
         nearest = sides[np.arange(len(places)), away.argmin(axis=1)]
-        edges, first = np.unique(nearest, return_index=True)  # the farthest place of each
-        mesh = _with_nodes(mesh, surface.edges[edges], places[first])
+        able = np.flatnonzero(np.isfinite(away.min(axis=1)))
+        edges, first = np.unique(nearest[able], return_index=True)  # the farthest place of each
+        mesh = _with_nodes(mesh, surface.edges[edges], places[able[first]])
         surface = facets_of(mesh)
     return mesh, surface
 
@@ -302,8 +311,7 @@ def _normals_at(
     from the mean plane, and all edges have two facets of the same group.
     """
     moved = SimplexMesh(points, surface.cells)
-    normals_found = normals_of(moved)
-    normal = normals_found.normals
+    normal = normals_of(moved).normals
     tensor = np.zeros((len(points), 3, 3))
     outer = normal[:, :, None] * normal[:, None, :]
     np.add.at(tensor, surface.cells, outer[:, None])
@@ -313,7 +321,7 @@ def _normals_at(
     on_surface, is_smooth = (topology.marked(used, len(points)) for _ in range(2))
     cosine = np.abs(np.einsum("ij,ikj->ik", normal, normals[surface.cells]))
     is_smooth[surface.cells[cosine < least]] = False
-    uneven = sharp_facets(moved, normals_found, _FEATURE_ANGLE)
+    uneven = surface.facet_cell_counts != 2
     if surface.cell_tags is not None:
         lowest, highest = topology.regions_beside(
             surface.cell_facets, surface.cell_tags, len(surface.facets)

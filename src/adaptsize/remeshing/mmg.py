@@ -45,8 +45,8 @@ if TYPE_CHECKING:
 _RESULT = "out.meshb"
 #: Reference number of edges that are passed as ridges.
 _RIDGE = 1
-#: References of regions start here, followed by those of groups of facets.  Mmg uses 2 and 3 for the
-#: sides of level sets, and 10 for level sets.  It does not orient facets of tetrahedra of region 2.
+#: References of regions start here, followed by those of groups of facets.  Mmg uses 2 and 3 for
+#: the sides of level sets, and 10 for these.  It does not orient the facets of a region 2.
 _FIRST_REGION = 11
 _PROGRAMS = {"tetrahedra": "mmg3d_O3", "plane triangles": "mmg2d_O3", "surface": "mmgs_O3"}
 _ENTITIES = {
