@@ -32,7 +32,7 @@ _FAR = 0.5
 _LEAST = 0.2
 #: Edges of facets whose middle is farther from the old surface than this share of the tolerance are
 #: divided, unless they are more than the other share, in space and in the plane.
-_NEAR, _FEW, _FEW_IN_PLANE = 0.9, 0.02, 0.1
+_NEAR, _FEW, _FEW_IN_PLANE = 0.9, 0.02, 0.3
 #: Cosine of the angle between a facet and the plane at a node up to which a surface is smooth, and
 #: up to which nodes are moved along it if nothing else helps.
 _SMOOTH, _ROUGH = 0.97, 0.3
@@ -123,6 +123,10 @@ def _with_closer_edges(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) 
     much.  Edges of interfaces and tagged edges are divided, too.
     """
     old = facets_of(given)
+    nodes = np.unique(facets_of(mesh).cells)
+    points = mesh.points.copy()
+    _pull(points, mesh.cells, nodes[_nearest(old, points[nodes])[1] > _FAR * tolerance], old)
+    mesh = mesh.moved(points)
     for _ in range(_ROUNDS):
         edges = facets_of(mesh).cells
         there, distance = _nearest(old, mesh.points[edges].mean(axis=1))

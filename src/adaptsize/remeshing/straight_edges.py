@@ -104,22 +104,16 @@ def _are_straight(curves: SimplexMesh) -> BoolArray:
     is_corner, is_inner = (np.zeros(curves.n_points, np.bool_) for _ in range(2))
     is_corner[number[count != 2]] = True
     places = order[first[count == 2, None] + np.arange(2)]
-    a, b = _arms(curves, places)
-    chord = np.linalg.norm(a - b, axis=1)
-    sine = np.linalg.norm(a, axis=1) ** 2 * np.linalg.norm(b, axis=1) ** 2
-    along = np.einsum("ij,ij->i", a, b)
-    height = np.sqrt(np.maximum(sine - along**2, 0.0)) / np.maximum(chord, np.finfo(float).tiny)
+    edge, end = np.divmod(places, 2)
+    here, there = (curves.points[curves.cells[edge, at]] for at in (end, 1 - end))
+    arms = there - here
+    lengths = np.maximum(np.linalg.norm(arms, axis=2), np.finfo(float).tiny)
+    one, other = np.swapaxes(arms / lengths[:, :, None], 0, 1)
+    # Half of their sum is the sine of half of the angle that the curve turns by.
+    half = 0.5 * np.linalg.norm(one + other, axis=1)
     middle = number[count == 2]
-    is_inner[middle] = (height <= _ON_LINE * curves.diagonal) & (along < 0.0)
+    is_inner[middle] = half * lengths.min(axis=1) <= _ON_LINE * curves.diagonal
     least = math.radians(RIDGE_ANGLE["plane triangles" if curves.dim == 2 else "surface"])
-    is_corner[middle] = along > -math.cos(least) * np.sqrt(sine)
+    is_corner[middle] = half > math.sin(0.5 * least)
     return np.asarray(is_inner[curves.cells].any(axis=1) | is_corner[curves.cells].all(axis=1))
 
-
-def _arms(curves: SimplexMesh, places: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return the vectors from nodes to their two neighbours, given places in the flat edges."""
-    edge, end = np.divmod(places, 2)
-    here = curves.points[curves.cells[edge, end]]
-    there = curves.points[curves.cells[edge, 1 - end]]
-    arms = there - here
-    return arms[:, 0], arms[:, 1]
