@@ -58,6 +58,23 @@ def interface_distances(mesh: SimplexMesh, original: SimplexMesh) -> list[Distan
     return [distances_from(old, new), distances_from(new, old)]
 
 
+def tagged_parts(mesh: SimplexMesh, dim: int) -> dict[int, SimplexMesh]:
+    """Return the tagged segments or triangles of a mesh by tag.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+    dim : int
+        That of its cells or of its facets.
+    """
+    is_cells = dim == mesh.cell_dim
+    cells = mesh.cells if is_cells else mesh.tagged_facets
+    tags = mesh.cell_tags if is_cells else mesh.facet_tags
+    if cells is None or tags is None:
+        return {}
+    return {tag: SimplexMesh(mesh.points, cells[tags == tag]) for tag in np.unique(tags).tolist()}
+
+
 def region_measures(mesh: SimplexMesh) -> dict[int, float]:
     """Return the volume or area of each region."""
     if mesh.cell_tags is None:
