@@ -264,26 +264,18 @@ def _tags(
     mesh: SimplexMesh, original: SimplexMesh, allowed: float, count: int, notes: list[str]
 ) -> Iterator[Demand]:
     """Yield the demand on tagged facets, and on tagged triangles of a surface."""
-    away, missing = dict[str, list[Distances]](), list[str]()
-    both = {original.cell_dim, mesh.cell_dim}
-    dims = {mesh.dim - 1} | ({mesh.cell_dim - 1} if len(both) == 1 else set[int]())
-    for dim in sorted(dims - {0}):
-        old, new = tagged_parts(original, dim), tagged_parts(mesh, dim)
-        if old and not new and dim in both:
-            notes.append("tags of the surface are not compared: the mesh has none")
-            continue
-        for tag, part in old.items():
-            name = original.tag_names.get((dim, tag))
-            text = str(tag) if name is None else f'{tag} "{name}"'
-            if tag in new:
-                away[text] = [distances_from(part, new[tag]), distances_from(new[tag], part)]
-            else:
-                missing.append(text)
+    common, missing, has_no_faces = tagged_parts(mesh, original)
+    if has_no_faces:
+        notes.append("tags of the surface are not compared: the mesh has none")
     if missing:
-        text = f"{len(missing)} of {len(missing) + len(away)} missing: {', '.join(missing)}"
+        text = f"{len(missing)} of {len(missing) + len(common)} missing: {', '.join(missing)}"
         yield Demand("tags", False, text)
-    elif away:
-        worst = max(away, key=lambda text: max(found.largest for found in away[text]))
+    elif common:
+        away = {
+            tag: [distances_from(old, new), distances_from(new, old)]
+            for tag, (old, new) in common.items()
+        }
+        worst = max(away, key=lambda tag: max(found.largest for found in away[tag]))
         samples = [found for pair in away.values() for found in pair]
         demand = _near("tags", samples, allowed, original.diagonal, count)
         yield replace(demand, text=f"{len(away)}; {worst} {demand.text}")

@@ -34,9 +34,10 @@ class StraightEdges:
 
     def __init__(self, given: SimplexMesh) -> None:
         old = facets_of(given)
-        self._curves = SimplexMesh(old.points, feature_edges(old))
-        self._is_straight = _are_straight(self._curves)
-        self._near = _ON_LINE * self._curves.diagonal
+        edges = feature_edges(old)
+        self._curves = SimplexMesh(old.points, edges) if len(edges) else None
+        self._is_straight = None if self._curves is None else _are_straight(self._curves)
+        self._near = _ON_LINE * given.diagonal
 
     def straightened(self, mesh: SimplexMesh, tolerance: float) -> SimplexMesh:
         """Return a mesh with the nodes of its straight feature edges exactly on these.
@@ -70,11 +71,12 @@ class StraightEdges:
     def _nodes(self, mesh: SimplexMesh) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return nodes of feature edges closest to straight ones, their places, and distances."""
         nodes = np.unique(feature_edges(facets_of(mesh)))
-        if len(nodes) == 0 or not self._is_straight.any():
+        curves, is_straight = self._curves, self._is_straight
+        if len(nodes) == 0 or curves is None or is_straight is None or not is_straight.any():
             return np.empty(0, np.int32), np.empty((0, mesh.dim)), np.empty(0)
-        edges, weights, distance = self._curves.locator.nearest(mesh.points[nodes])
-        there = np.einsum("ij,ijk->ik", weights, self._curves.points[self._curves.cells[edges]])
-        found = self._is_straight[edges]
+        edges, weights, distance = curves.locator.nearest(mesh.points[nodes])
+        there = np.einsum("ij,ijk->ik", weights, curves.points[curves.cells[edges]])
+        found = is_straight[edges]
         return nodes[found], there[found], distance[found]
 
 
@@ -116,4 +118,3 @@ def _are_straight(curves: SimplexMesh) -> BoolArray:
     least = math.radians(RIDGE_ANGLE["plane triangles" if curves.dim == 2 else "surface"])
     is_corner[middle] = half > math.sin(0.5 * least)
     return np.asarray(is_inner[curves.cells].any(axis=1) | is_corner[curves.cells].all(axis=1))
-
