@@ -1,5 +1,6 @@
 """Random tags in grids of simplices: boxes, wedges, prisms, patches, sheets and lines."""
 
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -27,40 +28,43 @@ def random_tags(seed, dim, *, is_moved=False):
         steps = [rng.uniform(0.5, 1.5, k) for k in n]
     else:  # sides of wedges and prisms are plane
         steps = [np.full(k, rng.uniform(0.75, 1.2)) for k in n]
-    index, cells = _grid(n)
-    centres = index[cells].mean(axis=1)
-    tags = np.full(len(cells), 5)
-    if kind == "prism":
-        below = np.column_stack([*np.floor(centres[:, :2]).T, np.ptp(centres[:, :2] % 1.0, axis=1)])
-        below[:, 2] = (centres[:, 0] % 1.0) > (centres[:, 1] % 1.0)
-        triangle = np.unique(below, axis=0, return_inverse=True)[1].reshape(-1)
-        tags[(rng.random(triangle.max() + 1) < 0.3)[triangle]] = 7
-        if dim == 3:
-            low, high = _range(n[2], rng)
-            tags[(centres[:, 2] < low) | (centres[:, 2] > high)] = 5
-    else:
-        for tag in range(7, 8 + rng.integers(3)):
-            low, high = np.array([_range(k, rng) for k in n]).T
-            inside = ((centres > low) & (centres < high)).all(axis=1)
-            if kind == "wedges":
-                i, j = rng.choice(dim, 2, replace=False)
-                inside &= centres[:, i] - low[i] > centres[:, j] - low[j]
-            tags[inside] = tag
+    index, cells = unit_grid(n)
+    tags = _regions(kind, index[cells].mean(axis=1), n, rng)
     tags = rng.permutation(np.arange(-5, 20))[tags]  # regions are not in the order of the tags
     axes = [np.concatenate([[0.0], np.cumsum(step)]) for step in steps]
     points = np.column_stack([axis[i] for axis, i in zip(axes, index.T, strict=True)])
     if is_moved:
-        points = rng.uniform(1e-3, 1e3) * (points @ special_ortho_group.rvs(dim, random_state=rng))
-        points += rng.uniform(-1.0, 1.0, dim) * points.std()
+        points = points @ special_ortho_group.rvs(dim, random_state=rng)
+        points = 10.0 ** rng.uniform(-3, 3) * (points + rng.uniform(-5.0, 5.0, dim))
     mesh = SimplexMesh(points, cells, cell_tags=tags)
     facets, facet_tags = _tagged_facets(mesh, index, n, rng)
     spacing = float(np.median(mesh.edge_lengths)) / np.sqrt(2.0)
-    return SimplexMesh(
-        points, cells, cell_tags=tags, tagged_facets=facets, facet_tags=facet_tags
-    ), spacing
+    return replace(mesh, tagged_facets=facets, facet_tags=facet_tags), spacing
 
 
-def _grid(n):
+def _regions(kind, centres, n, rng):
+    """Return numbers of regions from 5 on, given the centres of cells in a grid of unit cells."""
+    tags = np.full(len(centres), 5)
+    if kind == "prism":
+        x, y = centres[:, :2].T
+        below = np.column_stack([np.floor(x), np.floor(y), x % 1.0 > y % 1.0])
+        triangle = np.unique(below, axis=0, return_inverse=True)[1].reshape(-1)
+        tags[(rng.random(triangle.max() + 1) < 0.3)[triangle]] = 7
+        if len(n) == 3:
+            low, high = _range(n[2], rng)
+            tags[(centres[:, 2] < low) | (centres[:, 2] > high)] = 5
+        return tags
+    for tag in range(7, 8 + rng.integers(3)):
+        low, high = np.array([_range(k, rng) for k in n]).T
+        inside = ((centres > low) & (centres < high)).all(axis=1)
+        if kind == "wedges":
+            i, j = rng.choice(len(n), 2, replace=False)
+            inside &= centres[:, i] - low[i] > centres[:, j] - low[j]
+        tags[inside] = tag
+    return tags
+
+
+def unit_grid(n):
     """Return the nodes of a grid of unit cells, and Kuhn's simplices."""
     shape = np.array(n) + 1
     number = np.arange(shape.prod()).reshape(shape)
@@ -108,8 +112,10 @@ def changes(new, old):
     assert before.keys() == after.keys()
     found["regions"] = max(abs(after[tag] / before[tag] - 1.0) for tag in before)
     assert set(np.unique(new.facet_tags)) == set(np.unique(old.facet_tags))
-    sets = [[mesh.tagged_facets[mesh.facet_tags == tag] for mesh in (new, old)]
-            for tag in np.unique(old.facet_tags)]
+    sets = [
+        [mesh.tagged_facets[mesh.facet_tags == tag] for mesh in (new, old)]
+        for tag in np.unique(old.facet_tags)
+    ]
     skins = [(SimplexMesh(new.points, a), SimplexMesh(old.points, b)) for a, b in sets]
     found["tagged"] = max(_change(*pair) for pair in skins)
     found["tagged distance"] = max(_distance(*pair) for pair in skins) / old.diagonal
@@ -117,8 +123,12 @@ def changes(new, old):
     found["facets"] = _change(*skin)
     found["facets distance"] = _distance(*skin) / old.diagonal
     if old.dim == 3:
-        curves = [SimplexMesh(s.points, s.edges[sharp_facets(s, normals_of(s), _ANGLE)
-                                                | _between_groups(s)]) for s in skin]
+        curves = [
+            SimplexMesh(
+                s.points, s.edges[sharp_facets(s, normals_of(s), _ANGLE) | _between_groups(s)]
+            )
+            for s in skin
+        ]
         found["edges"] = _change(*curves)
         found["edges distance"] = _distance(*curves) / old.diagonal
     return found
