@@ -7,12 +7,9 @@ import numpy as np
 from scipy.stats import special_ortho_group
 
 from adaptsize import SimplexMesh
-from adaptsize.geometry.creases import normals_of, sharp_facets
 from adaptsize.quality.boundary import distances_from, region_measures
+from adaptsize.remeshing.straight_edges import feature_edges
 from adaptsize.remeshing.surface import facets_of
-
-#: Edges at which facets turn by more are feature edges, in radians; all others here are flat.
-_ANGLE = np.radians(25.0)
 
 
 def random_tags(seed, dim, *, is_moved=False):
@@ -123,23 +120,10 @@ def changes(new, old):
     found["facets"] = _change(*skin)
     found["facets distance"] = _distance(*skin) / old.diagonal
     if old.dim == 3:
-        curves = [
-            SimplexMesh(
-                s.points, s.edges[sharp_facets(s, normals_of(s), _ANGLE) | _between_groups(s)]
-            )
-            for s in skin
-        ]
+        curves = [SimplexMesh(one.points, feature_edges(one)) for one in skin]
         found["edges"] = _change(*curves)
         found["edges distance"] = _distance(*curves) / old.diagonal
     return found
-
-
-def _between_groups(surface):
-    lowest = np.full(len(surface.edges), 10**6)
-    highest = np.full(len(surface.edges), -1)
-    np.minimum.at(lowest, surface.cell_facets, surface.cell_tags[:, None])
-    np.maximum.at(highest, surface.cell_facets, surface.cell_tags[:, None])
-    return lowest != highest
 
 
 def _change(new, old):
