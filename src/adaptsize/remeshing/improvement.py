@@ -5,7 +5,8 @@ projected back, and the few edges that are still too far away get a node on the 
 and faces of the worst cells are swapped, each region on its own, and nodes are moved: inside of
 regions freely, on smooth boundaries and interfaces along these.  No move is kept that makes the
 worst cell around a node worse or brings a facet farther away than the tolerance, and no pass that
-lowers the least angle or the least radius ratio of the mesh.  In the plane, only edges get nodes.
+lowers the least angle or the least radius ratio of the mesh.  Nodes of straight feature edges stay
+on these.  In the plane, nodes are projected back and edges get nodes.
 """
 
 from dataclasses import replace
@@ -41,12 +42,12 @@ _SMOOTH, _ROUGH = 0.97, 0.3
 def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> SimplexMesh:
     """Return a mesh with facets within the tolerance, where that is possible.
 
-    Tetrahedra get better cells, too.
+    Tetrahedra get better cells, too.  In surfaces, only nodes of straight feature edges are moved.
 
     Parameters
     ----------
     mesh : SimplexMesh
-        Tetrahedra of positive volume, or triangles in the plane.
+        Tetrahedra of positive volume, or triangles.
     given : SimplexMesh
         The mesh or surface whose boundary and interfaces these must have.
     tolerance : float
@@ -119,14 +120,17 @@ def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> Simplex
 def _with_closer_edges(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> SimplexMesh:
     """Return plane triangles with nodes of the old boundary where edges are too far from it.
 
+    Mmg moves nodes of curves along the edges that it has made, which takes them off the curve.
     Mmg leaves edges that are up to sqrt 2 times as long as the size, which then bulge by twice as
     much.  Edges of interfaces and tagged edges are divided, too.
     """
     old = facets_of(given)
     nodes = np.unique(facets_of(mesh).cells)
-    points = mesh.points.copy()
-    _pull(points, mesh.cells, nodes[_nearest(old, points[nodes])[1] > _FAR * tolerance], old)
-    mesh = mesh.moved(points)
+    far = nodes[_nearest(old, mesh.points[nodes])[1] > _FAR * tolerance]
+    if len(far):
+        points = mesh.points.copy()
+        _pull(points, mesh.cells, far, old)
+        mesh = mesh.moved(points)
     for _ in range(_ROUNDS):
         edges = facets_of(mesh).cells
         there, distance = _nearest(old, mesh.points[edges].mean(axis=1))

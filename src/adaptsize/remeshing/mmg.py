@@ -8,6 +8,10 @@ Observed behaviour that is handled here:
   are passed, numbered after the regions.
 * Vertices of bent edges get averaged normals, and Mmg rounds the triangles there.  Long triangles
   beside a fillet then bulge by more than the tolerance, unless the edge is passed as a ridge.
+* Facets at the interface of a region with the reference 2 are not oriented, since that marks one
+  side of a level set.  Their edges then lose their marks, and are swapped or collapsed.
+* Facets inside a region are dropped unless open boundaries are preserved, which is an option.  In
+  the plane such edges come back twice.
 * In the plane, edges of the boundary that meet at less than the ridge angle count as one smooth
   curve.  Nodes where it may bulge too far, and ends of required edges, are passed as corners.
 * Tips of cones whose facets differ little from their neighbours are rounded unless they are
@@ -45,8 +49,8 @@ if TYPE_CHECKING:
 _RESULT = "out.meshb"
 #: Reference number of edges that are passed as ridges.
 _RIDGE = 1
-#: References of regions start here, followed by those of groups of facets.  Mmg uses 2 and 3 for
-#: the sides of level sets, and 10 for these.  It does not orient the facets of a region 2.
+#: References of regions start here, followed by those of groups of facets.  Mmg uses 2, 3 and 10 for
+#: level sets.
 _FIRST_REGION = 11
 _PROGRAMS = {"tetrahedra": "mmg3d_O3", "plane triangles": "mmg2d_O3", "surface": "mmgs_O3"}
 _ENTITIES = {
@@ -301,15 +305,17 @@ def _read_job(result: Path, options: Mapping[str, Any]) -> dict[str, npt.NDArray
     )
     groups = groups - (_FIRST_REGION + options["n_regions"])
     known = (groups >= 0) & (groups < options["n_groups"])
-    # Mmg writes edges inside of regions in the plane once for each side.
-    rows = np.sort(facets[known], axis=1)
-    first = np.sort(np.unique(rows, axis=0, return_index=True)[1])
+    facets, groups = facets[known], groups[known]
+    if task == "plane triangles":  # edges inside of regions are there once for each side
+        keys = np.sort(facets, axis=1).astype(np.int64) @ [len(points), 1]
+        first = np.sort(np.unique(keys, return_index=True)[1])
+        facets, groups = facets[first], groups[first]
     return {
         "points": points,
         "cells": cells,
         "regions": regions - _FIRST_REGION,
-        "facets": facets[known][first],
-        "facet_groups": groups[known][first],
+        "facets": facets,
+        "facet_groups": groups,
         "ridges": edges[(references == _RIDGE) & (task != "plane triangles")],
     }
 

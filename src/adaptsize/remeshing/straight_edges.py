@@ -51,6 +51,8 @@ class StraightEdges:
         """
         nodes, there, distance = self._nodes(mesh)
         moved = (distance > 0.0) & (distance <= 2.0 * tolerance)
+        if not moved.any():
+            return mesh
         nodes, points = nodes[moved], mesh.points.copy()
         points[nodes] = there[moved]
         if mesh.cell_dim == mesh.dim:
