@@ -49,8 +49,8 @@ if TYPE_CHECKING:
 _RESULT = "out.meshb"
 #: Reference number of edges that are passed as ridges.
 _RIDGE = 1
-#: References of regions start here, followed by those of groups of facets.  Mmg uses 2, 3 and 10 for
-#: level sets.
+#: References of regions start here, followed by those of groups of facets.  Mmg uses 2, 3 and 10
+#: for level sets.
 _FIRST_REGION = 11
 _PROGRAMS = {"tetrahedra": "mmg3d_O3", "plane triangles": "mmg2d_O3", "surface": "mmgs_O3"}
 _ENTITIES = {
