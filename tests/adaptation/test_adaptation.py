@@ -1,5 +1,7 @@
 """One cycle of an adaptive loop with generators, and bad input."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from adaptive_loops import SEED, indicator, to_circle
@@ -123,9 +125,28 @@ def test_wrong_meshes_are_refused():
         adapt(sphere, h0=0.1, cell_fields={"q": sphere.measures})
 
 
-def test_vanished_tags_are_warned_of(generator):
-    tagged = SimplexMesh(MESH.points, MESH.cells, cell_tags=np.arange(MESH.n_cells) // 9)
-    with pytest.warns(ResolutionWarning, match="has lost cell tag 1"):
-        result = adapt(tagged, h0=0.1)
+@pytest.mark.parametrize(("h", "n_cells"), [(0.3, 1), (0.3, 12), (0.1, 1)])
+def test_tags_vanish_only_with_parts_that_are_narrower_than_the_sizes(generator, h, n_cells):
+    order = MESH.points[MESH.cells].mean(axis=1)[:, 0].argsort()  # columns from the left
+    tags = np.zeros(MESH.n_cells, int)
+    tags[order[:n_cells]] = 1
+    tagged = SimplexMesh(MESH.points, MESH.cells, cell_tags=tags)
+    is_narrow = h == 0.3 and n_cells == 1  # triangles of width .195
+    text = "has lost cell tag 1: parts smaller" if is_narrow else "cell tag 1, though not for its"
+    with pytest.warns(ResolutionWarning, match=text) as caught:
+        result = adapt(tagged, h0=h)
+    assert len([one for one in caught if "has lost" in str(one.message)]) == 1
     assert result.report.lost_tags == ("cell tag 1",)
+    assert result.report.dropped_tags == (() if is_narrow else ("cell tag 1",))
     assert "tags lost: cell tag 1" in str(result)
+
+
+def test_tagged_lines_inside_a_region_are_not_lost_in_a_loop():
+    pytest.importorskip("mmgpy")
+    mesh = structured_square(8, half_width=1.0)
+    on_line = (mesh.points[mesh.edges][:, :, 1] == 0.0).all(axis=1)
+    line = mesh.edges[on_line & (np.abs(mesh.points[mesh.edges]).max(axis=(1, 2)) < 0.6)]
+    mesh = replace(mesh, tagged_facets=line, facet_tags=np.full(len(line), 3))
+    for h in (0.1, 0.3):
+        mesh = adapt(mesh, h0=h).mesh
+        assert facet_areas(mesh, 3) == pytest.approx(1.0, rel=1e-9)

@@ -158,7 +158,8 @@ def mixed_file(tmp_path):
 
 
 def test_cells_of_the_highest_dimension_are_taken_and_nodes_in_no_cell_kept(tmp_path):
-    mesh = read(mixed_file(tmp_path))
+    with pytest.warns(InputWarning, match=r"mixed.vtu: 1 tagged segments dropped \(7\)$"):
+        mesh = read(mixed_file(tmp_path))
     assert repr(mesh) == "SimplexMesh(5 points in 3-D, 1 tetrahedra)"
     assert_array_equal(mesh.cell_tags, [3])
     assert_array_equal(mesh.tagged_facets, [[1, 2, 3], [0, 1, 3]])

@@ -7,6 +7,7 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -15,6 +16,7 @@ from mesh_files import SQUARE, TWO_TRIANGLES
 from numpy.testing import assert_array_equal
 
 from adaptsize import CartesianGrid, SimplexMesh, SizeFunction, read, read_size, write
+from adaptsize.errors import InputWarning
 
 #: Letters with a meaning in some format, and some that few programs expect.
 ODD = "<>&\"'`%\\/.,;:#$(){}[]=\t\n\r\x0b\x00\x1b\x85\xa0\u2028\ud800\ufffee\u0301\U0001f600 "
@@ -45,6 +47,26 @@ def test_odd_names_in_meshes_are_read_back_or_refused(suffix, name, tag):
     assert_array_equal(back.point_data[name], mesh.point_data[name])
     if suffix not in (".ply", ".xdmf"):
         assert back.tag_names == mesh.tag_names
+
+
+def test_groups_that_a_mesh_cannot_hold_are_named_in_a_warning(tmp_path):
+    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]]
+    blocks = {"vertex": [[4]], "line": [[0, 1], [1, 2]], "tetra": [[0, 1, 2, 3], [1, 2, 3, 4]]}
+    tags = [np.array([9]), np.array([4, 4]), np.array([2, 2])]
+    raw = meshio.Mesh(
+        points,
+        list(blocks.items()),
+        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+        field_data={"gauge": np.array([9, 0]), "wire": np.array([4, 1]), "soil": np.array([2, 3])},
+    )
+    meshio.write(tmp_path / "a.msh", raw, file_format="gmsh22", binary=False)
+    text = r"1 tagged nodes dropped \(gauge\); 2 tagged segments dropped \(wire\)"
+    with pytest.warns(InputWarning, match=text):
+        mesh = read(tmp_path / "a.msh")
+    assert mesh.tag_names == {(3, 2): "soil"}
+    raw.cell_data["gmsh:physical"][:2] = [0 * tags[0], 0 * tags[1]]
+    meshio.write(tmp_path / "b.msh", raw, file_format="gmsh22", binary=False)
+    assert read(tmp_path / "b.msh").tag_names == {(3, 2): "soil"}  # geometry only: no warning
 
 
 @settings(max_examples=60, deadline=None)

@@ -1,5 +1,7 @@
 """The demands on a mesh: each is missed by a mesh made to miss it, and by no other."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from meshes import random_sphere
@@ -131,3 +133,57 @@ def test_edges_between_coincident_nodes_are_the_worst():
 def test_cells_that_fill_a_thin_plate_twice_are_noticed_at_a_tolerance_of_its_thickness():
     plate = SimplexMesh(CUBE.points * [1.0, 1.0, 0.01], CUBE.cells)
     assert missed(joined(plate, plate), original=plate, tolerance=0.01) == ["measure", "topology"]
+
+
+def with_tagged_sides(mesh):
+    """Return a unit cube with its sides x = 0 and x = 1 tagged 4 and 5, and the sheet x = .5, 6."""
+    x = mesh.points[mesh.facets][:, :, 0]
+    sides = [mesh.facets[(np.abs(x - at) < 1e-9).all(axis=1)] for at in (0.0, 1.0, 0.5)]
+    return SimplexMesh(
+        mesh.points,
+        mesh.cells,
+        tagged_facets=np.concatenate(sides),
+        facet_tags=np.repeat([4, 5, 6], [len(side) for side in sides]),
+        tag_names={(2, 6): "sheet"},
+    )
+
+
+@pytest.mark.parametrize("scale", [1e-3, 7.0])
+def test_tags_of_facets_that_vanish_or_change_their_place_are_noticed(scale):
+    old = with_tagged_sides(CUBE)
+    old = old.moved(scale * old.points)
+    (tags,) = [one for one in check_mesh(old, original=old).demands if one.name == "tags"]
+    assert (tags.is_met, tags.distance) == (True, 0.0)
+    kept = old.facet_tags != 6
+    lost = replace(old, tagged_facets=old.tagged_facets[kept], facet_tags=old.facet_tags[kept])
+    (failure,) = check_mesh(lost, original=old).failures
+    assert (failure.name, failure.text) == ("tags", '1 of 3 missing: 6 "sheet"')
+    bare = replace(old, tagged_facets=None, facet_tags=None)
+    (failure,) = check_mesh(bare, original=old).failures
+    assert failure.text == '3 of 3 missing: 4, 5, 6 "sheet"'
+    assert check_mesh(old, original=bare).is_met  # more tags than before are no fault
+    swapped = replace(old, facet_tags=np.where(old.facet_tags == 6, 6, 9 - old.facet_tags))
+    (failure,) = check_mesh(swapped, original=old).failures
+    assert failure.distance == pytest.approx(1.0 / np.sqrt(3.0))
+    assert failure.text.startswith("3; 4 within 0.577 of the diagonal")
+    assert failure.places[0].value == pytest.approx(scale)
+
+
+def test_tags_of_a_surface_are_compared_with_those_of_the_boundary_of_its_volume():
+    volume = with_tagged_sides(CUBE)
+    skin = CUBE.boundary().mesh
+    x = skin.points[skin.cells][:, :, 0]
+    left, right = ((x == at).all(axis=1) for at in (0.0, 1.0))
+    surface = replace(skin, cell_tags=np.where(left, 4, np.where(right, 5, 8)))
+    (failure,) = check_mesh(volume, original=surface).failures
+    assert failure.text == "1 of 3 missing: 8"
+    surface = replace(skin, cell_tags=np.where(left, 4, 5))
+    (failure,) = check_mesh(volume, original=surface).failures
+    assert failure.text.startswith("2; 5 within 0.577")
+    check = check_mesh(CUBE, original=surface)
+    assert check.is_met
+    assert check.notes == ("tags of the surface are not compared: the mesh has none",)
+    edges = skin.edges[(np.abs(skin.points[skin.edges][:, :, :2]) < 1e-9).all(axis=(1, 2))]
+    rims = replace(skin, tagged_facets=edges, facet_tags=np.full(len(edges), 3))
+    assert check_mesh(rims, original=rims).is_met
+    assert missed(skin, original=rims) == ["tags"]

@@ -1,5 +1,6 @@
 """Conversion of the content of a file to a SimplexMesh: choice of cells, tags and fields."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -47,6 +48,7 @@ def build(raw: RawMesh, *, kind: str | None, flatten: bool, notes: list[str]) ->
     simplices = _without_repeated_nodes(simplices_of(raw, dim), notes)
     tag_name, cell_tags = _tags(raw, simplices)
     facets, facet_tags, facet_tag_name = _facets(raw, simplices, notes)
+    notes.extend(_dropped_groups(raw, dim))
     # Names belong to physical groups, not to geometric entities.
     named = {dim: tag_name, dim - 1: facet_tag_name}
     names = {
@@ -75,6 +77,35 @@ def build(raw: RawMesh, *, kind: str | None, flatten: bool, notes: list[str]) ->
         point_data={name: values[keep] for name, values in _nodal_fields(raw).items()},
         cell_data=cell_data,
     )
+
+
+def _dropped_groups(raw: RawMesh, dim: int) -> list[str]:
+    """Return notes on the tagged nodes and segments that a mesh of cells cannot hold."""
+    by_name = {name.lower(): name for name in raw.cell_data}
+    names = (name for name in TAG_NAMES if name in by_name and name != "gmsh:geometrical")
+    fields = [raw.cell_data[by_name[name]] for name in names]
+    notes = []
+    for lower in range(dim - 1):
+        of_dim = [i for i, (name, _) in enumerate(raw.blocks) if dimension_of(name) == lower]
+        tags = np.concatenate([np.zeros(0), *(_first_tags(fields, i) for i in of_dim)])
+        tags = tags[tags != 0]
+        if len(tags):
+            found = np.unique(tags)
+            held = [raw.tag_names.get((lower, int(tag)), f"{tag:g}") for tag in found[:5]]
+            text = ", ".join(held) + ", ..." * (len(found) > 5)
+            notes.append(f"{len(tags)} tagged {('nodes', 'segments')[lower]} dropped ({text})")
+    return notes
+
+
+def _first_tags(
+    fields: Sequence[Sequence[npt.NDArray[Any]]], block: int
+) -> npt.NDArray[np.float64]:
+    """Return the tags of a block in the first field that has some."""
+    for blocks in fields:
+        values = np.asarray(blocks[block])
+        if values.ndim == 1 and values.dtype.kind in "iuf" and values.any():
+            return values.astype(np.float64)
+    return np.zeros(0)
 
 
 def _without_untagged(

@@ -29,7 +29,14 @@ from adaptsize.adaptation.next_sizes import (
     check_goal,
     decide,
 )
-from adaptsize.adaptation.report import AdaptReport, AdaptResult, numbers_of, tags_of, total_measure
+from adaptsize.adaptation.report import (
+    AdaptReport,
+    AdaptResult,
+    numbers_of,
+    tags_of,
+    total_measure,
+    wide_parts,
+)
 from adaptsize.adaptation.transfer import transferred
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh, interpolate
 from adaptsize.background.simplex import as_mesh
@@ -256,6 +263,8 @@ def _result(
         qualities = partial(tuple, qualities())
     before_tags = tags_of(old)
     lost = sorted(before_tags - tags_of(new))
+    h = smallest(sizes.at_nodes)
+    dropped = sorted(wide_parts(old, h, lost))
     (n_points, n_cells), (new_points, new_cells) = numbers_of(old), numbers_of(new)
     report = AdaptReport(
         cell_dim=old.cell_dim, n_points_before=n_points, n_points_after=new_points,
@@ -269,11 +278,11 @@ def _result(
         measure_before=total_measure(old), measure_after=total_measure(new),
         boundary_distance=made.boundary_distance, moves=made.moves,
         lost_tags=tuple(f"{kind} tag {tag}" for kind, tag in lost),
+        dropped_tags=tuple(f"{kind} tag {tag}" for kind, tag in dropped),
         kept_tags=bool(before_tags),
         transferred=how, integrals=integrals,
     )  # fmt: skip
     requested = sizes.requested(old)
-    h = smallest(sizes.at_nodes)
     return AdaptResult(
         new, SizeFunction(old, h) if isinstance(old, SimplexMesh) else h, nodal, by_cell,
         decision.remesh, decision.converged, decision.reason, report,

@@ -16,6 +16,7 @@ from adaptsize.background.partitioned import local_mesh
 from adaptsize.background.requests import ask_nearest, boxes_around
 from adaptsize.errors import ResolutionWarning
 from adaptsize.metrics import MetricFunction
+from adaptsize.quality.boundary import parts_by_tag
 from adaptsize.quality.conformity import Conformity
 from adaptsize.typing import FloatArray
 
@@ -62,6 +63,8 @@ class AdaptReport:
         Result of the projection by ``project``.
     lost_tags : tuple of str
         Tags of cells and facets that the new mesh has lost.
+    dropped_tags : tuple of str
+        Those among them whose cells or facets are wider than the sizes.
     kept_tags : bool
         Whether the old mesh had tags of cells or facets.
     transferred : dict of str to str
@@ -88,6 +91,7 @@ class AdaptReport:
     measure_after: float
     boundary_distance: float
     lost_tags: tuple[str, ...]
+    dropped_tags: tuple[str, ...]
     backend: str
     qualities: Callable[[], tuple[Conformity, Conformity]] = field(compare=False, repr=False)
     moves: BoundaryMoves | None
@@ -181,10 +185,16 @@ class AdaptReport:
 
     def warn(self, allowed: float) -> None:
         """Warn of lost tags, and of a boundary that has moved farther than allowed."""
-        if self.lost_tags:
+        vanished = [tag for tag in self.lost_tags if tag not in self.dropped_tags]
+        if vanished:
             warn_caller(
-                f"the new mesh has lost {', '.join(self.lost_tags)}: parts smaller than the sizes "
-                "vanish",
+                f"the new mesh has lost {', '.join(vanished)}: parts smaller than the sizes vanish",
+                ResolutionWarning,
+            )
+        if self.dropped_tags:
+            warn_caller(
+                f"the new mesh has lost {', '.join(self.dropped_tags)}, though not for its size: "
+                f"{self.backend} did not keep it",
                 ResolutionWarning,
             )
         if self.boundary_distance > allowed:
@@ -274,6 +284,28 @@ def tags_of(mesh: AnyMesh) -> set[tuple[str, int]]:
     found = {
         (kind, tag) for kind, of in tags.items() if of is not None for tag in np.unique(of).tolist()
     }
+    return set().union(*mesh.ranks.allgather(found))
+
+
+def wide_parts(mesh: AnyMesh, h: FloatArray, tags: list[tuple[str, int]]) -> set[tuple[str, int]]:
+    """Return those tags whose cells or facets are on some rank wider than the sizes; collective.
+
+    The width of a part is twice its measure over that of its boundary: for a layer its thickness.
+    That of a curve is its length.
+    """
+    own, found = local_mesh(mesh), set[tuple[str, int]]()
+    for kind, tag in tags:
+        part = None
+        if own is not None:
+            part = parts_by_tag(own, own.cell_dim - (kind == "facet")).get(tag)
+        if part is None:
+            continue
+        width = float(part.measures.sum())
+        if part.cell_dim > 1:
+            around = float(part.boundary().mesh.measures.sum()) if not part.is_closed else 0.0
+            width = 2.0 * width / around if around else np.inf
+        if width > float(h[np.unique(part.cells)].mean()):
+            found.add((kind, tag))
     return set().union(*mesh.ranks.allgather(found))
 
 

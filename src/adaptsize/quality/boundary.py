@@ -58,6 +58,50 @@ def interface_distances(mesh: SimplexMesh, original: SimplexMesh) -> list[Distan
     return [distances_from(old, new), distances_from(new, old)]
 
 
+class TaggedParts(NamedTuple):
+    """Tagged facets of two meshes, or triangles of surfaces, by the tags with their names."""
+
+    common: dict[str, tuple[SimplexMesh, SimplexMesh]]
+    """The old and the new facets."""
+    missing: list[str]
+    """Tags of old facets that no new ones have."""
+    has_no_faces: bool
+    """Whether the old surface has tagged triangles, and the mesh none."""
+
+
+def tagged_parts(mesh: SimplexMesh, original: SimplexMesh) -> TaggedParts:
+    """Return the tagged facets that a mesh has in common with another, and the missing ones.
+
+    A surface is compared with another, or with the boundary of a volume.
+    """
+    both = {original.cell_dim, mesh.cell_dim}
+    dims = {mesh.dim - 1} | ({mesh.cell_dim - 1} if len(both) == 1 else set[int]())
+    common, missing, has_no_faces = dict[str, tuple[SimplexMesh, SimplexMesh]](), list[str](), False
+    for dim in sorted(dims - {0}):
+        old, new = parts_by_tag(original, dim), parts_by_tag(mesh, dim)
+        if old and not new and dim in both:
+            has_no_faces = True
+            continue
+        for tag, part in old.items():
+            name = original.tag_names.get((dim, tag))
+            text = str(tag) if name is None else f'{tag} "{name}"'
+            if tag in new:
+                common[text] = part, new[tag]
+            else:
+                missing.append(text)
+    return TaggedParts(common, missing, has_no_faces)
+
+
+def parts_by_tag(mesh: SimplexMesh, dim: int) -> dict[int, SimplexMesh]:
+    """Return the cells or facets of a mesh, those of the given dimension, by tag."""
+    is_cells = dim == mesh.cell_dim
+    cells = mesh.cells if is_cells else mesh.tagged_facets
+    tags = mesh.cell_tags if is_cells else mesh.facet_tags
+    if cells is None or tags is None:
+        return {}
+    return {tag: SimplexMesh(mesh.points, cells[tags == tag]) for tag in np.unique(tags).tolist()}
+
+
 def region_measures(mesh: SimplexMesh) -> dict[int, float]:
     """Return the volume or area of each region."""
     if mesh.cell_tags is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from adaptsize.quality.boundary import (
     distances_from,
     interface_distances,
     region_measures,
+    tagged_parts,
     topology_of,
 )
 from adaptsize.quality.conformity import SizeLike, edge_ratios, inverted_cells, is_in_band
@@ -48,15 +49,15 @@ class Demand:
     Attributes
     ----------
     name : str
-        ``"cells"``, ``"facets"``, ``"boundary"``, ``"interface"``, ``"regions"``, ``"measure"``,
-        ``"topology"`` or ``"edges"``.
+        ``"cells"``, ``"facets"``, ``"boundary"``, ``"interface"``, ``"tags"``, ``"regions"``,
+        ``"measure"``, ``"topology"`` or ``"edges"``.
     is_met : bool
     text : str
         What was measured and what is allowed.
     places : tuple of Place
         The worst places, the worst first.  Empty if the demand is met or concerns no place.
     distance : float or None
-        The largest distance over the diagonal, of ``"boundary"`` and ``"interface"``.
+        The largest distance over the diagonal, of ``"boundary"``, ``"interface"`` and ``"tags"``.
     """
 
     name: str
@@ -91,7 +92,7 @@ class MeshCheck:
         return tuple(demand for demand in self.demands if not demand.is_met)
 
     def distance(self, name: str) -> float | None:
-        """Return the distance of ``"boundary"`` or ``"interface"``; None if it is not compared."""
+        """Return the distance of a demand, such as ``"boundary"``; None if it is not compared."""
         return next((one.distance for one in self.demands if one.name == name), None)
 
     def as_dict(self) -> dict[str, Any]:
@@ -156,6 +157,9 @@ def check_mesh(
       surface, only its own distance from the boundary of ``mesh`` counts.
     - *interface*: the same for facets between regions and tagged facets inside of them, if both
       meshes have any.
+    - *tags*: the mesh has facets of each tag of ``original``, and those of each tag are within the
+      tolerance of the old ones and vice versa.  Likewise tagged triangles of a surface, if the mesh
+      has any, or edges of it.
     - *regions*: both meshes have the same ones, and the volume or area of each has changed by at
       most the tolerance times its boundary.
     - *measure*: the volume or area is the enclosed one, up to the tolerance times the area of the
@@ -234,6 +238,8 @@ def _same_domain(
         inside = interface_distances(mesh, original)
         if inside:
             yield _near("interface", inside, allowed, original.diagonal, count)
+    yield from _tags(mesh, original, allowed, count, notes)
+    if original.cell_dim == original.dim == mesh.cell_dim:
         if original.cell_tags is not None and mesh.cell_tags is not None:
             yield _regions(mesh, original, allowed)
         elif original.cell_tags is not None:
@@ -252,6 +258,27 @@ def _same_domain(
     else:
         notes.append("the volume is not compared: the original is not consistently oriented")
     yield _topology(new_topology, old_topology)
+
+
+def _tags(
+    mesh: SimplexMesh, original: SimplexMesh, allowed: float, count: int, notes: list[str]
+) -> Iterator[Demand]:
+    """Yield the demand on tagged facets, and on tagged triangles of a surface."""
+    common, missing, has_no_faces = tagged_parts(mesh, original)
+    if has_no_faces:
+        notes.append("tags of the surface are not compared: the mesh has none")
+    if missing:
+        text = f"{len(missing)} of {len(missing) + len(common)} missing: {', '.join(missing)}"
+        yield Demand("tags", False, text)
+    elif common:
+        away = {
+            tag: [distances_from(old, new), distances_from(new, old)]
+            for tag, (old, new) in common.items()
+        }
+        worst = max(away, key=lambda tag: max(found.largest for found in away[tag]))
+        samples = [found for pair in away.values() for found in pair]
+        demand = _near("tags", samples, allowed, original.diagonal, count)
+        yield replace(demand, text=f"{len(away)}; {worst} {demand.text}")
 
 
 def _near(name: str, away: list[Distances], allowed: float, diagonal: float, count: int) -> Demand:

@@ -18,7 +18,12 @@ from adaptsize.errors import (
     ResolutionWarning,
 )
 from adaptsize.quality import check_mesh
-from adaptsize.quality.boundary import interface_distances, keeps_topology, topology_of
+from adaptsize.quality.boundary import (
+    interface_distances,
+    keeps_topology,
+    tagged_parts,
+    topology_of,
+)
 from adaptsize.quality.certificate import MeshCheck
 from adaptsize.remeshing.protocol import Problem, Task
 from adaptsize.remeshing.registry import able_backends
@@ -125,6 +130,25 @@ def warn_of_deviation(
             "tolerance or use strict=True"
         )
     warnings.warn(f"{text}; {advice}", BoundaryWarning, stacklevel=3)
+
+
+def warn_of_lost_tags(new: SimplexMesh, old: SimplexMesh, backend: str) -> None:
+    """Warn if a mesh has no facets with a tag that the old one has.
+
+    Warns
+    -----
+    BoundaryWarning
+        With these tags.
+    """
+    missing = tagged_parts(new, old).missing
+    if missing:
+        advice = "" if backend == "mmg" else "; backend='mmg' keeps tagged facets inside of regions"
+        warnings.warn(
+            f"the mesh has lost the facets with the tags {', '.join(missing)}, which {backend} "
+            f"did not return{advice}",
+            BoundaryWarning,
+            stacklevel=3,
+        )
 
 
 def _farthest(

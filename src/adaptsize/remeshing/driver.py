@@ -21,7 +21,12 @@ from adaptsize.errors import InputWarning, TooManyElementsError
 from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
-from adaptsize.remeshing.acceptance import remesh_strictly, routes, warn_of_deviation
+from adaptsize.remeshing.acceptance import (
+    remesh_strictly,
+    routes,
+    warn_of_deviation,
+    warn_of_lost_tags,
+)
 from adaptsize.remeshing.filling import filled
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.in_parts import remesh_parts
@@ -204,10 +209,11 @@ def remesh(
             new = filled(problem, chosen, run, n_cells, given["max_elements"])
         else:
             new = restore(chosen.solve(problem, run), problem, chosen.name)
-            if new.cell_dim == new.dim and metric is None and required is None:
+            if metric is None and required is None:
                 new = improved(new, problem.mesh, problem.tolerance)
     made = Frame.around(repaired.mesh).restored(new, repaired.mesh)
     warn_of_deviation(made, repaired.mesh, allowed, may_be_joined=may_be_joined)
+    warn_of_lost_tags(made, repaired.mesh, chosen.name)
     return made
 
 

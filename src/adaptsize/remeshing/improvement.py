@@ -5,7 +5,8 @@ projected back, and the few edges that are still too far away get a node on the 
 and faces of the worst cells are swapped, each region on its own, and nodes are moved: inside of
 regions freely, on smooth boundaries and interfaces along these.  No move is kept that makes the
 worst cell around a node worse or brings a facet farther away than the tolerance, and no pass that
-lowers the least angle or the least radius ratio of the mesh.  In the plane, only edges get nodes.
+lowers the least angle or the least radius ratio of the mesh.  Nodes of straight feature edges stay
+on these.  In the plane, nodes are projected back and edges get nodes.
 """
 
 from dataclasses import replace
@@ -20,6 +21,7 @@ from adaptsize.geometry.creases import normals_of
 from adaptsize.quality.elements import minimum_angles, radius_ratios
 from adaptsize.remeshing.distmesh.finish import swapped, take_back, worst_of_nodes
 from adaptsize.remeshing.preparation import facet_numbers, number_regions
+from adaptsize.remeshing.straight_edges import StraightEdges
 from adaptsize.remeshing.surface import facets_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -31,7 +33,7 @@ _FAR = 0.5
 _LEAST = 0.2
 #: Edges of facets whose middle is farther from the old surface than this share of the tolerance are
 #: divided, unless they are more than the other share, in space and in the plane.
-_NEAR, _FEW, _FEW_IN_PLANE = 0.9, 0.02, 0.1
+_NEAR, _FEW, _FEW_IN_PLANE = 0.9, 0.02, 0.3
 #: Cosine of the angle between a facet and the plane at a node up to which a surface is smooth, and
 #: up to which nodes are moved along it if nothing else helps.
 _SMOOTH, _ROUGH = 0.97, 0.3
@@ -40,12 +42,12 @@ _SMOOTH, _ROUGH = 0.97, 0.3
 def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> SimplexMesh:
     """Return a mesh with facets within the tolerance, where that is possible.
 
-    Tetrahedra get better cells, too.
+    Tetrahedra get better cells, too.  In surfaces, only nodes of straight feature edges are moved.
 
     Parameters
     ----------
     mesh : SimplexMesh
-        Tetrahedra of positive volume, or triangles in the plane.
+        Tetrahedra of positive volume, or triangles.
     given : SimplexMesh
         The mesh or surface whose boundary and interfaces these must have.
     tolerance : float
@@ -57,6 +59,10 @@ def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> Simplex
         With the same tags and the same facets, but that those are divided which are too far, and
         with the same nodes, some of them moved.
     """
+    lines = StraightEdges(given)
+    mesh = lines.straightened(mesh, tolerance)
+    if mesh.cell_dim < mesh.dim:
+        return mesh
     if mesh.dim == 2:
         return _with_closer_edges(mesh, given, tolerance)
     old, surface = facets_of(given), facets_of(mesh)
@@ -68,10 +74,10 @@ def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> Simplex
         points = mesh.points.copy()
         _pull(points, mesh.cells, nodes[distance > _FAR * tolerance], old)
         mesh, surface = mesh.moved(points), surface.moved(points)
-    mesh, surface = _divided(mesh, surface, old, tolerance)
+    mesh, surface = _divided(mesh, surface, old, tolerance, lines)
     points, cells = mesh.points.copy(), mesh.cells
     groups = np.zeros(len(cells), np.int32) if mesh.cell_tags is None else mesh.cell_tags
-    on_sheet = _nodes_of_sheets(mesh)
+    on_sheet, on_lines = _nodes_of_sheets(mesh), lines.are_on(mesh)
     far = np.unique(surface.cells)
     far = far[_nearest(old, points[far])[1] > tolerance]
     qualities = _qualities(mesh)
@@ -86,6 +92,7 @@ def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> Simplex
         for _ in range(wider):  # the neighbours must move, too
             is_moved[cells[is_moved[cells].any(axis=1)]] = True
         near = is_moved[cells].any(axis=1)
+        is_moved &= ~on_lines
         least = _SMOOTH if wider == 0 else _ROUGH
         part, of_part = _swapped(points, cells[near], groups[near], on_sheet)
         points = points.copy()
@@ -113,10 +120,17 @@ def improved(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> Simplex
 def _with_closer_edges(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> SimplexMesh:
     """Return plane triangles with nodes of the old boundary where edges are too far from it.
 
+    Mmg moves nodes of curves along the edges that it has made, which takes them off the curve.
     Mmg leaves edges that are up to sqrt 2 times as long as the size, which then bulge by twice as
     much.  Edges of interfaces and tagged edges are divided, too.
     """
     old = facets_of(given)
+    nodes = np.unique(facets_of(mesh).cells)
+    far = nodes[_nearest(old, mesh.points[nodes])[1] > _FAR * tolerance]
+    if len(far):
+        points = mesh.points.copy()
+        _pull(points, mesh.cells, far, old)
+        mesh = mesh.moved(points)
     for _ in range(_ROUNDS):
         edges = facets_of(mesh).cells
         there, distance = _nearest(old, mesh.points[edges].mean(axis=1))
@@ -133,7 +147,11 @@ def _qualities(mesh: SimplexMesh) -> FloatArray:
 
 
 def _divided(
-    mesh: SimplexMesh, surface: SimplexMesh, old: SimplexMesh, tolerance: float
+    mesh: SimplexMesh,
+    surface: SimplexMesh,
+    old: SimplexMesh,
+    tolerance: float,
+    lines: StraightEdges,
 ) -> tuple[SimplexMesh, SimplexMesh]:
     """Return the mesh with nodes of the old surface on edges of facets that are too far from it.
 
@@ -158,9 +176,11 @@ def _divided(
         sides = surface.cell_facets[cells]
         middles = surface.points[surface.edges[sides]].mean(axis=2)
         away = np.linalg.norm(middles - places[:, None], axis=2)
+        away[lines.are_on(mesh)[surface.edges[sides]].all(axis=2)] = np.inf
         nearest = sides[np.arange(len(places)), away.argmin(axis=1)]
-        edges, first = np.unique(nearest, return_index=True)  # the farthest place of each
-        mesh = _with_nodes(mesh, surface.edges[edges], places[first])
+        able = np.flatnonzero(np.isfinite(away.min(axis=1)))
+        edges, first = np.unique(nearest[able], return_index=True)  # the farthest place of each
+        mesh = _with_nodes(mesh, surface.edges[edges], places[able[first]])
         surface = facets_of(mesh)
     return mesh, surface
 

@@ -8,6 +8,10 @@ Observed behaviour that is handled here:
   are passed, numbered after the regions.
 * Vertices of bent edges get averaged normals, and Mmg rounds the triangles there.  Long triangles
   beside a fillet then bulge by more than the tolerance, unless the edge is passed as a ridge.
+* Facets at the interface of a region with the reference 2 are not oriented, since that marks one
+  side of a level set.  Their edges then lose their marks, and are swapped or collapsed.
+* Facets inside a region are dropped unless open boundaries are preserved, which is an option.  In
+  the plane such edges come back twice.
 * In the plane, edges of the boundary that meet at less than the ridge angle count as one smooth
   curve.  Nodes where it may bulge too far, and ends of required edges, are passed as corners.
 * Tips of cones whose facets differ little from their neighbours are rounded unless they are
@@ -45,6 +49,9 @@ if TYPE_CHECKING:
 _RESULT = "out.meshb"
 #: Reference number of edges that are passed as ridges.
 _RIDGE = 1
+#: References of regions start here, followed by those of groups of facets.  Mmg uses 2, 3 and 10
+#: for level sets.
+_FIRST_REGION = 11
 _PROGRAMS = {"tetrahedra": "mmg3d_O3", "plane triangles": "mmg2d_O3", "surface": "mmgs_O3"}
 _ENTITIES = {
     "tetrahedra": ("tetrahedra", "triangles"),
@@ -259,11 +266,12 @@ def _write_job(folder: Path, arrays: Arrays, options: Mapping[str, Any]) -> list
     """
     task, points, groups = options["task"], arrays["points"], arrays["facet_groups"]
     cells, facets = _ENTITIES[task]
-    # References: regions from 1, then groups of facets.  Entities that Mmg adds get 0.
+    # References: regions, then groups of facets.  Facets that Mmg adds get those of regions.
+    first_group = _FIRST_REGION + options["n_regions"]
     blocks = {
         "vertices": [points, np.zeros(len(points), np.int32)],
-        cells: [_from_one(arrays["cells"]), _from_one(arrays["regions"])],
-        facets: [_from_one(arrays["facets"]), _from_one(groups + options["n_regions"])],
+        cells: [_from_one(arrays["cells"]), np.int32(_FIRST_REGION) + arrays["regions"]],
+        facets: [_from_one(arrays["facets"]), np.int32(first_group) + groups],
         f"required {facets}": [
             _from_one(np.flatnonzero(np.isin(groups, options["required_groups"])))
         ],
@@ -284,7 +292,7 @@ def _write_job(folder: Path, arrays: Arrays, options: Mapping[str, Any]) -> list
         "-sol": "in.solb", "-out": _RESULT,
     }  # fmt: skip
     flags = ["-nosizreq"]
-    if options["open_boundaries"] and cells == "tetrahedra":
+    if options["open_boundaries"]:
         flags.append("-opnbdy")
     return [_executable(task), *flags, *(str(word) for pair in settings.items() for word in pair)]
 
@@ -295,14 +303,19 @@ def _read_job(result: Path, options: Mapping[str, Any]) -> dict[str, npt.NDArray
     (points, _), (cells, regions), (facets, groups), (edges, references) = read_medit(
         result, "vertices", *_ENTITIES[task], "edges"
     )
-    groups = groups - 1 - options["n_regions"]
+    groups = groups - (_FIRST_REGION + options["n_regions"])
     known = (groups >= 0) & (groups < options["n_groups"])
+    facets, groups = facets[known], groups[known]
+    if task == "plane triangles":  # edges inside of regions are there once for each side
+        keys = np.sort(facets, axis=1).astype(np.int64) @ [len(points), 1]
+        first = np.sort(np.unique(keys, return_index=True)[1])
+        facets, groups = facets[first], groups[first]
     return {
         "points": points,
         "cells": cells,
-        "regions": regions - 1,
-        "facets": facets[known],
-        "facet_groups": groups[known],
+        "regions": regions - _FIRST_REGION,
+        "facets": facets,
+        "facet_groups": groups,
         "ridges": edges[(references == _RIDGE) & (task != "plane triangles")],
     }
 
