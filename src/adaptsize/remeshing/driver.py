@@ -22,6 +22,7 @@ from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
 from adaptsize.remeshing.acceptance import remesh_strictly, routes, warn_of_deviation
+from adaptsize.remeshing.delivery import warn_of_requests
 from adaptsize.remeshing.filling import filled
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.in_parts import remesh_parts
@@ -115,6 +116,8 @@ def remesh(
         If the boundary of the mesh is farther from the given one than 4 times the tolerance, or
         has another topology: thin parts may be lost.
     ResolutionWarning
+        If less than 80 % of the elements that a source, a curved face or a narrow region requests
+        were made, because the cells there are too large.
         If ``strict`` and the first mesh did not meet the demands, with what was tried.  If
         fTetWild failed and was run again with a quarter of the tolerance.  Also if Mmg fails or
         takes too long inside a surface: the tetrahedra are then those that Netgen fills it with.
@@ -222,6 +225,8 @@ def remesh(
                 new = improved(new, problem.mesh, problem.tolerance)
     made = frame.restored(new, repaired.mesh)
     warn_of_deviation(made, repaired.mesh, allowed, may_be_joined=may_be_joined)
+    if metric is None:
+        warn_of_requests(made, sizes, wanted, mesh)
     return made
 
 

@@ -235,7 +235,7 @@ def _band_and_median(size: Size, made: Arrays, metric: MetricAt | None) -> tuple
     If there are many edges, an even sample of them is taken.
     """
     from adaptsize.background.topology import edges_of
-    from adaptsize.quality.conformity import is_in_band
+    from adaptsize.quality.by_place import is_in_band
 
     edges = edges_of(made["cells"], len(made["points"]))
     if metric is None:
