@@ -233,7 +233,7 @@ def _parts(
     known = _is_known(mesh, h, at, g, samples)
     counted: BoolArray = np.ones(mesh.n_cells, np.bool_)
     if at is None:  # linear: inf at a node leaves no bound in the cell
-        counted = np.isfinite(h[mesh.cells]).all(axis=1)
+        counted = np.asarray(np.isfinite(h[mesh.cells]).all(axis=1))
     done, rest = np.flatnonzero(known & counted), np.flatnonzero(~known & counted)
     whole = (mesh.points[mesh.cells[done]], h[mesh.cells[done]], mesh.measures[done], done)
     if len(rest) == 0:
@@ -249,9 +249,7 @@ def _parts(
     fine = found.mesh
     own = np.append(own, at(fine.points[len(own) :]))
     parts = (fine.points[fine.cells], own[fine.cells], fine.measures, rest[found.parents])
-    first, second, third, fourth = (
-        np.concatenate(pair) for pair in zip(whole, parts, strict=True)
-    )
+    first, second, third, fourth = (np.concatenate(pair) for pair in zip(whole, parts, strict=True))
     return first, second, third, fourth
 
 

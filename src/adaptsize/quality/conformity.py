@@ -245,9 +245,7 @@ def with_served(found: Conformity, served: Served | None) -> Conformity:
     """Return a conformity with the shares of the requested elements."""
     if served is None:
         return found
-    return replace(
-        found, served=served.served, too_coarse=served.too_coarse, worst=served.worst
-    )
+    return replace(found, served=served.served, too_coarse=served.too_coarse, worst=served.worst)
 
 
 def _conformity_of_parts(part: PartitionedMesh, size: object) -> Conformity:

@@ -12,14 +12,16 @@ from adaptsize.background import SimplexMesh
 from adaptsize.errors import ResolutionWarning
 from adaptsize.quality.by_place import RequestedElements
 from adaptsize.quality.requests import unserved
-from adaptsize.remeshing.sizing import Size
+from adaptsize.remeshing.sizing import MetricAt, Size
 
 #: Warnings of one mesh.
 _MOST = 5
 
 
-def warn_of_requests(new: SimplexMesh, size: Any, wanted: Size, old: SimplexMesh) -> None:
-    """Warn of the requests of which less than 80 % was served.
+def warn_of_requests(
+    new: SimplexMesh, size: Any, wanted: Size, old: SimplexMesh, metric: MetricAt | None
+) -> None:
+    """Warn of the requests of which less than 80 % was served, unless sizes have directions.
 
     Parameters
     ----------
@@ -30,12 +32,15 @@ def warn_of_requests(new: SimplexMesh, size: Any, wanted: Size, old: SimplexMesh
         The same, checked.
     old : SimplexMesh
         The mesh of nodal sizes.
+    metric : callable or None
 
     Warns
     -----
     ResolutionWarning
         For each of the worst requests: what is missing, where, and what helps.
     """
+    if metric is not None:
+        return
     if np.ndim(size) == 1 and not callable(size) and old.cell_dim == old.dim:
         size = SizeFunction(old, size)
     elif not isinstance(size, SizeFunction):

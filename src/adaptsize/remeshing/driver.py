@@ -225,8 +225,7 @@ def remesh(
                 new = improved(new, problem.mesh, problem.tolerance)
     made = frame.restored(new, repaired.mesh)
     warn_of_deviation(made, repaired.mesh, allowed, may_be_joined=may_be_joined)
-    if metric is None:
-        warn_of_requests(made, sizes, wanted, mesh)
+    warn_of_requests(made, sizes, wanted, mesh, metric)
     return made
 
 
