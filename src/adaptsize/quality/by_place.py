@@ -27,8 +27,10 @@ _SizeAt: TypeAlias = Callable[[FloatArray], FloatArray]
 
 #: An edge is near its size within these bounds of length over size.
 BAND = (np.sqrt(0.5), np.sqrt(2.0))
-#: Nodes that are added to resolve the sizes, about 10 s.  A mesh near its sizes needs hardly any.
-MOST_POINTS = 200_000
+#: Nodes that are added to resolve the sizes.  A mesh near its sizes needs hardly any.
+MOST_POINTS = 50_000
+#: Cells per node, roughly.
+_CELLS_PER_POINT = 6
 #: In a cell where the size varies less, it is known from that at the corners.
 _ABOUT_THE_SAME = 1.5
 #: Steeper sizes on grids are sampled at the nodes.
@@ -138,12 +140,10 @@ class RequestedElements(NamedTuple):
         if mesh is not None:
             d = mesh.cell_dim
             h = as_sizes_at("size", size, mesh.points)
-            corners, corner_sizes, measures, owners = _parts(mesh, size, h, max_points)
-            rule = _quadrature(d)
-            sizes = (corner_sizes @ rule).ravel()  # inf where a corner is
-            points = np.einsum("nvd,vk->nkd", corners, rule).reshape(-1, mesh.dim)
-            measures = np.repeat(measures / (d + 1), d + 1)
-            cells = np.repeat(owners, d + 1)
+            parts = _parts(mesh, size, h, max_points)
+            sizes, points = parts.at_quadrature()
+            measures = np.repeat(parts.measures / (d + 1), d + 1)
+            cells = np.repeat(parts.cells, d + 1)
             edges = _mean_edges(mesh)[cells]
         least = (ranks or SingleRank()).allreduce(float(sizes.min(initial=np.inf)), "min")
         if np.isinf(least):
@@ -194,15 +194,35 @@ class RequestedElements(NamedTuple):
         return WorstPlace(point, float(self.sizes[k]), float(self.edges[k]))
 
 
-def _quadrature(d: int) -> FloatArray:
-    """Return the weights of the corners of a simplex at d + 1 points of equal weight.
+class _Parts(NamedTuple):
+    """Parts of the cells of a mesh in which the size hardly varies."""
 
-    The rule integrates quadratic functions exactly.
-    """
-    s = 1.0 / np.sqrt(d + 2.0)
-    rule = np.full((d + 1, d + 1), (1.0 - s) / (d + 1))
-    np.fill_diagonal(rule, (1.0 + d * s) / (d + 1))
-    return rule
+    corners: FloatArray
+    """float64[n, d + 1, dim]"""
+    sizes: FloatArray
+    """float64[n, d + 1]: at the corners."""
+    middle: FloatArray
+    """float64[n]: at the centroids."""
+    measures: FloatArray
+    cells: IndexArray
+    """int[n]: the cell of which each is a part."""
+
+    def at_quadrature(self) -> tuple[FloatArray, FloatArray]:
+        """Return sizes and places of the d + 1 points, of equal weight, of a quadrature rule.
+
+        The rule integrates quadratic functions exactly.  The sizes are linear between the centroid
+        and the facets.
+        """
+        d = self.sizes.shape[1] - 1
+        s = 1.0 / np.sqrt(d + 2.0)
+        rule = np.full((d + 1, d + 1), (1.0 - s) / (d + 1))
+        np.fill_diagonal(rule, (1.0 + d * s) / (d + 1))
+        linear = self.sizes @ rule  # inf where a corner is
+        bounded = np.isfinite(linear).all(axis=1) & np.isfinite(self.middle)
+        excess = self.middle[bounded] - self.sizes[bounded].mean(axis=1)
+        linear[bounded] += (1.0 - s) * excess[:, None]
+        points = np.einsum("nvd,vk->nkd", self.corners, rule)
+        return linear.ravel(), points.reshape(-1, self.corners.shape[2])
 
 
 def _edges_of_cells(mesh: SimplexMesh) -> tuple[FloatArray, IndexArray]:
@@ -217,10 +237,8 @@ def _mean_edges(mesh: SimplexMesh) -> FloatArray:
     return np.asarray(_edges_of_cells(mesh)[0].mean(axis=1))
 
 
-def _parts(
-    mesh: SimplexMesh, size: object, h: FloatArray, max_points: float
-) -> tuple[FloatArray, FloatArray, FloatArray, IndexArray]:
-    """Return the corners, their sizes, the measure and the cell of each part of the cells.
+def _parts(mesh: SimplexMesh, size: object, h: FloatArray, max_points: float) -> _Parts:
+    """Return parts of the cells of a mesh.
 
     Parameters
     ----------
@@ -228,35 +246,72 @@ def _parts(
         The sizes at the nodes.
     """
     at = _function_of(size)
-    g = None if at is None else _slope(size)
-    samples = None if at is None or g is not None else _nodes_of(size)
+    if at is None:
+        return _linear_parts(mesh, h, _CELLS_PER_POINT * max_points)
+    g = _slope(size)
+    samples = None if g is not None else _nodes_of(size)
     known = _is_known(mesh, h, at, g, samples)
-    counted: BoolArray = np.ones(mesh.n_cells, np.bool_)
-    if at is None:  # linear: inf at a node leaves no bound in the cell
-        counted = np.asarray(np.isfinite(h[mesh.cells]).all(axis=1))
-    done, rest = np.flatnonzero(known & counted), np.flatnonzero(~known & counted)
-    whole = (mesh.points[mesh.cells[done]], h[mesh.cells[done]], mesh.measures[done], done)
+    done, rest = np.flatnonzero(known), np.flatnonzero(~known)
+    own = h[mesh.cells[done]]
+    whole = _Parts(mesh.points[mesh.cells[done]], own, own.mean(axis=1), mesh.measures[done], done)
     if len(rest) == 0:
         return whole
     # Cells without common nodes: none is divided because of another one.
-    width, own = mesh.cells.shape[1], h[mesh.cells[rest]].ravel()
+    own = h[mesh.cells[rest]].ravel()
     apart = SimplexMesh(
-        mesh.points[mesh.cells[rest]].reshape(-1, mesh.dim), np.arange(len(own)).reshape(-1, width)
+        mesh.points[mesh.cells[rest]].reshape(-1, mesh.dim),
+        np.arange(len(own)).reshape(len(rest), -1),
     )
-    if at is None:
-        at = SizeFunction(apart, own)
     found = resolved(apart, at, g=g, samples=samples, max_points=len(own) + max_points)
     fine = found.mesh
-    own = np.append(own, at(fine.points[len(own) :]))
-    parts = (fine.points[fine.cells], own[fine.cells], fine.measures, rest[found.parents])
-    first, second, third, fourth = (np.concatenate(pair) for pair in zip(whole, parts, strict=True))
-    return first, second, third, fourth
+    own = np.append(own, at(fine.points[len(own) :]))[fine.cells]
+    corners = fine.points[fine.cells]
+    divided = _Parts(corners, own, at(corners.mean(axis=1)), fine.measures, rest[found.parents])
+    return _Parts._make(np.concatenate(pair) for pair in zip(whole, divided, strict=True))
+
+
+def _linear_parts(mesh: SimplexMesh, h: FloatArray, max_parts: float) -> _Parts:
+    """Return parts of cells in which the size is linear, divided until it hardly varies.
+
+    Cells with inf at a node have no bound, and are left out.
+    """
+    cells = np.flatnonzero(np.isfinite(h[mesh.cells]).all(axis=1))
+    corners, sizes = mesh.points[mesh.cells[cells]], h[mesh.cells[cells]]
+    measures, longest = mesh.measures[cells], _edges_of_cells(mesh)[0][cells].max(axis=1)
+    done: list[_Parts] = []
+    room = max_parts
+    while len(cells):
+        low, high = sizes.argmin(axis=1), sizes.argmax(axis=1)
+        rows = np.arange(len(cells))
+        least, largest = sizes[rows, low], sizes[rows, high]
+        split = (largest > _ABOUT_THE_SAME * least) & (longest > EDGE_OVER_SIZE * least)
+        room -= int(split.sum())
+        if room < 0:
+            split[:] = False
+        whole = _Parts(corners, sizes, sizes.mean(axis=1), measures, cells)
+        done.append(_Parts._make(values[~split] for values in whole))
+        # The edge along which the size varies most is halved.
+        rows, low, high = (values[split] for values in (rows, low, high))
+        middle = 0.5 * (corners[rows, low] + corners[rows, high])
+        between = 0.5 * (sizes[rows, low] + sizes[rows, high])
+        halves = []
+        for end in (low, high):
+            own, own_sizes, k = corners[rows], sizes[rows], np.arange(len(rows))
+            own[k, end], own_sizes[k, end] = middle, between
+            halves.append((own, own_sizes))
+        corners, sizes = (np.concatenate(pair) for pair in zip(*halves, strict=True))
+        measures, cells, longest = (
+            np.tile(values[split], 2) for values in (0.5 * measures, cells, longest)
+        )
+    if not done:
+        return _Parts(corners, sizes, sizes.mean(axis=1), measures, cells)
+    return _Parts._make(np.concatenate(columns) for columns in zip(*done, strict=True))
 
 
 def _is_known(
     mesh: SimplexMesh,
     h: FloatArray,
-    at: _SizeAt | None,
+    at: _SizeAt,
     g: float | None,
     samples: FloatArray | None,
 ) -> BoolArray:
@@ -272,10 +327,6 @@ def _is_known(
             least = (corners - g * reach).max(axis=1)
         return np.asarray(longest <= EDGE_OVER_SIZE * least)
     least = corners.min(axis=1)
-    if at is None:
-        return np.asarray(
-            (longest <= EDGE_OVER_SIZE * least) | (corners.max(axis=1) <= _ABOUT_THE_SAME * least)
-        )
     least = np.minimum(least, at(mesh.points[mesh.cells].mean(axis=1)))
     if samples is not None and len(samples):
         cells, _, away = mesh.locator.nearest(samples)

@@ -198,7 +198,7 @@ def size_conformity(
     there, and the mesh is *too coarse* there if it is longer.  Where the cells are larger than the
     sizes, they are bisected, so that no request is missed if the gradient of the sizes is known.
     Other functions are sampled at the nodes and centroids of the mesh and at the nodes of their
-    background.  At most 200 000 nodes are added.  Beyond that, which takes a mesh with far too few
+    background.  At most 50 000 nodes are added.  Beyond that, which takes a mesh with far too few
     cells, small sizes may be missed.
 
     The Hausdorff distance is the larger of the two one-sided distances.  Each is measured
