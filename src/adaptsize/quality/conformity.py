@@ -114,6 +114,13 @@ class Conformity:
         """Share of all edges with length over size in [1/sqrt 2, sqrt 2]."""
         return self.edges.share_in_band
 
+    @property
+    def service(self) -> str:
+        """The shares of the requested elements, and the worst place if 1 % of them is missing."""
+        text = f"{self.served:.1%} of the requested elements, {self.too_coarse:.1%} too coarse"
+        is_off = self.too_coarse is not None and self.too_coarse >= 0.01
+        return f"{text}; worst: {self.worst}" if is_off else text
+
     def as_dict(self) -> dict[str, Any]:
         """Return nested dictionaries of plain numbers (and None), suitable for JSON."""
         return asdict(self)
@@ -131,8 +138,7 @@ class Conformity:
         if self.boundary_edges is not None:
             lines.append(_ratio_line("boundary edges", self.boundary_edges))
         if self.served is not None:
-            shares = f"{self.served:.1%} served, {self.too_coarse:.1%} too coarse"
-            lines.append(f"requested elements: {shares}; worst: {self.worst}")
+            lines.append(f"served: {self.service}")
         lines.append(
             f"radius ratio: min {self.radius_ratio_min:.4f}, 1 % {self.radius_ratio_p01:.4f}, "
             f"mean {self.radius_ratio_mean:.4f}"

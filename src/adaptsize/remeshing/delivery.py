@@ -18,10 +18,10 @@ from adaptsize.remeshing.sizing import MetricAt, Size
 _MOST = 5
 
 
-def warn_of_requests(
+def delivered(
     new: SimplexMesh, size: Any, wanted: Size, old: SimplexMesh, metric: MetricAt | None
-) -> None:
-    """Warn of the requests of which less than 80 % was served, unless sizes have directions.
+) -> SimplexMesh:
+    """Return a mesh, and warn of the requests of which less than 80 % was served.
 
     Parameters
     ----------
@@ -33,6 +33,7 @@ def warn_of_requests(
     old : SimplexMesh
         The mesh of nodal sizes.
     metric : callable or None
+        If sizes depend on the direction, they are not compared.
 
     Warns
     -----
@@ -40,7 +41,7 @@ def warn_of_requests(
         For each of the worst requests: what is missing, where, and what helps.
     """
     if metric is not None:
-        return
+        return new
     if np.ndim(size) == 1 and not callable(size) and old.cell_dim == old.dim:
         size = SizeFunction(old, size)
     elif not isinstance(size, SizeFunction):
@@ -48,3 +49,4 @@ def warn_of_requests(
     found = unserved(RequestedElements.of(new, size), size)
     for one in found[:_MOST]:
         warn_caller(str(one), ResolutionWarning)
+    return new

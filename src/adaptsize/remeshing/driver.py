@@ -22,7 +22,7 @@ from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
 from adaptsize.remeshing.acceptance import remesh_strictly, routes, warn_of_deviation
-from adaptsize.remeshing.delivery import warn_of_requests
+from adaptsize.remeshing.delivery import delivered
 from adaptsize.remeshing.filling import filled
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.in_parts import remesh_parts
@@ -183,7 +183,8 @@ def remesh(
             **(given | RemeshOptions(strict=False)),
         )  # fmt: skip
         ways = routes(task, given["backend"], chosen.name, keep_facets=required_facets is not None)
-        return remesh_strictly(attempt, repaired.mesh, wanted, tolerance, ways, given["timeout"])
+        strict = remesh_strictly(attempt, repaired.mesh, wanted, tolerance, ways, given["timeout"])
+        return delivered(strict, sizes, wanted, mesh, metric)
     allowed = tolerance * repaired.mesh.diagonal
     may_be_joined = task == "surface to tetrahedra" and warn_of_surface(repaired.mesh, allowed)
     frame = Frame.around(repaired.mesh)
@@ -225,8 +226,7 @@ def remesh(
                 new = improved(new, problem.mesh, problem.tolerance)
     made = frame.restored(new, repaired.mesh)
     warn_of_deviation(made, repaired.mesh, allowed, may_be_joined=may_be_joined)
-    warn_of_requests(made, sizes, wanted, mesh, metric)
-    return made
+    return delivered(made, sizes, wanted, mesh, metric)
 
 
 def _required(

@@ -101,7 +101,7 @@ class Outcome:
         rows = [
             ("cells", cells),
             ("edges", f"{found.share_in_band:.1%} within a factor sqrt 2 of the size"),
-            *([] if found.served is None else [("served", self._served)]),
+            *([] if found.served is None else [("served", found.service)]),
             ("angles", f"{angles}, 1 % below {found.angle_p01:.1f}"),
         ]
         for name in ("boundary", "interface"):
@@ -117,12 +117,6 @@ class Outcome:
         if self.change is not None:
             rows.append((self._measure, f"changed by {_percent(self.change)}"))
         return rows
-
-    @property
-    def _served(self) -> str:
-        found = self.conformity
-        text = f"{found.served:.1%} of the requested elements, {found.too_coarse:.1%} too coarse"
-        return f"{text}; worst: {found.worst}"
 
     def __str__(self) -> str:
         """Return one line per topic."""
