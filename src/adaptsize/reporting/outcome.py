@@ -133,8 +133,8 @@ class Outcome:
         for demand in self.check.failures:
             worst = f", the worst at {place_text(demand.places[0].point)}" if demand.places else ""
             advice = _ADVICE.get(demand.name, "adaptsize check lists the places")
-            if demand.name == "served" and found.served + 2.0 * found.too_coarse < 1.0:
-                advice = _ADVICE["edges"]  # most of them are too fine
+            if demand.name == "served" and (found.too_coarse or 0.0) < 0.1:  # too fine
+                advice = _ADVICE["edges"]
             lines.append(f"{demand.name}: {demand.text}{worst}; {advice}")
         if self.excess is not None and abs(self.excess) > 0.25 and not self.requested:
             lines.append(
