@@ -93,6 +93,8 @@ class RequestedElements(NamedTuple):
     """int[n]: that cell."""
     unit: float
     """The common factor."""
+    together: int
+    """How many points that follow each other are in the same part of a cell."""
 
     @classmethod
     def of(
@@ -147,11 +149,11 @@ class RequestedElements(NamedTuple):
             edges = _mean_edges(mesh)[cells]
         least = (ranks or SingleRank()).allreduce(float(sizes.min(initial=np.inf)), "min")
         if np.isinf(least):
-            return cls(points, np.zeros(len(sizes)), sizes, edges, cells, 1.0)
+            return cls(points, np.zeros(len(sizes)), sizes, edges, cells, 1.0, d + 1)
         with np.errstate(over="ignore", under="ignore", divide="ignore"):
             weights = measures * (least / sizes) ** d
             unit = ELEMENTS_PER_MEASURE[d] / np.float64(least) ** d
-        return cls(points, weights, sizes, edges, cells, float(unit))
+        return cls(points, weights, sizes, edges, cells, float(unit), d + 1)
 
     @property
     def ratios(self) -> FloatArray:
@@ -160,8 +162,8 @@ class RequestedElements(NamedTuple):
 
     def only(self, which: npt.NDArray[np.bool_]) -> RequestedElements:
         """Return some of them."""
-        some = {name: values[which] for name, values in self._asdict().items() if name != "unit"}
-        return self._replace(**some)
+        arrays = {name: self._asdict()[name][which] for name in self._fields[:5]}
+        return self._replace(**arrays, together=1)
 
     def served(self, size: object = None, ranks: Communicator | None = None) -> Served | None:
         """Return the shares that are in the mesh, None if nothing is requested; collective.
@@ -245,7 +247,8 @@ def _parts(mesh: SimplexMesh, size: object, h: FloatArray, max_points: float) ->
     h : float64[n_points]
         The sizes at the nodes.
     """
-    at = _function_of(size)
+    is_plain = isinstance(size, SizeFunction) and size.sources is None and size.g is None
+    at = None if is_plain and getattr(size, "background", None) is mesh else _function_of(size)
     if at is None:
         return _linear_parts(mesh, h, _CELLS_PER_POINT * max_points)
     g = _slope(size)

@@ -66,8 +66,12 @@ def unserved(
         found = elements.served()
         is_missing = found is not None and found.too_coarse > 1.0 - share
         return [Unserved("sizes", found)] if found is not None and is_missing else []
+    too_large = elements.weights[elements.ratios > BAND[1]].sum() * elements.unit
+    if too_large < (1.0 - share) * _FEW:
+        return []
     names, request_of_node = _requests(size)
-    request = request_of_node[nodes_near(size, elements.points)]
+    near = nodes_near(size, elements.points[:: elements.together])
+    request = np.repeat(request_of_node[near], elements.together)
     count = len(names)
     known = request >= 0
     weights, number = elements.weights[known], request[known]
