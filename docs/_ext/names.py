@@ -41,7 +41,7 @@ RECORDS = {
     "check_mesh": "quality.certificate.MeshCheck quality.certificate.Demand "
     "quality.certificate.Place",
     "size_conformity": "quality.conformity.Conformity quality.conformity.RatioStatistics "
-    "quality.elements.MetricQuality",
+    "quality.elements.MetricQuality quality.by_place.WorstPlace",
     "mesh_from_distance": "remeshing.distmesh.report.SmoothingReport",
     "remeshing.register_backend": "remeshing.protocol.Problem",
     "distributed.PartitionedMesh": "ranks.Communicator ranks.Traffic",

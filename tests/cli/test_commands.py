@@ -126,7 +126,7 @@ def test_sizes_of_the_mesh_are_checked_if_there_are_any(capsys, cubes):
     write(cubes / "sized.vtu", CUBE, fields={"h": np.full(CUBE.n_points, 5.0)})
     assert call("check", str(cubes / "sized.vtu"), "--json") == 1
     result = json.loads(capsys.readouterr().out)
-    assert [d["name"] for d in result["demands"] if not d["is_met"]] == ["edges"]
+    assert [d["name"] for d in result["demands"] if not d["is_met"]] == ["edges", "served"]
     assert result["is_met"] is False
     assert result["n_inverted"] == 0
     assert "error" not in result

@@ -1,6 +1,7 @@
 """``adaptsize remesh``: the mesh, the report on it, its files, and open surfaces."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,11 @@ from command_line import call
 from shapes import CORNERS as UNIT
 from shapes import CUBE_CELLS
 
-from adaptsize import SimplexMesh, read, remesh, size_function, write
+from adaptsize import BoxSource, SimplexMesh, read, remesh, size_function, write
+from adaptsize.background.bisection import resolved
 from adaptsize.cli.files import read_provenance, write_provenance
 from adaptsize.quality import check_mesh, size_conformity
-from adaptsize.reporting.outcome import Outcome
+from adaptsize.reporting.outcome import Outcome, outcome_of_remeshing
 
 DATA = Path(__file__).parents[2] / "data"
 CORNERS = UNIT * [2.0, 1.0, 1.0]
@@ -114,6 +116,35 @@ def test_what_is_out_of_bounds_is_a_warning(mesh, size, predicted, change, warne
     assert all(any(text.startswith(part) for text in printed) for part in warned)
     if not warned:
         assert printed == []
+
+
+def test_the_report_says_which_requested_elements_are_missing():
+    def h(x, least):
+        away = np.linalg.norm(x - np.clip(x, 0.4, 0.44), axis=1)
+        return np.minimum(least + 0.25 * away, 0.2)
+
+    fine, coarse = (
+        resolved(SQUARE, partial(h, least=least), g=0.25, factor=1.9).mesh for least in (2e-3, 3e-2)
+    )
+    source = BoxSource([0.4, 0.4], [0.44, 0.44], 2e-3)
+    size = size_function(fine, sources=source, hmin=2e-3, hmax=0.2)
+    # The nodal sizes know little of the box: there is hardly a node in it.
+    coarse = coarse.with_data(point_data={"h": size(coarse.points)})
+    outcome = outcome_of_remeshing(coarse, SQUARE, size, 1e-3)
+    assert "served" in [demand.name for demand in outcome.check.failures]
+    values = outcome.as_dict()
+    assert values["served"] < 0.5 < values["too_coarse"]
+    assert values["worst"]["cause"] == "sources"
+    assert values["worst"]["size"] == pytest.approx(2e-3, rel=0.2)
+    assert all(0.39 < x < 0.45 for x in values["worst"]["point"])
+    assert dict(outcome.rows)["served"].startswith(f"{values['served']:.1%} of the requested")
+    assert "for size 0.002 (sources) at (0.4" in str(outcome)
+    missing = [text for text in outcome.warnings() if "requested elements are missing" in text]
+    assert len(missing) == 1
+    assert missing[0].startswith("sources: ")
+    right = outcome_of_remeshing(fine, SQUARE, size, 1e-3)
+    assert right.as_dict()["served"] > 0.9
+    assert right.unserved == ()
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply", ".off"])

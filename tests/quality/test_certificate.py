@@ -96,7 +96,8 @@ def test_edges_off_their_size_are_a_fault_with_the_worst_places():
     check = check_mesh(SQUARE, size=1.0, share_in_band=1.0)
     assert check.is_met
     check = check_mesh(SQUARE, size=lambda x: np.where(x[:, 1] > 0.9, 0.1, 1.0), share_in_band=0.9)
-    (demand,) = check.failures
+    demand, served = check.failures
+    assert served.name == "served"
     assert demand.text == "80.0% within a factor sqrt 2 of the size, 90% required"
     assert demand.places[0].point == (0.5, 1.0)
     assert demand.places[0].value == pytest.approx(10.0)

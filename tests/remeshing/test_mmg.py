@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fake_generators import FakeBackend
 from meshes import jittered_square
 
-from adaptsize import SimplexMesh, check_mesh, remesh
-from adaptsize.errors import BackendError
-from adaptsize.remeshing.mmg import MmgBackend
+from adaptsize import CartesianGrid, SimplexMesh, check_mesh, remesh, size_conformity
+from adaptsize.background.bisection import resolved
+from adaptsize.errors import BackendError, ResolutionWarning
+from adaptsize.remeshing import register_backend, registry
+from adaptsize.remeshing.mmg import MmgBackend, adapted, job_of
 from adaptsize.remeshing.preparation import as_problem
 
 
@@ -27,6 +30,52 @@ def test_coincident_nodes_in_a_result_are_no_division_by_zero():
     made = MmgBackend().solve(problem, collapse)
     assert n_runs == 3
     assert len(made["cells"]) == problem.mesh.n_cells
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_mmg_runs_again_while_requested_elements_are_missing(dim):
+    # The input is resolved to a small ball.  The first result has right edges, but none in it.
+    whole, least = CartesianGrid([0.0] * dim, 0.5, (3,) * dim).mesh, 0.02
+
+    def size(points, least=least):
+        return least + 0.25 * np.linalg.norm(points - 0.3, axis=1)
+
+    fine = resolved(whole, size, g=0.25, factor=1.9).mesh
+    coarse = resolved(whole, lambda x: size(x, 0.1), g=0.25, factor=1.9).mesh
+    task = "tetrahedra" if dim == 3 else "plane triangles"
+    problem = replace(as_problem(task, fine, 1e-3), size=size)
+    results = iter([coarse, fine, coarse])
+    n_runs = 0
+
+    def run(function, text, arrays, options):
+        nonlocal n_runs
+        n_runs += 1
+        return job_of(as_problem(task, next(results), 1e-3))[0]
+
+    made = adapted(problem, [1.0] * 3, run)
+    assert size_conformity(coarse, size).served < 0.6 < size_conformity(fine, size).served
+    assert len(made["cells"]) == fine.n_cells
+    assert n_runs >= 2
+
+
+def test_a_lost_request_is_warned_of():
+    class Idle(FakeBackend):
+        def solve(self, problem, run):
+            return {"points": problem.mesh.points, "cells": problem.mesh.cells}
+
+    mesh = CartesianGrid([0.0] * 3, 0.25, (5, 5, 5)).mesh
+
+    def size(points):
+        return np.minimum(0.01 + 0.25 * np.linalg.norm(points - 0.5, axis=1), 0.25)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(registry, "_BACKENDS", dict(registry._BACKENDS))
+        register_backend(Idle("none"))
+        with pytest.warns(ResolutionWarning, match="requested elements are missing") as seen:
+            remesh(mesh, size, backend="fake")
+        assert [warning.filename for warning in seen] == [__file__]
+        assert "edges of 0.315 where the size 0.01" in str(seen[0].message)
+        remesh(mesh, 0.25, backend="fake")  # a right one is not warned of
 
 
 def test_cells_with_nodes_out_of_range_are_an_error_of_mmg():

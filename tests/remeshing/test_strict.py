@@ -56,7 +56,7 @@ def test_an_error_lists_what_was_tried_and_the_worst_places(sloppy):
     assert message.count("fake") == 3
     assert "edges 0.0% within a factor sqrt 2 of the size, 80% required" in message
     assert "worst places of the last: edges at (" in message
-    assert [demand.name for demand in caught.value.check.failures] == ["edges"]
+    assert [demand.name for demand in caught.value.check.failures] == ["edges", "served"]
 
 
 def test_other_generators_are_tried_for_auto_only():

@@ -10,6 +10,7 @@ PRINTED = """\
 ...
 cells     69243 tetrahedra, 70866 predicted (-2.3%)
 edges     91.7% within a factor sqrt 2 of the size
+served    99.7% of the requested elements, 0.3% too coarse
 ...
 """
 FRONT = [(FIRST, ""), (PRINTED, "")]

@@ -256,9 +256,12 @@ class AdaptResult:
 
 
 def _quality(conformity: Conformity) -> str:
+    served = ""
+    if conformity.served is not None:
+        served = f", {conformity.served:.0%} of the requested elements served"
     text = (
-        f"{conformity.share_in_band:.0%} of the edges within sqrt 2 of the sizes, radius ratio "
-        f"min {conformity.radius_ratio_min:.3f} mean {conformity.radius_ratio_mean:.3f}, "
+        f"{conformity.share_in_band:.0%} of the edges within sqrt 2 of the sizes{served}, radius "
+        f"ratio min {conformity.radius_ratio_min:.3f} mean {conformity.radius_ratio_mean:.3f}, "
         f"smallest angle {conformity.angle_min:.1f} deg"
     )
     near = conformity.at_interfaces

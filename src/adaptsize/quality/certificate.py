@@ -21,8 +21,10 @@ from adaptsize.quality.boundary import (
     tagged_parts,
     topology_of,
 )
-from adaptsize.quality.conformity import SizeLike, edge_ratios, inverted_cells, is_in_band
+from adaptsize.quality.by_place import RequestedElements, is_in_band
+from adaptsize.quality.conformity import SizeLike, edge_ratios, inverted_cells
 from adaptsize.quality.elements import check_cells
+from adaptsize.quality.requests import SHARE_SERVED
 from adaptsize.typing import FloatArray
 
 #: Generators bring more edges than this within a factor sqrt 2 of sizes that the geometry allows.
@@ -50,7 +52,7 @@ class Demand:
     ----------
     name : str
         ``"cells"``, ``"facets"``, ``"boundary"``, ``"interface"``, ``"tags"``, ``"regions"``,
-        ``"measure"``, ``"topology"`` or ``"edges"``.
+        ``"measure"``, ``"topology"``, ``"edges"`` or ``"served"``.
     is_met : bool
     text : str
         What was measured and what is allowed.
@@ -117,6 +119,7 @@ def check_mesh(
     size: SizeLike | None = None,
     tolerance: float = 1e-3,
     share_in_band: float = SHARE_IN_BAND,
+    share_served: float = SHARE_SERVED,
     n_places: int = 5,
 ) -> MeshCheck:
     """Check that a mesh is sound, fills the same domain as another, and follows the sizes.
@@ -134,6 +137,8 @@ def check_mesh(
         of ``original``; at most 1.
     share_in_band : float
         Required share of the edges whose length is within a factor sqrt 2 of the size.
+    share_served : float
+        Required share of the requested elements that are served, see `size_conformity`.
     n_places : int
         Number of worst places to list for each demand that is not met.
 
@@ -168,6 +173,7 @@ def check_mesh(
     - *topology*: the boundary has as many components as that of ``original``, and the same Euler
       number, hence the same number of handles.
     - *edges*: enough of them are near their size.
+    - *served*: at the places of enough of the requested elements, the cells have their size.
 
     Measure and topology are compared if the boundaries are closed manifolds.  A surface that
     intersects itself encloses more than the mesh of its interior.
@@ -183,9 +189,10 @@ def check_mesh(
     mesh = as_mesh("mesh", mesh)
     check_cells(mesh)
     tolerance = as_tolerance("tolerance", tolerance)
-    share = as_number("share_in_band", share_in_band, lower=0.0)
-    if share > 1.0:
-        raise ValueError(f"share_in_band must be at most 1, got {share:g}")
+    share, least = (
+        as_number(name, value, lower=0.0, upper=1.0)
+        for name, value in (("share_in_band", share_in_band), ("share_served", share_served))
+    )
     count = int(as_number("n_places", n_places, lower=0.0))
     demands, notes = [_cells(mesh, count)], list[str]()
     if mesh.cell_dim == mesh.dim:
@@ -202,6 +209,7 @@ def check_mesh(
         demands += _same_domain(mesh, original, tolerance, count, notes)
     if size is not None:
         demands.append(_edges(mesh, size, share, count))
+        demands += served_demand(RequestedElements.of(mesh, size), least, count)
     return MeshCheck(tuple(demands), tuple(notes))
 
 
@@ -340,6 +348,28 @@ def _edges(mesh: SimplexMesh, size: SizeLike, share: float, count: int) -> Deman
         worst = known[np.argsort(-np.abs(np.log(ratio[known])))][:count]
     middles = mesh.points[mesh.edges[worst]].mean(axis=1)
     return Demand("edges", False, text, _places(middles, ratio[worst], count))
+
+
+def served_demand(
+    elements: RequestedElements, share: float = SHARE_SERVED, count: int = 5
+) -> Iterator[Demand]:
+    """Yield the demand on the requested elements, unless none is requested."""
+    found = elements.served()
+    if found is None:
+        return
+    text = (
+        f"{found.served:.1%} of the requested elements, {found.too_coarse:.1%} too coarse, "
+        f"{share:.0%} required"
+    )
+    if found.served >= share:
+        yield Demand("served", True, text)
+        return
+    ratios = elements.ratios
+    off = np.where(elements.weights > 0.0, np.abs(np.log(np.maximum(ratios, 1e-300))), 0.0)
+    worst = np.argsort(-off, kind="stable")
+    cells = elements.cells[worst]
+    worst = worst[np.sort(np.unique(cells, return_index=True)[1])][:count]  # one of each cell
+    yield Demand("served", False, text, _places(elements.points[worst], ratios[worst], count))
 
 
 def _places(points: FloatArray, values: FloatArray, count: int) -> tuple[Place, ...]:

@@ -17,6 +17,7 @@ from adaptsize.background.requests import boxes_of, ranks_within
 from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.quality.boundary import distances_from
+from adaptsize.quality.by_place import RequestedElements, Served, WorstPlace, is_in_band
 from adaptsize.quality.elements import (
     MetricQuality,
     check_cells,
@@ -31,7 +32,6 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 SizeLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-_BAND = (np.sqrt(0.5), np.sqrt(2.0))
 _NO_SIZE = "size must be finite on one edge at least, got inf everywhere"
 
 
@@ -80,6 +80,14 @@ class Conformity:
     at_interfaces : Conformity or None
         Of the cells whose centroid is within two sizes of a place where parts met while `remesh`
         made the mesh; None if there are none.
+    served : float or None
+        Share of the requested elements at whose place the mean edge of the cell is within a factor
+        sqrt 2 of the size.  None for metrics.
+    too_coarse : float or None
+        Share of the requested elements where it is longer.
+    worst : WorstPlace or None
+        Where the cells are largest compared with the sizes: ``point``, ``size``, ``edge`` (mean of
+        the cell) and ``cause``.
     """
 
     n_points: int
@@ -97,11 +105,21 @@ class Conformity:
     hausdorff_relative: float | None = None
     metric: MetricQuality | None = None
     at_interfaces: Conformity | None = None
+    served: float | None = None
+    too_coarse: float | None = None
+    worst: WorstPlace | None = None
 
     @property
     def share_in_band(self) -> float:
         """Share of all edges with length over size in [1/sqrt 2, sqrt 2]."""
         return self.edges.share_in_band
+
+    @property
+    def service(self) -> str:
+        """The shares of the requested elements, and the worst place if 1 % of them is missing."""
+        text = f"{self.served:.1%} of the requested elements, {self.too_coarse:.1%} too coarse"
+        is_off = self.too_coarse is not None and self.too_coarse >= 0.01
+        return f"{text}; worst: {self.worst}" if is_off else text
 
     def as_dict(self) -> dict[str, Any]:
         """Return nested dictionaries of plain numbers (and None), suitable for JSON."""
@@ -119,6 +137,8 @@ class Conformity:
         ]
         if self.boundary_edges is not None:
             lines.append(_ratio_line("boundary edges", self.boundary_edges))
+        if self.served is not None:
+            lines.append(f"served: {self.service}")
         lines.append(
             f"radius ratio: min {self.radius_ratio_min:.4f}, 1 % {self.radius_ratio_p01:.4f}, "
             f"mean {self.radius_ratio_mean:.4f}"
@@ -178,6 +198,15 @@ def size_conformity(
 
     Notes
     -----
+    Edges that were not made are not counted.  Therefore the requested elements are counted, too:
+    :math:`c_d \int h^{-d} \, dx` of them, each equally likely at its place.  One is *served* if
+    the mean length of the edges of the cell around it is within a factor sqrt 2 of the size
+    there, and the mesh is *too coarse* there if it is longer.  Where the cells are larger than the
+    sizes, they are bisected, so that no request is missed if the gradient of the sizes is known.
+    Other functions are sampled at the nodes and centroids of the mesh and at the nodes of their
+    background.  At most 50 000 nodes are added.  Beyond that, which takes a mesh with far too few
+    cells, small sizes may be missed.
+
     The Hausdorff distance is the larger of the two one-sided distances.  Each is measured
     from the nodes, edge midpoints and centroids of the cells of one side to the closest
     point of the other side.  It is therefore a lower bound.  It is exact if the largest
@@ -209,11 +238,20 @@ def size_conformity(
     _refuse_long(ratio)
     found = _conformity(mesh, mesh, ratio, mesh.n_points, boundary_facets(mesh))
     assert found is not None
+    if metric is None:
+        found = with_served(found, RequestedElements.of(mesh, size).served(size))
     if surface is not None:
         distance = _hausdorff(mesh, surface)
         relative = distance / surface.diagonal if surface.diagonal > 0.0 else np.inf
         found = replace(found, hausdorff=distance, hausdorff_relative=relative)
     return found if metric is None else replace(found, metric=metric_quality(mesh, metric))
+
+
+def with_served(found: Conformity, served: Served | None) -> Conformity:
+    """Return a conformity with the shares of the requested elements."""
+    if served is None:
+        return found
+    return replace(found, served=served.served, too_coarse=served.too_coarse, worst=served.worst)
 
 
 def _conformity_of_parts(part: PartitionedMesh, size: object) -> Conformity:
@@ -238,6 +276,8 @@ def _conformity_of_parts(part: PartitionedMesh, size: object) -> Conformity:
     found = _conformity(part, part.mesh, ratio, part.n_global_points, facets)
     if found is None:
         raise ValueError(_NO_SIZE)
+    elements = RequestedElements.of(part.mesh, h, ranks=part.ranks)
+    found = with_served(found, elements.served(ranks=part.ranks))
     chosen = _at_interfaces(part, h)
     near = SimplexMesh(part.points, part.cells[chosen]) if chosen.any() else None
     used = np.zeros(part.n_points, np.bool_)
@@ -357,11 +397,6 @@ def edge_ratios(mesh: SimplexMesh, size: SizeLike) -> FloatArray:
         raise ValueError(_NO_SIZE)
     with np.errstate(over="ignore"):
         return np.where(finite, mesh.edge_lengths / wanted, np.nan)
-
-
-def is_in_band(ratio: FloatArray) -> BoolArray:
-    """Return whether neither halving nor doubling an edge would bring it nearer to its size."""
-    return np.asarray((ratio >= _BAND[0]) & (ratio <= _BAND[1]))
 
 
 def inverted_cells(mesh: SimplexMesh) -> BoolArray:

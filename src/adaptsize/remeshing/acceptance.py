@@ -25,6 +25,7 @@ from adaptsize.quality.boundary import (
     topology_of,
 )
 from adaptsize.quality.certificate import MeshCheck
+from adaptsize.quality.requests import MISSING
 from adaptsize.remeshing.protocol import Problem, Task
 from adaptsize.remeshing.registry import able_backends
 from adaptsize.remeshing.sizing import Size
@@ -230,7 +231,11 @@ def remesh_strictly(
             failures.setdefault("no time left", []).append(str(route))
             break
         try:
-            new = attempt(backend=route.backend, tolerance=route.factor * tolerance, timeout=left)
+            with warnings.catch_warnings():  # the accepted mesh is warned of
+                warnings.filterwarnings("ignore", MISSING, ResolutionWarning)
+                new = attempt(
+                    backend=route.backend, tolerance=route.factor * tolerance, timeout=left
+                )
         except BackendError as error:
             if isinstance(error, BackendTimeoutError) and not failures:
                 raise

@@ -27,12 +27,13 @@ from adaptsize.remeshing.acceptance import (
     warn_of_deviation,
     warn_of_lost_tags,
 )
+from adaptsize.remeshing.delivery import delivered
 from adaptsize.remeshing.filling import filled
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.in_parts import remesh_parts
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.preparation import Frame, RepairedMesh, repair_mesh, restore
-from adaptsize.remeshing.protocol import Problem, Task
+from adaptsize.remeshing.protocol import Backend, Problem, Task
 from adaptsize.remeshing.registry import choose_backend
 from adaptsize.remeshing.resolution import RequestedSizes, as_request
 from adaptsize.remeshing.sizing import (
@@ -117,6 +118,8 @@ def remesh(
         If the boundary of the mesh is farther from the given one than 4 times the tolerance, or
         has another topology: thin parts may be lost.
     ResolutionWarning
+        If less than 80 % of the elements that a source, a curved face or a narrow region requests
+        were made, because the cells there are too large.
         If ``strict`` and the first mesh did not meet the demands, with what was tried.  If
         fTetWild failed and was run again with a quarter of the tolerance.  Also if Mmg fails or
         takes too long inside a surface: the tetrahedra are then those that Netgen fills it with.
@@ -182,7 +185,8 @@ def remesh(
             **(given | RemeshOptions(strict=False)),
         )  # fmt: skip
         ways = routes(task, given["backend"], chosen.name, keep_facets=required_facets is not None)
-        return remesh_strictly(attempt, repaired.mesh, wanted, tolerance, ways, given["timeout"])
+        strict = remesh_strictly(attempt, repaired.mesh, wanted, tolerance, ways, given["timeout"])
+        return delivered(strict, sizes, wanted, mesh, metric)
     allowed = tolerance * repaired.mesh.diagonal
     may_be_joined = task == "surface to tetrahedra" and warn_of_surface(repaired.mesh, allowed)
     if task == "surface to tetrahedra":
@@ -205,16 +209,23 @@ def remesh(
         timeout = given["timeout"]
         deadline = None if timeout is None else time.monotonic() + timeout
         run = IsolatedRunner(chosen.name, timeout, deadline, report)
-        if task == "surface to tetrahedra" and chosen.needs_volume:
-            new = filled(problem, chosen, run, n_cells, given["max_elements"])
-        else:
-            new = restore(chosen.solve(problem, run), problem, chosen.name)
-            if metric is None and required is None:
-                new = improved(new, problem.mesh, problem.tolerance)
+        new = _solved(problem, chosen, run, n_cells, given["max_elements"])
     made = Frame.around(repaired.mesh).restored(new, repaired.mesh)
     warn_of_deviation(made, repaired.mesh, allowed, may_be_joined=may_be_joined)
     warn_of_lost_tags(made, repaired.mesh, chosen.name)
-    return made
+    return delivered(made, sizes, wanted, mesh, metric)
+
+
+def _solved(
+    problem: Problem, chosen: Backend, run: IsolatedRunner, n_cells: float, max_elements: float
+) -> SimplexMesh:
+    """Return the mesh of a generator, improved unless it is anisotropic or has required facets."""
+    if problem.task == "surface to tetrahedra" and chosen.needs_volume:
+        return filled(problem, chosen, run, n_cells, max_elements)
+    new = restore(chosen.solve(problem, run), problem, chosen.name)
+    if problem.metric is not None or problem.facets.required.any():
+        return new
+    return improved(new, problem.mesh, problem.tolerance)
 
 
 def _required(

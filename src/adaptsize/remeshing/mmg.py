@@ -32,7 +32,7 @@ from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -40,9 +40,11 @@ import numpy.typing as npt
 from adaptsize.errors import BackendError, BackendTimeoutError, ResolutionWarning
 from adaptsize.remeshing._medit import read_medit, write_medit
 from adaptsize.remeshing.protocol import Arrays, Backend, Problem, Program, Task
+from adaptsize.sizes.budget import mean_density
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
+    from adaptsize.background import SimplexMesh
     from adaptsize.remeshing.isolation import IsolatedRunner
     from adaptsize.remeshing.sizing import MetricAt, Size
 
@@ -130,7 +132,7 @@ def adapted(
     problem : Problem
     hausd : sequence of float
         For each run, Mmg's ``hausd`` over the tolerance.  Later runs are left out once enough edges
-        follow the sizes.
+        follow the sizes, and enough of the elements that the first mesh requests are there.
     run : callable
     factor : float
         Of the sizes in the first run.  In later ones, the median of the edges over the sizes
@@ -147,9 +149,11 @@ def adapted(
     """
     assert problem.size is not None
     made, options = job_of(problem)
-    best, best_share = made, -1.0
+    best, best_share, elements = made, -1.0, None
     for times in hausd:
         sizes = _requested(problem, made["points"], factor)
+        if elements is None and problem.metric is None:
+            elements = _Elements.of(problem.mesh, sizes / factor)
         try:
             made = _adapted_once(made, sizes, times * problem.tolerance, options, run, text)
         except BackendTimeoutError:
@@ -159,6 +163,8 @@ def adapted(
                 raise
             break
         share, median = _band_and_median(problem.size, made, problem.metric)
+        if elements is not None:
+            share = min(share, elements.served(made))
         if share > best_share:
             best, best_share = made, share
         if share >= _GOOD_SHARE:
@@ -242,7 +248,7 @@ def _band_and_median(size: Size, made: Arrays, metric: MetricAt | None) -> tuple
     If there are many edges, an even sample of them is taken.
     """
     from adaptsize.background.topology import edges_of
-    from adaptsize.quality.conformity import is_in_band
+    from adaptsize.quality.by_place import is_in_band
 
     edges = edges_of(made["cells"], len(made["points"]))
     if metric is None:
@@ -252,6 +258,40 @@ def _band_and_median(size: Size, made: Arrays, metric: MetricAt | None) -> tuple
     else:
         ratio = metric(made["points"]).edge_lengths(made["points"], edges)
     return float(is_in_band(ratio).mean()), float(np.median(ratio))
+
+
+class _Elements(NamedTuple):
+    """Elements that sizes at the nodes of the first mesh request, a point for each of its cells.
+
+    Edges show only what was made.  The first mesh is resolved to the sizes.
+    """
+
+    places: FloatArray
+    sizes: FloatArray
+    numbers: FloatArray
+
+    @classmethod
+    def of(cls, mesh: SimplexMesh, sizes: FloatArray) -> _Elements:
+        """Return the elements for each of an even sample of cells."""
+        some = mesh.cells[:: mesh.n_cells // 20_000 + 1]
+        density = mean_density(sizes[some])
+        return cls(
+            mesh.points[some].mean(axis=1),
+            density ** (-1.0 / mesh.cell_dim),
+            mesh.measures[:: mesh.n_cells // 20_000 + 1] * density,
+        )
+
+    def served(self, made: Arrays) -> float:
+        """Return the share of them at whose place the cells of a mesh have the size."""
+        from adaptsize.background import SimplexMesh
+        from adaptsize.quality.by_place import is_in_band
+
+        mesh = SimplexMesh(made["points"], made["cells"])
+        pairs = np.array(list(combinations(range(mesh.cell_dim + 1), 2)))
+        ends = mesh.points[mesh.cells[mesh.locator.nearest(self.places)[0]][:, pairs]]
+        edges = np.linalg.norm(ends[:, :, 0] - ends[:, :, 1], axis=2).mean(axis=1)
+        near = is_in_band(edges / self.sizes)
+        return float(self.numbers[near].sum() / self.numbers.sum())
 
 
 def _write_job(folder: Path, arrays: Arrays, options: Mapping[str, Any]) -> list[str]:

@@ -25,6 +25,7 @@ _ADVICE = {
     "boundary": "smaller sizes keep it closer",
     "interface": "smaller sizes keep it closer",
     "edges": "details of the boundary may not allow it",
+    "served": "remesh the new mesh with the same sizes",
 }
 
 
@@ -56,6 +57,9 @@ class Outcome:
     pinched: tuple[int, tuple[float, ...]] = (0, ())
     """Number of edges (nodes, in the plane) of the boundary in more than two of its facets, and the
     place of one."""
+
+    unserved: tuple[str, ...] = ()
+    """A line for each request of which too much is missing."""
 
     @property
     def excess(self) -> float | None:
@@ -97,6 +101,7 @@ class Outcome:
         rows = [
             ("cells", cells),
             ("edges", f"{found.share_in_band:.1%} within a factor sqrt 2 of the size"),
+            *([] if found.served is None else [("served", found.service)]),
             ("angles", f"{angles}, 1 % below {found.angle_p01:.1f}"),
         ]
         for name in ("boundary", "interface"):
@@ -124,10 +129,12 @@ class Outcome:
 
     def warnings(self) -> list[str]:
         """Return one line for each value that is out of bounds."""
-        found, lines = self.conformity, []
+        found, lines = self.conformity, list(self.unserved)
         for demand in self.check.failures:
             worst = f", the worst at {place_text(demand.places[0].point)}" if demand.places else ""
             advice = _ADVICE.get(demand.name, "adaptsize check lists the places")
+            if demand.name == "served" and (found.too_coarse or 0.0) < 0.1:  # too fine
+                advice = _ADVICE["edges"]
             lines.append(f"{demand.name}: {demand.text}{worst}; {advice}")
         if self.excess is not None and abs(self.excess) > 0.25 and not self.requested:
             lines.append(
@@ -173,15 +180,24 @@ def outcome_of_remeshing(
     """Compare a new mesh with the repaired old one, its sizes, and the number requested."""
     from adaptsize.quality import check_mesh
     from adaptsize.quality.boundary import region_measures
+    from adaptsize.quality.by_place import RequestedElements
+    from adaptsize.quality.certificate import served_demand
+    from adaptsize.quality.conformity import with_served
+    from adaptsize.quality.requests import unserved
 
-    # As `adaptsize check` does, which has the nodal sizes only.
+    # Edges as `adaptsize check` does, which has the nodal sizes only; these do not show what was
+    # requested between the nodes.
     sizes = new.point_data.get("h", size)
     check = check_mesh(new, original=old, size=sizes, tolerance=tolerance)
+    elements_there = RequestedElements.of(new, size)
+    kept = (demand for demand in check.demands if demand.name != "served")
+    check = replace(check, demands=(*kept, *served_demand(elements_there)))
+    found = with_served(conformity_beside(check, new, sizes, old), elements_there.served(size))
     same_kind = old.cell_dim == new.cell_dim
     was, made = (region_measures(mesh) if same_kind else {} for mesh in (old, new))
     return Outcome(
         kind_of(new),
-        conformity_beside(check, new, sizes, old),
+        found,
         check,
         _predicted(new, size) if elements is None else elements,
         elements is not None,
@@ -189,6 +205,7 @@ def outcome_of_remeshing(
         _change(new, old),
         {tag: (made[tag], made[tag] / was[tag] - 1.0) for tag in was if tag in made},
         sharp_cells(new),
+        unserved=tuple(str(one) for one in unserved(elements_there, size)),
     )
 
 

@@ -1,0 +1,399 @@
+"""Whether the elements that a size function requests are in the mesh, place by place.
+
+The edges of a mesh say nothing about elements that were not made.  Here the requested elements are
+counted, wherever the sizes are small, and compared with the cells that are there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import combinations
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_sizes_at, place_text
+from adaptsize._size_function import SizeFunction
+from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background.bisection import EDGE_OVER_SIZE, resolved
+from adaptsize.background.interpolation import places_of
+from adaptsize.ranks import Communicator, SingleRank
+from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE
+from adaptsize.typing import BoolArray, FloatArray, IndexArray
+
+_SizeAt: TypeAlias = Callable[[FloatArray], FloatArray]
+
+#: An edge is near its size within these bounds of length over size.
+BAND = (np.sqrt(0.5), np.sqrt(2.0))
+#: Nodes that are added to resolve the sizes.  A mesh near its sizes needs hardly any.
+MOST_POINTS = 50_000
+#: Cells per node, roughly.
+_CELLS_PER_POINT = 6
+#: In a cell where the size varies less, it is known from that at the corners.
+_ABOUT_THE_SAME = 1.5
+#: Steeper sizes on grids are sampled at the nodes.
+_STEEP = 1.0
+
+
+def is_in_band(ratio: FloatArray) -> BoolArray:
+    """Return whether neither halving nor doubling an edge would bring it nearer to its size."""
+    return np.asarray((ratio >= BAND[0]) & (ratio <= BAND[1]))
+
+
+@dataclass(frozen=True)
+class WorstPlace:
+    """The place where the cells of a mesh are largest compared with the sizes."""
+
+    point: tuple[float, ...]
+    size: float
+    """Requested size."""
+    edge: float
+    """Mean length of the edges of the cell there."""
+    cause: str | None = None
+    """What controls the size there, if the size function knows it."""
+
+    @property
+    def ratio(self) -> float:
+        """Edge over size."""
+        return self.edge / self.size
+
+    def __str__(self) -> str:
+        """Return the place, the size and the edge."""
+        cause = "" if self.cause is None else f" ({self.cause})"
+        place = place_text(self.point, 4)
+        return f"edge {self.edge:.3g} for size {self.size:.3g}{cause} at {place}"
+
+
+class Served(NamedTuple):
+    """How many of the elements that sizes request are in a mesh."""
+
+    elements: float
+    """Number of requested elements, of regular simplices."""
+    served: float
+    """Share of them where the mean edge of the cell is within a factor sqrt 2 of the size."""
+    too_coarse: float
+    """Share of them where it is longer."""
+    worst: WorstPlace
+
+
+class RequestedElements(NamedTuple):
+    """Points that represent the elements that sizes request in a mesh."""
+
+    points: FloatArray
+    """float64[n, dim]"""
+    weights: FloatArray
+    """float64[n]: elements that each represents, up to a factor common to all ranks."""
+    sizes: FloatArray
+    """float64[n]"""
+    edges: FloatArray
+    """float64[n]: mean length of the edges of the cell around."""
+    cells: IndexArray
+    """int[n]: that cell."""
+    unit: float
+    """The common factor."""
+    together: int
+    """How many points that follow each other are in the same part of a cell."""
+
+    @classmethod
+    def of(
+        cls,
+        mesh: SimplexMesh | None,
+        size: object,
+        max_points: float = MOST_POINTS,
+        ranks: Communicator | None = None,
+    ) -> RequestedElements:
+        r"""Return the elements that sizes request in a mesh.
+
+        Their number is :math:`c_d \int h^{-d} \, dx`.  The cells are bisected, each on its own,
+        until the size hardly varies in their parts, which are represented by the points of a
+        quadrature rule [1]_.
+
+        Parameters
+        ----------
+        mesh : SimplexMesh or None
+            The mesh that is judged; None on a rank without cells.
+        size : SizeFunction, callable, float64[n_points] or float
+            As in `size_conformity`.
+        max_points : float
+            About the largest number of nodes that are added.
+        ranks : Communicator, optional
+            Of a mesh in parts, of which this is one; collective.
+
+        Notes
+        -----
+        No request is missed, however small, if the gradient of the sizes is known to be bounded:
+        those of `size_function` that come from the exact method in the plane or in a convex
+        domain, or grow from a surface.  Nodal values on the mesh itself are linear in its cells.
+        Other size functions are evaluated at the nodes and centroids of the mesh, at the nodes
+        of their background, and more closely where any of these is small.  Beyond ``max_points``
+        nodes, which is only reached if far too few cells were made, parts remain larger than the
+        sizes.  Small sizes in them may then be missed.
+
+        References
+        ----------
+        .. [1] A. H. Stroud, "Approximate Calculation of Multiple Integrals", Prentice-Hall,
+           Englewood Cliffs (1971).
+        """
+        none = np.empty(0)
+        sizes, measures, edges, points = none, none, none, np.empty((0, 1))
+        d, cells = 1, np.empty(0, np.intp)
+        if mesh is not None:
+            d = mesh.cell_dim
+            h = as_sizes_at("size", size, mesh.points)
+            parts = _parts(mesh, size, h, max_points)
+            sizes, points = parts.at_quadrature()
+            measures = np.repeat(parts.measures / (d + 1), d + 1)
+            cells = np.repeat(parts.cells, d + 1)
+            edges = _mean_edges(mesh)[cells]
+        least = (ranks or SingleRank()).allreduce(float(sizes.min(initial=np.inf)), "min")
+        if np.isinf(least):
+            return cls(points, np.zeros(len(sizes)), sizes, edges, cells, 1.0, d + 1)
+        with np.errstate(over="ignore", under="ignore", divide="ignore"):
+            weights = measures * (least / sizes) ** d
+            unit = ELEMENTS_PER_MEASURE[d] / np.float64(least) ** d
+        return cls(points, weights, sizes, edges, cells, float(unit), d + 1)
+
+    @property
+    def ratios(self) -> FloatArray:
+        """Mean edge over size."""
+        return np.asarray(self.edges / self.sizes)
+
+    def only(self, which: npt.NDArray[np.bool_]) -> RequestedElements:
+        """Return some of them."""
+        arrays = {name: self._asdict()[name][which] for name in self._fields[:5]}
+        return self._replace(**arrays, together=1)
+
+    def served(self, size: object = None, ranks: Communicator | None = None) -> Served | None:
+        """Return the shares that are in the mesh, None if nothing is requested; collective.
+
+        A SizeFunction ``size`` adds the cause at the worst place.
+        """
+        ranks = ranks or SingleRank()
+        ratios, weights = self.ratios, self.weights
+        sums = np.array(
+            [weights.sum(), weights[is_in_band(ratios)].sum(), weights[ratios > BAND[1]].sum()]
+        )
+        total, near, above = ranks.allreduce(sums, "sum").tolist()
+        if not 0.0 < total < np.inf:
+            return None
+        places = [place for place in ranks.allgather(self._worst(ratios)) if place is not None]
+        worst = max(places, key=lambda place: place.ratio)
+        if isinstance(size, SizeFunction) and size.report is not None:
+            node = nodes_near(size, np.array([worst.point]))
+            code = int(size.report.cause.ravel()[node][0])
+            cause = size.report.causes[code] if code >= 0 else None
+            worst = WorstPlace(worst.point, worst.size, worst.edge, cause)
+        return Served(total * self.unit, near / total, above / total, worst)
+
+    def _worst(self, ratios: FloatArray) -> WorstPlace | None:
+        counted = np.flatnonzero(self.weights > 0.0)
+        if len(counted) == 0:
+            return None
+        k = counted[ratios[counted].argmax()]
+        point = tuple(self.points[k].tolist())
+        return WorstPlace(point, float(self.sizes[k]), float(self.edges[k]))
+
+
+class _Parts(NamedTuple):
+    """Parts of the cells of a mesh in which the size hardly varies."""
+
+    corners: FloatArray
+    """float64[n, d + 1, dim]"""
+    sizes: FloatArray
+    """float64[n, d + 1]: at the corners."""
+    middle: FloatArray
+    """float64[n]: at the centroids."""
+    measures: FloatArray
+    cells: IndexArray
+    """int[n]: the cell of which each is a part."""
+
+    def at_quadrature(self) -> tuple[FloatArray, FloatArray]:
+        """Return sizes and places of the d + 1 points, of equal weight, of a quadrature rule.
+
+        The rule integrates quadratic functions exactly.  The sizes are linear between the centroid
+        and the facets.
+        """
+        d = self.sizes.shape[1] - 1
+        s = 1.0 / np.sqrt(d + 2.0)
+        rule = np.full((d + 1, d + 1), (1.0 - s) / (d + 1))
+        np.fill_diagonal(rule, (1.0 + d * s) / (d + 1))
+        linear = self.sizes @ rule  # inf where a corner is
+        bounded = np.isfinite(linear).all(axis=1) & np.isfinite(self.middle)
+        excess = self.middle[bounded] - self.sizes[bounded].mean(axis=1)
+        linear[bounded] += (1.0 - s) * excess[:, None]
+        points = np.einsum("nvd,vk->nkd", self.corners, rule)
+        return linear.ravel(), points.reshape(-1, self.corners.shape[2])
+
+
+def _edges_of_cells(mesh: SimplexMesh) -> tuple[FloatArray, IndexArray]:
+    """Return the lengths of the edges of each cell, float64[n_cells, k], and their corners."""
+    pairs = np.array(list(combinations(range(mesh.cell_dim + 1), 2)))
+    corners = mesh.points[mesh.cells]
+    with np.errstate(over="ignore"):
+        return np.linalg.norm(corners[:, pairs[:, 0]] - corners[:, pairs[:, 1]], axis=2), pairs
+
+
+def _mean_edges(mesh: SimplexMesh) -> FloatArray:
+    return np.asarray(_edges_of_cells(mesh)[0].mean(axis=1))
+
+
+def _parts(mesh: SimplexMesh, size: object, h: FloatArray, max_points: float) -> _Parts:
+    """Return parts of the cells of a mesh.
+
+    Parameters
+    ----------
+    h : float64[n_points]
+        The sizes at the nodes.
+    """
+    is_plain = isinstance(size, SizeFunction) and size.sources is None and size.g is None
+    at = None if is_plain and getattr(size, "background", None) is mesh else _function_of(size)
+    if at is None:
+        return _linear_parts(mesh, h, _CELLS_PER_POINT * max_points)
+    g = _slope(size)
+    samples = None if g is not None else _nodes_of(size)
+    known = _is_known(mesh, h, at, g, samples)
+    done, rest = np.flatnonzero(known), np.flatnonzero(~known)
+    own = h[mesh.cells[done]]
+    whole = _Parts(mesh.points[mesh.cells[done]], own, own.mean(axis=1), mesh.measures[done], done)
+    if len(rest) == 0:
+        return whole
+    # Cells without common nodes: none is divided because of another one.
+    own = h[mesh.cells[rest]].ravel()
+    apart = SimplexMesh(
+        mesh.points[mesh.cells[rest]].reshape(-1, mesh.dim),
+        np.arange(len(own)).reshape(len(rest), -1),
+    )
+    found = resolved(apart, at, g=g, samples=samples, max_points=len(own) + max_points)
+    fine = found.mesh
+    own = np.append(own, at(fine.points[len(own) :]))[fine.cells]
+    corners = fine.points[fine.cells]
+    divided = _Parts(corners, own, at(corners.mean(axis=1)), fine.measures, rest[found.parents])
+    return _Parts._make(np.concatenate(pair) for pair in zip(whole, divided, strict=True))
+
+
+def _linear_parts(mesh: SimplexMesh, h: FloatArray, max_parts: float) -> _Parts:
+    """Return parts of cells in which the size is linear, divided until it hardly varies.
+
+    Cells with inf at a node have no bound, and are left out.
+    """
+    cells = np.flatnonzero(np.isfinite(h[mesh.cells]).all(axis=1))
+    corners, sizes = mesh.points[mesh.cells[cells]], h[mesh.cells[cells]]
+    measures, longest = mesh.measures[cells], _edges_of_cells(mesh)[0][cells].max(axis=1)
+    done: list[_Parts] = []
+    room = max_parts
+    while len(cells):
+        low, high = sizes.argmin(axis=1), sizes.argmax(axis=1)
+        rows = np.arange(len(cells))
+        least, largest = sizes[rows, low], sizes[rows, high]
+        split = (largest > _ABOUT_THE_SAME * least) & (longest > EDGE_OVER_SIZE * least)
+        room -= int(split.sum())
+        if room < 0:
+            split[:] = False
+        whole = _Parts(corners, sizes, sizes.mean(axis=1), measures, cells)
+        done.append(_Parts._make(values[~split] for values in whole))
+        # The edge along which the size varies most is halved.
+        rows, low, high = (values[split] for values in (rows, low, high))
+        middle = 0.5 * (corners[rows, low] + corners[rows, high])
+        between = 0.5 * (sizes[rows, low] + sizes[rows, high])
+        halves = []
+        for end in (low, high):
+            own, own_sizes, k = corners[rows], sizes[rows], np.arange(len(rows))
+            own[k, end], own_sizes[k, end] = middle, between
+            halves.append((own, own_sizes))
+        corners, sizes = (np.concatenate(pair) for pair in zip(*halves, strict=True))
+        measures, cells, longest = (
+            np.tile(values[split], 2) for values in (0.5 * measures, cells, longest)
+        )
+    if not done:
+        return _Parts(corners, sizes, sizes.mean(axis=1), measures, cells)
+    return _Parts._make(np.concatenate(columns) for columns in zip(*done, strict=True))
+
+
+def _is_known(
+    mesh: SimplexMesh,
+    h: FloatArray,
+    at: _SizeAt,
+    g: float | None,
+    samples: FloatArray | None,
+) -> BoolArray:
+    """Return in which cells the size is known from that at the corners."""
+    lengths, pairs = _edges_of_cells(mesh)
+    longest, corners = lengths.max(axis=1), h[mesh.cells]
+    if g is not None:
+        reach = np.zeros(corners.shape)
+        for column, (i, j) in enumerate(pairs):
+            for v in (i, j):
+                reach[:, v] = np.maximum(reach[:, v], lengths[:, column])
+        with np.errstate(invalid="ignore"):
+            least = (corners - g * reach).max(axis=1)
+        return np.asarray(longest <= EDGE_OVER_SIZE * least)
+    least = corners.min(axis=1)
+    least = np.minimum(least, at(mesh.points[mesh.cells].mean(axis=1)))
+    if samples is not None and len(samples):
+        cells, _, away = mesh.locator.nearest(samples)
+        near = away <= 1e-9 * mesh.diagonal
+        np.minimum.at(least, cells[near], at(samples[near]))
+    return np.asarray(longest <= EDGE_OVER_SIZE * least)
+
+
+def _function_of(size: object) -> _SizeAt | None:
+    """Return sizes as a function that checks its values; None for nodal values."""
+    if not callable(size):
+        return None
+    return lambda points: as_sizes_at("size", size, points)
+
+
+def _slope(size: object) -> float | None:
+    """Return a bound on the gradient of a size function, None if none is known."""
+    if not isinstance(size, SizeFunction):
+        return None
+    if size.g is not None:
+        return size.g
+    sources = size.sources
+    if sources is not None and size.report is not None:
+        exact = all(part.found.proved is None for part in sources.parts)
+        return size.report.g if exact else None
+    if isinstance(size.background, CartesianGrid):
+        steepest = _slope_on_grid(size.background, size.values)
+        return steepest if steepest <= _STEEP else None
+    return None
+
+
+def _slope_on_grid(grid: CartesianGrid, values: FloatArray) -> float:
+    """Return the largest slope of multilinear sizes; inf beside nodes without a bound."""
+    squares = 0.0
+    for d in range(grid.dim):
+        with np.errstate(invalid="ignore"):
+            steps = np.abs(np.diff(values, axis=d)) / grid.spacing[d]
+        if grid.active is not None:
+            both = np.moveaxis(grid.active, d, 0)
+            steps = np.moveaxis(steps, d, 0)[both[1:] & both[:-1]]
+        squares += float(np.nan_to_num(steps, nan=0.0, posinf=np.inf).max(initial=0.0)) ** 2
+    return float(np.sqrt(squares))
+
+
+def _nodes_of(size: object) -> FloatArray | None:
+    """Return the nodes of the background of a size function, if it has one."""
+    if not isinstance(size, SizeFunction):
+        return None
+    background = size.background
+    if not isinstance(background, CartesianGrid):
+        return background.points
+    active = np.isfinite(size.values)
+    if background.active is not None:
+        active &= background.active
+    return places_of(background)(np.flatnonzero(active))
+
+
+def nodes_near(size: SizeFunction, points: FloatArray) -> IndexArray:
+    """Return the nearest nodes of the background of a size function, by their flat index."""
+    background = size.background
+    if isinstance(background, CartesianGrid):
+        place = np.rint((points - background.origin) / background.spacing).astype(np.intp)
+        place = np.clip(place, 0, np.array(background.shape) - 1)
+        return np.asarray(np.ravel_multi_index(tuple(place.T), background.shape))
+    from scipy.spatial import cKDTree
+
+    return np.asarray(cKDTree(background.points).query(points)[1])
