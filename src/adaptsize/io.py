@@ -6,11 +6,11 @@ import os
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy.typing as npt
 
-from adaptsize._checks import as_flag, as_path, one_of
+from adaptsize._checks import as_flag, as_path, as_whole_number, one_of
 from adaptsize._formats import assembly, formats, sizes, writers
 from adaptsize._formats.blocks import KINDS
 from adaptsize._formats.guards import about_file, check_readable, is_special, write_whole
@@ -123,6 +123,7 @@ def write(
     *,
     fields: Mapping[str, npt.ArrayLike] | None = None,
     file_format: str | None = None,
+    order: Literal[1, 2] = 1,
 ) -> None:
     """Write a mesh, grid, octree or size function to a file.
 
@@ -148,6 +149,10 @@ def write(
         Formats that hold only the sizes ``h`` or the metric are ``"gmsh-view"``
         (``.pos``), ``"medit-sol"`` (``.sol``, for Mmg) and, for sizes, ``"jigsaw"``
         (``.jig.msh``, because ``.msh`` is Gmsh's).
+    order : {1, 2}, default 1
+        Order of the cells.  2 adds a node in the middle of each edge, after the others; edges stay
+        straight, and nodal fields have the mean of both ends there.  For ``.vtu``, ``.vtk``,
+        ``.vtkhdf``, ``.msh``, ``.inp`` and ``.bdf``.
 
     Raises
     ------
@@ -175,9 +180,11 @@ def write(
     meshes.  VTI is VTK's image data with numbers of full precision, 8 bytes each, and no cells.
     Inactive nodes are marked by ``vtkGhostType``, so that ParaView hides them.
 
-    *Solvers.*  Abaqus files have a set of elements per tag of cells, and a set of nodes per tag of
-    facets.  In Nastran's, tags are numbers of properties, and coordinates have 10 digits.  In
-    SU2's, tags of facets are markers.
+    *Solvers.*  Abaqus files, also for CalculiX, have a set of elements per tag of cells.  Per tag
+    of facets they have a set of nodes, and a surface for loads such as pressure (not on shells).
+    ``Eall`` and ``Nall`` hold all elements and nodes.  In Nastran's, tags are numbers of
+    properties, and coordinates have 10 digits.  In SU2's, tags of facets are markers.  Cells of
+    negative measure, which solvers refuse, are turned.
 
     A Gmsh view holds sizes on the cells and nothing outside them.  JIGSAW takes triangles in
     the plane and tetrahedra.
@@ -186,7 +193,9 @@ def write(
     path = as_path("path", path)
     target = Path(os.path.realpath(path)) if not is_special(path) else path
     chosen = formats.format_of(path, file_format)
-    write_to = chosen.writer_of(path, obj, fields)
+    write_to = chosen.writer_of(
+        path, obj, fields, as_whole_number("order", order, lower=1, upper=2)
+    )
     try:
         write_whole(target, write_to)
     except (MeshFileError, OSError) as error:

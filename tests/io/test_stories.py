@@ -55,5 +55,7 @@ def test_a_label_image_gets_a_file_of_abaqus(tmp_path):
     ads.write(tmp_path / "labels.inp", mesh)
 
     back = ads.read(tmp_path / "labels.inp")
-    assert set(back.tag_names.values()) == {"region1", "region2"}
+    regions, faces = ({name for (d, _), name in back.tag_names.items() if d == k} for k in (3, 2))
+    assert regions == {"region1", "region2"}
+    assert faces == {"boundary_of_1", "boundary_of_2", "interface_of_1_and_2"}
     assert np.bincount(back.cell_tags, back.measures)[1:] == pytest.approx([2048, 2048], rel=0.1)

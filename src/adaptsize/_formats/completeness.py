@@ -55,23 +55,6 @@ def check_ply(content: bytes, raw: RawMesh) -> None:
         check_last_number(content, len(raw.points) if ends_in_nodes else math.inf)
 
 
-#: A node in coordinates of its own, in columns or between commas, and what meshio ignores as well.
-_OF_NASTRAN = re.compile(
-    rb"^(GRID {4}.{8} {0,7}|GRID\* {3}.{16} {0,15}|GRID\*?[ \t]*,[^,\n]*,[ \t]*)[1-9]"
-    rb"|^(GRDSET|INCLUDE)\b",
-    re.MULTILINE | re.IGNORECASE,
-)
-
-
-def check_nastran(content: bytes) -> None:
-    """Refuse a file without ENDDATA, and what would be read as another mesh."""
-    if not re.search(rb"^ENDDATA", content, re.MULTILINE):
-        raise MeshFileError("is truncated (no ENDDATA)")
-    if found := _OF_NASTRAN.search(content):
-        what = found[2].decode() if found[2] else "nodes in coordinate systems (CP of GRID)"
-        raise MeshFileError(f"has {what}, which cannot be read")
-
-
 def check_su2_points(content: bytes) -> None:
     """Refuse a file without points, for which the reader fails by an error of its own."""
     if not re.search(rb"^[ \t]*NPOIN=[ \t]*0*[1-9]", content, re.MULTILINE):

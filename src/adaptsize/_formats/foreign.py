@@ -91,12 +91,10 @@ def read_meshio(path: Path) -> RawMesh:
             content = _COUNT.sub(rb"\1\n\2", _REQUIRED.sub(b"", content))
         elif suffix == ".su2":
             content = _text_of_su2(content, raw)
-        elif suffix != ".meshb" and not re.search(rb"^BEGIN BULK", content, re.M):
-            content = b"BEGIN BULK\n" + content  # Nastran, as Gmsh writes it
         with tempfile.TemporaryDirectory() as folder, _groups_of_all_entities():
             file = Path(folder, f"text{suffix}")
             file.write_bytes(content)
-            mesh = _helpers.reader_map[_PROGRAMS.get(suffix, "nastran")](str(file))
+            mesh = _helpers.reader_map[_PROGRAMS[suffix]](str(file))
     raw.blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
     raw.points, raw.cell_data = np.asarray(mesh.points, dtype=np.float64), mesh.cell_data
     raw.point_data = {n: v for n, v in mesh.point_data.items() if np.asarray(v).dtype != object}

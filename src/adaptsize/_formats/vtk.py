@@ -41,7 +41,7 @@ _FROM_VTK = {
     **dict.fromkeys((27, 37, 74, 81), "pyramid13"),
 }  # fmt: skip
 _REFUSED = {15: "pentagonal prism", 16: "hexagonal prism", 36: "curved polygon", 42: "polyhedron"}
-_TO_VTK = {"line": 3, "triangle": 5, "tetra": 10}
+_TO_VTK = {"line": 3, "triangle": 5, "tetra": 10, "line3": 21, "triangle6": 22, "tetra10": 24}
 _EMPTY, _POLYVERTEX, _POLYLINE, _STRIP, _PIXEL, _VOXEL = 0, 2, 4, 6, 8, 11
 # VTK's pixels and voxels number their nodes row by row, unlike other cells.
 _TURNED = {_PIXEL: ("quad", [0, 1, 3, 2]), _VOXEL: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 6])}

@@ -15,6 +15,7 @@ from adaptsize.cli.metric import limit_with_metric
 from adaptsize.cli.options import (
     FIELD,
     METRIC,
+    ORDER,
     PLOT,
     SOURCE,
     Given,
@@ -193,7 +194,7 @@ _VALUES = own(
 )  # fmt: skip
 
 
-@command(FamilyOptions, SOURCE, _VALUES)
+@command(FamilyOptions, SOURCE, ORDER, _VALUES)
 def family(console: Console, file: Input, output: MeshOutput, given: Given) -> int:
     """Make self-similar meshes for a convergence study: NAME-1.vtu is the coarsest.
 
@@ -202,7 +203,7 @@ def family(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     """
     from adaptsize.domain_size.family import Convergence, mean_cell_size
 
-    values = given.pop("values", None)
+    values, order = given.pop("values", None), given.pop("order", 1)
     numbers = [] if values is None else _numbers(values)
     levels = given.get("levels", options_of(FamilyOptions)["levels"].default)
     paths = [
@@ -216,7 +217,7 @@ def family(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         console.print(result)
         return 0
     for path in paths:
-        files.check_files([file], path, "mesh")
+        files.check_files([file], path, "mesh", order)
     with console.steps(3) as steps:
         steps.begin("reading")
         mesh = files.read_mesh(file)
@@ -224,7 +225,8 @@ def family(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         made = ads.mesh_family(mesh, **given, progress=steps.report)
         steps.begin("writing")
         for path, new, h in zip(paths, made.meshes, made.sizes, strict=True):
-            files.write_result(console, path, new.with_data(point_data={"h": h(new.points)}))
+            sized = new.with_data(point_data={"h": h(new.points)})
+            files.write_result(console, path, sized, order=order)
     sizes = made.mean_sizes.tolist()
     console.record(mean_sizes=sizes, ratios=made.ratios.tolist())
     console.print("mean sizes  " + ", ".join(f"{h:.5g}" for h in sizes))
@@ -252,6 +254,7 @@ def _numbers(text: str) -> list[float]:
     AdaptOptions,
     options_of(SizeOptions)["g"],
     replace(options_of(TransferOptions)["method"], type=NodalMethod),
+    ORDER,
     PLOT,
     without="conservative corner_angle anisotropic norm max_aspect how rounds",
 )
@@ -261,8 +264,8 @@ def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> in
     Its sizes come from an error indicator or a solution.  Fields and tags of the file are
     transferred.  A mesh that already has the sizes is written unchanged.
     """
-    field, plot = given.pop("field"), given.pop("plot", None)
-    files.check_files([file], output, "mesh", plot=plot)
+    field, plot, order = given.pop("field"), given.pop("plot", None), given.pop("order", 1)
+    files.check_files([file], output, "mesh", order, plot=plot)
     if not given.keys() & {"elements", "nodes", "tolerance"}:
         raise ValueError("--elements, --nodes or --tolerance must be given, got none of them")
     with console.steps(4) as steps:
@@ -284,7 +287,7 @@ def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> in
         new = result.mesh
         fields = {**result.fields, "h": result.size(new.points)}
         new = new.with_data(point_data=fields, cell_data=result.cell_fields)
-        files.write_result(console, output, new)
+        files.write_result(console, output, new, order=order)
         files.draw(console, "size", plot, new)
     report = result.report
     of_mesh = {

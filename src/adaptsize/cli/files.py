@@ -31,7 +31,11 @@ Content = Literal["mesh", "sizes", "sizes of an image"]
 
 
 def check_files(
-    inputs: Sequence[Path | None], output: Path, content: Content, **others: Path | None
+    inputs: Sequence[Path | None],
+    output: Path,
+    content: Content,
+    order: int = 1,
+    **others: Path | None,
 ) -> None:
     """Refuse output files that cannot be written, or would replace an input or each other.
 
@@ -41,6 +45,8 @@ def check_files(
     output : Path
         The file of ``--output``, and what is to be written.
     content : str
+    order : {1, 2}
+        Of the cells.
     **others : Path or None
         Files of other options by their names: of ``report`` with a page, the others with a
         picture.
@@ -59,6 +65,7 @@ def check_files(
         check_place(path)
         if name == "output":
             _check_format(path, content)
+            format_of(path).check_order(path, order)
         else:
             from adaptsize.plot.pictures import SUFFIXES
 
@@ -168,6 +175,7 @@ def write_result(
     path: Path,
     result: SimplexMesh | SizeFunction | MetricFunction,
     fields: Mapping[str, npt.ArrayLike] | None = None,
+    order: int = 1,
 ) -> None:
     """Write a mesh or sizes with nodal fields, and record what is in the files.
 
@@ -178,8 +186,9 @@ def write_result(
     bare = result.mesh if sizes and isinstance(result, ads.MetricFunction) else result
     for target, what in ((path, bare), (sizes, result)):
         if target is not None:
-            ads.io.write(target, what, fields=fields)
-            console.wrote(**_contents(target, what, fields or ()))
+            of_order: dict[str, Any] = {} if order == 1 else {"order": order}
+            ads.io.write(target, what, fields=fields, **of_order)
+            console.wrote(**_contents(target, what, fields or ()), **of_order)
     if isinstance(result, ads.SimplexMesh) and "cell fields" not in format_of(path).holds:
         for name in result.cell_data:
             console.say(f"{path.name} holds no cell fields: {name} is not written")

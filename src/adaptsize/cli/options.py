@@ -82,6 +82,14 @@ SOURCE = own(
     "line.",
 )  # fmt: skip
 PLOT = own("Output", "plot", Path, "Also draw the result (.png).")
+ORDER = replace(
+    own(
+        "Output", "order", int, default=1,
+        text="2 adds a node in the middle of each edge, which stays straight: .inp, .msh, .vtu, "
+        ".vtk, .bdf.",
+    ),
+    lower=1, upper=2,
+)  # fmt: skip
 _GENERAL = (
     own("General", "json", bool, "Print one JSON object and no other results."),
     own("General", "quiet", bool, "Print errors only.", short="-q"),

@@ -18,6 +18,7 @@ from adaptsize.cli.metric import remesh_with_metric
 from adaptsize.cli.options import (
     FIELD,
     METRIC,
+    ORDER,
     PLOT,
     SOURCE,
     Given,
@@ -54,6 +55,7 @@ _LOOSE = 0.1
         "Mesh generator", "close_holes", bool,
         "First close the holes of a surface, by nearly plane caps.",
     ),
+    ORDER,
     PLOT,
     own(
         "Output", "report", Path, "Also write a page with the mesh in 3-D (.html).",
@@ -72,7 +74,8 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     from adaptsize.reporting.outcome import outcome_of_remeshing
 
     plot, page = given.pop("plot", None), given.pop("report", None)
-    files.check_files([file], output, "mesh", plot=plot, report=page)
+    order = given.pop("order", 1)
+    files.check_files([file], output, "mesh", order, plot=plot, report=page)
     with console.steps(5) as steps:
         steps.begin("reading")
         mesh = _read(console, file, output, given)
@@ -95,7 +98,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         allowed = tolerance_of(report, given.get("tolerance"))
         new = new.with_data(point_data={"h": size(new.points)})
         steps.begin("writing")
-        files.write_result(console, output, new)
+        files.write_result(console, output, new, order=order)
         files.write_provenance(output, _provenance(file, given, as_dict(report), allowed, new))
         steps.begin("checks")
         repaired = repair_mesh(mesh).mesh

@@ -13,6 +13,7 @@ from adaptsize.cli import files
 from adaptsize.cli.console import Console, print_message
 from adaptsize.cli.options import (
     FIELD,
+    ORDER,
     PLOT,
     SOURCE,
     AnyFile,
@@ -159,7 +160,10 @@ def print_outcome(console: Console, outcome: Outcome, *lines: str) -> int:
     return int(not outcome.check.is_met)
 
 
-@command(ImageMeshOptions, SOURCE, PLOT, without="elements nodes elements_between tolerance seed")
+@command(
+    ImageMeshOptions, SOURCE, ORDER, PLOT,
+    without="elements nodes elements_between tolerance seed",
+)  # fmt: skip
 def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -> int:
     """Mesh the objects in a mask or label image.
 
@@ -168,8 +172,8 @@ def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -
     """
     from adaptsize.reporting.outcome import outcome_of_image
 
-    plot = given.pop("plot", None)
-    files.check_files([file], output, "mesh", plot=plot)
+    plot, order = given.pop("plot", None), given.pop("order", 1)
+    files.check_files([file], output, "mesh", order, plot=plot)
     with console.steps(5) as steps:
         steps.begin("reading")
         pixels = ads.io.read_image(file)
@@ -177,7 +181,7 @@ def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -
         following = steps.following({"placing nodes": "meshing"}.get)
         mesh = ads.mesh_image(pixels, **given, progress=following)
         steps.begin("writing")
-        files.write_result(console, output, mesh)
+        files.write_result(console, output, mesh, order=order)
         steps.begin("checks")
         chosen = {name: given[name] for name in options_of(ImageOptions) if name in given}
         outcome = outcome_of_image(mesh, pixels, checked(ImageOptions, chosen))
