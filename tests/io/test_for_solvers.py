@@ -92,8 +92,11 @@ def test_regions_and_faces_come_back_from_abaqus(tmp_path, dim, order):
     back = read(tmp_path / "a.inp")
     assert_array_equal(np.sort(back.cells, axis=1), np.sort(mesh.cells, axis=1))
     assert back.tag_names == {
-        (dim, 1): "region_3rd_part", (dim, 2): "b", (dim - 1, 1): "skin", (dim - 1, 2): "inner_wall",
-    }  # fmt: skip
+        (dim, 1): "region_3rd_part",
+        (dim, 2): "b",
+        (dim - 1, 1): "skin",
+        (dim - 1, 2): "inner_wall",
+    }
     assert_array_equal(back.cell_tags, np.where(mesh.cell_tags == 3, 1, 2))
     for tag in (1, 2):
         found, wanted = (
@@ -154,8 +157,8 @@ def test_nastran_continues_an_element_of_ten_nodes_on_a_second_line(tmp_path):
     assert (fields[9], card[1][:8].strip()) == ("+", "+")
     middles = [*fields[7:9], *card[1][8:].split()]
     assert sorted(map(int, middles)) == [5, 6, 7, 8, 9, 10]
-    nodes = {int(n): np.array([x, y, z], float)
-             for n, x, y, z in re.findall(r"GRID\*\s+(\d+)\s+(\S+)\s+(\S+)\n\*\s+(\S+)", text)}  # fmt: skip
+    found = re.findall(r"GRID\*\s+(\d+)\s+(\S+)\s+(\S+)\n\*\s+(\S+)", text)
+    nodes = {int(n): np.array(place, float) for n, *place in found}
     for number, (a, b) in zip(middles, EDGES[4].split(), strict=True):
         assert_allclose(nodes[int(number)], 0.5 * (nodes[int(a) + 1] + nodes[int(b) + 1]))
 

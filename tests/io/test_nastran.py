@@ -96,10 +96,9 @@ def test_shells_with_angles_and_offsets_keep_their_nodes(tmp_path, number):
     points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0.5, 0]]
     lines = [small("GRID", [str(k), "", *map(float, x)], lambda x: f"{x:.1f}")
              for k, x in enumerate(points, start=1)]  # fmt: skip
-    lines += [
-        small("CQUAD4", ["1", "4", "1", "2", "3", "4", 45.0, 0.0, "", "", 0.1, 0.1, 0.1, 0.1], number),
-        small("CTRIA3", ["2", "5", "2", "5", "3", -30.0], number),
-    ]  # fmt: skip
+    quad = ["1", "4", "1", "2", "3", "4", 45.0, 0.0, "", "", 0.1, 0.1, 0.1, 0.1]
+    triangle = ["2", "5", "2", "5", "3", -30.0]
+    lines += [small("CQUAD4", quad, number), small("CTRIA3", triangle, number)]
     (tmp_path / "a.nas").write_text("\n".join([*lines, "ENDDATA"]))
     with pytest.warns(InputWarning, match="1 quadrilaterals split"):
         mesh = read(tmp_path / "a.nas")
@@ -109,8 +108,8 @@ def test_shells_with_angles_and_offsets_keep_their_nodes(tmp_path, number):
 
 @pytest.mark.parametrize("n_missing", [0, 1, 6])
 def test_elements_of_order_2_may_lack_nodes_on_edges(tmp_path, n_missing):
-    lines = [small("GRID", [str(k), "", *x], lambda x: f"{x:.2f}")
-             for k, x in enumerate(np.random.default_rng(5181).random((10, 3)).tolist(), start=1)]  # fmt: skip
+    points = enumerate(np.random.default_rng(5181).random((10, 3)).tolist(), start=1)
+    lines = [small("GRID", [str(k), "", *x], lambda x: f"{x:.2f}") for k, x in points]
     nodes = [str(k) for k in range(1, 11 - n_missing)]
     lines.append(small("CTETRA", ["1", "1", *nodes, *[""] * n_missing]))
     (tmp_path / "a.bdf").write_text("\n".join([*lines, "ENDDATA"]))
@@ -123,8 +122,12 @@ def test_elements_of_order_2_may_lack_nodes_on_edges(tmp_path, n_missing):
 
 
 def test_elements_that_are_no_cells_are_counted(tmp_path):
-    more = ["CONM2   50      7       0       1.5", "CBUSH   51      1       7       3",
-            "CBUSH   52      1       7       12", "CBAR    53      9       7       3       0."]  # fmt: skip
+    more = [
+        "CONM2   50      7       0       1.5",
+        "CBUSH   51      1       7       3",
+        "CBUSH   52      1       7       12",
+        "CBAR    53      9       7       3       0.",
+    ]
     text = deck(lambda name, f: small(name, f, SHORT), *more)
     (tmp_path / "a.bdf").write_text(text)
     with pytest.warns(InputWarning, match="not cells left out: 1 CONM2, 2 CBUSH$"):
