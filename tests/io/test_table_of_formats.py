@@ -12,6 +12,7 @@ PROGRAMS = {
     "foreign.read_meshio": "meshio",
     "foreign.read_trimesh": "trimesh",
     "abaqus.read": "adaptsize",
+    "gmsh.read": "adaptsize",
 }
 FORMAT_OF = {suffix: form for form in FORMATS.values() for suffix in form.suffixes}
 

@@ -29,7 +29,7 @@ _ELEMENTS: tuple[tuple[re.Pattern[str], dict[int, str]], ...] = (
         3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9",
     }),
     (re.compile(r"T[23]D(\d)"), {2: "line", 3: "line3"}),
-    (re.compile(r"(?:B|PIPE)[23](\d)"), {1: "line", 2: "line3", 3: "line"}),  # linear, quadratic, cubic
+    (re.compile(r"(?:B|PIPE)[23](\d)"), {1: "line", 2: "line3", 3: "line"}),  # 3: cubic
 )  # fmt: skip
 #: Elements without a cell of their own: masses, springs, dashpots, gaps, connectors, rigid and
 #: coupling elements.

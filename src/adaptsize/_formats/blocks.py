@@ -110,7 +110,15 @@ def dimension_of(cell_type: str) -> int:
 
 def n_nodes_of(cell_type: str) -> int:
     """Return the number of nodes of a cell type, for which the name ends in it or is a base."""
+    if cell_type == "vertex":
+        return 1
     return int(re.sub("[a-z]", "", cell_type) or _SHAPES[cell_type][1])
+
+
+def corners_of(cell_type: str, cells: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the corners of cells, which come first; of unknown types all nodes."""
+    base = _base(cell_type)
+    return cells if base is None else cells[:, : _SHAPES[base][1]]
 
 
 def name_of_polygon(n_corners: int) -> str:

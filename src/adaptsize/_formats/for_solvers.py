@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from adaptsize._formats.blocks import RawMesh
 from adaptsize._formats.quadratic import with_middles
-from adaptsize._formats.text import write_text
+from adaptsize._formats.text import numbered, write_text
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import oriented_facets, unique_rows
 from adaptsize.typing import IntArray
@@ -42,7 +42,7 @@ def write_abaqus(path: Path, mesh: SimplexMesh, order: int = 1) -> None:
         "*HEADING\nwritten by adaptsize\n*NODE, NSET=Nall\n",
         *_nodes_of_abaqus(raw.points),
         f"*ELEMENT, TYPE={kind}, ELSET=Eall\n",
-        ("%d" + ", %d" * cells.shape[1] + "\n", _numbered(cells + 1)),
+        ("%d" + ", %d" * cells.shape[1] + "\n", numbered(cells + 1)),
     ]
     regions = groups_of(mesh, mesh.cell_dim, mesh.cell_tags, "region", _set_of_elements)
     for name, own in regions.items():
@@ -135,13 +135,13 @@ def write_nastran(path: Path, mesh: SimplexMesh, order: int = 1) -> None:
     mesh, raw = _for_solver(mesh, order)
     pieces: list[Any] = [
         "$ written by adaptsize\nBEGIN BULK\n",
-        (f"GRID*   %-16d{'':16}%16.9E%16.9E\n*       %16.9E\n", _numbered(raw.points)),
+        (f"GRID*   %-16d{'':16}%16.9E%16.9E\n*       %16.9E\n", numbered(raw.points)),
     ]
     first, all_tags = 1, (mesh.cell_tags, mesh.facet_tags)
     for (name, cells), tags in zip(raw.blocks, all_tags, strict=False):
         held = np.zeros(len(cells), np.int32) if tags is None else tags
         properties = np.where(held > 0, held, next(k for k in count(1) if k not in held))
-        rows = _numbered(np.column_stack([properties, cells + 1]), first)
+        rows = numbered(np.column_stack([properties, cells + 1]), first)
         pieces.append((_card(_CARDS[name], cells.shape[1]), rows))
         first += len(cells)
     write_text(path, *pieces, "ENDDATA\n")
@@ -174,10 +174,6 @@ def write_su2(path: Path, mesh: SimplexMesh) -> None:
 
 def _su2_line(cells: IntArray) -> str:
     return f"{_VTK[cells.shape[1]]}{' %d' * cells.shape[1]}\n"
-
-
-def _numbered(rows: npt.NDArray[Any], first: int = 1) -> npt.NDArray[Any]:
-    return np.column_stack([np.arange(first, first + len(rows)), rows])
 
 
 def _plain(name: str) -> str:

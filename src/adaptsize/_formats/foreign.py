@@ -7,10 +7,6 @@ import codecs
 import itertools
 import re
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,16 +19,11 @@ from adaptsize._formats.guards import files_named_in
 from adaptsize.errors import MeshFileError
 
 _VERTEX = re.compile(rb"^[ \t]*v[ \t]", re.M)  # of OBJ
-_ELEMENT_DATA = re.compile(rb"^\$ElementData\s*?\n.*?^\$EndElementData\s*?\n", re.M | re.S)
-#: The names of physical groups.  meshio keeps one per name; a volume and its skin may share one.
-_NAMES = re.compile(r"^\$PhysicalNames\s*$(.*?)^\$EndPhysicalNames", re.M | re.S)
 #: meshio's names of formats.
-_PROGRAMS = {".msh": "gmsh", ".mesh": "medit", ".meshb": "medit", ".su2": "su2"}
-_VERSION_2 = re.compile(rb"\$MeshFormat\s+2")
+_PROGRAMS = {".mesh": "medit", ".meshb": "medit", ".su2": "su2"}
 _REQUIRED = re.compile(rb"^[ \t]*Required(?!Vertices)\w+[\s\d]*", re.M)  # of Medit
 _COUNT = re.compile(rb"^([ \t]*(?!MeshVersion|Dimension)[A-Z]\w+)[ \t]+(\d+)[ \t]*$", re.M)
 _MARKER = re.compile(rb"^([ \t]*MARKER_TAG[ \t]*=[ \t]*)(.*?)[ \t\r]*$", re.M)  # of SU2
-_NAME = re.compile(r'^[ \t]*([0-3])\s+(-?\d+)\s+"([^"\n]*)"', re.M)
 
 
 def refuse_links(path: Path) -> None:
@@ -85,78 +76,18 @@ def read_meshio(path: Path) -> RawMesh:
         mesh: Any = meshio.read(path)
     else:
         content = path.read_bytes().removeprefix(codecs.BOM_UTF8)
-        if suffix == ".msh":
-            content = _text_of_gmsh(content, raw)
-        elif suffix == ".mesh":
+        if suffix == ".mesh":
             content = _COUNT.sub(rb"\1\n\2", _REQUIRED.sub(b"", content))
         elif suffix == ".su2":
             content = _text_of_su2(content, raw)
-        with tempfile.TemporaryDirectory() as folder, _groups_of_all_entities():
+        with tempfile.TemporaryDirectory() as folder:
             file = Path(folder, f"text{suffix}")
             file.write_bytes(content)
             mesh = _helpers.reader_map[_PROGRAMS[suffix]](str(file))
     raw.blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
     raw.points, raw.cell_data = np.asarray(mesh.points, dtype=np.float64), mesh.cell_data
     raw.point_data = {n: v for n, v in mesh.point_data.items() if np.asarray(v).dtype != object}
-    is_version_2 = suffix == ".msh" and _VERSION_2.match(content)
-    return _without_repeated(raw) if is_version_2 else raw
-
-
-def _text_of_gmsh(content: bytes, raw: RawMesh) -> bytes:
-    """Return what meshio can read of a file of Gmsh, and add the names of groups to a mesh."""
-    if section := _NAMES.search(content.partition(b"\n$Nodes")[0].decode("utf-8", "replace")):
-        found = _NAME.findall(section[1])
-        raw.tag_names = {(int(dim), int(tag)): name for dim, tag, name in found if name.strip()}
-    # meshio takes version "4" for 4.1, and fails on fields of elements in version 2.
-    content = re.sub(rb"\A\$MeshFormat\s+4(?=\s)", b"$MeshFormat\n4.0", content)
-    if _VERSION_2.match(content):
-        content, n_left_out = _ELEMENT_DATA.subn(b"", content)
-        raw.notes += ["cell fields ($ElementData) left out"] * (n_left_out > 0)
-    return content
-
-
-@contextmanager
-def _groups_of_all_entities() -> Iterator[None]:
-    """Let meshio give the group 0 to entities without a group; it fails if only some have one."""
-    from meshio.gmsh import _gmsh40, _gmsh41
-
-    def with_group(read: Callable[..., Any], *given: Any) -> Any:
-        found = read(*given)
-        for groups in found[0] if isinstance(found[0], tuple) else found:
-            groups.update({entity: [0] for entity, held in groups.items() if not held})
-        return found
-
-    modules = {module: module._read_entities for module in (_gmsh40, _gmsh41)}
-    for module, read in modules.items():
-        module._read_entities = partial(with_group, read)
-    try:
-        yield
-    finally:
-        for module, read in modules.items():
-            module._read_entities = read
-
-
-def _without_repeated(raw: RawMesh) -> RawMesh:
-    """Return the first of the elements that version 2 repeats for each of their groups."""
-    kept = [np.ones(len(cells), bool) for _, cells in raw.blocks]
-    for name in {name for name, _ in raw.blocks}:
-        of_type = [i for i, block in enumerate(raw.blocks) if block[0] == name]
-        rows = np.sort(np.concatenate([raw.blocks[i][1] for i in of_type]), axis=1)
-        is_first = np.zeros(len(rows), bool)
-        is_first[np.unique(rows, axis=0, return_index=True)[1]] = True
-        ends = np.cumsum([len(kept[i]) for i in of_type])[:-1]
-        for i, part in zip(of_type, np.split(is_first, ends), strict=True):
-            kept[i] = part
-    n_repeated = sum(np.count_nonzero(~part) for part in kept)
-    if not n_repeated:
-        return raw
-    blocks = [(name, cells[own]) for (name, cells), own in zip(raw.blocks, kept, strict=True)]
-    cell_data = {
-        name: [values[own] for values, own in zip(parts, kept, strict=True)]
-        for name, parts in raw.cell_data.items()
-    }
-    notes = [*raw.notes, f"{n_repeated} elements that repeat another, in a further group, dropped"]
-    return replace(raw, blocks=blocks, cell_data=cell_data, notes=notes)
+    return raw
 
 
 def _text_of_su2(content: bytes, raw: RawMesh) -> bytes:

@@ -136,7 +136,7 @@ class Format:
 _MESHIO, _VTK, _TRIMESH = (
     partial(read_limited, f"foreign.read_{name}") for name in ("meshio", "vtk", "trimesh")
 )
-_ABAQUS = partial(read_limited, "abaqus.read")  # sets could take long
+_ABAQUS, _GMSH = (partial(read_limited, f"{name}.read") for name in ("abaqus", "gmsh"))
 _of_vtk = {
     name: partial(write.write_vtk, suffix=f".{name}") for name in ("vtu", "vtp", "vtk", "vtkhdf")
 }
@@ -144,8 +144,8 @@ _surface = {name: partial(write.write_surface, file_format=name) for name in ("p
 _stl = partial(write.write_surface, file_format="stl", binary=True)
 _CELLS, _TRIANGLES = frozenset({"cells", "tags"}), frozenset({"triangles"})
 _PLY, _GRIDS = _TRIANGLES | {"fields"}, frozenset({"grids", "fields"})
-_NODAL = _CELLS | {"fields", "metrics", "order 2"}
-_SOLVERS, _VTK_CELLS = _CELLS | {"order 2"}, _ALL | {"order 2"}
+_SOLVERS, _ALL_2 = _CELLS | {"order 2"}, _ALL | {"order 2"}
+_NODAL_2 = _ALL_2 - {"cell fields"}
 _SIZES, _FULL = frozenset({"sizes", "metrics"}), (2, 3)
 #: In the order in which suffixes are tried: JIGSAW's longer suffix before Gmsh's.
 FORMATS: dict[str, Format] = {
@@ -153,16 +153,14 @@ FORMATS: dict[str, Format] = {
     "gmsh-view": Format((".pos",), sizes.write_view, holds=_SIZES),
     "medit-sol": Format((".sol",), sizes.write_sol, holds=_SIZES),
     "vti": Format((".vti",), vtk.write_image, None, check.check_vtk_xml, holds=_GRIDS),
-    "vtu": Format((".vtu",), _of_vtk["vtu"], _VTK, check.check_vtk_xml, holds=_VTK_CELLS),
+    "vtu": Format((".vtu",), _of_vtk["vtu"], _VTK, check.check_vtk_xml, holds=_ALL_2),
     "vtp": Format((".vtp",), _of_vtk["vtp"], _VTK, check.check_vtk_xml),
     "vtk-xml": Format((".vtr", ".vts", ".vtm", ".pvtu", ".pvtp"), None, _VTK, check.check_vtk_xml),
-    "vtk": Format(
-        (".vtk",), _of_vtk["vtk"], _VTK, check.check_vtk, None, _VTK_CELLS, names=_LEGACY
-    ),
-    "vtkhdf": Format((".vtkhdf",), _of_vtk["vtkhdf"], _VTK, holds=_VTK_CELLS, names=_IN_HDF),
+    "vtk": Format((".vtk",), _of_vtk["vtk"], _VTK, check.check_vtk, None, _ALL_2, names=_LEGACY),
+    "vtkhdf": Format((".vtkhdf",), _of_vtk["vtkhdf"], _VTK, holds=_ALL_2, names=_IN_HDF),
     "xdmf": Format((".xdmf", ".xmf"), write.write_xdmf, _MESHIO),
     "gmsh": Format(
-        (".msh",), write.write_gmsh, _MESHIO, check.check_gmsh, None, _NODAL, names=_QUOTED
+        (".msh",), write.write_gmsh, _GMSH, check.check_gmsh, None, _NODAL_2, names=_QUOTED
     ),
     "medit": Format(
         (".mesh", ".meshb"), write.write_medit, _MESHIO, check.check_medit_end, holds=_CELLS

@@ -73,6 +73,11 @@ def check_last_number(content: bytes, n_points: float = math.inf) -> None:
     )
 
 
+def numbered(rows: npt.NDArray[Any], first: int = 1) -> npt.NDArray[Any]:
+    """Return rows after a column with their numbers."""
+    return np.column_stack([np.arange(first, first + len(rows)), rows])
+
+
 def write_text(path: Path, *pieces: str | tuple[str, npt.NDArray[Any]]) -> None:
     """Write texts, and tables: the format of a line, and the rows of numbers in it.
 

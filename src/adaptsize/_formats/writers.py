@@ -12,10 +12,16 @@ from adaptsize._checks import check_type, describe
 from adaptsize._formats import sizes, vtk
 from adaptsize._formats.blocks import SIMPLEX, UNTAGGED, RawMesh
 from adaptsize._formats.quadratic import with_middles
+from adaptsize._formats.text import numbered, write_text
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.simplex import as_own
 from adaptsize.metrics import MetricFunction
+
+#: Gmsh's numbers of types of cells.
+_GMSH_TYPES = {
+    "line": 1, "triangle": 2, "tetra": 4, "line3": 8, "triangle6": 9, "tetra10": 11,
+}  # fmt: skip
 
 
 def content_of(mesh: SimplexMesh, tag_name: str, *, pad: bool) -> RawMesh:
@@ -79,22 +85,40 @@ def write_xdmf(path: Path, mesh: SimplexMesh) -> None:
 
 
 def write_gmsh(path: Path, mesh: SimplexMesh, order: int = 1) -> None:
-    """Write a mesh with tags and nodal fields as Gmsh 2.2."""
-    # Version 2.2: in 4.1 a physical group belongs to an entity, which a SimplexMesh lacks.
-    # No cell fields: meshio cannot read them back from version 2.2.
+    """Write a mesh with tags and nodal fields as Gmsh 2.2, as text."""
+    # In version 4.1, a physical group belongs to an entity, which a SimplexMesh lacks.  The readers
+    # of several programs take text only, and meshio's fails on cell fields.
     content = content_of(mesh, "gmsh:physical", pad=True)
     content = with_middles(content) if order == 2 else content
-    tags, names = gmsh_groups(mesh, content)
-    nodal = {name: _gmsh_components(values) for name, values in content.point_data.items()}
-    # Without zeros, meshio adds them and prints a warning.
-    tags = tags or dict.fromkeys(("gmsh:physical", "gmsh:geometrical"), _no_tags(content))
-    slim = RawMesh(content.points, content.blocks, nodal, tags)
-    _write_with_meshio(path, slim, "gmsh22")
+    groups, names = gmsh_groups(mesh, content)
+    lines = [f'{dim} {tag} "{name}"\n' for (dim, tag), name in sorted(names.items())]
+    pieces: list[Any] = ["$MeshFormat\n2.2 0 8\n$EndMeshFormat\n"]
     if names:
-        lines = [f'{dim} {tag} "{name}"\n' for (dim, tag), name in sorted(names.items())]
-        section = f"$PhysicalNames\n{len(lines)}\n{''.join(lines)}$EndPhysicalNames\n"
-        head, end, rest = path.read_bytes().partition(b"$EndMeshFormat\n")
-        path.write_bytes(head + end + section.encode() + rest)
+        pieces.append(f"$PhysicalNames\n{len(lines)}\n{''.join(lines)}$EndPhysicalNames\n")
+    n = len(content.points)
+    nodes = ("%d %.17g %.17g %.17g\n", numbered(content.points))
+    n_cells = sum(len(cells) for _, cells in content.blocks)
+    pieces += [f"$Nodes\n{n}\n", nodes, f"$EndNodes\n$Elements\n{n_cells}\n"]
+    first, no_tags = 1, [np.zeros(len(cells), np.int32) for _, cells in content.blocks]
+    of_blocks = zip(
+        content.blocks,
+        groups.get("gmsh:physical", no_tags),
+        groups.get("gmsh:geometrical", no_tags),
+        strict=True,
+    )
+    for (name, cells), group, entity in of_blocks:
+        rows = cells[:, [*range(8), 9, 8]] if name == "tetra10" else cells  # the order of Gmsh
+        line = f"%d {_GMSH_TYPES[name]} 2{' %d' * (2 + rows.shape[1])}\n"
+        pieces.append((line, numbered(np.column_stack([group, entity, rows + 1]), first)))
+        first += len(cells)
+    pieces.append("$EndElements\n")
+    for name, values in content.point_data.items():
+        columns = _gmsh_components(values).reshape(n, -1)
+        width = columns.shape[1]
+        head = f'$NodeData\n1\n"{name}"\n1\n0\n3\n0\n{width}\n{n}\n'
+        line = "%d" + " %.17g" * width + "\n"
+        pieces += [head, (line, numbered(columns)), "$EndNodeData\n"]
+    write_text(path, *pieces)
 
 
 def gmsh_groups(
@@ -132,14 +156,11 @@ def _gmsh_components(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     return padded[:, 0] if wanted == 1 else padded
 
 
-def _no_tags(content: RawMesh) -> list[npt.NDArray[np.int32]]:
-    return [np.zeros(len(cells), np.int32) for _, cells in content.blocks]
-
-
 def write_medit(path: Path, mesh: SimplexMesh) -> None:
     """Write a mesh with tags for Medit and Mmg, as text or binary."""
     content = content_of(mesh, "medit:ref", pad=False)
-    tags = content.cell_data.get("medit:ref", _no_tags(content))
+    no_tags = [np.zeros(len(cells), np.int32) for _, cells in content.blocks]
+    tags = content.cell_data.get("medit:ref", no_tags)
     refs = content.point_data.get("medit:ref", np.zeros(mesh.n_points, np.int32))
     slim = RawMesh(content.points, content.blocks, {"medit:ref": refs}, {"medit:ref": tags})
     _write_with_meshio(path, slim, "medit")
