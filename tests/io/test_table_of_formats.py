@@ -13,6 +13,7 @@ PROGRAMS = {
     "foreign.read_trimesh": "trimesh",
     "abaqus.read": "adaptsize",
     "gmsh.read": "adaptsize",
+    "medit.read": "adaptsize",
 }
 FORMAT_OF = {suffix: form for form in FORMATS.values() for suffix in form.suffixes}
 

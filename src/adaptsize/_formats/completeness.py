@@ -39,14 +39,6 @@ def check_gmsh(content: bytes) -> None:
         )
 
 
-def check_medit_end(content: bytes) -> None:
-    """Refuse a file without the keyword End, in binary files a number and an empty place."""
-    is_text = re.match(rb"[^\0]*\Z", content[:1000])
-    end = rb"^\s*End\s*$" if is_text else rb"(\x36\0\0\0|\0\0\0\x36)(\0{4}){1,2}\Z"
-    if not re.search(end, content[-1000:], re.MULTILINE | re.IGNORECASE):
-        raise MeshFileError("is truncated (no End)")
-
-
 def check_ply(content: bytes, raw: RawMesh) -> None:
     """Refuse a text file whose last number may have been cut."""
     head = content.partition(b"end_header")[0]

@@ -19,10 +19,6 @@ from adaptsize._formats.guards import files_named_in
 from adaptsize.errors import MeshFileError
 
 _VERTEX = re.compile(rb"^[ \t]*v[ \t]", re.M)  # of OBJ
-#: meshio's names of formats.
-_PROGRAMS = {".mesh": "medit", ".meshb": "medit", ".su2": "su2"}
-_REQUIRED = re.compile(rb"^[ \t]*Required(?!Vertices)\w+[\s\d]*", re.M)  # of Medit
-_COUNT = re.compile(rb"^([ \t]*(?!MeshVersion|Dimension)[A-Z]\w+)[ \t]+(\d+)[ \t]*$", re.M)
 _MARKER = re.compile(rb"^([ \t]*MARKER_TAG[ \t]*=[ \t]*)(.*?)[ \t\r]*$", re.M)  # of SU2
 
 
@@ -76,14 +72,11 @@ def read_meshio(path: Path) -> RawMesh:
         mesh: Any = meshio.read(path)
     else:
         content = path.read_bytes().removeprefix(codecs.BOM_UTF8)
-        if suffix == ".mesh":
-            content = _COUNT.sub(rb"\1\n\2", _REQUIRED.sub(b"", content))
-        elif suffix == ".su2":
-            content = _text_of_su2(content, raw)
+        content = _text_of_su2(content, raw)
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder, f"text{suffix}")
             file.write_bytes(content)
-            mesh = _helpers.reader_map[_PROGRAMS[suffix]](str(file))
+            mesh = _helpers.reader_map["su2"](str(file))
     raw.blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
     raw.points, raw.cell_data = np.asarray(mesh.points, dtype=np.float64), mesh.cell_data
     raw.point_data = {n: v for n, v in mesh.point_data.items() if np.asarray(v).dtype != object}

@@ -136,7 +136,9 @@ class Format:
 _MESHIO, _VTK, _TRIMESH = (
     partial(read_limited, f"foreign.read_{name}") for name in ("meshio", "vtk", "trimesh")
 )
-_ABAQUS, _GMSH = (partial(read_limited, f"{name}.read") for name in ("abaqus", "gmsh"))
+_ABAQUS, _GMSH, _MEDIT = (
+    partial(read_limited, f"{name}.read") for name in ("abaqus", "gmsh", "medit")
+)
 _of_vtk = {
     name: partial(write.write_vtk, suffix=f".{name}") for name in ("vtu", "vtp", "vtk", "vtkhdf")
 }
@@ -162,9 +164,7 @@ FORMATS: dict[str, Format] = {
     "gmsh": Format(
         (".msh",), write.write_gmsh, _GMSH, check.check_gmsh, None, _NODAL_2, names=_QUOTED
     ),
-    "medit": Format(
-        (".mesh", ".meshb"), write.write_medit, _MESHIO, check.check_medit_end, holds=_CELLS
-    ),
+    "medit": Format((".mesh", ".meshb"), write.write_medit, _MEDIT, holds=_CELLS),
     "stl": Format((".stl",), _stl, read_stl, holds=_TRIANGLES),
     "ply": Format((".ply",), _surface["ply"], _TRIMESH, None, check.check_ply, _PLY, names=_WORD),
     "obj": Format((".obj",), _surface["obj"], _VTK, None, check.check_obj, _TRIANGLES),

@@ -5,7 +5,6 @@ Nodes and elements have numbers of their own, by which data are given, and which
 
 import codecs
 import re
-import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._formats.blocks import RawMesh, corners_of, dimension_of, n_nodes_of
-from adaptsize._formats.text import rows_of
+from adaptsize._formats.text import numbers_in, rows_of
 from adaptsize.errors import MeshFileError
 
 #: Cells by the numbers of their types.
@@ -176,21 +175,13 @@ class _Numbers:
     def _take_text(self, n: int, kind: str) -> _Array:
         if self._of_text is None:
             text = self.rest()
-            self._of_text = self._numbers_of(text)
+            self._of_text = numbers_in(text, f"${self.name}")
             self.place += len(text)
         found = self._of_text[self._used : self._used + n]
         if len(found) < n:
             raise self.short()
         self._used += n
         return found if kind == "f8" else found.astype(np.int64)
-
-    def _numbers_of(self, text: bytes) -> _Array:
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("error", DeprecationWarning)  # of numpy before 2.3
-                return np.fromstring(text, np.float64, sep=" ")
-        except (ValueError, DeprecationWarning):
-            raise MeshFileError(f"holds a word in ${self.name} that is no number") from None
 
     def records(self, n: int, *kinds: tuple[str, int]) -> list[_Array]:
         """Return columns of ``n`` records: pairs of a binary type and the number of values."""
