@@ -7,6 +7,7 @@ import codecs
 import itertools
 import re
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -61,42 +62,42 @@ def read_pieces(path: Path, rank: int, size: int) -> list[RawMesh]:
     return [raw for raw in vtk.pieces_in(path, rank, size) if raw.blocks]
 
 
-def read_meshio(path: Path) -> RawMesh:
-    """Return the mesh in any other file.  What meshio cannot read in its text is replaced."""
-    import meshio
+def raw_of_meshio(mesh: Any) -> RawMesh:
+    """Return a mesh of meshio.  Nodal fields of objects are left out."""
+    blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
+    point_data = {n: v for n, v in mesh.point_data.items() if np.asarray(v).dtype != object}
+    return RawMesh(np.asarray(mesh.points, np.float64), blocks, point_data, mesh.cell_data)
+
+
+def read_su2(path: Path) -> RawMesh:
+    """Return the mesh in a file of SU2.  What meshio cannot read in its text is replaced."""
     from meshio import _helpers  # `read` would name the file of the text
 
-    suffix, raw = path.suffix.lower(), RawMesh(np.empty((0, 3)), [])
-    if suffix in (".xdmf", ".xmf"):  # they name others
-        refuse_links(path)
-        mesh: Any = meshio.read(path)
-    else:
-        content = path.read_bytes().removeprefix(codecs.BOM_UTF8)
-        content = _text_of_su2(content, raw)
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder, f"text{suffix}")
-            file.write_bytes(content)
-            mesh = _helpers.reader_map["su2"](str(file))
-    raw.blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
-    raw.points, raw.cell_data = np.asarray(mesh.points, dtype=np.float64), mesh.cell_data
-    raw.point_data = {n: v for n, v in mesh.point_data.items() if np.asarray(v).dtype != object}
-    return raw
+    content = path.read_bytes().removeprefix(codecs.BOM_UTF8)
+    if zones := re.search(rb"^[ \t]*NZONE[ \t]*=[ \t]*(\d+)", content, re.M):
+        raise MeshFileError(f"has {int(zones[1])} zones of SU2 (NZONE); write each to its own file")
+    content, names = _text_of_su2(content)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "text.su2")
+        file.write_bytes(content)
+        mesh = _helpers.reader_map["su2"](str(file))
+    return replace(raw_of_meshio(mesh), tag_names=names)
 
 
-def _text_of_su2(content: bytes, raw: RawMesh) -> bytes:
-    """Return a file of SU2 with numbers for the names of markers, which are added to a mesh.
+def _text_of_su2(content: bytes) -> tuple[bytes, dict[tuple[int, int], str]]:
+    """Return a file of SU2 with numbers for the names of markers, and their names.
 
     meshio counts on from the last number, which may be that of another marker.
     """
     names = dict.fromkeys(name for _, name in _MARKER.findall(content))
     free = (b"%d" % k for k in itertools.count(1) if b"%d" % k not in names)
     number = {name: name if name.isdigit() else next(free) for name in names}
-    if dim := re.search(rb"^[ \t]*NDIME[ \t]*=[ \t]*(\d)", content, re.M):
-        raw.tag_names = {
-            (int(dim[1]) - 1, int(tag)): name.decode("utf-8", "replace")
-            for name, tag in number.items() if name != tag
-        }  # fmt: skip
-    return _MARKER.sub(lambda found: found[1] + number[found[2]], content)
+    dim = re.search(rb"^[ \t]*NDIME[ \t]*=[ \t]*(\d)", content, re.M)
+    tag_names = {
+        (int(dim[1]) - 1, int(tag)): name.decode("utf-8", "replace")
+        for name, tag in number.items() if dim and name != tag
+    }  # fmt: skip
+    return _MARKER.sub(lambda found: found[1] + number[found[2]], content), tag_names
 
 
 def read_shp(path: Path) -> dict[str, Any]:

@@ -133,11 +133,11 @@ class Format:
         return partial(self.write, mesh=mesh, **({} if order == 1 else {"order": order}))
 
 
-_MESHIO, _VTK, _TRIMESH = (
-    partial(read_limited, f"foreign.read_{name}") for name in ("meshio", "vtk", "trimesh")
+_SU2, _VTK, _TRIMESH = (
+    partial(read_limited, f"foreign.read_{name}") for name in ("su2", "vtk", "trimesh")
 )
-_ABAQUS, _GMSH, _MEDIT = (
-    partial(read_limited, f"{name}.read") for name in ("abaqus", "gmsh", "medit")
+_ABAQUS, _GMSH, _MEDIT, _XDMF = (
+    partial(read_limited, f"{name}.read") for name in ("abaqus", "gmsh", "medit", "xdmf")
 )
 _of_vtk = {
     name: partial(write.write_vtk, suffix=f".{name}") for name in ("vtu", "vtp", "vtk", "vtkhdf")
@@ -160,7 +160,7 @@ FORMATS: dict[str, Format] = {
     "vtk-xml": Format((".vtr", ".vts", ".vtm", ".pvtu", ".pvtp"), None, _VTK, check.check_vtk_xml),
     "vtk": Format((".vtk",), _of_vtk["vtk"], _VTK, check.check_vtk, None, _ALL_2, names=_LEGACY),
     "vtkhdf": Format((".vtkhdf",), _of_vtk["vtkhdf"], _VTK, holds=_ALL_2, names=_IN_HDF),
-    "xdmf": Format((".xdmf", ".xmf"), write.write_xdmf, _MESHIO),
+    "xdmf": Format((".xdmf", ".xmf"), write.write_xdmf, _XDMF),
     "gmsh": Format(
         (".msh",), write.write_gmsh, _GMSH, check.check_gmsh, None, _NODAL_2, names=_QUOTED
     ),
@@ -178,7 +178,7 @@ FORMATS: dict[str, Format] = {
     "su2": Format(
         (".su2",),
         solvers.write_su2,
-        _MESHIO,
+        _SU2,
         check.check_su2_points,
         check.check_su2,
         _CELLS,
