@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy.typing as npt
 
-from adaptsize._checks import as_flag, as_path, as_whole_number, one_of
+from adaptsize._checks import as_flag, as_path, as_whole_number, check_type, one_of
 from adaptsize._formats import assembly, formats, sizes, writers
 from adaptsize._formats.blocks import KINDS
 from adaptsize._formats.guards import about_file, check_readable, is_special, write_whole
@@ -26,7 +26,11 @@ __all__ = ["polygons", "read", "read_image", "read_metric", "read_size", "write"
 
 
 def read(
-    path: str | os.PathLike[str], *, kind: str | None = None, flatten: bool = True
+    path: str | os.PathLike[str],
+    *,
+    kind: str | None = None,
+    flatten: bool = True,
+    tags: str | None = None,
 ) -> SimplexMesh:
     """Return the mesh in a file.
 
@@ -44,6 +48,9 @@ def read(
     flatten : bool
         Whether triangles and segments whose third coordinates are all exactly 0 become
         a mesh in the plane, which is the intention of files from 2-D programs.
+    tags : str, optional
+        Name of the cell field that holds the tags of cells and facets.  By default a field with one
+        of the names in the notes.
 
     Returns
     -------
@@ -81,8 +88,10 @@ def read(
     if they are close.
 
     *Tags.*  The first integer cell field that is not zero everywhere, among the names that
-    programs use (``cell_tags``, ``gmsh:physical``, ``medit:ref``, ``region``, ``tag``,
-    ``gmsh:geometrical``, ...), becomes ``cell_tags``.  Other fields stay in ``cell_data``.
+    programs use (``cell_tags``, ``gmsh:physical``, ``medit:ref``, ``region``, ``material``,
+    ``CellEntityIds``, ``ModelFaceID``, ``GeometryIds``, ``label``, ...), becomes ``cell_tags``.
+    Case, separators and the plural make no difference.  Other fields stay in ``cell_data``; a
+    warning lists integer fields if no tags were found.
     In the same way, cells of one dimension less (the triangles in a file of tetrahedra)
     become ``tagged_facets`` and ``facet_tags``.  Those that are not a facet of a cell
     are dropped with a warning.  If they have no tags, all are left out without a warning, as are
@@ -105,11 +114,13 @@ def read(
     flatten = as_flag("flatten", flatten)
     if kind is not None:
         one_of("kind", kind, tuple(KINDS))
+    if tags is not None:
+        check_type("tags", tags, str)
     notes: list[str] = []
     try:
         raw = formats.load(file)
         notes.extend(raw.notes)
-        mesh = assembly.build(raw, kind=kind, flatten=flatten, notes=notes)
+        mesh = assembly.build(raw, kind=kind, flatten=flatten, notes=notes, tags=tags)
     except (ValueError, MemoryError) as error:
         raise about_file(file, error) from error
     if notes:

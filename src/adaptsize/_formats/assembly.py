@@ -1,5 +1,7 @@
 """Conversion of the content of a file to a SimplexMesh: choice of cells, tags and fields."""
 
+import re
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,10 +17,14 @@ from adaptsize._formats.blocks import (
     gather,
     plural,
     simplices_of,
+    tag_key,
 )
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import facets_of, have_different_nodes, tags_of_facets
 from adaptsize.errors import MeshFileError
+
+#: Fields of integers with several values that are no tags: owners in parallel runs.
+_RANKS = re.compile(r"rank|proc|partition|ghost|level|colou?r", re.IGNORECASE)
 
 
 def _wanted_dimension(raw: RawMesh, kind: str | None) -> int:
@@ -30,7 +36,9 @@ def _wanted_dimension(raw: RawMesh, kind: str | None) -> int:
     return dim
 
 
-def build(raw: RawMesh, *, kind: str | None, flatten: bool, notes: list[str]) -> SimplexMesh:
+def build(
+    raw: RawMesh, *, kind: str | None, flatten: bool, notes: list[str], tags: str | None = None
+) -> SimplexMesh:
     """Return the simplices with their tags and fields.  Repairs are appended to ``notes``.
 
     Parameters
@@ -42,11 +50,14 @@ def build(raw: RawMesh, *, kind: str | None, flatten: bool, notes: list[str]) ->
         Whether triangles and segments with z = 0 become a mesh in the plane.
     notes : list of str
         In/Out.
+    tags : str, optional
+        Name of the cell field with the tags.
     """
     dim = _wanted_dimension(raw, kind)
     simplices = _without_repeated_nodes(simplices_of(raw, dim), notes)
-    tag_name, cell_tags = _tags(raw, simplices)
-    facets, facet_tags, facet_tag_name = _facets(raw, simplices, notes)
+    _check_tags(raw, tags)
+    tag_name, cell_tags = _tags(raw, simplices, tags)
+    facets, facet_tags, facet_tag_name = _facets(raw, simplices, notes, tags)
     # Names belong to physical groups, not to geometric entities.
     named = {dim: tag_name, dim - 1: facet_tag_name}
     names = {
@@ -56,6 +67,8 @@ def build(raw: RawMesh, *, kind: str | None, flatten: bool, notes: list[str]) ->
     }
     cell_tags, names = _without_untagged(cell_tags, names, dim)
     cell_data = _cell_fields(raw, simplices, tag_name)
+    if cell_tags is None and facet_tags is None and tags is None:
+        notes.extend(_unused(cell_data))
     cells = simplices.cells
     keep = _kept_nodes(raw, cells, reduced=kind is not None or bool(simplices.notes))
     if not keep.all():
@@ -122,7 +135,7 @@ def _cell_fields(
         values = gather(blocks, simplices)
         if name in (tag_name, "obj:group_ids") or values is None:
             continue
-        if values.dtype.kind in "biuf" and (name.lower() not in TAG_NAMES or values.any()):
+        if values.dtype.kind in "biuf" and (tag_key(name) not in TAG_NAMES or values.any()):
             fields[name] = _native(values)
     return fields
 
@@ -145,31 +158,62 @@ def _native(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return array.astype(array.dtype.newbyteorder("="), copy=False)
 
 
-def _tags(raw: RawMesh, simplices: Simplices) -> tuple[str | None, npt.NDArray[np.int32] | None]:
-    """Return the most likely tags of the simplices and the name of their field."""
-    by_name = {name.lower(): name for name in raw.cell_data}
-    for wanted in TAG_NAMES:
-        if wanted not in by_name or not len(simplices.cells):
+def _check_tags(raw: RawMesh, name: str | None) -> None:
+    """Refuse a name of tags that no cell field has; the message lists those of integers."""
+    if name is None or name in raw.cell_data:
+        return
+    listed = [
+        field
+        for field, parts in raw.cell_data.items()
+        if all(np.asarray(part).dtype.kind in "iu" for part in parts)
+    ]
+    found = f"integer cell fields: {', '.join(listed)}" if listed else "it has none of integers"
+    raise MeshFileError(f"has no cell field {name!r} for tags ({found})")
+
+
+def _unused(cell_data: Mapping[str, npt.NDArray[Any]]) -> Iterator[str]:
+    """Yield a note on integer fields that may be tags: several values, each of several cells."""
+    names = []
+    for name, values in cell_data.items():
+        if values.dtype.kind in "iu" and values.size == len(values):
+            n = len(np.unique(values))
+            if 1 < n <= len(values) / 4 and not _RANKS.search(name):
+                names.append(repr(name))
+    if names:
+        yield (
+            f"no field has a name that is known for tags; the integer fields {', '.join(names)} "
+            "may be some (tags=NAME of read, --tags NAME)"
+        )
+
+
+def _tags(
+    raw: RawMesh, simplices: Simplices, name: str | None
+) -> tuple[str | None, npt.NDArray[np.int32] | None]:
+    """Return the tags of the simplices and the name of their field, the most likely by default."""
+    by_name = {tag_key(found): found for found in reversed([*raw.cell_data])}
+    wanted_names = [name] if name is not None else [by_name.get(key) for key in TAG_NAMES]
+    for wanted in wanted_names:
+        if wanted is None or not len(simplices.cells):
             continue
-        values = gather(raw.cell_data[by_name[wanted]], simplices)
+        values = gather(raw.cell_data[wanted], simplices)
         if values is None or values.size != len(values) or values.dtype.kind not in "iuf":
             continue
         values = values.reshape(-1)
         integer = np.isfinite(values).all() and (values == np.floor(values)).all()
         if integer and values.any() and np.abs(values).max() < 2**31:
-            return by_name[wanted], values.astype(np.int32)
+            return wanted, values.astype(np.int32)
     return None, None
 
 
 def _facets(
-    raw: RawMesh, simplices: Simplices, notes: list[str]
+    raw: RawMesh, simplices: Simplices, notes: list[str], tags_from: str | None
 ) -> tuple[npt.NDArray[Any] | None, npt.NDArray[np.int32] | None, str | None]:
     """Return the tagged cells of one dimension less that are facets, and their tag field."""
     dim = simplices.cells.shape[1] - 1
     if not any(dimension_of(t) == dim - 1 and len(c) for t, c in raw.blocks) or dim == 1:
         return None, None, None
     found = simplices_of(raw, dim - 1)
-    name, tags = _tags(raw, found)
+    name, tags = _tags(raw, found, tags_from)
     if tags is None:
         return None, None, None
     n_points = len(raw.points)

@@ -24,7 +24,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._formats.blocks import TAG_NAMES, RawMesh
+from adaptsize._formats.blocks import TAG_NAMES, RawMesh, tag_key
 from adaptsize.errors import MeshFileError
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def raw_of(data: Any) -> RawMesh:
             labels.append(label)
     if not grids:
         raise MeshFileError("holds no cells")
-    fields = {name.lower() for grid in grids for name in _arrays_in(grid.GetCellData())}
+    fields = {tag_key(name) for grid in grids for name in _arrays_in(grid.GetCellData())}
     if len(grids) > 1 and any(labels) and not fields & set(TAG_NAMES):
         for number, (grid, label) in enumerate(zip(grids, labels, strict=True), start=1):
             region = np.full(grid.GetNumberOfCells(), number, np.int32)

@@ -18,6 +18,7 @@ from adaptsize.cli.options import (
     ORDER,
     PLOT,
     SOURCE,
+    TAGS,
     Given,
     GroupedCommand,
     Input,
@@ -79,14 +80,14 @@ def options(
     announce_compilation(context.obj)
 
 
-@command()
-def info(console: Console, file: Input) -> int:
+@command(TAGS)
+def info(console: Console, file: Input, given: Given) -> int:
     """Summarize a mesh: cells, extent, tags, fields, quality."""
     from adaptsize.quality.summary import summarize
 
     with console.steps(2) as steps:
         steps.begin("reading")
-        mesh = files.read_mesh(file)
+        mesh = files.read_mesh(file, tags=given.get("tags"))
         steps.begin("checks")
         summary = summarize(mesh)
     console.record(**summary.as_dict())
@@ -97,6 +98,7 @@ def info(console: Console, file: Input) -> int:
 @command(
     own("Checks", "original", Path, "Mesh or surface whose domain the mesh must fill."),
     own("Checks", "field", str, "Nodal field with the sizes.", chosen="h, if present"),
+    TAGS,
     replace(options_of(RemeshOptions)["tolerance"], group="Checks"),
 )
 def check(console: Console, file: Input, given: Given) -> int:
@@ -108,10 +110,10 @@ def check(console: Console, file: Input, given: Given) -> int:
     from adaptsize.remeshing.preparation import repair_mesh
     from adaptsize.reporting.outcome import conformity_beside
 
-    original, field = given.pop("original", None), given.pop("field", None)
+    original, field, tags = (given.pop(name, None) for name in ("original", "field", "tags"))
     with console.steps(2) as steps:
         steps.begin("reading")
-        mesh = files.read_mesh(file)
+        mesh = files.read_mesh(file, tags=tags)
         made = files.read_provenance(file)
         if made.get("n_cells") == mesh.n_cells and isinstance(made.get("tolerance"), float):
             given = {"tolerance": made["tolerance"]} | given
@@ -194,7 +196,7 @@ _VALUES = own(
 )  # fmt: skip
 
 
-@command(FamilyOptions, SOURCE, ORDER, _VALUES)
+@command(FamilyOptions, SOURCE, ORDER, TAGS, _VALUES)
 def family(console: Console, file: Input, output: MeshOutput, given: Given) -> int:
     """Make self-similar meshes for a convergence study: NAME-1.vtu is the coarsest.
 
@@ -203,7 +205,7 @@ def family(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     """
     from adaptsize.domain_size.family import Convergence, mean_cell_size
 
-    values, order = given.pop("values", None), given.pop("order", 1)
+    values, tags, order = given.pop("values", None), given.pop("tags", None), given.pop("order", 1)
     numbers = [] if values is None else _numbers(values)
     levels = given.get("levels", options_of(FamilyOptions)["levels"].default)
     paths = [
@@ -220,7 +222,7 @@ def family(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         files.check_files([file], path, "mesh", order)
     with console.steps(3) as steps:
         steps.begin("reading")
-        mesh = files.read_mesh(file)
+        mesh = files.read_mesh(file, tags=tags)
         steps.begin("meshing")
         made = ads.mesh_family(mesh, **given, progress=steps.report)
         steps.begin("writing")
@@ -255,6 +257,7 @@ def _numbers(text: str) -> list[float]:
     options_of(SizeOptions)["g"],
     replace(options_of(TransferOptions)["method"], type=NodalMethod),
     ORDER,
+    TAGS,
     PLOT,
     without="conservative corner_angle anisotropic norm max_aspect how rounds",
 )
@@ -270,7 +273,7 @@ def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> in
         raise ValueError("--elements, --nodes or --tolerance must be given, got none of them")
     with console.steps(4) as steps:
         steps.begin("reading")
-        mesh = ads.io.read(file)
+        mesh = ads.io.read(file, tags=given.pop("tags", None))
         indicator = indicator_of(mesh, field)
         steps.begin("adapting")
         result = ads.adapt(

@@ -82,10 +82,11 @@ def check_files(
             taken[place] = option
 
 
-def read_mesh(path: Path, tolerance: float = 0.0) -> SimplexMesh:
+def read_mesh(path: Path, tolerance: float = 0.0, tags: str | None = None) -> SimplexMesh:
     """Return the mesh in a file, the surface of a CAD model, or the domain between polygons.
 
-    The latter are simplified within the tolerance, over the diameter.
+    The latter are simplified within the tolerance, over the diameter.  ``tags`` is the cell field
+    with the tags of a mesh.
     """
     from adaptsize.remeshing.cad import is_cad_file
 
@@ -93,7 +94,7 @@ def read_mesh(path: Path, tolerance: float = 0.0) -> SimplexMesh:
     if is_of_polygons(path):
         mesh = ads.io.polygons(path, tolerance=tolerance)
     else:
-        mesh = ads.read_cad(path) if is_cad_file(path) else ads.io.read(path)
+        mesh = ads.read_cad(path) if is_cad_file(path) else ads.io.read(path, tags=tags)
     return mesh
 
 

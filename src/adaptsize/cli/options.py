@@ -82,6 +82,7 @@ SOURCE = own(
     "line.",
 )  # fmt: skip
 PLOT = own("Output", "plot", Path, "Also draw the result (.png).")
+TAGS = own("General", "tags", str, "Cell field with the tags.")
 ORDER = replace(
     own(
         "Output", "order", int, default=1,

@@ -16,6 +16,7 @@ from adaptsize.cli.options import (
     ORDER,
     PLOT,
     SOURCE,
+    TAGS,
     AnyFile,
     Given,
     ImageFile,
@@ -42,10 +43,19 @@ _PARTS = own("Output", "parts", bool, "Also print width, curvature, size and cos
 _SPEED = own("Output", "speed", float, "Largest speed of a signal, for the time steps.")
 _CAUSES = own("Output", "plot_causes", Path, "Also draw which cause controls which part (.png).")
 #: Options that have no effect on the sizes of an image.
-_OF_MESHES = ("elements_between", "field", "elements", "nodes", "tolerance", "parts", "size_of")
+_OF_MESHES = (
+    "elements_between",
+    "field",
+    "tags",
+    "elements",
+    "nodes",
+    "tolerance",
+    "parts",
+    "size_of",
+)
 
 
-@command(SizeFunctionOptions, SOURCE, FIELD, PLOT, _CAUSES, _COST, _PARTS, _SPEED)
+@command(SizeFunctionOptions, SOURCE, FIELD, TAGS, PLOT, _CAUSES, _COST, _PARTS, _SPEED)
 def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> int:
     """Compute the size function of a mesh or an image.
 
@@ -76,7 +86,7 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
             domain = ads.io.read_image(file)
         else:
             by_faces = "parts" in of_cost or "size_of" in given
-            domain = _read(console, file, output, by_faces=by_faces)
+            domain = _read(console, file, output, given.pop("tags", None), by_faces=by_faces)
         if "field" in given:
             given = bounded(domain, {"tolerance": math.inf} | given)
         steps.begin("sizes")
@@ -106,9 +116,11 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
     return 0
 
 
-def _read(console: Console, file: Path, output: Path, *, by_faces: bool) -> SimplexMesh:
+def _read(
+    console: Console, file: Path, output: Path, tags: str | None, *, by_faces: bool
+) -> SimplexMesh:
     """Return the mesh in a file, if its sizes can be written; of a surface the faces tagged."""
-    mesh = files.read_mesh(file)
+    mesh = files.read_mesh(file, tags=tags)
     files.format_of(output).check_cells(output, mesh)
     files.announce_sizes(console, mesh)
     return files.with_faces(mesh) if by_faces else mesh
