@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -31,6 +31,8 @@ def read(
     kind: str | None = None,
     flatten: bool = True,
     tags: str | None = None,
+    errors: str | Sequence[str] = (),
+    keep_slits: bool = False,
 ) -> SimplexMesh:
     """Return the mesh in a file.
 
@@ -46,11 +48,19 @@ def read(
         Which cells to read.  By default those of the highest dimension.  With ``kind``, nodes
         that only belong to other cells of the file are left out.
     flatten : bool
-        Whether triangles and segments whose third coordinates are all exactly 0 become
-        a mesh in the plane, which is the intention of files from 2-D programs.
+        Whether triangles and segments whose third coordinates are all 0, up to rounding (1e-8 of
+        their extent), become a mesh in the plane, which is the intention of files from 2-D
+        programs.  Triangles at another height do so as well with a warning, except from formats
+        for surfaces, such as STL.
     tags : str, optional
         Name of the cell field that holds the tags of cells and facets.  By default a field with one
         of the names in the notes.
+    errors : str or sequence of str
+        Cell fields with errors, as for `adapt`.  Where a cell is split, its parts share the error
+        by their measures, such that the squares add up.  Other fields are repeated.
+    keep_slits : bool
+        In plane and solid meshes of which most facets between cells are double, as programs for
+        discontinuous fields write them, nodes at one place are joined.  True keeps them.
 
     Returns
     -------
@@ -116,11 +126,26 @@ def read(
         one_of("kind", kind, tuple(KINDS))
     if tags is not None:
         check_type("tags", tags, str)
+    keep_slits = as_flag("keep_slits", keep_slits)
+    check_type("errors", errors, Sequence)
+    shared = [errors] if isinstance(errors, str) else [*errors]
     notes: list[str] = []
     try:
         raw = formats.load(file)
         notes.extend(raw.notes)
-        mesh = assembly.build(raw, kind=kind, flatten=flatten, notes=notes, tags=tags)
+        mesh = assembly.build(
+            raw,
+            kind=kind,
+            flatten=flatten,
+            notes=notes,
+            tags=tags,
+            errors=shared,
+            keep_slits=keep_slits,
+        )
+        lost = [name for name in shared if name not in {**mesh.cell_data, **mesh.point_data}]
+        if lost:
+            listed = ", ".join(mesh.cell_data) or "none"
+            raise MeshFileError(f"has no cell field {lost[0]!r} with errors (found: {listed})")
     except (ValueError, MemoryError) as error:
         raise about_file(file, error) from error
     if notes:

@@ -127,7 +127,10 @@ def test_the_set_of_all_elements_is_no_region_beside_others(tmp_path, section):
 
 @pytest.mark.parametrize("where", ["part", "assembly"])
 def test_surfaces_of_elements_are_tagged_facets(tmp_path, where):
-    part, assembly = PART.format("A", 0, 1), ASSEMBLY.replace("B-1, part=B", "A-3, part=A")
+    part, assembly = (
+        PART.format("A", 0, 1),
+        ASSEMBLY.replace("B-1, part=B\n", "A-3, part=A\n5., 0., 0.\n"),
+    )
     if where == "part":  # of three instances
         part = part.replace(
             "*End Part", "*Surface, type=ELEMENT, name=Top\n_inner, S2\n7, S3\n*End Part"

@@ -1,7 +1,7 @@
 """Conversion of the content of a file to a SimplexMesh: choice of cells, tags and fields."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,10 +19,18 @@ from adaptsize._formats.blocks import (
     simplices_of,
     tag_key,
 )
+from adaptsize._formats.joining import joined_if_most_are_double, means
 from adaptsize.background import SimplexMesh
-from adaptsize.background.topology import facets_of, have_different_nodes, tags_of_facets
+from adaptsize.background.topology import (
+    facets_of,
+    have_different_nodes,
+    tags_of_facets,
+    unique_rows,
+)
 from adaptsize.errors import MeshFileError
 
+#: Differences of third coordinates, over the size of the mesh, that are rounding.
+_ROUNDING = 1e-8
 #: Fields of integers with several values that are no tags: owners in parallel runs.
 _RANKS = re.compile(r"rank|proc|partition|ghost|level|colou?r", re.IGNORECASE)
 
@@ -37,7 +45,14 @@ def _wanted_dimension(raw: RawMesh, kind: str | None) -> int:
 
 
 def build(
-    raw: RawMesh, *, kind: str | None, flatten: bool, notes: list[str], tags: str | None = None
+    raw: RawMesh,
+    *,
+    kind: str | None,
+    flatten: bool,
+    notes: list[str],
+    tags: str | None = None,
+    errors: Sequence[str] = (),
+    keep_slits: bool = True,
 ) -> SimplexMesh:
     """Return the simplices with their tags and fields.  Repairs are appended to ``notes``.
 
@@ -52,9 +67,20 @@ def build(
         In/Out.
     tags : str, optional
         Name of the cell field with the tags.
+    errors : sequence of str
+        Cell fields with errors, which the parts of a cell share.
+    keep_slits : bool
+        Whether nodes at one place stay different if most facets are double.
     """
     dim = _wanted_dimension(raw, kind)
     simplices = _without_repeated_nodes(simplices_of(raw, dim), notes)
+    is_plane = flatten and dim < 3 and raw.points.shape[1] == 3
+    if is_plane:
+        only_at_0 = raw.is_surface or dim == 1
+        is_plane = _is_plane(raw.points, simplices.cells, notes, only_at_0=only_at_0)
+    fills_space = dim == (2 if is_plane else raw.points.shape[1])
+    if fills_space:
+        simplices = _without_repeated_cells(simplices, notes)
     _check_tags(raw, tags)
     tag_name, cell_tags = _tags(raw, simplices, tags)
     facets, facet_tags, facet_tag_name = _facets(raw, simplices, notes, tags)
@@ -75,19 +101,84 @@ def build(
         number = np.cumsum(keep) - 1
         cells = number[cells]
         facets = None if facets is None else number[facets]
-    points = raw.points[keep]
-    if flatten and dim < 3 and points.shape[1] == 3 and not points[:, 2].any():
-        points = points[:, :2]
-    return SimplexMesh(
+    points = raw.points[keep][:, :2] if is_plane else raw.points[keep]
+    point_data = {name: values[keep] for name, values in _nodal_fields(raw).items()}
+    parent = _parents(simplices)
+    joined = None
+    if fills_space and dim > 1 and not keep_slits:
+        joined = joined_if_most_are_double(points, cells, parent)
+    if joined is not None:
+        n = len(joined.points)
+        notes.append(
+            f"most facets are double: nodes at one place joined, {len(points)} become {n}, with "
+            "the mean of nodal fields (keep_slits=True, --keep-slits)"
+        )
+        points, cells = joined.points, joined.number[cells]
+        facets = None if facets is None else joined.number[facets]
+        point_data = {name: means(v, joined.number, n) for name, v in point_data.items()}
+    mesh = SimplexMesh(
         points,
         cells,
         cell_tags=cell_tags,
         tagged_facets=facets,
         facet_tags=facet_tags,
         tag_names=names,
-        point_data={name: values[keep] for name, values in _nodal_fields(raw).items()},
+        point_data=point_data,
         cell_data=cell_data,
     )
+    shared = {name: _shares(mesh, parent, name) for name in errors if name in mesh.cell_data}
+    return mesh.with_data(cell_data=shared) if shared else mesh
+
+
+def _parents(simplices: Simplices) -> npt.NDArray[np.int64]:
+    """Return a number of the cell of the file for each simplex."""
+    pairs = np.stack([simplices.block, simplices.row], axis=1)
+    is_next = np.concatenate([[True], (pairs[1:] != pairs[:-1]).any(axis=1)])
+    return np.asarray(np.cumsum(is_next) - 1)
+
+
+def _shares(mesh: SimplexMesh, parent: npt.NDArray[np.int64], name: str) -> npt.NDArray[Any]:
+    """Return the errors of simplices whose squares add up to that of their cell of the file."""
+    values = np.asarray(mesh.cell_data[name], np.float64)
+    whole = np.bincount(parent, weights=mesh.measures)[parent]
+    alike = 1.0 / np.bincount(parent)[parent]
+    share = np.divide(mesh.measures, whole, out=alike, where=whole > 0.0)
+    shared: npt.NDArray[Any] = values * np.sqrt(share).reshape(-1, *[1] * (values.ndim - 1))
+    return shared
+
+
+def _is_plane(
+    points: npt.NDArray[Any], cells: npt.NDArray[Any], notes: list[str], *, only_at_0: bool
+) -> bool:
+    """Return whether all third coordinates are equal up to rounding, or are 0.
+
+    Surfaces and lines in space may be flat at another height.
+    """
+    used = points[np.unique(cells)]
+    low, high = used.min(axis=0), used.max(axis=0)
+    if high[2] - low[2] > _ROUNDING * float(np.linalg.norm(high[:2] - low[:2])):
+        return False
+    if max(abs(low[2]), abs(high[2])) > high[2] - low[2]:
+        if only_at_0:
+            return False
+        notes.append(
+            f"taken as a mesh in the plane: z is {0.5 * (low[2] + high[2]):g} everywhere "
+            "(flatten=False keeps it)"
+        )
+    return True
+
+
+def _without_repeated_cells(simplices: Simplices, notes: list[str]) -> Simplices:
+    """Drop cells that have the same nodes as another."""
+    rows = np.sort(simplices.cells, axis=1).astype(np.int32)
+    number = unique_rows(rows, int(rows.max()) + 1)[1]
+    first = np.zeros(len(rows), bool)
+    first[np.unique(number, return_index=True)[1]] = True
+    if first.all():
+        return simplices
+    notes.append(f"{np.count_nonzero(~first)} cells with the same nodes as another dropped")
+    cells, block, row = (rows[first] for rows in simplices[:3])
+    return Simplices(cells, block, row, simplices.notes)
 
 
 def _without_untagged(

@@ -114,6 +114,8 @@ class RawMesh:
     """Names of the tags, by dimension and tag."""
     notes: list[str] = field(default_factory=list)
     """What was left out, for a warning."""
+    is_surface: bool = False
+    """Whether it is of a format for surfaces in space, some of which are flat."""
 
 
 class Simplices(NamedTuple):

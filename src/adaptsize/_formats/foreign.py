@@ -135,10 +135,11 @@ def raw_of_trimesh(mesh: Any) -> RawMesh:
     cells = np.concatenate([own + n for own, n in zip(faces, start[:-1], strict=True)])
     points = np.concatenate([np.asarray(part.vertices, np.float64) for part in parts])
     if len(parts) == 1:
-        return RawMesh(points, [("triangle", cells)])
+        return RawMesh(points, [("triangle", cells)], is_surface=True)
     tags = np.repeat(np.arange(1, len(parts) + 1, dtype=np.int32), [len(own) for own in faces])
     names = {(2, k): str(part.metadata.get("node", k)) for k, part in enumerate(parts, start=1)}
-    return RawMesh(points, [("triangle", cells)], {}, {"cell_tags": [tags]}, names)
+    tagged = {"cell_tags": [tags]}
+    return RawMesh(points, [("triangle", cells)], {}, tagged, names, is_surface=True)
 
 
 def _raw_of_ply(points: npt.NDArray[np.float64], elements: dict[str, Any]) -> RawMesh:

@@ -219,6 +219,7 @@ def load(path: Path) -> RawMesh:
         raise
     except (*_DAMAGE, ValueError) as error:
         raise MeshFileError(f"cannot be read as a mesh ({error})") from error
+    raw.is_surface |= "triangles" in found.holds
     check_raw(raw)
     if found.check_counts is not None:
         found.check_counts(content, raw)

@@ -83,6 +83,9 @@ SOURCE = own(
 )  # fmt: skip
 PLOT = own("Output", "plot", Path, "Also draw the result (.png).")
 TAGS = own("General", "tags", str, "Cell field with the tags.")
+KEEP_SLITS = own(
+    "General", "keep_slits", bool, "Keep nodes at one place, if most facets are double."
+)
 ORDER = replace(
     own(
         "Output", "order", int, default=1,
