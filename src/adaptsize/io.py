@@ -57,7 +57,8 @@ def read(
         of the names in the notes.
     errors : str or sequence of str
         Cell fields with errors, as for `adapt`.  Where a cell is split, its parts share the error
-        by their measures, such that the squares add up.  Other fields are repeated.
+        by their measures, such that the squares add up.  Other fields are repeated.  Names that the
+        file lacks have no effect.
     keep_slits : bool
         In plane and solid meshes of which most facets between cells are double, as programs for
         discontinuous fields write them, nodes at one place are joined.  True keeps them.
@@ -142,10 +143,6 @@ def read(
             errors=shared,
             keep_slits=keep_slits,
         )
-        lost = [name for name in shared if name not in {**mesh.cell_data, **mesh.point_data}]
-        if lost:
-            listed = ", ".join(mesh.cell_data) or "none"
-            raise MeshFileError(f"has no cell field {lost[0]!r} with errors (found: {listed})")
     except (ValueError, MemoryError) as error:
         raise about_file(file, error) from error
     if notes:

@@ -29,7 +29,8 @@ def with_field(path, name, seed=5221, dtype=np.int32, of_facets=None):
     mesh, rng = jittered_cube(3, seed), np.random.default_rng(seed)
     boundary = mesh.boundary()
     facets = boundary.nodes[boundary.mesh.cells]
-    tags, facet_tags = rng.integers(3, 6, mesh.n_cells), rng.integers(1, 4, len(facets))
+    x = mesh.points[mesh.cells].mean(axis=1)[:, 0]
+    tags, facet_tags = np.where(x < 0.0, 3, 7), rng.integers(1, 4, len(facets))
     fields = {name: [tags.astype(dtype), facet_tags.astype(dtype)]}
     if of_facets:
         zeros = [np.zeros(len(part), dtype) for part in (tags, facet_tags)]
@@ -75,13 +76,14 @@ def test_other_fields_are_named_in_a_warning_and_can_be_chosen(tmp_path, name):
         read(tmp_path / "a.vtu", tags="none")
 
 
-@pytest.mark.parametrize("kind", ["numbers", "constant", "rank", "floats"])
+@pytest.mark.parametrize("kind", ["numbers", "cycle", "constant", "rank", "floats"])
 def test_fields_that_are_no_tags_draw_no_warning(tmp_path, kind):
     mesh = random_square(40, 5222)
     values = {
         "numbers": np.arange(mesh.n_cells),
+        "cycle": np.arange(mesh.n_cells) % 3,
         "constant": np.full(mesh.n_cells, 3),
-        "rank": np.arange(mesh.n_cells) % 3,
+        "rank": np.where(mesh.points[mesh.cells].mean(axis=1)[:, 0] > 0.0, 1, 0),
         "floats": np.arange(mesh.n_cells) % 3 + 0.5,
     }[kind]
     points = np.pad(mesh.points, ((0, 0), (0, 1)))

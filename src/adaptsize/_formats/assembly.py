@@ -24,11 +24,14 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import (
     facets_of,
     have_different_nodes,
+    regions_beside,
     tags_of_facets,
     unique_rows,
 )
 from adaptsize.errors import MeshFileError
 
+#: The largest share of the facets that lie between two regions.
+_SHARE_BETWEEN = 0.3
 #: Differences of third coordinates, over the size of the mesh, that are rounding.
 _ROUNDING = 1e-8
 #: Fields of integers with several values that are no tags: owners in parallel runs.
@@ -94,7 +97,7 @@ def build(
     cell_tags, names = _without_untagged(cell_tags, names, dim)
     cell_data = _cell_fields(raw, simplices, tag_name)
     if cell_tags is None and facet_tags is None and tags is None:
-        notes.extend(_unused(cell_data))
+        notes.extend(_unused(cell_data, simplices.cells, len(raw.points)))
     cells = simplices.cells
     keep = _kept_nodes(raw, cells, reduced=kind is not None or bool(simplices.notes))
     if not keep.all():
@@ -262,14 +265,26 @@ def _check_tags(raw: RawMesh, name: str | None) -> None:
     raise MeshFileError(f"has no cell field {name!r} for tags ({found})")
 
 
-def _unused(cell_data: Mapping[str, npt.NDArray[Any]]) -> Iterator[str]:
-    """Yield a note on integer fields that may be tags: several values, each of several cells."""
+def _unused(
+    cell_data: Mapping[str, npt.NDArray[Any]], cells: npt.NDArray[np.int64], n_points: int
+) -> Iterator[str]:
+    """Yield a note on integer fields that may be tags: cells of a value lie side by side."""
+    candidates = {
+        name: values.reshape(-1)
+        for name, values in cell_data.items()
+        if values.dtype.kind in "iu" and values.size == len(values) and not _RANKS.search(name)
+        if 1 < len(np.unique(values)) <= len(values) / 4
+    }
+    if not candidates:
+        return
+    facets, of_cells = facets_of(cells.astype(np.int32), n_points)
     names = []
-    for name, values in cell_data.items():
-        if values.dtype.kind in "iu" and values.size == len(values):
-            n = len(np.unique(values))
-            if 1 < n <= len(values) / 4 and not _RANKS.search(name):
-                names.append(repr(name))
+    for name, values in candidates.items():
+        regions = np.unique(values, return_inverse=True)[1].reshape(-1)
+        low, high = regions_beside(of_cells, regions.astype(np.int32), len(facets))
+        inner = np.bincount(of_cells.ravel(), minlength=len(facets)) > 1
+        if np.count_nonzero((low != high)[inner]) <= _SHARE_BETWEEN * np.count_nonzero(inner):
+            names.append(repr(name))
     if names:
         yield (
             f"no field has a name that is known for tags; the integer fields {', '.join(names)} "

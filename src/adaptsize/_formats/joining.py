@@ -70,14 +70,14 @@ def _facets_beside(
 
 def means(values: npt.NDArray[Any], number: npt.NDArray[np.intp], n: int) -> npt.NDArray[Any]:
     """Return the mean of a nodal field at joined nodes; of integers the value of one of them."""
+    one = np.empty((n, *values.shape[1:]), values.dtype)
+    one[number] = values
     if values.dtype.kind != "f":
-        found = np.empty((n, *values.shape[1:]), values.dtype)
-        found[number[::-1]] = values[::-1]
-        return found
+        return one
     count = np.bincount(number, minlength=n)
     total = np.zeros((n, *values.shape[1:]))
-    np.add.at(total, number, values)
-    return (total / count.reshape(-1, *[1] * (values.ndim - 1))).astype(values.dtype)
+    np.add.at(total, number, values - one[number])  # equal values stay as they are
+    return (one + total / count.reshape(-1, *[1] * (values.ndim - 1))).astype(values.dtype)
 
 
 def places_not_joined(mesh: SimplexMesh) -> list[str]:

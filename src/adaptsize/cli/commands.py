@@ -17,8 +17,8 @@ from adaptsize.cli.options import (
     METRIC,
     ORDER,
     PLOT,
+    READING,
     SOURCE,
-    TAGS,
     Given,
     GroupedCommand,
     Input,
@@ -80,25 +80,29 @@ def options(
     announce_compilation(context.obj)
 
 
-@command(TAGS)
+@command(*READING)
 def info(console: Console, file: Input, given: Given) -> int:
     """Summarize a mesh: cells, extent, tags, fields, quality."""
+    from adaptsize._formats.joining import places_not_joined
     from adaptsize.quality.summary import summarize
 
     with console.steps(2) as steps:
         steps.begin("reading")
-        mesh = files.read_mesh(file, tags=given.get("tags"))
+        mesh = files.read_mesh(file, **files.reading(given))
         steps.begin("checks")
         summary = summarize(mesh)
-    console.record(**summary.as_dict())
+    not_joined = places_not_joined(mesh)
+    console.record(**summary.as_dict(), not_joined=not_joined)
     console.print(summary)
+    for text in not_joined:
+        console.warn(text)
     return 0
 
 
 @command(
     own("Checks", "original", Path, "Mesh or surface whose domain the mesh must fill."),
     own("Checks", "field", str, "Nodal field with the sizes.", chosen="h, if present"),
-    TAGS,
+    *READING,
     replace(options_of(RemeshOptions)["tolerance"], group="Checks"),
 )
 def check(console: Console, file: Input, given: Given) -> int:
@@ -110,10 +114,11 @@ def check(console: Console, file: Input, given: Given) -> int:
     from adaptsize.remeshing.preparation import repair_mesh
     from adaptsize.reporting.outcome import conformity_beside
 
-    original, field, tags = (given.pop(name, None) for name in ("original", "field", "tags"))
+    original, field = given.pop("original", None), given.pop("field", None)
+    of_reading = files.reading(given)
     with console.steps(2) as steps:
         steps.begin("reading")
-        mesh = files.read_mesh(file, tags=tags)
+        mesh = files.read_mesh(file, **of_reading)
         made = files.read_provenance(file)
         if made.get("n_cells") == mesh.n_cells and isinstance(made.get("tolerance"), float):
             given = {"tolerance": made["tolerance"]} | given
@@ -196,7 +201,7 @@ _VALUES = own(
 )  # fmt: skip
 
 
-@command(FamilyOptions, SOURCE, ORDER, TAGS, _VALUES)
+@command(FamilyOptions, SOURCE, ORDER, *READING, _VALUES)
 def family(console: Console, file: Input, output: MeshOutput, given: Given) -> int:
     """Make self-similar meshes for a convergence study: NAME-1.vtu is the coarsest.
 
@@ -205,7 +210,8 @@ def family(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     """
     from adaptsize.domain_size.family import Convergence, mean_cell_size
 
-    values, tags, order = given.pop("values", None), given.pop("tags", None), given.pop("order", 1)
+    values, order = given.pop("values", None), given.pop("order", 1)
+    of_reading = files.reading(given)
     numbers = [] if values is None else _numbers(values)
     levels = given.get("levels", options_of(FamilyOptions)["levels"].default)
     paths = [
@@ -222,7 +228,7 @@ def family(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         files.check_files([file], path, "mesh", order)
     with console.steps(3) as steps:
         steps.begin("reading")
-        mesh = files.read_mesh(file, tags=tags)
+        mesh = files.read_mesh(file, **of_reading)
         steps.begin("meshing")
         made = ads.mesh_family(mesh, **given, progress=steps.report)
         steps.begin("writing")
@@ -256,8 +262,7 @@ def _numbers(text: str) -> list[float]:
     AdaptOptions,
     options_of(SizeOptions)["g"],
     replace(options_of(TransferOptions)["method"], type=NodalMethod),
-    ORDER,
-    TAGS,
+    *READING,
     PLOT,
     without="conservative corner_angle anisotropic norm max_aspect how rounds",
 )
@@ -267,13 +272,13 @@ def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> in
     Its sizes come from an error indicator or a solution.  Fields and tags of the file are
     transferred.  A mesh that already has the sizes is written unchanged.
     """
-    field, plot, order = given.pop("field"), given.pop("plot", None), given.pop("order", 1)
-    files.check_files([file], output, "mesh", order, plot=plot)
+    field, plot = given.pop("field"), given.pop("plot", None)
+    files.check_files([file], output, "mesh", plot=plot)
     if not given.keys() & {"elements", "nodes", "tolerance"}:
         raise ValueError("--elements, --nodes or --tolerance must be given, got none of them")
     with console.steps(4) as steps:
         steps.begin("reading")
-        mesh = ads.io.read(file, tags=given.pop("tags", None))
+        mesh = ads.io.read(file, errors=field, **files.reading(given))
         indicator = indicator_of(mesh, field)
         steps.begin("adapting")
         result = ads.adapt(
@@ -290,7 +295,7 @@ def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> in
         new = result.mesh
         fields = {**result.fields, "h": result.size(new.points)}
         new = new.with_data(point_data=fields, cell_data=result.cell_fields)
-        files.write_result(console, output, new, order=order)
+        files.write_result(console, output, new)
         files.draw(console, "size", plot, new)
     report = result.report
     of_mesh = {

@@ -82,11 +82,10 @@ def check_files(
             taken[place] = option
 
 
-def read_mesh(path: Path, tolerance: float = 0.0, tags: str | None = None) -> SimplexMesh:
+def read_mesh(path: Path, tolerance: float = 0.0, **options: Any) -> SimplexMesh:
     """Return the mesh in a file, the surface of a CAD model, or the domain between polygons.
 
-    The latter are simplified within the tolerance, over the diameter.  ``tags`` is the cell field
-    with the tags of a mesh.
+    The latter are simplified within the tolerance, over the diameter.  Options are those of `read`.
     """
     from adaptsize.remeshing.cad import is_cad_file
 
@@ -94,8 +93,13 @@ def read_mesh(path: Path, tolerance: float = 0.0, tags: str | None = None) -> Si
     if is_of_polygons(path):
         mesh = ads.io.polygons(path, tolerance=tolerance)
     else:
-        mesh = ads.read_cad(path) if is_cad_file(path) else ads.io.read(path, tags=tags)
+        mesh = ads.read_cad(path) if is_cad_file(path) else ads.io.read(path, **options)
     return mesh
+
+
+def reading(given: dict[str, Any]) -> dict[str, Any]:
+    """Return the options of reading, removed from those of a command."""
+    return {name: given.pop(name) for name in ("tags", "keep_slits") if name in given}
 
 
 def with_faces(mesh: SimplexMesh) -> SimplexMesh:

@@ -84,8 +84,10 @@ SOURCE = own(
 PLOT = own("Output", "plot", Path, "Also draw the result (.png).")
 TAGS = own("General", "tags", str, "Cell field with the tags.")
 KEEP_SLITS = own(
-    "General", "keep_slits", bool, "Keep nodes at one place, if most facets are double."
+    "General", "keep_slits", bool, "Keep nodes at one place also if most facets are double."
 )
+#: Of commands that read a mesh.
+READING = (TAGS, KEEP_SLITS)
 ORDER = replace(
     own(
         "Output", "order", int, default=1,

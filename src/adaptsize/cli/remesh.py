@@ -20,8 +20,8 @@ from adaptsize.cli.options import (
     METRIC,
     ORDER,
     PLOT,
+    READING,
     SOURCE,
-    TAGS,
     Given,
     Input,
     MeshOutput,
@@ -57,7 +57,7 @@ _LOOSE = 0.1
         "First close the holes of a surface, by nearly plane caps.",
     ),
     ORDER,
-    TAGS,
+    *READING,
     PLOT,
     own(
         "Output", "report", Path, "Also write a page with the mesh in 3-D (.html).",
@@ -165,7 +165,7 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
             "move so far, and check accepts it"
         )
     # Half of the tolerance is for the mesh generator.
-    mesh = files.read_mesh(file, 0.5 * tolerance, given.pop("tags", None))
+    mesh = files.read_mesh(file, 0.5 * tolerance, **files.reading(given))
     if files.is_of_polygons(file):
         console.say("the lines are simplified within half of the tolerance")
     close = given.pop("close_holes", False)

@@ -15,8 +15,8 @@ from adaptsize.cli.options import (
     FIELD,
     ORDER,
     PLOT,
+    READING,
     SOURCE,
-    TAGS,
     AnyFile,
     Given,
     ImageFile,
@@ -47,6 +47,7 @@ _OF_MESHES = (
     "elements_between",
     "field",
     "tags",
+    "keep_slits",
     "elements",
     "nodes",
     "tolerance",
@@ -55,7 +56,7 @@ _OF_MESHES = (
 )
 
 
-@command(SizeFunctionOptions, SOURCE, FIELD, TAGS, PLOT, _CAUSES, _COST, _PARTS, _SPEED)
+@command(SizeFunctionOptions, SOURCE, FIELD, *READING, PLOT, _CAUSES, _COST, _PARTS, _SPEED)
 def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> int:
     """Compute the size function of a mesh or an image.
 
@@ -86,7 +87,7 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
             domain = ads.io.read_image(file)
         else:
             by_faces = "parts" in of_cost or "size_of" in given
-            domain = _read(console, file, output, given.pop("tags", None), by_faces=by_faces)
+            domain = _read(console, file, output, files.reading(given), by_faces=by_faces)
         if "field" in given:
             given = bounded(domain, {"tolerance": math.inf} | given)
         steps.begin("sizes")
@@ -117,10 +118,10 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
 
 
 def _read(
-    console: Console, file: Path, output: Path, tags: str | None, *, by_faces: bool
+    console: Console, file: Path, output: Path, of_reading: Given, *, by_faces: bool
 ) -> SimplexMesh:
     """Return the mesh in a file, if its sizes can be written; of a surface the faces tagged."""
-    mesh = files.read_mesh(file, tags=tags)
+    mesh = files.read_mesh(file, **of_reading)
     files.format_of(output).check_cells(output, mesh)
     files.announce_sizes(console, mesh)
     return files.with_faces(mesh) if by_faces else mesh
