@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -76,7 +77,12 @@ def build(
         Whether nodes at one place stay different if most facets are double.
     """
     dim = _wanted_dimension(raw, kind)
-    simplices = _without_repeated_nodes(simplices_of(raw, dim), notes)
+    simplices = simplices_of(raw, dim)
+    if not keep_slits and dim > 1:
+        connected = _connected(raw, simplices, notes)
+        if connected is not raw:  # now the simplices of neighbours match
+            raw, simplices = connected, simplices_of(connected, dim)
+    simplices = _without_repeated_nodes(simplices, notes)
     is_plane = flatten and dim < 3 and raw.points.shape[1] == 3
     if is_plane:
         only_at_0 = raw.is_surface or dim == 1
@@ -106,19 +112,6 @@ def build(
         facets = None if facets is None else number[facets]
     points = raw.points[keep][:, :2] if is_plane else raw.points[keep]
     point_data = {name: values[keep] for name, values in _nodal_fields(raw).items()}
-    parent = _parents(simplices)
-    joined = None
-    if fills_space and dim > 1 and not keep_slits:
-        joined = joined_if_most_are_double(points, cells, parent)
-    if joined is not None:
-        n = len(joined.points)
-        notes.append(
-            f"most facets are double: nodes at one place joined, {len(points)} become {n}, with "
-            "the mean of nodal fields (keep_slits=True, --keep-slits)"
-        )
-        points, cells = joined.points, joined.number[cells]
-        facets = None if facets is None else joined.number[facets]
-        point_data = {name: means(v, joined.number, n) for name, v in point_data.items()}
     mesh = SimplexMesh(
         points,
         cells,
@@ -129,8 +122,34 @@ def build(
         point_data=point_data,
         cell_data=cell_data,
     )
+    parent = _parents(simplices)
     shared = {name: _shares(mesh, parent, name) for name in errors if name in mesh.cell_data}
     return mesh.with_data(cell_data=shared) if shared else mesh
+
+
+def _connected(raw: RawMesh, simplices: Simplices, notes: list[str]) -> RawMesh:
+    """Return the mesh with nodes at one place joined, if most facets are double."""
+    fills_space = simplices.cells.shape[1] > raw.points.shape[1] or np.ptp(raw.points[:, -1]) == 0.0
+    if raw.is_surface or not fills_space:
+        return raw
+    joined = joined_if_most_are_double(raw.points, simplices.cells, _parents(simplices))
+    if joined is None:
+        return raw
+    n = len(joined.points)
+    notes.append(
+        f"most facets are double: nodes at one place joined, {len(raw.points)} become {n}, with "
+        "the mean of nodal fields (keep_slits=True, --keep-slits)"
+    )
+    blocks = [
+        (name, cells if cells.dtype == object else joined.number[cells])
+        for name, cells in raw.blocks
+    ]
+    fields = {
+        name: means(np.asarray(values), joined.number, n)
+        for name, values in raw.point_data.items()
+        if len(values) == len(raw.points) and np.asarray(values).dtype.kind in "biuf"
+    }
+    return replace(raw, points=joined.points, blocks=blocks, point_data=fields)
 
 
 def _parents(simplices: Simplices) -> npt.NDArray[np.int64]:
