@@ -24,7 +24,9 @@ def test_a_coast_of_geojson_gets_the_mesh_of_a_tidal_model(tmp_path):
     (tmp_path / "coast.geojson").write_text(json.dumps(coast))
 
     domain = ads.read(tmp_path / "coast.geojson")
-    ads.write(tmp_path / "fort.14", ads.remesh(domain, ads.size_function(domain, hmin=2, hmax=6)))
+    made = ads.remesh(domain, ads.size_function(domain, hmin=2, hmax=6))
+    depth = np.full(made.n_points, 5.0)
+    ads.write(tmp_path / "fort.14", made.with_data(point_data={"depth": depth}))
 
     back = ads.read(tmp_path / "fort.14")
     assert set(back.tag_names.values()) == {"land", "open sea", "island"}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +13,7 @@ from adaptsize.cli import files
 from adaptsize.cli.console import Console
 from adaptsize.cli.metric import limit_with_metric
 from adaptsize.cli.options import (
+    FACES,
     FIELD,
     METRIC,
     ORDER,
@@ -80,20 +81,27 @@ def options(
     announce_compilation(context.obj)
 
 
-@command(*READING)
+@command(replace(FACES, text="List the faces of a surface: area, curvature and box."), *READING)
 def info(console: Console, file: Input, given: Given) -> int:
     """Summarize a mesh: cells, extent, tags, fields, quality."""
     from adaptsize._formats.joining import places_not_joined
+    from adaptsize.geometry.face_table import summarize_faces, table_of_faces
     from adaptsize.quality.summary import summarize
 
     with console.steps(2) as steps:
         steps.begin("reading")
         mesh = files.read_mesh(file, **files.reading(given))
+        by_faces = given.pop("faces", False)
+        faces = summarize_faces(files.with_named_faces(mesh)) if by_faces else []
         steps.begin("checks")
         summary = summarize(mesh)
     not_joined = places_not_joined(mesh)
     console.record(**summary.as_dict(), not_joined=not_joined)
     console.print(summary)
+    if faces:
+        listed = [asdict(f) | {"low": f.low.tolist(), "high": f.high.tolist()} for f in faces]
+        console.record(faces=listed)
+        console.print(table_of_faces(faces))
     for text in not_joined:
         console.warn(text)
     return 0

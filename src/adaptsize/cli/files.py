@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -106,6 +107,21 @@ def with_faces(mesh: SimplexMesh) -> SimplexMesh:
     """Return a mesh whose faces between feature edges are tagged, if it is a surface in space."""
     is_untagged = mesh.cell_dim == 2 < mesh.dim and mesh.cell_tags is None
     return mesh.tag_faces() if is_untagged else mesh
+
+
+def with_named_faces(mesh: SimplexMesh) -> SimplexMesh:
+    """Return a surface with tags for the faces between feature edges: face 1, face 2, ...
+
+    Raises
+    ------
+    ValueError
+        If it is no surface in space, or has tags.
+    """
+    tagged = with_faces(mesh)
+    if tagged is mesh or tagged.cell_tags is None:
+        raise ValueError(f"--faces applies to a surface in space without tags, got {mesh!r}")
+    names = {(2, tag): f"face {tag}" for tag in range(1, int(tagged.cell_tags.max()) + 1)}
+    return replace(tagged, tag_names={**tagged.tag_names, **names})
 
 
 def is_of_polygons(path: Path) -> bool:

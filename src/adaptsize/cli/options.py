@@ -86,6 +86,9 @@ TAGS = own("General", "tags", str, "Cell field with the tags.")
 KEEP_SLITS = own(
     "General", "keep_slits", bool, "Keep nodes at one place also if most facets are double."
 )
+FACES = own(
+    "Output", "faces", bool, "Tag the faces of a surface between its feature edges: face 1, ..."
+)
 #: Of commands that read a mesh.
 READING = (TAGS, KEEP_SLITS)
 ORDER = replace(

@@ -16,6 +16,7 @@ from adaptsize.cli import files
 from adaptsize.cli.console import Console, plain
 from adaptsize.cli.metric import remesh_with_metric
 from adaptsize.cli.options import (
+    FACES,
     FIELD,
     METRIC,
     ORDER,
@@ -57,6 +58,7 @@ _LOOSE = 0.1
         "First close the holes of a surface, by nearly plane caps.",
     ),
     ORDER,
+    FACES,
     *READING,
     PLOT,
     own(
@@ -182,7 +184,9 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
         mesh = _accepted(console, mesh, allowed, close=close, strict=given.get("strict", False))
     elif close:
         raise ValueError(f"--close-holes applies to surfaces that become tetrahedra, got {mesh!r}")
-    if "size_of" in given:
+    if given.pop("faces", False):
+        mesh = files.with_named_faces(mesh)
+    elif "size_of" in given:
         mesh = files.with_faces(mesh)
     files.announce_sizes(console, mesh)
     chosen, sizes = files.format_of(output), files.beside(output)
