@@ -6,7 +6,7 @@ import meshio
 import numpy as np
 import pytest
 from mesh_files import SQUARE, tagged_mesh
-from meshes import jittered_cube, random_sphere
+from meshes import jittered_cube, random_sphere, random_square, slit_square
 from numpy.testing import assert_array_equal
 
 from adaptsize import SimplexMesh, SizeFunction, read, read_size, write
@@ -41,6 +41,25 @@ def test_points_cells_tags_and_fields_come_back_to_the_last_bit(tmp_path, suffix
         assert set(back.cell_data) == set(mesh.cell_data)
         for name, values in mesh.cell_data.items():
             assert_array_equal(back.cell_data[name], values)
+
+
+@pytest.mark.parametrize(
+    "suffix", [".vtkhdf", ".vtu", ".vtk", ".msh", ".xdmf", ".mesh", ".su2", ".inp"]
+)
+@pytest.mark.parametrize("n", [4, 7])
+def test_both_sides_of_a_slit_stay_apart_in_all_formats(tmp_path, suffix, n):
+    mesh = slit_square(n)
+    back = there_and_back(tmp_path / f"a{suffix}", mesh)
+    assert back.n_points == mesh.n_points
+    assert back.boundary().mesh.n_cells == mesh.boundary().mesh.n_cells
+
+
+@pytest.mark.parametrize("suffix", [".vtkhdf", *FIELD_FORMATS])
+@pytest.mark.parametrize("name", ["v v", "\u00e9 2"])
+def test_fields_keep_names_with_spaces_and_accents(tmp_path, suffix, name):
+    mesh = random_square(20, 7305)
+    back = there_and_back(tmp_path / f"a{suffix}", mesh, fields={name: np.arange(20.0)})
+    assert_array_equal(back.point_data[name], np.arange(20.0))
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._formats import vtk
-from adaptsize._formats.blocks import RawMesh, name_of_polygon, sewn
+from adaptsize._formats.blocks import NODE_NUMBERS, RawMesh, name_of_polygon, sewn
 from adaptsize._formats.guards import files_named_in
 from adaptsize.errors import MeshFileError
 
@@ -47,12 +47,24 @@ def read_vtk(path: Path) -> RawMesh:
     if suffix == ".vtkhdf":
         refuse_links(path)
     raw = vtk.raw_of(vtk.read_file(path))
-    is_in_parts = suffix in (".pvtu", ".pvtp", ".vtkhdf") and len(raw.points)
+    is_in_parts = suffix in (".pvtu", ".pvtp") or (suffix == ".vtkhdf" and _has_parts(path))
     if suffix == ".obj":
         raw = RawMesh(raw.points, raw.blocks)
         # VTK has one node per pair of a vertex and its texture or normal: seams would be cracks.
         is_in_parts = len(raw.points) > len(_VERTEX.findall(path.read_bytes()))
-    return sewn(raw) if is_in_parts else raw
+    return sewn(raw) if is_in_parts and len(raw.points) else raw
+
+
+def _has_parts(path: Path) -> bool:
+    """Return whether a file of VTKHDF has parts: nodes at one place of a whole mesh are a slit."""
+    import h5py
+
+    with h5py.File(path) as file:
+        root = file["VTKHDF"]
+        counts = root.get("NumberOfPoints")
+        return (
+            counts is None or len(counts) > 1 or any(n in root["PointData"] for n in NODE_NUMBERS)
+        )
 
 
 def read_pieces(path: Path, rank: int, size: int) -> list[RawMesh]:
