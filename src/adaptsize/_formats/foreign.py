@@ -61,10 +61,8 @@ def _has_parts(path: Path) -> bool:
 
     with h5py.File(path) as file:
         root = file["VTKHDF"]
-        counts = root.get("NumberOfPoints")
-        return (
-            counts is None or len(counts) > 1 or any(n in root["PointData"] for n in NODE_NUMBERS)
-        )
+        counts, fields = root.get("NumberOfPoints"), root.get("PointData", ())
+        return counts is None or len(counts) > 1 or any(name in fields for name in NODE_NUMBERS)
 
 
 def read_pieces(path: Path, rank: int, size: int) -> list[RawMesh]:
