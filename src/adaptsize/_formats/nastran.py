@@ -27,6 +27,7 @@ _CELLS = {
 }
 #: Cards that begin like elements and are none: coordinate systems, and the end of the case control.
 _NO_ELEMENTS = re.compile(r"CORD|CEND|CYSYM|CYJOIN|CAERO|COMPGRP|CSUPER")
+_N_NODES = {kind: n_nodes_of(kind) for kinds in _CELLS.values() for kind in kinds}
 _BEGIN = re.compile(r"^[ \t]*BEGIN[ \t]+BULK.*$|^[ \t]*BEGIN[ \t]+SUPER.*$", re.M | re.IGNORECASE)
 _REFUSED = re.compile(r"^(GRDSET|INCLUDE)\b", re.M | re.IGNORECASE)
 _END = re.compile(r"^ENDDATA", re.M | re.IGNORECASE)
@@ -95,10 +96,10 @@ def _cards_in(text: str) -> Iterator[tuple[str, list[str]]]:
     repeats the mark at the end of the line before or not.
     """
     card: tuple[str, list[str]] | None = None
-    for line in (whole.partition("$")[0].rstrip() for whole in text.splitlines()):
-        if not line.strip():
+    for line in re.sub(r"\$.*", "", text).expandtabs(8).splitlines():
+        if not line or line.isspace():
             continue
-        name, fields = _fields_of(line.expandtabs(8))
+        name, fields = _fields_of(line)
         if name[:1] in ("", "+", "*"):
             if card is not None:
                 card[1].extend(fields)
@@ -128,9 +129,9 @@ def _fields_of(line: str) -> tuple[str, list[str]]:
 def _cell_of(name: str, fields: list[str]) -> tuple[str, list[str]]:
     """Return the type of cell and the numbers of its nodes, corners only if others are missing."""
     for kind in reversed(_CELLS[name]):
-        n = n_nodes_of(kind)
+        n = _N_NODES[kind]
         nodes = fields[2 : 2 + n]
-        if len(nodes) == n and all(word not in ("", "0") for word in nodes):
+        if len(nodes) == n and "" not in nodes and "0" not in nodes:
             return kind, nodes
     raise MeshFileError(f"has {name} {fields[0][:20]} without its {n} corners")
 

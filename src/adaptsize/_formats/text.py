@@ -2,7 +2,6 @@
 
 import math
 import re
-import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -41,20 +40,17 @@ def numbers(words: Sequence[bytes] | Sequence[str], dtype: npt.DTypeLike) -> npt
 
 
 def numbers_in(text: bytes, where: str) -> npt.NDArray[np.float64]:
-    """Return the numbers of a text between spaces and line breaks, fast.
+    """Return the numbers of a text between spaces and line breaks.
 
     Raises
     ------
     MeshFileError
         If a word is not a number.  ``where`` is the section of the text.
     """
-    if not text.strip():
-        return np.empty(0)  # numpy would return a number
+    words = text.split()
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", DeprecationWarning)  # of numpy before 2.3
-            return np.fromstring(text, np.float64, sep=" ")
-    except (ValueError, DeprecationWarning):
+        return np.fromiter(map(float, words), np.float64, len(words))
+    except ValueError:
         raise MeshFileError(f"holds a word in {where} that is no number") from None
 
 
