@@ -1,6 +1,6 @@
 PYTHON ?= python
 
-.PHONY: lint test pages test-nojit test-bounds lowest attack docs gallery examples bench bench-compare dolfinx dist clean
+.PHONY: lint test targets pages test-nojit test-bounds lowest attack docs gallery examples bench bench-compare dolfinx dist clean
 
 lint:
 	$(PYTHON) -m ruff check .
@@ -10,6 +10,12 @@ lint:
 
 test:
 	$(PYTHON) -m pytest -n 2 --dist loadfile
+
+# Files are opened in the programs that they are for; what is not installed is skipped.  Debian has
+# calculix-ccx, freefem++ and libfreefem++.  pyNastran needs an environment of its own: NASTRAN_PYTHON is its Python.
+targets: export ADAPTSIZE_TARGETS = 1
+targets:
+	$(PYTHON) -m pytest -rs tests/targets
 
 # The code of the pages as it stands, compared with the output that they show; `make test` uses coarser data.
 # NAMES chooses pages: make pages NAMES="stl or coast"

@@ -21,6 +21,9 @@ collect_ignore = [
     "distributed/rank_program.py",
     "with_dolfinx/check_adapters.py",
 ]
+# Programs that our files are for, most of which are not packages of Python: see `make targets`.
+if not os.environ.get("ADAPTSIZE_TARGETS"):
+    collect_ignore.append("targets")
 
 # No windows, where there is a display.
 os.environ["PYVISTA_OFF_SCREEN"] = "true"

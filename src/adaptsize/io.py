@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy.typing as npt
 
-from adaptsize._checks import as_flag, as_path, one_of
+from adaptsize._checks import as_flag, as_path, as_whole_number, check_type, one_of
 from adaptsize._formats import assembly, formats, sizes, writers
 from adaptsize._formats.blocks import KINDS
 from adaptsize._formats.guards import about_file, check_readable, is_special, write_whole
@@ -26,7 +26,13 @@ __all__ = ["polygons", "read", "read_image", "read_metric", "read_size", "write"
 
 
 def read(
-    path: str | os.PathLike[str], *, kind: str | None = None, flatten: bool = True
+    path: str | os.PathLike[str],
+    *,
+    kind: str | None = None,
+    flatten: bool = True,
+    tags: str | None = None,
+    errors: str | Sequence[str] = (),
+    keep_slits: bool = False,
 ) -> SimplexMesh:
     """Return the mesh in a file.
 
@@ -42,8 +48,20 @@ def read(
         Which cells to read.  By default those of the highest dimension.  With ``kind``, nodes
         that only belong to other cells of the file are left out.
     flatten : bool
-        Whether triangles and segments whose third coordinates are all exactly 0 become
-        a mesh in the plane, which is the intention of files from 2-D programs.
+        Whether triangles and segments whose third coordinates are all 0, up to rounding (1e-8 of
+        their extent), become a mesh in the plane, which is the intention of files from 2-D
+        programs.  Triangles at another height do so as well with a warning, except from formats
+        for surfaces, such as STL.
+    tags : str, optional
+        Name of the cell field that holds the tags of cells and facets.  By default a field with one
+        of the names in the notes.
+    errors : str or sequence of str
+        Cell fields with errors, as for `adapt`.  Where a cell is split, its parts share the error
+        by their measures, such that the squares add up.  Other fields are repeated.  Names that the
+        file lacks have no effect.
+    keep_slits : bool
+        In plane and solid meshes of which most facets between cells are double, as programs for
+        discontinuous fields write them, nodes at one place are joined.  True keeps them.
 
     Returns
     -------
@@ -81,8 +99,10 @@ def read(
     if they are close.
 
     *Tags.*  The first integer cell field that is not zero everywhere, among the names that
-    programs use (``cell_tags``, ``gmsh:physical``, ``medit:ref``, ``region``, ``tag``,
-    ``gmsh:geometrical``, ...), becomes ``cell_tags``.  Other fields stay in ``cell_data``.
+    programs use (``cell_tags``, ``gmsh:physical``, ``medit:ref``, ``region``, ``material``,
+    ``CellEntityIds``, ``ModelFaceID``, ``GeometryIds``, ``label``, ...), becomes ``cell_tags``.
+    Case, separators and the plural make no difference.  Other fields stay in ``cell_data``; a
+    warning lists integer fields if no tags were found.
     In the same way, cells of one dimension less (the triangles in a file of tetrahedra)
     become ``tagged_facets`` and ``facet_tags``.  Those that are not a facet of a cell
     are dropped with a warning.  If they have no tags, all are left out without a warning, as are
@@ -105,11 +125,24 @@ def read(
     flatten = as_flag("flatten", flatten)
     if kind is not None:
         one_of("kind", kind, tuple(KINDS))
+    if tags is not None:
+        check_type("tags", tags, str)
+    keep_slits = as_flag("keep_slits", keep_slits)
+    check_type("errors", errors, Sequence)
+    shared = [errors] if isinstance(errors, str) else [*errors]
     notes: list[str] = []
     try:
         raw = formats.load(file)
         notes.extend(raw.notes)
-        mesh = assembly.build(raw, kind=kind, flatten=flatten, notes=notes)
+        mesh = assembly.build(
+            raw,
+            kind=kind,
+            flatten=flatten,
+            notes=notes,
+            tags=tags,
+            errors=shared,
+            keep_slits=keep_slits,
+        )
     except (ValueError, MemoryError) as error:
         raise about_file(file, error) from error
     if notes:
@@ -123,6 +156,7 @@ def write(
     *,
     fields: Mapping[str, npt.ArrayLike] | None = None,
     file_format: str | None = None,
+    order: Literal[1, 2] = 1,
 ) -> None:
     """Write a mesh, grid, octree or size function to a file.
 
@@ -148,6 +182,10 @@ def write(
         Formats that hold only the sizes ``h`` or the metric are ``"gmsh-view"``
         (``.pos``), ``"medit-sol"`` (``.sol``, for Mmg) and, for sizes, ``"jigsaw"``
         (``.jig.msh``, because ``.msh`` is Gmsh's).
+    order : {1, 2}, default 1
+        Order of the cells.  2 adds a node in the middle of each edge, after the others; edges stay
+        straight, and nodal fields have the mean of both ends there.  For ``.vtu``, ``.vtk``,
+        ``.vtkhdf``, ``.msh``, ``.inp`` and ``.bdf``.
 
     Raises
     ------
@@ -175,9 +213,11 @@ def write(
     meshes.  VTI is VTK's image data with numbers of full precision, 8 bytes each, and no cells.
     Inactive nodes are marked by ``vtkGhostType``, so that ParaView hides them.
 
-    *Solvers.*  Abaqus files have a set of elements per tag of cells, and a set of nodes per tag of
-    facets.  In Nastran's, tags are numbers of properties, and coordinates have 10 digits.  In
-    SU2's, tags of facets are markers.
+    *Solvers.*  Abaqus files, also for CalculiX, have a set of elements per tag of cells.  Per tag
+    of facets they have a set of nodes, and a surface for loads such as pressure (not on shells).
+    ``Eall`` and ``Nall`` hold all elements and nodes.  In Nastran's, tags are numbers of
+    properties, and coordinates have 10 digits.  In SU2's, tags of facets are markers.  Cells of
+    negative measure, which solvers refuse, are turned.
 
     A Gmsh view holds sizes on the cells and nothing outside them.  JIGSAW takes triangles in
     the plane and tetrahedra.
@@ -186,7 +226,9 @@ def write(
     path = as_path("path", path)
     target = Path(os.path.realpath(path)) if not is_special(path) else path
     chosen = formats.format_of(path, file_format)
-    write_to = chosen.writer_of(path, obj, fields)
+    write_to = chosen.writer_of(
+        path, obj, fields, as_whole_number("order", order, lower=1, upper=2)
+    )
     try:
         write_whole(target, write_to)
     except (MeshFileError, OSError) as error:

@@ -167,3 +167,17 @@ def test_ctrl_c_where_python_ignores_exceptions_interrupts_nevertheless(monkeypa
         entry.main([])
     assert stop.value.code == entry.INTERRUPTED
     assert capsys.readouterr() == ("", "adaptsize: interrupted\n")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_at_exit_changes_nothing(name):
+    code = (
+        "import atexit, os, signal, time\n"
+        "from adaptsize.cli.entry import main\n"
+        f"atexit.register(lambda: (os.kill(os.getpid(), signal.{name}), time.sleep(0.1)))\n"
+        "main(['--version'])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("adaptsize ")

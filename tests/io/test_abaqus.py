@@ -4,7 +4,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from adaptsize import read
-from adaptsize.errors import MeshFileError
+from adaptsize.errors import InputWarning, MeshFileError
 
 PART = """*Part, name={0}
 *Node
@@ -85,12 +85,75 @@ def test_an_included_file_is_a_part_of_the_text(tmp_path):
 
 
 @pytest.mark.parametrize(
+    "more",
+    {
+        "MASS": "*ELEMENT, TYPE=MASS, ELSET=m\n50, 1\n51, 2\n*MASS, ELSET=m\n1.\n",
+        "SPRINGA": "*ELEMENT, TYPE=SPRINGA, ELSET=s\n50, 1, 4\n51, 30, 4\n*SPRING, ELSET=s\n\n9.\n",
+        "CONN3D2": "*ELEMENT, TYPE=CONN3D2\n50, 1, 4\n51, , 4\n",
+        "DASHPOTA": "*ELEMENT, TYPE=DASHPOTA, ELSET=d\n50, 1, 4\n51, 2, 4\n",
+    }.items(),
+)
+def test_elements_that_are_no_cells_are_left_out_and_counted(tmp_path, more):
+    kind, text = more
+    (tmp_path / "a.inp").write_text(FLAT + text)
+    with pytest.warns(InputWarning, match=f"elements that are not cells left out: 2 {kind}$"):
+        mesh = read(tmp_path / "a.inp")
+    assert_array_equal(mesh.cells, [[0, 1, 2], [1, 3, 2]])
+    assert [mesh.tag_names[2, tag] for tag in mesh.cell_tags] == ["left", "right"]
+
+
+@pytest.mark.parametrize("kind", ["B31", "B31H", "PIPE31", "T3D2"])
+def test_beams_beside_shells_and_membranes_are_cells_of_one_dimension_less(tmp_path, kind):
+    nodes = "*NODE\n1, 0., 0., 0.\n2, 1., 0., 0.\n3, 0., 1., 0.\n4, 1., 1., 0.5\n"
+    cells = (
+        "*ELEMENT, TYPE=M3D3, ELSET=skin\n1, 1, 2, 3\n*ELEMENT, TYPE=S3R, ELSET=skin\n2, 2, 4, 3\n"
+    )
+    beam = f"*ELEMENT, TYPE={kind}, ELSET=rim\n9, 1, 2\n"
+    (tmp_path / "a.inp").write_text(nodes + cells + beam)
+    mesh = read(tmp_path / "a.inp")
+    assert_array_equal(mesh.cells, [[0, 1, 2], [1, 3, 2]])
+    assert_array_equal(mesh.tagged_facets, [[0, 1]])
+    assert set(mesh.tag_names.values()) == {"skin", "rim"}
+
+
+@pytest.mark.parametrize("section", ["", "*SOLID SECTION, ELSET=Eall, MATERIAL=steel\n"])
+def test_the_set_of_all_elements_is_no_region_beside_others(tmp_path, section):
+    everything = "*ELSET, ELSET=Eall\n1, 2\n"
+    flat = FLAT.replace("*ELSET, ELSET=both", everything + "*ELSET, ELSET=both")
+    (tmp_path / "a.inp").write_text(flat + section)
+    mesh = read(tmp_path / "a.inp")
+    assert [mesh.tag_names[2, tag] for tag in mesh.cell_tags] == ["left", "right"]
+
+
+@pytest.mark.parametrize("where", ["part", "assembly"])
+def test_surfaces_of_elements_are_tagged_facets(tmp_path, where):
+    part, assembly = (
+        PART.format("A", 0, 1),
+        ASSEMBLY.replace("B-1, part=B\n", "A-3, part=A\n5., 0., 0.\n"),
+    )
+    if where == "part":  # of three instances
+        part = part.replace(
+            "*End Part", "*Surface, type=ELEMENT, name=Top\n_inner, S2\n7, S3\n*End Part"
+        )
+    else:  # of one: the set is made by the assembly
+        assembly = assembly.replace(
+            "*End Assembly", "*Surface, name=Top\nload, S2\nload, S3\n*End Assembly"
+        )
+    (tmp_path / "a.inp").write_text(part + assembly)
+    mesh = read(tmp_path / "a.inp")
+    assert mesh.tag_names[2, 1] == "Top"
+    first = [[0, 3, 1], [1, 3, 2]]
+    wanted = [[n + 4 * k for n in row] for k in range(3) for row in first]
+    assert_array_equal(mesh.tagged_facets, wanted if where == "part" else first)
+
+
+@pytest.mark.parametrize(
     ("text", "reason"),
     [
         (FLAT.replace("*NSET", "*ELGEN"), r"the keyword \*ELGEN"),
         (FLAT.replace("NSET=all", "SYSTEM=C"), r"the keyword \*NODE"),
         (FLAT.replace("30\n", "31\n"), "node 31, which is not in the file"),
-        (FLAT.replace("CPE3", "MASS"), "elements of type 'MASS'"),
+        (FLAT.replace("CPE3", "XYZ3"), "elements of type 'XYZ3'"),
         (FLAT.replace("   30", "   30, 5"), "CAX3 of other than 3 nodes"),
         (FLAT + "*INCLUDE, INPUT=a.inp\n", "includes 'a.inp' twice"),
         (FLAT + "*INCLUDE, INPUT=absent.inp\n", "'absent.inp', which does not exist"),

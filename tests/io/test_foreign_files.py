@@ -30,19 +30,6 @@ def test_vtk_cells_of_unknown_types_are_refused_not_left_out(tmp_path):
         read(write_vtu_pieces(tmp_path / "odd.vtu", piece))
 
 
-def test_gmsh_2_files_with_element_fields_are_read_without_them(tmp_path):
-    file = tmp_path / "fields.msh"
-    file.write_text(
-        "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n3\n1 0 0 0\n2 1 0 0\n3 0 1 0\n$EndNodes\n"
-        "$Elements\n2\n1 1 2 4 1 1 2\n2 2 2 6 1 1 2 3\n$EndElements\n"
-        '$ElementData\n1\n"q"\n1\n0\n3\n0\n1\n2\n1 0.5\n2 0.25\n$EndElementData\n'
-    )
-    with pytest.warns(InputWarning, match="ElementData"):
-        mesh = read(file)
-    assert_array_equal(mesh.cell_tags, [6])
-    assert_array_equal(mesh.facet_tags, [4])
-
-
 def test_gmsh_2_files_repeat_elements_for_each_group_and_the_first_is_kept(tmp_path):
     file = tmp_path / "groups.msh"
     file.write_text(
@@ -50,7 +37,9 @@ def test_gmsh_2_files_repeat_elements_for_each_group_and_the_first_is_kept(tmp_p
         "$EndNodes\n$Elements\n4\n1 2 2 5 1 1 2 3\n2 2 2 6 1 1 2 3\n3 1 2 4 1 1 2\n"
         "4 2 2 6 2 2 4 3\n$EndElements\n"
     )
-    with pytest.warns(InputWarning, match="1 elements that repeat another"):
+    with pytest.warns(
+        InputWarning, match=r"several physical groups keep the first; left out are 6 \(1\)"
+    ):
         mesh = read(file)
     assert_array_equal(mesh.cells, [[0, 1, 2], [1, 3, 2]])
     assert_array_equal(mesh.cell_tags, [5, 6])

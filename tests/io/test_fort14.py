@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from meshes import random_square
+from meshes import random_sphere, random_square
 from numpy.testing import assert_array_equal
 
 from adaptsize import CartesianGrid, SimplexMesh, read, write
-from adaptsize.errors import MeshFileError
+from adaptsize.errors import InputWarning, MeshFileError
 
 # Numbers of nodes with gaps and in any order, and lists of boundaries after the elements.
 FOREIGN = b"""A lake
@@ -31,7 +31,8 @@ FOREIGN = b"""A lake
 def test_points_cells_and_depths_come_back_to_the_last_bit(tmp_path, name):
     mesh = random_square(50, 2)
     depth = np.random.default_rng(0).normal(size=mesh.n_points)
-    write(tmp_path / name, mesh.with_data(point_data={"depth": depth}))
+    with pytest.warns(InputWarning, match="the mesh has no tagged facets, so no boundaries$"):
+        write(tmp_path / name, mesh.with_data(point_data={"depth": depth}))
     back = read(tmp_path / name)
     assert_array_equal(back.points, mesh.points)
     assert_array_equal(back.cells, mesh.cells)
@@ -49,7 +50,10 @@ def test_boundaries_are_open_land_or_islands_by_name_and_come_back(tmp_path):
     tags = np.where(at[:, 0] == 0.0, 1, np.where((np.abs(at - 1.5) < 1.0).all(axis=1), 3, 2))
     names = {(1, 1): "open sea", (1, 2): "land", (1, 3): "island"}
     options = {"tagged_facets": facets, "facet_tags": tags, "tag_names": names}
-    write(tmp_path / "fort.14", SimplexMesh(ring.points, ring.cells, **options))
+    with pytest.warns(
+        InputWarning, match=r"the mesh has no depth \(the nodal field 'depth'\), 0 is written$"
+    ):
+        write(tmp_path / "fort.14", SimplexMesh(ring.points, ring.cells, **options))
     lines = (tmp_path / "fort.14").read_text().splitlines()
     first = lines.index("1 = number of open boundaries")
     assert lines[first + 1] == "4 = total number of open boundary nodes"
@@ -103,3 +107,52 @@ def test_only_plane_triangles_can_be_written(tmp_path):
     with pytest.raises(ValueError, match=r"fort\.14 holds triangles in the plane, got"):
         write(tmp_path / "fort.14", CartesianGrid((0, 0, 0), 1.0, (2, 2, 2)).mesh)
     assert list(tmp_path.iterdir()) == []
+
+
+def weirs(ibtype, pairs):
+    """A strip of squares with a wall of nodes in pairs in its middle, as a list of a type."""
+    points = [(x, y) for x in (0, 1) for y in range(4)] + [(x, y) for x in (1, 2) for y in range(4)]
+    nodes = "".join(f"{k} {x} {y} 5\n" for k, (x, y) in enumerate(points, 1))
+    cells = [(a, b, c) for first in (1, 9) for k in range(first, first + 3)
+             for a, b, c in ((k, k + 4, k + 5), (k, k + 5, k + 1))]  # fmt: skip
+    elements = "".join(f"{k} 3 {a} {b} {c}\n" for k, (a, b, c) in enumerate(cells, 1))
+    rows = [f"{a} {b} 3.5 1.0 1.0" if pairs else f"{a} 3.5 1.0"
+            for a, b in zip(range(5, 9), range(9, 13), strict=True)]  # fmt: skip
+    lists = f"1\n2\n2\n1\n2\n2\n{len(rows) + 2}\n2 20\n13\n14\n{len(rows)} {ibtype}\n"
+    return f"weirs\n{len(cells)} {len(points)}\n{nodes}{elements}{lists}" + "\n".join(rows) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("ibtype", "name"),
+    [(3, "barrier"), (13, "barrier"), (23, "barrier"), (4, "weir"), (24, "weir"), (25, "weir"),
+     (2, "river"), (22, "river"), (20, "land"), (0, "land")],
+)  # fmt: skip
+def test_barriers_and_rivers_are_kept_apart_from_land(tmp_path, ibtype, name):
+    pairs = name == "weir"
+    (tmp_path / "fort.14").write_text(weirs(ibtype, pairs))
+    mesh = read(tmp_path / "fort.14")
+    named = {held: tag for (_, tag), held in mesh.tag_names.items()}
+    assert set(named) == {"open", "land", name}
+    if name == "land":
+        return
+    edges = mesh.tagged_facets[mesh.facet_tags == named[name]]
+    wanted = [[4, 5], [5, 6], [6, 7]] + [[8, 9], [9, 10], [10, 11]] * pairs
+    assert_array_equal(edges, wanted)
+    if name == "river":
+        write(tmp_path / "again.14", mesh)
+        assert "4 22 = number of nodes for land" in (tmp_path / "again.14").read_text()
+    else:
+        with pytest.raises(ValueError, match=f"cannot hold '{name}': barriers have heights"):
+            write(tmp_path / "again.14", mesh)
+
+
+def test_a_mesh_without_depth_and_boundaries_draws_one_warning(tmp_path):
+    text = r"no depth \(the nodal field 'depth'\), 0 is written and no tagged facets, so no bound"
+    with pytest.warns(InputWarning, match=text):
+        write(tmp_path / "a.14", random_square(20, 5241))
+
+
+def test_a_view_of_a_surface_draws_a_warning(tmp_path):
+    surface = random_sphere(30, 5242)
+    with pytest.warns(InputWarning, match="sizes on the surface only, none inside"):
+        write(tmp_path / "a.pos", surface, fields={"h": np.ones(30)})

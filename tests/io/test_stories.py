@@ -24,7 +24,9 @@ def test_a_coast_of_geojson_gets_the_mesh_of_a_tidal_model(tmp_path):
     (tmp_path / "coast.geojson").write_text(json.dumps(coast))
 
     domain = ads.read(tmp_path / "coast.geojson")
-    ads.write(tmp_path / "fort.14", ads.remesh(domain, ads.size_function(domain, hmin=2, hmax=6)))
+    made = ads.remesh(domain, ads.size_function(domain, hmin=2, hmax=6))
+    depth = np.full(made.n_points, 5.0)
+    ads.write(tmp_path / "fort.14", made.with_data(point_data={"depth": depth}))
 
     back = ads.read(tmp_path / "fort.14")
     assert set(back.tag_names.values()) == {"land", "open sea", "island"}
@@ -55,5 +57,7 @@ def test_a_label_image_gets_a_file_of_abaqus(tmp_path):
     ads.write(tmp_path / "labels.inp", mesh)
 
     back = ads.read(tmp_path / "labels.inp")
-    assert set(back.tag_names.values()) == {"region1", "region2"}
+    regions, faces = ({name for (d, _), name in back.tag_names.items() if d == k} for k in (3, 2))
+    assert regions == {"region1", "region2"}
+    assert faces == {"boundary_of_1", "boundary_of_2", "interface_of_1_and_2"}
     assert np.bincount(back.cell_tags, back.measures)[1:] == pytest.approx([2048, 2048], rel=0.1)

@@ -9,9 +9,12 @@ from adaptsize._formats.formats import FORMATS
 PAGE = (Path(__file__).parents[2] / "docs/files.md").read_text(encoding="utf-8")
 PROGRAMS = {
     "foreign.read_vtk": "VTK",
-    "foreign.read_meshio": "meshio",
+    "foreign.read_su2": "meshio",
+    "xdmf.read": "meshio",
     "foreign.read_trimesh": "trimesh",
     "abaqus.read": "adaptsize",
+    "gmsh.read": "adaptsize",
+    "medit.read": "adaptsize",
 }
 FORMAT_OF = {suffix: form for form in FORMATS.values() for suffix in form.suffixes}
 

@@ -30,29 +30,58 @@ KINDS = {_SHAPES[name][2]: dim for dim, name in SIMPLEX.items()}
 UNTAGGED = "adaptsize untagged"
 #: Larger polygons would take long, since the time grows with the cube of their corners.
 _MOST_CORNERS = 1000
-#: Names that programs use for the region of a cell, the most likely first.
+#: Names that programs use for the region of a cell, the most likely first, as `tag_key` gives them.
 TAG_NAMES = (
-    "cell_tags",
+    "celltag",
     "gmsh:physical",
     "medit:ref",
     "region",
-    "regions",
+    "regionid",
+    "modelregionid",  # SimVascular
     "material",
-    "materialids",
+    "materialid",
+    "matid",
+    "mat",
     "avsucd:material",
     "tetgen:ref",
     "nastran:ref",
     "su2:tag",
     "netgen:index",
     "tag",
-    "tags",
-    "cell_markers",
-    "facet_tags",
+    "cellmarker",
+    "facettag",
+    "cellentityid",  # VMTK and Gmsh's files of VTK
+    "cellentity",
+    "entityid",
+    "geometryid",  # Elmer
+    "elementblockid",  # Exodus: MOOSE, Cubit
+    "blockid",
+    "objectid",
+    "subdomain",
+    "subdomainid",
+    "domainid",
+    "partid",
+    "modelfaceid",  # SimVascular
+    "faceid",
     "boundary",
+    "boundaryid",
+    "boundarymarker",
+    "sidesetid",
+    "patchid",
+    "label",  # ITK-SNAP
+    "labelid",
+    "marker",
     "ref",
     "attribute",
     "gmsh:geometrical",
 )
+
+
+def tag_key(name: str) -> str:
+    """Return a name of a field without case, separators and plural, as programs vary these."""
+    key = re.sub(r"[\s_-]", "", name.lower())
+    return key.removesuffix("s") if not key.endswith(("ss", ":s")) else key
+
 
 # Faces of the cells that are not simplices, in the numbering of VTK and Gmsh.  Seen from
 # inside, the corners are counter-clockwise, so that (face, inner point) is positive.
@@ -85,6 +114,8 @@ class RawMesh:
     """Names of the tags, by dimension and tag."""
     notes: list[str] = field(default_factory=list)
     """What was left out, for a warning."""
+    is_surface: bool = False
+    """Whether it is of a format for surfaces in space, some of which are flat."""
 
 
 class Simplices(NamedTuple):
@@ -110,7 +141,15 @@ def dimension_of(cell_type: str) -> int:
 
 def n_nodes_of(cell_type: str) -> int:
     """Return the number of nodes of a cell type, for which the name ends in it or is a base."""
+    if cell_type == "vertex":
+        return 1
     return int(re.sub("[a-z]", "", cell_type) or _SHAPES[cell_type][1])
+
+
+def corners_of(cell_type: str, cells: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the corners of cells, which come first; of unknown types all nodes."""
+    base = _base(cell_type)
+    return cells if base is None else cells[:, : _SHAPES[base][1]]
 
 
 def name_of_polygon(n_corners: int) -> str:

@@ -39,37 +39,12 @@ def check_gmsh(content: bytes) -> None:
         )
 
 
-def check_medit_end(content: bytes) -> None:
-    """Refuse a file without the keyword End, in binary files a number and an empty place."""
-    is_text = re.match(rb"[^\0]*\Z", content[:1000])
-    end = rb"^\s*End\s*$" if is_text else rb"(\x36\0\0\0|\0\0\0\x36)(\0{4}){1,2}\Z"
-    if not re.search(end, content[-1000:], re.MULTILINE | re.IGNORECASE):
-        raise MeshFileError("is truncated (no End)")
-
-
 def check_ply(content: bytes, raw: RawMesh) -> None:
     """Refuse a text file whose last number may have been cut."""
     head = content.partition(b"end_header")[0]
     if re.search(rb"^format[ \t]+ascii", head, re.M):
         ends_in_nodes = re.search(rb"vertex_ind\w+\s*\Z", head)
         check_last_number(content, len(raw.points) if ends_in_nodes else math.inf)
-
-
-#: A node in coordinates of its own, in columns or between commas, and what meshio ignores as well.
-_OF_NASTRAN = re.compile(
-    rb"^(GRID {4}.{8} {0,7}|GRID\* {3}.{16} {0,15}|GRID\*?[ \t]*,[^,\n]*,[ \t]*)[1-9]"
-    rb"|^(GRDSET|INCLUDE)\b",
-    re.MULTILINE | re.IGNORECASE,
-)
-
-
-def check_nastran(content: bytes) -> None:
-    """Refuse a file without ENDDATA, and what would be read as another mesh."""
-    if not re.search(rb"^ENDDATA", content, re.MULTILINE):
-        raise MeshFileError("is truncated (no ENDDATA)")
-    if found := _OF_NASTRAN.search(content):
-        what = found[2].decode() if found[2] else "nodes in coordinate systems (CP of GRID)"
-        raise MeshFileError(f"has {what}, which cannot be read")
 
 
 def check_su2_points(content: bytes) -> None:

@@ -7,10 +7,7 @@ import codecs
 import itertools
 import re
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,21 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._formats import vtk
-from adaptsize._formats.blocks import RawMesh, name_of_polygon, sewn
+from adaptsize._formats.blocks import NODE_NUMBERS, RawMesh, name_of_polygon, sewn
 from adaptsize._formats.guards import files_named_in
 from adaptsize.errors import MeshFileError
 
 _VERTEX = re.compile(rb"^[ \t]*v[ \t]", re.M)  # of OBJ
-_ELEMENT_DATA = re.compile(rb"^\$ElementData\s*?\n.*?^\$EndElementData\s*?\n", re.M | re.S)
-#: The names of physical groups.  meshio keeps one per name; a volume and its skin may share one.
-_NAMES = re.compile(r"^\$PhysicalNames\s*$(.*?)^\$EndPhysicalNames", re.M | re.S)
-#: meshio's names of formats.
-_PROGRAMS = {".msh": "gmsh", ".mesh": "medit", ".meshb": "medit", ".su2": "su2"}
-_VERSION_2 = re.compile(rb"\$MeshFormat\s+2")
-_REQUIRED = re.compile(rb"^[ \t]*Required(?!Vertices)\w+[\s\d]*", re.M)  # of Medit
-_COUNT = re.compile(rb"^([ \t]*(?!MeshVersion|Dimension)[A-Z]\w+)[ \t]+(\d+)[ \t]*$", re.M)
 _MARKER = re.compile(rb"^([ \t]*MARKER_TAG[ \t]*=[ \t]*)(.*?)[ \t\r]*$", re.M)  # of SU2
-_NAME = re.compile(r'^[ \t]*([0-3])\s+(-?\d+)\s+"([^"\n]*)"', re.M)
 
 
 def refuse_links(path: Path) -> None:
@@ -59,12 +47,22 @@ def read_vtk(path: Path) -> RawMesh:
     if suffix == ".vtkhdf":
         refuse_links(path)
     raw = vtk.raw_of(vtk.read_file(path))
-    is_in_parts = suffix in (".pvtu", ".pvtp", ".vtkhdf") and len(raw.points)
+    is_in_parts = suffix in (".pvtu", ".pvtp") or (suffix == ".vtkhdf" and _has_parts(path))
     if suffix == ".obj":
         raw = RawMesh(raw.points, raw.blocks)
         # VTK has one node per pair of a vertex and its texture or normal: seams would be cracks.
         is_in_parts = len(raw.points) > len(_VERTEX.findall(path.read_bytes()))
-    return sewn(raw) if is_in_parts else raw
+    return sewn(raw) if is_in_parts and len(raw.points) else raw
+
+
+def _has_parts(path: Path) -> bool:
+    """Return whether a file of VTKHDF has parts: nodes at one place of a whole mesh are a slit."""
+    import h5py
+
+    with h5py.File(path) as file:
+        root = file["VTKHDF"]
+        counts, fields = root.get("NumberOfPoints"), root.get("PointData", ())
+        return counts is None or len(counts) > 1 or any(name in fields for name in NODE_NUMBERS)
 
 
 def read_pieces(path: Path, rank: int, size: int) -> list[RawMesh]:
@@ -74,107 +72,42 @@ def read_pieces(path: Path, rank: int, size: int) -> list[RawMesh]:
     return [raw for raw in vtk.pieces_in(path, rank, size) if raw.blocks]
 
 
-def read_meshio(path: Path) -> RawMesh:
-    """Return the mesh in any other file.  What meshio cannot read in its text is replaced."""
-    import meshio
+def raw_of_meshio(mesh: Any) -> RawMesh:
+    """Return a mesh of meshio.  Nodal fields of objects are left out."""
+    blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
+    point_data = {n: v for n, v in mesh.point_data.items() if np.asarray(v).dtype != object}
+    return RawMesh(np.asarray(mesh.points, np.float64), blocks, point_data, mesh.cell_data)
+
+
+def read_su2(path: Path) -> RawMesh:
+    """Return the mesh in a file of SU2.  What meshio cannot read in its text is replaced."""
     from meshio import _helpers  # `read` would name the file of the text
 
-    suffix, raw = path.suffix.lower(), RawMesh(np.empty((0, 3)), [])
-    if suffix in (".xdmf", ".xmf"):  # they name others
-        refuse_links(path)
-        mesh: Any = meshio.read(path)
-    else:
-        content = path.read_bytes().removeprefix(codecs.BOM_UTF8)
-        if suffix == ".msh":
-            content = _text_of_gmsh(content, raw)
-        elif suffix == ".mesh":
-            content = _COUNT.sub(rb"\1\n\2", _REQUIRED.sub(b"", content))
-        elif suffix == ".su2":
-            content = _text_of_su2(content, raw)
-        elif suffix != ".meshb" and not re.search(rb"^BEGIN BULK", content, re.M):
-            content = b"BEGIN BULK\n" + content  # Nastran, as Gmsh writes it
-        with tempfile.TemporaryDirectory() as folder, _groups_of_all_entities():
-            file = Path(folder, f"text{suffix}")
-            file.write_bytes(content)
-            mesh = _helpers.reader_map[_PROGRAMS.get(suffix, "nastran")](str(file))
-    raw.blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells]
-    raw.points, raw.cell_data = np.asarray(mesh.points, dtype=np.float64), mesh.cell_data
-    raw.point_data = {n: v for n, v in mesh.point_data.items() if np.asarray(v).dtype != object}
-    is_version_2 = suffix == ".msh" and _VERSION_2.match(content)
-    return _without_repeated(raw) if is_version_2 else raw
+    content = path.read_bytes().removeprefix(codecs.BOM_UTF8)
+    if zones := re.search(rb"^[ \t]*NZONE[ \t]*=[ \t]*(\d+)", content, re.M):
+        raise MeshFileError(f"has {int(zones[1])} zones of SU2 (NZONE); write each to its own file")
+    content, names = _text_of_su2(content)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "text.su2")
+        file.write_bytes(content)
+        mesh = _helpers.reader_map["su2"](str(file))
+    return replace(raw_of_meshio(mesh), tag_names=names)
 
 
-def _text_of_gmsh(content: bytes, raw: RawMesh) -> bytes:
-    """Return what meshio can read of a file of Gmsh, and add the names of groups to a mesh."""
-    if section := _NAMES.search(content.partition(b"\n$Nodes")[0].decode("utf-8", "replace")):
-        found = _NAME.findall(section[1])
-        raw.tag_names = {(int(dim), int(tag)): name for dim, tag, name in found if name.strip()}
-    # meshio takes version "4" for 4.1, and fails on fields of elements in version 2.
-    content = re.sub(rb"\A\$MeshFormat\s+4(?=\s)", b"$MeshFormat\n4.0", content)
-    if _VERSION_2.match(content):
-        content, n_left_out = _ELEMENT_DATA.subn(b"", content)
-        raw.notes += ["cell fields ($ElementData) left out"] * (n_left_out > 0)
-    return content
-
-
-@contextmanager
-def _groups_of_all_entities() -> Iterator[None]:
-    """Let meshio give the group 0 to entities without a group; it fails if only some have one."""
-    from meshio.gmsh import _gmsh40, _gmsh41
-
-    def with_group(read: Callable[..., Any], *given: Any) -> Any:
-        found = read(*given)
-        for groups in found[0] if isinstance(found[0], tuple) else found:
-            groups.update({entity: [0] for entity, held in groups.items() if not held})
-        return found
-
-    modules = {module: module._read_entities for module in (_gmsh40, _gmsh41)}
-    for module, read in modules.items():
-        module._read_entities = partial(with_group, read)
-    try:
-        yield
-    finally:
-        for module, read in modules.items():
-            module._read_entities = read
-
-
-def _without_repeated(raw: RawMesh) -> RawMesh:
-    """Return the first of the elements that version 2 repeats for each of their groups."""
-    kept = [np.ones(len(cells), bool) for _, cells in raw.blocks]
-    for name in {name for name, _ in raw.blocks}:
-        of_type = [i for i, block in enumerate(raw.blocks) if block[0] == name]
-        rows = np.sort(np.concatenate([raw.blocks[i][1] for i in of_type]), axis=1)
-        is_first = np.zeros(len(rows), bool)
-        is_first[np.unique(rows, axis=0, return_index=True)[1]] = True
-        ends = np.cumsum([len(kept[i]) for i in of_type])[:-1]
-        for i, part in zip(of_type, np.split(is_first, ends), strict=True):
-            kept[i] = part
-    n_repeated = sum(np.count_nonzero(~part) for part in kept)
-    if not n_repeated:
-        return raw
-    blocks = [(name, cells[own]) for (name, cells), own in zip(raw.blocks, kept, strict=True)]
-    cell_data = {
-        name: [values[own] for values, own in zip(parts, kept, strict=True)]
-        for name, parts in raw.cell_data.items()
-    }
-    notes = [*raw.notes, f"{n_repeated} elements that repeat another, in a further group, dropped"]
-    return replace(raw, blocks=blocks, cell_data=cell_data, notes=notes)
-
-
-def _text_of_su2(content: bytes, raw: RawMesh) -> bytes:
-    """Return a file of SU2 with numbers for the names of markers, which are added to a mesh.
+def _text_of_su2(content: bytes) -> tuple[bytes, dict[tuple[int, int], str]]:
+    """Return a file of SU2 with numbers for the names of markers, and their names.
 
     meshio counts on from the last number, which may be that of another marker.
     """
     names = dict.fromkeys(name for _, name in _MARKER.findall(content))
     free = (b"%d" % k for k in itertools.count(1) if b"%d" % k not in names)
     number = {name: name if name.isdigit() else next(free) for name in names}
-    if dim := re.search(rb"^[ \t]*NDIME[ \t]*=[ \t]*(\d)", content, re.M):
-        raw.tag_names = {
-            (int(dim[1]) - 1, int(tag)): name.decode("utf-8", "replace")
-            for name, tag in number.items() if name != tag
-        }  # fmt: skip
-    return _MARKER.sub(lambda found: found[1] + number[found[2]], content)
+    dim = re.search(rb"^[ \t]*NDIME[ \t]*=[ \t]*(\d)", content, re.M)
+    tag_names = {
+        (int(dim[1]) - 1, int(tag)): name.decode("utf-8", "replace")
+        for name, tag in number.items() if dim and name != tag
+    }  # fmt: skip
+    return _MARKER.sub(lambda found: found[1] + number[found[2]], content), tag_names
 
 
 def read_shp(path: Path) -> dict[str, Any]:
@@ -212,10 +145,11 @@ def raw_of_trimesh(mesh: Any) -> RawMesh:
     cells = np.concatenate([own + n for own, n in zip(faces, start[:-1], strict=True)])
     points = np.concatenate([np.asarray(part.vertices, np.float64) for part in parts])
     if len(parts) == 1:
-        return RawMesh(points, [("triangle", cells)])
+        return RawMesh(points, [("triangle", cells)], is_surface=True)
     tags = np.repeat(np.arange(1, len(parts) + 1, dtype=np.int32), [len(own) for own in faces])
     names = {(2, k): str(part.metadata.get("node", k)) for k, part in enumerate(parts, start=1)}
-    return RawMesh(points, [("triangle", cells)], {}, {"cell_tags": [tags]}, names)
+    tagged = {"cell_tags": [tags]}
+    return RawMesh(points, [("triangle", cells)], {}, tagged, names, is_surface=True)
 
 
 def _raw_of_ply(points: npt.NDArray[np.float64], elements: dict[str, Any]) -> RawMesh:

@@ -15,7 +15,8 @@ import numpy.typing as npt
 
 from adaptsize._checks import describe
 from adaptsize._formats import completeness as check
-from adaptsize._formats import fort14, polygon_files, sizes, vtk
+from adaptsize._formats import for_solvers as solvers
+from adaptsize._formats import fort14, nastran, polygon_files, sizes, vtk
 from adaptsize._formats import writers as write
 from adaptsize._formats.blocks import RawMesh, check_raw
 from adaptsize._formats.guards import about_file, check_readable, files_named_in
@@ -38,6 +39,8 @@ _LEGACY = re.compile(
 _QUOTED = re.compile(r"[^\x00-\x1f\x7f-\xa0\"\\\u2028\u2029\ud800-\udfff]{1,100}")
 _WORD = re.compile(r"(?![xyz]$)[!-~]{1,100}")
 
+_ALL = frozenset({"cells", "tags", "fields", "cell fields", "metrics"})
+
 
 @dataclass(frozen=True)
 class Format:
@@ -51,9 +54,10 @@ class Format:
     """Refuses a file without its end mark, before it is read."""
     check_counts: Callable[[bytes, RawMesh], None] | None = None
     """Refuses a mesh with less than its file promises."""
-    holds: frozenset[str] = frozenset({"cells", "tags", "fields", "cell fields", "metrics"})
+    holds: frozenset[str] = _ALL
     """Of these words (``fields`` are those of nodes) and ``sizes`` (without cells), ``grids``,
-    ``triangles``: no other cells, so of tetrahedra those of the boundary."""
+    ``order 2`` (cells with nodes in the middles of edges), and ``triangles``: no other cells, so
+    of tetrahedra those of the boundary."""
     dims: tuple[int, ...] = ()
     """Dimensions of meshes, if their cells must have the dimension of the space."""
     names: re.Pattern[str] = _IN_XML
@@ -88,11 +92,22 @@ class Format:
                 "write .vtu, or a .sol with the sizes for a .mesh"
             )
 
+    def check_order(self, path: Path, order: int) -> None:
+        """Refuse cells of an order that the format does not have."""
+        if order == 2 and "order 2" not in self.holds:
+            listed = [
+                s for form in FORMATS.values() if "order 2" in form.holds for s in form.suffixes
+            ]
+            raise ValueError(
+                f"{path.name} holds no cells of order 2; write {', '.join(listed)}, or order 1"
+            )
+
     def writer_of(
-        self, path: Path, obj: object, fields: Mapping[str, npt.ArrayLike] | None
+        self, path: Path, obj: object, fields: Mapping[str, npt.ArrayLike] | None, order: int
     ) -> Callable[[Path], None]:
         """Return the function that writes an object with fields; refuse what cannot be held."""
         assert self.write is not None
+        self.check_order(path, order)
         background, nodal = write.parts_of(obj, fields)
         self._check_fields(path, obj, nodal)
         nodal = write.growth_of(obj, background.n_points) | nodal
@@ -115,19 +130,24 @@ class Format:
         mesh = background.with_data(point_data=nodal)
         self.check_cells(path, mesh)
         self.check_names(path, [*mesh.point_data, *mesh.cell_data], mesh.tag_names.values())
-        return partial(self.write, mesh=mesh)
+        return partial(self.write, mesh=mesh, **({} if order == 1 else {"order": order}))
 
 
-_MESHIO, _VTK, _TRIMESH = (
-    partial(read_limited, f"foreign.read_{name}") for name in ("meshio", "vtk", "trimesh")
+_SU2, _VTK, _TRIMESH = (
+    partial(read_limited, f"foreign.read_{name}") for name in ("su2", "vtk", "trimesh")
 )
-_ABAQUS = partial(read_limited, "abaqus.read")  # sets could take long
-_of_vtk = {name: partial(write.write_vtk, suffix=f".{name}") for name in ("vtu", "vtp", "vtk")}
+_ABAQUS, _GMSH, _MEDIT, _XDMF = (
+    partial(read_limited, f"{name}.read") for name in ("abaqus", "gmsh", "medit", "xdmf")
+)
+_of_vtk = {
+    name: partial(write.write_vtk, suffix=f".{name}") for name in ("vtu", "vtp", "vtk", "vtkhdf")
+}
 _surface = {name: partial(write.write_surface, file_format=name) for name in ("ply", "obj", "off")}
 _stl = partial(write.write_surface, file_format="stl", binary=True)
 _CELLS, _TRIANGLES = frozenset({"cells", "tags"}), frozenset({"triangles"})
 _PLY, _GRIDS = _TRIANGLES | {"fields"}, frozenset({"grids", "fields"})
-_NODAL = _CELLS | {"fields", "metrics"}
+_SOLVERS, _ALL_2 = _CELLS | {"order 2"}, _ALL | {"order 2"}
+_NODAL_2 = _ALL_2 - {"cell fields"}
 _SIZES, _FULL = frozenset({"sizes", "metrics"}), (2, 3)
 #: In the order in which suffixes are tried: JIGSAW's longer suffix before Gmsh's.
 FORMATS: dict[str, Format] = {
@@ -135,30 +155,34 @@ FORMATS: dict[str, Format] = {
     "gmsh-view": Format((".pos",), sizes.write_view, holds=_SIZES),
     "medit-sol": Format((".sol",), sizes.write_sol, holds=_SIZES),
     "vti": Format((".vti",), vtk.write_image, None, check.check_vtk_xml, holds=_GRIDS),
-    "vtu": Format((".vtu",), _of_vtk["vtu"], _VTK, check.check_vtk_xml),
+    "vtu": Format((".vtu",), _of_vtk["vtu"], _VTK, check.check_vtk_xml, holds=_ALL_2),
     "vtp": Format((".vtp",), _of_vtk["vtp"], _VTK, check.check_vtk_xml),
     "vtk-xml": Format((".vtr", ".vts", ".vtm", ".pvtu", ".pvtp"), None, _VTK, check.check_vtk_xml),
-    "vtk": Format((".vtk",), _of_vtk["vtk"], _VTK, check.check_vtk, names=_LEGACY),
-    "vtkhdf": Format((".vtkhdf",), partial(write.write_vtk, suffix=".vtkhdf"), _VTK, names=_IN_HDF),
-    "xdmf": Format((".xdmf", ".xmf"), write.write_xdmf, _MESHIO),
+    "vtk": Format((".vtk",), _of_vtk["vtk"], _VTK, check.check_vtk, None, _ALL_2, names=_LEGACY),
+    "vtkhdf": Format((".vtkhdf",), _of_vtk["vtkhdf"], _VTK, holds=_ALL_2, names=_IN_HDF),
+    "xdmf": Format((".xdmf", ".xmf"), write.write_xdmf, _XDMF),
     "gmsh": Format(
-        (".msh",), write.write_gmsh, _MESHIO, check.check_gmsh, None, _NODAL, names=_QUOTED
+        (".msh",), write.write_gmsh, _GMSH, check.check_gmsh, None, _NODAL_2, names=_QUOTED
     ),
-    "medit": Format(
-        (".mesh", ".meshb"), write.write_medit, _MESHIO, check.check_medit_end, holds=_CELLS
-    ),
+    "medit": Format((".mesh", ".meshb"), write.write_medit, _MEDIT, holds=_CELLS),
     "stl": Format((".stl",), _stl, read_stl, holds=_TRIANGLES),
     "ply": Format((".ply",), _surface["ply"], _TRIMESH, None, check.check_ply, _PLY, names=_WORD),
     "obj": Format((".obj",), _surface["obj"], _VTK, None, check.check_obj, _TRIANGLES),
     "off": Format((".off",), _surface["off"], read_off, holds=_TRIANGLES),
     "gltf": Format((".gltf", ".glb", ".3mf"), None, _TRIMESH),
     "fort.14": Format((".14", ".grd", ".gr3"), fort14.write, fort14.read, holds=_CELLS, dims=(2,)),
-    "abaqus": Format((".inp",), write.write_abaqus, _ABAQUS, None, check.check_abaqus, _CELLS),
+    "abaqus": Format((".inp",), solvers.write_abaqus, _ABAQUS, None, check.check_abaqus, _SOLVERS),
     "nastran": Format(
-        (".bdf", ".nas", ".fem"), write.write_nastran, _MESHIO, check.check_nastran, holds=_CELLS
+        (".bdf", ".nas", ".fem"), solvers.write_nastran, nastran.read, holds=_SOLVERS
     ),
     "su2": Format(
-        (".su2",), write.write_su2, _MESHIO, check.check_su2_points, check.check_su2, _CELLS, _FULL
+        (".su2",),
+        solvers.write_su2,
+        _SU2,
+        check.check_su2_points,
+        check.check_su2,
+        _CELLS,
+        _FULL,
     ),
     "polygons": Format(tuple(polygon_files.READERS), None, polygon_files.load),
 }
@@ -195,6 +219,7 @@ def load(path: Path) -> RawMesh:
         raise
     except (*_DAMAGE, ValueError) as error:
         raise MeshFileError(f"cannot be read as a mesh ({error})") from error
+    raw.is_surface |= "triangles" in found.holds
     check_raw(raw)
     if found.check_counts is not None:
         found.check_counts(content, raw)

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._checks import warn_caller
 from adaptsize._formats.blocks import RawMesh
 from adaptsize._formats.text import check_last_number, numbers, rows_of, write_text
 from adaptsize.background import SimplexMesh
-from adaptsize.errors import MeshFileError
+from adaptsize.errors import InputWarning, MeshFileError
 
 #: The nodal field that the third column holds.
 DEPTH = "depth"
@@ -20,6 +21,10 @@ DEPTH = "depth"
 _OPEN = re.compile(r"\b(open|ocean)\b", re.IGNORECASE)
 #: Types of boundaries without flow: of the mainland, and of islands, whose lists are not closed.
 _MAINLAND, _ISLANDS = 0, (1, 11, 21)
+#: Names of further types, by the last digit.  A list of a weir has a pair of nodes in each line.
+_OTHERS = {2: "river", 3: "barrier", 4: "weir", 5: "weir"}
+_RIVER, _RIVERS = 22, re.compile(r"\b(river|inflow|discharge)\b", re.IGNORECASE)
+_BARRIERS = re.compile(r"\b(weir|barrier|levee)s?\b", re.IGNORECASE)
 
 
 def read(path: Path) -> RawMesh:
@@ -78,19 +83,27 @@ def _add_boundaries(raw: RawMesh, lines: Sequence[bytes], names: npt.NDArray[Any
 
 
 def _lists(lines: Iterator[bytes]) -> Iterator[tuple[str, list[int]]]:
-    """Yield the name and the nodes of each boundary, closed if it is that of an island."""
+    """Yield the name and the nodes of each boundary, closed if it is that of an island.
+
+    Of a weir, both sides are yielded.
+    """
     for kind in ("open", "land"):
         n_lists = int(next(lines).split()[0])
         next(lines)  # the number of nodes in all
         for _ in range(n_lists):
             head, _, comment = next(lines).partition(b"=")
             words = head.split()
-            is_island = kind == "land" and len(words) > 1 and int(words[1]) in _ISLANDS
-            nodes = [int(next(lines).split()[0]) for _ in range(int(words[0]))]
+            number = int(words[1]) if kind == "land" and len(words) > 1 else _MAINLAND
+            rows = [next(lines).split() for _ in range(int(words[0]))]
+            nodes = [int(row[0]) for row in rows]
+            is_island = number in _ISLANDS
             if is_island and nodes and nodes[0] != nodes[-1]:
                 nodes.append(nodes[0])
-            name = comment.decode("utf-8", "replace").partition(":")[2].strip()
-            yield name or ("island" if is_island else kind), nodes
+            default = "island" if is_island else _OTHERS.get(number % 10, kind)
+            name = comment.decode("utf-8", "replace").partition(":")[2].strip() or default
+            yield name, nodes
+            if default == "weir":
+                yield name, [int(row[1]) for row in rows]
 
 
 def _columns(rows: list[list[bytes]], count: int, dtype: type) -> npt.NDArray[Any]:
@@ -105,9 +118,21 @@ def write(path: Path, mesh: SimplexMesh) -> None:
     """Write triangles in the plane with the nodal field ``depth``, or 0 without it.
 
     If there are tagged facets, all edges of the boundary are in the lists at the end.  Those with
-    the word "open" or "ocean" in the name of their tag are open.  The others are land, of type 0,
-    or 1 around islands.
+    the word "open" or "ocean" in the name of their tag are open.  Those with "river", "inflow" or
+    "discharge" are of type 22.  The others are land, of type 0, or 1 around islands.
+
+    Raises
+    ------
+    ValueError
+        If the depth is not one number per node, or a name has the word "weir", "barrier" or
+        "levee": these have heights, which a mesh does not hold.
+
+    Warns
+    -----
+    InputWarning
+        If there is no depth, or no tagged facet.
     """
+    _check_named(mesh)
     depth = np.asarray(mesh.point_data.get(DEPTH, np.zeros(mesh.n_points)), dtype=np.float64)
     if depth.ndim != 1:
         raise ValueError(f"the field {DEPTH!r} must be one number per node, got {depth.shape}")
@@ -131,6 +156,21 @@ def write(path: Path, mesh: SimplexMesh) -> None:
     write_text(path, head, *zip(lines, numbered, strict=True), *pieces)
 
 
+def _check_named(mesh: SimplexMesh) -> None:
+    """Refuse barriers; warn of what models require and the mesh does not have."""
+    used = set() if mesh.facet_tags is None else set(mesh.facet_tags.tolist())
+    names = [mesh.tag_names.get((1, tag), "") for tag in sorted(used)]
+    if barrier := next(filter(_BARRIERS.search, names), None):
+        raise ValueError(
+            f"the format of ADCIRC cannot hold {barrier!r}: barriers have heights and "
+            "coefficients, which a mesh does not hold; rename the tag to write it as land"
+        )
+    lacking = ["depth (the nodal field 'depth'), 0 is written"] * (DEPTH not in mesh.point_data)
+    lacking += ["tagged facets, so no boundaries"] * (not used)
+    if lacking:
+        warn_caller(f"the mesh has no {' and no '.join(lacking)}", InputWarning)
+
+
 def _boundaries(mesh: SimplexMesh) -> Iterator[tuple[str, int | None, npt.NDArray[Any]]]:
     """Yield the name of each part of the boundary, its type or None if it is open, and its nodes.
 
@@ -151,7 +191,8 @@ def _boundaries(mesh: SimplexMesh) -> Iterator[tuple[str, int | None, npt.NDArra
             nodes = np.append(edges[part, 0], edges[part[-1], 1])
             if is_island and not is_open and not len(breaks):
                 nodes = nodes[:-1]
-            yield name, None if is_open else _ISLANDS[0] if is_island else _MAINLAND, nodes
+            closed = _RIVER if _RIVERS.search(name) else _ISLANDS[0] if is_island else _MAINLAND
+            yield name, None if is_open else closed, nodes
 
 
 def _rings(edges: npt.NDArray[Any]) -> Iterator[npt.NDArray[np.intp]]:

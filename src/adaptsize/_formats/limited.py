@@ -119,7 +119,14 @@ def _forget() -> None:
     _CHILD, _LOCK = None, threading.Lock()
 
 
-atexit.register(_drop)
+def _end() -> None:
+    """End the child at the end of this process, without waiting for what it does."""
+    if _CHILD is not None:
+        _CHILD.kill()
+    _drop()
+
+
+atexit.register(_end)
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget)
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_sizes, refuse_where
+from adaptsize._checks import as_sizes, refuse_where, warn_caller
 from adaptsize._formats.text import numbers, write_text
 from adaptsize.background import SimplexMesh
-from adaptsize.errors import MeshFileError
+from adaptsize.errors import InputWarning, MeshFileError
 from adaptsize.metrics import Metric
 from adaptsize.typing import FloatArray
 
@@ -44,6 +44,12 @@ def write_view(path: Path, mesh: SimplexMesh) -> None:
     three coordinates for each node, then the values of the nodes, those of tensors row by row.
     """
     values = _sizes_or_metric(mesh, "Gmsh")
+    if mesh.cell_dim < mesh.dim:
+        warn_caller(
+            "the view has sizes on the surface only, none inside: for a volume, write the sizes on "
+            "a grid around it (CartesianGrid.around)",
+            InputWarning,
+        )
     kind, title = ("S", "h") if values.ndim == 1 else ("T", "metric")
     name = kind + {1: "L", 2: "T", 3: "S"}[mesh.cell_dim]
     n_nodes = mesh.cell_dim + 1

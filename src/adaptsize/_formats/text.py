@@ -39,6 +39,21 @@ def numbers(words: Sequence[bytes] | Sequence[str], dtype: npt.DTypeLike) -> npt
         raise MeshFileError(f"holds {text!r} where {kind} is required") from error
 
 
+def numbers_in(text: bytes, where: str) -> npt.NDArray[np.float64]:
+    """Return the numbers of a text between spaces and line breaks.
+
+    Raises
+    ------
+    MeshFileError
+        If a word is not a number.  ``where`` is the section of the text.
+    """
+    words = text.split()
+    try:
+        return np.fromiter(map(float, words), np.float64, len(words))
+    except ValueError:
+        raise MeshFileError(f"holds a word in {where} that is no number") from None
+
+
 def rows_of(wanted: npt.NDArray[Any], names: npt.NDArray[Any], what: str) -> npt.NDArray[np.intp]:
     """Return the rows in which nodes have the given numbers.
 
@@ -71,6 +86,11 @@ def check_last_number(content: bytes, n_points: float = math.inf) -> None:
         f"ends inside a line, after {last[-40:].decode('latin-1')!r}, so it may be truncated; "
         "if it is complete, add a line break"
     )
+
+
+def numbered(rows: npt.NDArray[Any], first: int = 1) -> npt.NDArray[Any]:
+    """Return rows after a column with their numbers."""
+    return np.column_stack([np.arange(first, first + len(rows)), rows])
 
 
 def write_text(path: Path, *pieces: str | tuple[str, npt.NDArray[Any]]) -> None:

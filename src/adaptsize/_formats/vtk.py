@@ -24,7 +24,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._formats.blocks import TAG_NAMES, RawMesh
+from adaptsize._formats.blocks import TAG_NAMES, RawMesh, tag_key
 from adaptsize.errors import MeshFileError
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ _FROM_VTK = {
     **dict.fromkeys((27, 37, 74, 81), "pyramid13"),
 }  # fmt: skip
 _REFUSED = {15: "pentagonal prism", 16: "hexagonal prism", 36: "curved polygon", 42: "polyhedron"}
-_TO_VTK = {"line": 3, "triangle": 5, "tetra": 10}
+_TO_VTK = {"line": 3, "triangle": 5, "tetra": 10, "line3": 21, "triangle6": 22, "tetra10": 24}
 _EMPTY, _POLYVERTEX, _POLYLINE, _STRIP, _PIXEL, _VOXEL = 0, 2, 4, 6, 8, 11
 # VTK's pixels and voxels number their nodes row by row, unlike other cells.
 _TURNED = {_PIXEL: ("quad", [0, 1, 3, 2]), _VOXEL: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 6])}
@@ -88,7 +88,7 @@ def raw_of(data: Any) -> RawMesh:
             labels.append(label)
     if not grids:
         raise MeshFileError("holds no cells")
-    fields = {name.lower() for grid in grids for name in _arrays_in(grid.GetCellData())}
+    fields = {tag_key(name) for grid in grids for name in _arrays_in(grid.GetCellData())}
     if len(grids) > 1 and any(labels) and not fields & set(TAG_NAMES):
         for number, (grid, label) in enumerate(zip(grids, labels, strict=True), start=1):
             region = np.full(grid.GetNumberOfCells(), number, np.int32)

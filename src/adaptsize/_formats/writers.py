@@ -1,7 +1,6 @@
-"""Writing of meshes in each format: by VTK, by meshio, and as text for solvers."""
+"""Writing of meshes by VTK and by meshio."""
 
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -12,17 +11,17 @@ import numpy.typing as npt
 from adaptsize._checks import check_type, describe
 from adaptsize._formats import sizes, vtk
 from adaptsize._formats.blocks import SIMPLEX, UNTAGGED, RawMesh
-from adaptsize._formats.text import write_text
+from adaptsize._formats.quadratic import with_middles
+from adaptsize._formats.text import numbered, write_text
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.simplex import as_own
 from adaptsize.metrics import MetricFunction
-from adaptsize.typing import IntArray
 
-#: Linear elements by the dimensions of cells and space.
-_ELEMENTS = {(1, 2): "T2D2", (1, 3): "T3D2", (2, 2): "CPS3", (2, 3): "S3", (3, 3): "C3D4"}
-#: Names of Nastran, and numbers of VTK, for segments, triangles and tetrahedra.
-_CARDS, _VTK = {1: "CROD", 2: "CTRIA3", 3: "CTETRA"}, {1: 3, 2: 5, 3: 10}
+#: Gmsh's numbers of types of cells.
+_GMSH_TYPES = {
+    "line": 1, "triangle": 2, "tetra": 4, "line3": 8, "triangle6": 9, "tetra10": 11,
+}  # fmt: skip
 
 
 def content_of(mesh: SimplexMesh, tag_name: str, *, pad: bool) -> RawMesh:
@@ -69,9 +68,10 @@ def _write_with_meshio(path: Path, content: RawMesh, file_format: str, **options
         meshio.write(path, mesh, file_format=file_format, **options)
 
 
-def write_vtk(path: Path, mesh: SimplexMesh, suffix: str) -> None:
+def write_vtk(path: Path, mesh: SimplexMesh, suffix: str, order: int = 1) -> None:
     """Write a mesh in one of VTK's formats, by its suffix."""
     content = content_of(mesh, "cell_tags", pad=True)
+    content = with_middles(content) if order == 2 else content
     if suffix == ".vtkhdf":
         vtk.write_hdf(path, content)
     else:
@@ -84,22 +84,41 @@ def write_xdmf(path: Path, mesh: SimplexMesh) -> None:
     _write_with_meshio(path, content, "xdmf", data_format="XML")
 
 
-def write_gmsh(path: Path, mesh: SimplexMesh) -> None:
-    """Write a mesh with tags and nodal fields as Gmsh 2.2."""
-    # Version 2.2: in 4.1 a physical group belongs to an entity, which a SimplexMesh lacks.
-    # No cell fields: meshio cannot read them back from version 2.2.
+def write_gmsh(path: Path, mesh: SimplexMesh, order: int = 1) -> None:
+    """Write a mesh with tags and nodal fields as Gmsh 2.2, as text."""
+    # In version 4.1, a physical group belongs to an entity, which a SimplexMesh lacks.  The readers
+    # of several programs take text only, and meshio's fails on cell fields.
     content = content_of(mesh, "gmsh:physical", pad=True)
-    tags, names = gmsh_groups(mesh, content)
-    nodal = {name: _gmsh_components(values) for name, values in content.point_data.items()}
-    # Without zeros, meshio adds them and prints a warning.
-    tags = tags or dict.fromkeys(("gmsh:physical", "gmsh:geometrical"), _no_tags(content))
-    slim = RawMesh(content.points, content.blocks, nodal, tags)
-    _write_with_meshio(path, slim, "gmsh22")
+    content = with_middles(content) if order == 2 else content
+    groups, names = gmsh_groups(mesh, content)
+    lines = [f'{dim} {tag} "{name}"\n' for (dim, tag), name in sorted(names.items())]
+    pieces: list[Any] = ["$MeshFormat\n2.2 0 8\n$EndMeshFormat\n"]
     if names:
-        lines = [f'{dim} {tag} "{name}"\n' for (dim, tag), name in sorted(names.items())]
-        section = f"$PhysicalNames\n{len(lines)}\n{''.join(lines)}$EndPhysicalNames\n"
-        head, end, rest = path.read_bytes().partition(b"$EndMeshFormat\n")
-        path.write_bytes(head + end + section.encode() + rest)
+        pieces.append(f"$PhysicalNames\n{len(lines)}\n{''.join(lines)}$EndPhysicalNames\n")
+    n = len(content.points)
+    nodes = ("%d %.17g %.17g %.17g\n", numbered(content.points))
+    n_cells = sum(len(cells) for _, cells in content.blocks)
+    pieces += [f"$Nodes\n{n}\n", nodes, f"$EndNodes\n$Elements\n{n_cells}\n"]
+    first, no_tags = 1, [np.zeros(len(cells), np.int32) for _, cells in content.blocks]
+    of_blocks = zip(
+        content.blocks,
+        groups.get("gmsh:physical", no_tags),
+        groups.get("gmsh:geometrical", no_tags),
+        strict=True,
+    )
+    for (name, cells), group, entity in of_blocks:
+        rows = cells[:, [*range(8), 9, 8]] if name == "tetra10" else cells  # the order of Gmsh
+        line = f"%d {_GMSH_TYPES[name]} 2{' %d' * (2 + rows.shape[1])}\n"
+        pieces.append((line, numbered(np.column_stack([group, entity, rows + 1]), first)))
+        first += len(cells)
+    pieces.append("$EndElements\n")
+    for name, values in content.point_data.items():
+        columns = _gmsh_components(values).reshape(n, -1)
+        width = columns.shape[1]
+        head = f'$NodeData\n1\n"{name}"\n1\n0\n3\n0\n{width}\n{n}\n'
+        line = "%d" + " %.17g" * width + "\n"
+        pieces += [head, (line, numbered(columns)), "$EndNodeData\n"]
+    write_text(path, *pieces)
 
 
 def gmsh_groups(
@@ -137,14 +156,11 @@ def _gmsh_components(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     return padded[:, 0] if wanted == 1 else padded
 
 
-def _no_tags(content: RawMesh) -> list[npt.NDArray[np.int32]]:
-    return [np.zeros(len(cells), np.int32) for _, cells in content.blocks]
-
-
 def write_medit(path: Path, mesh: SimplexMesh) -> None:
     """Write a mesh with tags for Medit and Mmg, as text or binary."""
     content = content_of(mesh, "medit:ref", pad=False)
-    tags = content.cell_data.get("medit:ref", _no_tags(content))
+    no_tags = [np.zeros(len(cells), np.int32) for _, cells in content.blocks]
+    tags = content.cell_data.get("medit:ref", no_tags)
     refs = content.point_data.get("medit:ref", np.zeros(mesh.n_points, np.int32))
     slim = RawMesh(content.points, content.blocks, {"medit:ref": refs}, {"medit:ref": tags})
     _write_with_meshio(path, slim, "medit")
@@ -157,110 +173,6 @@ def write_surface(path: Path, mesh: SimplexMesh, file_format: str, **options: An
     nodal = scalars if file_format == "ply" else {}
     slim = RawMesh(content.points, content.blocks[:1], nodal, {})
     _write_with_meshio(path, slim, file_format, **options)
-
-
-def write_abaqus(path: Path, mesh: SimplexMesh) -> None:
-    """Write the cells, with a set of elements per tag, and a set of nodes per tag of facets.
-
-    The sets have the names of the tags, or ``region1`` and ``boundary1``.
-    """
-    pieces: list[Any] = [
-        "*HEADING\nwritten by adaptsize\n*NODE\n",
-        ("%d, %.16e, %.16e, %.16e\n", _numbered(_in_space(mesh))),
-        f"*ELEMENT, TYPE={_ELEMENTS[mesh.cell_dim, mesh.dim]}\n",
-        ("%d" + ", %d" * (mesh.cell_dim + 1) + "\n", _numbered(mesh.cells + 1)),
-    ]
-    # Names of Abaqus are the same in capital letters.
-    regions = groups_of(mesh, mesh.cell_dim, mesh.cell_tags, "region", _plain)
-    for name, cells in regions.items():
-        pieces += [f"*ELSET, ELSET={name}\n", ("%d\n", cells + 1)]
-    parts = groups_of(mesh, mesh.cell_dim - 1, mesh.facet_tags, "boundary", _plain)
-    for name, facets in parts.items():
-        assert mesh.tagged_facets is not None
-        nodes = np.unique(mesh.tagged_facets[facets])
-        pieces += [f"*NSET, NSET={name}\n", ("%d\n", nodes + 1)]
-    write_text(path, *pieces)
-
-
-def write_nastran(path: Path, mesh: SimplexMesh) -> None:
-    """Write cells and tagged facets, with their tags as numbers of properties.
-
-    These start at 1: those without a tag get the smallest number that is not a tag.
-    """
-    pieces: list[Any] = [
-        "$ written by adaptsize\nBEGIN BULK\n",
-        (f"GRID*   %-16d{'':16}%16.9E%16.9E\n*       %16.9E\n", _numbered(_in_space(mesh))),
-    ]
-    first = 1
-    for cells, tags in ((mesh.cells, mesh.cell_tags), (mesh.tagged_facets, mesh.facet_tags)):
-        if cells is not None:
-            held = np.zeros(len(cells), np.int32) if tags is None else tags
-            properties = np.where(held > 0, held, next(k for k in count(1) if k not in held))
-            line = f"{_CARDS[cells.shape[1] - 1]:<8}{'%-8d' * (2 + cells.shape[1])}\n"
-            pieces.append((line, _numbered(np.column_stack([properties, cells + 1]), first)))
-            first += len(cells)
-    write_text(path, *pieces, "ENDDATA\n")
-
-
-def write_su2(path: Path, mesh: SimplexMesh) -> None:
-    """Write the cells, and the tagged facets as markers with the names or numbers of the tags."""
-    groups = groups_of(mesh, mesh.cell_dim - 1, mesh.facet_tags, label=_plain)
-    pieces: list[Any] = [
-        f"NDIME= {mesh.dim}\nNPOIN= {mesh.n_points}\n",
-        (" ".join(["%.16e"] * mesh.dim) + "\n", mesh.points),
-        f"NELEM= {mesh.n_cells}\n",
-        (_su2_line(mesh.cells), mesh.cells),
-        f"NMARK= {len(groups)}\n",
-    ]
-    for name, facets in groups.items():
-        assert mesh.tagged_facets is not None
-        own = mesh.tagged_facets[facets]
-        pieces += [f"MARKER_TAG= {name}\nMARKER_ELEMS= {len(own)}\n", (_su2_line(own), own)]
-    write_text(path, *pieces)
-
-
-def _su2_line(cells: IntArray) -> str:
-    return f"{_VTK[cells.shape[1] - 1]}{' %d' * cells.shape[1]}\n"
-
-
-def _in_space(mesh: SimplexMesh) -> npt.NDArray[np.float64]:
-    return np.pad(mesh.points, ((0, 0), (0, 3 - mesh.dim)))
-
-
-def _numbered(rows: npt.NDArray[Any], first: int = 1) -> npt.NDArray[Any]:
-    return np.column_stack([np.arange(first, first + len(rows)), rows])
-
-
-def _plain(name: str) -> str:
-    """Return a name of letters, digits and underscores, which solvers take."""
-    return re.sub(r"\W", "_", name, flags=re.ASCII)[:80]
-
-
-def groups_of(
-    mesh: SimplexMesh,
-    dim: int,
-    tags: IntArray | None,
-    kind: str = "",
-    label: Callable[[str], str] = str,
-) -> dict[str, npt.NDArray[np.intp]]:
-    """Return the cells or facets with each name, or with each tag that has none, by labels.
-
-    A tag without a name gets its ``kind`` and number as the name.  Where the labels of different
-    names are equal, a number is appended.  If ``kind`` is given, labels are compared without regard
-    to case, as Abaqus does.
-    """
-    tags_of: dict[str | int, list[int]] = {}
-    for tag in [] if tags is None else np.unique(tags).tolist():
-        tags_of.setdefault(mesh.tag_names.get((dim, tag), tag), []).append(tag)
-    groups, taken = {}, set[str]()
-    for name, own in tags_of.items():
-        first, numbers = label(name if isinstance(name, str) else f"{kind}{name}"), count(own[0])
-        chosen = first
-        while (key := chosen.upper() if kind else chosen) in taken:
-            chosen = f"{first[:60]}_{next(numbers)}"
-        taken.add(key)
-        groups[chosen] = np.flatnonzero(np.isin(np.asarray(tags), own))
-    return groups
 
 
 def parts_of(

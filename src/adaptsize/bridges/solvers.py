@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from adaptsize._formats import writers
 from adaptsize._formats.blocks import SIMPLEX, UNTAGGED, RawMesh, dimension_of, n_nodes_of
+from adaptsize._formats.for_solvers import groups_of
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import MeshFileError
 
@@ -139,12 +140,12 @@ def to_skfem(mesh: SimplexMesh) -> Any:
     kind = {1: skfem.MeshLine, 2: skfem.MeshTri, 3: skfem.MeshTet}[mesh.dim]
     made = kind(np.ascontiguousarray(mesh.points.T), np.ascontiguousarray(mesh.cells.T))
     if mesh.cell_tags is not None:
-        parts = writers.groups_of(mesh, mesh.dim, mesh.cell_tags)
+        parts = groups_of(mesh, mesh.dim, mesh.cell_tags)
         made = made.with_subdomains({n: own for n, own in parts.items() if mesh.cell_tags[own[0]]})
     if mesh.tagged_facets is not None and mesh.facet_tags is not None:
         place = {tuple(nodes): i for i, nodes in enumerate(np.sort(made.facets.T, axis=1).tolist())}
         rows = [place[tuple(nodes)] for nodes in np.sort(mesh.tagged_facets, axis=1).tolist()]
-        parts = writers.groups_of(mesh, mesh.dim - 1, mesh.facet_tags)
+        parts = groups_of(mesh, mesh.dim - 1, mesh.facet_tags)
         made = made.with_boundaries(
             {n: np.array(rows)[own] for n, own in parts.items() if mesh.facet_tags[own[0]]}
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,9 +13,12 @@ from adaptsize.cli import files
 from adaptsize.cli.console import Console
 from adaptsize.cli.metric import limit_with_metric
 from adaptsize.cli.options import (
+    FACES,
     FIELD,
     METRIC,
+    ORDER,
     PLOT,
+    READING,
     SOURCE,
     Given,
     GroupedCommand,
@@ -78,24 +81,36 @@ def options(
     announce_compilation(context.obj)
 
 
-@command()
-def info(console: Console, file: Input) -> int:
+@command(replace(FACES, text="List the faces of a surface: area, curvature and box."), *READING)
+def info(console: Console, file: Input, given: Given) -> int:
     """Summarize a mesh: cells, extent, tags, fields, quality."""
+    from adaptsize._formats.joining import places_not_joined
+    from adaptsize.geometry.face_table import summarize_faces, table_of_faces
     from adaptsize.quality.summary import summarize
 
     with console.steps(2) as steps:
         steps.begin("reading")
-        mesh = files.read_mesh(file)
+        mesh = files.read_mesh(file, **files.reading(given))
+        by_faces = given.pop("faces", False)
+        faces = summarize_faces(files.with_named_faces(mesh)) if by_faces else []
         steps.begin("checks")
         summary = summarize(mesh)
-    console.record(**summary.as_dict())
+    not_joined = places_not_joined(mesh)
+    console.record(**summary.as_dict(), not_joined=not_joined)
     console.print(summary)
+    if faces:
+        listed = [asdict(f) | {"low": f.low.tolist(), "high": f.high.tolist()} for f in faces]
+        console.record(faces=listed)
+        console.print(table_of_faces(faces))
+    for text in not_joined:
+        console.warn(text)
     return 0
 
 
 @command(
     own("Checks", "original", Path, "Mesh or surface whose domain the mesh must fill."),
     own("Checks", "field", str, "Nodal field with the sizes.", chosen="h, if present"),
+    *READING,
     replace(options_of(RemeshOptions)["tolerance"], group="Checks"),
 )
 def check(console: Console, file: Input, given: Given) -> int:
@@ -108,9 +123,10 @@ def check(console: Console, file: Input, given: Given) -> int:
     from adaptsize.reporting.outcome import conformity_beside
 
     original, field = given.pop("original", None), given.pop("field", None)
+    of_reading = files.reading(given)
     with console.steps(2) as steps:
         steps.begin("reading")
-        mesh = files.read_mesh(file)
+        mesh = files.read_mesh(file, **of_reading)
         made = files.read_provenance(file)
         if made.get("n_cells") == mesh.n_cells and isinstance(made.get("tolerance"), float):
             given = {"tolerance": made["tolerance"]} | given
@@ -193,7 +209,7 @@ _VALUES = own(
 )  # fmt: skip
 
 
-@command(FamilyOptions, SOURCE, _VALUES)
+@command(FamilyOptions, SOURCE, ORDER, *READING, _VALUES)
 def family(console: Console, file: Input, output: MeshOutput, given: Given) -> int:
     """Make self-similar meshes for a convergence study: NAME-1.vtu is the coarsest.
 
@@ -202,7 +218,8 @@ def family(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     """
     from adaptsize.domain_size.family import Convergence, mean_cell_size
 
-    values = given.pop("values", None)
+    values, order = given.pop("values", None), given.pop("order", 1)
+    of_reading = files.reading(given)
     numbers = [] if values is None else _numbers(values)
     levels = given.get("levels", options_of(FamilyOptions)["levels"].default)
     paths = [
@@ -216,15 +233,16 @@ def family(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         console.print(result)
         return 0
     for path in paths:
-        files.check_files([file], path, "mesh")
+        files.check_files([file], path, "mesh", order)
     with console.steps(3) as steps:
         steps.begin("reading")
-        mesh = files.read_mesh(file)
+        mesh = files.read_mesh(file, **of_reading)
         steps.begin("meshing")
         made = ads.mesh_family(mesh, **given, progress=steps.report)
         steps.begin("writing")
         for path, new, h in zip(paths, made.meshes, made.sizes, strict=True):
-            files.write_result(console, path, new.with_data(point_data={"h": h(new.points)}))
+            sized = new.with_data(point_data={"h": h(new.points)})
+            files.write_result(console, path, sized, order=order)
     sizes = made.mean_sizes.tolist()
     console.record(mean_sizes=sizes, ratios=made.ratios.tolist())
     console.print("mean sizes  " + ", ".join(f"{h:.5g}" for h in sizes))
@@ -252,6 +270,7 @@ def _numbers(text: str) -> list[float]:
     AdaptOptions,
     options_of(SizeOptions)["g"],
     replace(options_of(TransferOptions)["method"], type=NodalMethod),
+    *READING,
     PLOT,
     without="conservative corner_angle anisotropic norm max_aspect how rounds",
 )
@@ -267,7 +286,7 @@ def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> in
         raise ValueError("--elements, --nodes or --tolerance must be given, got none of them")
     with console.steps(4) as steps:
         steps.begin("reading")
-        mesh = ads.io.read(file)
+        mesh = ads.io.read(file, errors=field, **files.reading(given))
         indicator = indicator_of(mesh, field)
         steps.begin("adapting")
         result = ads.adapt(

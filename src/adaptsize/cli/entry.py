@@ -32,9 +32,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         with _no_interrupt_is_lost():
             code = run(sys.argv[1:] if arguments is None else list(arguments))
+            _ignore_signals()
     except KeyboardInterrupt:  # during the imports
+        _ignore_signals()
         code = _stopped([])
     sys.exit(code)
+
+
+def _ignore_signals() -> None:
+    """Let no signal interrupt what is done at exit: Python would print it and exit with 0."""
+    if threading.current_thread() is threading.main_thread():
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            if hasattr(signal, name):
+                signal.signal(getattr(signal, name), signal.SIG_IGN)
 
 
 def _open_closed_streams() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -31,7 +32,11 @@ Content = Literal["mesh", "sizes", "sizes of an image"]
 
 
 def check_files(
-    inputs: Sequence[Path | None], output: Path, content: Content, **others: Path | None
+    inputs: Sequence[Path | None],
+    output: Path,
+    content: Content,
+    order: int = 1,
+    **others: Path | None,
 ) -> None:
     """Refuse output files that cannot be written, or would replace an input or each other.
 
@@ -41,6 +46,8 @@ def check_files(
     output : Path
         The file of ``--output``, and what is to be written.
     content : str
+    order : {1, 2}
+        Of the cells.
     **others : Path or None
         Files of other options by their names: of ``report`` with a page, the others with a
         picture.
@@ -59,6 +66,7 @@ def check_files(
         check_place(path)
         if name == "output":
             _check_format(path, content)
+            format_of(path).check_order(path, order)
         else:
             from adaptsize.plot.pictures import SUFFIXES
 
@@ -75,10 +83,10 @@ def check_files(
             taken[place] = option
 
 
-def read_mesh(path: Path, tolerance: float = 0.0) -> SimplexMesh:
+def read_mesh(path: Path, tolerance: float = 0.0, **options: Any) -> SimplexMesh:
     """Return the mesh in a file, the surface of a CAD model, or the domain between polygons.
 
-    The latter are simplified within the tolerance, over the diameter.
+    The latter are simplified within the tolerance, over the diameter.  Options are those of `read`.
     """
     from adaptsize.remeshing.cad import is_cad_file
 
@@ -86,14 +94,34 @@ def read_mesh(path: Path, tolerance: float = 0.0) -> SimplexMesh:
     if is_of_polygons(path):
         mesh = ads.io.polygons(path, tolerance=tolerance)
     else:
-        mesh = ads.read_cad(path) if is_cad_file(path) else ads.io.read(path)
+        mesh = ads.read_cad(path) if is_cad_file(path) else ads.io.read(path, **options)
     return mesh
+
+
+def reading(given: dict[str, Any]) -> dict[str, Any]:
+    """Return the options of reading, removed from those of a command."""
+    return {name: given.pop(name) for name in ("tags", "keep_slits") if name in given}
 
 
 def with_faces(mesh: SimplexMesh) -> SimplexMesh:
     """Return a mesh whose faces between feature edges are tagged, if it is a surface in space."""
     is_untagged = mesh.cell_dim == 2 < mesh.dim and mesh.cell_tags is None
     return mesh.tag_faces() if is_untagged else mesh
+
+
+def with_named_faces(mesh: SimplexMesh) -> SimplexMesh:
+    """Return a surface with tags for the faces between feature edges: face 1, face 2, ...
+
+    Raises
+    ------
+    ValueError
+        If it is no surface in space, or has tags.
+    """
+    tagged = with_faces(mesh)
+    if tagged is mesh or tagged.cell_tags is None:
+        raise ValueError(f"--faces applies to a surface in space without tags, got {mesh!r}")
+    names = {(2, tag): f"face {tag}" for tag in range(1, int(tagged.cell_tags.max()) + 1)}
+    return replace(tagged, tag_names={**tagged.tag_names, **names})
 
 
 def is_of_polygons(path: Path) -> bool:
@@ -168,6 +196,7 @@ def write_result(
     path: Path,
     result: SimplexMesh | SizeFunction | MetricFunction,
     fields: Mapping[str, npt.ArrayLike] | None = None,
+    order: int = 1,
 ) -> None:
     """Write a mesh or sizes with nodal fields, and record what is in the files.
 
@@ -178,8 +207,9 @@ def write_result(
     bare = result.mesh if sizes and isinstance(result, ads.MetricFunction) else result
     for target, what in ((path, bare), (sizes, result)):
         if target is not None:
-            ads.io.write(target, what, fields=fields)
-            console.wrote(**_contents(target, what, fields or ()))
+            of_order: dict[str, Any] = {} if order == 1 else {"order": order}
+            ads.io.write(target, what, fields=fields, **of_order)
+            console.wrote(**_contents(target, what, fields or ()), **of_order)
     if isinstance(result, ads.SimplexMesh) and "cell fields" not in format_of(path).holds:
         for name in result.cell_data:
             console.say(f"{path.name} holds no cell fields: {name} is not written")

@@ -82,6 +82,23 @@ SOURCE = own(
     "line.",
 )  # fmt: skip
 PLOT = own("Output", "plot", Path, "Also draw the result (.png).")
+TAGS = own("General", "tags", str, "Cell field with the tags.")
+KEEP_SLITS = own(
+    "General", "keep_slits", bool, "Keep nodes at one place also if most facets are double."
+)
+FACES = own(
+    "Output", "faces", bool, "Tag the faces of a surface between its feature edges: face 1, ..."
+)
+#: Of commands that read a mesh.
+READING = (TAGS, KEEP_SLITS)
+ORDER = replace(
+    own(
+        "Output", "order", int, default=1,
+        text="2 adds a node in the middle of each edge, which stays straight: .inp, .msh, .vtu, "
+        ".vtk, .bdf.",
+    ),
+    lower=1, upper=2,
+)  # fmt: skip
 _GENERAL = (
     own("General", "json", bool, "Print one JSON object and no other results."),
     own("General", "quiet", bool, "Print errors only.", short="-q"),

@@ -16,9 +16,12 @@ from adaptsize.cli import files
 from adaptsize.cli.console import Console, plain
 from adaptsize.cli.metric import remesh_with_metric
 from adaptsize.cli.options import (
+    FACES,
     FIELD,
     METRIC,
+    ORDER,
     PLOT,
+    READING,
     SOURCE,
     Given,
     Input,
@@ -54,6 +57,9 @@ _LOOSE = 0.1
         "Mesh generator", "close_holes", bool,
         "First close the holes of a surface, by nearly plane caps.",
     ),
+    ORDER,
+    FACES,
+    *READING,
     PLOT,
     own(
         "Output", "report", Path, "Also write a page with the mesh in 3-D (.html).",
@@ -72,7 +78,8 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     from adaptsize.reporting.outcome import outcome_of_remeshing
 
     plot, page = given.pop("plot", None), given.pop("report", None)
-    files.check_files([file], output, "mesh", plot=plot, report=page)
+    order = given.pop("order", 1)
+    files.check_files([file], output, "mesh", order, plot=plot, report=page)
     with console.steps(5) as steps:
         steps.begin("reading")
         mesh = _read(console, file, output, given)
@@ -95,7 +102,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         allowed = tolerance_of(report, given.get("tolerance"))
         new = new.with_data(point_data={"h": size(new.points)})
         steps.begin("writing")
-        files.write_result(console, output, new)
+        files.write_result(console, output, new, order=order)
         files.write_provenance(output, _provenance(file, given, as_dict(report), allowed, new))
         steps.begin("checks")
         repaired = repair_mesh(mesh).mesh
@@ -160,7 +167,7 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
             "move so far, and check accepts it"
         )
     # Half of the tolerance is for the mesh generator.
-    mesh = files.read_mesh(file, 0.5 * tolerance)
+    mesh = files.read_mesh(file, 0.5 * tolerance, **files.reading(given))
     if files.is_of_polygons(file):
         console.say("the lines are simplified within half of the tolerance")
     close = given.pop("close_holes", False)
@@ -177,7 +184,9 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
         mesh = _accepted(console, mesh, allowed, close=close, strict=given.get("strict", False))
     elif close:
         raise ValueError(f"--close-holes applies to surfaces that become tetrahedra, got {mesh!r}")
-    if "size_of" in given:
+    if given.pop("faces", False):
+        mesh = files.with_named_faces(mesh)
+    elif "size_of" in given:
         mesh = files.with_faces(mesh)
     files.announce_sizes(console, mesh)
     chosen, sizes = files.format_of(output), files.beside(output)

@@ -13,7 +13,9 @@ from adaptsize.cli import files
 from adaptsize.cli.console import Console, print_message
 from adaptsize.cli.options import (
     FIELD,
+    ORDER,
     PLOT,
+    READING,
     SOURCE,
     AnyFile,
     Given,
@@ -41,10 +43,20 @@ _PARTS = own("Output", "parts", bool, "Also print width, curvature, size and cos
 _SPEED = own("Output", "speed", float, "Largest speed of a signal, for the time steps.")
 _CAUSES = own("Output", "plot_causes", Path, "Also draw which cause controls which part (.png).")
 #: Options that have no effect on the sizes of an image.
-_OF_MESHES = ("elements_between", "field", "elements", "nodes", "tolerance", "parts", "size_of")
+_OF_MESHES = (
+    "elements_between",
+    "field",
+    "tags",
+    "keep_slits",
+    "elements",
+    "nodes",
+    "tolerance",
+    "parts",
+    "size_of",
+)
 
 
-@command(SizeFunctionOptions, SOURCE, FIELD, PLOT, _CAUSES, _COST, _PARTS, _SPEED)
+@command(SizeFunctionOptions, SOURCE, FIELD, *READING, PLOT, _CAUSES, _COST, _PARTS, _SPEED)
 def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> int:
     """Compute the size function of a mesh or an image.
 
@@ -75,7 +87,7 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
             domain = ads.io.read_image(file)
         else:
             by_faces = "parts" in of_cost or "size_of" in given
-            domain = _read(console, file, output, by_faces=by_faces)
+            domain = _read(console, file, output, files.reading(given), by_faces=by_faces)
         if "field" in given:
             given = bounded(domain, {"tolerance": math.inf} | given)
         steps.begin("sizes")
@@ -105,9 +117,11 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
     return 0
 
 
-def _read(console: Console, file: Path, output: Path, *, by_faces: bool) -> SimplexMesh:
+def _read(
+    console: Console, file: Path, output: Path, of_reading: Given, *, by_faces: bool
+) -> SimplexMesh:
     """Return the mesh in a file, if its sizes can be written; of a surface the faces tagged."""
-    mesh = files.read_mesh(file)
+    mesh = files.read_mesh(file, **of_reading)
     files.format_of(output).check_cells(output, mesh)
     files.announce_sizes(console, mesh)
     return files.with_faces(mesh) if by_faces else mesh
@@ -159,7 +173,10 @@ def print_outcome(console: Console, outcome: Outcome, *lines: str) -> int:
     return int(not outcome.check.is_met)
 
 
-@command(ImageMeshOptions, SOURCE, PLOT, without="elements nodes elements_between tolerance seed")
+@command(
+    ImageMeshOptions, SOURCE, ORDER, PLOT,
+    without="elements nodes elements_between tolerance seed",
+)  # fmt: skip
 def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -> int:
     """Mesh the objects in a mask or label image.
 
@@ -168,8 +185,8 @@ def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -
     """
     from adaptsize.reporting.outcome import outcome_of_image
 
-    plot = given.pop("plot", None)
-    files.check_files([file], output, "mesh", plot=plot)
+    plot, order = given.pop("plot", None), given.pop("order", 1)
+    files.check_files([file], output, "mesh", order, plot=plot)
     with console.steps(5) as steps:
         steps.begin("reading")
         pixels = ads.io.read_image(file)
@@ -177,7 +194,7 @@ def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -
         following = steps.following({"placing nodes": "meshing"}.get)
         mesh = ads.mesh_image(pixels, **given, progress=following)
         steps.begin("writing")
-        files.write_result(console, output, mesh)
+        files.write_result(console, output, mesh, order=order)
         steps.begin("checks")
         chosen = {name: given[name] for name in options_of(ImageOptions) if name in given}
         outcome = outcome_of_image(mesh, pixels, checked(ImageOptions, chosen))
