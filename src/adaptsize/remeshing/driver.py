@@ -18,7 +18,7 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import InputWarning, TooManyElementsError
-from adaptsize.geometry.distance.orientation import oriented
+from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
 from adaptsize.remeshing.acceptance import remesh_strictly, routes, warn_of_deviation
@@ -26,7 +26,14 @@ from adaptsize.remeshing.filling import filled
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.in_parts import remesh_parts
 from adaptsize.remeshing.isolation import IsolatedRunner
-from adaptsize.remeshing.preparation import Frame, RepairedMesh, as_problem, repair_mesh, restore
+from adaptsize.remeshing.preparation import (
+    Frame,
+    RepairedMesh,
+    as_problem,
+    repair_mesh,
+    restore,
+    surface_to_fill,
+)
 from adaptsize.remeshing.protocol import Problem, Task
 from adaptsize.remeshing.registry import choose_backend
 from adaptsize.remeshing.sizing import (
@@ -111,9 +118,11 @@ def remesh(
     OpenSurfaceWarning
         If a surface to be filled is open, or has bodies that overlap or are closer to each other
         than the tolerance: what it encloses is then decided by the generator.  See `close_holes`.
+        Bodies that overlap become their union.  Also if facets are inside of the solid, as between
+        bodies that share them: no interface is kept there.
     BoundaryWarning
         If the boundary of the mesh is farther from the given one than 4 times the tolerance, or
-        has another topology: thin parts may be lost.
+        has another topology: thin parts may be lost.  If cells overlap.
     ResolutionWarning
         If ``strict`` and the first mesh did not meet the demands, with what was tried.  If
         fTetWild failed and was run again with a quarter of the tolerance.  Also if Mmg fails or
@@ -182,12 +191,11 @@ def remesh(
         ways = routes(task, given["backend"], chosen.name, keep_facets=required_facets is not None)
         return remesh_strictly(attempt, repaired.mesh, wanted, tolerance, ways, given["timeout"])
     allowed = tolerance * repaired.mesh.diagonal
-    may_be_joined = task == "surface to tetrahedra" and warn_of_surface(repaired.mesh, allowed)
-    frame = Frame.around(repaired.mesh)
+    frame, solid, may_be_joined = Frame.around(repaired.mesh), None, False
     if task == "surface to tetrahedra":
-        repaired = repaired._replace(
-            mesh=replace(repaired.mesh, cells=oriented(repaired.mesh).cells)
-        )
+        solid = Solid(repaired.mesh)
+        may_be_joined = warn_of_surface(repaired.mesh, allowed, solid)
+        repaired = surface_to_fill(repaired, solid)
     required = _required(required_facets, mesh, repaired)
     own, ridges = frame.mesh(repaired.mesh), _NO_RIDGES
     own_size = frame.size(wanted)
@@ -215,14 +223,19 @@ def remesh(
         deadline = None if timeout is None else time.monotonic() + timeout
         run = IsolatedRunner(chosen.name, timeout, deadline, report)
         if task == "surface to tetrahedra" and chosen.needs_volume:
-            new = filled(problem, chosen, run, n_cells, given["max_elements"])
+            new = filled(problem, chosen, run, n_cells, given["max_elements"], _union(solid, frame))
         else:
             new = restore(chosen.solve(problem, run), problem, chosen.name)
             if new.cell_dim == new.dim and metric is None and required is None:
                 new = improved(new, problem.mesh, problem.tolerance)
     made = frame.restored(new, repaired.mesh)
-    warn_of_deviation(made, repaired.mesh, allowed, may_be_joined=may_be_joined)
+    warn_of_deviation(made, repaired.mesh, allowed, solid, may_be_joined=may_be_joined)
     return made
+
+
+def _union(solid: Solid | None, frame: Frame) -> SimplexMesh | None:
+    """Return the boundary of a solid if its bodies overlap, in the coordinates of the part."""
+    return None if solid is None or not solid.is_divided else frame.mesh(solid.skin)
 
 
 def _required(
