@@ -2,7 +2,8 @@
 
 The plane of a triangle and another triangle have a segment in common, or the other one lies in that
 plane, and has three edges there.  The parts of these segments in the triangle divide it: between
-them, the winding numbers on both sides of it do not change.  Distances up to a slack count as zero.
+them, the winding numbers on both sides of it do not change.  They may also change across an edge of
+the triangle on which there is a segment.  Distances up to a slack count as zero.
 """
 
 from typing import NamedTuple
@@ -29,7 +30,7 @@ class Contacts(NamedTuple):
         Whether both lie in one plane and overlap.  The first record of such a pair has a segment of
         length 0.
     ends : float64[room, 6]
-        Both ends of the segment.
+        Both ends of the segment, which has the length 0 if it is on an edge of the owner.
     stack : int64[DEPTH]
         Scratch.
     """
@@ -72,7 +73,10 @@ def _are_apart(tree, s, t, normal, slack):
 
 @lean
 def _part_inside(tree, s, p, q, normal, slack):
-    """Return the ends of the part of a segment in triangle s, and whether it divides this."""
+    """Return the ends of the part of a segment in triangle s, and whether there is one.
+
+    If it is on an edge of the triangle, both ends are the same.
+    """
     first, last, step = 0.0, 1.0, minus(q, p)
     for v in range(3):
         m, a = _inward(tree, s, v, normal), _corner(tree, s, v + 1)
@@ -91,7 +95,7 @@ def _part_inside(tree, s, p, q, normal, slack):
     for v in range(3):
         m, a = _inward(tree, s, v, normal), _corner(tree, s, v + 1)
         if dot(m, minus(middle, a)) <= slack:
-            return begin, end, False
+            return middle, middle, True
     return begin, end, True
 
 
@@ -134,15 +138,15 @@ def _add_contacts(tree, s, t, normal, slack, found, n):
         n = _record(found, n, s, t, True, a, a)
         for v in range(3):
             p, q = _corner(tree, t, v), _corner(tree, t, v + 1)
-            p, q, divides = _part_inside(tree, s, p, q, normal, slack)
-            if divides:
+            p, q, is_inside = _part_inside(tree, s, p, q, normal, slack)
+            if is_inside:
                 n = _record(found, n, s, t, True, p, q)
         return n
     if _common_nodes(tree.cells, s, t) > 1:
         return n
     p, q = _segment(tree, t, heights)
-    p, q, divides = _part_inside(tree, s, p, q, normal, slack)
-    return _record(found, n, s, t, False, p, q) if divides else n
+    p, q, is_inside = _part_inside(tree, s, p, q, normal, slack)
+    return _record(found, n, s, t, False, p, q) if is_inside else n
 
 
 @lean_kernel

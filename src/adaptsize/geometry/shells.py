@@ -18,13 +18,19 @@ _FLAT = 1e-6
 class Shells(NamedTuple):
     """What is on both sides of each facet."""
 
-    component: IndexArray
-    """intp[n_cells]: the connected component of each facet."""
     is_inner: BoolArray
     """bool[n_cells]: facets that no component has to the outside: between two regions, with the
     same region on both sides, and copies of other facets."""
     points_inward: BoolArray
     """bool[n_cells]: facets whose normal points into a region; False for inner facets."""
+
+
+def pieces_of(mesh: SimplexMesh) -> IndexArray:
+    """Return the number of the component of each facet, which edges connect."""
+    n = mesh.n_cells
+    beside = np.column_stack([np.repeat(np.arange(n), 3), n + mesh.cell_facets.ravel()])
+    label = components_of(beside, n + len(mesh.edges))[:n]
+    return np.asarray(np.unique(label, return_inverse=True)[1].reshape(-1), np.intp)
 
 
 def shells_of(mesh: SimplexMesh) -> Shells:
@@ -39,9 +45,7 @@ def shells_of(mesh: SimplexMesh) -> Shells:
     mesh : SimplexMesh
         Triangles in space, without open edges.
     """
-    n, kept = mesh.n_cells, ~_copies(mesh)
-    beside = np.column_stack([np.repeat(np.arange(n), 3), n + mesh.cell_facets.ravel()])
-    component = np.unique(components_of(beside, n + len(mesh.edges))[:n], return_inverse=True)[1]
+    n, kept, component = mesh.n_cells, ~_copies(mesh), pieces_of(mesh)
     shell = components_of(_joined_sides(mesh, kept), 2 * n)
     # Side 2 c is that to which the normal of facet c points.
     cones = cone_measures(mesh, mesh.points[mesh.cells].mean(axis=(0, 1)))
@@ -54,7 +58,7 @@ def shells_of(mesh: SimplexMesh) -> Shells:
     area = np.bincount(component, mesh.measures)
     lowest = np.where(lowest < -_FLAT * area * mesh.diagonal, lowest, -np.inf)[component]
     at_front, at_back = volume[front] == lowest, volume[back] == lowest
-    return Shells(component, ~kept | (at_front == at_back), kept & at_back & ~at_front)
+    return Shells(~kept | (at_front == at_back), kept & at_back & ~at_front)
 
 
 def _joined_sides(mesh: SimplexMesh, kept: BoolArray) -> IndexArray:

@@ -15,8 +15,8 @@ from adaptsize.background.merging import first_at_place
 from adaptsize.background.simplex import cut_out
 from adaptsize.background.topology import components_of
 from adaptsize.geometry.boundary import facet_normals
-from adaptsize.geometry.distance.orientation import MERGE_SHARE, merged_cells, oriented
-from adaptsize.geometry.distance.winding import WindingNumber, is_cycle
+from adaptsize.geometry.distance.orientation import MERGE_SHARE, is_cycle, merged_cells, oriented
+from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.enclosed import cone_measures
 from adaptsize.geometry.shells import shells_of
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
@@ -109,7 +109,7 @@ class Solid:
         self.flipped: BoolArray = (given != self.surface.cells).any(axis=1)
         self._inner = np.zeros(surface.n_cells, np.bool_)
         counts = self.surface.facet_cell_counts
-        if counts.max() > 2 and counts.min() > 1:
+        if counts.max() > 2 and counts.min() > 1 and not is_cycle(self.surface):
             self._inner = shells_of(self.surface).is_inner
         rows = np.flatnonzero(~self._inner)
         self._outline = self.surface

@@ -7,7 +7,8 @@ import numpy as np
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import interfaces
 from adaptsize.background.topology import compacted, components_of
-from adaptsize.geometry.distance.winding import WindingNumber, is_cycle
+from adaptsize.geometry.distance.orientation import is_cycle
+from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.enclosed import cone_measures, enclosed_measure
 from adaptsize.geometry.solid import sides_of
 from adaptsize.typing import FloatArray
