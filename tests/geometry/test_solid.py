@@ -114,8 +114,9 @@ def test_the_volume_of_a_union_is_exact_however_it_is_turned_and_oriented(seed):
     share = 0.2 if Solid(moved).surface.facet_cell_counts.max() == 2 else 0.0
     solid = Solid(flipped(moved, rng.random(surface.n_cells) < share))
     assert solid.is_closed
-    expected = scale**3 * union_volume(bodies)
-    assert solid.volume == pytest.approx(expected, rel=2e-5)
+    # Depths up to 1e-6 of the diagonal are contacts, on both sides.
+    rounding = 2e-6 * moved.diagonal * moved.measures.sum()
+    assert solid.volume == pytest.approx(scale**3 * union_volume(bodies), abs=rounding)
     # The boundary of a union is closed: the sum of its normals times areas is zero.
     a, b, c = solid.skin.points[solid.skin.cells].transpose(1, 0, 2)
     total = 0.5 * np.cross(b - a, c - a).sum(axis=0)
@@ -169,7 +170,7 @@ def test_the_same_holds_if_nodes_are_shared_and_facets_are_flipped():
     if {tuple(sorted(cell.tolist())) for cell in other} == shared:
         other = [order[[1, 2, 3]], order[[1, 3, 0]]]
     for cells in (pair.cells, once, np.concatenate([once, other])):
-        for share in (0.0, 0.3):
+        for share in (0.0, *[0.3] * 10):
             mesh = flipped(SimplexMesh(pair.points, cells), rng.random(len(cells)) < share)
             solid = Solid(mesh)
             assert solid.volume == pytest.approx(2.0)

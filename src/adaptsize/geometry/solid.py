@@ -213,11 +213,12 @@ def _places_without_jump(
 ) -> IndexArray:
     """Return a number for each part; parts with the same one have the same winding numbers.
 
-    These are facets that meet no others, and are connected by edges.
+    These are facets that meet no others, and are connected by edges between two facets.
     """
     n, n_edges = surface.n_cells, len(surface.edges)
     free = np.setdiff1d(np.arange(n), met)
     beside = np.column_stack([np.repeat(free, 3), n + surface.cell_facets[free].ravel()])
+    beside = beside[surface.facet_cell_counts[beside[:, 1] - n] == 2]
     label = components_of(beside, n + n_edges)[owner]
     label[n_whole:] = n + n_edges + np.arange(len(owner) - n_whole)
     return label

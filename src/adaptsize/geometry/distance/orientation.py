@@ -90,13 +90,13 @@ def _consistent(mesh: SimplexMesh) -> tuple[BoolArray, IndexArray, FloatArray]:
 
     The last is 0 for facets inside of a piece.
     """
-    turned, piece = _consistent_with_neighbours(mesh)
-    sign, counts = np.where(turned, -1.0, 1.0), mesh.facet_cell_counts
+    counts = mesh.facet_cell_counts
     if mesh.cell_dim == 1 or counts.max() <= 2 or counts.min() == 1:
-        return turned, piece, sign
-    # Bodies that have edges in common: consistent as they are, or facets between them.
-    if is_cycle(SimplexMesh(mesh.points, flipped_cells(mesh.cells, turned))):
-        return turned, pieces_of(mesh), sign
+        turned, piece = _consistent_with_neighbours(mesh)
+        return turned, piece, np.where(turned, -1.0, 1.0)
+    # Bodies that have edges in common: consistent as they are, or with facets between them.
+    if is_cycle(mesh):
+        return np.zeros(mesh.n_cells, np.bool_), pieces_of(mesh), np.ones(mesh.n_cells)
     return _consistent_by_shells(mesh)
 
 
