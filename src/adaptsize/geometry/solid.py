@@ -28,8 +28,9 @@ SLACK = 1e-6
 _AWAY = 2.0
 #: Room for the parts of one facet.
 _MOST_PARTS = 4096
-#: A share of the area of the facets below which what is found on them is rounding.
-_NEGLIGIBLE = 1e-7
+#: A share of the area of the facets below which what is found on them does not count.  In a public
+#: part, slivers that are folded by rounding have 4e-8; the tips of antlers that cross have 2e-6.
+_NEGLIGIBLE = 1e-6
 
 
 class Sides(NamedTuple):
@@ -41,7 +42,9 @@ class Sides(NamedTuple):
     """float64[n]: the number on the side to which the normal points, 0 outside."""
     back: FloatArray
     area: FloatArray
-    """float64[n]; 0 for a part that is also a part of a facet of a smaller number."""
+    """float64[n]"""
+    is_repeated: BoolArray
+    """bool[n]: whether a part is also a part of a facet of a smaller number."""
     centre: FloatArray
     """float64[n, 3]: a point in each part."""
     corners: FloatArray
@@ -50,20 +53,28 @@ class Sides(NamedTuple):
     """intp[m]: the part that each belongs to."""
 
     @property
-    def is_hidden(self) -> BoolArray:
-        """Which parts do not have the solid on exactly one side; none if they have hardly any area.
+    def is_lost(self) -> BoolArray:
+        """Which parts do not have the solid on exactly one side, or are repeated.
 
         The solid is where the winding number is above one half in absolute value.
         """
-        hidden = (np.abs(self.front) > 0.5) == (np.abs(self.back) > 0.5)
-        if self.area[hidden].sum() <= _NEGLIGIBLE * self.area.sum():
-            hidden[:] = False
-        return np.asarray(hidden)
+        inside = (np.abs(numbers) > 0.5 for numbers in (self.front, self.back))
+        return self._matters(np.equal(*inside) | self.is_repeated)
+
+    @property
+    def is_inward(self) -> BoolArray:
+        """Which other parts have the solid on the side to which the normal points."""
+        return self._matters(~self.is_lost & (np.abs(self.front) > 0.5))
+
+    def _matters(self, which: BoolArray) -> BoolArray:
+        """Return which parts these are, none if they have hardly any area: folds of slivers."""
+        is_small = self.area[which].sum() <= _NEGLIGIBLE * self.area.sum()
+        return np.zeros_like(which) if is_small else which
 
     def skin(self) -> FloatArray:
         """Return the triangles of the boundary of the solid, with normals outward."""
-        used = (~self.is_hidden & (self.area > 0.0))[self.part]
-        turned = (np.abs(self.front) > 0.5)[self.part[used], None, None]
+        used = ~self.is_lost[self.part]
+        turned = self.is_inward[self.part[used], None, None]
         corners = self.corners[used]
         return np.where(turned, corners[:, [1, 0, 2]], corners)
 
@@ -140,8 +151,8 @@ class Solid:
         hidden = self._inner.copy()
         if self.is_closed:
             sides = self._sides
-            lost = sides.is_hidden | (sides.area == 0.0)
-            hidden[self._rows] = np.bincount(sides.owner, ~lost, len(self._rows)) == 0
+            kept = np.bincount(sides.owner, ~sides.is_lost, len(self._rows))
+            hidden[self._rows] = kept == 0
         return hidden
 
     @cached_property
@@ -150,8 +161,7 @@ class Solid:
         if not self.is_closed:
             return False
         sides = self._sides
-        lost = sides.is_hidden | (sides.area == 0.0)
-        return bool((lost & ~self.hidden[self._rows][sides.owner]).any())
+        return bool((sides.is_lost & ~self.hidden[self._rows][sides.owner]).any())
 
     @cached_property
     def skin(self) -> SimplexMesh:
@@ -177,8 +187,7 @@ class Solid:
         cells = np.array(self.surface.cells)
         if self.is_closed and not self.is_divided:
             sides = self._sides
-            inward = ~sides.is_hidden & (np.abs(sides.front) > 0.5)
-            turned = self._rows[np.unique(sides.owner[inward])]
+            turned = self._rows[np.unique(sides.owner[sides.is_inward])]
             cells[turned, :2] = cells[turned, 1::-1]
         return cells
 
@@ -204,8 +213,9 @@ def sides_of(surface: SimplexMesh, winding: WindingNumber) -> Sides:
     back: FloatArray = np.round(winding(centre[first] - away[first]))
     spans = 0.5 * np.linalg.norm(facet_normals(triangles), axis=1)
     area = np.asarray(np.bincount(part, spans, len(owner)), np.float64)
-    area[_repeated(surface, contacts, owner, centre)] = 0.0
-    return Sides(owner, front[number], back[number], area, centre, triangles, part)
+    repeated = np.zeros(len(owner), np.bool_)
+    repeated[_repeated(surface, contacts, owner, centre)] = True
+    return Sides(owner, front[number], back[number], area, repeated, centre, triangles, part)
 
 
 def _places_without_jump(
