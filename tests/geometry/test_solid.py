@@ -197,3 +197,16 @@ def test_a_wall_with_holes_bounds_no_solid():
     assert not solid.is_closed
     assert np.isnan(solid.volume)
     assert solid.skin.n_cells == 11
+
+
+def test_a_sliver_that_is_folded_over_does_not_divide_a_surface():
+    # Two nodes in the top have changed places, so that triangles between them are upside down.
+    points = [*CORNERS, [0.5, 0.5 + 2e-6, 1.0], [0.5, 0.5 - 2e-6, 1.0]]
+    bottom = CUBE_CELLS[(CORNERS[CUBE_CELLS][..., 2] < 1.0).any(axis=1)]
+    top = [[1, 5, 8], [5, 7, 8], [7, 9, 8], [7, 3, 9], [3, 8, 9], [3, 1, 8]]
+    folded = SimplexMesh(points, [*bottom, *top])
+    assert is_cycle(folded)
+    solid = Solid(folded)
+    assert solid.volume == pytest.approx(1.0, rel=1e-6)
+    assert (solid.is_divided, solid.hidden.any(), solid.flipped.any()) == (False, False, False)
+    assert np.array_equal(solid.cells, folded.cells)
