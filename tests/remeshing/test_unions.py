@@ -91,17 +91,17 @@ def test_facets_inside_of_the_solid_are_left_out_with_a_warning(bodies, volume):
 
 
 def test_flipped_facets_change_neither_sizes_nor_prediction_nor_mesh():
-    clean = random_sphere(100, 7213)
+    clean = random_sphere(60, 7213)
     sizes, volumes = [], []
     for share in (0.0, 0.3):
         surface = flipped(clean, share, 12)
-        size = size_function(surface, hmin=0.4, hmax=0.4)
+        size = size_function(surface, hmin=0.6, hmax=0.6)
         sizes.append(size)
         volumes.append(remesh(surface, size).measures.sum())
     one, other = sizes
     assert np.array_equal(one.values, other.values)
     assert other.report.n_elements == pytest.approx(one.report.n_elements, rel=1e-9)
-    assert volumes[1] == pytest.approx(volumes[0], rel=1e-3)
+    assert volumes[1] == pytest.approx(volumes[0], rel=5e-3)
 
 
 def test_flipped_facets_of_a_part_with_a_cavity_do_not_change_the_prediction():
