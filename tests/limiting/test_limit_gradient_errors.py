@@ -7,7 +7,7 @@ import pytest
 from meshes import jittered_square, random_sphere
 
 from adaptsize import CartesianGrid, SimplexMesh, limit_gradient
-from adaptsize.errors import ConvergenceWarning
+from adaptsize.errors import ConvergenceWarning, InputWarning
 from adaptsize.limiting import FastMarching, PositiveCoefficient
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
@@ -124,3 +124,35 @@ def test_stopping_at_max_iter_warns_and_is_in_the_info():
     assert info.residual > 1e-12
     assert (h <= h0).all()
     assert h[60] == 1.0
+
+
+def two_squares():
+    """Two squares apart, of which the second one has no bound, and a node in no cell."""
+    points = np.concatenate([SQUARE.points, np.add(SQUARE.points, [2.0, 0.0]), [[9.0, 9.0]]])
+    mesh = SimplexMesh(points, np.concatenate([SQUARE.cells, SQUARE.cells + 4]))
+    return mesh, [0.1, *[np.inf] * 8]
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_components_without_a_bound_are_warned_of_once(method):
+    mesh, h0 = two_squares()
+    text = "h0 is inf at all nodes of a component of the domain: 4 of 9 nodes get the size inf"
+    with pytest.warns(InputWarning) as record:
+        h = limit_gradient(mesh, h0, 0.3, method=method)
+    assert [str(found.message).split(";")[0] for found in record] == [text]
+    assert record[0].filename == __file__
+    assert np.isinf(h[4:]).all()
+    limit_gradient(mesh, [0.1, np.inf, np.inf, np.inf, 1.0, *[np.inf] * 4], 0.3, method=method)
+
+
+@pytest.mark.parametrize("method", ["exact", "fast-marching", "hamilton-jacobi"])
+def test_components_of_a_grid_without_a_bound_are_counted(method):
+    active = np.ones((8, 4), np.bool_)
+    active[[2, 5]] = False
+    h0 = np.full(active.shape, np.inf)
+    h0[0, 0] = 0.1
+    text = "2 components of the domain: 16 of 24 nodes get the size inf"
+    with pytest.warns(InputWarning, match=text):
+        limit_gradient(
+            CartesianGrid([0.0, 0.0], 1.0, (8, 4), active=active), h0, 0.3, method=method
+        )

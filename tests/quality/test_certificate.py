@@ -109,18 +109,46 @@ def test_of_an_open_surface_only_its_own_distance_counts():
     opened = SimplexMesh(surface.points, surface.cells[~lid])
     check = check_mesh(CUBE, original=opened)
     assert check.is_met
-    assert [demand.name for demand in check.demands] == ["cells", "facets", "boundary"]
+    assert [demand.name for demand in check.demands] == ["cells", "facets", "overlaps", "boundary"]
     assert len(check.notes) == 2
 
 
-def test_the_volume_of_an_inconsistently_oriented_surface_is_not_compared():
+def test_the_volume_of_an_inconsistently_oriented_surface_is_compared():
     surface = CUBE.boundary().mesh
     cells = surface.cells.copy()
     cells[0, :2] = cells[0, 1::-1]
-    check = check_mesh(CUBE, original=SimplexMesh(surface.points, cells))
+    flipped = SimplexMesh(surface.points, cells)
+    check = check_mesh(CUBE, original=flipped)
     assert check.is_met
-    assert "measure" not in [demand.name for demand in check.demands]
+    assert "measure" in [demand.name for demand in check.demands]
+    assert "measure" in missed(moved(CUBE, 0.0, scale=1.1), original=flipped)
+    # No orientation is repaired where a surface is compared with a surface.
+    check = check_mesh(surface, original=flipped)
     assert "not consistently oriented" in check.notes[0]
+
+
+def test_a_mesh_is_compared_with_the_union_of_bodies():
+    boxes = [moved(CUBE, shift) for shift in (0.0, [0.3, 0.0, 0.0])]
+    surface = joined(*(box.boundary().mesh for box in boxes))
+    union = SimplexMesh(CUBE.points * [1.3, 1.0, 1.0], CUBE.cells)
+    check = check_mesh(union, original=surface)
+    assert check.is_met
+    assert "bodies of the original overlap" in check.notes[0]
+    (measure,) = (demand for demand in check.demands if demand.name == "measure")
+    assert float(measure.text.split("by ")[1].split("%")[0]) == pytest.approx(0.0, abs=1e-9)
+    check = check_mesh(joined(*boxes), original=surface)
+    assert [demand.name for demand in check.failures] == ["overlaps", "boundary", "measure"]
+    assert "cells overlap others, by a volume of 0.7" in check.failures[0].text
+
+
+def test_facets_inside_of_the_original_are_not_compared():
+    core = moved(CUBE, 0.3, scale=0.4).boundary().mesh
+    half = SimplexMesh(CUBE.points * [0.5, 1.0, 1.0], CUBE.cells).boundary().mesh
+    halves = joined(half, moved(half, [0.5, 0.0, 0.0]))
+    for surface in (joined(CUBE.boundary().mesh, core), halves):
+        check = check_mesh(CUBE, original=surface)
+        assert check.is_met
+        assert "facets of the original are inside of it" in check.notes[0]
 
 
 def test_edges_between_coincident_nodes_are_the_worst():
@@ -133,7 +161,11 @@ def test_edges_between_coincident_nodes_are_the_worst():
 
 def test_cells_that_fill_a_thin_plate_twice_are_noticed_at_a_tolerance_of_its_thickness():
     plate = SimplexMesh(CUBE.points * [1.0, 1.0, 0.01], CUBE.cells)
-    assert missed(joined(plate, plate), original=plate, tolerance=0.01) == ["measure", "topology"]
+    assert missed(joined(plate, plate), original=plate, tolerance=0.01) == [
+        "overlaps",
+        "measure",
+        "topology",
+    ]
 
 
 def with_tagged_sides(mesh):

@@ -1,6 +1,10 @@
-"""Summary of a mesh: names of tags."""
+"""Summary of a mesh: names of tags, and what a surface encloses."""
 
 import json
+
+import numpy as np
+import pytest
+from shapes import CORNERS, CUBE_CELLS, joined, moved
 
 from adaptsize import SimplexMesh
 from adaptsize.quality.summary import summarize
@@ -23,3 +27,22 @@ def test_names_of_tags_stand_beside_the_tags_of_their_dimension():
     found = json.loads(json.dumps(summary.as_dict()))
     assert found["cell_tag_names"] == {"4": "fluid"}
     assert found["facet_tag_names"] == {"7": "hot wall"}
+
+
+def test_a_surface_encloses_the_union_of_its_bodies_and_flipped_facets_are_counted():
+    cube = SimplexMesh(CORNERS, CUBE_CELLS)
+    surface = joined(cube, moved(cube, 0.5))
+    cells = surface.cells.copy()
+    cells[[1, 2, 15], :2] = cells[[1, 2, 15], 1::-1]
+    summary = summarize(SimplexMesh(surface.points, cells))
+    assert summary.enclosed == pytest.approx(1.875)
+    assert summary.n_flipped_facets == 3
+    lines = str(summary).splitlines()
+    assert "encloses     1.875" in lines
+    start = "orientation  3 of 24 facets are flipped"
+    assert [line.startswith(start) for line in lines].count(True) == 1
+    as_is, opened = summarize(surface), summarize(SimplexMesh(CORNERS, CUBE_CELLS[1:]))
+    assert (as_is.n_flipped_facets, opened.n_flipped_facets, opened.enclosed) == (0, 0, None)
+    assert "orientation" not in str(as_is)
+    inward = summarize(SimplexMesh(CORNERS, np.roll(CUBE_CELLS[:, ::-1], 1, axis=1)))
+    assert (inward.n_flipped_facets, inward.enclosed) == (12, pytest.approx(1.0))

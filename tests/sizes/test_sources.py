@@ -165,3 +165,14 @@ def test_sizes_scale_with_the_mesh():
 
     small = size_from_sources(SQUARE, sources(1.0))
     assert_allclose(size_from_sources(big, sources(scale)), scale * small, rtol=1e-9)
+
+
+def test_the_boundary_of_a_closed_surface_or_curve_is_all_of_it():
+    sphere = random_sphere(60, 5)
+    assert_array_equal(size_from_sources(sphere, BoundarySource(0.2)), 0.2)
+    opened = SimplexMesh(sphere.points, sphere.cells[1:])
+    at_rim = np.isin(np.arange(sphere.n_points), sphere.cells[0])
+    expected = np.where(at_rim, 0.2, INF)
+    assert_array_equal(size_from_sources(opened, BoundarySource(0.2)), expected)
+    loop = SimplexMesh(SQUARE.points, [[0, 1], [1, 2], [2, 0]])  # nodes 3 and 4 are not in it
+    assert_array_equal(size_from_sources(loop, BoundarySource(0.2)), [0.2, 0.2, 0.2, INF, INF])

@@ -77,13 +77,19 @@ def _limiting(dim: int) -> None:
 
 
 def _surface() -> None:
-    """Make the size function of a surface."""
+    """Make the size function of a surface, and compare a volume with bodies that overlap."""
+    import numpy as np
+
     import adaptsize as ads
 
-    part = ads.CartesianGrid([0.0] * 3, (2.0, 1.0, 1.0), (2, 2, 2)).mesh.boundary().mesh
+    box = ads.CartesianGrid([0.0] * 3, (2.0, 1.0, 1.0), (2, 2, 2)).mesh
+    part = box.boundary().mesh
     size = ads.size_function(part, sources=ads.PointSource([0.0, 0.0, 0.0], 0.1))
     size(part.points)
     ads.size_conformity(part, size, surface=part)
+    points = np.concatenate([part.points, part.points + 0.5])
+    both = ads.SimplexMesh(points, np.concatenate([part.cells, part.cells + part.n_points]))
+    ads.check_mesh(box, original=both)
 
 
 def _image(dim: int) -> None:

@@ -406,7 +406,8 @@ def _by_separate_runs(
     cause = np.full(own.shape, NONE, dtype=np.int8)
     best = np.full(own.shape, np.inf)
     for k in np.unique(own):
-        limited = np.where(own == k, requested, np.inf)
+        # Finite everywhere: components without this cause are no reason for a warning.
+        limited = np.where(own == k, requested, 2.0 * requested.max())
         if k == constant:
             limited[...] = requested[own == k][0]
         else:

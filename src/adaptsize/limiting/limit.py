@@ -13,7 +13,8 @@ from adaptsize._progress import reporting, silent
 from adaptsize._with_info import with_info
 from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh
 from adaptsize.background.simplex import as_mesh, as_own
-from adaptsize.errors import ConvergenceWarning
+from adaptsize.background.topology import components_of
+from adaptsize.errors import ConvergenceWarning, InputWarning
 from adaptsize.limiting.agreement import (
     require_equal_arguments,
     require_equal_functions,
@@ -33,11 +34,12 @@ from adaptsize.limiting.problem import (
     PointBounds,
     Problem,
     Scheme,
+    Solution,
     TooManyCorners,
     as_nodal_sizes,
 )
 from adaptsize.ranks import SingleRank
-from adaptsize.typing import FloatArray, GradientLimit, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, GradientLimit, ProgressCallback
 
 SCHEMES: dict[str, type[Scheme]] = {
     scheme.name: scheme
@@ -135,7 +137,7 @@ def limit_gradient(
         notes; for an iteration from ``initial`` it holds to its tolerance.  On meshes, g is the
         smallest of the cells at the edge; on grids, that at the end of larger size.
         The size is inf only at inactive nodes and in components of the domain where all of
-        ``h0`` is inf.  Mesh nodes that belong to no cell keep ``h0``.
+        ``h0`` is inf, with a warning.  Mesh nodes that belong to no cell keep ``h0``.
         ``limit_gradient.with_info``, with the same arguments, returns the pair ``(h, info)`` with
         a `LimitingInfo`, whose attributes are computed on first access; on a mesh in parts they
         are computed at once.
@@ -149,6 +151,8 @@ def limit_gradient(
 
     Warns
     -----
+    InputWarning
+        If components of the domain have no bound, so that their sizes are inf.
     ConvergenceWarning
         If an iteration does not meet its tolerance, or if another loop reaches
         its limit.  ``info.converged`` is then False.
@@ -262,17 +266,51 @@ def limit_gradient(
                 solution = scheme.solve(problem)
         except NeedsWholeMesh:  # on all ranks
             solution = solve_on_whole(scheme, problem)
-    if solution.unfinished and ranks.rank == 0:
-        warn_caller(solution.unfinished, ConvergenceWarning)
     h = solution.h
     if transform is not None:
         h = ranks.agree(lambda: transform.backward(solution.h))
     h = np.minimum(h, bound)  # the transformation rounds
+    _warn_of(solution, problem.domain, h)
     problem = replace(problem, report=silent, initial=None)
     info = LimitingInfo(scheme, problem, solution, background, transform)
     if wants_info and isinstance(background, PartitionedMesh):
         info = info.completed()
     return h, info
+
+
+def _warn_of(solution: Solution, domain: AnyMesh | CartesianGrid, h: FloatArray) -> None:
+    """Warn if a scheme did not converge, or nodes of cells, or active ones, get inf; collective."""
+    ranks = getattr(domain, "ranks", SingleRank())
+    if solution.unfinished and ranks.rank == 0:
+        warn_caller(solution.unfinished, ConvergenceWarning)
+    counted, total = np.ones(h.shape, np.bool_), domain.n_points
+    if isinstance(domain, CartesianGrid):
+        counted = counted if domain.active is None else domain.active
+        total = int(counted.sum())
+    elif isinstance(domain, PartitionedMesh):
+        counted, total = domain.is_owned, domain.n_global_points
+    else:
+        counted = domain.in_a_cell
+    free = np.isinf(h) & counted
+    n = int(ranks.allreduce(int(free.sum()), "sum"))
+    if n > 0 and ranks.rank == 0:
+        where = _components_text(domain, free)
+        text = f"h0 is inf at all nodes of {where}: {n} of {total} nodes get the size inf"
+        warn_caller(f"{text}; give these a bound, such as the largest size", InputWarning)
+
+
+def _components_text(domain: AnyMesh | CartesianGrid, free: BoolArray) -> str:
+    """Return how many components the nodes without a bound make up."""
+    if isinstance(domain, PartitionedMesh):
+        return "parts of the domain"
+    if isinstance(domain, CartesianGrid):
+        from scipy import ndimage
+
+        count = int(ndimage.label(free)[1])
+    else:
+        label = components_of(domain.edges, domain.n_points)
+        count = len(np.unique(label[free]))
+    return "a component of the domain" if count == 1 else f"{count} components of the domain"
 
 
 def _checked(

@@ -7,7 +7,10 @@ import numpy as np
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import interfaces
 from adaptsize.background.topology import compacted, components_of
-from adaptsize.geometry.enclosed import enclosed_measure
+from adaptsize.geometry.distance.orientation import is_cycle
+from adaptsize.geometry.distance.winding import WindingNumber
+from adaptsize.geometry.enclosed import cone_measures, enclosed_measure
+from adaptsize.geometry.solid import sides_of
 from adaptsize.typing import FloatArray
 
 
@@ -40,6 +43,51 @@ class Topology(NamedTuple):
     def __str__(self) -> str:
         """Return the numbers that two surfaces of the same topology have in common."""
         return f"{self.n_components} component(s) with Euler number {self.euler_number}"
+
+
+class OverlappingCells(NamedTuple):
+    """Cells of a mesh that have points in common with others."""
+
+    n_cells: int
+    """Number of cells whose centroid is in another cell, or that are at the boundary and have a
+    point there in another cell."""
+    volume: float
+    """Volume of the cells less that of their union."""
+    place: tuple[float, ...]
+    """A point that is in two cells."""
+
+    def __str__(self) -> str:
+        """Return the number of cells and the volume."""
+        return f"{self.n_cells} cells overlap others, by a volume of {self.volume:.3g}"
+
+
+def overlapping_cells(mesh: SimplexMesh) -> OverlappingCells | None:
+    """Return the tetrahedra that overlap others, or None.
+
+    A point is in as many cells as the boundary winds around it, if cells are positive and on both
+    sides of their common facets.  So the cost is that of the boundary, unless there are overlaps.
+    Overlaps less deep than 1e-6 of the diagonal count as contacts.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Tetrahedra.
+    """
+    skin, _, cells = mesh.boundary()
+    if (mesh.facet_cell_counts > 2).any() or not is_cycle(skin):
+        return None
+    winding = WindingNumber(skin)
+    sides = sides_of(skin, winding)
+    twice = np.maximum(sides.front, sides.back) > 1.5
+    if not twice.any():
+        return None
+    overlap = winding(mesh.points[mesh.cells].mean(axis=1)) > 1.5
+    overlap[cells[sides.owner[twice]]] = True
+    corners = sides.skin()
+    union = SimplexMesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+    volume = float(mesh.measures.sum() - cone_measures(union, skin.points.mean(axis=0)).sum())
+    place = sides.centre[twice][sides.area[twice].argmax()]
+    return OverlappingCells(int(np.count_nonzero(overlap)), volume, tuple(place.tolist()))
 
 
 def interface_distances(mesh: SimplexMesh, original: SimplexMesh) -> list[Distances]:

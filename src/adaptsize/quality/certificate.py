@@ -12,11 +12,13 @@ from adaptsize._checks import as_number, as_tolerance, place_text
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import skin_of
 from adaptsize.background.simplex import as_mesh
+from adaptsize.geometry.solid import Solid
 from adaptsize.quality.boundary import (
     Distances,
     Topology,
     distances_from,
     interface_distances,
+    overlapping_cells,
     region_measures,
     tagged_parts,
     topology_of,
@@ -51,8 +53,8 @@ class Demand:
     Attributes
     ----------
     name : str
-        ``"cells"``, ``"facets"``, ``"boundary"``, ``"interface"``, ``"tags"``, ``"regions"``,
-        ``"measure"``, ``"topology"``, ``"edges"`` or ``"served"``.
+        ``"cells"``, ``"facets"``, ``"overlaps"``, ``"boundary"``, ``"interface"``, ``"tags"``,
+        ``"regions"``, ``"measure"``, ``"topology"``, ``"edges"`` or ``"served"``.
     is_met : bool
     text : str
         What was measured and what is allowed.
@@ -157,6 +159,8 @@ def check_mesh(
 
     - *cells*: none is inverted or flat.
     - *facets*: each facet of a volume mesh or a plane mesh belongs to one or two cells.
+    - *overlaps*: no point is in two cells of a volume mesh.  Depths below 1e-6 of the diagonal do
+      not count.
     - *boundary*: each boundary is within the tolerance of the other one, measured at the nodes,
       the midpoints of the edges and the centroids of the facets.  If ``original`` is an open
       surface, only its own distance from the boundary of ``mesh`` counts.
@@ -175,8 +179,10 @@ def check_mesh(
     - *edges*: enough of them are near their size.
     - *served*: at the places of enough of the requested elements, the cells have their size.
 
-    Measure and topology are compared if the boundaries are closed manifolds.  A surface that
-    intersects itself encloses more than the mesh of its interior.
+    A surface encloses the union of its bodies: where the winding number is above one half in
+    absolute value, after facets that contradict their neighbours are flipped.  Facets inside of it
+    are not compared.  The topology is compared if the boundaries are closed manifolds, whose facets
+    do not intersect each other.
 
     Examples
     --------
@@ -197,6 +203,8 @@ def check_mesh(
     demands, notes = [_cells(mesh, count)], list[str]()
     if mesh.cell_dim == mesh.dim:
         demands.append(_facets(mesh, count))
+    if mesh.cell_dim == 3:
+        demands.append(_overlaps(mesh))
     if original is not None:
         original = as_mesh("original", original)
         if mesh.dim != original.dim or original.cell_dim < mesh.dim - 1:
@@ -230,14 +238,30 @@ def _facets(mesh: SimplexMesh, count: int) -> Demand:
     return Demand("facets", len(bad) == 0, text, _places(centres, counts, count))
 
 
+def _overlaps(mesh: SimplexMesh) -> Demand:
+    found = overlapping_cells(mesh)
+    if found is None:
+        return Demand("overlaps", True, "no point in two cells")
+    return Demand("overlaps", False, str(found), (Place(found.place, found.volume),))
+
+
 def _same_domain(
     mesh: SimplexMesh, original: SimplexMesh, tolerance: float, count: int, notes: list[str]
 ) -> Iterator[Demand]:
     """Yield the demands that compare two domains.  What cannot be compared goes to the notes."""
     skin, old = skin_of(mesh)[0], skin_of(original)[0]
+    is_closed, enclosed = old.is_closed, np.nan
+    if mesh.cell_dim == 3 and original.cell_dim == 2:
+        solid = Solid(original)
+        old, is_closed, enclosed = solid.skin, solid.is_closed, solid.volume
+        if solid.is_divided:
+            notes.append("the topology is not compared: bodies of the original overlap or touch")
+        elif is_closed and solid.hidden.any():
+            text = "facets of the original are inside of it, and are not compared"
+            notes.append(f"{np.count_nonzero(solid.hidden)} {text}")
     allowed = tolerance * original.diagonal
     away = [distances_from(old, skin)]
-    if old.is_closed:
+    if is_closed:
         away.append(distances_from(skin, old))
     else:
         notes.append("the original is open: only its distance from the mesh is compared")
@@ -253,19 +277,22 @@ def _same_domain(
         elif original.cell_tags is not None:
             notes.append("regions are not compared: the mesh has none")
     new_topology, old_topology = topology_of(skin), topology_of(old)
-    if old_topology is None:
+    if np.isnan(enclosed) and old_topology is not None:
+        enclosed = old_topology.enclosed
+    elif np.isnan(enclosed):
         notes.append("volume and topology are not compared: the original is no closed manifold")
         return
-    if old_topology.enclosed <= _NO_VOLUME * original.diagonal**original.dim:
+    if enclosed <= _NO_VOLUME * original.diagonal**original.dim:
         notes.append("the volume is not compared: the original encloses none")
-    elif np.isfinite(old_topology.enclosed) and (mesh.cell_dim == mesh.dim or new_topology):
+    elif np.isfinite(enclosed) and (mesh.cell_dim == mesh.dim or new_topology):
         # Twice, since the distance is integrated from samples.
         between = 2.0 * max(found.integral for found in away)
         most = min(allowed * float(old.measures.sum()), between)
-        yield _measure(mesh, new_topology, old_topology, most)
+        yield _measure(mesh, new_topology, enclosed, most)
     else:
         notes.append("the volume is not compared: the original is not consistently oriented")
-    yield _topology(new_topology, old_topology)
+    if old_topology is not None:
+        yield _topology(new_topology, old_topology)
 
 
 def _tags(
@@ -321,12 +348,12 @@ def _changed(change: float, allowed: float) -> str:
     return f"changed by {100.0 * change:+.3g}%, {100.0 * allowed:.3g}% allowed"
 
 
-def _measure(mesh: SimplexMesh, new: Topology | None, old: Topology, allowed: float) -> Demand:
+def _measure(mesh: SimplexMesh, new: Topology | None, old: float, allowed: float) -> Demand:
     if mesh.cell_dim == mesh.dim:
         measure = float(mesh.measures.sum())
     else:
         measure = float("nan") if new is None else new.enclosed
-    change, most = measure / old.enclosed - 1.0, allowed / old.enclosed
+    change, most = measure / old - 1.0, allowed / old
     return Demand("measure", bool(abs(change) <= most + _ROUNDING), _changed(change, most))
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import as_mesh
+from adaptsize.geometry.solid import Solid
 from adaptsize.quality.boundary import n_components
 from adaptsize.quality.elements import minimum_angles, radius_ratios
 
@@ -28,6 +29,11 @@ class MeshSummary:
     diagonal: float
     measure: float
     """Length, area or volume of all cells."""
+    enclosed: float | None
+    """Volume that a closed surface in space encloses: that of the union of its bodies."""
+    n_flipped_facets: int
+    """Triangles of a surface in space whose orientation contradicts that of the others; all if
+    their normals point inward."""
     edge_min: float
     edge_median: float
     edge_max: float
@@ -69,6 +75,7 @@ class MeshSummary:
             ("cells", f"{self.n_cells} {self.kind}, {self.n_points} points in {self.dim}-D"),
             ("box", f"{box}, diagonal {self.diagonal:g}"),
             (_MEASURES[self.kind], f"{self.measure:g}"),
+            *self._of_surfaces(),
             ("edges", f"{self.edge_min:g} to {self.edge_max:g}, median {self.edge_median:g}"),
             ("topology", f"{closed}{self.n_components} component(s), facets: {facets}"),
             ("cell tags", _counted(self.cell_tags, self.cell_tag_names)),
@@ -84,6 +91,23 @@ class MeshSummary:
             )
             rows.append(("quality", quality))
         return "\n".join(f"{name:13}{text}" for name, text in rows)
+
+    def _of_surfaces(self) -> list[tuple[str, str]]:
+        """Return the lines on surfaces in space."""
+        lines = [] if self.enclosed is None else [("encloses", f"{self.enclosed:g}")]
+        if self.n_flipped_facets > 0:
+            text = f"{self.n_flipped_facets} of {self.n_cells} facets are flipped"
+            lines.append(("orientation", f"{text}; sizes and volume meshes do not depend on it"))
+        return lines
+
+
+def _enclosed(mesh: SimplexMesh) -> tuple[float | None, int]:
+    """Return the volume that a surface in space encloses, and the number of flipped facets."""
+    if (mesh.cell_dim, mesh.dim) != (2, 3) or mesh.diagonal == 0.0:
+        return None, 0
+    solid = Solid(mesh)
+    volume = solid.volume if solid.is_closed else None
+    return volume, int(np.count_nonzero(solid.flipped))
 
 
 def summarize(mesh: SimplexMesh) -> MeshSummary:
@@ -112,6 +136,7 @@ def summarize(mesh: SimplexMesh) -> MeshSummary:
     used = np.unique(mesh.cells)
     cell_tags, facet_tags = _counts(mesh.cell_tags), _counts(mesh.facet_tags)
     points = mesh.points[used]
+    enclosed, n_flipped = _enclosed(mesh)
     ratios = None if mesh.cell_dim == 1 else radius_ratios(mesh)
     return MeshSummary(
         n_points=mesh.n_points,
@@ -122,6 +147,8 @@ def summarize(mesh: SimplexMesh) -> MeshSummary:
         upper=tuple(points.max(axis=0).tolist()),
         diagonal=mesh.diagonal,
         measure=float(mesh.measures.sum()),
+        enclosed=enclosed,
+        n_flipped_facets=n_flipped,
         edge_min=float(mesh.edge_lengths.min()),
         edge_median=float(np.median(mesh.edge_lengths)),
         edge_max=float(mesh.edge_lengths.max()),

@@ -17,10 +17,12 @@ from adaptsize.errors import (
     MeshingError,
     ResolutionWarning,
 )
+from adaptsize.geometry.solid import Solid
 from adaptsize.quality import check_mesh
 from adaptsize.quality.boundary import (
     interface_distances,
     keeps_topology,
+    overlapping_cells,
     tagged_parts,
     topology_of,
 )
@@ -71,18 +73,25 @@ def refuse_other_domain(new: SimplexMesh, problem: Problem, backend: str) -> Non
 
 
 def warn_of_deviation(
-    new: SimplexMesh, old: SimplexMesh, tolerance: float, *, may_be_joined: bool = False
+    new: SimplexMesh,
+    old: SimplexMesh,
+    tolerance: float,
+    solid: Solid | None = None,
+    *,
+    may_be_joined: bool = False,
 ) -> None:
     """Warn if boundary or interfaces are much farther from the given ones than the tolerance.
 
     Only nodes are measured.  At any distance, another topology is warned of.  An open surface is
-    left out: of that `warn_of_surface` warns.
+    left out: of that `warn_of_surface` warns.  Tetrahedra that overlap are warned of, too.
 
     Parameters
     ----------
     new, old : SimplexMesh
     tolerance : float
         In the unit of the coordinates.
+    solid : Solid, optional
+        What a surface encloses.
     may_be_joined : bool
         Whether parts of the old surface may be inside the mesh, or be joined, without a warning.
 
@@ -91,8 +100,12 @@ def warn_of_deviation(
     BoundaryWarning
         With the largest distance and its place, or both topologies.
     """
-    old_skin, skin = skin_of(old)[0], skin_of(new)[0]
-    if not old_skin.is_closed:
+    found_twice = overlapping_cells(new) if new.cell_dim == 3 else None
+    if found_twice is not None:
+        text = f"{found_twice}, one at {place_text(found_twice.place)}; use strict=True"
+        warnings.warn(text, BoundaryWarning, stacklevel=3)
+    old_skin, skin = skin_of(old)[0] if solid is None else solid.skin, skin_of(new)[0]
+    if not (old_skin.is_closed if solid is None else solid.is_closed):
         return
     # Distances of a boundary over the tolerance that are warned of.  Mmg on a first volume by
     # fTetWild reaches 4 times the tolerance, everything else less.

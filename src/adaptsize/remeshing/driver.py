@@ -18,7 +18,7 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import InputWarning, TooManyElementsError
-from adaptsize.geometry.distance.orientation import oriented
+from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
 from adaptsize.remeshing.acceptance import (
@@ -32,7 +32,13 @@ from adaptsize.remeshing.filling import filled
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.in_parts import remesh_parts
 from adaptsize.remeshing.isolation import IsolatedRunner
-from adaptsize.remeshing.preparation import Frame, RepairedMesh, repair_mesh, restore
+from adaptsize.remeshing.preparation import (
+    Frame,
+    RepairedMesh,
+    repair_mesh,
+    restore,
+    surface_to_fill,
+)
 from adaptsize.remeshing.protocol import Backend, Problem, Task
 from adaptsize.remeshing.registry import choose_backend
 from adaptsize.remeshing.resolution import RequestedSizes, as_request
@@ -114,9 +120,11 @@ def remesh(
     OpenSurfaceWarning
         If a surface to be filled is open, or has bodies that overlap or are closer to each other
         than the tolerance: what it encloses is then decided by the generator.  See `close_holes`.
+        Bodies that overlap become their union.  Also if facets are inside of the solid, as between
+        bodies that share them: no interface is kept there.
     BoundaryWarning
         If the boundary of the mesh is farther from the given one than 4 times the tolerance, or
-        has another topology: thin parts may be lost.
+        has another topology: thin parts may be lost.  If cells overlap.
     ResolutionWarning
         If less than 80 % of the elements that a source, a curved face or a narrow region requests
         were made, because the cells there are too large.
@@ -188,16 +196,17 @@ def remesh(
         strict = remesh_strictly(attempt, repaired.mesh, wanted, tolerance, ways, given["timeout"])
         return delivered(strict, sizes, wanted, mesh, metric)
     allowed = tolerance * repaired.mesh.diagonal
-    may_be_joined = task == "surface to tetrahedra" and warn_of_surface(repaired.mesh, allowed)
+    frame, solid, may_be_joined = Frame.around(repaired.mesh), None, False
     if task == "surface to tetrahedra":
-        repaired = repaired._replace(
-            mesh=replace(repaired.mesh, cells=oriented(repaired.mesh).cells)
-        )
+        solid = Solid(repaired.mesh)
+        may_be_joined = warn_of_surface(repaired.mesh, allowed, solid)
+        repaired = surface_to_fill(repaired, solid)
     required = _required(required_facets, mesh, repaired)
     wanted_sizes = RequestedSizes(wanted, sizes, mesh, given["g"], metric)
     problem = as_request(
-        task, repaired.mesh, wanted_sizes, tolerance, required, is_by_mmg=chosen.name == "mmg"
-    )
+        task, repaired.mesh, frame, wanted_sizes, tolerance, required,
+        is_by_mmg=chosen.name == "mmg",
+    )  # fmt: skip
     n_cells = _number_of_cells(mesh, size, problem)
     if n_cells > given["max_elements"]:
         raise TooManyElementsError(
@@ -209,23 +218,33 @@ def remesh(
         timeout = given["timeout"]
         deadline = None if timeout is None else time.monotonic() + timeout
         run = IsolatedRunner(chosen.name, timeout, deadline, report)
-        new = _solved(problem, chosen, run, n_cells, given["max_elements"])
-    made = Frame.around(repaired.mesh).restored(new, repaired.mesh)
-    warn_of_deviation(made, repaired.mesh, allowed, may_be_joined=may_be_joined)
+        new = _solved(problem, chosen, run, n_cells, given["max_elements"], _union(solid, frame))
+    made = frame.restored(new, repaired.mesh)
+    warn_of_deviation(made, repaired.mesh, allowed, solid, may_be_joined=may_be_joined)
     warn_of_lost_tags(made, repaired.mesh, chosen.name)
     return delivered(made, sizes, wanted, mesh, metric)
 
 
 def _solved(
-    problem: Problem, chosen: Backend, run: IsolatedRunner, n_cells: float, max_elements: float
+    problem: Problem,
+    chosen: Backend,
+    run: IsolatedRunner,
+    n_cells: float,
+    max_elements: float,
+    union: SimplexMesh | None,
 ) -> SimplexMesh:
     """Return the mesh of a generator, improved unless it is anisotropic or has required facets."""
     if problem.task == "surface to tetrahedra" and chosen.needs_volume:
-        return filled(problem, chosen, run, n_cells, max_elements)
+        return filled(problem, chosen, run, n_cells, max_elements, union)
     new = restore(chosen.solve(problem, run), problem, chosen.name)
     if problem.metric is not None or problem.facets.required.any():
         return new
     return improved(new, problem.mesh, problem.tolerance)
+
+
+def _union(solid: Solid | None, frame: Frame) -> SimplexMesh | None:
+    """Return the boundary of a solid if its bodies overlap, in the coordinates of the part."""
+    return None if solid is None or not solid.is_divided else frame.mesh(solid.skin)
 
 
 def _required(

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from adaptsize._checks import place_text
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import renumbered_edges
 from adaptsize.errors import (
@@ -14,7 +15,7 @@ from adaptsize.errors import (
     ResolutionWarning,
     TooManyElementsError,
 )
-from adaptsize.quality.boundary import distances_from, keeps_topology
+from adaptsize.quality.boundary import distances_from, keeps_topology, overlapping_cells
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing import netgen
 from adaptsize.remeshing.improvement import improved
@@ -46,24 +47,32 @@ MANY_MORE = 1.5
 
 
 def filled(
-    problem: Problem, chosen: Backend, run: IsolatedRunner, n_cells: float, max_elements: float
+    problem: Problem,
+    chosen: Backend,
+    run: IsolatedRunner,
+    n_cells: float,
+    max_elements: float,
+    union: SimplexMesh | None = None,
 ) -> SimplexMesh:
     """Return the tetrahedra in a surface, adapted from a first volume by a generator, and improved.
 
     If cells are still flat, fTetWild fills the surface with the same sizes.  Its mesh is returned
     if the smallest angle is larger, and topology and tolerance of the boundary are kept: of a fin
     thinner than the tolerance, it may leave an edge in more than two facets.  It also fills the
-    surface if the generator fails on the first volume.
+    surface if the generator fails on the first volume, or makes cells that overlap.
+
+    ``union`` is the boundary of the solid if bodies of the surface overlap.
     """
-    inner = _first_volume(problem, run)
+    surface = problem.mesh if union is None else union
+    inner = _first_volume(problem, run, is_simple=union is None)
     if not inner.is_adapted:
         _check_number(inner, n_cells, max_elements)
     seconds = _SECONDS + _SECONDS_PER_CELL * max(inner.mesh.n_cells, n_cells)
     inner = replace(inner, seconds=seconds)
     new, angle, failure = None, -np.inf, None
     try:
-        new = restore(chosen.solve(inner, run), inner, chosen.name)
-        new = improved(new, problem.mesh, problem.tolerance)
+        new = _without_overlaps(restore(chosen.solve(inner, run), inner, chosen.name), chosen.name)
+        new = improved(new, surface, problem.tolerance)
         angle = float(minimum_angles(new).min())
     except BackendTimeoutError:
         raise
@@ -74,23 +83,40 @@ def filled(
         return new
     try:
         raw = TetWildBackend().solve(problem, replace(run, backend="tetwild"))
-        other = improved(restore(raw, problem, "tetwild"), problem.mesh, problem.tolerance)
+        other = _without_overlaps(restore(raw, problem, "tetwild"), "tetwild")
+        other = improved(other, surface, problem.tolerance)
     except BackendError as error:
         if new is None:
             raise failure or error from None
         return new
     if new is None:
         return other
-    fits, other_fits = (_fits(mesh, problem) for mesh in (new, other))
+    fits, other_fits = (_fits(mesh, surface, problem.tolerance) for mesh in (new, other))
     is_better = float(minimum_angles(other).min()) > angle and other_fits >= fits
     return other if is_better else new
 
 
-def _fits(mesh: SimplexMesh, problem: Problem) -> bool:
+def _without_overlaps(mesh: SimplexMesh, generator: str) -> SimplexMesh:
+    """Return a mesh; refuse one whose cells overlap, as they may where bodies nearly touch.
+
+    Raises
+    ------
+    BackendError
+        With the number of cells and a place.
+    """
+    found = overlapping_cells(mesh)
+    if found is not None:
+        raise BackendError(
+            f"{generator} returned a mesh in which {found}, one at {place_text(found.place)}"
+        )
+    return mesh
+
+
+def _fits(mesh: SimplexMesh, surface: SimplexMesh, tolerance: float) -> bool:
     """Return whether the boundary has the topology of the surface, and is within the tolerance."""
-    skin, surface = mesh.boundary().mesh, problem.mesh
+    skin = mesh.boundary().mesh
     distances = distances_from(skin, surface), distances_from(surface, skin)
-    is_near = max(found.largest for found in distances) <= problem.tolerance
+    is_near = max(found.largest for found in distances) <= tolerance
     return is_near and keeps_topology(skin, surface)
 
 
@@ -117,15 +143,17 @@ def _check_number(inner: Problem, n_cells: float, max_elements: float) -> None:
     warnings.warn(text, ResolutionWarning, stacklevel=4)
 
 
-def _first_volume(problem: Problem, run: IsolatedRunner) -> Problem:
+def _first_volume(problem: Problem, run: IsolatedRunner, *, is_simple: bool) -> Problem:
     """Return the request to adapt tetrahedra in a surface, which do not follow the sizes yet.
 
     Mmg adapts the surface to the sizes, and Netgen fills it, without moving a node.  If one of
     them fails, Netgen fills the given surface, with divided edges.  fTetWild fills every surface,
-    with edges of its default length, and without feature edges.
+    with edges of its default length, and without feature edges.  Only that makes unions: it is the
+    first one if the surface is not simple, where bodies overlap.
     """
     assert problem.size is not None
-    found = _by_netgen(problem, problem.size, run) if netgen.can_fill(problem.mesh) else None
+    can_fill = is_simple and netgen.can_fill(problem.mesh)
+    found = _by_netgen(problem, problem.size, run) if can_fill else None
     if found is not None:
         return found
     raw = TetWildBackend().solve(replace(problem, size=None), replace(run, backend="tetwild"))

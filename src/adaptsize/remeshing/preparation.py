@@ -18,6 +18,7 @@ from adaptsize.background.topology import (
     unique_rows,
 )
 from adaptsize.errors import BackendError
+from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric
 from adaptsize.remeshing.acceptance import refuse_other_domain
 from adaptsize.remeshing.protocol import NO_TAG, Arrays, Facets, Problem, Task
@@ -96,6 +97,34 @@ def _useful_triangles(mesh: SimplexMesh, cells: npt.NDArray[np.intp]) -> npt.NDA
     if not kept.any():
         raise ValueError("mesh must have a triangle with an area, got degenerate triangles only")
     return kept
+
+
+def surface_to_fill(repaired: RepairedMesh, solid: Solid) -> RepairedMesh:
+    """Return a surface with normals outward, without the facets inside of the solid.
+
+    If bodies overlap, all facets stay.
+    """
+    mesh, kept = repaired.mesh, ~solid.hidden
+    if solid.is_divided or not kept.any():
+        kept[:] = True
+    if kept.all():
+        return repaired._replace(mesh=replace(mesh, cells=solid.cells))
+    nodes, cells = compacted(solid.cells[kept])
+    place = np.append(places_among(nodes, mesh.n_points), np.int32(-1))
+    edges = tags = None
+    if mesh.tagged_facets is not None and mesh.facet_tags is not None:
+        edges = place[mesh.tagged_facets]
+        good = (edges >= 0).all(axis=1)
+        edges, tags = edges[good], mesh.facet_tags[good]
+    outer = SimplexMesh(
+        mesh.points[nodes],
+        cells,
+        cell_tags=None if mesh.cell_tags is None else mesh.cell_tags[kept],
+        tagged_facets=edges,
+        facet_tags=tags,
+        tag_names=mesh.tag_names,
+    )
+    return RepairedMesh(outer, repaired.nodes[nodes], place[repaired.node_map], repaired.repairs)
 
 
 def as_problem(

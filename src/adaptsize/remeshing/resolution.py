@@ -49,6 +49,7 @@ class RequestedSizes(NamedTuple):
 def as_request(
     task: Task,
     mesh: SimplexMesh,
+    frame: Frame,
     sizes: RequestedSizes,
     tolerance: float,
     required: IntArray | None,
@@ -64,6 +65,8 @@ def as_request(
     ----------
     task : str
     mesh : SimplexMesh
+    frame : Frame
+        The coordinates of the request.
     sizes : RequestedSizes
     tolerance : float
         Over the diagonal.
@@ -72,7 +75,6 @@ def as_request(
     is_by_mmg : bool
         Only Mmg rounds edges that it is not told to keep.
     """
-    frame = Frame.around(mesh)
     own, ridges = frame.mesh(mesh), np.empty((0, 2), np.int32)
     size, known = frame.size(sizes.at), frame.to_own(known_points(sizes.given, mesh.dim))
     if task != "surface to tetrahedra" and required is None:

@@ -18,12 +18,11 @@ from adaptsize.background.location import parts_of
 from adaptsize.background.simplex import cut_out
 from adaptsize.errors import OpenSurfaceWarning
 from adaptsize.geometry.distance.winding import WindingNumber
+from adaptsize.geometry.solid import SLACK as _SLACK
+from adaptsize.geometry.solid import Solid
 from adaptsize.remeshing.hole_filling import bodies_of, boundary_loops, fill_loop, merged_surface
 from adaptsize.typing import FloatArray
 
-#: Crossings less deep than this times the diagonal count as contacts.  It is above the rounding
-#: of the single precision of STL files.
-_SLACK = 1e-6
 #: Pairs of bodies that are examined for overlaps in common planes, and for small distances.
 _MOST_PAIRS = 200
 #: Points of a body that are examined for being inside another one.
@@ -348,7 +347,33 @@ def near_bodies(
     return NearBodies(n_near, distance, tuple(place))
 
 
-def doubts(surface: SimplexMesh, tolerance: float) -> Iterator[tuple[str, Any, str]]:
+@dataclass(frozen=True)
+class InnerFacets:
+    """Facets of a surface inside of the solid that it encloses."""
+
+    n_facets: int
+    """Number of facets with the solid on both sides."""
+    place: tuple[float, ...]
+    """The centroid of the largest one."""
+
+    def __str__(self) -> str:
+        """Return number and place."""
+        facets = "1 facet has" if self.n_facets == 1 else f"{self.n_facets} facets have"
+        return f"{facets} the solid on both sides, the largest at {place_text(self.place, 4)}"
+
+
+def inner_facets(solid: Solid) -> InnerFacets | None:
+    """Return the facets inside of a solid, or None.  Those of bodies that overlap do not count."""
+    if solid.is_divided or not solid.is_closed or not solid.hidden.any():
+        return None
+    hidden, mesh = np.flatnonzero(solid.hidden), solid.surface
+    largest = hidden[mesh.measures[hidden].argmax()]
+    return InnerFacets(len(hidden), tuple(mesh.points[mesh.cells[largest]].mean(axis=0).tolist()))
+
+
+def doubts(
+    surface: SimplexMesh, tolerance: float, solid: Solid | None = None
+) -> Iterator[tuple[str, Any, str]]:
     """Yield why a generator has to guess the volume of a surface: name, record and text.
 
     Parameters
@@ -357,6 +382,8 @@ def doubts(surface: SimplexMesh, tolerance: float) -> Iterator[tuple[str, Any, s
         Triangles in space.
     tolerance : float
         Allowed distance of the new boundary, in the unit of the coordinates.
+    solid : Solid, optional
+        What the surface encloses, if that is known.
     """
     holes = open_boundary(surface, tolerance)
     if holes is not None:
@@ -371,13 +398,24 @@ def doubts(surface: SimplexMesh, tolerance: float) -> Iterator[tuple[str, Any, s
             "the generator fills their union; join the bodies before meshing to keep what is meant"
         )
         yield "overlapping_bodies", overlapping, f"{overlapping}; {text}"
+    solid = Solid(merged_surface(surface)) if solid is None else solid
+    inner = inner_facets(solid)
+    if inner is not None:
+        text = (
+            "no interface is kept there; a body inside another one is a cavity only if its "
+            "triangles have the other side"
+        )
+        yield "inner_facets", inner, f"{inner}; {text}"
     near = near_bodies(surface, tolerance, overlapping=overlapping)
-    if near is not None:
+    if near is not None and near.distance <= _SLACK * surface.diagonal:
+        text = f"{near}: they are joined where they share a part of a face, without an interface"
+        yield "near_bodies", near, text
+    elif near is not None:
         text = f"{near}, less than the tolerance of {tolerance:.3g}: they may be joined; "
         yield "near_bodies", near, f"{text}lower the tolerance to keep them apart"
 
 
-def warn_of_surface(surface: SimplexMesh, tolerance: float) -> bool:
+def warn_of_surface(surface: SimplexMesh, tolerance: float, solid: Solid | None = None) -> bool:
     """Warn of a surface whose volume a generator has to guess, with the texts of `doubts`.
 
     Returns
@@ -389,9 +427,9 @@ def warn_of_surface(surface: SimplexMesh, tolerance: float) -> bool:
     -----
     OpenSurfaceWarning
         If the surface is open, or has bodies that overlap or are closer to each other than the
-        tolerance.
+        tolerance, or facets inside of the solid.
     """
-    found = list(doubts(surface, tolerance))
+    found = list(doubts(surface, tolerance, solid))
     for _, _, text in found:
         warnings.warn(text, OpenSurfaceWarning, stacklevel=3)
     return any(name != "open_boundary" for name, _, _ in found)

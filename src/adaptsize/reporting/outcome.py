@@ -276,9 +276,7 @@ def _predicted(new: SimplexMesh, size: SizeFunction) -> float:
 
 def _change(new: SimplexMesh, old: SimplexMesh) -> float | None:
     """Return the relative change of the area or volume; None if the old one has no volume."""
-    from adaptsize.geometry.enclosed import enclosed_measure
-    from adaptsize.remeshing.hole_filling import merged_surface
+    from adaptsize.geometry.solid import Solid
 
-    same_kind = old.cell_dim == new.cell_dim
-    before = old.measures.sum() if same_kind else enclosed_measure(merged_surface(old))
+    before = old.measures.sum() if old.cell_dim == new.cell_dim else Solid(old).volume
     return float(new.measures.sum() / before - 1.0) if before > 0.0 else None

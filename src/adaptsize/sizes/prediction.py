@@ -14,7 +14,7 @@ from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.bisection import resolved
 from adaptsize.background.simplex import as_mesh, cut_out
-from adaptsize.geometry.distance.winding import WindingNumber, is_cycle
+from adaptsize.geometry.solid import Solid
 from adaptsize.sizes.budget import (
     ELEMENTS_PER_MEASURE,
     calibration,
@@ -70,8 +70,9 @@ class Enclosed:
     Parameters
     ----------
     surface : SimplexMesh
-        Triangles in space.  The region is where the winding number is not zero, so that holes,
-        cracks and overlapping bodies do little harm.
+        Triangles in space, which are oriented first.  The region is where the winding number is
+        above one half in absolute value, so that holes, cracks and overlapping bodies do little
+        harm.
 
     Notes
     -----
@@ -94,9 +95,10 @@ class Enclosed:
             raise ValueError(f"surface must consist of triangles in space, got {surface}")
         self.surface = surface
         self._n_points = as_whole_number("n_points", n_points, lower=1, upper=10**7)
-        self._winding = WindingNumber(surface)
+        solid = Solid(surface)
+        self._winding = solid.winding
         # Only a closed surface has the same winding number in all of a cube that it leaves alone.
-        self._is_closed = is_cycle(surface)
+        self._is_closed = solid.is_closed
         self._middle, self._axes = _principal_axes(surface)
         local = ((surface.points - self._middle) @ self._axes)[surface.cells].reshape(-1, 3)
         low = local.min(axis=0)

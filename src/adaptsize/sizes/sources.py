@@ -150,8 +150,9 @@ class CurveSource:
 class BoundarySource:
     """A size on the boundary of the mesh, or on tagged facets.
 
-    The boundary of a grid is that of its active part: the active nodes next to the outside
-    or to an inactive node, including diagonal neighbours.
+    A closed surface or curve is the boundary of what it encloses: all its nodes get the size.  The
+    boundary of a grid is that of its active part: the active nodes next to the outside or to an
+    inactive node, including diagonal neighbours.
 
     Parameters
     ----------

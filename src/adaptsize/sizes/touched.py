@@ -50,7 +50,8 @@ class Touched(NamedTuple):
 def boundary_nodes(mesh: _Domain) -> Nodes:
     """Return the nodes on the boundary of the whole mesh or grid; collective.
 
-    Those of a grid are the active nodes with inactive neighbours, including diagonal ones.
+    Those of a grid are the active nodes with inactive neighbours, including diagonal ones.  A
+    closed surface or curve is the boundary of what it encloses.
     """
     if isinstance(mesh, CartesianGrid):
         from scipy import ndimage
@@ -59,12 +60,13 @@ def boundary_nodes(mesh: _Domain) -> Nodes:
         inner = ndimage.binary_erosion(active, np.ones((3,) * mesh.dim))
         return np.flatnonzero(active & ~inner)
     if isinstance(mesh, SimplexMesh):
-        return mesh.boundary().nodes
+        is_closed = mesh.cell_dim < mesh.dim and mesh.is_closed
+        return np.unique(mesh.cells) if is_closed else mesh.boundary().nodes
     if mesh.cell_dim == 1:
         raise ValueError("the boundary of segments is not a mesh; cells must have 3 or 4 nodes")
     facets = boundary_facets(mesh)
-    if mesh.ranks.allreduce(len(facets), "sum") == 0:
-        raise ValueError("the mesh is closed: it has no boundary")
+    if mesh.cell_dim < mesh.dim and mesh.ranks.allreduce(len(facets), "sum") == 0:
+        return np.unique(mesh.cells).astype(np.int32)
     return np.unique(facets).astype(np.int32)
 
 

@@ -6,8 +6,8 @@ from curved_shapes import part_of, smooth_torus
 from width_oracle import winding_number
 
 from adaptsize import SimplexMesh
-from adaptsize.geometry.distance.orientation import oriented
-from adaptsize.geometry.distance.winding import WindingNumber, is_cycle
+from adaptsize.geometry.distance.orientation import is_cycle, oriented
+from adaptsize.geometry.distance.winding import WindingNumber
 
 
 def torus(n=24):

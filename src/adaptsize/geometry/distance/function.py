@@ -12,8 +12,9 @@ import numpy.typing as npt
 from adaptsize._checks import as_near_points, as_points, describe
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import skin_of
+from adaptsize.geometry.distance.orientation import winding_of
 from adaptsize.geometry.distance.polygons import Polygons
-from adaptsize.geometry.distance.winding import WindingNumber, winding_of
+from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.typing import FloatArray
 
 _Outline: TypeAlias = SimplexMesh | npt.ArrayLike | Sequence[npt.ArrayLike]

@@ -3,24 +3,28 @@
 import numpy as np
 
 from adaptsize.background import SimplexMesh
-from adaptsize.background.merging import first_at_place
+from adaptsize.background.merging import first_at_place, place_numbers
 from adaptsize.background.topology import components_of, have_different_nodes, pairs_of_cells
 from adaptsize.geometry.boundary import facet_normals
+from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.enclosed import cone_measures
+from adaptsize.geometry.shells import pieces_of, shells_of
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 # Points closer than this, relative to the diagonal, are one point.
 MERGE_SHARE = 1e-9
+# Nodes of a piece that are examined for being inside of others.
+_MOST_SAMPLES = 200
 
 
 def oriented(boundary: SimplexMesh) -> SimplexMesh:
     """Return a boundary whose normals point outward, as far as this can be determined.
 
     Coincident nodes are merged.  If the orientations of neighbouring facets are inconsistent, the
-    minority (by area) is flipped; then the whole piece is flipped if it encloses a negative
-    volume.  If all pieces together enclose a negative volume, all are flipped.  Then those are
-    flipped that enclose a negative volume, unless they are in the box of another piece: cavities
-    remain cavities.  Holes are allowed.
+    minority (by area) is flipped.  If all pieces together enclose a negative volume, all are
+    flipped.  Then those are flipped that enclose a negative volume, unless they are inside of
+    others: cavities remain cavities.  Holes are allowed.  If more than two facets have an
+    edge in common, those that bound what is outside make up the piece (see `shells_of`).
 
     Parameters
     ----------
@@ -37,36 +41,39 @@ def oriented(boundary: SimplexMesh) -> SimplexMesh:
     cells = merged_cells(boundary.cells, target)
     is_clean = np.array_equal(cells, boundary.cells)
     merged = boundary if is_clean else SimplexMesh(boundary.points, cells)
-    turned, piece, contradicts = _consistent(merged)
-    n_pieces = int(piece.max()) + 1
-    sign = np.where(turned, -1.0, 1.0)
+    turned, piece, sign = _consistent(merged)
     volumes = sign * _volumes(merged, piece)
-    of_piece = np.bincount(piece, volumes, n_pieces)
-    is_sheet = _are_sheets(merged, sign, piece)
-    repaired = np.zeros(n_pieces, np.bool_)
-    repaired[piece[contradicts]] = True
-    wrong = repaired & ~is_sheet & (of_piece < 0.0)
-    turned ^= wrong[piece]
-    of_piece = np.where(is_sheet, 0.0, np.where(wrong, -of_piece, of_piece))
+    of_piece = np.bincount(piece, volumes)
+    of_piece[_are_sheets(merged, sign, piece)] = 0.0
     if of_piece.sum() < 0.0:
         turned, of_piece = ~turned, -of_piece
-    turned ^= _stand_alone(merged, piece, of_piece < 0.0)[piece]
+    turned ^= _stand_alone(merged, turned, piece, of_piece < 0.0)[piece]
     if not turned.any():
         return merged
-    flipped = np.array(merged.cells)
+    return SimplexMesh(merged.points, flipped_cells(merged.cells, turned))
+
+
+def flipped_cells(cells: IntArray, turned: BoolArray) -> IntArray:
+    """Return cells, some of them with the opposite orientation."""
+    flipped = np.array(cells)
     flipped[turned, :2] = flipped[turned, 1::-1]
-    return SimplexMesh(merged.points, flipped)
+    return flipped
 
 
-def _stand_alone(mesh: SimplexMesh, piece: IndexArray, chosen: BoolArray) -> BoolArray:
-    """Return which of the chosen pieces are not in the box of another piece."""
-    corners = mesh.points[mesh.cells]
-    low, high = np.full((len(chosen), mesh.dim), np.inf), np.full((len(chosen), mesh.dim), -np.inf)
-    np.minimum.at(low, piece, corners.min(axis=1))
-    np.maximum.at(high, piece, corners.max(axis=1))
-    alone = np.zeros(len(chosen), np.bool_)
+def _stand_alone(
+    mesh: SimplexMesh, turned: BoolArray, piece: IndexArray, chosen: BoolArray
+) -> BoolArray:
+    """Return which of the chosen pieces have a node outside of all pieces that are not chosen."""
+    alone = chosen.copy()
+    if not chosen.any() or chosen.all():
+        return alone
+    cells = flipped_cells(mesh.cells, turned)
+    winding = WindingNumber(SimplexMesh(mesh.points, cells[~chosen[piece]]))
     for k in np.flatnonzero(chosen):
-        alone[k] = ((low <= low[k]) & (high >= high[k])).all(axis=1).sum() == 1
+        nodes = np.unique(cells[piece == k])
+        samples = mesh.points[nodes[:: -(-len(nodes) // _MOST_SAMPLES)]]
+        # Around nodes on the surface of another piece, the number is one half at most.
+        alone[k] = bool((np.abs(winding(samples)) < 0.25).any())
     return alone
 
 
@@ -78,8 +85,32 @@ def merged_cells(cells: IntArray, target: IndexArray) -> IntArray:
     return new
 
 
-def _consistent(mesh: SimplexMesh) -> tuple[BoolArray, IndexArray, BoolArray]:
-    """Return which cells to flip, the piece of each cell, and which cells are inconsistent.
+def _consistent(mesh: SimplexMesh) -> tuple[BoolArray, IndexArray, FloatArray]:
+    """Return which cells to flip, the piece of each cell, and 1, -1 for those that are flipped.
+
+    The last is 0 for facets inside of a piece.
+    """
+    counts = mesh.facet_cell_counts
+    if mesh.cell_dim == 1 or counts.max() <= 2 or counts.min() == 1:
+        turned, piece = _consistent_with_neighbours(mesh)
+        return turned, piece, np.where(turned, -1.0, 1.0)
+    # Bodies that have edges in common: consistent as they are, or with facets between them.
+    if is_cycle(mesh):
+        return np.zeros(mesh.n_cells, np.bool_), pieces_of(mesh), np.ones(mesh.n_cells)
+    return _consistent_by_shells(mesh)
+
+
+def _consistent_by_shells(mesh: SimplexMesh) -> tuple[BoolArray, IndexArray, FloatArray]:
+    is_inner, inward = shells_of(mesh)
+    piece = pieces_of(mesh)
+    area = np.where(is_inner, 0.0, mesh.measures)
+    total, against = np.bincount(piece, area), np.bincount(piece, np.where(inward, area, 0.0))
+    turned = (inward ^ (against > 0.5 * total)[piece]) & ~is_inner
+    return turned, piece, np.where(is_inner, 0.0, np.where(turned, -1.0, 1.0))
+
+
+def _consistent_with_neighbours(mesh: SimplexMesh) -> tuple[BoolArray, IndexArray]:
+    """Return which cells to flip, and the piece of each cell.
 
     Each cell is in a graph twice, flipped and not flipped.  Neighbours are joined in consistent
     states.  An orientable piece then has two components.
@@ -91,8 +122,6 @@ def _consistent(mesh: SimplexMesh) -> tuple[BoolArray, IndexArray, BoolArray]:
     if width == 3:
         forward = mesh.cells[cell, (v + 1) % 3] < mesh.cells[cell, (v + 2) % 3]
     (one, other), same = cell.T, forward[:, 0] != forward[:, 1]
-    contradicts = np.zeros(n, np.bool_)
-    contradicts[one[~same]] = contradicts[other[~same]] = True
     ones = np.concatenate([one, one + n])
     others = np.concatenate([np.where(same, other, other + n), np.where(same, other + n, other)])
     label = components_of(np.column_stack([ones, others]), 2 * n)
@@ -102,7 +131,7 @@ def _consistent(mesh: SimplexMesh) -> tuple[BoolArray, IndexArray, BoolArray]:
     kept = np.bincount(as_is, mesh.measures, 2 * n)
     turned = kept[reversed_] > kept[as_is]
     ties = (kept[reversed_] == kept[as_is]) & (reversed_ < as_is)
-    return turned | ties, piece.reshape(-1), contradicts
+    return turned | ties, piece.reshape(-1)
 
 
 def _volumes(mesh: SimplexMesh, piece: IndexArray) -> FloatArray:
@@ -119,7 +148,45 @@ def _are_sheets(mesh: SimplexMesh, sign: FloatArray, piece: IndexArray) -> BoolA
     """Return which pieces enclose nothing; for closed ones, normals times areas sum to zero."""
     normals = facet_normals(mesh.points[mesh.cells]) / mesh.cell_dim
     total = np.stack([np.bincount(piece, sign * x) for x in normals.T], axis=1)
-    area = np.bincount(piece, mesh.measures)
+    area = np.bincount(piece, np.abs(sign) * mesh.measures)
     # A piece is a sheet, not a closed surface with holes, if the norm of the sum of its normals
     # times areas is above this share of its area.
     return np.asarray(np.linalg.norm(total, axis=1) > 0.1 * area)
+
+
+def winding_of(surface: SimplexMesh) -> tuple[WindingNumber, bool]:
+    """Return the winding number of a surface, and whether it is an integer everywhere.
+
+    If the surface is not closed, facets that contradict their neighbours are turned first: they
+    may be the only defect.
+    """
+    is_whole = is_cycle(surface)
+    if not is_whole:
+        surface = oriented(surface)
+        is_whole = is_cycle(surface)
+    return WindingNumber(surface), is_whole
+
+
+def is_cycle(surface: SimplexMesh) -> bool:
+    """Return whether the oriented facets have no boundary, so that winding numbers are integers.
+
+    Coincident nodes are identified.
+    """
+    cells = same_places(surface.points, surface.cells)[surface.cells].astype(np.int64)
+    start, end = cells[:, 0], cells[:, 1]
+    if surface.cell_dim == 2:  # the edges in both directions
+        after = np.roll(cells, -1, axis=1)
+        n = surface.n_points
+        start, end = cells * n + after, after * n + cells
+    return np.array_equal(np.sort(start, axis=None), np.sort(end, axis=None))
+
+
+def same_places(points: FloatArray, cells: IntArray) -> IntArray:
+    """Return for each point the number of its place, from 0; coincident points have the same.
+
+    Points coincide if they differ by rounding relative to the extent of the points of cells.
+    """
+    used = points[cells]
+    extent = float(np.linalg.norm(used.max(axis=(0, 1)) - used.min(axis=(0, 1))))
+    # Corners closer to each other, in diagonals of the mesh, coincide when edges are matched.
+    return place_numbers(points, 1e-9 * extent).astype(np.int32)

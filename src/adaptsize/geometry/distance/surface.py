@@ -15,7 +15,7 @@ from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh, topo
 from adaptsize.background.grid_location import frame_of
 from adaptsize.background.interpolation import places_of
 from adaptsize.background.location import in_space
-from adaptsize.geometry.distance.winding import same_places, winding_of
+from adaptsize.geometry.distance.orientation import same_places, winding_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray, ProgressCallback
 
 # Facets are split for the scan down to this length in spacings: boxes around long oblique facets

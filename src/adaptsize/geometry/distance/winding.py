@@ -7,9 +7,7 @@ from adaptsize._kernels.winding import N_MOMENTS, fill_moments, wind
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import tree_over
 from adaptsize.background.location import in_space
-from adaptsize.background.merging import place_numbers
-from adaptsize.geometry.distance.orientation import oriented
-from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 # Points between two progress reports: about 0.2 s.
 _CHUNK = 50_000
@@ -62,41 +60,3 @@ class WindingNumber:
         # Tolerance for the error of the expansion: next to an open sheet the number is close to
         # 1/2.
         return np.asarray(np.abs(self(points, report)) > 0.5 + 0.05)
-
-
-def winding_of(surface: SimplexMesh) -> tuple[WindingNumber, bool]:
-    """Return the winding number of a surface, and whether it is an integer everywhere.
-
-    If the surface is not closed, facets that contradict their neighbours are turned first: they
-    may be the only defect.
-    """
-    is_whole = is_cycle(surface)
-    if not is_whole:
-        surface = oriented(surface)
-        is_whole = is_cycle(surface)
-    return WindingNumber(surface), is_whole
-
-
-def is_cycle(surface: SimplexMesh) -> bool:
-    """Return whether the oriented facets have no boundary, so that winding numbers are integers.
-
-    Coincident nodes are identified.
-    """
-    cells = same_places(surface.points, surface.cells)[surface.cells].astype(np.int64)
-    start, end = cells[:, 0], cells[:, 1]
-    if surface.cell_dim == 2:  # the edges in both directions
-        after = np.roll(cells, -1, axis=1)
-        n = surface.n_points
-        start, end = cells * n + after, after * n + cells
-    return np.array_equal(np.sort(start, axis=None), np.sort(end, axis=None))
-
-
-def same_places(points: FloatArray, cells: IntArray) -> IntArray:
-    """Return for each point the number of its place, from 0; coincident points have the same.
-
-    Points coincide if they differ by rounding relative to the extent of the points of cells.
-    """
-    used = points[cells]
-    extent = float(np.linalg.norm(used.max(axis=(0, 1)) - used.min(axis=(0, 1))))
-    # Corners closer to each other, in diagonals of the mesh, coincide when edges are matched.
-    return place_numbers(points, 1e-9 * extent).astype(np.int32)

@@ -1,0 +1,324 @@
+"""The solid that a surface encloses, also if bodies overlap, touch or are inside of each other."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptsize._kernels.contacts import CORNERS, Contacts, Pieces, divide_facets, list_contacts
+from adaptsize._kernels.trees import DEPTH
+from adaptsize.background import SimplexMesh
+from adaptsize.background.location import parts_of
+from adaptsize.background.merging import first_at_place
+from adaptsize.background.simplex import cut_out
+from adaptsize.background.topology import components_of
+from adaptsize.geometry.boundary import facet_normals
+from adaptsize.geometry.distance.orientation import MERGE_SHARE, is_cycle, merged_cells, oriented
+from adaptsize.geometry.distance.winding import WindingNumber
+from adaptsize.geometry.enclosed import cone_measures
+from adaptsize.geometry.shells import shells_of
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
+
+#: Distances up to this times the diagonal are contacts.  It is above the rounding of the single
+#: precision of STL files.
+SLACK = 1e-6
+#: Winding numbers are found at this distance from a facet, in slacks.
+_AWAY = 2.0
+#: Room for the parts of one facet.
+_MOST_PARTS = 4096
+#: A share of the area of the facets below which what is found on them does not count.  In a public
+#: part, slivers that are folded by rounding have 4e-8; the tips of antlers that cross have 2e-6.
+_NEGLIGIBLE = 1e-6
+
+
+class Sides(NamedTuple):
+    """Winding numbers on both sides of the facets of a surface, or of parts of facets."""
+
+    owner: IndexArray
+    """intp[n]: the facet of each part.  A facet that no other one meets is one part."""
+    front: FloatArray
+    """float64[n]: the number on the side to which the normal points, 0 outside."""
+    back: FloatArray
+    area: FloatArray
+    """float64[n]"""
+    is_repeated: BoolArray
+    """bool[n]: whether a part is also a part of a facet of a smaller number."""
+    centre: FloatArray
+    """float64[n, 3]: a point in each part."""
+    corners: FloatArray
+    """float64[m, 3, 3]: triangles that make up the parts."""
+    part: IndexArray
+    """intp[m]: the part that each belongs to."""
+
+    @property
+    def is_lost(self) -> BoolArray:
+        """Which parts do not have the solid on exactly one side, or are repeated.
+
+        The solid is where the winding number is above one half in absolute value.
+        """
+        inside = (np.abs(numbers) > 0.5 for numbers in (self.front, self.back))
+        return self._matters(np.equal(*inside) | self.is_repeated)
+
+    @property
+    def is_inward(self) -> BoolArray:
+        """Which other parts have the solid on the side to which the normal points."""
+        return self._matters(~self.is_lost & (np.abs(self.front) > 0.5))
+
+    def _matters(self, which: BoolArray) -> BoolArray:
+        """Return which parts these are, none if they have hardly any area: folds of slivers."""
+        is_small = self.area[which].sum() <= _NEGLIGIBLE * self.area.sum()
+        return np.zeros_like(which) if is_small else which
+
+    def skin(self) -> FloatArray:
+        """Return the triangles of the boundary of the solid, with normals outward."""
+        used = ~self.is_lost[self.part]
+        turned = self.is_inward[self.part[used], None, None]
+        corners = self.corners[used]
+        return np.where(turned, corners[:, [1, 0, 2]], corners)
+
+
+class Solid:
+    """The region where the winding number of a surface is above one half in absolute value.
+
+    For bodies that overlap it is their union.  Facets are oriented first.
+
+    Parameters
+    ----------
+    surface : SimplexMesh
+        Triangles in space.
+
+    Notes
+    -----
+    Winding numbers jump across the surface only.  So a facet that no other one meets has the same
+    numbers on both sides everywhere.  A facet is divided where others meet it [1]_, and each part
+    is a part of the boundary of the union if it has the solid on one side.  Distances below 1e-6 of
+    the diagonal are contacts.
+
+    References
+    ----------
+    .. [1] Q. Zhou, E. Grinspun, D. Zorin, A. Jacobson, "Mesh arrangements for solid geometry", ACM
+       Trans. Graph. 35 (2016) 39.
+
+    Examples
+    --------
+    >>> from adaptsize import CartesianGrid
+    >>> box = CartesianGrid([0.0] * 3, 1.0, (2, 2, 2)).mesh.boundary().mesh
+    >>> points = np.concatenate([box.points, box.points + [0.5, 0.0, 0.0]])
+    >>> solid = Solid(SimplexMesh(points, np.concatenate([box.cells, box.cells + box.n_points])))
+    >>> round(solid.volume, 9), solid.is_divided
+    (1.5, True)
+    """
+
+    def __init__(self, surface: SimplexMesh) -> None:
+        #: The surface with merged nodes and consistent orientation.
+        self.surface = oriented(surface)
+        target = first_at_place(surface.points, MERGE_SHARE * surface.diagonal)
+        given = merged_cells(surface.cells, target)
+        #: bool[n_cells]: facets that were flipped for that.
+        self.flipped: BoolArray = (given != self.surface.cells).any(axis=1)
+        self._inner = np.zeros(surface.n_cells, np.bool_)
+        counts = self.surface.facet_cell_counts
+        if counts.max() > 2 and counts.min() > 1 and not is_cycle(self.surface):
+            self._inner = shells_of(self.surface).is_inner
+        rows = np.flatnonzero(~self._inner)
+        self._outline = self.surface
+        if len(rows) < surface.n_cells:
+            self._outline = cut_out(self.surface.points, self.surface.cells[rows])[0]
+        self._rows = rows
+        #: Whether the surface has no holes, so that winding numbers are integers.
+        self.is_closed = is_cycle(self._outline)
+        self.winding = WindingNumber(self._outline)
+
+    @cached_property
+    def _sides(self) -> Sides:
+        return sides_of(self._outline, self.winding)
+
+    @cached_property
+    def volume(self) -> float:
+        """The volume of the solid; nan if the surface is not closed."""
+        if not self.is_closed:
+            return np.nan
+        return abs(float(cone_measures(self.skin, self.skin.points.mean(axis=0)).sum()))
+
+    @cached_property
+    def hidden(self) -> BoolArray:
+        """bool[n_cells]: facets of which no part bounds the solid.
+
+        These are facets inside of bodies, and between bodies that share them.
+        """
+        hidden = self._inner.copy()
+        if self.is_closed:
+            sides = self._sides
+            kept = np.bincount(sides.owner, ~sides.is_lost, len(self._rows))
+            hidden[self._rows] = kept == 0
+        return hidden
+
+    @cached_property
+    def is_divided(self) -> bool:
+        """Whether facets bound the solid with a part only, as those of bodies that overlap do."""
+        if not self.is_closed:
+            return False
+        sides = self._sides
+        return bool((sides.is_lost & ~self.hidden[self._rows][sides.owner]).any())
+
+    @cached_property
+    def skin(self) -> SimplexMesh:
+        """The boundary of the solid, with normals outward.
+
+        It consists of facets of the surface, or if these are divided, of triangles whose nodes do
+        not match.  For a surface with holes, it is the surface.
+        """
+        if self.is_divided:
+            corners = self._sides.skin()
+            return SimplexMesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+        kept = ~self.hidden
+        if kept.all() or not kept.any():
+            return self.surface
+        return cut_out(self.surface.points, self.cells[kept])[0]
+
+    @cached_property
+    def cells(self) -> IntArray:
+        """The facets of the surface; those that bound the solid have normals outward.
+
+        If facets are divided, they have the orientation of the surface.
+        """
+        cells = np.array(self.surface.cells)
+        if self.is_closed and not self.is_divided:
+            sides = self._sides
+            turned = self._rows[np.unique(sides.owner[sides.is_inward])]
+            cells[turned, :2] = cells[turned, 1::-1]
+        return cells
+
+
+def sides_of(surface: SimplexMesh, winding: WindingNumber) -> Sides:
+    """Return the winding numbers on both sides of the parts of a surface without holes."""
+    contacts = _contacts_of(surface)
+    met = np.unique(contacts.owner)
+    corners = surface.points[surface.cells]
+    whole = np.setdiff1d(np.arange(surface.n_cells), met)
+    owner, centre, triangles, part = _divided(surface, contacts, met)
+    owner = np.concatenate([whole, owner])
+    centre = np.concatenate([corners[whole].mean(axis=1), centre])
+    triangles = np.concatenate([corners[whole], triangles])
+    part = np.concatenate([np.arange(len(whole)), len(whole) + part])
+    normals = facet_normals(corners)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
+    away = _AWAY * SLACK * surface.diagonal * normals[owner]
+    place = _places_without_jump(surface, met, owner, len(whole))
+    first, number = np.unique(place, return_index=True, return_inverse=True)[1:]
+    number = number.reshape(-1)
+    front: FloatArray = np.round(winding(centre[first] + away[first]))
+    back: FloatArray = np.round(winding(centre[first] - away[first]))
+    spans = 0.5 * np.linalg.norm(facet_normals(triangles), axis=1)
+    area = np.asarray(np.bincount(part, spans, len(owner)), np.float64)
+    repeated = np.zeros(len(owner), np.bool_)
+    repeated[_repeated(surface, contacts, owner, centre)] = True
+    return Sides(owner, front[number], back[number], area, repeated, centre, triangles, part)
+
+
+def _places_without_jump(
+    surface: SimplexMesh, met: IndexArray, owner: IndexArray, n_whole: int
+) -> IndexArray:
+    """Return a number for each part; parts with the same one have the same winding numbers.
+
+    These are facets that meet no others, and are connected by edges between two facets.
+    """
+    n, n_edges = surface.n_cells, len(surface.edges)
+    free = np.setdiff1d(np.arange(n), met)
+    beside = np.column_stack([np.repeat(free, 3), n + surface.cell_facets[free].ravel()])
+    beside = beside[surface.facet_cell_counts[beside[:, 1] - n] == 2]
+    label = components_of(beside, n + n_edges)[owner]
+    label[n_whole:] = n + n_edges + np.arange(len(owner) - n_whole)
+    return label
+
+
+class _Found(NamedTuple):
+    """Contacts of facets, in the order of their owners, with coordinates of the mesh."""
+
+    owner: IndexArray
+    partner: IndexArray
+    is_flat: BoolArray
+    ends: FloatArray
+
+
+def _contacts_of(surface: SimplexMesh) -> _Found:
+    locator, n = surface.locator, surface.n_cells
+    slack = SLACK * surface.diagonal * locator.scale
+    found, room = [], 4096
+    for first, last in parts_of(n, 1024):
+        while True:
+            rows = Contacts(
+                np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.bool_),
+                np.empty((room, 6)), np.empty(DEPTH, np.int64),
+            )  # fmt: skip
+            count = list_contacts(locator.tree, slack, first, last, rows)
+            if count <= room:
+                break
+            room = 2 * count
+        found.append(_Found(*(values[:count].copy() for values in rows[:4])))
+    owner, partner, is_flat, ends = (np.concatenate(x) for x in zip(*found, strict=True))
+    owner, partner = (locator.cell_of_row[rows].astype(np.intp) for rows in (owner, partner))
+    order = np.argsort(owner, kind="stable")
+    return _Found(owner[order], partner[order], is_flat[order], ends[order])
+
+
+def _divided(
+    surface: SimplexMesh, contacts: _Found, met: IndexArray
+) -> tuple[IndexArray, FloatArray, FloatArray, IndexArray]:
+    """Return owner and a point of the parts of facets, and triangles and their parts."""
+    locator = surface.locator
+    row = np.empty(surface.n_cells, np.int64)
+    row[locator.cell_of_row] = np.arange(surface.n_cells)
+    start = np.searchsorted(contacts.owner, [*met.tolist(), surface.n_cells])
+    slack = SLACK * surface.diagonal * locator.scale
+    done, room, made = 0, 4 * (len(met) + len(contacts.owner)) + 64, []
+    while done < len(met):
+        pieces = Pieces(
+            np.empty(room, np.int32), np.empty((room, 3)), np.empty((4 * room, 3, 3)),
+            np.empty(4 * room, np.int32), np.empty((_MOST_PARTS, CORNERS, 2)),
+            np.empty(_MOST_PARTS, np.int64),
+        )  # fmt: skip
+        count, n, m = divide_facets(
+            locator.tree, row[met[done:]], start[done:], contacts.ends, slack, pieces
+        )
+        if count == 0:
+            room *= 2
+            continue
+        made.append((pieces.owner[:n], pieces.centre[:n], pieces.corners[:m], pieces.part[:m]))
+        done += count
+    if not made:
+        none: IndexArray = np.empty(0, np.intp)
+        return none, np.empty((0, 3)), np.empty((0, 3, 3)), none
+    first = np.cumsum([0, *(len(one[0]) for one in made[:-1])])
+    owner = np.concatenate([one[0] for one in made])
+    centre, corners = (np.concatenate([one[k] for one in made]) for k in (1, 2))
+    part = np.concatenate([one[3] + k for one, k in zip(made, first, strict=True)])
+    return locator.cell_of_row[owner], centre / locator.scale, corners / locator.scale, part
+
+
+def _repeated(
+    surface: SimplexMesh, contacts: _Found, owner: IndexArray, centre: FloatArray
+) -> IndexArray:
+    """Return the parts that lie in a facet of a smaller number in the same plane."""
+    flat = contacts.is_flat & (contacts.partner < contacts.owner)
+    pairs = np.unique(np.column_stack([contacts.owner[flat], contacts.partner[flat]]), axis=0)
+    order = np.argsort(owner, kind="stable")
+    begin, end = (np.searchsorted(owner[order], pairs[:, 0], side) for side in ("left", "right"))
+    which = np.repeat(np.arange(len(pairs)), end - begin)
+    offset = np.arange(len(which)) - np.repeat(np.cumsum(end - begin) - (end - begin), end - begin)
+    part = order[begin[which] + offset]
+    inside = _contain(surface.points[surface.cells[pairs[which, 1]]], centre[part])
+    return np.unique(part[inside])
+
+
+def _contain(corners: FloatArray, points: FloatArray) -> BoolArray:
+    """Return which triangles contain a point of their plane, up to rounding."""
+    normals = facet_normals(corners)
+    inside = np.ones(len(points), np.bool_)
+    for v in range(3):
+        along = corners[:, (v + 1) % 3] - corners[:, v]
+        turn = np.cross(along, points - corners[:, v])
+        inside &= np.einsum("ij,ij->i", turn, normals) >= 0.0
+    return inside

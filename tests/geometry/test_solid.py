@@ -1,0 +1,212 @@
+"""The solid that a surface encloses: unions of bodies, and facets of any orientation."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import linprog
+from scipy.spatial import ConvexHull, HalfspaceIntersection
+from scipy.spatial.transform import Rotation
+from shapes import CORNERS, CUBE_CELLS
+
+from adaptsize import SimplexMesh
+from adaptsize.geometry.distance.orientation import is_cycle
+from adaptsize.geometry.solid import Solid
+
+
+def hull(points):
+    """The convex hull of points, with normals outward."""
+    found = ConvexHull(points)
+    cells = found.simplices.copy()
+    a, b, c = found.points[cells].transpose(1, 0, 2)
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), found.equations[:, :3]) < 0.0
+    cells[inward, :2] = cells[inward, 1::-1]
+    return SimplexMesh(found.points, cells)
+
+
+def box(lower, upper):
+    return SimplexMesh(lower + CORNERS * np.subtract(upper, lower), CUBE_CELLS)
+
+
+def cylinder(n, radius, height):
+    angle = 2.0 * np.pi * np.arange(n) / n
+    ring = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    return hull(np.concatenate([np.column_stack([ring, np.full(n, z)]) for z in (0.0, height)]))
+
+
+def ball(n, radius):
+    """A polyhedron with nodes on a sphere, evenly spread along a spiral."""
+    z = 1.0 - (2.0 * np.arange(n) + 1.0) / n
+    angle = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(n)
+    r = np.sqrt(1.0 - z * z)
+    return hull(radius * np.column_stack([r * np.cos(angle), r * np.sin(angle), z]))
+
+
+def joined(bodies):
+    first = np.cumsum([0, *(body.n_points for body in bodies[:-1])])
+    cells = [body.cells + k for body, k in zip(bodies, first, strict=True)]
+    return SimplexMesh(np.concatenate([body.points for body in bodies]), np.concatenate(cells))
+
+
+def flipped(mesh, rows):
+    cells = mesh.cells.copy()
+    cells[rows, :2] = cells[rows, 1::-1]
+    return SimplexMesh(mesh.points, cells)
+
+
+def common_volume(bodies):
+    """The volume that convex bodies have in common."""
+    planes = np.concatenate([ConvexHull(body.points).equations for body in bodies])
+    # The centre and the radius of the largest ball.
+    rows = np.column_stack([planes[:, :3], np.ones(len(planes))])
+    bounds = [(None, None)] * 3 + [(0, None)]
+    found = linprog([0, 0, 0, -1], A_ub=rows, b_ub=-planes[:, 3], bounds=bounds)
+    if found.status != 0 or found.x[3] < 1e-9:
+        return 0.0
+    return ConvexHull(HalfspaceIntersection(planes, found.x[:3]).intersections).volume
+
+
+def union_volume(bodies):
+    """The volume of the union of convex bodies, by inclusion and exclusion."""
+    return sum(
+        (-1) ** (k + 1) * sum(common_volume(some) for some in combinations(bodies, k))
+        for k in range(1, len(bodies) + 1)
+    )
+
+
+numbers = st.integers(0, 2**32 - 1)
+
+
+def random_bodies(rng):
+    """Two to four boxes, balls and cylinders, some of them on a common grid."""
+    bodies = []
+    for _ in range(rng.integers(2, 5)):
+        kind = rng.integers(3)
+        size = rng.choice([0.25, 0.5, 1.0], 3)
+        body = (
+            box([0, 0, 0], size)
+            if kind == 0
+            else ball(int(rng.integers(12, 60)), 0.5 * size[0])
+            if kind == 1
+            else cylinder(int(rng.integers(4, 16)), 0.5 * size[0], size[1])
+        )
+        on_grid = rng.random() < 0.5
+        turn = np.eye(3) if on_grid else Rotation.random(random_state=rng).as_matrix()
+        shift = rng.choice([0.0, 0.25, 0.5], 3) if on_grid else rng.normal(0.0, 0.3, 3)
+        bodies.append(body.moved(body.points @ turn.T + shift))
+    return bodies
+
+
+@given(numbers)
+def test_the_volume_of_a_union_is_exact_however_it_is_turned_and_oriented(seed):
+    rng = np.random.default_rng(seed)
+    bodies = random_bodies(rng)
+    surface = joined(bodies)
+    turn = Rotation.random(random_state=rng).as_matrix()
+    scale = 10.0 ** rng.integers(-3, 4)
+    points = scale * (surface.points @ turn.T + rng.normal(size=3))
+    if rng.random() < 0.5:  # as in STL files
+        points = points.astype(np.float32).astype(np.float64)
+    moved = surface.moved(points)
+    # Flips are not clear where bodies that overlap have edges in common.
+    share = 0.2 if Solid(moved).surface.facet_cell_counts.max() == 2 else 0.0
+    solid = Solid(flipped(moved, rng.random(surface.n_cells) < share))
+    assert solid.is_closed
+    # Depths up to 1e-6 of the diagonal are contacts, on both sides.
+    rounding = 2e-6 * moved.diagonal * moved.measures.sum()
+    assert solid.volume == pytest.approx(scale**3 * union_volume(bodies), abs=rounding)
+    # The boundary of a union is closed: the sum of its normals times areas is zero.
+    a, b, c = solid.skin.points[solid.skin.cells].transpose(1, 0, 2)
+    total = 0.5 * np.cross(b - a, c - a).sum(axis=0)
+    assert np.abs(total).max() < 1e-4 * solid.skin.measures.sum()
+
+
+UNIT = box((0, 0, 0), (1, 1, 1))
+#: By name: another body, the volume of the union with the unit cube, and of the hidden facets.
+BESIDE = {
+    "crossing": (box((0.5, 0.3, 0.4), (1.6, 1.2, 1.3)), 1.681, True),
+    "with sides in the same planes": (box((0.5, 0, 0), (1.5, 1, 1)), 1.5, True),
+    "inside": (box((0.3, 0.3, 0.3), (0.7, 0.7, 0.7)), 1.0, False),
+    "the same": (UNIT, 1.0, False),
+    "on a face": (box((1, 0, 0), (2, 1, 1)), 2.0, False),
+    "on a part of a face": (box((1, 0.3, 0.2), (2, 1.4, 1.1)), 1.99, True),
+    "on a part of a face, up to rounding": (box((1 + 4e-7, 0.3, 0.2), (2, 1.4, 1.1)), 1.99, True),
+    "on an edge": (box((1, 1, 0), (2, 2, 1)), 2.0, None),
+    "on a node": (box((1, 1, 1), (2, 2, 2)), 2.0, None),
+    "apart": (box((1.1, 0, 0), (2.1, 1, 1)), 2.0, None),
+}
+
+
+@pytest.mark.parametrize("name", BESIDE)
+def test_bodies_beside_a_cube(name):
+    other, volume, is_divided = BESIDE[name]
+    surface = joined([UNIT, other])
+    solid = Solid(surface)
+    assert solid.volume == pytest.approx(volume, rel=1e-6)
+    assert solid.is_divided == bool(is_divided)
+    if is_divided is None:
+        assert not solid.hidden.any()
+        assert solid.skin.n_cells == surface.n_cells
+    elif not is_divided:
+        assert solid.hidden.any()
+        assert is_cycle(solid.skin)
+
+
+def test_the_same_holds_if_nodes_are_shared_and_facets_are_flipped():
+    rng = np.random.default_rng(20260)
+    # Two cubes with common nodes; the face between them is there once, twice, or with another
+    # diagonal the second time.
+    pair = joined([UNIT, box((1, 0, 0), (2, 1, 1))])
+    on_wall = (pair.points[pair.cells][..., 0] == 1.0).all(axis=1)
+    once = pair.cells[~on_wall | (np.arange(24) < 12)]
+    wall = pair.cells[:12][on_wall[:12]]
+    corners = pair.points[np.unique(wall)][:, 1:]
+    order = np.unique(wall)[[int(np.flatnonzero((corners == at).all(axis=1))[0])
+                             for at in ([0, 0], [1, 0], [1, 1], [0, 1])]]  # fmt: skip
+    shared = {tuple(sorted(cell)) for cell in wall.tolist()}
+    other = [order[[0, 1, 2]], order[[0, 2, 3]]]
+    if {tuple(sorted(cell.tolist())) for cell in other} == shared:
+        other = [order[[1, 2, 3]], order[[1, 3, 0]]]
+    for cells in (pair.cells, once, np.concatenate([once, other])):
+        for share in (0.0, *[0.3] * 10):
+            mesh = flipped(SimplexMesh(pair.points, cells), rng.random(len(cells)) < share)
+            solid = Solid(mesh)
+            assert solid.volume == pytest.approx(2.0)
+            assert (solid.skin.n_cells, is_cycle(solid.skin)) == (20, True)
+            inner = (solid.surface.points[solid.surface.cells][..., 0] == 1.0).all(axis=1)
+            assert np.array_equal(solid.hidden, inner)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 1.0])
+def test_a_cavity_stays_one_whatever_facets_are_flipped(share):
+    rng = np.random.default_rng(71)
+    core = ball(200, 0.3)
+    hollow = joined([ball(300, 1.0), flipped(core, slice(None))])
+    volume = ConvexHull(hollow.points).volume - ConvexHull(core.points).volume
+    rows = rng.random(hollow.n_cells) < share
+    solid = Solid(flipped(hollow, rows))
+    assert solid.volume == pytest.approx(volume)
+    assert np.array_equal(solid.flipped, rows)
+    assert not solid.hidden.any()
+
+
+def test_a_wall_with_holes_bounds_no_solid():
+    solid = Solid(SimplexMesh(UNIT.points, UNIT.cells[1:]))
+    assert not solid.is_closed
+    assert np.isnan(solid.volume)
+    assert solid.skin.n_cells == 11
+
+
+def test_a_sliver_that_is_folded_over_does_not_divide_a_surface():
+    # Two nodes in the top have changed places, so that triangles between them are upside down.
+    points = [*CORNERS, [0.5, 0.5 + 2e-6, 1.0], [0.5, 0.5 - 2e-6, 1.0]]
+    bottom = CUBE_CELLS[(CORNERS[CUBE_CELLS][..., 2] < 1.0).any(axis=1)]
+    top = [[1, 5, 8], [5, 7, 8], [7, 9, 8], [7, 3, 9], [3, 8, 9], [3, 1, 8]]
+    folded = SimplexMesh(points, [*bottom, *top])
+    assert is_cycle(folded)
+    solid = Solid(folded)
+    assert solid.volume == pytest.approx(1.0, rel=1e-6)
+    assert (solid.is_divided, solid.hidden.any(), solid.flipped.any()) == (False, False, False)
+    assert np.array_equal(solid.cells, folded.cells)
