@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -109,7 +110,7 @@ def mesh_image(
             report=report,
         )
         mesh = _with_tagged_facets(_with_labels(mesh, domain), mask)
-    warn_of_faults(made)
+    warn_of_faults(replace(made, domain_measure=sum(domain.measures.values())))
     return mesh.with_data(point_data={"h": size(mesh.points)})
 
 
@@ -122,7 +123,7 @@ def _labelled(domain: ImageDomain, size: SizeFunction) -> LabelledDomain:
         np.maximum(mask.lower, mask.grid.lower),
         np.minimum(mask.upper, mask.grid.upper),
         fields=fields,
-        measures=mask.measures(),
+        measures=domain.measures,
     )
 
 

@@ -46,9 +46,10 @@ class Mask:
             found = found[..., None] & ((axis > low) & (axis < high))
         return found
 
-    def measures(self) -> dict[int, float]:
-        """Return the area or volume of the pixels of each label."""
-        names, counts = np.unique(self.labels[self.in_image], return_counts=True)
+    def measures(self, chosen: BoolArray | None = None) -> dict[int, float]:
+        """Return the area or volume of the pixels of each label, of all or of chosen pixels."""
+        counted = self.in_image if chosen is None else self.in_image & chosen
+        names, counts = np.unique(self.labels[counted], return_counts=True)
         pixel = float(np.prod(self.grid.spacing))
         return {int(a): pixel * int(n) for a, n in zip(names, counts, strict=True) if a != 0}
 
@@ -174,38 +175,63 @@ def _cut(image: Image, inside: BoolArray, what: str, labels: npt.NDArray[Any] | 
     return Mask(grid, padded, labels is not None, lower, upper)
 
 
-def report_lost_labels(mask: Mask, smooth: npt.NDArray[Any]) -> None:
-    """Report objects that a filter of the labels has removed.
+def lost_pixels(mask: Mask, smooth: npt.NDArray[Any]) -> BoolArray:
+    """Return which pixels of labels are farther than two pixels from the filtered labels."""
+    from scipy import ndimage
+
+    lost = np.zeros(smooth.shape, np.bool_)
+    near = np.ones((3,) * smooth.ndim, np.bool_)
+    for name in np.unique(mask.labels[mask.labels != smooth]):
+        if name != 0:
+            moved = (mask.labels == name) & (smooth != name)
+            part = tuple(slice(max(a - 3, 0), b + 4) for a, b in span_of(moved))
+            kept = ndimage.binary_dilation(smooth[part] == name, near, iterations=2)
+            lost[part] |= moved[part] & ~kept
+    return lost
+
+
+def report_lost(mask: Mask, smooth: npt.NDArray[Any], lost: BoolArray) -> None:
+    """Report objects, and parts of labels, that a filter of the labels has removed.
 
     Raises
     ------
     ValueError
-        If none is left.
+        If no object is left.
 
     Warns
     -----
     InputWarning
-        If some are lost.
+        If some objects are lost, or more than 2 % of a label.
     """
     from scipy import ndimage
 
-    lost, total = [], 0
+    if not lost.any():
+        return
+    sizes_lost, total, parts = [], 0, []
     for name in np.unique(mask.labels[mask.labels != 0]):
         own = mask.labels == name
         objects, count = ndimage.label(own, structure=np.ones((3,) * own.ndim))
         sizes = np.bincount(objects.ravel(), minlength=count + 1)
-        left = np.bincount(objects[smooth == name], minlength=count + 1)
-        lost += sizes[1:][left[1:] == 0].tolist()
+        left = sizes - np.bincount(objects[lost], minlength=count + 1)
+        sizes_lost += sizes[1:][left[1:] == 0].tolist()
         total += count
-    if not lost:
-        return
-    if len(lost) == total:
+        share = np.count_nonzero(own & lost) / np.count_nonzero(own)
+        if share > 0.02 and left[1:].any():
+            parts.append(f"{share:.1%} of label {name}" if mask.has_labels else f"{share:.1%}")
+    if len(sizes_lost) == total:
         what = f"{total} objects" if total > 1 else "one object"
         raise ValueError(
             f"image must show objects at least 4 pixels across, got {what} of at most "
-            f"{max(lost)} pixels, which smoothing removes"
+            f"{max(sizes_lost)} pixels, which smoothing removes"
         )
-    warn_caller(
-        f"smoothing removes {len(lost)} of {total} objects, the largest of {max(lost)} pixels",
-        InputWarning,
-    )
+    if sizes_lost:
+        warn_caller(
+            f"smoothing removes {len(sizes_lost)} of {total} objects, the largest of "
+            f"{max(sizes_lost)} pixels",
+            InputWarning,
+        )
+    elif parts:
+        warn_caller(
+            f"smoothing removes thin parts, {', '.join(parts)}: less smoothing keeps them",
+            InputWarning,
+        )

@@ -17,7 +17,7 @@ from adaptsize.background.grid import span_of
 from adaptsize.background.image import Image
 from adaptsize.domain_size.by_domain import diameter_of, limited_on_grid
 from adaptsize.domain_size.labels import LabelFields, NearestOnGrid
-from adaptsize.domain_size.masks import Mask, mask_of, report_lost_labels
+from adaptsize.domain_size.masks import MARGIN, Mask, lost_pixels, mask_of, report_lost
 from adaptsize.domain_size.request import Bounds, Request
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.limiting import FastMarching
@@ -73,7 +73,7 @@ class ImageDomain:
         fields = LabelFields.of(mask, SMOOTHING if smoothing is None else smoothing)
         nearest = fields.on_grid()
         found = cls(mask, fields, nearest)
-        report_lost_labels(mask, found.smooth)
+        report_lost(mask, found.smooth, found.lost)
         return found
 
     @cached_property
@@ -81,6 +81,16 @@ class ImageDomain:
         """The filtered labels, of the grid's shape."""
         names = np.array(self.fields.names, self.mask.labels.dtype)
         return np.asarray(names[self.nearest.first])
+
+    @cached_property
+    def lost(self) -> BoolArray:
+        """Which pixels belong to parts that the filter removes, of the grid's shape."""
+        return lost_pixels(self.mask, self.smooth)
+
+    @property
+    def measures(self) -> dict[int, float]:
+        """Area or volume of the pixels of each label, but for the parts that the filter removes."""
+        return self.mask.measures(~self.lost)
 
     def limited(self, request: Request) -> SizeFunction:
         """Return the limited sizes, with a report on which cause controls them where."""
@@ -147,13 +157,12 @@ class ImageDomain:
         if not own.any():  # removed by the filter
             return None
         around = span_of(own)
-        low = np.maximum(around[:, 0] - 3, 0)
-        high = np.minimum(around[:, 1] + 4, own.shape)
+        low = np.maximum(around[:, 0] - MARGIN, 0)
+        high = np.minimum(around[:, 1] + MARGIN + 1, own.shape)
         part = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
         whole = self.mask.grid
-        grid = CartesianGrid(whole.origin + whole.spacing * low, whole.spacing, tuple(high - low))
-        away = self.fields.distance_to(k, self.nearest, part) * self.fields.pixel
-        phi = signed_distance(grid, away, progress=report)
+        grid = CartesianGrid(whole.origin + whole.spacing * low, whole.spacing, own[part].shape)
+        phi = signed_distance(grid, own[part], progress=report)
         width = size_from_feature(grid, phi, elements_across=1.0, progress=report)
         return _OfLabel(part, grid, phi, np.where(own[part], width, np.inf))
 
