@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from adaptsize._kernels.label_fields import interpolate_field
 from adaptsize.background import CartesianGrid
 from adaptsize.background.grid import span_of
 from adaptsize.domain_size.masks import MARGIN, Mask
@@ -114,7 +114,8 @@ class LabelFields:
             place = along - own.first
             in_box = (place >= 0.0) & (place <= np.array(own.values.shape) - 1.0)
             near = np.flatnonzero(in_box.all(axis=1))
-            best.insert(k, near, _interpolated(own.values, place[near])[0] - self.shifts[k])
+            found = _interpolated(own.values, place[near], with_slope=False)[0]
+            best.insert(k, near, found - self.shifts[k])
         return best.nearest
 
     def values(self, labels: IntArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -180,20 +181,15 @@ def _field_of(mine: BoolArray, deviation: float) -> _Field:
     if deviation > 0.0:
         once = ndimage.gaussian_filter(level, deviation, mode="nearest")
         level = 2.0 * once - ndimage.gaussian_filter(once, deviation, mode="nearest")
-    return _Field(level.astype(np.float32), first)
+    return _Field(np.ascontiguousarray(level, np.float32), first)
 
 
-def _interpolated(values: FloatArray, place: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return values between nodes, multilinear, and their gradients in pixels."""
-    n, dim = place.shape
-    start = np.clip(place.astype(np.int64), 0, np.array(values.shape) - 2)
-    share = place - start
-    found, slope = np.zeros(n), np.zeros((n, dim))
-    for corner in product((0, 1), repeat=dim):
-        here = values[tuple((start + corner).T)].astype(np.float64)
-        parts = np.where(np.array(corner, bool), share, 1.0 - share)
-        found += parts.prod(axis=1) * here
-        for d in range(dim):
-            others = np.delete(parts, d, axis=1).prod(axis=1)
-            slope[:, d] += others * here * (2 * corner[d] - 1)
+def _interpolated(
+    values: FloatArray, place: FloatArray, *, with_slope: bool = True
+) -> tuple[FloatArray, FloatArray]:
+    """Return values between nodes, multilinear, and if requested their gradients in pixels."""
+    found = np.empty(len(place))
+    slope = np.empty((len(place) if with_slope else 0, place.shape[1]))
+    shape = np.array(values.shape, np.int64)
+    interpolate_field(values.reshape(-1), shape, np.ascontiguousarray(place), found, slope)
     return found, slope

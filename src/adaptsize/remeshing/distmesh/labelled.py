@@ -303,8 +303,10 @@ def distance_to_outside(fields: Fields) -> Field:
         near = fields.at(points)
         if outside < 0:
             return np.full(len(points), -1e3 * fields.pixel)
-        beyond = fields.values(np.full(len(points), outside), points)[0]
-        away = np.where(near.first == outside, near.gap, near.least - beyond)
+        away = np.where(near.first == outside, near.gap, -near.gap)
+        deep = np.flatnonzero((near.first != outside) & (near.second != outside))
+        beyond = fields.values(np.full(len(deep), outside), points[deep])[0]
+        away[deep] = near.least[deep] - beyond
         return np.asarray(0.5 * fields.pixel * away)
 
     return distance
