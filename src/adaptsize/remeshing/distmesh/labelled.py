@@ -163,10 +163,10 @@ class LabelledDomain(ImplicitDomain):
         while len(left):
             there = self._meeting(points[left], walls[left], h[left], tolerance, max_steps)
             far = np.linalg.norm(there - points[left], axis=1) > _REACH * h[left]
+            far &= (walls[left] >= 0).sum(axis=1) > 2
             moved[left[~far]] = there[~far]
             left = left[far]
             walls[left] = self._without_farthest(points[left], walls[left])
-            left = left[(walls[left] >= 0).sum(axis=1) > 1]
         return moved
 
     def _without_farthest(self, points: FloatArray, walls: IntArray) -> IntArray:
