@@ -77,8 +77,9 @@ class LabelFields:
     @classmethod
     def of(cls, mask: Mask, smoothing: float) -> LabelFields:
         """Return the fields of labels after a filter of a standard deviation in pixels."""
-        names = [int(name) for name in np.unique(mask.labels)]
-        fields = [_field_of(mask.labels == name, smoothing) for name in names]
+        names = [int(name) for name in np.unique(mask.labels[mask.image_part])]
+        image = mask.image_part
+        fields = [_field_of(mask.labels == name, image, smoothing) for name in names]
         return cls(mask.grid, names, fields, np.zeros(len(names)))
 
     @property
@@ -167,17 +168,25 @@ class _Best:
         return Nearest(self.first, np.where(alone, self.first, self.second), self.least, gap)
 
 
-def _field_of(mine: BoolArray, deviation: float) -> _Field:
-    """Return the filtered distance to the boundary of a label, in a box around it."""
+def _field_of(mine: BoolArray, image: tuple[slice, ...], deviation: float) -> _Field:
+    """Return the filtered distance to the boundary of a label, in a box around it.
+
+    Beyond the border of the image, the distance is reflected with the sign of its changes reversed,
+    so that boundaries continue in the direction in which they reach the border.
+    """
     from scipy import ndimage
 
     margin = MARGIN + math.ceil(3.0 * deviation)
     low, high = span_of(mine).T
     first = np.maximum(low - margin, 0)
     last = np.minimum(high + margin + 1, mine.shape)
-    own = mine[tuple(slice(a, b) for a, b in zip(first, last, strict=True))]
+    start = np.maximum(first, [axis.start for axis in image])
+    stop = np.minimum(last, [axis.stop for axis in image])
+    own = mine[tuple(slice(a, b) for a, b in zip(start, stop, strict=True))]
     level = ndimage.distance_transform_edt(~own) - ndimage.distance_transform_edt(own)
     level -= np.copysign(0.5, level)
+    beyond = np.column_stack([start - first, last - stop])
+    level = np.pad(level, beyond, mode="reflect", reflect_type="odd")
     if deviation > 0.0:
         once = ndimage.gaussian_filter(level, deviation, mode="nearest")
         level = 2.0 * once - ndimage.gaussian_filter(once, deviation, mode="nearest")

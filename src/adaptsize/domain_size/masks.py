@@ -39,11 +39,18 @@ class Mask:
     """Highest coordinates of the pixels of the image, float64[dim]."""
 
     @property
+    def image_part(self) -> tuple[slice, ...]:
+        """The part of the grid in the image."""
+        shape = np.round((self.upper - self.lower) / self.grid.spacing).astype(int)
+        start = np.round((self.grid.lower - self.lower) / self.grid.spacing - 0.5).astype(int)
+        stop = np.minimum(np.array(self.grid.shape), shape - start)
+        return tuple(slice(a, b) for a, b in zip(np.maximum(-start, 0), stop, strict=True))
+
+    @property
     def in_image(self) -> BoolArray:
         """Which pixels belong to the image, of the grid's shape."""
-        found = np.ones((), np.bool_)
-        for axis, low, high in zip(self.grid.axes, self.lower, self.upper, strict=True):
-            found = found[..., None] & ((axis > low) & (axis < high))
+        found = np.zeros(self.grid.shape, np.bool_)
+        found[self.image_part] = True
         return found
 
     def measures(self, chosen: BoolArray | None = None) -> dict[int, float]:
@@ -187,7 +194,7 @@ def lost_pixels(mask: Mask, smooth: npt.NDArray[Any]) -> BoolArray:
             part = tuple(slice(max(a - 3, 0), b + 4) for a, b in span_of(moved))
             kept = ndimage.binary_dilation(smooth[part] == name, near, iterations=2)
             lost[part] |= moved[part] & ~kept
-    return lost
+    return lost & mask.in_image
 
 
 def report_lost(mask: Mask, smooth: npt.NDArray[Any], lost: BoolArray) -> None:
