@@ -41,7 +41,7 @@ _PARTS = own("Output", "parts", bool, "Also print width, curvature, size and cos
 _SPEED = own("Output", "speed", float, "Largest speed of a signal, for the time steps.")
 _CAUSES = own("Output", "plot_causes", Path, "Also draw which cause controls which part (.png).")
 #: Options that have no effect on the sizes of an image.
-_OF_MESHES = ("elements_between", "field", "elements", "nodes", "tolerance", "parts", "size_of")
+_OF_MESHES = ("elements_between", "field", "elements", "nodes", "tolerance", "parts")
 
 
 @command(SizeFunctionOptions, SOURCE, FIELD, PLOT, _CAUSES, _COST, _PARTS, _SPEED)

@@ -113,7 +113,11 @@ def mask_of(image: Image | npt.ArrayLike, options: ImageOptions) -> Mask:
             f"{values.min():g} to {values.max():g}; pass threshold="
         )
     if label is not None:
-        return _cut(image, _is_labelled(values, label), f"of label {label}", values)
+        chosen = _is_labelled(values, label)
+        is_named = bool(values[chosen].any())  # label 0 alone is what is outside otherwise
+        if is_named and not values[chosen].all():
+            raise ValueError(f"label must not hold 0, the outside, with others, got {label}")
+        return _cut(image, chosen, f"of label {label}", values if is_named else None)
     _refuse_photo(values)
     inside = values != 0
     several = values.dtype.kind != "b" and values[inside].size > 0 and np.ptp(values[inside]) > 0

@@ -33,8 +33,9 @@ SMOOTHING = 2.0
 _ROUNDS = 24
 #: The filters leave no corners sharper than this, but where three labels meet; degrees.
 _CREASE_ANGLE = 120.0
-#: Interfaces have no curvature this near to a third label, in pixels.
-_BESIDE = 2.5
+#: Interfaces have no curvature this near to a third label, in pixels: the averaging above carries
+#: kinks at the lines where three labels meet so far.  The width bounds shells thinner than that.
+_BESIDE = 5.0
 
 
 class _OfLabel(NamedTuple):
@@ -96,14 +97,17 @@ class ImageDomain:
         """Return the limited sizes, with a report on which cause controls them where."""
         grid, options = self.mask.grid, request.options
         is_inside = self.smooth != 0
-        bounds = self._bounds(request)
-        if options["size_of"]:
-            sizes = self._sizes_of(options["size_of"])
-            for bound in bounds.values():
-                bound[np.isfinite(sizes)] = np.inf
-            bounds["size_of"] = sizes
-        limits = request.limits(diameter_of(grid, is_inside), 2.0 * float(grid.spacing.max()))
+        of_labels = self._sizes_of(options["size_of"] or {})  # refused, if at all, before the rest
         sources = [self._source(source) for source in request.sources]
+        bounds = self._bounds(request)
+        least = 2.0 * float(grid.spacing.max())
+        limits = request.limits(diameter_of(grid, is_inside), least)
+        if options["hmin"] is None and limits[0] < least:  # prescribed sizes do not lower others
+            bounds = {name: np.maximum(bound, least) for name, bound in bounds.items()}
+        if options["size_of"]:
+            for bound in bounds.values():
+                bound[np.isfinite(of_labels)] = np.inf
+            bounds["size_of"] = of_labels
         fixed = replace(request, options={**options, "size_of": None}, sources=sources)
         # In space, bounds in an image are less accurate than fast marching, and the exact method
         # takes longer than all other steps together.
@@ -180,6 +184,7 @@ class ImageDomain:
         if isinstance(source, BoundarySource):
             tags = source.tags
             own = self.smooth != 0 if tags is None else self._are_of("tags", tags)
+            own = own & self.mask.in_image
             return _AtNodes(own & _beside(~own), source.size)
         return source
 
