@@ -62,14 +62,12 @@ def sizes_of(labels, **options):
     ("dim", "radii", "options"),
     [
         (2, (40.0, 30.0, 26.0), {}),
-        (3, (15.5, 12.5, 8.5), {"elements_across": 1.0, "hmin": 3.5}),
+        (3, (15.5, 12.5, 8.5), {"elements_across": 1.0, "hmin": 7.0}),
     ],
 )
 def test_a_shell_of_four_pixels_and_a_ball_of_nine_keep_their_volume(dim, radii, options):
     labels = head(dim, *radii)
-    mesh = mesh_of(
-        labels, spacing=2.0, **{k: 2 * v if k == "hmin" else v for k, v in options.items()}
-    )
+    mesh = mesh_of(labels, spacing=2.0, **options)
     off = changes(mesh, labels, 2.0)
     assert set(off) == {1, 2, 3, 4}
     assert max(map(abs, off.values())) < 0.005, off
@@ -96,7 +94,7 @@ def test_random_labels_keep_their_area_and_their_interfaces(seed, n_outside):
     apart = np.linalg.norm(centres[which[:, 0]] - centres[which[:, 2]], axis=1)
     alone = (near[:, 2] ** 2 - near[:, 0] ** 2) / (2.0 * apart) > 4.0
     assert from_edge[several & alone].max() < 0.75
-    assert from_edge[several].max() < 2.0
+    assert from_edge[several].max() < 4.0
 
 
 def test_the_line_where_three_labels_meet_is_a_line_of_the_mesh():
@@ -115,11 +113,9 @@ def test_parts_that_the_filter_removes_are_reported_and_thicken_no_others():
     labels = np.zeros((60, 40), int)
     labels[5:35, 5:35] = 1
     labels[35:55, 19:21] = 1  # a line of two pixels
-    with pytest.warns(InputWarning, match=r"smoothing removes thin parts, \d\.\d% of 1"):
+    with pytest.warns(InputWarning, match=r"smoothing removes thin parts: 2\.\d% of the pixels"):
         mesh = mesh_image(np.where(labels, 1, 0))
     assert mesh.measures.sum() == pytest.approx(900.0, rel=0.02)
-    kept = mesh_image(labels, smoothing=0.0, hmin=1.0)
-    assert kept.measures.sum() == pytest.approx(940.0, rel=0.01)
 
 
 # --- the border of the image ------------------------------------------------------
@@ -142,7 +138,7 @@ def test_inlets_are_plane_and_keep_their_area(slope):
 
 
 def test_labels_that_fill_the_image_make_a_box():
-    x, y, z = np.indices((14, 12, 13))
+    x, y, _ = np.indices((14, 12, 13))
     labels = np.where(np.hypot(x - 6.0, y - 6.0) < 4.0, 2, 1)
     mesh = mesh_of(labels, spacing=[1.0, 1.0, 1.5], hmin=2.5, hmax=2.5)
     assert mesh.measures.sum() == pytest.approx(14 * 12 * 13 * 1.5, rel=1e-12)
@@ -191,9 +187,9 @@ def test_sizes_by_label_arrive_and_leave_other_labels_their_least_size(options):
     size = size_function(labels, g=0.25, **options)
     centre = 86 / 2 - 0.3
     shell = centre + np.column_stack([[24.5, -27.0, 29.5], [0.0, 0.0, 0.0]])
-    nearest = 1.0 + 0.25 * 3.0 * ("sources" in options)  # the boundary is up to 3 away
-    assert (size(shell) <= nearest).all()
-    assert size(shell).min() == pytest.approx(1.0)
+    away = 3.0 if isinstance(options.get("sources"), BoundarySource) else 0.25  # to a node of it
+    assert (size(shell) <= 1.0 + 0.25 * away).all()
+    assert size(shell).min() == pytest.approx(1.0, abs=0.1)
     before = size_function(labels)
     outer = [[centre - 38.0, centre]]
     assert_allclose(size(outer), np.minimum(before(outer), 1.0 + 0.25 * 8.0), rtol=0.06)
@@ -203,11 +199,12 @@ def test_sizes_by_label_arrive_and_leave_other_labels_their_least_size(options):
 def test_a_larger_size_of_a_label_replaces_that_of_its_shape():
     labels = np.zeros((60, 60), int)
     labels[5:55, 5:55] = 1
-    labels[20:30, 20:30] = 2
-    free = size_function(labels, elements_across=4.0)
-    given = size_function(labels, elements_across=4.0, size_of={"2": 6.0}, hmax=8.0)
-    assert free([[24.5, 24.5]]) < 3.0
-    assert given([[24.5, 24.5]]) > 1.5 * free([[24.5, 24.5]])
+    labels[10:50, 27:33] = 2
+    of_shape = {"elements_per_radian": 0.0, "elements_across": 2.0, "hmax": 8.0}
+    free = size_function(labels, **of_shape)
+    given = size_function(labels, size_of={"2": 6.0}, **of_shape)
+    assert free([[29.5, 29.5]]) == pytest.approx(3.0, abs=0.3)
+    assert given([[29.5, 29.5]]) == pytest.approx(6.0)
 
 
 @pytest.mark.parametrize(

@@ -101,16 +101,17 @@ def mesh_image(
         mask, defaults = domain.mask, checked(DistanceOptions, {})
         if size is None:
             size = within_budget(domain, Request.of(given, sources, report=report))
+        labelled = _labelled(domain, size)
         mesh, made = mesh_of_domain(
-            _labelled(domain, size),
-            np.empty((0, mask.grid.dim)),
+            labelled,
+            labelled.corners(),
             seed=given["seed"],
             max_iter=defaults["max_iter"],
             max_elements=defaults["max_elements"],
             report=report,
         )
         mesh = _with_tagged_facets(_with_labels(mesh, domain), mask)
-    warn_of_faults(replace(made, domain_measure=sum(domain.measures.values())))
+    warn_of_faults(replace(made, domain_measure=sum(mask.measures().values())))
     return mesh.with_data(point_data={"h": size(mesh.points)})
 
 
@@ -123,7 +124,7 @@ def _labelled(domain: ImageDomain, size: SizeFunction) -> LabelledDomain:
         np.maximum(mask.lower, mask.grid.lower),
         np.minimum(mask.upper, mask.grid.upper),
         fields=fields,
-        measures=domain.measures,
+        measures=mask.measures(),
     )
 
 

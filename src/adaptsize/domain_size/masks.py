@@ -53,10 +53,9 @@ class Mask:
         found[self.image_part] = True
         return found
 
-    def measures(self, chosen: BoolArray | None = None) -> dict[int, float]:
-        """Return the area or volume of the pixels of each label, of all or of chosen pixels."""
-        counted = self.in_image if chosen is None else self.in_image & chosen
-        names, counts = np.unique(self.labels[counted], return_counts=True)
+    def measures(self) -> dict[int, float]:
+        """Return the area or volume of the pixels of each label."""
+        names, counts = np.unique(self.labels[self.image_part], return_counts=True)
         pixel = float(np.prod(self.grid.spacing))
         return {int(a): pixel * int(n) for a, n in zip(names, counts, strict=True) if a != 0}
 
@@ -228,7 +227,7 @@ def report_lost(mask: Mask, smooth: npt.NDArray[Any], lost: BoolArray) -> None:
         total += count
         share = np.count_nonzero(own & lost) / np.count_nonzero(own)
         if share > 0.02 and left[1:].any():
-            parts.append(f"{share:.1%} of label {name}" if mask.has_labels else f"{share:.1%}")
+            parts.append(f"{share:.1%} of {f'label {name}' if mask.has_labels else 'the pixels'}")
     if len(sizes_lost) == total:
         what = f"{total} objects" if total > 1 else "one object"
         raise ValueError(
@@ -243,6 +242,6 @@ def report_lost(mask: Mask, smooth: npt.NDArray[Any], lost: BoolArray) -> None:
         )
     elif parts:
         warn_caller(
-            f"smoothing removes thin parts, {', '.join(parts)}: less smoothing keeps them",
+            f"smoothing removes thin parts: {', '.join(parts)}; less smoothing keeps them",
             InputWarning,
         )

@@ -58,6 +58,7 @@ class ImageDomain:
     """
 
     mask: Mask
+    """Without the parts that the filter removes."""
     fields: LabelFields
     nearest: NearestOnGrid
     _labels: list[_OfLabel] | None = None
@@ -70,28 +71,26 @@ class ImageDomain:
         """Return the domain of an image, with checks of its labels."""
         mask = mask_of(image, options)
         report("filtering labels", None)
-        smoothing = options["smoothing"]
-        fields = LabelFields.of(mask, SMOOTHING if smoothing is None else smoothing)
-        nearest = fields.on_grid()
-        found = cls(mask, fields, nearest)
-        report_lost(mask, found.smooth, found.lost)
-        return found
+        smoothing = SMOOTHING if options["smoothing"] is None else options["smoothing"]
+        found = cls._filtered(mask, smoothing)
+        lost = lost_pixels(mask, found.smooth)
+        if not lost.any():
+            return found
+        report_lost(mask, found.smooth, lost)
+        # What is left of thin parts would have fields near zero, that is, ragged boundaries.
+        cleaned = np.where(lost, found.smooth, mask.labels)
+        return cls._filtered(replace(mask, labels=cleaned), smoothing)
+
+    @classmethod
+    def _filtered(cls, mask: Mask, smoothing: float) -> ImageDomain:
+        fields = LabelFields.of(mask, smoothing)
+        return cls(mask, fields, fields.on_grid())
 
     @cached_property
     def smooth(self) -> npt.NDArray[Any]:
         """The filtered labels, of the grid's shape."""
         names = np.array(self.fields.names, self.mask.labels.dtype)
         return np.asarray(names[self.nearest.first])
-
-    @cached_property
-    def lost(self) -> BoolArray:
-        """Which pixels belong to parts that the filter removes, of the grid's shape."""
-        return lost_pixels(self.mask, self.smooth)
-
-    @property
-    def measures(self) -> dict[int, float]:
-        """Area or volume of the pixels of each label, but for the parts that the filter removes."""
-        return self.mask.measures(~self.lost)
 
     def limited(self, request: Request) -> SizeFunction:
         """Return the limited sizes, with a report on which cause controls them where."""

@@ -17,7 +17,7 @@ _REACH = 0.5
 #: Interfaces whose normals are closer than this are treated as one, in singular values.
 _PARALLEL = 0.2
 #: No label is shifted by more than this in one step, and in all, in pixels.
-_STEP, _MOST = 0.5, 1.5
+_STEP, _MOST = 1.0, 4.0
 #: Measures are adjusted until they are this close, relative.
 _CLOSE = 2e-3
 
@@ -81,6 +81,13 @@ class LabelledDomain(ImplicitDomain):
     def outside(self) -> int:
         """Number of the label of the outside, -1 if there is none."""
         return self.fields.names.index(0) if 0 in self.fields.names else -1
+
+    def corners(self) -> FloatArray:
+        """Return the corners of the box that lie in a region."""
+        ends = np.stack([self.lower, self.upper])
+        choice = np.indices((2,) * self.dim).reshape(self.dim, -1).T
+        corners = np.take_along_axis(ends, choice, axis=0)
+        return np.asarray(corners[self.fields.at(corners).first != self.outside])
 
     def regions(self, points: FloatArray, cells: IntArray) -> IntArray:
         """Return the number of the label of each cell."""
@@ -160,6 +167,8 @@ class LabelledDomain(ImplicitDomain):
             points[free], h[free], tolerance=tolerance, max_steps=max_steps
         )
         left, walls = np.flatnonzero(~free), walls.copy()
+        while (many := (walls >= 0).sum(axis=1) > self.dim + 1).any():  # meet nowhere
+            walls[many] = self._without_farthest(points[many], walls[many])
         while len(left):
             there = self._meeting(points[left], walls[left], h[left], tolerance, max_steps)
             far = np.linalg.norm(there - points[left], axis=1) > _REACH * h[left]
@@ -170,12 +179,16 @@ class LabelledDomain(ImplicitDomain):
         return moved
 
     def _without_farthest(self, points: FloatArray, walls: IntArray) -> IntArray:
-        """Return the walls without the label with the largest field, or without one face."""
+        """Return the walls without the label with the largest field, or without one face.
+
+        The outside is kept, so that nodes of the boundary stay on it.
+        """
         n_labels = len(self.fields.names)
         value = np.full(walls.shape, -np.inf)
         for k in range(walls.shape[1]):
             of_label = np.flatnonzero((walls[:, k] >= 0) & (walls[:, k] < n_labels))
             value[of_label, k] = self.fields.values(walls[of_label, k], points[of_label])[0]
+        value[(walls == self.outside) & (walls >= 0)] = -1e6
         few = np.isfinite(value).sum(axis=1) <= 2
         few &= (walls >= n_labels).any(axis=1)
         value[few] = np.where(walls[few] >= n_labels, 1.0, -np.inf)
