@@ -185,23 +185,33 @@ def _cut(image: Image, inside: BoolArray, what: str, labels: npt.NDArray[Any] | 
     return Mask(grid, padded, labels is not None, lower, upper)
 
 
-def lost_pixels(mask: Mask, smooth: npt.NDArray[Any]) -> BoolArray:
-    """Return which pixels of labels are farther than two pixels from the filtered labels."""
+def lost_pixels(mask: Mask, smooth: npt.NDArray[Any], gap: FloatArray) -> BoolArray:
+    """Return which pixels of labels are farther than two pixels from the filtered labels.
+
+    Filtered objects that are nowhere deeper than half a pixel do not count: they are thinner than
+    three pixels.  ``gap`` is twice the depth in pixels.
+    """
     from scipy import ndimage
 
     lost = np.zeros(smooth.shape, np.bool_)
     near = np.ones((3,) * smooth.ndim, np.bool_)
     for name in np.unique(mask.labels[mask.labels != smooth]):
-        if name != 0:
-            moved = (mask.labels == name) & (smooth != name)
-            part = tuple(slice(max(a - 3, 0), b + 4) for a, b in span_of(moved))
-            kept = ndimage.binary_dilation(smooth[part] == name, near, iterations=2)
-            lost[part] |= moved[part] & ~kept
+        if name == 0:
+            continue
+        own = mask.labels == name
+        part = tuple(slice(max(a - 3, 0), b + 4) for a, b in span_of(own))
+        objects, count = ndimage.label(smooth[part] == name, near)
+        deepest = ndimage.maximum(gap[part], objects, np.arange(count + 1))
+        is_kept = np.append(False, np.asarray(deepest)[1:] >= 1.0)
+        kept = ndimage.binary_dilation(is_kept[objects], near, iterations=2)
+        lost[part] |= own[part] & ~kept
     return lost & mask.in_image
 
 
-def report_lost(mask: Mask, smooth: npt.NDArray[Any], lost: BoolArray) -> None:
+def report_lost(in_image: BoolArray, before: npt.NDArray[Any], after: npt.NDArray[Any]) -> None:
     """Report objects, and parts of labels, that a filter of the labels has removed.
+
+    ``after`` has other labels at the pixels of these.
 
     Raises
     ------
@@ -215,11 +225,13 @@ def report_lost(mask: Mask, smooth: npt.NDArray[Any], lost: BoolArray) -> None:
     """
     from scipy import ndimage
 
+    lost = in_image & (before != after)
     if not lost.any():
         return
     sizes_lost, total, parts = [], 0, []
-    for name in np.unique(mask.labels[mask.labels != 0]):
-        own = mask.labels == name
+    names = np.unique(before[before != 0])
+    for name in names:
+        own = before == name
         objects, count = ndimage.label(own, structure=np.ones((3,) * own.ndim))
         sizes = np.bincount(objects.ravel(), minlength=count + 1)
         left = sizes - np.bincount(objects[lost], minlength=count + 1)
@@ -227,7 +239,7 @@ def report_lost(mask: Mask, smooth: npt.NDArray[Any], lost: BoolArray) -> None:
         total += count
         share = np.count_nonzero(own & lost) / np.count_nonzero(own)
         if share > 0.02 and left[1:].any():
-            parts.append(f"{share:.1%} of {f'label {name}' if mask.has_labels else 'the pixels'}")
+            parts.append(f"{share:.1%} of {f'label {name}' if len(names) > 1 else 'the pixels'}")
     if len(sizes_lost) == total:
         what = f"{total} objects" if total > 1 else "one object"
         raise ValueError(

@@ -27,6 +27,8 @@ from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 #: Standard deviation of the filter of labels by default, in pixels.
 SMOOTHING = 2.0
+#: Labels are filtered again without the parts that are lost, at most so often.
+_FILTERED = 5
 #: Rounds of averaging of the distance for curvatures.  For a disc of radius 40 pixels with a
 #: boundary ragged by half a pixel, the smallest radius found is 8 after 2 rounds and 20 after 24.
 #: The ends of bars of radius 3 and 6 keep their radius.
@@ -72,14 +74,18 @@ class ImageDomain:
         mask = mask_of(image, options)
         report("filtering labels", None)
         smoothing = SMOOTHING if options["smoothing"] is None else options["smoothing"]
-        found = cls._filtered(mask, smoothing)
-        lost = lost_pixels(mask, found.smooth)
-        if not lost.any():
-            return found
-        report_lost(mask, found.smooth, lost)
+        given = mask.labels
         # What is left of thin parts would have fields near zero, that is, ragged boundaries.
-        cleaned = np.where(lost, found.smooth, mask.labels)
-        return cls._filtered(replace(mask, labels=cleaned), smoothing)
+        for _ in range(_FILTERED):
+            found = cls._filtered(mask, smoothing)
+            lost = lost_pixels(mask, found.smooth, found.nearest.gap)
+            if not lost.any():
+                break
+            second = found.names[found.nearest.second]
+            other = np.where(found.smooth == mask.labels, second, found.smooth)
+            mask = replace(mask, labels=np.where(lost, other, mask.labels))
+        report_lost(found.mask.in_image, given, mask.labels)
+        return found
 
     @classmethod
     def _filtered(cls, mask: Mask, smoothing: float) -> ImageDomain:
@@ -89,8 +95,12 @@ class ImageDomain:
     @cached_property
     def smooth(self) -> npt.NDArray[Any]:
         """The filtered labels, of the grid's shape."""
-        names = np.array(self.fields.names, self.mask.labels.dtype)
-        return np.asarray(names[self.nearest.first])
+        return np.asarray(self.names[self.nearest.first])
+
+    @property
+    def names(self) -> npt.NDArray[Any]:
+        """The labels by number."""
+        return np.array(self.fields.names, self.mask.labels.dtype)
 
     def limited(self, request: Request) -> SizeFunction:
         """Return the limited sizes, with a report on which cause controls them where."""
