@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_plain_array
+from adaptsize._progress import silent
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.grid import span_of
@@ -68,7 +69,7 @@ class ImageDomain:
 
     @classmethod
     def of(
-        cls, image: Image | npt.ArrayLike, options: ImageOptions, report: ProgressCallback
+        cls, image: Image | npt.ArrayLike, options: ImageOptions, report: ProgressCallback = silent
     ) -> ImageDomain:
         """Return the domain of an image, with checks of its labels."""
         mask = mask_of(image, options)
@@ -121,12 +122,12 @@ class ImageDomain:
         # In space, bounds in an image are less accurate than fast marching, and the exact method
         # takes longer than all other steps together.
         method = {"method": FastMarching(order=2)} if grid.dim == 3 else {}
-        outer = self._distance_to_outside()
+        outer = self.distance_to_outside()
         return limited_on_grid(
             outer, Bounds(grid, bounds, limits), fixed, counted=self.mask.in_image, **method
         )
 
-    def _distance_to_outside(self) -> FloatArray:
+    def distance_to_outside(self) -> FloatArray:
         """Return the distance to the boundary of all objects, negative inside."""
         outside = self.fields.outside
         if outside < 0:

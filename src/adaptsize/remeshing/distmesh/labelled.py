@@ -176,7 +176,28 @@ class LabelledDomain(ImplicitDomain):
             moved[left[~far]] = there[~far]
             left = left[far]
             walls[left] = self._without_farthest(points[left], walls[left])
+        # Where walls are nearly parallel, a point is between them.  The boundary comes first.
+        at = np.flatnonzero((walls == self.outside).any(axis=1) & ~free & (self.outside >= 0))
+        at = at[(walls[at] >= 0).sum(axis=1) > 2]
+        nearest = self._with_nearest_label(moved[at], walls[at])
+        moved[at] = self._meeting(moved[at], nearest, h[at], tolerance, max_steps)
         return moved
+
+    def _fields_of(self, points: FloatArray, walls: IntArray) -> FloatArray:
+        """Return the fields of the walls that are labels, -inf for others."""
+        value = np.full(walls.shape, -np.inf)
+        for k in range(walls.shape[1]):
+            rows = np.flatnonzero((walls[:, k] >= 0) & (walls[:, k] < len(self.fields.names)))
+            value[rows, k] = self.fields.values(walls[rows, k], points[rows])[0]
+        return value
+
+    def _with_nearest_label(self, points: FloatArray, walls: IntArray) -> IntArray:
+        """Return the walls with only the nearest one of the labels that are not the outside."""
+        value = self._fields_of(points, walls)
+        value[~np.isfinite(value) | (walls == self.outside)] = np.inf
+        kept = np.isinf(value)
+        kept[np.arange(len(walls)), value.argmin(axis=1)] = True
+        return np.where(kept, walls, -1)
 
     def _without_farthest(self, points: FloatArray, walls: IntArray) -> IntArray:
         """Return the walls without the label with the largest field, or without one face.
@@ -184,10 +205,7 @@ class LabelledDomain(ImplicitDomain):
         The outside is kept, so that nodes of the boundary stay on it.
         """
         n_labels = len(self.fields.names)
-        value = np.full(walls.shape, -np.inf)
-        for k in range(walls.shape[1]):
-            of_label = np.flatnonzero((walls[:, k] >= 0) & (walls[:, k] < n_labels))
-            value[of_label, k] = self.fields.values(walls[of_label, k], points[of_label])[0]
+        value = self._fields_of(points, walls)
         value[(walls == self.outside) & (walls >= 0)] = -1e6
         few = np.isfinite(value).sum(axis=1) <= 2
         few &= (walls >= n_labels).any(axis=1)
