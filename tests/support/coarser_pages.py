@@ -85,7 +85,7 @@ COARSER = {
     "docs/tutorials/vessels.md": [
         ("spacing = 0.5", "spacing = 0.75"),
         ("(48, 30, 72)", "(32, 20, 48)"),
-        ("hmin=0.5", "hmin=0.75"),
+        ("hmin=0.5", "hmin=0.9"),
         (
             "curvature  controls  50.3% of the volume,  44.2% of the elements, h from 0.5179\n"
             "width      controls  46.9% of the volume,  40.5% of the elements, h from 0.51\n"
