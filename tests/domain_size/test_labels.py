@@ -105,7 +105,9 @@ def test_the_line_where_three_labels_meet_is_a_line_of_the_mesh():
     touched = [np.unique(mesh.cells[mesh.cell_tags == k]) for k in (1, 2, 3)]
     line = mesh.points[np.intersect1d(np.intersect1d(*touched[:2]), touched[2])]
     assert len(line) >= 4
-    assert np.hypot(*(line[:, :2] - 12.3).T).max() < 1.0
+    off = np.hypot(*(line[:, :2] - 12.3).T)
+    assert np.median(off) < 0.5
+    assert off.max() < 1.5  # half a size: a node too far away stays between two labels
     assert_allclose([line[:, 2].min(), line[:, 2].max()], [-0.5, 8.5], atol=1e-12)
 
 

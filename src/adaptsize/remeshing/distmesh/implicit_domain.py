@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -59,8 +59,10 @@ class ImplicitDomain:
     upper: FloatArray
     probes: FloatArray | None = None
 
-    #: Whether corners of the boundary are searched for.
-    may_have_corners: ClassVar[bool] = True
+    @property
+    def may_have_corners(self) -> bool:
+        """Whether corners of the boundary are searched for."""
+        return True
 
     @property
     def dim(self) -> int:

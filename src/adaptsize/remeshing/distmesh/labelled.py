@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -74,8 +74,13 @@ class LabelledDomain(ImplicitDomain):
     fields: Fields = field(kw_only=True)
     measures: dict[int, float] = field(kw_only=True)
 
-    #: Nodes move to corners because these are where several walls meet.
-    may_have_corners: ClassVar[bool] = False
+    @property
+    def may_have_corners(self) -> bool:
+        """Whether convex edges of the boundary are searched for, in space.
+
+        In the plane, corners would be fixed, and could not follow the shifts of the fields.
+        """
+        return self.dim == 3
 
     @property
     def outside(self) -> int:
