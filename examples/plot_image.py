@@ -29,7 +29,7 @@ import numpy.typing as npt
 from _gallery import CURVES, DATA, draw_mesh, drawing, run, save_drawing
 
 import adaptsize as ads
-from adaptsize.domain_size.masks import distance_to_edge, mask_of
+from adaptsize.domain_size.of_image import ImageDomain
 from adaptsize.options import ImageOptions, checked
 from adaptsize.quality import size_conformity
 
@@ -43,15 +43,15 @@ def main(
     """Draw the four stages for data/objects.png; ``every`` takes each n-th pixel only."""
     picture = ads.read_image(DATA / "objects.png")
     image = ads.background.Image(picture.values[::every, ::every], spacing=float(every))
-    mask = mask_of(image, checked(ImageOptions, {}))
-    phi = distance_to_edge(mask)
+    domain = ImageDomain.of(image, checked(ImageOptions, {}))
+    phi = domain.distance_to_outside()
     size = ads.size_function(image, elements_across=elements_across)
     report = size.report
     mesh = ads.mesh_image(image, elements_across=elements_across)
 
     figure, (top, right, left, last) = drawing(2, 2, width, shape=0.62)
     _draw_mask(top, image)
-    _draw_distance(right, mask.grid, phi)
+    _draw_distance(right, domain.mask.grid, phi)
     _draw_sizes(left, size, phi)
     _draw_mesh(last, mesh)
     for panel in (top, right, left, last):

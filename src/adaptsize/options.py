@@ -186,7 +186,7 @@ class SizeOptions(TypedDict, total=False):
         r of a mesh are at most 2 sqrt(tolerance * diameter * r).
     size_of
         Sizes of named parts.
-        They replace those from the shape of tagged regions and faces.
+        They replace those from the shape of tagged regions and faces, or of labels of an image.
     """
 
     elements_per_radian: Annotated[float | None, Option(chosen="4", short="-K")]

@@ -1,5 +1,6 @@
 """``adaptsize image`` and ``adaptsize size`` of images: files in, files out, what is said."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -36,12 +37,24 @@ def test_a_region_whose_area_has_changed_is_named(tmp_path, capsys):
     y, x = np.mgrid[0:100, 0:100]
     rows = (np.hypot(x - 50, y - 50) < 42).astype(np.uint8)
     rows[np.hypot(x - 40, y - 50) < 8] = 2
+    rows[30:90, 70:72] = 3  # a line of two pixels
     Pillow.fromarray(rows).save(tmp_path / "mask.png")
-    words = ["image", tmp_path / "mask.png", "-o", tmp_path / "mesh.vtu"]
-    assert call(*words, "--hmax", "6") == 0
-    assert "warning: the area of these regions has changed: 2 (" in capsys.readouterr().err
-    assert call(*words, "--hmax", "2.5") == 0
-    assert "warning" not in capsys.readouterr().err
+    assert call("image", tmp_path / "mask.png", "-o", tmp_path / "mesh.vtu", "--hmax", "6") == 0
+    said = capsys.readouterr()
+    assert "warning: the area of these regions has changed: 1 (+2.2%), 3 (-100.0%)" in said.err
+    assert re.search(r"region 2 +area 19\d.*, changed by [+-]0\.[0-4]\d%", said.out)
+
+
+@pytest.mark.parametrize("words", [["--size-of", "9=1"], ["--source", "region:9=1"]])
+def test_sizes_by_label_arrive(mask, tmp_path, capsys, words):
+    assert call("image", mask, "-o", tmp_path / "mesh.vtu", *words) == 0
+    assert capsys.readouterr().err == ""
+    mesh = read(tmp_path / "mesh.vtu")
+    h = mesh.point_data["h"]
+    assert h[np.unique(mesh.cells[mesh.cell_tags == 9])].max() < 1.3
+    assert h[np.unique(mesh.cells[mesh.cell_tags == 5])].min() > 1.9
+    assert call("size", mask, "-o", tmp_path / "size.vti", *words) == 0
+    assert read_size(tmp_path / "size.vti")([[70.0, 30.0]]) == pytest.approx(1.0)
 
 
 def test_size_of_an_image_says_what_controls_what(mask, tmp_path, capsys):
@@ -61,6 +74,8 @@ def test_size_of_an_image_says_what_controls_what(mask, tmp_path, capsys):
     [
         (["--spacing", "a"], "--spacing must be one number or several such as 1,1,2.5, got 'a'"),
         (["--label", "4"], "label must be one of 0, 5, 9, got 4"),
+        (["--size-of", "4=1"], "--size-of must be labels of the image, 5, 9; got '4'"),
+        (["--source", "region:4=1"], "tags must be labels of the image, 5, 9; got '4'"),
         (["--threshold", "200"], "must have a pixel above 200, got none"),
         (["--spacing", "0"], "spacing must be from 1e-60 to 1e+60"),
     ],

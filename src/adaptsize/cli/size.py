@@ -52,7 +52,6 @@ _OF_MESHES = (
     "nodes",
     "tolerance",
     "parts",
-    "size_of",
 )
 
 

@@ -17,7 +17,6 @@ from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import Separation
 from adaptsize.geometry.walls import Walls
-from adaptsize.limiting import FastMarching
 from adaptsize.sizes import size_from_curvature, size_from_feature
 from adaptsize.sizes.budget import nodal_measures
 from adaptsize.sizes.curvature import radius_at_curves
@@ -39,32 +38,23 @@ class LevelSet:
 
     grid: CartesianGrid
     phi: FloatArray
-    is_image: bool = False
-    """Whether the boundary ripples with the pixels of an image."""
     _width: FloatArray | None = None
     """Found once: it does not depend on the request."""
 
     def limited(self, request: Request) -> SizeFunction:
         """Return the limited sizes, with a report on which cause controls them where.
 
-        The smallest size by default is one spacing, and two in an image: smaller details may not
-        belong to the object.  Gradient limiting propagates the smallest sizes, so ripples of the
-        boundary must be removed.  For a disc of radius 40 pixels with a boundary ragged by half a
-        pixel, the smallest radius found is 8 after 2 rounds of averaging of the distance, and 20
-        after 24.  The ends of bars of radius 3 and 6 keep their radius.  The filters of images
-        leave no corners sharper than 120 degrees.
+        The smallest size by default is one spacing.
         """
         grid, phi = self.grid, self.phi
         inside = _inside(grid, phi)
-        least = float(grid.spacing.max()) * (2.0 if self.is_image else 1.0)
         bounds = {}
         if request.per_radian > 0.0:
             bounds["curvature"] = size_from_curvature(
                 grid,
                 phi,
                 elements_per_radian=request.per_radian,
-                crease_angle=120.0 if self.is_image else request.crease_angle,
-                smoothing=24 if self.is_image else 0,
+                crease_angle=request.crease_angle,
                 g=request.g,
             )
         if request.across > 0.0:
@@ -73,12 +63,8 @@ class LevelSet:
                     grid, phi, elements_across=1.0, progress=request.report
                 )
             bounds["width"] = self._width / request.across
-        # In space, bounds in an image are less accurate than fast marching, and the exact method
-        # takes longer than all other steps together.
-        quick = self.is_image and grid.dim == 3
-        options = {"method": FastMarching(order=2)} if quick else {}
-        limits = request.limits(_diameter_of(grid, inside), least)
-        return _on_grid(phi, Bounds(grid, bounds, limits), request, **options)
+        limits = request.limits(diameter_of(grid, inside), float(grid.spacing.max()))
+        return limited_on_grid(phi, Bounds(grid, bounds, limits), request)
 
 
 def _inside(grid: CartesianGrid, phi: FloatArray) -> BoolArray:
@@ -89,7 +75,7 @@ def _inside(grid: CartesianGrid, phi: FloatArray) -> BoolArray:
     return inside
 
 
-def _diameter_of(grid: CartesianGrid, inside: BoolArray) -> float:
+def diameter_of(grid: CartesianGrid, inside: BoolArray) -> float:
     """Return the diameter of the smallest ball around the inside nodes."""
     lines = np.argwhere(inside.any(axis=0))
     along = inside[(slice(None), *lines.T)]
@@ -110,8 +96,17 @@ def check_signs(inside: BoolArray, phi: FloatArray, background: AnyBackground) -
         )
 
 
-def _on_grid(phi: FloatArray, bounds: Bounds, request: Request, **options: Any) -> SizeFunction:
-    """Limit at the nodes inside and around the boundary.  Outside, take the nearest size."""
+def limited_on_grid(
+    phi: FloatArray,
+    bounds: Bounds,
+    request: Request,
+    counted: BoolArray | None = None,
+    **options: Any,
+) -> SizeFunction:
+    """Limit at the nodes inside and around the boundary.  Outside, take the nearest size.
+
+    ``counted`` are the nodes of the domain that the report counts, by default all.
+    """
     from scipy import ndimage
 
     grid = bounds.background
@@ -121,6 +116,8 @@ def _on_grid(phi: FloatArray, bounds: Bounds, request: Request, **options: Any) 
         around &= grid.active
     inner = grid.with_active(around)
     share = np.clip(0.5 - phi / float(grid.spacing.mean()), 0.0, 1.0)
+    if counted is not None:
+        share = np.where(counted, share, 0.0)
     of_inner = replace(
         bounds,
         background=inner,
@@ -199,7 +196,7 @@ class MeshDomain:
             phi = signed_distance(background, boundary, progress=request.report)
             if isinstance(background, CartesianGrid):
                 _inside(background, phi)
-                return _on_grid(phi, bounds, request)
+                return limited_on_grid(phi, bounds, request)
             bounds.weights = np.where(phi <= 0.0, nodal_measures(background), 0.0)
         bounds.nodal |= request.external(background)
         return _sized(bounds, request)

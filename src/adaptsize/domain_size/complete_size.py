@@ -16,7 +16,7 @@ from adaptsize.background.simplex import as_own
 from adaptsize.domain_size.budget import within_budget
 from adaptsize.domain_size.by_domain import LevelSet, SizedDomain, mesh_domain
 from adaptsize.domain_size.implicit import ImplicitDomain, octree_around
-from adaptsize.domain_size.masks import distance_to_edge, mask_of
+from adaptsize.domain_size.of_image import ImageDomain
 from adaptsize.domain_size.request import Implicit, Request
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.implicit_surface import checked as checked_function
@@ -143,9 +143,7 @@ def _as_domain(
             "domain must be a SimplexMesh, a callable, an Image or an array of numbers, or a tuple "
             f"(CartesianGrid, distances), got {describe(domain)}"
         )
-    mask = mask_of(domain, request.options)
-    phi = distance_to_edge(mask, request.options["smoothing"], progress=request.report)
-    return LevelSet(mask.grid, phi, is_image=True)
+    return ImageDomain.of(domain, request.options, request.report)
 
 
 def _implicit_domain(

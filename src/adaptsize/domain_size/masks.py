@@ -12,29 +12,52 @@ from adaptsize.background import CartesianGrid
 from adaptsize.background.grid import span_of
 from adaptsize.background.image import Image
 from adaptsize.errors import InputWarning
-from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.options import ImageOptions
-from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray
 
 #: Margin around the objects in pixels, for finite differences and kinks of the distance.
-_MARGIN = 6
+MARGIN = 6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mask:
-    """The pixels that belong to objects, on a grid cropped to them with a margin."""
+    """The labels of pixels, on a grid cropped to the objects with a margin.
+
+    Where objects reach the border of the image, the grid extends beyond it, and the labels there
+    are those at the border.  So the border cuts the objects and does not bound them.
+    """
 
     grid: CartesianGrid
-    """Nodes are the centres of the pixels.  Extends beyond the image if objects reach its border.
-    """
-    inside: BoolArray
-    """Of the grid's shape."""
-    labels: npt.NDArray[Any] | None
-    """Of the grid's shape, 0 outside; None if the image has only inside and outside."""
+    """Nodes are the centres of the pixels."""
+    labels: npt.NDArray[Any]
+    """Of the grid's shape, 0 outside the objects."""
+    has_labels: bool
+    """False if the image only distinguishes inside and outside, 1 and 0."""
     lower: FloatArray
     """Lowest coordinates of the pixels of the image, float64[dim]."""
     upper: FloatArray
     """Highest coordinates of the pixels of the image, float64[dim]."""
+
+    @property
+    def image_part(self) -> tuple[slice, ...]:
+        """The part of the grid in the image."""
+        shape = np.round((self.upper - self.lower) / self.grid.spacing).astype(int)
+        start = np.round((self.grid.lower - self.lower) / self.grid.spacing - 0.5).astype(int)
+        stop = np.minimum(np.array(self.grid.shape), shape - start)
+        return tuple(slice(a, b) for a, b in zip(np.maximum(-start, 0), stop, strict=True))
+
+    @property
+    def in_image(self) -> BoolArray:
+        """Which pixels belong to the image, of the grid's shape."""
+        found = np.zeros(self.grid.shape, np.bool_)
+        found[self.image_part] = True
+        return found
+
+    def measures(self) -> dict[int, float]:
+        """Return the area or volume of the pixels of each label."""
+        names, counts = np.unique(self.labels[self.image_part], return_counts=True)
+        pixel = float(np.prod(self.grid.spacing))
+        return {int(a): pixel * int(n) for a, n in zip(names, counts, strict=True) if a != 0}
 
 
 def as_image(image: Image | npt.ArrayLike, spacing: npt.ArrayLike | None) -> Image:
@@ -89,7 +112,11 @@ def mask_of(image: Image | npt.ArrayLike, options: ImageOptions) -> Mask:
             f"{values.min():g} to {values.max():g}; pass threshold="
         )
     if label is not None:
-        return _cut(image, _is_labelled(values, label), f"of label {label}", values)
+        chosen = _is_labelled(values, label)
+        is_named = bool(values[chosen].any())  # label 0 alone is what is outside otherwise
+        if is_named and not values[chosen].all():
+            raise ValueError(f"label must not hold 0, the outside, with others, got {label}")
+        return _cut(image, chosen, f"of label {label}", values if is_named else None)
     _refuse_photo(values)
     inside = values != 0
     several = values.dtype.kind != "b" and values[inside].size > 0 and np.ptp(values[inside]) > 0
@@ -129,12 +156,11 @@ def _cut(image: Image, inside: BoolArray, what: str, labels: npt.NDArray[Any] | 
     """Return the part of an image that contains objects, with a margin."""
     if not inside.any():
         raise ValueError(f"image must have a pixel {what}, got none in {image!r}")
-    if inside.all():
+    if inside.all() and (labels is None or np.ptp(labels) == 0):
         raise ValueError(
             f"image must have pixels outside the objects, got none: all of {image!r} {what}; "
             "is it inverted?"
         )
-    first, last = span_of(inside).T + np.array([[0], [1]])
     n_at_border = sum(
         int(np.count_nonzero(np.take(inside, end, axis=d)))
         for d in range(image.dim)
@@ -145,78 +171,89 @@ def _cut(image: Image, inside: BoolArray, what: str, labels: npt.NDArray[Any] | 
             f"objects reach the border of the image at {n_at_border} pixels and are cut off there",
             InputWarning,
         )
+    # One more pixel, where there is one: beyond the border of the image, the last one is repeated.
+    first, last = span_of(inside).T + np.array([[-1], [2]])
+    first, last = np.maximum(first, 0), np.minimum(last, image.shape)
     part = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
-    padded = np.pad(inside[part], _MARGIN)
+    own = inside.astype(np.uint8) if labels is None else np.where(inside, labels, 0)
+    padded = np.pad(own[part], MARGIN, mode="edge")
     grid = CartesianGrid(
-        image.origin + image.spacing * (first - _MARGIN), image.spacing, padded.shape
+        image.origin + image.spacing * (first - MARGIN), image.spacing, padded.shape
     )
-    if labels is not None:
-        labels = np.pad(np.where(inside, labels, 0)[part], _MARGIN)
     lower = image.origin - 0.5 * image.spacing
-    return Mask(grid, padded, labels, lower, lower + image.spacing * inside.shape)
+    upper = lower + image.spacing * inside.shape
+    return Mask(grid, padded, labels is not None, lower, upper)
 
 
-def distance_to_edge(
-    mask: Mask, smoothing: float | None = None, *, progress: ProgressCallback | None = None
-) -> FloatArray:
-    """Return the signed distance to the smoothed boundary of the objects, negative inside.
+def lost_pixels(mask: Mask, smooth: npt.NDArray[Any], gap: FloatArray) -> BoolArray:
+    """Return which pixels of labels are farther than two pixels from the filtered labels.
 
-    ``smoothing`` is the standard deviation in pixels of the low-pass filter that is applied to the
-    mask before, by default 2.
+    Filtered objects that are nowhere deeper than half a pixel do not count: they are thinner than
+    three pixels.  ``gap`` is twice the depth in pixels.
+    """
+    from scipy import ndimage
+
+    lost = np.zeros(smooth.shape, np.bool_)
+    near = np.ones((3,) * smooth.ndim, np.bool_)
+    for name in np.unique(mask.labels[mask.labels != smooth]):
+        if name == 0:
+            continue
+        own = mask.labels == name
+        part = tuple(slice(max(a - 3, 0), b + 4) for a, b in span_of(own))
+        objects, count = ndimage.label(smooth[part] == name, near)
+        deepest = ndimage.maximum(gap[part], objects, np.arange(count + 1))
+        is_kept = np.append(False, np.asarray(deepest)[1:] >= 1.0)
+        kept = ndimage.binary_dilation(is_kept[objects], near, iterations=2)
+        lost[part] |= own[part] & ~kept
+    return lost & mask.in_image
+
+
+def report_lost(in_image: BoolArray, before: npt.NDArray[Any], after: npt.NDArray[Any]) -> None:
+    """Report objects, and parts of labels, that a filter of the labels has removed.
+
+    ``after`` has other labels at the pixels of these.
 
     Raises
     ------
     ValueError
-        If smoothing removes all objects.
+        If no object is left.
 
     Warns
     -----
     InputWarning
-        If smoothing removes some objects.
-    """
-    kept = _low_pass(mask.inside, 2.0 if smoothing is None else smoothing)
-    _report_lost_objects(mask.inside, kept)
-    phi = signed_distance(mask.grid, kept, progress=progress)
-    # Objects less deep than that are too thin for a useful distance function.
-    if -float(phi.min()) < 0.9 * float(mask.grid.spacing.min()):
-        raise ValueError(
-            "image must show objects at least 4 pixels across, got only thinner ones: "
-            f"{int(np.count_nonzero(kept))} pixels after smoothing"
-        )
-    return phi
-
-
-def _low_pass(inside: BoolArray, deviation: float) -> BoolArray:
-    """Return the pixels that are inside after a filter that preserves curved boundaries.
-
-    The distance to the boundary, in pixels, is filtered by ``2 G - G G`` with a Gaussian G.  The
-    second moments of this filter are zero.  A Gaussian alone moves round boundaries inwards.
+        If some objects are lost, or more than 2 % of a label.
     """
     from scipy import ndimage
 
-    if deviation == 0.0:
-        return inside
-    to_edge = ndimage.distance_transform_edt(~inside) - ndimage.distance_transform_edt(inside)
-    level = to_edge - np.copysign(0.5, to_edge)
-    once = ndimage.gaussian_filter(level, deviation)
-    return np.asarray(2.0 * once < ndimage.gaussian_filter(once, deviation))
-
-
-def _report_lost_objects(before: BoolArray, after: BoolArray) -> None:
-    from scipy import ndimage
-
-    objects, count = ndimage.label(before, structure=np.ones((3,) * before.ndim))
-    sizes = np.bincount(objects.ravel(), minlength=count + 1)
-    left = np.bincount(objects[after], minlength=count + 1)
-    lost = sizes[1:][left[1:] == 0]
-    if lost.size == count:
-        what = f"{count} objects" if count > 1 else "one object"
+    lost = in_image & (before != after)
+    if not lost.any():
+        return
+    sizes_lost, total, parts = [], 0, []
+    names = np.unique(before[before != 0])
+    for name in names:
+        own = before == name
+        objects, count = ndimage.label(own, structure=np.ones((3,) * own.ndim))
+        sizes = np.bincount(objects.ravel(), minlength=count + 1)
+        left = sizes - np.bincount(objects[lost], minlength=count + 1)
+        sizes_lost += sizes[1:][left[1:] == 0].tolist()
+        total += count
+        share = np.count_nonzero(own & lost) / np.count_nonzero(own)
+        if share > 0.02 and left[1:].any():
+            parts.append(f"{share:.1%} of {f'label {name}' if len(names) > 1 else 'the pixels'}")
+    if len(sizes_lost) == total:
+        what = f"{total} objects" if total > 1 else "one object"
         raise ValueError(
             f"image must show objects at least 4 pixels across, got {what} of at most "
-            f"{lost.max()} pixels, which smoothing removes"
+            f"{max(sizes_lost)} pixels, which smoothing removes"
         )
-    if lost.size:
+    if sizes_lost:
         warn_caller(
-            f"smoothing removes {lost.size} of {count} objects, the largest of {lost.max()} pixels",
+            f"smoothing removes {len(sizes_lost)} of {total} objects, the largest of "
+            f"{max(sizes_lost)} pixels",
+            InputWarning,
+        )
+    elif parts:
+        warn_caller(
+            f"smoothing removes thin parts: {', '.join(parts)}; less smoothing keeps them",
             InputWarning,
         )

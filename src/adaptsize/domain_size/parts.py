@@ -71,11 +71,15 @@ def _by_tag(
 
 
 def as_sizes_of_parts(size_of: Any) -> dict[str, float]:
-    """Return the prescribed sizes of parts by their names, after checking them."""
-    if not isinstance(size_of, Mapping) or not all(isinstance(name, str) for name in size_of):
+    """Return the prescribed sizes of parts by their names, after checking them.
+
+    The labels of an image may be numbers.
+    """
+    kinds = str | int | np.integer
+    if not isinstance(size_of, Mapping) or not all(isinstance(name, kinds) for name in size_of):
         raise ValueError(f"size_of must be sizes by the names of parts, got {describe(size_of)}")
     return {
-        name: as_number(f"size_of[{name!r}]", size, lower=0.0, strict=True)
+        str(name): as_number(f"size_of[{name!r}]", size, lower=0.0, strict=True)
         for name, size in size_of.items()
     }
 

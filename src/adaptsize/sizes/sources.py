@@ -159,7 +159,8 @@ class BoundarySource:
     size : float
         Positive.
     tags : int or sequence of int, optional
-        Tags in ``facet_tags`` (grids have none).  By default the whole boundary.
+        Tags in ``facet_tags`` (grids have none), in an image labels.  By default the whole
+        boundary.
     """
 
     size: float
@@ -180,12 +181,12 @@ class BoundarySource:
 
 @dataclass(frozen=True, eq=False)
 class RegionSource:
-    """A size in all cells with a tag.  Grids have no tags.
+    """A size in all cells with a tag, or all pixels with a label.  Grids have no tags.
 
     Parameters
     ----------
     tags : int or sequence of int
-        Tags in ``cell_tags``.
+        Tags in ``cell_tags``, in an image labels.
     size : float
         Positive.
     """

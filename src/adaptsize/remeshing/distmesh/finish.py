@@ -7,8 +7,8 @@ from adaptsize._kernels.smoothing import fill_quality, smooth_nodes
 from adaptsize._kernels.swapping import MOST_AROUND, Tetrahedra, new_work, swap
 from adaptsize.background.topology import marked, rings
 from adaptsize.geometry.boundary import facet_normals
-from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
-from adaptsize.remeshing.distmesh.relaxation import ON_BOUNDARY, skin_of, triangulate
+from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, Skin
+from adaptsize.remeshing.distmesh.relaxation import ON_BOUNDARY, triangulate
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 #: Rounds of triangulation and projection.  Two are usually enough.
@@ -24,8 +24,10 @@ TOLERANCE = 1e-6
 
 def finish(
     domain: ImplicitDomain, points: FloatArray, *, n_fixed: int, report: ProgressCallback
-) -> tuple[FloatArray, IntArray]:
+) -> tuple[FloatArray, IntArray, IntArray]:
     """Return a mesh of these nodes with its boundary nodes on the boundary of the domain.
+
+    The last array has the number of the region of each cell.
 
     Parameters
     ----------
@@ -37,13 +39,18 @@ def finish(
         report("fitting the boundary", k / _ROUNDS)
         h = domain.size(points)
         cells = triangulate(domain, points, h)
-        at = np.unique(skin_of(cells, len(points)))
+        regions = domain.regions(points, cells)
+        skin = domain.skin(points, cells, regions)
+        at = np.flatnonzero(skin.nodes)
         at = at[at >= n_fixed]
-        there = domain.project(points[at], h[at], tolerance=TOLERANCE, max_steps=20)
+        done = domain.adjust(points, cells, regions)
+        there = domain.project(
+            points[at], h[at], tolerance=TOLERANCE, max_steps=20, walls=skin.walls_of(at)
+        )
         near = np.linalg.norm(there - points[at], axis=1) <= ON_BOUNDARY * h[at]
         before = points.copy()
         points[at] = there
-        if near.all():
+        if near.all() and done:
             break
     else:  # only nodes whose cells keep their quality are moved
         take_back(points, cells, before, at, np.full(len(points), 0.5 * _FLAT))
@@ -51,7 +58,7 @@ def finish(
         raise ValueError(
             "size must be small enough for the domain, got sizes for which no cell fits into it"
         )
-    return improved(domain, points, cells, h, n_fixed=n_fixed, report=report)
+    return improved(domain, points, (cells, regions), h, n_fixed=n_fixed, report=report)
 
 
 def take_back(
@@ -74,20 +81,20 @@ def take_back(
 def improved(
     domain: ImplicitDomain,
     points: FloatArray,
-    cells: IntArray,
+    mesh: tuple[IntArray, IntArray],
     h: FloatArray,
     *,
     n_fixed: int,
     report: ProgressCallback,
-) -> tuple[FloatArray, IntArray]:
+) -> tuple[FloatArray, IntArray, IntArray]:
     """Return the mesh with its worst cells improved by swaps and moves of single nodes."""
     dim = points.shape[1]
-    points, cells = points.copy(), cells.copy()
+    points, (cells, regions) = points.copy(), mesh
     best, wider = (-1.0, 0), 0
     for k in range(_PASSES):
         report("improving cells", k / _PASSES)
         if dim == 3:
-            cells = swapped(points, cells)
+            cells, regions = _swapped_in_regions(points, cells, regions)
         quality = _quality(points, cells)
         bad = quality < _BAD[dim]
         state = (round(float(quality.min()), 2), -int(bad.sum()))
@@ -102,8 +109,20 @@ def improved(
         for _ in range(wider):  # the neighbours must move too
             nodes = np.unique(cells[np.isin(cells, nodes).any(axis=1)])
         # Steps of the search begin at a fifth of the size.
-        _move_nodes(domain, points, cells, h, nodes[nodes >= n_fixed], (1 + wider) * 0.2 * h)
-    return points, cells
+        skin = domain.skin(points, cells, regions)
+        steps = (1 + wider) * 0.2 * h
+        _move_nodes(domain, points, cells, skin, h, nodes[nodes >= n_fixed], steps)
+    return points, cells, regions
+
+
+def _swapped_in_regions(
+    points: FloatArray, cells: IntArray, regions: IntArray
+) -> tuple[IntArray, IntArray]:
+    """Return cells with edges and faces swapped inside each region, and their regions."""
+    each = np.unique(regions)
+    parts = [swapped(points, np.ascontiguousarray(cells[regions == k])) for k in each]
+    numbers = np.repeat(each, [len(part) for part in parts]).astype(np.int32)
+    return np.concatenate(parts), numbers
 
 
 def swapped(points: FloatArray, cells: IntArray) -> IntArray:
@@ -128,21 +147,24 @@ def _move_nodes(
     domain: ImplicitDomain,
     points: FloatArray,
     cells: IntArray,
+    skin: Skin,
     h: FloatArray,
     nodes: npt.NDArray[np.integer],
     steps: FloatArray,
 ) -> None:
     """Move nodes to better positions, on smooth boundaries along these.  Changes ``points``."""
     normals = np.zeros_like(points)
-    at = np.intersect1d(nodes, skin_of(cells, len(points)))
-    normals[at] = domain.normals(points[at], h[at])
-    sharp = at[~normals[at].any(axis=1) | _is_crease(points, cells, normals)[at]]
+    at = nodes[skin.nodes[nodes]]
+    normals[at] = domain.normals(points[at], h[at], skin.walls_of(at))
+    sharp = at[~normals[at].any(axis=1) | _is_crease(points, skin.facets, normals)[at]]
     nodes = np.setdiff1d(nodes, sharp).astype(np.int64)
     before, old = worst_of_nodes(points, cells), points.copy()
     smooth_nodes(points, cells, rings(cells, len(points)), (nodes, normals, steps))
     at = np.setdiff1d(at, sharp)
     at = at[(points[at] != old[at]).any(axis=1)]
-    points[at] = domain.project(points[at], h[at], tolerance=TOLERANCE, max_steps=20)
+    points[at] = domain.project(
+        points[at], h[at], tolerance=TOLERANCE, max_steps=20, walls=skin.walls_of(at)
+    )
     take_back(points, cells, old, at, before)
 
 
@@ -159,9 +181,8 @@ def _quality(points: FloatArray, cells: IntArray) -> FloatArray:
     return quality
 
 
-def _is_crease(points: FloatArray, cells: IntArray, normals: FloatArray) -> BoolArray:
+def _is_crease(points: FloatArray, skin: IntArray, normals: FloatArray) -> BoolArray:
     """Return at which nodes a boundary facet deviates from the normal of the domain."""
-    skin = skin_of(cells, len(points))
     across = facet_normals(points[skin])
     across /= np.linalg.norm(across, axis=1)[:, None]
     cosine = np.abs(np.einsum("ij,ikj->ik", across, normals[skin]))

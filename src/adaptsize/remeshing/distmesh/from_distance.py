@@ -154,22 +154,38 @@ def mesh_from_distance(
         if not given["clip"]:
             _refuse_cut(domain)
         fixed = _as_fixed(fixed_points, domain)
-        sampling = sample(domain, np.random.default_rng(seed), max_elements=limit)
-        domain = replace(domain, probes=sampling.probes)
-        relaxed = relax(
-            domain,
-            np.concatenate([fixed, far_from(domain, fixed, sampling.points)]),
-            n_fixed=len(fixed),
-            max_iter=given["max_iter"],
-            max_nodes=1.5 * limit / ELEMENTS_PER_NODE[domain.dim],
-            report=report,
+        mesh, made = mesh_of_domain(
+            domain, fixed, seed=seed, max_iter=given["max_iter"], max_elements=limit, report=report
         )
-        points, cells = finish(domain, relaxed.points, n_fixed=relaxed.n_fixed, report=report)
-        mesh, used = cut_out(points, cells)
-        fixed_nodes = places_among(used, len(points))[: len(fixed)]
-        made = describe(mesh, domain, sampling, relaxed, fixed_nodes)
     warn_of_faults(made)
-    return mesh, made
+    return SimplexMesh(mesh.points, mesh.cells), made
+
+
+def mesh_of_domain(
+    domain: ImplicitDomain,
+    fixed: FloatArray,
+    *,
+    seed: int | np.random.Generator,
+    max_iter: int,
+    max_elements: float,
+    report: ProgressCallback,
+) -> tuple[SimplexMesh, SmoothingReport]:
+    """Return a mesh of a domain, with the numbers of its regions as cell tags, and the report."""
+    sampling = sample(domain, np.random.default_rng(seed), max_elements=max_elements)
+    domain = replace(domain, probes=sampling.probes)
+    relaxed = relax(
+        domain,
+        np.concatenate([fixed, far_from(domain, fixed, sampling.points)]),
+        n_fixed=len(fixed),
+        max_iter=max_iter,
+        max_nodes=1.5 * max_elements / ELEMENTS_PER_NODE[domain.dim],
+        report=report,
+    )
+    points, cells, regions = finish(domain, relaxed.points, n_fixed=relaxed.n_fixed, report=report)
+    mesh, used = cut_out(points, cells)
+    fixed_nodes = places_among(used, len(points))[: len(fixed)]
+    made = describe(mesh, domain, sampling, relaxed, fixed_nodes)
+    return SimplexMesh(mesh.points, mesh.cells, cell_tags=regions), made
 
 
 def _refuse_cut(domain: ImplicitDomain) -> None:

@@ -3,13 +3,14 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, refuse_where
-from adaptsize.typing import FloatArray
+from adaptsize.background.topology import facets_of, marked
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: A function of points, float64[n, dim], with one value per point.
 Field: TypeAlias = Callable[[FloatArray], Any]
@@ -20,6 +21,20 @@ FIRST = {2: 48, 3: 20}
 _STEP = 1e-4
 #: Gradients shorter than this times the steepest slope are not used to locate the boundary.
 _FLAT = 1e-3
+
+
+class Skin(NamedTuple):
+    """The facets of a mesh on the boundary of its domain, and on interfaces inside."""
+
+    facets: IntArray
+    nodes: BoolArray
+    """Which nodes of the mesh are on them."""
+    walls: IntArray | None = None
+    """Numbers of the walls that each node lies on, int32[n_points, m], padded with -1."""
+
+    def walls_of(self, nodes: npt.NDArray[np.integer]) -> IntArray | None:
+        """Return the walls of some nodes; None if there is only the boundary."""
+        return None if self.walls is None else self.walls[nodes]
 
 
 @dataclass(frozen=True)
@@ -43,6 +58,11 @@ class ImplicitDomain:
     lower: FloatArray
     upper: FloatArray
     probes: FloatArray | None = None
+
+    @property
+    def may_have_corners(self) -> bool:
+        """Whether corners of the boundary are searched for."""
+        return True
 
     @property
     def dim(self) -> int:
@@ -144,7 +164,36 @@ class ImplicitDomain:
         slope = np.linalg.norm(self.gradient(points, phi, h), axis=1)
         return np.asarray(-phi / np.clip(slope, _FLAT * self.slope, self.slope))
 
-    def normals(self, points: FloatArray, h: FloatArray) -> FloatArray:
+    def regions(self, points: FloatArray, cells: IntArray) -> IntArray:
+        """Return the number of the region of each cell."""
+        return np.zeros(len(cells), np.int32)
+
+    def skin(
+        self,
+        points: FloatArray,
+        cells: IntArray,
+        regions: IntArray | None = None,
+    ) -> Skin:
+        """Return the facets on the boundary: those that belong to only one cell."""
+        facets, cell_facets = facets_of(cells, len(points))
+        single = np.bincount(cell_facets.ravel(), minlength=len(facets)) == 1
+        facets = np.asarray(facets[single])
+        return Skin(facets, marked(facets, len(points)))
+
+    def adjust(self, points: FloatArray, cells: IntArray, regions: IntArray) -> bool:
+        """Adjust the boundary to a mesh; return whether nothing was changed."""
+        return True
+
+    def to_walls(self, points: FloatArray, depths: FloatArray) -> FloatArray:
+        """Return the distance to the boundary, or to interfaces inside if they are nearer."""
+        return depths
+
+    def normals(
+        self,
+        points: FloatArray,
+        h: FloatArray,
+        walls: IntArray | None = None,
+    ) -> FloatArray:
         """Return the directions of the gradients; 0 where it is 0."""
         gradient = self.gradient(points, self.phi(points), h)
         length = np.linalg.norm(gradient, axis=1)
@@ -163,7 +212,13 @@ class ImplicitDomain:
         return np.asarray(move)
 
     def project(
-        self, points: FloatArray, h: FloatArray, *, tolerance: float, max_steps: int
+        self,
+        points: FloatArray,
+        h: FloatArray,
+        *,
+        tolerance: float,
+        max_steps: int,
+        walls: IntArray | None = None,
     ) -> FloatArray:
         """Return points moved to the boundary by Newton steps.
 
@@ -175,6 +230,8 @@ class ImplicitDomain:
         tolerance : float
             Length of a step below which a point is on the boundary, in sizes.
         max_steps : int
+        walls : int32[n, m], optional
+            Of `Skin`, if the domain has interfaces inside.
         """
         points, active = points.copy(), np.arange(len(points))
         for _ in range(max_steps):

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
+from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, Skin
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongArray
 
 #: Edges shorter or longer than this lose a node or get one at their midpoint, in sizes.
@@ -22,16 +22,14 @@ class Triangulation(NamedTuple):
     points: FloatArray
     """Positions of the nodes at that time."""
     edges: IntArray
-    skin: IntArray
-    """Facets on the boundary."""
-    on_boundary: BoolArray
+    skin: Skin
 
 
 def adapted(
     domain: ImplicitDomain, points: FloatArray, h: FloatArray, mesh: Triangulation, n_fixed: int
 ) -> FloatArray | None:
     """Return the nodes with some removed and some added at the end, or None without changes."""
-    edges, on_boundary = mesh.edges, mesh.on_boundary
+    edges, on_boundary = mesh.edges, mesh.skin.nodes
     i, j = edges.T
     ratio = np.linalg.norm(points[i] - points[j], axis=1) / (0.5 * (h[i] + h[j]))
     short, long = _short_and_long(ratio, len(points), points.shape[1])
@@ -39,9 +37,10 @@ def adapted(
     middles = 0.5 * (points[i[candidates]] + points[j[candidates]])
     length = ratio[candidates] * 0.5 * (h[i[candidates]] + h[j[candidates]])
     depth = domain.depths(middles, length)
+    to_wall = domain.to_walls(middles, depth)
     both = on_boundary[i[candidates]] & on_boundary[j[candidates]]
     # Edges across a narrow part are short because the part is narrow.
-    across = both & (depth > _ALONG * length)
+    across = both & (to_wall > _ALONG * length)
     inside = depth > -_ALONG * length
     removed = _chosen(edges[short[~across[: len(short)]]], on_boundary, n_fixed)
     is_new = inside[len(short) :]

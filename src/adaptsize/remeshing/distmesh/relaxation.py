@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize.background.topology import edges_of, facets_of, marked
-from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
+from adaptsize.background.topology import edges_of
+from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, Skin
 from adaptsize.remeshing.distmesh.nodes import Triangulation, adapted, uncovered, with_corners
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
@@ -92,13 +92,6 @@ def _are_inside(
     return np.asarray(inside)
 
 
-def skin_of(cells: IntArray, n_points: int) -> IntArray:
-    """Return the facets that belong to only one cell, int32[m, dim]."""
-    facets, cell_facets = facets_of(cells, n_points)
-    single = np.bincount(cell_facets.ravel(), minlength=len(facets)) == 1
-    return np.asarray(facets[single])
-
-
 def relax(
     domain: ImplicitDomain,
     points: FloatArray,
@@ -112,6 +105,7 @@ def relax(
     points = uncovered(domain, points)
     adapt_until = min(_ADAPT_UNTIL, max_iter // 2)
     known: Triangulation | None = None
+    seeks_corners = domain.may_have_corners
     count, k, mean, converged = 0, 0, np.inf, False
     for k in range(1, max_iter + 1):
         report("moving nodes", k / max_iter)
@@ -119,16 +113,15 @@ def relax(
         way = 0.0 if known is None else np.linalg.norm(points - known.points, axis=1) / h
         if known is None or np.quantile(way, 0.99) > 0.1:  # 1 % of the nodes moved so many sizes
             cells = triangulate(domain, points, h)
-            skin = skin_of(cells, n)
-            known = Triangulation(points, edges_of(cells, n), skin, marked(skin, n))
+            known = Triangulation(points, edges_of(cells, n), domain.skin(points, cells))
             count += 1
         changed = None
         if k % _ADAPT_EVERY == 0 and k <= adapt_until:
             changed = adapted(domain, points, h, known, n_fixed)
             if changed is not None and len(changed) > max_nodes:
                 changed = None
-        elif k % _ADAPT_EVERY == _ADAPT_EVERY // 2 and k > _ADAPT_EVERY:
-            skin_edges = edges_of(known.skin, n)
+        elif k % _ADAPT_EVERY == _ADAPT_EVERY // 2 and k > _ADAPT_EVERY and seeks_corners:
+            skin_edges = edges_of(known.skin.facets, n)
             changed, n_fixed = with_corners(domain, points, h, skin_edges, n_fixed)
         if changed is not None:
             points, known = changed, None
@@ -138,7 +131,7 @@ def relax(
         shortened = 0.985 ** max(0, k - _ADAPT_UNTIL)
         move = shortened * _forces(points, known.edges, h)
         move[:n_fixed] = 0.0
-        moved = _put_back(domain, points + move, h, known.on_boundary, n_fixed)
+        moved = _put_back(domain, points + move, h, known.skin, n_fixed)
         mean = float((np.linalg.norm(moved - points, axis=1) / h).mean()) / shortened
         points = moved
         # Mean displacement per step at which the nodes have converged, in sizes.
@@ -175,14 +168,16 @@ def _forces(points: FloatArray, edges: IntArray, h: FloatArray) -> FloatArray:
 
 
 def _put_back(
-    domain: ImplicitDomain, points: FloatArray, h: FloatArray, on_boundary: BoolArray, n_fixed: int
+    domain: ImplicitDomain, points: FloatArray, h: FloatArray, skin: Skin, n_fixed: int
 ) -> FloatArray:
     """Return the nodes, with outside nodes and boundary nodes projected onto the boundary."""
     outside = domain.phi(points) > 0.0
-    moving = outside | on_boundary
+    moving = outside | skin.nodes
     moving[:n_fixed] = False
     at = np.flatnonzero(moving)
-    there = domain.project(points[at], h[at], tolerance=ON_BOUNDARY, max_steps=2)
+    there = domain.project(
+        points[at], h[at], tolerance=ON_BOUNDARY, max_steps=2, walls=skin.walls_of(at)
+    )
     near = np.linalg.norm(there - points[at], axis=1) < 0.5 * h[at]
     points[at] = np.where((outside[at] | near)[:, None], there, points[at])
     return points
