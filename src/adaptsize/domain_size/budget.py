@@ -166,7 +166,7 @@ def _relaxed(domain: SizedDomain, request: Request, relaxation: float) -> SizeFu
     report, dim = report_of(size), size.background.dim
     found = Prediction(calibration("mmg", dim) * report.n_elements)
     if isinstance(domain, SurfaceDomain):
-        found = predict(domain.inside, size, backend="mmg")
+        found = predict(domain.enclosed, size, backend="mmg")
     elif isinstance(domain, MeshDomain) and isinstance(size.background, SimplexMesh):
         mesh = domain.mesh
         if mesh.cell_dim >= mesh.dim - 1:

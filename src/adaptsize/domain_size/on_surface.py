@@ -22,11 +22,14 @@ from adaptsize.domain_size.request import Bounds, PointBounds, Request, bound_at
 from adaptsize.errors import InputWarning, OpenSurfaceWarning
 from adaptsize.geometry.creases import folds_of, tips_of_cones
 from adaptsize.geometry.faces import Faces
+from adaptsize.geometry.inside import Inside
 from adaptsize.geometry.separation import FeaturePoints, Separation
 from adaptsize.geometry.width import Width
+from adaptsize.limiting.inside import InnerSizes
 from adaptsize.remeshing.surface_checks import overlapping_bodies
 from adaptsize.sizes import Enclosed
 from adaptsize.sizes.curvature import radius_at_curves
+from adaptsize.sizes.inside import at_nodes_only, inner_sources
 from adaptsize.sizes.sources import BallSource, BoxSource, CurveSource, PointSource
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, ProgressCallback
 
@@ -55,9 +58,14 @@ class SurfaceDomain:
         return cls(ordered, nodes, overlapping is not None, crease_angle)
 
     @cached_property
-    def inside(self) -> Enclosed:
+    def enclosed(self) -> Enclosed:
         """The solid, to predict the number of elements in it."""
         return Enclosed(self.mesh)
+
+    @cached_property
+    def inside(self) -> Inside:
+        """The solid, in which sizes grow."""
+        return Inside(self.faces, self.overlaps)
 
     def limited(self, request: Request) -> SizeFunction:
         """Return the limited sizes on a refined copy, with a report.
@@ -106,7 +114,10 @@ class SurfaceDomain:
         bounds = {name: bound[place] for name, bound in report.bounds.items()}
         origin = None if report.origin is None else np.append(number, -1)[report.origin[place]]
         report = replace(report, background=given, cause=cause, bounds=bounds, origin=origin)
-        return SizeFunction(given, values, g=size.g, hmax=size.hmax, report=report)
+        inner = None if size.inner is None else size.inner.reordered(place)
+        return SizeFunction(
+            given, values, g=size.g, hmax=size.hmax, report=report, inner=inner
+        )
 
     @cached_property
     def faces(self) -> Faces:
@@ -250,6 +261,9 @@ class _Surface:
     def limited(self, request: Request) -> SizeFunction:
         """Return the limited sizes, with a report."""
         mesh, faces = self.mesh, self.solid.faces
+        inside, sources = self.solid.inside, inner_sources(request.sources)
+        normals = inside.normals_of_parts(mesh, self.owner)
+        at_nodes = request.from_sources(mesh, at_nodes_only(request.sources))
         bounds = dict(self.nodal)
         if "curvature" in bounds:
             bounds["curvature"] = request.on_curves(bounds["curvature"], faces.mesh.diameter)
@@ -260,16 +274,20 @@ class _Surface:
         points = [(name, at, across_surface(w, request)) for name, at, w in self.in_facets]
         if "width" in bounds:
             bounds["width"] = across_surface(bounds["width"], request)
-        h, report = Bounds(
+        every = Bounds(
             mesh,
-            bounds | request.from_sources(mesh),
+            bounds | at_nodes,
             request.limits(faces.mesh.diameter),
             points=points,
             is_rough=faces.is_rough,
-            through_space=True,
+            solid=(inside, normals),
+            inner=[source for source in sources if source.grows],
             of_chords=True,
-        ).limited(request)
-        return SizeFunction(mesh, h, g=request.g, hmax=report.hmax, report=report)
+        )
+        h, report = every.limited(request)
+        inner = tuple(source.clipped(report.hmin, np.inf) for source in sources)
+        sizes = InnerSizes(inside, normals, every.aims, inner)
+        return SizeFunction(mesh, h, g=request.g, hmax=report.hmax, report=report, inner=sizes)
 
     def split(self, long: BoolArray, request: Request) -> _Surface:
         """Return the surface with some edges halved, with bounds at the new nodes and facets."""
