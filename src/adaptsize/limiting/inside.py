@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels.heap import new_heap
-from adaptsize._kernels.inside import carry, find_weights
+from adaptsize._kernels.inside import carry, find_weights, lower_by_seen
 from adaptsize._workers import Workers
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.inside import NUDGE, Inside
-from adaptsize.limiting.exact.field import ExactField, Points, field_of_cells
+from adaptsize.limiting.exact.field import Entries, ExactField, Points, field_of_cells
 from adaptsize.limiting.exact import limit_points
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
@@ -27,6 +27,8 @@ _ON = 10.0 * NUDGE
 _LESS = 1.0 - 1e-9
 #: A source between the nodes acts on so many of the nearest nodes that do not see what they should.
 _NEAREST = 3
+#: So many hidden sources are passed over in the search for the best one seen from a point.
+_MOST_HIDDEN = 5000
 
 
 class InnerSource(Protocol):
@@ -111,7 +113,7 @@ def limit_inside(
     is_hidden = np.zeros(n, np.bool_)
     moved = np.flatnonzero(aims != np.arange(n))
     is_hidden[moved] = inside.hidden(inner[moved], inner[aims[moved]], workers)
-    h[is_hidden], aims[is_hidden] = bound[is_hidden], np.flatnonzero(is_hidden)
+    _take_next(inside, found.field, (places, inner, solid[1]), bound, is_hidden, h, aims)
     sizes[:n] = h
     for source in sources:
         at, size = source.aims(mesh.points, g)
@@ -134,6 +136,52 @@ def limit_inside(
         carry(tree, two_sided, g, places, inner, around, is_hidden, sizes, aims, new_heap(n))
     at_aims = Aims(places[aims], inner[aims], sizes[aims])
     return Limited(sizes[:n].copy(), _roots(aims, len(places)), places[n:], at_aims)
+
+
+def _take_next(
+    inside: Inside,
+    field: ExactField,
+    at: tuple[FloatArray, FloatArray, FloatArray],
+    bound: FloatArray,
+    is_hidden: BoolArray,
+    h: FloatArray,
+    aims: IntArray,
+) -> None:
+    """Set sizes at hidden nodes by the best of the sources that they see (In/Out: h, aims).
+
+    ``at``: places, the same moved inside, and normals at the nodes.
+    """
+    nodes = np.flatnonzero(is_hidden)
+    if len(nodes) == 0:
+        return
+    places, inner, normals = at
+    normals = np.concatenate([normals, np.zeros((len(places) - len(normals), 3))])
+    sizes, best = bound[nodes], nodes.astype(np.int32)
+    for entries in field.groups:
+        source = _lower_by_seen(
+            inside, entries, normals, field.g, places[nodes], inner[nodes], sizes
+        )
+        best = np.where(source >= 0, entries.nodes[source, 0], best)
+    h[nodes], aims[nodes] = sizes, best
+
+
+def _lower_by_seen(
+    inside: Inside,
+    entries: Entries,
+    normals: FloatArray,
+    g: float,
+    points: FloatArray,
+    starts: FloatArray,
+    sizes: FloatArray,
+) -> IntArray:
+    """Lower sizes (In/Out) by the entries seen from points; return these, -1 if none."""
+    (tree, two_sided), frame = inside.walls, inside.faces.frame
+    source = np.full(len(points), -1, np.int32)
+    lower_by_seen(
+        tree, two_sided, (entries.table, entries.boxes, entries.nodes), normals,
+        (frame.origin, frame.scale, NUDGE), g, points, starts, (sizes, source), _MOST_HIDDEN,
+    )  # fmt: skip
+    return source
 
 
 def _moved_inside(inside: Inside, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -334,6 +382,16 @@ class SolidField:
             hidden = inner.inside.hidden(starts[better], aims.moved[better], Workers(1))
             better = better[~hidden]
             sizes[better] = value[better]
+        if not inner.inside.is_crossed:
+            sizes = self._of_next(begin, starts, sizes - lost) + lost
+        return np.minimum(sizes, bound)
+
+    def _of_next(self, points: FloatArray, starts: FloatArray, sizes: FloatArray) -> FloatArray:
+        """Return the sizes that the best of the seen sources on the surface allow."""
+        for entries in self._straight[0].groups:
+            _lower_by_seen(
+                self.inner.inside, entries, self.inner.normals, self.g, points, starts, sizes
+            )
         return sizes
 
     def _aims_of(self, nodes: IntArray) -> Aims:
