@@ -27,8 +27,9 @@ _ON = 10.0 * NUDGE
 _LESS = 1.0 - 1e-9
 #: A source between the nodes acts on so many of the nearest nodes that do not see what they should.
 _NEAREST = 3
-#: So many hidden sources are passed over in the search for the best one seen from a point.
-_MOST_HIDDEN = 5000
+#: So many hidden sources are passed over in the search for the best one seen from a point: the
+#: least and the largest number, and that for all points together, a few seconds.
+_MOST_HIDDEN = (200, 5000, 4_000_000)
 
 
 class InnerSource(Protocol):
@@ -176,10 +177,12 @@ def _lower_by_seen(
 ) -> IntArray:
     """Lower sizes (In/Out) by the entries seen from points; return these, -1 if none."""
     (tree, two_sided), frame = inside.walls, inside.faces.frame
+    least, largest, together = _MOST_HIDDEN
+    most = min(max(least, together // max(len(points), 1)), largest)
     source = np.full(len(points), -1, np.int32)
     lower_by_seen(
         tree, two_sided, (entries.table, entries.boxes, entries.nodes), normals,
-        (frame.origin, frame.scale, NUDGE), g, points, starts, (sizes, source), _MOST_HIDDEN,
+        (frame.origin, frame.scale, NUDGE), g, points, starts, (sizes, source), most,
     )  # fmt: skip
     return source
 
@@ -321,8 +324,12 @@ class SolidField:
 
     def evaluate(self, points: FloatArray, bound: FloatArray) -> FloatArray:
         """Return the minimum of ``bound`` and the sizes at points, those outside taken as near."""
+        return self.with_hidden(points, bound)[0]
+
+    def with_hidden(self, points: FloatArray, bound: FloatArray) -> tuple[FloatArray, IndexArray]:
+        """Return the sizes, and the points from which the best source is hidden."""
         if len(points) == 0:
-            return bound.copy()
+            return bound.copy(), np.empty(0, np.intp)
         points = np.ascontiguousarray(points)
         inside, workers = self.inner.inside, Workers.of(None)
         sizes, best = self._best(points, bound, workers)
@@ -331,12 +338,18 @@ class SolidField:
         hidden = has[inside.hidden(starts[has], best.moved[has], workers, strict=True)]
         if len(hidden):
             sizes[hidden] = self._around(points[hidden], best.only(hidden), bound[hidden])
-        return sizes
+        return sizes, hidden
 
-    def straight(self, points: FloatArray, bound: FloatArray) -> FloatArray:
-        """Return the sizes if nothing were hidden: a lower bound whose gradient is at most g."""
-        sizes = self._straight[0].evaluate(points, bound)
-        return np.minimum(sizes, least_of(self.inner.sources, points, self.g)[0])
+    def of_inner_sources(self, points: FloatArray, bound: FloatArray) -> FloatArray:
+        """Return the minimum of ``bound`` and the sizes from the sources inside that are seen."""
+        least, at = least_of(self.inner.sources, points, self.g)
+        better = np.flatnonzero(least < bound)
+        inside, sizes = self.inner.inside, bound.copy()
+        starts = inside.faces.frame.of(points[better])
+        ends = _moved_inside(inside, at[better])[0]
+        better = better[~inside.hidden(starts, ends, Workers.of(None))]
+        sizes[better] = least[better]
+        return sizes
 
     def _best(
         self, points: FloatArray, bound: FloatArray, workers: Workers

@@ -25,6 +25,7 @@ from adaptsize.remeshing.acceptance import remesh_strictly, routes, warn_of_devi
 from adaptsize.remeshing.filling import filled
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.in_parts import remesh_parts
+from adaptsize.remeshing.in_volume import in_volume
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.preparation import Frame, RepairedMesh, as_problem, repair_mesh, restore
 from adaptsize.remeshing.protocol import Problem, Task
@@ -34,6 +35,7 @@ from adaptsize.remeshing.sizing import (
     SizeLike,
     as_metric_at,
     as_size,
+    in_solid,
     known_points,
     mean_size,
 )
@@ -210,6 +212,11 @@ def remesh(
             f"{given['max_elements']:.3g}; increase the sizes or raise max_elements"
         )
     problem = replace(problem, seconds=_LONGEST + _LONGEST_PER_CELL * n_cells)
+    if task == "surface to tetrahedra":
+        on_surface = in_solid(sizes, mesh, given["g"], given["hmax"])
+        if on_surface is not None:
+            grown = partial(in_volume, size=on_surface, frame=frame, hmax=given["hmax"])
+            problem = replace(problem, in_volume=grown)
     with reporting(progress) as report:
         timeout = given["timeout"]
         deadline = None if timeout is None else time.monotonic() + timeout
