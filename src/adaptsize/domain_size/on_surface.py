@@ -25,7 +25,7 @@ from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.inside import Inside
 from adaptsize.geometry.separation import FeaturePoints, Separation
 from adaptsize.geometry.width import Width
-from adaptsize.limiting.inside import InnerSizes
+from adaptsize.limiting.inside import InnerSizes, InnerSource
 from adaptsize.remeshing.surface_checks import overlapping_bodies
 from adaptsize.sizes import Enclosed
 from adaptsize.sizes.curvature import radius_at_curves
@@ -231,6 +231,8 @@ class _Surface:
     """Widths at points in the facets of the given surface."""
     features: _Marked
     bent: _Marked
+    sources: Sequence[InnerSource]
+    """Those of the request that act inside."""
 
     @classmethod
     def of(cls, solid: SurfaceDomain, request: Request) -> _Surface:
@@ -256,12 +258,13 @@ class _Surface:
             in_facets,
             _Marked(faces.features, np.arange(len(faces.features))),
             _Marked(solid.bent, np.zeros(len(solid.bent), np.intp)),
+            inner_sources(request.sources, solid.mesh, request.limits(solid.mesh.diameter)[1]),
         )
 
     def limited(self, request: Request) -> SizeFunction:
         """Return the limited sizes, with a report."""
         mesh, faces = self.mesh, self.solid.faces
-        inside, sources = self.solid.inside, inner_sources(request.sources)
+        inside = self.solid.inside
         normals = inside.normals_of_parts(mesh, self.owner)
         at_nodes = request.from_sources(mesh, at_nodes_only(request.sources))
         bounds = dict(self.nodal)
@@ -281,11 +284,11 @@ class _Surface:
             points=points,
             is_rough=faces.is_rough,
             solid=(inside, normals),
-            inner=[source for source in sources if source.grows],
+            inner=self.sources,
             of_chords=True,
         )
         h, report = every.limited(request)
-        inner = tuple(source.clipped(report.hmin, np.inf) for source in sources)
+        inner = tuple(source.clipped(report.hmin, np.inf) for source in self.sources)
         sizes = InnerSizes(inside, normals, every.aims, inner)
         return SizeFunction(mesh, h, g=request.g, hmax=report.hmax, report=report, inner=sizes)
 
@@ -308,6 +311,7 @@ class _Surface:
             in_facets,
             self.features.split(parents, self.mesh.n_points),
             self.bent.split(parents, self.mesh.n_points),
+            self.sources,
         )
 
     def _at_new(

@@ -239,7 +239,7 @@ class Bounds:
     solid: tuple[Inside, FloatArray] | None = None
     """The solid that a surface encloses, inside of which sizes grow, and normals at the nodes."""
     inner: Sequence[InnerSource] = ()
-    """Sources inside that solid other than points."""
+    """Sources inside that solid."""
     aims: Aims | None = None
     """Out: of the sizes in a solid."""
     of_chords: bool = False
@@ -266,8 +266,10 @@ class Bounds:
             return found
         background, (low, high) = self.background, self.limits
         dim = background.dim
-        points = [*self.points, *request.points(dim)]
-        if measure_dim(background) < dim and self.solid is None:
+        points = [*self.points]
+        if measure_dim(background) == dim:
+            points += request.points(dim)
+        elif self.solid is None:
             points = []  # point sources act at the nodes around them
         given = [*self.nodal, *(name for name, _, _ in points), *["sources"] * bool(self.inner)]
         names = (*dict.fromkeys(given), "hmin", "hmax")

@@ -35,8 +35,8 @@ _MOST_HIDDEN = (200, 5000, 4_000_000)
 class InnerSource(Protocol):
     """A source inside a solid."""
 
-    grows: ClassVar[bool]
-    """Whether `aims` finds the place of the least size, not only that at the point itself."""
+    is_graded: ClassVar[bool]
+    """Whether the gradient of the sizes from `aims` is at most g."""
 
     def aims(self, points: FloatArray, g: float) -> tuple[FloatArray, FloatArray]:
         """Return for each point the place from which the least size grows, and the size there."""

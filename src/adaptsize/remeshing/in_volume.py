@@ -53,7 +53,7 @@ def in_volume(problem: Problem, size: SizeFunction, frame: Frame, hmax: float) -
     if sources:
         found = resolved(
             given, lambda x: field.of_inner_sources(x, at_most(x)),
-            g=g if all(source.grows for source in sources) else None,
+            g=g if all(source.is_graded for source in sources) else None,
             samples=np.concatenate([source.samples for source in sources]),
             curves=ridges, max_points=_MOST_POINTS,
         )  # fmt: skip
@@ -67,7 +67,7 @@ def in_volume(problem: Problem, size: SizeFunction, frame: Frame, hmax: float) -
     values = _limited_in(given, field, at_most(given.points), g)
     if values is None:
         return problem
-    everywhere = not all(source.grows for source in sources)
+    everywhere = not all(source.is_graded for source in sources)
 
     def there(points: FloatArray) -> FloatArray:
         places = frame.from_own(points)

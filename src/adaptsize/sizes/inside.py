@@ -12,7 +12,9 @@ import numpy as np
 from adaptsize._checks import as_sizes
 from adaptsize._kernels.inside import find_weights
 from adaptsize._workers import Workers
+from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
+from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.limiting.exact.field import ExactField, Points, entries_at
 from adaptsize.limiting.inside import InnerSource
 from adaptsize.sizes.sources import (
@@ -27,6 +29,8 @@ from adaptsize.typing import FloatArray, IntArray
 
 #: Samples along the longest side of a box, or the diameter of a ball.
 _PER_SIDE = 5
+#: Samples of a function, above which the lattice is not divided further.
+_MOST_SAMPLES = 200_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +41,7 @@ class InnerLine:
     sizes: FloatArray
     segments: IntArray
     """int32[k, 2]"""
-    grows: ClassVar[bool] = True
+    is_graded: ClassVar[bool] = True
 
     @cached_property
     def _field(self) -> ExactField:
@@ -77,7 +81,7 @@ class InnerBox:
     lower: FloatArray
     upper: FloatArray
     size: float
-    grows: ClassVar[bool] = True
+    is_graded: ClassVar[bool] = True
 
     def aims(self, points: FloatArray, g: float) -> tuple[FloatArray, FloatArray]:
         """Return for each point the closest place in the box, and the size."""
@@ -101,7 +105,7 @@ class InnerBall:
     centre: FloatArray
     radius: float
     size: float
-    grows: ClassVar[bool] = True
+    is_graded: ClassVar[bool] = True
 
     def aims(self, points: FloatArray, g: float) -> tuple[FloatArray, FloatArray]:
         """Return for each point the closest place in the ball, and the size."""
@@ -123,53 +127,92 @@ class InnerBall:
 
 @dataclass(frozen=True, eq=False)
 class InnerFunction:
-    """The sizes that a function of points returns."""
+    """The sizes that a function of points returns, and what grows from samples of it."""
 
     function: SizeOfPoint
+    known: InnerLine
     limits: tuple[float, float] = (0.0, np.inf)
-    grows: ClassVar[bool] = False
+    is_graded: ClassVar[bool] = False
 
     def aims(self, points: FloatArray, g: float) -> tuple[FloatArray, FloatArray]:
-        """Return the points, and the sizes there."""
-        sizes = as_sizes("size(points)", self.function(points.copy()), (len(points),))
-        return points.copy(), np.clip(sizes, *self.limits)
+        """Return the points and the sizes there, or the samples that allow smaller ones."""
+        at, sizes = points.copy(), np.clip(_values(self.function, points), *self.limits)
+        if len(self.known.points):
+            places, found = self.known.aims(points, g)
+            straight = found + g * np.linalg.norm(points - places, axis=1)
+            better = straight < sizes
+            at[better], sizes[better] = places[better], found[better]
+        return at, sizes
 
     def clipped(self, lower: float, upper: float) -> InnerFunction:
         """Return the source with sizes clipped to two bounds."""
         low, high = self.limits
-        return replace(self, limits=(max(low, lower), min(max(high, lower), upper)))
+        limits = (max(low, lower), min(max(high, lower), upper))
+        return replace(self, known=self.known.clipped(lower, upper), limits=limits)
 
     @property
     def samples(self) -> FloatArray:
-        """No place where the size is small is known."""
-        return np.empty((0, 3))
+        """Places where the size is small."""
+        return self.known.points
 
 
-def inner_sources(sources: Sequence[Any]) -> tuple[InnerSource, ...]:
-    """Return the sources that act inside a solid, and not only at nodes of its surface."""
-    return tuple(_inner(source) for source in sources if _is_inner(source))
+def _values(function: SizeOfPoint, points: FloatArray) -> FloatArray:
+    return as_sizes("size(points)", function(points.copy()), (len(points),))
+
+
+def sampled(function: SizeOfPoint, surface: SimplexMesh, hmax: float) -> InnerFunction:
+    """Return a function as a source inside a surface, sampled where it is below ``hmax``.
+
+    A lattice over the box of the surface has 32 cells along the longest side.  Its cells are
+    divided where they are longer than twice the size at their centres.
+    """
+    lower, upper = surface.points.min(axis=0), surface.points.max(axis=0)
+    step = float((upper - lower).max()) / 32.0
+    number = np.maximum(np.ceil((upper - lower) / step - 1e-9), 1.0).astype(int)
+    points = lower + step * (np.indices(number).reshape(3, -1).T + 0.5)
+    places, found, count = [], [], 0
+    while len(points):
+        sizes = _values(function, points)
+        small = sizes < hmax
+        points, sizes = points[small], sizes[small]
+        places.append(points)
+        found.append(sizes)
+        count += len(points)
+        coarse = step > 2.0 * sizes
+        if count + 8 * np.count_nonzero(coarse) > _MOST_SAMPLES:
+            break
+        step *= 0.5
+        corners = step * (np.indices((2, 2, 2)).reshape(3, -1).T - 0.5)
+        points = (points[coarse][:, None] + corners).reshape(-1, 3)
+    at, sizes = np.concatenate(places), np.concatenate(found)
+    inside = WindingNumber(surface).contains(at) if len(at) else np.zeros(0, np.bool_)
+    line = InnerLine(at[inside], sizes[inside], np.empty((0, 2), np.int32))
+    return InnerFunction(function, line)
+
+
+def inner_sources(
+    sources: Sequence[Any], surface: SimplexMesh, hmax: float
+) -> tuple[InnerSource, ...]:
+    """Return the sources that act inside a surface, and not only at its nodes.
+
+    Functions are sampled where they are below ``hmax``.
+    """
+    found: list[InnerSource] = []
+    for source in sources:
+        if isinstance(source, PointSource):
+            found.append(InnerLine(*source.rows(3), np.empty((0, 2), np.int32)))
+        elif isinstance(source, CurveSource):
+            found.append(InnerLine(*source.rows(3), source.segments(3).cells))
+        elif isinstance(source, BoxSource):
+            found.append(InnerBox(*source.corners(3), float(source.size)))
+        elif isinstance(source, BallSource):
+            found.append(InnerBall(source.middle(3), float(source.radius), float(source.size)))
+        elif not isinstance(source, Source):
+            found.append(sampled(source, surface, hmax))
+    return tuple(found)
 
 
 def at_nodes_only(sources: Sequence[Any]) -> list[Any]:
     """Return the sources that are known at the nodes of a surface: the others, and functions."""
-    return [source for source in sources if not isinstance(source, _PLACED)]
-
-
-#: Sources that have a place in space.
-_PLACED = (PointSource, CurveSource, BoxSource, BallSource)
-
-
-def _is_inner(source: Any) -> bool:
-    return isinstance(source, _PLACED) or not isinstance(source, Source)
-
-
-def _inner(source: Any) -> InnerSource:
-    if isinstance(source, PointSource):
-        return InnerLine(*source.rows(3), np.empty((0, 2), np.int32))
-    if isinstance(source, CurveSource):
-        return InnerLine(*source.rows(3), source.segments(3).cells)
-    if isinstance(source, BoxSource):
-        return InnerBox(*source.corners(3), float(source.size))
-    if isinstance(source, BallSource):
-        return InnerBall(source.middle(3), float(source.radius), float(source.size))
-    return InnerFunction(source)
+    placed = (PointSource, CurveSource, BoxSource, BallSource)
+    return [source for source in sources if not isinstance(source, placed)]
