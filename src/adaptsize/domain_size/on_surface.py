@@ -115,9 +115,7 @@ class SurfaceDomain:
         origin = None if report.origin is None else np.append(number, -1)[report.origin[place]]
         report = replace(report, background=given, cause=cause, bounds=bounds, origin=origin)
         inner = None if size.inner is None else size.inner.reordered(place)
-        return SizeFunction(
-            given, values, g=size.g, hmax=size.hmax, report=report, inner=inner
-        )
+        return SizeFunction(given, values, g=size.g, hmax=size.hmax, report=report, inner=inner)
 
     @cached_property
     def faces(self) -> Faces:
@@ -396,36 +394,34 @@ def across_surface(widths: FloatArray, request: Request) -> FloatArray:
     return share * widths
 
 
-def warn_where_missed(size: SizeFunction, sources: Sequence[Any], hmin: float) -> None:
-    """Warn if the sizes of a solid, carried by its surface, are 1.2 times those of a source off it.
+def warn_of_outside(domain: SurfaceDomain, sources: Sequence[Any], g: float) -> None:
+    """Warn of sources outside a part, if that increases their sizes by more than a fifth.
 
-    A surface has nodes only where the solid ends.  A source inside acts on the closest of these,
-    and the size grows from there back to the source.  Sizes are nowhere below ``hmin``.
+    They act on the closest point of the surface, with their distance from it.
     """
     for source in sources:
-        places, requested = _samples(source, size.background.dim)
-        given = size(places)
-        excess = given / np.maximum(requested, hmin)
-        if len(excess) == 0 or excess.max() <= 1.2:
+        places, sizes, reach = _extent(source)
+        away = domain.inside.moved_inside(places)[1] - reach
+        excess = g * away / sizes
+        if len(excess) == 0 or excess.max() <= 0.2:
             continue
         worst = int(np.argmax(excess))
         warn_caller(
-            f"{type(source).__name__} requests the size {requested[worst]:.4g} at "
-            f"{place_text(places[worst])}, which is off the surface, where the size is "
-            f"{given[worst]:.4g}: a surface carries sizes at its own nodes only; make tetrahedra "
-            "first and compute their sizes with this source",
+            f"{type(source).__name__} requests the size {sizes[worst]:.4g} at "
+            f"{place_text(places[worst])}, which is {away[worst]:.4g} outside of the part: it acts "
+            "on the closest point of the surface, with its distance from it",
             InputWarning,
         )
 
 
-def _samples(source: Any, dim: int) -> tuple[FloatArray, FloatArray]:
-    """Return points where the size that a source requests is known, and these sizes."""
+def _extent(source: Any) -> tuple[FloatArray, FloatArray, float]:
+    """Return points of a source, the sizes there, and how far it extends from them."""
     if isinstance(source, PointSource | CurveSource):
-        return source.rows(dim)
+        return *source.rows(3), 0.0
     if isinstance(source, BallSource):
-        centre = np.asarray(source.centre, dtype=np.float64)
-    elif isinstance(source, BoxSource):
-        centre = 0.5 * np.add(source.lower, source.upper, dtype=np.float64)
-    else:
-        return np.empty((0, dim)), np.empty(0)
-    return centre[None, :], np.array([source.size], dtype=np.float64)
+        return source.middle(3)[None, :], np.array([float(source.size)]), float(source.radius)
+    if isinstance(source, BoxSource):
+        lower, upper = source.corners(3)
+        radius = 0.5 * float(np.linalg.norm(upper - lower))
+        return 0.5 * (lower + upper)[None, :], np.array([float(source.size)]), radius
+    return np.empty((0, 3)), np.empty(0), 0.0

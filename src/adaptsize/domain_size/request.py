@@ -19,13 +19,14 @@ from adaptsize.domain_size.cost import as_bytes
 from adaptsize.domain_size.parts import as_sizes_of_parts, sizes_of_parts
 from adaptsize.geometry.inside import Inside
 from adaptsize.limiting import limit_gradient
-from adaptsize.limiting.inside import Aims, InnerSource, limit_inside
+from adaptsize.limiting.info import LimitingInfo
+from adaptsize.limiting.inside import Aims, InnerSource, Limited, limit_inside
 from adaptsize.options import BudgetOptions, SizeFunctionOptions
 from adaptsize.sizes import PointSource, size_from_sources
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, nodal_measures
 from adaptsize.sizes.curvature import size_of_chords
 from adaptsize.sizes.sources import KNOWN, as_sources
-from adaptsize.typing import FloatArray, IntArray, ProgressCallback
+from adaptsize.typing import FloatArray, IndexArray, IntArray, ProgressCallback
 
 #: What a mesh may have a requested number of; "dofs" are the unknowns of finite elements.
 Goal: TypeAlias = Literal["elements", "nodes", "dofs"]
@@ -261,15 +262,13 @@ class Bounds:
         if request.options["size_of"]:
             freed = self._overridden(request.options["size_of"])
             fixed = replace(request, options={**request.options, "size_of": None})
-            found = freed.limited(fixed, **options)
+            limited = freed.limited(fixed, **options)
             self.aims = freed.aims
-            return found
+            return limited
         background, (low, high) = self.background, self.limits
         dim = background.dim
-        points = [*self.points]
-        if measure_dim(background) == dim:
-            points += request.points(dim)
-        elif self.solid is None:
+        points = [*self.points, *request.points(dim)] if self.solid is None else [*self.points]
+        if measure_dim(background) < dim and self.solid is None:
             points = []  # point sources act at the nodes around them
         given = [*self.nodal, *(name for name, _, _ in points), *["sources"] * bool(self.inner)]
         names = (*dict.fromkeys(given), "hmin", "hmax")
@@ -289,19 +288,15 @@ class Bounds:
         of_points[sizes < low] = len(names) - 2
         kept = sizes < high  # others bound nothing
         places, sizes, of_points = places[kept], np.maximum(sizes[kept], low), of_points[kept]
-        info, roots = None, None
+        info: LimitingInfo | None = None
+        roots: IndexArray | None = None
         if self.solid is not None:
-            assert isinstance(background, SimplexMesh)
-            inner = [source.clipped(low, np.inf) for source in self.inner]
-            workers = Workers.of(None, request.report)
-            found = limit_inside(
-                background, self.solid, requested, (places, sizes), inner, request.g, workers
-            )
-            h, roots, self.aims = found.h, found.roots, found.aims
-            more = len(found.places) - len(places)
-            places = found.places
-            if more:
-                of_points = np.append(of_points, np.full(more, names.index("sources"), np.int8))
+            grown = self._limited_inside(request, requested, (places, sizes))
+            h, roots = grown.h, grown.roots
+            more = len(grown.places) - len(places)
+            places = grown.places
+            of_inner = names.index("sources") if self.inner else 0
+            of_points = np.append(of_points, np.full(more, of_inner, np.int8))
         else:
             if len(sizes) > 0:
                 options = {"point_sources": (places, sizes)}
@@ -318,6 +313,20 @@ class Bounds:
         if roots is not None and isinstance(background, SimplexMesh):
             origin = self._origin(roots.ravel(), cause.ravel(), places)
         return h, replace(report, info=info, origin=origin)
+
+    def _limited_inside(
+        self, request: Request, requested: FloatArray, points: tuple[FloatArray, FloatArray]
+    ) -> Limited:
+        """Return the sizes limited inside the solid."""
+        assert isinstance(self.background, SimplexMesh)
+        assert self.solid is not None
+        inner = [source.clipped(self.limits[0], np.inf) for source in self.inner]
+        workers = Workers.of(None, request.report)
+        found = limit_inside(
+            self.background, self.solid, requested, points, inner, request.g, workers
+        )
+        self.aims = found.aims
+        return found
 
     def _overridden(self, size_of: Mapping[str, float]) -> Bounds:
         """Return the bounds without those of the shape on some parts, which have own sizes."""

@@ -15,11 +15,13 @@ from adaptsize.background.topology import components_of, pairs_of_cells
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.walls import Walls
-from adaptsize.typing import BoolArray, FloatArray, IndexArray
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 #: Points on the surface are moved inside by this, in units of the longest side of its box: more
 #: than the rounding of coordinates in single precision.
 NUDGE = 1e-6
+#: Points closer to the surface than this, in the same units, are on it.
+ON = 10.0 * NUDGE
 #: A piece of a surface with a rim is a sheet if its area as a vector is more than this share of its
 #: area.  Of a closed surface it is 0, of a box without a lid 0.2, of half a sphere 0.5.
 _SHEET = 0.25
@@ -86,6 +88,23 @@ class Inside:
         """Return points of the surface moved inside, in the frame."""
         return np.asarray(self.faces.frame.of(points) - NUDGE * normals)
 
+    def moved_inside(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return points in the frame, those on the surface or outside moved inside, and how far.
+
+        The latter is 0 for points inside.
+        """
+        surface, frame = self.faces.mesh, self.faces.frame
+        moved, lost = frame.of(points), np.zeros(len(points))
+        if len(points) == 0 or self.is_crossed:
+            return moved, lost
+        around, weights, away = surface.locator.weights(points)
+        closest, normals = blended(surface, self.normals, around, weights)
+        outside = np.einsum("ij,ij->i", points - closest, normals) > 0.0
+        near = outside | (away * frame.scale < ON)
+        moved[near] = self.nudged(closest[near], normals[near])
+        lost[outside] = away[outside]
+        return moved, lost
+
     def hidden(
         self, starts: FloatArray, ends: FloatArray, workers: Workers, *, strict: bool = False
     ) -> BoolArray:
@@ -104,3 +123,11 @@ class Inside:
 
         workers.in_chunks(task, len(starts), 4096)
         return hidden
+
+
+def blended(
+    mesh: SimplexMesh, normals: FloatArray, around: IntArray, weights: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return points in facets, and the normals there."""
+    points = np.einsum("ij,ijk->ik", weights, mesh.points[around])
+    return points, np.einsum("ij,ijk->ik", weights, normals[around])

@@ -16,13 +16,11 @@ from adaptsize._workers import Workers
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.geometry.faces import Faces
-from adaptsize.geometry.inside import NUDGE, Inside
-from adaptsize.limiting.exact.field import Entries, ExactField, Points, field_of_cells
+from adaptsize.geometry.inside import NUDGE, ON, Inside, blended
 from adaptsize.limiting.exact import limit_points
+from adaptsize.limiting.exact.field import Entries, ExactField, Points, field_of_cells
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
-#: Points closer to the surface than this, in units of the longest side of its box, are on it.
-_ON = 10.0 * NUDGE
 #: Sizes are lowered by more than this share only.
 _LESS = 1.0 - 1e-9
 #: A source between the nodes acts on so many of the nearest nodes that do not see what they should.
@@ -110,7 +108,7 @@ def limit_inside(
     aims, h = found.named()[:, 0].astype(np.int32), found.h
     inner = inside.nudged(places, np.concatenate([solid[1], np.zeros_like(points[0])]))
     used = np.unique(aims[aims >= n])
-    inner[used], _ = _moved_inside(inside, places[used])
+    inner[used], _ = inside.moved_inside(places[used])
     is_hidden = np.zeros(n, np.bool_)
     moved = np.flatnonzero(aims != np.arange(n))
     is_hidden[moved] = inside.hidden(inner[moved], inner[aims[moved]], workers)
@@ -120,7 +118,7 @@ def limit_inside(
         at, size = source.aims(mesh.points, g)
         straight = size + g * np.linalg.norm(mesh.points - at, axis=1)
         better = np.flatnonzero(straight < sizes[:n] * _LESS)
-        targets, lost = _moved_inside(inside, at[better])
+        targets, lost = inside.moved_inside(at[better])
         size[better] += g * lost
         straight[better] += g * lost
         unseen = inside.hidden(inner[better], targets, workers)
@@ -187,32 +185,6 @@ def _lower_by_seen(
     return source
 
 
-def _moved_inside(inside: Inside, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return points in the frame, those on the surface or outside moved inside, and how far.
-
-    The latter is 0 for points inside.
-    """
-    surface, frame = inside.faces.mesh, inside.faces.frame
-    moved, lost = frame.of(points), np.zeros(len(points))
-    if len(points) == 0 or inside.is_crossed:
-        return moved, lost
-    around, weights, away = surface.locator.weights(points)
-    closest, normals = _blended(surface, inside.normals, around, weights)
-    outside = np.einsum("ij,ij->i", points - closest, normals) > 0.0
-    near = outside | (away * frame.scale < _ON)
-    moved[near] = inside.nudged(closest[near], normals[near])
-    lost[outside] = away[outside]
-    return moved, lost
-
-
-def _blended(
-    mesh: SimplexMesh, normals: FloatArray, around: IntArray, weights: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return points in facets, and the normals there."""
-    points = np.einsum("ij,ijk->ik", weights, mesh.points[around])
-    return points, np.einsum("ij,ijk->ik", weights, normals[around])
-
-
 def _try_near(
     inside: Inside,
     sources: tuple[FloatArray, FloatArray, FloatArray],
@@ -240,7 +212,7 @@ def _try_near(
     node, value = near[row, column], straight[row, column]
     source = k[row]
     used = np.unique(source)
-    inner[used], _ = _moved_inside(inside, places[used])
+    inner[used], _ = inside.moved_inside(places[used])
     seen = ~inside.hidden(inner[node], inner[source], workers)
     order = np.flatnonzero(seen)[np.argsort(-value[seen], kind="stable")]  # the least last
     sizes[node[order]], aims[node[order]] = value[order], source[order]
@@ -346,7 +318,7 @@ class SolidField:
         better = np.flatnonzero(least < bound)
         inside, sizes = self.inner.inside, bound.copy()
         starts = inside.faces.frame.of(points[better])
-        ends = _moved_inside(inside, at[better])[0]
+        ends = inside.moved_inside(at[better])[0]
         better = better[~inside.hidden(starts, ends, Workers.of(None))]
         sizes[better] = least[better]
         return sizes
@@ -366,7 +338,7 @@ class SolidField:
         least, at = least_of(self.inner.sources, points, self.g)
         better = least < sizes
         sizes[better], places[better] = least[better], at[better]
-        moved[better], _ = _moved_inside(self.inner.inside, at[better])
+        moved[better], _ = self.inner.inside.moved_inside(at[better])
         lengths = np.linalg.norm(points - places, axis=1)
         return sizes, Aims(places, moved, sizes - self.g * lengths)
 
@@ -374,20 +346,20 @@ class SolidField:
         """Return sizes at points that do not see the best source, or are not inside."""
         inner, g = self.inner, self.g
         around, weights, away = self.mesh.locator.weights(points)
-        closest, normals = _blended(self.mesh, inner.normals, around, weights)
+        closest, normals = blended(self.mesh, inner.normals, around, weights)
         nodal = np.where(weights > 0.0, self.values[around], 0.0)
         sizes = np.minimum(bound, np.einsum("ij,ij->i", weights, nodal) + g * away)
         frame = inner.inside.faces.frame
         outside = np.einsum("ij,ij->i", points - closest, normals) > 0.0
         begin = np.where(outside[:, None], closest, points)
         starts = frame.of(begin)
-        near = outside | (away * frame.scale < _ON)
+        near = outside | (away * frame.scale < ON)
         starts[near] = inner.inside.nudged(closest[near], normals[near])
         lost = np.where(outside, g * away, 0.0)
         several = [best, *(self._aims_of(around[:, v]) for v in range(3))]
         for source in inner.sources:
             places, at_places = source.aims(begin, g)
-            moved, beyond = _moved_inside(inner.inside, places)
+            moved, beyond = inner.inside.moved_inside(places)
             several.append(Aims(places, moved, at_places + g * beyond))
         for aims in several:
             value = aims.sizes + g * np.linalg.norm(begin - aims.places, axis=1) + lost
@@ -397,7 +369,7 @@ class SolidField:
             sizes[better] = value[better]
         if not inner.inside.is_crossed:
             sizes = self._of_next(begin, starts, sizes - lost) + lost
-        return np.minimum(sizes, bound)
+        return np.asarray(np.minimum(sizes, bound))
 
     def _of_next(self, points: FloatArray, starts: FloatArray, sizes: FloatArray) -> FloatArray:
         """Return the sizes that the best of the seen sources on the surface allow."""

@@ -211,12 +211,13 @@ def remesh(
             f"the sizes require about {n_cells:.3g} elements, more than max_elements = "
             f"{given['max_elements']:.3g}; increase the sizes or raise max_elements"
         )
-    problem = replace(problem, seconds=_LONGEST + _LONGEST_PER_CELL * n_cells)
-    if task == "surface to tetrahedra":
-        on_surface = in_solid(sizes, mesh, given["g"], given["hmax"])
-        if on_surface is not None:
-            grown = partial(in_volume, size=on_surface, frame=frame, hmax=given["hmax"])
-            problem = replace(problem, in_volume=grown)
+    problem = replace(
+        problem,
+        seconds=_LONGEST + _LONGEST_PER_CELL * n_cells,
+        in_volume=_in_volume(
+            in_solid(sizes, mesh, given["g"], given["hmax"]), frame, given["hmax"]
+        ),
+    )
     with reporting(progress) as report:
         timeout = given["timeout"]
         deadline = None if timeout is None else time.monotonic() + timeout
@@ -230,6 +231,13 @@ def remesh(
     made = frame.restored(new, repaired.mesh)
     warn_of_deviation(made, repaired.mesh, allowed, may_be_joined=may_be_joined)
     return made
+
+
+def _in_volume(
+    size: SizeFunction | None, frame: Frame, hmax: float
+) -> Callable[[Problem], Problem] | None:
+    """Return what sets the sizes in a first volume, if they grow inside a surface."""
+    return None if size is None else partial(in_volume, size=size, frame=frame, hmax=hmax)
 
 
 def _required(

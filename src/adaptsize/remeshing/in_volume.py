@@ -13,7 +13,6 @@ from adaptsize.limiting import limit_gradient
 from adaptsize.limiting.inside import SolidField
 from adaptsize.remeshing.preparation import Frame, as_problem
 from adaptsize.remeshing.protocol import Problem
-from adaptsize.remeshing.sizing import Size
 from adaptsize.typing import FloatArray
 
 #: Nodes of a first volume, above which it is not divided further.

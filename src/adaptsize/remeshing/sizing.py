@@ -58,7 +58,7 @@ def in_solid(
     if not isinstance(size, SizeFunction):
         if callable(size) or np.ndim(size) == 0:
             return None
-        size = SizeFunction(mesh, size)
+        size = SizeFunction(mesh, as_float_array("size", size))
     size = _grown(size, g, hmax)
     background = size.background
     is_surface = isinstance(background, SimplexMesh) and background.cell_dim == 2

@@ -122,7 +122,8 @@ class InnerBall:
     def samples(self) -> FloatArray:
         """Places where the size is small: a grid."""
         box = InnerBox(self.centre - self.radius, self.centre + self.radius, self.size).samples
-        return box[np.linalg.norm(box - self.centre, axis=1) <= self.radius * (1.0 + 1e-9)]
+        within = np.linalg.norm(box - self.centre, axis=1) <= self.radius * (1.0 + 1e-9)
+        return np.asarray(box[within])
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +158,8 @@ class InnerFunction:
 
 
 def _values(function: SizeOfPoint, points: FloatArray) -> FloatArray:
-    return as_sizes("size(points)", function(points.copy()), (len(points),))
+    sizes: FloatArray = as_sizes("size(points)", function(points.copy()), (len(points),))
+    return sizes
 
 
 def sampled(function: SizeOfPoint, surface: SimplexMesh, hmax: float) -> InnerFunction:
