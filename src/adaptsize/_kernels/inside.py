@@ -38,7 +38,8 @@ def _is_hidden(walls, two_sided, x, y, strict, stack):
             along, cosine = hit(walls.facets, t, x, way)
             if not slack < along < length - slack:
                 continue
-            if cosine > ALONG or ((strict or two_sided[t]) and cosine < -ALONG):
+            # Ends are not moved off sheets, along which lines may run.
+            if abs(cosine) > ALONG if two_sided[t] else strict or cosine > 0.0:
                 return True
     return False
 
