@@ -72,7 +72,7 @@ class SurfaceDomain:
 
         The bounds are known at points: the width where rays start, in the facets; the separation
         and the curvature of curves on feature edges; the curvature of the surface at its nodes.
-        From these points, sizes grow through space.  Edges longer than two sizes are halved, and
+        From these points, sizes grow inside the solid.  Edges longer than two sizes are halved, and
         the bounds are found at points between.  A new node on an edge along which the surface bends
         gets the mean of the curvatures at the ends; on the way to the tip of a cone, where there is
         none, it gets half of the radius at the other end.

@@ -26,7 +26,7 @@ from adaptsize.sizes import PointSource, size_from_sources
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, nodal_measures
 from adaptsize.sizes.curvature import size_of_chords
 from adaptsize.sizes.sources import KNOWN, as_sources
-from adaptsize.typing import FloatArray, IndexArray, IntArray, ProgressCallback
+from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
 #: What a mesh may have a requested number of; "dofs" are the unknowns of finite elements.
 Goal: TypeAlias = Literal["elements", "nodes", "dofs"]
@@ -289,7 +289,7 @@ class Bounds:
         kept = sizes < high  # others bound nothing
         places, sizes, of_points = places[kept], np.maximum(sizes[kept], low), of_points[kept]
         info: LimitingInfo | None = None
-        roots: IndexArray | None = None
+        roots: npt.NDArray[Any] | None = None
         if self.solid is not None:
             grown = self._limited_inside(request, requested, (places, sizes))
             h, roots = grown.h, grown.roots
