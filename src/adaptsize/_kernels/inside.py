@@ -22,8 +22,11 @@ _LESS = 1.0 - 1e-9
 
 
 @inner
-def _is_hidden(walls, two_sided, x, y, strict, stack):
-    """Return whether the line from x to y leaves the solid, or, if strict, meets its surface."""
+def _is_hidden(walls, two_sided, x, y, least, stack):
+    """Return whether a facet hides x from y: one whose normal has a larger cosine to the line.
+
+    ``least``: 0 if lines must not leave the solid, -inf if they must not enter it either.
+    """
     step = minus(y, x)
     length = norm(step)
     slack = walls.slack
@@ -39,7 +42,7 @@ def _is_hidden(walls, two_sided, x, y, strict, stack):
             if not slack < along < length - slack:
                 continue
             # Ends are not moved off sheets, along which lines may run.
-            if abs(cosine) > ALONG if two_sided[t] else strict or cosine > 0.0:
+            if abs(cosine) > ALONG if two_sided[t] else cosine > least:
                 return True
     return False
 
@@ -61,11 +64,11 @@ def find_hidden(walls, two_sided, ends, strict, hidden, begin, end):
     begin, end : int
         Only these lines are tested.
     """
-    starts, targets = ends
+    (starts, targets), least = ends, -math.inf if strict else 0.0
     stack = np.empty(DEPTH, np.int64)
     for i in range(begin, end):
         x, y = triple(starts, i, 0), triple(targets, i, 0)
-        hidden[i] = _is_hidden(walls, two_sided, x, y, strict, stack)
+        hidden[i] = _is_hidden(walls, two_sided, x, y, least, stack)
 
 
 @kernel
@@ -114,7 +117,7 @@ def carry(walls, two_sided, g, places, inner_places, rings, is_hidden, sizes, ai
             if not straight < sizes[x] * _LESS:
                 continue
             inside = triple(inner_places, x, 0)
-            if not _is_hidden(walls, two_sided, inside, triple(inner_places, a, 0), False, stack):
+            if not _is_hidden(walls, two_sided, inside, triple(inner_places, a, 0), 0.0, stack):
                 sizes[x], aims[x] = straight, a
                 push_or_decrease(heap, x, straight)
                 continue
@@ -229,7 +232,7 @@ def lower_by_seen(walls, two_sided, entries, normals, frame, g, points, starts, 
                     if u > 0.0:
                         inwards += u * normals[nodes[k, 2], d]
                     y[d] = (y[d] - origin[d]) * scale - nudge * inwards
-                if _is_hidden(walls, two_sided, start, (y[0], y[1], y[2]), False, stack):
+                if _is_hidden(walls, two_sided, start, (y[0], y[1], y[2]), 0.0, stack):
                     missed += 1
                 else:
                     sizes[i], source[i] = value, k

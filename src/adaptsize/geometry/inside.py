@@ -11,6 +11,7 @@ from adaptsize._kernels import inside as kernels
 from adaptsize._kernels.rays import Walls as Tree
 from adaptsize._workers import Workers
 from adaptsize.background import SimplexMesh
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import components_of, pairs_of_cells
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.faces import Faces
@@ -116,7 +117,7 @@ class Inside:
         if self.is_crossed or len(starts) == 0:
             return hidden
         tree, two_sided = self.walls
-        lines = np.ascontiguousarray(starts), np.ascontiguousarray(ends)
+        lines = tuple(read_only(np.ascontiguousarray(x)) for x in (starts, ends))
 
         def task(first: int, last: int) -> None:
             kernels.find_hidden(tree, two_sided, lines, strict, hidden, first, last)

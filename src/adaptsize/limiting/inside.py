@@ -15,6 +15,7 @@ from adaptsize._kernels.inside import carry, find_weights, lower_by_seen
 from adaptsize._workers import Workers
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.inside import NUDGE, ON, Inside, blended
 from adaptsize.limiting.exact import limit_points
@@ -179,8 +180,9 @@ def _lower_by_seen(
     most = min(max(least, together // max(len(points), 1)), largest)
     source = np.full(len(points), -1, np.int32)
     lower_by_seen(
-        tree, two_sided, (entries.table, entries.boxes, entries.nodes), normals,
-        (frame.origin, frame.scale, NUDGE), g, points, starts, (sizes, source), most,
+        tree, two_sided, (entries.table, entries.boxes, entries.nodes),
+        read_only(normals), (read_only(frame.origin), frame.scale, NUDGE), g,
+        read_only(points), read_only(starts), (sizes, source), most,
     )  # fmt: skip
     return source
 
@@ -331,7 +333,7 @@ class SolidField:
         order = Points(points, along_curve(points), np.full(len(points), -1, np.int32))
         sizes, source = field.lowered(order, bound, workers)
         weights = np.empty((len(points), 3))
-        find_weights(table, source, points, self.g, weights)
+        find_weights(table, source, read_only(points), self.g, weights)
         places = np.einsum("ij,ijk->ik", weights, table[source, :9].reshape(-1, 3, 3))
         normals = np.einsum("ij,ijk->ik", weights, self.inner.normals[nodes[source]])
         moved = self.inner.inside.nudged(places, normals)

@@ -14,6 +14,7 @@ from adaptsize._kernels.inside import find_weights
 from adaptsize._workers import Workers
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.limiting.exact.field import ExactField, Points, entries_at
 from adaptsize.limiting.inside import InnerSource
@@ -57,7 +58,7 @@ class InnerLine:
         bound = np.full(len(points), np.inf)
         source = field.lowered(order, bound, Workers(1))[1]
         weights = np.empty((len(points), 3))
-        find_weights(field.table, source, points, g, weights)
+        find_weights(field.table, source, read_only(points), g, weights)
         vertices = field.nodes[source]
         of_vertices = np.where(vertices < 0, 0.0, self.sizes[vertices])
         places = np.einsum("ij,ijk->ik", weights, self.points[np.where(vertices < 0, 0, vertices)])
