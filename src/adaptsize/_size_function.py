@@ -30,6 +30,7 @@ from adaptsize.typing import Background, FloatArray
 if TYPE_CHECKING:
     from adaptsize._size_report import SizeReport
     from adaptsize.limiting.exact.field import ExactField
+    from adaptsize.limiting.inside import InnerSizes, SolidField
     from adaptsize.limiting.sources import SizeSources
 
 # Points this far outside, relative to the diagonal of the background, count as inside.
@@ -62,12 +63,16 @@ class SizeFunction(ReadOnlyState):
     g : float, optional
         Gradient with which the size grows off a background that does not fill its space,
         such as a surface.  At a point x the size is the minimum of ``h(y) + g |x - y|`` over all
-        points y of the background, and at most ``hmax``.  Without g, the size off such a
-        background is that at the closest point.
+        points y of the background, and at most ``hmax``.  In the solid that a surface encloses,
+        only points y that x sees count: the line between them must not leave the solid.  If the
+        best y of all is hidden, the size is that from the seen ones around the closest point of
+        the surface.  Without g, the size off such a background is that at the closest point.
     hmax : float, default inf
         Upper limit of the sizes off the background.  Requires g.
     report : SizeReport, optional
         What controls the sizes; set by `size_function`.
+    inner : InnerSizes, optional
+        The solid that a surface encloses, and sources inside it; set by `size_function`.
 
     Raises
     ------
@@ -112,6 +117,7 @@ class SizeFunction(ReadOnlyState):
     g: float | None = None
     hmax: float = np.inf
     report: SizeReport | None = None
+    inner: InnerSizes | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "background", as_own(self.background))
@@ -204,14 +210,18 @@ class SizeFunction(ReadOnlyState):
         return sizes
 
     @cached_property
-    def _field(self) -> ExactField:
+    def _field(self) -> ExactField | SolidField:
         """The sizes that the sizes on a surface or a line allow around it."""
         from adaptsize.limiting.exact.field import field_of_cells
+        from adaptsize.limiting.inside import InnerSizes, SolidField
 
         background = self.background
         assert isinstance(background, SimplexMesh)
         assert self.g is not None
-        return field_of_cells(background.points, background.cells, self.values, self.g)
+        if (background.cell_dim, background.dim) != (2, 3):
+            return field_of_cells(background.points, background.cells, self.values, self.g)
+        inner = InnerSizes.of(background) if self.inner is None else self.inner
+        return SolidField(background, self.values, self.g, inner)
 
     def _from_sources(self, points: FloatArray, sources: SizeSources) -> FloatArray:
         """Return sizes without interpolation, except at points outside the background."""
@@ -266,7 +276,8 @@ class SizeFunction(ReadOnlyState):
             values = _at_nodes(other, self.background)
         hmax = self.hmax if self.g is None else min(self.hmax, other.hmax)
         smaller = np.minimum(self.values, values)
-        return replace(self, values=smaller, sources=None, hmax=hmax, report=None)
+        inner = None if self.inner is None else replace(self.inner, aims=None)
+        return replace(self, values=smaller, sources=None, hmax=hmax, report=None, inner=inner)
 
     def clip(self, hmin: float | None = None, hmax: float | None = None) -> SizeFunction:
         """Return the size function with its nodal values clipped to two bounds.
@@ -287,7 +298,8 @@ class SizeFunction(ReadOnlyState):
         lower, upper = as_limits(hmin, hmax, allow_inf=True)
         hmax = self.hmax if self.g is None else float(np.clip(self.hmax, lower, upper))
         values = np.clip(self.values, lower, upper)
-        return replace(self, values=values, sources=None, hmax=hmax, report=None)
+        inner = None if self.inner is None else self.inner.clipped(lower, upper)
+        return replace(self, values=values, sources=None, hmax=hmax, report=None, inner=inner)
 
     def on(self, background: Background) -> SizeFunction:
         """Return the size function sampled at the nodes of another background.

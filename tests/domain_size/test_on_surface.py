@@ -7,9 +7,9 @@ from meshes import jittered_cube, random_sphere, random_square, structured_squar
 from numpy.testing import assert_allclose
 from solids import cylinder
 
-from adaptsize import BoxSource, PointSource, SimplexMesh, SizeFunction, size_function
+from adaptsize import BoxSource, SimplexMesh, SizeFunction, size_function
 from adaptsize.background.splitting import split_edges
-from adaptsize.errors import InputWarning, ResolutionWarning
+from adaptsize.errors import ResolutionWarning
 
 # --- splitting edges --------------------------------------------------------------
 
@@ -143,12 +143,3 @@ def test_a_relaxed_tolerance_is_not_larger_than_the_sizes_require():
     # Chords of length l leave l^2 / (8 r); edges may be longer than the size by sqrt 2.
     assert report.tolerance == pytest.approx((10.0 / 6.0) ** 2 / (4.0 * 10.0 * mesh.diameter))
     assert report.tolerance < 0.7e-3 * report.relaxation**2
-
-
-# --- sources off the surface ------------------------------------------------------
-
-
-def test_a_source_that_no_node_of_the_surface_is_near_is_reported():
-    for source in (PointSource([0, 0, 10], 0.1), BoxSource([-0.1, -0.1, 9], [0.1, 0.1, 11], 0.1)):
-        with pytest.warns(InputWarning, match=r"requests the size 0\.1 at \(0, 0, .*off the"):
-            size_function(cylinder(12, 1.0, 20.0), sources=source, hmax=2, elements_across=0)

@@ -116,7 +116,7 @@ def hit(facets, t, x, way):
 
 
 @inner
-def _inverse(way):
+def inverse(way):
     """Return the inverses of the components of a direction, inf where one is 0."""
     return (
         1.0 / way[0] if way[0] != 0.0 else math.inf,
@@ -184,7 +184,7 @@ def shoot(walls, rule, rays, begin, end):
     stack = Stack(np.empty(DEPTH, np.int64), np.empty(DEPTH))
     for r in range(begin, end):
         x, way = triple(rays.starts, r, 0), triple(rays.directions, r, 0)
-        ray = (x, _inverse(way), slack)
+        ray = (x, inverse(way), slack)
         nearest, sheet, counts = math.inf, math.inf, math.inf
         stack.box[0], stack.bound[0], height = 1, 0.0, np.int64(1)
         while height > 0:
@@ -242,7 +242,7 @@ def _is_on_way(boxes, node, segment):
     return _entry(boxes, node, segment[0]) < segment[1]
 
 
-_leaf_on_segment = descent(_is_on_way)
+leaf_on_segment = descent(_is_on_way)
 
 
 @inner
@@ -261,10 +261,10 @@ def is_blocked(walls, x, way, length, stack):
         Scratch.
     """
     facets, slack = walls.facets, walls.slack
-    segment = ((x, _inverse(way), slack), length)
+    segment = ((x, inverse(way), slack), length)
     stack[0], height = 1, np.int64(1)
     while height > 0:
-        leaf, height = _leaf_on_segment(walls.boxes, stack, height, segment)
+        leaf, height = leaf_on_segment(walls.boxes, stack, height, segment)
         for t in range(*cells_of_leaf(leaf, walls.boxes, facets.shape[0])):
             along, cosine = hit(facets, t, x, way)
             if slack < along < length - slack and abs(cosine) > ALONG:

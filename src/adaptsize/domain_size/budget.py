@@ -10,7 +10,7 @@ from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.domain_size.by_domain import MeshDomain, SizedDomain
 from adaptsize.domain_size.cost import as_bytes, report_of, system_of
-from adaptsize.domain_size.on_surface import SurfaceDomain, warn_where_missed
+from adaptsize.domain_size.on_surface import SurfaceDomain, warn_of_outside
 from adaptsize.domain_size.request import Goal, Request
 from adaptsize.errors import ResolutionWarning
 from adaptsize.sizes import predict
@@ -36,7 +36,7 @@ def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
     ResolutionWarning
         If the parameters that the request fixes require more elements, or do not allow so many.
     InputWarning
-        If a source off a surface gets larger sizes than it requests.
+        If a source is outside of the part that a surface encloses.
     """
     if request.goal is None:
         size = _with_fewer_elements(domain, request)
@@ -44,8 +44,7 @@ def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
         size = _with_number(domain, request, *request.goal)
     if isinstance(domain, SurfaceDomain):
         size = domain.in_given_order(size)
-        relaxed = replace(request, relaxation=report_of(size).relaxation)
-        warn_where_missed(size, request.sources, relaxed.limits(domain.mesh.diameter)[0])
+        warn_of_outside(domain, request.sources, request.g)
     return size
 
 
@@ -166,7 +165,7 @@ def _relaxed(domain: SizedDomain, request: Request, relaxation: float) -> SizeFu
     report, dim = report_of(size), size.background.dim
     found = Prediction(calibration("mmg", dim) * report.n_elements)
     if isinstance(domain, SurfaceDomain):
-        found = predict(domain.inside, size, backend="mmg")
+        found = predict(domain.enclosed, size, backend="mmg")
     elif isinstance(domain, MeshDomain) and isinstance(size.background, SimplexMesh):
         mesh = domain.mesh
         if mesh.cell_dim >= mesh.dim - 1:

@@ -22,11 +22,14 @@ from adaptsize.domain_size.request import Bounds, PointBounds, Request, bound_at
 from adaptsize.errors import InputWarning, OpenSurfaceWarning
 from adaptsize.geometry.creases import folds_of, tips_of_cones
 from adaptsize.geometry.faces import Faces
+from adaptsize.geometry.inside import Inside
 from adaptsize.geometry.separation import FeaturePoints, Separation
 from adaptsize.geometry.width import Width
+from adaptsize.limiting.inside import InnerSizes, InnerSource
 from adaptsize.remeshing.surface_checks import overlapping_bodies
 from adaptsize.sizes import Enclosed
 from adaptsize.sizes.curvature import radius_at_curves
+from adaptsize.sizes.inside import at_nodes_only, inner_sources
 from adaptsize.sizes.sources import BallSource, BoxSource, CurveSource, PointSource
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, ProgressCallback
 
@@ -55,16 +58,21 @@ class SurfaceDomain:
         return cls(ordered, nodes, overlapping is not None, crease_angle)
 
     @cached_property
-    def inside(self) -> Enclosed:
+    def enclosed(self) -> Enclosed:
         """The solid, to predict the number of elements in it."""
         return Enclosed(self.mesh)
+
+    @cached_property
+    def inside(self) -> Inside:
+        """The solid, in which sizes grow."""
+        return Inside(self.faces, self.overlaps)
 
     def limited(self, request: Request) -> SizeFunction:
         """Return the limited sizes on a refined copy, with a report.
 
         The bounds are known at points: the width where rays start, in the facets; the separation
         and the curvature of curves on feature edges; the curvature of the surface at its nodes.
-        From these points, sizes grow through space.  Edges longer than two sizes are halved, and
+        From these points, sizes grow inside the solid.  Edges longer than two sizes are halved, and
         the bounds are found at points between.  A new node on an edge along which the surface bends
         gets the mean of the curvatures at the ends; on the way to the tip of a cone, where there is
         none, it gets half of the radius at the other end.
@@ -106,7 +114,8 @@ class SurfaceDomain:
         bounds = {name: bound[place] for name, bound in report.bounds.items()}
         origin = None if report.origin is None else np.append(number, -1)[report.origin[place]]
         report = replace(report, background=given, cause=cause, bounds=bounds, origin=origin)
-        return SizeFunction(given, values, g=size.g, hmax=size.hmax, report=report)
+        inner = None if size.inner is None else size.inner.reordered(place)
+        return SizeFunction(given, values, g=size.g, hmax=size.hmax, report=report, inner=inner)
 
     @cached_property
     def faces(self) -> Faces:
@@ -220,6 +229,8 @@ class _Surface:
     """Widths at points in the facets of the given surface."""
     features: _Marked
     bent: _Marked
+    sources: Sequence[InnerSource]
+    """Those of the request that act inside."""
 
     @classmethod
     def of(cls, solid: SurfaceDomain, request: Request) -> _Surface:
@@ -245,11 +256,15 @@ class _Surface:
             in_facets,
             _Marked(faces.features, np.arange(len(faces.features))),
             _Marked(solid.bent, np.zeros(len(solid.bent), np.intp)),
+            inner_sources(request.sources, solid.mesh, request.limits(solid.mesh.diameter)[1]),
         )
 
     def limited(self, request: Request) -> SizeFunction:
         """Return the limited sizes, with a report."""
         mesh, faces = self.mesh, self.solid.faces
+        inside = self.solid.inside
+        normals = inside.normals_of_parts(mesh, self.owner)
+        at_nodes = request.from_sources(mesh, at_nodes_only(request.sources))
         bounds = dict(self.nodal)
         if "curvature" in bounds:
             bounds["curvature"] = request.on_curves(bounds["curvature"], faces.mesh.diameter)
@@ -260,16 +275,20 @@ class _Surface:
         points = [(name, at, across_surface(w, request)) for name, at, w in self.in_facets]
         if "width" in bounds:
             bounds["width"] = across_surface(bounds["width"], request)
-        h, report = Bounds(
+        every = Bounds(
             mesh,
-            bounds | request.from_sources(mesh),
+            bounds | at_nodes,
             request.limits(faces.mesh.diameter),
             points=points,
             is_rough=faces.is_rough,
-            through_space=True,
+            solid=(inside, normals),
+            inner=self.sources,
             of_chords=True,
-        ).limited(request)
-        return SizeFunction(mesh, h, g=request.g, hmax=report.hmax, report=report)
+        )
+        h, report = every.limited(request)
+        inner = tuple(source.clipped(report.hmin, np.inf) for source in self.sources)
+        sizes = InnerSizes(inside, normals, every.aims, inner)
+        return SizeFunction(mesh, h, g=request.g, hmax=report.hmax, report=report, inner=sizes)
 
     def split(self, long: BoolArray, request: Request) -> _Surface:
         """Return the surface with some edges halved, with bounds at the new nodes and facets."""
@@ -290,6 +309,7 @@ class _Surface:
             in_facets,
             self.features.split(parents, self.mesh.n_points),
             self.bent.split(parents, self.mesh.n_points),
+            self.sources,
         )
 
     def _at_new(
@@ -374,36 +394,34 @@ def across_surface(widths: FloatArray, request: Request) -> FloatArray:
     return share * widths
 
 
-def warn_where_missed(size: SizeFunction, sources: Sequence[Any], hmin: float) -> None:
-    """Warn if the sizes of a solid, carried by its surface, are 1.2 times those of a source off it.
+def warn_of_outside(domain: SurfaceDomain, sources: Sequence[Any], g: float) -> None:
+    """Warn of sources outside a part, if that increases their sizes by more than a fifth.
 
-    A surface has nodes only where the solid ends.  A source inside acts on the closest of these,
-    and the size grows from there back to the source.  Sizes are nowhere below ``hmin``.
+    They act on the closest point of the surface, with their distance from it.
     """
     for source in sources:
-        places, requested = _samples(source, size.background.dim)
-        given = size(places)
-        excess = given / np.maximum(requested, hmin)
-        if len(excess) == 0 or excess.max() <= 1.2:
+        places, sizes, reach = _extent(source)
+        away = domain.inside.moved_inside(places)[1] - reach
+        excess = g * away / sizes
+        if len(excess) == 0 or excess.max() <= 0.2:
             continue
         worst = int(np.argmax(excess))
         warn_caller(
-            f"{type(source).__name__} requests the size {requested[worst]:.4g} at "
-            f"{place_text(places[worst])}, which is off the surface, where the size is "
-            f"{given[worst]:.4g}: a surface carries sizes at its own nodes only; make tetrahedra "
-            "first and compute their sizes with this source",
+            f"{type(source).__name__} requests the size {sizes[worst]:.4g} at "
+            f"{place_text(places[worst])}, which is {away[worst]:.4g} outside of the part: it acts "
+            "on the closest point of the surface, with its distance from it",
             InputWarning,
         )
 
 
-def _samples(source: Any, dim: int) -> tuple[FloatArray, FloatArray]:
-    """Return points where the size that a source requests is known, and these sizes."""
+def _extent(source: Any) -> tuple[FloatArray, FloatArray, float]:
+    """Return points of a source, the sizes there, and how far it extends from them."""
     if isinstance(source, PointSource | CurveSource):
-        return source.rows(dim)
+        return *source.rows(3), 0.0
     if isinstance(source, BallSource):
-        centre = np.asarray(source.centre, dtype=np.float64)
-    elif isinstance(source, BoxSource):
-        centre = 0.5 * np.add(source.lower, source.upper, dtype=np.float64)
-    else:
-        return np.empty((0, dim)), np.empty(0)
-    return centre[None, :], np.array([source.size], dtype=np.float64)
+        return source.middle(3)[None, :], np.array([float(source.size)]), float(source.radius)
+    if isinstance(source, BoxSource):
+        lower, upper = source.corners(3)
+        radius = 0.5 * float(np.linalg.norm(upper - lower))
+        return 0.5 * (lower + upper)[None, :], np.array([float(source.size)]), radius
+    return np.empty((0, 3)), np.empty(0), 0.0

@@ -17,8 +17,10 @@ from adaptsize._workers import Workers
 from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
 from adaptsize.domain_size.cost import as_bytes
 from adaptsize.domain_size.parts import as_sizes_of_parts, sizes_of_parts
+from adaptsize.geometry.inside import Inside
 from adaptsize.limiting import limit_gradient
-from adaptsize.limiting.exact import limit_points
+from adaptsize.limiting.info import LimitingInfo
+from adaptsize.limiting.inside import Aims, InnerSource, Limited, limit_inside
 from adaptsize.options import BudgetOptions, SizeFunctionOptions
 from adaptsize.sizes import PointSource, size_from_sources
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, count_elements, nodal_measures
@@ -181,11 +183,14 @@ class Request:
             bounds["h0"] = bound_at_nodes(self.h0, background)
         return bounds
 
-    def from_sources(self, background: AnyBackground) -> dict[str, FloatArray]:
-        """Return the bounds from the sources."""
-        if len(self.sources) == 0:
+    def from_sources(
+        self, background: AnyBackground, sources: Sequence[Any] | None = None
+    ) -> dict[str, FloatArray]:
+        """Return the bounds from the sources, or from some of them."""
+        sources = self.sources if sources is None else sources
+        if len(sources) == 0:
             return {}
-        return {"sources": size_from_sources(background, self.sources, g=self.g)}
+        return {"sources": size_from_sources(background, sources, g=self.g)}
 
 
 def goal_of(options: BudgetOptions) -> tuple[Goal, float] | None:
@@ -240,11 +245,15 @@ class Bounds:
     weights: FloatArray | None = None
     """Length, area or volume of the domain at each node, 0 outside; None: that of the cells."""
     points: PointBounds = field(default=())
-    """Applied by the exact method at their positions; on surfaces, only through space."""
+    """Applied by the exact method at their positions; on surfaces, only inside a solid."""
     is_rough: bool = False
     """Whether the boundary of the domain is."""
-    through_space: bool = False
-    """Whether sizes grow through the space around a surface, not along it."""
+    solid: tuple[Inside, FloatArray] | None = None
+    """The solid that a surface encloses, inside of which sizes grow, and normals at the nodes."""
+    inner: Sequence[InnerSource] = ()
+    """Sources inside that solid."""
+    aims: Aims | None = None
+    """Out: of the sizes in a solid."""
     of_chords: bool = False
     """Whether the bound by curvature, if there is one, keeps edges within the tolerance."""
 
@@ -264,15 +273,18 @@ class Bounds:
         if request.options["size_of"]:
             freed = self._overridden(request.options["size_of"])
             fixed = replace(request, options={**request.options, "size_of": None})
-            return freed.limited(fixed, **options)
+            limited = freed.limited(fixed, **options)
+            self.aims = freed.aims
+            return limited
         if "sources" in self.nodal:
             self.limits = request.not_raised(self.limits, self.nodal["sources"])
         background, (low, high) = self.background, self.limits
         dim = background.dim
-        points = [*self.points, *request.points(dim)]
-        if measure_dim(background) < dim and not self.through_space:
+        points = [*self.points, *request.points(dim)] if self.solid is None else [*self.points]
+        if measure_dim(background) < dim and self.solid is None:
             points = []  # point sources act at the nodes around them
-        names = (*dict.fromkeys([*self.nodal, *(name for name, _, _ in points)]), "hmin", "hmax")
+        given = [*self.nodal, *(name for name, _, _ in points), *["sources"] * bool(self.inner)]
+        names = (*dict.fromkeys(given), "hmin", "hmax")
         requested = np.full(background.nodal_shape, high)
         own = np.full(background.nodal_shape, len(names) - 1, dtype=np.int8)
         for k, bound in enumerate(self.nodal.values()):
@@ -289,14 +301,15 @@ class Bounds:
         of_points[sizes < low] = len(names) - 2
         kept = sizes < high  # others bound nothing
         places, sizes, of_points = places[kept], np.maximum(sizes[kept], low), of_points[kept]
-        info, roots = None, None
-        if self.through_space:
-            assert isinstance(background, SimplexMesh)
-            every = np.concatenate([background.points, places])
-            bound = np.concatenate([requested, sizes])
-            workers = Workers.of(None, request.report)
-            found = limit_points(every, bound, len(own), request.g, workers)
-            h, roots = found.h, found.named()[:, 0]
+        info: LimitingInfo | None = None
+        roots: npt.NDArray[Any] | None = None
+        if self.solid is not None:
+            grown = self._limited_inside(request, requested, (places, sizes))
+            h, roots = grown.h, grown.roots
+            more = len(grown.places) - len(places)
+            places = grown.places
+            of_inner = names.index("sources") if self.inner else 0
+            of_points = np.append(of_points, np.full(more, of_inner, np.int8))
         else:
             if len(sizes) > 0:
                 options = {"point_sources": (places, sizes)}
@@ -313,6 +326,20 @@ class Bounds:
         if roots is not None and isinstance(background, SimplexMesh):
             origin = self._origin(roots.ravel(), cause.ravel(), places)
         return h, replace(report, info=info, origin=origin)
+
+    def _limited_inside(
+        self, request: Request, requested: FloatArray, points: tuple[FloatArray, FloatArray]
+    ) -> Limited:
+        """Return the sizes limited inside the solid."""
+        assert isinstance(self.background, SimplexMesh)
+        assert self.solid is not None
+        inner = [source.clipped(self.limits[0], np.inf) for source in self.inner]
+        workers = Workers.of(None, request.report)
+        found = limit_inside(
+            self.background, self.solid, requested, points, inner, request.g, workers
+        )
+        self.aims = found.aims
+        return found
 
     def _overridden(self, size_of: Mapping[str, float]) -> Bounds:
         """Return the bounds without those of the shape on some parts, which have own sizes."""

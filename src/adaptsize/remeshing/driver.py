@@ -202,7 +202,7 @@ def remesh(
         may_be_joined = warn_of_surface(repaired.mesh, allowed, solid)
         repaired = surface_to_fill(repaired, solid)
     required = _required(required_facets, mesh, repaired)
-    wanted_sizes = RequestedSizes(wanted, sizes, mesh, given["g"], metric)
+    wanted_sizes = RequestedSizes(wanted, sizes, mesh, given["g"], given["hmax"], metric)
     problem = as_request(
         task, repaired.mesh, frame, wanted_sizes, tolerance, required,
         is_by_mmg=chosen.name == "mmg",

@@ -69,6 +69,8 @@ def filled(
         _check_number(inner, n_cells, max_elements)
     seconds = _SECONDS + _SECONDS_PER_CELL * max(inner.mesh.n_cells, n_cells)
     inner = replace(inner, seconds=seconds)
+    if problem.in_volume is not None:
+        inner = problem.in_volume(inner)
     new, angle, failure = None, -np.inf, None
     try:
         new = _without_overlaps(restore(chosen.solve(inner, run), inner, chosen.name), chosen.name)

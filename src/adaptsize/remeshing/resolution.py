@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -11,9 +12,10 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.background.bisection import resolved
 from adaptsize.limiting.sources import is_same
+from adaptsize.remeshing.in_volume import in_volume
 from adaptsize.remeshing.preparation import Frame, as_problem
 from adaptsize.remeshing.protocol import Problem, Task
-from adaptsize.remeshing.sizing import MetricAt, Size, SizeLike, known_points
+from adaptsize.remeshing.sizing import MetricAt, Size, SizeLike, in_solid, known_points
 from adaptsize.remeshing.surface import refine_facets, refine_surface
 from adaptsize.typing import FloatArray, IntArray
 
@@ -35,6 +37,7 @@ class RequestedSizes(NamedTuple):
     """The mesh to which nodal values belong."""
     g: float
     """Gradient that they are likely to have."""
+    hmax: float
     metric: MetricAt | None = None
 
     @property
@@ -84,12 +87,18 @@ def as_request(
             own, ridges = refined(own, size, tolerance * own.diagonal)
         if sizes.metric is None:
             own, ridges = _resolved(own, ridges, size, sizes, known)
+    inside = in_solid(sizes.given, sizes.on, sizes.g, sizes.hmax)
     return replace(
         as_problem(task, own, tolerance, required),
         size=size,
         ridges=ridges,
         size_nodes=known,
         metric=None if sizes.metric is None else frame.metric(sizes.metric),
+        in_volume=(
+            None
+            if inside is None
+            else partial(in_volume, size=inside, frame=frame, hmax=sizes.hmax)
+        ),
     )
 
 

@@ -54,6 +54,20 @@ def as_size(
     return _checked(_grown(SizeFunction(mesh, values), g, hmax), hmax)
 
 
+def in_solid(
+    size: SizeLike, mesh: SimplexMesh, g: float | None, hmax: float
+) -> SizeFunction | None:
+    """Return sizes that grow inside the solid of a surface; None if they are given otherwise."""
+    if not isinstance(size, SizeFunction):
+        if callable(size) or np.ndim(size) == 0:
+            return None
+        size = SizeFunction(mesh, as_float_array("size", size))
+    size = _grown(size, g, hmax)
+    background = size.background
+    is_surface = isinstance(background, SimplexMesh) and background.cell_dim == 2
+    return size if is_surface and background.dim == 3 and size.g is not None else None
+
+
 def _grown(size: SizeFunction, g: float | None, hmax: float) -> SizeFunction:
     """Return sizes that grow off a surface in space, if they are defined on one."""
     background = size.background
@@ -64,7 +78,7 @@ def _grown(size: SizeFunction, g: float | None, hmax: float) -> SizeFunction:
 
 
 def known_points(size: SizeLike, dim: int) -> FloatArray:
-    """Return the nodes of the background of the size function, if it has one.
+    """Return the nodes of the background of the size function, if it has one, and its sources.
 
     Most nodes of a grid are not needed.  Of a grid, only nodes with a size smaller than that of
     their neighbours along an axis are returned, because a coarser sampling would miss them.
@@ -75,6 +89,9 @@ def known_points(size: SizeLike, dim: int) -> FloatArray:
     points = getattr(background, "points", None)
     if points is None or np.shape(points)[1] != dim:
         return np.empty((0, dim))
+    inner = getattr(size, "inner", None)
+    if inner is not None:
+        points = np.concatenate([points, *(source.samples for source in inner.sources)])
     return np.asarray(points)
 
 

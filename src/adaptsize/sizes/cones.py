@@ -77,7 +77,7 @@ def _(source: PointSource, mesh: SimplexMesh, g: float) -> Cone:
 
 @cone_of.register
 def _(source: CurveSource, mesh: SimplexMesh, g: float) -> Cone:
-    curve = source.as_mesh(mesh.dim)
+    curve = source.segments(mesh.dim)
     return _around(curve.points, curve.cells, source.rows(mesh.dim)[1], g)
 
 

@@ -132,18 +132,18 @@ class CurveSource:
 
     def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells along the curve."""
-        curve = self.as_mesh(mesh.dim)
+        curve = self.segments(mesh.dim)
         size = self.rows(mesh.dim)[1]
         touched.lower_along(mesh, curve, size, g, h0)
 
-    def as_mesh(self, dim: int) -> SimplexMesh:
-        """Return the curve as checked segments."""
-        return _as_curve(self.curve, dim)
-
     def rows(self, dim: int) -> tuple[FloatArray, FloatArray]:
         """Return the checked points of the curve and their sizes, float64[n, dim], float64[n]."""
-        curve = self.as_mesh(dim)
+        curve = self.segments(dim)
         return curve.points, _sizes_per_row(self.size, curve.n_points)
+
+    def segments(self, dim: int) -> SimplexMesh:
+        """Return the checked curve."""
+        return _as_curve(self.curve, dim)
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,14 +228,18 @@ class BoxSource:
 
     def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells that reach into the box."""
-        lowest = _one_point("lower", self.lower, mesh.dim)
-        highest = _one_point("upper", self.upper, mesh.dim)
-        if (lowest > highest).any():
-            raise ValueError(f"lower must be at most upper = {highest}, got {lowest}")
+        lowest, highest = self.corners(mesh.dim)
         nodes = np.unique(touched.nodes_beside_box(mesh, lowest, highest))
         points = places_of(mesh)(nodes)
         distance = np.linalg.norm(points - np.clip(points, lowest, highest), axis=1)
         lower(h0, nodes, self.size + g * distance)
+
+    def corners(self, dim: int) -> tuple[FloatArray, FloatArray]:
+        """Return the checked corners, float64[dim] each."""
+        lowest, highest = _one_point("lower", self.lower, dim), _one_point("upper", self.upper, dim)
+        if (lowest > highest).any():
+            raise ValueError(f"lower must be at most upper = {highest}, got {lowest}")
+        return lowest, highest
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,10 +269,14 @@ class BallSource:
 
     def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
         """Lower ``h0`` (In/Out) at the nodes of the cells that reach into the ball."""
-        centre = _one_point("centre", self.centre, mesh.dim)
+        centre = self.middle(mesh.dim)
         nodes = np.unique(touched.nodes_beside_ball(mesh, centre, self.radius))
         distance = np.linalg.norm(places_of(mesh)(nodes) - centre, axis=1) - self.radius
         lower(h0, nodes, self.size + g * np.maximum(distance, 0.0))
+
+    def middle(self, dim: int) -> FloatArray:
+        """Return the checked centre, float64[dim]."""
+        return _one_point("centre", self.centre, dim)
 
 
 def _warn_of_outside(points: FloatArray, away: FloatArray, diagonal: float) -> None:
