@@ -14,7 +14,8 @@ _REASONS = {
     "changes the process for all later cases": "register_backend",
     "a protocol, a type, a base class or a result": ("Backend Background"),
     "called by functions that have checked the arguments": (
-        "supports solve iterate on_whole split of once lower_sizes refuse_surfaces rows"
+        "supports solve iterate on_whole split of once lower_sizes refuse_surfaces rows "
+        "corners middle segments extended after"
     ),
     "needs DOLFINx, which pip cannot install": "to_dolfinx",
 }

@@ -89,11 +89,11 @@ def resolved(
 
     where m is its centroid, r the distance from m to its farthest corner, and f the factor.  If
     the gradient of h is at most g, the right-hand side is a lower bound of f h in the cell, so
-    that no small size is missed, however small it is and wherever it is.  Larger cells are not
-    divided where that is not necessary: if the size at m is the mean of those at the corners, up to
-    a share, and the lower bound of h is at least half of them.  Cells beside divided
-    ones are divided at their longest edges until the mesh is conforming [1]_, which keeps the
-    angles of triangles above half of the smallest one.
+    that no small size is missed, however small it is and wherever it is.  A larger cell is left
+    alone if the size at m is the mean of those at the corners up to a share, and the lower bound
+    of h is at least half of the largest of them.  Cells beside divided ones are divided at their
+    longest edges until the mesh is conforming [1]_, which keeps the angles of triangles above half
+    of the smallest one.
 
     Parameters
     ----------
@@ -178,7 +178,6 @@ class _Rule:
         there = np.array(self._size(middle), np.float64)
         away = corners - middle[:, None]
         least = there - self._g * np.sqrt(np.einsum("ijk,ijk->ij", away, away).max(axis=1))
-        off = np.zeros(len(cells))
         with np.errstate(invalid="ignore"):  # inf at all corners
             off = np.abs(nodal.mean(axis=1) - there) / there
         if self._sampled_at is not None:

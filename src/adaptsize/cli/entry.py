@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import _thread
+import atexit
 import contextlib
 import os
 import shlex
@@ -32,10 +33,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         with _no_interrupt_is_lost():
             code = run(sys.argv[1:] if arguments is None else list(arguments))
-            _ignore_signals()
     except KeyboardInterrupt:  # during the imports
-        _ignore_signals()
         code = _stopped([])
+    if arguments is None:  # the process ends here
+        _ignore_signals()
+    else:  # of another program, which may go on
+        atexit.register(_ignore_signals)
     sys.exit(code)
 
 

@@ -136,7 +136,7 @@ def sparse_size(size: SizeFunction, g: float | None = None) -> SparseSize:
     >>> sparse = size.sparse()
     >>> sparse
     SparseSize(1 points, g = 0.25, hmax = 0.2)
-    >>> bool(np.allclose(sparse(square.points), size.values, rtol=1e-12))
+    >>> bool(np.allclose(sparse(size.background.points), size.values, rtol=1e-12))
     True
     """
     check_type("size", size, SizeFunction)

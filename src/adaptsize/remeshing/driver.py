@@ -222,6 +222,8 @@ def remesh(
     made = frame.restored(new, repaired.mesh)
     warn_of_deviation(made, repaired.mesh, allowed, solid, may_be_joined=may_be_joined)
     warn_of_lost_tags(made, repaired.mesh, chosen.name)
+    if required is not None:  # beside facets that must not change, no sizes can be followed
+        return made
     return delivered(made, sizes, wanted, mesh, metric)
 
 

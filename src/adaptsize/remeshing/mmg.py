@@ -40,7 +40,6 @@ import numpy.typing as npt
 from adaptsize.errors import BackendError, BackendTimeoutError, ResolutionWarning
 from adaptsize.remeshing._medit import read_medit, write_medit
 from adaptsize.remeshing.protocol import Arrays, Backend, Problem, Program, Task
-from adaptsize.sizes.budget import mean_density
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -274,6 +273,8 @@ class _Elements(NamedTuple):
     def of(cls, mesh: SimplexMesh, sizes: FloatArray) -> _Elements:
         """Return the elements for each of an even sample of cells."""
         some = mesh.cells[:: mesh.n_cells // 20_000 + 1]
+        from adaptsize.sizes.budget import mean_density
+
         density = mean_density(sizes[some])
         return cls(
             mesh.points[some].mean(axis=1),
