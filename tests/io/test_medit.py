@@ -1,5 +1,7 @@
 """Meshes of Medit and Mmg, text and binary, in all versions of the format."""
 
+import signal
+
 import numpy as np
 import pytest
 from meshes import jittered_cube, random_square
@@ -69,6 +71,15 @@ def test_the_position_after_the_end_is_that_of_the_file_or_0(tmp_path, last):
     assert read(tmp_path / "a.meshb").n_cells == mesh.n_cells
 
 
+@pytest.fixture
+def _interrupts_are_kept():
+    """Install Python's handler again: Mmg in this process lets SIGINT end it."""
+    before = signal.getsignal(signal.SIGINT)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("_interrupts_are_kept")
 @pytest.mark.parametrize("suffix", [".mesh", ".meshb"])
 def test_what_mmg_writes_is_read(tmp_path, suffix):
     mmgpy = pytest.importorskip("mmgpy")
