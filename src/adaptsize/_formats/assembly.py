@@ -179,9 +179,11 @@ def _is_plane(
     """
     used = points[np.unique(cells)]
     low, high = used.min(axis=0), used.max(axis=0)
-    if high[2] - low[2] > _ROUNDING * float(np.linalg.norm(high[:2] - low[:2])):
-        return False
-    if max(abs(low[2]), abs(high[2])) > high[2] - low[2]:
+    with np.errstate(over="ignore", invalid="ignore"):  # coordinates are checked later
+        extent = high - low
+        if extent[2] > _ROUNDING * np.hypot(extent[0], extent[1]):
+            return False
+    if max(abs(low[2]), abs(high[2])) > extent[2]:
         if only_at_0:
             return False
         notes.append(
