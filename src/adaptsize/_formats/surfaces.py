@@ -39,7 +39,8 @@ def read_stl(path: Path) -> RawMesh:
         if len(content) < size:
             raise MeshFileError(f"is a truncated binary STL file (promises {n} triangles)")
         triangles = np.frombuffer(content, _TRIANGLE, n, 84)
-        corners = triangles["corners"].reshape(-1, 3).astype(np.float64)
+        with np.errstate(invalid="ignore"):  # signalling nan, which is refused later
+            corners = triangles["corners"].reshape(-1, 3).astype(np.float64)
         number = np.arange(len(corners))
     else:
         corners, number = _corners_in(content.replace(b"\r", b"\n").lower())
