@@ -76,7 +76,7 @@ def as_request(
     required : int32[n, cell_dim] or None
         Facets to keep.
     is_by_mmg : bool
-        Only Mmg rounds edges that it is not told to keep.
+        Only Mmg rounds edges, unless they are passed as ridges.
     """
     own, ridges = frame.mesh(mesh), np.empty((0, 2), np.int32)
     size, known = frame.size(sizes.at), frame.to_own(known_points(sizes.given, mesh.dim))
