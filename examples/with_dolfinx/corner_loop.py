@@ -9,6 +9,7 @@ solution is known, r^(2/3) sin(2/3 phi), so the error is too.
 """
 
 import argparse
+from dataclasses import replace
 
 from mpi4py import MPI  # loads the library of MPI that the wheel of DOLFINx needs
 
@@ -19,14 +20,16 @@ from dolfinx import fem, mesh
 from dolfinx.fem.petsc import LinearProblem
 from petsc4py import PETSc
 
-from adaptsize import SimplexMesh, adapt, transfer_fields
+from adaptsize import SimplexMesh, adapt
 from adaptsize import distributed as ads
 
 G = 0.3
+#: Tag of the facets on which the solution is given.
+FIXED = 5
 
 
 def first_mesh(dim, n=4):
-    """Return the L-shape, or its extrusion, as a structured mesh."""
+    """Return the L-shape, or its extrusion, as a structured mesh with a tagged boundary."""
     box = mesh.create_rectangle if dim == 2 else mesh.create_box
     corners = [[-1.0] * 2, [1.0] * 2] if dim == 2 else [[-1.0, -1.0, 0.0], [1.0, 1.0, 1.0]]
     whole = box(MPI.COMM_SELF, corners, [2 * n, 2 * n, n][:dim])
@@ -35,7 +38,10 @@ def first_mesh(dim, n=4):
     x = points[cells].mean(axis=1)
     kept = cells[~((x[:, 0] > 0.0) & (x[:, 1] < 0.0))]
     nodes, local = np.unique(kept, return_inverse=True)
-    return SimplexMesh(points[nodes], local.reshape(kept.shape))
+    plain = SimplexMesh(points[nodes], local.reshape(kept.shape))
+    boundary = plain.boundary()
+    facets = boundary.nodes[boundary.mesh.cells]
+    return replace(plain, tagged_facets=facets, facet_tags=np.full(len(facets), FIXED))
 
 
 def exact(x):
@@ -45,13 +51,12 @@ def exact(x):
     return np.hypot(x[0], x[1]) ** (2.0 / 3.0) * np.sin(2.0 / 3.0 * angle)
 
 
-def solve(domain):
+def solve(domain, facet_tags):
     """Return the finite element solution, the indicator of each cell, and the error in H1."""
     space = fem.functionspace(domain, ("Lagrange", 1))
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     domain.topology.create_connectivity(domain.topology.dim - 1, domain.topology.dim)
-    facets = mesh.exterior_facet_indices(domain.topology)
-    dofs = fem.locate_dofs_topological(space, domain.topology.dim - 1, facets)
+    dofs = fem.locate_dofs_topological(space, domain.topology.dim - 1, facet_tags.find(FIXED))
     known = fem.Function(space)
     known.interpolate(exact)
     zero = fem.Constant(domain, PETSc.ScalarType(0.0))
@@ -95,10 +100,10 @@ def main():
     given = parser.parse_args()
     comm = MPI.COMM_WORLD
     start = first_mesh(3 if given.space else 2) if comm.rank == 0 else None
-    domain = ads.to_dolfinx(ads.PartitionedMesh.from_serial(start, None, comm))
+    there = ads.to_dolfinx(ads.PartitionedMesh.from_serial(start, None, comm))
     for cycle in range(given.cycles + 1):
-        found, eta, error = solve(domain)
-        old = ads.from_dolfinx(domain)
+        found, eta, error = solve(there.mesh, there.facet_tags)
+        old = ads.from_dolfinx(there)
         part = old.part
         if comm.rank == 0:
             print(f"{part.n_global_cells:7d} cells, error {error:.5f}", flush=True)
@@ -110,16 +115,8 @@ def main():
         )
         if comm.rank == 0:
             print(result, flush=True)
-        domain = ads.to_dolfinx(result.mesh)
-        new = ads.from_dolfinx(domain)
-        # DOLFINx has partitioned the mesh anew.
-        u = transfer_fields(
-            result.mesh, new.part, fields=result.fields, method="interpolate"
-        ).fields["u"]
-        space = fem.functionspace(domain, ("Lagrange", 1))
-        start = fem.Function(space)
-        start.x.array[new.dofs(space)] = u
-        start.x.scatter_forward()
+        # A nonlinear solver would start from there.functions["u"].
+        there = ads.to_dolfinx(result.mesh, fields=result.fields)
 
 
 if __name__ == "__main__":

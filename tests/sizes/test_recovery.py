@@ -121,3 +121,69 @@ def test_cells_without_volume_and_nodes_in_no_cell():
     assert np.isfinite(eta).all()
     assert eta[2] == 0.0
     assert_array_equal(recovered_gradient(mesh, np.arange(6.0))[5], 0.0)
+
+
+def two_materials(n, ratio):
+    """Linear elements for -div(a grad u) = f with a = 1 on the left of x = 0 and ``ratio`` right.
+
+    The solution is sin(x) cos(y) on the left, and over ``ratio`` on the right.
+    """
+    mesh = MESHES["regular"](n)
+    right = mesh.points[mesh.cells].mean(axis=1)[:, 0] > 0.0
+    mesh = SimplexMesh(mesh.points, mesh.cells, cell_tags=1 + right.astype(int))
+    x, y = mesh.points.T
+    u = np.sin(x) * np.cos(y) / np.where(x > 0.0, ratio, 1.0)
+    values = solve_poisson(
+        mesh, u, 2.0 * np.sin(x) * np.cos(y), coefficient=np.where(right, ratio, 1.0)
+    )
+
+    def exact(p):
+        a = np.where(p[:, 0] > 0.0, ratio, 1.0)[:, None]
+        x, y = p.T
+        return np.column_stack([np.cos(x) * np.cos(y), -np.sin(x) * np.sin(y)]) / a
+
+    return mesh, values, gradient_errors(mesh, values, exact)
+
+
+@pytest.mark.parametrize("ratio", [100.0, 1000.0])
+def test_zz_indicator_is_right_where_the_gradient_jumps_between_regions(ratio):
+    for n, most in ((21, 0.02), (41, 0.005)):
+        mesh, values, true = two_materials(n, ratio)
+        eta = zz_indicator(mesh, values)
+        assert abs(np.linalg.norm(eta) / np.linalg.norm(true) - 1.0) < most
+    without = zz_indicator(SimplexMesh(mesh.points, mesh.cells), values)
+    assert np.linalg.norm(without) > 1.5 * np.linalg.norm(true)  # as if the gradient did not jump
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_nothing_is_recovered_from_functions_that_are_linear_in_each_region(dim):
+    mesh = CartesianGrid(np.zeros(dim), 0.25, (9,) * dim).mesh
+    interface = np.flatnonzero(mesh.points[:, 0] == 1.0)
+    x = mesh.points + np.random.default_rng(9).uniform(-0.03, 0.03, size=mesh.points.shape)
+    x[interface, 0] = 1.0
+    inside = x[mesh.cells].mean(axis=1)[:, 0] > 1.0
+    tagged = SimplexMesh(x, mesh.cells, cell_tags=np.where(inside, 7, 3))
+    u = x.sum(axis=1) + 1000.0 * np.maximum(x[:, 0] - 1.0, 0.0)
+    assert zz_indicator(tagged, u).max() < 1e-9
+    assert_allclose(recovered_hessian(tagged, u), 0.0, atol=1e-7)
+    away = x[:, 0] > 1.0
+    assert_allclose(recovered_gradient(tagged, u)[away, 0], 1001.0)
+    assert_allclose(recovered_gradient(tagged, u)[interface, 0], 501.0)
+
+
+def test_regions_of_single_cells_take_the_derivatives_of_the_whole_mesh():
+    mesh = MESHES["jittered"](9)
+    single = SimplexMesh(mesh.points, mesh.cells, cell_tags=np.arange(mesh.n_cells))
+    u = wave(mesh.points)[0]
+    assert_allclose(zz_indicator(single, u), zz_indicator(mesh, u))
+    assert_allclose(recovered_hessian(single, u), recovered_hessian(mesh, u))
+
+
+def test_zz_indicator_of_several_fields_is_the_root_of_the_sum_of_squares():
+    mesh = MESHES["jittered"](9)
+    fields = np.random.default_rng(5).normal(size=(mesh.n_points, 3))
+    single = [zz_indicator(mesh, field) for field in fields.T]
+    assert_allclose(zz_indicator(mesh, fields), np.linalg.norm(single, axis=0))
+    for bad in (fields[:-1], fields[:, :0], fields[:, :, None]):
+        with pytest.raises(ValueError, match="values must have"):
+            zz_indicator(mesh, bad)

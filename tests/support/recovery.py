@@ -35,10 +35,13 @@ def hat_gradients(mesh):
     return np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)
 
 
-def solve_poisson(mesh, u, source):
-    """Linear elements for -laplace(u) = source, u given on the boundary, lumped right-hand side."""
+def solve_poisson(mesh, u, source, coefficient=1.0):
+    """Linear elements for -div(coefficient grad u) = source, u given on the boundary.
+
+    The right-hand side is lumped; the coefficient is constant in each cell.
+    """
     gradients = hat_gradients(mesh)
-    local = np.einsum("mid,mjd,m->mij", gradients, gradients, mesh.measures)
+    local = np.einsum("mid,mjd,m->mij", gradients, gradients, coefficient * mesh.measures)
     k = mesh.dim + 1
     rows, columns = np.repeat(mesh.cells, k, axis=1), np.tile(mesh.cells, (1, k))
     n = mesh.n_points

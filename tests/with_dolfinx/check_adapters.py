@@ -37,7 +37,7 @@ def check_dolfinx(domain, measure, dim):
         assert abs(whole.measures.sum() - measure) < 1e-12
         assert len(whole.tagged_facets) == len(whole.boundary().cells)
         assert np.unique(whole.cell_tags).tolist() == list(range(1, comm.size + 1))
-    back = ads.from_dolfinx(ads.to_dolfinx(part)).part
+    back = ads.from_dolfinx(ads.to_dolfinx(part).mesh).part
     assert back.n_global_points == part.n_global_points
     again = back.gather()
     if comm.rank == 0:
@@ -67,6 +67,51 @@ def check_names(dim):
     assert len(back.tagged_facets) == len(tagged.tagged_facets)
     assert (back.facet_tags == 5).all()
     assert np.isclose(back.measures.sum(), 1.0)
+
+
+def check_content(dim):
+    """Compare tags, names and fields before and after DOLFINx partitions a mesh anew."""
+    rng = np.random.default_rng(5)
+    whole = None
+    if comm.rank == 0:
+        box = mesh.create_unit_square if dim == 2 else mesh.create_unit_cube
+        plain = SimplexMesh.from_object(box(MPI.COMM_SELF, *[5, 4, 3][:dim]))
+        facets = plain.facets[rng.permutation(len(plain.facets))[: len(plain.facets) // 2]]
+        middles = plain.points[facets].mean(axis=1)
+        whole = SimplexMesh(
+            plain.points,
+            plain.cells,
+            cell_tags=1 + np.floor(9 * plain.points[plain.cells].mean(axis=1)[:, 0]).astype(int),
+            tagged_facets=facets,
+            facet_tags=1 + np.floor(9 * middles[:, 1]).astype(int),
+            tag_names={(dim, 1): "left", (dim - 1, 2): "low"},
+            point_data={"x": plain.points[:, 0]},
+        )
+    part = ads.PartitionedMesh.from_serial(whole, None, comm)
+    there = ads.to_dolfinx(part, fields={"v": part.points, "w": part.points[:, 1] ** 2})
+    domain = there.mesh
+    middle = mesh.compute_midpoints(domain, dim, there.cell_tags.indices)
+    assert np.array_equal(there.cell_tags.values, 1 + np.floor(9 * middle[:, 0]))
+    middle = mesh.compute_midpoints(domain, dim - 1, there.facet_tags.indices)
+    assert np.array_equal(there.facet_tags.values, 1 + np.floor(9 * middle[:, 1]))
+    assert there.physical_groups == {"left": (dim, 1), "low": (dim - 1, 2)}
+    for name, rule in (("x", lambda x: x[0]), ("v", lambda x: x[:dim]), ("w", lambda x: x[1] ** 2)):
+        expected = fem.Function(there.functions[name].function_space)
+        expected.interpolate(rule)
+        assert np.allclose(there.functions[name].x.array, expected.x.array)
+    back = ads.from_dolfinx(there).part.gather()
+    if comm.rank == 0:
+        assert len(back.tagged_facets) == len(whole.tagged_facets)
+        assert back.tag_names == whole.tag_names
+        assert np.array_equal(np.sort(back.cell_tags), np.sort(whole.cell_tags))
+        assert np.array_equal(back.point_data["x"], back.points[:, 0])
+        assert np.array_equal(back.point_data["v"], back.points)
+    for bad in (np.zeros(1), np.zeros((part.n_points, 2, 2))):
+        try:
+            ads.to_dolfinx(part, fields={"u": bad})
+        except ValueError:
+            continue
+        raise AssertionError
 
 
 def plex_of_box(dim):
@@ -141,6 +186,8 @@ def check_all():
             raise AssertionError
     check_names(2)
     check_names(3)
+    check_content(2)
+    check_content(3)
     check_petsc(2)
     check_petsc(3)
     check_metric(2)

@@ -42,3 +42,25 @@ def interfaces(mesh: SimplexMesh) -> tuple[SimplexMesh, IntArray] | None:
     if len(facets) == 0:
         return None
     return cut_out(mesh.points, facets)
+
+
+def divided_by_region(mesh: SimplexMesh) -> tuple[SimplexMesh, IntArray] | None:
+    """Return a mesh whose regions share no nodes, for functions that jump between them.
+
+    Returns
+    -------
+    SimplexMesh, int32[n]
+        The same cells in the same order, without tags and fields, and the node of ``mesh`` at each
+        node.  Nodes in several regions are there once for each.  Nodes in no cell are left out.
+    None
+        If there is one region only, or no two regions touch.
+    """
+    if mesh.cell_tags is None:
+        return None
+    regions, region = np.unique(mesh.cell_tags, return_inverse=True)
+    keys = mesh.cells.astype(np.int64) * len(regions) + region.reshape(-1, 1)
+    unique, cells = np.unique(keys, return_inverse=True)
+    nodes = (unique // len(regions)).astype(np.int32)
+    if not (nodes[1:] == nodes[:-1]).any():
+        return None
+    return SimplexMesh(mesh.points[nodes], cells.reshape(mesh.cells.shape)), nodes

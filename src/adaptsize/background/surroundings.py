@@ -16,7 +16,7 @@ class Surroundings(NamedTuple):
     """The cells at the nodes of a rank, and all cells at the nodes of these."""
 
     mesh: SimplexMesh | None
-    """Nodes and cells in the order of the whole mesh; None on a rank without cells."""
+    """Nodes and cells in the order of the whole mesh, with regions; None without local cells."""
     own: IntArray
     """int32[n_local]: the local nodes."""
     ids: Ids
@@ -49,6 +49,8 @@ class _Cells(NamedTuple):
     """float64[m, k + 1, dim]"""
     owners: IntArray
     """int32[m, k + 1]: the ranks that own the nodes."""
+    tags: IntArray
+    """int32[m]: the regions; 0 where a rank knows of none."""
 
     def with_any(self, nodes: Ids) -> _Cells:
         """Return the cells that have one of some nodes."""
@@ -63,7 +65,7 @@ def surroundings_of(part: PartitionedMesh) -> Surroundings:
     all cells at its own nodes, and sends those at the nodes of the cells that it sent before.
     """
     ids, cells = part.global_ids, part.cells
-    known = _Cells(part.cell_ids, ids[cells], part.points[cells], part.owner[cells])
+    known = _Cells(part.cell_ids, ids[cells], part.points[cells], part.owner[cells], _tags(part))
     wanted = [ids[nodes] for nodes in part.shared.nodes]
     for _ in range(2):
         sent = [known.with_any(nodes) for nodes in wanted]
@@ -78,5 +80,12 @@ def surroundings_of(part: PartitionedMesh) -> Surroundings:
     if part.mesh is None:
         return Surroundings(None, own, numbers, owner)
     points = np.concatenate([known.places.reshape(-1, part.dim), part.points])[at]
-    mesh = SimplexMesh(points, np.searchsorted(numbers, known.nodes))
+    mesh = SimplexMesh(points, np.searchsorted(numbers, known.nodes), cell_tags=known.tags)
     return Surroundings(mesh, own, numbers, owner)
+
+
+def _tags(part: PartitionedMesh) -> IntArray:
+    """Return the region of each cell of a rank, 0 if there are none."""
+    if part.mesh is None or part.mesh.cell_tags is None:
+        return np.zeros(part.n_cells, np.int32)
+    return part.mesh.cell_tags

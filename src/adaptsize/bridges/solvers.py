@@ -10,7 +10,9 @@ import numpy.typing as npt
 from adaptsize._formats import writers
 from adaptsize._formats.blocks import SIMPLEX, UNTAGGED, RawMesh, dimension_of, n_nodes_of
 from adaptsize._formats.for_solvers import groups_of
-from adaptsize.background import SimplexMesh
+from adaptsize.background import PartitionedMesh, SimplexMesh
+from adaptsize.distributed import DolfinxMesh, from_dolfinx
+from adaptsize.distributed import to_dolfinx as distributed_to_dolfinx
 from adaptsize.errors import MeshFileError
 
 
@@ -330,35 +332,16 @@ def to_gmsh(mesh: SimplexMesh, name: str = "adaptsize") -> Any:
     return gmsh.model
 
 
-class DolfinxMesh(NamedTuple):
-    """A mesh of DOLFINx with its tags."""
-
-    mesh: Any
-    cell_tags: Any
-    """``dolfinx.mesh.MeshTags`` or None."""
-    facet_tags: Any
-    physical_groups: dict[str, tuple[int, int]]
-    """Dimension and tag of each name."""
-
-
 def _raw_of_dolfinx(mesh: Any) -> RawMesh:
-    from adaptsize.distributed import from_dolfinx
-
-    domain = getattr(mesh, "mesh", mesh)
-    if domain.comm.size > 1:
+    if getattr(mesh, "mesh", mesh).comm.size > 1:
         raise MeshFileError("is distributed; use adaptsize.distributed.from_dolfinx")
-    tags = {key: getattr(mesh, key, None) for key in ("cell_tags", "facet_tags")}
-    part = from_dolfinx(domain, **tags).part.mesh
+    part = from_dolfinx(mesh).part.mesh
     assert part is not None
-    groups = getattr(mesh, "physical_groups", None) or {}
-    names = {(int(group[0]), int(group[1])): str(name) for name, group in groups.items()}
-    content = writers.content_of(part, "cell_tags", pad=False)
-    content.tag_names = names
-    return content
+    return writers.content_of(part, "cell_tags", pad=False)
 
 
 def to_dolfinx(mesh: SimplexMesh) -> DolfinxMesh:
-    """Return a ``dolfinx.mesh.Mesh`` on this process, with its tags.
+    """Return a ``dolfinx.mesh.Mesh`` on this process, with its tags and nodal fields.
 
     ``mesh.topology.original_cell_index`` and ``mesh.geometry.input_global_indices`` of the result
     are the numbers of the cells and points here.  For many processes see
@@ -366,32 +349,7 @@ def to_dolfinx(mesh: SimplexMesh) -> DolfinxMesh:
 
     Returns
     -------
-    DolfinxMesh
-        ``(mesh, cell_tags, facet_tags, physical_groups)``.
+    adaptsize.distributed.DolfinxMesh
+        ``(mesh, cell_tags, facet_tags, physical_groups, functions)``.
     """
-    from mpi4py import MPI  # isort: skip - before DOLFINx
-    import basix.ufl
-    import dolfinx
-    import ufl
-
-    kind = {1: "interval", 2: "triangle", 3: "tetrahedron"}[mesh.cell_dim]
-    element = basix.ufl.element("Lagrange", kind, 1, shape=(mesh.dim,))
-    domain = dolfinx.mesh.create_mesh(
-        MPI.COMM_SELF, mesh.cells.astype(np.int64), ufl.Mesh(element), mesh.points.copy()
-    )
-    dim, topology, tags = mesh.cell_dim, domain.topology, list[Any]([None, None])
-    if mesh.cell_tags is not None:
-        rows = np.arange(mesh.n_cells, dtype=np.int32)
-        values = mesh.cell_tags[topology.original_cell_index[rows]]
-        tags[0] = dolfinx.mesh.meshtags(domain, dim, rows, values)
-    if mesh.tagged_facets is not None and dim > 1:
-        topology.create_connectivity(0, dim)
-        topology.create_connectivity(dim - 1, dim)
-        vertices = np.arange(topology.index_map(0).size_local, dtype=np.int32)
-        nodes = dolfinx.mesh.entities_to_geometry(domain, 0, vertices).ravel()
-        vertex_of = np.zeros(mesh.n_points, np.int32)
-        vertex_of[domain.geometry.input_global_indices[nodes]] = vertices
-        facets = dolfinx.graph.adjacencylist(vertex_of[mesh.tagged_facets])
-        tags[1] = dolfinx.mesh.meshtags_from_entities(domain, dim - 1, facets, mesh.facet_tags)
-    groups = {name: key for key, name in mesh.tag_names.items()}
-    return DolfinxMesh(domain, tags[0], tags[1], groups)
+    return distributed_to_dolfinx(PartitionedMesh.from_serial(mesh))

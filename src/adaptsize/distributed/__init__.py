@@ -2,9 +2,10 @@
 
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.distributed.files import read_parts, write_parts
-from adaptsize.distributed.solvers import from_dmplex, from_dolfinx, to_dolfinx
+from adaptsize.distributed.solvers import DolfinxMesh, from_dmplex, from_dolfinx, to_dolfinx
 
 __all__ = [
+    "DolfinxMesh",
     "PartitionedMesh",
     "from_dmplex",
     "from_dolfinx",

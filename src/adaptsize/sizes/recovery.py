@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import combinations_with_replacement
 from typing import NamedTuple
 
@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
-from adaptsize._checks import as_values
+from adaptsize._checks import as_float_array, as_values
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
+from adaptsize.background.interfaces import divided_by_region
 from adaptsize.background.interpolation import cell_gradients
 from adaptsize.background.simplex import as_mesh
 from adaptsize.background.surroundings import surroundings_of
@@ -35,7 +36,8 @@ def recovered_gradient(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     Returns
     -------
     ndarray of float64, shape (n_points, dim)
-        Zero at nodes in no cell.
+        Zero at nodes in no cell.  At nodes between regions (cell tags), the mean of the gradients
+        on all sides.
 
     Raises
     ------
@@ -45,6 +47,9 @@ def recovered_gradient(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
 
     Notes
     -----
+    In each region, the gradient is recovered from the values in that region, since it jumps between
+    materials.
+
     The recovery is exact for quadratic fields on any mesh whose patches determine a quadratic.  It
     is therefore of second order in the spacing for smooth fields, also at the boundary.  A patch
     consists of the nodes that share an edge with the node.  At the boundary, and where these do
@@ -68,16 +73,11 @@ def recovered_gradient(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     True
     """
     mesh = as_mesh("mesh", mesh)
-    nodal = as_nodal_field(values, mesh)
-    near, gradient = nodes_within_an_edge(mesh), np.empty(mesh.points.shape)
-    inner = np.flatnonzero(~marked(mesh.facets[mesh.facet_cell_counts == 1], mesh.n_points))
-    # The smallest eigenvalue over the largest of normal matrices in coordinates of unit covariance:
-    # around nodes of good meshes 0.003 to 0.05, below where the nodes nearly lie on a conic.
-    gradient[inner], good = _gradients_of_fits(mesh.points, nodal, near[inner], inner, 3e-3)
-    others = np.setdiff1d(np.arange(mesh.n_points), inner[good])
-    wide = csr_array(near[others] @ near)
-    gradient[others] = _gradients_of_fits(mesh.points, nodal, wide, others, DETERMINED)[0]
-    return gradient
+    found, nodes, _ = _in_regions(mesh, as_nodal_field(values, mesh), _gradients)
+    copies = np.bincount(nodes, minlength=mesh.n_points)
+    total = np.zeros(mesh.points.shape)
+    np.add.at(total, nodes, found)
+    return np.asarray(total / np.maximum(copies, 1)[:, None])
 
 
 def recovered_hessian(mesh: AnyMesh, values: npt.ArrayLike) -> FloatArray:
@@ -109,6 +109,10 @@ def recovered_hessian(mesh: AnyMesh, values: npt.ArrayLike) -> FloatArray:
     In coordinates z in which the patch has unit covariance, node i has the weight
     :math:`e^{-|z_i|^2 / (2 \\sigma^2)}` with :math:`\\sigma = 0.7`.  On stretched meshes distances
     are thus measured relative to the stretched patch.
+
+    In each region (cell tag) they are recovered from the values in that region, since gradients
+    jump between materials.  At nodes between regions, those of the region with the largest ones
+    are returned.
 
     The recovery is exact for quadratic fields.  For smooth fields it is of first order in the
     spacing on irregular meshes, and of second order on translation-invariant meshes.  (Repeated
@@ -153,14 +157,15 @@ def zz_indicator(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     ----------
     mesh : SimplexMesh
         Triangles in the plane or tetrahedra.
-    values : array_like of float, shape (n_points,)
-        Nodal values of a continuous function that is linear in each cell.
+    values : array_like of float, shape (n_points,) or (n_points, k)
+        Nodal values of a continuous function that is linear in each cell, or of k of them, for
+        instance displacements.
 
     Returns
     -------
     ndarray of float64, shape (n_cells,)
-        ``sqrt(sum(eta**2))`` estimates the error of the gradient in the L2 norm; zero
-        in cells without volume.
+        ``sqrt(sum(eta**2))`` estimates the error of the gradient in the L2 norm, of k functions
+        the root of the sum of squares; zero in cells without volume.
 
     Raises
     ------
@@ -171,8 +176,8 @@ def zz_indicator(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     Notes
     -----
     The ratio of estimate and error tends to 1 under refinement where the solution is smooth and
-    the mesh is sufficiently regular.  It is an estimate, not a bound.  The gradient is also
-    recovered across material interfaces, where the true gradient jumps.
+    the mesh is sufficiently regular.  It is an estimate, not a bound.  In each region (cell tag)
+    the gradient is recovered from the values in that region, since it jumps between materials.
 
     References
     ----------
@@ -190,13 +195,64 @@ def zz_indicator(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     array([0., 0.])
     """
     mesh = as_mesh("mesh", mesh)
-    nodal = as_nodal_field(values, mesh)
-    recovered = recovered_gradient(mesh, nodal)
-    defect = recovered[mesh.cells] - cell_gradients(mesh, nodal)[:, None]
+    columns = as_float_array("values", values)
+    one = columns.ndim < 2 or columns.shape[1] == 0  # the latter is refused
+    squares = np.zeros(mesh.n_cells)
+    for column in [columns] if one else columns.T:
+        squares += _squared_defects(mesh, as_nodal_field(column, mesh))
     # The exact integral of the square of a function that is linear in a simplex.
     d = mesh.dim
-    squares = (defect**2).sum(axis=(1, 2)) + (defect.sum(axis=1) ** 2).sum(axis=1)
     return np.asarray(np.sqrt(mesh.measures * squares / ((d + 1) * (d + 2))))
+
+
+def _squared_defects(mesh: SimplexMesh, nodal: FloatArray) -> FloatArray:
+    """Return in each cell the squared defects of the gradient, of the corners and of their sum."""
+    recovered, _, cells = _in_regions(mesh, nodal, _gradients)
+    defect = recovered[cells] - cell_gradients(mesh, nodal)[:, None]
+    return np.asarray((defect**2).sum(axis=(1, 2)) + (defect.sum(axis=1) ** 2).sum(axis=1))
+
+
+def _in_regions(
+    mesh: SimplexMesh,
+    nodal: FloatArray,
+    recover: Callable[[SimplexMesh, FloatArray], FloatArray],
+) -> tuple[FloatArray, IntArray, IntArray]:
+    """Return derivatives at the nodes, recovered in each region on its own.
+
+    Nodes on interfaces are there once for each of their regions.  A single cell on its own, whose
+    values a linear function fits exactly, tells nothing: the whole mesh is taken there.
+
+    Returns
+    -------
+    derivatives : float64[m, ...]
+    nodes : int32[m]
+        The node of the mesh at each row.
+    cells : int32[n_cells, dim + 1]
+        The rows of each cell.
+    """
+    divided = divided_by_region(mesh)
+    if divided is None:
+        return recover(mesh, nodal), np.arange(mesh.n_points, dtype=np.int32), mesh.cells
+    apart, nodes = divided
+    found = recover(apart, nodal[nodes])
+    near = nodes_within_an_edge(apart)
+    alone = np.diff(csr_array(near @ near).indptr) <= mesh.dim + 1
+    if alone.any():
+        found[alone] = recover(mesh, nodal)[nodes[alone]]
+    return found, nodes, apart.cells
+
+
+def _gradients(mesh: SimplexMesh, nodal: FloatArray) -> FloatArray:
+    """Return the gradients of fits around each node, see `recovered_gradient`."""
+    near, gradient = nodes_within_an_edge(mesh), np.empty(mesh.points.shape)
+    inner = np.flatnonzero(~marked(mesh.facets[mesh.facet_cell_counts == 1], mesh.n_points))
+    # The smallest eigenvalue over the largest of normal matrices in coordinates of unit covariance:
+    # around nodes of good meshes 0.003 to 0.05, below where the nodes nearly lie on a conic.
+    gradient[inner], good = _gradients_of_fits(mesh.points, nodal, near[inner], inner, 3e-3)
+    others = np.setdiff1d(np.arange(mesh.n_points), inner[good])
+    wide = csr_array(near[others] @ near)
+    gradient[others] = _gradients_of_fits(mesh.points, nodal, wide, others, DETERMINED)[0]
+    return gradient
 
 
 def _gradients_of_fits(
@@ -250,12 +306,24 @@ def _slopes_of_fits(normal: FloatArray, dim: int, least: float) -> tuple[FloatAr
 def second_derivatives(mesh: AnyMesh, nodal: FloatArray) -> FloatArray:
     """Return the second derivatives of fits to a checked field; collective."""
     if isinstance(mesh, SimplexMesh):
-        return second_derivatives_of_fits(mesh, nodal)
+        return _second_derivatives_in_regions(mesh, nodal)
     around = mesh.once("_surroundings", lambda: surroundings_of(mesh))
     at_nodes = around.values(mesh, nodal)
     if around.mesh is None:
         return np.zeros((0, mesh.dim, mesh.dim))
-    return second_derivatives_of_fits(around.mesh, at_nodes)[around.own]
+    return _second_derivatives_in_regions(around.mesh, at_nodes)[around.own]
+
+
+def _second_derivatives_in_regions(mesh: SimplexMesh, nodal: FloatArray) -> FloatArray:
+    """Return the second derivatives at each node, on interfaces the largest of its regions."""
+    found, nodes, _ = _in_regions(mesh, nodal, second_derivatives_of_fits)
+    if len(nodes) == mesh.n_points:
+        return found
+    largest = np.abs(np.linalg.eigvalsh(found)).max(axis=1)
+    order = np.lexsort([largest, nodes])
+    hessian = np.zeros((mesh.n_points, mesh.dim, mesh.dim))
+    hessian[nodes[order]] = found[order]  # of several rows of a node, the last one stays
+    return hessian
 
 
 def as_nodal_field(value: npt.ArrayLike, mesh: AnyMesh) -> FloatArray:
