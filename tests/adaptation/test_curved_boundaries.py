@@ -13,6 +13,7 @@ from adaptsize import Metric, SimplexMesh, adapt
 from adaptsize.adaptation.boundary_moves import move_to_boundary
 from adaptsize.adaptation.next_metric import metric_by_tolerance, metric_request
 from adaptsize.adaptation.next_sizes import bound_by_tolerance
+from adaptsize.background.splitting import bisect_edges
 from adaptsize.errors import ResolutionWarning
 from adaptsize.options import AdaptOptions, checked
 
@@ -71,6 +72,71 @@ def test_bounds_by_the_tolerance_are_those_of_chords():
     assert_allclose(metric_by_tolerance(tube, 1e-3).sizes[40], expected, rtol=0.01)
     assert metric_by_tolerance(disc(5), 1e-3) is None
     assert bound_by_tolerance(disc(5), 1e-3) is None  # corners of polygons are kept
+
+
+def refined(mesh, n_cells):
+    """The same domain, with edges bisected until there are so many cells."""
+    while mesh.n_cells < n_cells:
+        mesh = bisect_edges(mesh, np.ones(len(mesh.edges), np.bool_)).mesh
+    return mesh
+
+
+def ball(n):
+    rng = np.random.default_rng(SEED)
+    points = np.vstack([random_sphere(n, SEED).points, rng.uniform(-0.5, 0.5, (n // 4, 3))])
+    return SimplexMesh(points, Delaunay(points).simplices)
+
+
+@pytest.mark.parametrize("has_regions", [False, True])
+def test_sizes_at_curved_boundaries_do_not_shrink_with_the_meshes_of_a_loop(has_regions):
+    first = ball(300)
+    if has_regions:  # an interface in a larger box
+        corners = np.array(np.meshgrid(*[[-2.0, 2.0]] * 3)).reshape(3, -1).T
+        points = np.vstack([first.points, corners])
+        whole = SimplexMesh(points, Delaunay(points).simplices)
+        inside = (whole.cells < first.n_points).all(axis=1)
+        first = SimplexMesh(points, whole.cells, cell_tags=1 + inside)
+    of_first = bound_by_tolerance(first, 1e-3)
+    later = refined(first, 15_000)
+    # As generators do, which keep within the tolerance: half of it.
+    off = 5e-4 * first.diagonal * np.random.default_rng(SEED).uniform(-1.0, 1.0, later.n_points)
+    later = later.moved(later.points * (1.0 + off)[:, None])
+    on_sphere = np.abs(np.linalg.norm(later.points, axis=1) - 0.95) < 0.1
+    without = bound_by_tolerance(later, 1e-3)[on_sphere]
+    assert without.min() < 0.75 * of_first.min()
+    found = bound_by_tolerance(later, 1e-3, first)[on_sphere]
+    finite = np.isfinite(found)
+    assert finite.sum() >= 300
+    assert_allclose(found[finite].min(), of_first.min(), rtol=1e-3)
+
+
+def test_the_first_mesh_of_a_loop_is_handed_on():
+    pytest.importorskip("mmgpy")
+    first = ball(60)
+    result = adapt(first, h0=0.4, boundary_tolerance=2e-2)
+    assert result.original is first
+    again = adapt(result.mesh, h0=0.5, boundary_tolerance=2e-2)
+    assert again.original is first
+    from_elsewhere = SimplexMesh(result.mesh.points, result.mesh.cells)
+    assert adapt(from_elsewhere, h0=0.5, boundary_tolerance=2e-2).original is from_elsewhere
+    handed = adapt(from_elsewhere, h0=0.5, boundary_tolerance=2e-2, original=first)
+    assert handed.original is first
+    assert_array_equal(handed.size.values, again.size.values)
+    away = lambda x: x / np.linalg.norm(x, axis=1)[:, None]  # noqa: E731
+    moved = adapt(result.mesh, h0=0.5, boundary_tolerance=2e-2, project=away)
+    assert moved.original is result.mesh
+
+
+def test_an_original_without_effect_is_refused(generator):
+    square = structured_square(4, half_width=1.0)
+    with pytest.raises(ValueError, match="original must be a mesh in space of the same kind"):
+        adapt(square, h0=0.2, original=square)
+    cube = jittered_cube(3, SEED)
+    with pytest.raises(ValueError, match="original must be a mesh in space of the same kind"):
+        adapt(cube, h0=0.2, original=random_sphere(50, SEED))
+    metric = Metric.isotropic(np.full(cube.n_points, 0.9), 3)
+    with pytest.raises(ValueError, match="original must be None where sizes depend on the dir"):
+        adapt(cube, h0=metric, original=cube)
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([2, 3]), st.floats(0.01, 3.0))

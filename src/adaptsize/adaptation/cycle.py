@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy.typing as npt
 
-from adaptsize._checks import describe, one_of
+from adaptsize._checks import check_type, describe, one_of
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation._fields import Arrays, as_fields, methods_of
@@ -66,6 +66,7 @@ def adapt(
     fields: Fields | None = None,
     cell_fields: Fields | None = None,
     project: ProjectionLike | None = None,
+    original: SimplexMesh | None = None,
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[AdaptOptions],
 ) -> AdaptResult:
@@ -89,6 +90,11 @@ def adapt(
     project : callable, or mapping of int to callable, optional
         Takes new nodes of the boundary, float64[n, dim], and returns their places on the true one;
         a mapping has one for each facet tag.  Corners, ridges and nodes between two of them stay.
+    original : SimplexMesh, optional
+        The first mesh of the loop, in space.  Curved boundaries and interfaces, near which
+        ``boundary_tolerance`` bounds sizes, are as there; facets of later meshes would show them
+        as ever more curved.  By default what the mesh was made from, if `adapt` returned it as it
+        is and there is no ``project``, else the mesh itself.
     progress : callable, bool or None
         Called with a text and the fraction completed or None.  True shows a progress bar.
     **options
@@ -127,6 +133,7 @@ def adapt(
     cycle = ranks.agree(
         lambda: _checked(mesh, indicator, h0, (fields, cell_fields), project, options)
     )
+    first = ranks.agree(lambda: _original(mesh, original, cycle.request, project is None))
     request = cycle.request
     given = request.options
     ranks.require_equal(indicator=indicator is None, h0=h0 is None, **given)
@@ -138,7 +145,7 @@ def adapt(
     tolerance = given["boundary_tolerance"]
     with reporting(progress if ranks.rank == 0 else None) as report:
         report("sizes", None)
-        request = request.within(mesh, tolerance)
+        request = request.within(mesh, tolerance, first)
         sizes = request.next(mesh, calibration(cycle.generator, mesh.cell_dim))
         decision = decide(mesh, sizes, request)
         made = NewMesh(mesh, sizes, cycle.generator)
@@ -149,10 +156,47 @@ def adapt(
                 moved, moves = move_to_boundary(made.mesh, project, given["corner_angle"])
                 made = replace(made, mesh=moved, moves=moves)
         result = _result(mesh, request, decision, made, cycle, report)
+    if isinstance(request, SizeRequest):
+        result = _with_original(result, mesh if first is None else first)
     allowed = tolerance * mesh.diagonal if project is None else math.inf
     if ranks.rank == 0:
         result.report.warn(allowed)
     return result
+
+
+#: Where a mesh keeps the first mesh of its loop.
+_ORIGINAL = "_original_of_loop"
+
+
+def _original(
+    mesh: AnyMesh, original: SimplexMesh | None, request: Request, is_faceted: bool
+) -> SimplexMesh | None:
+    """Return the first mesh of the loop, if it is not this one.
+
+    If nodes are moved to the true boundary, the domain is not the one with the first facets.
+    """
+    if original is None:
+        known: SimplexMesh | None = vars(mesh).get(_ORIGINAL)
+        return known if is_faceted and isinstance(request, SizeRequest) else None
+    check_type("original", original, SimplexMesh)
+    kind = (original.cell_dim, original.dim)
+    if isinstance(mesh, PartitionedMesh) or mesh.dim < 3 or kind != (mesh.cell_dim, 3):
+        raise ValueError(
+            f"original must be a mesh in space of the same kind of cells as mesh, a SimplexMesh, "
+            f"got {original!r} for {mesh!r}"
+        )
+    if not isinstance(request, SizeRequest):
+        raise ValueError("original must be None where sizes depend on the direction")
+    return original
+
+
+def _with_original(result: AdaptResult, first: AnyMesh) -> AdaptResult:
+    """Return a result of which the mesh keeps the first mesh of its loop, in space."""
+    if isinstance(first, PartitionedMesh) or first.dim < 3:
+        return result
+    if result.mesh is not first:
+        vars(result.mesh)[_ORIGINAL] = first
+    return replace(result, original=first)
 
 
 class _Checked(NamedTuple):

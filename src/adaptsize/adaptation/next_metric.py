@@ -41,8 +41,13 @@ class MetricRequest(Request):
     chords: Metric | None = None
     """Largest sizes that leave curved boundaries within the tolerance of the generator."""
 
-    def within(self, mesh: SimplexMesh, tolerance: float) -> MetricRequest:
-        """Return the request with a bound that leaves curved boundaries within a tolerance."""
+    def within(
+        self, mesh: SimplexMesh, tolerance: float, original: SimplexMesh | None = None
+    ) -> MetricRequest:
+        """Return the request with a bound that leaves curved boundaries within a tolerance.
+
+        It is that of the present mesh.
+        """
         return replace(self, chords=metric_by_tolerance(mesh, tolerance))
 
     def without_number(self, mesh: SimplexMesh) -> Metric:

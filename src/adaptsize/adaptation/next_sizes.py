@@ -16,7 +16,7 @@ from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation.need import Requested, count_simplices, present_of, smallest
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
-from adaptsize.background import AnyMesh, PartitionedMesh
+from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.limiting import limit_gradient
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, ErrorOptions
@@ -47,8 +47,11 @@ class Request:
         """Target for this error."""
         return None if self.error is None else self.options["tolerance"]
 
-    def within(self, mesh: Any, tolerance: float) -> Request:
-        """Return the request with a bound that leaves curved boundaries within a tolerance."""
+    def within(self, mesh: Any, tolerance: float, original: SimplexMesh | None = None) -> Request:
+        """Return the request with a bound that leaves curved boundaries within a tolerance.
+
+        ``original`` is the mesh that has these boundaries; by default the present one.
+        """
         raise NotImplementedError
 
     def without_number(self, mesh: Any) -> Requested:
@@ -100,13 +103,15 @@ class SizeRequest(Request):
         g = self.options["g"]
         return GRADIENT_LIMIT if isinstance(g, str) else g
 
-    def within(self, mesh: AnyMesh, tolerance: float) -> SizeRequest:
+    def within(
+        self, mesh: AnyMesh, tolerance: float, original: SimplexMesh | None = None
+    ) -> SizeRequest:
         """Return the request with the error, and a bound that leaves curves within a tolerance."""
         error = None
         if self.indicator is not None:
             squares = mesh.ranks.allreduce(float(self.indicator @ self.indicator), "sum")
             error = math.sqrt(squares)
-        return replace(self, error=error, chords=bound_by_tolerance(mesh, tolerance))
+        return replace(self, error=error, chords=bound_by_tolerance(mesh, tolerance, original))
 
     def without_number(self, mesh: AnyMesh) -> FloatArray:
         """Return the sizes for the tolerance, or those that are requested."""
@@ -191,15 +196,20 @@ def as_bound(h0: BoundLike | None, mesh: AnyMesh) -> FloatArray | None:
     return values
 
 
-def bound_by_tolerance(mesh: AnyMesh, tolerance: float) -> FloatArray | None:
+def bound_by_tolerance(
+    mesh: AnyMesh, tolerance: float, original: SimplexMesh | None = None
+) -> FloatArray | None:
     """Return the largest sizes that leave curved boundaries within a share of the diagonal.
 
     In space, generators refine to stay within it.  In the plane they keep the nodes of polygons.
+    ``original`` is the mesh that has these boundaries; by default this one.
     """
     if mesh.dim < 3:
         return None
-    radius = radius_at_curves(mesh)
-    return size_of_chords(radius, tolerance * mesh.diagonal)
+    allowed = tolerance * mesh.diagonal
+    # Nodes of a loop move by up to the tolerance in each cycle.
+    radius = radius_at_curves(mesh, original=original, within=2.0 * allowed)
+    return size_of_chords(radius, allowed)
 
 
 def check_goal(request: SizeRequest) -> None:

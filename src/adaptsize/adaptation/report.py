@@ -231,6 +231,10 @@ class AdaptResult:
         ``print(result.report)`` prints a few lines.
     metric : MetricFunction or None
         The requested metric on the old mesh, if sizes depend on the direction.
+    original : SimplexMesh or None
+        The first mesh of the loop, the curved boundary of which bounds sizes; None in the plane, in
+        parts, and where sizes depend on the direction.  `adapt` knows it of ``mesh``; pass it as
+        ``original`` if the mesh comes back from another program.
     """
 
     mesh: Any
@@ -242,6 +246,7 @@ class AdaptResult:
     reason: str
     report: AdaptReport
     metric: MetricFunction | None = None
+    original: SimplexMesh | None = None
 
     def __repr__(self) -> str:
         return f"AdaptResult({self.mesh!r}, {self.reason})"

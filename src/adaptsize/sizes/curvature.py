@@ -29,7 +29,7 @@ from adaptsize.ranks import rows_among
 from adaptsize.sizes._from_distance import size_from_distance
 from adaptsize.sizes.combine import SMALLEST_SHARE, minimum
 from adaptsize.sizes.touched import nodes_beside
-from adaptsize.typing import FloatArray, Unpack
+from adaptsize.typing import FloatArray, IntArray, Unpack
 
 
 @with_options(CurvatureOptions)
@@ -235,7 +235,13 @@ def _curvature_at(
     return np.asarray(kappa)
 
 
-def radius_at_curves(mesh: AnyMesh, crease_angle: float = CREASE_ANGLE) -> FloatArray:
+def radius_at_curves(
+    mesh: AnyMesh,
+    crease_angle: float = CREASE_ANGLE,
+    *,
+    original: SimplexMesh | None = None,
+    within: float = 0.0,
+) -> FloatArray:
     """Return the radius 1 / kappa of the boundary of a mesh, and of interfaces inside.
 
     Mesh generators keep both within their tolerance.  Collective.
@@ -246,6 +252,12 @@ def radius_at_curves(mesh: AnyMesh, crease_angle: float = CREASE_ANGLE) -> Float
         Or a surface, which is a boundary itself.  Interfaces inside a mesh in parts do not count.
     crease_angle
         As in `size_from_curvature`.
+    original : SimplexMesh, optional
+        A mesh of the same domain with these boundary and interfaces: the radii are then those at
+        the closest points of its own.  The facets of a mesh that was made from them are finer than
+        they are, and show their edges as curves of small radius.
+    within : float
+        How far the nodes may be from the original ones, a length.
 
     Returns
     -------
@@ -256,15 +268,28 @@ def radius_at_curves(mesh: AnyMesh, crease_angle: float = CREASE_ANGLE) -> Float
         return np.full(mesh.n_points, np.inf)
     if isinstance(mesh, PartitionedMesh):
         return size_from_curvature(mesh, elements_per_radian=1.0, crease_angle=crease_angle)
-    is_volume = mesh.cell_dim == mesh.dim
-    parts = [] if is_volume and mesh.is_closed else [skin_of(mesh)]
-    inner = interfaces(mesh) if is_volume else None
-    parts += [inner] if inner is not None else []
+    given = checked(CurvatureOptions, {"crease_angle": crease_angle})
     radius = np.full(mesh.n_points, np.inf)
-    for facets, nodes in parts:
-        found = size_from_curvature(facets, elements_per_radian=1.0, crease_angle=crease_angle)
+    pairs = zip(_curves_of(mesh), _curves_of(mesh if original is None else original), strict=True)
+    for own, first in pairs:
+        if own is None or first is None:
+            continue
+        facets, nodes = own
+        if original is None:
+            kappa = _nodal_curvature(facets, given)
+        else:
+            kappa = _curvature_at(first[0], facets.points, within, given)
+        with np.errstate(divide="ignore"):
+            found = np.maximum(1.0 / kappa, SMALLEST_SHARE * first[0].diameter)
         radius[nodes] = np.minimum(radius[nodes], found)
     return radius
+
+
+def _curves_of(mesh: SimplexMesh) -> list[tuple[SimplexMesh, IntArray] | None]:
+    """Return the boundary and the interfaces of a mesh, each with its nodes, or None."""
+    if mesh.cell_dim < mesh.dim:
+        return [skin_of(mesh), None]
+    return [None if mesh.is_closed else skin_of(mesh), interfaces(mesh)]
 
 
 def size_of_chords(radius: FloatArray, tolerance: float) -> FloatArray:
