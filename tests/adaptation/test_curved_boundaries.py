@@ -107,7 +107,7 @@ def test_sizes_at_curved_boundaries_do_not_shrink_with_the_meshes_of_a_loop(has_
     found = bound_by_tolerance(later, 1e-3, first)[on_sphere]
     finite = np.isfinite(found)
     assert finite.sum() >= 300
-    assert_allclose(found[finite].min(), of_first.min(), rtol=1e-3)
+    assert_allclose(found[finite].min(), of_first.min(), rtol=5e-3)
 
 
 def test_the_first_mesh_of_a_loop_is_handed_on():
