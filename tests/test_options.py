@@ -45,6 +45,18 @@ def test_a_gradient_limit_in_per_cent_draws_a_warning():
         checked(AdaptOptions, {"g": 25})
 
 
+def test_a_growth_ratio_in_place_of_a_gradient_is_warned_of_once():
+    square = ads.SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    with pytest.warns(InputWarning) as found:
+        ads.size_function(square, g=1.25)
+    assert [str(one.message).partition(";")[2] for one in found] == [
+        " a growth ratio of 1.25 from an element to the next is g = 0.25"
+    ]
+    assert found[0].filename == __file__
+    for g in (0.25, 1.0, 2.0):  # 1 is what metrics have
+        ads.size_function(square, g=g)
+
+
 def test_the_signature_shows_the_options():
     parameters = inspect.signature(ads.remesh).parameters
     assert parameters["tolerance"].default == 1e-3

@@ -71,7 +71,9 @@ class Option:
     inf: bool = False
     """Whether inf is allowed."""
     unusual: float | None = None
-    """From this value on, a gradient draws a warning: it looks like a percentage."""
+    """From this value on, a gradient is warned of: it looks like a percentage."""
+    of_sizes: bool = False
+    """Whether this is a gradient of sizes, where a number from 1 to 2 looks like a growth ratio."""
     type_text: str = ""
     """The type in words, if it is not a number, a flag or one of some choices."""
     short: str = ""
@@ -132,6 +134,12 @@ class Option:
                 self.name, value, lower=self.lower, strict=self.above, allow_inf=self.inf,
                 upper=self.upper, unit=unit,
             )  # fmt: skip
+        if self.of_sizes and isinstance(value, float | int) and 1.0 < value < 2.0:
+            warn_caller(
+                f"{self.name} = {value:g} lets sizes grow by {value:g} per length; a growth ratio "
+                f"of {value:g} from an element to the next is {self.name} = {value - 1.0:.4g}",
+                InputWarning,
+            )
         if self.unusual is not None and isinstance(value, float | int) and value >= self.unusual:
             warn_caller(
                 f"{self.name} = {value:g} hardly limits anything: it is a gradient, not a "
@@ -192,7 +200,7 @@ class SizeOptions(TypedDict, total=False):
     elements_per_radian: Annotated[float | None, Option(chosen="4", short="-K")]
     elements_across: Annotated[float | None, Option(chosen="2")]
     elements_between: Annotated[float | None, Option(chosen="1, or 0 on rough surfaces")]
-    g: Annotated[float, Option(GRADIENT_LIMIT, short="-g", unusual=10.0)]
+    g: Annotated[float, Option(GRADIENT_LIMIT, short="-g", unusual=10.0, of_sizes=True)]
     hmin: Annotated[
         float | None,
         Option(
@@ -347,7 +355,7 @@ class RemeshOptions(MeshOptions, LimitOptions, PartsOptions, total=False):
         Allowed distance of the new boundary from the old one, over the diagonal.
     """
 
-    g: Annotated[float, Option(GRADIENT_LIMIT, unusual=10.0, short="-g")]
+    g: Annotated[float, Option(GRADIENT_LIMIT, unusual=10.0, of_sizes=True, short="-g")]
     hmax: Annotated[float, Option(float("inf"), unit="length", above=True, inf=True)]
     tolerance: Annotated[float, Option(TOLERANCE, above=True, upper=1.0)]
 
@@ -531,7 +539,7 @@ class ScaleOptions(ClipOptions, total=False):
     elements: Annotated[float | None, Option(lower=1.0)]
     g: Annotated[
         GradientLimit | None,
-        Option(unusual=5.0, type_text="float, array_like, callable or tuple"),
+        Option(unusual=5.0, of_sizes=True, type_text="float, array_like, callable or tuple"),
     ]
     backend: Annotated[str | None, Option()]
 
@@ -593,7 +601,7 @@ class CurvatureOptions(ClipOptions, total=False):
             unit="length",
         ),
     ]
-    g: Annotated[float, Option(GRADIENT_LIMIT, unusual=5.0, upper=STEEPEST)]
+    g: Annotated[float, Option(GRADIENT_LIMIT, unusual=5.0, of_sizes=True, upper=STEEPEST)]
 
 
 class FeatureOptions(ClipOptions, total=False):

@@ -91,10 +91,9 @@ def adapt(
         Takes new nodes of the boundary, float64[n, dim], and returns their places on the true one;
         a mapping has one for each facet tag.  Corners, ridges and nodes between two of them stay.
     original : SimplexMesh, optional
-        The first mesh of the loop, in space.  Curved boundaries and interfaces, near which
-        ``boundary_tolerance`` bounds sizes, are as there; facets of later meshes would show them
-        as ever more curved.  By default what the mesh was made from, if `adapt` returned it as it
-        is and there is no ``project``, else the mesh itself.
+        The first mesh of the loop, in space, for the curvature by which ``boundary_tolerance``
+        bounds sizes; that of later facets would grow.  By default what ``mesh`` was made from if
+        `adapt` returned it as it is and there is no ``project``, else the mesh itself.
     progress : callable, bool or None
         Called with a text and the fraction completed or None.  True shows a progress bar.
     **options
