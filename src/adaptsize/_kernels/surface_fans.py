@@ -1,0 +1,250 @@
+"""Triangles in space as one piece after another unfolds: sides, lengths, angles, kinds of nodes.
+
+The nodes of each triangle ascend.  Side ``3 t + v`` of triangle t is opposite to its node v, and
+corner ``3 t + v`` is at this node.  A side is described in the frame of its edge: the first
+coordinate runs along the edge from the node of the smaller number, the second one is the distance
+from the edge.  So all triangles at an edge share its first axis, and none needs an orientation.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptsize._kernels.compiling import lean, lean_kernel
+
+#: Shortest paths do not bend at a flat node.  They bend at saddles, with more than 360 degrees; at
+#: reflex nodes of the boundary, with more than 180; and at nodes where triangles form several fans
+#: or meet at an edge by more than two.
+FLAT, SADDLE, REFLEX, COMPLEX = range(4)
+
+#: Angle (radians) by which saddles and reflex nodes exceed flat ones.  What a smaller one hides is
+#: reached by a path whose length differs by its square.
+_EXCESS = 1e-9
+
+
+class Surface(NamedTuple):
+    """Triangles in space, of which nothing but lengths and angles is used.
+
+    Parameters
+    ----------
+    cells : int32[m, 3]
+        Ascending in each row.
+    beyond : int32[3 * m]
+        For each side, the next one at the same edge; they form a ring.
+    length : float64[3 * m]
+        Of the edge.
+    apex : float64[3 * m, 2]
+        The opposite node in the frame of the edge.
+    angle : float64[3 * m]
+        Of the corner.
+    ring_ptr, ring : int32[n + 1], int32[3 * m]
+        Triangles around each node, as from `topology.fill_rings`.
+    kind : int8[n]
+        FLAT, SADDLE, REFLEX or COMPLEX.
+    total : float64[n]
+        Sum of the angles around a node of a single fan.
+    """
+
+    cells: np.ndarray
+    beyond: np.ndarray
+    length: np.ndarray
+    apex: np.ndarray
+    angle: np.ndarray
+    ring_ptr: np.ndarray
+    ring: np.ndarray
+    kind: np.ndarray
+    total: np.ndarray
+
+
+@lean
+def others_of(k):
+    """Return the two other local nodes of a triangle, ascending."""
+    return (1 if k == 0 else 0), (1 if k == 2 else 2)
+
+
+@lean
+def place_in(cells, t, node):
+    """Return the place of a node in triangle t."""
+    k = 0
+    while cells[t, k] != node:
+        k += 1
+    return k
+
+
+@lean_kernel
+def connect_sides(cells, beyond, first, after):
+    """Connect the sides at each edge in a ring.
+
+    Parameters
+    ----------
+    cells : int32[m, 3]
+        Ascending in each row.
+    beyond : int32[3 * m]
+        Out.
+    first, after : int32[n], int32[3 * m]
+        Scratch: for each node a side of which it is the smaller node, and for each such side the
+        next one.
+
+    Returns
+    -------
+    int
+        The largest number of sides at an edge.
+    """
+    most = 1
+    first[:] = -1
+    for here in range(3 * cells.shape[0]):
+        t = here // 3
+        low, high = others_of(here % 3)
+        i, j = cells[t, low], cells[t, high]
+        e = first[i]
+        while e >= 0 and cells[e // 3, others_of(e % 3)[1]] != j:
+            e = after[e]
+        if e < 0:
+            after[here], first[i], beyond[here] = first[i], here, here
+        else:
+            beyond[here], beyond[e] = beyond[e], here
+            count, other = 2, beyond[here]
+            while beyond[other] != here:
+                count, other = count + 1, beyond[other]
+            most = max(most, count)
+    return most
+
+
+@lean_kernel
+def measure(points, factor, surface):
+    """Fill lengths and angles (In/Out: surface); lengths are multiplied by a factor.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+        Of a size of about 1.
+    factor : float64
+    surface : Surface
+    """
+    cells, length, apex, angle = surface.cells, surface.length, surface.apex, surface.angle
+    for t in range(cells.shape[0]):
+        for v in range(3):
+            low, high = others_of(v)
+            a, b, c = cells[t, low], cells[t, high], cells[t, v]
+            square = along = 0.0
+            for d in range(3):
+                e = points[b, d] - points[a, d]
+                square += e * e
+                along += e * (points[c, d] - points[a, d])
+            share = along / square if square > 0.0 else 0.0
+            height = 0.0
+            for d in range(3):  # differences of vectors, not of squares: slivers stay accurate
+                e = points[b, d] - points[a, d]
+                height += (points[c, d] - points[a, d] - share * e) ** 2
+            side = 3 * t + v
+            edge = math.sqrt(square)
+            length[side] = factor * edge
+            apex[side, 0], apex[side, 1] = factor * share * edge, factor * math.sqrt(height)
+        for v in range(3):
+            low, high = others_of(v)
+            side = 3 * t + high  # its edge joins v and low
+            x, y = apex[side, 0], apex[side, 1]
+            angle[3 * t + v] = math.atan2(y, x if v < low else length[side] - x)
+
+
+@lean
+def cross(surface, side):
+    """Return the side by which the next triangle is entered, -1 at a boundary; -2 if several."""
+    other = surface.beyond[side]
+    if other == side:
+        return -1
+    return other if surface.beyond[other] == side else -2
+
+
+@lean_kernel
+def classify(surface):
+    """Find the kinds of nodes, and the sums of their angles (In/Out: surface).
+
+    Nodes that are COMPLEX stay so.
+    """
+    cells, angle, kind = surface.cells, surface.angle, surface.kind
+    for v in range(kind.shape[0]):
+        begin, end = surface.ring_ptr[v], surface.ring_ptr[v + 1]
+        if begin == end or kind[v] == COMPLEX:
+            continue
+        start = surface.ring[begin]
+        at = place_in(cells, start, v)
+        total, count, is_open, is_complex = angle[3 * start + at], 1, False, False
+        for way in range(2):
+            side = 3 * start + others_of(at)[1 - way]
+            while True:
+                side = cross(surface, side)
+                if side < 0 or side // 3 == start:
+                    break
+                t, far = side // 3, side % 3
+                k = place_in(cells, t, v)
+                total += angle[3 * t + k]
+                count += 1
+                side = 3 * t + 3 - far - k
+            is_complex = is_complex or side == -2
+            is_open = is_open or side == -1
+            if side >= 0:  # once around
+                break
+        surface.total[v] = total
+        if is_complex or count != end - begin:
+            kind[v] = COMPLEX
+        elif is_open and total > math.pi + _EXCESS:
+            kind[v] = REFLEX
+        elif not is_open and total > 2.0 * math.pi + _EXCESS:
+            kind[v] = SADDLE
+
+
+@lean_kernel
+def mark_sources(surface, h0, linear, steep, waves):
+    """Find the triangles into which bounds at nodes act, and the sides into which edges do.
+
+    A triangle on which h0 is linear and rises by at most 1 per unit of length is bounded by h0 at
+    least as strongly as by any path through it from one of its own points.  The same holds for the
+    paths from an edge into a triangle where h0 rises from the edge more slowly than they do.
+
+    Parameters
+    ----------
+    surface : Surface
+    h0 : float64[n]
+    linear : bool
+        Whether h0 is linear on the triangles; if not, it is a bound at the nodes only.
+    steep : bool[m]
+        Out: triangles into which their nodes act.
+    waves : bool[3 * m]
+        Out: sides into whose triangle paths start from the inside of the edge.
+
+    Returns
+    -------
+    int
+        Number of ``waves``.
+    """
+    cells, length, apex = surface.cells, surface.length, surface.apex
+    count = 0
+    for t in range(cells.shape[0]):
+        steep[t] = True
+        for v in range(3):
+            waves[3 * t + v] = False
+        if not linear:
+            continue
+        a, b, c = h0[cells[t, 0]], h0[cells[t, 1]], h0[cells[t, 2]]
+        if max(a, b, c) < math.inf and length[3 * t + 2] > 0.0 and apex[3 * t + 2, 1] > 0.0:
+            along = (b - a) / length[3 * t + 2]
+            across = (c - a - along * apex[3 * t + 2, 0]) / apex[3 * t + 2, 1]
+            steep[t] = not along * along + across * across <= 1.0
+        if not steep[t]:
+            continue
+        for v in range(3):
+            low, high = others_of(v)
+            a, b, c = h0[cells[t, low]], h0[cells[t, high]], h0[cells[t, v]]
+            if not max(a, b) < math.inf:
+                continue
+            side = 3 * t + v
+            if not abs(b - a) < length[side]:
+                continue
+            slope = (b - a) / length[side]
+            rate = math.sqrt((1.0 - slope) * (1.0 + slope))
+            if c - a - slope * apex[side, 0] > rate * apex[side, 1]:
+                waves[side] = True
+                count += 1
+    return count

@@ -1,0 +1,358 @@
+"""The exact method on triangles in space: shortest paths by windows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptsize._kernels import surface_fans as fans
+from adaptsize._kernels import surface_windows as kernels
+from adaptsize._kernels.topology import join_cells
+from adaptsize.background import SimplexMesh
+from adaptsize.background._curve import along_curve
+from adaptsize.background._mesh_arrays import read_only
+from adaptsize.background.topology import rings, unique_rows
+from adaptsize.limiting.exact.candidates import EQUAL
+from adaptsize.limiting.problem import PointBounds
+from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
+
+# Windows per node after which narrow ones are dropped, and at least so many windows in all.
+_MOST_PER_NODE, _MOST_AT_LEAST = 24, 50_000
+
+# Windows that are narrower than this share of their edge are narrow.
+_NARROW = 0.05
+
+# Windows between two calls of Python, some tenths of a second.
+_AT_ONCE = 500_000
+
+# Points of the surface this close to each other, relative to its diagonal, are the same.
+_TOUCHING = 1e-9
+
+
+@dataclass(frozen=True)
+class OnSurface:
+    """Limited sizes on a surface, and where they come from."""
+
+    h: FloatArray
+    named: IntArray
+    """int32[n, 3]: the nodes of the last root of each path, padded with -1; a node whose bound is
+    kept is its own; ``n + k`` is the k-th point."""
+    bend: FloatArray
+    """float64[n, 3]: the place of this node if the path bends there, else nan."""
+    proved: BoolArray
+    """Nodes whose size is known to be exact."""
+    gap: float
+    """Estimate of the largest error of the others."""
+    n_sources: int
+
+
+class _Canonical(NamedTuple):
+    """A surface with numbers that depend on nothing but the places of the nodes and their bounds.
+
+    So sizes are the same for any numbering, bit for bit, unless nodes with the same bound coincide.
+    """
+
+    node: IntArray
+    """int32[n]: the number of each node; nodes at no distance from each other share it."""
+    first: IntArray
+    """int32[k]: for each number, one of its nodes with the smallest bound."""
+    points: FloatArray
+    """float64[k, 3]: about 1 in size."""
+    factor: float
+    """Lengths of these times g."""
+    cells: IntArray
+    """int32[m, 3]: unique triangles; segments have a node twice."""
+    number: IntArray
+    """int32[n_cells]: row of each cell in ``cells``, -1 if it has none."""
+
+
+def limit_on_surface(
+    mesh: SimplexMesh,
+    h0: FloatArray,
+    g: float,
+    given: PointBounds | None,
+    linear: bool,
+    report: ProgressCallback,
+) -> OnSurface:
+    r"""Return :math:`\min_y h_0(y) + g\, d(x, y)` at the nodes of triangles in space.
+
+    d is the length of the shortest path on the triangles.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+    h0 : float64[n]
+    g : float
+    given : PointBounds, optional
+        Bounds at points, which act from the closest points of the surface.
+    linear : bool
+        Whether h0 is linear on the triangles; if not, it is a bound at the nodes only.
+    report : callable
+    """
+    whole, surface = _unfolded(mesh, h0, g)
+    n, m = len(whole.first), len(whole.cells)
+    bound = h0[whole.first]
+    steep, waves = np.empty(m, np.bool_), np.empty(3 * m, np.bool_)
+    n_waves = int(fans.mark_sources(surface, bound, linear, steep, waves))
+    start, at = bound.copy(), None
+    if given is not None:
+        at = _located(mesh, whole, given, g, start)
+        steep |= (start < bound)[whole.cells].any(axis=1)
+    n_points = 0 if given is None else len(given.sizes)
+    mode = kernels.Mode(n + n_points, steep, 0.0)
+    room = _room(surface)
+    front = _new_front(start, 4 * n + n_waves + room * (1 if at is None else 1 + 9 * len(at[0])))
+    kernels.start_at_nodes(surface, front, mode)
+    kernels.start_at_edges(surface, front, mode, bound, waves)
+    if at is not None:
+        kernels.start_at_points(surface, front, mode, *at)
+    most = max(_MOST_PER_NODE * n, _MOST_AT_LEAST)
+    front, spent = _propagate(surface, front, mode, room, most, report)
+    gap, exact_to = 0.0, np.inf
+    if spent:
+        front, gap = _finish_roughly(surface, front, mode, room, report)
+        exact_to = float(front.dropped[0])
+    h = np.minimum(h0, front.h[whole.node])
+    unused = ~mesh.in_a_cell
+    h[unused] = h0[unused]
+    named, bend = _origins(whole, mesh, front, n_points, h0)
+    used = np.unique(front.root[front.root >= 0])
+    return OnSurface(h, named, bend, h <= exact_to * (1.0 + EQUAL), gap, len(used))
+
+
+def _unfolded(mesh: SimplexMesh, h0: FloatArray, g: float) -> tuple[_Canonical, fans.Surface]:
+    """Return the surface with other numbers, and its lengths and angles."""
+    whole = _canonical(mesh, h0, g)
+    surface = _surface_of(whole)
+    if not surface.length.all():
+        whole = _merged(whole, surface, h0)
+        surface = _surface_of(whole)
+    return whole, surface
+
+
+def _canonical(mesh: SimplexMesh, h0: FloatArray, g: float) -> _Canonical:
+    """Return the surface with other numbers; nodes along a Morton curve."""
+    largest = float(np.abs(mesh.points).max())
+    scale = float(np.ldexp(1.0, -np.frexp(largest)[1])) if largest > 0.0 else 1.0
+    order = np.lexsort((h0, *mesh.points.T))
+    points = mesh.points[order] * scale
+    along = along_curve(points)
+    order = order[along].astype(np.int32)
+    node = np.empty(len(order), np.int32)
+    node[order] = np.arange(len(order), dtype=np.int32)
+    cells, number = unique_rows(node[mesh.cells], len(order))
+    return _Canonical(node, order, points[along], g / scale, cells, number)
+
+
+def _merged(whole: _Canonical, surface: fans.Surface, h0: FloatArray) -> _Canonical:
+    """Return the surface with one node for those that edges of no length join.
+
+    Triangles of which two nodes are left are kept as segments, unless they are edges of others.
+    With g = 0, one node is left of each component.
+    """
+    sides = np.flatnonzero(surface.length == 0.0)
+    rows, k = whole.cells[sides // 3], sides % 3
+    every = np.arange(len(sides))
+    pairs = np.column_stack([rows[every, (k == 0) * 1], rows[every, 2 - (k == 2)]])
+    parent = np.arange(len(whole.first), dtype=np.int32)
+    join_cells(np.ascontiguousarray(pairs), parent)
+    kept, number = np.unique(parent, return_inverse=True)
+    number, n = number.astype(np.int32), len(kept)
+    by_bound = np.lexsort((h0[whole.first], number))
+    first = by_bound[np.unique(number[by_bound], return_index=True)[1]]
+    cells = np.sort(number[whole.cells], axis=1)
+    width = (np.diff(cells, axis=1) > 0).sum(axis=1)
+    full = cells[width == 2].astype(np.int64)
+    edges = np.concatenate([full[:, :2], full[:, 1:], full[:, ::2]])
+    is_edge = np.isin(cells[:, 0].astype(np.int64) * n + cells[:, 2], edges @ [n, 1])
+    chosen = (width == 2) | ((width == 1) & ~is_edge)
+    unique, row = unique_rows(cells[chosen], n)
+    new = np.full(len(cells), -1, np.int32)
+    new[chosen] = row
+    return whole._replace(
+        node=number[whole.node],
+        first=whole.first[first],
+        points=whole.points[kept],
+        cells=unique,
+        number=new[whole.number],
+    )
+
+
+def _surface_of(whole: _Canonical) -> fans.Surface:
+    """Return lengths, angles and kinds of nodes."""
+    n, m = len(whole.first), len(whole.cells)
+    beyond = np.empty(3 * m, np.int32)
+    surface = fans.Surface(
+        read_only(whole.cells),
+        beyond,
+        np.empty(3 * m),
+        np.empty((3 * m, 2)),
+        np.empty(3 * m),
+        *rings(whole.cells, n),
+        np.zeros(n, np.int8),
+        np.zeros(n),
+    )
+    scratch = np.empty(n, np.int32), np.empty(3 * m, np.int32)
+    fans.connect_sides(surface.cells, beyond, *scratch)
+    fans.measure(whole.points, whole.factor, surface)
+    is_segment = (np.diff(whole.cells, axis=1) == 0).any(axis=1)
+    surface.kind[whole.cells[is_segment]] = fans.COMPLEX
+    fans.classify(surface)
+    return surface
+
+
+def _room(surface: fans.Surface) -> int:
+    """Return how many windows and entries of the heap one step may add."""
+    degree = int(np.diff(surface.ring_ptr).max(initial=0))
+    return 4 * degree + 16
+
+
+def _located(
+    mesh: SimplexMesh, whole: _Canonical, given: PointBounds, g: float, start: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray, IntArray]:
+    """Return the triangles that hold the closest point of the surface to each given point.
+
+    Where these have no area, the sizes at their nodes are lowered (In/Out: start).
+
+    Returns
+    -------
+    int32[k], float64[k, 3], float64[k], int32[k]
+        As for `surface_windows.start_at_points`.
+    """
+    chosen = np.flatnonzero(np.isfinite(given.sizes))
+    feet, locator = given.points[chosen], mesh.locator
+    cells, weights, away = locator.nearest(feet)
+    off = away > 0.0
+    feet[off] = np.einsum("iv,ivd->id", weights[off], mesh.points[mesh.cells[cells[off]]])
+    sizes = given.sizes[chosen] + g * away
+    which, cells = locator.within(feet, _TOUCHING * mesh.diagonal)
+    rows = whole.number[cells]
+    scale = float(np.ldexp(1.0, -np.frexp(np.abs(mesh.points).max())[1]))
+    weights = _weights(whole.points[whole.cells[rows]], feet[which] * scale)
+    is_full = (rows >= 0) & np.isfinite(weights[:, 0])
+    for corner in mesh.cells[cells[~is_full]].T:
+        length = np.linalg.norm(mesh.points[corner] - feet[which[~is_full]], axis=1)
+        np.minimum.at(start, whole.node[corner], sizes[which[~is_full]] + g * length)
+    kept = np.flatnonzero(is_full)
+    kept = kept[np.lexsort((which[kept], rows[kept]))]
+    which = which[kept]
+    roots = (len(whole.first) + chosen[which]).astype(np.int32)
+    return rows[kept], weights[kept], sizes[which], roots
+
+
+def _weights(corners: FloatArray, points: FloatArray) -> FloatArray:
+    """Return weights of the corners of triangles at points in them; nan if there is no area."""
+    p, q = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal = np.cross(p, q)
+    away = points - corners[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        area = np.einsum("id,id->i", normal, normal)
+        second = np.einsum("id,id->i", np.cross(away, q), normal) / area
+        third = np.einsum("id,id->i", np.cross(p, away), normal) / area
+        weights = np.maximum(np.column_stack([1.0 - second - third, second, third]), 0.0)
+        found: FloatArray = weights / weights.sum(axis=1)[:, None]
+    return found
+
+
+def _new_front(start: FloatArray, n_rows: int) -> kernels.Front:
+    """Return a front with sizes at nodes and no windows."""
+    n = len(start)
+    return kernels.Front(
+        start,
+        np.full(n, -1, np.int32),
+        np.zeros(n, np.int32),
+        np.zeros(n),
+        np.full(n, np.inf),
+        np.empty((n_rows, 5)),
+        np.empty((n_rows, 2), np.int32),
+        np.empty(n_rows, np.int32),
+        np.empty(2 * n_rows),
+        np.empty(2 * n_rows, np.int32),
+        np.zeros(4, np.int64),
+        np.array([np.inf]),
+    )
+
+
+def _enlarged(front: kernels.Front, room: int) -> kernels.Front:
+    """Return a front with arrays of twice the size, or more, for its windows."""
+    more = len(front.rows) + room
+
+    def longer(array: FloatArray, n: int) -> FloatArray:
+        return np.concatenate([array, np.empty((n, *array.shape[1:]), array.dtype)])
+
+    of_rows = {name: longer(getattr(front, name), more) for name in ("rows", "where", "free")}
+    of_queue = {name: longer(getattr(front, name), 2 * more) for name in ("key", "item")}
+    return front._replace(**of_rows, **of_queue)
+
+
+def _propagate(
+    surface: fans.Surface,
+    front: kernels.Front,
+    mode: kernels.Mode,
+    room: int,
+    most: float,
+    report: ProgressCallback,
+) -> tuple[kernels.Front, bool]:
+    """Process windows until none are left, or so many in all; return whether any are left."""
+    while True:
+        until = min(int(front.count[kernels.DONE]) + _AT_ONCE, most)
+        status = kernels.propagate(surface, front, mode, room, int(until))
+        if status == kernels.FINISHED:
+            return front, False
+        if status == kernels.FULL:
+            front = _enlarged(front, room)
+        elif until == most:
+            return front, True
+        report("limiting the gradient", None)
+
+
+def _finish_roughly(
+    surface: fans.Surface,
+    front: kernels.Front,
+    mode: kernels.Mode,
+    room: int,
+    report: ProgressCallback,
+) -> tuple[kernels.Front, float]:
+    """Drop narrow windows from now on; return the front, and an estimate of its largest error.
+
+    The estimate is the change of the sizes if windows of up to twice the width are dropped.
+    """
+    n, sizes = len(front.h), []
+    front = _enlarged(front, n + room)
+    for share in (2.0, 1.0):
+        last = front if share == 1.0 else front._replace(**{
+            name: array.copy() for name, array in front._asdict().items()
+        })
+        rough = mode._replace(narrow=share * _NARROW)
+        kernels.start_at_nodes(surface, last, rough)
+        last, _ = _propagate(surface, last, rough, room, np.inf, report)
+        sizes.append(last.h)
+    with np.errstate(invalid="ignore"):
+        change = np.abs(sizes[0] - sizes[1])
+    return last, float(change.max(where=np.isfinite(change), initial=0.0))
+
+
+def _origins(
+    whole: _Canonical, mesh: SimplexMesh, front: kernels.Front, n_points: int, h0: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Return ``named`` and ``bend`` of `OnSurface`."""
+    n, total = len(whole.first), len(h0)
+    root = np.where(front.root < 0, np.arange(n, dtype=np.int32), front.root)
+    named = np.full((n, 3), -1, np.int32)
+    at_node, at_edge = root < n, root >= n + n_points
+    named[:, 0] = np.where(at_node, whole.first[np.where(at_node, root, 0)], root - n + total)
+    sides = root[at_edge] - (n + n_points)
+    rows, k = whole.cells[sides // 3], sides % 3
+    every = np.arange(len(sides))
+    named[at_edge, 0] = whole.first[rows[every, (k == 0) * 1]]
+    named[at_edge, 1] = whole.first[rows[every, 2 - (k == 2)]]
+    bends = at_node & (front.root >= 0)
+    bends[bends] = front.root[root[bends]] >= 0
+    place = np.where(bends[:, None], mesh.points[named[:, 0]], np.nan)
+    own = h0 <= front.h[whole.node]
+    named, place = named[whole.node], place[whole.node]
+    named[own] = -1
+    named[own, 0], place[own] = np.flatnonzero(own), np.nan
+    return named, place
