@@ -219,6 +219,42 @@ def _store(front, side, ends, source, root, key):
 
 
 @lean
+def _offer(surface, front, mode, corner, value, root, turn):
+    """Lower the size at the node of a corner to a value, and queue it if it may be a root."""
+    node = np.int64(surface.cells[corner // 3, corner % 3])
+    if not value < front.h[node]:
+        return
+    front.h[node], front.root[node] = value, root
+    front.corner[node], front.turn[node] = corner, turn
+    if surface.kind[node] != FLAT or mode.narrow > 0.0:
+        _queue(front, value, -1 - node)
+
+
+@lean
+def _reach(surface, front, mode, side, ends, source, root):
+    """Offer a size to the node opposite to a window; return where the line to it meets the edge."""
+    x, y, sx, sy = surface.apex[side, 0], surface.apex[side, 1], source[0], source[1]
+    is_wave = root >= mode.first_wave
+    if is_wave:
+        at = x + sx * (y / sy)
+    else:
+        at = sx + (x - sx) * (sy / (sy + y))
+    node = np.int64(surface.cells[side // 3, side % 3])
+    value = _size_at(source, is_wave, x, y)
+    if value < front.h[node]:
+        through = min(max(at, ends[0]), ends[1])
+        if through != at:  # around the end
+            value = _size_at(source, is_wave, through, 0.0)
+            value += math.sqrt((x - through) ** 2 + y * y)
+        if value < front.h[node]:
+            turn = 0.0
+            if surface.kind[node] != FLAT:
+                turn = math.atan2(through * y, y * y - x * (through - x))
+            _offer(surface, front, mode, side, value, root, turn)
+    return at
+
+
+@lean
 def _leave(surface, front, mode, side, ends, source, root):
     """Queue a window that leaves a triangle by a side, in all triangles beyond."""
     other = surface.beyond[side]
@@ -232,22 +268,13 @@ def _leave(surface, front, mode, side, ends, source, root):
     key = _least_in(ends, source, is_wave)
     if width <= mode.narrow * surface.length[side]:
         front.dropped[0] = min(front.dropped[0], key)
+        while other != side:
+            _reach(surface, front, mode, other, ends, source, root)
+            other = surface.beyond[other]
         return
     while other != side:
         _store(front, other, ends, source, root, key)
         other = surface.beyond[other]
-
-
-@lean
-def _offer(surface, front, mode, corner, value, root, turn):
-    """Lower the size at the node of a corner to a value, and queue it if it may be a root."""
-    node = np.int64(surface.cells[corner // 3, corner % 3])
-    if not value < front.h[node]:
-        return
-    front.h[node], front.root[node] = value, root
-    front.corner[node], front.turn[node] = corner, turn
-    if surface.kind[node] != FLAT or mode.narrow > 0.0:
-        _queue(front, value, -1 - node)
 
 
 @lean
@@ -336,7 +363,7 @@ def _spread(surface, front, mode, node, value):
     """Process a node: send paths from it if it is a root."""
     cells, is_own = surface.cells, front.root[node] < 0
     is_new = value < front.sent[node]
-    everywhere = is_own or surface.kind[node] == COMPLEX
+    everywhere = is_own or surface.kind[node] == COMPLEX or mode.narrow > 0.0
     for r in range(surface.ring_ptr[node], surface.ring_ptr[node + 1]):
         t = np.int64(surface.ring[r])
         k = place_in(cells, t, node)
@@ -422,23 +449,7 @@ def _enter(surface, front, mode, slot):
     length = surface.length[side]
     if not end - begin > _NOTHING * length:
         return
-    x, y, sx, sy = surface.apex[side, 0], surface.apex[side, 1], source[0], source[1]
-    if is_wave:
-        at = x + sx * (y / sy)
-    else:
-        at = sx + (x - sx) * (sy / (sy + y))
-    node = np.int64(surface.cells[side // 3, side % 3])
-    value = _size_at(source, is_wave, x, y)
-    if value < front.h[node]:
-        through = min(max(at, begin), end)
-        if through != at:  # around the end
-            value = _size_at(source, is_wave, through, 0.0)
-            value += math.sqrt((x - through) ** 2 + y * y)
-        if value < front.h[node]:
-            turn = 0.0
-            if surface.kind[node] != FLAT:
-                turn = math.atan2(through * y, y * y - x * (through - x))
-            _offer(surface, front, mode, side, value, root, turn)
+    at = _reach(surface, front, mode, side, (begin, end), source, root)
     for last in range(2):
         if last == 1:  # seen from the other end
             begin, end, at = length - end, length - begin, length - at
@@ -449,13 +460,24 @@ def _enter(surface, front, mode, slot):
 
 @lean_kernel
 def start_at_nodes(surface, front, mode):
-    """Queue the nodes that act by their own bounds (In/Out: front)."""
+    """Queue the nodes that act by their own bounds (In/Out: front).
+
+    If narrow windows are dropped from now on, queue all nodes, of which those that are settled
+    have been roots.
+    """
+    until = front.key[0] if mode.narrow > 0.0 else -math.inf
     for node in range(front.h.shape[0]):
-        if front.h[node] < math.inf:
-            for r in range(surface.ring_ptr[node], surface.ring_ptr[node + 1]):
-                if mode.steep[surface.ring[r]] or mode.narrow > 0.0:
-                    _queue(front, front.h[node], -1 - node)
-                    break
+        if not front.h[node] < math.inf:
+            continue
+        acts, reach = mode.narrow > 0.0, 0.0
+        for r in range(surface.ring_ptr[node], surface.ring_ptr[node + 1]):
+            t = np.int64(surface.ring[r])
+            acts = acts or mode.steep[t]
+            reach = max(reach, surface.length[3 * t], surface.length[3 * t + 1])
+        if front.h[node] + 2.0 * reach < until:
+            front.sent[node] = front.h[node]
+        if acts:
+            _queue(front, front.h[node], -1 - node)
 
 
 @lean_kernel

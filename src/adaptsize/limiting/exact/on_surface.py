@@ -19,10 +19,10 @@ from adaptsize.limiting.problem import PointBounds
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 # Windows per node after which narrow ones are dropped, and at least so many windows in all.
-_MOST_PER_NODE, _MOST_AT_LEAST = 24, 50_000
+_MOST_PER_NODE, _MOST_AT_LEAST = 28, 60_000
 
 # Windows that are narrower than this share of their edge are narrow.
-_NARROW = 0.05
+_NARROW = 0.4
 
 # Windows between two calls of Python, some tenths of a second.
 _AT_ONCE = 500_000
@@ -91,7 +91,7 @@ def limit_on_surface(
         Whether h0 is linear on the triangles; if not, it is a bound at the nodes only.
     report : callable
     """
-    whole, surface = _unfolded(mesh, h0, g)
+    whole, surface, room = _unfolded(mesh, h0, g)
     n, m = len(whole.first), len(whole.cells)
     bound = h0[whole.first]
     steep, waves = np.empty(m, np.bool_), np.empty(3 * m, np.bool_)
@@ -102,8 +102,7 @@ def limit_on_surface(
         steep |= (start < bound)[whole.cells].any(axis=1)
     n_points = 0 if given is None else len(given.sizes)
     mode = kernels.Mode(n + n_points, steep, 0.0)
-    room = _room(surface)
-    front = _new_front(start, 4 * n + n_waves + room * (1 if at is None else 1 + 9 * len(at[0])))
+    front = _new_front(start, 4 * n + n_waves + room * (1 if at is None else 1 + len(at[0])))
     kernels.start_at_nodes(surface, front, mode)
     kernels.start_at_edges(surface, front, mode, bound, waves)
     if at is not None:
@@ -122,14 +121,15 @@ def limit_on_surface(
     return OnSurface(h, named, bend, h <= exact_to * (1.0 + EQUAL), gap, len(used))
 
 
-def _unfolded(mesh: SimplexMesh, h0: FloatArray, g: float) -> tuple[_Canonical, fans.Surface]:
-    """Return the surface with other numbers, and its lengths and angles."""
+def _unfolded(mesh: SimplexMesh, h0: FloatArray, g: float) -> tuple[_Canonical, fans.Surface, int]:
+    """Return the surface with other numbers, its lengths and angles, and the room for a step."""
     whole = _canonical(mesh, h0, g)
-    surface = _surface_of(whole)
+    surface, most = _surface_of(whole)
     if not surface.length.all():
         whole = _merged(whole, surface, h0)
-        surface = _surface_of(whole)
-    return whole, surface
+        surface, most = _surface_of(whole)
+    degree = int(np.diff(surface.ring_ptr).max(initial=0))
+    return whole, surface, (degree + 4) * (most + 2)
 
 
 def _canonical(mesh: SimplexMesh, h0: FloatArray, g: float) -> _Canonical:
@@ -180,8 +180,8 @@ def _merged(whole: _Canonical, surface: fans.Surface, h0: FloatArray) -> _Canoni
     )
 
 
-def _surface_of(whole: _Canonical) -> fans.Surface:
-    """Return lengths, angles and kinds of nodes."""
+def _surface_of(whole: _Canonical) -> tuple[fans.Surface, int]:
+    """Return lengths, angles and kinds of nodes, and the largest number of triangles at an edge."""
     n, m = len(whole.first), len(whole.cells)
     beyond = np.empty(3 * m, np.int32)
     surface = fans.Surface(
@@ -195,18 +195,12 @@ def _surface_of(whole: _Canonical) -> fans.Surface:
         np.zeros(n),
     )
     scratch = np.empty(n, np.int32), np.empty(3 * m, np.int32)
-    fans.connect_sides(surface.cells, beyond, *scratch)
+    most = int(fans.connect_sides(surface.cells, beyond, *scratch))
     fans.measure(whole.points, whole.factor, surface)
     is_segment = (np.diff(whole.cells, axis=1) == 0).any(axis=1)
     surface.kind[whole.cells[is_segment]] = fans.COMPLEX
     fans.classify(surface)
-    return surface
-
-
-def _room(surface: fans.Surface) -> int:
-    """Return how many windows and entries of the heap one step may add."""
-    degree = int(np.diff(surface.ring_ptr).max(initial=0))
-    return 4 * degree + 16
+    return surface, most
 
 
 def _located(
