@@ -22,6 +22,10 @@ FLAT, SADDLE, REFLEX, COMPLEX = range(4)
 #: reached by a path whose length differs by its square.
 _EXCESS = 1e-9
 
+#: Least height of a triangle over an edge, relative to the edge.  So paths also pass through
+#: triangles without area, as at T-junctions.
+_FLAT = 1e-14
+
 
 class Surface(NamedTuple):
     """Triangles in space, of which nothing but lengths and angles is used.
@@ -140,7 +144,8 @@ def measure(points, factor, surface):
             side = 3 * t + v
             edge = math.sqrt(square)
             length[side] = factor * edge
-            apex[side, 0], apex[side, 1] = factor * share * edge, factor * math.sqrt(height)
+            apex[side, 0] = factor * share * edge
+            apex[side, 1] = factor * max(math.sqrt(height), _FLAT * edge)
         for v in range(3):
             low, high = others_of(v)
             side = 3 * t + high  # its edge joins v and low

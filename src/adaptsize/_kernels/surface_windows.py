@@ -46,6 +46,9 @@ FINISHED, FULL, SPENT = range(3)
 #: Width of a window, relative to its edge, that is rounding.
 _NOTHING = 1e-14
 
+#: Factor of lengths from the end of a window, so that roots go first that lie there.
+_LATER = 1.0 + 1e-14
+
 #: Angle (radians) below which a direction is that of an edge.
 _GRAZING = 1e-9
 
@@ -245,7 +248,7 @@ def _reach(surface, front, mode, side, ends, source, root):
         through = min(max(at, ends[0]), ends[1])
         if through != at:  # around the end
             value = _size_at(source, is_wave, through, 0.0)
-            value += math.sqrt((x - through) ** 2 + y * y)
+            value += _LATER * math.sqrt((x - through) ** 2 + y * y)
         if value < front.h[node]:
             turn = 0.0
             if surface.kind[node] != FLAT:

@@ -14,7 +14,6 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import rings, unique_rows
-from adaptsize.limiting.exact.candidates import EQUAL
 from adaptsize.limiting.problem import PointBounds
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
@@ -59,9 +58,11 @@ class _Canonical(NamedTuple):
     first: IntArray
     """int32[k]: for each number, one of its nodes with the smallest bound."""
     points: FloatArray
-    """float64[k, 3]: about 1 in size."""
+    """float64[k, 3]: their places times ``scale``."""
+    scale: float
+    """A power of two that makes the largest coordinate about 1."""
     factor: float
-    """Lengths of these times g."""
+    """Lengths between ``points`` times this are lengths times g."""
     cells: IntArray
     """int32[m, 3]: unique triangles; segments have a node twice."""
     number: IntArray
@@ -93,12 +94,15 @@ def limit_on_surface(
     """
     whole, surface, room = _unfolded(mesh, h0, g)
     n, m = len(whole.first), len(whole.cells)
-    bound = h0[whole.first]
+    held = None if given is None else _Held.of(mesh, whole, given, g)
+    base = _least(whole, h0, held)
+    bound = h0[whole.first] - base
     steep, waves = np.empty(m, np.bool_), np.empty(3 * m, np.bool_)
     n_waves = int(fans.mark_sources(surface, bound, linear, steep, waves))
     start, at = bound.copy(), None
-    if given is not None:
-        at = _located(mesh, whole, given, g, start)
+    if held is not None:
+        held.lower(mesh, whole, g, base, start)
+        at = held.for_kernel(whole, base)
         steep |= (start < bound)[whole.cells].any(axis=1)
     n_points = 0 if given is None else len(given.sizes)
     mode = kernels.Mode(n + n_points, steep, 0.0)
@@ -113,12 +117,14 @@ def limit_on_surface(
     if spent:
         front, gap = _finish_roughly(surface, front, mode, room, report)
         exact_to = float(front.dropped[0])
-    h = np.minimum(h0, front.h[whole.node])
+    moved = (front.root >= 0) | (front.h < bound)
+    h = np.minimum(h0, np.where(moved, base + front.h, h0[whole.first])[whole.node])
     unused = ~mesh.in_a_cell
     h[unused] = h0[unused]
-    named, bend = _origins(whole, mesh, front, n_points, h0)
+    named, bend = _origins(whole, mesh, front, n_points, h0 <= h)
     used = np.unique(front.root[front.root >= 0])
-    return OnSurface(h, named, bend, h <= exact_to * (1.0 + EQUAL), gap, len(used))
+    proved = (front.h <= exact_to)[whole.node]
+    return OnSurface(h, named, bend, proved, gap, len(used))
 
 
 def _unfolded(mesh: SimplexMesh, h0: FloatArray, g: float) -> tuple[_Canonical, fans.Surface, int]:
@@ -143,7 +149,7 @@ def _canonical(mesh: SimplexMesh, h0: FloatArray, g: float) -> _Canonical:
     node = np.empty(len(order), np.int32)
     node[order] = np.arange(len(order), dtype=np.int32)
     cells, number = unique_rows(node[mesh.cells], len(order))
-    return _Canonical(node, order, points[along], g / scale, cells, number)
+    return _Canonical(node, order, points[along], scale, g / scale, cells, number)
 
 
 def _merged(whole: _Canonical, surface: fans.Surface, h0: FloatArray) -> _Canonical:
@@ -203,37 +209,75 @@ def _surface_of(whole: _Canonical) -> tuple[fans.Surface, int]:
     return surface, most
 
 
-def _located(
-    mesh: SimplexMesh, whole: _Canonical, given: PointBounds, g: float, start: FloatArray
-) -> tuple[IntArray, FloatArray, FloatArray, IntArray]:
-    """Return the triangles that hold the closest point of the surface to each given point.
+class _Held(NamedTuple):
+    """Points of the surface with bounds, and the triangles that hold them."""
 
-    Where these have no area, the sizes at their nodes are lowered (In/Out: start).
+    places: FloatArray
+    """float64[k, 3]: a row for each pair of a point and a triangle."""
+    sizes: FloatArray
+    numbers: IntArray
+    """int32[k]: of the points."""
+    cells: IntArray
+    """int32[k]: of the mesh."""
+    node: IntArray
+    """int32[k]: one of their nodes in the other numbers."""
+    rows: IntArray
+    """int32[k]: of the triangles there."""
+    weights: FloatArray
+    """float64[k, 3]: of the nodes of these, nan if they have no area."""
 
-    Returns
-    -------
-    int32[k], float64[k, 3], float64[k], int32[k]
-        As for `surface_windows.start_at_points`.
+    @classmethod
+    def of(cls, mesh: SimplexMesh, whole: _Canonical, given: PointBounds, g: float) -> _Held:
+        """Return them, moved to the closest points of the surface."""
+        chosen = np.flatnonzero(np.isfinite(given.sizes))
+        places, sizes = given.points[chosen], given.sizes[chosen]
+        near, weights, away = mesh.locator.nearest(places)
+        off = away > _TOUCHING * mesh.diagonal
+        feet = np.einsum("iv,ivd->id", weights, mesh.points[mesh.cells[near]])
+        places = np.where(off[:, None], feet, places)
+        sizes = np.where(off, sizes + g * away, sizes)
+        which, cells = mesh.locator.within(places, _TOUCHING * mesh.diagonal)
+        rows = whole.number[cells]
+        order = np.lexsort((sizes[which], *places[which].T, rows))
+        which, cells, rows = which[order], cells[order], rows[order]
+        weights, used = np.full((len(rows), 3), np.nan), np.flatnonzero(rows >= 0)
+        corners = whole.points[whole.cells[rows[used]]]
+        weights[used] = _weights(corners, places[which[used]] * whole.scale)
+        numbers, node = chosen[which].astype(np.int32), whole.node[mesh.cells[cells, 0]]
+        return cls(places[which], sizes[which], numbers, cells, node, rows, weights)
+
+    def lower(
+        self, mesh: SimplexMesh, whole: _Canonical, g: float, base: FloatArray, start: FloatArray
+    ) -> None:
+        """Lower the start at the nodes of triangles without area that hold points (In/Out)."""
+        flat = np.isnan(self.weights[:, 0])
+        for corner in mesh.cells[self.cells[flat]].T:
+            node = whole.node[corner]
+            length = np.linalg.norm(mesh.points[corner] - self.places[flat], axis=1)
+            np.minimum.at(start, node, self.sizes[flat] - base[node] + g * length)
+
+    def for_kernel(
+        self, whole: _Canonical, base: FloatArray
+    ) -> tuple[IntArray, FloatArray, FloatArray, IntArray]:
+        """Return the arguments of `surface_windows.start_at_points`."""
+        full = ~np.isnan(self.weights[:, 0])
+        roots = (len(whole.first) + self.numbers[full]).astype(np.int32)
+        sizes = (self.sizes - base[self.node])[full]
+        return self.rows[full], self.weights[full], sizes, roots
+
+
+def _least(whole: _Canonical, h0: FloatArray, held: _Held | None) -> FloatArray:
+    """Return for each node the least bound of its component, which sizes are measured from.
+
+    So lengths are not lost to rounding beside sizes that they are far below.
     """
-    chosen = np.flatnonzero(np.isfinite(given.sizes))
-    feet, locator = given.points[chosen], mesh.locator
-    cells, weights, away = locator.nearest(feet)
-    off = away > 0.0
-    feet[off] = np.einsum("iv,ivd->id", weights[off], mesh.points[mesh.cells[cells[off]]])
-    sizes = given.sizes[chosen] + g * away
-    which, cells = locator.within(feet, _TOUCHING * mesh.diagonal)
-    rows = whole.number[cells]
-    scale = float(np.ldexp(1.0, -np.frexp(np.abs(mesh.points).max())[1]))
-    weights = _weights(whole.points[whole.cells[rows]], feet[which] * scale)
-    is_full = (rows >= 0) & np.isfinite(weights[:, 0])
-    for corner in mesh.cells[cells[~is_full]].T:
-        length = np.linalg.norm(mesh.points[corner] - feet[which[~is_full]], axis=1)
-        np.minimum.at(start, whole.node[corner], sizes[which[~is_full]] + g * length)
-    kept = np.flatnonzero(is_full)
-    kept = kept[np.lexsort((which[kept], rows[kept]))]
-    which = which[kept]
-    roots = (len(whole.first) + chosen[which]).astype(np.int32)
-    return rows[kept], weights[kept], sizes[which], roots
+    number = np.arange(len(whole.first), dtype=np.int32)
+    join_cells(whole.cells, number)
+    least = np.full(len(number), np.inf)
+    np.minimum.at(least, number, h0[whole.first])
+    if held is not None:
+        np.minimum.at(least, number[held.node], held.sizes)
+    return np.where(np.isfinite(least), least, 0.0)[number]
 
 
 def _weights(corners: FloatArray, points: FloatArray) -> FloatArray:
@@ -329,10 +373,10 @@ def _finish_roughly(
 
 
 def _origins(
-    whole: _Canonical, mesh: SimplexMesh, front: kernels.Front, n_points: int, h0: FloatArray
+    whole: _Canonical, mesh: SimplexMesh, front: kernels.Front, n_points: int, own: BoolArray
 ) -> tuple[IntArray, FloatArray]:
-    """Return ``named`` and ``bend`` of `OnSurface`."""
-    n, total = len(whole.first), len(h0)
+    """Return ``named`` and ``bend`` of `OnSurface`; ``own``: nodes that keep their bounds."""
+    n, total = len(whole.first), len(own)
     root = np.where(front.root < 0, np.arange(n, dtype=np.int32), front.root)
     named = np.full((n, 3), -1, np.int32)
     at_node, at_edge = root < n, root >= n + n_points
@@ -344,8 +388,7 @@ def _origins(
     named[at_edge, 1] = whole.first[rows[every, 2 - (k == 2)]]
     bends = at_node & (front.root >= 0)
     bends[bends] = front.root[root[bends]] >= 0
-    place = np.where(bends[:, None], mesh.points[named[:, 0]], np.nan)
-    own = h0 <= front.h[whole.node]
+    place = np.where(bends[:, None], mesh.points[np.where(bends, named[:, 0], 0)], np.nan)
     named, place = named[whole.node], place[whole.node]
     named[own] = -1
     named[own, 0], place[own] = np.flatnonzero(own), np.nan
