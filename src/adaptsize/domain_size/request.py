@@ -245,7 +245,7 @@ class Bounds:
     weights: FloatArray | None = None
     """Length, area or volume of the domain at each node, 0 outside; None: that of the cells."""
     points: PointBounds = field(default=())
-    """Applied by the exact method at their positions; on surfaces, only inside a solid."""
+    """Applied by the exact method at their positions; of surfaces, only inside a solid."""
     is_rough: bool = False
     """Whether the boundary of the domain is."""
     solid: tuple[Inside, FloatArray] | None = None
@@ -280,9 +280,11 @@ class Bounds:
             self.limits = request.not_raised(self.limits, self.nodal["sources"])
         background, (low, high) = self.background, self.limits
         dim = background.dim
-        points = [*self.points, *request.points(dim)] if self.solid is None else [*self.points]
-        if measure_dim(background) < dim and self.solid is None:
-            points = []  # point sources act at the nodes around them
+        points = [*self.points]
+        if self.solid is None:
+            points = points if measure_dim(background) == dim else []
+            if measure_dim(background) > 1 or dim == 1:  # on lines, at the nodes around them
+                points += request.points(dim)
         given = [*self.nodal, *(name for name, _, _ in points), *["sources"] * bool(self.inner)]
         names = (*dict.fromkeys(given), "hmin", "hmax")
         requested = np.full(background.nodal_shape, high)

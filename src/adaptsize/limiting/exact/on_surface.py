@@ -360,9 +360,11 @@ def _finish_roughly(
     n, sizes = len(front.h), []
     front = _enlarged(front, n + room)
     for share in (2.0, 1.0):
-        last = front if share == 1.0 else front._replace(**{
-            name: array.copy() for name, array in front._asdict().items()
-        })
+        last = (
+            front
+            if share == 1.0
+            else front._replace(**{name: array.copy() for name, array in front._asdict().items()})
+        )
         rough = mode._replace(narrow=share * _NARROW)
         kernels.start_at_nodes(surface, last, rough)
         last, _ = _propagate(surface, last, rough, room, np.inf, report)

@@ -1,4 +1,4 @@
-"""The exact method on any flat background: components, lines, meshes, grids and periodic cells."""
+"""The exact method: components, lines, meshes, surfaces, grids and periodic cells."""
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -85,13 +85,14 @@ class ExactSolution(Solution):
 class Exact(Scheme):
     r"""Each size directly from the bounds: :math:`\min_y h_0(y) + g\, d(x, y)`.
 
-    d is the length of paths in the domain.  In convex domains and in the plane, it is that of the
-    shortest path, and the result is exact to rounding.  In solids this holds at each x from which
+    d is the length of paths in the domain.  In convex domains, in the plane and on surfaces, it is
+    that of the shortest path, and the result is exact to rounding; on surfaces that would need
+    too many windows, this holds up to a certain distance from the sources.  In solids this holds at each x from which
     the minimising point is visible.  Elsewhere d is the length of a path over reflex edges, so that
     no size is too small.  The domain of a grid with inactive nodes is the cubical complex of the
     active nodes.
 
-    The scheme needs a flat domain, and one number g or a function g(h).
+    The scheme needs a flat domain or triangles in space, and one number g or a function g(h).
 
     Parameters
     ----------
