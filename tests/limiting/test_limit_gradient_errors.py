@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from meshes import jittered_square, random_sphere
+from meshes import jittered_square
 
 from adaptsize import CartesianGrid, SimplexMesh, limit_gradient
 from adaptsize.errors import ConvergenceWarning, InputWarning
@@ -66,8 +66,7 @@ def test_the_exact_method_refuses_what_it_does_not_know():
     with message("method='exact' needs one number g or g(h), got g that varies in space"):
         limit_gradient(SQUARE, H0, [0.1, 0.2], method="exact")
     line = SimplexMesh([[0, 0], [1, 0], [1, 1]], [[0, 1], [1, 2]])
-    expected = "method='exact' needs a flat domain of full dimension or triangles, got SimplexMesh(3"
-    with message(expected):
+    with message("method='exact' needs a flat domain of full dimension or triangles, got"):
         limit_gradient(line, np.ones(3), 0.3, method="exact")
 
 

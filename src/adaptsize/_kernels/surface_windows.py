@@ -18,8 +18,9 @@ at least 180 degrees from that of its path, measured either way around the node.
 A window ends where a node of its edge allows less, by a path along the edge (Xin and Wang,
 Improving Chen and Han's algorithm, 2009).
 
-Beyond a number of windows, *narrow* ones are dropped.  Nodes then offer sizes along edges, too.
-Every size is still that of a path, and exact if it is at most that of the first dropped window.
+Beyond a number of windows, *narrow* ones are dropped, after they have offered a size.  Then every
+node becomes a root when it gets its size.  So sizes are still those of paths, which now may bend
+at any node, and those up to the least size in a dropped window are exact.
 """
 
 import math
@@ -37,7 +38,7 @@ from adaptsize._kernels.surface_fans import (
     place_in,
 )
 
-#: Places in ``Front.count``.
+#: Places in ``Front.tally``.
 QUEUED, USED, FREE, DONE = range(4)
 
 #: What `propagate` returns: all is done, the arrays are full, the number of windows is reached.
@@ -76,7 +77,7 @@ class Front(NamedTuple):
         Rows that are no longer used.
     key, item : float64[q], int32[q]
         A heap with four children per entry; window k is k, node i is -1 - i.
-    count : int64[4]
+    tally : int64[4]
         Entries in the heap, rows used or free, free rows, windows processed.
     dropped : float64[1]
         Least size of the narrow windows that were dropped.
@@ -92,7 +93,7 @@ class Front(NamedTuple):
     free: np.ndarray
     key: np.ndarray
     item: np.ndarray
-    count: np.ndarray
+    tally: np.ndarray
     dropped: np.ndarray
 
 
@@ -117,8 +118,8 @@ class Mode(NamedTuple):
 @lean
 def _queue(front, key, item):
     """Put an entry into the heap."""
-    keys, items, here = front.key, front.item, front.count[QUEUED]
-    front.count[QUEUED] += 1
+    keys, items, here = front.key, front.item, front.tally[QUEUED]
+    front.tally[QUEUED] += 1
     while here > 0:
         parent = (here - 1) >> 2
         if keys[parent] <= key:
@@ -133,8 +134,8 @@ def _take(front):
     """Take the entry of smallest key out of the heap; return key and item."""
     keys, items = front.key, front.item
     least, first = keys[0], items[0]
-    front.count[QUEUED] -= 1
-    n = front.count[QUEUED]
+    front.tally[QUEUED] -= 1
+    n = front.tally[QUEUED]
     key, item, here = keys[n], items[n], 0
     while True:
         child = 4 * here + 1
@@ -208,12 +209,12 @@ def _least_in(ends, source, is_wave):
 @lean
 def _store(front, side, ends, source, root, key):
     """Queue a window that enters a triangle by a side."""
-    if front.count[FREE] > 0:
-        front.count[FREE] -= 1
-        slot = np.int64(front.free[front.count[FREE]])
+    if front.tally[FREE] > 0:
+        front.tally[FREE] -= 1
+        slot = np.int64(front.free[front.tally[FREE]])
     else:
-        slot = front.count[USED]
-        front.count[USED] += 1
+        slot = front.tally[USED]
+        front.tally[USED] += 1
     rows = front.rows
     rows[slot, 0], rows[slot, 1] = ends
     rows[slot, 2], rows[slot, 3], rows[slot, 4] = source
@@ -238,10 +239,7 @@ def _reach(surface, front, mode, side, ends, source, root):
     """Offer a size to the node opposite to a window; return where the line to it meets the edge."""
     x, y, sx, sy = surface.apex[side, 0], surface.apex[side, 1], source[0], source[1]
     is_wave = root >= mode.first_wave
-    if is_wave:
-        at = x + sx * (y / sy)
-    else:
-        at = sx + (x - sx) * (sy / (sy + y))
+    at = x + sx * (y / sy) if is_wave else sx + (x - sx) * (sy / (sy + y))
     node = np.int64(surface.cells[side // 3, side % 3])
     value = _size_at(source, is_wave, x, y)
     if value < front.h[node]:
@@ -376,9 +374,10 @@ def _spread(surface, front, mode, node, value):
             _along(surface, front, mode, t, k, high, value)
         elif not everywhere:
             break
-        from_low = is_new and everywhere and (mode.steep[t] or not is_own)
-        if from_low:  # all of the triangle, from either edge
+        acts = is_new and everywhere and (mode.steep[t] or not is_own)
+        if acts:
             angles = 0.0, surface.angle[3 * t + k]
+            from_low = acts  # either edge will do; a literal would compile this once more
             _emit(surface, front, mode, t, k, from_low, angles, value)
     front.sent[node] = value
     if is_new and not everywhere and surface.kind[node] != FLAT:
@@ -387,7 +386,7 @@ def _spread(surface, front, mode, node, value):
 
 @lean
 def _hit(x, source, is_wave, to_apex, length):
-    """Return where the ray from a root by (x, 0) meets the line from an end of the edge to the apex.
+    """Return where the ray from a root by (x, 0) meets the line from one end to the apex.
 
     ``x`` and ``to_apex``, a vector divided by ``length``, are measured from this end, and so is S.
     """
@@ -445,8 +444,8 @@ def _enter(surface, front, mode, slot):
     side, root = np.int64(front.where[slot, 0]), front.where[slot, 1]
     rows = front.rows
     ends, source = (rows[slot, 0], rows[slot, 1]), (rows[slot, 2], rows[slot, 3], rows[slot, 4])
-    front.free[front.count[FREE]] = slot
-    front.count[FREE] += 1
+    front.free[front.tally[FREE]] = slot
+    front.tally[FREE] += 1
     is_wave = root >= mode.first_wave
     begin, end = _cut(surface, front, side, ends, source, is_wave)
     length = surface.length[side]
@@ -530,7 +529,7 @@ def start_at_points(surface, front, mode, cells, weights, sizes, roots):
         for way in range(2):  # windows are cut by the sizes at the nodes
             for k in range(3):
                 side = 3 * t + k
-                low, high = others_of(k)
+                high = others_of(k)[1]
                 x, y = surface.apex[side, 0], surface.apex[side, 1]
                 length = surface.length[side]
                 px, py = weights[p, high] * length + weights[p, k] * x, weights[p, k] * y
@@ -562,7 +561,7 @@ def propagate(surface, front, mode, room, most):
     int
         FINISHED, FULL or SPENT.
     """
-    count = front.count
+    count = front.tally
     while count[QUEUED] > 0:
         n_rows = front.rows.shape[0] - count[USED] + count[FREE]
         if min(n_rows, front.key.shape[0] - count[QUEUED]) < room:

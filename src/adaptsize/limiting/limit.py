@@ -173,10 +173,10 @@ def limit_gradient(
     :math:`\min_y h_0(y) + g\,d(x, y)` to rounding, where d is the length of the shortest path
     in the domain.  On smooth and finely triangulated surfaces with few sources, the search is
     limited beyond a certain distance from them; there d is the length of some path, and
-    ``info.largest_gap`` is an estimate.  In solids the same holds at each x from which the minimising point y is
-    visible.  Elsewhere d is the length of a path over edges of the boundary, so that the
-    result is an upper bound; no size is too small.  ``info.n_proved`` counts the nodes with a
-    proof, and ``info.largest_gap`` bounds the error at the others.
+    ``info.largest_gap`` is an estimate.  In solids the same holds at each x from which the
+    minimising point y is visible.  Elsewhere d is the length of a path over edges of the
+    boundary, so that the result is an upper bound; no size is too small.  ``info.n_proved``
+    counts the nodes with a proof, and ``info.largest_gap`` bounds the error at the others.
 
     *Periodic domains.*  Sizes propagate through a side of the cell to its opposite one.  Where
     cell and images make up a convex domain, the exact method adds the images of the sources,

@@ -135,7 +135,7 @@ def _unfolded(mesh: SimplexMesh, h0: FloatArray, g: float) -> tuple[_Canonical, 
         whole = _merged(whole, surface, h0)
         surface, most = _surface_of(whole)
     degree = int(np.diff(surface.ring_ptr).max(initial=0))
-    return whole, surface, (degree + 4) * (most + 2)
+    return whole, surface, (degree + 4) * (most + 4)
 
 
 def _canonical(mesh: SimplexMesh, h0: FloatArray, g: float) -> _Canonical:
@@ -145,11 +145,11 @@ def _canonical(mesh: SimplexMesh, h0: FloatArray, g: float) -> _Canonical:
     order = np.lexsort((h0, *mesh.points.T))
     points = mesh.points[order] * scale
     along = along_curve(points)
-    order = order[along].astype(np.int32)
-    node = np.empty(len(order), np.int32)
-    node[order] = np.arange(len(order), dtype=np.int32)
-    cells, number = unique_rows(node[mesh.cells], len(order))
-    return _Canonical(node, order, points[along], scale, g / scale, cells, number)
+    first: IntArray = order[along].astype(np.int32)
+    node = np.empty(len(first), np.int32)
+    node[first] = np.arange(len(first), dtype=np.int32)
+    cells, number = unique_rows(node[mesh.cells], len(first))
+    return _Canonical(node, first, points[along], scale, g / scale, cells, number)
 
 
 def _merged(whole: _Canonical, surface: fans.Surface, h0: FloatArray) -> _Canonical:
@@ -164,8 +164,9 @@ def _merged(whole: _Canonical, surface: fans.Surface, h0: FloatArray) -> _Canoni
     pairs = np.column_stack([rows[every, (k == 0) * 1], rows[every, 2 - (k == 2)]])
     parent = np.arange(len(whole.first), dtype=np.int32)
     join_cells(np.ascontiguousarray(pairs), parent)
-    kept, number = np.unique(parent, return_inverse=True)
-    number, n = number.astype(np.int32), len(kept)
+    kept, inverse = np.unique(parent, return_inverse=True)
+    number: IntArray = inverse.astype(np.int32)
+    n = len(kept)
     by_bound = np.lexsort((h0[whole.first], number))
     first = by_bound[np.unique(number[by_bound], return_index=True)[1]]
     cells = np.sort(number[whole.cells], axis=1)
@@ -335,7 +336,7 @@ def _propagate(
 ) -> tuple[kernels.Front, bool]:
     """Process windows until none are left, or so many in all; return whether any are left."""
     while True:
-        until = min(int(front.count[kernels.DONE]) + _AT_ONCE, most)
+        until = min(int(front.tally[kernels.DONE]) + _AT_ONCE, most)
         status = kernels.propagate(surface, front, mode, room, int(until))
         if status == kernels.FINISHED:
             return front, False

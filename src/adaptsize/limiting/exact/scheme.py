@@ -87,10 +87,10 @@ class Exact(Scheme):
 
     d is the length of paths in the domain.  In convex domains, in the plane and on surfaces, it is
     that of the shortest path, and the result is exact to rounding; on surfaces that would need
-    too many windows, this holds up to a certain distance from the sources.  In solids this holds at each x from which
-    the minimising point is visible.  Elsewhere d is the length of a path over reflex edges, so that
-    no size is too small.  The domain of a grid with inactive nodes is the cubical complex of the
-    active nodes.
+    too many windows, this holds up to a certain distance from the sources.  In solids this holds at
+    each x from which the minimising point is visible.  Elsewhere d is the length of a path over
+    reflex edges, so that no size is too small.  The domain of a grid with inactive nodes is the
+    cubical complex of the active nodes.
 
     The scheme needs a flat domain or triangles in space, and one number g or a function g(h).
 
