@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from curved_shapes import sliver_cylinder
+from curved_shapes import around_prism, prism, sliver_cylinder
 from domains import holes, slit_square
 from meshes import jittered_square, random_sphere, random_square, structured_square
 from numpy.testing import assert_allclose, assert_array_equal
@@ -86,30 +86,10 @@ def test_a_flat_surface_has_the_sizes_of_the_plane(name, face_sources):
         assert_allclose(h, expected, rtol=1e-11)
 
 
-def prism(n_around, n_along, seed):
-    """Return the sides of a regular prism, and the unfolded coordinates of its nodes."""
-    rng = np.random.default_rng(seed)
-    u, v = np.meshgrid(np.arange(n_around), np.linspace(0.0, 3.0, n_along), indexing="ij")
-    v[:, 1:-1] += rng.uniform(-0.1, 0.1, v[:, 1:-1].shape)
-    node = np.arange(u.size).reshape(u.shape)
-    a, b = node, np.roll(node, -1, axis=0)
-    quads = np.stack([a[:, :-1], b[:, :-1], b[:, 1:], a[:, 1:]], axis=-1).reshape(-1, 4)
-    cells = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
-    turn = 2.0 * np.pi * u.ravel() / n_around
-    side = 2.0 * np.sin(np.pi / n_around)
-    points = np.column_stack([np.cos(turn), np.sin(turn), v.ravel()])
-    return (
-        SimplexMesh(points, cells),
-        np.column_stack([side * u.ravel(), v.ravel()]),
-        n_around * side,
-    )
-
-
 def test_a_prism_unfolds():
     mesh, flat, around = prism(13, 9, 2604)
     nodes, sizes = [4, 60, 100], np.array([0.1, 0.2, 0.15])
-    images = flat[nodes][:, None] + around * np.array([[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0]])
-    away = np.linalg.norm(flat[:, None, None] - images, axis=3).min(axis=2)
+    away = around_prism(flat, around, nodes)
     h, info = limit_gradient.with_info(mesh, only_at(mesh, nodes, sizes), G)
     assert info.method == "exact"
     assert info.n_proved == mesh.n_points
@@ -122,7 +102,7 @@ def cone(total, n_around, n_along=5):
     Radial lines lie alternately above and below, so that they fit into one turn.
     """
     step = 2.0 * np.pi / n_around
-    # cos(total / n) = cos^2(e) cos(step) -+ sin^2(e) for lines at elevations e and -e, or both at e.
+    # Lines at elevations e and +-e: cos(total / n) = cos^2(e) cos(step) +- sin^2(e).
     sign = 1.0 if total < 2.0 * np.pi else -1.0
     cosine2 = (np.cos(total / n_around) - sign) / (np.cos(step) - sign)
     turn = step * np.arange(n_around)
