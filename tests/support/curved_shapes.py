@@ -46,15 +46,12 @@ def prism(n_around, n_along, seed):
     turn = 2.0 * np.pi * u.ravel() / n_around
     side = 2.0 * np.sin(np.pi / n_around)
     points = np.column_stack([np.cos(turn), np.sin(turn), v.ravel()])
-    return (
-        SimplexMesh(points, cells),
-        np.column_stack([side * u.ravel(), v.ravel()]),
-        n_around * side,
-    )
+    flat = np.column_stack([side * u.ravel(), v.ravel()])
+    return SimplexMesh(points, cells), flat, n_around * side
 
 
 def around_prism(flat, around, nodes):
-    """Return the distances of all nodes of a prism from some, float64[n, k], as `prism` gives it."""
+    """Return the distances of all nodes of a prism from some, float64[n, k]; see `prism`."""
     images = flat[nodes][:, None] + around * np.array([[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0]])
     return np.linalg.norm(flat[:, None, None] - images, axis=3).min(axis=2)
 

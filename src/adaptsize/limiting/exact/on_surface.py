@@ -92,7 +92,7 @@ def limit_on_surface(
         Whether h0 is linear on the triangles; if not, it is a bound at the nodes only.
     report : callable
     """
-    whole, surface, room = _unfolded(mesh, h0, g)
+    whole, surface, at_edge = _unfolded(mesh, h0, g)
     n, m = len(whole.first), len(whole.cells)
     held = None if given is None else _Held.of(mesh, whole, given, g)
     base = _least(whole, h0, held)
@@ -106,7 +106,9 @@ def limit_on_surface(
         steep |= (start < bound)[whole.cells].any(axis=1)
     n_points = 0 if given is None else len(given.sizes)
     mode = kernels.Mode(n + n_points, steep, 0.0)
-    front = _new_front(start, 4 * n + n_waves + room * (1 if at is None else 1 + len(at[0])))
+    room = (int(np.diff(surface.ring_ptr).max(initial=0)) + 4) * (at_edge + 4)
+    n_held = 0 if at is None else len(at[0])
+    front = _new_front(start, 4 * n + n_waves + room + 3 * at_edge * n_held)
     kernels.start_at_nodes(surface, front, mode)
     kernels.start_at_edges(surface, front, mode, bound, waves)
     if at is not None:
@@ -128,14 +130,13 @@ def limit_on_surface(
 
 
 def _unfolded(mesh: SimplexMesh, h0: FloatArray, g: float) -> tuple[_Canonical, fans.Surface, int]:
-    """Return the surface with other numbers, its lengths and angles, and the room for a step."""
+    """Return the surface with other numbers, and what `_surface_of` returns of it."""
     whole = _canonical(mesh, h0, g)
     surface, most = _surface_of(whole)
     if not surface.length.all():
         whole = _merged(whole, surface, h0)
         surface, most = _surface_of(whole)
-    degree = int(np.diff(surface.ring_ptr).max(initial=0))
-    return whole, surface, (degree + 4) * (most + 4)
+    return whole, surface, most
 
 
 def _canonical(mesh: SimplexMesh, h0: FloatArray, g: float) -> _Canonical:
