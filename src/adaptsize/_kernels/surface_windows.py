@@ -72,7 +72,8 @@ class Front(NamedTuple):
     rows : float64[w, 5]
         Windows: the interval on the edge, S, and U.
     where : int32[w, 2]
-        The side by which each window enters a triangle, and its root.
+        The side by which each window enters a triangle, -1 - side if it is narrow and goes no
+        further; and its root.
     free : int32[w]
         Rows that are no longer used.
     key, item : float64[q], int32[q]
@@ -107,7 +108,7 @@ class Mode(NamedTuple):
     steep : bool[m]
         Triangles into which their nodes act by their own bounds.
     narrow : float
-        Windows that are narrower than this share of their edge are dropped; 0 for none.
+        Windows that are narrower than this share of their edge are dropped; 0 if none are.
     """
 
     first_wave: int
@@ -267,14 +268,11 @@ def _leave(surface, front, mode, side, ends, source, root):
     if not width > _NOTHING * surface.length[side]:
         return
     key = _least_in(ends, source, is_wave)
-    if width <= mode.narrow * surface.length[side]:
+    is_narrow = width <= mode.narrow * surface.length[side]
+    if is_narrow:
         front.dropped[0] = min(front.dropped[0], key)
-        while other != side:
-            _reach(surface, front, mode, other, ends, source, root)
-            other = surface.beyond[other]
-        return
     while other != side:
-        _store(front, other, ends, source, root, key)
+        _store(front, -1 - other if is_narrow else other, ends, source, root, key)
         other = surface.beyond[other]
 
 
@@ -312,10 +310,10 @@ def _emit(surface, front, mode, t, k, from_low, angles, value):
     near, far = (low, high) if from_low else (high, low)
     begin, end = angles
     whole = surface.angle[corner]
-    if begin <= _GRAZING:
-        _along(surface, front, mode, t, k, near, value)
-    if end >= whole - _GRAZING:
-        _along(surface, front, mode, t, k, far, value)
+    for way in range(2):
+        touches = begin <= _GRAZING if way == 0 else end >= whole - _GRAZING
+        if touches:
+            _along(surface, front, mode, t, k, near if way == 0 else far, value)
     length = surface.length[corner]
     apex = (surface.apex[corner, 0], surface.apex[corner, 1])
     first, last = 0.0, length
@@ -362,26 +360,22 @@ def _bend(surface, front, mode, node, value):
 @lean
 def _spread(surface, front, mode, node, value):
     """Process a node: send paths from it if it is a root."""
-    cells, is_own = surface.cells, front.root[node] < 0
-    is_new = value < front.sent[node]
+    is_own = front.root[node] < 0
     everywhere = is_own or surface.kind[node] == COMPLEX or mode.narrow > 0.0
+    if not value < front.sent[node]:
+        return
+    front.sent[node] = value
+    if not everywhere:
+        if surface.kind[node] != FLAT:
+            _bend(surface, front, mode, node, value)
+        return
     for r in range(surface.ring_ptr[node], surface.ring_ptr[node + 1]):
         t = np.int64(surface.ring[r])
-        k = place_in(cells, t, node)
-        if mode.narrow > 0.0:
-            low, high = others_of(k)
-            _along(surface, front, mode, t, k, low, value)
-            _along(surface, front, mode, t, k, high, value)
-        elif not everywhere:
-            break
-        acts = is_new and everywhere and (mode.steep[t] or not is_own)
-        if acts:
+        if mode.steep[t] or not is_own:
+            k = place_in(surface.cells, t, node)
             angles = 0.0, surface.angle[3 * t + k]
-            from_low = acts  # either edge will do; a literal would compile this once more
-            _emit(surface, front, mode, t, k, from_low, angles, value)
-    front.sent[node] = value
-    if is_new and not everywhere and surface.kind[node] != FLAT:
-        _bend(surface, front, mode, node, value)
+            # From either edge; with a literal it would be compiled once more.
+            _emit(surface, front, mode, t, k, everywhere, angles, value)
 
 
 @lean
@@ -428,20 +422,21 @@ def _go_out(surface, front, mode, side, end, ends, source, root):
         return
     across = to_apex[0] * sy - to_apex[1] * sx
     along = to_apex[0] * sx + to_apex[1] * sy
-    if here < v:
-        _leave(surface, front, mode, out, (near, far), (along, across, size), root)
-    elif is_wave:
-        turned = (-along, across, size - along * length)
-        _leave(surface, front, mode, out, (length - far, length - near), turned, root)
-    else:
-        turned = (length - along, across, size)
-        _leave(surface, front, mode, out, (length - far, length - near), turned, root)
+    if here > v:  # seen from the apex
+        near, far = length - far, length - near
+        if is_wave:
+            along, size = -along, size - along * length
+        else:
+            along = length - along
+    _leave(surface, front, mode, out, (near, far), (along, across, size), root)
 
 
 @lean
 def _enter(surface, front, mode, slot):
     """Process a window: offer a size to the opposite node, and send its parts on."""
     side, root = np.int64(front.where[slot, 0]), front.where[slot, 1]
+    goes_on = side >= 0
+    side = side if goes_on else -1 - side
     rows = front.rows
     ends, source = (rows[slot, 0], rows[slot, 1]), (rows[slot, 2], rows[slot, 3], rows[slot, 4])
     front.free[front.tally[FREE]] = slot
@@ -452,59 +447,12 @@ def _enter(surface, front, mode, slot):
     if not end - begin > _NOTHING * length:
         return
     at = _reach(surface, front, mode, side, (begin, end), source, root)
-    for last in range(2):
+    for last in range(2 if goes_on else 0):
         if last == 1:  # seen from the other end
             begin, end, at = length - end, length - begin, length - at
         if begin < at:
             far = math.inf if at <= end else end
             _go_out(surface, front, mode, side, last, (begin, far), source, root)
-
-
-@lean_kernel
-def start_at_nodes(surface, front, mode):
-    """Queue the nodes that act by their own bounds (In/Out: front).
-
-    If narrow windows are dropped from now on, queue all nodes, of which those that are settled
-    have been roots.
-    """
-    until = front.key[0] if mode.narrow > 0.0 else -math.inf
-    for node in range(front.h.shape[0]):
-        if not front.h[node] < math.inf:
-            continue
-        acts, reach = mode.narrow > 0.0, 0.0
-        for r in range(surface.ring_ptr[node], surface.ring_ptr[node + 1]):
-            t = np.int64(surface.ring[r])
-            acts = acts or mode.steep[t]
-            reach = max(reach, surface.length[3 * t], surface.length[3 * t + 1])
-        if front.h[node] + 2.0 * reach < until:
-            front.sent[node] = front.h[node]
-        if acts:
-            _queue(front, front.h[node], -1 - node)
-
-
-@lean_kernel
-def start_at_edges(surface, front, mode, h0, waves):
-    """Queue the windows of edges on which bounds are linear (In/Out: front).
-
-    Parameters
-    ----------
-    surface : Surface
-    front : Front
-    mode : Mode
-    h0 : float64[n]
-    waves : bool[3 * m]
-        As from `mark_sources`.
-    """
-    for side in range(waves.shape[0]):
-        if not waves[side]:
-            continue
-        low, high = others_of(side % 3)
-        a, b = h0[surface.cells[side // 3, low]], h0[surface.cells[side // 3, high]]
-        length = surface.length[side]
-        slope = (b - a) / length
-        source = (-slope, math.sqrt((1.0 - slope) * (1.0 + slope)), a)
-        root = np.int32(mode.first_wave + side)
-        _store(front, side, (0.0, length), source, root, min(a, b))
 
 
 @lean_kernel

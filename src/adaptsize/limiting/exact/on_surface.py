@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from adaptsize._kernels import surface_fans as fans
 from adaptsize._kernels import surface_windows as kernels
@@ -93,12 +94,13 @@ def limit_on_surface(
     report : callable
     """
     whole, surface, at_edge = _unfolded(mesh, h0, g)
-    n, m = len(whole.first), len(whole.cells)
+    n = len(whole.first)
     held = None if given is None else _Held.of(mesh, whole, given, g)
     base = _least(whole, h0, held)
     bound = h0[whole.first] - base
-    steep, waves = np.empty(m, np.bool_), np.empty(3 * m, np.bool_)
-    n_waves = int(fans.mark_sources(surface, bound, linear, steep, waves))
+    steep, waves = np.ones(len(whole.cells), np.bool_), np.empty(0, np.int32)
+    if linear:
+        steep, waves = _acting(surface, bound)
     start, at = bound.copy(), None
     if held is not None:
         held.lower(mesh, whole, g, base, start)
@@ -108,9 +110,8 @@ def limit_on_surface(
     mode = kernels.Mode(n + n_points, steep, 0.0)
     room = (int(np.diff(surface.ring_ptr).max(initial=0)) + 4) * (at_edge + 4)
     n_held = 0 if at is None else len(at[0])
-    front = _new_front(start, 4 * n + n_waves + room + 3 * at_edge * n_held)
-    kernels.start_at_nodes(surface, front, mode)
-    kernels.start_at_edges(surface, front, mode, bound, waves)
+    front = _new_front(start, 4 * n + len(waves) + room + 3 * at_edge * n_held)
+    _start(surface, front, mode, bound, waves)
     if at is not None:
         kernels.start_at_points(surface, front, mode, *at)
     most = max(_MOST_PER_NODE * n, _MOST_AT_LEAST)
@@ -315,6 +316,72 @@ def _new_front(start: FloatArray, n_rows: int) -> kernels.Front:
     )
 
 
+def _acting(surface: fans.Surface, h0: FloatArray) -> tuple[BoolArray, IntArray]:
+    """Return the triangles into which bounds at nodes act, and the sides into which edges do.
+
+    h0 is linear on the triangles.  One on which it rises by at most 1 per unit of length is bounded
+    by h0 at least as strongly as by any path through it from one of its own points.  The same holds
+    for paths from an edge into a triangle where h0 rises from the edge more slowly than they do.
+    """
+    sizes, length = h0[surface.cells], surface.length.reshape(-1, 3)
+    x, y = surface.apex.reshape(-1, 3, 2).transpose(2, 0, 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = (sizes[:, 1] - sizes[:, 0]) / length[:, 2]
+        across = (sizes[:, 2] - sizes[:, 0] - along * x[:, 2]) / y[:, 2]
+        steep = ~(along * along + across * across <= 1.0)
+        rows = np.flatnonzero(steep)
+        sizes, length, x, y = sizes[rows], length[rows], x[rows], y[rows]
+        first, last = sizes[:, [1, 0, 0]], sizes[:, [2, 2, 1]]
+        slope = (last - first) / length
+        rate = np.sqrt((1.0 - slope) * (1.0 + slope))
+        acts = (np.abs(slope) < 1.0) & (sizes - first - slope * x > rate * y)
+    at, k = np.nonzero(acts)
+    return steep, (3 * rows[at] + k).astype(np.int32)
+
+
+def _start(
+    surface: fans.Surface, front: kernels.Front, mode: kernels.Mode, h0: FloatArray, waves: IntArray
+) -> None:
+    """Queue the nodes that act by their own bounds, and the windows of edges (In/Out: front)."""
+    acts = np.zeros(len(h0), np.bool_)
+    acts[surface.cells[mode.steep]] = True
+    nodes = np.flatnonzero(acts & np.isfinite(front.h)).astype(np.int32)
+    n, k, cells = len(waves), waves % 3, surface.cells[waves // 3]
+    every = np.arange(n)
+    first, last = h0[cells[every, (k == 0) * 1]], h0[cells[every, 2 - (k == 2)]]
+    length = surface.length[waves]
+    slope = (last - first) / length
+    front.rows[:n, 0], front.rows[:n, 1], front.rows[:n, 2] = 0.0, length, -slope
+    front.rows[:n, 3], front.rows[:n, 4] = np.sqrt((1.0 - slope) * (1.0 + slope)), first
+    front.where[:n, 0], front.where[:n, 1] = waves, mode.first_wave + waves
+    front.tally[kernels.USED] = n
+    key = np.concatenate([front.h[nodes], np.minimum(first, last)])
+    _fill_queue(front, key, np.concatenate([-1 - nodes, every]))
+
+
+def _fill_queue(front: kernels.Front, key: FloatArray, item: npt.NDArray[Any]) -> None:
+    """Queue only the given items (In/Out: front); what is sorted is a heap."""
+    order, n = np.argsort(key, kind="stable"), len(key)
+    front.key[:n], front.item[:n] = key[order], item[order]
+    front.tally[kernels.QUEUED] = n
+
+
+def _restart(surface: fans.Surface, front: kernels.Front) -> None:
+    """Queue all nodes, too, but those from which no path to a node further away may start.
+
+    These are more than two edges below the sizes that are processed next.
+    """
+    reach, queued = np.zeros(len(front.h)), int(front.tally[kernels.QUEUED])
+    longest = surface.length.reshape(-1, 3).max(axis=1)
+    for nodes in surface.cells.T:
+        np.maximum.at(reach, nodes, longest)
+    acts = np.isfinite(front.h) & (front.h + 2.0 * reach >= front.key[0])
+    nodes = np.flatnonzero(acts).astype(np.int32)
+    front.sent[nodes] = np.inf
+    key = np.concatenate([front.key[:queued], front.h[nodes]])
+    _fill_queue(front, key, np.concatenate([front.item[:queued], -1 - nodes]))
+
+
 def _enlarged(front: kernels.Front, room: int) -> kernels.Front:
     """Return a front with arrays of twice the size, or more, for its windows."""
     more = len(front.rows) + room
@@ -368,7 +435,7 @@ def _finish_roughly(
             else front._replace(**{name: array.copy() for name, array in front._asdict().items()})
         )
         rough = mode._replace(narrow=share * _NARROW)
-        kernels.start_at_nodes(surface, last, rough)
+        _restart(surface, last)
         last, _ = _propagate(surface, last, rough, room, np.inf, report)
         sizes.append(last.h)
     with np.errstate(invalid="ignore"):
