@@ -245,7 +245,7 @@ class Bounds:
     weights: FloatArray | None = None
     """Length, area or volume of the domain at each node, 0 outside; None: that of the cells."""
     points: PointBounds = field(default=())
-    """Applied by the exact method at their positions; of surfaces, only inside a solid."""
+    """Applied by the exact method at their positions; on surfaces, only inside a solid."""
     is_rough: bool = False
     """Whether the boundary of the domain is."""
     solid: tuple[Inside, FloatArray] | None = None
@@ -280,7 +280,9 @@ class Bounds:
             self.limits = request.not_raised(self.limits, self.nodal["sources"])
         background, (low, high) = self.background, self.limits
         dim = background.dim
-        points = self._between_nodes(request)
+        points = [*self.points, *request.points(dim)] if self.solid is None else [*self.points]
+        if measure_dim(background) < dim and self.solid is None:
+            points = []  # point sources act at the nodes around them
         given = [*self.nodal, *(name for name, _, _ in points), *["sources"] * bool(self.inner)]
         names = (*dict.fromkeys(given), "hmin", "hmax")
         requested = np.full(background.nodal_shape, high)
@@ -324,17 +326,6 @@ class Bounds:
         if roots is not None and isinstance(background, SimplexMesh):
             origin = self._origin(roots.ravel(), cause.ravel(), places)
         return h, replace(report, info=info, origin=origin)
-
-    def _between_nodes(self, request: Request) -> list[tuple[str, FloatArray, FloatArray]]:
-        """Return the bounds at points that act at their positions."""
-        own, dim = [*self.points], self.background.dim
-        if self.solid is not None:
-            return own
-        of_cells = measure_dim(self.background)
-        if of_cells == dim:
-            return own + request.points(dim)
-        # On lines in the plane or in space, point sources act at the nodes around them.
-        return request.points(dim) if of_cells == 2 else []
 
     def _limited_inside(
         self, request: Request, requested: FloatArray, points: tuple[FloatArray, FloatArray]

@@ -10,14 +10,7 @@ from partitions import on_ranks, partition
 from shapes import joined, moved
 from surface_oracle import distances, limited
 
-from adaptsize import (
-    CartesianGrid,
-    PointSource,
-    SimplexMesh,
-    SizeFunction,
-    limit_gradient,
-    size_function,
-)
+from adaptsize import CartesianGrid, SimplexMesh, SizeFunction, limit_gradient
 from adaptsize.limiting import Exact
 from adaptsize.limiting.exact import on_surface
 
@@ -614,14 +607,3 @@ def test_limited():
         limited(mesh.points, mesh.cells, h0, G),
         rtol=1e-12,
     )
-
-
-def test_point_sources_of_a_size_function_act_at_their_places_on_a_surface():
-    sheet = in_space(structured_square(6, half_width=1.0), 2688)
-    places = sheet.points[sheet.cells[[5, 40]]].mean(axis=1)
-    sources = [PointSource(place, size) for place, size in zip(places, (0.01, 0.03), strict=True)]
-    size = size_function(sheet, sources=sources, hmin=0.01, hmax=5.0, g=G, elements_per_radian=0)
-    # On its own background, a refined one.
-    away = np.linalg.norm(size.background.points[:, None] - places, axis=2)
-    assert_allclose(size.values, ([0.01, 0.03] + G * away).min(axis=1), rtol=1e-12)
-    assert (size.report.cause == size.report.causes.index("sources")).all()
