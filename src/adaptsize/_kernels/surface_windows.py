@@ -18,6 +18,9 @@ at least 180 degrees from that of its path, measured either way around the node.
 A window ends where a node of its edge allows less, by a path along the edge (Xin and Wang,
 Improving Chen and Han's algorithm, 2009).
 
+Behind a node without curvature that has divided a window, both parts have the same S again.  Where
+they touch on an edge, they become one window if neither has been processed.
+
 Beyond a number of windows, *narrow* ones are dropped, after they have offered a size.  Then every
 node becomes a root when it gets its size.  So sizes are still those of paths, which now may bend
 at any node, and those up to the least size in a dropped window are exact.
@@ -46,6 +49,12 @@ FINISHED, FULL, SPENT = range(3)
 
 #: Width of a window, relative to its edge, that is rounding.
 _NOTHING = 1e-14
+
+#: Distance of roots, relative to their distance from the edge, below which they are the same.
+_SAME = 1e-13
+
+#: The side of a window that has been joined to another one, or processed.
+_GONE = np.int32(-(2**31))
 
 #: Factor of lengths from the end of a window, so that roots go first that lie there.
 _LATER = 1.0 + 1e-14
@@ -76,6 +85,8 @@ class Front(NamedTuple):
         further; and its root.
     free : int32[w]
         Rows that are no longer used.
+    last : int32[3 * m]
+        The window that was queued last for each side, -1 if there is none.
     key, item : float64[q], int32[q]
         A heap with four children per entry; window k is k, node i is -1 - i.
     tally : int64[4]
@@ -92,6 +103,7 @@ class Front(NamedTuple):
     rows: np.ndarray
     where: np.ndarray
     free: np.ndarray
+    last: np.ndarray
     key: np.ndarray
     item: np.ndarray
     tally: np.ndarray
@@ -220,7 +232,21 @@ def _store(front, side, ends, source, root, key):
     rows[slot, 0], rows[slot, 1] = ends
     rows[slot, 2], rows[slot, 3], rows[slot, 4] = source
     front.where[slot, 0], front.where[slot, 1] = side, root
+    front.last[side if side >= 0 else -1 - side] = slot
     _queue(front, key, slot)
+
+
+@lean
+def _joined(front, side, ends, source, root, slack):
+    """Return the window that was queued last for a side if it touches another one, else -1."""
+    slot = np.int64(front.last[side])
+    if slot < 0 or front.where[slot, 0] != side or front.where[slot, 1] != root:
+        return -1
+    rows = front.rows
+    away = max(abs(rows[slot, 2] - source[0]), abs(rows[slot, 3] - source[1]))
+    away = max(away, abs(rows[slot, 4] - source[2]))
+    gap = max(rows[slot, 0] - ends[1], ends[0] - rows[slot, 1])
+    return slot if max(away, gap) <= slack else -1
 
 
 @lean
@@ -271,7 +297,17 @@ def _leave(surface, front, mode, side, ends, source, root):
     is_narrow = width <= mode.narrow * surface.length[side]
     if is_narrow:
         front.dropped[0] = min(front.dropped[0], key)
+    slack = _SAME * (abs(source[0]) + source[1] + surface.length[side])
     while other != side:
+        before = -1 if is_narrow else _joined(front, other, ends, source, root, slack)
+        if before >= 0:
+            first, last = front.rows[before, 0], front.rows[before, 1]
+            ends = min(first, ends[0]), max(last, ends[1])
+            if _least_in((first, last), source, is_wave) <= key:  # its place in the queue is right
+                front.rows[before, 0], front.rows[before, 1] = ends
+                other = surface.beyond[other]
+                continue
+            front.where[before, 0] = _GONE
         _store(front, -1 - other if is_narrow else other, ends, source, root, key)
         other = surface.beyond[other]
 
@@ -435,12 +471,16 @@ def _go_out(surface, front, mode, side, end, ends, source, root):
 def _enter(surface, front, mode, slot):
     """Process a window: offer a size to the opposite node, and send its parts on."""
     side, root = np.int64(front.where[slot, 0]), front.where[slot, 1]
+    front.where[slot, 0] = _GONE
+    front.free[front.tally[FREE]] = slot
+    front.tally[FREE] += 1
+    if side == _GONE:
+        return
+    front.tally[DONE] += 1
     goes_on = side >= 0
     side = side if goes_on else -1 - side
     rows = front.rows
     ends, source = (rows[slot, 0], rows[slot, 1]), (rows[slot, 2], rows[slot, 3], rows[slot, 4])
-    front.free[front.tally[FREE]] = slot
-    front.tally[FREE] += 1
     is_wave = root >= mode.first_wave
     begin, end = _cut(surface, front, side, ends, source, is_wave)
     length = surface.length[side]
@@ -518,7 +558,6 @@ def propagate(surface, front, mode, room, most):
             return SPENT
         key, item = _take(front)
         if item >= 0:
-            count[DONE] += 1
             _enter(surface, front, mode, np.int64(item))
         elif key <= front.h[-1 - item]:
             _spread(surface, front, mode, np.int64(-1 - item), key)

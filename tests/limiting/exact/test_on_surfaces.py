@@ -607,3 +607,13 @@ def test_limited():
         limited(mesh.points, mesh.cells, h0, G),
         rtol=1e-12,
     )
+
+
+@pytest.mark.parametrize("make", [lambda: prism(40, 40, 2672)[0], lambda: in_space(FLAT["slit"]())])
+def test_windows_stay_few_where_a_surface_unfolds(make, monkeypatch):
+    # Windows become one behind a node that divided them; without that there are 20 per node.
+    monkeypatch.setattr(on_surface, "_MOST_AT_LEAST", 0)
+    monkeypatch.setattr(on_surface, "_MOST_PER_NODE", 8)
+    mesh = make()
+    _, info = limit_gradient.with_info(mesh, only_at(mesh, 7, 0.01 * mesh.diagonal), G)
+    assert info.n_proved == mesh.n_points

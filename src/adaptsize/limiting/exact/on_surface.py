@@ -110,7 +110,8 @@ def limit_on_surface(
     mode = kernels.Mode(n + n_points, steep, 0.0)
     room = (int(np.diff(surface.ring_ptr).max(initial=0)) + 4) * (at_edge + 4)
     n_held = 0 if at is None else len(at[0])
-    front = _new_front(start, 4 * n + len(waves) + room + 3 * at_edge * n_held)
+    n_rows = 4 * n + len(waves) + room + 3 * at_edge * n_held
+    front = _new_front(start, n_rows, len(surface.length))
     _start(surface, front, mode, bound, waves)
     if at is not None:
         kernels.start_at_points(surface, front, mode, *at)
@@ -297,7 +298,7 @@ def _weights(corners: FloatArray, points: FloatArray) -> FloatArray:
     return found
 
 
-def _new_front(start: FloatArray, n_rows: int) -> kernels.Front:
+def _new_front(start: FloatArray, n_rows: int, n_sides: int) -> kernels.Front:
     """Return a front with sizes at nodes and no windows."""
     n = len(start)
     return kernels.Front(
@@ -309,6 +310,7 @@ def _new_front(start: FloatArray, n_rows: int) -> kernels.Front:
         np.empty((n_rows, 5)),
         np.empty((n_rows, 2), np.int32),
         np.empty(n_rows, np.int32),
+        np.full(n_sides, -1, np.int32),
         np.empty(2 * n_rows),
         np.empty(2 * n_rows, np.int32),
         np.zeros(4, np.int64),
