@@ -36,8 +36,8 @@ from adaptsize.limiting.exact.paths_in_space import WholeSolid, solid_of, solve_
 from adaptsize.limiting.problem import TooManyCorners
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
-# Sizes that rise by less than this share over the diagonal are equal to rounding on any path.  Which
-# path is shortest would be lost to rounding, and with it where it may bend.
+# Sizes that rise by less than this share over the diagonal are equal to rounding on any path.
+# Which path is shortest would be lost to rounding, and with it where it may bend.
 NO_RISE = 1e-14
 
 
