@@ -20,6 +20,7 @@ from adaptsize.limiting import Exact
 from adaptsize.typing import FloatArray
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
+import curved_shapes
 import domains
 import geodesics
 import meshes
@@ -360,6 +361,21 @@ def smooth_limit(n):
     return Problem(mesh, h0, EVERYWHERE, exact, g)
 
 
+def on_prism(n, n_sources):
+    """Return sizes from some nodes of the sides of a prism, whose nodes lie on a cylinder."""
+    n_side = round(n**0.5)
+    mesh, flat, around = curved_shapes.prism(n_side, n_side, 20050716)
+    rng = np.random.default_rng(20050717)
+    nodes = rng.choice(mesh.n_points, n_sources, replace=False)
+    h0 = np.full(mesh.n_points, np.inf)
+    h0[nodes] = rng.uniform(0.02, 0.1, n_sources)
+    exact = np.full(mesh.n_points, np.inf)
+    for node in nodes:
+        away = curved_shapes.around_prism(flat, around, [node])[:, 0]
+        exact = np.minimum(exact, h0[node] + G * away)
+    return Problem(mesh, h0, EVERYWHERE, exact)
+
+
 def sphere(n):
     """Return the size from one node of irregular triangles on a sphere of radius 50."""
     mesh = meshes.random_sphere(n, 20050715, radius=50.0)
@@ -441,6 +457,8 @@ SERIES = {
         (2_500, 10_000, 40_000),
         {**named("fast-marching"), "exact": {"method": "great circles"}},
     ),
+    "prism, one source": Series(lambda n: on_prism(n, 1), (10_000, 40_000), BOTH),
+    "prism, 200 sources": Series(lambda n: on_prism(n, 200), (10_000, 40_000), NODES),
     "noise": Series(noise, (10_000, 40_000, 160_000), BOTH),
     "tetrahedra, smooth field, nodes": Series(waves_in_a_cube, (59_319,), NODES),
 }

@@ -4,12 +4,12 @@
 
 Two sources (Persson, section 6.2) on triangles, tetrahedra and grids, and in a periodic square;
 hundreds of sources; domains with slits, holes, mazes, walls and thousands of corners; data on a
-boundary, smooth fields, noise; a smooth g; a sphere, on its triangles and ("exact") along great
-circles.  Every problem is a process of its own on one thread.  Its methods take turns, so that
-ratios of their times come from one stretch of time; kernels are compiled beforehand.  Seconds are
-processor time, the best of three (two for 100 000 nodes and more; one for the slow iteration, which
-is left out above 300 000), all in: arrays in, array out, adjacency included.  Writes `limiting.md`
-and `limiting.json`.
+boundary, smooth fields, noise; a smooth g; the sides of a prism; a sphere, on its triangles and
+("exact") along great circles.  Every problem is a process of its own on one thread.  Its methods
+take turns, so that ratios of their times come from one stretch of time; kernels are compiled
+beforehand.  Seconds are processor time, the best of three (two for 100 000 nodes and more; one for
+the slow iteration, which is left out above 300 000), all in: arrays in, array out, adjacency
+included.  Writes `limiting.md` and `limiting.json`.
 """
 
 import argparse

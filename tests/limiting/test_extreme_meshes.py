@@ -2,12 +2,14 @@
 
 import re
 
+import domains
 import numpy as np
 import pytest
 from meshes import random_square
 from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import CartesianGrid, SimplexMesh, limit_gradient
+from adaptsize.background.topology import components_of
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 MARCHING = ("fast-marching", "edge-based")
@@ -113,3 +115,28 @@ def test_equal_bounds_under_a_limit_of_the_size_leave_no_residual(background, me
     h, info = limit_gradient.with_info(background, 0.1, lambda h: 0.2 + h, method=method)
     assert (h == 0.1).all()
     assert info.residual == 0.0
+
+
+def jagged_spiral():
+    """Return triangles of random points in a spiral band, with corners all along."""
+    mesh = random_square(600, 10)
+    x, y = mesh.points[mesh.cells].mean(axis=1).T
+    turns = np.hypot(x, y) / 0.35 - np.arctan2(y, x) / (2.0 * np.pi)
+    return SimplexMesh(mesh.points, mesh.cells[turns % 1.0 < 0.75])
+
+
+@pytest.mark.parametrize("g", [0.0, 1e-300, 1e-25, 1e-18, 1e-15])
+@pytest.mark.parametrize("make", [jagged_spiral, lambda: domains.wall_box(400)[0]])
+def test_hardly_any_gradient_gives_the_least_bound_behind_corners_too(make, g):
+    # Regression: lengths were lost to rounding, and with them the directions in which paths bend,
+    # so that nodes behind several corners were not reached.
+    mesh = make()
+    component = components_of(mesh.edges, mesh.n_points)
+    reached = component == np.argmax(np.bincount(component))
+    for seed in range(2):
+        source = np.random.default_rng(seed).choice(np.flatnonzero(reached))
+        h0 = np.where(np.arange(mesh.n_points) == source, 0.1, np.where(reached, np.inf, 0.2))
+        h, info = limit_gradient.with_info(mesh, h0, g)
+        assert ((h >= 0.1) & (h <= 0.1 + 10.0 * g * mesh.diagonal + 1e-15))[reached].all()
+        assert info.n_proved == mesh.n_points
+        assert (info.sources.roots()[reached] == source).all()

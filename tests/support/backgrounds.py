@@ -90,7 +90,7 @@ class Case:
         return self.limits or known
 
 
-_FLAT = ("plane", "volume")
+_ONE_G = ("plane", "surface", "volume")
 
 # An iteration that stops at a rate of tol g leaves, over the at most 40 nodes that a size
 # passes in the laws, 40 tol g dx; the smallest size there is 0.01 of the longest spacing.
@@ -119,8 +119,8 @@ _NODES_ONLY: dict[str, Any] = {
     **_EXACT, "exempt": {}, "convergence": None,
 }  # fmt: skip
 CASES = (
-    Case("simplices", Exact(), kinds=_FLAT, **_EXACT, share=0.3),
-    Case("simplices", Exact(face_sources=False), kinds=_FLAT, **_NODES_ONLY, share=0.25),
+    Case("simplices", Exact(), kinds=_ONE_G, **_EXACT, share=0.3),
+    Case("simplices", Exact(face_sources=False), kinds=_ONE_G, **_NODES_ONLY, share=0.25),
     Case("simplices", FastMarching(), share=0.7),
     Case("simplices", PositiveCoefficient(), residual=1e-3, share=0.5),
     Case("simplices", EdgeBased(), convergence=None, share=0.3),

@@ -34,6 +34,28 @@ def sliver_cylinder(n_around, seed, *, radius=1.0, height=2.0, rings=()):
     return SimplexMesh(points, cells)
 
 
+def prism(n_around, n_along, seed):
+    """Return the sides of a regular prism, its unfolded nodes, and the length around it."""
+    rng = np.random.default_rng(seed)
+    u, v = np.meshgrid(np.arange(n_around), np.linspace(0.0, 3.0, n_along), indexing="ij")
+    v[:, 1:-1] += rng.uniform(-0.8, 0.8, v[:, 1:-1].shape) / n_along
+    node = np.arange(u.size).reshape(u.shape)
+    a, b = node, np.roll(node, -1, axis=0)
+    quads = np.stack([a[:, :-1], b[:, :-1], b[:, 1:], a[:, 1:]], axis=-1).reshape(-1, 4)
+    cells = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    turn = 2.0 * np.pi * u.ravel() / n_around
+    side = 2.0 * np.sin(np.pi / n_around)
+    points = np.column_stack([np.cos(turn), np.sin(turn), v.ravel()])
+    flat = np.column_stack([side * u.ravel(), v.ravel()])
+    return SimplexMesh(points, cells), flat, n_around * side
+
+
+def around_prism(flat, around, nodes):
+    """Return the distances of all nodes of a prism from some, float64[n, k]; see `prism`."""
+    images = flat[nodes][:, None] + around * np.array([[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0]])
+    return np.linalg.norm(flat[:, None, None] - images, axis=3).min(axis=2)
+
+
 def free_cylinder(n_around, seed):
     """Irregular Delaunay triangles on a unit cylinder and its caps; all nodes lie on the mantle."""
     spacing, height = 2.0 * np.pi / n_around, 2.0

@@ -143,7 +143,9 @@ class LimitingInfo:
         """Number of nodes whose size is proved exact; None for other methods than ``"exact"``.
 
         In convex domains and in the plane these are all nodes.  In solids these are the nodes
-        from which the source of the smallest bound, among visible and hidden ones, is visible.
+        from which the source of the smallest bound, among visible and hidden ones, is visible.  On
+        surfaces these are all nodes, or those within the distance of a source to which all paths
+        are searched.
         """
         if not isinstance(self.solution, ExactSolution):
             return None
@@ -154,7 +156,8 @@ class LimitingInfo:
     def largest_gap(self) -> float | None:
         """Largest difference between a size that is not proved exact and its lower bound.
 
-        The lower bound is the size that would result if all sources were visible.  The gap has
+        The lower bound is the size that would result if all sources were visible.  On surfaces
+        the gap is an estimate: the largest change of a size if fewer paths are searched.  It has
         the unit of the sizes, with g(h) of the transformed size.  It is 0 if all sizes are
         proved exact, and None for other methods than ``"exact"``.
         """

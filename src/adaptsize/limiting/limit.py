@@ -95,9 +95,10 @@ def limit_gradient(
     method : str or scheme, default "auto"
         An object of `adaptsize.limiting` with the options of the scheme, or its name:
 
-        * ``"exact"`` (`Exact`) computes each size directly from the bounds visible from the node.
-          It needs a flat domain and a single number g or a function g(h).  The result is exact
-          to rounding in convex domains and in the plane; see the notes.
+        * ``"exact"`` (`Exact`) computes each size directly from the bounds visible from the node,
+          and on surfaces from shortest paths.  It needs a flat domain, or triangles in space, and
+          a single number g or a function g(h).  The result is exact to rounding in convex
+          domains, in the plane and on surfaces; see the notes.
         * ``"fast-marching"`` (`FastMarching`) is of first order and monotone, and works on every
           background.  ``FastMarching(order=2)`` is of second order, on grids.
         * ``"auto"`` takes the exact method where it applies, else fast marching.  It also takes
@@ -117,8 +118,9 @@ def limit_gradient(
         different ``h0``.  The positive coefficient scheme can only lower its start values.
     point_sources : tuple of (array_like, array_like), optional
         For the exact method: points of shape (k, dim) and the bounds there, of shape
-        (k,).  The points need not be nodes.  Points outside the domain have no effect.  A point
-        where components of the domain touch acts in all of them.
+        (k,).  The points need not be nodes.  Points outside the domain have no effect, except on
+        surfaces, where a point at the distance d acts from the closest point of the surface, with
+        the size plus g d.  A point where components of the domain touch acts in all of them.
     periodic : array_like of float, shape (k, dim) or (k, dim, dim + 1), optional
         For the exact method and fast marching of first order: translations by which
         the domain is repeated, such as ``[[a, 0], [0, b]]``; or, for fast marching, rotations
@@ -167,12 +169,14 @@ def limit_gradient(
     :math:`1/\cos(\theta/2)` for a cell with angle :math:`\theta` at its upstream vertex.
     This also happens with exact nodal values, at every mesh size.
 
-    *Exact method.*  In convex domains and in the plane the result is
+    *Exact method.*  In convex domains, in the plane and on surfaces the result is
     :math:`\min_y h_0(y) + g\,d(x, y)` to rounding, where d is the length of the shortest path
-    in the domain.  In solids the same holds at each x from which the minimising point y is
-    visible.  Elsewhere d is the length of a path over edges of the boundary, so that the
-    result is an upper bound; no size is too small.  ``info.n_proved`` counts the nodes with a
-    proof, and ``info.largest_gap`` bounds the error at the others.
+    in the domain.  On smooth and finely triangulated surfaces with few sources, the search is
+    limited beyond a certain distance from them; there d is the length of some path, and
+    ``info.largest_gap`` is an estimate.  In solids the same holds at each x from which the
+    minimising point y is visible.  Elsewhere d is the length of a path over edges of the
+    boundary, so that the result is an upper bound; no size is too small.  ``info.n_proved``
+    counts the nodes with a proof, and ``info.largest_gap`` bounds the error at the others.
 
     *Periodic domains.*  Sizes propagate through a side of the cell to its opposite one.  Where
     cell and images make up a convex domain, the exact method adds the images of the sources,
@@ -186,7 +190,8 @@ def limit_gradient(
     raise the error.  Each rank uses one thread unless ``Exact(threads=...)`` is given.  In convex
     domains and in the plane, the exact method takes one exchange between the ranks, besides
     reductions of a few numbers, once the boundary of the mesh is known.  Meshes with cells without
-    measure, or cells that overlap, are collected on rank 0.  See docs/distributed.md.
+    measure, or cells that overlap, and surfaces are collected on rank 0.  See
+    docs/distributed.md.
 
     References
     ----------

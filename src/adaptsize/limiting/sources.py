@@ -107,8 +107,8 @@ class SizeSources:
 
         The size is the minimum of the interpolated bound and of the sizes that the visible
         sources and boundary corners allow.  In convex domains and in the plane this is the
-        exact limited size, to rounding.  In solids that are not convex, and on grids with
-        passages without a whole box, the nodal sizes are interpolated instead.
+        exact limited size, to rounding.  On surfaces, in solids that are not convex, and on grids
+        with passages without a whole box, the nodal sizes are interpolated instead.
 
         Parameters
         ----------

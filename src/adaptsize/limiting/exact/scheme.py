@@ -1,4 +1,4 @@
-"""The exact method on any flat background: components, lines, meshes, grids and periodic cells."""
+"""The exact method: components, lines, meshes, surfaces, grids and periodic cells."""
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -46,6 +46,7 @@ from adaptsize.limiting.exact.field import (
     sorted_entries,
 )
 from adaptsize.limiting.exact.in_parts import solve_piece
+from adaptsize.limiting.exact.on_surface import limit_on_surface
 from adaptsize.limiting.exact.solve import solve_on_mesh
 from adaptsize.limiting.periodic import Periodicity
 from adaptsize.limiting.problem import NeedsWholeMesh, PointBounds, Problem, Scheme, Solution
@@ -84,13 +85,14 @@ class ExactSolution(Solution):
 class Exact(Scheme):
     r"""Each size directly from the bounds: :math:`\min_y h_0(y) + g\, d(x, y)`.
 
-    d is the length of paths in the domain.  In convex domains and in the plane, it is that of the
-    shortest path, and the result is exact to rounding.  In solids this holds at each x from which
-    the minimising point is visible.  Elsewhere d is the length of a path over reflex edges, so that
-    no size is too small.  The domain of a grid with inactive nodes is the cubical complex of the
-    active nodes.
+    d is the length of paths in the domain.  In convex domains, in the plane and on surfaces, it is
+    that of the shortest path, and the result is exact to rounding; on surfaces that would need
+    too many windows, this holds up to a certain distance from the sources.  In solids this holds at
+    each x from which the minimising point is visible.  Elsewhere d is the length of a path over
+    reflex edges, so that no size is too small.  The domain of a grid with inactive nodes is the
+    cubical complex of the active nodes.
 
-    The scheme needs a flat domain, and one number g or a function g(h).
+    The scheme needs a flat domain or triangles in space, and one number g or a function g(h).
 
     Parameters
     ----------
@@ -119,8 +121,8 @@ class Exact(Scheme):
 
     def supports(self, domain: AnyMesh | CartesianGrid) -> str:
         """Return which backgrounds the scheme needs."""
-        flat = isinstance(domain, CartesianGrid) or domain.cell_dim == domain.dim
-        return "" if flat else "a flat domain of full dimension"
+        applies = isinstance(domain, CartesianGrid) or domain.cell_dim in (domain.dim, 2)
+        return "" if applies else "a flat domain of full dimension or triangles"
 
     def solve(self, problem: Problem) -> ExactSolution:
         """Solve a problem; ``iterations`` is the number of sources."""
@@ -134,6 +136,8 @@ class Exact(Scheme):
                 )
             solution = self.solve(replace(problem, periodic=None))
             return _with_images(solution, periodic, self._component(problem, domain))
+        if not isinstance(domain, CartesianGrid) and domain.cell_dim < domain.dim:
+            return self._on_surface(domain, problem)
         if isinstance(domain, PartitionedMesh):
             return replace(self._by_components(domain, problem), parts=[])
         if isinstance(domain, CartesianGrid):
@@ -152,6 +156,30 @@ class Exact(Scheme):
         if not (all_used and (convex or is_connected(domain))):
             return self._by_components(PartitionedMesh.from_serial(domain), problem)
         return as_solution(h0, [Part(slice(None), solve_on_mesh(component, boundary, convex))])
+
+    def _on_surface(self, domain: AnyMesh, problem: Problem) -> ExactSolution:
+        """Solve on triangles in space."""
+        if isinstance(domain, PartitionedMesh):
+            if domain.ranks.size > 1 or domain.mesh is None:
+                raise NeedsWholeMesh
+            return replace(self._on_surface(domain.mesh, problem), parts=[])
+        g, given = problem.slope.number(self.name), problem.point_sources
+        found = limit_on_surface(domain, problem.h0, g, given, self.face_sources, problem.report)
+        # Between the nodes, sizes are interpolated.
+        none = node_entries(np.empty((0, 3)), np.empty(0), np.empty(0, np.int32))
+        kept = np.full(len(found.h), -1, np.int32)
+        whole = ComponentSolution(
+            found.h, kept, ExactField(g, None, False, [none]), found.bend, found.proved
+        )
+        whole.nodes = found.named
+        n_proved = int(np.count_nonzero(found.proved))
+        return ExactSolution(
+            found.h,
+            found.n_sources,
+            parts=[Part(slice(None), whole)],
+            n_proved=n_proved,
+            largest_gap=found.gap,
+        )
 
     def _by_components(
         self, part: PartitionedMesh, problem: Problem, linear: IntArray | None = None

@@ -36,6 +36,10 @@ from adaptsize.limiting.exact.paths_in_space import WholeSolid, solid_of, solve_
 from adaptsize.limiting.problem import TooManyCorners
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
+# Sizes that rise by less than this share over the diagonal are equal to rounding on any path.
+# Which path is shortest would be lost to rounding, and with it where it may bend.
+NO_RISE = 1e-14
+
 
 def solve_on_mesh(component: Component, boundary: FlatBoundary, convex: bool) -> ComponentSolution:
     """Solve on one component of triangles in the plane or of tetrahedra."""
@@ -44,6 +48,8 @@ def solve_on_mesh(component: Component, boundary: FlatBoundary, convex: bool) ->
         return _along_edges(component)
     if convex:
         return solve_by_sight(component, None, boundary)
+    if component.extra is None and component.g * mesh.diagonal <= NO_RISE * component.least:
+        return _along_edges(component)
     if mesh.dim == 3:
         found, start = solve_in_solid(WholeSolid(component, solid_of(mesh, boundary)))
         _name_all(component, found, start)
@@ -222,7 +228,7 @@ def _paths_into(
 
 
 def _along_edges(component: Component) -> ComponentSolution:
-    """Solve if no cell has a measure: sizes propagate along edges, and nothing is proved."""
+    """Solve by paths along edges: if no cell has a measure, or if sizes hardly rise."""
     mesh, h0, g = component.mesh, component.h0, component.g
     nowhere = np.empty((0, mesh.dim))
     none = node_entries(nowhere, np.empty(0), np.empty(0, np.int32))
