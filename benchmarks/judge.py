@@ -474,10 +474,10 @@ def is_true(code, found, cap=None):
     return bool(missed(found, cap, 1.0))
 
 
-def judged(part, mesh, tolerance, python=sys.executable):
+def judged(part, mesh, tolerance, python=sys.executable, count=_COUNT, grid=_GRID):
     """Return the measures, by the Python of another environment if that is wanted."""
     if python == sys.executable:
-        return judge(part, mesh, tolerance)
+        return judge(part, mesh, tolerance, count, grid)
     with tempfile.TemporaryDirectory() as folder:
         files = [Path(folder) / "part.npz"]
         np.savez(files[0], points=part.points, triangles=part.triangles)
@@ -486,6 +486,7 @@ def judged(part, mesh, tolerance, python=sys.executable):
             sizes = {} if mesh.sizes is None else {"sizes": mesh.sizes}
             np.savez(files[1], points=mesh.points, cells=mesh.cells, **sizes)
         command = [python, __file__, *map(str, files), "--tolerance", repr(tolerance), "--json"]
+        command += ["--samples", str(count), "--grid", str(grid)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode != 0:
             raise RuntimeError(f"the measures failed: {done.stderr[-2000:]}")
@@ -507,11 +508,13 @@ def main():
     add("--cap", type=float, help="largest number of cells")
     add("--reference", help="the solid that is meant, .npz, instead of the part")
     add("--python", default=sys.executable, help="of an environment with libigl")
+    add("--samples", type=int, default=_COUNT, help="of each surface, besides its corners")
+    add("--grid", type=int, default=_GRID, help="cells along a side, for volumes and overlaps")
     add("--json", action="store_true", help="print one JSON object only")
     given = parser.parse_args()
     part = read_surface(given.reference or given.part)
     mesh = read_mesh(given.mesh) if given.mesh else None
-    found = judged(part, mesh, given.tolerance, given.python)
+    found = judged(part, mesh, given.tolerance, given.python, given.samples, given.grid)
     if given.json:
         print(json.dumps(found))
         return
