@@ -88,4 +88,4 @@ dist:
 clean:
 	rm -rf .numba_cache .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build dist
 	rm -rf docs/_build docs/api docs/gallery docs/notebooks docs/project docs/results
-	rm -f .coverage bracket.vtu bracket.png surfaces.md surfaces.md.jsonl
+	rm -f .coverage bracket.vtu bracket.png surfaces.md surfaces.md.jsonl wild.md wild.md.jsonl

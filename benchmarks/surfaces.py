@@ -28,7 +28,6 @@ the median of the cells made over the integral of the sizes, and how many meshes
 """
 
 import argparse
-import contextlib
 import json
 import os
 import re
@@ -37,13 +36,13 @@ import signal
 import statistics
 import sys
 import tempfile
-import time
 import warnings
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
 from _nasty_surfaces import write_surfaces
+from _outcomes import rows_in, shown, wait
 from _timing import table
 
 import adaptsize as ads
@@ -185,34 +184,12 @@ def in_child(file, arguments):
     return row
 
 
-def wait(child, seconds):
-    """Return the exit code and the use of a child; end it and its group after some seconds."""
-    end = time.monotonic() + seconds
-    while True:
-        pid, status, usage = os.wait4(child, os.WNOHANG)
-        if pid:
-            return os.waitstatus_to_exitcode(status), usage
-        if time.monotonic() > end:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(child, signal.SIGKILL)
-        time.sleep(0.05)
-
-
 def load_kernels():
     """Run what every case runs once, so that children need not load or compile it."""
     corners = np.vstack([np.zeros(3), np.eye(3)])
     surface = ads.SimplexMesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     size = ads.size_function(surface, max_elements=100)
     ads.check_mesh(surface, original=surface, size=size)
-
-
-def rows_in(store):
-    """Return the rows of an earlier run; a line that was cut off is left out."""
-    rows = []
-    for line in store.read_text(encoding="utf-8").splitlines() if store.exists() else []:
-        with contextlib.suppress(json.JSONDecodeError):
-            rows.append(json.loads(line))
-    return rows
 
 
 def table_of_surfaces(rows):
@@ -257,13 +234,6 @@ def counts(rows):
     kinds = Counter(row["kind"] for row in rows)
     total = ", ".join(f"{kinds[kind]} {kind}" for kind in KINDS if kinds[kind])
     return f"{len(rows)} files: {total}."
-
-
-def shown(value):
-    """Return the text of a cell."""
-    if isinstance(value, float):
-        return f"{value:.3g}"
-    return value[:160].replace("|", "/") if isinstance(value, str) else str(value)
 
 
 def parse():

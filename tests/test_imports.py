@@ -80,6 +80,23 @@ def test_the_summary_of_a_file_brings_neither_bounds_nor_limiting():
     _modules_after(code)
 
 
+def test_cached_kernels_are_loaded_without_the_compiler_and_scipy():
+    # What compiles them takes longer to import than the rest of numba.
+    code = (
+        "import sys\n"
+        "from adaptsize import SimplexMesh, limit_gradient\n"
+        "mesh = SimplexMesh([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], [[0, 1, 2]])\n"
+        "assert abs(limit_gradient(mesh, [0.1, 5.0, 5.0], 0.3) - [0.1, 0.4, 0.4]).max() < 1e-12\n"
+        "from adaptsize.background.topology import components_of\n"
+        "from adaptsize.background.merging import place_numbers\n"
+        "assert place_numbers(mesh.points, 1e-9).tolist() == [0, 1, 2]\n"
+        "slow = 'numba.np.linalg numba.np.npyimpl scipy.linalg scipy.sparse scipy.spatial'\n"
+        "loaded = [name for name in slow.split() if name in sys.modules]\n"
+    )
+    _modules_after(code)  # compiles them
+    _modules_after(code + "assert not loaded, loaded")
+
+
 def test_public_names_are_listed_and_the_objects_of_their_homes():
     assert len(set(adaptsize.__all__)) == len(adaptsize.__all__)
     assert set(adaptsize.__all__) <= set(dir(adaptsize))

@@ -671,7 +671,7 @@ class ScaledPictureOptions(PictureOptions, total=False):
 @cache
 def options_of(record: type) -> Mapping[str, Option]:
     """Return the options of a record by their names, in the order of the declaration."""
-    options = {}
+    options, texts = {}, _texts_of(record)
     for name, kind in get_type_hints(record, include_extras=True).items():
         types, option = get_args(kind)
         members = get_args(types)
@@ -680,23 +680,37 @@ def options_of(record: type) -> Mapping[str, Option]:
             rest = tuple(member for member in members if member is not NoneType)
             types = rest[0] if len(rest) == 1 else types
         declared = {"name": name, "type": types, "optional": optional}
-        options[name] = replace(option, **declared, **_texts_of(record, name))
+        # Without docstrings (python -OO) there are no texts.
+        options[name] = replace(option, **declared, **texts.get(name, {"group": "Options"}))
     return options
 
 
-def _texts_of(record: type, name: str) -> dict[str, str]:
-    """Return the text, the details and the group of an option, from the docstrings of records."""
+def _texts_of(record: type) -> dict[str, dict[str, str]]:
+    """Return the text, the details and the group of each option, from docstrings of records."""
     items = record.__annotations__.items()
     bases = [
         b for b in globals().values() if is_typeddict(b) and b.__annotations__.items() <= items
     ]
+    texts: dict[str, dict[str, str]] = {}
     for base in (record, *bases):
-        title, _, entries = inspect.cleandoc(base.__doc__ or "").partition(".\n\n")
-        entry = re.search(rf"^{name}\n((?:    .*\n?)+)", entries, re.MULTILINE)
-        if entry is not None:
-            text, _, details = " ".join(entry[1].split()).partition(". ")
-            return {"text": text.removesuffix(".") + ".", "details": details, "group": title}
-    return {"group": "Options"}  # without docstrings (python -OO)
+        for name, entry in _entries_of(base).items():
+            texts.setdefault(name, entry)
+    return texts
+
+
+@cache
+def _entries_of(record: type) -> dict[str, dict[str, str]]:
+    """Return the texts in the docstring of a record."""
+    title, _, entries = inspect.cleandoc(record.__doc__ or "").partition(".\n\n")
+    found = {}
+    for entry in re.finditer(r"^(\w+)\n((?:    .*\n?)+)", entries, re.MULTILINE):
+        text, _, details = " ".join(entry[2].split()).partition(". ")
+        found[entry[1]] = {
+            "text": text.removesuffix(".") + ".",
+            "details": details,
+            "group": title,
+        }
+    return found
 
 
 def checked(record: type[R], given: Mapping[str, Any]) -> R:

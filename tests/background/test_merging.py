@@ -2,9 +2,15 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
-from adaptsize.background.merging import place_numbers
+from adaptsize.background.merging import _near_pairs, place_numbers
+from adaptsize.background.topology import components_of
 
 
 def chains(points, within):
@@ -32,3 +38,36 @@ def test_places_are_the_chains_of_near_points(dim, scale):
     for within in (0.0, 0.01, 0.05, 2.0):
         expected = chains(points, within)
         assert_array_equal(place_numbers(scale * points, scale * within), expected)
+
+
+@pytest.mark.parametrize("spacing", [2.0, 50.0])
+@pytest.mark.parametrize("offset", [0.0, 1e7])
+@pytest.mark.parametrize("kind", ["cube", "plane", "line"])
+def test_near_pairs_are_those_of_a_tree(kind, offset, spacing):
+    # Lattices, as CAD parts have, with a fifth of the points repeated nearby.
+    rng = np.random.default_rng(81_101)
+    n = {"cube": (6, 6, 6), "plane": (15, 15, 1), "line": (200, 1, 1)}[kind]
+    points = spacing * np.argwhere(np.ones(n)).astype(float) + offset
+    twins = points[::5] + rng.uniform(-0.8, 0.8, (len(points[::5]), 3))
+    points = rng.permutation(np.concatenate([points, twins]))
+    expected = cKDTree(points).query_pairs(1.0, output_type="ndarray")
+    found = _near_pairs(points)
+    assert found is not None or spacing == 2.0
+    if found is not None:
+        assert_array_equal(
+            np.unique(np.sort(found, axis=1), axis=0), np.unique(np.sort(expected, axis=1), axis=0)
+        )
+        assert len(expected) > 10
+
+
+def test_points_that_are_all_near_are_left_to_a_tree():
+    points = np.random.default_rng(81_102).random((200, 3)) * 0.1
+    assert _near_pairs(points) is None
+    assert place_numbers(points, 1.0).max() == 0
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 60))
+def test_components_are_those_of_a_graph(seed, n_links):
+    links = np.random.default_rng(seed).integers(0, 40, (n_links, 2))
+    graph = coo_array((np.ones(n_links), links.T), shape=(40, 40))
+    assert_array_equal(components_of(links, 40), connected_components(graph, directed=False)[1])

@@ -10,6 +10,10 @@ get the state of all its files as their stamp.
 numba raises whatever unpickling raises when a file of the cache is damaged, in each later run, and
 would execute damaged code.  So files get a checksum, and damaged ones count as absent: the function
 is compiled again, which replaces them.
+
+numba imports all of its implementations of NumPy before it loads a compiled function, and parts of
+SciPy with them.  Only the compiler needs them, which asks for them itself.  They took .3 s of each
+process, more than numba without them.  So functions are loaded without.
 """
 
 import gc
@@ -21,6 +25,7 @@ from typing import Any
 
 from numba import njit
 from numba.core import event
+from numba.core.runtime.nrt import rtsys
 
 _njit: Any = njit  # numba's annotations leave out its options about wrappers
 
@@ -96,6 +101,22 @@ def _refuse_damaged_files(index: Any) -> None:
     index._load_data = load_whole_data
 
 
+def _load_without_compiler(files: Any) -> None:
+    """Make numba's object for the cache of one function load it without what compiles it."""
+    used = ("load_overload", "_load_overload", "_guard_against_spurious_io_errors")
+    if not all(hasattr(files, name) for name in used):  # not public either
+        return
+
+    def load_overload(signature: Any, target: Any) -> Any:
+        import numba.cpython.hashing  # noqa: F401  # defines symbols that compiled code may refer to
+
+        rtsys.initialize(target)  # and those for counted references
+        with files._guard_against_spurious_io_errors():
+            return files._load_overload(signature, target)
+
+    files.load_overload = load_overload
+
+
 def _cached(**options: Any) -> Callable[[Any], Any]:
     """Return a decorator like numba's, with a cache that sees changes in all files beside."""
     compiled = _njit(**{"cache": True, "nogil": True, "no_cfunc_wrapper": True, **options})
@@ -103,11 +124,13 @@ def _cached(**options: Any) -> Callable[[Any], Any]:
     def decorate(function: Any) -> Any:
         dispatcher = compiled(function)
         # Not public in numba: if it is elsewhere in another version, its own stamp stays.
-        index = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+        files = getattr(dispatcher, "_cache", None)
+        index = getattr(files, "_cache_file", None)
         if index is not None and hasattr(index, "_source_stamp"):
             beside = Path(function.__code__.co_filename).parent
             index._source_stamp = (index._source_stamp, _state_of(beside))
             _refuse_damaged_files(index)
+            _load_without_compiler(files)
         return dispatcher
 
     return decorate

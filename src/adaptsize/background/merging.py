@@ -12,6 +12,8 @@ from adaptsize.typing import FloatArray, IndexArray
 
 # Larger coordinates, in units of the distance, are clipped, as their squares would overflow.
 _FARTHEST = 1e150
+# Points along a line that may be as close to each other as near ones, before a tree is used.
+_MOST_STEPS = 8
 
 
 def place_numbers(points: FloatArray, within: float) -> IndexArray:
@@ -82,12 +84,39 @@ def first_at_place(points: FloatArray, within: float) -> IndexArray:
 
 def _joined(points: FloatArray, within: float) -> IndexArray:
     """Return the component number of each of a set of distinct points."""
-    from scipy.spatial import cKDTree
-
     with np.errstate(over="ignore"):
         scaled = np.clip(points / within, -_FARTHEST, _FARTHEST)
-    pairs = cKDTree(scaled, balanced_tree=False).query_pairs(1.0, output_type="ndarray")
+    pairs = _near_pairs(scaled)
+    if pairs is None:
+        from scipy.spatial import cKDTree
+
+        pairs = cKDTree(scaled, balanced_tree=False).query_pairs(1.0, output_type="ndarray")
     return components_of(pairs, len(points))
+
+
+def _near_pairs(points: FloatArray) -> IndexArray | None:
+    """Return the pairs of points whose distance is at most 1, or None if that takes too long.
+
+    Points are sorted along a line that is perpendicular to no usual plane.  If the distance is
+    small compared with the part, hardly any points are close to each other along the line but near
+    ones.
+    """
+    line = np.array([0.53, 0.67, 0.5196][: points.shape[1]])
+    along = points @ line
+    order = np.argsort(along, kind="stable")
+    along = along[order]
+    allowed = 1.0 + 8.0 * np.finfo(float).eps * np.abs(points).max()  # with rounding
+    pairs, left = [np.empty((0, 2), np.intp)], np.arange(len(points) - 1)
+    for step in range(1, _MOST_STEPS):
+        left = left[left + step < len(points)]
+        left = left[along[left + step] - along[left] <= allowed]
+        if len(left) == 0:
+            return np.concatenate(pairs)
+        one, other = order[left], order[left + step]
+        apart = points[one] - points[other]
+        near = np.einsum("ij,ij->i", apart, apart) <= 1.0
+        pairs.append(np.column_stack([one, other])[near])
+    return None
 
 
 def ordered_by_place(mesh: SimplexMesh) -> tuple[SimplexMesh, IndexArray]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._kernels.topology import fill_rings, group_rows
+from adaptsize._kernels.topology import fill_rings, group_rows, join_cells
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.typing import BoolArray, IndexArray, IntArray, LongArray
 
@@ -213,11 +213,24 @@ def components_of(links: npt.NDArray[Any], n: int) -> IndexArray:
         Pairs of objects that are connected.
     n : int
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+    root = roots_of(links, n)
+    is_first = root == np.arange(n)
+    return np.asarray((np.cumsum(is_first) - 1)[root], np.intp)
 
-    graph = coo_array((np.ones(len(links), np.int8), (links[:, 0], links[:, 1])), shape=(n, n))
-    return np.asarray(connected_components(graph, directed=False)[1], np.intp)
+
+def roots_of(links: npt.NDArray[Any], n: int) -> IntArray:
+    """Return the first object of the connected component of each of n objects, int32[n].
+
+    Parameters
+    ----------
+    links : int[m, k]
+        Rows of objects that are connected, such as cells.
+    n : int
+    """
+    root = np.arange(n, dtype=np.int32)
+    # The kernel is compiled for read-only arrays, as cells are.
+    join_cells(read_only(np.ascontiguousarray(links, np.int32)), root)
+    return root
 
 
 def pairs_of_cells(mesh: SimplexMesh, facets: BoolArray) -> IndexArray:

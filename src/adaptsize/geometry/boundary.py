@@ -21,9 +21,8 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels import flat_boundary as kernels
-from adaptsize._kernels.topology import join_cells
 from adaptsize.background import SimplexMesh
-from adaptsize.background.topology import have_different_nodes, unique_rows
+from adaptsize.background.topology import have_different_nodes, roots_of, unique_rows
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 
@@ -134,12 +133,9 @@ def _facets_at(
 
 def _without_short_edges(points: FloatArray, cells: IntArray) -> tuple[IntArray, IntArray]:
     """Return the cells with coincident nodes of a cell merged, and the representatives."""
-    parent = np.arange(len(points), dtype=np.int32)
     pairs = [cells[:, [v, w]] for v in range(cells.shape[1]) for w in range(v)]
     short = [rows[(points[rows[:, 0]] == points[rows[:, 1]]).all(axis=1)] for rows in pairs]
-    join_cells(np.ascontiguousarray(np.concatenate(short)), parent)
-    while not np.array_equal(parent, parent[parent]):
-        parent = parent[parent]
+    parent = roots_of(np.concatenate(short), len(points))
     merged = parent[cells]
     return np.ascontiguousarray(merged[have_different_nodes(merged)]), parent
 

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_matrix, csr_matrix
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.flipping import flip_edges
@@ -324,10 +323,12 @@ def _normals(corners: FloatArray) -> FloatArray:
 
 def _keeps_topology(mesh: SimplexMesh, ends: IntArray) -> BoolArray:
     """Whether the ends of each edge have exactly two neighbours in common."""
+    from scipy.sparse import coo_matrix  # slow to import
+
     first, second = mesh.edges.T
     ones = np.ones(2 * len(first), np.int32)
     rows, columns = np.concatenate([first, second]), np.concatenate([second, first])
-    near: csr_matrix = coo_matrix((ones, (rows, columns)), (mesh.n_points,) * 2).tocsr()
+    near = coo_matrix((ones, (rows, columns)), (mesh.n_points,) * 2).tocsr()
     common = near[ends[:, 0]].multiply(near[ends[:, 1]]).sum(axis=1)
     return np.asarray(np.ravel(common) == 2)
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from itertools import combinations_with_replacement
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_array
 
 from adaptsize._checks import as_float_array, as_values
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
@@ -18,6 +17,9 @@ from adaptsize.background.simplex import as_mesh
 from adaptsize.background.surroundings import surroundings_of
 from adaptsize.background.topology import marked
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array  # slow to import
 
 
 def recovered_gradient(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
@@ -236,7 +238,7 @@ def _in_regions(
     apart, nodes = divided
     found = recover(apart, nodal[nodes])
     near = nodes_within_an_edge(apart)
-    alone = np.diff(csr_array(near @ near).indptr) <= mesh.dim + 1
+    alone = np.diff((near @ near).indptr) <= mesh.dim + 1
     if alone.any():
         found[alone] = recover(mesh, nodal)[nodes[alone]]
     return found, nodes, apart.cells
@@ -250,7 +252,7 @@ def _gradients(mesh: SimplexMesh, nodal: FloatArray) -> FloatArray:
     # around nodes of good meshes 0.003 to 0.05, below where the nodes nearly lie on a conic.
     gradient[inner], good = _gradients_of_fits(mesh.points, nodal, near[inner], inner, 3e-3)
     others = np.setdiff1d(np.arange(mesh.n_points), inner[good])
-    wide = csr_array(near[others] @ near)
+    wide = near[others] @ near
     gradient[others] = _gradients_of_fits(mesh.points, nodal, wide, others, DETERMINED)[0]
     return gradient
 
@@ -354,6 +356,8 @@ class PatchPart(NamedTuple):
 
 def nodes_within_an_edge(mesh: SimplexMesh) -> csr_array:
     """Return a matrix whose entries in row i are i and the nodes that share an edge with it."""
+    from scipy.sparse import csr_array
+
     n = mesh.n_points
     i, j = mesh.edges.T
     own = np.arange(n)
@@ -379,7 +383,7 @@ def second_derivatives_of_fits(
     float64[n_points, dim, dim], or float64[n_points, 2, 2] in the tangents
     """
     near = nodes_within_an_edge(mesh)
-    patches = csr_array(near @ near)
+    patches = near @ near
     dim = mesh.cell_dim
     hessian = np.empty((mesh.n_points, dim, dim))
     for part in parts_of(patches):

@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.topology import join_cells
 from adaptsize.background import SimplexMesh, topology
 from adaptsize.background.partitioned import AnyMesh, PartitionedMesh, local_mesh
 from adaptsize.limiting.problem import PointBounds
@@ -70,9 +69,7 @@ def is_connected(mesh: SimplexMesh) -> bool:
 
 def _roots_of(mesh: AnyMesh) -> IntArray:
     """Return for each node the smallest node of its component on this rank."""
-    root = np.arange(mesh.n_points, dtype=np.int32)
-    join_cells(mesh.cells, root)
-    return root
+    return topology.roots_of(mesh.cells, mesh.n_points)
 
 
 def components_of(part: PartitionedMesh) -> Components:
