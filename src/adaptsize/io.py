@@ -21,6 +21,7 @@ from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.image import Image
 from adaptsize.errors import InputWarning, MeshFileError
 from adaptsize.metrics import Metric, MetricFunction
+from adaptsize.quality.connections import are_doubtful, unconnected
 
 __all__ = ["polygons", "read", "read_image", "read_metric", "read_size", "write"]
 
@@ -61,7 +62,8 @@ def read(
         file lacks have no effect.
     keep_slits : bool
         In plane and solid meshes of which most facets between cells are double, as programs for
-        discontinuous fields write them, nodes at one place are joined.  True keeps them.
+        discontinuous fields write them, nodes at one place are joined.  True keeps them, and there
+        are no warnings of cells that are not connected.
 
     Returns
     -------
@@ -82,7 +84,10 @@ def read(
     Warns
     -----
     InputWarning
-        If cells were dropped or converted, with their number.
+        If cells were dropped or converted, with their number.  If parts of a plane or solid mesh
+        lie side by side and are not connected: nodes at one place, or nodes in the middle of an
+        edge (hanging nodes), with their number and the first place.  Slits are not reported here,
+        but by ``adaptsize info`` and `check_mesh`.
 
     Notes
     -----
@@ -145,6 +150,8 @@ def read(
         )
     except (ValueError, MemoryError) as error:
         raise about_file(file, error) from error
+    if not keep_slits:
+        notes.extend(str(found) for found in are_doubtful(unconnected(mesh)))
     if notes:
         warnings.warn(f"{file}: {'; '.join(notes)}", InputWarning, stacklevel=2)
     return mesh
@@ -302,33 +309,34 @@ def read_metric(path: str | os.PathLike[str], *, name: str = "metric") -> Metric
 
     Parameters
     ----------
-    path : path-like
-        A ``.sol`` with sizes or symmetric matrices at the nodes, or a file for `read`.
-    name : str, default "metric"
-        The nodal field in a file for `read`, with one, four or nine components.
+        path : path-like
+            A ``.sol`` with sizes or symmetric matrices at the nodes, or a file for `read`.
+        name : str, default "metric"
+            The nodal field in a file for `read`, with one, four or nine components.
 
     Returns
     -------
-    Metric
-        At the nodes in the order of the file.
+        Metric
+            At the nodes in the order of the file.
 
     Raises
     ------
-    MeshFileError
-        As in `read`, and if there is no such field, or its values are not metrics.
+        MeshFileError
+            As in `read`, and if there is no such field, or its values are not metrics.
 
     Examples
     --------
-    >>> import tempfile, pathlib
-    >>> import numpy as np
-    >>> from adaptsize.metrics import Metric, MetricFunction
-    >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
-    >>> metric = Metric([[0.1, 1.0]] * 3, [np.eye(2)] * 3)
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = pathlib.Path(folder, "part.sol")
-    ...     write(file, MetricFunction(mesh, metric))
-    ...     read_metric(file)
-    Metric(3 nodes in 2-D, sizes 0.1 to 1, aspect ratio up to 10)
+        >>> import tempfile, pathlib
+        >>> import numpy as np
+        >>> from adaptsize.metrics import Metric, MetricFunction
+    from adaptsize.quality.connections import are_doubtful, unconnected
+        >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+        >>> metric = Metric([[0.1, 1.0]] * 3, [np.eye(2)] * 3)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     file = pathlib.Path(folder, "part.sol")
+        ...     write(file, MetricFunction(mesh, metric))
+        ...     read_metric(file)
+        Metric(3 nodes in 2-D, sizes 0.1 to 1, aspect ratio up to 10)
     """
     file = as_path("path", path)
     try:

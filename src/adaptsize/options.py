@@ -243,8 +243,8 @@ class BudgetOptions(NumberOptions, total=False):
         Parameters that are not given are relaxed.
     degree
         Polynomial degree, for these.
-    fields
-        Coupled fields, for these.
+    components
+        Components of the solution, for these.
     """
 
     dofs: Annotated[float | None, Option(lower=1.0)]
@@ -254,7 +254,7 @@ class BudgetOptions(NumberOptions, total=False):
     ]
     max_memory: Annotated[str | None, Option()]
     degree: Annotated[int, Option(1, lower=1.0, upper=20.0)]
-    fields: Annotated[int, Option(1, lower=1.0, upper=1000.0)]
+    components: Annotated[int, Option(1, lower=1.0, upper=1000.0)]
 
 
 class ImageOptions(TypedDict, total=False):

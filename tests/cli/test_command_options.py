@@ -27,7 +27,7 @@ NUMBERS = [
     for name, command in COMMANDS.items()
     for option in command.params
     if option.metavar in ("N", "LENGTH", "DEGREES")
-    and option.name not in ("rounds", "levels", "degree", "fields", "order")  # whole
+    and option.name not in ("rounds", "levels", "degree", "components", "order")  # whole
 ]
 
 

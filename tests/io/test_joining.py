@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import adaptsize as ads
 from adaptsize import SimplexMesh, read, write
-from adaptsize._formats.joining import places_not_joined
 from adaptsize.errors import InputWarning
+from adaptsize.quality.connections import unconnected
 
 
 def grid(n, dim, rng):
@@ -85,8 +85,9 @@ def test_slits_are_kept_and_told_by_info(tmp_path, capsys, suffix):
     assert read(tmp_path / f"a{suffix}").n_points == mesh.n_points
     assert call("info", tmp_path / f"a{suffix}") == 0
     assert "facets lie on another, the first at (" in capsys.readouterr().err
-    (text,) = places_not_joined(mesh)
-    assert int(text.split()[0]) == len(mesh.boundary().mesh.cells) - len(
+    (found,) = unconnected(mesh)
+    assert found.kind == "slits"
+    assert found.number == len(mesh.boundary().mesh.cells) - len(
         np.unique(np.sort(np.unique(mesh.boundary().mesh.points, axis=0, return_inverse=True)[1]
                           .ravel()[mesh.boundary().mesh.cells], axis=1), axis=0)
     )  # fmt: skip
@@ -109,12 +110,14 @@ def test_hanging_nodes_are_named_with_their_place(tmp_path, capsys, dim):
     new = np.array([cell, cell])
     new[0, 0], new[1, 1] = mesh.n_points, mesh.n_points
     hanging = SimplexMesh(np.vstack([mesh.points, middle]), np.vstack([mesh.cells[1:], new]))
-    texts = places_not_joined(hanging)
-    on_boundary = len(places_not_joined(mesh))
-    assert on_boundary == 0
-    assert texts
-    assert all("1 nodes hang in the middle of an edge" in text for text in texts[-1:])
+    assert unconnected(mesh) == []
+    (found,) = unconnected(hanging)
+    assert (found.kind, found.number) == ("hanging", 1)
+    assert_allclose(found.place, middle)
     write(tmp_path / "a.vtu", hanging)
+    with pytest.warns(InputWarning, match="1 nodes hang in the middle of an edge"):
+        read(tmp_path / "a.vtu")
+    assert "1 nodes hang" in str(ads.check_mesh(hanging))
     assert call("info", tmp_path / "a.vtu") == 0
     assert f"the first at ({middle[0]:.6g}" in capsys.readouterr().err
 

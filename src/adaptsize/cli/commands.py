@@ -84,8 +84,8 @@ def options(
 @command(replace(FACES, text="List the faces of a surface: area, curvature and box."), *READING)
 def info(console: Console, file: Input, given: Given) -> int:
     """Summarize a mesh: cells, extent, tags, fields, quality."""
-    from adaptsize._formats.joining import places_not_joined
     from adaptsize.geometry.face_table import summarize_faces, table_of_faces
+    from adaptsize.quality.connections import unconnected
     from adaptsize.quality.summary import summarize
 
     with console.steps(2) as steps:
@@ -95,7 +95,7 @@ def info(console: Console, file: Input, given: Given) -> int:
         faces = summarize_faces(files.with_named_faces(mesh)) if by_faces else []
         steps.begin("checks")
         summary = summarize(mesh)
-    not_joined = places_not_joined(mesh)
+    not_joined = [str(found) for found in unconnected(mesh)]
     console.record(**summary.as_dict(), not_joined=not_joined)
     console.print(summary)
     if faces:

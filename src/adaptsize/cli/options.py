@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
 import numpy as np
 import typer
@@ -89,6 +89,10 @@ KEEP_SLITS = own(
 FACES = own(
     "Output", "faces", bool, "Tag the faces of a surface between its feature edges: face 1, ..."
 )
+FIELDS = own(
+    "Output", "fields", Literal["all", "none"], default="all",
+    text="Fields of the file on the new mesh: all or none.",
+)  # fmt: skip
 #: Of commands that read a mesh.
 READING = (TAGS, KEEP_SLITS)
 ORDER = replace(

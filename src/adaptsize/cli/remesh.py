@@ -18,6 +18,7 @@ from adaptsize.cli.metric import remesh_with_metric
 from adaptsize.cli.options import (
     FACES,
     FIELD,
+    FIELDS,
     METRIC,
     ORDER,
     PLOT,
@@ -30,6 +31,8 @@ from adaptsize.cli.options import (
     own,
 )
 from adaptsize.cli.size import as_dict, bounded, print_outcome
+from adaptsize.cli.transfer import with_fields, without
+from adaptsize.errors import InputWarning
 from adaptsize.options import BudgetOptions, MeshOptions, RemeshToElementsOptions, options_of
 
 if TYPE_CHECKING:
@@ -59,6 +62,7 @@ _LOOSE = 0.1
     ),
     ORDER,
     FACES,
+    FIELDS,
     *READING,
     PLOT,
     own(
@@ -68,7 +72,8 @@ _LOOSE = 0.1
 def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> int:
     """Make a mesh with the requested sizes; closed surfaces become tetrahedra.
 
-    Parameters that are not given are chosen from the part and printed.
+    Parameters that are not given are chosen from the part and printed.  Fields of the file are
+    transferred.
     """
     if "metric" in given:
         return remesh_with_metric(console, file, output, given)
@@ -78,7 +83,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     from adaptsize.reporting.outcome import outcome_of_remeshing
 
     plot, page = given.pop("plot", None), given.pop("report", None)
-    order = given.pop("order", 1)
+    order, fields = given.pop("order", 1), given.pop("fields", "all")
     files.check_files([file], output, "mesh", order, plot=plot, report=page)
     with console.steps(5) as steps:
         steps.begin("reading")
@@ -94,14 +99,21 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ads.errors.OpenSurfaceWarning)  # printed by _accepted
+            warnings.filterwarnings("ignore", ".* not connected", InputWarning)  # and by `read`
             following = steps.following(_part_of)
             new, size = mesh_with_sizes(
-                mesh, bounded(mesh, given), tell=console.say, found=found, progress=following
+                mesh.without_data(),
+                bounded(mesh, given),
+                tell=console.say,
+                found=found,
+                progress=following,
             )
         report = report_of(size)
         allowed = tolerance_of(report, given.get("tolerance"))
-        new = new.with_data(point_data={"h": size(new.points)})
         steps.begin("writing")
+        if fields == "all":
+            new = with_fields(console, without(mesh, given.get("field")), new, output, steps.report)
+        new = new.with_data(point_data={"h": size(new.points)})
         files.write_result(console, output, new, order=order)
         files.write_provenance(output, _provenance(file, given, as_dict(report), allowed, new))
         steps.begin("checks")

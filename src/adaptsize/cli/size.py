@@ -106,7 +106,7 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
         console.print(f"field cause: {names}")
     speed = {name: of_cost[name] for name in ("speed",) if name in of_cost}
     if "cost" in of_cost:
-        cost = found.cost(**{k: given[k] for k in ("degree", "fields") if k in given}, **speed)
+        cost = found.cost(**{k: given[k] for k in ("degree", "components") if k in given}, **speed)
         console.record(cost=asdict(cost))
         console.print(cost)
     if "parts" in of_cost:

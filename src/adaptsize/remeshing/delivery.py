@@ -1,4 +1,4 @@
-"""Warnings of elements that were requested and not made."""
+"""Warnings of what a new mesh lacks: fields, and elements that were requested."""
 
 from __future__ import annotations
 
@@ -7,15 +7,47 @@ from typing import Any
 import numpy as np
 
 from adaptsize._checks import warn_caller
+from adaptsize._defaults import is_of_sizes
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
-from adaptsize.errors import ResolutionWarning
+from adaptsize.errors import InputWarning, ResolutionWarning
 from adaptsize.quality.by_place import RequestedElements
+from adaptsize.quality.connections import are_doubtful, unconnected
 from adaptsize.quality.requests import unserved
 from adaptsize.remeshing.sizing import MetricAt, Size
 
 #: Warnings of one mesh.
 _MOST = 5
+
+
+def without_fields(mesh: SimplexMesh) -> SimplexMesh:
+    """Return a mesh without fields, and warn of those that the new mesh will lack.
+
+    Warns
+    -----
+    InputWarning
+        If there are fields other than the sizes for which a mesh was made.
+    """
+    names = [name for name in (*mesh.point_data, *mesh.cell_data) if not is_of_sizes(name)]
+    if names:
+        warn_caller(
+            f"the new mesh is without the fields {', '.join(names)}: transfer_fields(old, new, "
+            "fields=..., cell_fields=...) returns them there, and adapt transfers its fields",
+            InputWarning,
+        )
+    return mesh.without_data()
+
+
+def warn_of_unconnected(mesh: SimplexMesh) -> None:
+    """Warn of cells side by side that are not connected, other than those at slits.
+
+    Warns
+    -----
+    InputWarning
+        With their number and the first place.
+    """
+    for found in are_doubtful(unconnected(mesh)):
+        warn_caller(f"{found}; the mesh keeps this", InputWarning)
 
 
 def delivered(

@@ -21,13 +21,14 @@ from adaptsize.errors import InputWarning, TooManyElementsError
 from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
+from adaptsize.quality.connections import refuse_repeated_cells
 from adaptsize.remeshing.acceptance import (
     remesh_strictly,
     routes,
     warn_of_deviation,
     warn_of_lost_tags,
 )
-from adaptsize.remeshing.delivery import delivered
+from adaptsize.remeshing.delivery import delivered, warn_of_unconnected, without_fields
 from adaptsize.remeshing.filling import filled
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.in_parts import remesh_parts
@@ -97,8 +98,8 @@ def remesh(
     SimplexMesh or PartitionedMesh
         Cells of full dimension are positively oriented, and each node is used.  ``cell_tags``
         and the names of tags are kept.  If ``mesh`` has ``tagged_facets``, the result has them
-        for the same parts of the boundary and interfaces.  Point and cell data are not
-        transferred.
+        for the same parts of the boundary and interfaces.  Point and cell data are left out:
+        `transfer_fields` returns them on the new mesh.
 
     Raises
     ------
@@ -116,7 +117,9 @@ def remesh(
     Warns
     -----
     InputWarning
-        If points of a surface were merged or triangles dropped.
+        If points of a surface were merged or triangles dropped.  If the mesh has fields, which
+        the new one lacks.  If cells side by side are not connected: parts whose nodes at one place
+        are not joined, or nodes in the middle of an edge (hanging nodes).  Slits are none of these.
     OpenSurfaceWarning
         If a surface to be filled is open, or has bodies that overlap or are closer to each other
         than the tolerance: what it encloses is then decided by the generator.  See `close_holes`.
@@ -176,7 +179,11 @@ def remesh(
         with reporting(progress if mesh.ranks.rank == 0 else None) as report:
             one: Any = partial(remesh, **(given | RemeshOptions(backend="mmg")), progress=report)
             return remesh_parts(mesh, cast(npt.ArrayLike, size), one, given)  # type: ignore
+    mesh = without_fields(mesh)
     task, tolerance = _task(mesh, given["target"]), given["tolerance"]
+    if mesh.cell_dim == mesh.dim:
+        refuse_repeated_cells(mesh)
+        warn_of_unconnected(mesh)
     metric = as_metric_at(size, mesh, given["hmax"])
     _check_metric(metric, task, strict=given["strict"])
     chosen = choose_backend(
