@@ -85,7 +85,7 @@ def test_fields_of_a_surface_stay_on_it(tmp_path, capsys):
     assert "left out" not in capsys.readouterr().err
     new = remeshed(tmp_path, cube)
     assert (new.cell_dim, "z" in new.point_data) == (3, False)
-    message = "fields of a surface are not known inside: z, k_rank are left out"
+    message = "fields of a surface are not known inside, and are left out: z, k_rank"
     assert message in capsys.readouterr().err
 
 

@@ -8,6 +8,8 @@ import pytest
 import shapefile
 import shapely
 from command_line import call
+from hypothesis import given
+from hypothesis import strategies as st
 
 import adaptsize as ads
 from adaptsize import polygons, read
@@ -47,6 +49,59 @@ def boundary_lines(mesh):
 
 
 # --- the domain -----------------------------------------------------------------------------------
+
+
+def disc(n, middle, radius=1.0, turn=0.0):
+    angle = turn + 2 * np.pi * np.arange(n) / n
+    return np.add(middle, radius * np.column_stack([np.cos(angle), np.sin(angle)]))
+
+
+CONTACTS = {
+    "two holes": lambda gap: [disc(24, (-1 - gap, 0)), disc(36, (1, 0), turn=np.pi)],
+    "a hole at a wall": lambda gap: [disc(24, (3 - gap, 0.4))],
+    "an island in a lake": lambda gap: [disc(40, (0, 0), 2.0), disc(20, (1 - gap, 0))],
+    "a notch across a ring": lambda gap: [
+        [(-2, -2), (0, -2), (0, -gap), (0.5, -1), (2, -1), (2, 1), (0, 0), (-2, 1)]
+    ],
+    "a spike": lambda gap: [[(-1, -1), (1, -1), (1, 0), (2, gap), (1, 2 * gap), (1, 1), (-1, 1)]],
+}
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([*CONTACTS]),
+    st.sampled_from([0.0, 1e-17, 1e-16, 1e-13, 1e-10, 2e-9]),
+)
+def test_contact_closer_than_rounding_is_refused_with_its_place(seed, kind, gap):
+    rng = np.random.default_rng(seed)
+    outer = np.array([(-4, -4), (4, -4), (4, 4), (-4, 4)])
+    rings = CONTACTS[kind](gap)
+    touches = (4.0, 0.4) if "wall" in kind else (2, 0) if "lake" in kind else (0, 0)
+    touches = np.array((1.5, gap) if kind == "a spike" else touches)
+    turn = np.linalg.qr(rng.standard_normal((2, 2)))[0]
+    scale, shift = 10.0 ** rng.uniform(-3, 6), rng.standard_normal(2)
+
+    def moved(points):
+        return scale * (np.asarray(points, float) @ turn + shift)
+
+    with pytest.raises(ValueError, match=r"touch|crosses|3 different") as caught:
+        polygons(moved(outer), holes=[moved(ring) for ring in rings])
+    place = re.search(r"(?:at|near|between) \((.*?), (.*?)\)", str(caught.value))
+    away = np.subtract([float(x) for x in place.groups()], moved(touches[None])[0])
+    assert np.linalg.norm(away) <= (0.6 if kind == "a spike" else 1e-4) * scale
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([*CONTACTS]), st.sampled_from([1e-7, 1e-5, 1e-3]))
+def test_small_gaps_are_kept_with_cells_that_have_an_area(seed, kind, gap):
+    rng = np.random.default_rng(seed)
+    outer = np.array([(-4, -4), (4, -4), (4, 4), (-4, 4)])
+    rings = [np.array(ring, float) for ring in CONTACTS[kind](gap)]
+    turn = np.linalg.qr(rng.standard_normal((2, 2)))[0]
+    mesh = polygons(outer @ turn, holes=[ring @ turn for ring in rings])
+    holes = [area(ring) for ring in rings]
+    wanted = 64.0 - holes[0] + sum(holes[1:]) * (1 if "lake" in kind else -1)
+    assert mesh.measures.sum() == pytest.approx(wanted, rel=1e-12)
+    assert mesh.signed_measures.min() > 0.0
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -165,7 +220,7 @@ BAD = {
     "tiny hole": (
         SQUARE,
         {"holes": 1e-200 * TRIANGLE},
-        "a ring is too small or too thin to be divided",
+        "holes must have 3 different points or more, near (0, 0)",
     ),
     "name": ({1: SQUARE}, {}, "outer must have names of 1 to 100 letters, got 1"),
     "all small": (SQUARE, {"tolerance": 1}, "tolerance must be smaller: all rings are in circles"),

@@ -10,7 +10,7 @@ from adaptsize._defaults import METRIC_GRADIENT_LIMIT
 from adaptsize.cli import files
 from adaptsize.cli.console import Console
 from adaptsize.cli.options import Given
-from adaptsize.cli.transfer import with_fields, without
+from adaptsize.cli.transfer import with_fields
 from adaptsize.options import MeshOptions, options_of
 
 if TYPE_CHECKING:
@@ -89,7 +89,8 @@ def remesh_with_metric(console: Console, file: Path, output: Path, given: Given)
         new = ads.remesh(mesh.without_data(), limited, progress=following, **options)
         steps.begin("writing")
         if fields == "all":
-            new = with_fields(console, without(mesh, given["metric"]), new, output, steps.report)
+            used = given["metric"]
+            new = with_fields(console, mesh, new, output, steps.report, used)
         function = ads.MetricFunction(new, limited(new.points))
         files.write_result(console, output, function)
         steps.begin("checks")

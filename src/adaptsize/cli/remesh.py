@@ -31,7 +31,7 @@ from adaptsize.cli.options import (
     own,
 )
 from adaptsize.cli.size import as_dict, bounded, print_outcome
-from adaptsize.cli.transfer import with_fields, without
+from adaptsize.cli.transfer import with_fields
 from adaptsize.errors import InputWarning
 from adaptsize.options import BudgetOptions, MeshOptions, RemeshToElementsOptions, options_of
 
@@ -112,7 +112,8 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         allowed = tolerance_of(report, given.get("tolerance"))
         steps.begin("writing")
         if fields == "all":
-            new = with_fields(console, without(mesh, given.get("field")), new, output, steps.report)
+            used = given.get("field")
+            new = with_fields(console, mesh, new, output, steps.report, used)
         new = new.with_data(point_data={"h": size(new.points)})
         files.write_result(console, output, new, order=order)
         files.write_provenance(output, _provenance(file, given, as_dict(report), allowed, new))

@@ -23,6 +23,7 @@ from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
 from adaptsize.quality.connections import refuse_repeated_cells
 from adaptsize.remeshing.acceptance import (
+    refuse_flat,
     remesh_strictly,
     routes,
     warn_of_deviation,
@@ -227,6 +228,7 @@ def remesh(
         run = IsolatedRunner(chosen.name, timeout, deadline, report)
         new = _solved(problem, chosen, run, n_cells, given["max_elements"], _union(solid, frame))
     made = frame.restored(new, repaired.mesh)
+    refuse_flat(made, chosen.name)
     warn_of_deviation(made, repaired.mesh, allowed, solid, may_be_joined=may_be_joined)
     warn_of_lost_tags(made, repaired.mesh, chosen.name)
     if required is not None:  # beside facets that must not change, no sizes can be followed
