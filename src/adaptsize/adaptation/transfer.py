@@ -110,7 +110,7 @@ class Carried(NamedTuple):
 def carry_fields(
     old: SimplexMesh, new: SimplexMesh, progress: ProgressCallback | bool | None = None
 ) -> Carried:
-    """Return a new mesh with all fields of an old one that can be transferred, by `transfer_fields`.
+    """Return a new mesh with the fields of an old one, as far as `transfer_fields` applies.
 
     Sizes, which belong to the old mesh, are left out without a message.
     """

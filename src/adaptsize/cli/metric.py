@@ -88,9 +88,7 @@ def remesh_with_metric(console: Console, file: Path, output: Path, given: Given)
         following = steps.following(lambda text: text)
         new = ads.remesh(mesh.without_data(), limited, progress=following, **options)
         steps.begin("writing")
-        if fields == "all":
-            used = given["metric"]
-            new = with_fields(console, mesh, new, output, steps.report, used)
+        new = with_fields(console, mesh, new, output, (fields, given["metric"]), steps.report)
         function = ads.MetricFunction(new, limited(new.points))
         files.write_result(console, output, function)
         steps.begin("checks")

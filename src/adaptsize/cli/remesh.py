@@ -111,9 +111,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         report = report_of(size)
         allowed = tolerance_of(report, given.get("tolerance"))
         steps.begin("writing")
-        if fields == "all":
-            used = given.get("field")
-            new = with_fields(console, mesh, new, output, steps.report, used)
+        new = with_fields(console, mesh, new, output, (fields, given.get("field")), steps.report)
         new = new.with_data(point_data={"h": size(new.points)})
         files.write_result(console, output, new, order=order)
         files.write_provenance(output, _provenance(file, given, as_dict(report), allowed, new))

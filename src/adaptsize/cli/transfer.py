@@ -19,8 +19,8 @@ def with_fields(
     old: SimplexMesh,
     new: SimplexMesh,
     output: Path,
+    how: tuple[str, str | None],
     progress: ProgressCallback,
-    used: str | None,
 ) -> SimplexMesh:
     """Return the new mesh with the fields of the old one, as far as the file of output holds them.
 
@@ -31,10 +31,13 @@ def with_fields(
     console : Console
     old, new : SimplexMesh
     output : Path
+    how : tuple
+        "all" or "none", and the name of a nodal field that gave the sizes and is left out.
     progress : callable
-    used : str, optional
-        A nodal field that gave the sizes, and is left out.
     """
+    which, used = how
+    if which == "none":
+        return new
     nodal, by_cell = (
         {name: values for name, values in data.items() if name != used and not is_of_sizes(name)}
         for data in (old.point_data, old.cell_data)
