@@ -100,8 +100,10 @@ def read(
     and Abaqus files have neither: after a cut between two lines, cells are missing without
     an error.
 
-    *STL* files have no shared nodes.  Corners are merged if their coordinates are equal, not
-    if they are close.
+    *STL* files have no shared nodes.  Corners are one node if their coordinates are equal.  If
+    edges do not meet then, corners are also joined, at their mean, up to a distance that is found
+    from the triangles: the smallest one that closes the gaps, at most a tenth of the shortest edge,
+    and at most 1e-6 of the diagonal if most edges do meet.  A warning has the distance.
 
     *Tags.*  The first integer cell field that is not zero everywhere, among the names that
     programs use (``cell_tags``, ``gmsh:physical``, ``medit:ref``, ``region``, ``material``,
