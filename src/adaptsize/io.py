@@ -51,8 +51,9 @@ def read(
     flatten : bool
         Whether triangles and segments whose third coordinates are all 0, up to rounding (1e-8 of
         their extent), become a mesh in the plane, which is the intention of files from 2-D
-        programs.  Triangles at another height do so as well with a warning, except from formats
-        for surfaces, such as STL.
+        programs.  Triangles at another height, or with a constant first or second coordinate, do so
+        as well with a warning, except from formats for surfaces, such as STL.  The other two
+        coordinates stay.
     tags : str, optional
         Name of the cell field that holds the tags of cells and facets.  By default a field with one
         of the names in the notes.

@@ -312,7 +312,8 @@ class MeshOptions(GeneratorOptions, total=False):
     """Mesh generator.
 
     target
-        Made of a surface: auto, tetrahedra or triangles.  "auto" fills it with tetrahedra.
+        Made of a surface: auto, tetrahedra or triangles.  "auto" fills it with tetrahedra, unless
+        it lies in a plane.
     strict
         Whether the mesh must meet all demands of `check_mesh`.  If it does not, smaller
         tolerances and other generators are tried.

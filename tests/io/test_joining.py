@@ -188,3 +188,23 @@ def test_cells_with_the_nodes_of_another_are_dropped_with_one_message(tmp_path, 
         found = read(tmp_path / "a.vtu")
     assert_array_equal(found.cells, mesh.cells)
     assert ads.check_mesh(found).failures is not None
+
+
+@pytest.mark.parametrize("normal", [0, 1])
+@pytest.mark.parametrize("height", [0.0, 3.25])
+def test_triangles_in_another_plane_of_the_axes_keep_the_other_coordinates(
+    tmp_path, normal, height
+):
+    mesh = random_square(20, 5240)
+    space = np.insert(mesh.points, normal, height, axis=1)
+    meshio.write(tmp_path / "a.vtu", meshio.Mesh(space, [("triangle", mesh.cells)]))
+    name, plane = "xy"[normal], ["y-z", "x-z"][normal]
+    with pytest.warns(InputWarning, match=f"in the {plane} plane: {name} is {height:g} everywhere"):
+        found = read(tmp_path / "a.vtu")
+    assert_array_equal(found.points, mesh.points)
+    meshio.write(tmp_path / "a.obj", meshio.Mesh(space, [("triangle", mesh.cells)]))
+    assert read(tmp_path / "a.obj").dim == 3
+    own = apart(space, mesh.cells)
+    meshio.write(tmp_path / "a.vtu", meshio.Mesh(own[0], [("triangle", own[1])]))
+    with pytest.warns(InputWarning, match="most facets are double"):
+        assert read(tmp_path / "a.vtu").n_points == mesh.n_points

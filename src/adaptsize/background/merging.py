@@ -54,8 +54,8 @@ def corner_distance(points: FloatArray, cells: npt.NDArray[Any]) -> float:
     """Return up to which distance the corners of triangles are one, from the triangles.
 
     It is 0 if all edges meet exactly.  Otherwise it is the smallest distance, up to a factor of 2,
-    that joins as many open edges as a tenth of the shortest edge does.  If most edges are open,
-    the coordinates are noisy, and a quarter must become joined.  Otherwise only seams are open, and the
+    that joins as many open edges as a tenth of the shortest edge does.  If most edges are open, the
+    coordinates are noisy, and a quarter must become joined.  Otherwise only seams are open, and the
     distance is at most 1e-6 of the diagonal: two sheets may be meant to lie side by side.
 
     Parameters

@@ -169,6 +169,7 @@ def _provenance(
 
 def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMesh:
     """Return the mesh in the file, closed if that is requested; refuse what cannot be meshed."""
+    from adaptsize.geometry.planes import is_in_plane
     from adaptsize.remeshing.driver import check_backend
 
     tolerance = as_tolerance("tolerance", given.get("tolerance", TOLERANCE))
@@ -188,6 +189,9 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
             f"{output.name} holds triangles: the surface is remeshed; --target tetrahedra fills it "
             "and writes the boundary"
         )
+    elif "target" not in given and is_in_plane(mesh):
+        given["target"] = "triangles"
+        console.say("the surface lies in a plane: it is remeshed there")
     target = given.get("target", "auto")
     check_backend(mesh, target, given.get("backend", "auto"))
     if mesh.cell_dim < mesh.dim and target != "triangles":

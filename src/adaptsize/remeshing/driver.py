@@ -18,6 +18,7 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import InputWarning, TooManyElementsError
+from adaptsize.geometry.planes import is_in_plane
 from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
@@ -311,7 +312,8 @@ def _task(mesh: SimplexMesh, target: str) -> Task:
     if given == (2, 2) and target != "tetrahedra":
         return "plane triangles"
     if given == (2, 3):
-        return "surface" if target == "triangles" else "surface to tetrahedra"
+        is_flat = target == "auto" and is_in_plane(mesh)
+        return "surface" if target == "triangles" or is_flat else "surface to tetrahedra"
     if given[0] == 1:
         raise ValueError(
             f"mesh must consist of triangles or tetrahedra, got {mesh!r}; "
