@@ -95,6 +95,20 @@ FIELDS = own(
 )  # fmt: skip
 #: Of commands that read a mesh.
 READING = (TAGS, KEEP_SLITS)
+#: And of those that read files of polygons.
+OF_POLYGONS = (
+    replace(
+        own(
+            "General", "least_width", float,
+            "Of files of polygons: leave out parts of the domain and of land narrower than this.",
+        ),
+        unit="length", above=True,
+    ),
+    own(
+        "General", "box", list[float],
+        "Of files of polygons: x0,y0,x1,y1, the domain is what the polygons leave of this box.",
+    ),
+)  # fmt: skip
 ORDER = replace(
     own(
         "Output", "order", int, default=1,

@@ -20,6 +20,7 @@ from adaptsize.cli.options import (
     FIELD,
     FIELDS,
     METRIC,
+    OF_POLYGONS,
     ORDER,
     PLOT,
     READING,
@@ -64,6 +65,7 @@ _LOOSE = 0.1
     FACES,
     FIELDS,
     *READING,
+    *OF_POLYGONS,
     PLOT,
     own(
         "Output", "report", Path, "Also write a page with the mesh in 3-D (.html).",

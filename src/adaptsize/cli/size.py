@@ -13,6 +13,7 @@ from adaptsize.cli import files
 from adaptsize.cli.console import Console, print_message
 from adaptsize.cli.options import (
     FIELD,
+    OF_POLYGONS,
     ORDER,
     PLOT,
     READING,
@@ -55,7 +56,9 @@ _OF_MESHES = (
 )
 
 
-@command(SizeFunctionOptions, SOURCE, FIELD, *READING, PLOT, _CAUSES, _COST, _PARTS, _SPEED)
+@command(
+    SizeFunctionOptions, SOURCE, FIELD, *READING, *OF_POLYGONS, PLOT, _CAUSES, _COST, _PARTS, _SPEED
+)
 def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> int:
     """Compute the size function of a mesh or an image.
 
