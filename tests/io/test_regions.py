@@ -159,3 +159,24 @@ def test_a_width_that_leaves_nothing_is_refused_and_other_files_have_none(tmp_pa
     assert call("info", tmp_path / "a.vtu", "--least-width", "1") != 0
     message = capsys.readouterr().err
     assert "--least-width applies to files of polygons, got" in message
+
+
+def test_details_that_are_kept_are_a_warning_with_places(tmp_path, capsys):
+    pytest.importorskip("mmgpy")
+    teeth = [(k / 50, 10 + 0.05 * (k % 2)) for k in range(500, -1, -1)]
+    domain = polygons([(0, 0), (10, 0), *teeth])
+    with pytest.warns(ads.errors.ResolutionWarning, match="shorter than a quarter") as caught:
+        ads.remesh(domain, 0.5)
+    text = next(str(one.message) for one in caught if "quarter" in str(one.message))
+    place = [float(x) for x in text.split("worst at (")[1].split(")")[0].split(",")]
+    assert 9.9 < place[1] < 10.1
+    ads.remesh(domain, 0.05)  # no warning: the size has the details
+    rows = [*map(list, [(0, 0), (10, 0), *teeth, (0, 0)])]
+    feature = {"crs": "utm", "type": "Polygon", "coordinates": [rows]}
+    (tmp_path / "a.geojson").write_text(json.dumps(feature))
+    words = ["--hmin", "0.5", "--hmax", "0.5", "--tolerance", "1e-4", "-o", tmp_path / "a.vtu"]
+    call("remesh", tmp_path / "a.geojson", *words)
+    assert "edges of the boundary are shorter than a quarter" in capsys.readouterr().err
+    words += ["--least-width", "0.5"]
+    call("remesh", tmp_path / "a.geojson", *words)
+    assert "shorter than a quarter" not in capsys.readouterr().err

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from adaptsize._checks import warn_caller
+from adaptsize._checks import place_text, warn_caller
 from adaptsize._defaults import is_of_sizes
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
@@ -18,6 +18,8 @@ from adaptsize.remeshing.sizing import MetricAt, Size
 
 #: Warnings of one mesh.
 _MOST = 5
+#: Edges of the boundary shorter than this times the size are details of it, if there are some.
+_DETAIL, _FEW_DETAILS = 0.25, 5
 
 
 def without_fields(mesh: SimplexMesh) -> SimplexMesh:
@@ -50,10 +52,34 @@ def warn_of_unconnected(mesh: SimplexMesh) -> None:
         warn_caller(f"{found}; the mesh keeps this", InputWarning)
 
 
+def warn_of_details(new: SimplexMesh, size: Size) -> None:
+    """Warn of edges of the boundary in the plane that details keep far below their size.
+
+    Warns
+    -----
+    ResolutionWarning
+        With the number and the places of the worst.
+    """
+    boundary = new.boundary().mesh
+    middles = boundary.points[boundary.cells].mean(axis=1)
+    ratio = boundary.measures / size(middles)
+    short = np.flatnonzero(ratio < _DETAIL)
+    if len(short) < _FEW_DETAILS:
+        return
+    worst = short[np.argsort(ratio[short], kind="stable")[:3]]
+    places = ", ".join(place_text(middles[k], 4) for k in worst)
+    warn_caller(
+        f"{len(short)} edges of the boundary are shorter than a quarter of their size, down to "
+        f"{boundary.measures[worst[0]]:.3g}, the worst at {places}: details of the boundary are "
+        "smaller than the sizes, and are kept; polygons(..., least_width=) leaves them out",
+        ResolutionWarning,
+    )
+
+
 def delivered(
     new: SimplexMesh, size: Any, wanted: Size, old: SimplexMesh, metric: MetricAt | None
 ) -> SimplexMesh:
-    """Return a mesh, and warn of the requests of which less than 80 % was served.
+    """Return a mesh, and warn of requests that were not served, and of details that were kept.
 
     Parameters
     ----------
@@ -70,7 +96,8 @@ def delivered(
     Warns
     -----
     ResolutionWarning
-        For each of the worst requests: what is missing, where, and what helps.
+        For each of the worst requests: what is missing, where, and what helps.  Of edges of a plane
+        boundary that are much shorter than their size.
     """
     if metric is not None:
         return new
@@ -78,6 +105,8 @@ def delivered(
         size = SizeFunction(old, size)
     elif not isinstance(size, SizeFunction):
         size = wanted
+    if new.dim == new.cell_dim == 2:
+        warn_of_details(new, wanted)
     found = unserved(RequestedElements.of(new, size), size)
     for one in found[:_MOST]:
         warn_caller(str(one), ResolutionWarning)

@@ -132,7 +132,8 @@ def remesh(
         has another topology: thin parts may be lost.  If cells overlap.
     ResolutionWarning
         If less than 80 % of the elements that a source, a curved face or a narrow region requests
-        were made, because the cells there are too large.
+        were made, because the cells there are too large.  If edges of a plane boundary are shorter
+        than a quarter of their size, because it has smaller details.
         If ``strict`` and the first mesh did not meet the demands, with what was tried.  If
         fTetWild failed and was run again with a quarter of the tolerance.  Also if Mmg fails or
         takes too long inside a surface: the tetrahedra are then those that Netgen fills it with.
