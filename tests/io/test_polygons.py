@@ -303,6 +303,31 @@ def table(path):
     path.write_text("x;y;name\n" + "\n".join(rows) + "\n")
 
 
+def table_with_spaces(path):
+    rows = [f"{x}  {y} {name}" for name, ring in RINGS.items() for x, y in ring]
+    path.write_text("# x y name\n" + "\n".join(rows) + "\n")
+
+
+def wkt_quoted(path):
+    """As QGIS writes tables."""
+    rows = [
+        f'"{shapely.LineString(ring).wkt}",{k},{name}'
+        for k, (name, ring) in enumerate(RINGS.items())
+    ]
+    path.write_text("WKT,id,name\n" + "\n".join(rows) + "\n")
+
+
+def wkt_bare(path):
+    rows = [f"{name};SRID=25832;{shapely.Polygon(r).wkt.lower()}" for name, r in RINGS.items()]
+    path.write_text("\n".join([*rows, "buoy;SRID=25832;POINT Z (1 1 1)"]) + "\n")
+
+
+def wkt_collection(path):
+    rings = [shapely.Polygon(ring) for ring in RINGS.values()]
+    whole = shapely.GeometryCollection([shapely.MultiPolygon(rings[:1]), rings[1]])
+    path.write_text(f"{whole.wkt}\n".replace(" (", "\n("))
+
+
 def poly(path):
     ends = [(1, 2, "wall"), (2, 3, "wall"), (3, 4, "wall"), (4, 1, "wall")]
     ends += [(5, 6, "rock"), (6, 7, "rock"), (7, 5, "rock")]
@@ -318,6 +343,9 @@ FILES = {
     "lines.json": geojson_lines,
     "a.shp": shapes,
     "a.csv": table,
+    "spaces.csv": table_with_spaces,
+    "quoted.csv": wkt_quoted,
+    "bare.csv": wkt_bare,
     "a.poly": poly,
 }
 
@@ -334,6 +362,12 @@ def test_files_give_the_domain_and_the_names(tmp_path, name):
     assert set(mesh.tag_names.values()) == wanted
     same = polygons(tmp_path / name)
     np.testing.assert_array_equal(same.points, mesh.points)
+
+
+@pytest.mark.filterwarnings("ignore::adaptsize.errors.InputWarning")
+def test_a_collection_of_geometries_over_several_lines(tmp_path):
+    wkt_collection(tmp_path / "a.csv")
+    assert read(tmp_path / "a.csv").measures.sum() == pytest.approx(15.5, rel=1e-12)
 
 
 def test_what_is_left_out_is_reported(tmp_path):
@@ -370,6 +404,9 @@ DAMAGED = {
     ),
     "cut.csv": ("0,0\n4,0\n4,4", "ends inside a line"),
     "words.csv": ("0,0\n4,a\n4,4\n", "line 2 must be x, y, got '4,a'"),
+    "cut_wkt.csv": ("POLYGON ((0 0, 4 0, 4 4", "a geometry has no closing bracket"),
+    "words_wkt.csv": ("POLYGON ((0 0, 4 0, 4 a, 0 0))", "has a geometry that is no text of OGC"),
+    "row_wkt.csv": ('wkt,name\n"POLYGON ((0 0, 4 0, 4 4, 0 0))",a\n,b\n', "row without a geometry"),
     "cut.poly": ("4 2 0 0\n1 0 0\n2 4 0\n", "a table has fewer rows"),
     "node.poly": ("1 2 0 0\n1 0 0\n1 0\n1 1 2\n0\n", "node 2, which is not in the file"),
     "inside.poly": (
