@@ -96,7 +96,7 @@ def channel(width):
 def test_narrow_water_and_land_go_and_wide_ones_stay(seed, width):
     rng = np.random.default_rng(seed)
     scale, (outer,) = moved([channel(width)], rng)
-    with pytest.warns(InputWarning, match=r"1 parts of the domain left out, narrower than"):
+    with pytest.warns(InputWarning, match=r"1 part of the domain left out, narrower than"):
         mesh = polygons(outer, least_width=scale)
     assert mesh.measures.sum() == pytest.approx(80 * scale**2, rel=0.01)
     assert len(shapely.get_parts(region_of(mesh))) == 2

@@ -87,11 +87,12 @@ def without_narrow_parts(lines: Sequence[Line], width: float, notes: list[str]) 
     land, filled = _opened(shapely.difference(around, region), radius)
     for parts, text in ((removed, "of the domain left out"), (filled, "of land or holes filled")):
         if len(parts):
-            place = shapely.get_coordinates(shapely.point_on_surface(_largest(parts)))[0]
-            notes.append(
-                f"{len(parts)} parts {text}, narrower than {width:g}, the largest at "
-                f"{place_text(place)}"
+            place = place_text(
+                shapely.get_coordinates(shapely.point_on_surface(_largest(parts)))[0]
             )
+            where = f"at {place}" if len(parts) == 1 else f"the largest at {place}"
+            count = "1 part" if len(parts) == 1 else f"{len(parts)} parts"
+            notes.append(f"{count} {text}, narrower than {width:g}, {where}")
     if not (len(removed) or len(filled)):
         return [*lines]
     return _lines(shapely.difference(around, land), lines)
