@@ -22,7 +22,8 @@ from .cases import LONGEST, Failure
 #: Formats and the relative error of their coordinates.
 _FORMATS = {
     ".vtu": 0.0, ".vtk": 0.0, ".vtkhdf": 0.0, ".xdmf": 0.0, ".msh": 0.0, ".mesh": 0.0,
-    ".inp": 1e-12, ".bdf": 1e-8, ".su2": 1e-14, ".14": 1e-14, ".ply": 1e-14,
+    ".inp": 1e-12, ".bdf": 1e-8, ".su2": 1e-14, ".14": 1e-14, ".ply": 1e-6, ".obj": 1e-6,
+    ".off": 1e-14,
 }  # fmt: skip
 #: What they hold besides cells.
 _TAGS = {".vtu", ".vtk", ".vtkhdf", ".xdmf", ".msh", ".mesh"}
@@ -83,10 +84,11 @@ def _begin(rng: np.random.Generator) -> tuple[State, str]:
         "rectangle with regions": lambda: two_region_rectangle(4),
         "block": lambda: block(2),
         "block with regions": lambda: two_region_block(2),
+        "surface": lambda: _surface(two_region_block(2)),
     }
     kind = str(rng.choice([*makers]))
     mesh = makers[kind]()
-    if mesh.tagged_facets is None:
+    if mesh.tagged_facets is None and mesh.cell_dim == mesh.dim:
         skin = mesh.boundary()
         facets = skin.nodes[skin.mesh.cells]
         side = mesh.points[facets].mean(axis=1)[:, 0] > 0.0
@@ -94,7 +96,8 @@ def _begin(rng: np.random.Generator) -> tuple[State, str]:
         names = {(mesh.dim - 1, 4): "right side", (mesh.dim - 1, 11): "left"}
         mesh = replace(mesh, tag_names=names)
     slope, shift = rng.standard_normal((mesh.dim, 3)), rng.standard_normal(3)
-    heat = rng.uniform(1.0, 2.0, mesh.n_cells)
+    # Means are not conserved on surfaces.
+    heat = rng.uniform(1.0, 2.0 if mesh.cell_dim == mesh.dim else 1.0, mesh.n_cells)
     values = mesh.points @ slope + shift
     mesh = mesh.with_data(
         point_data={"u": values[:, 0], "v v": values}, cell_data={"heat": heat}
@@ -103,13 +106,22 @@ def _begin(rng: np.random.Generator) -> tuple[State, str]:
     return replace(state, heat=state.mean), kind
 
 
+def _surface(solid: ads.SimplexMesh) -> ads.SimplexMesh:
+    """Return the boundary of a solid, its sides tagged."""
+    skin = solid.boundary().mesh
+    a, b, c = skin.points[skin.cells].transpose(1, 0, 2)
+    normals = np.cross(b - a, c - a)
+    side = 2 * np.abs(normals).argmax(axis=1) + (normals.max(axis=1) > 0.0)
+    return ads.SimplexMesh(skin.points, skin.cells, cell_tags=side + 1)
+
+
 def _measures(state: State) -> dict[str, float]:
     """Return measures of the domain, its regions and named parts, over the right power of size."""
     mesh = state.mesh
-    size = state.scale
-    found = {"measure": mesh.measures.sum() / size**mesh.dim}
+    size, unit = state.scale, state.scale**mesh.cell_dim
+    found = {"measure": mesh.measures.sum() / unit}
     for tag in [] if mesh.cell_tags is None else np.unique(mesh.cell_tags).tolist():
-        found[f"region {tag}"] = mesh.measures[mesh.cell_tags == tag].sum() / size**mesh.dim
+        found[f"region {tag}"] = mesh.measures[mesh.cell_tags == tag].sum() / unit
     if mesh.tagged_facets is not None:
         areas = ads.SimplexMesh(mesh.points, mesh.tagged_facets).measures
         for tag in np.unique(mesh.facet_tags).tolist():
@@ -117,8 +129,8 @@ def _measures(state: State) -> dict[str, float]:
             found[f"facets {tag} {name}"] = areas[mesh.facet_tags == tag].sum() / size ** (
                 mesh.dim - 1
             )
-    skin = mesh.boundary().mesh
-    found["boundary"] = skin.measures.sum() / size ** (mesh.dim - 1)
+    if not mesh.is_closed:
+        found["boundary"] = mesh.boundary().mesh.measures.sum() / size ** (mesh.cell_dim - 1)
     return found
 
 
@@ -153,7 +165,10 @@ def _files(state: State, rng: np.random.Generator, folder: Path) -> tuple[State,
     """Write and read."""
     suffix, mesh = str(rng.choice([*_FORMATS])), state.mesh
     path = folder / f"a{suffix}"
-    if (suffix == ".14" and mesh.dim == 3) or (suffix == ".ply"):
+    is_surface = mesh.cell_dim < mesh.dim
+    # Of solids, these hold the boundary, and SU2 has no surfaces.
+    refused = {".14", ".su2"} if is_surface else {".ply", ".obj", ".off"}
+    if suffix in refused or (suffix == ".14" and mesh.dim == 3):
         suffix, path = ".vtu", folder / "a.vtu"
     text = f"files {suffix}"
     written = mesh
@@ -250,8 +265,8 @@ def _limited(state: State, rng: np.random.Generator, folder: Path) -> tuple[Stat
 
 def _size(mesh: ads.SimplexMesh, rng: np.random.Generator) -> ads.SizeFunction:
     """Return sizes for up to a few hundred cells."""
-    room = 0.5 if mesh.dim == 2 else 0.8
-    mean = room * mesh.measures.sum() ** (1.0 / mesh.dim) * rng.uniform(0.2, 0.5)
+    room = 0.5 if mesh.cell_dim == 2 else 0.8
+    mean = room * mesh.measures.sum() ** (1.0 / mesh.cell_dim) * rng.uniform(0.2, 0.5)
     h0 = mean * 10.0 ** rng.uniform(-0.3, 0.3, mesh.n_points)
     return ads.SizeFunction(mesh, ads.limit_gradient(mesh, h0, 0.3))
 
@@ -267,15 +282,20 @@ def _remeshed(state: State, rng: np.random.Generator, folder: Path) -> tuple[Sta
             ads.write(folder / "in.vtu", mesh, fields={"bound": size.values})
             words = ["--field", "bound", "--hmax", repr(float(size.values.max())), "-q"]
             words += ["-g", "0.3", "-o", folder / "out.vtu", "--backend", "mmg"]
+            words += [] if mesh.cell_dim == mesh.dim else ["--target", "triangles"]
             code = call("remesh", folder / "in.vtu", *words)
             if code not in (0, 1):
                 raise Failure(f"{text}: exits with {code}")
             new = ads.read(folder / "out.vtu")
         else:
-            new = ads.remesh(mesh.without_data(), size, backend="mmg")
+            target = "auto" if mesh.cell_dim == mesh.dim else "triangles"
+            new = ads.remesh(mesh.without_data(), size, backend="mmg", target=target)
             by_cell = {"heat": mesh.cell_data["heat"]}
             nodal = {name: mesh.point_data[name] for name in ("u", "v v")}
-            moved = ads.transfer_fields(mesh, new, fields=nodal, cell_fields=by_cell)
+            moved = ads.transfer_fields(
+                mesh, new, fields=nodal, cell_fields=by_cell,
+                conservative=mesh.cell_dim == mesh.dim,
+            )  # fmt: skip
             new = new.with_data(point_data=moved.fields, cell_data=moved.cell_fields)
     if not ads.check_mesh(new).is_met:
         raise Failure(f"{text}: {ads.check_mesh(new)}")
@@ -285,8 +305,8 @@ def _remeshed(state: State, rng: np.random.Generator, folder: Path) -> tuple[Sta
 def _adapted(state: State, rng: np.random.Generator, folder: Path) -> tuple[State, str]:
     """Adapt to an error indicator."""
     mesh = state.mesh
-    eta = mesh.measures ** (1.0 / mesh.dim) * 10.0 ** rng.uniform(-1, 1, mesh.n_cells)
-    n = int(rng.integers(60, 250)) * (1 if mesh.dim == 2 else 3)
+    eta = mesh.measures ** (1.0 / mesh.cell_dim) * 10.0 ** rng.uniform(-1, 1, mesh.n_cells)
+    n = int(rng.integers(60, 250)) * (1 if mesh.cell_dim == 2 else 3)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = ads.adapt(
@@ -296,6 +316,7 @@ def _adapted(state: State, rng: np.random.Generator, folder: Path) -> tuple[Stat
             fields={name: mesh.point_data[name] for name in ("u", "v v")},
             cell_fields={"heat": mesh.cell_data["heat"]},
             backend="mmg",
+            conservative=mesh.cell_dim == mesh.dim,
         )
     new = found.mesh.with_data(point_data=found.fields, cell_data=found.cell_fields)
     return replace(state, mesh=new), f"adapted to {n} elements"
@@ -345,6 +366,8 @@ def _refused(state: State, rng: np.random.Generator, folder: Path) -> tuple[Stat
         "an odd suffix": lambda: ads.write(folder / "a.xyz", mesh),
         "a folder": lambda: ads.write(folder, mesh),
     }
+    if mesh.cell_dim < mesh.dim:  # where it is dropped with a warning
+        del bad["a cell twice"]
     what = str(rng.choice([*bad]))
     try:
         bad[what]()
