@@ -13,12 +13,13 @@ CORNER_ANGLE = 30.0
 TOLERANCE = 1e-3
 #: Most elements of a mesh whose sizes are chosen by the domain alone.
 MAX_ELEMENTS = 300_000.0
-#: Fields with the sizes of a mesh, and what belongs to them after a dot: not for the next mesh.
-FIELDS_OF_SIZES = ("h", "metric")
+#: Fields with sizes of a mesh and bounds on them, and what belongs to them after a dot: not for the
+#: next mesh.
+FIELDS_OF_SIZES = ("h", "h0", "metric")
 
 
 def is_of_sizes(name: str) -> bool:
-    """Return whether a field holds the sizes for which a mesh was made.
+    """Return whether a field holds the sizes for which a mesh was made, or is to be made.
 
     Examples
     --------

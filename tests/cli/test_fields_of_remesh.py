@@ -94,4 +94,6 @@ def test_the_function_warns_of_fields_that_it_drops():
     with pytest.warns(InputWarning, match="the fields u, flow, heat, owner_rank: transfer_fi"):
         new = remesh(old, 0.3)
     assert not new.point_data
-    remesh(SimplexMesh(SQUARE, CELLS, point_data={"h": np.ones(5)}), 0.3)  # without a warning
+    remesh(
+        SimplexMesh(SQUARE, CELLS, point_data={"h": np.ones(5), "h0": np.ones(5)}), 0.3
+    )  # without a warning

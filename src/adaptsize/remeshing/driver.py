@@ -120,7 +120,7 @@ def remesh(
     -----
     InputWarning
         If points of a surface were merged or triangles dropped.  If the mesh has fields, which
-        the new one lacks.  If cells side by side are not connected: parts whose nodes at one place
+        the new one lacks, other than the sizes h, h0 and metric.  If cells side by side are not connected: parts whose nodes at one place
         are not joined, or nodes in the middle of an edge (hanging nodes).  Slits are none of these.
     OpenSurfaceWarning
         If a surface to be filled is open, or has bodies that overlap or are closer to each other
