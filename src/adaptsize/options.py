@@ -265,7 +265,7 @@ class ImageOptions(TypedDict, total=False):
     label
         Labels of the objects in an image.
     threshold
-        Pixels with larger values belong to the objects, instead of labels.
+        Pixels with larger values are objects, instead of labels.
     smoothing
         Standard deviation of the filter of the mask; 2 removes lines of 2 and specks of 3 pixels.
     """

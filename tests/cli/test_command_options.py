@@ -21,6 +21,7 @@ WORDS = {
     "limit": ["in.vtu", "-o", "o.vtu", "-g", "0.3"],
     "adapt": ["in.vtu", "-o", "o.vtu", "--field", "u"],
     "check": ["in.vtu"],
+    "info": ["in.vtu"],
 } | {name: ["in.vtu", "-o", "o.vtu"] for name in ("size", "remesh", "family", "image")}
 NUMBERS = [
     (name, option.opts[-1])

@@ -165,9 +165,9 @@ def test_details_that_are_kept_are_a_warning_with_places(tmp_path, capsys):
     pytest.importorskip("mmgpy")
     teeth = [(k / 50, 10 + 0.05 * (k % 2)) for k in range(500, -1, -1)]
     domain = polygons([(0, 0), (10, 0), *teeth])
-    with pytest.warns(ads.errors.ResolutionWarning, match="shorter than a quarter") as caught:
+    with pytest.warns(ads.errors.ResolutionWarning, match="shorter than an eighth") as caught:
         ads.remesh(domain, 0.5)
-    text = next(str(one.message) for one in caught if "quarter" in str(one.message))
+    text = next(str(one.message) for one in caught if "eighth" in str(one.message))
     place = [float(x) for x in text.split("worst at (")[1].split(")")[0].split(",")]
     assert 9.9 < place[1] < 10.1
     ads.remesh(domain, 0.05)  # no warning: the size has the details
@@ -176,7 +176,7 @@ def test_details_that_are_kept_are_a_warning_with_places(tmp_path, capsys):
     (tmp_path / "a.geojson").write_text(json.dumps(feature))
     words = ["--hmin", "0.5", "--hmax", "0.5", "--tolerance", "1e-4", "-o", tmp_path / "a.vtu"]
     call("remesh", tmp_path / "a.geojson", *words)
-    assert "edges of the boundary are shorter than a quarter" in capsys.readouterr().err
+    assert "edges of the boundary are shorter than an eighth" in capsys.readouterr().err
     words += ["--least-width", "0.5"]
     call("remesh", tmp_path / "a.geojson", *words)
-    assert "shorter than a quarter" not in capsys.readouterr().err
+    assert "shorter than an eighth" not in capsys.readouterr().err

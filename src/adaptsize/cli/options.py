@@ -84,14 +84,14 @@ SOURCE = own(
 PLOT = own("Output", "plot", Path, "Also draw the result (.png).")
 TAGS = own("General", "tags", str, "Cell field with the tags.")
 KEEP_SLITS = own(
-    "General", "keep_slits", bool, "Keep nodes at one place also if most facets are double."
+    "General", "keep_slits", bool, "Keep nodes at one place if most facets are double."
 )
 FACES = own(
     "Output", "faces", bool, "Tag the faces of a surface between its feature edges: face 1, ..."
 )
 FIELDS = own(
     "Output", "fields", Literal["all", "none"], default="all",
-    text="Fields of the file on the new mesh: all or none.",
+    text="Fields of the file to transfer: all or none.",
 )  # fmt: skip
 #: Of commands that read a mesh.
 READING = (TAGS, KEEP_SLITS)
@@ -100,13 +100,13 @@ OF_POLYGONS = (
     replace(
         own(
             "General", "least_width", float,
-            "Of files of polygons: leave out parts of the domain and of land narrower than this.",
+            "Of polygons: leave out narrower parts.",
         ),
-        unit="length", above=True,
+        above=True,
     ),
     own(
         "General", "box", list[float],
-        "Of files of polygons: x0,y0,x1,y1, the domain is what the polygons leave of this box.",
+        "x0,y0,x1,y1: a box that polygons are land in.",
     ),
 )  # fmt: skip
 ORDER = replace(

@@ -74,8 +74,7 @@ _LOOSE = 0.1
 def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> int:
     """Make a mesh with the requested sizes; closed surfaces become tetrahedra.
 
-    Parameters that are not given are chosen from the part and printed.  Fields of the file are
-    transferred.
+    Parameters that are not given are chosen from the part and printed.
     """
     if "metric" in given:
         return remesh_with_metric(console, file, output, given)

@@ -19,7 +19,7 @@ from adaptsize.remeshing.sizing import MetricAt, Size
 #: Warnings of one mesh.
 _MOST = 5
 #: Edges of the boundary shorter than this times the size are details of it, if there are some.
-_DETAIL, _FEW_DETAILS = 0.25, 5
+_DETAIL, _FEW_DETAILS = 0.125, 5
 
 
 def without_fields(mesh: SimplexMesh) -> SimplexMesh:
@@ -69,7 +69,7 @@ def warn_of_details(new: SimplexMesh, size: Size) -> None:
     worst = short[np.argsort(ratio[short], kind="stable")[:3]]
     places = ", ".join(place_text(middles[k], 4) for k in worst)
     warn_caller(
-        f"{len(short)} edges of the boundary are shorter than a quarter of their size, down to "
+        f"{len(short)} edges of the boundary are shorter than an eighth of their size, down to "
         f"{boundary.measures[worst[0]]:.3g}, the worst at {places}: details of the boundary are "
         "smaller than the sizes, and are kept; polygons(..., least_width=) leaves them out",
         ResolutionWarning,

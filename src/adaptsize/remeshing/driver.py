@@ -119,9 +119,10 @@ def remesh(
     Warns
     -----
     InputWarning
-        If points of a surface were merged or triangles dropped.  If the mesh has fields, which
-        the new one lacks, other than the sizes h, h0 and metric.  If cells side by side are not connected: parts whose nodes at one place
-        are not joined, or nodes in the middle of an edge (hanging nodes).  Slits are none of these.
+        If points of a surface were merged or triangles dropped.  If the mesh has fields other than
+        the sizes h, h0 and metric, which the new one lacks.  If cells side by side are not
+        connected: parts whose nodes at one place are not joined, or nodes in the middle of an edge
+        (hanging nodes).  Slits are none of these.
     OpenSurfaceWarning
         If a surface to be filled is open, or has bodies that overlap or are closer to each other
         than the tolerance: what it encloses is then decided by the generator.  See `close_holes`.
@@ -133,7 +134,7 @@ def remesh(
     ResolutionWarning
         If less than 80 % of the elements that a source, a curved face or a narrow region requests
         were made, because the cells there are too large.  If edges of a plane boundary are shorter
-        than a quarter of their size, because it has smaller details.
+        than an eighth of their size, because it has smaller details.
         If ``strict`` and the first mesh did not meet the demands, with what was tried.  If
         fTetWild failed and was run again with a quarter of the tolerance.  Also if Mmg fails or
         takes too long inside a surface: the tetrahedra are then those that Netgen fills it with.
