@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.reporting.outcome import Outcome
 
-_COST = own("Output", "cost", bool, "Also print unknowns, matrix, time steps and smallest places.")
+_COST = own("Output", "cost", bool, "Also print unknowns, matrix and smallest places.")
 _PARTS = own("Output", "parts", bool, "Also print width, curvature, size and cost of each part.")
 _SPEED = own("Output", "speed", float, "Largest speed of a signal, for the time steps.")
 _CAUSES = own("Output", "plot_causes", Path, "Also draw which cause controls which part (.png).")
