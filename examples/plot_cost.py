@@ -9,7 +9,7 @@ import adaptsize as ads
 
 part = ads.read("data/bracket.stl").tag_faces()
 size = ads.size_function(part)
-print(size.cost(degree=2, fields=3, speed=5e6))  # mm per second
+print(size.cost(degree=2, components=3, speed=5e6))  # mm per second
 share = {face.tag: face.element_share for face in size.parts()}
 colored = part.with_data(cell_data={"share": [share[tag] for tag in part.cell_tags]})
 ads.plot.plot_mesh(colored, color="share", path="cost.png")
@@ -40,7 +40,7 @@ def main(output_dir: Path, *, width: int = 420) -> dict[str, float]:
     found = {"share of the two sides": sides[0].element_share + sides[1].element_share}
     scale = (size.values.min(), size.values.max())
     for title, shown in (("sizes from the shape", size), ("2.5 mm on the rib", freed)):
-        cost = shown.cost(degree=2, fields=3)
+        cost = shown.cost(degree=2, components=3)
         picture = plot_size(shown, label="size, mm", limits=scale, width=width)
         panels.append((f"{title}\n{cost.n_unknowns / 1e3:.0f} 000 unknowns", picture))
         found |= {

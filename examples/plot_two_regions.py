@@ -17,7 +17,7 @@ mesh = ads.read("data/block.vtu")  # a block, region 1, with a ball in it, regio
 sources = [ads.RegionSource(2, 1.0), ads.PointSource((40.0, 10.0, 10.0), 0.3)]
 h0 = np.minimum(ads.size_from_sources(mesh, sources, g=0.3), 5.0)
 size = ads.SizeFunction(mesh, ads.limit_gradient(mesh, h0, 0.3))
-new = ads.remesh(mesh, size)
+new = ads.remesh(mesh.without_data(), size)
 print(np.unique(new.cell_tags), np.unique(new.facet_tags))
 ads.plot.plot_mesh(new, color="region", path="two_regions.png")
 ```
@@ -44,7 +44,7 @@ def main(
     sources = [ads.RegionSource(2, in_ball), ads.PointSource((40.0, 10.0, 10.0), at_point)]
     h0 = np.minimum(ads.size_from_sources(mesh, sources, g=G), 5.0)
     size = ads.SizeFunction(mesh, ads.limit_gradient(mesh, h0, G))
-    new = ads.remesh(mesh, size)
+    new = ads.remesh(mesh.without_data(), size)
 
     found: dict[str, float] = {"tetrahedra": new.n_cells}
     for name, old_by_tag, new_by_tag in (

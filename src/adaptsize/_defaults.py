@@ -13,3 +13,17 @@ CORNER_ANGLE = 30.0
 TOLERANCE = 1e-3
 #: Most elements of a mesh whose sizes are chosen by the domain alone.
 MAX_ELEMENTS = 300_000.0
+#: Fields with sizes of a mesh and bounds on them, and what belongs to them after a dot: not for the
+#: next mesh.
+FIELDS_OF_SIZES = ("h", "h0", "metric")
+
+
+def is_of_sizes(name: str) -> bool:
+    """Return whether a field holds the sizes for which a mesh was made, or is to be made.
+
+    Examples
+    --------
+    >>> is_of_sizes("h.hmax"), is_of_sizes("heat")
+    (True, False)
+    """
+    return name.partition(".")[0] in FIELDS_OF_SIZES

@@ -21,6 +21,7 @@ from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.image import Image
 from adaptsize.errors import InputWarning, MeshFileError
 from adaptsize.metrics import Metric, MetricFunction
+from adaptsize.quality.connections import are_doubtful, unconnected
 
 __all__ = ["polygons", "read", "read_image", "read_metric", "read_size", "write"]
 
@@ -50,8 +51,9 @@ def read(
     flatten : bool
         Whether triangles and segments whose third coordinates are all 0, up to rounding (1e-8 of
         their extent), become a mesh in the plane, which is the intention of files from 2-D
-        programs.  Triangles at another height do so as well with a warning, except from formats
-        for surfaces, such as STL.
+        programs.  Triangles at another height, or with a constant first or second coordinate, do so
+        as well with a warning, except from formats for surfaces, such as STL.  The other two
+        coordinates stay.
     tags : str, optional
         Name of the cell field that holds the tags of cells and facets.  By default a field with one
         of the names in the notes.
@@ -61,7 +63,8 @@ def read(
         file lacks have no effect.
     keep_slits : bool
         In plane and solid meshes of which most facets between cells are double, as programs for
-        discontinuous fields write them, nodes at one place are joined.  True keeps them.
+        discontinuous fields write them, nodes at one place are joined.  True keeps them, and there
+        are no warnings of cells that are not connected.
 
     Returns
     -------
@@ -82,7 +85,10 @@ def read(
     Warns
     -----
     InputWarning
-        If cells were dropped or converted, with their number.
+        If cells were dropped or converted, with their number.  If parts of a plane or solid mesh
+        lie side by side and are not connected: nodes at one place, or nodes in the middle of an
+        edge (hanging nodes), with their number and the first place.  Slits are not reported here,
+        but by ``adaptsize info`` and `check_mesh`.
 
     Notes
     -----
@@ -95,8 +101,10 @@ def read(
     and Abaqus files have neither: after a cut between two lines, cells are missing without
     an error.
 
-    *STL* files have no shared nodes.  Corners are merged if their coordinates are equal, not
-    if they are close.
+    *STL* files have no shared nodes.  Corners are one node if their coordinates are equal.  If
+    edges do not meet then, corners are also joined, at their mean, up to a distance that is found
+    from the triangles: the smallest one that closes the gaps, at most a tenth of the shortest edge,
+    and at most 1e-6 of the diagonal if most edges do meet.  A warning has the distance.
 
     *Tags.*  The first integer cell field that is not zero everywhere, among the names that
     programs use (``cell_tags``, ``gmsh:physical``, ``medit:ref``, ``region``, ``material``,
@@ -145,6 +153,8 @@ def read(
         )
     except (ValueError, MemoryError) as error:
         raise about_file(file, error) from error
+    if not keep_slits:
+        notes.extend(str(found) for found in are_doubtful(unconnected(mesh)))
     if notes:
         warnings.warn(f"{file}: {'; '.join(notes)}", InputWarning, stacklevel=2)
     return mesh
@@ -302,33 +312,34 @@ def read_metric(path: str | os.PathLike[str], *, name: str = "metric") -> Metric
 
     Parameters
     ----------
-    path : path-like
-        A ``.sol`` with sizes or symmetric matrices at the nodes, or a file for `read`.
-    name : str, default "metric"
-        The nodal field in a file for `read`, with one, four or nine components.
+        path : path-like
+            A ``.sol`` with sizes or symmetric matrices at the nodes, or a file for `read`.
+        name : str, default "metric"
+            The nodal field in a file for `read`, with one, four or nine components.
 
     Returns
     -------
-    Metric
-        At the nodes in the order of the file.
+        Metric
+            At the nodes in the order of the file.
 
     Raises
     ------
-    MeshFileError
-        As in `read`, and if there is no such field, or its values are not metrics.
+        MeshFileError
+            As in `read`, and if there is no such field, or its values are not metrics.
 
     Examples
     --------
-    >>> import tempfile, pathlib
-    >>> import numpy as np
-    >>> from adaptsize.metrics import Metric, MetricFunction
-    >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
-    >>> metric = Metric([[0.1, 1.0]] * 3, [np.eye(2)] * 3)
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = pathlib.Path(folder, "part.sol")
-    ...     write(file, MetricFunction(mesh, metric))
-    ...     read_metric(file)
-    Metric(3 nodes in 2-D, sizes 0.1 to 1, aspect ratio up to 10)
+        >>> import tempfile, pathlib
+        >>> import numpy as np
+        >>> from adaptsize.metrics import Metric, MetricFunction
+    from adaptsize.quality.connections import are_doubtful, unconnected
+        >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+        >>> metric = Metric([[0.1, 1.0]] * 3, [np.eye(2)] * 3)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     file = pathlib.Path(folder, "part.sol")
+        ...     write(file, MetricFunction(mesh, metric))
+        ...     read_metric(file)
+        Metric(3 nodes in 2-D, sizes 0.1 to 1, aspect ratio up to 10)
     """
     file = as_path("path", path)
     try:

@@ -251,8 +251,8 @@ class BudgetOptions(NumberOptions, total=False):
         Parameters that are not given are relaxed.
     degree
         Polynomial degree, for these.
-    fields
-        Coupled fields, for these.
+    components
+        Components of the solution, for these.
     """
 
     dofs: Annotated[float | None, Option(lower=1.0)]
@@ -262,7 +262,7 @@ class BudgetOptions(NumberOptions, total=False):
     ]
     max_memory: Annotated[str | None, Option()]
     degree: Annotated[int, Option(1, lower=1.0, upper=20.0)]
-    fields: Annotated[int, Option(1, lower=1.0, upper=1000.0)]
+    components: Annotated[int, Option(1, lower=1.0, upper=1000.0)]
 
 
 class ImageOptions(TypedDict, total=False):
@@ -273,7 +273,7 @@ class ImageOptions(TypedDict, total=False):
     label
         Labels of the objects in an image.
     threshold
-        Pixels with larger values belong to the objects, instead of labels.
+        Pixels with larger values are objects, instead of labels.
     smoothing
         Standard deviation of the filter of the mask; 2 removes lines of 2 and specks of 3 pixels.
     """
@@ -320,7 +320,8 @@ class MeshOptions(GeneratorOptions, total=False):
     """Mesh generator.
 
     target
-        Made of a surface: auto, tetrahedra or triangles.  "auto" fills it with tetrahedra.
+        Made of a surface: auto, tetrahedra or triangles.  "auto" fills it with tetrahedra, unless
+        it lies in a plane.
     strict
         Whether the mesh must meet all demands of `check_mesh`.  If it does not, smaller
         tolerances and other generators are tried.

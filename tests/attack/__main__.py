@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from itertools import takewhile
 
-from .cases import SHARES, SWEEP, class_of
+from .cases import LONG, SHARES, SWEEP, class_of
 from .pool import outcomes
 from .worker import run_case
 
@@ -44,7 +44,7 @@ def _arguments() -> argparse.Namespace:
     add("--seconds", type=float, default=float("inf"), help="start no case after so many seconds")
     add("--start", type=int, help="the first number; by default a random one")
     add("--seed", type=int, help="run this case only, and say what it was")
-    add("--only", choices=SHARES, help="run cases of this class only")
+    add("--only", choices=[*SHARES, *LONG], help="run cases of this class only")
     sweep = "call every function with every bad value for every parameter, or with each STEP-th"
     add("--sweep", type=int, nargs="?", const=1, metavar="STEP", help=sweep)
     jobs = "children at a time; 0 runs all cases in this process, without limits"
@@ -62,6 +62,9 @@ def _numbers(arguments: argparse.Namespace) -> list[int]:
         return list(range(SWEEP, SWEEP + n_sweep(), arguments.sweep))
     start = secrets.randbelow(1 << 30) if arguments.start is None else arguments.start
     print(f"--start {start} --cases {arguments.cases}", flush=True)
+    if arguments.only in LONG:
+        first = LONG[arguments.only] + start % (1 << 40)
+        return list(range(first, first + arguments.cases))
     numbers = range(start, start + arguments.cases)
     return [number for number in numbers if arguments.only in (None, class_of(number))]
 

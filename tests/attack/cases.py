@@ -15,8 +15,16 @@ SHARES = {"calls": 60, "forms": 15, "files": 25}
 #: The first number of the sweep over all arguments, see `calls.sweep`.
 SWEEP = 1 << 40
 
+#: The first numbers of the classes of long cases, which run on request.
+LONG = {"sequences": 1 << 41, "signals": 1 << 42}
+
 #: Seconds of processor time and of wall time after which a case counts as hanging.
-_LIMITS = {"files": (30.0, 120.0), "selftest": (1.0, 60.0)}
+_LIMITS = {
+    "files": (30.0, 120.0),
+    "sequences": (120.0, 300.0),
+    "signals": (60.0, 120.0),
+    "selftest": (1.0, 60.0),
+}
 
 _CLASSES = [name for name, share in SHARES.items() for _ in range(share)]
 
@@ -41,6 +49,9 @@ def class_of(number: int) -> str:
     """Return the class of a case."""
     if number < 0:
         return "selftest"
+    for name, first in reversed(LONG.items()):
+        if number >= first:
+            return name
     # A step without a common factor mixes the classes.
     return "sweep" if number >= SWEEP else _CLASSES[number * 37 % len(_CLASSES)]
 

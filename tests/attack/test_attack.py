@@ -33,6 +33,14 @@ def test_survives_a_short_attack():
     assert all(f"{name}: " in done.stdout for name in SHARES)
 
 
+@pytest.mark.parametrize(("name", "n"), [("sequences", 4), ("signals", 5)])
+def test_survives_sequences_of_calls_and_signals(name, n):
+    pytest.importorskip("mmgpy")
+    done = attack("--only", name, "--start", 5, "--cases", n)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]
+    assert f"{name}: {n} cases, 0 failed" in done.stdout
+
+
 def test_crashes_hangs_and_failures_are_reported():
     done = attack("--start", -4, "--cases", 4)
     assert done.returncode == 1

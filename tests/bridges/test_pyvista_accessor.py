@@ -34,8 +34,10 @@ def test_size_is_that_of_size_function_and_the_data_set_stays(plate):
 
 def test_remesh_follows_the_sizes_of_the_data_set(plate):
     plate.point_data["h"] = 0.05 + 0.1 * np.abs(plate.points[:, 0])
+    plate.point_data["x"] = plate.points[:, 0]
     new = plate.adaptsize.remesh()
     assert isinstance(new, pyvista.UnstructuredGrid)
+    np.testing.assert_allclose(new.point_data["x"], new.points[:, 0], atol=1e-6)
     found = new.adaptsize.conformity()
     assert found.share_in_band > 0.85
     mesh = plate.adaptsize.mesh

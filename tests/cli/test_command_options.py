@@ -21,13 +21,14 @@ WORDS = {
     "limit": ["in.vtu", "-o", "o.vtu", "-g", "0.3"],
     "adapt": ["in.vtu", "-o", "o.vtu", "--field", "u"],
     "check": ["in.vtu"],
+    "info": ["in.vtu"],
 } | {name: ["in.vtu", "-o", "o.vtu"] for name in ("size", "remesh", "family", "image")}
 NUMBERS = [
     (name, option.opts[-1])
     for name, command in COMMANDS.items()
     for option in command.params
     if option.metavar in ("N", "LENGTH", "DEGREES")
-    and option.name not in ("rounds", "levels", "degree", "fields", "order")  # whole
+    and option.name not in ("rounds", "levels", "degree", "components", "order")  # whole
 ]
 
 

@@ -62,13 +62,13 @@ def disc(n=80):
 
 
 def test_a_requested_number_of_unknowns_is_that_of_the_mesh():
-    size = size_function(disc(), dofs=20_000, degree=2, fields=2)
-    assert_allclose(size.cost(degree=2, fields=2).n_unknowns, 20_000, rtol=0.02)
+    size = size_function(disc(), dofs=20_000, degree=2, components=2)
+    assert_allclose(size.cost(degree=2, components=2).n_unknowns, 20_000, rtol=0.02)
 
 
 def test_the_command_makes_a_mesh_with_the_requested_number_of_unknowns(tmp_path):
     write(tmp_path / "disc.vtu", disc())
-    words = ["--dofs", "20000", "--degree", "2", "--fields", "2"]
+    words = ["--dofs", "20000", "--degree", "2", "--components", "2"]
     assert call("remesh", tmp_path / "disc.vtu", "-o", tmp_path / "new.vtu", *words) == 0
     assert_allclose(unknowns_on(read(tmp_path / "new.vtu"), 2, 2), 20_000, rtol=0.05)
 

@@ -197,10 +197,11 @@ def test_a_file_cut_at_any_byte_is_refused_or_read_completely(tmp_path, name):
 def test_a_text_may_begin_with_a_byte_order_mark_and_have_line_ends_of_windows(tmp_path, name):
     file = tmp_path / name
     WHOLE_FILES[name](file)
-    whole, content = read(file), file.read_bytes()
+    whole, content = read(file, keep_slits=True), file.read_bytes()  # some nodes hang
     file.write_bytes(b"\xef\xbb\xbf" + content.replace(b"\n", b"\r\n"))
-    assert_array_equal(read(file).points, whole.points)
-    assert_array_equal(read(file).cells, whole.cells)
+    found = read(file, keep_slits=True)
+    assert_array_equal(found.points, whole.points)
+    assert_array_equal(found.cells, whole.cells)
 
 
 def test_the_type_of_the_last_cell_is_not_completed(tmp_path):

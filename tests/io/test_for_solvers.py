@@ -115,9 +115,10 @@ def test_numbers_for_calculix_have_at_most_20_characters(tmp_path):
     text = (tmp_path / "a.inp").read_text()
     words = [word for row in keyword(text, "*NODE, NSET=Nall") for word in row]
     assert max(map(len, words)) <= 20
-    assert_allclose(read(tmp_path / "a.inp").points, points, rtol=1e-12, atol=0)
+    found = read(tmp_path / "a.inp", keep_slits=True).points
+    assert_allclose(found, points, rtol=1e-12, atol=0)
     short = np.array([[len(repr(x)) <= 20 for x in row] for row in points.tolist()])
-    assert_array_equal(read(tmp_path / "a.inp").points[short], points[short])
+    assert_array_equal(found[short], points[short])
 
 
 EDGES = {3: "01 12 20", 4: "01 12 20 03 13 23"}  # whose middles follow the corners

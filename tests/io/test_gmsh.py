@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from meshes import jittered_cube, random_square
 from numpy.testing import assert_allclose, assert_array_equal
 
-from adaptsize import read
+from adaptsize import SimplexMesh, read, write
 from adaptsize.errors import InputWarning, MeshFileError
 
 FORMS = ["2.2", "2.2 binary", "4.1", "4.1 binary", "4.0"]
@@ -280,3 +280,17 @@ def test_damage_is_one_line(tmp_path, old, new, reason):
     (tmp_path / "a.msh").write_text(text.replace(old, new))
     with pytest.raises(MeshFileError, match=reason):
         read(tmp_path / "a.msh")
+
+
+def test_negative_tags_are_kept(tmp_path):
+    mesh = SimplexMesh(
+        [[0, 0], [1, 0], [1, 1], [0, 1]],
+        [[0, 1, 2], [0, 2, 3]],
+        cell_tags=[-3, 3],
+        tagged_facets=[[0, 1], [2, 3]],
+        facet_tags=[5, -5],
+    )
+    write(tmp_path / "a.msh", mesh)
+    found = read(tmp_path / "a.msh")
+    assert_array_equal(found.cell_tags, [-3, 3])
+    assert_array_equal(found.facet_tags, [5, -5])

@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import adaptsize as ads
 from adaptsize import SimplexMesh, read, write
-from adaptsize._formats.joining import places_not_joined
 from adaptsize.errors import InputWarning
+from adaptsize.quality.connections import unconnected
 
 
 def grid(n, dim, rng):
@@ -85,8 +85,9 @@ def test_slits_are_kept_and_told_by_info(tmp_path, capsys, suffix):
     assert read(tmp_path / f"a{suffix}").n_points == mesh.n_points
     assert call("info", tmp_path / f"a{suffix}") == 0
     assert "facets lie on another, the first at (" in capsys.readouterr().err
-    (text,) = places_not_joined(mesh)
-    assert int(text.split()[0]) == len(mesh.boundary().mesh.cells) - len(
+    (found,) = unconnected(mesh)
+    assert found.kind == "slits"
+    assert found.number == len(mesh.boundary().mesh.cells) - len(
         np.unique(np.sort(np.unique(mesh.boundary().mesh.points, axis=0, return_inverse=True)[1]
                           .ravel()[mesh.boundary().mesh.cells], axis=1), axis=0)
     )  # fmt: skip
@@ -109,12 +110,14 @@ def test_hanging_nodes_are_named_with_their_place(tmp_path, capsys, dim):
     new = np.array([cell, cell])
     new[0, 0], new[1, 1] = mesh.n_points, mesh.n_points
     hanging = SimplexMesh(np.vstack([mesh.points, middle]), np.vstack([mesh.cells[1:], new]))
-    texts = places_not_joined(hanging)
-    on_boundary = len(places_not_joined(mesh))
-    assert on_boundary == 0
-    assert texts
-    assert all("1 nodes hang in the middle of an edge" in text for text in texts[-1:])
+    assert unconnected(mesh) == []
+    (found,) = unconnected(hanging)
+    assert (found.kind, found.number) == ("hanging", 1)
+    assert_allclose(found.place, middle)
     write(tmp_path / "a.vtu", hanging)
+    with pytest.warns(InputWarning, match="1 nodes hang in the middle of an edge"):
+        read(tmp_path / "a.vtu")
+    assert "1 nodes hang" in str(ads.check_mesh(hanging))
     assert call("info", tmp_path / "a.vtu") == 0
     assert f"the first at ({middle[0]:.6g}" in capsys.readouterr().err
 
@@ -185,3 +188,23 @@ def test_cells_with_the_nodes_of_another_are_dropped_with_one_message(tmp_path, 
         found = read(tmp_path / "a.vtu")
     assert_array_equal(found.cells, mesh.cells)
     assert ads.check_mesh(found).failures is not None
+
+
+@pytest.mark.parametrize("normal", [0, 1])
+@pytest.mark.parametrize("height", [0.0, 3.25])
+def test_triangles_in_another_plane_of_the_axes_keep_the_other_coordinates(
+    tmp_path, normal, height
+):
+    mesh = random_square(20, 5240)
+    space = np.insert(mesh.points, normal, height, axis=1)
+    meshio.write(tmp_path / "a.vtu", meshio.Mesh(space, [("triangle", mesh.cells)]))
+    name, plane = "xy"[normal], ["y-z", "x-z"][normal]
+    with pytest.warns(InputWarning, match=f"in the {plane} plane: {name} is {height:g} everywhere"):
+        found = read(tmp_path / "a.vtu")
+    assert_array_equal(found.points, mesh.points)
+    meshio.write(tmp_path / "a.obj", meshio.Mesh(space, [("triangle", mesh.cells)]))
+    assert read(tmp_path / "a.obj").dim == 3
+    own = apart(space, mesh.cells)
+    meshio.write(tmp_path / "a.vtu", meshio.Mesh(own[0], [("triangle", own[1])]))
+    with pytest.warns(InputWarning, match="most facets are double"):
+        assert read(tmp_path / "a.vtu").n_points == mesh.n_points

@@ -8,6 +8,8 @@ import pytest
 import shapefile
 import shapely
 from command_line import call
+from hypothesis import given
+from hypothesis import strategies as st
 
 import adaptsize as ads
 from adaptsize import polygons, read
@@ -47,6 +49,59 @@ def boundary_lines(mesh):
 
 
 # --- the domain -----------------------------------------------------------------------------------
+
+
+def disc(n, middle, radius=1.0, turn=0.0):
+    angle = turn + 2 * np.pi * np.arange(n) / n
+    return np.add(middle, radius * np.column_stack([np.cos(angle), np.sin(angle)]))
+
+
+CONTACTS = {
+    "two holes": lambda gap: [disc(24, (-1 - gap, 0)), disc(36, (1, 0), turn=np.pi)],
+    "a hole at a wall": lambda gap: [disc(24, (3 - gap, 0.4))],
+    "an island in a lake": lambda gap: [disc(40, (0, 0), 2.0), disc(20, (1 - gap, 0))],
+    "a notch across a ring": lambda gap: [
+        [(-2, -2), (0, -2), (0, -gap), (0.5, -1), (2, -1), (2, 1), (0, 0), (-2, 1)]
+    ],
+    "a spike": lambda gap: [[(-1, -1), (1, -1), (1, 0), (2, gap), (1, 2 * gap), (1, 1), (-1, 1)]],
+}
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([*CONTACTS]),
+    st.sampled_from([0.0, 1e-17, 1e-16, 1e-13, 1e-10, 2e-9]),
+)
+def test_contact_closer_than_rounding_is_refused_with_its_place(seed, kind, gap):
+    rng = np.random.default_rng(seed)
+    outer = np.array([(-4, -4), (4, -4), (4, 4), (-4, 4)])
+    rings = CONTACTS[kind](gap)
+    touches = (4.0, 0.4) if "wall" in kind else (2, 0) if "lake" in kind else (0, 0)
+    touches = np.array((1.5, gap) if kind == "a spike" else touches)
+    turn = np.linalg.qr(rng.standard_normal((2, 2)))[0]
+    scale, shift = 10.0 ** rng.uniform(-3, 6), rng.standard_normal(2)
+
+    def moved(points):
+        return scale * (np.asarray(points, float) @ turn + shift)
+
+    with pytest.raises(ValueError, match=r"touch|crosses|3 different") as caught:
+        polygons(moved(outer), holes=[moved(ring) for ring in rings])
+    place = re.search(r"(?:at|near|between) \((.*?), (.*?)\)", str(caught.value))
+    away = np.subtract([float(x) for x in place.groups()], moved(touches[None])[0])
+    assert np.linalg.norm(away) <= (0.6 if kind == "a spike" else 1e-4) * scale
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([*CONTACTS]), st.sampled_from([1e-7, 1e-5, 1e-3]))
+def test_small_gaps_are_kept_with_cells_that_have_an_area(seed, kind, gap):
+    rng = np.random.default_rng(seed)
+    outer = np.array([(-4, -4), (4, -4), (4, 4), (-4, 4)])
+    rings = [np.array(ring, float) for ring in CONTACTS[kind](gap)]
+    turn = np.linalg.qr(rng.standard_normal((2, 2)))[0]
+    mesh = polygons(outer @ turn, holes=[ring @ turn for ring in rings])
+    holes = [area(ring) for ring in rings]
+    wanted = 64.0 - holes[0] + sum(holes[1:]) * (1 if "lake" in kind else -1)
+    assert mesh.measures.sum() == pytest.approx(wanted, rel=1e-12)
+    assert mesh.signed_measures.min() > 0.0
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -165,7 +220,7 @@ BAD = {
     "tiny hole": (
         SQUARE,
         {"holes": 1e-200 * TRIANGLE},
-        "a ring is too small or too thin to be divided",
+        "holes must have 3 different points or more, near (0, 0)",
     ),
     "name": ({1: SQUARE}, {}, "outer must have names of 1 to 100 letters, got 1"),
     "all small": (SQUARE, {"tolerance": 1}, "tolerance must be smaller: all rings are in circles"),
@@ -248,6 +303,31 @@ def table(path):
     path.write_text("x;y;name\n" + "\n".join(rows) + "\n")
 
 
+def table_with_spaces(path):
+    rows = [f"{x}  {y} {name}" for name, ring in RINGS.items() for x, y in ring]
+    path.write_text("# x y name\n" + "\n".join(rows) + "\n")
+
+
+def wkt_quoted(path):
+    """As QGIS writes tables."""
+    rows = [
+        f'"{shapely.LineString(ring).wkt}",{k},{name}'
+        for k, (name, ring) in enumerate(RINGS.items())
+    ]
+    path.write_text("WKT,id,name\n" + "\n".join(rows) + "\n")
+
+
+def wkt_bare(path):
+    rows = [f"{name};SRID=25832;{shapely.Polygon(r).wkt.lower()}" for name, r in RINGS.items()]
+    path.write_text("\n".join([*rows, "buoy;SRID=25832;POINT Z (1 1 1)"]) + "\n")
+
+
+def wkt_collection(path):
+    rings = [shapely.Polygon(ring) for ring in RINGS.values()]
+    whole = shapely.GeometryCollection([shapely.MultiPolygon(rings[:1]), rings[1]])
+    path.write_text(f"{whole.wkt}\n".replace(" (", "\n("))
+
+
 def poly(path):
     ends = [(1, 2, "wall"), (2, 3, "wall"), (3, 4, "wall"), (4, 1, "wall")]
     ends += [(5, 6, "rock"), (6, 7, "rock"), (7, 5, "rock")]
@@ -263,6 +343,9 @@ FILES = {
     "lines.json": geojson_lines,
     "a.shp": shapes,
     "a.csv": table,
+    "spaces.csv": table_with_spaces,
+    "quoted.csv": wkt_quoted,
+    "bare.csv": wkt_bare,
     "a.poly": poly,
 }
 
@@ -279,6 +362,12 @@ def test_files_give_the_domain_and_the_names(tmp_path, name):
     assert set(mesh.tag_names.values()) == wanted
     same = polygons(tmp_path / name)
     np.testing.assert_array_equal(same.points, mesh.points)
+
+
+@pytest.mark.filterwarnings("ignore::adaptsize.errors.InputWarning")
+def test_a_collection_of_geometries_over_several_lines(tmp_path):
+    wkt_collection(tmp_path / "a.csv")
+    assert read(tmp_path / "a.csv").measures.sum() == pytest.approx(15.5, rel=1e-12)
 
 
 def test_what_is_left_out_is_reported(tmp_path):
@@ -315,6 +404,9 @@ DAMAGED = {
     ),
     "cut.csv": ("0,0\n4,0\n4,4", "ends inside a line"),
     "words.csv": ("0,0\n4,a\n4,4\n", "line 2 must be x, y, got '4,a'"),
+    "cut_wkt.csv": ("POLYGON ((0 0, 4 0, 4 4", "a geometry has no closing bracket"),
+    "words_wkt.csv": ("POLYGON ((0 0, 4 0, 4 a, 0 0))", "has a geometry that is no text of OGC"),
+    "row_wkt.csv": ('wkt,name\n"POLYGON ((0 0, 4 0, 4 4, 0 0))",a\n,b\n', "row without a geometry"),
     "cut.poly": ("4 2 0 0\n1 0 0\n2 4 0\n", "a table has fewer rows"),
     "node.poly": ("1 2 0 0\n1 0 0\n1 0\n1 1 2\n0\n", "node 2, which is not in the file"),
     "inside.poly": (

@@ -9,7 +9,12 @@ from shapes import CUBE_CELLS as CUBE
 
 from adaptsize import SimplexMesh, size_function
 from adaptsize.errors import OpenSurfaceWarning
-from adaptsize.remeshing.surface_checks import near_bodies, overlapping_bodies, warn_of_surface
+from adaptsize.remeshing.surface_checks import (
+    doubts,
+    near_bodies,
+    overlapping_bodies,
+    warn_of_surface,
+)
 
 
 def boxes(*bounds, at=0.0):
@@ -106,3 +111,27 @@ def test_sizes_do_not_fall_to_hmin_where_bodies_overlap(other):
     alone = size_function(boxes(other), hmax=0.06).report
     assert min(report.smallest.values()) >= 0.99 * min(alone.smallest.values())
     assert report.smallest["hmin"] == np.inf
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-16, 1e-10])
+@pytest.mark.parametrize(
+    ("shift", "n_nodes"), [((1, 1, 1), 1), ((1, 1, 0), 2), ((-1, 0, 1), 2), ((0.0, -1.0, -1.0), 2)]
+)
+def test_contact_in_nodes_and_edges_is_named_with_its_place(gap, shift, n_nodes):
+    rng = np.random.default_rng(61)
+    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    shift = np.array(shift, float)
+    other = CORNERS + shift + gap * np.sign(shift)
+    points = 10.0 * np.vstack([CORNERS, other]) @ turn + 7.0
+    mesh = SimplexMesh(points, np.vstack([CUBE, CUBE + 8]))
+    (found,) = (record for name, record, _ in doubts(mesh, 1e-3) if name == "touching_bodies")
+    assert found.n_nodes == n_nodes
+    both = 10.0 * CORNERS[(CORNERS[:, None] == (CORNERS + shift)).all(axis=2).any(axis=1)]
+    away = np.linalg.norm(both @ turn + 7.0 - found.place, axis=1)
+    assert away.min() < 1e-8
+
+
+def test_bodies_with_a_common_face_or_none_have_no_contact_in_nodes():
+    for shift in ((1.0, 0, 0), (3.0, 0, 0), (0.5, 0.5, 0.5)):
+        mesh = SimplexMesh(np.vstack([CORNERS, CORNERS + shift]), np.vstack([CUBE, CUBE + 8]))
+        assert "touching_bodies" not in [name for name, _, _ in doubts(mesh, 1e-3)]

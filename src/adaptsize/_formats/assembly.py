@@ -83,11 +83,11 @@ def build(
         if connected is not raw:  # now the simplices of neighbours match
             raw, simplices = connected, simplices_of(connected, dim)
     simplices = _without_repeated_nodes(simplices, notes)
-    is_plane = flatten and dim < 3 and raw.points.shape[1] == 3
-    if is_plane:
+    axes = [*range(raw.points.shape[1])]
+    if flatten and dim < 3 and len(axes) == 3:
         only_at_0 = raw.is_surface or dim == 1
-        is_plane = _is_plane(raw.points, simplices.cells, notes, only_at_0=only_at_0)
-    fills_space = dim == (2 if is_plane else raw.points.shape[1])
+        axes = _axes(raw.points, simplices.cells, notes, only_at_0=only_at_0)
+    fills_space = dim == len(axes)
     if fills_space:
         simplices = _without_repeated_cells(simplices, notes)
     _check_tags(raw, tags)
@@ -111,7 +111,7 @@ def build(
         number = np.cumsum(keep) - 1
         cells = number[cells]
         facets = None if facets is None else number[facets]
-    points = raw.points[keep][:, :2] if is_plane else raw.points[keep]
+    points = raw.points[keep][:, axes]
     point_data = {name: values[keep] for name, values in _nodal_fields(raw).items()}
     mesh = SimplexMesh(
         points,
@@ -130,7 +130,10 @@ def build(
 
 def _connected(raw: RawMesh, simplices: Simplices, notes: list[str]) -> RawMesh:
     """Return the mesh with nodes at one place joined, if most facets are double."""
-    fills_space = simplices.cells.shape[1] > raw.points.shape[1] or np.ptp(raw.points[:, -1]) == 0.0
+    fills_space = simplices.cells.shape[1] > raw.points.shape[1]
+    if not fills_space and simplices.cells.shape[1] == 3:
+        axes = _axes(raw.points, simplices.cells, [], only_at_0=False)
+        fills_space = len(axes) == 2
     if raw.is_surface or not fills_space:
         return raw
     joined = joined_if_most_are_double(raw.points, simplices.cells, _parents(simplices))
@@ -170,27 +173,31 @@ def _shares(mesh: SimplexMesh, parent: npt.NDArray[np.int64], name: str) -> npt.
     return shared
 
 
-def _is_plane(
+def _axes(
     points: npt.NDArray[Any], cells: npt.NDArray[Any], notes: list[str], *, only_at_0: bool
-) -> bool:
-    """Return whether all third coordinates are equal up to rounding, or are 0.
+) -> list[int]:
+    """Return the axes of the plane in which all cells lie up to rounding, or all three.
 
-    Surfaces and lines in space may be flat at another height.
+    Surfaces and lines in space may be flat elsewhere than at z = 0, and stay.
     """
     used = points[np.unique(cells)]
     low, high = used.min(axis=0), used.max(axis=0)
-    with np.errstate(over="ignore", invalid="ignore"):  # coordinates are checked later
-        extent = high - low
-        if extent[2] > _ROUNDING * np.hypot(extent[0], extent[1]):
-            return False
-    if max(abs(low[2]), abs(high[2])) > extent[2]:
-        if only_at_0:
-            return False
-        notes.append(
-            f"taken as a mesh in the plane: z is {0.5 * (low[2] + high[2]):g} everywhere "
-            "(flatten=False keeps it)"
-        )
-    return True
+    for normal in (2,) if only_at_0 else (2, 1, 0):
+        axes = [axis for axis in range(3) if axis != normal]
+        with np.errstate(over="ignore", invalid="ignore"):  # coordinates are checked later
+            extent = high - low
+            if not extent[normal] <= _ROUNDING * np.hypot(*extent[axes]):
+                continue
+        if max(abs(low[normal]), abs(high[normal])) > extent[normal] or normal < 2:
+            if only_at_0:
+                continue
+            plane = f"the {'xyz'[axes[0]]}-{'xyz'[axes[1]]} plane" if normal < 2 else "the plane"
+            notes.append(
+                f"taken as a mesh in {plane}: {'xyz'[normal]} is "
+                f"{0.5 * (low[normal] + high[normal]):g} everywhere (flatten=False keeps it)"
+            )
+        return axes
+    return [0, 1, 2]
 
 
 def _without_repeated_cells(simplices: Simplices, notes: list[str]) -> Simplices:

@@ -297,7 +297,7 @@ def _read_elements_2(file: _File, stream: _Numbers) -> Iterator[_Cells]:
             raise stream.short()
         n -= len(found)
         tags = np.pad(tags[:, :2].astype(np.int64), ((0, 0), (0, max(0, 2 - tags.shape[1]))))
-        yield _Cells(kind, found[:, 0], np.abs(tags[:, 0]), tags[:, 1], nodes.astype(np.int64))
+        yield _Cells(kind, found[:, 0], tags[:, 0], tags[:, 1], nodes.astype(np.int64))
 
 
 def _next_elements(stream: _Numbers, most: int) -> tuple[str, _Array, _Array, _Array]:

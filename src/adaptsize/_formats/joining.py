@@ -1,4 +1,4 @@
-"""Nodes at one place in plane and solid meshes: cells with own nodes, slits, hanging nodes.
+"""Nodes at one place in plane and solid meshes: cells with nodes of their own.
 
 Programs for discontinuous fields write nodes for each cell.  Such cells are not connected.
 """
@@ -8,13 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import merge_equal_points
 from adaptsize.background.topology import facets_of, have_different_nodes
 from adaptsize.typing import FloatArray
-
-#: Distance of a hanging node from the middle of an edge, over the length of the edge.
-_NEAR = 1e-6
 
 
 class Joined(NamedTuple):
@@ -78,51 +74,3 @@ def means(values: npt.NDArray[Any], number: npt.NDArray[np.intp], n: int) -> npt
     total = np.zeros((n, *values.shape[1:]))
     np.add.at(total, number, values - one[number])  # equal values stay as they are
     return (one + total / count.reshape(-1, *[1] * (values.ndim - 1))).astype(values.dtype)
-
-
-def places_not_joined(mesh: SimplexMesh) -> list[str]:
-    """Return texts on facets that are double, and nodes that hang on an edge, with the first place.
-
-    Of plane and solid meshes only: bodies of surfaces may touch.
-    """
-    if mesh.cell_dim < mesh.dim or mesh.dim == 1 or not (mesh.facet_cell_counts == 1).any():
-        return []
-    boundary = mesh.boundary().mesh
-    texts = []
-    distinct, number = merge_equal_points(boundary.points)
-    rows = np.sort(number[boundary.cells], axis=1)
-    _, first, count = np.unique(rows, axis=0, return_index=True, return_counts=True)
-    double = first[count > 1]
-    if len(double):
-        place = _text(boundary.points[boundary.cells[double.min()]].mean(axis=0))
-        texts.append(
-            f"{len(double)} facets lie on another, the first at {place}: slits, or parts whose "
-            "nodes are not joined"
-        )
-    hanging = _hanging(distinct, np.unique(np.sort(number[_edges(boundary.cells)], axis=1), axis=0))
-    if len(hanging):
-        texts.append(
-            f"{len(hanging)} nodes hang in the middle of an edge of another cell, the first at "
-            f"{_text(distinct[hanging[0]])}: the cells there are not connected"
-        )
-    return texts
-
-
-def _edges(cells: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    if cells.shape[1] == 2:
-        return cells
-    return np.concatenate([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]])
-
-
-def _hanging(points: FloatArray, edges: npt.NDArray[Any]) -> npt.NDArray[np.intp]:
-    """Return the points in the middle of an edge."""
-    from scipy.spatial import cKDTree
-
-    ends = points[edges]
-    middles, length = ends.mean(axis=1), np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
-    distance, nearest = cKDTree(points).query(middles)
-    return np.unique(nearest[distance <= _NEAR * length])
-
-
-def _text(place: FloatArray) -> str:
-    return f"({', '.join(f'{x:.6g}' for x in place)})"

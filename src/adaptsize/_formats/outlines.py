@@ -6,8 +6,11 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._checks import check_range, place_text
-from adaptsize.background.merging import merge_equal_points
+from adaptsize.background.merging import place_numbers
 from adaptsize.typing import FloatArray, IndexArray, IntArray
+
+#: Lines closer than this times the diagonal touch: cells between them would be flat.
+_CONTACT = 1e-9
 
 
 class Line(NamedTuple):
@@ -36,12 +39,17 @@ class Outline(NamedTuple):
     """int[m]: the line that each is a part of."""
     tags: IntArray
     """int32[m]: 0 without a name."""
+    contact: float = 0.0
+    """Distance up to which lines touch."""
 
 
 def outline_of(lines: Sequence[Line], names: list[str], notes: list[str]) -> Outline:
     """Return the segments of all lines, and refuse what are not rings."""
-    points, number = merge_equal_points(np.concatenate([line.points for line in lines]))
-    check_range("points", points)
+    given = np.concatenate([line.points for line in lines])
+    check_range("points", given)
+    contact = _contact(given)
+    number = place_numbers(given, contact)
+    points = given[np.unique(number, return_index=True)[1]]
     nodes = np.split(number, np.cumsum([len(line.points) for line in lines])[:-1])
     nodes = _without_repeated(points, nodes, notes)
     for k, (own, line) in enumerate(zip(nodes, lines, strict=True)):
@@ -66,10 +74,17 @@ def outline_of(lines: Sequence[Line], names: list[str], notes: list[str]) -> Out
     at = np.searchsorted(key[kept], key[~kept], sorter=order)
     rows = np.flatnonzero(kept)
     tags[rows[order[at]]] = tags[~kept]
-    outline = Outline(points, segments[kept], line_of[kept], tags[kept])
+    outline = Outline(points, segments[kept], line_of[kept], tags[kept], contact)
     _refuse_repeated(outline, key[kept], lines)
     _refuse_open(outline, lines)
     return outline
+
+
+def _contact(points: FloatArray) -> float:
+    """Return the distance up to which points coincide: of the size, or rounding far from 0."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    rounding = 4.0 * float(np.spacing(np.abs(points).max()))
+    return max(_CONTACT * float(np.linalg.norm(high - low)), rounding)
 
 
 def _without_repeated(
@@ -104,6 +119,7 @@ def _refuse_open(outline: Outline, lines: Sequence[Line]) -> None:
     if len(touching):
         at = outline.line[(outline.segments == touching[0]).any(axis=1)]
         who = " and ".join(dict.fromkeys(lines[k].source for k in at))
+        who = who if " and " in who else f"parts of {who}"
         raise ValueError(f"{who} touch at {place_text(outline.points[touching[0]])}")
     dangling = np.flatnonzero(degree == 1)
     if not len(dangling):
@@ -119,33 +135,42 @@ def _refuse_open(outline: Outline, lines: Sequence[Line]) -> None:
 
 
 def refuse_crossings(outline: Outline, lines: Sequence[Line]) -> None:
-    """Raise a ValueError if segments have other points in common than their ends."""
+    """Raise a ValueError if segments cross, or come closer than contact away from common ends."""
     import shapely
 
     ends = outline.segments
     segments = shapely.linestrings(outline.points[ends])
-    one, other = shapely.STRtree(segments).query(segments, predicate="intersects")
+    tree = shapely.STRtree(segments)
+    one, other = tree.query(segments, predicate="dwithin", distance=outline.contact)
     one, other = one[one < other], other[one < other]
     shared = (ends[one][:, :, None] == ends[other][:, None, :]).any(axis=2)
     # Neighbours have a node in common; they overlap if the far end of one is on the other.
     bad = np.flatnonzero(~shared.any(axis=1))
     beside = np.flatnonzero(shared.any(axis=1))
     common = ends[one[beside]][shared[beside]]
-    u, v = (
-        outline.points[ends[k[beside]].sum(axis=1) - common] - outline.points[common]
-        for k in (one, other)
-    )
-    folds = (u[:, 0] * v[:, 1] == u[:, 1] * v[:, 0]) & (np.einsum("ij,ij->i", u, v) > 0.0)
+    folds = np.zeros(len(beside), bool)
+    for own, its in ((one, other), (other, one)):
+        far = outline.points[ends[own[beside]].sum(axis=1) - common]
+        away = shapely.distance(shapely.points(far), segments[its[beside]])
+        folds |= away <= outline.contact
     bad = np.concatenate([bad, beside[folds]])
     if not len(bad):
         return
     first = bad[np.argmin(one[bad])]
     pair = segments[[one[first], other[first]]]
-    place = place_text(shapely.get_coordinates(shapely.intersection(*pair))[0])
     a, b = (lines[outline.line[k[first]]].source for k in (one, other))
     more = f" (and {len(bad) - 1} more places)" if len(bad) > 1 else ""
-    who = f"{a} crosses or touches itself" if a == b else f"{a} and {b} cross or touch"
-    raise ValueError(f"{who} at {place}{more}")
+    gap, meeting = shapely.distance(*pair), shapely.intersection(*pair)
+    if not shapely.is_empty(meeting):
+        place = place_text(shapely.get_coordinates(meeting)[0])
+        who = f"{a} crosses or touches itself" if a == b else f"{a} and {b} cross or touch"
+        raise ValueError(f"{who} at {place}{more}")
+    place = place_text(shapely.get_coordinates(shapely.shortest_line(*pair))[0])
+    who = f"parts of {a}" if a == b else f"{a} and {b}"
+    raise ValueError(
+        f"{who} touch at {place}{more}: they are {gap:.2g} apart, where cells would be flat; at "
+        f"least {outline.contact:.2g} is required"
+    )
 
 
 def rings_of(segments: IndexArray) -> list[IndexArray]:

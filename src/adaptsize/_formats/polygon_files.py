@@ -1,5 +1,6 @@
 """Files of polygons and lines: GeoJSON, shapefiles, tables of points, and Triangle's ``.poly``."""
 
+import csv
 import json
 import os
 import re
@@ -26,6 +27,15 @@ _DEGREES = (
     "coordinates look like longitude and latitude: all lengths and sizes are in degrees, which "
     "differ in the two directions; project them to a plane first, for example by pyproj or ogr2ogr"
 )
+
+
+#: The beginning of a geometry in well-known text.
+_GEOMETRY = re.compile(
+    r"(?:SRID=\d+;\s*)?\b(?:MULTI)?(?:POINT|LINESTRING|POLYGON|GEOMETRYCOLLECTION)\s*Z?M?\s*\(",
+    re.IGNORECASE,
+)
+#: Stands for a geometry in a table.
+_PLACE = "\x01"
 
 
 class Content(NamedTuple):
@@ -171,13 +181,19 @@ def _read_shp(path: Path, notes: list[str]) -> Content:
 
 
 def _read_csv(path: Path, notes: list[str]) -> Content:
-    """Read x, y and perhaps a name on each line.  Blank lines and new names begin new lines."""
+    """Read x, y and perhaps a name on each line, or geometries as text (WKT).
+
+    Blank lines and new names begin new lines.
+    """
     content = path.read_bytes()
+    text = content.decode("utf-8-sig")
+    if _GEOMETRY.search(text):
+        return of_geojson(_features_in(text), notes)
     rows: list[list[tuple[float, float]]] = []
     names: list[str | None] = []
     begins = True
-    for number, text in enumerate(content.decode("utf-8-sig").splitlines(), 1):
-        words = [word.strip() for word in re.split("[,;\t]", text.partition("#")[0])]
+    for number, line in enumerate(text.splitlines(), 1):
+        words = _words(line.partition("#")[0])
         if not any(words):
             begins = True
             continue
@@ -186,7 +202,7 @@ def _read_csv(path: Path, notes: list[str]) -> Content:
         except (ValueError, IndexError) as error:
             if not rows:  # the names of the columns
                 continue
-            raise MeshFileError(f"line {number} must be x, y, got {describe(text)}") from error
+            raise MeshFileError(f"line {number} must be x, y, got {describe(line)}") from error
         name = words[2] or None if len(words) > 2 else None
         if begins or name != names[-1]:
             rows.append([])
@@ -200,6 +216,56 @@ def _read_csv(path: Path, notes: list[str]) -> Content:
         for k, (points, name) in enumerate(zip(rows, names, strict=True))
     ]
     return Content(lines)
+
+
+def _words(line: str) -> list[str]:
+    """Return the columns of a line: between commas, semicolons or tabs, or else between spaces."""
+    words = [word.strip() for word in re.split("[,;\t]", line)]
+    return words if len(words) > 1 else line.split(maxsplit=2)
+
+
+def _features_in(text: str) -> dict[str, Any]:
+    """Return the geometries of well-known text in a table, with its other columns, as GeoJSON."""
+    import shapely
+
+    pieces, geometries, end = [], [], 0
+    for start in _GEOMETRY.finditer(text):
+        if start.start() < end:  # in a collection
+            continue
+        pieces.append(text[end : start.start()])
+        end = _end_of(text, start)
+        geometries.append(text[start.start() : end])
+    pieces.append(text[end:])
+    # A letter stands for each geometry, so that its commas divide no columns.
+    table = [line for line in _PLACE.join(pieces).splitlines() if line.strip()]
+    sign = max(",;\t", key="".join(table).count)
+    rows = list(csv.reader(table, delimiter=sign))
+    header = None if any(_PLACE in word for word in rows[0]) else rows.pop(0)
+    features, at = [], iter(geometries)
+    for row in rows:
+        if not any(_PLACE in word for word in row):
+            raise MeshFileError(f"has a row without a geometry: {describe(sign.join(row))}")
+        words = next(at)
+        try:
+            shape = shapely.from_wkt(words.rpartition(";")[2])
+        except shapely.GEOSException as error:
+            raise MeshFileError(f"has a geometry that is no text of OGC ({error})") from error
+        others = [word.strip() for word in row if _PLACE not in word]
+        keys = [key for key, word in zip(header or (), row, strict=False) if _PLACE not in word]
+        properties = dict(zip(keys or ["name"], others, strict=False))
+        geometry = None if shape.is_empty else shapely.geometry.mapping(shape)
+        features.append({"type": "Feature", "properties": properties, "geometry": geometry})
+    return {"type": "FeatureCollection", "features": features}
+
+
+def _end_of(text: str, start: re.Match[str]) -> int:
+    """Return where a geometry in well-known text ends."""
+    depth = 0
+    for k in range(start.end() - 1, len(text)):
+        depth += (text[k] == "(") - (text[k] == ")")
+        if depth == 0:
+            return k + 1
+    raise MeshFileError("is truncated (a geometry has no closing bracket)")
 
 
 def _read_poly(path: Path, notes: list[str]) -> Content:

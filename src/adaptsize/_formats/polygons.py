@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_number, as_points, describe, place_text, warn_caller
 from adaptsize._formats.outlines import Line, Outline, outline_of, refuse_crossings, rings_of
+from adaptsize._formats.regions import nested, sea_in_box, without_narrow_parts
 from adaptsize.background import SimplexMesh
 from adaptsize.background.enclosing import enclosing_diameter
 from adaptsize.background.flipping import flip_edges
@@ -20,6 +21,10 @@ from adaptsize.typing import FloatArray, IndexArray, IntArray
 
 #: The longest edge of the boundary over the diameter, so that nodes carry sizes along it.
 _LONGEST_EDGE = 1.0 / 50.0
+#: Lines that would cross if they were simplified by this share of the diameter stay as they are.
+_FINEST = 1e-5
+#: Lines are simplified by at least this share of the least width.
+_SIMPLER = 0.2
 #: Barycentric coordinates of a new node: triangles must not become flat.
 _LEAST_SHARE = 0.01
 
@@ -29,6 +34,8 @@ def polygons(
     holes: Any = (),
     islands: Any = (),
     *,
+    box: npt.ArrayLike | None = None,
+    least_width: float = 0.0,
     tolerance: float = 0.0,
 ) -> SimplexMesh:
     """Return the domain between polygons in the plane, as a mesh of triangles.
@@ -51,6 +58,16 @@ def polygons(
         segments.
     holes, islands : array_like of float, shape (n, 2), list of these, or mapping, optional
         Polygons inside others, and also their names: ``{"pier": ring, "island": [ring, ring]}``.
+    box : array_like of float, shape (4,), optional
+        Lower left and upper right corner of a box.  The polygons are then land, which may reach
+        beyond the box, and the domain is the part of the box outside of them: the sea.  The sides
+        of the box that remain are named ``"south"``, ``"east"``, ``"north"`` and ``"west"``, the
+        shore ``"land"`` unless it has names.
+    least_width : float, default 0
+        Parts of the domain narrower than this are left out, and parts of what is around it, such as
+        spits and small islands, become part of it, with a warning that has their number.  Corners
+        of 60 degrees or more stay.  Lines are then simplified by at least a fifth of it.  Choose
+        the smallest size: narrower parts cannot be meshed with it.
     tolerance : float, default 0
         Lines are simplified by at most this distance, over the diameter of the smallest circle
         around all of them, 0 to 1, and rings in circles of this radius are left out, with a
@@ -72,7 +89,7 @@ def polygons(
     Warns
     -----
     InputWarning
-        If points are repeated, or rings are left out.
+        If points are repeated, or rings or narrow parts are left out.
 
     Notes
     -----
@@ -98,6 +115,13 @@ def polygons(
     >>> dict(polygons({"land": shore, "open sea": sea}).tag_names)
     {(1, 1): 'land', (1, 2): 'open sea'}
 
+    The sea in a box, around land that reaches out of it:
+
+    >>> land = [(-5, -5), (9, -5), (9, 1), (2, 2), (-5, 1)]
+    >>> sea = polygons({"shore": land}, box=(0, 0, 4, 4))
+    >>> [name for _, name in sorted(sea.tag_names.items())]
+    ['east', 'north', 'shore', 'west']
+
     >>> polygons([(0, 0), (4, 4), (4, 0), (0, 4)])
     Traceback (most recent call last):
     ...
@@ -106,6 +130,7 @@ def polygons(
     from adaptsize._formats import polygon_files
 
     share = as_number("tolerance", tolerance, lower=0.0, upper=1.0)
+    width = as_number("least_width", least_width, lower=0.0)
     notes: list[str] = []
     if isinstance(outer, str | os.PathLike):
         content = polygon_files.read_file(outer, notes)
@@ -114,8 +139,13 @@ def polygons(
     else:
         content = polygon_files.Content(_lines_of("outer", outer))
     lines = [*content.lines, *_lines_of("holes", holes), *_lines_of("islands", islands)]
+    in_holes = content.in_holes
     with polygon_files.naming(outer):
-        mesh = domain_of(lines, notes, share, content.in_holes)
+        if box is not None:
+            lines, in_holes = sea_in_box(lines, box), None
+        if width > 0.0:
+            lines, in_holes = without_narrow_parts(lines, width, notes), None
+        mesh = domain_of(lines, notes, share, in_holes, least=_SIMPLER * width)
     if notes:
         warn_caller("; ".join(notes), InputWarning)
     return mesh
@@ -165,7 +195,12 @@ def _is_point(given: Any) -> bool:
 
 
 def domain_of(
-    lines: Sequence[Line], notes: list[str], share: float = 0.0, in_holes: FloatArray | None = None
+    lines: Sequence[Line],
+    notes: list[str],
+    share: float = 0.0,
+    in_holes: FloatArray | None = None,
+    *,
+    least: float = 0.0,
 ) -> SimplexMesh:
     """Return the domain between lines, see `polygons`.
 
@@ -178,24 +213,33 @@ def domain_of(
         Tolerance over the diameter.
     in_holes : float64[k, 2] or None
         Points, one or more in each hole and none in the domain; None if they are not known.
+    least : float
+        Smallest tolerance, as a length.
     """
     import shapely
 
     if not lines:
         raise ValueError("outer must have at least one polygon, got none")
     names = sorted({line.name for line in lines if line.name is not None})
+    n_notes = len(notes)
     outline = outline_of(lines, names, notes)
     refuse_crossings(outline, lines)
     rings = rings_of(outline.segments)
     diameter = enclosing_diameter(outline.points)
-    length = share * diameter
+    length = max(share * diameter, least)
     if length > 0.0:
         simple = _simplified(outline, rings, (lines, names), length, notes)
-        return domain_of(simple, notes, 0.0, in_holes)
+        try:
+            return domain_of(simple, notes, 0.0, in_holes)
+        except ValueError:
+            # The lines alone do not cross, and GEOS does not promise that simpler ones do not.
+            del notes[n_notes:]
+            share = 0.0 if length < _FINEST * diameter else 0.5 * length / diameter
+            return domain_of(lines, notes, share, in_holes)
     longest = _LONGEST_EDGE * diameter
     parts = [_divided(outline.points[ring[:, 0]], longest) for ring in rings]
     surfaces = shapely.polygons([shapely.linearrings(corners) for corners, _ in parts])
-    depth, parent = _nested(surfaces)
+    depth, parent = nested(surfaces)
     _refuse_outside(outline, rings, lines, depth)
     _check_holes(surfaces[depth % 2 == 1], in_holes)
     cut = [
@@ -273,19 +317,6 @@ def _divided(points: FloatArray, longest: float) -> tuple[FloatArray, IndexArray
     edge = np.repeat(np.arange(len(points)), count)
     share = (np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)) / count[edge]
     return points[edge] + share[:, None] * step[edge], edge
-
-
-def _nested(surfaces: npt.NDArray[Any]) -> tuple[IndexArray, IndexArray]:
-    """Return how many others each ring is in, and the innermost of these, or -1."""
-    import shapely
-
-    corner = shapely.get_point(shapely.get_exterior_ring(surfaces), 0)
-    inner, around = shapely.STRtree(surfaces).query(corner, predicate="within")
-    depth = np.bincount(inner, minlength=len(surfaces))
-    parent = np.full(len(surfaces), -1)
-    direct = depth[around] == depth[inner] - 1
-    parent[inner[direct]] = around[direct]
-    return depth, parent
 
 
 def _refuse_outside(

@@ -10,8 +10,10 @@ import numpy.typing as npt
 
 from adaptsize._formats.blocks import RawMesh, name_of_polygon
 from adaptsize._formats.text import check_last_number, numbers
-from adaptsize.background.merging import merge_equal_points
+from adaptsize.background.merging import corner_distance, first_at_place, merge_equal_points
+from adaptsize.background.topology import have_different_nodes
 from adaptsize.errors import MeshFileError
+from adaptsize.typing import FloatArray
 
 #: A triangle in a binary STL file, after 80 free bytes and the number of triangles.
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -46,7 +48,25 @@ def read_stl(path: Path) -> RawMesh:
         corners, number = _corners_in(content.replace(b"\r", b"\n").lower())
     with np.errstate(invalid="ignore"):  # numbers that are not finite are refused later
         points, point_of = merge_equal_points(corners)
-    return RawMesh(points, [("triangle", point_of[number].reshape(-1, 3))])
+        return _joined(points, point_of[number].reshape(-1, 3))
+
+
+def _joined(points: FloatArray, cells: npt.NDArray[np.int64]) -> RawMesh:
+    """Return triangles whose corners that are almost equal are one node, at their mean."""
+    good = have_different_nodes(cells)
+    within = corner_distance(points, cells[good]) if good.any() else 0.0
+    if within == 0.0:
+        return RawMesh(points, [("triangle", cells)])
+    first = first_at_place(points, within)
+    nodes, number = np.unique(first, return_inverse=True)
+    middle = np.zeros((len(nodes), 3))
+    np.add.at(middle, number, points - points[first])  # where all are equal, nothing changes
+    middle = points[nodes] + middle / np.bincount(number)[:, None]
+    note = (
+        f"corners up to {within:.2g} apart joined, where edges do not meet exactly: {len(points)} "
+        f"become {len(nodes)}"
+    )
+    return RawMesh(middle, [("triangle", number[cells])], notes=[note])
 
 
 def _corners_in(text: bytes) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:

@@ -9,7 +9,7 @@ import numpy as np
 from adaptsize.adaptation.boundary_moves import BoundaryMoves
 from adaptsize.adaptation.next_sizes import NextSizes, Request
 from adaptsize.adaptation.report import BUDGET_TOLERANCE, boundary_distance, numbers_of
-from adaptsize.background import AnyMesh
+from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.errors import BoundaryWarning
 from adaptsize.options import RemeshOptions
 from adaptsize.remeshing import remesh
@@ -57,7 +57,8 @@ def make_mesh(mesh: AnyMesh, first: NewMesh, request: Request, report: ProgressC
     def make(sizes: NextSizes) -> tuple[NewMesh, int]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", BoundaryWarning)  # the caller measures the distance
-            new = remesh(mesh, sizes.requested(mesh), progress=report, **options)
+            bare = mesh.without_data() if isinstance(mesh, SimplexMesh) else mesh
+            new = remesh(bare, sizes.requested(mesh), progress=report, **options)
         n_points, n_cells = numbers_of(new)
         return replace(first, mesh=new, sizes=sizes), n_cells if nodes is None else n_points
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._defaults import is_of_sizes
 from adaptsize.adaptation._fields import (
     Arrays,
     as_columns,
@@ -96,6 +97,46 @@ def transfer_fields(
 
     given, nodal, by_cell = old.ranks.agree(check)
     return transferred(old, new, nodal, by_cell, given, progress)
+
+
+class Carried(NamedTuple):
+    """A new mesh with the fields of the old one, and why others are left out."""
+
+    mesh: SimplexMesh
+    left_out: list[str]
+    """Messages."""
+
+
+def carry_fields(
+    old: SimplexMesh, new: SimplexMesh, progress: ProgressCallback | bool | None = None
+) -> Carried:
+    """Return a new mesh with the fields of an old one, as far as `transfer_fields` applies.
+
+    Sizes, which belong to the old mesh, are left out without a message.
+    """
+    nodal, by_cell = (
+        {name: values for name, values in data.items() if not is_of_sizes(name)}
+        for data in (old.point_data, old.cell_data)
+    )
+    names = [*nodal, *by_cell]
+    if names and new.cell_dim != old.cell_dim:
+        text = f"fields of a surface are not known inside, and are left out: {', '.join(names)}"
+        return Carried(new, [text])
+    left_out = []
+    for fields in (nodal, by_cell):
+        for name, values in list(fields.items()):
+            bad = int(np.count_nonzero(~np.isfinite(values)))
+            if bad:
+                left_out.append(f"field {name!r} is left out: {bad} of its values are not finite")
+                del fields[name]
+    if not (nodal or by_cell):
+        return Carried(new, left_out)
+    found = transfer_fields(
+        old, new, fields=nodal, cell_fields=by_cell, conservative=old.cell_dim == old.dim,
+        progress=progress,
+    )  # fmt: skip
+    mesh = new.with_data(point_data=found.fields, cell_data=found.cell_fields)
+    return Carried(mesh, left_out)
 
 
 def transferred(

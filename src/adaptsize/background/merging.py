@@ -7,9 +7,15 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize.background.simplex import SimplexMesh
-from adaptsize.background.topology import components_of
+from adaptsize.background.topology import components_of, unique_rows
 from adaptsize.typing import FloatArray, IndexArray
 
+#: Corners are joined if they are closer than this times the shortest edge of their triangles.
+_SHARE_OF_EDGE = 0.1
+#: And, where most edges meet exactly, than this times the diagonal: a gap may be meant.
+_SEAM = 1e-6
+#: If most edges are open, this share of them must become joined, else the triangles are apart.
+_LEAST_JOINED = 0.25
 # Larger coordinates, in units of the distance, are clipped, as their squares would overflow.
 _FARTHEST = 1e150
 # Points along a line that may be as close to each other as near ones, before a tree is used.
@@ -44,6 +50,68 @@ def place_numbers(points: FloatArray, within: float) -> IndexArray:
     if within > 0.0 and len(distinct) > 1:
         number = _joined(distinct, within)[number]
     return number
+
+
+def corner_distance(points: FloatArray, cells: npt.NDArray[Any]) -> float:
+    """Return up to which distance the corners of triangles are one, from the triangles.
+
+    It is 0 if all edges meet exactly.  Otherwise it is the smallest distance, up to a factor of 2,
+    that joins as many open edges as a tenth of the shortest edge does.  If most edges are open, the
+    coordinates are noisy, and a quarter must become joined.  Otherwise only seams are open, and the
+    distance is at most 1e-6 of the diagonal: two sheets may be meant to lie side by side.
+
+    Parameters
+    ----------
+    points : float64[n_points, dim]
+    cells : int[n_cells, 3]
+
+    Examples
+    --------
+    Two triangles whose common corners differ by about 1e-6:
+
+    >>> points = np.array([[0, 0], [1, 0], [0, 1], [1, 1e-6], [1, 1], [1e-6, 1]])
+    >>> 1e-6 <= corner_distance(points, np.array([[0, 1, 2], [3, 4, 5]])) < 3e-6
+    True
+    """
+    if not np.isfinite(points).all():
+        return 0.0
+    sides = _sides(cells)
+    is_open = _are_alone(sides)
+    n_open = int(is_open.sum())
+    if n_open == 0:
+        return 0.0
+    rim = cells[is_open.reshape(3, -1).any(axis=0)]
+    ends = points[_sides(rim)]
+    lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    longest = _SHARE_OF_EDGE * float(lengths[lengths > 0.0].min(initial=np.inf))
+    is_noisy = n_open > 0.5 * (n_open + 0.5 * (len(sides) - n_open))
+    if not is_noisy:
+        longest = min(longest, _SEAM * float(np.linalg.norm(np.ptp(points, axis=0))))
+    nodes, on_rim = np.unique(sides[is_open], return_inverse=True)
+    on_rim = on_rim.reshape(-1, 2)
+
+    def joined(within: float) -> int:
+        place = place_numbers(points[nodes], within)
+        return n_open - int(_are_alone(place[on_rim]).sum())
+
+    if not np.isfinite(longest) or longest == 0.0:
+        return 0.0
+    most = joined(longest)
+    if most < (_LEAST_JOINED * n_open if is_noisy else 1):
+        return 0.0
+    while joined(0.5 * longest) == most:
+        longest *= 0.5
+    return longest
+
+
+def _sides(cells: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return np.concatenate([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]])
+
+
+def _are_alone(sides: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+    """Return whether the nodes of a side are those of no other one."""
+    number = unique_rows(sides.astype(np.int32), int(sides.max()) + 1)[1]
+    return np.asarray(np.bincount(number)[number] == 1)
 
 
 def merge_equal_points(points: npt.NDArray[Any]) -> tuple[FloatArray, IndexArray]:

@@ -373,6 +373,13 @@ class SimplexMesh(ReadOnlyState):
             new.__dict__.setdefault(name, value)
         return new
 
+    def without_data(self) -> SimplexMesh:
+        """Return the same mesh without fields; topology is shared."""
+        new = replace(self, point_data={}, cell_data={})
+        for name, value in self.__dict__.items():  # values of cached properties
+            new.__dict__.setdefault(name, value)
+        return new
+
     def moved(self, points: npt.ArrayLike) -> SimplexMesh:
         """Return the mesh with its nodes at other points, without fields; topology is shared.
 

@@ -12,9 +12,11 @@ import numpy as np
 import numpy.typing as npt
 import pyvista
 
+from adaptsize._checks import warn_caller
 from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
+from adaptsize.errors import InputWarning
 
 if TYPE_CHECKING:
     from adaptsize.quality.conformity import Conformity
@@ -77,6 +79,9 @@ class AdaptsizeAccessor:
     def remesh(self, size: SizeFunction | float | None = None, **options: Any) -> Any:
         """Return a new mesh as ``pyvista.UnstructuredGrid``, with the point data ``h``.
 
+        Other point and cell data are transferred, unless a surface is filled.  A warning names
+        those with values that are not finite, which are left out.
+
         Parameters
         ----------
         size : SizeFunction or float, optional
@@ -86,6 +91,7 @@ class AdaptsizeAccessor:
             As for `adaptsize.remesh`; without ``size`` and ``h``, ``g``, ``hmin``, ``hmax`` and
             ``max_elements`` are those of `adaptsize.size_function`.
         """
+        from adaptsize.adaptation.transfer import carry_fields
         from adaptsize.domain_size import size_function
         from adaptsize.remeshing import remesh
 
@@ -96,7 +102,11 @@ class AdaptsizeAccessor:
             of_sizes = ("g", "hmin", "hmax", "max_elements")
             given = {name: options.pop(name) for name in of_sizes if name in options}
             size = size_function(mesh, **given)
-        new = remesh(mesh, size, **options)
+        new = remesh(mesh.without_data(), size, **options)
+        if new.cell_dim == mesh.cell_dim:
+            new, left_out = carry_fields(mesh, new)
+            for text in left_out:
+                warn_caller(text, InputWarning)
         if isinstance(size, SizeFunction):
             new = new.with_data(point_data={"h": size(new.points)})
         return new.to_pyvista()

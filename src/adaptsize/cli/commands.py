@@ -16,6 +16,7 @@ from adaptsize.cli.options import (
     FACES,
     FIELD,
     METRIC,
+    OF_POLYGONS,
     ORDER,
     PLOT,
     READING,
@@ -81,11 +82,15 @@ def options(
     announce_compilation(context.obj)
 
 
-@command(replace(FACES, text="List the faces of a surface: area, curvature and box."), *READING)
+@command(
+    replace(FACES, text="List the faces of a surface: area, curvature and box."),
+    *READING,
+    *OF_POLYGONS,
+)
 def info(console: Console, file: Input, given: Given) -> int:
     """Summarize a mesh: cells, extent, tags, fields, quality."""
-    from adaptsize._formats.joining import places_not_joined
     from adaptsize.geometry.face_table import summarize_faces, table_of_faces
+    from adaptsize.quality.connections import unconnected
     from adaptsize.quality.summary import summarize
 
     with console.steps(2) as steps:
@@ -95,7 +100,7 @@ def info(console: Console, file: Input, given: Given) -> int:
         faces = summarize_faces(files.with_named_faces(mesh)) if by_faces else []
         steps.begin("checks")
         summary = summarize(mesh)
-    not_joined = places_not_joined(mesh)
+    not_joined = [str(found) for found in unconnected(mesh)]
     console.record(**summary.as_dict(), not_joined=not_joined)
     console.print(summary)
     if faces:
@@ -111,6 +116,7 @@ def info(console: Console, file: Input, given: Given) -> int:
     own("Checks", "original", Path, "Mesh or surface whose domain the mesh must fill."),
     own("Checks", "field", str, "Nodal field with the sizes.", chosen="h, if present"),
     *READING,
+    *OF_POLYGONS,
     replace(options_of(RemeshOptions)["tolerance"], group="Checks"),
 )
 def check(console: Console, file: Input, given: Given) -> int:
@@ -209,7 +215,7 @@ _VALUES = own(
 )  # fmt: skip
 
 
-@command(FamilyOptions, SOURCE, ORDER, *READING, _VALUES)
+@command(FamilyOptions, SOURCE, ORDER, *READING, *OF_POLYGONS, _VALUES)
 def family(console: Console, file: Input, output: MeshOutput, given: Given) -> int:
     """Make self-similar meshes for a convergence study: NAME-1.vtu is the coarsest.
 

@@ -148,10 +148,11 @@ def _signals_as_interrupt(received: list[signal.Signals]) -> Iterator[None]:
     numbers = [signal.Signals[name] for name in names]
 
     def interrupt(number: int, _frame: object) -> None:
-        for other in numbers:  # no second interrupt while files are removed
-            signal.signal(other, signal.SIG_IGN)
-        received.append(signal.Signals(number))
-        raise KeyboardInterrupt
+        # No second interrupt while files are removed.  Python reports signals that are set to be
+        # ignored after they have arrived.
+        if not received:
+            received.append(signal.Signals(number))
+            raise KeyboardInterrupt
 
     # A signal that is ignored, as SIGHUP under nohup, stays ignored.
     before = {number: signal.getsignal(number) for number in numbers}

@@ -86,13 +86,18 @@ def check_files(
 def read_mesh(path: Path, tolerance: float = 0.0, **options: Any) -> SimplexMesh:
     """Return the mesh in a file, the surface of a CAD model, or the domain between polygons.
 
-    The latter are simplified within the tolerance, over the diameter.  Options are those of `read`.
+    The latter are simplified within the tolerance, over the diameter.  Options are those of `read`,
+    or those of `polygons`.
     """
     from adaptsize.remeshing.cad import is_cad_file
 
     mesh: SimplexMesh
+    of_polygons = {name: options.pop(name) for name in ("least_width", "box") if name in options}
     if is_of_polygons(path):
-        mesh = ads.io.polygons(path, tolerance=tolerance)
+        mesh = ads.io.polygons(path, tolerance=tolerance, **of_polygons)
+    elif of_polygons:
+        flags = ", ".join(f"--{name.replace('_', '-')}" for name in of_polygons)
+        raise ValueError(f"{flags} applies to files of polygons, got {path}")
     else:
         mesh = ads.read_cad(path) if is_cad_file(path) else ads.io.read(path, **options)
     return mesh
@@ -100,7 +105,8 @@ def read_mesh(path: Path, tolerance: float = 0.0, **options: Any) -> SimplexMesh
 
 def reading(given: dict[str, Any]) -> dict[str, Any]:
     """Return the options of reading, removed from those of a command."""
-    return {name: given.pop(name) for name in ("tags", "keep_slits") if name in given}
+    names = ("tags", "keep_slits", "least_width", "box")
+    return {name: given.pop(name) for name in names if name in given}
 
 
 def with_faces(mesh: SimplexMesh) -> SimplexMesh:

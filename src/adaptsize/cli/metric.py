@@ -10,6 +10,7 @@ from adaptsize._defaults import METRIC_GRADIENT_LIMIT
 from adaptsize.cli import files
 from adaptsize.cli.console import Console
 from adaptsize.cli.options import Given
+from adaptsize.cli.transfer import with_fields
 from adaptsize.options import MeshOptions, options_of
 
 if TYPE_CHECKING:
@@ -75,8 +76,8 @@ def limit_with_metric(console: Console, file: Path, output: Path, given: Given) 
 
 def remesh_with_metric(console: Console, file: Path, output: Path, given: Given) -> int:
     """Make a mesh with the sizes of a metric whose gradient is limited first."""
-    _check(file, output, given, _OF_MESHING | {"hmin", "hmax"})
-    g = given.get("g", METRIC_GRADIENT_LIMIT)
+    _check(file, output, given, _OF_MESHING | {"hmin", "hmax", "fields"})
+    g, fields = given.get("g", METRIC_GRADIENT_LIMIT), given.get("fields", "all")
     with console.steps(5) as steps:
         steps.begin("reading")
         mesh, metric = _read(file, given)
@@ -85,8 +86,9 @@ def remesh_with_metric(console: Console, file: Path, output: Path, given: Given)
         limited = ads.MetricFunction(mesh, metric)
         options = {name: given[name] for name in _OF_MESHING & given.keys()}
         following = steps.following(lambda text: text)
-        new = ads.remesh(mesh, limited, progress=following, **options)
+        new = ads.remesh(mesh.without_data(), limited, progress=following, **options)
         steps.begin("writing")
+        new = with_fields(console, mesh, new, output, (fields, given["metric"]), steps.report)
         function = ads.MetricFunction(new, limited(new.points))
         files.write_result(console, output, function)
         steps.begin("checks")

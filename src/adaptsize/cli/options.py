@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
 import numpy as np
 import typer
@@ -84,13 +84,31 @@ SOURCE = own(
 PLOT = own("Output", "plot", Path, "Also draw the result (.png).")
 TAGS = own("General", "tags", str, "Cell field with the tags.")
 KEEP_SLITS = own(
-    "General", "keep_slits", bool, "Keep nodes at one place also if most facets are double."
+    "General", "keep_slits", bool, "Keep nodes at one place if most facets are double."
 )
 FACES = own(
     "Output", "faces", bool, "Tag the faces of a surface between its feature edges: face 1, ..."
 )
+FIELDS = own(
+    "Output", "fields", Literal["all", "none"], default="all",
+    text="Fields of the file to transfer: all or none.",
+)  # fmt: skip
 #: Of commands that read a mesh.
 READING = (TAGS, KEEP_SLITS)
+#: And of those that read files of polygons.
+OF_POLYGONS = (
+    replace(
+        own(
+            "General", "least_width", float,
+            "Of polygons: leave out narrower parts.",
+        ),
+        above=True,
+    ),
+    own(
+        "General", "box", list[float],
+        "x0,y0,x1,y1: a box that polygons are land in.",
+    ),
+)  # fmt: skip
 ORDER = replace(
     own(
         "Output", "order", int, default=1,

@@ -18,7 +18,9 @@ from adaptsize.cli.metric import remesh_with_metric
 from adaptsize.cli.options import (
     FACES,
     FIELD,
+    FIELDS,
     METRIC,
+    OF_POLYGONS,
     ORDER,
     PLOT,
     READING,
@@ -30,6 +32,8 @@ from adaptsize.cli.options import (
     own,
 )
 from adaptsize.cli.size import as_dict, bounded, print_outcome
+from adaptsize.cli.transfer import with_fields
+from adaptsize.errors import InputWarning
 from adaptsize.options import BudgetOptions, MeshOptions, RemeshToElementsOptions, options_of
 
 if TYPE_CHECKING:
@@ -59,7 +63,9 @@ _LOOSE = 0.1
     ),
     ORDER,
     FACES,
+    FIELDS,
     *READING,
+    *OF_POLYGONS,
     PLOT,
     own(
         "Output", "report", Path, "Also write a page with the mesh in 3-D (.html).",
@@ -78,7 +84,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     from adaptsize.reporting.outcome import outcome_of_remeshing
 
     plot, page = given.pop("plot", None), given.pop("report", None)
-    order = given.pop("order", 1)
+    order, fields = given.pop("order", 1), given.pop("fields", "all")
     files.check_files([file], output, "mesh", order, plot=plot, report=page)
     with console.steps(5) as steps:
         steps.begin("reading")
@@ -94,14 +100,20 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ads.errors.OpenSurfaceWarning)  # printed by _accepted
+            warnings.filterwarnings("ignore", ".* not connected", InputWarning)  # and by `read`
             following = steps.following(_part_of)
             new, size = mesh_with_sizes(
-                mesh, bounded(mesh, given), tell=console.say, found=found, progress=following
+                mesh.without_data(),
+                bounded(mesh, given),
+                tell=console.say,
+                found=found,
+                progress=following,
             )
         report = report_of(size)
         allowed = tolerance_of(report, given.get("tolerance"))
-        new = new.with_data(point_data={"h": size(new.points)})
         steps.begin("writing")
+        new = with_fields(console, mesh, new, output, (fields, given.get("field")), steps.report)
+        new = new.with_data(point_data={"h": size(new.points)})
         files.write_result(console, output, new, order=order)
         files.write_provenance(output, _provenance(file, given, as_dict(report), allowed, new))
         steps.begin("checks")
@@ -158,6 +170,7 @@ def _provenance(
 
 def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMesh:
     """Return the mesh in the file, closed if that is requested; refuse what cannot be meshed."""
+    from adaptsize.geometry.planes import is_in_plane
     from adaptsize.remeshing.driver import check_backend
 
     tolerance = as_tolerance("tolerance", given.get("tolerance", TOLERANCE))
@@ -177,6 +190,9 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
             f"{output.name} holds triangles: the surface is remeshed; --target tetrahedra fills it "
             "and writes the boundary"
         )
+    elif "target" not in given and is_in_plane(mesh):
+        given["target"] = "triangles"
+        console.say("the surface lies in a plane: it is remeshed there")
     target = given.get("target", "auto")
     check_backend(mesh, target, given.get("backend", "auto"))
     if mesh.cell_dim < mesh.dim and target != "triangles":

@@ -13,6 +13,7 @@ from adaptsize.cli import files
 from adaptsize.cli.console import Console, print_message
 from adaptsize.cli.options import (
     FIELD,
+    OF_POLYGONS,
     ORDER,
     PLOT,
     READING,
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.reporting.outcome import Outcome
 
-_COST = own("Output", "cost", bool, "Also print unknowns, matrix, time steps and smallest places.")
+_COST = own("Output", "cost", bool, "Also print unknowns, matrix and smallest places.")
 _PARTS = own("Output", "parts", bool, "Also print width, curvature, size and cost of each part.")
 _SPEED = own("Output", "speed", float, "Largest speed of a signal, for the time steps.")
 _CAUSES = own("Output", "plot_causes", Path, "Also draw which cause controls which part (.png).")
@@ -55,7 +56,9 @@ _OF_MESHES = (
 )
 
 
-@command(SizeFunctionOptions, SOURCE, FIELD, *READING, PLOT, _CAUSES, _COST, _PARTS, _SPEED)
+@command(
+    SizeFunctionOptions, SOURCE, FIELD, *READING, *OF_POLYGONS, PLOT, _CAUSES, _COST, _PARTS, _SPEED
+)
 def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> int:
     """Compute the size function of a mesh or an image.
 
@@ -106,7 +109,7 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
         console.print(f"field cause: {names}")
     speed = {name: of_cost[name] for name in ("speed",) if name in of_cost}
     if "cost" in of_cost:
-        cost = found.cost(**{k: given[k] for k in ("degree", "fields") if k in given}, **speed)
+        cost = found.cost(**{k: given[k] for k in ("degree", "components") if k in given}, **speed)
         console.record(cost=asdict(cost))
         console.print(cost)
     if "parts" in of_cost:

@@ -140,7 +140,7 @@ def _with_number(domain: SizedDomain, request: Request, what: Goal, wanted: floa
 
 
 def predicted_number(report: SizeReport, what: Goal, system: tuple[int, int]) -> float:
-    """Return the predicted number of elements, nodes or unknowns of a degree and so many fields."""
+    """Return the predicted number of elements, nodes or unknowns of a finite element."""
     if what == "elements":
         return report.n_elements
     if what == "dofs":

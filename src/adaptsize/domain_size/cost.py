@@ -34,11 +34,11 @@ class Cost:
     """The predicted cost of a finite element method on a mesh, and what causes it."""
 
     degree: int
-    fields: int
+    components: int
     n_elements: float
     n_unknowns: float
     matrix_bytes: float
-    """Memory of the assembled matrix, in compressed rows of float64, all fields coupled."""
+    """Memory of the assembled matrix, in compressed rows of float64, all components coupled."""
     element_shares: dict[str, float]
     """Share of the elements that each bound causes."""
     time_steps: dict[str, float]
@@ -48,10 +48,11 @@ class Cost:
 
     def __str__(self) -> str:
         """Return one line on the system, and one per bound and place."""
-        plural = "s" if self.fields > 1 else ""
+        plural = "s" if self.components > 1 else ""
         lines = [
-            f"{self.n_unknowns:.3g} unknowns (degree {self.degree}, {self.fields} field{plural}), "
-            f"matrix of {self.matrix_bytes / 1e9:.3g} GB, time step {self.time_step:.3g}"
+            f"{self.n_unknowns:.3g} unknowns (degree {self.degree}, {self.components} "
+            f"component{plural}), matrix of {self.matrix_bytes / 1e9:.3g} GB, "
+            f"time step {self.time_step:.3g}"
         ]
         lines += [
             f"{name} costs {share:.1%} of the elements, time step {self.time_steps[name]:.3g}"
@@ -70,7 +71,7 @@ class Cost:
         return min(self.time_steps.values())
 
 
-def cost(size: SizeFunction, *, degree: int = 1, fields: int = 1, speed: float = 1.0) -> Cost:
+def cost(size: SizeFunction, *, degree: int = 1, components: int = 1, speed: float = 1.0) -> Cost:
     """Return what a finite element method costs on a mesh with these sizes.
 
     Parameters
@@ -79,8 +80,8 @@ def cost(size: SizeFunction, *, degree: int = 1, fields: int = 1, speed: float =
         From `size_function`.
     degree : int
         Polynomial degree of Lagrange elements, 1 to 20.
-    fields : int
-        Number of unknown fields.
+    components : int
+        Number of components of the solution, such as 3 of a displacement.
     speed : float
         Largest speed of a signal, in units of length per time.
 
@@ -111,13 +112,13 @@ def cost(size: SizeFunction, *, degree: int = 1, fields: int = 1, speed: float =
     """
     report = report_of(size)
     degree = as_whole_number("degree", degree, lower=1, upper=20)
-    fields = as_whole_number("fields", fields, lower=1, upper=1000)
+    components = as_whole_number("components", components, lower=1, upper=1000)
     speed = as_number("speed", speed, lower=0.0, strict=True)
-    unknowns, memory = system_of(report, degree, fields)
+    unknowns, memory = system_of(report, degree, components)
     shares = {name: share for name, share in report.element_shares.items() if share > 0.0}
     return Cost(
         degree=degree,
-        fields=fields,
+        components=components,
         n_elements=report.n_elements,
         n_unknowns=unknowns,
         matrix_bytes=memory,
@@ -188,29 +189,29 @@ def nonzeros_of(simplices: Sequence[float], degree: int) -> float:
     return total
 
 
-def matrix_of(dim: int, predicted: Prediction, degree: int, fields: int) -> tuple[float, float]:
+def matrix_of(dim: int, predicted: Prediction, degree: int, components: int) -> tuple[float, float]:
     """Return the number of unknowns, and the bytes of the assembled matrix.
 
-    The matrix is stored by rows, with the integers that SciPy takes for indices.  All fields at
-    the nodes of a cell are coupled.
+    The matrix is stored by rows, with the integers that SciPy takes for indices.  All components
+    at the nodes of a cell are coupled.
     """
     simplices = simplices_of(dim, predicted)
-    unknowns = fields * unknowns_of(simplices, degree)
-    nonzeros = fields**2 * nonzeros_of(simplices, degree)
+    unknowns = components * unknowns_of(simplices, degree)
+    nonzeros = components**2 * nonzeros_of(simplices, degree)
     index = 4.0 if nonzeros < 2.0**31 else 8.0
     return unknowns, (8.0 + index) * nonzeros + index * (unknowns + 1.0)
 
 
-def system_of(report: SizeReport, degree: int, fields: int) -> tuple[float, float]:
+def system_of(report: SizeReport, degree: int, components: int) -> tuple[float, float]:
     """Return the same for the mesh that a report predicts."""
     predicted = Prediction(report.n_elements, report.n_facets, report.n_nodes)
-    return matrix_of(report.element_dim, predicted, degree, fields)
+    return matrix_of(report.element_dim, predicted, degree, components)
 
 
-def unknowns_on(mesh: SimplexMesh, degree: int, fields: int) -> float:
+def unknowns_on(mesh: SimplexMesh, degree: int, components: int) -> float:
     """Return the number of unknowns on a mesh."""
     inner = {1: [], 2: [len(mesh.edges)], 3: [len(mesh.edges), len(mesh.facets)]}[mesh.cell_dim]
-    return fields * unknowns_of([mesh.n_points, *inner, mesh.n_cells], degree)
+    return components * unknowns_of([mesh.n_points, *inner, mesh.n_cells], degree)
 
 
 def as_bytes(memory: str) -> float:

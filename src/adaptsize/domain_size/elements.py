@@ -172,7 +172,7 @@ def mesh_with_sizes(
     if goal is None:
         size = sized()
         return MeshOfElements(meshed(mesh, size), size)
-    system = (budget["degree"], budget["fields"])
+    system = (budget["degree"], budget["components"])
     return reach_number(mesh, goal, sized, meshed, tell, system)
 
 
@@ -212,7 +212,7 @@ def reach_number(
     tell : callable
         Takes a text before the last mesh is made: why the others are not near the number.
     system : tuple of int
-        Degree and number of fields, for ``dofs``.
+        Degree and number of components, for ``dofs``.
     """
     what, requested = goal
     best: MeshOfElements | None = None

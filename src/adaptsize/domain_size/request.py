@@ -87,8 +87,8 @@ class Request:
 
     @property
     def system(self) -> tuple[int, int]:
-        """Degree and number of fields of finite elements."""
-        return self.options["degree"], self.options["fields"]
+        """Degree and number of components of finite elements."""
+        return self.options["degree"], self.options["components"]
 
     @property
     def max_elements(self) -> float:

@@ -25,6 +25,7 @@ from adaptsize.quality.boundary import (
 )
 from adaptsize.quality.by_place import RequestedElements, is_in_band
 from adaptsize.quality.conformity import SizeLike, edge_ratios, inverted_cells
+from adaptsize.quality.connections import repeated_cells, unconnected
 from adaptsize.quality.elements import check_cells
 from adaptsize.quality.requests import SHARE_SERVED
 from adaptsize.typing import FloatArray
@@ -157,7 +158,7 @@ def check_mesh(
     -----
     The demands are:
 
-    - *cells*: none is inverted or flat.
+    - *cells*: none is inverted or flat, and none has the same nodes as another.
     - *facets*: each facet of a volume mesh or a plane mesh belongs to one or two cells.
     - *overlaps*: no point is in two cells of a volume mesh.  Depths below 1e-6 of the diagonal do
       not count.
@@ -178,6 +179,9 @@ def check_mesh(
       number, hence the same number of handles.
     - *edges*: enough of them are near their size.
     - *served*: at the places of enough of the requested elements, the cells have their size.
+
+    Notes of the result report cells side by side that are not connected: slits, nodes at one place
+    that are not joined, and nodes in the middle of an edge (hanging nodes).
 
     A surface encloses the union of its bodies: where the winding number is above one half in
     absolute value, after facets that contradict their neighbours are flipped.  Facets inside of it
@@ -203,6 +207,7 @@ def check_mesh(
     demands, notes = [_cells(mesh, count)], list[str]()
     if mesh.cell_dim == mesh.dim:
         demands.append(_facets(mesh, count))
+        notes += [str(found) for found in unconnected(mesh)]
     if mesh.cell_dim == 3:
         demands.append(_overlaps(mesh))
     if original is not None:
@@ -222,10 +227,14 @@ def check_mesh(
 
 
 def _cells(mesh: SimplexMesh, count: int) -> Demand:
-    bad = np.flatnonzero(inverted_cells(mesh))
+    again = repeated_cells(mesh)[:, 0]
     measures = mesh.signed_measures if mesh.cell_dim == mesh.dim else mesh.measures
-    worst = bad[np.argsort(measures[bad])]
+    bad = np.flatnonzero(inverted_cells(mesh))
     text = f"{len(bad)} of {mesh.n_cells} inverted or flat"
+    if len(again):
+        text += f", {len(again)} with the nodes of another"
+    bad = np.union1d(bad, again)
+    worst = bad[np.argsort(measures[bad])]
     centroids = mesh.points[mesh.cells[worst[:count]]].mean(axis=1)
     return Demand("cells", len(bad) == 0, text, _places(centroids, measures[worst], count))
 

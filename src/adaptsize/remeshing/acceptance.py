@@ -72,6 +72,26 @@ def refuse_other_domain(new: SimplexMesh, problem: Problem, backend: str) -> Non
             )
 
 
+def refuse_flat(new: SimplexMesh, backend: str) -> None:
+    """Refuse a mesh in the given coordinates with cells that have no measure.
+
+    Generators work near the origin; far away from it, coordinates are rounded more.
+
+    Raises
+    ------
+    BackendError
+        With the number and the first place.
+    """
+    measures = new.signed_measures if new.cell_dim == new.dim else new.measures
+    flat = np.flatnonzero(measures <= 0.0)
+    if len(flat):
+        place = place_text(new.points[new.cells[flat[0]]].mean(axis=0))
+        raise BackendError(
+            f"{len(flat)} cells of the mesh by {backend} are flat in the given coordinates, the "
+            f"first at {place}: move the part nearer to the origin, or request larger sizes"
+        )
+
+
 def warn_of_deviation(
     new: SimplexMesh,
     old: SimplexMesh,

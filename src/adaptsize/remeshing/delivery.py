@@ -1,4 +1,4 @@
-"""Warnings of elements that were requested and not made."""
+"""Warnings of what a new mesh lacks: fields, and elements that were requested."""
 
 from __future__ import annotations
 
@@ -6,22 +6,80 @@ from typing import Any
 
 import numpy as np
 
-from adaptsize._checks import warn_caller
+from adaptsize._checks import place_text, warn_caller
+from adaptsize._defaults import is_of_sizes
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
-from adaptsize.errors import ResolutionWarning
+from adaptsize.errors import InputWarning, ResolutionWarning
 from adaptsize.quality.by_place import RequestedElements
+from adaptsize.quality.connections import are_doubtful, unconnected
 from adaptsize.quality.requests import unserved
 from adaptsize.remeshing.sizing import MetricAt, Size
 
 #: Warnings of one mesh.
 _MOST = 5
+#: Edges of the boundary shorter than this times the size are details of it, if there are some.
+_DETAIL, _FEW_DETAILS = 0.125, 5
+
+
+def without_fields(mesh: SimplexMesh) -> SimplexMesh:
+    """Return a mesh without fields, and warn of those that the new mesh will lack.
+
+    Warns
+    -----
+    InputWarning
+        If there are fields other than the sizes for which a mesh was made.
+    """
+    names = [name for name in (*mesh.point_data, *mesh.cell_data) if not is_of_sizes(name)]
+    if names:
+        warn_caller(
+            f"the new mesh is without the fields {', '.join(names)}: transfer_fields(old, new, "
+            "fields=..., cell_fields=...) returns them there, and adapt transfers its fields",
+            InputWarning,
+        )
+    return mesh.without_data()
+
+
+def warn_of_unconnected(mesh: SimplexMesh) -> None:
+    """Warn of cells side by side that are not connected, other than those at slits.
+
+    Warns
+    -----
+    InputWarning
+        With their number and the first place.
+    """
+    for found in are_doubtful(unconnected(mesh)):
+        warn_caller(f"{found}; the mesh keeps this", InputWarning)
+
+
+def warn_of_details(new: SimplexMesh, size: Size) -> None:
+    """Warn of edges of the boundary in the plane that details keep far below their size.
+
+    Warns
+    -----
+    ResolutionWarning
+        With the number and the places of the worst.
+    """
+    boundary = new.boundary().mesh
+    middles = boundary.points[boundary.cells].mean(axis=1)
+    ratio = boundary.measures / size(middles)
+    short = np.flatnonzero(ratio < _DETAIL)
+    if len(short) < _FEW_DETAILS:
+        return
+    worst = short[np.argsort(ratio[short], kind="stable")[:3]]
+    places = ", ".join(place_text(middles[k], 4) for k in worst)
+    warn_caller(
+        f"{len(short)} edges of the boundary are shorter than an eighth of their size, down to "
+        f"{boundary.measures[worst[0]]:.3g}, the worst at {places}: details of the boundary are "
+        "smaller than the sizes, and are kept; polygons(..., least_width=) leaves them out",
+        ResolutionWarning,
+    )
 
 
 def delivered(
     new: SimplexMesh, size: Any, wanted: Size, old: SimplexMesh, metric: MetricAt | None
 ) -> SimplexMesh:
-    """Return a mesh, and warn of the requests of which less than 80 % was served.
+    """Return a mesh, and warn of requests that were not served, and of details that were kept.
 
     Parameters
     ----------
@@ -38,7 +96,8 @@ def delivered(
     Warns
     -----
     ResolutionWarning
-        For each of the worst requests: what is missing, where, and what helps.
+        For each of the worst requests: what is missing, where, and what helps.  Of edges of a plane
+        boundary that are much shorter than their size.
     """
     if metric is not None:
         return new
@@ -46,6 +105,8 @@ def delivered(
         size = SizeFunction(old, size)
     elif not isinstance(size, SizeFunction):
         size = wanted
+    if new.dim == new.cell_dim == 2:
+        warn_of_details(new, wanted)
     found = unserved(RequestedElements.of(new, size), size)
     for one in found[:_MOST]:
         warn_caller(str(one), ResolutionWarning)

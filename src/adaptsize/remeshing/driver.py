@@ -18,16 +18,19 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import InputWarning, TooManyElementsError
+from adaptsize.geometry.planes import is_in_plane
 from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
+from adaptsize.quality.connections import refuse_repeated_cells
 from adaptsize.remeshing.acceptance import (
+    refuse_flat,
     remesh_strictly,
     routes,
     warn_of_deviation,
     warn_of_lost_tags,
 )
-from adaptsize.remeshing.delivery import delivered
+from adaptsize.remeshing.delivery import delivered, warn_of_unconnected, without_fields
 from adaptsize.remeshing.filling import filled
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.in_parts import remesh_parts
@@ -97,8 +100,8 @@ def remesh(
     SimplexMesh or PartitionedMesh
         Cells of full dimension are positively oriented, and each node is used.  ``cell_tags``
         and the names of tags are kept.  If ``mesh`` has ``tagged_facets``, the result has them
-        for the same parts of the boundary and interfaces.  Point and cell data are not
-        transferred.
+        for the same parts of the boundary and interfaces.  Point and cell data are left out:
+        `transfer_fields` returns them on the new mesh.
 
     Raises
     ------
@@ -116,7 +119,10 @@ def remesh(
     Warns
     -----
     InputWarning
-        If points of a surface were merged or triangles dropped.
+        If points of a surface were merged or triangles dropped.  If the mesh has fields other than
+        the sizes h, h0 and metric, which the new one lacks.  If cells side by side are not
+        connected: parts whose nodes at one place are not joined, or nodes in the middle of an edge
+        (hanging nodes).  Slits are none of these.
     OpenSurfaceWarning
         If a surface to be filled is open, or has bodies that overlap or are closer to each other
         than the tolerance: what it encloses is then decided by the generator.  See `close_holes`.
@@ -127,7 +133,8 @@ def remesh(
         has another topology: thin parts may be lost.  If cells overlap.
     ResolutionWarning
         If less than 80 % of the elements that a source, a curved face or a narrow region requests
-        were made, because the cells there are too large.
+        were made, because the cells there are too large.  If edges of a plane boundary are shorter
+        than an eighth of their size, because it has smaller details.
         If ``strict`` and the first mesh did not meet the demands, with what was tried.  If
         fTetWild failed and was run again with a quarter of the tolerance.  Also if Mmg fails or
         takes too long inside a surface: the tetrahedra are then those that Netgen fills it with.
@@ -176,7 +183,11 @@ def remesh(
         with reporting(progress if mesh.ranks.rank == 0 else None) as report:
             one: Any = partial(remesh, **(given | RemeshOptions(backend="mmg")), progress=report)
             return remesh_parts(mesh, cast(npt.ArrayLike, size), one, given)  # type: ignore
+    mesh = without_fields(mesh)
     task, tolerance = _task(mesh, given["target"]), given["tolerance"]
+    if mesh.cell_dim == mesh.dim:
+        refuse_repeated_cells(mesh)
+        warn_of_unconnected(mesh)
     metric = as_metric_at(size, mesh, given["hmax"])
     _check_metric(metric, task, strict=given["strict"])
     chosen = choose_backend(
@@ -220,6 +231,7 @@ def remesh(
         run = IsolatedRunner(chosen.name, timeout, deadline, report)
         new = _solved(problem, chosen, run, n_cells, given["max_elements"], _union(solid, frame))
     made = frame.restored(new, repaired.mesh)
+    refuse_flat(made, chosen.name)
     warn_of_deviation(made, repaired.mesh, allowed, solid, may_be_joined=may_be_joined)
     warn_of_lost_tags(made, repaired.mesh, chosen.name)
     if required is not None:  # beside facets that must not change, no sizes can be followed
@@ -302,7 +314,8 @@ def _task(mesh: SimplexMesh, target: str) -> Task:
     if given == (2, 2) and target != "tetrahedra":
         return "plane triangles"
     if given == (2, 3):
-        return "surface" if target == "triangles" else "surface to tetrahedra"
+        is_flat = target == "auto" and is_in_plane(mesh)
+        return "surface" if target == "triangles" or is_flat else "surface to tetrahedra"
     if given[0] == 1:
         raise ValueError(
             f"mesh must consist of triangles or tetrahedra, got {mesh!r}; "

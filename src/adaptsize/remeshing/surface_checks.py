@@ -16,6 +16,7 @@ from adaptsize._kernels.crossings import find_crossings, new_crossings
 from adaptsize.background import SimplexMesh
 from adaptsize.background.location import parts_of
 from adaptsize.background.simplex import cut_out
+from adaptsize.background.topology import components_of, pairs_of_cells
 from adaptsize.errors import OpenSurfaceWarning
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.solid import SLACK as _SLACK
@@ -371,6 +372,58 @@ def inner_facets(solid: Solid) -> InnerFacets | None:
     return InnerFacets(len(hidden), tuple(mesh.points[mesh.cells[largest]].mean(axis=0).tolist()))
 
 
+@dataclass(frozen=True)
+class TouchingBodies:
+    """Parts of a surface that have only nodes or edges in common."""
+
+    n_nodes: int
+    """Number of common nodes."""
+    place: tuple[float, ...]
+    """The first of them."""
+
+    def __str__(self) -> str:
+        """Return number and place."""
+        nodes = "1 node" if self.n_nodes == 1 else f"{self.n_nodes} nodes, the first"
+        return f"parts of the surface touch at {nodes} at {place_text(self.place, 4)}"
+
+
+def touching_bodies(solid: Solid) -> TouchingBodies | None:
+    """Return where parts of the boundary of a solid have only nodes or edges in common, or None.
+
+    Examples
+    --------
+    Two tetrahedra with a common corner:
+
+    >>> ends = np.eye(3)
+    >>> points = [[0, 0, 0], *ends, *-ends]
+    >>> cells = [[0, 2, 1], [0, 3, 2], [0, 1, 3], [1, 2, 3]]
+    >>> mirrored = [[0, 4, 5], [0, 5, 6], [0, 6, 4], [4, 6, 5]]
+    >>> print(touching_bodies(Solid(SimplexMesh(points, cells + mirrored))))
+    parts of the surface touch at 1 node at (0, 0, 0)
+    """
+    surface = solid.surface
+    kept = np.ones(surface.n_cells, bool) if solid.is_divided else ~solid.hidden
+    if not kept.any():
+        return None
+    mesh = SimplexMesh(surface.points, surface.cells[kept])
+    # Corners of triangles at one node belong together if a path over edges of two triangles joins
+    # them.
+    nodes = mesh.cells.ravel()
+    cells, corners = np.divmod(pairs_of_cells(mesh, mesh.facet_cell_counts == 2), 3)
+    links = []
+    for step in (1, 2):
+        one = 3 * cells[:, 0] + (corners[:, 0] + step) % 3
+        ends = 3 * cells[:, 1:] + (corners[:, 1:] + [[1, 2]]) % 3
+        other = ends[np.arange(len(one)), (nodes[ends] == nodes[one][:, None]).argmax(axis=1)]
+        links.append(np.column_stack([one, other]))
+    fans = components_of(np.concatenate(links), len(nodes))
+    at = np.unique(np.column_stack([nodes, fans]), axis=0)[:, 0]
+    shared = np.flatnonzero(np.bincount(at) > 1)
+    if not len(shared):
+        return None
+    return TouchingBodies(len(shared), tuple(mesh.points[shared[0]].tolist()))
+
+
 def doubts(
     surface: SimplexMesh, tolerance: float, solid: Solid | None = None
 ) -> Iterator[tuple[str, Any, str]]:
@@ -406,6 +459,10 @@ def doubts(
             "triangles have the other side"
         )
         yield "inner_facets", inner, f"{inner}; {text}"
+    touching = None if inner is not None or overlapping is not None else touching_bodies(solid)
+    if touching is not None:
+        text = "the mesh is joined there and nowhere else; move them apart, or let them overlap"
+        yield "touching_bodies", touching, f"{touching}; {text}"
     near = near_bodies(surface, tolerance, overlapping=overlapping)
     if near is not None and near.distance <= _SLACK * surface.diagonal:
         text = f"{near}: they are joined where they share a part of a face, without an interface"

@@ -1,0 +1,99 @@
+"""``remesh`` transfers the fields of the file, as ``adapt`` does, and names the others."""
+
+import json
+
+import numpy as np
+import pytest
+from command_line import call
+from shapes import CORNERS, CUBE_CELLS
+
+from adaptsize import SimplexMesh, read, remesh, transfer_fields, write
+from adaptsize.errors import InputWarning
+
+pytest.importorskip("mmgpy")
+
+SQUARE = [[0, 0], [2, 0], [2, 2], [0, 2], [1, 1]]
+CELLS = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
+
+
+def plane(**more):
+    points = np.array(SQUARE, float)
+    u = 1.0 + points @ [2.0, -3.0]
+    nodal = {"u": u, "flow": np.column_stack([u, -u, 0 * u]), "h": np.ones(5)}
+    by_cell = {"heat": [1.0, 2.0, 4.0, 8.0], "owner_rank": np.array([7, 7, 9, 9])}
+    return SimplexMesh(points, CELLS, point_data={**nodal, **more}, cell_data=by_cell)
+
+
+def remeshed(tmp_path, mesh, *words, suffix=".vtu"):
+    write(tmp_path / "in.vtu", mesh)
+    output = tmp_path / f"out{suffix}"
+    code = call("remesh", tmp_path / "in.vtu", "-o", output, "--hmax", "0.3", *words)
+    assert code == 0
+    return read(output)
+
+
+def test_fields_of_the_file_are_on_the_new_mesh(tmp_path):
+    old = plane()
+    new = remeshed(tmp_path, old)
+    assert new.n_cells > 50
+    u = 1.0 + new.points @ [2.0, -3.0]
+    np.testing.assert_allclose(new.point_data["u"], u, atol=1e-9)
+    np.testing.assert_allclose(new.point_data["flow"], np.column_stack([u, -u, 0 * u]), atol=1e-9)
+    kept = (new.cell_data["heat"] * new.measures).sum()
+    np.testing.assert_allclose(kept, (old.cell_data["heat"] * old.measures).sum(), rtol=1e-9)
+    assert set(new.cell_data["owner_rank"].tolist()) == {7, 9}
+    assert new.point_data["h"].max() <= 0.3 + 1e-12  # the new sizes, not the old field h
+    expected = transfer_fields(old, new, fields={"u": old.point_data["u"]}).fields["u"]
+    np.testing.assert_allclose(new.point_data["u"], expected, atol=1e-12)
+
+
+def test_fields_none_leaves_them(tmp_path):
+    new = remeshed(tmp_path, plane(), "--fields", "none")
+    assert (list(new.point_data), dict(new.cell_data)) == (["h"], {})
+
+
+def test_fields_that_give_the_sizes_are_not_fields_of_the_solution(tmp_path):
+    new = remeshed(tmp_path, plane(bound=np.full(5, 0.4)), "--field", "bound")
+    assert set(new.point_data) == {"u", "flow", "h"}
+    matrices = np.tile(np.eye(2).ravel() / 0.3**2, (5, 1))
+    new = remeshed(tmp_path, plane(demand=matrices), "--metric", "demand")
+    assert set(new.point_data) == {"u", "flow", "metric", "metric.lengths"}
+    assert set(new.cell_data) == {"heat", "owner_rank"}
+
+
+def test_what_cannot_be_transferred_is_named(tmp_path, capsys):
+    new = remeshed(tmp_path, plane(part=[1.0, np.nan, 2.0, np.nan, 0.0]), "--json")
+    assert "part" not in new.point_data
+    (warning,) = json.loads(capsys.readouterr().out)["warnings"]
+    assert warning == "field 'part' is left out: 2 of its values are not finite"
+    for suffix, missing in (
+        (".su2", "fields: u, flow, heat, owner_rank are not written"),
+        (".msh", "cell fields: heat, owner_rank are not written"),
+    ):
+        remeshed(tmp_path, plane(), suffix=suffix)
+        assert f"out{suffix} holds no {missing}" in capsys.readouterr().err
+
+
+def test_fields_of_a_surface_stay_on_it(tmp_path, capsys):
+    z = CORNERS[:, 2]
+    cube = SimplexMesh(
+        CORNERS, CUBE_CELLS, point_data={"z": z}, cell_data={"k_rank": np.arange(12)}
+    )
+    new = remeshed(tmp_path, cube, "--target", "triangles")
+    np.testing.assert_allclose(new.point_data["z"], new.points[:, 2], atol=1e-9)
+    assert set(new.cell_data["k_rank"].tolist()) <= set(range(12))
+    assert "left out" not in capsys.readouterr().err
+    new = remeshed(tmp_path, cube)
+    assert (new.cell_dim, "z" in new.point_data) == (3, False)
+    message = "fields of a surface are not known inside, and are left out: z, k_rank"
+    assert message in capsys.readouterr().err
+
+
+def test_the_function_warns_of_fields_that_it_drops():
+    old = plane()
+    with pytest.warns(InputWarning, match="the fields u, flow, heat, owner_rank: transfer_fi"):
+        new = remesh(old, 0.3)
+    assert not new.point_data
+    remesh(
+        SimplexMesh(SQUARE, CELLS, point_data={"h": np.ones(5), "h0": np.ones(5)}), 0.3
+    )  # without a warning
