@@ -1,6 +1,7 @@
 """``adaptsize remesh``: the mesh, the report on it, its files, and open surfaces."""
 
 import json
+import re
 from functools import partial
 from pathlib import Path
 
@@ -8,16 +9,19 @@ import numpy as np
 import pytest
 from command_line import call
 from shapes import CORNERS as UNIT
-from shapes import CUBE_CELLS
+from shapes import CUBE_CELLS, block
 
 from adaptsize import BoxSource, SimplexMesh, read, remesh, size_function, write
 from adaptsize.background.bisection import resolved
+from adaptsize.cli.console import Console
 from adaptsize.cli.files import read_provenance, write_provenance
+from adaptsize.cli.size import print_outcome
 from adaptsize.quality import check_mesh, size_conformity
 from adaptsize.reporting.outcome import Outcome, outcome_of_remeshing
 
 DATA = Path(__file__).parents[2] / "data"
 CORNERS = UNIT * [2.0, 1.0, 1.0]
+GENERAL = "json", "quiet", "verbose"  # options of all commands
 TWO = np.concatenate([CUBE_CELLS, CUBE_CELLS + 8])  # bodies
 
 
@@ -116,6 +120,35 @@ def test_what_is_out_of_bounds_is_a_warning(mesh, size, predicted, change, warne
     assert all(any(text.startswith(part) for text in printed) for part in warned)
     if not warned:
         assert printed == []
+
+
+@pytest.mark.parametrize(
+    ("move", "status", "text"),
+    [
+        (1.0, "met", None),
+        (1.05, "near", "near, which is accepted up to 10 % beyond the limit"),
+        (1.2, "missed", "smaller sizes or --strict keep it closer"),
+    ],
+)
+def test_a_demand_that_is_near_is_said_and_accepted(capsys, move, status, text):
+    cube = block(2)
+    tolerance = 0.01
+    moved = cube.moved(cube.points + np.array([move * tolerance * cube.diagonal, 0.0, 0.0]))
+    check = check_mesh(moved, original=cube, size=0.6, tolerance=tolerance)
+    found = Outcome("tetrahedra", size_conformity(moved, 0.6), check, tolerance=tolerance)
+    console = Console()
+    console.configure("remesh", {"strict": "--strict"}, dict.fromkeys(GENERAL, False))
+    assert print_outcome(console, found) == (status == "missed")
+    lines = [line for line in capsys.readouterr().err.splitlines() if " boundary: " in line]
+    if text is None:
+        assert lines == []
+    else:
+        place = r"the worst at \(.*\)"
+        figures = f"within {move * tolerance:.3g} of the diagonal, 0.01 allowed"
+        assert re.search(f"warning: boundary: {figures}, {place}; {text}$", lines[0])
+    values = found.as_dict()
+    assert values["status"] == status
+    assert next(d for d in values["demands"] if d["name"] == "boundary")["status"] == status
 
 
 def test_the_report_says_which_requested_elements_are_missing():
