@@ -2,36 +2,47 @@
 
 from __future__ import annotations
 
-import time
-import warnings
-from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_index_array
+from adaptsize._checks import as_index_array, warn_caller
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh
-from adaptsize.errors import InputWarning, TooManyElementsError
+from adaptsize.errors import (
+    BackendError,
+    BackendTimeoutError,
+    InputWarning,
+    MeshingError,
+    ResolutionWarning,
+    TooManyElementsError,
+)
 from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
-from adaptsize.remeshing.acceptance import (
-    remesh_strictly,
-    routes,
-    warn_of_deviation,
-    warn_of_lost_tags,
+from adaptsize.remeshing import netgen
+from adaptsize.remeshing.acceptance import Judge, warn_of_deviation, warn_of_lost_tags
+from adaptsize.remeshing.attempts import (
+    Attempts,
+    Best,
+    Budget,
+    Candidate,
+    best_of,
+    keep_attempts,
+    worst_places,
 )
 from adaptsize.remeshing.delivery import delivered
-from adaptsize.remeshing.filling import filled
+from adaptsize.remeshing.filling import Filling
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.in_parts import remesh_parts
 from adaptsize.remeshing.isolation import IsolatedRunner
+from adaptsize.remeshing.planning import Attempt, Known, plan
 from adaptsize.remeshing.preparation import (
     Frame,
     RepairedMesh,
@@ -40,7 +51,7 @@ from adaptsize.remeshing.preparation import (
     surface_to_fill,
 )
 from adaptsize.remeshing.protocol import Backend, Problem, Task
-from adaptsize.remeshing.registry import choose_backend
+from adaptsize.remeshing.registry import able_backends, available_backends, choose_backend
 from adaptsize.remeshing.resolution import RequestedSizes, as_request
 from adaptsize.remeshing.sizing import (
     MetricAt,
@@ -54,11 +65,6 @@ from adaptsize.sizes import Enclosed, predict
 from adaptsize.typing import IntArray, ProgressCallback, Unpack
 
 M = TypeVar("M", SimplexMesh, PartitionedMesh)
-
-#: Processor time, in all and per cell, after which the generator is stopped: two hundred times what
-#: is usual.  It hardly ends where the tolerance is far too small for the sizes.
-_LONGEST = 60.0
-_LONGEST_PER_CELL = 0.02
 
 
 @with_options(RemeshOptions)
@@ -176,7 +182,7 @@ def remesh(
         with reporting(progress if mesh.ranks.rank == 0 else None) as report:
             one: Any = partial(remesh, **(given | RemeshOptions(backend="mmg")), progress=report)
             return remesh_parts(mesh, cast(npt.ArrayLike, size), one, given)  # type: ignore
-    task, tolerance = _task(mesh, given["target"]), given["tolerance"]
+    task = _task(mesh, given["target"])
     metric = as_metric_at(size, mesh, given["hmax"])
     _check_metric(metric, task, strict=given["strict"])
     chosen = choose_backend(
@@ -186,67 +192,169 @@ def remesh(
     wanted = as_size(sizes, mesh, g=given["g"], hmax=given["hmax"])
     repaired = repair_mesh(mesh)
     if repaired.repairs:
-        warnings.warn(repaired.repairs, InputWarning, stacklevel=3)
-    if given["strict"]:
-        attempt: Callable[..., SimplexMesh] = partial(
-            remesh, mesh, sizes, required_facets=required_facets, progress=progress,
-            **(given | RemeshOptions(strict=False)),
-        )  # fmt: skip
-        ways = routes(task, given["backend"], chosen.name, keep_facets=required_facets is not None)
-        strict = remesh_strictly(attempt, repaired.mesh, wanted, tolerance, ways, given["timeout"])
-        return delivered(strict, sizes, wanted, mesh, metric)
-    allowed = tolerance * repaired.mesh.diagonal
-    frame, solid, may_be_joined = Frame.around(repaired.mesh), None, False
+        warn_caller(repaired.repairs, InputWarning)
+    solid, may_be_joined, old = None, False, repaired.mesh
     if task == "surface to tetrahedra":
-        solid = Solid(repaired.mesh)
-        may_be_joined = warn_of_surface(repaired.mesh, allowed, solid)
+        solid = Solid(old)
+        may_be_joined = warn_of_surface(old, given["tolerance"] * old.diagonal, solid)
         repaired = surface_to_fill(repaired, solid)
-    required = _required(required_facets, mesh, repaired)
-    wanted_sizes = RequestedSizes(wanted, sizes, mesh, given["g"], given["hmax"], metric)
-    problem = as_request(
-        task, repaired.mesh, frame, wanted_sizes, tolerance, required,
-        is_by_mmg=chosen.name == "mmg",
+    job = _Job(
+        task, repaired.mesh, Frame.around(old), solid,
+        RequestedSizes(wanted, sizes, mesh, given["g"], given["hmax"], metric),
+        _required(required_facets, mesh, repaired), given,
     )  # fmt: skip
-    n_cells = _number_of_cells(mesh, size, problem)
-    if n_cells > given["max_elements"]:
-        raise TooManyElementsError(
-            f"the sizes require about {n_cells:.3g} elements, more than max_elements = "
-            f"{given['max_elements']:.3g}; increase the sizes or raise max_elements"
-        )
-    problem = replace(problem, seconds=_LONGEST + _LONGEST_PER_CELL * n_cells)
+    job.n_cells = _number_of_cells(mesh, size, job.problem(chosen.name, 1.0))
+    job.refuse_too_many()
+    attempts = plan(job.known(chosen, metric=metric is not None), strict=given["strict"])
+    compared = wanted if metric is None and required_facets is None else None
+    judge = Judge(old, solid, compared, given["tolerance"])
+    budget = Budget(given["timeout"])
     with reporting(progress) as report:
-        timeout = given["timeout"]
-        deadline = None if timeout is None else time.monotonic() + timeout
-        run = IsolatedRunner(chosen.name, timeout, deadline, report)
-        new = _solved(problem, chosen, run, n_cells, given["max_elements"], _union(solid, frame))
-    made = frame.restored(new, repaired.mesh)
-    warn_of_deviation(made, repaired.mesh, allowed, solid, may_be_joined=may_be_joined)
-    warn_of_lost_tags(made, repaired.mesh, chosen.name)
-    if required is not None:  # beside facets that must not change, no sizes can be followed
-        return made
-    return delivered(made, sizes, wanted, mesh, metric)
+        run = IsolatedRunner(chosen.name, None, None, report)
+        found = best_of(attempts, job.solve, judge, budget, run, strict=given["strict"])
+    best = _accepted(found, task, given)
+    keep_attempts(best.mesh, found)
+    if not given["strict"]:
+        allowed = given["tolerance"] * old.diagonal
+        warn_of_deviation(best.mesh, repaired.mesh, allowed, solid, may_be_joined=may_be_joined)
+        warn_of_lost_tags(best.mesh, repaired.mesh, chosen.name)
+    if job.required is not None:  # beside facets that must not change, no sizes can be followed
+        return best.mesh
+    return delivered(best.mesh, sizes, wanted, mesh, metric)
 
 
-def _solved(
-    problem: Problem,
-    chosen: Backend,
-    run: IsolatedRunner,
-    n_cells: float,
-    max_elements: float,
-    union: SimplexMesh | None,
-) -> SimplexMesh:
-    """Return the mesh of a generator, improved unless it is anisotropic or has required facets."""
-    if problem.task == "surface to tetrahedra" and chosen.needs_volume:
-        return filled(problem, chosen, run, n_cells, max_elements, union)
-    new = restore(chosen.solve(problem, run), problem, chosen.name)
-    if problem.metric is not None or problem.facets.required.any():
-        return new
-    return improved(new, problem.mesh, problem.tolerance)
+@dataclass
+class _Job:
+    """A request after checks and repairs, and how the routes of its attempts make meshes."""
+
+    task: Task
+    mesh: SimplexMesh
+    """The repaired mesh; of a surface to be filled, the facets that bound the solid."""
+    frame: Frame
+    solid: Solid | None
+    sizes: RequestedSizes
+    required: IntArray | None
+    given: RemeshOptions
+    n_cells: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._problems: dict[tuple[bool, float], Problem] = {}
+
+    def problem(self, backend: str, factor: float) -> Problem:
+        """Return the request to a generator, with a tolerance over the allowed one."""
+        key = backend == "mmg", factor
+        if key not in self._problems:
+            self._problems[key] = as_request(
+                self.task, self.mesh, self.frame, self.sizes, factor * self.given["tolerance"],
+                self.required, is_by_mmg=backend == "mmg",
+            )  # fmt: skip
+        return self._problems[key]
+
+    def refuse_too_many(self) -> None:
+        """Raise a TooManyElementsError if too many elements are predicted."""
+        most = self.given["max_elements"]
+        if self.n_cells > most:
+            raise TooManyElementsError(
+                f"the sizes require about {self.n_cells:.3g} elements, more than max_elements = "
+                f"{most:.3g}; increase the sizes or raise max_elements"
+            )
+
+    def known(self, chosen: Backend, *, metric: bool) -> Known:
+        """Return what decides the routes."""
+        names = [chosen.name]
+        if self.given["backend"] == "auto":
+            keep = self.required is not None
+            able = able_backends(self.task, keep_facets=keep, metric=metric)
+            names += [one.name for one in able if one.installed and one.name != chosen.name]
+        solid = self.solid
+        return Known(
+            self.task, tuple(names), chosen.needs_volume, self.n_cells, self.mesh.n_cells,
+            self.given["tolerance"],
+            can_fill=solid is not None and netgen.can_fill(self.mesh),
+            is_closed=solid is not None and solid.is_closed,
+            is_crossed=solid is not None and solid.is_divided,
+        )  # fmt: skip
+
+    @cached_property
+    def filling(self) -> Filling:
+        """The routes that begin with a first volume."""
+        problem = self.problem("tetwild", 1.0)
+        surface = problem.mesh
+        if self.solid is not None and self.solid.is_divided:
+            surface = self.frame.mesh(self.solid.skin)
+        return Filling(problem, surface, self.n_cells, self.given["max_elements"])
+
+    def solve(self, attempt: Attempt, run: IsolatedRunner) -> Iterator[Candidate]:
+        """Yield the meshes of an attempt, in the given coordinates."""
+        backend = available_backends()[attempt.backend]
+        if attempt.first is None:
+            found = self._alone(attempt, backend, run)
+        else:
+            found = self.filling.candidates(attempt, backend, run)
+        for finish, note in found:
+            yield Candidate(partial(self._restored, finish), note)
+
+    def _restored(self, finish: Callable[[], SimplexMesh]) -> SimplexMesh:
+        return self.frame.restored(finish(), self.mesh)
+
+    def _alone(
+        self, attempt: Attempt, backend: Backend, run: IsolatedRunner
+    ) -> Iterator[Candidate]:
+        """Yield the mesh of one generator, improved unless it has a metric or required facets."""
+        problem = self.problem(attempt.backend, attempt.factor)
+        raw = backend.solve(problem, run)
+
+        def finish() -> SimplexMesh:
+            new = restore(raw, problem, backend.name)
+            if problem.metric is not None or problem.facets.required.any():
+                return new
+            surface = problem.mesh if self.solid is None else self.filling.surface
+            return improved(new, surface, problem.tolerance)
+
+        yield Candidate(finish)
 
 
-def _union(solid: Solid | None, frame: Frame) -> SimplexMesh | None:
-    """Return the boundary of a solid if its bodies overlap, in the coordinates of the part."""
-    return None if solid is None or not solid.is_divided else frame.mesh(solid.skin)
+def _accepted(found: Attempts, task: Task, given: RemeshOptions) -> Best:
+    """Return the best mesh, with warnings on how it was made; raise if it must not be returned.
+
+    Raises
+    ------
+    BackendError
+        If there is no mesh, or cells of one that fills a surface overlap.
+        BackendTimeoutError if the time was over before there was one.
+    MeshingError
+        If ``strict`` and the mesh does not meet all demands.
+    """
+    best, timeout = found.best, given["timeout"]
+    if best is None:
+        if found.is_cut_short:
+            text = f"no mesh within the time limit of {timeout:g} s; tried {found.failures}"
+            raise BackendTimeoutError(text)
+        raise BackendError(f"no generator made a mesh; tried {found.failures}")
+    verdict = best.verdict
+    if given["strict"]:
+        assert verdict is not None
+        if not verdict.check.is_met:
+            text = f"no mesh meets the demands; tried {found.failures}"
+            places = worst_places(verdict)
+            if places:
+                text += f"; worst places of the best: {places}"
+            raise MeshingError(text, verdict.check)
+        if found.failures:
+            warn_caller(f"made by {best.route} after {found.failures}", ResolutionWarning)
+    elif task == "surface to tetrahedra" and verdict is not None and not verdict.is_sound:
+        raise BackendError(
+            f"no generator made a sound mesh; {verdict.text}; tried {found.failures}"
+        )
+    if best.note:
+        warn_caller(best.note, ResolutionWarning)
+    if found.is_cut_short:
+        text = "" if verdict is None or not verdict.text else f"; not reached: {verdict.text}"
+        warn_caller(
+            f"stopped at the time limit of {timeout:g} s with the mesh by {best.route}{text}",
+            ResolutionWarning,
+        )
+    return best
 
 
 def _required(

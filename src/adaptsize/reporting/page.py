@@ -199,9 +199,8 @@ def _checks(check: MeshCheck) -> str:
     """Return the table of checks, with the worst places below those that are not met."""
     rows = []
     for demand in check.demands:
-        state = demand.status
-        if state == "missed":
-            state = f'<span class="failed">{state}</span>'
+        missed = '<span class="failed">missed</span>'
+        state = missed if demand.status == "missed" else demand.status
         rows.append(
             f"<tr><th>{escape(demand.name)}</th><td>{state}</td><td>{escape(demand.text)}</td></tr>"
         )
