@@ -75,7 +75,7 @@ class Verdict:
         """A better mesh has a smaller one.
 
         First come sound cells, then the demands on the domain, the distance of the boundary by
-        factors of two, flat cells, the sizes, and the least angle.
+        factors of two, flat cells, the sizes, demands that are near, and the least angle.
         """
         missed = {demand.name for demand in self.check.missed}
         away = 0.0
@@ -88,6 +88,7 @@ class Verdict:
             away,
             self.least_angle < LEAST_ANGLE,
             len(missed - _SOUND - _DOMAIN),
+            len(self.check.failures),
             -self.least_angle,
         )
 

@@ -77,11 +77,15 @@ class Attempts:
         return [asdict(one) for one in self.tried]
 
     @property
-    def failures(self) -> str:
-        """What was tried without success, each fault once."""
+    def is_stopped(self) -> bool:
+        """Whether all attempts were stopped at their limits of time."""
+        return all(one.status in ("timeout", "no time") for one in self.tried)
+
+    def failures(self, *, but: str | None = None) -> str:
+        """Return the routes that were tried but for one, and their faults, each fault once."""
         by_text: dict[str, list[str]] = {}
         for one in self.tried:
-            if self.best is None or one.route != self.best.route:
+            if one.route != but:
                 by_text.setdefault(_in_short(one.text), []).append(one.route)
         return "; ".join(f"{', '.join(routes)}: {text}" for text, routes in by_text.items())
 
@@ -166,7 +170,8 @@ def best_of(
             return Attempts(tuple(tried), best, is_cut_short=True)
         _LOGGER.info("%s: %s", attempt, attempt.reason)
         began = budget.clock()
-        elapsed, processor = budget.limits(attempt, is_last=best is None and not rest)
+        is_last = not any(_is_useful(one, best, failed, strict=strict) for one in rest)
+        elapsed, processor = budget.limits(attempt, is_last=is_last)
         own = replace(
             run, backend=attempt.backend, timeout=elapsed, deadline=began + elapsed,
             seconds=processor,
@@ -180,7 +185,7 @@ def best_of(
         if made is None:
             assert error is not None
             failed[attempt.route] = error
-        elif best is None or _is_better(made, best):
+        elif best is None or _is_better(made, best, strict=strict):
             best = made
         tried.append(
             _record(attempt, verdict, error, budget.clock() - began, made=made is not None)
@@ -230,9 +235,11 @@ def _made(
     return None, error or BackendError(f"{attempt} has made no mesh")
 
 
-def _is_better(made: Best, best: Best) -> bool:
+def _is_better(made: Best, best: Best, *, strict: bool) -> bool:
     assert made.verdict is not None
-    return best.verdict is None or made.verdict.rank < best.verdict.rank
+    if best.verdict is None or (strict and made.verdict.check.is_met):
+        return True
+    return made.verdict.rank < best.verdict.rank
 
 
 def _record(

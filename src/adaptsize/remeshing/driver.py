@@ -38,7 +38,7 @@ from adaptsize.remeshing.attempts import (
     worst_places,
 )
 from adaptsize.remeshing.delivery import delivered
-from adaptsize.remeshing.filling import Filling
+from adaptsize.remeshing.filling import FILLS_MORE, MANY_MORE, Filling
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.in_parts import remesh_parts
 from adaptsize.remeshing.isolation import IsolatedRunner
@@ -311,7 +311,13 @@ class _Job:
             surface = problem.mesh if self.solid is None else self.filling.surface
             return improved(new, surface, problem.tolerance)
 
-        yield Candidate(finish)
+        yield Candidate(finish, self._note_on(len(raw["cells"])))
+
+    def _note_on(self, n_cells: int) -> str:
+        """Return a note if an open surface was filled by many more cells than predicted."""
+        if self.solid is None or self.solid.is_closed or n_cells <= MANY_MORE * self.n_cells:
+            return ""
+        return f"{n_cells} elements instead of the predicted {self.n_cells:.3g}: {FILLS_MORE}"
 
 
 def _accepted(found: Attempts, task: Task, given: RemeshOptions) -> Best:
@@ -327,25 +333,26 @@ def _accepted(found: Attempts, task: Task, given: RemeshOptions) -> Best:
     """
     best, timeout = found.best, given["timeout"]
     if best is None:
-        if found.is_cut_short:
-            text = f"no mesh within the time limit of {timeout:g} s; tried {found.failures}"
-            raise BackendTimeoutError(text)
-        raise BackendError(f"no generator made a mesh; tried {found.failures}")
+        kind = BackendTimeoutError if found.is_stopped else BackendError
+        if len(found.tried) == 1:
+            raise kind(found.tried[0].text)
+        limit = f" within the time limit of {timeout:g} s" if found.is_cut_short else ""
+        advice = "; a timeout gives more time" if timeout is None and found.is_stopped else ""
+        raise kind(f"no generator made a mesh{limit}; tried {found.failures()}{advice}")
     verdict = best.verdict
     if given["strict"]:
         assert verdict is not None
         if not verdict.check.is_met:
-            text = f"no mesh meets the demands; tried {found.failures}"
+            text = f"no mesh meets the demands; tried {found.failures()}"
             places = worst_places(verdict)
             if places:
                 text += f"; worst places of the best: {places}"
             raise MeshingError(text, verdict.check)
-        if found.failures:
-            warn_caller(f"made by {best.route} after {found.failures}", ResolutionWarning)
+        others = found.failures(but=best.route)
+        if others:
+            warn_caller(f"made by {best.route} after {others}", ResolutionWarning)
     elif task == "surface to tetrahedra" and verdict is not None and not verdict.is_sound:
-        raise BackendError(
-            f"no generator made a sound mesh; {verdict.text}; tried {found.failures}"
-        )
+        raise BackendError(f"no generator made a sound mesh; tried {found.failures()}")
     if best.note:
         warn_caller(best.note, ResolutionWarning)
     if found.is_cut_short:

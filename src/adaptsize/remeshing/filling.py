@@ -30,6 +30,9 @@ from adaptsize.typing import IntArray
 _HAUSD = (2.0, 1.2)
 #: Cells that a first volume requires over those that were predicted, above which this is reported.
 MANY_MORE = 1.5
+FILLS_MORE = (
+    "the mesh fills more than the surface encloses; close the surface or increase the sizes"
+)
 _NOT_ADAPTED = "the tetrahedra are those that fill the surface, not adapted to the sizes inside"
 
 
@@ -74,10 +77,10 @@ class Filling:
                 replace(problem, size=None), replace(run, backend="tetwild")
             )
             inner = _inside(problem, raw, "tetwild")
-            note = self._number_of(inner)
+            note = number_note(inner, self._n_cells, self._max_elements)
         elif attempt.first == "netgen":
             inner = self._in_given_surface(problem, run)
-            note = self._number_of(inner)
+            note = number_note(inner, self._n_cells, self._max_elements)
         else:
             inner = self._in_adapted_surface(problem, run)
         if problem.in_volume is not None:
@@ -91,20 +94,6 @@ class Filling:
             return improved(restore(raw, inner, backend.name), self.surface, problem.tolerance)
 
         yield Candidate(finish, note)
-
-    def _number_of(self, inner: Problem) -> str:
-        """Return a note if the sizes require many more cells in a first volume than predicted."""
-        assert inner.size is not None
-        found = predict(inner.mesh, inner.size, backend="mmg").cells
-        if found <= MANY_MORE * self._n_cells:
-            return ""
-        text = (
-            f"about {found:.3g} elements instead of the predicted {self._n_cells:.3g}: the first "
-            "mesh fills more than the surface encloses; close the surface or increase the sizes"
-        )
-        if found > self._max_elements:
-            raise TooManyElementsError(f"{text}, or raise max_elements = {self._max_elements:.3g}")
-        return text
 
     def _in_adapted_surface(self, problem: Problem, run: IsolatedRunner) -> Problem:
         """Return the request to adapt what Netgen makes of a surface of the requested sizes."""
@@ -144,6 +133,26 @@ class Filling:
                 problem.mesh, problem.size, problem.tolerance, thinnest
             )
         return self._refined[key]
+
+
+def number_note(inner: Problem, n_cells: float, max_elements: float) -> str:
+    """Return a note if the sizes require many more cells in a first volume than predicted.
+
+    Of open surfaces, generators may fill more than what the surface encloses.
+
+    Raises
+    ------
+    TooManyElementsError
+        If these are also more than ``max_elements``.
+    """
+    assert inner.size is not None
+    found = predict(inner.mesh, inner.size, backend="mmg").cells
+    if found <= MANY_MORE * n_cells:
+        return ""
+    text = f"about {found:.3g} elements instead of the predicted {n_cells:.3g}: {FILLS_MORE}"
+    if found > max_elements:
+        raise TooManyElementsError(f"{text}, or raise max_elements = {max_elements:.3g}")
+    return text
 
 
 def _inside(problem: Problem, raw: Arrays, generator: str) -> Problem:

@@ -24,6 +24,7 @@ _SMALLER, _SMALLEST = 0.4, 0.15
 #: crashed in each run at .02 of the diagonal, and not at .005.  A larger tolerance than this, over
 #: the diagonal, is the likely cause of a failure, and so is a quarter of it.
 _AFTER_FAILURE, _ABSURD = 0.25, 0.1
+_OTHERWISE = "the mesh so far has faults, or there is none; fTetWild alone keeps the tolerance"
 
 
 @dataclass(frozen=True)
@@ -143,39 +144,41 @@ def _alone(known: Known, reason: str, cures: frozenset[str]) -> Iterator[Attempt
 
 
 def _in_surface(known: Known) -> Iterator[Attempt]:
-    """Yield the attempts at tetrahedra in a surface by a generator that adapts a first volume."""
+    """Yield the attempts at tetrahedra in a surface by a generator that adapts a first volume.
+
+    What Netgen cannot fill goes to fTetWild alone.  On three pairs of bodies that cross it kept the
+    boundary closer than Mmg on a first volume by fTetWild (.58 to .84 tolerances instead of .87 to
+    1.12), with 2 to 14 % fewer cells, as many edges in the band, and in less time.  At the rims of
+    open boxes, Mmg made cells that overlap.
+    """
     name, *others = known.generators
     # On closed parts, adapting a first volume needed a fifth of that.
     first = Attempt(name, "", 10.0 + 1e-3 * max(known.n_cells, known.n_given))
+    can_fill = known.can_fill and not known.is_crossed
+    if can_fill:
+        why = "the surface is closed and does not cross itself"
+        yield replace(first, first="netgen on the adapted surface", reason=why)
+        why = "the adapted surface cannot be filled"
+        yield replace(first, first="netgen", reason=why, cures=frozenset())
     if not known.is_closed:
         why = "the surface is open: fTetWild decides what it encloses"
     elif known.is_crossed:
-        why = "facets of the surface cross others, and fTetWild makes the union"
-    elif known.can_fill:
-        why = "cells are flat, or the boundary is not kept"
-        surface = replace(first, first="netgen on the adapted surface")
-        yield replace(surface, reason="the surface is closed and does not cross itself")
-        surface = replace(first, first="netgen", cures=frozenset())
-        yield replace(surface, reason="the adapted surface cannot be filled")
+        why = "facets of the surface cross others: fTetWild makes the union"
+    elif can_fill:
+        why = _OTHERWISE
     else:
         why = "Netgen is not installed, or the surface cannot be oriented"
-    by_tetwild = list(_by_tetwild(known, why))
-    # Mmg on a surface by fTetWild may leave the tolerance, which fTetWild alone keeps.
-    coarse = replace(first, first="tetwild", seconds=by_tetwild[0].seconds, reason=why)
-    if known.can_fill and not known.is_crossed:
-        yield from by_tetwild
-        yield replace(coarse, reason="fTetWild alone has failed", cures=frozenset())
-    else:
-        yield coarse
-        why = "cells are flat, or the boundary is not kept: fTetWild alone keeps the tolerance"
-        yield replace(by_tetwild[0], reason=why)
-        yield from by_tetwild[1:]
+    yield from _by_tetwild(known, why)
+    why = "fTetWild alone has failed"
+    seconds = 40.0 + 1e-3 * (known.n_cells + known.n_given)
+    yield replace(first, first="tetwild", seconds=seconds, reason=why, cures=frozenset())
     rest = replace(known, generators=tuple(other for other in others if other != "tetwild"))
     yield from _alone(rest, "another generator, if the others fail", frozenset())
 
 
 def _by_tetwild(known: Known, reason: str) -> Iterator[Attempt]:
-    seconds = 60.0 + 3e-3 * known.n_cells + 1e-3 * known.n_given
+    # On pairs of bodies with 15 000 cells, it needed a sixth of that.
+    seconds = 40.0 + 2.5e-3 * known.n_cells + 1e-3 * known.n_given
     alone = Attempt("tetwild", reason, seconds)
     yield alone
     if known.tolerance <= _ABSURD:
