@@ -18,7 +18,7 @@ from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.distance.orientation import MERGE_SHARE, is_cycle, merged_cells, oriented
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.enclosed import cone_measures
-from adaptsize.geometry.shells import shells_of
+from adaptsize.geometry.shells import shells_of, surplus_of
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 #: Distances up to this times the diagonal are contacts.  It is above the rounding of the single
@@ -121,7 +121,9 @@ class Solid:
         self._inner = np.zeros(surface.n_cells, np.bool_)
         counts = self.surface.facet_cell_counts
         if counts.max() > 2 and counts.min() > 1 and not is_cycle(self.surface):
-            self._inner = shells_of(self.surface).is_inner
+            self._inner = surplus_of(self.surface)
+            if not self._inner.any():
+                self._inner = shells_of(self.surface).is_inner
         rows = np.flatnonzero(~self._inner)
         self._outline = self.surface
         if len(rows) < surface.n_cells:
