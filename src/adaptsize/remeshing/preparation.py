@@ -24,7 +24,7 @@ from adaptsize.metrics import Metric
 from adaptsize.remeshing.acceptance import refuse_other_domain
 from adaptsize.remeshing.protocol import NO_TAG, Arrays, Facets, Problem, Task
 from adaptsize.remeshing.sizing import MetricAt, Size
-from adaptsize.remeshing.surface_repair import Repair, repair_triangles
+from adaptsize.geometry.repair import Repair, repair_triangles
 from adaptsize.typing import FloatArray, IndexArray, IntArray
 
 #: Points of a surface closer than this times the diagonal are merged.
@@ -36,7 +36,7 @@ class RepairedMesh(NamedTuple):
 
     mesh: SimplexMesh
     nodes: IntArray
-    """``nodes[i]`` is the node of the given mesh for node i."""
+    """``nodes[i]`` is the node of the given mesh for node i, -1 where facets of bodies meet."""
     node_map: IntArray
     """``node_map[j]`` is the node for node j of the given mesh, or -1 if it was dropped."""
     repairs: str = ""
@@ -119,12 +119,20 @@ def _without_unused_nodes(
 def surface_to_fill(repaired: RepairedMesh, solid: Solid) -> RepairedMesh:
     """Return a surface with normals outward, without the facets inside of the solid.
 
-    If bodies overlap, all facets stay.
+    If bodies overlap it is the boundary of their union.  All facets stay if that could not be made,
+    or if edges of the surface have tags.
     """
     mesh, kept = repaired.mesh, ~solid.hidden
-    if solid.is_divided or not kept.any():
-        kept[:] = True
-    if kept.all():
+    is_whole = solid.is_divided or not solid.is_closed or not kept.any()
+    if solid.is_divided and solid.skin.is_closed and mesh.tagged_facets is None:
+        known = solid.nodes_of_skin
+        nodes = np.where(known >= 0, repaired.nodes[known], -1)
+        place = np.full(mesh.n_points + 1, -1, np.int32)
+        place[known] = np.arange(len(known))
+        place[-1] = -1
+        node_map = place[repaired.node_map]
+        return RepairedMesh(solid.skin, nodes.astype(np.int32), node_map, repaired.repairs)
+    if is_whole or kept.all():
         return repaired._replace(mesh=replace(mesh, cells=solid.cells))
     nodes, cells = compacted(solid.cells[kept])
     place = np.append(places_among(nodes, mesh.n_points), np.int32(-1))

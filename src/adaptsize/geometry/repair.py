@@ -285,13 +285,17 @@ def _divide_at_flat_triangles(
     if not waiting:
         return False
     heapify(waiting)
-    patches, places = _Patches(points, found), []
+    patches, places, done = _Patches(points, found), [], set[frozenset[int]]()
     left = _MOST_DIVISIONS * (len(waiting) + 10)
     while waiting and left > 0:
         cell = heappop(waiting)[1]
         if not patches.is_there[cell]:
             continue
         nodes = patches.cells[cell]
+        # Triangles that others only just make flat may return, and stay then.
+        if frozenset(nodes) in done:
+            continue
+        done.add(frozenset(nodes))
         v = _apex(points[list(nodes)])
         a, b, c = nodes[(v + 1) % 3], nodes[(v + 2) % 3], nodes[v]
         places.append(points[c])
