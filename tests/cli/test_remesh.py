@@ -238,7 +238,7 @@ def test_an_open_surface_is_reported(capsys, open_box, no_generator):
         "place": [1.0, 0.5, 1.0],
     }
     (text,) = (text for text in result["warnings"] if "open" in text)
-    assert "4 open edges in 1 loop, 6 long around (1, 0.5, 1)" in text
+    assert "4 open edges in 1 loop with an area of 2, 6 long around (1, 0.5, 1)" in text
     assert "; --close-holes closes the holes, --target triangles keeps a surface" in text
     assert printed.err.count("the surface is open") == 1
 
