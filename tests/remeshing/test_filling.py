@@ -268,13 +268,24 @@ def test_a_failure_of_mmg_and_netgen_leaves_ftetwild(first_volumes, monkeypatch)
         remesh(cube(), 0.3, tolerance=5e-3)
 
 
-def test_ftetwild_makes_the_union_of_bodies_that_cross(first_volumes):
+@pytest.mark.parametrize(
+    ("tagged", "used", "reason"),
+    [
+        # The boundary of the union is a surface that Netgen can fill.
+        (False, ["netgen", "mmg"], "the surface is closed and does not cross itself"),
+        # Tagged edges are edges of the given facets.
+        (True, ["tetwild"], "facets of the surface cross others: fTetWild makes the union"),
+    ],
+)
+def test_bodies_that_cross_become_their_union(first_volumes, tagged, used, reason):
     crossed = joined(cube(), cube([0.5, 0.3, 0.4]))
+    if tagged:
+        crossed = replace(crossed, tagged_facets=[[0, 1]], facet_tags=[1])
     with pytest.warns(OpenSurfaceWarning, match="bodies 1 and 2 overlap"):
         new = remesh(crossed, 0.3, tolerance=1e-2)
-    assert first_volumes == ["tetwild"]
+    assert first_volumes == used
     (only,) = attempts_of(new).tried
-    assert only.reason == "facets of the surface cross others: fTetWild makes the union"
+    assert only.reason == reason
     assert_allclose(new.measures.sum(), 2.0 - 0.5 * 0.7 * 0.6, rtol=0.03)
 
 

@@ -17,6 +17,7 @@ from adaptsize.quality.boundary import (
     Distances,
     Topology,
     distances_from,
+    distances_from_solid,
     interface_distances,
     overlapping_cells,
     region_measures,
@@ -202,8 +203,8 @@ def check_mesh(
     - *overlaps*: no point is in two cells of a volume mesh.  Depths below 1e-6 of the diagonal do
       not count.
     - *boundary*: each boundary is within the tolerance of the other one, measured at the nodes,
-      the midpoints of the edges and the centroids of the facets.  If ``original`` is an open
-      surface, only its own distance from the boundary of ``mesh`` counts.
+      the midpoints of the edges and the centroids of the facets.  Where ``original`` is a surface
+      with holes, the boundary of ``mesh`` may be where the winding number is between 1/4 and 3/4.
     - *interface*: the same for facets between regions and tagged facets inside of them, if both
       meshes have any.
     - *tags*: the mesh has facets of each tag of ``original``, and those of each tag are within the
@@ -340,23 +341,29 @@ def _same_domain(
     if mesh.cell_dim == 3 and original.cell_dim == 2:
         solid = Solid(original) if solid is None else solid
         old, is_closed, enclosed = solid.skin, solid.is_closed, solid.volume
-        if solid.is_divided:
+        if solid.is_divided and not solid.skin.is_closed:
             notes.append("the topology is not compared: bodies of the original overlap or touch")
         elif is_closed and solid.hidden.any():
             text = "facets of the original are inside of it, and are not compared"
             notes.append(f"{np.count_nonzero(solid.hidden)} {text}")
     allowed = tolerance * original.diagonal
-    away = [distances_from(old, skin)]
-    if is_closed:
-        away.append(distances_from(skin, old))
+    if solid is not None:
+        away, opening = distances_from_solid(skin, solid, allowed)
+        if opening is not None:
+            notes.append(str(opening))
     else:
-        notes.append("the original is open: only its distance from the mesh is compared")
+        away = [distances_from(old, skin)]
+        if is_closed:
+            away.append(distances_from(skin, old))
+        else:
+            notes.append("the original is open: only its distance from the mesh is compared")
     yield _near("boundary", away, allowed, original.diagonal, count)
     if original.cell_dim == original.dim == mesh.cell_dim:
         inside = interface_distances(mesh, original)
         if inside:
             yield _near("interface", inside, allowed, original.diagonal, count)
-    yield from _tags(mesh, original, allowed, count, notes)
+    tagged = original if solid is None else solid.skin
+    yield from _tags(mesh, tagged, allowed, original.diagonal, count, notes)
     if original.cell_dim == original.dim == mesh.cell_dim:
         if original.cell_tags is not None and mesh.cell_tags is not None:
             yield _regions(mesh, original, allowed)
@@ -382,7 +389,12 @@ def _same_domain(
 
 
 def _tags(
-    mesh: SimplexMesh, original: SimplexMesh, allowed: float, count: int, notes: list[str]
+    mesh: SimplexMesh,
+    original: SimplexMesh,
+    allowed: float,
+    diagonal: float,
+    count: int,
+    notes: list[str],
 ) -> Iterator[Demand]:
     """Yield the demand on tagged facets, and on tagged triangles of a surface."""
     common, missing, has_no_faces = tagged_parts(mesh, original)
@@ -398,7 +410,7 @@ def _tags(
         }
         worst = max(away, key=lambda tag: max(found.largest for found in away[tag]))
         samples = [found for pair in away.values() for found in pair]
-        demand = _near("tags", samples, allowed, original.diagonal, count)
+        demand = _near("tags", samples, allowed, diagonal, count)
         yield replace(demand, text=f"{len(away)}; {worst} {demand.text}")
 
 

@@ -135,9 +135,9 @@ class Judge:
 def _is_off(new: SimplexMesh, old: SimplexMesh, allowed: float, solid: Solid | None) -> bool:
     """Return whether nodes of the boundary left the given one, or a part of that is lost."""
     old_skin, skin = skin_of(old)[0] if solid is None else solid.skin, skin_of(new)[0]
-    if not (old_skin.is_closed if solid is None else solid.is_closed):
+    if solid is None and not old_skin.is_closed:
         return False
-    if _farthest(skin.points, old_skin, (1.0 + NEAR) * allowed)[0] > 0.0:
+    if _farthest(skin.points, old_skin, (1.0 + NEAR) * allowed, solid=solid)[0] > 0.0:
         return True
     return _farthest(old_skin.points, skin, _FAR * allowed, new)[0] > 0.0
 
@@ -190,8 +190,8 @@ def warn_of_deviation(
 ) -> None:
     """Warn if boundary or interfaces are much farther from the given ones than the tolerance.
 
-    Only nodes are measured.  At any distance, another topology is warned of.  An open surface is
-    left out: of that `warn_of_surface` warns.  Tetrahedra that overlap are warned of, too.
+    Only nodes are measured.  At any distance, another topology is warned of.  Where a surface has
+    holes, the boundary may close them.  Tetrahedra that overlap are warned of, too.
 
     Parameters
     ----------
@@ -213,14 +213,14 @@ def warn_of_deviation(
         text = f"{found_twice}, one at {place_text(found_twice.place)}; use strict=True"
         warn_caller(text, BoundaryWarning)
     old_skin, skin = skin_of(old)[0] if solid is None else solid.skin, skin_of(new)[0]
-    if not (old_skin.is_closed if solid is None else solid.is_closed):
+    if solid is None and not old_skin.is_closed:
         return
     far = _FAR * tolerance
     off = {
         "the mesh misses part of the domain: its boundary is": _farthest(
             old_skin.points, skin, far, new
         ),
-        "the boundary of the mesh is": _farthest(skin.points, old_skin, far),
+        "the boundary of the mesh is": _farthest(skin.points, old_skin, far, solid=solid),
     }
     names = "the mesh misses part of an interface: it is", "an interface of the mesh is"
     for what, found in zip(names, interface_distances(new, old), strict=False):
@@ -239,7 +239,7 @@ def warn_of_deviation(
         text += f"tolerance is {tolerance:.3g}"
     else:
         # A thin wall or gap may be lost within the distance that is not warned of.
-        if keeps_topology(skin, old_skin):
+        if (solid is not None and not solid.is_closed) or keeps_topology(skin, old_skin):
             return
         text = (
             "the boundary of the mesh has another topology than the given one: "
@@ -271,11 +271,16 @@ def warn_of_lost_tags(new: SimplexMesh, old: SimplexMesh, backend: str) -> None:
 
 
 def _farthest(
-    points: FloatArray, skin: SimplexMesh, far: float, inside: SimplexMesh | None = None
+    points: FloatArray,
+    skin: SimplexMesh,
+    far: float,
+    inside: SimplexMesh | None = None,
+    solid: Solid | None = None,
 ) -> tuple[float, FloatArray]:
     """Return the distance and the place of the farthest point; 0 if none is beyond ``far``.
 
     The distance is that from a surface or curve, or from the mesh that it is the boundary of.
+    Points where a mesh may close holes of a solid do not count.
     """
     from scipy.spatial import cKDTree
 
@@ -286,6 +291,9 @@ def _farthest(
         if len(rest) and mesh is not None:
             distance = mesh.locator.nearest(rest)[2]
             rest, distance = rest[distance > far], distance[distance > far]
+    if len(rest) and solid is not None:
+        counts = ~solid.is_opening(rest)
+        rest, distance = rest[counts], distance[counts]
     if not len(rest):
         return 0.0, points[0]
     k = int(distance.argmax())

@@ -173,8 +173,8 @@ def best_of(
         is_last = not any(_is_useful(one, best, failed, strict=strict) for one in rest)
         elapsed, processor = budget.limits(attempt, is_last=is_last)
         own = replace(
-            run, backend=attempt.backend, timeout=elapsed, deadline=began + elapsed,
-            seconds=processor,
+            run, backend=attempt.backend, deadline=began + elapsed, seconds=processor,
+            timeout=budget.timeout if is_last and budget.timeout else elapsed,
         )  # fmt: skip
         made, error = _made(attempt, solve, own)
         is_stopped = isinstance(error, BackendTimeoutError)

@@ -272,15 +272,22 @@ class _Job:
             self.given["tolerance"],
             can_fill=solid is not None and netgen.can_fill(self.mesh),
             is_closed=solid is not None and solid.is_closed,
-            is_crossed=solid is not None and solid.is_divided,
+            is_crossed=self.is_crossed,
         )  # fmt: skip
+
+    @property
+    def is_crossed(self) -> bool:
+        """Whether facets of the surface to be filled cross others."""
+        # The boundary of a union replaces bodies that overlap, if it could be made.
+        solid = self.solid
+        return solid is not None and solid.is_divided and self.mesh is not solid.skin
 
     @cached_property
     def filling(self) -> Filling:
         """The routes that begin with a first volume."""
         problem = self.problem("tetwild", 1.0)
         surface = problem.mesh
-        if self.solid is not None and self.solid.is_divided:
+        if self.solid is not None and self.is_crossed:
             surface = self.frame.mesh(self.solid.skin)
         return Filling(problem, surface, self.n_cells, self.given["max_elements"])
 

@@ -123,7 +123,7 @@ class Outcome:
             )
         if self.change is not None:
             rows.append((self._measure, f"changed by {_percent(self.change)}"))
-        return rows
+        return rows + [("note", note) for note in self.check.notes]
 
     def __str__(self) -> str:
         """Return one line per topic."""
