@@ -306,7 +306,7 @@ def restore(raw: Arrays, problem: Problem, backend: str) -> SimplexMesh:
             centroids = new.points[new.cells].mean(axis=1)
             regions = problem.regions[old.locator.nearest(centroids)[0]]
         new = replace(new, cell_tags=problem.region_tags[regions])
-    if old.tagged_facets is None and not (is_filled and old.cell_tags is not None):
+    if (old.cell_tags if is_filled else old.tagged_facets) is None:
         return new
     if "facets" in raw:
         found, tags = nodes[raw["facets"]], problem.facets.tag_of_group[raw["facet_groups"]]
