@@ -2,12 +2,14 @@
 
 import json
 import re
+import time
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command_line import call
+from fake_generators import FakeBackend
 from shapes import CORNERS as UNIT
 from shapes import CUBE_CELLS, block
 
@@ -17,6 +19,7 @@ from adaptsize.cli.console import Console
 from adaptsize.cli.files import read_provenance, write_provenance
 from adaptsize.cli.size import print_outcome
 from adaptsize.quality import check_mesh, size_conformity
+from adaptsize.remeshing import register_backend, registry
 from adaptsize.reporting.outcome import Outcome, outcome_of_remeshing
 
 DATA = Path(__file__).parents[2] / "data"
@@ -96,6 +99,59 @@ def test_remesh_exits_1_where_check_does_and_names_the_boundary(capsys, tmp_path
     printed = capsys.readouterr()
     assert printed.out == ""
     assert printed.err.startswith("adaptsize: error: the mesh does not pass adaptsize check: bound")
+
+
+@pytest.fixture
+def fakes(monkeypatch):
+    """Return a function that replaces all generators by functions of `misbehaving`."""
+    monkeypatch.setattr(registry, "_BACKENDS", {})
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "support"))
+
+    def register(**functions):
+        for name, (function, options) in functions.items():
+            register_backend(FakeBackend(function, tuple(options.items()), name=name))
+
+    return register
+
+
+@pytest.fixture
+def cube(tmp_path):
+    write(tmp_path / "cube.vtu", block(2))
+    return ["remesh", tmp_path / "cube.vtu", "-o", tmp_path / "new.vtu", "--hmax", "0.6"]
+
+
+def test_the_attempts_and_their_reasons_are_in_the_json_object_and_in_verbose_output(
+    capsys, fakes, cube
+):
+    fakes(first=("fail", {}), second=("copy", {}))
+    call(*cube, "--json")
+    attempts = json.loads(capsys.readouterr().out)["attempts"]
+    assert [(one["route"], one["status"]) for one in attempts] == [
+        ("first", "failed"), ("second", "made"),
+    ]  # fmt: skip
+    assert attempts[0]["reason"] == "there are cells to start from"
+    assert "no luck" in attempts[0]["text"]
+    assert all(one["seconds"] > 0.0 for one in attempts)
+    call(*cube, "-v")
+    err = capsys.readouterr().err
+    assert "adaptsize: first: there are cells to start from" in err
+    assert "adaptsize: first: failed, first failed: RuntimeError: no luck" in err
+    assert "adaptsize: second: another generator" in err
+
+
+def test_at_the_time_limit_the_best_mesh_is_written_and_the_exit_code_is_1(
+    capsys, fakes, cube, tmp_path
+):
+    fakes(bad=("one_twice", {}), hang=("hang_with_stray", {"pid_file": str(tmp_path / "pids")}))
+    began = time.monotonic()
+    assert call(*cube, "--timeout", "3", "--json") == 1
+    assert time.monotonic() - began < 15.0
+    printed = capsys.readouterr()
+    result = json.loads(printed.out)
+    assert [one["status"] for one in result["attempts"]] == ["missed", "timeout"]
+    assert read(tmp_path / "new.vtu").n_cells == block(2).n_cells + 1
+    text = "warning: stopped at the time limit of 3 s with the mesh by bad; not reached: overlaps 2"
+    assert printed.err.count(text) == 1
 
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
@@ -236,6 +292,7 @@ def test_an_open_surface_is_reported(capsys, open_box, no_generator):
         "n_loose": 0,
         "length": 6.0,
         "place": [1.0, 0.5, 1.0],
+        "area": 2.0,
     }
     (text,) = (text for text in result["warnings"] if "open" in text)
     assert "4 open edges in 1 loop with an area of 2, 6 long around (1, 0.5, 1)" in text
