@@ -279,8 +279,7 @@ def checked_mesh(
     if original is not None:
         demands += _same_domain(mesh, original, tolerance, count, notes, solid)
     if size is not None:
-        demands.append(_edges(mesh, size, share_in_band, count))
-        demands += served_demand(RequestedElements.of(mesh, size), share_served, count)
+        demands += size_demands(mesh, size, share_in_band, share_served, count)
     return MeshCheck(tuple(demands), tuple(notes))
 
 
@@ -479,6 +478,18 @@ def _edges(mesh: SimplexMesh, size: SizeLike, share: float, count: int) -> Deman
         worst = known[np.argsort(-np.abs(np.log(ratio[known])))][:count]
     middles = mesh.points[mesh.edges[worst]].mean(axis=1)
     return Demand("edges", status, text, found, share, _places(middles, ratio[worst], count))
+
+
+def size_demands(
+    mesh: SimplexMesh,
+    size: SizeLike,
+    share_in_band: float = SHARE_IN_BAND,
+    share_served: float = SHARE_SERVED,
+    count: int = 5,
+) -> Iterator[Demand]:
+    """Yield the demands on the sizes."""
+    yield _edges(mesh, size, share_in_band, count)
+    yield from served_demand(RequestedElements.of(mesh, size), share_served, count)
 
 
 def served_demand(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,7 +21,7 @@ from adaptsize.quality.boundary import (
     tagged_parts,
     topology_of,
 )
-from adaptsize.quality.certificate import NEAR, MeshCheck, checked_mesh
+from adaptsize.quality.certificate import NEAR, Demand, MeshCheck, checked_mesh, size_demands
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing.protocol import Problem
 from adaptsize.remeshing.sizing import Size
@@ -48,11 +49,15 @@ class Verdict:
     is_off : bool
         Whether nodes of the boundary are off the given one, or a part of that is lost.  Coarse
         sizes alone, whose edges cut corners of the boundary, do not count: no generator helps.
+    sizes : callable
+        Returns the demands on the sizes that are not in ``check``.  They take three times as long,
+        and matter only for the rank.
     """
 
     check: MeshCheck
     least_angle: float
     is_off: bool
+    sizes: Callable[[], tuple[Demand, ...]] = tuple
 
     @property
     def faults(self) -> frozenset[str]:
@@ -77,7 +82,8 @@ class Verdict:
         First come sound cells, then the demands on the domain, the distance of the boundary by
         factors of two, flat cells, the sizes, demands that are near, and the least angle.
         """
-        missed = {demand.name for demand in self.check.missed}
+        demands = [*self.check.demands, *self.sizes()]
+        missed = {demand.name for demand in demands if demand.status == "missed"}
         away = 0.0
         for demand in self.check.missed:
             if demand.name == "boundary" and demand.value and demand.limit:
@@ -88,7 +94,7 @@ class Verdict:
             away,
             self.least_angle < LEAST_ANGLE,
             len(missed - _SOUND - _DOMAIN),
-            len(self.check.failures),
+            sum(not demand.is_met for demand in demands),
             -self.least_angle,
         )
 
@@ -115,21 +121,31 @@ class Judge:
         The checked sizes; None if they are not compared.
     tolerance : float
         Over the diagonal.
+    strict : bool
+        Whether a mesh must have the sizes, too.
     """
 
     old: SimplexMesh
     solid: Solid | None
     size: Size | None
     tolerance: float
+    strict: bool = False
 
     def __call__(self, new: SimplexMesh) -> Verdict:
         """Return what is wrong with a mesh."""
-        check = checked_mesh(new, self.old, self.size, self.tolerance, solid=self.solid)
+        size, later = self.size, None
+        if not self.strict:
+            size, later = None, self.size
+
+        def sizes() -> tuple[Demand, ...]:
+            return () if later is None else tuple(size_demands(new, later))
+
+        check = checked_mesh(new, self.old, size, self.tolerance, solid=self.solid)
         allowed = self.tolerance * self.old.diagonal
         is_off = any(demand.name == "boundary" for demand in check.missed) and _is_off(
             new, self.old, allowed, self.solid
         )
-        return Verdict(check, float(minimum_angles(new).min()), is_off)
+        return Verdict(check, float(minimum_angles(new).min()), is_off, sizes)
 
 
 def _is_off(new: SimplexMesh, old: SimplexMesh, allowed: float, solid: Solid | None) -> bool:

@@ -207,7 +207,7 @@ def remesh(
     job.refuse_too_many()
     attempts = plan(job.known(chosen, metric=metric is not None), strict=given["strict"])
     compared = wanted if metric is None and required_facets is None else None
-    judge = Judge(old, solid, compared, given["tolerance"])
+    judge = Judge(old, solid, compared, given["tolerance"], given["strict"])
     budget = Budget(given["timeout"])
     with reporting(progress) as report:
         run = IsolatedRunner(chosen.name, None, None, report)
