@@ -105,7 +105,10 @@ def test_soup_is_repaired_and_the_repairs_are_counted():
     repaired = repair_mesh(soup)
     assert message in repaired.repairs
     assert "1 duplicate triangle removed (at" in repaired.repairs
-    assert "1 triangle of area 0 removed without opening the surface (at (0.5, 0, 0))" in repaired.repairs
+    assert (
+        "1 triangle of area 0 removed without opening the surface (at (0.5, 0, 0))"
+        in repaired.repairs
+    )
     with pytest.warns(InputWarning, match=message), pytest.raises(TooManyElementsError):
         remesh(soup, 1e-5)
     assert (repaired.mesh.n_points, repaired.mesh.n_cells) == (cube.n_points, cube.n_cells)
