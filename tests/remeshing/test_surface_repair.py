@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from shapes import CORNERS, CUBE_CELLS
 
 from adaptsize import SimplexMesh
-from adaptsize.geometry.distance.orientation import is_cycle
 from adaptsize.geometry.enclosed import cone_measures
 from adaptsize.geometry.solid import Solid
 from adaptsize.quality.boundary import n_components
@@ -103,7 +102,9 @@ class Defects:
 
     def _on_edge(self, a, b):
         t = self.rng.uniform(0.3, 0.7)
-        return self._new(np.add(np.multiply(1.0 - t, self.points[a]), np.multiply(t, self.points[b])))
+        return self._new(
+            np.add(np.multiply(1.0 - t, self.points[a]), np.multiply(t, self.points[b]))
+        )
 
     def _edge(self):
         """A corner and the edge opposite to it, of a triangle that is no defect."""
@@ -214,7 +215,9 @@ def test_repairs_keep_what_a_surface_is(base):
         assert (new.measures > 1e-12 * scale**2).all(), what
         assert (new.facet_cell_counts <= 2).all(), what
         assert new.is_closed == was.is_closed, what
-        assert open_length(new) == pytest.approx(open_length(was), rel=1e-6, abs=1e-12 * scale), what
+        assert open_length(new) == pytest.approx(open_length(was), rel=1e-6, abs=1e-12 * scale), (
+            what
+        )
         assert euler(new) == euler(was), what
         assert n_components(new) == n_components(was), what
         assert new.measures.sum() == pytest.approx(was.measures.sum(), rel=1e-6), what

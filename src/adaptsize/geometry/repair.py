@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from heapq import heapify, heappop, heappush
+from itertools import pairwise
 
 import numpy as np
 
@@ -162,7 +163,9 @@ def _fate_of_pairs(
     edges = mesh.cell_facets[rows].ravel()
     beside = np.column_stack([np.repeat(rows, 3), n + edges])[others[edges] == 0]
     patch = np.unique(components_of(beside, n + n_edges)[rows], return_inverse=True)[1].reshape(-1)
-    rims, count = np.unique(np.column_stack([np.repeat(patch, 3), edges]), axis=0, return_counts=True)
+    rims, count = np.unique(
+        np.column_stack([np.repeat(patch, 3), edges]), axis=0, return_counts=True
+    )
     of_patch, around = rims[:, 0], others[rims[:, 1]]
     open_if_kept = np.bincount(of_patch, around + count == 1)
     open_if_not = np.bincount(of_patch, around == 1)
@@ -209,14 +212,14 @@ def _join_nodes_on_edges(points: FloatArray, found: RepairedTriangles) -> bool:
             pieces[piece] += 1
     patches = _Patches(points, found)
     joined = []
-    for (a, b), nodes in divided.items():
-        chain = [a, *nodes, b]
+    for (start, end), nodes in divided.items():
+        chain, left = [start, *nodes, end], start
         for k, node in enumerate(nodes, 1):
             beside = _pieces(chain[k - 1], [node], chain[k + 1])
             if any(pieces[piece] > 1 for piece in beside):
-                patches.divide(a, b, node)
+                patches.divide(left, end, node)
                 joined.append(node)
-                a = node
+                left = node
     patches.finish()
     found.note("node{s} joined with open edges on which they lie", points[joined])
     return len(joined) > 0
@@ -224,8 +227,7 @@ def _join_nodes_on_edges(points: FloatArray, found: RepairedTriangles) -> bool:
 
 def _pieces(start: int, nodes: Sequence[int], end: int) -> list[tuple[int, int]]:
     """Return the parts of an edge between nodes on it, each in ascending order."""
-    chain = [start, *nodes, end]
-    return [(min(a, b), max(a, b)) for a, b in zip(chain, chain[1:], strict=False)]
+    return [(min(a, b), max(a, b)) for a, b in pairwise([start, *nodes, end])]
 
 
 def _nodes_on(points: FloatArray, edges: IntArray, mesh: SimplexMesh) -> list[list[int]]:
@@ -268,9 +270,7 @@ def _nodes_on(points: FloatArray, edges: IntArray, mesh: SimplexMesh) -> list[li
     ]
 
 
-def _divide_at_flat_triangles(
-    points: FloatArray, found: RepairedTriangles, flat: float
-) -> bool:
+def _divide_at_flat_triangles(points: FloatArray, found: RepairedTriangles, flat: float) -> bool:
     """Remove triangles with a corner on the opposite edge; return whether there are any.
 
     The triangles on the other side of this edge are divided at the corner.  If these are flat, too,
@@ -278,10 +278,7 @@ def _divide_at_flat_triangles(
     others is removed.
     """
     corners = points[found.cells]
-    waiting = [
-        (-float(longest), int(cell))
-        for cell, longest in _flat_ones(corners, flat)
-    ]
+    waiting = [(-float(longest), int(cell)) for cell, longest in _flat_ones(corners, flat)]
     if not waiting:
         return False
     heapify(waiting)
@@ -333,9 +330,7 @@ class _Patches:
 
     def __init__(self, points: FloatArray, found: RepairedTriangles) -> None:
         self._found = found
-        self.cells: list[tuple[int, int, int]] = [
-            (a, b, c) for a, b, c in found.cells.tolist()
-        ]
+        self.cells: list[tuple[int, int, int]] = [(a, b, c) for a, b, c in found.cells.tolist()]
         self._owner: list[int] = found.owner.tolist()
         self.is_there = [True] * len(self.cells)
         mesh = SimplexMesh(points, found.cells)

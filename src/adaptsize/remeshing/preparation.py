@@ -19,12 +19,12 @@ from adaptsize.background.topology import (
     unique_rows,
 )
 from adaptsize.errors import BackendError
+from adaptsize.geometry.repair import Repair, repair_triangles
 from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric
 from adaptsize.remeshing.acceptance import refuse_other_domain
 from adaptsize.remeshing.protocol import NO_TAG, Arrays, Facets, Problem, Task
 from adaptsize.remeshing.sizing import MetricAt, Size
-from adaptsize.geometry.repair import Repair, repair_triangles
 from adaptsize.typing import FloatArray, IndexArray, IntArray
 
 #: Points of a surface closer than this times the diagonal are merged.
@@ -81,7 +81,9 @@ def _repaired_surface(mesh: SimplexMesh) -> RepairedMesh:
     moved = np.flatnonzero(target != np.arange(mesh.n_points))
     texts = [str(one) for one in found.repairs]
     if len(moved):
-        merged = Repair("duplicate point{s} merged", len(moved), tuple(mesh.points[moved[0]].tolist()))
+        merged = Repair(
+            "duplicate point{s} merged", len(moved), tuple(mesh.points[moved[0]].tolist())
+        )
         texts = [str(merged), *texts]
     repaired = _without_unused_nodes(mesh, found.cells, found.owner, target, tagged, tags)
     return repaired._replace(repairs=f"surface repaired: {', '.join(texts)}" if texts else "")
