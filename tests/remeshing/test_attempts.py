@@ -2,7 +2,6 @@
 
 import itertools
 import json
-import time
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +23,8 @@ from adaptsize.remeshing.acceptance import Judge, Verdict
 from adaptsize.remeshing.attempts import Budget, Candidate, attempts_of, best_of
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.planning import CURABLE, Attempt
-from adaptsize.remeshing.registry import able_backends
+from adaptsize.remeshing.preparation import as_problem, restore
+from adaptsize.remeshing.registry import able_backends, available_backends
 
 CUBE = block(2)
 ALONE = frozenset()
@@ -290,19 +290,35 @@ COPY, TWICE, CRASHES = ("copy", {}), ("one_twice", {}), ("fail", {})
 def test_of_a_crash_a_hang_a_bad_and_a_good_mesh_the_good_one_is_returned(fakes, tmp_path):
     hangs = ("hang_with_stray", {"pid_file": str(tmp_path / "pids")})
     fakes(crash=CRASHES, hang=hangs, bad=TWICE, good=COPY, never=COPY)
-    began = time.monotonic()
-    mesh = remesh(CUBE, 0.55, timeout=7.5)
-    assert time.monotonic() - began < 7.5
-    assert mesh.n_cells == CUBE.n_cells
-    found = attempts_of(mesh)
+    problem = as_problem("tetrahedra", CUBE, 1e-3)
+
+    def solve(attempt, run):
+        raw = available_backends()[attempt.backend].solve(problem, run)
+        yield Candidate(lambda: restore(raw, problem, attempt.backend))
+
+    attempts = [
+        Attempt(name, f"why {name}", 0.5 if name == "hang" else 60.0)
+        for name in ("crash", "hang", "bad", "good", "never")
+    ]
+    judge = Judge(CUBE, None, lambda x: np.full(len(x), 0.55), 1e-3)
+    run = IsolatedRunner("none", None, None, lambda *_: None)
+    found = best_of(attempts, solve, judge, Budget(), run)
+    assert found.best.mesh.n_cells == CUBE.n_cells
     assert statuses(found) == [
         ("crash", "failed"), ("hang", "timeout"), ("bad", "missed"), ("good", "met"),
     ]  # fmt: skip
+    assert [one.reason for one in found.tried] == [f"why {one.route}" for one in found.tried]
     assert "no luck" in found.tried[0].text
-    assert found.tried[1].seconds == pytest.approx(4.7, abs=1.0)  # two thirds of what was left
+    assert 1.5 <= found.tried[1].seconds < 15.0  # three times the useful time, and ending it
     assert "overlaps 2 cells overlap others" in found.tried[2].text
-    assert all(one.reason for one in found.tried)
     assert not found.is_cut_short
+
+
+def test_generators_of_auto_are_tried_until_a_mesh_is_sound(fakes):
+    fakes(crash=CRASHES, bad=TWICE, good=COPY, never=COPY)
+    found = attempts_of(remesh(CUBE, 0.55))
+    assert statuses(found) == [("crash", "failed"), ("bad", "missed"), ("good", "met")]
+    assert all(one.reason for one in found.tried)
 
 
 def test_at_the_time_limit_the_mesh_so_far_is_returned_with_a_warning(fakes, tmp_path):

@@ -50,9 +50,20 @@ def test_the_route_follows_from_what_is_known(known, expected, reason):
 
 @pytest.mark.parametrize("task", ["tetrahedra", "plane triangles", "surface"])
 def test_other_meshes_go_to_the_generators_in_their_order(task):
-    known = replace(SURFACE, task=task)
-    assert names(known) == ["mmg", "tetwild"]
-    assert names(replace(known, generators=("mmg",))) == ["mmg"]
+    known = replace(SURFACE, task=task, generators=("mine", "tetwild"))
+    assert names(known) == ["mine", "tetwild"]
+    assert names(replace(known, generators=("mine",))) == ["mine"]
+
+
+def test_tetrahedra_that_overlap_are_made_anew_first():
+    known = replace(SURFACE, task="tetrahedra")
+    anew = "netgen in each region, then mmg"
+    usual, folded = plan(known), plan(replace(known, is_folded=True))
+    assert [str(attempt) for attempt in usual] == ["mmg", anew, "tetwild"]
+    assert [str(attempt) for attempt in folded] == [anew, "mmg", "tetwild"]
+    assert "inside out" in folded[0].reason
+    assert [bool(attempt.cures) for attempt in usual] == [True, False, True]
+    assert [bool(attempt.cures) for attempt in folded] == [True, False, True]
 
 
 def test_only_strict_tries_smaller_tolerances():
@@ -60,7 +71,7 @@ def test_only_strict_tries_smaller_tolerances():
         ADAPTED, GIVEN, f"{ADAPTED} with 0.4 x tolerance", ALONE, AGAIN,
         f"{ALONE} with 0.4 x tolerance", ON_TETWILD, f"{ADAPTED} with 0.15 x tolerance",
     ]  # fmt: skip
-    known = replace(SURFACE, task="tetrahedra", generators=("mmg",))
+    known = replace(SURFACE, task="surface", generators=("mmg",))
     tolerances = [attempt.factor for attempt in plan(known, strict=True)]
     assert tolerances == [1.0, 0.4, 0.15]
 

@@ -94,9 +94,13 @@ def fail(*_):
     raise BackendError("it failed")
 
 
+def fail(*_):
+    raise BackendError("netgen failed")
+
+
 def test_ftetwild_makes_the_mesh_if_netgen_fails(run, monkeypatch):
     pytest.importorskip("pytetwild")
-    monkeypatch.setattr(netgen, "fill", lambda *_: None)
+    monkeypatch.setattr(netgen, "fill", fail)
     mesh = bent_block(0.25)
     check(refilled(problem_of(mesh), run), mesh, 0.03)
 
@@ -112,7 +116,7 @@ def test_ftetwild_is_tried_if_mmg_fails_again(run, monkeypatch):
 
 
 def test_what_ftetwild_cannot_do_is_refused(run, monkeypatch):
-    monkeypatch.setattr(through_surface.netgen, "fill", lambda *_: None)
+    monkeypatch.setattr(through_surface.netgen, "fill", fail)
     mesh = bent_block(0.25)
     required = as_problem("tetrahedra", mesh, 1e-2, mesh.tagged_facets[:1])
     with pytest.raises(BackendError, match="cannot fill the regions"):

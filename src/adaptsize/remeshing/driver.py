@@ -61,6 +61,7 @@ from adaptsize.remeshing.sizing import (
     mean_size,
 )
 from adaptsize.remeshing.surface_checks import warn_of_surface
+from adaptsize.remeshing.through_surface import has_folded_cells, refilled
 from adaptsize.sizes import Enclosed, predict
 from adaptsize.typing import IntArray, ProgressCallback, Unpack
 
@@ -273,6 +274,7 @@ class _Job:
             can_fill=solid is not None and netgen.can_fill(self.mesh),
             is_closed=solid is not None and solid.is_closed,
             is_crossed=self.is_crossed,
+            is_folded=self.task == "tetrahedra" and has_folded_cells(self.mesh),
         )  # fmt: skip
 
     @property
@@ -294,7 +296,7 @@ class _Job:
     def solve(self, attempt: Attempt, run: IsolatedRunner) -> Iterator[Candidate]:
         """Yield the meshes of an attempt, in the given coordinates."""
         backend = available_backends()[attempt.backend]
-        if attempt.first is None:
+        if attempt.first is None or self.task == "tetrahedra":
             found = self._alone(attempt, backend, run)
         else:
             found = self.filling.candidates(attempt, backend, run)
@@ -309,16 +311,18 @@ class _Job:
     ) -> Iterator[Candidate]:
         """Yield the mesh of one generator, improved unless it has a metric or required facets."""
         problem = self.problem(attempt.backend, attempt.factor)
-        raw = backend.solve(problem, run)
+        if attempt.first is None:
+            new = restore(backend.solve(problem, run), problem, backend.name)
+        else:
+            new = refilled(problem, run)
 
         def finish() -> SimplexMesh:
-            new = restore(raw, problem, backend.name)
             if problem.metric is not None or problem.facets.required.any():
                 return new
             surface = problem.mesh if self.solid is None else self.filling.surface
             return improved(new, surface, problem.tolerance)
 
-        yield Candidate(finish, self._note_on(len(raw["cells"])))
+        yield Candidate(finish, self._note_on(new.n_cells))
 
     def _note_on(self, n_cells: int) -> str:
         """Return a note if an open surface was filled by many more cells than predicted."""

@@ -11,8 +11,11 @@ from typing import Literal, TypeAlias
 
 from adaptsize.remeshing.protocol import Task
 
-#: What fills a surface before another generator adapts the tetrahedra.
-FirstVolume: TypeAlias = Literal["netgen on the adapted surface", "netgen", "tetwild"]
+#: What fills a surface before another generator adapts the tetrahedra.  The last one takes the
+#: facets between regions of given tetrahedra.
+FirstVolume: TypeAlias = Literal[
+    "netgen on the adapted surface", "netgen", "tetwild", "netgen in each region"
+]
 
 #: Faults of a mesh that another route may cure, see `adaptsize.remeshing.acceptance`.
 CURABLE = frozenset({"cells", "facets", "overlaps", "boundary", "topology", "angles"})
@@ -50,6 +53,8 @@ class Known:
         Whether the surface has no holes.
     is_crossed : bool
         Whether facets of the surface cross others, as those of bodies that overlap do.
+    is_folded : bool
+        Whether given tetrahedra overlap, or some are turned inside out.
     """
 
     task: Task
@@ -61,6 +66,7 @@ class Known:
     can_fill: bool = False
     is_closed: bool = False
     is_crossed: bool = False
+    is_folded: bool = False
 
 
 @dataclass(frozen=True)
@@ -122,7 +128,9 @@ def plan(known: Known, *, strict: bool = False) -> list[Attempt]:
     tetwild with 0.25 x tolerance
     tetwild, then mmg
     """
-    if known.task != "surface to tetrahedra":
+    if known.task == "tetrahedra" and known.generators[0] == "mmg":
+        usual = list(_in_tetrahedra(known))
+    elif known.task != "surface to tetrahedra":
         usual = list(_alone(known, "there are cells to start from", _UNSOUND))
     elif known.needs_volume:
         usual = list(_in_surface(known))
@@ -141,6 +149,24 @@ def _alone(known: Known, reason: str, cures: frozenset[str]) -> Iterator[Attempt
             yield from _by_tetwild(known, why)
         else:
             yield Attempt(name, why, seconds, cures=cures)
+
+
+def _in_tetrahedra(known: Known) -> Iterator[Attempt]:
+    """Yield the attempts at adapted tetrahedra.
+
+    Mmg fails, or does not end, where cells are turned inside out or overlap.  Their boundary and
+    the facets between regions are sound.
+    """
+    first, *others = _alone(known, "there are cells to start from", _UNSOUND)
+    anew = replace(first, first="netgen in each region")
+    if known.is_folded:
+        why = "cells overlap or are turned inside out, from which Mmg cannot start"
+        yield replace(anew, reason=why)
+        yield replace(first, reason="the regions cannot be filled anew", cures=frozenset())
+    else:
+        yield first
+        yield replace(anew, reason="Mmg has failed on the given cells", cures=frozenset())
+    yield from others
 
 
 def _in_surface(known: Known) -> Iterator[Attempt]:

@@ -7,7 +7,7 @@ import numpy as np
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import cut_out
 from adaptsize.background.topology import compacted, places_among
-from adaptsize.errors import BackendError, BackendTimeoutError
+from adaptsize.errors import BackendError
 from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.geometry.enclosed import enclosed_measure, is_oriented
 from adaptsize.remeshing import netgen
@@ -42,26 +42,27 @@ def refilled(problem: Problem, run: IsolatedRunner) -> SimplexMesh:
     BackendError
         If fTetWild fails, too, or cannot do this: it follows no metric and keeps no facets.
     """
-    failure: BackendError | None = None
-    inner = _filled_regions(problem, run)
-    if inner is not None:
-        try:
-            return restore(MmgBackend().solve(inner, replace(run, backend="mmg")), inner, "mmg")
-        except BackendTimeoutError:
+    try:
+        inner = _filled_regions(problem, run)
+        return restore(MmgBackend().solve(inner, replace(run, backend="mmg")), inner, "mmg")
+    except BackendError:
+        if problem.metric is not None or problem.facets.required.any():
             raise
-        except BackendError as error:
-            failure = error
-    if problem.metric is not None or problem.facets.required.any():
-        raise failure or BackendError("netgen failed: it cannot fill the regions of the mesh")
     raw = TetWildBackend().solve(problem, replace(run, backend="tetwild"))
     return restore(raw, problem, "tetwild")
 
 
-def _filled_regions(problem: Problem, run: IsolatedRunner) -> Problem | None:
-    """Return the request to adapt the tetrahedra with which Netgen fills each region, if it can."""
+def _filled_regions(problem: Problem, run: IsolatedRunner) -> Problem:
+    """Return the request to adapt the tetrahedra with which Netgen fills each region.
+
+    Raises
+    ------
+    BackendError
+        If it cannot.
+    """
     mesh, facets = problem.mesh, problem.facets
     if facets.has_free:
-        return None
+        raise BackendError("netgen cannot keep facets inside of a region")
     points: list[FloatArray] = [mesh.points]
     cells: list[IntArray] = []
     n = mesh.n_points
@@ -70,8 +71,6 @@ def _filled_regions(problem: Problem, run: IsolatedRunner) -> Problem | None:
         skin = part.boundary()
         surface = skin.mesh if is_oriented(skin.mesh) else oriented(skin.mesh)
         made = netgen.fill(surface, run)
-        if made is None:
-            return None
         n_new = len(made["points"]) - surface.n_points
         number = np.concatenate([of_part[skin.nodes], n + np.arange(n_new)])
         points.append(made["points"][surface.n_points :])
@@ -98,7 +97,6 @@ def _filled_regions(problem: Problem, run: IsolatedRunner) -> Problem | None:
         size_nodes=problem.size_nodes,
         metric=problem.metric,
         ridges=place[problem.ridges],
-        seconds=problem.seconds,
     )
 
 
