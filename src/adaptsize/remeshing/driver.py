@@ -116,9 +116,9 @@ def remesh(
     BackendUnavailableError
         If no installed generator can do this.  The message says how to install one.
     BackendError
-        If the generator failed.  The message has its last lines of output.
-        BackendTimeoutError if it was stopped at ``timeout``, MeshingError if ``strict`` and no
-        mesh meets the demands.
+        If no generator made a mesh.  The message lists what was tried, with the last lines of
+        output.  BackendTimeoutError if they were stopped at their limits of time, MeshingError if
+        ``strict`` and no mesh meets the demands.
 
     Warns
     -----
@@ -135,9 +135,9 @@ def remesh(
     ResolutionWarning
         If less than 80 % of the elements that a source, a curved face or a narrow region requests
         were made, because the cells there are too large.
-        If ``strict`` and the first mesh did not meet the demands, with what was tried.  If
-        fTetWild failed and was run again with a quarter of the tolerance.  Also if Mmg fails or
-        takes too long inside a surface: the tetrahedra are then those that Netgen fills it with.
+        If ``strict`` and the first mesh did not meet the demands, with what was tried.  If Mmg
+        fails or takes too long inside a surface: the tetrahedra are then those that Netgen fills it
+        with.  If ``timeout`` was reached: the mesh is the best one so far.
 
     Notes
     -----
@@ -147,6 +147,11 @@ def remesh(
     No generator guarantees the tolerance, or that the edges have the requested lengths, which
     `size_conformity` measures.  Mmg gives the same mesh for the same input, fTetWild another one in
     each run.  To fill a surface, Mmg starts from a first mesh by Netgen or fTetWild.
+
+    Several routes are planned from what is known of the input.  They are tried until a mesh has no
+    fault that another generator may cure: cells that overlap, nodes that have left the boundary,
+    another topology, or dihedral angles below 2 degrees.  The best mesh is returned.  A failure of
+    a generator is one attempt.
 
     Generators run in child processes in a temporary directory.  Their crashes, output
     and files do not affect the caller, and Ctrl-C stops them.

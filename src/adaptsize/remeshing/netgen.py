@@ -49,7 +49,7 @@ def fill(surface: SimplexMesh, run: IsolatedRunner) -> Arrays:
     ------
     BackendError
         If Netgen is not installed, fails, or makes something else.  If the surface is not closed,
-        or crosses itself: then Netgen is not tried, since it takes long before it fails.
+        or crosses itself: then Netgen is not started, since it would fail.
     """
     if not can_fill(surface):
         raise BackendError("netgen cannot fill the surface, which is not closed or not oriented")
