@@ -320,3 +320,12 @@ def test_flat_cells_and_boundaries_that_are_off_are_left_to_another_generator():
         "pinched": {"boundary", "topology"},
     }  # fmt: skip
     assert sorted(found, key=lambda name: found[name].rank) == ["whole", "flat", "off", "pinched"]
+
+
+def test_an_improvement_that_makes_cells_overlap_is_not_kept(monkeypatch):
+    whole, surface = block(2), cube()
+    twice = joined(whole, whole.moved(whole.points + 0.1))
+    for better in (twice, whole.moved(0.99 * whole.points)):
+        monkeypatch.setattr(filling, "improved", lambda *_, better=better: better)
+        kept = filling.improved_soundly(whole, surface, 1e-3)
+        assert kept is (whole if better is twice else better)

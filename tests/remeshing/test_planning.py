@@ -45,7 +45,8 @@ def test_the_route_follows_from_what_is_known(known, expected, reason):
     assert all(attempt.reason for attempt in attempts)
     # Repetitions are for failures only; fTetWild is for faults of a mesh, too.
     for attempt in attempts[1:]:
-        assert bool(attempt.cures) == (str(attempt) == ALONE)
+        assert bool(attempt.cures) == (str(attempt) in (ALONE, ON_TETWILD))
+        assert ("boundary" in attempt.cures) == (str(attempt) == ALONE)
 
 
 @pytest.mark.parametrize("task", ["tetrahedra", "plane triangles", "surface"])

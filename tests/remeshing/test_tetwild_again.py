@@ -39,7 +39,7 @@ def test_a_crash_is_followed_by_a_run_with_a_smaller_tolerance(failing):
     first, second = attempts_of(mesh).tried
     assert (first.route, first.status) == ("tetwild", "failed")
     assert "SIGSEGV" in first.text
-    assert (second.route, second.status) == ("tetwild with 0.25 x tolerance", "made")
+    assert (second.route, second.status) == ("tetwild with 0.25 x tolerance", "met")
 
 
 @pytest.mark.parametrize(

@@ -139,6 +139,7 @@ def best_of(
     run: IsolatedRunner,
     *,
     strict: bool = False,
+    always: bool = False,
 ) -> Attempts:
     """Return the best mesh of several attempts, which end once a mesh is accepted.
 
@@ -156,6 +157,8 @@ def best_of(
     run : IsolatedRunner
         Its limits are those of each attempt.
     strict : bool
+    always : bool
+        Whether a mesh is also judged if no other attempt could follow.
     """
     tried: list[Tried] = []
     failed: dict[str, BackendError] = {}
@@ -179,7 +182,8 @@ def best_of(
         made, error = _made(attempt, solve, own)
         is_stopped = isinstance(error, BackendTimeoutError)
         verdict = None
-        if made is not None and (strict or best is not None or any(one.cures for one in rest)):
+        matters = strict or always or best is not None or any(one.cures for one in rest)
+        if made is not None and matters:
             verdict = judge(made.mesh)
             made = made._replace(verdict=verdict)
         if made is None:

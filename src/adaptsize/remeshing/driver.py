@@ -38,7 +38,7 @@ from adaptsize.remeshing.attempts import (
     worst_places,
 )
 from adaptsize.remeshing.delivery import delivered
-from adaptsize.remeshing.filling import FILLS_MORE, MANY_MORE, Filling
+from adaptsize.remeshing.filling import FILLS_MORE, MANY_MORE, Filling, improved_soundly
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.in_parts import remesh_parts
 from adaptsize.remeshing.isolation import IsolatedRunner
@@ -217,7 +217,10 @@ def remesh(
     budget = Budget(given["timeout"])
     with reporting(progress) as report:
         run = IsolatedRunner(chosen.name, None, None, report)
-        found = best_of(attempts, job.solve, judge, budget, run, strict=given["strict"])
+        found = best_of(
+            attempts, job.solve, judge, budget, run,
+            strict=given["strict"], always=solid is not None,
+        )  # fmt: skip
     best = _accepted(found, task, given)
     keep_attempts(best.mesh, found)
     if not given["strict"]:
@@ -324,8 +327,9 @@ class _Job:
         def finish() -> SimplexMesh:
             if problem.metric is not None or problem.facets.required.any():
                 return new
-            surface = problem.mesh if self.solid is None else self.filling.surface
-            return improved(new, surface, problem.tolerance)
+            if self.solid is not None:
+                return improved_soundly(new, self.filling.surface, problem.tolerance)
+            return improved(new, problem.mesh, problem.tolerance)
 
         yield Candidate(finish, self._note_on(new.n_cells))
 

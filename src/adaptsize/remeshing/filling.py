@@ -9,6 +9,7 @@ from functools import partial
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import renumbered_edges
 from adaptsize.errors import BackendError, TooManyElementsError
+from adaptsize.quality.boundary import overlapping_cells
 from adaptsize.remeshing import netgen
 from adaptsize.remeshing.attempts import Candidate
 from adaptsize.remeshing.improvement import improved
@@ -86,12 +87,13 @@ class Filling:
         if problem.in_volume is not None:
             inner = problem.in_volume(inner)
         if inner.is_adapted:
-            filled = partial(improved, inner.mesh, self.surface, problem.tolerance)
+            filled = partial(improved_soundly, inner.mesh, self.surface, problem.tolerance)
             yield Candidate(filled, _NOT_ADAPTED)
         raw = backend.solve(inner, run)
 
         def finish() -> SimplexMesh:
-            return improved(restore(raw, inner, backend.name), self.surface, problem.tolerance)
+            new = restore(raw, inner, backend.name)
+            return improved_soundly(new, self.surface, problem.tolerance)
 
         yield Candidate(finish, note)
 
@@ -133,6 +135,18 @@ class Filling:
                 problem.mesh, problem.size, problem.tolerance, thinnest
             )
         return self._refined[key]
+
+
+def improved_soundly(mesh: SimplexMesh, surface: SimplexMesh, tolerance: float) -> SimplexMesh:
+    """Return a mesh that fills a surface with better cells, or as it is if these would overlap.
+
+    Nodes that are put onto a surface with walls much thinner than the tolerance may be put onto the
+    wrong side, so that the boundary crosses itself although all cells are positive.
+    """
+    better = improved(mesh, surface, tolerance)
+    if overlapping_cells(better) is not None and overlapping_cells(mesh) is None:
+        return mesh
+    return better
 
 
 def number_note(inner: Problem, n_cells: float, max_elements: float) -> str:

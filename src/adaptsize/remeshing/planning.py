@@ -195,9 +195,10 @@ def _in_surface(known: Known) -> Iterator[Attempt]:
     else:
         why = "Netgen is not installed, or the surface cannot be oriented"
     yield from _by_tetwild(known, why)
-    why = "fTetWild alone has failed"
+    why = "fTetWild alone has failed, or cells overlap or are flat"
     seconds = 40.0 + 1e-3 * (known.n_cells + known.n_given)
-    yield replace(first, first="tetwild", seconds=seconds, reason=why, cures=frozenset())
+    cures = CURABLE - {"boundary"}
+    yield replace(first, first="tetwild", seconds=seconds, reason=why, cures=cures)
     rest = replace(known, generators=tuple(other for other in others if other != "tetwild"))
     yield from _alone(rest, "another generator, if the others fail", frozenset())
 
