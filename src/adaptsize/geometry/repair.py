@@ -98,9 +98,8 @@ def repair_triangles(points: FloatArray, cells: IntArray, merged: float) -> Repa
     places = points[found.cells[~have_area, 0]]
     found.only(have_area)
     found.note("triangle{s} with corners in one place collapsed", places)
+    _join_nodes_on_edges(points, found)
     _remove_copies(points, found)
-    if _join_nodes_on_edges(points, found):
-        _remove_copies(points, found)
     if _divide_at_flat_triangles(points, found, _FLAT * merged):
         _remove_copies(points, found)
     return found
@@ -192,14 +191,17 @@ def _fate_of_pairs(
     return of_cell[0], of_cell[1]
 
 
-def _join_nodes_on_edges(points: FloatArray, found: RepairedTriangles) -> bool:
+def _join_nodes_on_edges(points: FloatArray, found: RepairedTriangles) -> None:
     """Divide open edges at nodes of other open edges that lie on them, where edges then match.
 
-    Return whether there are any.
+    Copies of a triangle count as one, and are divided all.
     """
-    mesh = SimplexMesh(points, found.cells) if len(found.cells) else None
-    if mesh is None or (mesh.facet_cell_counts != 1).all():
-        return False
+    if len(found.cells) == 0:
+        return
+    first = np.unique(unique_rows(found.cells, len(points))[1], return_index=True)[1]
+    mesh = SimplexMesh(points, found.cells[first])
+    if (mesh.facet_cell_counts != 1).all():
+        return
     edges = mesh.facets[mesh.facet_cell_counts == 1]
     divided = {
         (int(a), int(b)): nodes
@@ -222,7 +224,6 @@ def _join_nodes_on_edges(points: FloatArray, found: RepairedTriangles) -> bool:
                 left = node
     patches.finish()
     found.note("node{s} joined with open edges on which they lie", points[joined])
-    return len(joined) > 0
 
 
 def _pieces(start: int, nodes: Sequence[int], end: int) -> list[tuple[int, int]]:
