@@ -17,6 +17,7 @@ import numpy as np
 
 from adaptsize._checks import place_text
 from adaptsize.background import SimplexMesh
+from adaptsize.background.merging import first_at_place
 from adaptsize.background.topology import components_of, have_different_nodes, unique_rows
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
@@ -26,6 +27,8 @@ _FLAT = 0.5
 #: A node lies on an open edge within this times the diagonal.  It is above the rounding of the
 #: single precision of STL files.
 _ON_EDGE = 1e-6
+#: Nodes of open edges that are joined are closer than this times the shortest one, too.
+_SHARE_OF_EDGE = 0.1
 #: Triangles that may be divided per flat one.  Chains of flat triangles need one or two each.
 _MOST_DIVISIONS = 50
 #: Spheres that cover a long open edge where nodes on it are looked for.
@@ -57,6 +60,8 @@ class RepairedTriangles:
     """int32[n, 3]"""
     owner: IndexArray
     """intp[n]: the given triangle that each is, or is a part of."""
+    target: IndexArray
+    """intp[n_points]: the node with which each was joined, or itself."""
     repairs: list[Repair] = field(default_factory=list)
     halves: dict[tuple[int, int], int] = field(default_factory=dict)
     """The node that divides an edge, by its ends in ascending order."""
@@ -93,16 +98,58 @@ def repair_triangles(points: FloatArray, cells: IntArray, merged: float) -> Repa
     merged : float
         Distance within which nodes were merged.
     """
-    found = RepairedTriangles(np.array(cells, np.int32), np.arange(len(cells)))
-    have_area = have_different_nodes(found.cells)
-    places = points[found.cells[~have_area, 0]]
-    found.only(have_area)
-    found.note("triangle{s} with corners in one place collapsed", places)
+    found = RepairedTriangles(
+        np.array(cells, np.int32), np.arange(len(cells)), np.arange(len(points))
+    )
+    _collapse(points, found)
+    if _join_twins(points, found):
+        _collapse(points, found)
     _join_nodes_on_edges(points, found)
     _remove_copies(points, found)
     if _divide_at_flat_triangles(points, found, _FLAT * merged):
         _remove_copies(points, found)
     return found
+
+
+def _collapse(points: FloatArray, found: RepairedTriangles) -> None:
+    """Remove triangles with two corners in one node: the other two edges are one."""
+    have_area = have_different_nodes(found.cells)
+    places = points[found.cells[~have_area, 0]]
+    found.only(have_area)
+    found.note("triangle{s} with corners in one place collapsed", places)
+
+
+def _join_twins(points: FloatArray, found: RepairedTriangles) -> bool:
+    """Join nodes of open edges that are nearly equal, where edges then match.
+
+    Return whether there are any.
+    """
+    mesh = _distinct(points, found.cells)
+    if mesh is None:
+        return False
+    edges = mesh.facets[mesh.facet_cell_counts == 1]
+    ends = points[edges]
+    shortest = float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).min())
+    nodes = np.unique(edges)
+    near = np.arange(len(points))
+    within = min(_ON_EDGE * mesh.diagonal, _SHARE_OF_EDGE * shortest)
+    near[nodes] = nodes[first_at_place(points[nodes], within)]
+    number = unique_rows(near[edges].astype(np.int32), len(points))[1]
+    joined = near[edges[np.bincount(number)[number] > 1]]
+    moved = np.flatnonzero((near != np.arange(len(points))) & np.isin(near, joined))
+    found.target[moved] = near[moved]
+    found.cells = found.target[found.cells].astype(np.int32)
+    found.note("nearly equal point{s} on open edges joined", points[moved])
+    return len(moved) > 0
+
+
+def _distinct(points: FloatArray, cells: IntArray) -> SimplexMesh | None:
+    """Return the triangles, copies once, or None if they have no open edges."""
+    if len(cells) == 0:
+        return None
+    first = np.unique(unique_rows(cells, len(points))[1], return_index=True)[1]
+    mesh = SimplexMesh(points, cells[first])
+    return mesh if (mesh.facet_cell_counts == 1).any() else None
 
 
 def _remove_copies(points: FloatArray, found: RepairedTriangles) -> None:
@@ -196,11 +243,8 @@ def _join_nodes_on_edges(points: FloatArray, found: RepairedTriangles) -> None:
 
     Copies of a triangle count as one, and are divided all.
     """
-    if len(found.cells) == 0:
-        return
-    first = np.unique(unique_rows(found.cells, len(points))[1], return_index=True)[1]
-    mesh = SimplexMesh(points, found.cells[first])
-    if (mesh.facet_cell_counts != 1).all():
+    mesh = _distinct(points, found.cells)
+    if mesh is None:
         return
     edges = mesh.facets[mesh.facet_cell_counts == 1]
     divided = {
@@ -223,7 +267,7 @@ def _join_nodes_on_edges(points: FloatArray, found: RepairedTriangles) -> None:
                 joined.append(node)
                 left = node
     patches.finish()
-    found.note("node{s} joined with open edges on which they lie", points[joined])
+    found.note("node{s} on open edges of other triangles joined with these", points[joined])
 
 
 def _pieces(start: int, nodes: Sequence[int], end: int) -> list[tuple[int, int]]:
