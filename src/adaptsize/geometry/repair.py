@@ -102,11 +102,14 @@ def repair_triangles(points: FloatArray, cells: IntArray, merged: float) -> Repa
         np.array(cells, np.int32), np.arange(len(cells)), np.arange(len(points))
     )
     _collapse(points, found)
-    if _join_twins(points, found):
+    moved = _join_twins(points, found)
+    if moved > 0.0:
         _collapse(points, found)
     _join_nodes_on_edges(points, found)
-    _remove_copies(points, found)
-    if _divide_at_flat_triangles(points, found, _FLAT * merged):
+    if _remove_copies(points, found):  # nodes may be on edges that copies had closed
+        _join_nodes_on_edges(points, found)
+    # Triangles whose corners lay on their opposite edges have got heights by what moved.
+    if _divide_at_flat_triangles(points, found, max(_FLAT * merged, moved)):
         _remove_copies(points, found)
     return found
 
@@ -119,14 +122,14 @@ def _collapse(points: FloatArray, found: RepairedTriangles) -> None:
     found.note("triangle{s} with corners in one place collapsed", places)
 
 
-def _join_twins(points: FloatArray, found: RepairedTriangles) -> bool:
+def _join_twins(points: FloatArray, found: RepairedTriangles) -> float:
     """Join nodes of open edges that are nearly equal, where edges then match.
 
-    Return whether there are any.
+    Return the largest distance, 0 if there are none.
     """
     mesh = _distinct(points, found.cells)
     if mesh is None:
-        return False
+        return 0.0
     edges = mesh.facets[mesh.facet_cell_counts == 1]
     ends = points[edges]
     shortest = float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).min())
@@ -140,7 +143,7 @@ def _join_twins(points: FloatArray, found: RepairedTriangles) -> bool:
     found.target[moved] = near[moved]
     found.cells = found.target[found.cells].astype(np.int32)
     found.note("nearly equal point{s} on open edges joined", points[moved])
-    return len(moved) > 0
+    return float(np.linalg.norm(points[moved] - points[near[moved]], axis=1).max(initial=0.0))
 
 
 def _distinct(points: FloatArray, cells: IntArray) -> SimplexMesh | None:
@@ -152,8 +155,8 @@ def _distinct(points: FloatArray, cells: IntArray) -> SimplexMesh | None:
     return mesh if (mesh.facet_cell_counts == 1).any() else None
 
 
-def _remove_copies(points: FloatArray, found: RepairedTriangles) -> None:
-    """Remove triangles of the same three nodes as others.
+def _remove_copies(points: FloatArray, found: RepairedTriangles) -> bool:
+    """Remove triangles of the same three nodes as others, and return whether there are any.
 
     Of an odd number one stays.  Of an even number one stays, too, but for two cases.  None stays if
     one would leave open edges which are none without it: the two sides of a fin, which bounds
@@ -164,7 +167,7 @@ def _remove_copies(points: FloatArray, found: RepairedTriangles) -> None:
     number = unique_rows(cells, len(points))[1] if len(cells) else np.empty(0, np.int32)
     copies = np.bincount(number)
     if copies.max(initial=0) <= 1:
-        return
+        return False
     # 1 or -1 for the two orientations of the same nodes.
     order = np.argsort(cells, axis=1)
     turns = (order[:, 1] - order[:, 0]) * (order[:, 2] - order[:, 0])
@@ -185,6 +188,7 @@ def _remove_copies(points: FloatArray, found: RepairedTriangles) -> None:
     gone = points[cells[~kept]].mean(axis=1)
     found.only(kept)
     found.note("duplicate triangle{s} removed", gone)
+    return True
 
 
 def _fate_of_pairs(
