@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from heapq import heapify, heappop, heappush
 from itertools import pairwise
 
@@ -29,6 +29,8 @@ _FLAT = 0.5
 _ON_EDGE = 1e-6
 #: Nodes of open edges that are joined are closer than this times the shortest one, too.
 _SHARE_OF_EDGE = 0.1
+#: Times that open edges are looked for, as long as there are copies of triangles.
+_ROUNDS = 3
 #: Triangles that may be divided per flat one.  Chains of flat triangles need one or two each.
 _MOST_DIVISIONS = 50
 #: Spheres that cover a long open edge where nodes on it are looked for.
@@ -72,8 +74,13 @@ class RepairedTriangles:
 
     def note(self, kind: str, places: FloatArray) -> None:
         """Note repairs of one kind at the given places."""
-        if len(places):
-            self.repairs.append(Repair(kind, len(places), tuple(places[0].tolist())))
+        if len(places) == 0:
+            return
+        for k, known in enumerate(self.repairs):
+            if known.kind == kind:
+                self.repairs[k] = replace(known, count=known.count + len(places))
+                return
+        self.repairs.append(Repair(kind, len(places), tuple(places[0].tolist())))
 
     def parts(self, start: int, end: int) -> Iterator[tuple[int, int]]:
         """Yield the edges into which an edge was divided, in order; itself if it was not."""
@@ -102,12 +109,13 @@ def repair_triangles(points: FloatArray, cells: IntArray, merged: float) -> Repa
         np.array(cells, np.int32), np.arange(len(cells)), np.arange(len(points))
     )
     _collapse(points, found)
-    moved = _join_twins(points, found)
-    if moved > 0.0:
+    moved = 0.0
+    for _ in range(_ROUNDS):  # copies may hide that edges are open
+        moved = max(moved, _join_twins(points, found))
         _collapse(points, found)
-    _join_nodes_on_edges(points, found)
-    if _remove_copies(points, found):  # nodes may be on edges that copies had closed
         _join_nodes_on_edges(points, found)
+        if not _remove_copies(points, found):
+            break
     # Triangles whose corners lay on their opposite edges have got heights by what moved.
     if _divide_at_flat_triangles(points, found, max(_FLAT * merged, moved)):
         _remove_copies(points, found)
@@ -139,9 +147,10 @@ def _join_twins(points: FloatArray, found: RepairedTriangles) -> float:
     near[nodes] = nodes[first_at_place(points[nodes], within)]
     number = unique_rows(near[edges].astype(np.int32), len(points))[1]
     joined = near[edges[np.bincount(number)[number] > 1]]
-    moved = np.flatnonzero((near != np.arange(len(points))) & np.isin(near, joined))
-    found.target[moved] = near[moved]
-    found.cells = found.target[found.cells].astype(np.int32)
+    every = np.arange(len(points))
+    near = np.where(np.isin(near, joined), near, every)
+    moved = np.flatnonzero(near != every)
+    found.target, found.cells = near[found.target], near[found.cells].astype(np.int32)
     found.note("nearly equal point{s} on open edges joined", points[moved])
     return float(np.linalg.norm(points[moved] - points[near[moved]], axis=1).max(initial=0.0))
 
