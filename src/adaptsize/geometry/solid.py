@@ -307,7 +307,7 @@ def sides_of(surface: SimplexMesh, winding: WindingNumber, *, is_closed: bool = 
         first, number = np.unique(asked, return_index=True, return_inverse=True)[1:]
     front, back = (winding(centre[first] + side * away[first])[number] for side in (1.0, -1.0))
     if place is not None:
-        sides: FloatArray = np.round(np.column_stack([front, back]))
+        sides = np.asarray(np.rint(np.column_stack([front, back])), np.float64)
         front, back = _of_most(sides, place, area).T
     repeated = np.zeros(len(owner), np.bool_)
     repeated[_repeated(surface, contacts, owner, centre)] = True
