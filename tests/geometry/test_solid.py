@@ -12,11 +12,11 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection
 from scipy.spatial.transform import Rotation
 from shapes import CORNERS, CUBE_CELLS
 
-from adaptsize import SimplexMesh
+from adaptsize import CartesianGrid, SimplexMesh
 from adaptsize.background.merging import first_at_place
 from adaptsize.geometry.distance.orientation import is_cycle
 from adaptsize.geometry.enclosed import cone_measures
-from adaptsize.geometry.solid import Solid
+from adaptsize.geometry.solid import Sides, Solid
 
 
 def hull(points):
@@ -275,3 +275,26 @@ def test_a_wall_between_bodies_is_found_although_facets_cross():
     assert solid.volume == pytest.approx(2.0 + 1.1 * 0.4 * 0.5)
     wall = (surface.points[surface.cells][..., 0] == 1.0).all(axis=1)
     assert solid.hidden[wall].all()
+
+
+@pytest.mark.parametrize("turn", [np.eye(3), Rotation.random(random_state=3).as_matrix()])
+def test_bodies_that_cross_exactly_along_edges_of_others(turn):
+    grid = CartesianGrid([0.0] * 3, 0.125, (9, 9, 9)).mesh.boundary().mesh
+    for lower, upper, volume in (
+        ((0.5, 0.25, 0.25), (1.5, 0.75, 0.75), 1.125),
+        ((0.25, 0.25, 0.75), (0.75, 0.75, 1.25), 1.0625),
+    ):
+        both = joined([grid, box(lower, upper)])
+        solid = Solid(both.moved(both.points @ turn.T))
+        assert solid.volume == pytest.approx(volume)
+        assert solid.skin.is_closed
+
+
+def test_no_volume_is_given_if_parts_of_a_union_leave_gaps(monkeypatch):
+    both = joined([UNIT, box((0.5, 0.3, 0.4), (1.6, 1.2, 1.3))])
+    assert Solid(both).volume == pytest.approx(1.681)
+    skin = Sides.skin
+    monkeypatch.setattr(Sides, "skin", lambda self: tuple(rows[1:] for rows in skin(self)))
+    solid = Solid(both)
+    assert np.isnan(solid.volume)
+    assert not solid.skin.is_closed

@@ -118,15 +118,28 @@ def test_soup_is_repaired_and_the_repairs_are_counted():
     assert np.array_equal(repaired.mesh.points[repaired.mesh.tagged_facets[0]], soup.points[:2])
 
 
-@pytest.mark.parametrize(("apart", "n_merged"), [(0.2, 2), (5.0, 1)])
+@pytest.mark.parametrize(("apart", "n_merged"), [(0.2, 1), (5.0, 0)])
 def test_points_are_merged_up_to_the_merge_distance_also_across_a_lattice_border(apart, n_merged):
     merge_distance = MERGE_DISTANCE * np.sqrt(5.0)  # times the diagonal of these points
     border = np.floor(1.0 / merge_distance) + 0.5  # where rounding to a lattice changes
     x = (border + np.array([-0.5, 0.5]) * apart) * merge_distance
-    points = [[0, 0, 0], [0, 2, 0], [x[0], 0, 0], [x[1], 0, 0], [0, 2, 0], [1, 2, 0]]
+    points = [[0, 0, 0], [0, 2, 0], [x[0], 0, 0], [x[1], 0, 0], [0.5, 2, 0], [1, 2, 0]]
     repaired = repair_mesh(SimplexMesh(points, [[0, 2, 1], [3, 5, 4]]))
-    assert f"{n_merged} duplicate point{'s' if n_merged > 1 else ''} merged (" in repaired.repairs
+    assert ("1 duplicate point merged (at" in repaired.repairs) == (n_merged == 1)
     assert repaired.mesh.n_points == 6 - n_merged
+
+
+@pytest.mark.parametrize("apart", [5e-9, 5e-7])
+def test_nearly_equal_points_are_joined_where_edges_then_match(apart):
+    points = [[0, 0, 0], [0, 2, 0], [1, 0, 0], [1 + apart, 0, 0], [0, 2 - apart, 0], [1, 2, 0]]
+    soup = SimplexMesh(points, [[0, 2, 1], [3, 5, 4]])
+    repaired = repair_mesh(soup)
+    assert "2 nearly equal points on open edges joined (the first at" in repaired.repairs
+    assert repaired.mesh.n_points == 4
+    assert repaired.node_map[[2, 1]].tolist() == repaired.node_map[[3, 4]].tolist()
+    # Sheets side by side stay two.
+    sheets = SimplexMesh([*points[:3], *np.add(points[:3], [0, 0, 1e-5])], [[0, 2, 1], [3, 5, 4]])
+    assert repair_mesh(sheets).mesh.n_points == 6
 
 
 def test_a_slit_in_tetrahedra_stays_open():

@@ -165,6 +165,14 @@ class Defects:
         c = self._any()
         self.cells[c] = tuple(self._new(self.points[k]) for k in self.cells[c])
 
+    def twin(self):
+        """A node twice, hardly apart, with some of the triangles around it at each."""
+        node = self.cells[self._any()][0]
+        shift = self.rng.choice([0.0, 1e-11, 1e-8, 3e-7]) * self.rng.normal(size=3)
+        p = self._new(np.add(self.points[node], shift))
+        for c in np.flatnonzero(self.rng.random(len(self.cells)) < 0.5).tolist():
+            self.cells[c] = tuple(p if k == node else k for k in self.cells[c])
+
     def fin(self):
         """Two sides of a triangle that hangs on an edge."""
         _, apex, a, b = self._edge()
@@ -177,7 +185,7 @@ class Defects:
         self.cells.append((a, b, self._on_edge(a, b)))
 
 
-KINDS = ("joint", "cap", "caps", "needle", "corner", "flat", "double", "fin")
+KINDS = ("twin", "joint", "cap", "caps", "needle", "corner", "flat", "double", "fin")
 
 
 def volume(mesh):
@@ -223,3 +231,87 @@ def test_repairs_keep_what_a_surface_is(base):
         assert new.measures.sum() == pytest.approx(was.measures.sum(), rel=1e-6), what
         if was.is_closed:
             assert Solid(new).volume == pytest.approx(volume(was), rel=1e-6), what
+
+
+def test_what_was_repaired_is_said_in_words_with_places():
+    rng = np.random.default_rng(8)
+    made = Defects(BASES["ring"], rng)
+    for kind in KINDS:
+        made.plant(kind)
+    assert not made.mesh.is_closed
+    text = repair_mesh(made.mesh).repairs
+    assert text.startswith("surface repaired: ")
+    for what in (
+        "duplicate point",
+        "with corners in one place collapsed",
+        "of area 0 removed without opening the surface",
+        "on open edges",
+        "duplicate triangle",
+    ):
+        assert what in text
+    assert text.count("at (") >= 5
+    assert repair_mesh(BASES["ring"]).repairs == ""
+
+
+def test_tags_of_triangles_and_edges_stay_where_they_are():
+    # A unit square of two triangles, one side of which has a flat triangle, in a box.
+    base = BASES["box"]
+    side = (base.points[base.cells][..., 2] == 1.0).all(axis=1)
+    tags = np.where(side, 5, 2)
+    edge = [k for k, (a, b) in enumerate(base.edges.tolist())
+            if (base.points[[a, b]][:, 1:] == [0.0, 1.0]).all()]  # fmt: skip
+    a, b = base.edges[edge[0]]
+    cells = base.cells.tolist()
+    c = next(k for k, cell in enumerate(cells) if a in cell and b in cell and side[k])
+    apex = next(k for k in cells[c] if k not in (a, b))
+    while cells[c][0] != apex:
+        cells[c] = [*cells[c][1:], cells[c][0]]
+    _, one, other = cells[c]
+    n = base.n_points
+    middle = 0.3 * base.points[one] + 0.7 * base.points[other]
+    cells[c] = [apex, one, n]
+    cells += [[apex, n, other], [n, one, other]]
+    given = SimplexMesh(
+        np.concatenate([base.points, [middle]]),
+        cells,
+        cell_tags=[*tags, 5, 9],
+        tagged_facets=base.edges[edge],
+        facet_tags=np.full(len(edge), 3),
+    )
+    new = repair_mesh(given).mesh
+    assert new.is_closed
+    for tag in (2, 5):
+        was, now = base.measures[tags == tag].sum(), new.measures[new.cell_tags == tag].sum()
+        assert now == pytest.approx(was)
+    assert set(new.cell_tags) == {2, 5}
+    ends = new.points[new.tagged_facets]
+    assert len(ends) == len(edge) + 1
+    assert np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).sum() == pytest.approx(1.0)
+
+
+def test_walls_and_doubled_surfaces_stay():
+    wall = joined(box(), box((1, 0, 0), (2, 1, 1)))
+    new = repair_mesh(wall).mesh
+    assert new.n_cells == 22
+    assert Solid(new).volume == pytest.approx(2.0)
+    twice = joined(BASES["ring"], BASES["ring"])
+    assert repair_mesh(twice).mesh.n_cells == BASES["ring"].n_cells
+    sheet = without(box(), np.arange(2, 12))
+    two_sided = SimplexMesh(sheet.points, np.concatenate([sheet.cells, sheet.cells[:, ::-1]]))
+    assert repair_mesh(two_sided).mesh.n_cells == 2
+    bag = joined(box(), two_sided.moved(two_sided.points + 3.0))
+    assert repair_mesh(bag).mesh.n_cells == 12
+
+
+def test_small_triangles_are_no_flat_ones():
+    tiny = box((0, 0, 0), (1e-7, 1e-7, 1e-7))
+    new = repair_mesh(joined(box(), tiny.moved(tiny.points + 1.5))).mesh
+    assert new.n_cells == 24
+
+
+def test_two_sheets_that_touch_in_a_node_on_an_edge_are_not_joined():
+    flat = SimplexMesh([[0, 0, 0], [2, 0, 0], [0, 2, 0]], [[0, 1, 2]])
+    other = SimplexMesh([[1, 0, 0], [0, -2, 1], [2, -2, 1]], [[0, 1, 2]])
+    both = joined(flat, other)
+    new = repair_mesh(both)
+    assert (new.mesh.n_points, new.mesh.n_cells, new.repairs) == (6, 2, "")

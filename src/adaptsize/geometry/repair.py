@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from heapq import heapify, heappop, heappush
 from itertools import pairwise
 
@@ -17,6 +17,7 @@ import numpy as np
 
 from adaptsize._checks import place_text
 from adaptsize.background import SimplexMesh
+from adaptsize.background.merging import first_at_place
 from adaptsize.background.topology import components_of, have_different_nodes, unique_rows
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
@@ -26,6 +27,10 @@ _FLAT = 0.5
 #: A node lies on an open edge within this times the diagonal.  It is above the rounding of the
 #: single precision of STL files.
 _ON_EDGE = 1e-6
+#: Nodes of open edges that are joined are closer than this times the shortest one, too.
+_SHARE_OF_EDGE = 0.1
+#: Times that open edges are looked for, as long as there are copies of triangles.
+_ROUNDS = 3
 #: Triangles that may be divided per flat one.  Chains of flat triangles need one or two each.
 _MOST_DIVISIONS = 50
 #: Spheres that cover a long open edge where nodes on it are looked for.
@@ -57,6 +62,8 @@ class RepairedTriangles:
     """int32[n, 3]"""
     owner: IndexArray
     """intp[n]: the given triangle that each is, or is a part of."""
+    target: IndexArray
+    """intp[n_points]: the node with which each was joined, or itself."""
     repairs: list[Repair] = field(default_factory=list)
     halves: dict[tuple[int, int], int] = field(default_factory=dict)
     """The node that divides an edge, by its ends in ascending order."""
@@ -67,8 +74,13 @@ class RepairedTriangles:
 
     def note(self, kind: str, places: FloatArray) -> None:
         """Note repairs of one kind at the given places."""
-        if len(places):
-            self.repairs.append(Repair(kind, len(places), tuple(places[0].tolist())))
+        if len(places) == 0:
+            return
+        for k, known in enumerate(self.repairs):
+            if known.kind == kind:
+                self.repairs[k] = replace(known, count=known.count + len(places))
+                return
+        self.repairs.append(Repair(kind, len(places), tuple(places[0].tolist())))
 
     def parts(self, start: int, end: int) -> Iterator[tuple[int, int]]:
         """Yield the edges into which an edge was divided, in order; itself if it was not."""
@@ -93,21 +105,67 @@ def repair_triangles(points: FloatArray, cells: IntArray, merged: float) -> Repa
     merged : float
         Distance within which nodes were merged.
     """
-    found = RepairedTriangles(np.array(cells, np.int32), np.arange(len(cells)))
-    have_area = have_different_nodes(found.cells)
-    places = points[found.cells[~have_area, 0]]
-    found.only(have_area)
-    found.note("triangle{s} with corners in one place collapsed", places)
-    _remove_copies(points, found)
-    if _join_nodes_on_edges(points, found):
-        _remove_copies(points, found)
-    if _divide_at_flat_triangles(points, found, _FLAT * merged):
+    found = RepairedTriangles(
+        np.array(cells, np.int32), np.arange(len(cells)), np.arange(len(points))
+    )
+    _collapse(points, found)
+    moved = 0.0
+    for _ in range(_ROUNDS):  # copies may hide that edges are open
+        moved = max(moved, _join_twins(points, found))
+        _collapse(points, found)
+        _join_nodes_on_edges(points, found)
+        if not _remove_copies(points, found):
+            break
+    # Triangles whose corners lay on their opposite edges have got heights by what moved.
+    if _divide_at_flat_triangles(points, found, max(_FLAT * merged, moved)):
         _remove_copies(points, found)
     return found
 
 
-def _remove_copies(points: FloatArray, found: RepairedTriangles) -> None:
-    """Remove triangles of the same three nodes as others.
+def _collapse(points: FloatArray, found: RepairedTriangles) -> None:
+    """Remove triangles with two corners in one node: the other two edges are one."""
+    have_area = have_different_nodes(found.cells)
+    places = points[found.cells[~have_area, 0]]
+    found.only(have_area)
+    found.note("triangle{s} with corners in one place collapsed", places)
+
+
+def _join_twins(points: FloatArray, found: RepairedTriangles) -> float:
+    """Join nodes of open edges that are nearly equal, where edges then match.
+
+    Return the largest distance, 0 if there are none.
+    """
+    mesh = _distinct(points, found.cells)
+    if mesh is None:
+        return 0.0
+    edges = mesh.facets[mesh.facet_cell_counts == 1]
+    ends = points[edges]
+    shortest = float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).min())
+    nodes = np.unique(edges)
+    near = np.arange(len(points))
+    within = min(_ON_EDGE * mesh.diagonal, _SHARE_OF_EDGE * shortest)
+    near[nodes] = nodes[first_at_place(points[nodes], within)]
+    number = unique_rows(near[edges].astype(np.int32), len(points))[1]
+    joined = near[edges[np.bincount(number)[number] > 1]]
+    every = np.arange(len(points))
+    near = np.where(np.isin(near, joined), near, every)
+    moved = np.flatnonzero(near != every)
+    found.target, found.cells = near[found.target], near[found.cells].astype(np.int32)
+    found.note("nearly equal point{s} on open edges joined", points[moved])
+    return float(np.linalg.norm(points[moved] - points[near[moved]], axis=1).max(initial=0.0))
+
+
+def _distinct(points: FloatArray, cells: IntArray) -> SimplexMesh | None:
+    """Return the triangles, copies once, or None if they have no open edges."""
+    if len(cells) == 0:
+        return None
+    first = np.unique(unique_rows(cells, len(points))[1], return_index=True)[1]
+    mesh = SimplexMesh(points, cells[first])
+    return mesh if (mesh.facet_cell_counts == 1).any() else None
+
+
+def _remove_copies(points: FloatArray, found: RepairedTriangles) -> bool:
+    """Remove triangles of the same three nodes as others, and return whether there are any.
 
     Of an odd number one stays.  Of an even number one stays, too, but for two cases.  None stays if
     one would leave open edges which are none without it: the two sides of a fin, which bounds
@@ -118,7 +176,7 @@ def _remove_copies(points: FloatArray, found: RepairedTriangles) -> None:
     number = unique_rows(cells, len(points))[1] if len(cells) else np.empty(0, np.int32)
     copies = np.bincount(number)
     if copies.max(initial=0) <= 1:
-        return
+        return False
     # 1 or -1 for the two orientations of the same nodes.
     order = np.argsort(cells, axis=1)
     turns = (order[:, 1] - order[:, 0]) * (order[:, 2] - order[:, 0])
@@ -139,6 +197,7 @@ def _remove_copies(points: FloatArray, found: RepairedTriangles) -> None:
     gone = points[cells[~kept]].mean(axis=1)
     found.only(kept)
     found.note("duplicate triangle{s} removed", gone)
+    return True
 
 
 def _fate_of_pairs(
@@ -192,14 +251,14 @@ def _fate_of_pairs(
     return of_cell[0], of_cell[1]
 
 
-def _join_nodes_on_edges(points: FloatArray, found: RepairedTriangles) -> bool:
+def _join_nodes_on_edges(points: FloatArray, found: RepairedTriangles) -> None:
     """Divide open edges at nodes of other open edges that lie on them, where edges then match.
 
-    Return whether there are any.
+    Copies of a triangle count as one, and are divided all.
     """
-    mesh = SimplexMesh(points, found.cells) if len(found.cells) else None
-    if mesh is None or (mesh.facet_cell_counts != 1).all():
-        return False
+    mesh = _distinct(points, found.cells)
+    if mesh is None:
+        return
     edges = mesh.facets[mesh.facet_cell_counts == 1]
     divided = {
         (int(a), int(b)): nodes
@@ -221,8 +280,7 @@ def _join_nodes_on_edges(points: FloatArray, found: RepairedTriangles) -> bool:
                 joined.append(node)
                 left = node
     patches.finish()
-    found.note("node{s} joined with open edges on which they lie", points[joined])
-    return len(joined) > 0
+    found.note("node{s} on open edges of other triangles joined with these", points[joined])
 
 
 def _pieces(start: int, nodes: Sequence[int], end: int) -> list[tuple[int, int]]:

@@ -19,7 +19,7 @@ from adaptsize.geometry.distance.orientation import MERGE_SHARE, is_cycle, merge
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.enclosed import cone_measures
 from adaptsize.geometry.repair import repair_triangles
-from adaptsize.geometry.shells import shells_of, surplus_of
+from adaptsize.geometry.shells import pieces_of, shells_of, surplus_of
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 #: Distances up to this times the diagonal are contacts.  It is above the rounding of the single
@@ -32,9 +32,15 @@ _MOST_PARTS = 4096
 #: A share of the area of the facets below which what is found on them does not count.  In a public
 #: part, slivers that are folded by rounding have 4e-8; the tips of antlers that cross have 2e-6.
 _NEGLIGIBLE = 1e-6
+#: Connected facets that meet no others have the same winding numbers, unless the share of the area
+#: with other ones is larger than this.
+_MINORITY = 1e-3
 #: Parts of unions are joined within this times the diagonal.  Their corners are computed twice, and
 #: differ by rounding where facets meet at small angles.
 _JOIN = 1e-7
+#: The parts of a union leave gaps if the sum of their normals times areas is larger than this times
+#: their area.  Parts that are lost by rounding give up to 1e-5.
+_MISFIT = 1e-4
 #: Volumes of a union before and after its parts are joined differ by less than this times area and
 #: diagonal.
 _SAME = 1e-7
@@ -157,10 +163,14 @@ class Solid:
 
     @cached_property
     def volume(self) -> float:
-        """The volume of the solid; nan if the surface is not closed."""
-        if not self.is_closed:
-            return np.nan
+        """The volume of the solid; nan if the surface is not closed, or too many facets meet.
+
+        The latter is found by the sum of normals times areas, which is zero for closed surfaces.
+        """
         skin = self._parts
+        total = 0.5 * facet_normals(skin.points[skin.cells]).sum(axis=0)
+        if not self.is_closed or np.abs(total).max() > _MISFIT * float(skin.measures.sum()):
+            return np.nan
         return abs(float(cone_measures(skin, skin.points.mean(axis=0)).sum()))
 
     @cached_property
@@ -286,20 +296,23 @@ def sides_of(surface: SimplexMesh, winding: WindingNumber, *, is_closed: bool = 
     normals = facet_normals(corners)
     normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
     away = _AWAY * SLACK * surface.diagonal * normals[owner]
-    first = number = np.arange(len(owner))
-    if is_closed:
-        place = _places_without_jump(surface, met, owner, len(whole))
-        first, number = np.unique(place, return_index=True, return_inverse=True)[1:]
-        number = number.reshape(-1)
-    front, back = (winding(centre[first] + side * away[first]) for side in (1.0, -1.0))
-    if is_closed:
-        front, back = np.round(front), np.round(back)
     spans = 0.5 * np.linalg.norm(facet_normals(triangles), axis=1)
     area = np.asarray(np.bincount(part, spans, len(owner)), np.float64)
+    place = _places_without_jump(surface, met, owner, len(whole)) if is_closed else None
+    first = number = np.arange(len(owner))
+    if place is not None:
+        piece = pieces_of(surface)
+        is_alone = ~np.isin(piece, piece[met])[owner]
+        asked = np.where(is_alone, place, place.max() + 1 + number)
+        first, number = np.unique(asked, return_index=True, return_inverse=True)[1:]
+    front, back = (winding(centre[first] + side * away[first])[number] for side in (1.0, -1.0))
+    if place is not None:
+        sides = np.asarray(np.rint(np.column_stack([front, back])), np.float64)
+        front, back = _of_most(sides, place, area).T
     repeated = np.zeros(len(owner), np.bool_)
     repeated[_repeated(surface, contacts, owner, centre)] = True
     least = 0.5 if is_closed else _INSIDE_OPEN
-    return Sides(owner, front[number], back[number], area, repeated, centre, triangles, part, least)
+    return Sides(owner, front, back, area, repeated, centre, triangles, part, least)
 
 
 def _places_without_jump(
@@ -316,6 +329,24 @@ def _places_without_jump(
     label = components_of(beside, n + n_edges)[owner]
     label[n_whole:] = n + n_edges + np.arange(len(owner) - n_whole)
     return label
+
+
+def _of_most(sides: FloatArray, place: IndexArray, area: FloatArray) -> FloatArray:
+    """Return the rows that most of the area of each place has, unless much area has others.
+
+    Winding numbers at slivers may be wrong by rounding.  Facets with different ones are connected
+    where others cross exactly along edges.
+    """
+    rows, number = np.unique(np.column_stack([place, sides]), axis=0, return_inverse=True)
+    number = number.reshape(-1)
+    sums = np.bincount(number, area)
+    order = np.lexsort((sums, rows[:, 0]))
+    last = np.append(rows[order][1:, 0] != rows[order][:-1, 0], True)
+    most = order[last][np.cumsum(np.append(False, last[:-1]))]
+    of_row = np.empty(len(rows), np.intp)
+    of_row[order] = most
+    few = sums <= _MINORITY * sums[of_row]
+    return rows[np.where(few, of_row, np.arange(len(rows)))[number], 1:]
 
 
 class _Found(NamedTuple):

@@ -73,12 +73,13 @@ def _repaired_surface(mesh: SimplexMesh) -> RepairedMesh:
     found = repair_triangles(mesh.points, target[mesh.cells].astype(np.int32), within)
     if len(found.cells) == 0:
         raise ValueError("mesh must have a triangle with an area, got degenerate triangles only")
+    moved = np.flatnonzero(target != np.arange(mesh.n_points))
+    target = found.target[target]
     tagged, tags = mesh.tagged_facets, mesh.facet_tags
     if tagged is not None and tags is not None and found.halves:
         parts = [list(found.parts(*ends)) for ends in target[tagged].tolist()]
         tags = np.repeat(tags, [len(one) for one in parts])
         tagged = np.array(list(chain(*parts)), np.int32).reshape(-1, 2)
-    moved = np.flatnonzero(target != np.arange(mesh.n_points))
     texts = [str(one) for one in found.repairs]
     if len(moved):
         merged = Repair(
