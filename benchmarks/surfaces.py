@@ -79,6 +79,7 @@ SUFFIXES = {".stl", ".off", ".obj", ".ply", ".vtk", ".vtu", ".msh", ".mesh", ".m
 #: The wall time of a case is limited to this many times its processor time.
 PATIENCE = 20.0
 #: Demands of `check_mesh` about the domain.
+OF_DISTANCE = "boundary", "interface", "tags"
 OF_DOMAIN = ("boundary", "measure", "topology")
 
 
@@ -134,7 +135,7 @@ def outcome_of(file, arguments):
         "band": round(found.edges.share_in_band, 3),
         "least": round(found.angle_min, 1),
         "quality": float(made.radius_ratios().min()),
-        **{d.name: d.distance / tolerance for d in check.demands if d.distance is not None},
+        **{d.name: d.value / d.limit for d in check.demands if d.name in OF_DISTANCE and d.limit},
         **{step: round(clock.seconds[step], 1) for step in STEPS.values()},
     }
     odd = [w for w in warned if not issubclass(w.category, UserWarning)]

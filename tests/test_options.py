@@ -17,7 +17,7 @@ def test_what_is_not_given_has_its_default():
     assert options["backend"] == "mmg"
     assert options["hmax"] == 3.0
     assert isinstance(options["hmax"], float)
-    assert options["timeout"] == 3600.0
+    assert options["timeout"] is None
     assert options.keys() == options_of(RemeshOptions).keys()
 
 

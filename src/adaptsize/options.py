@@ -299,11 +299,18 @@ class GeneratorOptions(TypedDict, total=False):
     backend
         Mesh generator: auto, mmg or tetwild.  "auto" is Mmg or fTetWild.
     timeout
-        Time limit of the mesh generators.  None disables it.
+        Time limit of all mesh generators together, after which the best mesh so far is returned.
     """
 
     backend: Annotated[str, Option("auto")]
-    timeout: Annotated[float | None, Option(3600.0, unit="seconds", above=True)]
+    timeout: Annotated[
+        float | None,
+        Option(
+            chosen="a limit for each generator in proportion to the number of elements",
+            unit="seconds",
+            above=True,
+        ),
+    ]
 
 
 class LimitOptions(TypedDict, total=False):

@@ -116,7 +116,7 @@ def test_a_mesh_of_another_domain_exits_1_and_lists_the_worst_places(capsys, cub
     assert call(*words) == 1
     lines = capsys.readouterr().out.splitlines()
     # The corner moves by 0.01 of the diagonal, measured between the two.
-    (failed,) = (i for i, line in enumerate(lines) if line.startswith("boundary  FAILED"))
+    (failed,) = (i for i, line in enumerate(lines) if line.startswith("boundary  MISSED"))
     assert "within 0.01 of the diagonal, 0.001 allowed" in lines[failed]
     assert lines[failed + 1].strip() == "0.01732 at (1.01, 1.01, 1.01)"
     assert call(*words, "--tolerance", "0.02") == 0
@@ -134,6 +134,25 @@ def test_sizes_of_the_mesh_are_checked_if_there_are_any(capsys, cubes):
     assert "no nodal field 'h'" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("move", "code", "status"), [(1.0, 0, "met"), (1.05, 0, "near"), (1.2, 1, "missed")]
+)
+def test_check_exits_with_1_only_where_a_demand_is_missed(capsys, cubes, move, code, status):
+    away = 0.01 * move * CUBE.diagonal
+    write(cubes / "moved.vtu", CUBE.moved(CUBE.points + np.array([away, 0.0, 0.0])))
+    words = ["check", cubes / "moved.vtu", "--original", cubes / "cube.stl", "--tolerance", "0.01"]
+    assert call(*words, "--json") == code
+    result = json.loads(capsys.readouterr().out)
+    assert (result["status"], result["is_met"]) == (status, status == "met")
+    (boundary,) = (one for one in result["demands"] if one["name"] == "boundary")
+    assert boundary["status"] == status
+    assert boundary["value"] == pytest.approx(0.01 * move, rel=1e-5)
+    assert boundary["limit"] == pytest.approx(0.01)
+    assert call(*words) == code
+    word = "MISSED" if status == "missed" else status
+    assert f"boundary  {word}" in capsys.readouterr().out
+
+
 def test_the_distance_to_an_open_surface_is_that_which_is_compared(capsys, cubes):
     skin = CUBE.boundary().mesh
     write(cubes / "open.stl", SimplexMesh(skin.points, skin.cells[:-2]))
@@ -141,7 +160,7 @@ def test_the_distance_to_an_open_surface_is_that_which_is_compared(capsys, cubes
     write(cubes / "cube.vtu", CUBE, fields={"h": np.full(CUBE.n_points, 0.65)})
     assert call(*words) == 0
     result = json.loads(capsys.readouterr().out)
-    (boundary,) = (d["distance"] for d in result["demands"] if d["name"] == "boundary")
+    (boundary,) = (d["value"] for d in result["demands"] if d["name"] == "boundary")
     assert result["hausdorff_relative"] == boundary < 1e-6
 
 

@@ -1,23 +1,30 @@
 """``adaptsize remesh``: the mesh, the report on it, its files, and open surfaces."""
 
 import json
+import re
+import time
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command_line import call
+from fake_generators import FakeBackend
 from shapes import CORNERS as UNIT
-from shapes import CUBE_CELLS
+from shapes import CUBE_CELLS, block
 
 from adaptsize import BoxSource, SimplexMesh, read, remesh, size_function, write
 from adaptsize.background.bisection import resolved
+from adaptsize.cli.console import Console
 from adaptsize.cli.files import read_provenance, write_provenance
+from adaptsize.cli.size import print_outcome
 from adaptsize.quality import check_mesh, size_conformity
+from adaptsize.remeshing import register_backend, registry
 from adaptsize.reporting.outcome import Outcome, outcome_of_remeshing
 
 DATA = Path(__file__).parents[2] / "data"
 CORNERS = UNIT * [2.0, 1.0, 1.0]
+GENERAL = "json", "quiet", "verbose"  # options of all commands
 TWO = np.concatenate([CUBE_CELLS, CUBE_CELLS + 8])  # bodies
 
 
@@ -94,6 +101,59 @@ def test_remesh_exits_1_where_check_does_and_names_the_boundary(capsys, tmp_path
     assert printed.err.startswith("adaptsize: error: the mesh does not pass adaptsize check: bound")
 
 
+@pytest.fixture
+def fakes(monkeypatch):
+    """Return a function that replaces all generators by functions of `misbehaving`."""
+    monkeypatch.setattr(registry, "_BACKENDS", {})
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "support"))
+
+    def register(**functions):
+        for name, (function, options) in functions.items():
+            register_backend(FakeBackend(function, tuple(options.items()), name=name))
+
+    return register
+
+
+@pytest.fixture
+def cube(tmp_path):
+    write(tmp_path / "cube.vtu", block(2))
+    return ["remesh", tmp_path / "cube.vtu", "-o", tmp_path / "new.vtu", "--hmax", "0.6"]
+
+
+def test_the_attempts_and_their_reasons_are_in_the_json_object_and_in_verbose_output(
+    capsys, fakes, cube
+):
+    fakes(first=("fail", {}), second=("copy", {}))
+    call(*cube, "--json")
+    attempts = json.loads(capsys.readouterr().out)["attempts"]
+    assert [(one["route"], one["status"]) for one in attempts] == [
+        ("first", "failed"), ("second", "made"),
+    ]  # fmt: skip
+    assert attempts[0]["reason"] == "there are cells to start from"
+    assert "no luck" in attempts[0]["text"]
+    assert all(one["seconds"] > 0.0 for one in attempts)
+    call(*cube, "-v")
+    err = capsys.readouterr().err
+    assert "adaptsize: first: there are cells to start from" in err
+    assert "adaptsize: first: failed, first failed: RuntimeError: no luck" in err
+    assert "adaptsize: second: another generator" in err
+
+
+def test_at_the_time_limit_the_best_mesh_is_written_and_the_exit_code_is_1(
+    capsys, fakes, cube, tmp_path
+):
+    fakes(bad=("one_twice", {}), hang=("hang_with_stray", {"pid_file": str(tmp_path / "pids")}))
+    began = time.monotonic()
+    assert call(*cube, "--timeout", "3", "--json") == 1
+    assert time.monotonic() - began < 15.0
+    printed = capsys.readouterr()
+    result = json.loads(printed.out)
+    assert [one["status"] for one in result["attempts"]] == ["missed", "timeout"]
+    assert read(tmp_path / "new.vtu").n_cells == block(2).n_cells + 1
+    text = "warning: stopped at the time limit of 3 s with the mesh by bad; not reached: overlaps 2"
+    assert printed.err.count(text) == 1
+
+
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 
 
@@ -116,6 +176,35 @@ def test_what_is_out_of_bounds_is_a_warning(mesh, size, predicted, change, warne
     assert all(any(text.startswith(part) for text in printed) for part in warned)
     if not warned:
         assert printed == []
+
+
+@pytest.mark.parametrize(
+    ("move", "status", "text"),
+    [
+        (1.0, "met", None),
+        (1.05, "near", "near, which is accepted up to 10 % beyond the limit"),
+        (1.2, "missed", "smaller sizes or --strict keep it closer"),
+    ],
+)
+def test_a_demand_that_is_near_is_said_and_accepted(capsys, move, status, text):
+    cube = block(2)
+    tolerance = 0.01
+    moved = cube.moved(cube.points + np.array([move * tolerance * cube.diagonal, 0.0, 0.0]))
+    check = check_mesh(moved, original=cube, size=0.6, tolerance=tolerance)
+    found = Outcome("tetrahedra", size_conformity(moved, 0.6), check, tolerance=tolerance)
+    console = Console()
+    console.configure("remesh", {"strict": "--strict"}, dict.fromkeys(GENERAL, False))
+    assert print_outcome(console, found) == (status == "missed")
+    lines = [line for line in capsys.readouterr().err.splitlines() if " boundary: " in line]
+    if text is None:
+        assert lines == []
+    else:
+        place = r"the worst at \(.*\)"
+        figures = f"within {move * tolerance:.3g} of the diagonal, 0.01 allowed"
+        assert re.search(f"warning: boundary: {figures}, {place}; {text}$", lines[0])
+    values = found.as_dict()
+    assert values["status"] == status
+    assert next(d for d in values["demands"] if d["name"] == "boundary")["status"] == status
 
 
 def test_the_report_says_which_requested_elements_are_missing():
@@ -203,9 +292,10 @@ def test_an_open_surface_is_reported(capsys, open_box, no_generator):
         "n_loose": 0,
         "length": 6.0,
         "place": [1.0, 0.5, 1.0],
+        "area": 2.0,
     }
     (text,) = (text for text in result["warnings"] if "open" in text)
-    assert "4 open edges in 1 loop, 6 long around (1, 0.5, 1)" in text
+    assert "4 open edges in 1 loop with an area of 2, 6 long around (1, 0.5, 1)" in text
     assert "; --close-holes closes the holes, --target triangles keeps a surface" in text
     assert printed.err.count("the surface is open") == 1
 

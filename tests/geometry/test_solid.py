@@ -1,5 +1,6 @@
 """The solid that a surface encloses: unions of bodies, and facets of any orientation."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -11,9 +12,11 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection
 from scipy.spatial.transform import Rotation
 from shapes import CORNERS, CUBE_CELLS
 
-from adaptsize import SimplexMesh
+from adaptsize import CartesianGrid, SimplexMesh
+from adaptsize.background.merging import first_at_place
 from adaptsize.geometry.distance.orientation import is_cycle
-from adaptsize.geometry.solid import Solid
+from adaptsize.geometry.enclosed import cone_measures
+from adaptsize.geometry.solid import Sides, Solid
 
 
 def hull(points):
@@ -210,3 +213,88 @@ def test_a_sliver_that_is_folded_over_does_not_divide_a_surface():
     assert solid.volume == pytest.approx(1.0, rel=1e-6)
     assert (solid.is_divided, solid.hidden.any(), solid.flipped.any()) == (False, False, False)
     assert np.array_equal(solid.cells, folded.cells)
+
+
+def test_unions_have_a_conforming_boundary_with_the_tags_of_the_bodies():
+    n_joined = n_divided = 0
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        bodies = random_bodies(rng)
+        surface = joined(bodies)
+        tags = np.repeat(np.arange(len(bodies)), [body.n_cells for body in bodies])
+        turn = Rotation.random(random_state=rng).as_matrix()
+        solid = Solid(replace(surface, points=surface.points @ turn.T, cell_tags=tags))
+        skin, nodes = solid.skin, solid.nodes_of_skin
+        if not solid.is_divided:
+            continue
+        n_divided += 1
+        if not skin.is_closed:
+            continue
+        n_joined += 1
+        assert is_cycle(skin)
+        assert cone_measures(skin, skin.points[0]).sum() == pytest.approx(solid.volume, rel=1e-5)
+        known = nodes >= 0
+        np.testing.assert_array_equal(solid.surface.points[nodes[known]], skin.points[known])
+        # Each facet is in the plane of a facet of the body of its tag.
+        for tag in np.unique(skin.cell_tags):
+            of_tag = SimplexMesh(skin.points, skin.cells[skin.cell_tags == tag])
+            body = bodies[tag].moved(bodies[tag].points @ turn.T)
+            centroids = of_tag.points[of_tag.cells].mean(axis=1)
+            assert body.locator.nearest(centroids)[2].max() < 1e-5
+    assert n_divided >= 15
+    assert n_joined >= n_divided - 1
+
+
+def test_facets_inside_do_not_bound_a_solid_with_holes():
+    lid = (CORNERS[CUBE_CELLS][..., 2] == 1.0).all(axis=1)
+    core = box((0.3, 0.3, 0.2), (0.6, 0.6, 0.5))
+    solid = Solid(joined([SimplexMesh(CORNERS, CUBE_CELLS[~lid]), core]))
+    assert not solid.is_closed
+    assert np.array_equal(np.flatnonzero(solid.hidden), np.arange(10, 22))
+    assert solid.skin.n_cells == 10
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3, 1e4])
+def test_an_opening_is_where_the_winding_number_is_near_one_half(scale):
+    turn = scale * Rotation.random(random_state=5).as_matrix()
+    lid = (CORNERS[CUBE_CELLS][..., 2] == 1.0).all(axis=1)
+    solid = Solid(SimplexMesh(CORNERS @ turn.T, CUBE_CELLS[~lid]))
+    at = np.array([[0.5, 0.5, 0.9], [0.5, 0.5, 1.1], [0.5, 0.5, 0.5], [0.5, 0.5, 1.6], [3, 3, 3]])
+    assert solid.is_opening(at @ turn.T).tolist() == [True, True, False, False, False]
+    assert not Solid(SimplexMesh(CORNERS, CUBE_CELLS)).is_opening(at).any()
+
+
+def test_a_wall_between_bodies_is_found_although_facets_cross():
+    # Two cubes with a common wall, given once, and a body that crosses all of them.
+    pair = joined([UNIT, box((1, 0, 0), (2, 1, 1))])
+    second = (pair.points[pair.cells][..., 0] == 1.0).all(axis=1) & (np.arange(24) >= 12)
+    merged = first_at_place(pair.points, 1e-9)[pair.cells]
+    across = box((-0.5, 0.3, 0.4), (2.6, 0.7, 0.9))
+    surface = joined([SimplexMesh(pair.points, merged[~second]), across])
+    solid = Solid(surface)
+    assert solid.volume == pytest.approx(2.0 + 1.1 * 0.4 * 0.5)
+    wall = (surface.points[surface.cells][..., 0] == 1.0).all(axis=1)
+    assert solid.hidden[wall].all()
+
+
+@pytest.mark.parametrize("turn", [np.eye(3), Rotation.random(random_state=3).as_matrix()])
+def test_bodies_that_cross_exactly_along_edges_of_others(turn):
+    grid = CartesianGrid([0.0] * 3, 0.125, (9, 9, 9)).mesh.boundary().mesh
+    for lower, upper, volume in (
+        ((0.5, 0.25, 0.25), (1.5, 0.75, 0.75), 1.125),
+        ((0.25, 0.25, 0.75), (0.75, 0.75, 1.25), 1.0625),
+    ):
+        both = joined([grid, box(lower, upper)])
+        solid = Solid(both.moved(both.points @ turn.T))
+        assert solid.volume == pytest.approx(volume)
+        assert solid.skin.is_closed
+
+
+def test_no_volume_is_given_if_parts_of_a_union_leave_gaps(monkeypatch):
+    both = joined([UNIT, box((0.5, 0.3, 0.4), (1.6, 1.2, 1.3))])
+    assert Solid(both).volume == pytest.approx(1.681)
+    skin = Sides.skin
+    monkeypatch.setattr(Sides, "skin", lambda self: tuple(rows[1:] for rows in skin(self)))
+    solid = Solid(both)
+    assert np.isnan(solid.volume)
+    assert not solid.skin.is_closed

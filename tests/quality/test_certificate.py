@@ -133,11 +133,13 @@ def test_a_mesh_is_compared_with_the_union_of_bodies():
     union = SimplexMesh(CUBE.points * [1.3, 1.0, 1.0], CUBE.cells)
     check = check_mesh(union, original=surface)
     assert check.is_met
-    assert "bodies of the original overlap" in check.notes[0]
+    assert "topology" in [demand.name for demand in check.demands]
     (measure,) = (demand for demand in check.demands if demand.name == "measure")
     assert float(measure.text.split("by ")[1].split("%")[0]) == pytest.approx(0.0, abs=1e-9)
     check = check_mesh(joined(*boxes), original=surface)
-    assert [demand.name for demand in check.failures] == ["overlaps", "boundary", "measure"]
+    assert [demand.name for demand in check.failures] == [
+        "overlaps", "boundary", "measure", "topology",
+    ]  # fmt: skip
     assert "cells overlap others, by a volume of 0.7" in check.failures[0].text
 
 
@@ -186,7 +188,7 @@ def test_tags_of_facets_that_vanish_or_change_their_place_are_noticed(scale):
     old = with_tagged_sides(CUBE)
     old = old.moved(scale * old.points)
     (tags,) = [one for one in check_mesh(old, original=old).demands if one.name == "tags"]
-    assert (tags.is_met, tags.distance) == (True, 0.0)
+    assert (tags.is_met, tags.value) == (True, 0.0)
     kept = old.facet_tags != 6
     lost = replace(old, tagged_facets=old.tagged_facets[kept], facet_tags=old.facet_tags[kept])
     (failure,) = check_mesh(lost, original=old).failures
@@ -197,7 +199,7 @@ def test_tags_of_facets_that_vanish_or_change_their_place_are_noticed(scale):
     assert check_mesh(old, original=bare).is_met  # more tags than before are no fault
     swapped = replace(old, facet_tags=np.where(old.facet_tags == 6, 6, 9 - old.facet_tags))
     (failure,) = check_mesh(swapped, original=old).failures
-    assert failure.distance == pytest.approx(1.0 / np.sqrt(3.0))
+    assert failure.value == pytest.approx(1.0 / np.sqrt(3.0))
     assert failure.text.startswith("3; 4 within 0.577 of the diagonal")
     assert failure.places[0].value == pytest.approx(scale)
 
@@ -220,3 +222,84 @@ def test_tags_of_a_surface_are_compared_with_those_of_the_boundary_of_its_volume
     rims = replace(skin, tagged_facets=edges, facet_tags=np.full(len(edges), 3))
     assert check_mesh(rims, original=rims).is_met
     assert missed(skin, original=rims) == ["tags"]
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 40.0])
+@pytest.mark.parametrize(
+    ("move", "status"),
+    [
+        (0.99, "met"),
+        (1.0, "met"),
+        (1.05, "near"),
+        (1.09, "near"),
+        (1.11, "missed"),
+        (1.2, "missed"),
+    ],
+)
+def test_a_boundary_beyond_the_tolerance_by_a_tenth_of_it_is_near(move, status, scale):
+    surface = CUBE.boundary().mesh
+    surface = surface.moved(scale * surface.points)
+    tolerance = 0.01
+    shift = [0.0, 0.0, move * tolerance * surface.diagonal]
+    check = check_mesh(
+        SimplexMesh(scale * CUBE.points + shift, CUBE.cells), original=surface, tolerance=tolerance
+    )
+    boundary = next(demand for demand in check.demands if demand.name == "boundary")
+    assert (boundary.status, check.status) == (status, status)
+    assert check.is_met == boundary.is_met == (status == "met")
+    assert (boundary.value, boundary.limit) == pytest.approx((move * tolerance, tolerance))
+    assert [demand.name for demand in check.missed] == ["boundary"] * (status == "missed")
+    assert [demand.name for demand in check.failures] == ["boundary"] * (status != "met")
+    assert bool(boundary.places) == (status != "met")
+    (row,) = (one for one in check.as_dict()["demands"] if one["name"] == "boundary")
+    assert (row["status"], row["is_met"]) == (status, status == "met")
+    assert f"boundary  {'MISSED' if status == 'missed' else status}" in str(check)
+
+
+@pytest.mark.parametrize(
+    ("change", "status"),
+    [(0.0049, "met"), (-0.0049, "met"), (-0.0053, "near"), (0.0056, "missed"), (-0.02, "missed")],
+)
+def test_the_volume_is_a_demand_of_half_a_percent_where_the_tolerance_explains_less(change, status):
+    # A slab is made thicker, which the tolerance does not explain: it is far smaller.
+    slab = block(2)
+    mesh = slab.moved(slab.points * [1.0, 1.0, 1.0 + change])
+    check = check_mesh(mesh, original=slab.boundary().mesh, tolerance=1e-6)
+    measure = next(demand for demand in check.demands if demand.name == "measure")
+    assert measure.status == status
+    assert (measure.value, measure.limit) == pytest.approx((change, 0.005))
+    assert "by the tolerance" not in measure.text
+
+
+def test_a_larger_change_of_the_volume_is_allowed_where_the_tolerance_explains_it():
+    # A plate of .05 whose sides both move by the tolerance: 4 % more volume.
+    plate = CUBE.moved(CUBE.points * [1.0, 1.0, 0.05])
+    thicker = CUBE.moved(CUBE.points * [1.0, 1.0, 0.052] - [0.0, 0.0, 0.001])
+    check = check_mesh(thicker, original=plate, tolerance=1e-3 / plate.diagonal)
+    measure = next(demand for demand in check.demands if demand.name == "measure")
+    assert measure.is_met
+    assert measure.value == pytest.approx(0.04)
+    assert measure.text.endswith("allowed by the tolerance")
+    # Of a plate ten times as thick, half of a percent is allowed, and more is missed.
+    block_ = CUBE.moved(CUBE.points * [1.0, 1.0, 0.5])
+    other = CUBE.moved(CUBE.points * [1.0, 1.0, 0.51])
+    assert "measure" in missed(other, original=block_, tolerance=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("required", "status"), [(0.8, "met"), (0.85, "near"), (0.88, "near"), (0.9, "missed")]
+)
+def test_shares_of_at_least_nine_tenths_of_the_required_ones_are_near(required, status):
+    def size(x):  # that of four of the five edges
+        return np.where(x[:, 1] > 0.9, 0.1, 1.0)
+
+    check = check_mesh(SQUARE, size=size, share_in_band=required, share_served=0.0)
+    edges = next(demand for demand in check.demands if demand.name == "edges")
+    assert (edges.status, edges.value, edges.limit) == (status, pytest.approx(0.8), required)
+
+
+def test_faults_that_have_no_degree_are_missed():
+    two = joined(CUBE, moved(CUBE, [0.5, 0.5, 1.002], scale=1e-3))
+    check = check_mesh(CUBE, original=two, tolerance=5e-3)
+    assert [(demand.name, demand.status) for demand in check.failures] == [("topology", "missed")]
+    assert check.missed[0].value is None

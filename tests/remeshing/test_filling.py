@@ -1,6 +1,7 @@
 """Filling a closed surface: preparation of the surface, and Netgen."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,13 +11,21 @@ from shapes import CUBE_CELLS, block, joined
 from solids import cylinder
 
 from adaptsize import SimplexMesh, remesh, size_conformity
-from adaptsize.errors import BackendError, OpenSurfaceWarning, ResolutionWarning
+from adaptsize.errors import (
+    BackendError,
+    BackendTimeoutError,
+    OpenSurfaceWarning,
+    ResolutionWarning,
+)
 from adaptsize.geometry.enclosed import is_oriented
-from adaptsize.quality.boundary import topology_of
+from adaptsize.geometry.solid import Solid
 from adaptsize.remeshing import driver, filling, netgen
+from adaptsize.remeshing.acceptance import Judge
+from adaptsize.remeshing.attempts import attempts_of
 from adaptsize.remeshing.filling import adapt_surface
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.mmg import MmgBackend
+from adaptsize.remeshing.preparation import as_problem
 from adaptsize.remeshing.surface import refine_surface
 from adaptsize.remeshing.tetwild import TetWildBackend
 
@@ -66,12 +75,20 @@ def test_bodies_inside_out_are_filled_by_netgen(monkeypatch):
     assert_allclose(remesh(both, 0.5).measures.sum(), 2.0, rtol=1e-9)
 
 
-def test_surfaces_that_netgen_must_not_fill(run):
-    assert netgen.fill(SimplexMesh(CUBE, CUBE_CELLS[1:]), run) is None  # open
-    assert netgen.fill(joined(cube(), cube([0.5, 0.3, 0.4])), run) is None  # intersecting
+def test_surfaces_that_netgen_must_not_fill_are_refused_before_it_starts():
+    def start(*_):
+        pytest.fail("Netgen was started")
+
+    run = IsolatedRunner("netgen", None, None, start)
     turned = CUBE_CELLS.copy()
     turned[0] = turned[0, ::-1]
-    assert netgen.fill(SimplexMesh(CUBE, turned), run) is None  # not oriented
+    for surface in (SimplexMesh(CUBE, CUBE_CELLS[1:]), SimplexMesh(CUBE, turned)):
+        with pytest.raises(BackendError, match="not closed or not oriented"):
+            netgen.fill(surface, run)
+    for scale in (1e-3, 1.0, 30.0):
+        crossed = joined(cube(), cube([0.5, 0.3, 0.4]))
+        with pytest.raises(BackendError, match=r"crosses itself at \("):
+            netgen.fill(crossed.moved(scale * crossed.points), run)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of processor time")
@@ -79,8 +96,8 @@ def test_processor_time_is_limited(run, monkeypatch):
     surface, _ = refine_surface(cylinder(200, 0.2), lambda x: np.full(len(x), 0.008), 1e-5)
     monkeypatch.setattr(netgen, "_SECONDS", 0.5)
     monkeypatch.setattr(netgen, "_SECONDS_PER_TRIANGLE", 0.0)
-    monkeypatch.setattr(netgen, "_PATIENCE", 1000.0)
-    assert netgen.fill(surface, run) is None
+    with pytest.raises(BackendTimeoutError, match="limit of processor time"):
+        netgen.fill(surface, run)
 
 
 def test_a_result_that_is_not_the_surface_is_refused():
@@ -198,13 +215,15 @@ def test_mmg_starts_from_a_surface_of_the_sizes_and_from_the_given_one_if_that_f
     assert_allclose(new.measures.sum(), enclosed(surface), rtol=0.01)
 
 
-def test_a_mesh_that_would_take_too_long_is_given_up(monkeypatch):
+def test_a_mesh_that_would_take_too_long_is_given_up():
     pytest.importorskip("resource", reason="the system has no limit of processor time")
-    monkeypatch.setattr(driver, "_LONGEST", -1.0)
-    monkeypatch.setattr(driver, "_LONGEST_PER_CELL", 1e-9)
     square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-    with pytest.raises(BackendError, match=r"limit of processor time .* too large for the tol"):
-        remesh(square, 0.002)
+    problem = replace(
+        as_problem("plane triangles", square, 1e-3), size=lambda x: np.full(len(x), 0.002)
+    )
+    run = IsolatedRunner("mmg", None, None, lambda *_: None, seconds=1e-3)
+    with pytest.raises(BackendTimeoutError, match=r"limit of processor time .* too large for the"):
+        MmgBackend().solve(problem, run)
 
 
 def fail(*_):
@@ -226,56 +245,87 @@ def first_volumes(monkeypatch):
     return used
 
 
-def test_a_failure_of_mmg_leaves_ftetwild(first_volumes, monkeypatch):
+def test_a_failure_of_mmg_leaves_the_cells_that_fill_the_surface(first_volumes, monkeypatch):
     monkeypatch.setattr(MmgBackend, "solve", fail)
-    assert_allclose(remesh(cube(), 0.3, tolerance=1e-2).measures.sum(), 1.0, rtol=1e-2)
-    assert first_volumes == ["netgen", "tetwild"]
+    text = "the tetrahedra are those that fill the surface, not adapted .*: mmg failed"
+    with pytest.warns(ResolutionWarning, match=text) as seen:
+        new = remesh(cube(), 0.3, tolerance=1e-2)
+    assert seen[0].filename == __file__
+    assert_allclose(new.measures.sum(), 1.0)
+    assert first_volumes == ["netgen"]
+    assert "mmg failed" in attempts_of(new).tried[0].text
+
+
+def test_a_failure_of_mmg_and_netgen_leaves_ftetwild(first_volumes, monkeypatch):
+    monkeypatch.setattr(MmgBackend, "solve", fail)
+    monkeypatch.setattr(netgen, "fill", fail)
+    new = remesh(cube(), 0.3, tolerance=1e-2)
+    assert_allclose(new.measures.sum(), 1.0, rtol=1e-2)
+    assert first_volumes == ["tetwild"]
+    assert [one.status for one in attempts_of(new).tried][:2] == ["failed", "failed"]
     monkeypatch.setattr(TetWildBackend, "solve", fail)
-    with pytest.raises(BackendError, match="mmg failed"):
+    with pytest.raises(BackendError, match=r"no generator made a mesh; tried netgen on .* failed"):
         remesh(cube(), 0.3, tolerance=5e-3)
 
 
-def test_ftetwild_takes_over_where_netgen_fails_and_another_number_is_told(
-    first_volumes, monkeypatch
-):
-    monkeypatch.setattr(driver, "_number_of_cells", lambda *_: 100.0)
-    with (
-        pytest.warns(OpenSurfaceWarning, match="bodies 1 and 2 overlap"),
-        pytest.warns(ResolutionWarning, match=r"about \d+ elements instead of the predicted 100"),
-    ):
-        new = remesh(joined(cube(), cube([0.5, 0.3, 0.4])), 0.3, tolerance=1e-2)
-    assert first_volumes == ["tetwild", "mmg"]
+@pytest.mark.parametrize(
+    ("tagged", "used", "reason"),
+    [
+        # The boundary of the union is a surface that Netgen can fill.
+        (False, ["netgen", "mmg"], "the surface is closed and does not cross itself"),
+        # Tagged edges are edges of the given facets.
+        (True, ["tetwild"], "facets of the surface cross others: fTetWild makes the union"),
+    ],
+)
+def test_bodies_that_cross_become_their_union(first_volumes, tagged, used, reason):
+    crossed = joined(cube(), cube([0.5, 0.3, 0.4]))
+    if tagged:
+        crossed = replace(crossed, tagged_facets=[[0, 1]], facet_tags=[1])
+    with pytest.warns(OpenSurfaceWarning, match="bodies 1 and 2 overlap"):
+        new = remesh(crossed, 0.3, tolerance=1e-2)
+    assert first_volumes == used
+    (only,) = attempts_of(new).tried
+    assert only.reason == reason
     assert_allclose(new.measures.sum(), 2.0 - 0.5 * 0.7 * 0.6, rtol=0.03)
 
 
-def test_mmg_has_a_limit_of_processor_time_on_a_first_volume(monkeypatch):
-    pytest.importorskip("resource", reason="the system has no limit of processor time")
-    monkeypatch.setattr(filling, "_LEAST_ANGLE", 0.0)
-    monkeypatch.setattr(filling, "_SECONDS", -1.0)  # the limit is rounded up to whole seconds
-    monkeypatch.setattr(filling, "_SECONDS_PER_CELL", 1e-9)
-    # The cells of the first volume are larger than the sizes inside.
+def test_another_number_of_cells_in_an_open_surface_is_reported(first_volumes, monkeypatch):
+    monkeypatch.setattr(driver, "_number_of_cells", lambda *_: 100.0)
+    opened = SimplexMesh(CUBE, CUBE_CELLS[1:])
     with (
-        pytest.warns(ResolutionWarning, match="limit of processor time"),
-        pytest.warns(ResolutionWarning, match="requested elements are missing"),
+        pytest.warns(OpenSurfaceWarning, match="the surface is open"),
+        pytest.warns(ResolutionWarning, match=r"^\d+ elements instead of the predicted 100: the m"),
     ):
-        new = remesh(cylinder(16, 0.2), 0.04)
-    assert_allclose(new.measures.sum(), enclosed(cylinder(16, 0.2)), rtol=0.01)
+        remesh(opened, 0.15, tolerance=1e-2)
+    assert first_volumes == ["tetwild"]
 
 
-def test_a_mesh_without_flat_cells_replaces_another_one_only_if_its_boundary_is_kept(monkeypatch):
+def test_flat_cells_and_boundaries_that_are_off_are_left_to_another_generator():
     whole = block(4)
     # Two cubes of an edge of the block are left out, which have one edge in common.
     cube_of = np.floor(whole.points[whole.cells].mean(axis=1) * 4.0).astype(int)
     out = (cube_of == [0, 0, 0]).all(axis=1) | (cube_of == [1, 1, 0]).all(axis=1)
-    points = (whole.points - 0.5) / np.sqrt(3.0)  # generators work on a part of diagonal 1
-    made = {"points": points, "cells": whole.cells[~out]}
-    monkeypatch.setattr(filling, "_LEAST_ANGLE", 90.0)
-    monkeypatch.setattr(filling, "improved", lambda mesh, *_: mesh)
-    monkeypatch.setattr(TetWildBackend, "solve", lambda *_: made)
-    new = remesh(cube(), 0.3, tolerance=2e-2)
-    assert new.n_cells != np.count_nonzero(~out)
-    assert topology_of(new.boundary().mesh) is not None
-    made = {"points": 0.9 * points, "cells": whole.cells}  # 2.5 tolerances off at the corners
-    assert remesh(cube(), 0.3, tolerance=2e-2).n_cells != whole.n_cells
-    made["points"] = points
-    assert remesh(cube(), 0.3, tolerance=2e-2).n_cells == whole.n_cells
+    pinched = SimplexMesh(whole.points, whole.cells[~out])
+    points = whole.points.copy()
+    inside = ((points > 0.1) & (points < 0.9)).all(axis=1).nonzero()[0][0]
+    neighbours = np.unique(whole.cells[(whole.cells == inside).any(axis=1)])
+    points[inside] += 0.99 * (points[neighbours[0]] - points[inside])
+    flat = whole.moved(points)
+    judge = Judge(cube(), Solid(cube()), None, 2e-2)
+    found = {name: judge(mesh) for name, mesh in
+             (("whole", whole), ("pinched", pinched), ("flat", flat),
+              ("off", whole.moved(0.9 * whole.points + 0.05)))}  # fmt: skip
+    assert {name: verdict.faults for name, verdict in found.items()} == {
+        "whole": set(), "flat": {"angles"}, "off": {"boundary"},
+        "pinched": {"boundary", "topology"},
+    }  # fmt: skip
+    assert sorted(found, key=lambda name: found[name].rank) == ["whole", "flat", "off", "pinched"]
+
+
+def test_an_improvement_that_makes_cells_overlap_is_not_kept(monkeypatch):
+    whole, surface = block(2), cube()
+    twice = joined(whole, whole.moved(whole.points + 0.1))
+    for better in (twice, whole.moved(0.99 * whole.points)):
+        monkeypatch.setattr(filling, "improved", lambda *_, better=better: better)
+        kept = filling.improved_soundly(whole, surface, 1e-3)
+        assert kept is (whole if better is twice else better)

@@ -201,5 +201,5 @@ def test_distances_of_tagged_sets_are_measured_in_both_directions():
     old, new = (SimplexMesh(m.points, m.tagged_facets) for m in (given, shorter))
     assert distances_from(new, old).largest == 0.0
     (failure,) = [one for one in check_mesh(shorter, original=given).failures if one.name == "tags"]
-    assert failure.distance * given.diagonal == pytest.approx(0.1)
+    assert failure.value * given.diagonal == pytest.approx(0.1)
     assert failure.text.startswith("2; 1 within 0.0707")

@@ -41,7 +41,11 @@ def test_the_largest_hole_is_reported():
     assert (holes.n_edges, holes.n_loops, holes.n_loose) == (7, 2, 0)
     assert holes.length == pytest.approx(6.0)
     assert holes.place == pytest.approx((1.0, 0.5, 1.0))
-    assert str(holes) == "7 open edges in 2 loops, the largest 6 long around (1, 0.5, 1)"
+    assert holes.area == pytest.approx(3.0)
+    assert (
+        str(holes)
+        == "7 open edges in 2 loops with an area of 3, the largest 6 long around (1, 0.5, 1)"
+    )
 
 
 def test_gaps_narrower_than_the_tolerance_are_not_reported():

@@ -4,46 +4,54 @@ import numpy as np
 import pytest
 from shapes import block
 
-from adaptsize.errors import BackendError, BackendTimeoutError, ResolutionWarning
-from adaptsize.remeshing.preparation import as_problem
-from adaptsize.remeshing.tetwild import TetWildBackend
+from adaptsize.errors import BackendError, BackendTimeoutError
+from adaptsize.remeshing import remesh
+from adaptsize.remeshing.attempts import attempts_of
+from adaptsize.remeshing.isolation import IsolatedRunner
 
 CUBE = block(1)
-PROBLEM = as_problem("surface to tetrahedra", CUBE.boundary().mesh, 0.02)
+SURFACE = CUBE.boundary().mesh
 
 
-def runner(*failures):
-    """Return a runner that fails so often before it returns a cube, and its tolerances."""
-    left, tolerances = list(failures), []
+@pytest.fixture
+def failing(monkeypatch):
+    """Return a function that makes fTetWild fail so often, and returns its tolerances."""
 
-    def run(function, text, arrays, options):
-        tolerances.append(options["epsilon"])
-        if left:
-            raise left.pop(0)
-        return {"points": CUBE.points, "cells": CUBE.cells}
+    def fail(*failures):
+        left, tolerances = list(failures), []
 
-    return run, tolerances
+        def call(run, function, text, arrays, options):
+            tolerances.append(options["epsilon"])
+            if left:
+                raise left.pop(0)
+            return {"points": arrays["points"], "cells": CUBE.cells}
+
+        monkeypatch.setattr(IsolatedRunner, "__call__", call)
+        return tolerances
+
+    return fail
 
 
-def test_a_crash_is_followed_by_a_run_with_a_smaller_tolerance_and_reported():
-    run, tolerances = runner(BackendError("tetwild failed: crashed (SIGSEGV)"))
-    with pytest.warns(ResolutionWarning, match=r"again with 0\.25 times .*SIGSEGV"):
-        raw = TetWildBackend().solve(PROBLEM, run)
-    assert len(raw["cells"]) == CUBE.n_cells
+def test_a_crash_is_followed_by_a_run_with_a_smaller_tolerance(failing):
+    tolerances = failing(BackendError("tetwild failed: crashed (SIGSEGV)"))
+    mesh = remesh(SURFACE, 1.2, backend="tetwild", tolerance=0.02)
     np.testing.assert_allclose(tolerances, [0.02, 0.005])
+    first, second = attempts_of(mesh).tried
+    assert (first.route, first.status) == ("tetwild", "failed")
+    assert "SIGSEGV" in first.text
+    assert (second.route, second.status) == ("tetwild with 0.25 x tolerance", "met")
 
 
 @pytest.mark.parametrize(
     ("failures", "tolerance", "n_runs"),
     [
         ([BackendError("the first"), BackendError("the second")], 0.02, 2),
-        ([BackendError("the first")], 1000.0, 1),  # a smaller one would be as absurd
+        ([BackendError("the first")], 0.5, 1),  # a smaller one would be as absurd
         ([BackendTimeoutError("the first")], 0.02, 1),
     ],
 )
-def test_the_error_of_the_first_run_is_raised_if_no_other_helps(failures, tolerance, n_runs):
-    run, tolerances = runner(*failures)
-    problem = as_problem("surface to tetrahedra", CUBE.boundary().mesh, tolerance)
+def test_the_errors_are_raised_if_no_run_helps(failing, failures, tolerance, n_runs):
+    tolerances = failing(*failures)
     with pytest.raises(type(failures[0]), match="the first"):
-        TetWildBackend().solve(problem, run)
+        remesh(SURFACE, 1.2, backend="tetwild", tolerance=tolerance)
     assert len(tolerances) == n_runs

@@ -131,6 +131,16 @@ def doubled(arrays, options):
     return {"points": points, "cells": np.concatenate([arrays["cells"], arrays["cells"] + n])}
 
 
+def one_twice(arrays, options):
+    """Return a cell at the boundary twice, the second time with nodes of its own."""
+    points, cells = arrays["points"], arrays["cells"]
+    low, high = points.min(axis=0), points.max(axis=0)
+    outside = ((points == low) | (points == high)).any(axis=1)
+    corners = points[cells[outside[cells].all(axis=1)][0]]
+    new = len(points) + np.arange(4)
+    return {"points": np.concatenate([points, corners]), "cells": np.vstack([cells, new])}
+
+
 def one_inverted(arrays, options):
     cells = arrays["cells"].copy()
     cells[0, :2] = cells[0, 1::-1]

@@ -13,7 +13,7 @@ import adaptsize as ads
 from adaptsize._checks import as_tolerance, count_text
 from adaptsize._defaults import TOLERANCE
 from adaptsize.cli import files
-from adaptsize.cli.console import Console, plain
+from adaptsize.cli.console import Console, plain, print_message
 from adaptsize.cli.metric import remesh_with_metric
 from adaptsize.cli.options import (
     FACES,
@@ -39,6 +39,8 @@ from adaptsize.options import BudgetOptions, MeshOptions, RemeshToElementsOption
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
     from adaptsize.background import SimplexMesh
+    from adaptsize.remeshing.attempts import Attempts
+    from adaptsize.reporting.outcome import Outcome
 
 #: Bytes for a mesh by Mmg, per element made: 1 GB for 1 million, in both processes together.
 _PER_ELEMENT = 1000.0
@@ -80,6 +82,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         return remesh_with_metric(console, file, output, given)
     from adaptsize.domain_size.cost import report_of
     from adaptsize.domain_size.elements import mesh_with_sizes, tolerance_of
+    from adaptsize.remeshing.attempts import attempts_of
     from adaptsize.remeshing.preparation import repair_mesh
     from adaptsize.reporting.outcome import outcome_of_remeshing
 
@@ -111,6 +114,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
             )
         report = report_of(size)
         allowed = tolerance_of(report, given.get("tolerance"))
+        attempts = attempts_of(new)
         steps.begin("writing")
         new = with_fields(console, mesh, new, output, (fields, given.get("field")), steps.report)
         new = new.with_data(point_data={"h": size(new.points)})
@@ -133,13 +137,26 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
             write_page(page, new, size, outcome, outcome.check, head)
             console.say(f"report: {page}")
     console.record(size=as_dict(report))
+    return _printed(console, outcome, attempts, new, given)
+
+
+def _printed(
+    console: Console, outcome: Outcome, attempts: Attempts | None, new: SimplexMesh, given: Given
+) -> int:
+    """Print how good a new mesh is and how long it took, and return the exit code."""
     times = ", ".join(f"{name} {seconds:.1f}" for name, seconds in console.times)
     lines = [f"{'time':10}{console.seconds:.1f} s: {times}"]
     if "nodes" in given:
         off = f"{new.n_points / given['nodes'] - 1.0:+.1%}"
         nodes = f"{'nodes':10}{new.n_points}, {given['nodes']:.0f} requested ({off})"
         lines.insert(0, nodes)
-    return print_outcome(console, outcome, *lines)
+    code = print_outcome(console, outcome, *lines)
+    if attempts is None:
+        return code
+    console.record(attempts=attempts.as_list())
+    if attempts.is_cut_short and console.quiet:
+        print_message("error: stopped at the time limit with the best mesh so far")
+    return max(code, int(attempts.is_cut_short))
 
 
 def _part_of(text: str) -> str | None:

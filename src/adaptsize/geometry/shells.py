@@ -61,6 +61,57 @@ def shells_of(mesh: SimplexMesh) -> Shells:
     return Shells(~kept | (at_front == at_back), kept & at_back & ~at_front)
 
 
+def surplus_of(mesh: SimplexMesh) -> BoolArray:
+    """Return facets without which the others have no boundary, or none if there are no such ones.
+
+    These are walls between bodies that are given once.  Each edge of a wall is between two other
+    facets with consistent orientations.  Without another patch of facets, the others may have no
+    boundary either; the patch goes without which the most volume is enclosed.  Unlike
+    `shells_of`, this takes consistent orientations, and facets that intersect do no harm.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Triangles in space, without open edges.
+    """
+    n_edges = len(mesh.edges)
+    v = np.arange(3)
+    ahead = mesh.cells[:, (v + 1) % 3] < mesh.cells[:, (v + 2) % 3]
+    sums = np.bincount(mesh.cell_facets.ravel(), np.where(ahead, 1.0, -1.0).ravel(), n_edges)
+    if (sums[mesh.facet_cell_counts == 2] != 0.0).any():
+        return np.zeros(mesh.n_cells, np.bool_)
+    patch = components_of(pairs_of_cells(mesh, mesh.facet_cell_counts == 2) // 3, mesh.n_cells)
+    at_rim = mesh.facet_cell_counts[mesh.cell_facets] > 2
+    cell, corner = np.nonzero(at_rim)
+    rims, row = np.unique(
+        np.column_stack([patch[cell], mesh.cell_facets[cell, corner]]), axis=0, return_inverse=True
+    )
+    own = np.bincount(row.reshape(-1), np.where(ahead[cell, corner], 1.0, -1.0), len(rims))
+    of_patch, edge = rims.T
+    volume = np.bincount(patch, cone_measures(mesh, mesh.points[mesh.cells].mean(axis=(0, 1))))
+    is_left = np.ones(len(rims), np.bool_)
+    net = np.bincount(edge, own, n_edges)
+    while (net != 0.0).any():
+        # Patches without which all their edges are balanced.
+        fits = np.bincount(of_patch[is_left], net[edge[is_left]] != own[is_left], len(volume)) == 0
+        fits &= np.bincount(of_patch[is_left], own[is_left] != 0.0, len(volume)) > 0
+        least = np.full(n_edges, np.inf)
+        mine = is_left & fits[of_patch]
+        np.minimum.at(least, edge[mine], volume[of_patch[mine]])
+        loses = mine & (volume[of_patch] > least[edge])
+        fits[of_patch[loses]] = False
+        gone = is_left & fits[of_patch]
+        if not gone.any():
+            return np.zeros(mesh.n_cells, np.bool_)
+        is_left &= ~gone
+        net -= np.bincount(edge[gone], own[gone], n_edges)
+    surplus = np.ones(len(volume), np.bool_)
+    surplus[of_patch[is_left]] = False
+    is_rimless = np.ones(len(volume), np.bool_)
+    is_rimless[of_patch] = False
+    return np.asarray((surplus & ~is_rimless)[patch])
+
+
 def _joined_sides(mesh: SimplexMesh, kept: BoolArray) -> IndexArray:
     """Return pairs of sides of facets that face the same region, intp[n, 2]."""
     corner = np.flatnonzero(np.repeat(kept, 3))

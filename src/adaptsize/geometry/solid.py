@@ -18,7 +18,8 @@ from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.distance.orientation import MERGE_SHARE, is_cycle, merged_cells, oriented
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.enclosed import cone_measures
-from adaptsize.geometry.shells import shells_of
+from adaptsize.geometry.repair import repair_triangles
+from adaptsize.geometry.shells import pieces_of, shells_of, surplus_of
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 #: Distances up to this times the diagonal are contacts.  It is above the rounding of the single
@@ -31,6 +32,23 @@ _MOST_PARTS = 4096
 #: A share of the area of the facets below which what is found on them does not count.  In a public
 #: part, slivers that are folded by rounding have 4e-8; the tips of antlers that cross have 2e-6.
 _NEGLIGIBLE = 1e-6
+#: Connected facets that meet no others have the same winding numbers, unless the share of the area
+#: with other ones is larger than this.
+_MINORITY = 1e-3
+#: Parts of unions are joined within this times the diagonal.  Their corners are computed twice, and
+#: differ by rounding where facets meet at small angles.
+_JOIN = 1e-7
+#: The parts of a union leave gaps if the sum of their normals times areas is larger than this times
+#: their area.  Parts that are lost by rounding give up to 1e-5.
+_MISFIT = 1e-4
+#: Volumes of a union before and after its parts are joined differ by less than this times area and
+#: diagonal.
+_SAME = 1e-7
+#: Of a surface with holes, winding numbers above this are inside: beside an open sheet, the number
+#: is close to one half.
+_INSIDE_OPEN = 0.55
+#: In the opening of a surface, the absolute winding number is between these.
+OPENING = (0.25, 0.75)
 
 
 class Sides(NamedTuple):
@@ -51,6 +69,8 @@ class Sides(NamedTuple):
     """float64[m, 3, 3]: triangles that make up the parts."""
     part: IndexArray
     """intp[m]: the part that each belongs to."""
+    least: float = 0.5
+    """Absolute winding number of the solid, at least."""
 
     @property
     def is_lost(self) -> BoolArray:
@@ -58,31 +78,34 @@ class Sides(NamedTuple):
 
         The solid is where the winding number is above one half in absolute value.
         """
-        inside = (np.abs(numbers) > 0.5 for numbers in (self.front, self.back))
+        inside = (np.abs(numbers) > self.least for numbers in (self.front, self.back))
         return self._matters(np.equal(*inside) | self.is_repeated)
 
     @property
     def is_inward(self) -> BoolArray:
         """Which other parts have the solid on the side to which the normal points."""
-        return self._matters(~self.is_lost & (np.abs(self.front) > 0.5))
+        return self._matters(~self.is_lost & (np.abs(self.front) > self.least))
 
     def _matters(self, which: BoolArray) -> BoolArray:
         """Return which parts these are, none if they have hardly any area: folds of slivers."""
         is_small = self.area[which].sum() <= _NEGLIGIBLE * self.area.sum()
         return np.zeros_like(which) if is_small else which
 
-    def skin(self) -> FloatArray:
-        """Return the triangles of the boundary of the solid, with normals outward."""
-        used = ~self.is_lost[self.part]
-        turned = self.is_inward[self.part[used], None, None]
-        corners = self.corners[used]
-        return np.where(turned, corners[:, [1, 0, 2]], corners)
+    def skin(self) -> tuple[FloatArray, IndexArray]:
+        """Return the triangles of the boundary of the solid, with normals outward, and owners."""
+        part = self.part[~self.is_lost[self.part]]
+        corners = self.corners[~self.is_lost[self.part]]
+        turned = self.is_inward[part, None, None]
+        return np.where(turned, corners[:, [1, 0, 2]], corners), self.owner[part]
 
 
 class Solid:
     """The region where the winding number of a surface is above one half in absolute value.
 
-    For bodies that overlap it is their union.  Facets are oriented first.
+    For bodies that overlap it is their union.  Facets are oriented first.  Of a surface with holes,
+    the winding number is not an integer, and the region is closed by a smooth cap in each hole.
+    What it encloses is what everything else refers to: sizes, predicted numbers, volume, topology,
+    and distances of new boundaries.
 
     Parameters
     ----------
@@ -112,6 +135,7 @@ class Solid:
     """
 
     def __init__(self, surface: SimplexMesh) -> None:
+        self._tags, self._names = surface.cell_tags, surface.tag_names
         #: The surface with merged nodes and consistent orientation.
         self.surface = oriented(surface)
         target = first_at_place(surface.points, MERGE_SHARE * surface.diagonal)
@@ -121,7 +145,9 @@ class Solid:
         self._inner = np.zeros(surface.n_cells, np.bool_)
         counts = self.surface.facet_cell_counts
         if counts.max() > 2 and counts.min() > 1 and not is_cycle(self.surface):
-            self._inner = shells_of(self.surface).is_inner
+            self._inner = surplus_of(self.surface)
+            if not self._inner.any():
+                self._inner = shells_of(self.surface).is_inner
         rows = np.flatnonzero(~self._inner)
         self._outline = self.surface
         if len(rows) < surface.n_cells:
@@ -133,50 +159,99 @@ class Solid:
 
     @cached_property
     def _sides(self) -> Sides:
-        return sides_of(self._outline, self.winding)
+        return sides_of(self._outline, self.winding, is_closed=self.is_closed)
 
     @cached_property
     def volume(self) -> float:
-        """The volume of the solid; nan if the surface is not closed."""
-        if not self.is_closed:
+        """The volume of the solid; nan if the surface is not closed, or too many facets meet.
+
+        The latter is found by the sum of normals times areas, which is zero for closed surfaces.
+        """
+        skin = self._parts
+        total = 0.5 * facet_normals(skin.points[skin.cells]).sum(axis=0)
+        if not self.is_closed or np.abs(total).max() > _MISFIT * float(skin.measures.sum()):
             return np.nan
-        return abs(float(cone_measures(self.skin, self.skin.points.mean(axis=0)).sum()))
+        return abs(float(cone_measures(skin, skin.points.mean(axis=0)).sum()))
 
     @cached_property
     def hidden(self) -> BoolArray:
         """bool[n_cells]: facets of which no part bounds the solid.
 
-        These are facets inside of bodies, and between bodies that share them.
+        These are facets inside of bodies, and between bodies that share them.  Of a surface with
+        holes, also facets of sheets; none if these are all.
         """
         hidden = self._inner.copy()
-        if self.is_closed:
-            sides = self._sides
-            kept = np.bincount(sides.owner, ~sides.is_lost, len(self._rows))
+        sides = self._sides
+        kept = np.bincount(sides.owner, ~sides.is_lost, len(self._rows))
+        if kept.any():
             hidden[self._rows] = kept == 0
         return hidden
 
     @cached_property
     def is_divided(self) -> bool:
         """Whether facets bound the solid with a part only, as those of bodies that overlap do."""
-        if not self.is_closed:
-            return False
         sides = self._sides
         return bool((sides.is_lost & ~self.hidden[self._rows][sides.owner]).any())
 
     @cached_property
-    def skin(self) -> SimplexMesh:
-        """The boundary of the solid, with normals outward.
-
-        It consists of facets of the surface, or if these are divided, of triangles whose nodes do
-        not match.  For a surface with holes, it is the surface.
-        """
+    def _parts(self) -> SimplexMesh:
+        """The boundary of the solid.  If facets are divided, nodes of their parts do not match."""
+        tags, names = self._tags, self._names
         if self.is_divided:
-            corners = self._sides.skin()
-            return SimplexMesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+            corners, owner = self._sides.skin()
+            cells = np.arange(3 * len(corners)).reshape(-1, 3)
+            tags = None if tags is None else tags[self._rows[owner]]
+            points = corners.reshape(-1, 3)
+            return SimplexMesh(points, cells, cell_tags=tags, tag_names=names)
         kept = ~self.hidden
-        if kept.all() or not kept.any():
-            return self.surface
-        return cut_out(self.surface.points, self.cells[kept])[0]
+        if not kept.any():
+            kept[:] = True
+        tags = None if tags is None else tags[kept]
+        return cut_out(self.surface.points, self.cells[kept], cell_tags=tags, tag_names=names)[0]
+
+    @cached_property
+    def _joined(self) -> tuple[SimplexMesh, IntArray]:
+        """The boundary of the solid and the nodes of the surface at its nodes, -1 at new ones."""
+        parts = self._parts
+        if not (self.is_divided and self.is_closed):
+            return parts, np.full(parts.n_points, -1, np.int32)
+        mesh, nodes = _conforming(parts, self.surface.points)
+        volume = abs(float(cone_measures(mesh, mesh.points.mean(axis=0)).sum()))
+        most = _SAME * mesh.diagonal * float(mesh.measures.sum())
+        if is_cycle(mesh) and abs(volume - self.volume) <= most:
+            return mesh, nodes
+        return parts, np.full(parts.n_points, -1, np.int32)
+
+    @property
+    def skin(self) -> SimplexMesh:
+        """The boundary of the solid, with normals outward and the tags of the facets.
+
+        It consists of facets of the surface.  Those that others divide are triangulated anew, with
+        nodes where facets meet.  If the parts do not fit together, because too many facets meet
+        within rounding, nodes of the parts do not match, and the skin is not closed.
+        Of a surface with holes, it consists of the facets where the winding number crosses one
+        half.
+        """
+        return self._joined[0]
+
+    @property
+    def nodes_of_skin(self) -> IntArray:
+        """int32[n]: the node of the surface at each node of the skin of a union, -1 at new ones."""
+        return self._joined[1]
+
+    def is_opening(self, points: FloatArray) -> BoolArray:
+        """Return which points may be on the boundary of the solid far away from the surface.
+
+        A surface with holes does not say how they are closed.  The boundary of the solid is a
+        smooth cap there, on which the winding number is one half.  A mesh generator closes holes
+        by cells of its own, so that all points are accepted where the number is between 1/4 and
+        3/4: about a quarter of the width of the hole to both sides.  A closed surface has no
+        opening.
+        """
+        if self.is_closed:
+            return np.zeros(len(points), np.bool_)
+        number = np.abs(self.winding(points))
+        return np.asarray((number > OPENING[0]) & (number < OPENING[1]))
 
     @cached_property
     def cells(self) -> IntArray:
@@ -192,8 +267,23 @@ class Solid:
         return cells
 
 
-def sides_of(surface: SimplexMesh, winding: WindingNumber) -> Sides:
-    """Return the winding numbers on both sides of the parts of a surface without holes."""
+def _conforming(parts: SimplexMesh, known: FloatArray) -> tuple[SimplexMesh, IntArray]:
+    """Return triangles with common nodes and edges, and the known points at nodes, -1 at others."""
+    n = len(known)
+    points = np.concatenate([known, parts.points])
+    within = _JOIN * parts.diagonal
+    target = first_at_place(points, within)
+    found = repair_triangles(points, (target[n:][parts.cells]).astype(np.int32), within)
+    tags = None if parts.cell_tags is None else parts.cell_tags[found.owner]
+    mesh, nodes = cut_out(points, found.cells, cell_tags=tags, tag_names=parts.tag_names)
+    return mesh, np.where(nodes < n, nodes, -1).astype(np.int32)
+
+
+def sides_of(surface: SimplexMesh, winding: WindingNumber, *, is_closed: bool = True) -> Sides:
+    """Return the winding numbers on both sides of the parts of a surface.
+
+    If it is closed, they are integers, and the same ones at facets that no others meet.
+    """
     contacts = _contacts_of(surface)
     met = np.unique(contacts.owner)
     corners = surface.points[surface.cells]
@@ -206,16 +296,23 @@ def sides_of(surface: SimplexMesh, winding: WindingNumber) -> Sides:
     normals = facet_normals(corners)
     normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
     away = _AWAY * SLACK * surface.diagonal * normals[owner]
-    place = _places_without_jump(surface, met, owner, len(whole))
-    first, number = np.unique(place, return_index=True, return_inverse=True)[1:]
-    number = number.reshape(-1)
-    front: FloatArray = np.round(winding(centre[first] + away[first]))
-    back: FloatArray = np.round(winding(centre[first] - away[first]))
     spans = 0.5 * np.linalg.norm(facet_normals(triangles), axis=1)
     area = np.asarray(np.bincount(part, spans, len(owner)), np.float64)
+    place = _places_without_jump(surface, met, owner, len(whole)) if is_closed else None
+    first = number = np.arange(len(owner))
+    if place is not None:
+        piece = pieces_of(surface)
+        is_alone = ~np.isin(piece, piece[met])[owner]
+        asked = np.where(is_alone, place, place.max() + 1 + number)
+        first, number = np.unique(asked, return_index=True, return_inverse=True)[1:]
+    front, back = (winding(centre[first] + side * away[first])[number] for side in (1.0, -1.0))
+    if place is not None:
+        sides = np.asarray(np.rint(np.column_stack([front, back])), np.float64)
+        front, back = _of_most(sides, place, area).T
     repeated = np.zeros(len(owner), np.bool_)
     repeated[_repeated(surface, contacts, owner, centre)] = True
-    return Sides(owner, front[number], back[number], area, repeated, centre, triangles, part)
+    least = 0.5 if is_closed else _INSIDE_OPEN
+    return Sides(owner, front, back, area, repeated, centre, triangles, part, least)
 
 
 def _places_without_jump(
@@ -232,6 +329,24 @@ def _places_without_jump(
     label = components_of(beside, n + n_edges)[owner]
     label[n_whole:] = n + n_edges + np.arange(len(owner) - n_whole)
     return label
+
+
+def _of_most(sides: FloatArray, place: IndexArray, area: FloatArray) -> FloatArray:
+    """Return the rows that most of the area of each place has, unless much area has others.
+
+    Winding numbers at slivers may be wrong by rounding.  Facets with different ones are connected
+    where others cross exactly along edges.
+    """
+    rows, number = np.unique(np.column_stack([place, sides]), axis=0, return_inverse=True)
+    number = number.reshape(-1)
+    sums = np.bincount(number, area)
+    order = np.lexsort((sums, rows[:, 0]))
+    last = np.append(rows[order][1:, 0] != rows[order][:-1, 0], True)
+    most = order[last][np.cumsum(np.append(False, last[:-1]))]
+    of_row = np.empty(len(rows), np.intp)
+    of_row[order] = most
+    few = sums <= _MINORITY * sums[of_row]
+    return rows[np.where(few, of_row, np.arange(len(rows)))[number], 1:]
 
 
 class _Found(NamedTuple):

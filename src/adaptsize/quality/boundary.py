@@ -4,14 +4,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptsize._checks import place_text
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import interfaces
 from adaptsize.background.topology import compacted, components_of
 from adaptsize.geometry.distance.orientation import is_cycle
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.enclosed import cone_measures, enclosed_measure
-from adaptsize.geometry.solid import sides_of
-from adaptsize.typing import FloatArray
+from adaptsize.geometry.solid import Solid, sides_of
+from adaptsize.typing import BoolArray, FloatArray
 
 
 class Distances(NamedTuple):
@@ -28,6 +29,24 @@ class Distances(NamedTuple):
     def largest(self) -> float:
         """The largest distance."""
         return float(self.distance.max())
+
+
+class Opening(NamedTuple):
+    """The part of a new boundary that closes holes of a surface."""
+
+    area: float
+    """Area of the facets farther away from the surface than the tolerance."""
+    place: tuple[float, ...]
+    """The centroid of the largest connected part."""
+    n_parts: int
+    """Number of connected parts."""
+
+    def __str__(self) -> str:
+        """Return the area, and the place of the largest part."""
+        many = self.n_parts > 1
+        parts, largest = (f"{self.n_parts} parts", ", the largest") if many else ("1 part", "")
+        where = f"{largest} around {place_text(self.place, 4)}"
+        return f"openings are closed by {parts} with an area of {self.area:.3g}{where}"
 
 
 class Topology(NamedTuple):
@@ -83,7 +102,7 @@ def overlapping_cells(mesh: SimplexMesh) -> OverlappingCells | None:
         return None
     overlap = winding(mesh.points[mesh.cells].mean(axis=1)) > 1.5
     overlap[cells[sides.owner[twice]]] = True
-    corners = sides.skin()
+    corners = sides.skin()[0]
     union = SimplexMesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
     volume = float(mesh.measures.sum() - cone_measures(union, skin.points.mean(axis=0)).sum())
     place = sides.centre[twice][sides.area[twice].argmax()]
@@ -175,6 +194,47 @@ def distances_from(skin: SimplexMesh, other: SimplexMesh) -> Distances:
     at_centroids = distance[-skin.n_cells :]
     means = (at_nodes / (n + 1) + (n + 1) * at_centroids) / (n + 2)
     return Distances(points, distance, float(skin.measures @ means))
+
+
+def distances_from_solid(
+    skin: SimplexMesh, solid: Solid, allowed: float
+) -> tuple[list[Distances], Opening | None]:
+    """Return the distances of the boundary of a solid and a new one from each other.
+
+    Of a surface with holes, only the facets where the winding number crosses one half are compared.
+    The new boundary may be farther than ``allowed`` from these where the number is between 1/4 and
+    3/4 (see `Solid.is_opening`): this is how the holes were closed.
+
+    Returns
+    -------
+    list of Distances
+        Of the solid from the new boundary, and vice versa without what closes holes.
+    Opening or None
+        What closes holes; None if nothing does.
+    """
+    old = solid.skin
+    lost, new = distances_from(old, skin), distances_from(skin, old)
+    if solid.is_closed:
+        return [lost, new], None
+    closing = new.distance > allowed
+    closing[closing] = solid.is_opening(new.points[closing])
+    rest = new._replace(points=new.points[~closing], distance=new.distance[~closing])
+    away = [lost, rest] if len(rest.points) else [lost]
+    return away, _opening(skin, closing[-skin.n_cells :])
+
+
+def _opening(skin: SimplexMesh, closing: BoolArray) -> Opening | None:
+    """Return area and place of the facets that close holes."""
+    if not closing.any():
+        return None
+    cells, areas = skin.cells[closing], skin.measures[closing]
+    label = components_of(np.concatenate([cells[:, :2], cells[:, 1:]]), skin.n_points)[cells[:, 0]]
+    parts, number = np.unique(label, return_inverse=True)
+    sums = np.bincount(number.reshape(-1), areas)
+    largest = number.reshape(-1) == sums.argmax()
+    centroids = skin.points[cells[largest]].mean(axis=1)
+    place = np.average(centroids, axis=0, weights=areas[largest])
+    return Opening(float(areas.sum()), tuple(place.tolist()), len(parts))
 
 
 def topology_of(skin: SimplexMesh) -> Topology | None:

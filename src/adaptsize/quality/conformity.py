@@ -15,8 +15,9 @@ from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh, topology
 from adaptsize.background.migration import boundary_facets, is_counted_here
 from adaptsize.background.requests import boxes_of, ranks_within
 from adaptsize.background.simplex import as_mesh
+from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric, MetricFunction
-from adaptsize.quality.boundary import distances_from
+from adaptsize.quality.boundary import distances_from, distances_from_solid
 from adaptsize.quality.by_place import RequestedElements, Served, WorstPlace, is_in_band
 from adaptsize.quality.elements import (
     MetricQuality,
@@ -446,11 +447,17 @@ def _quantiles(ranks: Communicator, values: FloatArray, shares: Sequence[float])
 
 
 def _hausdorff(mesh: SimplexMesh, surface: SimplexMesh) -> float:
-    """Return a lower bound on the Hausdorff distance of a surface and a mesh's boundary."""
+    """Return a lower bound on the Hausdorff distance of a surface and a mesh's boundary.
+
+    Of a surface around tetrahedra, what bounds the solid counts.
+    """
     if mesh.dim != surface.dim or mesh.cell_dim - surface.cell_dim not in (0, 1):
         raise ValueError(
             f"surface must have cells like those of the mesh or of its boundary, "
             f"got {surface!r} for {mesh!r}"
         )
+    if mesh.cell_dim == 3 and surface.cell_dim == 2:
+        away = distances_from_solid(mesh.boundary().mesh, Solid(surface), np.inf)[0]
+        return max(found.largest for found in away)
     skin = mesh if mesh.cell_dim == surface.cell_dim else mesh.boundary().mesh
     return max(distances_from(skin, surface).largest, distances_from(surface, skin).largest)

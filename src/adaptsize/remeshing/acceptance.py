@@ -1,24 +1,19 @@
-"""Checks of generated meshes, and other generators if one is not accepted (``strict``)."""
+"""The judgement of a generated mesh, and warnings of what is wrong with it."""
 
-import time
-import warnings
-from collections.abc import Callable, Iterable, Iterator
-from typing import NamedTuple
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from adaptsize._checks import place_text
+from adaptsize._checks import place_text, warn_caller
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import skin_of
-from adaptsize.errors import (
-    BackendError,
-    BackendTimeoutError,
-    BoundaryWarning,
-    MeshingError,
-    ResolutionWarning,
-)
+from adaptsize.errors import BackendError, BoundaryWarning
 from adaptsize.geometry.solid import Solid
-from adaptsize.quality import check_mesh
 from adaptsize.quality.boundary import (
     interface_distances,
     keeps_topology,
@@ -26,12 +21,141 @@ from adaptsize.quality.boundary import (
     tagged_parts,
     topology_of,
 )
-from adaptsize.quality.certificate import MeshCheck
-from adaptsize.quality.requests import MISSING
-from adaptsize.remeshing.protocol import Problem, Task
-from adaptsize.remeshing.registry import able_backends
+from adaptsize.quality.certificate import NEAR, Demand, MeshCheck, checked_mesh, size_demands
+from adaptsize.quality.elements import minimum_angles
+from adaptsize.remeshing.protocol import Problem
 from adaptsize.remeshing.sizing import Size
 from adaptsize.typing import FloatArray
+
+#: Cells with a smaller dihedral angle, in degrees, are flat.
+LEAST_ANGLE = 2.0
+#: Distances of a boundary over the tolerance that are warned of.  Mmg on a first volume by fTetWild
+#: reaches 4 times the tolerance, everything else less.
+_FAR = 4.0
+#: Demands on the cells, and on the domain.
+_SOUND = frozenset({"cells", "facets", "overlaps"})
+_DOMAIN = frozenset({"boundary", "interface", "tags", "regions", "measure", "topology"})
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the acceptance found on a mesh.
+
+    Attributes
+    ----------
+    check : MeshCheck
+    least_angle : float
+        The least dihedral angle, or angle of triangles, in degrees.
+    is_off : bool
+        Whether nodes of the boundary are off the given one, or a part of that is lost.  Coarse
+        sizes alone, whose edges cut corners of the boundary, do not count: no generator helps.
+    sizes : callable
+        Returns the demands on the sizes that are not in ``check``.  They take three times as long,
+        and matter only for the rank.
+    """
+
+    check: MeshCheck
+    least_angle: float
+    is_off: bool
+    sizes: Callable[[], tuple[Demand, ...]] = tuple
+
+    @property
+    def faults(self) -> frozenset[str]:
+        """What another generator may do better, whatever the sizes."""
+        missed = {demand.name for demand in self.check.missed}
+        found = missed & (_SOUND | {"topology"})
+        if self.is_off:
+            found.add("boundary")
+        if self.least_angle < LEAST_ANGLE:
+            found.add("angles")
+        return frozenset(found)
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether no cell is inverted, and no point is in two cells."""
+        return not self.faults & _SOUND
+
+    @cached_property
+    def rank(self) -> tuple[float, ...]:
+        """A better mesh has a smaller one.
+
+        First come sound cells, then the demands on the domain, the distance of the boundary by
+        factors of two, flat cells, the sizes, demands that are near, and the least angle.
+        """
+        demands = [*self.check.demands, *self.sizes()]
+        missed = {demand.name for demand in demands if demand.status == "missed"}
+        away = 0.0
+        for demand in self.check.missed:
+            if demand.name == "boundary" and demand.value and demand.limit:
+                away = math.floor(math.log2(demand.value / demand.limit))
+        return (
+            len(missed & _SOUND),
+            len(missed & _DOMAIN),
+            away,
+            self.least_angle < LEAST_ANGLE,
+            len(missed - _SOUND - _DOMAIN),
+            sum(not demand.is_met for demand in demands),
+            -self.least_angle,
+        )
+
+    @property
+    def text(self) -> str:
+        """The demands that are not met, with figures, and flat cells."""
+        texts = [f"{demand.name} {demand.text}" for demand in self.check.failures]
+        if self.least_angle < LEAST_ANGLE:
+            texts.append(f"least angle {self.least_angle:.2g} degrees")
+        return ", ".join(texts)
+
+
+@dataclass(frozen=True)
+class Judge:
+    """The one acceptance function of `remesh`: compares meshes with the request.
+
+    Attributes
+    ----------
+    old : SimplexMesh
+        The repaired mesh.
+    solid : Solid or None
+        What a surface to be filled encloses.
+    size : callable or None
+        The checked sizes; None if they are not compared.
+    tolerance : float
+        Over the diagonal.
+    strict : bool
+        Whether a mesh must have the sizes, too.
+    """
+
+    old: SimplexMesh
+    solid: Solid | None
+    size: Size | None
+    tolerance: float
+    strict: bool = False
+
+    def __call__(self, new: SimplexMesh) -> Verdict:
+        """Return what is wrong with a mesh."""
+        size, later = self.size, None
+        if not self.strict:
+            size, later = None, self.size
+
+        def sizes() -> tuple[Demand, ...]:
+            return () if later is None else tuple(size_demands(new, later))
+
+        check = checked_mesh(new, self.old, size, self.tolerance, solid=self.solid)
+        allowed = self.tolerance * self.old.diagonal
+        is_off = any(demand.name == "boundary" for demand in check.missed) and _is_off(
+            new, self.old, allowed, self.solid
+        )
+        return Verdict(check, float(minimum_angles(new).min()), is_off, sizes)
+
+
+def _is_off(new: SimplexMesh, old: SimplexMesh, allowed: float, solid: Solid | None) -> bool:
+    """Return whether nodes of the boundary left the given one, or a part of that is lost."""
+    old_skin, skin = skin_of(old)[0] if solid is None else solid.skin, skin_of(new)[0]
+    if solid is None and not old_skin.is_closed:
+        return False
+    if _farthest(skin.points, old_skin, (1.0 + NEAR) * allowed, solid=solid)[0] > 0.0:
+        return True
+    return _farthest(old_skin.points, skin, _FAR * allowed, new)[0] > 0.0
 
 
 def refuse_other_domain(new: SimplexMesh, problem: Problem, backend: str) -> None:
@@ -102,8 +226,8 @@ def warn_of_deviation(
 ) -> None:
     """Warn if boundary or interfaces are much farther from the given ones than the tolerance.
 
-    Only nodes are measured.  At any distance, another topology is warned of.  An open surface is
-    left out: of that `warn_of_surface` warns.  Tetrahedra that overlap are warned of, too.
+    Only nodes are measured.  At any distance, another topology is warned of.  Where a surface has
+    holes, the boundary may close them.  Tetrahedra that overlap are warned of, too.
 
     Parameters
     ----------
@@ -123,18 +247,16 @@ def warn_of_deviation(
     found_twice = overlapping_cells(new) if new.cell_dim == 3 else None
     if found_twice is not None:
         text = f"{found_twice}, one at {place_text(found_twice.place)}; use strict=True"
-        warnings.warn(text, BoundaryWarning, stacklevel=3)
+        warn_caller(text, BoundaryWarning)
     old_skin, skin = skin_of(old)[0] if solid is None else solid.skin, skin_of(new)[0]
-    if not (old_skin.is_closed if solid is None else solid.is_closed):
+    if solid is None and not old_skin.is_closed:
         return
-    # Distances of a boundary over the tolerance that are warned of.  Mmg on a first volume by
-    # fTetWild reaches 4 times the tolerance, everything else less.
-    far = 4.0 * tolerance
+    far = _FAR * tolerance
     off = {
         "the mesh misses part of the domain: its boundary is": _farthest(
             old_skin.points, skin, far, new
         ),
-        "the boundary of the mesh is": _farthest(skin.points, old_skin, far),
+        "the boundary of the mesh is": _farthest(skin.points, old_skin, far, solid=solid),
     }
     names = "the mesh misses part of an interface: it is", "an interface of the mesh is"
     for what, found in zip(names, interface_distances(new, old), strict=False):
@@ -153,7 +275,7 @@ def warn_of_deviation(
         text += f"tolerance is {tolerance:.3g}"
     else:
         # A thin wall or gap may be lost within the distance that is not warned of.
-        if keeps_topology(skin, old_skin):
+        if (solid is not None and not solid.is_closed) or keeps_topology(skin, old_skin):
             return
         text = (
             "the boundary of the mesh has another topology than the given one: "
@@ -163,7 +285,7 @@ def warn_of_deviation(
             "walls or gaps about as thin as the tolerance may be lost or filled; lower the "
             "tolerance or use strict=True"
         )
-    warnings.warn(f"{text}; {advice}", BoundaryWarning, stacklevel=3)
+    warn_caller(f"{text}; {advice}", BoundaryWarning)
 
 
 def warn_of_lost_tags(new: SimplexMesh, old: SimplexMesh, backend: str) -> None:
@@ -177,20 +299,24 @@ def warn_of_lost_tags(new: SimplexMesh, old: SimplexMesh, backend: str) -> None:
     missing = tagged_parts(new, old).missing
     if missing:
         advice = "" if backend == "mmg" else "; backend='mmg' keeps tagged facets inside of regions"
-        warnings.warn(
+        warn_caller(
             f"the mesh has lost the facets with the tags {', '.join(missing)}, which {backend} "
             f"did not return{advice}",
             BoundaryWarning,
-            stacklevel=3,
         )
 
 
 def _farthest(
-    points: FloatArray, skin: SimplexMesh, far: float, inside: SimplexMesh | None = None
+    points: FloatArray,
+    skin: SimplexMesh,
+    far: float,
+    inside: SimplexMesh | None = None,
+    solid: Solid | None = None,
 ) -> tuple[float, FloatArray]:
     """Return the distance and the place of the farthest point; 0 if none is beyond ``far``.
 
     The distance is that from a surface or curve, or from the mesh that it is the boundary of.
+    Points where a mesh may close holes of a solid do not count.
     """
     from scipy.spatial import cKDTree
 
@@ -201,116 +327,10 @@ def _farthest(
         if len(rest) and mesh is not None:
             distance = mesh.locator.nearest(rest)[2]
             rest, distance = rest[distance > far], distance[distance > far]
+    if len(rest) and solid is not None:
+        counts = ~solid.is_opening(rest)
+        rest, distance = rest[counts], distance[counts]
     if not len(rest):
         return 0.0, points[0]
     k = int(distance.argmax())
     return float(distance[k]), rest[k]
-
-
-#: Length of a failure in the message about all routes, of which there are five.
-_LONGEST = 120
-
-
-class Route(NamedTuple):
-    """A generator, and the tolerance that it is given over the allowed one."""
-
-    backend: str
-    factor: float
-
-    def __str__(self) -> str:
-        """Return the generator and the factor."""
-        return self.backend + ("" if self.factor == 1.0 else f" with {self.factor:g} x tolerance")
-
-
-def remesh_strictly(
-    attempt: Callable[..., SimplexMesh],
-    original: SimplexMesh,
-    size: Size,
-    tolerance: float,
-    ways: Iterable[Route],
-    timeout: float | None,
-) -> SimplexMesh:
-    """Return the first mesh that meets all demands of `check_mesh`.
-
-    Parameters
-    ----------
-    attempt : callable
-        Makes a mesh with the keywords ``backend``, ``tolerance`` and ``timeout``.
-    original : SimplexMesh
-    size : callable
-        The checked sizes.
-    tolerance : float
-    ways : iterable of Route
-        In the order in which they are tried.
-    timeout : float or None
-        Time limit for all attempts together.
-
-    Raises
-    ------
-    MeshingError
-        If no route gives such a mesh.  The message says what was tried and what failed.
-
-    Warns
-    -----
-    ResolutionWarning
-        If the first attempt failed, with what was tried.
-    """
-    deadline = None if timeout is None else time.monotonic() + timeout
-    failures: dict[str, list[str]] = {}  # routes by what was wrong
-    last: MeshCheck | None = None
-    for route in ways:
-        left = None if deadline is None else deadline - time.monotonic()
-        if left is not None and left <= 0.0:
-            failures.setdefault("no time left", []).append(str(route))
-            break
-        try:
-            with warnings.catch_warnings():  # the accepted mesh is warned of
-                warnings.filterwarnings("ignore", MISSING, ResolutionWarning)
-                new = attempt(
-                    backend=route.backend, tolerance=route.factor * tolerance, timeout=left
-                )
-        except BackendError as error:
-            if isinstance(error, BackendTimeoutError) and not failures:
-                raise
-            failures.setdefault(_in_short(str(error)), []).append(str(route))
-            continue
-        last = check_mesh(new, original=original, size=size, tolerance=tolerance)
-        if last.is_met:
-            if failures:
-                text = f"made by {route} after {_listed(failures)}"
-                warnings.warn(text, ResolutionWarning, stacklevel=4)
-            return new
-        missed = ", ".join(f"{demand.name} {demand.text}" for demand in last.failures)
-        failures.setdefault(_in_short(missed), []).append(str(route))
-    message = f"no mesh meets the demands; tried {_listed(failures)}"
-    raise MeshingError(message if last is None else f"{message}{_worst(last)}", last)
-
-
-def _listed(failures: dict[str, list[str]]) -> str:
-    return "; ".join(f"{', '.join(tried)}: {wrong}" for wrong, tried in failures.items())
-
-
-def _in_short(text: str) -> str:
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
-
-
-def _worst(check: MeshCheck) -> str:
-    """Return the worst place of each demand that is not met."""
-    places = [
-        f"{demand.name} at {place_text(demand.places[0].point)}"
-        for demand in check.failures
-        if demand.places
-    ]
-    return f"; worst places of the last: {', '.join(places)}" if places else ""
-
-
-def routes(task: Task, backend: str, chosen: str, *, keep_facets: bool) -> Iterator[Route]:
-    """Yield the routes to try: a smaller tolerance, for "auto" other generators, the smallest."""
-    names = [chosen]
-    if backend == "auto":
-        able = able_backends(task, keep_facets=keep_facets)
-        names += [other.name for other in able if other.installed and other.name != chosen]
-    # Tolerances passed to a generator, over the allowed one.  Generators keep a smaller tolerance
-    # than the one they are given, at most 2.2 times.
-    yield from (Route(name, factor) for name in names for factor in (1.0, 0.4))
-    yield Route(chosen, 0.15)  # takes long

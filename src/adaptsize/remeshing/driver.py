@@ -2,39 +2,54 @@
 
 from __future__ import annotations
 
-import time
-import warnings
-from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_index_array
+from adaptsize._checks import as_index_array, warn_caller
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh
-from adaptsize.errors import InputWarning, TooManyElementsError
+from adaptsize.errors import (
+    BackendError,
+    BackendTimeoutError,
+    InputWarning,
+    MeshingError,
+    ResolutionWarning,
+    TooManyElementsError,
+)
 from adaptsize.geometry.planes import is_in_plane
 from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
 from adaptsize.quality.connections import refuse_repeated_cells
+from adaptsize.remeshing import netgen
 from adaptsize.remeshing.acceptance import (
+    Judge,
     refuse_flat,
-    remesh_strictly,
-    routes,
     warn_of_deviation,
     warn_of_lost_tags,
 )
+from adaptsize.remeshing.attempts import (
+    Attempts,
+    Best,
+    Budget,
+    Candidate,
+    best_of,
+    keep_attempts,
+    worst_places,
+)
 from adaptsize.remeshing.delivery import delivered, warn_of_unconnected, without_fields
-from adaptsize.remeshing.filling import filled
+from adaptsize.remeshing.filling import FILLS_MORE, MANY_MORE, Filling, improved_soundly
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.in_parts import remesh_parts
 from adaptsize.remeshing.isolation import IsolatedRunner
+from adaptsize.remeshing.planning import Attempt, Known, plan
 from adaptsize.remeshing.preparation import (
     Frame,
     RepairedMesh,
@@ -43,7 +58,7 @@ from adaptsize.remeshing.preparation import (
     surface_to_fill,
 )
 from adaptsize.remeshing.protocol import Backend, Problem, Task
-from adaptsize.remeshing.registry import choose_backend
+from adaptsize.remeshing.registry import able_backends, available_backends, choose_backend
 from adaptsize.remeshing.resolution import RequestedSizes, as_request
 from adaptsize.remeshing.sizing import (
     MetricAt,
@@ -53,15 +68,11 @@ from adaptsize.remeshing.sizing import (
     mean_size,
 )
 from adaptsize.remeshing.surface_checks import warn_of_surface
+from adaptsize.remeshing.through_surface import has_folded_cells, refilled
 from adaptsize.sizes import Enclosed, predict
 from adaptsize.typing import IntArray, ProgressCallback, Unpack
 
 M = TypeVar("M", SimplexMesh, PartitionedMesh)
-
-#: Processor time, in all and per cell, after which the generator is stopped: two hundred times what
-#: is usual.  It hardly ends where the tolerance is far too small for the sizes.
-_LONGEST = 60.0
-_LONGEST_PER_CELL = 0.02
 
 
 @with_options(RemeshOptions)
@@ -112,9 +123,9 @@ def remesh(
     BackendUnavailableError
         If no installed generator can do this.  The message says how to install one.
     BackendError
-        If the generator failed.  The message has its last lines of output.
-        BackendTimeoutError if it was stopped at ``timeout``, MeshingError if ``strict`` and no
-        mesh meets the demands.
+        If no generator made a mesh.  The message lists what was tried, with the last lines of
+        output.  BackendTimeoutError if they were stopped at their limits of time, MeshingError if
+        ``strict`` and no mesh meets the demands.
 
     Warns
     -----
@@ -135,9 +146,9 @@ def remesh(
         If less than 80 % of the elements that a source, a curved face or a narrow region requests
         were made, because the cells there are too large.  If edges of a plane boundary are shorter
         than an eighth of their size, because it has smaller details.
-        If ``strict`` and the first mesh did not meet the demands, with what was tried.  If
-        fTetWild failed and was run again with a quarter of the tolerance.  Also if Mmg fails or
-        takes too long inside a surface: the tetrahedra are then those that Netgen fills it with.
+        If ``strict`` and the first mesh did not meet the demands, with what was tried.  If Mmg
+        fails or takes too long inside a surface: the tetrahedra are then those that Netgen fills it
+        with.  If ``timeout`` was reached: the mesh is the best one so far.
 
     Notes
     -----
@@ -147,6 +158,11 @@ def remesh(
     No generator guarantees the tolerance, or that the edges have the requested lengths, which
     `size_conformity` measures.  Mmg gives the same mesh for the same input, fTetWild another one in
     each run.  To fill a surface, Mmg starts from a first mesh by Netgen or fTetWild.
+
+    Several routes are planned from what is known of the input.  They are tried until a mesh has no
+    fault that another generator may cure: cells that overlap, nodes that have left the boundary,
+    another topology, or dihedral angles below 2 degrees.  The best mesh is returned.  A failure of
+    a generator is one attempt.
 
     Generators run in child processes in a temporary directory.  Their crashes, output
     and files do not affect the caller, and Ctrl-C stops them.
@@ -184,7 +200,7 @@ def remesh(
             one: Any = partial(remesh, **(given | RemeshOptions(backend="mmg")), progress=report)
             return remesh_parts(mesh, cast(npt.ArrayLike, size), one, given)  # type: ignore
     mesh = without_fields(mesh)
-    task, tolerance = _task(mesh, given["target"]), given["tolerance"]
+    task = _task(mesh, given["target"])
     if mesh.cell_dim == mesh.dim:
         refuse_repeated_cells(mesh)
         warn_of_unconnected(mesh)
@@ -197,68 +213,192 @@ def remesh(
     wanted = as_size(sizes, mesh, g=given["g"], hmax=given["hmax"])
     repaired = repair_mesh(mesh)
     if repaired.repairs:
-        warnings.warn(repaired.repairs, InputWarning, stacklevel=3)
-    if given["strict"]:
-        attempt: Callable[..., SimplexMesh] = partial(
-            remesh, mesh, sizes, required_facets=required_facets, progress=progress,
-            **(given | RemeshOptions(strict=False)),
-        )  # fmt: skip
-        ways = routes(task, given["backend"], chosen.name, keep_facets=required_facets is not None)
-        strict = remesh_strictly(attempt, repaired.mesh, wanted, tolerance, ways, given["timeout"])
-        return delivered(strict, sizes, wanted, mesh, metric)
-    allowed = tolerance * repaired.mesh.diagonal
-    frame, solid, may_be_joined = Frame.around(repaired.mesh), None, False
+        warn_caller(repaired.repairs, InputWarning)
+    solid, may_be_joined, old = None, False, repaired.mesh
     if task == "surface to tetrahedra":
-        solid = Solid(repaired.mesh)
-        may_be_joined = warn_of_surface(repaired.mesh, allowed, solid)
+        solid = Solid(old)
+        may_be_joined = warn_of_surface(old, given["tolerance"] * old.diagonal, solid)
         repaired = surface_to_fill(repaired, solid)
-    required = _required(required_facets, mesh, repaired)
-    wanted_sizes = RequestedSizes(wanted, sizes, mesh, given["g"], given["hmax"], metric)
-    problem = as_request(
-        task, repaired.mesh, frame, wanted_sizes, tolerance, required,
-        is_by_mmg=chosen.name == "mmg",
+    job = _Job(
+        task, repaired.mesh, Frame.around(old), solid,
+        RequestedSizes(wanted, sizes, mesh, given["g"], given["hmax"], metric),
+        _required(required_facets, mesh, repaired), given,
     )  # fmt: skip
-    n_cells = _number_of_cells(mesh, size, problem)
-    if n_cells > given["max_elements"]:
-        raise TooManyElementsError(
-            f"the sizes require about {n_cells:.3g} elements, more than max_elements = "
-            f"{given['max_elements']:.3g}; increase the sizes or raise max_elements"
-        )
-    problem = replace(problem, seconds=_LONGEST + _LONGEST_PER_CELL * n_cells)
+    job.n_cells = _number_of_cells(mesh, size, job.problem(chosen.name, 1.0))
+    job.refuse_too_many()
+    attempts = plan(job.known(chosen, metric=metric is not None), strict=given["strict"])
+    compared = wanted if metric is None and required_facets is None else None
+    judge = Judge(old, solid, compared, given["tolerance"], given["strict"])
+    budget = Budget(given["timeout"])
     with reporting(progress) as report:
-        timeout = given["timeout"]
-        deadline = None if timeout is None else time.monotonic() + timeout
-        run = IsolatedRunner(chosen.name, timeout, deadline, report)
-        new = _solved(problem, chosen, run, n_cells, given["max_elements"], _union(solid, frame))
-    made = frame.restored(new, repaired.mesh)
-    refuse_flat(made, chosen.name)
-    warn_of_deviation(made, repaired.mesh, allowed, solid, may_be_joined=may_be_joined)
-    warn_of_lost_tags(made, repaired.mesh, chosen.name)
-    if required is not None:  # beside facets that must not change, no sizes can be followed
+        run = IsolatedRunner(chosen.name, None, None, report)
+        found = best_of(
+            attempts, job.solve, judge, budget, run,
+            strict=given["strict"], always=solid is not None,
+        )  # fmt: skip
+    best = _accepted(found, task, given)
+    keep_attempts(best.mesh, found)
+    if not given["strict"]:
+        allowed = given["tolerance"] * old.diagonal
+        warn_of_deviation(best.mesh, repaired.mesh, allowed, solid, may_be_joined=may_be_joined)
+        warn_of_lost_tags(best.mesh, repaired.mesh, chosen.name)
+    if job.required is not None:  # beside facets that must not change, no sizes can be followed
+        return best.mesh
+    return delivered(best.mesh, sizes, wanted, mesh, metric)
+
+
+@dataclass
+class _Job:
+    """A request after checks and repairs, and how the routes of its attempts make meshes."""
+
+    task: Task
+    mesh: SimplexMesh
+    """The repaired mesh; of a surface to be filled, the facets that bound the solid."""
+    frame: Frame
+    solid: Solid | None
+    sizes: RequestedSizes
+    required: IntArray | None
+    given: RemeshOptions
+    n_cells: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._problems: dict[tuple[bool, float], Problem] = {}
+
+    def problem(self, backend: str, factor: float) -> Problem:
+        """Return the request to a generator, with a tolerance over the allowed one."""
+        key = backend == "mmg", factor
+        if key not in self._problems:
+            self._problems[key] = as_request(
+                self.task, self.mesh, self.frame, self.sizes, factor * self.given["tolerance"],
+                self.required, is_by_mmg=backend == "mmg",
+            )  # fmt: skip
+        return self._problems[key]
+
+    def refuse_too_many(self) -> None:
+        """Raise a TooManyElementsError if too many elements are predicted."""
+        most = self.given["max_elements"]
+        if self.n_cells > most:
+            raise TooManyElementsError(
+                f"the sizes require about {self.n_cells:.3g} elements, more than max_elements = "
+                f"{most:.3g}; increase the sizes or raise max_elements"
+            )
+
+    def known(self, chosen: Backend, *, metric: bool) -> Known:
+        """Return what decides the routes."""
+        names = [chosen.name]
+        if self.given["backend"] == "auto":
+            keep = self.required is not None
+            able = able_backends(self.task, keep_facets=keep, metric=metric)
+            names += [one.name for one in able if one.installed and one.name != chosen.name]
+        solid = self.solid
+        return Known(
+            self.task, tuple(names), chosen.needs_volume, self.n_cells, self.mesh.n_cells,
+            self.given["tolerance"],
+            can_fill=solid is not None and netgen.can_fill(self.mesh),
+            is_closed=solid is not None and solid.is_closed,
+            is_crossed=self.is_crossed,
+            is_folded=self.task == "tetrahedra" and has_folded_cells(self.mesh),
+        )  # fmt: skip
+
+    @property
+    def is_crossed(self) -> bool:
+        """Whether facets of the surface to be filled cross others."""
+        # The boundary of a union replaces bodies that overlap, if it could be made.
+        solid = self.solid
+        return solid is not None and solid.is_divided and self.mesh is not solid.skin
+
+    @cached_property
+    def filling(self) -> Filling:
+        """The routes that begin with a first volume."""
+        problem = self.problem("tetwild", 1.0)
+        surface = problem.mesh
+        if self.solid is not None and self.is_crossed:
+            surface = self.frame.mesh(self.solid.skin)
+        return Filling(problem, surface, self.n_cells, self.given["max_elements"])
+
+    def solve(self, attempt: Attempt, run: IsolatedRunner) -> Iterator[Candidate]:
+        """Yield the meshes of an attempt, in the given coordinates."""
+        backend = available_backends()[attempt.backend]
+        if attempt.first is None or self.task == "tetrahedra":
+            found = self._alone(attempt, backend, run)
+        else:
+            found = self.filling.candidates(attempt, backend, run)
+        for finish, note in found:
+            yield Candidate(partial(self._restored, finish, attempt.backend), note)
+
+    def _restored(self, finish: Callable[[], SimplexMesh], backend: str) -> SimplexMesh:
+        made = self.frame.restored(finish(), self.mesh)
+        refuse_flat(made, backend)
         return made
-    return delivered(made, sizes, wanted, mesh, metric)
+
+    def _alone(
+        self, attempt: Attempt, backend: Backend, run: IsolatedRunner
+    ) -> Iterator[Candidate]:
+        """Yield the mesh of one generator, improved unless it has a metric or required facets."""
+        problem = self.problem(attempt.backend, attempt.factor)
+        if attempt.first is None:
+            new = restore(backend.solve(problem, run), problem, backend.name)
+        else:
+            new = refilled(problem, run)
+
+        def finish() -> SimplexMesh:
+            if problem.metric is not None or problem.facets.required.any():
+                return new
+            if self.solid is not None:
+                return improved_soundly(new, self.filling.surface, problem.tolerance)
+            return improved(new, problem.mesh, problem.tolerance)
+
+        yield Candidate(finish, self._note_on(new.n_cells))
+
+    def _note_on(self, n_cells: int) -> str:
+        """Return a note if an open surface was filled by many more cells than predicted."""
+        if self.solid is None or self.solid.is_closed or n_cells <= MANY_MORE * self.n_cells:
+            return ""
+        return f"{n_cells} elements instead of the predicted {self.n_cells:.3g}: {FILLS_MORE}"
 
 
-def _solved(
-    problem: Problem,
-    chosen: Backend,
-    run: IsolatedRunner,
-    n_cells: float,
-    max_elements: float,
-    union: SimplexMesh | None,
-) -> SimplexMesh:
-    """Return the mesh of a generator, improved unless it is anisotropic or has required facets."""
-    if problem.task == "surface to tetrahedra" and chosen.needs_volume:
-        return filled(problem, chosen, run, n_cells, max_elements, union)
-    new = restore(chosen.solve(problem, run), problem, chosen.name)
-    if problem.metric is not None or problem.facets.required.any():
-        return new
-    return improved(new, problem.mesh, problem.tolerance)
+def _accepted(found: Attempts, task: Task, given: RemeshOptions) -> Best:
+    """Return the best mesh, with warnings on how it was made; raise if it must not be returned.
 
-
-def _union(solid: Solid | None, frame: Frame) -> SimplexMesh | None:
-    """Return the boundary of a solid if its bodies overlap, in the coordinates of the part."""
-    return None if solid is None or not solid.is_divided else frame.mesh(solid.skin)
+    Raises
+    ------
+    BackendError
+        If there is no mesh, or cells of one that fills a surface overlap.
+        BackendTimeoutError if the time was over before there was one.
+    MeshingError
+        If ``strict`` and the mesh does not meet all demands.
+    """
+    best, timeout = found.best, given["timeout"]
+    if best is None:
+        kind = BackendTimeoutError if found.is_stopped else BackendError
+        if len(found.tried) == 1:
+            raise kind(found.tried[0].text)
+        limit = f" within the time limit of {timeout:g} s" if found.is_cut_short else ""
+        advice = "; a timeout gives more time" if timeout is None and found.is_stopped else ""
+        raise kind(f"no generator made a mesh{limit}; tried {found.failures()}{advice}")
+    verdict = best.verdict
+    if given["strict"]:
+        assert verdict is not None
+        if not verdict.check.is_met:
+            text = f"no mesh meets the demands; tried {found.failures()}"
+            places = worst_places(verdict)
+            if places:
+                text += f"; worst places of the best: {places}"
+            raise MeshingError(text, verdict.check)
+        others = found.failures(but=best.route)
+        if others:
+            warn_caller(f"made by {best.route} after {others}", ResolutionWarning)
+    elif task == "surface to tetrahedra" and verdict is not None and not verdict.is_sound:
+        raise BackendError(f"no generator made a sound mesh; tried {found.failures()}")
+    if best.note:
+        warn_caller(best.note, ResolutionWarning)
+    if found.is_cut_short:
+        text = "" if verdict is None or not verdict.text else f"; not reached: {verdict.text}"
+        warn_caller(
+            f"stopped at the time limit of {timeout:g} s with the mesh by {best.route}{text}",
+            ResolutionWarning,
+        )
+    return best
 
 
 def _required(

@@ -1,26 +1,21 @@
-"""Tetrahedra in a surface: a first volume for Mmg to start from, adapted and improved."""
+"""The routes to tetrahedra in a surface: what fills it first, and what adapts that."""
 
-import warnings
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
+from functools import partial
 
-import numpy as np
-
-from adaptsize._checks import place_text
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import renumbered_edges
-from adaptsize.errors import (
-    BackendError,
-    BackendTimeoutError,
-    ResolutionWarning,
-    TooManyElementsError,
-)
-from adaptsize.quality.boundary import distances_from, keeps_topology, overlapping_cells
-from adaptsize.quality.elements import minimum_angles
+from adaptsize.errors import BackendError, TooManyElementsError
+from adaptsize.quality.boundary import overlapping_cells
 from adaptsize.remeshing import netgen
+from adaptsize.remeshing.attempts import Candidate
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.mmg import adapted
+from adaptsize.remeshing.planning import Attempt
 from adaptsize.remeshing.preparation import as_problem, number_regions, restore
 from adaptsize.remeshing.protocol import Arrays, Backend, Facets, Problem
 from adaptsize.remeshing.sizing import Size
@@ -34,96 +29,128 @@ from adaptsize.typing import IntArray
 #: arc.  With ``hausd`` the tolerance, it divides all edges longer than the bound that
 #: `size_function` takes from curvature.
 _HAUSD = (2.0, 1.2)
-
-
-#: If cells have a smaller dihedral angle in degrees, fTetWild is tried alone.
-_LEAST_ANGLE = 2.0
-#: Processor time, in all and per cell, after which the generator is stopped while it adapts a first
-#: volume.  On closed parts, it needed a fifth of that.
-_SECONDS = 10.0
-_SECONDS_PER_CELL = 1e-3
 #: Cells that a first volume requires over those that were predicted, above which this is reported.
 MANY_MORE = 1.5
+FILLS_MORE = (
+    "the mesh fills more than the surface encloses; close the surface or increase the sizes"
+)
+_NOT_ADAPTED = "the tetrahedra are those that fill the surface, not adapted to the sizes inside"
 
 
-def filled(
-    problem: Problem,
-    chosen: Backend,
-    run: IsolatedRunner,
-    n_cells: float,
-    max_elements: float,
-    union: SimplexMesh | None = None,
-) -> SimplexMesh:
-    """Return the tetrahedra in a surface, adapted from a first volume by a generator, and improved.
+class Filling:
+    """The routes from a surface to tetrahedra that a generator adapts.
 
-    If cells are still flat, fTetWild fills the surface with the same sizes.  Its mesh is returned
-    if the smallest angle is larger, and topology and tolerance of the boundary are kept: of a fin
-    thinner than the tolerance, it may leave an edge in more than two facets.  It also fills the
-    surface if the generator fails on the first volume, or makes cells that overlap.
-
-    ``union`` is the boundary of the solid if bodies of the surface overlap.
+    Parameters
+    ----------
+    problem : Problem
+        Of the task "surface to tetrahedra".
+    surface : SimplexMesh
+        The boundary of the solid, in the coordinates of the problem.
+    n_cells : float
+        Predicted number of cells.
+    max_elements : float
     """
-    surface = problem.mesh if union is None else union
-    inner = _first_volume(problem, run, is_simple=union is None)
-    if not inner.is_adapted:
-        _check_number(inner, n_cells, max_elements)
-    seconds = _SECONDS + _SECONDS_PER_CELL * max(inner.mesh.n_cells, n_cells)
-    inner = replace(inner, seconds=seconds)
-    if problem.in_volume is not None:
-        inner = problem.in_volume(inner)
-    new, angle, failure = None, -np.inf, None
-    try:
-        new = _without_overlaps(restore(chosen.solve(inner, run), inner, chosen.name), chosen.name)
-        new = improved(new, surface, problem.tolerance)
-        angle = float(minimum_angles(new).min())
-    except BackendTimeoutError:
-        raise
-    except BackendError as error:
-        failure = error
-    if angle >= _LEAST_ANGLE:
-        assert new is not None
-        return new
-    try:
-        raw = TetWildBackend().solve(problem, replace(run, backend="tetwild"))
-        other = _without_overlaps(restore(raw, problem, "tetwild"), "tetwild")
-        other = improved(other, surface, problem.tolerance)
-    except BackendError as error:
-        if new is None:
-            raise failure or error from None
-        return new
-    if new is None:
-        return other
-    fits, other_fits = (_fits(mesh, surface, problem.tolerance) for mesh in (new, other))
-    is_better = float(minimum_angles(other).min()) > angle and other_fits >= fits
-    return other if is_better else new
+
+    def __init__(
+        self, problem: Problem, surface: SimplexMesh, n_cells: float, max_elements: float
+    ) -> None:
+        self._problem, self.surface = problem, surface
+        self._n_cells, self._max_elements = n_cells, max_elements
+        self._refined: dict[tuple[float, float], tuple[SimplexMesh, IntArray]] = {}
+
+    def candidates(
+        self, attempt: Attempt, backend: Backend, run: IsolatedRunner
+    ) -> Iterator[Candidate]:
+        """Yield the tetrahedra that fill the surface, if they follow the sizes, and the adapted.
+
+        Raises
+        ------
+        BackendError
+            If a generator fails.
+        TooManyElementsError
+            If the sizes require more than the allowed number of elements in the first volume, which
+            may be larger than what an open surface encloses.
+        """
+        problem = replace(self._problem, tolerance=attempt.factor * self._problem.tolerance)
+        note = ""
+        if attempt.first == "tetwild":
+            raw = TetWildBackend().solve(
+                replace(problem, size=None), replace(run, backend="tetwild")
+            )
+            inner = _inside(problem, raw, "tetwild")
+            note = number_note(inner, self._n_cells, self._max_elements)
+        elif attempt.first == "netgen":
+            inner = self._in_given_surface(problem, run)
+            note = number_note(inner, self._n_cells, self._max_elements)
+        else:
+            inner = self._in_adapted_surface(problem, run)
+        if problem.in_volume is not None:
+            inner = problem.in_volume(inner)
+        if inner.is_adapted:
+            filled = partial(improved_soundly, inner.mesh, self.surface, problem.tolerance)
+            yield Candidate(filled, _NOT_ADAPTED)
+        raw = backend.solve(inner, run)
+
+        def finish() -> SimplexMesh:
+            new = restore(raw, inner, backend.name)
+            return improved_soundly(new, self.surface, problem.tolerance)
+
+        yield Candidate(finish, note)
+
+    def _in_adapted_surface(self, problem: Problem, run: IsolatedRunner) -> Problem:
+        """Return the request to adapt what Netgen makes of a surface of the requested sizes."""
+        size, tolerance = problem.size, problem.tolerance
+        assert size is not None
+        surface, ridges = self._with_short_edges(problem, THINNEST[0])
+        surface, ridges = adapt_surface(surface, ridges, size, tolerance, run)
+        # Where feature edges meet at small angles, Mmg makes edges much shorter than the size.
+        # Those shorter than this share of the tolerance are removed.
+        height = sliver_height(surface, size, 0.5 * tolerance)
+        surface, new_node = remove_slivers(surface, height)
+        ridges = renumbered_edges(ridges, new_node)
+        raw = netgen.fill(surface, run)
+        return replace(_inside(problem, raw, "netgen"), ridges=ridges, is_adapted=True)
+
+    def _in_given_surface(self, problem: Problem, run: IsolatedRunner) -> Problem:
+        """Return the request to adapt what Netgen makes of the surface with divided edges.
+
+        If it cannot be filled without its slivers, only the thinner ones are removed.
+        """
+        for thinnest in THINNEST:
+            surface, ridges = self._with_short_edges(problem, thinnest)
+            try:
+                raw = netgen.fill(surface, run)
+            except BackendError:
+                if thinnest == THINNEST[-1]:
+                    raise
+            else:
+                break
+        return replace(_inside(problem, raw, "netgen"), ridges=ridges)
+
+    def _with_short_edges(self, problem: Problem, thinnest: float) -> tuple[SimplexMesh, IntArray]:
+        key = problem.tolerance, thinnest
+        if key not in self._refined:
+            assert problem.size is not None
+            self._refined[key] = refine_surface(
+                problem.mesh, problem.size, problem.tolerance, thinnest
+            )
+        return self._refined[key]
 
 
-def _without_overlaps(mesh: SimplexMesh, generator: str) -> SimplexMesh:
-    """Return a mesh; refuse one whose cells overlap, as they may where bodies nearly touch.
+def improved_soundly(mesh: SimplexMesh, surface: SimplexMesh, tolerance: float) -> SimplexMesh:
+    """Return a mesh that fills a surface with better cells, or as it is if these would overlap.
 
-    Raises
-    ------
-    BackendError
-        With the number of cells and a place.
+    Nodes that are put onto a surface with walls much thinner than the tolerance may be put onto the
+    wrong side, so that the boundary crosses itself although all cells are positive.
     """
-    found = overlapping_cells(mesh)
-    if found is not None:
-        raise BackendError(
-            f"{generator} returned a mesh in which {found}, one at {place_text(found.place)}"
-        )
-    return mesh
+    better = improved(mesh, surface, tolerance)
+    if overlapping_cells(better) is not None and overlapping_cells(mesh) is None:
+        return mesh
+    return better
 
 
-def _fits(mesh: SimplexMesh, surface: SimplexMesh, tolerance: float) -> bool:
-    """Return whether the boundary has the topology of the surface, and is within the tolerance."""
-    skin = mesh.boundary().mesh
-    distances = distances_from(skin, surface), distances_from(surface, skin)
-    is_near = max(found.largest for found in distances) <= tolerance
-    return is_near and keeps_topology(skin, surface)
-
-
-def _check_number(inner: Problem, n_cells: float, max_elements: float) -> None:
-    """Warn if the sizes require many more cells in a first volume than in the surface.
+def number_note(inner: Problem, n_cells: float, max_elements: float) -> str:
+    """Return a note if the sizes require many more cells in a first volume than predicted.
 
     Of open surfaces, generators may fill more than what the surface encloses.
 
@@ -135,70 +162,18 @@ def _check_number(inner: Problem, n_cells: float, max_elements: float) -> None:
     assert inner.size is not None
     found = predict(inner.mesh, inner.size, backend="mmg").cells
     if found <= MANY_MORE * n_cells:
-        return
-    text = (
-        f"about {found:.3g} elements instead of the predicted {n_cells:.3g}: the first mesh "
-        "fills more than the surface encloses; close the surface or increase the sizes"
-    )
+        return ""
+    text = f"about {found:.3g} elements instead of the predicted {n_cells:.3g}: {FILLS_MORE}"
     if found > max_elements:
         raise TooManyElementsError(f"{text}, or raise max_elements = {max_elements:.3g}")
-    warnings.warn(text, ResolutionWarning, stacklevel=4)
+    return text
 
 
-def _first_volume(problem: Problem, run: IsolatedRunner, *, is_simple: bool) -> Problem:
-    """Return the request to adapt tetrahedra in a surface, which do not follow the sizes yet.
-
-    Mmg adapts the surface to the sizes, and Netgen fills it, without moving a node.  If one of
-    them fails, Netgen fills the given surface, with divided edges.  fTetWild fills every surface,
-    with edges of its default length, and without feature edges.  Only that makes unions: it is the
-    first one if the surface is not simple, where bodies overlap.
-    """
-    assert problem.size is not None
-    can_fill = is_simple and netgen.can_fill(problem.mesh)
-    found = _by_netgen(problem, problem.size, run) if can_fill else None
-    if found is not None:
-        return found
-    raw = TetWildBackend().solve(replace(problem, size=None), replace(run, backend="tetwild"))
-    return _inside(problem, raw, "tetwild")
-
-
-def _inside(problem: Problem, raw: Arrays, generator: str, **known: Any) -> Problem:
+def _inside(problem: Problem, raw: Arrays, generator: str) -> Problem:
     """Return the request to adapt tetrahedra in the surface of another one."""
     volume = restore(raw, problem, generator)
     plain = as_problem("tetrahedra", volume, problem.tolerance / volume.diagonal)
-    return replace(plain, size=problem.size, size_nodes=problem.size_nodes, **known)
-
-
-def _by_netgen(problem: Problem, size: Size, run: IsolatedRunner) -> Problem | None:
-    for thinnest in THINNEST:
-        surface, ridges = refine_surface(problem.mesh, size, problem.tolerance, thinnest)
-        if thinnest == THINNEST[0]:
-            adapted = _adapted(surface, ridges, problem, size, run)
-            if adapted is not None:
-                return adapted
-        raw = netgen.fill(surface, run)
-        if raw is not None:
-            return _inside(problem, raw, "netgen", ridges=ridges)
-    return None
-
-
-def _adapted(
-    surface: SimplexMesh, ridges: IntArray, problem: Problem, size: Size, run: IsolatedRunner
-) -> Problem | None:
-    """Return tetrahedra in a surface of the requested sizes, or None if a generator fails."""
-    try:
-        surface, ridges = adapt_surface(surface, ridges, size, problem.tolerance, run)
-    except BackendError:
-        return None
-    # Where feature edges meet at small angles, Mmg makes edges much shorter than the size.  Those
-    # shorter than this share of the tolerance are removed.
-    height = sliver_height(surface, size, 0.5 * problem.tolerance)
-    surface, new_node = remove_slivers(surface, height)
-    raw = netgen.fill(surface, run)
-    if raw is None:
-        return None
-    ridges = renumbered_edges(ridges, new_node)
-    return _inside(problem, raw, "netgen", ridges=ridges, is_adapted=True)
+    return replace(plain, size=problem.size, size_nodes=problem.size_nodes)
 
 
 def adapt_surface(

@@ -45,26 +45,28 @@ class IsolatedRunner:
     backend : str
         Name for messages.
     timeout : float or None
-        Seconds for all calls together, for messages.
+        Seconds for all calls together, for messages: the share of an attempt.
     deadline : float or None
         The same limit as a value of ``time.monotonic``.
     report : callable
         Called repeatedly with a text and None while the child works.  An exception
         in it stops the child.
+    seconds : float
+        Limit of processor time of each child, where the system has one.
     """
 
     backend: str
     timeout: float | None
     deadline: float | None
     report: Callable[[str, float | None], Any]
+    seconds: float = math.inf
 
     def __call__(
         self, job: Program | str, text: str, arrays: Arrays, options: Mapping[str, Any]
     ) -> dict[str, npt.NDArray[Any]]:
         """Run a program, or a function ``module:name`` of (arrays, options); return its arrays.
 
-        The option ``verbose`` is added: whether what the child prints will be logged.  With the
-        option ``seconds``, the child is stopped after so much processor time.
+        The option ``verbose`` is added: whether what the child prints will be logged.
 
         Raises
         ------
@@ -81,21 +83,19 @@ class IsolatedRunner:
         ) as directory:
             folder = Path(directory)
             write = partial(program.write, folder, arrays, options)
-            code = self._run_child(folder, text, write, options.get("seconds", math.inf))
+            code = self._run_child(folder, text, write)
             result = folder / program.result
             if code != 0 or not result.exists():
                 self._fail(folder, code)
             _log_messages(self.backend, folder / "log.txt")
             return program.read(result, options)
 
-    def _run_child(
-        self, folder: Path, text: str, write: Callable[[], list[str]], seconds: float
-    ) -> int:
+    def _run_child(self, folder: Path, text: str, write: Callable[[], list[str]]) -> int:
         with open(folder / "log.txt", "wb") as log:
             child = start(supervised(folder), folder, stdout=log, stderr=subprocess.STDOUT)
             assert child.stdin is not None
             try:
-                line = job_line(write(), seconds)
+                line = job_line(write(), self.seconds)
                 with contextlib.suppress(BrokenPipeError):  # killed: its exit code says so
                     child.stdin.write(line)
                     child.stdin.flush()
@@ -112,7 +112,7 @@ class IsolatedRunner:
                 return
             if self.deadline is not None and time.monotonic() > self.deadline:
                 raise BackendTimeoutError(
-                    f"{self.backend} was stopped after the time limit of {self.timeout:g} s"
+                    f"{self.backend} was stopped after the time limit of {self.timeout:.3g} s"
                 )
             if log.stat().st_size > 50_000_000:
                 raise BackendError(f"{self.backend} was stopped: it printed too much")
@@ -137,7 +137,8 @@ class IsolatedRunner:
             tail = _COLOUR.sub("", log.read().decode("utf-8", "replace"))
         lines = [line.strip() for line in tail.splitlines() if line.strip()][-8:]
         said = f"; its last lines: {' | '.join(lines)}" if lines else ""
-        raise BackendError(f"{self.backend} failed: {reason}{said}")
+        kind = BackendTimeoutError if ended == "SIGXCPU" else BackendError
+        raise kind(f"{self.backend} failed: {reason}{said}")
 
 
 def _function(name: str) -> Program:

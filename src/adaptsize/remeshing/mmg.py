@@ -27,7 +27,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import warnings
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from itertools import combinations
@@ -37,7 +36,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize.errors import BackendError, BackendTimeoutError, ResolutionWarning
+from adaptsize.errors import BackendError
 from adaptsize.remeshing._medit import read_medit, write_medit
 from adaptsize.remeshing.protocol import Arrays, Backend, Problem, Program, Task
 from adaptsize.typing import FloatArray
@@ -101,18 +100,7 @@ class MmgBackend(Backend):
         if not problem.is_adapted:
             return adapted(problem, hausd, run)
         # From a first volume with a surface of the requested sizes, edges come out shorter by 1.06.
-        try:
-            return adapted(problem, [_ADAPTED_FACTOR] * (most - 1), run, factor=1.06)
-        except BackendTimeoutError:
-            raise
-        except BackendError as error:
-            warnings.warn(
-                "the tetrahedra are those that fill the surface, not adapted to the sizes "
-                f"inside: {error}",
-                ResolutionWarning,
-                stacklevel=5,
-            )
-            return job_of(problem)[0]
+        return adapted(problem, [_ADAPTED_FACTOR] * (most - 1), run, factor=1.06)
 
 
 def adapted(
@@ -155,9 +143,7 @@ def adapted(
             elements = _Elements.of(problem.mesh, sizes / factor)
         try:
             made = _adapted_once(made, sizes, times * problem.tolerance, options, run, text)
-        except BackendTimeoutError:
-            raise
-        except BackendError:
+        except BackendError:  # also if the time is over
             if best_share < 0.0:
                 raise
             break
@@ -183,7 +169,6 @@ def job_of(problem: Problem) -> tuple[Arrays, dict[str, Any]]:
         "n_groups": int(problem.facets.groups.max(initial=-1)) + 1,
         "required_groups": np.unique(problem.facets.groups[problem.facets.required]).tolist(),
         "open_boundaries": problem.facets.has_free,
-        "seconds": problem.seconds,
     }
     arrays: Arrays = {
         "points": problem.mesh.points,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -18,12 +19,13 @@ from adaptsize.background.topology import (
     unique_rows,
 )
 from adaptsize.errors import BackendError
+from adaptsize.geometry.repair import Repair, repair_triangles
 from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric
 from adaptsize.remeshing.acceptance import refuse_other_domain
 from adaptsize.remeshing.protocol import NO_TAG, Arrays, Facets, Problem, Task
 from adaptsize.remeshing.sizing import MetricAt, Size
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import FloatArray, IndexArray, IntArray
 
 #: Points of a surface closer than this times the diagonal are merged.
 MERGE_DISTANCE = 1e-9
@@ -34,7 +36,7 @@ class RepairedMesh(NamedTuple):
 
     mesh: SimplexMesh
     nodes: IntArray
-    """``nodes[i]`` is the node of the given mesh for node i."""
+    """``nodes[i]`` is the node of the given mesh for node i, -1 where facets of bodies meet."""
     node_map: IntArray
     """``node_map[j]`` is the node for node j of the given mesh, or -1 if it was dropped."""
     repairs: str = ""
@@ -44,70 +46,96 @@ class RepairedMesh(NamedTuple):
 def repair_mesh(mesh: SimplexMesh) -> RepairedMesh:
     """Return the mesh without unused nodes and with positive full-dimensional cells.
 
-    In surface triangulations, coincident points are merged (STL files hold
-    every corner of every triangle), and degenerate or duplicate triangles are
-    dropped.  Other meshes keep coincident points, because they form slits.
+    Surface triangulations are repaired without opening them (see `repair_triangles`): coincident
+    points are merged (STL files hold every corner of every triangle), triangles without area
+    vanish by topology, duplicates are removed, and nodes on open edges of other triangles are
+    joined with these.  Other meshes keep coincident points, because they form slits.
     Point and cell data are dropped.
     """
-    cells = np.array(mesh.cells)
-    target = np.arange(mesh.n_points)
-    kept, repairs = np.ones(mesh.n_cells, bool), ""
     if mesh.cell_dim == 2 and mesh.dim == 3:
-        target = first_at_place(mesh.points, MERGE_DISTANCE * mesh.diagonal)
-        kept = _useful_triangles(mesh, target[cells])
-        merged, dropped = np.sum(target != np.arange(mesh.n_points)), np.sum(~kept)
-        if merged or dropped:
-            repairs = (
-                f"surface repaired: {merged} duplicate points merged, "
-                f"{dropped} degenerate or duplicate triangles dropped"
-            )
-    elif mesh.cell_dim == mesh.dim:
+        return _repaired_surface(mesh)
+    cells = np.array(mesh.cells)
+    if mesh.cell_dim == mesh.dim:
         inverted = mesh.signed_measures < 0.0
         if mesh.in_a_cell.all() and not inverted.any():
-            numbers = target.astype(np.int32)
+            numbers = np.arange(mesh.n_points, dtype=np.int32)
             return RepairedMesh(mesh.moved(mesh.points), numbers, numbers)
         cells[inverted, :2] = cells[inverted, 1::-1]
-    kept_cells = target[cells[kept]]
-    nodes, local = compacted(kept_cells)
+    tagged = mesh.tagged_facets
+    return _without_unused_nodes(
+        mesh, cells, np.arange(mesh.n_cells), np.arange(mesh.n_points), tagged, mesh.facet_tags
+    )
+
+
+def _repaired_surface(mesh: SimplexMesh) -> RepairedMesh:
+    within = MERGE_DISTANCE * mesh.diagonal
+    target = first_at_place(mesh.points, within)
+    found = repair_triangles(mesh.points, target[mesh.cells].astype(np.int32), within)
+    if len(found.cells) == 0:
+        raise ValueError("mesh must have a triangle with an area, got degenerate triangles only")
+    moved = np.flatnonzero(target != np.arange(mesh.n_points))
+    target = found.target[target]
+    tagged, tags = mesh.tagged_facets, mesh.facet_tags
+    if tagged is not None and tags is not None and found.halves:
+        parts = [list(found.parts(*ends)) for ends in target[tagged].tolist()]
+        tags = np.repeat(tags, [len(one) for one in parts])
+        tagged = np.array(list(chain(*parts)), np.int32).reshape(-1, 2)
+    texts = [str(one) for one in found.repairs]
+    if len(moved):
+        merged = Repair(
+            "duplicate point{s} merged", len(moved), tuple(mesh.points[moved[0]].tolist())
+        )
+        texts = [str(merged), *texts]
+    repaired = _without_unused_nodes(mesh, found.cells, found.owner, target, tagged, tags)
+    return repaired._replace(repairs=f"surface repaired: {', '.join(texts)}" if texts else "")
+
+
+def _without_unused_nodes(
+    mesh: SimplexMesh,
+    cells: IntArray,
+    owner: IndexArray,
+    target: IndexArray,
+    tagged: IntArray | None,
+    tags: IntArray | None,
+) -> RepairedMesh:
+    """Return a mesh of new cells, each with the tag of its owner, and its facets with tags.
+
+    ``target`` is the node into which each node was merged.
+    """
+    nodes, local = compacted(cells)
     node_map = places_among(nodes, mesh.n_points)[target]
-    facets = facet_tags = None
-    if mesh.tagged_facets is not None and mesh.facet_tags is not None:
-        facets = node_map[mesh.tagged_facets]
-        good = (facets >= 0).all(axis=1) & have_different_nodes(facets)
-        facets, facet_tags = facets[good], mesh.facet_tags[good]
+    if tagged is not None and tags is not None:
+        tagged = node_map[tagged]
+        good = (tagged >= 0).all(axis=1) & have_different_nodes(tagged)
+        tagged, tags = tagged[good], tags[good]
     repaired = SimplexMesh(
         mesh.points[nodes],
         local,
-        cell_tags=None if mesh.cell_tags is None else mesh.cell_tags[kept],
-        tagged_facets=facets,
-        facet_tags=facet_tags,
+        cell_tags=None if mesh.cell_tags is None else mesh.cell_tags[owner],
+        tagged_facets=tagged,
+        facet_tags=tags,
         tag_names=mesh.tag_names,
     )
-    return RepairedMesh(repaired, nodes.astype(np.int32), node_map, repairs)
-
-
-def _useful_triangles(mesh: SimplexMesh, cells: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
-    # Triangles smaller than this times the squared diagonal are degenerate.
-    kept = have_different_nodes(cells) & (mesh.measures > 1e-16 * mesh.diagonal**2)
-    number = unique_rows(cells.astype(np.int32), mesh.n_points)[1]
-    candidates = np.flatnonzero(kept)
-    first = np.unique(number[candidates], return_index=True)[1]
-    kept[:] = False
-    kept[candidates[first]] = True
-    if not kept.any():
-        raise ValueError("mesh must have a triangle with an area, got degenerate triangles only")
-    return kept
+    return RepairedMesh(repaired, nodes.astype(np.int32), node_map)
 
 
 def surface_to_fill(repaired: RepairedMesh, solid: Solid) -> RepairedMesh:
     """Return a surface with normals outward, without the facets inside of the solid.
 
-    If bodies overlap, all facets stay.
+    If bodies overlap it is the boundary of their union.  All facets stay if that could not be made,
+    or if edges of the surface have tags.
     """
     mesh, kept = repaired.mesh, ~solid.hidden
-    if solid.is_divided or not kept.any():
-        kept[:] = True
-    if kept.all():
+    is_whole = solid.is_divided or not solid.is_closed or not kept.any()
+    if solid.is_divided and solid.skin.is_closed and mesh.tagged_facets is None:
+        known = solid.nodes_of_skin
+        nodes = np.where(known >= 0, repaired.nodes[known], -1)
+        place = np.full(mesh.n_points + 1, -1, np.int32)
+        place[known] = np.arange(len(known))
+        place[-1] = -1
+        node_map = place[repaired.node_map]
+        return RepairedMesh(solid.skin, nodes.astype(np.int32), node_map, repaired.repairs)
+    if is_whole or kept.all():
         return repaired._replace(mesh=replace(mesh, cells=solid.cells))
     nodes, cells = compacted(solid.cells[kept])
     place = np.append(places_among(nodes, mesh.n_points), np.int32(-1))
@@ -281,7 +309,7 @@ def restore(raw: Arrays, problem: Problem, backend: str) -> SimplexMesh:
             centroids = new.points[new.cells].mean(axis=1)
             regions = problem.regions[old.locator.nearest(centroids)[0]]
         new = replace(new, cell_tags=problem.region_tags[regions])
-    if old.tagged_facets is None and not (is_filled and old.cell_tags is not None):
+    if (old.cell_tags if is_filled else old.tagged_facets) is None:
         return new
     if "facets" in raw:
         found, tags = nodes[raw["facets"]], problem.facets.tag_of_group[raw["facet_groups"]]

@@ -83,8 +83,6 @@ class Problem:
         Edges of the boundary that must stay sharp, beside those that the generator detects.
     is_adapted : bool
         Whether the boundary of the mesh has the requested edge lengths already.
-    seconds : float
-        Limit of processor time for one run of the generator, where there is one.
     in_volume : callable or None
         Takes the request to adapt a first volume in the surface, and returns it with the sizes as
         they grow inside.
@@ -101,7 +99,6 @@ class Problem:
     metric: MetricAt | None = None
     ridges: IntArray = field(default_factory=lambda: np.empty((0, 2), np.int32))
     is_adapted: bool = False
-    seconds: float = np.inf
     in_volume: Callable[[Problem], Problem] | None = None
 
 

@@ -213,6 +213,8 @@ class OpenBoundary:
     """Length of the loop around the largest area; 0 if there is no loop."""
     place: tuple[float, ...]
     """Mean of the nodes of that loop, or of the open edges."""
+    area: float = 0.0
+    """Area of the triangles that close all loops."""
 
     def __str__(self) -> str:
         """Return counts and the largest hole."""
@@ -222,7 +224,8 @@ class OpenBoundary:
             return f"{edges} around {place}"
         loops = f"{self.n_loops} loop" + ("s" if self.n_loops > 1 else "")
         largest = "the largest " if self.n_loops > 1 else ""
-        return f"{edges} in {loops}, {largest}{self.length:.4g} long around {place}"
+        area = f"with an area of {self.area:.4g}"
+        return f"{edges} in {loops} {area}, {largest}{self.length:.4g} long around {place}"
 
 
 @dataclass(frozen=True)
@@ -262,13 +265,13 @@ def open_boundary(surface: SimplexMesh, within: float = 0.0) -> OpenBoundary | N
     --------
     >>> points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
     >>> print(open_boundary(SimplexMesh(points, [[0, 1, 3], [1, 2, 3], [2, 0, 3]])))
-    3 open edges in 1 loop, 3.414 long around (0.3333, 0.3333, 0)
+    3 open edges in 1 loop with an area of 0.5, 3.414 long around (0.3333, 0.3333, 0)
     """
     within = as_number("within", within, lower=0.0)
     mesh = merged_surface(surface)
     if mesh.is_closed:
         return None
-    n_in_loops, n_edges, n_loops = 0, 0, 0
+    n_in_loops, n_edges, n_loops, total = 0, 0, 0, 0.0
     largest, length, around = 0.0, 0.0, None
     for loop in boundary_loops(mesh):
         n_in_loops += len(loop)
@@ -277,7 +280,7 @@ def open_boundary(surface: SimplexMesh, within: float = 0.0) -> OpenBoundary | N
         ends = mesh.points[loop]
         whole = float(np.linalg.norm(ends - np.roll(ends, -1, axis=0), axis=1).sum())
         if area > 0.5 * within * whole:
-            n_edges, n_loops = n_edges + len(loop), n_loops + 1
+            n_edges, n_loops, total = n_edges + len(loop), n_loops + 1, total + area
             if area > largest:
                 largest, length, around = area, whole, ends
     open_edges = mesh.facets[mesh.facet_cell_counts == 1]
@@ -289,7 +292,8 @@ def open_boundary(surface: SimplexMesh, within: float = 0.0) -> OpenBoundary | N
     place = around.mean(axis=0)
     # Coordinates of a mean smaller than this times the diagonal are 0.
     place[np.abs(place) < 1e-12 * mesh.diagonal] = 0.0
-    return OpenBoundary(n_edges + n_loose, n_loops, n_loose, length, tuple(place.tolist()))
+    n_edges += n_loose
+    return OpenBoundary(n_edges, n_loops, n_loose, length, tuple(place.tolist()), total)
 
 
 def near_bodies(

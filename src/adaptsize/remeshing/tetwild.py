@@ -11,7 +11,6 @@ Observed behaviour that is handled here:
 from __future__ import annotations
 
 import sys
-import warnings
 from collections.abc import Mapping
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -19,15 +18,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize.errors import BackendError, BackendTimeoutError, ResolutionWarning
 from adaptsize.remeshing.protocol import Arrays, Backend, Problem, Task
 
 if TYPE_CHECKING:
     from adaptsize.remeshing.isolation import IsolatedRunner
-
-#: If fTetWild fails, it is run again with this times the tolerance.  On two cubes that overlap it
-#: crashed in each run at .02 of the diagonal, and not at .005.
-_SECOND = 0.25
 
 
 class TetWildBackend(Backend):
@@ -61,42 +55,14 @@ class TetWildBackend(Backend):
             # by 4.5e-3 of the diagonal instead of 6e-4.  Therefore it is enabled only where it is
             # needed.
             options["coarsen"] = options["edge_length"] > (1.0 / 12.0) * mesh.diagonal
-        made = _run_twice(run, arrays, options)
+        job = "adaptsize.remeshing.tetwild:tetrahedralize", "tetrahedralizing with fTetWild"
+        made = run(*job, arrays, options)
         if options["filtered"]:
             return made
         # Interfaces would disturb the winding number that separates inside from outside.  Instead,
         # the cells whose centroids lie in the old mesh are kept.
         off = mesh.locator.nearest(made["points"][made["cells"]].mean(axis=1))[2]
         return {**made, "cells": made["cells"][off <= 1e-12 * mesh.diagonal]}
-
-
-def _run_twice(run: IsolatedRunner, arrays: Arrays, options: dict[str, Any]) -> Arrays:
-    """Run fTetWild, and if it fails, again with a smaller tolerance.
-
-    Raises
-    ------
-    BackendError
-        That of the first run, if both fail.
-    """
-    job = "adaptsize.remeshing.tetwild:tetrahedralize", "tetrahedralizing with fTetWild", arrays
-    try:
-        return run(*job, options)
-    except BackendError as error:
-        # A larger tolerance, over the diagonal, is the likely cause of the failure, and so is a
-        # quarter of it.  With 1000 the second run did not end.
-        if isinstance(error, BackendTimeoutError) or options["epsilon"] > 0.1:
-            raise
-        failure = error
-    try:
-        made = run(*job, options | {"epsilon": _SECOND * options["epsilon"]})
-    except BackendError as error:
-        raise error if isinstance(error, BackendTimeoutError) else failure from None
-    warnings.warn(
-        f"fTetWild was run again with {_SECOND:g} times the tolerance: {failure}",
-        ResolutionWarning,
-        stacklevel=5,
-    )
-    return made
 
 
 def tetrahedralize(arrays: Arrays, options: Mapping[str, Any]) -> Arrays:

@@ -18,10 +18,17 @@ if TYPE_CHECKING:
 
 #: Cells with smaller angles, in degrees, draw a warning.
 _SHARP = 10.0
-#: What helps where a demand of `check_mesh` is not met.
+#: What helps where a demand of `check_mesh` is missed.
 _ADVICE = {
-    "boundary": "smaller sizes keep it closer",
-    "interface": "smaller sizes keep it closer",
+    "cells": "strict=True tries other generators",
+    "facets": "strict=True tries other generators",
+    "overlaps": "strict=True tries other generators",
+    "boundary": "smaller sizes or strict=True keep it closer",
+    "interface": "smaller sizes or strict=True keep it closer",
+    "tags": "backend='mmg' keeps tagged facets, and smaller sizes resolve them",
+    "regions": "smaller sizes resolve thin regions",
+    "measure": "smaller sizes or a lower tolerance keep it",
+    "topology": "walls or gaps as thin as the tolerance may be lost or filled; lower the tolerance",
     "edges": "details of the boundary may not allow it",
     "served": "remesh the new mesh with the same sizes",
 }
@@ -82,6 +89,8 @@ class Outcome:
         else:
             result["n_pinched"] = self.pinched[0]
         result["n_sharp"] = self.sharp[0]
+        result["status"] = self.check.status
+        result["demands"] = [demand.as_dict() for demand in self.check.demands]
         result["regions"] = {
             tag: {"measure": measure, "change": change}
             for tag, (measure, change) in self.regions.items()
@@ -114,7 +123,7 @@ class Outcome:
             )
         if self.change is not None:
             rows.append((self._measure, f"changed by {_percent(self.change)}"))
-        return rows
+        return rows + [("note", note) for note in self.check.notes]
 
     def __str__(self) -> str:
         """Return one line per topic."""
@@ -130,9 +139,11 @@ class Outcome:
         found, lines = self.conformity, list(self.unserved)
         for demand in self.check.failures:
             worst = f", the worst at {place_text(demand.places[0].point)}" if demand.places else ""
-            advice = _ADVICE.get(demand.name, "adaptsize check lists the places")
+            advice = _ADVICE[demand.name]
             if demand.name == "served" and (found.too_coarse or 0.0) < 0.1:  # too fine
                 advice = _ADVICE["edges"]
+            if demand.status == "near":
+                advice = "near, which is accepted up to 10 % beyond the limit"
             lines.append(f"{demand.name}: {demand.text}{worst}; {advice}")
         if self.excess is not None and abs(self.excess) > 0.25 and not self.requested:
             lines.append(

@@ -196,10 +196,11 @@ def _table(rows: Sequence[tuple[str, str]]) -> str:
 
 
 def _checks(check: MeshCheck) -> str:
-    """Return the table of checks, with the worst places below those that failed."""
+    """Return the table of checks, with the worst places below those that are not met."""
     rows = []
     for demand in check.demands:
-        state = "passed" if demand.is_met else '<span class="failed">failed</span>'
+        missed = '<span class="failed">missed</span>'
+        state = missed if demand.status == "missed" else demand.status
         rows.append(
             f"<tr><th>{escape(demand.name)}</th><td>{state}</td><td>{escape(demand.text)}</td></tr>"
         )

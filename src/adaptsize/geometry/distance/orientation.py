@@ -8,7 +8,7 @@ from adaptsize.background.topology import components_of, have_different_nodes, p
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.enclosed import cone_measures
-from adaptsize.geometry.shells import pieces_of, shells_of
+from adaptsize.geometry.shells import pieces_of, shells_of, surplus_of
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 # Points closer than this, relative to the diagonal, are one point.
@@ -97,6 +97,9 @@ def _consistent(mesh: SimplexMesh) -> tuple[BoolArray, IndexArray, FloatArray]:
     # Bodies that have edges in common: consistent as they are, or with facets between them.
     if is_cycle(mesh):
         return np.zeros(mesh.n_cells, np.bool_), pieces_of(mesh), np.ones(mesh.n_cells)
+    surplus = surplus_of(mesh)
+    if surplus.any():
+        return np.zeros(mesh.n_cells, np.bool_), pieces_of(mesh), np.where(surplus, 0.0, 1.0)
     return _consistent_by_shells(mesh)
 
 

@@ -1,0 +1,119 @@
+"""Hexahedra divided into tetrahedra, some of them inside out: made anew from their facets."""
+
+from dataclasses import replace
+from itertools import permutations, product
+
+import numpy as np
+import pytest
+
+from adaptsize import SimplexMesh
+from adaptsize.errors import BackendError
+from adaptsize.remeshing import netgen, through_surface
+from adaptsize.remeshing.isolation import IsolatedRunner
+from adaptsize.remeshing.mmg import MmgBackend
+from adaptsize.remeshing.preparation import as_problem, repair_mesh
+from adaptsize.remeshing.tetwild import TetWildBackend
+from adaptsize.remeshing.through_surface import has_folded_cells, refilled
+
+SHAPE = (6, 2, 2)
+
+
+def bent_block(moved=0.0):
+    """A bent block of hexahedra in six tetrahedra each, two regions, tagged ends.
+
+    An inner node is moved by so much, which turns cells inside out if it is more than their edges.
+    """
+    nodes = np.array(list(product(*(range(n + 1) for n in SHAPE))), float) / SHAPE
+    number = np.arange(len(nodes)).reshape(*(n + 1 for n in SHAPE))
+    cells, regions = [], []
+    for corner in product(*map(range, SHAPE)):
+        for order in permutations(range(3)):
+            path = [number[corner]]
+            at = list(corner)
+            for axis in order:
+                at[axis] += 1
+                path.append(number[tuple(at)])
+            cells.append(path)
+            regions.append(3 if corner[0] < 4 else 5)
+    x, y, z = nodes.T
+    points = np.column_stack([(1.0 + 0.4 * y) * np.sin(x), (1.0 + 0.4 * y) * np.cos(x), 0.5 * z])
+    points[number[1, 1, 1], 0] += moved
+    ends = SimplexMesh(points, cells).boundary()
+    facets = ends.nodes[ends.mesh.cells]
+    tags = np.where(
+        (x[facets] == 0.0).all(axis=1), 7, np.where((x[facets] == 1.0).all(axis=1), 8, 9)
+    )
+    mesh = SimplexMesh(
+        points, cells, cell_tags=regions, tagged_facets=facets, facet_tags=tags,
+        tag_names={(3, 3): "near"},
+    )  # fmt: skip
+    return repair_mesh(mesh).mesh
+
+
+def problem_of(mesh, h=0.4):
+    return replace(as_problem("tetrahedra", mesh, 1e-2), size=lambda x: np.full(len(x), h))
+
+
+@pytest.fixture
+def run():
+    return IsolatedRunner("mmg", None, None, lambda *_: None)
+
+
+@pytest.mark.parametrize("moved", [0.0, 0.25])
+def test_cells_inside_out_are_found(moved):
+    for scale in (1.0, 1e-4, 1e5):
+        mesh = bent_block(moved)
+        assert has_folded_cells(mesh.moved(scale * (mesh.points + 2.0))) == (moved > 0.0)
+
+
+def check(new, mesh, rel):
+    straight = bent_block()
+    assert (new.signed_measures > 0.0).all()
+    for tag in (3, 5):
+        was = straight.measures[straight.cell_tags == tag].sum()
+        assert new.measures[new.cell_tags == tag].sum() == pytest.approx(was, rel=rel)
+    assert set(new.facet_tags) == {7, 8, 9}
+    assert new.tag_names == mesh.tag_names
+    for tag in (7, 8):
+        old, now = (
+            SimplexMesh(one.points, one.tagged_facets[one.facet_tags == tag]).measures.sum()
+            for one in (straight, new)
+        )
+        assert now == pytest.approx(old, rel=rel)
+
+
+def test_regions_and_tags_are_kept_when_netgen_fills_them(run, monkeypatch):
+    pytest.importorskip("mmgpy")
+    pytest.importorskip("netgen")
+    monkeypatch.setattr(TetWildBackend, "solve", lambda *_: pytest.fail("fTetWild is not needed"))
+    mesh = bent_block(0.25)
+    check(refilled(problem_of(mesh), run), mesh, 1e-3)
+
+
+def fail(*_):
+    raise BackendError("it failed")
+
+
+def test_ftetwild_makes_the_mesh_if_netgen_fails(run, monkeypatch):
+    pytest.importorskip("pytetwild")
+    monkeypatch.setattr(netgen, "fill", fail)
+    mesh = bent_block(0.25)
+    check(refilled(problem_of(mesh), run), mesh, 0.03)
+
+
+def test_ftetwild_is_tried_if_mmg_fails_again(run, monkeypatch):
+    pytest.importorskip("netgen")
+    monkeypatch.setattr(MmgBackend, "solve", fail)
+    called = []
+    monkeypatch.setattr(TetWildBackend, "solve", lambda *_: called.append(True) or fail())
+    with pytest.raises(BackendError, match="it failed"):
+        refilled(problem_of(bent_block(0.25)), run)
+    assert called
+
+
+def test_what_ftetwild_cannot_do_is_refused(run, monkeypatch):
+    monkeypatch.setattr(through_surface.netgen, "fill", fail)
+    mesh = bent_block(0.25)
+    required = as_problem("tetrahedra", mesh, 1e-2, mesh.tagged_facets[:1])
+    with pytest.raises(BackendError, match="it failed"):
+        refilled(replace(required, size=lambda x: np.full(len(x), 0.3)), run)
