@@ -73,7 +73,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     if "metric" in given:
         return remesh_with_metric(console, file, output, given)
     from adaptsize.domain_size.cost import report_of
-    from adaptsize.domain_size.elements import mesh_with_sizes, tolerance_of
+    from adaptsize.domain_size.elements import mesh_with_sizes
     from adaptsize.remeshing.preparation import repair_mesh
     from adaptsize.reporting.outcome import outcome_of_remeshing
 
@@ -99,7 +99,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
                 mesh, bounded(mesh, given), tell=console.say, found=found, progress=following
             )
         report = report_of(size)
-        allowed = tolerance_of(report, given.get("tolerance"))
+        allowed = given.get("tolerance", TOLERANCE)
         new = new.with_data(point_data={"h": size(new.points)})
         steps.begin("writing")
         files.write_result(console, output, new, order=order)

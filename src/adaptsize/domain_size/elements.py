@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import warn_caller
-from adaptsize._defaults import GRADIENT_LIMIT, TOLERANCE
+from adaptsize._defaults import TOLERANCE
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import AnyBackground, SimplexMesh
@@ -164,8 +164,8 @@ def mesh_with_sizes(
         if request.get("max_elements") is not None:  # kept unless given parameters forbid it
             limit["max_elements"] = max(request["max_elements"], MANY_MORE * report.n_elements)
         return remesh(
-            old, size, progress=progress, g=request.get("g", GRADIENT_LIMIT), hmax=report.hmax,
-            tolerance=tolerance_of(report, request.get("tolerance")), **for_mesh, **limit,
+            old, size, progress=progress, g=report.g, hmax=report.hmax,
+            tolerance=request.get("tolerance") or TOLERANCE, **for_mesh, **limit,
         )  # fmt: skip
 
     goal = goal_of(budget)
@@ -174,13 +174,6 @@ def mesh_with_sizes(
         return MeshOfElements(meshed(mesh, size), size)
     system = (budget["degree"], budget["fields"])
     return reach_number(mesh, goal, sized, meshed, tell, system)
-
-
-def tolerance_of(report: SizeReport, tolerance: float | None) -> float:
-    """Return the tolerance of a mesh: the given one, or the default that the sizes allow."""
-    if tolerance is not None or not np.isfinite(report.tolerance):
-        return TOLERANCE if tolerance is None else tolerance
-    return min(max(TOLERANCE, report.tolerance), 1.0)
 
 
 def reach_number(

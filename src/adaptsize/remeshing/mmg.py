@@ -69,7 +69,7 @@ RIDGE_ANGLE = {"tetrahedra": 30.0, "plane triangles": 20.0, "surface": 30.0}
 #: factor of 1.6 it was up to 7 times, and with .7 a notch of coarse arcs was rounded farther.
 _TOLERANCE_FACTOR = {"tetrahedra": 1.0, "plane triangles": 1.3, "surface": 1.0}
 #: Factor of ``hausd`` for a volume whose surface has the requested sizes already.
-_ADAPTED_FACTOR = 1.2
+_ADAPTED_FACTOR = 1.6
 #: Mmg reads sizes at the nodes of its input mesh.  If that is coarse, they are read again on the
 #: new mesh.
 #: Mmg does not change edges within sqrt 2 of the requested length.  If this shifts the median,
