@@ -388,7 +388,18 @@ class ImageMeshOptions(SizeOptions, BudgetOptions, ImageOptions, total=False):
     seed: Annotated[int, Option(2004)]
 
 
-class RemeshToElementsOptions(SizeOptions, MeshOptions, total=False):
+class DetailOptions(TypedDict, total=False):
+    """Details.
+
+    least_detail
+        Length below which bores, bosses and text of a surface are removed first; see
+        `remove_details`.
+    """
+
+    least_detail: Annotated[float | None, Option(unit="length", above=True)]
+
+
+class RemeshToElementsOptions(SizeOptions, MeshOptions, DetailOptions, total=False):
     """Mesh with a number of elements."""
 
 

@@ -13,6 +13,7 @@ from adaptsize.domain_size.cost import as_bytes, report_of, system_of
 from adaptsize.domain_size.on_surface import SurfaceDomain, warn_of_outside
 from adaptsize.domain_size.request import Goal, Request
 from adaptsize.errors import ResolutionWarning, TooManyElementsError
+from adaptsize.remeshing.details import SurfaceWithDetails
 from adaptsize.sizes import predict
 from adaptsize.sizes.budget import calibration
 from adaptsize.sizes.prediction import Prediction
@@ -27,6 +28,8 @@ _LEAST_SLOPE = -0.4
 _FULLY = 16.0
 #: Over the diameter; within a larger one, a mesh has hardly the shape of the part.
 _LARGEST_TOLERANCE = 0.05
+#: Over the diameter: larger parts of a shape are no details.
+_LARGEST_DETAIL = 0.1
 
 
 def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
@@ -179,8 +182,33 @@ def rounded_up(value: float) -> float:
 
 
 def detail_that_fits(domain: SizedDomain, request: Request) -> float | None:
-    """Return the smallest length, in two digits, below which details need not be kept."""
-    return None
+    """Return the smallest length, in two digits, so that few enough elements are needed without
+    the details below it.
+
+    None if there is none up to a tenth of the diameter, or the domain is no closed surface.
+    """
+    if not isinstance(domain, SurfaceDomain) or domain.overlaps or not domain.mesh.is_closed:
+        return None
+    details = SurfaceWithDetails.of(domain.mesh, request.crease_angle)
+    known: dict[int, float] = {}
+
+    def excess(length: float) -> float:
+        simplified = details.removed(length)
+        count = len(simplified.details)
+        if count not in known:
+            known[count] = np.inf
+            if count > 0:
+                other = SurfaceDomain.of(simplified.mesh, request.crease_angle)
+                known[count] = _load(report_of(_fully_relaxed(other, request)), request)
+        return known[count] - 1.0
+
+    low, high = request.tolerance * domain.mesh.diameter, _LARGEST_DETAIL * domain.mesh.diameter
+    if request.h0 is not None or not low < high or excess(high) > _CLOSE:
+        return None
+    while high > 1.05 * low:
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if excess(middle) <= _CLOSE else (middle, high)
+    return rounded_up(high)
 
 
 def _given(request: Request) -> list[str]:
