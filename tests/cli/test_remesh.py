@@ -164,10 +164,10 @@ def test_a_surface_written_to_a_format_of_triangles_stays_a_surface(capsys, box,
 def test_check_takes_the_tolerance_with_which_a_mesh_was_made(capsys, tmp_path, suffix):
     pytest.importorskip("mmgpy")
     output = tmp_path / f"new{suffix}"
-    words = ["remesh", DATA / "curved.vtu", "-o", output, "--elements", "150", "--json"]
+    words = ["remesh", DATA / "curved.vtu", "-o", output, "--tolerance", "2e-3", "--json"]
     assert call(*words) == 0
     tolerance = json.loads(capsys.readouterr().out)["mesh"]["tolerance"]
-    assert tolerance > 2e-3  # relaxed
+    assert tolerance == 2e-3
     check = ["check", output, "--original", DATA / "curved.vtu"]
     assert call(*check) == 0
     printed = capsys.readouterr()
@@ -176,7 +176,7 @@ def test_check_takes_the_tolerance_with_which_a_mesh_was_made(capsys, tmp_path, 
     assert call(*check, "--tolerance", "1e-4") == 1
     record = read_provenance(output)
     assert record["tolerance"] == tolerance
-    assert record["options"] == {"elements": "150.0"}
+    assert record["options"] == {"tolerance": "0.002"}
     assert record["n_cells"] == read(output).n_cells
 
 

@@ -210,8 +210,10 @@ def _without_details(
     """Return a surface without details below a length, and say what was removed."""
     if mesh.cell_dim != 2 or mesh.dim != 3:
         raise ValueError(f"--least-detail applies to surfaces, got {mesh!r}")
+    from adaptsize.remeshing.details import remove_details
+
     angle = {name: given[name] for name in ("crease_angle",) if name in given}
-    found = ads.remeshing.remove_details(mesh, length, **angle)
+    found = remove_details(mesh, length, **angle)
     console.record(removed_details=[vars(detail) for detail in found.details])
     console.say(f"{found} (--least-detail {length:g})")
     return found.mesh

@@ -136,9 +136,7 @@ def _refusal(domain: SizedDomain, request: Request, report: SizeReport) -> str:
     )
 
 
-def tolerance_that_fits(
-    domain: SizedDomain, request: Request, report: SizeReport
-) -> float | None:
+def tolerance_that_fits(domain: SizedDomain, request: Request, report: SizeReport) -> float | None:
     """Return the smallest tolerance, in two digits, within which the boundary needs few enough.
 
     None if there is none, or it is not known that the tolerance matters.
@@ -147,24 +145,23 @@ def tolerance_that_fits(
         return None
 
     def excess(tolerance: float) -> float:
-        options = {**request.options, "tolerance": tolerance}
-        found = _fully_relaxed(domain, replace(request, options=options))
+        found = _fully_relaxed(domain, request.with_options(tolerance=tolerance))
         return float(np.log(_load(report_of(found), request)))
 
     low, high = request.tolerance, _LARGEST_TOLERANCE
     if high <= low or excess(high) > _CLOSE:
         return None
     above = float(np.log(_load(report, request)))
-    while high > 1.05 * low:  # the number falls with about the power -1.2 of the tolerance
+    while high > 1.1 * low:  # the number falls with about the power -1.2 of the tolerance
         middle = low * float(np.exp(above / 1.2)) if above > 0.05 else 0.0
-        if not 1.02 * low < middle < high / 1.02:
+        if not 1.04 * low < middle < high / 1.04:
             middle = float(np.sqrt(low * high))
         found = excess(middle)
         if found > _CLOSE:
             low, above = middle, found
         else:
             high = middle
-            if found > -0.05:
+            if found > -0.1:
                 break
     return rounded_up(high)
 
@@ -182,8 +179,7 @@ def rounded_up(value: float) -> float:
 
 
 def detail_that_fits(domain: SizedDomain, request: Request) -> float | None:
-    """Return the smallest length, in two digits, so that few enough elements are needed without
-    the details below it.
+    """Return the smallest length, in two digits, without whose details few enough are needed.
 
     None if there is none up to a tenth of the diameter, or the domain is no closed surface.
     """
@@ -205,7 +201,7 @@ def detail_that_fits(domain: SizedDomain, request: Request) -> float | None:
     low, high = request.tolerance * domain.mesh.diameter, _LARGEST_DETAIL * domain.mesh.diameter
     if request.h0 is not None or not low < high or excess(high) > _CLOSE:
         return None
-    while high > 1.05 * low:
+    while high > 1.1 * low:
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if excess(middle) <= _CLOSE else (middle, high)
     return rounded_up(high)
@@ -303,8 +299,7 @@ def _fully_relaxed(domain: SizedDomain, request: Request) -> SizeFunction:
 
     They do not depend on the number that is allowed.
     """
-    options = {**request.options, "max_elements": np.inf}
-    return _relaxed(domain, replace(request, options=options), _FULLY)
+    return _relaxed(domain, request.with_options(max_elements=np.inf), _FULLY)
 
 
 def _relaxed(domain: SizedDomain, request: Request, relaxation: float) -> SizeFunction:

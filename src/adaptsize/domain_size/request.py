@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -73,6 +73,10 @@ class Request:
                 f"elements_across, hmin and hmax are all given: omit one of them, or {name}"
             )
         return request
+
+    def with_options(self, **options: float) -> Request:
+        """Return the request with other values of some options."""
+        return replace(self, options=cast(SizeFunctionOptions, {**self.options, **options}))
 
     @property
     def g(self) -> float:

@@ -174,7 +174,7 @@ class SurfaceWithDetails:
         sides = [self._sides(loop, part) for loop in loops]
         stays = np.zeros(len(area), np.bool_)
         stays[np.argmax(area)] = True
-        for k in np.flatnonzero(~stays):
+        for k in np.flatnonzero(~stays).tolist():
             stays[k] = self._is_large(cells[part == k], _caps(loops, sides, k), length)
         new = [cells[stays[part]]]
         for loop, (inner, outer) in zip(loops, sides, strict=True):
@@ -184,9 +184,8 @@ class SurfaceWithDetails:
         tags = None
         if self.tags is not None:
             tags = np.concatenate([self.tags[stays[part]], np.zeros(sum(map(len, new[1:])), int)])
-        made = cut_out(
-            mesh.points, np.concatenate(new), cell_tags=tags, tag_names=mesh.tag_names
-        )[0]
+        left = np.concatenate(new)
+        made, _ = cut_out(mesh.points, left, cell_tags=tags, tag_names=mesh.tag_names)
         return Simplified(made, details) if made.is_closed else Simplified(mesh, ())
 
     def _loop(self, nodes: IndexArray, cell: int, length: float) -> _Loop | None:
@@ -204,7 +203,7 @@ class SurfaceWithDetails:
         if np.linalg.det(np.column_stack([axes, normal])) < 0.0:
             axes = axes[:, ::-1]
         flat = (points - centre) @ axes
-        width = self._width(flat, centre, axes, normal, length)
+        width = self._width(flat, (centre, axes, normal), length)
         if width >= length:
             return None
         # Seen from the face, the loop is the outline of a hole, so the cap runs the other way.
@@ -214,19 +213,21 @@ class SurfaceWithDetails:
         return _Loop(nodes, cell, nodes[triangles][:, ::-1].astype(np.int32), width)
 
     def _width(
-        self, flat: FloatArray, centre: FloatArray, axes: FloatArray, normal: FloatArray, least: float
+        self, flat: FloatArray, plane: tuple[FloatArray, FloatArray, FloatArray], least: float
     ) -> float:
         """Return the diameter of the largest circle in a loop, outside of facets in its plane.
 
-        Circles through three points of the loop, and of other feature edges in its plane.
+        Circles through three points of the loop, and of other feature edges in its plane, which is
+        given by its origin, axes and normal.
         """
-        mesh, spacing = self.mesh, _SPACING * least
+        mesh, spacing, (centre, axes, normal) = self.mesh, _SPACING * least, plane
         ends = (mesh.points[self.faces.features] - centre) @ axes
         height = np.abs((mesh.points[self.faces.features] - centre) @ normal)
         low, high = flat.min(axis=0), flat.max(axis=0)
         inside = (height <= _IN_PLANE * least).all(axis=1)
         inside &= ((ends >= low - spacing) & (ends <= high + spacing)).all(axis=(1, 2))
-        segments = np.concatenate([np.stack([flat, np.roll(flat, -1, axis=0)], axis=1), ends[inside]])
+        around = np.stack([flat, np.roll(flat, -1, axis=0)], axis=1)
+        segments = np.concatenate([around, ends[inside]])
         lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
         if lengths.sum() > _MOST_ON_LOOP * spacing:
             return np.inf
@@ -325,8 +326,8 @@ def _inner_paths(faces: Faces) -> list[tuple[IndexArray, int]]:
     for pieces in by_face.values():
         if len(pieces) < 2:
             continue
-        extent = {p: float(np.ptp(mesh.points[starts[rows]], axis=0).max()) for p, rows in pieces.items()}
-        outer = max(extent, key=lambda p: extent[p])
+        extent = {p: np.ptp(mesh.points[starts[rows]], axis=0).max() for p, rows in pieces.items()}
+        outer = max(extent, key=lambda p: float(extent[p]))
         for p, rows in pieces.items():
             following = dict(zip(starts[rows].tolist(), ends[rows].tolist(), strict=True))
             path = _closed_path(following) if p != outer and len(following) == len(rows) else None
@@ -357,9 +358,7 @@ def _parts_between(mesh: SimplexMesh, cut: BoolArray) -> IndexArray:
     return np.asarray(connected_components(graph, directed=False)[1])
 
 
-def _caps(
-    loops: Sequence[_Loop], sides: Sequence[tuple[int, int]], part: int
-) -> list[IntArray]:
+def _caps(loops: Sequence[_Loop], sides: Sequence[tuple[int, int]], part: int) -> list[IntArray]:
     """Return the caps that close a part, oriented like it."""
     return [
         loop.cap[:, ::-1] if inner == part else loop.cap
@@ -404,8 +403,8 @@ def _triangulated(polygon: FloatArray) -> IntArray | None:
     Ears are cut off, the one with the shortest chord first.  None if no ear is left, as where the
     polygon crosses itself.
     """
-    area = np.sum(polygon[:, 0] * np.roll(polygon[:, 1], -1) - polygon[:, 1] * np.roll(polygon[:, 0], -1))
-    sign = 1.0 if area > 0.0 else -1.0
+    x, y = polygon.T
+    sign = 1.0 if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) > 0.0 else -1.0
     left, triangles = np.arange(len(polygon)), []
     while len(left) > 3:
         a, b, c = (polygon[np.roll(left, k)] for k in (1, 0, -1))
