@@ -240,10 +240,11 @@ class BudgetOptions(NumberOptions, total=False):
     dofs
         Requested number of unknowns.
     max_elements
-        Number to which parameters that are not given are relaxed.  inf disables this.
+        Number to which parameters that are not given are relaxed, except the tolerance.  inf
+        disables this.
     max_memory
         Largest memory of the matrix: 8GB.
-        Parameters that are not given are relaxed.
+        Parameters that are not given are relaxed, except the tolerance.
     degree
         Polynomial degree, for these.
     fields
