@@ -25,7 +25,7 @@ def floor_of(mesh, cap=2500.0, **options):
 
 
 @pytest.mark.parametrize("name", ROUND)
-@pytest.mark.parametrize("tolerance", [None, 4e-4])
+@pytest.mark.parametrize("tolerance", [None, 2e-3])
 def test_a_cap_leaves_the_sizes_of_chords_as_they_are(name, tolerance):
     # The radius is exact.  A tolerance relaxed by 5 % gives sizes larger by 2.4 %.
     mesh, radius = ROUND[name]
@@ -33,10 +33,9 @@ def test_a_cap_leaves_the_sizes_of_chords_as_they_are(name, tolerance):
     chords = np.sqrt(6.0 * given * mesh.diameter * radius)
     needed = floor_of(mesh, tolerance=tolerance)
     largest = []
-    for share in (3.0, 1.5, 1.1):
+    for share in (1.5, 1.05):
         report = size_function(mesh, tolerance=tolerance, max_elements=share * needed).report
         assert report.tolerance == given
-        assert report.relaxation > 1.0
         assert report.n_elements <= 1.02 * share * needed
         on_curve = report.bounds["curvature"][: mesh.n_points]
         largest.append(on_curve.max())
@@ -74,7 +73,7 @@ def test_a_number_below_what_the_boundary_needs_is_refused_with_a_tolerance_that
     offer = float(re.search(r"tolerance=([\d.e-]+)", str(caught.value))[1])
     assert size_function(SPHERE, tolerance=offer, **options).report.tolerance == offer
     with pytest.raises(TooManyElementsError):
-        size_function(SPHERE, tolerance=0.85 * offer, **options)
+        size_function(SPHERE, tolerance=0.7 * offer, **options)
 
 
 def test_only_a_number_that_is_given_is_a_reason_to_refuse():
@@ -151,7 +150,7 @@ def test_a_cap_is_kept_within_a_tenth(monkeypatch, ratios, meshes):
 
 def test_a_cap_that_is_not_kept_by_the_second_mesh_is_refused(monkeypatch):
     monkeypatch.setattr(elements, "remesh", Generator([1.3, 1.6]))
-    with pytest.raises(TooManyElementsError, match=r"the meshes had 2\d+ and 1\d+ elements"):
+    with pytest.raises(TooManyElementsError, match=r"the meshes had 1\d+ and 1\d+ elements"):
         elements.mesh_with_sizes(
             SPHERE, {"max_elements": 16_000.0}, tell=lambda text: None, progress=None
         )

@@ -73,10 +73,10 @@ def _with_fewer_elements(domain: SizedDomain, request: Request) -> SizeFunction:
         if load <= 1.0 + _CLOSE:
             return size
         if step == 1.0 and np.isfinite(report.tolerance):
-            fewest = _fully_relaxed(domain, request)
-            if _load(report_of(fewest), request) > 1.0 + _CLOSE:
-                size = fewest
+            size = _fully_relaxed(domain, request)
+            if _load(report_of(size), request) > 1.0 + _CLOSE:
                 break
+            return _between(domain, request, load, size)
         # Where a bound no longer grows, hmin does, and exceeds it in the end.
         n_flat = n_flat + 1 if load > 0.95 * before else 0
         if request.is_fixed or n_flat == (1 if _given(request) else 6):
@@ -91,6 +91,31 @@ def _with_fewer_elements(domain: SizedDomain, request: Request) -> SizeFunction:
         raise TooManyElementsError(_refusal(domain, request, report_of(size)))
     warn_caller(_excess(request, report_of(size)), ResolutionWarning)
     return size
+
+
+def _between(
+    domain: SizedDomain, request: Request, load: float, fewest: SizeFunction
+) -> SizeFunction:
+    """Return the sizes for nearly as many elements as allowed.
+
+    The ``load`` without relaxation is above 1, and that of the ``fewest`` elements is not.
+    """
+    best, least = fewest, _load(report_of(fewest), request)
+    low, high = (0.0, np.log(load)), (np.log(_FULLY), np.log(least))
+    for _ in range(8):
+        if least >= 0.95:
+            break
+        share = np.clip(low[1] / (low[1] - high[1]), 0.1, 0.9)
+        at = float(low[0] + share * (high[0] - low[0]))
+        size = _relaxed(domain, request, float(np.exp(at)))
+        found = _load(report_of(size), request)
+        if found > 1.0 + _CLOSE:
+            low = at, float(np.log(found))
+        else:
+            high = at, float(np.log(found))
+            if found > least:
+                best, least = size, found
+    return best
 
 
 def _excess(request: Request, report: SizeReport) -> str:
@@ -163,7 +188,10 @@ def tolerance_that_fits(domain: SizedDomain, request: Request, report: SizeRepor
             high = middle
             if found > -0.1:
                 break
-    return rounded_up(high)
+    offer = rounded_up(high)
+    while excess(offer) > _CLOSE:  # the number falls with the tolerance up to a few per cent
+        offer = rounded_up(1.05 * offer)
+    return offer
 
 
 def rounded_up(value: float) -> float:
@@ -236,6 +264,7 @@ def _with_number(domain: SizedDomain, request: Request, what: Goal, wanted: floa
     """
     steps: list[tuple[float, float]] = []  # logarithms of relaxation and number over the wanted
     best: SizeFunction | None = None
+    fewest: SizeFunction | None = None
     relaxation, least, n_flat = 1.0, np.inf, 0
     for _ in range(12):
         found = _relaxed(domain, request, relaxation)
@@ -262,6 +291,8 @@ def _with_number(domain: SizedDomain, request: Request, what: Goal, wanted: floa
     assert best is not None
     if least > 0.1:
         number = predicted_number(report_of(best), what, request.system)
+        if number > wanted and fewest is not None:
+            return _between(domain, request, number / wanted, fewest)
         if number > wanted:
             raise TooManyElementsError(_refusal(domain, request, report_of(best)))
         warn_caller(
