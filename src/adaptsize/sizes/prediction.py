@@ -78,11 +78,12 @@ class Enclosed:
     -----
     The integral is a sum over one random point in each cube of an octree, as in stratified
     sampling [1]_.  Cubes are divided until their edges are at most a multiple of the size at their
-    centres, the same for all and at most 2 and 1 / (2 g), and at least 4000 points are inside.  Cubes outside are
-    left out, and all parts of a cube inside are inside.  In a cube of 2 sizes, sizes of gradient g
-    are nowhere smaller than 1 - 1.7 g times that at the centre.  The standard error is that of the
-    cubes that the surface intersects, less than 1 %.  The points turn and move with the surface.
-    Further sizes use the same cubes where these are small enough.
+    centres, the same for all and at most 2, or 1 / (2 g) for gradients above 1/4, and at least 4000
+    points are inside.  Cubes outside are left out, and all parts of a cube inside are inside.  In a
+    cube of 2 sizes, sizes of gradient g are nowhere smaller than 1 - 1.7 g times that at the
+    centre.  The standard error is that of the cubes that the surface intersects, less than 1 %.
+    The points turn and move with the surface.  Further sizes use the same cubes where these are
+    small enough.
 
     References
     ----------
