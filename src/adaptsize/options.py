@@ -183,7 +183,7 @@ class SizeOptions(TypedDict, total=False):
         Angle above which an edge is a feature edge.  It is not curvature then.
     tolerance
         Allowed distance from the boundary over the diameter; inf disables this.  Sizes at a radius
-        r of a mesh are at most sqrt(6 tolerance * diameter * r).  It is never relaxed.
+        r of a mesh are at most sqrt(6 tolerance * diameter * r).
     size_of
         Sizes of named parts.
         They replace those from the shape of tagged regions and faces, or of labels of an image.
@@ -195,7 +195,7 @@ class SizeOptions(TypedDict, total=False):
     g: Annotated[
         float | None,
         Option(
-            chosen=f"{GRADIENT_LIMIT:g}, or up to {2.0 * GRADIENT_LIMIT:g} to allow the number",
+            chosen=f"{GRADIENT_LIMIT:g} to {2.0 * GRADIENT_LIMIT:g}",
             short="-g",
             unusual=10.0,
         ),
@@ -240,11 +240,10 @@ class BudgetOptions(NumberOptions, total=False):
     dofs
         Requested number of unknowns.
     max_elements
-        Number to which parameters that are not given are relaxed, except the tolerance.  inf
-        disables this.
+        Number to which parameters that are not given are relaxed.  inf disables this.
     max_memory
         Largest memory of the matrix: 8GB.
-        Parameters that are not given are relaxed, except the tolerance.
+        Parameters that are not given are relaxed.
     degree
         Polynomial degree, for these.
     fields
@@ -393,8 +392,8 @@ class DetailOptions(TypedDict, total=False):
     """Details.
 
     least_detail
-        Length below which bores, bosses and text of a surface are removed first; see
-        `remove_details`.
+        First remove bores, bosses and text below this length.
+        See `adaptsize.remeshing.remove_details`.
     """
 
     least_detail: Annotated[float | None, Option(unit="length", above=True)]

@@ -79,14 +79,12 @@ def size_function(
         If the domain is of another kind, needs a box or a grid, is empty or fills the grid, if an
         image is a photo or has no objects, or if an option is out of range.
     TooManyElementsError
-        If a number or a memory is given that is less than the boundary within the tolerance, or
-        other parameters, need.  The message says how much, and which tolerance would fit.
+        If the boundary within the tolerance, or given parameters, need more than a given number.
 
     Warns
     -----
     ResolutionWarning, InputWarning
-        If the parameters need more than the default of ``max_elements`` or do not allow as many
-        elements as requested, an octree would need too many leaves,
+        If the parameters do not allow the number of elements, an octree would need too many leaves,
         a source lies outside, or objects are lost or at the border of the image.
 
     Notes
@@ -94,8 +92,7 @@ def size_function(
     To stay within ``max_elements``, or to predict ``elements`` or ``nodes`` (of a mesh or a
     surface) within 2 %, those of ``elements_per_radian``, ``elements_across`` (down to 1/4),
     ``elements_between``, ``hmin``, ``hmax`` and ``g`` (up to 0.5) that are not given are changed.
-    The tolerance is not: at curved boundaries of a mesh, sizes are those of chords within it at
-    last, and the default ``hmin`` does not override them.
+    The tolerance is never relaxed.
 
     On a given octree, or a mesh of more than the domain, sizes propagate also through the outside.
 
