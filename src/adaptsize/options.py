@@ -389,7 +389,7 @@ class ImageMeshOptions(SizeOptions, BudgetOptions, ImageOptions, total=False):
 
 
 class DetailOptions(TypedDict, total=False):
-    """Details.
+    """Mesh generator.
 
     least_detail
         First remove bores, bosses and text below this length.

@@ -90,9 +90,8 @@ def size_function(
     Notes
     -----
     To stay within ``max_elements``, or to predict ``elements`` or ``nodes`` (of a mesh or a
-    surface) within 2 %, those of ``elements_per_radian``, ``elements_across`` (down to 1/4),
-    ``elements_between``, ``hmin``, ``hmax`` and ``g`` (up to 0.5) that are not given are changed.
-    The tolerance is never relaxed.
+    surface) within 2 %, all of ``elements_per_radian``, ``elements_across``, ``elements_between``,
+    ``hmin``, ``hmax`` and ``g`` that are not given are changed, but never the tolerance.
 
     On a given octree, or a mesh of more than the domain, sizes propagate also through the outside.
 
