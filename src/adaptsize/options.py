@@ -194,11 +194,7 @@ class SizeOptions(TypedDict, total=False):
     elements_between: Annotated[float | None, Option(chosen="1, or 0 on rough surfaces")]
     g: Annotated[
         float | None,
-        Option(
-            chosen=f"{GRADIENT_LIMIT:g} to {2.0 * GRADIENT_LIMIT:g}",
-            short="-g",
-            unusual=10.0,
-        ),
+        Option(chosen=f"{GRADIENT_LIMIT:g}", short="-g", unusual=10.0),
     ]
     hmin: Annotated[
         float | None,
@@ -392,7 +388,7 @@ class DetailOptions(TypedDict, total=False):
     """Mesh generator.
 
     least_detail
-        First remove bores, bosses and text below this length.
+        First remove smaller bores, bosses and text.
         See `adaptsize.remeshing.remove_details`.
     """
 
