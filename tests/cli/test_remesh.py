@@ -301,3 +301,9 @@ def test_details_are_removed_and_listed(capsys, tmp_path, no_generator):
     assert detail["place"] == pytest.approx([1.0, 0.5, 0.5], abs=1e-6)
     assert detail["volume"] == pytest.approx(2.0 - part.volume, rel=1e-6)
     assert no_generator[0].measures.sum() == pytest.approx(10.0, rel=1e-6)  # a plain box
+    # The mesh is checked against the surface that it was made from.
+    call("check", path.with_name("new.vtu"), "--original", path, "--json")
+    printed = capsys.readouterr()
+    assert "removed 1 cavities" in printed.err
+    demands = {demand["name"]: demand["is_met"] for demand in json.loads(printed.out)["demands"]}
+    assert demands["boundary"]

@@ -184,8 +184,7 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
         mesh = _accepted(console, mesh, allowed, close=close, strict=given.get("strict", False))
     elif close:
         raise ValueError(f"--close-holes applies to surfaces that become tetrahedra, got {mesh!r}")
-    if "least_detail" in given:
-        mesh = _without_details(console, mesh, given.pop("least_detail"), given)
+    mesh = files.without_details(console, mesh, given)
     if given.pop("faces", False):
         mesh = files.with_named_faces(mesh)
     elif "size_of" in given:
@@ -202,21 +201,6 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
     elif "fields" not in chosen.holds:
         console.say(f"{output.name} holds no fields: the sizes are not written")
     return mesh
-
-
-def _without_details(
-    console: Console, mesh: SimplexMesh, length: float, given: Given
-) -> SimplexMesh:
-    """Return a surface without details below a length, and say what was removed."""
-    if mesh.cell_dim != 2 or mesh.dim != 3:
-        raise ValueError(f"--least-detail applies to surfaces, got {mesh!r}")
-    from adaptsize.remeshing.details import remove_details
-
-    angle = {name: given[name] for name in ("crease_angle",) if name in given}
-    found = remove_details(mesh, length, **angle)
-    console.record(removed_details=[vars(detail) for detail in found.details])
-    console.say(f"{found} (--least-detail {length:g})")
-    return found.mesh
 
 
 def _is_for_surfaces(output: Path, mesh: SimplexMesh, given: Given) -> bool:

@@ -26,6 +26,7 @@ from adaptsize.domain_size.request import Goal, Implicit, goal_of
 from adaptsize.errors import ResolutionWarning, TooManyElementsError
 from adaptsize.options import (
     BudgetOptions,
+    DetailOptions,
     MeshOptions,
     RemeshToElementsOptions,
     checked,
@@ -125,7 +126,7 @@ def remesh_to_elements(
     if given["least_detail"] is not None:
         mesh = remove_details(mesh, given["least_detail"], crease_angle=given["crease_angle"]).mesh
     request = {
-        **{name: value for name, value in given.items() if name != "least_detail"},
+        **given,
         **{"elements": elements, "nodes": nodes},
         **{"background": background, "sources": sources, "h0": h0},
     }
@@ -148,6 +149,7 @@ def mesh_with_sizes(
     mesh : SimplexMesh
     request : mapping
         Options of `size_function` and of mesh generators, and further arguments of the former.
+        Details are already removed.
     tell : callable
         Takes a text, see `reach_number`.
     found : callable
@@ -155,7 +157,8 @@ def mesh_with_sizes(
     progress : callable, bool or None
     """
     for_mesh = {name: request[name] for name in options_of(MeshOptions) if name in request}
-    for_sizes = {name: value for name, value in request.items() if name not in for_mesh}
+    apart = {*for_mesh, *options_of(DetailOptions)}
+    for_sizes = {name: value for name, value in request.items() if name not in apart}
     numbers = {name: request[name] for name in options_of(BudgetOptions) if name in request}
     budget = checked(BudgetOptions, numbers)
 
