@@ -46,7 +46,7 @@ from _outcomes import rows_in, shown, wait
 from _timing import table
 
 import adaptsize as ads
-from adaptsize.domain_size.elements import tolerance_of
+from adaptsize._defaults import TOLERANCE
 from adaptsize.sizes import Enclosed, predict
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -112,7 +112,7 @@ def outcome_of(file, arguments):
             clock("sizes")
             options = {"max_elements": arguments.max_elements, "tolerance": arguments.tolerance}
             size = ads.size_function(given, **options)
-            tolerance = tolerance_of(size.report, arguments.tolerance)
+            tolerance = arguments.tolerance or TOLERANCE
             clock("")
             options = {"tolerance": tolerance, "backend": arguments.backend}
             made = ads.remesh(given, size, **options, hmax=size.report.hmax, progress=clock)

@@ -67,8 +67,6 @@ class SizeReport:
     """Whether the boundary is rough, so that the separation is disabled unless requested."""
     tolerance: float = np.inf
     """Allowed distance of chords from curved boundaries, over the diameter; inf if not limited."""
-    chord_tolerance: float = np.inf
-    """The same where the bound from curvature was found; relaxed, it may be larger."""
     relaxation: float = 1.0
     """Factor by which parameters that were not given were relaxed.  Below 1 they were tightened."""
 

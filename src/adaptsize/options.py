@@ -191,7 +191,7 @@ class SizeOptions(TypedDict, total=False):
         Angle above which an edge is a feature edge.  It is not curvature then.
     tolerance
         Allowed distance from the boundary over the diameter; inf disables this.  Sizes at a radius
-        r of a mesh are at most 2 sqrt(tolerance * diameter * r).
+        r of a mesh are at most sqrt(6 tolerance * diameter * r).
     size_of
         Sizes of named parts.
         They replace those from the shape of tagged regions and faces, or of labels of an image.
@@ -200,7 +200,10 @@ class SizeOptions(TypedDict, total=False):
     elements_per_radian: Annotated[float | None, Option(chosen="4", short="-K")]
     elements_across: Annotated[float | None, Option(chosen="2")]
     elements_between: Annotated[float | None, Option(chosen="1, or 0 on rough surfaces")]
-    g: Annotated[float, Option(GRADIENT_LIMIT, short="-g", unusual=10.0, of_sizes=True)]
+    g: Annotated[
+        float | None,
+        Option(chosen=f"{GRADIENT_LIMIT:g}", short="-g", unusual=10.0, of_sizes=True),
+    ]
     hmin: Annotated[
         float | None,
         Option(
@@ -217,11 +220,7 @@ class SizeOptions(TypedDict, total=False):
     crease_angle: Annotated[float, Option(CREASE_ANGLE, unit="degrees", upper=180.0)]
     tolerance: Annotated[
         float | None,
-        Option(
-            chosen="1e-3, or more to allow the number of elements",
-            above=True,
-            inf=True,
-        ),
+        Option(chosen=f"{TOLERANCE:g}", above=True, inf=True),
     ]
     size_of: Annotated[Mapping[str, float] | None, Option(type_text="mapping of str to float")]
 
@@ -401,7 +400,18 @@ class ImageMeshOptions(SizeOptions, BudgetOptions, ImageOptions, total=False):
     seed: Annotated[int, Option(2004)]
 
 
-class RemeshToElementsOptions(SizeOptions, MeshOptions, total=False):
+class DetailOptions(TypedDict, total=False):
+    """Mesh generator.
+
+    least_detail
+        First remove smaller bores, bosses and text.
+        See `adaptsize.remeshing.remove_details`.
+    """
+
+    least_detail: Annotated[float | None, Option(unit="length", above=True)]
+
+
+class RemeshToElementsOptions(SizeOptions, MeshOptions, DetailOptions, total=False):
     """Mesh with a number of elements."""
 
 

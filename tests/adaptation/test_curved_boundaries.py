@@ -53,7 +53,7 @@ def test_sizes_in_space_are_those_that_the_tolerance_allows_at_curved_boundaries
 def test_bounds_by_the_tolerance_are_those_of_chords():
     mesh = random_sphere(800, SEED)
     sizes = bound_by_tolerance(mesh, 1e-3)
-    radius = sizes**2 / (4e-3 * mesh.diagonal)
+    radius = sizes**2 / (6e-3 * mesh.diagonal)
     assert np.median(radius) == pytest.approx(1.0, rel=0.02)
     of_metric = metric_by_tolerance(mesh, 1e-3)
     assert np.median(of_metric.sizes[:, 0] / sizes) == pytest.approx(1.0, rel=0.05)
@@ -67,7 +67,7 @@ def test_bounds_by_the_tolerance_are_those_of_chords():
     i, j = (k.ravel() for k in np.meshgrid(np.arange(32), np.arange(3)))
     a, b = 32 * j + i, 32 * j + (i + 1) % 32
     tube = SimplexMesh(points, np.vstack([np.c_[a, b, a + 32], np.c_[b, b + 32, a + 32]]))
-    around = 2.0 * np.sqrt(1e-3 * tube.diagonal)
+    around = np.sqrt(6e-3 * tube.diagonal)
     expected = [around, 10.0 * around, 10.0 * around]
     assert_allclose(metric_by_tolerance(tube, 1e-3).sizes[40], expected, rtol=0.01)
     assert metric_by_tolerance(disc(5), 1e-3) is None

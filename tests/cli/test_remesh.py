@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from command_line import call
 from fake_generators import FakeBackend
+from meshes import random_sphere
 from shapes import CORNERS as UNIT
 from shapes import CUBE_CELLS, block
 
@@ -253,10 +254,10 @@ def test_a_surface_written_to_a_format_of_triangles_stays_a_surface(capsys, box,
 def test_check_takes_the_tolerance_with_which_a_mesh_was_made(capsys, tmp_path, suffix):
     pytest.importorskip("mmgpy")
     output = tmp_path / f"new{suffix}"
-    words = ["remesh", DATA / "curved.vtu", "-o", output, "--elements", "150", "--json"]
+    words = ["remesh", DATA / "curved.vtu", "-o", output, "--tolerance", "2e-3", "--json"]
     assert call(*words) == 0
     tolerance = json.loads(capsys.readouterr().out)["mesh"]["tolerance"]
-    assert tolerance > 2e-3  # relaxed
+    assert tolerance == 2e-3
     check = ["check", output, "--original", DATA / "curved.vtu"]
     assert call(*check) == 0
     printed = capsys.readouterr()
@@ -265,7 +266,7 @@ def test_check_takes_the_tolerance_with_which_a_mesh_was_made(capsys, tmp_path, 
     assert call(*check, "--tolerance", "1e-4") == 1
     record = read_provenance(output)
     assert record["tolerance"] == tolerance
-    assert record["options"] == {"elements": "150.0"}
+    assert record["options"] == {"tolerance": "0.002"}
     assert record["n_cells"] == read(output).n_cells
 
 
@@ -355,3 +356,43 @@ def test_strict_refuses_an_open_surface_before_the_sizes(refused, open_box):
 def test_faces_of_a_surface_get_the_sizes_that_name_them(box, no_generator):
     call("remesh", box, "-o", box.with_name("o.vtu"), "--size-of", "face 2=0.3")
     assert np.unique(no_generator[0].cell_tags).tolist() == [1, 2, 3, 4, 5, 6]
+
+
+def test_a_cap_below_what_the_boundary_needs_is_refused_in_one_line(
+    tmp_path, refused, no_generator
+):
+    ball, output = tmp_path / "ball.stl", tmp_path / "new.vtu"
+    write(ball, random_sphere(400, 616))
+    text = refused("remesh", ball, "-o", output, "--max-elements", "2000")
+    message = (
+        r"within the tolerance of 0\.001 the boundary needs about \d+ elements; 2000 are not "
+        r"enough: --tolerance 0\.00\d+\n"
+    )
+    assert re.search(message, text)
+    assert no_generator == []
+    assert not output.exists()
+
+
+def test_details_are_removed_and_listed(capsys, tmp_path, no_generator):
+    trimesh = pytest.importorskip("trimesh")
+    pytest.importorskip("manifold3d")
+    bore = trimesh.creation.cylinder(0.05, 4.0, sections=12).apply_translation((1.0, 0.5, 0.0))
+    block = trimesh.creation.box((2.0, 1.0, 1.0)).apply_translation((1.0, 0.5, 0.5))
+    part = trimesh.boolean.difference([block, bore])
+    path = tmp_path / "part.stl"
+    write(path, SimplexMesh(part.vertices, part.faces))
+    words = ["remesh", path, "-o", path.with_name("new.vtu"), "--hmax", "0.5"]
+    call(*words, "--least-detail", "0.2", "--json")
+    printed = capsys.readouterr()
+    assert "removed 1 cavities" in printed.err
+    (detail,) = json.loads(printed.out)["removed_details"]
+    assert detail["kind"] == "cavity"
+    assert detail["place"] == pytest.approx([1.0, 0.5, 0.5], abs=1e-6)
+    assert detail["volume"] == pytest.approx(2.0 - part.volume, rel=1e-6)
+    assert no_generator[0].measures.sum() == pytest.approx(10.0, rel=1e-6)  # a plain box
+    # The mesh is checked against the surface that it was made from.
+    call("check", path.with_name("new.vtu"), "--original", path, "--json")
+    printed = capsys.readouterr()
+    assert "removed 1 cavities" in printed.err
+    demands = {demand["name"]: demand["is_met"] for demand in json.loads(printed.out)["demands"]}
+    assert demands["boundary"]

@@ -89,7 +89,7 @@ def test_faces_of_a_disc_have_its_radius_and_half_of_the_elements_each():
     assert (upper.name, lower.name) == ("upper", "lower")
     assert_allclose(upper.measure, np.pi, rtol=1e-2)
     assert_allclose([upper.radius, lower.radius], 1.0, rtol=0.03)
-    assert_allclose(upper.tolerance, upper.size**2 / 4 / upper.radius)
+    assert_allclose(upper.tolerance, upper.size**2 / 6 / upper.radius)
     assert upper.time_step == upper.size / 2.0
     assert_allclose(upper.element_share, lower.element_share, rtol=0.1)
     assert upper.element_share + lower.element_share <= 1.0

@@ -14,7 +14,7 @@ from adaptsize import (
     SimplexMesh,
     size_function,
 )
-from adaptsize.errors import ResolutionWarning
+from adaptsize.errors import TooManyElementsError
 from adaptsize.sizes.cones import cone_of, lowest_of
 
 G = 0.25
@@ -106,11 +106,11 @@ def test_without_small_sources_the_background_is_the_mesh_itself():
     assert size.background is mesh
 
 
-def test_the_limit_of_the_number_of_elements_bounds_the_background():
+def test_sources_that_need_more_elements_than_allowed_are_refused():
     source = BoxSource([0.3, 0.3], [0.7, 0.7], 2e-3)
-    with pytest.warns(ResolutionWarning, match="more than max_elements = 10000"):
-        size = size_function(SQUARE, sources=[source], max_elements=1e4, **FREE)
-    assert size.background.n_points < 1e4
+    message = "more than max_elements = 10000: sources controls .*, given parameters: .*sources"
+    with pytest.raises(TooManyElementsError, match=message):
+        size_function(SQUARE, sources=[source], max_elements=1e4, **FREE)
 
 
 def test_sizes_of_functions_are_not_raised_unless_hmin_is_given():

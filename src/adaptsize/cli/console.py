@@ -168,10 +168,11 @@ def as_typed(text: str, flags: Mapping[str, str]) -> str:
 
     Names that are also words count only before "must", "=" and the like.
     """
-    # As in Python: strict=True, target='triangles'.
+    # As in Python: strict=True, target='triangles', tolerance=0.002.
     for name, flag in flags.items():
         text = re.sub(rf"(?<![\w.-]){name}=True\b", flag, text)
         text = re.sub(rf"(?<![\w.-]){name}=(['\"])(\w+)\1", rf"{flag} \2", text)
+        text = re.sub(rf"(?<![\w.-]){name}=(\d[\d.e+-]*\d|\d)", rf"{flag} \1", text)
     names = [f"{name}(?= must | = | is in )" if "_" not in name else name for name in flags]
     pattern = rf"(?<![\w.'\"-])(?:{'|'.join(names)})(?!\w|\.\w)"
     return re.sub(pattern, lambda match: flags[match[0]], text) if flags else text

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 import adaptsize as ads
+from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._formats.guards import write_whole
 from adaptsize._formats.text import write_text
 from adaptsize.cli.console import Console
@@ -263,6 +264,24 @@ def write_provenance(path: Path, record: Mapping[str, Any]) -> None:
     """
     text = json.dumps(record, allow_nan=False)
     write_whole(_record_beside(path), lambda target: write_text(target, text, "\n"))
+
+
+def without_details(console: Console, mesh: SimplexMesh, options: Mapping[str, Any]) -> SimplexMesh:
+    """Return a surface without details below ``least_detail``, and say what was removed.
+
+    The options are those of remesh, or their texts in its record.
+    """
+    if "least_detail" not in options:
+        return mesh
+    if mesh.cell_dim != 2 or mesh.dim != 3:
+        raise ValueError(f"--least-detail applies to surfaces, got {mesh!r}")
+    from adaptsize.remeshing.details import remove_details
+
+    length, angle = options["least_detail"], options.get("crease_angle", CREASE_ANGLE)
+    found = remove_details(mesh, float(length), crease_angle=float(angle))
+    console.record(removed_details=[vars(detail) for detail in found.details])
+    console.say(f"{found} (below {float(length):g})")
+    return found.mesh
 
 
 def read_provenance(path: Path) -> dict[str, Any]:

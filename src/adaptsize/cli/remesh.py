@@ -81,7 +81,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     if "metric" in given:
         return remesh_with_metric(console, file, output, given)
     from adaptsize.domain_size.cost import report_of
-    from adaptsize.domain_size.elements import mesh_with_sizes, tolerance_of
+    from adaptsize.domain_size.elements import mesh_with_sizes
     from adaptsize.remeshing.attempts import attempts_of
     from adaptsize.remeshing.preparation import repair_mesh
     from adaptsize.reporting.outcome import outcome_of_remeshing
@@ -113,7 +113,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
                 progress=following,
             )
         report = report_of(size)
-        allowed = tolerance_of(report, given.get("tolerance"))
+        allowed = given.get("tolerance", TOLERANCE)
         attempts = attempts_of(new)
         steps.begin("writing")
         new = with_fields(console, mesh, new, output, (fields, given.get("field")), steps.report)
@@ -217,6 +217,7 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
         mesh = _accepted(console, mesh, allowed, close=close, strict=given.get("strict", False))
     elif close:
         raise ValueError(f"--close-holes applies to surfaces that become tetrahedra, got {mesh!r}")
+    mesh = files.without_details(console, mesh, given)
     if given.pop("faces", False):
         mesh = files.with_named_faces(mesh)
     elif "size_of" in given:

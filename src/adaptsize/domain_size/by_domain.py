@@ -175,7 +175,8 @@ class MeshDomain:
         from the shape are found at the given nodes, and are linear between them.
         """
         mesh, background = self.mesh, self.background or self.mesh
-        bounds = Bounds(background, {}, request.limits(mesh.diameter))
+        limits = request.limits(mesh.diameter, of_chords=self.background is None)
+        bounds = Bounds(background, {}, limits)
         bounds.points, bounds.is_rough = self._separated(request)
         if self.background is None:
             bounds.nodal = self._bounds(mesh, None, request)

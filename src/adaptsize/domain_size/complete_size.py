@@ -78,6 +78,8 @@ def size_function(
     ValueError
         If the domain is of another kind, needs a box or a grid, is empty or fills the grid, if an
         image is a photo or has no objects, or if an option is out of range.
+    TooManyElementsError
+        If the boundary within the tolerance, or given parameters, need more than a given number.
 
     Warns
     -----
@@ -88,8 +90,8 @@ def size_function(
     Notes
     -----
     To stay within ``max_elements``, or to predict ``elements`` or ``nodes`` (of a mesh or a
-    surface) within 2 %, those of ``elements_per_radian`` and ``elements_across`` (both down to 1),
-    ``elements_between``, ``hmin``, ``hmax`` and ``tolerance`` that are not given are changed.
+    surface) within 2 %, all of ``elements_per_radian``, ``elements_across``, ``elements_between``,
+    ``hmin``, ``hmax`` and ``g`` that are not given are changed, but never the tolerance.
 
     On a given octree, or a mesh of more than the domain, sizes propagate also through the outside.
 

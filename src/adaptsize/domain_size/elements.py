@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import warn_caller
-from adaptsize._defaults import GRADIENT_LIMIT, TOLERANCE
+from adaptsize._defaults import TOLERANCE
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import AnyBackground, SimplexMesh
@@ -23,21 +23,25 @@ from adaptsize.domain_size.budget import predicted_number, what_controls
 from adaptsize.domain_size.complete_size import size_function
 from adaptsize.domain_size.cost import report_of, unknowns_on
 from adaptsize.domain_size.request import Goal, Implicit, goal_of
-from adaptsize.errors import ResolutionWarning
+from adaptsize.errors import ResolutionWarning, TooManyElementsError
 from adaptsize.options import (
     BudgetOptions,
+    DetailOptions,
     MeshOptions,
     RemeshToElementsOptions,
     checked,
     options_of,
     with_options,
 )
+from adaptsize.remeshing.details import remove_details
 from adaptsize.remeshing.driver import check_backend, remesh
 from adaptsize.remeshing.filling import MANY_MORE
 from adaptsize.typing import ProgressCallback, Unpack
 
 #: A mesh with a number of elements within this share of the wanted one is accepted.
 _ACCEPTED = 0.05
+#: Elements of a mesh over the largest number allowed, up to which it is accepted.
+_OVER_CAP = 1.1
 
 
 class MeshOfElements(NamedTuple):
@@ -119,6 +123,8 @@ def remesh_to_elements(
     if (elements is None) == (nodes is None):
         number = "none" if nodes is None else "both"
         raise ValueError(f"one of elements and nodes must be given, got {number}")
+    if given["least_detail"] is not None:
+        mesh = remove_details(mesh, given["least_detail"], crease_angle=given["crease_angle"]).mesh
     request = {
         **given,
         **{"elements": elements, "nodes": nodes},
@@ -143,6 +149,7 @@ def mesh_with_sizes(
     mesh : SimplexMesh
     request : mapping
         Options of `size_function` and of mesh generators, and further arguments of the former.
+        Details are already removed.
     tell : callable
         Takes a text, see `reach_number`.
     found : callable
@@ -150,7 +157,8 @@ def mesh_with_sizes(
     progress : callable, bool or None
     """
     for_mesh = {name: request[name] for name in options_of(MeshOptions) if name in request}
-    for_sizes = {name: value for name, value in request.items() if name not in for_mesh}
+    apart = {*for_mesh, *options_of(DetailOptions)}
+    for_sizes = {name: value for name, value in request.items() if name not in apart}
     numbers = {name: request[name] for name in options_of(BudgetOptions) if name in request}
     budget = checked(BudgetOptions, numbers)
 
@@ -164,23 +172,48 @@ def mesh_with_sizes(
         if request.get("max_elements") is not None:  # kept unless given parameters forbid it
             limit["max_elements"] = max(request["max_elements"], MANY_MORE * report.n_elements)
         return remesh(
-            old, size, progress=progress, g=request.get("g", GRADIENT_LIMIT), hmax=report.hmax,
-            tolerance=tolerance_of(report, request.get("tolerance")), **for_mesh, **limit,
+            old, size, progress=progress, g=report.g, hmax=report.hmax,
+            tolerance=request.get("tolerance") or TOLERANCE, **for_mesh, **limit,
         )  # fmt: skip
 
     goal = goal_of(budget)
     if goal is None:
-        size = sized()
-        return MeshOfElements(meshed(mesh, size), size)
+        return _within_cap(mesh, budget["max_elements"], sized, meshed, tell)
     system = (budget["degree"], budget["components"])
     return reach_number(mesh, goal, sized, meshed, tell, system)
 
 
-def tolerance_of(report: SizeReport, tolerance: float | None) -> float:
-    """Return the tolerance of a mesh: the given one, or the default that the sizes allow."""
-    if tolerance is not None or not np.isfinite(report.tolerance):
-        return TOLERANCE if tolerance is None else tolerance
-    return min(max(TOLERANCE, report.tolerance), 1.0)
+def _within_cap(
+    mesh: SimplexMesh,
+    most: float | None,
+    sized: Callable[..., SizeFunction],
+    meshed: Callable[[SimplexMesh, SizeFunction], SimplexMesh],
+    tell: Callable[[str], object],
+) -> MeshOfElements:
+    """Return a mesh with at most a given number of elements, up to 10 %.
+
+    If there are more, a second mesh is made for fewer.
+
+    Raises
+    ------
+    TooManyElementsError
+        If the second mesh has more elements, too, or fewer are not enough for the boundary.
+    """
+    size = sized()
+    made = MeshOfElements(meshed(mesh, size), size)
+    count = made.mesh.n_cells
+    if most is None or count <= _OVER_CAP * most:
+        return made
+    aim = most * report_of(size).n_elements / count
+    tell(f"{count} elements, more than max_elements = {most:.6g}; a mesh is made for {aim:.0f}")
+    size = sized(max_elements=max(aim, 1.0))
+    made = MeshOfElements(meshed(mesh, size), size)
+    if made.mesh.n_cells > _OVER_CAP * most:
+        raise TooManyElementsError(
+            f"the meshes had {count} and {made.mesh.n_cells} elements, more than "
+            f"max_elements = {most:.6g}: {what_controls(report_of(size))}"
+        )
+    return made
 
 
 def reach_number(
@@ -224,7 +257,12 @@ def reach_number(
             bound = what_controls(report_of(best.size))
             tell(f"{what} so far: {tried}; {bound}; the last mesh is made for {wanted:.0f}")
         if number == 0 or steps:  # for short edges, the sizes are the same
-            size = sized(**{what: wanted})
+            try:
+                size = sized(**{what: wanted})
+            except TooManyElementsError:
+                if best is None:
+                    raise
+                break  # fewer are predicted to be too few for the boundary
         new = meshed(old, size)
         made = _number_on(new, what, system)
         off = abs(made / requested - 1.0)

@@ -10,12 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_number, refuse_where
+from adaptsize._defaults import TOLERANCE
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import AnyBackground, SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.domain_size.complete_size import size_function
 from adaptsize.domain_size.cost import report_of
-from adaptsize.domain_size.elements import tolerance_of, without_order
+from adaptsize.domain_size.elements import without_order
 from adaptsize.domain_size.request import Implicit
 from adaptsize.options import (
     BudgetOptions,
@@ -262,7 +263,7 @@ def mesh_family(
         mesh, background=background, sources=sources, h0=h0, progress=progress, **for_sizes
     )
     report = report_of(coarsest)
-    tolerance = tolerance_of(report, given["tolerance"])
+    tolerance = given["tolerance"] or TOLERANCE
     sizes, meshes = [], []
     for level in reversed(range(levels)):
         factor = ratio**-level
@@ -271,7 +272,7 @@ def mesh_family(
         if mesh.dim == mesh.cell_dim == 2:
             old = without_order(mesh, size)
         new = remesh(
-            old, size, progress=progress, g=given["g"] * factor, hmax=report.hmax * factor,
+            old, size, progress=progress, g=report.g * factor, hmax=report.hmax * factor,
             tolerance=tolerance * factor**2, **for_mesh,
         )  # fmt: skip
         sizes.append(replace(size, report=None if level else report))

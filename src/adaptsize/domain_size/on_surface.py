@@ -278,7 +278,7 @@ class _Surface:
         every = Bounds(
             mesh,
             bounds | at_nodes,
-            request.limits(faces.mesh.diameter),
+            request.limits(faces.mesh.diameter, of_chords=True),
             points=points,
             is_rough=faces.is_rough,
             solid=(inside, normals),

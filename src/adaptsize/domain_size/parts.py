@@ -16,6 +16,7 @@ from adaptsize.domain_size.cost import report_of
 from adaptsize.geometry.creases import tag_faces
 from adaptsize.geometry.faces import Faces
 from adaptsize.sizes.budget import nodal_measures
+from adaptsize.sizes.curvature import CHORDS
 from adaptsize.typing import FloatArray, IntArray
 
 
@@ -123,7 +124,7 @@ class Part:
     size: float
     """Smallest size on it."""
     tolerance: float
-    """Distance of edges of that size, times sqrt 2, from an arc of the radius."""
+    """Distance of a regular triangle of that size from a sphere of the radius."""
     element_share: float
     """Share of the elements in a region; of those whose sizes grow from a face, nan if unknown."""
     time_step: float
@@ -202,7 +203,7 @@ def parts(size: SizeFunction, *, speed: float = 1.0) -> tuple[Part, ...]:
             Part(
                 part.kind, part.tag, part.name, float(part.measures.sum()),
                 least.get("width", np.nan), least.get("separation", np.nan), radius, smallest,
-                smallest**2 / (4.0 * radius), share, smallest / speed,
+                smallest**2 / (CHORDS * radius), share, smallest / speed,
             )
         )  # fmt: skip
     return tuple(found)
@@ -235,6 +236,6 @@ def _lengths(report: SizeReport, diameter: float) -> dict[str, FloatArray]:
     if "curvature" in report.bounds:
         bound = report.bounds["curvature"]
         with np.errstate(invalid="ignore"):  # a bound that is disabled says nothing about inf
-            chords = np.square(bound) / (4.0 * report.chord_tolerance * diameter)
+            chords = np.square(bound) / (CHORDS * report.tolerance * diameter)
             found["radius"] = np.fmax(report.elements_per_radian * bound, chords)
     return found

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import FARTHEST, as_limits, as_sizes
-from adaptsize._defaults import MAX_ELEMENTS, TOLERANCE
+from adaptsize._checks import as_limits, as_sizes
+from adaptsize._defaults import GRADIENT_LIMIT, MAX_ELEMENTS, TOLERANCE
 from adaptsize._progress import silent
 from adaptsize._size_report import NONE, SizeReport, measure_dim
 from adaptsize._workers import Workers
@@ -24,7 +24,7 @@ from adaptsize.limiting.inside import Aims, InnerSource, Limited, limit_inside
 from adaptsize.options import BudgetOptions, SizeFunctionOptions
 from adaptsize.sizes import PointSource, size_from_sources
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, count_elements, nodal_measures
-from adaptsize.sizes.curvature import size_of_chords
+from adaptsize.sizes.curvature import CHORDS, size_of_chords
 from adaptsize.sizes.sources import KNOWN, as_sources
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
@@ -46,6 +46,8 @@ class Request:
     relaxation: float = 1.0
     """Factor by which parameters that are not given are relaxed, for ``max_elements``; below 1
     they are tightened, for ``elements``, ``nodes`` or ``dofs``."""
+    is_capped: bool = False
+    """Whether a largest number or memory is given, not only the default."""
 
     @classmethod
     def of(
@@ -57,8 +59,10 @@ class Request:
     ) -> Request:
         """Return the request after the checks that concern several options."""
         as_limits(options["hmin"], options["hmax"])
+        is_capped = any(options[name] is not None for name in ("max_elements", "max_memory"))
         options = {**options, "max_elements": largest_number(options)}
-        request = cls(options, [] if sources is None else as_sources(sources), h0, report)
+        known = [] if sources is None else as_sources(sources)
+        request = cls(options, known, h0, report, is_capped=is_capped)
         if options["size_of"] is not None:
             request.options["size_of"] = as_sizes_of_parts(options["size_of"])
         goal = request.goal
@@ -70,10 +74,17 @@ class Request:
             )
         return request
 
+    def with_options(self, **options: float) -> Request:
+        """Return the request with other values of some options."""
+        return replace(self, options=cast(SizeFunctionOptions, {**self.options, **options}))
+
     @property
     def g(self) -> float:
-        """Gradient limit."""
-        return self.options["g"]
+        """Gradient limit; fully relaxed, it is twice the default."""
+        given = self.options["g"]
+        if given is not None:
+            return given
+        return GRADIENT_LIMIT * float(np.clip(np.sqrt(0.25 * self.relaxation), 1.0, 2.0))
 
     @property
     def crease_angle(self) -> float:
@@ -112,10 +123,23 @@ class Request:
         return max(4.0 / self.relaxation, 1.0) if given is None else given
 
     @property
+    def per_radian_of_chords(self) -> float:
+        """The same where chords are kept within a tolerance: fully relaxed, these are enough."""
+        if self.options["elements_per_radian"] is not None or self.tolerance == np.inf:
+            return self.per_radian
+        return 4.0 / self.relaxation
+
+    @property
     def across(self) -> float:
-        """Elements across narrow regions."""
+        """Elements across narrow regions.
+
+        It is 1 where the other parameters are relaxed, and then falls to a quarter: cells four
+        times as long as a plate is thick have angles of about 15 degrees.
+        """
         given = self.options["elements_across"]
-        return max(2.0 / self.relaxation, 1.0) if given is None else given
+        if given is not None:
+            return given
+        return max(2.0 / self.relaxation, min(1.0, max(4.0 / self.relaxation, 0.25)))
 
     def between(self, is_rough: bool) -> float:
         """Return the elements between features that are close; by default none if it is rough."""
@@ -126,35 +150,46 @@ class Request:
         return 0.0 if is_rough else max(1.0 / self.relaxation, 0.25)
 
     @property
-    def chord_tolerance(self) -> float:
-        """Distance of chords from curved boundaries, over the diameter; inf if not limited."""
-        if self.options["tolerance"] is not None:
-            return self.options["tolerance"]
-        return TOLERANCE * self.relaxation**2  # sizes are in proportion to its square root
+    def tolerance(self) -> float:
+        """Distance of chords from curved boundaries, over the diameter; inf if not limited.
+
+        It is never relaxed.
+        """
+        given = self.options["tolerance"]
+        return TOLERANCE if given is None else given
 
     @property
     def bounds_curvature(self) -> bool:
         """Whether sizes at curved boundaries are bounded, if these carry the sizes."""
-        return self.per_radian > 0.0 or self.chord_tolerance < np.inf
+        return self.per_radian > 0.0 or self.tolerance < np.inf
 
     def on_curves(self, radius: FloatArray, diameter: float) -> FloatArray:
         """Return sizes that resolve curves of given radii and leave a mesh within the tolerance."""
-        chords = size_of_chords(radius, self.chord_tolerance * diameter)
-        return np.minimum(radius / self.per_radian, chords) if self.per_radian else chords
+        chords, k = size_of_chords(radius, self.tolerance * diameter), self.per_radian_of_chords
+        return np.minimum(radius / k, chords) if k else chords
 
     def on_features(self, separation: FloatArray, diameter: float, is_rough: bool) -> FloatArray:
         """Return sizes between features; those closer than the tolerance may be joined."""
-        finite = np.isfinite(self.chord_tolerance)
-        least = (self.chord_tolerance if finite else TOLERANCE) * diameter
+        finite = np.isfinite(self.tolerance)
+        least = (self.tolerance if finite else TOLERANCE) * diameter
         return np.maximum(separation, least) / self.between(is_rough)
 
-    def limits(self, diameter: float, least: float = 0.0) -> tuple[float, float]:
-        """Return hmin and hmax; by default in proportion to the diameter of the domain."""
+    def limits(
+        self, diameter: float, least: float = 0.0, *, of_chords: bool = False
+    ) -> tuple[float, float]:
+        """Return hmin and hmax; by default in proportion to the diameter of the domain.
+
+        Where chords are kept within the tolerance, the default hmin is at most the smallest size
+        that they may require, so that it overrides none of them.
+        """
         high, low = self.options["hmax"], self.options["hmin"]
         if high is None:
             high = max(self.relaxation * (1.0 / 20.0) * diameter, low or 0.0, least)
         if low is None:
-            low = min(max(self.relaxation * (1.0 / 1000.0) * diameter, least), high)
+            low = self.relaxation * (1.0 / 1000.0) * diameter
+            if of_chords:
+                low = min(low, np.sqrt(CHORDS) * self.tolerance * diameter)
+            low = min(max(low, least), high)
             sizes = [source.size for source in self.sources if isinstance(source, KNOWN)]
             sizes += (self.options["size_of"] or {}).values()
             low = min([low, *(np.min(size, initial=low) for size in sizes)])  # none is raised
@@ -394,7 +429,7 @@ class Bounds:
             n_elements = count_elements(self.background, h)  # sizes are linear in cells
         tolerance = np.inf
         if self.of_chords and "curvature" in self.nodal:
-            tolerance = _tolerance_of(h, self.nodal["curvature"], self.background, request)
+            tolerance = request.tolerance
         return SizeReport(
             background=self.background,
             causes=names,
@@ -409,11 +444,12 @@ class Bounds:
             hmin=self.limits[0],
             hmax=self.limits[1],
             n_elements=n_elements,
-            elements_per_radian=request.per_radian,
+            elements_per_radian=(
+                request.per_radian_of_chords if self.of_chords else request.per_radian
+            ),
             elements_across=request.across,
             elements_between=request.between(self.is_rough) if "separation" in names else 0.0,
             tolerance=tolerance,
-            chord_tolerance=request.chord_tolerance,
             is_rough=self.is_rough,
         )
 
@@ -442,30 +478,3 @@ def _by_separate_runs(
         better = limited < best
         cause[better], best[better] = k, limited[better]
     return cause
-
-
-def _tolerance_of(
-    h: FloatArray, bound: FloatArray, background: AnyBackground, request: Request
-) -> float:
-    """Return the tolerance for a mesh of these sizes.
-
-    Where it is relaxed, other bounds may keep the sizes smaller than it requires.  Then it is the
-    one that they require at 95 % of the elements at curved boundaries.
-    """
-    assert isinstance(background, SimplexMesh)
-    largest = request.chord_tolerance
-    if request.options["tolerance"] is not None or largest <= TOLERANCE:
-        return largest
-    diameter = background.diameter
-    curved = np.isfinite(bound) & np.isfinite(h)
-    if not curved.any():
-        return TOLERANCE
-    bound, size = np.minimum(bound[curved], FARTHEST), h[curved]
-    # The bound is the smaller one of radius / K and the size of chords.
-    radius = np.maximum(request.per_radian * bound, np.square(bound) / (4.0 * largest * diameter))
-    required = np.square(size) / (4.0 * radius * diameter)
-    order = np.argsort(required)
-    per_node = nodal_measures(background)[curved] / size ** measure_dim(background)
-    elements = np.cumsum(per_node[order])
-    most = required[order[np.searchsorted(elements, 0.95 * elements[-1])]]
-    return float(np.clip(most, TOLERANCE, largest))

@@ -9,6 +9,7 @@ from adaptsize._lazy import lazily
 _HOMES = {
     "remesh": "driver",
     "read_cad": "cad",
+    "remove_details": "details",
     "available_backends": "registry",
     "register_backend": "registry",
     "Backend": "protocol",

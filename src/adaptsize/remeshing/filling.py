@@ -26,9 +26,10 @@ from adaptsize.typing import IntArray
 
 #: Mmg's ``hausd`` over the tolerance in the two runs on a surface.  Mmg divides edges whose middle
 #: is farther than that from the tangent planes at their ends, which is twice the distance from an
-#: arc.  With ``hausd`` the tolerance, it divides all edges longer than the bound that
-#: `size_function` takes from curvature.
-_HAUSD = (2.0, 1.2)
+#: arc.  With twice the tolerance it divides those that leave more than the tolerance.  With 1.2 in
+#: the second run and in the volume, the sizes of `size_function` were not the only ones that
+#: counted, and the measured distance was .7 to .9 tolerances instead of .85 to .95.
+_HAUSD = (2.0, 1.6)
 #: Cells that a first volume requires over those that were predicted, above which this is reported.
 MANY_MORE = 1.5
 FILLS_MORE = (

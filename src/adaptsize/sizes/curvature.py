@@ -31,6 +31,10 @@ from adaptsize.sizes.combine import SMALLEST_SHARE, minimum
 from adaptsize.sizes.touched import nodes_beside
 from adaptsize.typing import FloatArray, IntArray, Unpack
 
+#: Squared size of a regular triangle over the radius of the sphere through its corners and its
+#: distance from that.
+CHORDS = 6.0
+
 
 @with_options(CurvatureOptions)
 def size_from_curvature(
@@ -295,7 +299,11 @@ def _curves_of(mesh: SimplexMesh) -> list[tuple[SimplexMesh, IntArray] | None]:
 def size_of_chords(radius: FloatArray, tolerance: float) -> FloatArray:
     """Return the sizes that leave a mesh within a distance of curves of given radii.
 
-    An edge of length l on a curve of radius r leaves the distance l^2 / (8 r).  Edges may be
-    longer than the size by sqrt 2, so the size is at most 2 sqrt(tolerance r).
+    A regular triangle with sides of length l and its corners on a sphere of radius r leaves the
+    distance l^2 / (6 r), so the size is at most sqrt(6 tolerance r).  Edges on a cylinder leave
+    less, l^2 / (8 r), and generators divide edges that leave more than the tolerance.
+
+    No size is less than sqrt(6) times the tolerance, since a curve of a radius below the tolerance
+    lies within it as a whole.
     """
-    return np.asarray(2.0 * np.sqrt(tolerance * radius))
+    return np.asarray(np.sqrt(CHORDS * tolerance * np.maximum(radius, tolerance)))

@@ -78,11 +78,12 @@ class Enclosed:
     -----
     The integral is a sum over one random point in each cube of an octree, as in stratified
     sampling [1]_.  Cubes are divided until their edges are at most a multiple of the size at their
-    centres, the same for all and at most 2, and at least 4000 points are inside.  Cubes outside are
-    left out, and all parts of a cube inside are inside.  In a cube of 2 sizes, sizes of gradient g
-    are nowhere smaller than 1 - 1.7 g times that at the centre.  The standard error is that of the
-    cubes that the surface intersects, less than 1 %.  The points turn and move with the surface.
-    Further sizes use the same cubes where these are small enough.
+    centres, the same for all and at most 2, or 1 / (2 g) for gradients above 1/4, and at least 4000
+    points are inside.  Cubes outside are left out, and all parts of a cube inside are inside.  In a
+    cube of 2 sizes, sizes of gradient g are nowhere smaller than 1 - 1.7 g times that at the
+    centre.  The standard error is that of the cubes that the surface intersects, less than 1 %.
+    The points turn and move with the surface.  Further sizes use the same cubes where these are
+    small enough.
 
     References
     ----------
@@ -145,6 +146,7 @@ class Enclosed:
         known = getattr(size, "g", None)
         g, n = np.inf if known is None else known, len(self._cubes.sides)
         cubes = self._cubes._replace(least=np.zeros(n), are_exact=np.zeros(n, np.bool_))
+        largest = min(2.0, 0.5 / max(g, 0.25))
         factor = 16.0  # from few large cubes on, so that too many are noticed early
         while True:
             while (large := cubes.sides > factor * cubes.least).any():
@@ -159,7 +161,7 @@ class Enclosed:
                 pairs = zip(cubes, parts, strict=True)
                 cubes = self._cubes = _Cubes._make(np.concatenate([a[~split], b]) for a, b in pairs)
             self._factor = factor
-            if factor <= 2.0 and np.count_nonzero(cubes.counts) >= self._n_points:
+            if factor <= largest and np.count_nonzero(cubes.counts) >= self._n_points:
                 return
             factor *= np.sqrt(0.5)
 

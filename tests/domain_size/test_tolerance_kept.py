@@ -1,0 +1,156 @@
+"""The tolerance is kept, whatever number of elements is allowed; what it needs is a floor."""
+
+import re
+
+import numpy as np
+import pytest
+from meshes import random_sphere
+from numpy.testing import assert_allclose
+from solids import cylinder
+
+from adaptsize import SimplexMesh, size_function
+from adaptsize.domain_size import elements
+from adaptsize.domain_size.budget import rounded_up
+from adaptsize.errors import ResolutionWarning, TooManyElementsError
+
+SPHERE = random_sphere(400, 616, radius=3.0)
+ROUND = {"sphere": (SPHERE, 3.0), "cylinder": (cylinder(60, 10.0, 20.0), 10.0)}
+
+
+def floor_of(mesh, cap=2500.0, **options):
+    """The number of elements that a refusal names."""
+    with pytest.raises(TooManyElementsError, match="the boundary needs about") as caught:
+        size_function(mesh, max_elements=cap, **options)
+    return float(re.search(r"about (\d+) elements; \d+ are not enough", str(caught.value))[1])
+
+
+@pytest.mark.parametrize("name", ROUND)
+@pytest.mark.parametrize("tolerance", [None, 2e-3])
+def test_a_cap_leaves_the_sizes_of_chords_as_they_are(name, tolerance):
+    # The radius is exact.  A tolerance relaxed by 5 % gives sizes larger by 2.4 %.
+    mesh, radius = ROUND[name]
+    given = 1e-3 if tolerance is None else tolerance
+    chords = np.sqrt(6.0 * given * mesh.diameter * radius)
+    needed = floor_of(mesh, tolerance=tolerance)
+    largest = []
+    for share in (1.5, 1.05):
+        report = size_function(mesh, tolerance=tolerance, max_elements=share * needed).report
+        assert report.tolerance == given
+        assert report.n_elements <= 1.02 * share * needed
+        on_curve = report.bounds["curvature"][: mesh.n_points]
+        largest.append(on_curve.max())
+        assert largest[-1] <= chords * (1.0 + 1e-9)
+        assert f"tolerance {given:g}" in report.choices
+    assert largest[-1] == pytest.approx(chords, rel=1e-9)  # the floor is reached
+
+
+def test_an_arc_in_the_plane_keeps_its_chords_under_a_cap():
+    n = 64
+    angle = 2.0 * np.pi * np.arange(n) / n
+    points = np.vstack([np.column_stack([np.cos(angle), np.sin(angle)]), [[0.0, 0.0]]])
+    disc = SimplexMesh(points, [[i, (i + 1) % n, n] for i in range(n)])
+    chords = np.sqrt(6e-3 * disc.diameter)
+    report = size_function(disc, max_elements=1.3 * floor_of(disc, 150.0)).report
+    assert_allclose(report.bounds["curvature"][:n], chords, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"max_elements": 900}, r"about \d+ elements; 900 are not enough"),
+        ({"elements": 900}, r"about \d+ elements; 900 are not enough"),
+        ({"nodes": 200}, r"about \d+ nodes; 200 are not enough"),
+        ({"dofs": 1500, "degree": 2}, r"about \d+ dofs; 1500 are not enough"),
+        ({"max_memory": "20kB"}, r"about \S+ GB for the matrix; 20kB is not enough"),
+    ],
+)
+def test_a_number_below_what_the_boundary_needs_is_refused_with_a_tolerance_that_fits(
+    options, words
+):
+    with pytest.raises(TooManyElementsError, match=words) as caught:
+        size_function(SPHERE, **options)
+    assert "\n" not in str(caught.value)
+    offer = float(re.search(r"tolerance=([\d.e-]+)", str(caught.value))[1])
+    assert size_function(SPHERE, tolerance=offer, **options).report.tolerance == offer
+    with pytest.raises(TooManyElementsError):
+        size_function(SPHERE, tolerance=0.7 * offer, **options)
+
+
+def test_only_a_number_that_is_given_is_a_reason_to_refuse():
+    with pytest.warns(ResolutionWarning, match="more than max_elements = 300000: hmax controls"):
+        size_function(SPHERE, hmax=0.05, tolerance=np.inf)
+
+
+def test_the_default_hmin_leaves_small_radii_and_a_given_one_does_not():
+    # A rod of a radius of 4 tolerances, and a sphere of a hundred times its radius beside it.
+    rod = cylinder(24, 4e-3, 0.5)
+    ball = random_sphere(300, 5, radius=0.5)
+    beside = ball.points + np.array([2.0, 0.0, 0.0])
+    mesh = SimplexMesh(
+        np.concatenate([rod.points, beside]),
+        np.concatenate([rod.cells, ball.cells + rod.n_points]),
+    )
+    at_rod = np.arange(rod.n_points)
+    needed = floor_of(mesh)
+    size = size_function(mesh, max_elements=1.1 * needed)
+    radius = 1.0 / np.sqrt(6.0 * 1e-3 * mesh.diameter * 4e-3)
+    assert (size.values[at_rod] * radius <= 1.0 + 1e-9).all()
+    assert size.report.smallest["hmin"] == np.inf
+    raised = size_function(mesh, max_elements=1.1 * needed, hmin=0.05)
+    assert raised.values[at_rod].min() == 0.05
+
+
+def test_offers_have_two_digits_and_are_never_below():
+    for value in (0.0031, 0.00311, 0.0999, 1.0, 451.0, 9.91e7):
+        rounded = rounded_up(value)
+        assert value * (1.0 - 1e-9) <= rounded <= 1.1 * value
+        assert float(f"{rounded:.2g}") == rounded
+
+
+@pytest.mark.parametrize("cap", [None, 12_000.0])
+def test_a_mesh_is_made_and_checked_with_the_tolerance_that_is_given(monkeypatch, cap):
+    used = []
+
+    def remesh(mesh, size, **options):
+        used.append(options["tolerance"])
+        return mesh
+
+    monkeypatch.setattr(elements, "remesh", remesh)
+    for tolerance in (None, 2e-3):
+        request = {"max_elements": cap, "tolerance": tolerance}
+        elements.mesh_with_sizes(SPHERE, request, tell=print, progress=None)
+    assert used == [1e-3, 2e-3]
+
+
+class Generator:
+    """Makes so many times the predicted number of cells."""
+
+    def __init__(self, ratios):
+        self.ratios, self.wanted = list(ratios), []
+
+    def __call__(self, mesh, size, **options):
+        n = round(self.ratios.pop(0) * size.report.n_elements)
+        self.wanted.append(size.report.n_elements)
+        return SimplexMesh(
+            np.column_stack([np.arange(n + 2.0), np.arange(n + 2.0) % 2]),
+            np.column_stack([np.arange(n), np.arange(1, n + 1), np.arange(2, n + 2)]),
+        )
+
+
+@pytest.mark.parametrize(("ratios", "meshes"), [([1.05], 1), ([1.3, 1.3], 2), ([0.7], 1)])
+def test_a_cap_is_kept_within_a_tenth(monkeypatch, ratios, meshes):
+    generator = Generator(ratios)
+    monkeypatch.setattr(elements, "remesh", generator)
+    made = elements.mesh_with_sizes(
+        SPHERE, {"max_elements": 16_000.0}, tell=lambda text: None, progress=None
+    )
+    assert len(generator.wanted) == meshes
+    assert made.mesh.n_cells <= 1.1 * 16_000
+
+
+def test_a_cap_that_is_not_kept_by_the_second_mesh_is_refused(monkeypatch):
+    monkeypatch.setattr(elements, "remesh", Generator([1.3, 1.6]))
+    with pytest.raises(TooManyElementsError, match=r"the meshes had 20\d+ and 19\d+ elements"):
+        elements.mesh_with_sizes(
+            SPHERE, {"max_elements": 16_000.0}, tell=lambda text: None, progress=None
+        )
