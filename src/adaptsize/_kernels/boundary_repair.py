@@ -8,8 +8,9 @@ operation by a least amount, so that there is an end.
 import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
+from adaptsize._kernels.complexes import CELLS
 from adaptsize._kernels.heap import pop
-from adaptsize._kernels.local_mesh import TETRAHEDRA
+from adaptsize._kernels.local_mesh import TETRAHEDRA, put_in_queue
 from adaptsize._kernels.ring_changes import (
     drop_of_cell,
     drop_of_edge,
@@ -24,106 +25,110 @@ from adaptsize._kernels.star_changes import change_star, drop_of_collapse, drop_
 
 #: Least reduction of the penalty by an operation.
 _GAIN = 1e-4
-_COLLAPSE, _EDGE, _FACE, _CELL, _FLIP, _MOVE = range(1, 7)
+#: Rows that an operation needs while it is examined.
+_ROOM = 32
+#: Kinds of operations.  Each has two numbers: the nodes of an edge, of which the first one vanishes
+#: in a collapse; or a cell, and for a face its opposite corner; or a node.
+COLLAPSE, EDGE, FACE, CELL, FLIP, MOVE = range(1, 7)
 
 
 @lean
-def _choose(work, kind, i, j):
-    work.choice[0], work.choice[1], work.choice[2] = kind, i, j
+def _operation(mesh, c, number):
+    """Return an operation on a cell and its two numbers; kind 0 at the end.
+
+    Tetrahedra have 12 collapses, 6 edges, 4 faces, the cell itself and 4 moves; triangles 6
+    collapses, 3 edges and 3 moves.
+    """
+    k = 4 if mesh.kind == TETRAHEDRA else 3
+    nodes, n_pairs = mesh.cx.nodes, k * (k - 1)
+    if number < n_pairs + n_pairs // 2:
+        order = number if number < n_pairs else 2 * (number - n_pairs)
+        count = 0
+        for v in range(k):
+            for w in range(v):
+                a, b = np.int64(nodes[c, v]), np.int64(nodes[c, w])
+                if number >= n_pairs and count == order:
+                    return (EDGE if k == 4 else FLIP), a, b
+                if count == order:
+                    return COLLAPSE, a, b
+                if count + 1 == order:
+                    return COLLAPSE, b, a
+                count += 2
+    number -= n_pairs + n_pairs // 2
+    if k == 4 and number < 4:
+        return FACE, c, np.int64(number)
+    if k == 4 and number == 4:
+        return CELL, c, np.int64(0)
+    number -= 5 if k == 4 else 0
+    return (MOVE, np.int64(nodes[c, number]), np.int64(-1)) if number < k else (0, c, np.int64(0))
 
 
 @lean
-def _best_of_edges(mesh, c, best, work):
-    """Return the best reduction by operations on the edges of a cell; the choice is in the work."""
-    nodes, k = mesh.cells.nodes, mesh.cells.nodes.shape[1]
-    for v in range(k):
-        for w in range(v):
-            a, b = np.int64(nodes[c, v]), np.int64(nodes[c, w])
-            drop = drop_of_collapse(mesh, a, b, best, work)
-            if drop > best:
-                best = drop
-                _choose(work, _COLLAPSE, a, b)
-            drop = drop_of_collapse(mesh, b, a, best, work)
-            if drop > best:
-                best = drop
-                _choose(work, _COLLAPSE, b, a)
-            if mesh.kind == TETRAHEDRA:
-                drop = drop_of_edge(mesh, a, b, best, work)
-                if drop > best:
-                    best = drop
-                    _choose(work, _EDGE, a, b)
-            else:
-                drop = drop_of_flip(mesh, a, b, best, work)
-                if drop > best:
-                    best = drop
-                    _choose(work, _FLIP, a, b)
-    return best
+def _drop_of(mesh, kind, a, b, best, work):
+    """Return by how much an operation reduces the sum of the penalties, or 0 if not by more."""
+    if kind == COLLAPSE:
+        return drop_of_collapse(mesh, a, b, best, work)
+    if kind == EDGE:
+        return drop_of_edge(mesh, a, b, best, work)
+    if kind == FACE:
+        return drop_of_face(mesh, a, b, best, work)
+    if kind == CELL:
+        return drop_of_cell(mesh, a, best, work)
+    if kind == FLIP:
+        return drop_of_flip(mesh, a, b, best, work)
+    return drop_of_move(mesh, a, best, work)
 
 
 @lean
-def _best_operation(mesh, c, work):
-    """Return the best reduction by an operation on a cell, which is in the work; 0 if none."""
-    work.choice[0] = 0
-    best = _best_of_edges(mesh, c, _GAIN, work)
-    if mesh.kind == TETRAHEDRA:
-        for v in range(4):
-            drop = drop_of_face(mesh, c, v, best, work)
-            if drop > best:
-                best = drop
-                _choose(work, _FACE, c, v)
-        drop = drop_of_cell(mesh, c, best, work)
-        if drop > best:
-            best = drop
-            _choose(work, _CELL, c, 0)
-    x, y, z = 0.0, 0.0, 0.0
-    for v in range(mesh.cells.nodes.shape[1]):
-        i = np.int64(mesh.cells.nodes[c, v])
-        drop = drop_of_move(mesh, i, best, work)
-        if drop > best:
-            best = drop
-            x, y, z = work.place[0], work.place[1], work.place[2]
-            _choose(work, _MOVE, i, -1)
-    work.place[0], work.place[1], work.place[2] = x, y, z
-    return work.choice[0]
-
-
-@lean
-def _apply(mesh, work):
-    """Apply the chosen operation."""
-    kind, a, b = work.choice[0], work.choice[1], work.choice[2]
-    x = (work.place[0], work.place[1], work.place[2])
-    if kind == _COLLAPSE or kind == _MOVE:
+def _apply(mesh, kind, a, b, x, work):
+    """Apply an operation."""
+    if kind in (COLLAPSE, MOVE):
         change_star(mesh, a, b, x, work)
-    elif kind == _EDGE:
+    elif kind == EDGE:
         remove_edge(mesh, a, b, work)
-    elif kind == _FACE:
+    elif kind == FACE:
         remove_face(mesh, a, b, work)
-    elif kind == _CELL:
+    elif kind == CELL:
         remove_cell(mesh, a, work)
     else:
         flip_edge(mesh, a, b, work)
 
 
 @lean_kernel
-def repair(mesh, work, most, counts):
-    """Improve the cells in the queue until no operation does.
+def repair(mesh, n_cells, work, share, counts):
+    """Improve cells until no operation does.
 
     Parameters
     ----------
     mesh : LocalMesh
         In/Out.
+    n_cells : int
+        Cells, in the first rows.
     work : Work
-    most : int
-        Number of attempts.
+    share : int
+        Number of attempts over that of the cells to improve, beside a thousand.
     counts : int64[7]
         Out: number of operations of each kind; of attempts, at 0.
     """
-    while work.waiting.size[0] > 0 and counts[0] < most:
+    for row in range(n_cells):
+        put_in_queue(mesh, row, work)
+    most = 1000 + share * work.waiting.size[0]
+    while work.waiting.size[0] > 0 and counts[0] < most and mesh.cx.n_free[0] >= _ROOM:
         c = pop(work.waiting)
-        if not mesh.cells.alive[c] or mesh.angle[c] >= mesh.goal:
+        if mesh.cx.about[c, 1] != CELLS or mesh.angle[c] >= mesh.goal:
             continue
         counts[0] += 1
-        kind = _best_operation(mesh, c, work)
-        if kind > 0:
+        best, chosen, x = _GAIN, -1, (0.0, 0.0, 0.0)
+        number, kind = 0, 1
+        while kind > 0:
+            kind, a, b = _operation(mesh, c, number)
+            drop = _drop_of(mesh, kind, a, b, best, work) if kind > 0 else 0.0
+            if drop > best:
+                best, chosen = drop, number
+                if kind == MOVE:
+                    x = (work.place[0], work.place[1], work.place[2])
+            number += 1
+        if chosen >= 0:
+            kind, a, b = _operation(mesh, c, chosen)
             counts[kind] += 1
-            _apply(mesh, work)
+            _apply(mesh, kind, a, b, x, work)

@@ -1,6 +1,6 @@
 """Distance of a changing surface or curve from a given one, in both directions.
 
-The given simplices are in a tree.  Samples of the given surface are kept in lists, one for each of
+The given simplices are in trees.  Samples of the given surface are kept in lists, one for each of
 the new simplices, which is the nearest one or was so before.  If a local operation replaces some
 simplices, only the samples in their lists can get farther away.
 """
@@ -9,111 +9,127 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from adaptsize._kernels.compiling import lean, lean_kernel
-from adaptsize._kernels.complexes import has_node
-from adaptsize._kernels.distance import closest_on_cell
+from adaptsize._kernels.complexes import NONE, first_corner, has_node, next_corner, nodes_of
+from adaptsize._kernels.distance import closest_on_segment, closest_on_triangle
 from adaptsize._kernels.trees import cells_of_leaf, nearest_leaf
 from adaptsize._kernels.vectors import between, cross, dot, norm
 
 
-class Envelope(NamedTuple):
-    """A given surface or curve, and samples of it.
+class Given(NamedTuple):
+    """Given triangles or segments in a tree.
 
     Parameters
     ----------
-    tree : Tree
-        The given simplices.
-    label : int32[m]
-        The group of each.
-    normal : float64[m, 3]
-        Their unit normals, or zeros if the side is not to be compared.
-    accepts : int32[n_labels]
-        For each group of the new simplices that of the given ones, -1 for any of them.
-    sample : float64[s, 3]
-    sample_label : int32[s]
-        The group of each sample, -1 for any.
-    reach2 : float64[s]
-        Square of the largest distance allowed.
-    first : int32[room]
-        First sample in the list of each new simplex, or -1.
-    following : int32[s]
-        Next sample in the same list, or -1.
+    points : float64[n, 3]
+    cells : int32[m, k]
+        In the order of the tree.
+    boxes : float64[2 * n_leaves, 6]
+    about : float64[m, 4]
+        The group of each simplex, and its unit normal, or zeros if its side does not matter.
+    """
+
+    points: npt.NDArray[np.float64]
+    cells: npt.NDArray[np.int32]
+    boxes: npt.NDArray[np.float64]
+    about: npt.NDArray[np.float64]
+
+
+class Samples(NamedTuple):
+    """Samples of the given surface and lines.
+
+    Parameters
+    ----------
+    at : float64[s, 5]
+        Place of each sample; its group, -1 for any; and the square of the largest distance allowed.
+    chain : int32[max(room, s), 2]
+        The first sample in the list of each new simplex, and the next one in the list of each
+        sample; or -1.
     off2 : float64[room]
-        Square of the largest distance of the new simplices from the given ones.
+        Square of the largest distance of each new simplex from the given ones.
     tolerance : float
     """
 
-    tree: tuple
-    label: np.ndarray
-    normal: np.ndarray
-    accepts: np.ndarray
-    sample: np.ndarray
-    sample_label: np.ndarray
-    reach2: np.ndarray
-    first: np.ndarray
-    following: np.ndarray
-    off2: np.ndarray
+    at: npt.NDArray[np.float64]
+    chain: npt.NDArray[np.int32]
+    off2: npt.NDArray[np.float64]
     tolerance: float
 
 
 @lean
-def nearest_in(tree, labels, label, x, limit2, stack):
-    """Return the row of the closest simplex and the squared distance; -1 if none is within a limit.
+def _closest(points, nodes, x):
+    """Return the squared distance of x to a triangle, or a segment if the third node is -1."""
+    a, b, c = nodes
+    if c < 0:
+        distance2, s, t = closest_on_segment(points, a, b, x)
+        return distance2, s, t, 0.0
+    return closest_on_triangle(points, a, b, c, x)
+
+
+@lean
+def _given_nodes(given, row):
+    cells = given.cells
+    third = np.int64(cells[row, 2]) if cells.shape[1] == 3 else NONE
+    return np.int64(cells[row, 0]), np.int64(cells[row, 1]), third
+
+
+@lean
+def nearest_in(given, label, x, limit2, stack):
+    """Return the row of the closest given simplex, the squared distance and its weights there.
+
+    The row is -1 if none is within the limit.
 
     Parameters
     ----------
-    tree : Tree
-    labels : int32[m]
+    given : Given
     label : int
-        Group of the simplices to consider, -1 for all.
+        Group of the simplices to consider, negative for all.
     x : tuple of 3 float64
     limit2 : float
         Square of the largest distance.
     stack : Stack
     """
-    best, found = limit2 * (1.0 + 1e-9) + 1e-300, -1
+    best, found, weights = limit2 * (1.0 + 1e-9) + 1e-300, np.int64(-1), (1.0, 0.0, 0.0)
     stack.box[0], stack.bound[0] = 1, 0.0
     height = np.int64(1)
     while height > 0:
-        leaf, height = nearest_leaf(tree.boxes, stack, height, best, x)
-        for c in range(*cells_of_leaf(leaf, tree.boxes, tree.cells.shape[0])):
-            if label >= 0 and labels[c] != label:
+        leaf, height = nearest_leaf(given.boxes, stack, height, best, x)
+        for c in range(*cells_of_leaf(leaf, given.boxes, given.cells.shape[0])):
+            if label >= 0 and given.about[c, 0] != label:
                 continue
-            distance2, _ = closest_on_cell(tree.points, tree.cells, c, x)
+            distance2, s, t, u = _closest(given.points, _given_nodes(given, c), x)
             if distance2 < best:
-                best, found = distance2, c
-    return found, best
+                best, found, weights = distance2, np.int64(c), (s, t, u)
+    return found, best, weights
 
 
 @lean
-def projected(env, label, x, limit2, stack):
+def projected(given, label, x, limit2, stack):
     """Return whether a given simplex is within a limit, and its closest point."""
-    tree, row = env.tree, -1
-    row, _ = nearest_in(tree, env.label, env.accepts[label], x, limit2, stack)
+    row, _, (s, t, u) = nearest_in(given, label, x, limit2, stack)
     if row < 0:
         return False, x
-    _, w = closest_on_cell(tree.points, tree.cells, row, x)
-    y0, y1, y2 = 0.0, 0.0, 0.0
-    for v in range(tree.cells.shape[1]):
-        i = tree.cells[row, v]
-        y0 += w[v] * tree.points[i, 0]
-        y1 += w[v] * tree.points[i, 1]
-        y2 += w[v] * tree.points[i, 2]
-    return True, (y0, y1, y2)
+    a, b, c = _given_nodes(given, row)
+    c, points = max(c, 0), given.points
+    return True, (
+        s * points[a, 0] + t * points[b, 0] + u * points[c, 0],
+        s * points[a, 1] + t * points[b, 1] + u * points[c, 1],
+        s * points[a, 2] + t * points[b, 2] + u * points[c, 2],
+    )
 
 
 @lean_kernel
-def find_nearest(tree, labels, queries, wanted, stack, row, distance2, foot):
-    """Find the closest simplex for each query point.
+def find_nearest(given, queries, wanted, stack, row, distance2, foot):
+    """Find the closest given simplex for each query point.
 
     Parameters
     ----------
-    tree : Tree
-    labels : int32[m]
+    given : Given
     queries : float64[n, 3]
     wanted : int32[n]
-        Group in which to look, -1 for all.
+        Group in which to look, negative for all.
     stack : Stack
     row : int64[n]
         Out: row of the tree.
@@ -124,20 +140,20 @@ def find_nearest(tree, labels, queries, wanted, stack, row, distance2, foot):
     """
     for q in range(queries.shape[0]):
         x = (queries[q, 0], queries[q, 1], queries[q, 2])
-        row[q], distance2[q] = nearest_in(tree, labels, wanted[q], x, 1e300, stack)
-        _, w = closest_on_cell(tree.points, tree.cells, row[q], x)
+        row[q], distance2[q], (s, t, u) = nearest_in(given, wanted[q], x, 1e300, stack)
+        a, b, c = _given_nodes(given, row[q])
         for d in range(3):
-            foot[q, d] = 0.0
-            for v in range(tree.cells.shape[1]):
-                foot[q, d] += w[v] * tree.points[tree.cells[row[q], v], d]
+            points = given.points
+            foot[q, d] = s * points[a, d] + t * points[b, d] + u * points[max(c, 0), d]
 
 
 @lean_kernel
-def list_samples(env, owner):
+def list_samples(samples, owner):
     """Enter each sample into the list of its owner, int64[s]."""
+    chain = samples.chain
     for s in range(owner.shape[0]):
-        env.following[s] = env.first[owner[s]]
-        env.first[owner[s]] = s
+        chain[s, 1] = chain[owner[s], 0]
+        chain[owner[s], 0] = s
 
 
 @lean
@@ -147,196 +163,182 @@ def normal_of(points, a, b, c):
 
 
 @lean
-def middle(points, a, b):
-    """Return the middle of an edge."""
+def _mixed(points, nodes, s, t, u):
+    """Return the weighted mean of the corners of a triangle or a segment."""
+    a, b, c = nodes
+    c = max(c, 0)
     return (
-        0.5 * (points[a, 0] + points[b, 0]),
-        0.5 * (points[a, 1] + points[b, 1]),
-        0.5 * (points[a, 2] + points[b, 2]),
-    )
-
-
-@lean
-def centre(points, a, b, c):
-    """Return the centroid of a triangle."""
-    return (
-        (points[a, 0] + points[b, 0] + points[c, 0]) / 3.0,
-        (points[a, 1] + points[b, 1] + points[c, 1]) / 3.0,
-        (points[a, 2] + points[b, 2] + points[c, 2]) / 3.0,
+        s * points[a, 0] + t * points[b, 0] + u * points[c, 0],
+        s * points[a, 1] + t * points[b, 1] + u * points[c, 1],
+        s * points[a, 2] + t * points[b, 2] + u * points[c, 2],
     )
 
 
 #: Least cosine of the angle between a triangle and the given one that is nearest to its centroid.
 #: The opposite side of a thin gap or wall has the cosine -1.
 _SAME_SIDE = -0.3
+_THIRD = 1.0 / 3.0
+#: Numbers of the following places: without the corners and with these.
+INNER, _ALL = np.int64(4), np.int64(7)
+#: Weights of the samples of new triangles and segments: the centroid and the middles of edges; the
+#: middle and two quarters; then the corners.
+_PLACES = (
+    ((_THIRD, _THIRD, _THIRD), (0.5, 0.5, 0.0), (0.0, 0.5, 0.5), (0.5, 0.0, 0.5),
+     (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    ((0.5, 0.5, 0.0), (0.75, 0.25, 0.0), (0.25, 0.75, 0.0), (0.5, 0.5, 0.0),
+     (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)),
+)  # fmt: skip
 
 
 @lean
-def is_within(env, label, x, limit2, normal, stack):
-    """Return whether a point is near the given surface, and on the same side of it.
+def distance_of(given, points, nodes, label, n_places, limit2, stack):
+    """Return the square of the largest distance of a new simplex, inf if it is beyond a limit.
 
-    ``normal`` is that of the new triangle at x, or zero if the side does not matter.
+    Parameters
+    ----------
+    given : Given
+    points : float64[n, 3]
+    nodes : tuple of 3 int64
+        The third one is -1 for segments.
+    label : int
+    n_places : int64
+        `INNER`, or `_ALL` with the corners.
+    limit2 : float
+        It is beyond the limit, too, if it is on the other side of the given surface.
+    stack : Stack
     """
-    row, _ = nearest_in(env.tree, env.label, env.accepts[label], x, limit2, stack)
-    if row < 0:
-        return False
-    n = (env.normal[row, 0], env.normal[row, 1], env.normal[row, 2])
-    return dot(n, normal) >= _SAME_SIDE * norm(n) * norm(normal)
+    places, off2 = _PLACES[1 if nodes[2] < 0 else 0], 0.0
+    for place in range(n_places):
+        s, t, u = places[place]
+        x = _mixed(points, nodes, s, t, u)
+        row, distance2, _ = nearest_in(given, label, x, limit2, stack)
+        if row < 0:
+            return math.inf
+        off2 = max(off2, distance2)
+        if place == 0 and nodes[2] >= 0:
+            n = (given.about[row, 1], given.about[row, 2], given.about[row, 3])
+            normal = normal_of(points, nodes[0], nodes[1], nodes[2])
+            if n_places == INNER and dot(n, normal) < _SAME_SIDE * norm(n) * norm(normal):
+                return math.inf
+    return off2
 
 
 @lean
-def is_triangle_within(env, points, nodes, label, limit2, stack):
-    """Return whether the centroid and the middles of the edges of a new triangle are near."""
-    a, b, c = nodes
-    none = (0.0, 0.0, 0.0)
-    normal = normal_of(points, a, b, c)
-    return (
-        is_within(env, label, centre(points, a, b, c), limit2, normal, stack)
-        and is_within(env, label, middle(points, a, b), limit2, none, stack)
-        and is_within(env, label, middle(points, b, c), limit2, none, stack)
-        and is_within(env, label, middle(points, c, a), limit2, none, stack)
-    )
+def is_row_within(given, cx, points, row, limit2, stack):
+    """Return whether a new simplex is near the given ones."""
+    a, b, c, _ = nodes_of(cx, row)
+    return distance_of(given, points, (a, b, c), cx.about[row, 0], INNER, limit2, stack) < math.inf
 
 
 @lean
-def is_row_within(env, cx, points, row, limit2, stack):
-    """Return whether the middles and the centroid of a new simplex are near."""
-    a, b, label = cx.nodes[row, 0], cx.nodes[row, 1], cx.label[row]
-    if cx.nodes.shape[1] == 3:
-        nodes = (a, b, cx.nodes[row, 2])
-        return is_triangle_within(env, points, nodes, label, limit2, stack)
-    none = (0.0, 0.0, 0.0)
-    near = is_within(env, label, middle(points, a, b), limit2, none, stack)
-    for end in range(2):  # a quarter of the edge from each end
-        j, k = cx.nodes[row, end], cx.nodes[row, 1 - end]
-        quarter = (
-            0.75 * points[j, 0] + 0.25 * points[k, 0],
-            0.75 * points[j, 1] + 0.25 * points[k, 1],
-            0.75 * points[j, 2] + 0.25 * points[k, 2],
-        )
-        near = near and is_within(env, label, quarter, limit2, none, stack)
-    return near
-
-
-@lean
-def measure_row(env, cx, points, row, stack):
-    """Measure how far a new simplex is from the given ones: corners, middles, centroid."""
-    k, label, off2 = cx.nodes.shape[1], env.accepts[cx.label[row]], 0.0
-    for v in range(k):
-        a, b = cx.nodes[row, v], cx.nodes[row, (v + 1) % k]
-        x = (points[a, 0], points[a, 1], points[a, 2])
-        off2 = max(off2, nearest_in(env.tree, env.label, label, x, 1e300, stack)[1])
-        x = middle(points, a, b)
-        off2 = max(off2, nearest_in(env.tree, env.label, label, x, 1e300, stack)[1])
-    if k == 3:
-        x = centre(points, cx.nodes[row, 0], cx.nodes[row, 1], cx.nodes[row, 2])
-        off2 = max(off2, nearest_in(env.tree, env.label, label, x, 1e300, stack)[1])
-    env.off2[row] = off2
+def measure_row(given, samples, cx, points, row, stack):
+    """Measure how far a new simplex is from the given ones."""
+    a, b, c, _ = nodes_of(cx, row)
+    label = cx.about[row, 0]
+    samples.off2[row] = distance_of(given, points, (a, b, c), label, _ALL, 1e300, stack)
 
 
 @lean_kernel
-def measure_rows(env, cx, points, m, stack):
-    """Measure how far the first m new simplices are from the given ones."""
-    for row in range(m):
-        measure_row(env, cx, points, row, stack)
+def measure_rows(given, samples, cx, points, first, last, stack):
+    """Measure how far new simplices are from the given ones."""
+    for row in range(first, last):
+        measure_row(given, samples, cx, points, row, stack)
 
 
 @lean
-def allowed_at(env, cx, i):
+def allowed_at(samples, cx, level, i):
     """Return the square of the distance allowed to what replaces the simplices at node i."""
-    limit2 = env.tolerance * env.tolerance
-    corner = np.int64(cx.head[i])
+    limit2 = samples.tolerance * samples.tolerance
+    corner = first_corner(cx, level, i)
     while corner >= 0:
-        limit2 = max(limit2, env.off2[corner // cx.nodes.shape[1]])
-        corner = np.int64(cx.after[corner])
+        limit2 = max(limit2, samples.off2[corner // 4])
+        corner = next_corner(cx, corner)
     return limit2
 
 
 @lean
-def closest_at(cx, points, a, label, x, gone, enough2):
+def closest_at(cx, level, points, a, label, x, gone, enough2):
     """Return the simplex at node a closest to x and the squared distance; -1 if there is none.
 
-    Simplices of other groups do not count, nor those that contain both of the nodes ``gone``.  Ends
-    at a distance that is enough.
+    Simplices of other groups do not count, nor those that contain all nodes ``gone``, see
+    `are_samples_kept`.  Ends at a distance that is enough.
     """
-    k, best, found = cx.nodes.shape[1], math.inf, np.int64(-1)
-    corner = np.int64(cx.head[a])
+    best, found = math.inf, np.int64(-1)
+    corner = first_corner(cx, level, a)
     while corner >= 0 and best > enough2:
-        row = corner // k
-        corner = np.int64(cx.after[corner])
-        if label >= 0 and cx.label[row] != label:
+        row = corner // 4
+        corner = next_corner(cx, corner)
+        if label >= 0 and cx.about[row, 0] != label:
             continue
-        if has_node(cx, row, gone[0]) and has_node(cx, row, gone[1]):
+        i, j, k = gone
+        if has_node(cx, row, i) and has_node(cx, row, j) and (k < 0 or has_node(cx, row, k)):
             continue
-        distance2, _ = closest_on_cell(points, cx.nodes, row, x)
+        p, q, r, _ = nodes_of(cx, row)
+        distance2 = _closest(points, (p, q, r), x)[0]
         if distance2 < best:
             best, found = distance2, row
     return found, best
 
 
 @lean
-def are_samples_kept(env, cx, points, i, skip, around, n_around):
-    """Return whether the samples of the simplices at node i are near those that replace them.
+def are_samples_kept(samples, cx, level, points, row, gone, around, n_around):
+    """Return whether the samples of a simplex are near those that replace it.
 
     Parameters
     ----------
-    env : Envelope
+    samples : Samples
     cx : Complex
-        Simplices with both i and ``skip`` vanish.
+    level : int
     points : float64[n, 3]
-        With node i at its new place.
-    i, skip : int
-        ``skip`` is negative if node i is only moved.
+    row : int
+    gone : tuple of 3 int64
+        Simplices with all three nodes vanish, or with the first two if the third one is -1; none if
+        another one is.
     around : int64[n_around]
-        The nodes of these simplices.
+        Nodes at whose simplices to look.
     n_around : int
     """
-    k = cx.nodes.shape[1]
-    corner = np.int64(cx.head[i])
-    while corner >= 0:
-        s = np.int64(env.first[corner // k])
-        corner = np.int64(cx.after[corner])
-        while s >= 0:
-            x = (env.sample[s, 0], env.sample[s, 1], env.sample[s, 2])
-            reach2, label = env.reach2[s], env.sample_label[s]
-            best = closest_at(cx, points, i, label, x, (i, skip), reach2)[1]
-            for other in range(n_around):
-                if best <= reach2:
-                    break
-                a = around[other]
-                best = closest_at(cx, points, a, label, x, (i, skip), reach2)[1]
-            if best > reach2:
-                return False
-            s = np.int64(env.following[s])
+    s = np.int64(samples.chain[row, 0])
+    while s >= 0:
+        x = (samples.at[s, 0], samples.at[s, 1], samples.at[s, 2])
+        label, reach2, best = int(samples.at[s, 3]), samples.at[s, 4], math.inf
+        for other in range(n_around):
+            if best <= reach2:
+                break
+            best = closest_at(cx, level, points, around[other], label, x, gone, reach2)[1]
+        if best > reach2:
+            return False
+        s = np.int64(samples.chain[s, 1])
     return True
 
 
 @lean
-def detach_samples(env, row, chain):
+def detach_samples(samples, row, chain):
     """Put the samples of a simplex before a chain; return its new first one."""
-    s = np.int64(env.first[row])
-    env.first[row] = -1
+    s = np.int64(samples.chain[row, 0])
+    samples.chain[row, 0] = -1
     while s >= 0:
-        later = np.int64(env.following[s])
-        env.following[s] = chain
+        later = np.int64(samples.chain[s, 1])
+        samples.chain[s, 1] = chain
         chain = s
         s = later
     return chain
 
 
 @lean
-def attach_samples(env, cx, points, around, n_around, chain):
+def attach_samples(samples, cx, level, points, around, n_around, chain):
     """Put each sample of a chain into the list of the closest simplex at some nodes."""
     while chain >= 0:
         s = chain
-        chain = np.int64(env.following[s])
-        x = (env.sample[s, 0], env.sample[s, 1], env.sample[s, 2])
-        best, owner = math.inf, np.int64(-1)
+        chain = np.int64(samples.chain[s, 1])
+        x = (samples.at[s, 0], samples.at[s, 1], samples.at[s, 2])
+        best, owner, label = math.inf, np.int64(-1), int(samples.at[s, 3])
         for other in range(n_around):
-            a, label = around[other], env.sample_label[s]
-            row, distance2 = closest_at(cx, points, a, label, x, (-1, -1), -1.0)
+            row, distance2 = closest_at(
+                cx, level, points, around[other], label, x, (NONE, NONE, NONE), -1.0
+            )
             if distance2 < best:
                 best, owner = distance2, row
         if owner >= 0:
-            env.following[s] = env.first[owner]
-            env.first[owner] = s
+            samples.chain[s, 1] = samples.chain[owner, 0]
+            samples.chain[owner, 0] = s

@@ -10,13 +10,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from adaptsize._kernels.complexes import Complex
 from adaptsize._kernels.compiling import lean, lean_kernel
-from adaptsize._kernels.envelope import Envelope
-from adaptsize._kernels.heap import Heap, push_or_decrease
+from adaptsize._kernels.complexes import CELLS, Complex, first_corner, next_corner, nodes_of
+from adaptsize._kernels.envelope import Given, Samples
+from adaptsize._kernels.heap import Heap, new_heap, push_or_decrease
 from adaptsize._kernels.smoothing import tetrahedron
-from adaptsize._kernels.trees import Stack
+from adaptsize._kernels.trees import Stack, new_stack
 from adaptsize._kernels.vectors import between, cross, dot
 
 #: Kinds of meshes: tetrahedra, triangles in space, triangles in the plane.
@@ -39,37 +40,36 @@ class LocalMesh(NamedTuple):
     kind : int
     goal : float
         Angle below which cells are improved.
+    facets : int
+        The level of the facets; of a surface, that of its cells.
     points : float64[n, 3]
     size : float64[n]
         Requested length of edges at the nodes.
     is_corner : bool[n]
         Nodes that stay.
-    cells : Complex
-        Labels: regions.
-    facets : Complex
-        Triangles that bound or separate regions.  Of a surface, these are the cells themselves; in
-        the plane, there are none.
-    lines : Complex
-        Feature edges, and in the plane those that bound or separate regions.
-    surface : Envelope
-        Of the facets.
-    curves : Envelope
-        Of the lines.
+    cx : Complex
+        Cells, facets unless these are the cells or the mesh is plane, and lines: feature edges, in
+        the plane those that bound or separate regions.
+    surface : Given
+        Triangles that the facets follow.
+    curves : Given
+        Segments that the lines follow.
+    samples : Samples
     angle : float64[room]
         Angle of each cell.
     """
 
     kind: int
     goal: float
-    points: np.ndarray
-    size: np.ndarray
-    is_corner: np.ndarray
-    cells: Complex
-    facets: Complex
-    lines: Complex
-    surface: Envelope
-    curves: Envelope
-    angle: np.ndarray
+    facets: int
+    points: npt.NDArray[np.float64]
+    size: npt.NDArray[np.float64]
+    is_corner: npt.NDArray[np.bool_]
+    cx: Complex
+    surface: Given
+    curves: Given
+    samples: Samples
+    angle: npt.NDArray[np.float64]
 
 
 class Work(NamedTuple):
@@ -82,19 +82,16 @@ class Work(NamedTuple):
         Cells to improve, by their angles.
     around : int64[MOST_NODES]
         Nodes of a star.
-    seen, joined : int64[n_points]
-        Stamps of nodes.
-    stamp : int64[1]
-    rows : int64[MOST_AROUND, 3]
-        Cells around an edge, and two nodes of each off the edge.
-    loop : int64[MOST_AROUND + 2]
-        The nodes around the edge in order.
-    split : int64[MOST_AROUND + 2, MOST_AROUND + 2]
-    value : float64[MOST_AROUND + 2, MOST_AROUND + 2]
+    stamps : int64[n_points + 1, 2]
+        When nodes were seen, and when in simplices with an edge; the present time is last.
+    ring : int64[MOST_AROUND + 2, 6]
+        Cells around an edge, and two nodes of each off the edge; the nodes around the edge in
+        order; a stack of ranges of these.
+    best : float64[MOST_AROUND + 2, MOST_AROUND + 2, 2]
+        The worst cell of the best filling of a range, and the node of its triangle.
     made : int64[2 * MOST_AROUND, 5]
         New cells and their labels.
-    ranges : int64[MOST_AROUND + 2, 2]
-    choice : int64[4]
+    choice : int64[3]
         The best operation.
     place : float64[3]
         New place of its node.
@@ -102,18 +99,24 @@ class Work(NamedTuple):
 
     stack: Stack
     waiting: Heap
-    around: np.ndarray
-    seen: np.ndarray
-    joined: np.ndarray
-    stamp: np.ndarray
-    rows: np.ndarray
-    loop: np.ndarray
-    split: np.ndarray
-    value: np.ndarray
-    made: np.ndarray
-    ranges: np.ndarray
-    choice: np.ndarray
-    place: np.ndarray
+    around: npt.NDArray[np.int64]
+    stamps: npt.NDArray[np.int64]
+    ring: npt.NDArray[np.int64]
+    best: npt.NDArray[np.float64]
+    made: npt.NDArray[np.int64]
+    choice: npt.NDArray[np.int64]
+    place: npt.NDArray[np.float64]
+
+
+def new_work(n_points: int, room: int) -> Work:
+    """Return scratch for a mesh of so many points and rows of simplices."""
+    n = MOST_AROUND + 2
+    return Work(
+        stack=new_stack(), waiting=new_heap(room), around=np.empty(MOST_NODES, np.int64),
+        stamps=np.zeros((n_points + 1, 2), np.int64), ring=np.empty((n, 6), np.int64),
+        best=np.empty((n, n, 2)), made=np.empty((2 * n, 5), np.int64),
+        choice=np.zeros(3, np.int64), place=np.zeros(3),
+    )  # fmt: skip
 
 
 @lean
@@ -163,18 +166,6 @@ def angle_of(mesh, nodes):
 
 
 @lean
-def nodes_of(cx, row):
-    """Return four nodes of a simplex; the last one is repeated."""
-    last = cx.nodes.shape[1] - 1
-    return (
-        np.int64(cx.nodes[row, 0]),
-        np.int64(cx.nodes[row, 1]),
-        np.int64(cx.nodes[row, min(2, last)]),
-        np.int64(cx.nodes[row, last]),
-    )
-
-
-@lean
 def penalty(mesh, angle):
     """Return the penalty of a cell, 0 if it is good enough."""
     full = _MARGIN * mesh.goal
@@ -209,17 +200,16 @@ def put_in_queue(mesh, row, work):
 @lean
 def requeue(mesh, i, work):
     """Put the cells at a node into the queue if they are to be improved."""
-    k = mesh.cells.nodes.shape[1]
-    corner = np.int64(mesh.cells.head[i])
+    corner = first_corner(mesh.cx, CELLS, i)
     while corner >= 0:
-        put_in_queue(mesh, corner // k, work)
-        corner = np.int64(mesh.cells.after[corner])
+        put_in_queue(mesh, corner // 4, work)
+        corner = next_corner(mesh.cx, corner)
 
 
 @lean
 def update_angle(mesh, row):
     """Compute the angle of a cell again."""
-    mesh.angle[row] = angle_of(mesh, nodes_of(mesh.cells, row))
+    mesh.angle[row] = angle_of(mesh, nodes_of(mesh.cx, row))
 
 
 @lean_kernel
@@ -231,10 +221,3 @@ def fill_angles(points, cells, kind, angle):
             angle[c] = tetrahedron_angle(points, a, b, d, cells[c, 3])
         else:
             angle[c] = triangle_angle(points, kind, a, b, d)
-
-
-@lean_kernel
-def put_all_in_queue(mesh, m, work):
-    """Put those of the first m cells into the queue that are to be improved."""
-    for row in range(m):
-        put_in_queue(mesh, row, work)

@@ -2,8 +2,7 @@
 
 To collapse an edge is to move node i onto its neighbour j and to remove what contains both.  The
 topology is kept if the links of the ends have nothing in common but the link of the edge.  For the
-facets and the feature lines of the mesh, the same holds with one more node that is joined to all of
-them.
+facets and the lines of the mesh, the same holds with one more node that is joined to all of them.
 
 References
 ----------
@@ -16,7 +15,20 @@ import math
 import numpy as np
 
 from adaptsize._kernels.compiling import lean
-from adaptsize._kernels.complexes import count_with, has_node, remove_row, replace_node
+from adaptsize._kernels.complexes import (
+    CELLS,
+    FACETS,
+    LINES,
+    NONE,
+    first_corner,
+    has_node,
+    is_on,
+    next_corner,
+    nodes_of,
+    remove_row,
+    replace_node,
+    rows_with,
+)
 from adaptsize._kernels.envelope import (
     allowed_at,
     are_samples_kept,
@@ -29,11 +41,9 @@ from adaptsize._kernels.envelope import (
 from adaptsize._kernels.local_mesh import (
     MOST_NODES,
     PLANE,
-    SURFACE,
     TETRAHEDRA,
     angle_of,
     limit_of_edge,
-    nodes_of,
     penalty,
     requeue,
     squared_length,
@@ -43,143 +53,114 @@ from adaptsize._kernels.vectors import cross, dot, frame, minus, norm, unit
 
 #: Least cosine of the angle by which a facet may turn.
 _LEAST_COSINE = 0.3
-#: Steps of the search for a better place of a node, in its mean distance from its neighbours, and
-#: how often it is halved.
+#: First step of the search for a better place of a node, in the mean distance of its neighbours,
+#: and number of rounds.
 _STEP, _ROUNDS = 0.3, 5
 #: Edges may become as short as this share of the size by moves.
 _SHORTEST = 0.7
 
 
 @lean
-def _new_stamp(work):
-    work.stamp[0] += 1
-    return work.stamp[0]
-
-
-@lean
-def _list_star(cx, i, work, n):
-    """Add the nodes of the simplices at node i to a list; return their number, -1 if too many."""
-    if n < 0:
-        return n
-    k, stamp = cx.nodes.shape[1], work.stamp[0]
-    corner = np.int64(cx.head[i])
+def _list_around(cx, level, i, work):
+    """List node i and its neighbours in a level; return their number, -1 if there are too many."""
+    now = work.stamps.shape[0] - 1
+    work.stamps[now, 0] += 1
+    stamp = work.stamps[now, 0]
+    work.stamps[i, 0] = stamp
+    work.around[0], n = i, np.int64(1)
+    corner = first_corner(cx, level, i)
     while corner >= 0:
-        row = corner // k
-        for v in range(k):
-            a = np.int64(cx.nodes[row, v])
-            if work.seen[a] != stamp:
-                work.seen[a] = stamp
+        for a in nodes_of(cx, corner // 4):
+            if a >= 0 and work.stamps[a, 0] != stamp:
+                work.stamps[a, 0] = stamp
                 if n == MOST_NODES:
-                    return -1
+                    return NONE
                 work.around[n] = a
                 n += 1
-        corner = np.int64(cx.after[corner])
+        corner = next_corner(cx, corner)
     return n
 
 
 @lean
-def list_around(cx, i, work):
-    """List node i and its neighbours in a complex; return their number, -1 if there are too many."""
-    stamp = _new_stamp(work)
-    work.seen[i] = stamp
-    work.around[0] = i
-    return _list_star(cx, i, work, 1)
-
-
-@lean
-def _mark_link(cx, i, j, work):
-    """Stamp what is in simplices with i in ``seen``, and with i and j in ``joined``."""
-    stamp, k = _new_stamp(work), cx.nodes.shape[1]
-    corner = np.int64(cx.head[i])
+def _mark_link(cx, level, i, j, work):
+    """Stamp the nodes of simplices with i, and those of simplices with i and j; return the time."""
+    now = work.stamps.shape[0] - 1
+    work.stamps[now, 0] += 1
+    stamp = work.stamps[now, 0]
+    corner = first_corner(cx, level, i)
     while corner >= 0:
-        row = corner // k
-        at_edge = has_node(cx, row, j)
-        for v in range(k):
-            a = cx.nodes[row, v]
-            work.seen[a] = stamp
-            if at_edge:
-                work.joined[a] = stamp
-        corner = np.int64(cx.after[corner])
+        at_edge = has_node(cx, corner // 4, j)
+        for a in nodes_of(cx, corner // 4):
+            if a >= 0:
+                work.stamps[a, 0] = stamp
+                if at_edge:
+                    work.stamps[a, 1] = stamp
+        corner = next_corner(cx, corner)
     return stamp
 
 
 @lean
-def _links_meet_elsewhere(cx, i, j, work):
-    """Return whether the links of i and j have a simplex in common that is not in that of ij."""
-    stamp, k = _mark_link(cx, i, j, work), cx.nodes.shape[1]
-    corner = np.int64(cx.head[j])
+def _shares_face(cx, level, row, i, j):
+    """Return whether a simplex at i has all nodes of a row but j, which is one of them."""
+    corner = first_corner(cx, level, i)
     while corner >= 0:
-        row = corner // k
-        corner = np.int64(cx.after[corner])
-        if has_node(cx, row, i):
-            continue
-        for v in range(k):
-            a = cx.nodes[row, v]
-            if a != j and work.seen[a] == stamp:
-                if work.joined[a] != stamp:
-                    return True
-                # Edges in both links: of a triangle each, and in no simplex with both ends.
-                for z in range(v):
-                    b = cx.nodes[row, z]
-                    if b == j or work.seen[b] != stamp:
-                        continue
-                    if count_with(cx, i, a, b)[0] > 0 and not _has_four(cx, i, j, a, b):
-                        return True
-        if k == 4 and _has_all_but(cx, row, i, j):
+        same = True
+        for a in nodes_of(cx, row):
+            same = same and (a < 0 or a == j or has_node(cx, corner // 4, a))
+        if same:
             return True
+        corner = next_corner(cx, corner)
     return False
 
 
 @lean
-def _has_four(cx, i, j, a, b):
-    """Return whether a simplex contains four nodes, or for triangles never."""
-    k = cx.nodes.shape[1]
-    corner = np.int64(cx.head[i])
-    while corner >= 0:
-        row = corner // k
-        if has_node(cx, row, j) and has_node(cx, row, a) and has_node(cx, row, b):
-            return True
-        corner = np.int64(cx.after[corner])
+def _shares_edge(cx, row, i, j, stamp, work):
+    """Return whether an edge of a cell at j is in the link of i, but not in that of both."""
+    nodes = nodes_of(cx, row)
+    for v in range(4):
+        for w in range(v):
+            a, b = nodes[v], nodes[w]
+            if a < 0 or j in (a, b):
+                continue
+            if work.stamps[a, 0] != stamp or work.stamps[b, 0] != stamp:
+                continue
+            of_i, of_both = False, False
+            corner = first_corner(cx, CELLS, i)
+            while corner >= 0:
+                other = corner // 4
+                if has_node(cx, other, a) and has_node(cx, other, b):
+                    of_i = True
+                    of_both = of_both or has_node(cx, other, j)
+                corner = next_corner(cx, corner)
+            if of_i and not of_both:
+                return True
     return False
 
 
 @lean
-def _has_all_but(cx, row, i, j):
-    """Return whether a simplex at i has all nodes of a row at j but j."""
-    k = cx.nodes.shape[1]
-    corner = np.int64(cx.head[i])
-    while corner >= 0:
-        other, same = corner // k, 0
-        for v in range(k):
-            if cx.nodes[row, v] != j and has_node(cx, other, cx.nodes[row, v]):
-                same += 1
-        if same == k - 1:
-            return True
-        corner = np.int64(cx.after[corner])
-    return False
+def _links_meet_elsewhere(cx, level, i, j, work):
+    """Return whether the links of i and j have more in common than the link of the edge ij.
 
-
-@lean
-def _meet_outside(cx, i, j, work):
-    """Return whether the links of i and j with the common node of all simplices meet elsewhere.
-
-    For facets of tetrahedra and for lines.
+    Of facets and lines, the links with the node that is joined to all of them are compared.
     """
-    if cx.head[i] < 0 or cx.head[j] < 0:
+    if level != CELLS and not (is_on(cx, level, i) and is_on(cx, level, j)):
         return False
-    stamp, k, at_edge = _mark_link(cx, i, j, work), cx.nodes.shape[1], False
-    corner = np.int64(cx.head[j])
+    stamp, at_edge = _mark_link(cx, level, i, j, work), False
+    corner = first_corner(cx, level, j)
     while corner >= 0:
-        row = corner // k
-        corner = np.int64(cx.after[corner])
+        row = corner // 4
+        corner = next_corner(cx, corner)
         if has_node(cx, row, i):
             at_edge = True
             continue
-        for v in range(k):
-            a = cx.nodes[row, v]
-            if a != j and work.seen[a] == stamp and work.joined[a] != stamp:
+        for a in nodes_of(cx, row):
+            if a < 0 or a == j:
+                continue
+            if work.stamps[a, 0] == stamp and work.stamps[a, 1] != stamp:
                 return True
-        if k == 3 and _has_all_but(cx, row, i, j):
+        if _shares_face(cx, level, row, i, j):
+            return True
+        if level == CELLS and _shares_edge(cx, row, i, j, stamp, work):
             return True
     return not at_edge
 
@@ -187,18 +168,24 @@ def _meet_outside(cx, i, j, work):
 @lean
 def _may_vanish(mesh, i, j, work):
     """Return whether node i may be moved onto its neighbour j without a change of topology."""
+    cx = mesh.cx
     if mesh.is_corner[i]:
         return False
-    if mesh.lines.head[i] >= 0 and count_with(mesh.lines, i, j, -1)[0] != 1:
+    if is_on(cx, LINES, i) and rows_with(cx, LINES, i, j, NONE)[0] != 1:
         return False
-    if mesh.kind == TETRAHEDRA and mesh.facets.head[i] >= 0:
-        if count_with(mesh.facets, i, j, -1)[0] == 0:
-            return False
-        if _meet_outside(mesh.facets, i, j, work):
-            return False
-    if _meet_outside(mesh.lines, i, j, work):
+    if is_on(cx, FACETS, i) and rows_with(cx, FACETS, i, j, NONE)[0] == 0:
         return False
-    return not _links_meet_elsewhere(mesh.cells, i, j, work)
+    for level in (CELLS, FACETS, LINES):
+        if (level != FACETS or mesh.kind == TETRAHEDRA) and _links_meet_elsewhere(
+            cx, level, i, j, work
+        ):
+            return False
+    return True
+
+
+@lean
+def _vanishes(cx, row, skip):
+    return skip >= 0 and has_node(cx, row, skip)
 
 
 @lean
@@ -207,21 +194,20 @@ def _drop_around(mesh, i, skip, least):
 
     Cells with both i and ``skip`` vanish.
     """
-    cells, k = mesh.cells, mesh.cells.nodes.shape[1]
-    before, worst = 0.0, 180.0
-    corner = np.int64(cells.head[i])
+    before, worst, after = 0.0, 180.0, 0.0
+    corner = first_corner(mesh.cx, CELLS, i)
     while corner >= 0:
-        angle = mesh.angle[corner // k]
+        angle = mesh.angle[corner // 4]
         before += penalty(mesh, angle)
         worst = min(worst, angle)
-        corner = np.int64(cells.after[corner])
-    corner, after = np.int64(cells.head[i]), 0.0
+        corner = next_corner(mesh.cx, corner)
+    corner = first_corner(mesh.cx, CELLS, i)
     while corner >= 0:
-        row = corner // k
-        corner = np.int64(cells.after[corner])
-        if skip >= 0 and has_node(cells, row, skip):
+        row = corner // 4
+        corner = next_corner(mesh.cx, corner)
+        if _vanishes(mesh.cx, row, skip):
             continue
-        angle = angle_of(mesh, nodes_of(cells, row))
+        angle = angle_of(mesh, nodes_of(mesh.cx, row))
         after += penalty(mesh, angle)
         if angle <= 0.0 or angle < worst or before - after <= least:
             return 0.0
@@ -241,22 +227,21 @@ def _place(points, i):
 @lean
 def _lengths_fit(mesh, i, skip, old):
     """Return whether no edge at node i, which was at ``old``, becomes too long or too short."""
-    cells, points, k = mesh.cells, mesh.points, mesh.cells.nodes.shape[1]
+    cx, points = mesh.cx, mesh.points
     longest2, shortest2 = 0.0, math.inf
     for turn in range(2):
-        corner = np.int64(cells.head[i])
+        corner = first_corner(cx, CELLS, i)
         while corner >= 0:
-            row = corner // k
-            corner = np.int64(cells.after[corner])
-            for v in range(k):
-                a = cells.nodes[row, v]
-                if a == i:
+            row = corner // 4
+            corner = next_corner(cx, corner)
+            if turn == 1 and _vanishes(cx, row, skip):
+                continue
+            for a in nodes_of(cx, row):
+                if a < 0 or a == i:
                     continue
                 if turn == 0:
                     e = minus(old, _place(points, a))
                     longest2, shortest2 = max(longest2, dot(e, e)), min(shortest2, dot(e, e))
-                    continue
-                if skip >= 0 and has_node(cells, row, skip):
                     continue
                 length2 = squared_length(points, i, a)
                 limit2 = limit_of_edge(mesh, i if skip < 0 else skip, a)
@@ -270,15 +255,28 @@ def _lengths_fit(mesh, i, skip, old):
 @lean
 def _normal_with(mesh, row, i, x):
     """Return the normal of a facet with node i at x."""
-    a, b, c, _ = nodes_of(mesh.facets, row)
+    a, b, c, _ = nodes_of(mesh.cx, row)
     p, q, r = _place(mesh.points, a), _place(mesh.points, b), _place(mesh.points, c)
     if a == i:
         p = x
-    if b == i:
+    elif b == i:
         q = x
-    if c == i:
+    elif c == i:
         r = x
     return cross(minus(q, p), minus(r, p))
+
+
+@lean
+def _total_normal(mesh, i, x):
+    """Return the sum of the normals of the facets at node i, which is at x; that of lengths."""
+    total, area = (0.0, 0.0, 0.0), 0.0
+    corner = first_corner(mesh.cx, mesh.facets, i)
+    while corner >= 0:
+        n = _normal_with(mesh, corner // 4, i, x)
+        total = (total[0] + n[0], total[1] + n[1], total[2] + n[2])
+        area += norm(n)
+        corner = next_corner(mesh.cx, corner)
+    return total, area
 
 
 @lean
@@ -288,30 +286,21 @@ def _facets_keep_side(mesh, i, skip, old):
     The normal of a facet of less height than the tolerance means nothing; it is replaced by the
     mean one of the facets.
     """
-    facets, now = mesh.facets, _place(mesh.points, i)
-    if mesh.kind == PLANE:
-        return True
-    total, area = (0.0, 0.0, 0.0), 0.0
-    corner = np.int64(facets.head[i])
+    points, now = mesh.points, _place(mesh.points, i)
+    total, area = _total_normal(mesh, i, old)
+    is_smooth, tolerance = norm(total) > 0.7 * area, mesh.samples.tolerance
+    corner = first_corner(mesh.cx, mesh.facets, i)
     while corner >= 0:
-        n = _normal_with(mesh, corner // 3, i, old)
-        total = (total[0] + n[0], total[1] + n[1], total[2] + n[2])
-        area += norm(n)
-        corner = np.int64(facets.after[corner])
-    is_smooth = norm(total) > 0.7 * area
-    corner = np.int64(facets.head[i])
-    while corner >= 0:
-        row = corner // 3
-        corner = np.int64(facets.after[corner])
-        if skip >= 0 and has_node(facets, row, skip):
+        row = corner // 4
+        corner = next_corner(mesh.cx, corner)
+        if _vanishes(mesh.cx, row, skip):
             continue
         before, after = _normal_with(mesh, row, i, old), _normal_with(mesh, row, i, now)
-        a, b, c, _ = nodes_of(facets, row)
-        points = mesh.points
+        a, b, c, _ = nodes_of(mesh.cx, row)
         longest2 = max(
             squared_length(points, a, b), squared_length(points, b, c), squared_length(points, c, a)
         )
-        if dot(before, before) <= mesh.surface.tolerance * mesh.surface.tolerance * longest2:
+        if dot(before, before) <= tolerance * tolerance * longest2:
             if not is_smooth:
                 continue
             before = total
@@ -321,37 +310,46 @@ def _facets_keep_side(mesh, i, skip, old):
 
 
 @lean
-def _is_in_envelope(env, cx, points, i, skip, work):
+def _is_in_envelope(mesh, level, i, skip, work):
     """Return whether the simplices at node i are within the tolerance, in both directions."""
-    if cx.head[i] < 0:
+    cx, given = mesh.cx, mesh.curves if level == LINES else mesh.surface
+    if not is_on(cx, level, i):
         return True
-    limit2, k = allowed_at(env, cx, i), cx.nodes.shape[1]
-    corner = np.int64(cx.head[i])
-    while corner >= 0:
-        row = corner // k
-        corner = np.int64(cx.after[corner])
-        if skip >= 0 and has_node(cx, row, skip):
-            continue
-        if not is_row_within(env, cx, points, row, limit2, work.stack):
-            return False
-    n_around = list_around(cx, i, work)
+    limit2 = allowed_at(mesh.samples, cx, level, i)
+    gone = (i, skip, NONE)
+    n_around = _list_around(cx, level, i, work)
     if n_around < 0:
         return False
-    return are_samples_kept(env, cx, points, i, skip, work.around, n_around)
+    for turn in range(2):
+        corner = first_corner(cx, level, i)
+        while corner >= 0:
+            row = corner // 4
+            corner = next_corner(cx, corner)
+            if turn == 0:
+                if not _vanishes(cx, row, skip) and not is_row_within(
+                    given, cx, mesh.points, row, limit2, work.stack
+                ):
+                    return False
+            elif not are_samples_kept(
+                mesh.samples, cx, level, mesh.points, row, gone, work.around, n_around
+            ):
+                return False
+    return True
 
 
 @lean
 def _fits(mesh, i, skip, old, work):
     """Return whether all that is required of an operation holds with node i where it is now."""
-    return (
-        _lengths_fit(mesh, i, skip, old)
-        and _facets_keep_side(mesh, i, skip, old)
-        and (
-            mesh.kind == PLANE
-            or _is_in_envelope(mesh.surface, mesh.facets, mesh.points, i, skip, work)
-        )
-        and _is_in_envelope(mesh.curves, mesh.lines, mesh.points, i, skip, work)
-    )
+    if not _lengths_fit(mesh, i, skip, old):
+        return False
+    if mesh.kind != PLANE and not _facets_keep_side(mesh, i, skip, old):
+        return False
+    for turn in range(2):
+        if turn == 1 and mesh.kind == PLANE:
+            break
+        if not _is_in_envelope(mesh, LINES if turn == 0 else mesh.facets, i, skip, work):
+            return False
+    return True
 
 
 @lean
@@ -369,71 +367,50 @@ def drop_of_collapse(mesh, i, j, least, work):
 
 
 @lean
-def _collapse_in(cx, i, j):
-    k = cx.nodes.shape[1]
-    corner = np.int64(cx.head[i])
+def _change_level(mesh, level, i, j, work):
+    """Move node i of a level onto j unless this is negative, and update what depends on it."""
+    cx, samples, given = mesh.cx, mesh.samples, mesh.curves if level == LINES else mesh.surface
+    has_samples = level == LINES or (level == mesh.facets and mesh.kind != PLANE)
+    n_around, chain = np.int64(0), NONE
+    if has_samples:
+        n_around = _list_around(cx, level, i, work)
+    corner = first_corner(cx, level, i)
     while corner >= 0:
-        row = corner // k
-        corner = np.int64(cx.after[corner])
-        if has_node(cx, row, j):
+        row = corner // 4
+        corner = next_corner(cx, corner)
+        if has_samples:
+            chain = detach_samples(samples, row, chain)
+        if j >= 0 and has_node(cx, row, j):
             remove_row(cx, row)
-        else:
+        elif j >= 0:
             replace_node(cx, row, i, j)
-
-
-@lean
-def _detach_at(env, cx, i):
-    chain, k = np.int64(-1), cx.nodes.shape[1]
-    corner = np.int64(cx.head[i])
-    while corner >= 0:
-        chain = detach_samples(env, corner // k, chain)
-        corner = np.int64(cx.after[corner])
-    return chain
-
-
-@lean
-def _measure_at(env, cx, points, i, work):
-    k = cx.nodes.shape[1]
-    corner = np.int64(cx.head[i])
-    while corner >= 0:
-        measure_row(env, cx, points, corner // k, work.stack)
-        corner = np.int64(cx.after[corner])
-
-
-@lean
-def _change_complex(env, cx, points, i, j, x, work):
-    """Move node i of facets or lines to x, or onto j unless this is negative."""
-    if cx.head[i] < 0:
-        return
-    n_around, chain = list_around(cx, i, work), _detach_at(env, cx, i)
-    if j >= 0:
-        _collapse_in(cx, i, j)
-    else:
-        _put(points, i, x)
-        j = i
-    attach_samples(env, cx, points, work.around, n_around, chain)
-    _measure_at(env, cx, points, j, work)
+    if has_samples:
+        attach_samples(samples, cx, level, mesh.points, work.around, n_around, chain)
+        corner = first_corner(cx, level, i if j < 0 else j)
+        while corner >= 0:
+            measure_row(given, samples, cx, mesh.points, corner // 4, work.stack)
+            corner = next_corner(cx, corner)
 
 
 @lean
 def change_star(mesh, i, j, x, work):
     """Move node i to x, or onto its neighbour j unless this is negative."""
-    points = mesh.points
-    if mesh.kind != PLANE:
-        _change_complex(mesh.surface, mesh.facets, points, i, j, x, work)
-    _change_complex(mesh.curves, mesh.lines, points, i, j, x, work)
     if j < 0:
-        _put(points, i, x)
-    elif mesh.kind != SURFACE:  # of a surface, the facets are the cells
-        _collapse_in(mesh.cells, i, j)
-    at, k = i if j < 0 else j, mesh.cells.nodes.shape[1]
-    corner = np.int64(mesh.cells.head[at])
-    while corner >= 0:
-        row = corner // k
-        update_angle(mesh, row)
-        corner = np.int64(mesh.cells.after[corner])
-        for v in range(k):
-            requeue(mesh, mesh.cells.nodes[row, v], work)
+        _put(mesh.points, i, x)
+    for level in (CELLS, FACETS, LINES):
+        if is_on(mesh.cx, level, i):
+            _change_level(mesh, level, i, j, work)
+    for turn in range(2):  # angles first, since cells are put into the queue by them
+        corner = first_corner(mesh.cx, CELLS, i if j < 0 else j)
+        while corner >= 0:
+            row = corner // 4
+            corner = next_corner(mesh.cx, corner)
+            if turn == 0:
+                update_angle(mesh, row)
+                continue
+            for a in nodes_of(mesh.cx, row):
+                if a >= 0:
+                    requeue(mesh, a, work)
 
 
 @lean
@@ -442,23 +419,19 @@ def _directions(mesh, i):
     x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
     if mesh.is_corner[i]:
         return 0, x, y, z
-    if mesh.lines.head[i] >= 0:
-        corner, one, other = np.int64(mesh.lines.head[i]), i, i
+    if is_on(mesh.cx, LINES, i):
+        corner, one, other = first_corner(mesh.cx, LINES, i), i, i
         while corner >= 0:
-            row = corner // 2
-            one, other = mesh.lines.nodes[row, 0] + mesh.lines.nodes[row, 1] - i, one
-            corner = np.int64(mesh.lines.after[corner])
+            a, b, _, _ = nodes_of(mesh.cx, corner // 4)
+            one, other = a + b - i, one
+            corner = next_corner(mesh.cx, corner)
         along = unit(minus(_place(mesh.points, one), _place(mesh.points, other)))
         return (1 if norm(along) > 0.0 else 0), along, y, z
     if mesh.kind == PLANE:
         return 2, x, y, z
-    if mesh.facets.head[i] < 0:
+    if not is_on(mesh.cx, mesh.facets, i):
         return 3, x, y, z
-    normal, corner = (0.0, 0.0, 0.0), np.int64(mesh.facets.head[i])
-    while corner >= 0:
-        n = _normal_with(mesh, corner // 3, -1, x)
-        normal = (normal[0] + n[0], normal[1] + n[1], normal[2] + n[2])
-        corner = np.int64(mesh.facets.after[corner])
+    normal, _ = _total_normal(mesh, i, _place(mesh.points, i))
     u, v = frame(unit(normal))
     return 2, u, v, z
 
@@ -466,32 +439,31 @@ def _directions(mesh, i):
 @lean
 def _onto_given(mesh, i, x, reach, work):
     """Return whether x may be put onto the given surface or curve on which node i is, and where."""
-    if mesh.lines.head[i] >= 0:
-        reach += math.sqrt(allowed_at(mesh.curves, mesh.lines, i))
-        label = mesh.lines.label[mesh.lines.head[i] // 2]
-        return projected(mesh.curves, label, x, reach * reach, work.stack)
-    if mesh.kind == PLANE or mesh.facets.head[i] < 0:
+    level = LINES if is_on(mesh.cx, LINES, i) else mesh.facets
+    if not is_on(mesh.cx, level, i) or (mesh.kind == PLANE and level != LINES):
         return True, x
-    reach += math.sqrt(allowed_at(mesh.surface, mesh.facets, i))
-    label = mesh.facets.label[mesh.facets.head[i] // 3]
-    return projected(mesh.surface, label, x, reach * reach, work.stack)
+    reach += math.sqrt(allowed_at(mesh.samples, mesh.cx, level, i))
+    label = mesh.cx.about[first_corner(mesh.cx, level, i) // 4, 0]
+    given = mesh.curves if level == LINES else mesh.surface
+    return projected(given, label, x, reach * reach, work.stack)
 
 
 @lean
 def _mean_length(mesh, i):
-    cells, k, total, count = mesh.cells, mesh.cells.nodes.shape[1], 0.0, 0
-    corner = np.int64(cells.head[i])
+    total, count = 0.0, 0
+    corner = first_corner(mesh.cx, CELLS, i)
     while corner >= 0:
-        for v in range(k):
-            total += math.sqrt(squared_length(mesh.points, i, cells.nodes[corner // k, v]))
-        count += k - 1
-        corner = np.int64(cells.after[corner])
+        for a in nodes_of(mesh.cx, corner // 4):
+            if a >= 0 and a != i:
+                total += math.sqrt(squared_length(mesh.points, i, a))
+                count += 1
+        corner = next_corner(mesh.cx, corner)
     return total / max(count, 1)
 
 
 @lean
-def drop_of_move(mesh, i, least, work):
-    """Return by how much the penalty falls if node i is moved, or 0; its place is in the work.
+def _better_place(mesh, i, least, work):
+    """Return the best place of node i that is found, and by how much the penalty falls there.
 
     Steps in each direction are tested; if none is better, the step is halved.  Nodes of facets and
     lines stay on the given ones.
@@ -509,22 +481,30 @@ def drop_of_move(mesh, i, least, work):
             if not is_near:
                 continue
             _put(points, i, x)
-            drop = _drop_around(mesh, i, -1, best)
+            drop = _drop_around(mesh, i, NONE, best)
             if drop > best:
                 best, at, improved = drop, x, True
         if not improved:
             step *= 0.5
+    _put(points, i, old)
+    return at, best
+
+
+@lean
+def drop_of_move(mesh, i, least, work):
+    """Return by how much the penalty falls if node i is moved, or 0; its place is in the work."""
+    points, old = mesh.points, _place(mesh.points, i)
+    at, best = _better_place(mesh, i, least, work)
     drop = 0.0
-    for turn in range(3 if best > least else 0):
+    for _ in range(3 if best > least else 0):  # half of the way if all of it is too far
         _put(points, i, at)
-        drop = _drop_around(mesh, i, -1, least)
-        if drop > 0.0 and _fits(mesh, i, -1, old, work):
+        drop = _drop_around(mesh, i, NONE, least)
+        if drop > 0.0 and _fits(mesh, i, NONE, old, work):
             work.place[0], work.place[1], work.place[2] = at
             break
         drop = 0.0
         half = (0.5 * (old[0] + at[0]), 0.5 * (old[1] + at[1]), 0.5 * (old[2] + at[2]))
-        reach = norm(minus(at, old))
-        is_near, at = _onto_given(mesh, i, half, reach, work)
+        is_near, at = _onto_given(mesh, i, half, norm(minus(at, old)), work)
         if not is_near:
             break
     _put(points, i, old)

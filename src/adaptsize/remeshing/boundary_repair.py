@@ -23,26 +23,22 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels.boundary_repair import repair
-from adaptsize._kernels.complexes import Complex, new_complex
-from adaptsize._kernels.envelope import Envelope, find_nearest, list_samples, measure_rows
-from adaptsize._kernels.heap import new_heap
+from adaptsize._kernels.complexes import CELLS, FACETS, LINES, Complex, new_complex
+from adaptsize._kernels.envelope import Given, Samples, find_nearest, list_samples, measure_rows
 from adaptsize._kernels.local_mesh import (
-    MOST_AROUND,
-    MOST_NODES,
     PLANE,
     SURFACE,
     TETRAHEDRA,
     LocalMesh,
-    Work,
     fill_angles,
-    put_all_in_queue,
+    new_work,
 )
 from adaptsize._kernels.trees import new_stack
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import tree_over
 from adaptsize.background.location import in_space
 from adaptsize.background.simplex import cut_out, facets_with_normals
-from adaptsize.background.topology import compacted, is_tagged, places_among, regions_beside
+from adaptsize.background.topology import compacted, places_among, regions_beside
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.creases import feature_facets, normals_of
 from adaptsize.remeshing.mmg import RIDGE_ANGLE
@@ -223,21 +219,25 @@ def _corners_of(points: FloatArray, lines: IntArray) -> BoolArray:
 
 
 class _Groups(NamedTuple):
-    """Groups of new and given simplices, numbered together."""
+    """Groups of new and of given simplices.
+
+    Groups of new simplices of which there are no given ones have negative numbers.
+    """
 
     new: IntArray
     given: IntArray
-    accepts: IntArray
-    """For each group the same one if there are given simplices in it, else -1."""
 
     @classmethod
     def of(cls, new: LongArray, given: LongArray) -> "_Groups":
         """Return the groups from rows that describe the simplices."""
         numbers = _numbers_of(np.concatenate([new, given]))
-        accepts = np.full(int(numbers.max(initial=0)) + 1, -1, np.int32)
-        known = np.unique(numbers[len(new) :])
-        accepts[known] = known
-        return cls(numbers[: len(new)], numbers[len(new) :], accepts)
+        one, other = numbers[: len(new)], numbers[len(new) :]
+        return cls(np.where(np.isin(one, other), one, -2 - one).astype(np.int32), other)
+
+    @classmethod
+    def unknown(cls, new: npt.NDArray[np.integer], n_given: int) -> "_Groups":
+        """Return groups that are all compared with all given simplices."""
+        return cls((-2 - new).astype(np.int32), np.zeros(n_given, np.int32))
 
 
 def _improved(
@@ -250,134 +250,140 @@ def _improved(
     keep_sharp: bool,
 ) -> tuple[SimplexMesh, FloatArray]:
     """Return the mesh after local operations, and the sizes at its nodes."""
+    kind, n = _kind_of(mesh), mesh.n_points
     points, scale = _in_range(mesh)
-    given_points = in_space(given.points * scale)
     skin = _skin_of(mesh, keep_sharp=keep_sharp)
     old = _skin_of_given(given, mesh, keep_sharp=keep_sharp)
-    kind, allowed, n = _kind_of(mesh), tolerance * scale, mesh.n_points
     groups = _Groups.of(skin.keys, old.keys)
-    tags, line_label = np.unique(skin.line_tags, return_inverse=True)
+    line_tags, label = np.unique(skin.line_tags, return_inverse=True)
+    line_groups = _Groups.unknown(label.reshape(-1), len(old.lines))
+    regions = np.zeros(mesh.n_cells, np.int32) if mesh.cell_tags is None else mesh.cell_tags
+    parts = [(CELLS, mesh.cells, groups.new if kind == SURFACE else regions)]
+    if kind == TETRAHEDRA:
+        parts.append((FACETS, skin.facets, groups.new))
+    parts.append((LINES, skin.lines, line_groups.new))
+    cx = new_complex(parts, n)
+    given_points = in_space(given.points * scale)
+    first = 0 if kind == SURFACE else mesh.n_cells
+    follows = _Follower(cx, points, tolerance * scale, [], [])
+    surface = follows.add(given_points, old.facets, groups, skin.facets, first)
+    first = len(cx.nodes) - int(cx.n_free[0]) - len(skin.lines)
+    curves = follows.add(given_points, old.lines, line_groups, skin.lines, first)
+    samples = follows.samples()
+    for part, count, start in (
+        (surface, len(skin.facets), 0 if kind == SURFACE else mesh.n_cells),
+        (curves, len(skin.lines), first),
+    ):
+        measure_rows(part, samples, cx, points, start, start + count, new_stack())
     is_corner = _corners_of(points, skin.lines)
     if len(old.lines) == 0:
         is_corner[skin.lines] = True
-    regions = np.zeros(mesh.n_cells, np.int32) if mesh.cell_tags is None else mesh.cell_tags
-    cells = _complex(mesh.cells, groups.new if kind == SURFACE else regions, n)
-    facets = cells if kind == SURFACE else _complex(skin.facets, groups.new, n)
-    lines = _complex(skin.lines, line_label.reshape(-1), n)
-    surface = _envelope(given_points, old.facets, points, facets, groups, allowed, kind)
-    no_groups = np.zeros(len(lines.label), np.int32)
-    line_groups = _Groups(
-        no_groups, np.zeros(len(old.lines), np.int32), np.full(len(tags) + 1, -1, np.int32)
-    )
-    curves = _envelope(given_points, old.lines, points, lines, line_groups, allowed, kind)
-    angle = np.empty(len(cells.label))
-    fill_angles(points, cells.nodes[: mesh.n_cells], kind, angle[: mesh.n_cells])
+    angle = np.empty(len(cx.nodes))
+    fill_angles(points, np.array(mesh.cells), kind, angle)
+    facets = FACETS if kind == TETRAHEDRA else CELLS
     local = LocalMesh(
-        kind, goal, points, sizes * scale, is_corner, cells, facets, lines, surface, curves, angle
+        kind, goal, facets, points, sizes * scale, is_corner, cx, surface, curves, samples, angle
     )
-    work = _new_work(n, len(angle))
-    put_all_in_queue(local, mesh.n_cells, work)
     counts = np.zeros(7, np.int64)
-    most = 1000 + _ATTEMPTS * int(work.waiting.size[0])
-    repair(local, work, most, counts)
+    repair(local, mesh.n_cells, new_work(n, len(angle)), _ATTEMPTS, counts)
     if not counts[1:].any():
         return mesh, sizes
-    return _result(mesh, local, groups, skin, tags, sizes, scale)
+    tags_of = dict(zip(groups.new.tolist(), skin.keys[:, 0].tolist(), strict=True))
+    lines_of = {-2 - k: tag for k, tag in enumerate(line_tags.tolist())}
+    return _result(mesh, local, tags_of, lines_of, scale), sizes[_used_nodes(local)]
+
+
+def _used_nodes(local: LocalMesh) -> IntArray:
+    return compacted(_rows_of(local.cx, CELLS, 3 if local.kind != TETRAHEDRA else 4)[0])[0]
+
+
+def _rows_of(cx: Complex, level: int, k: int) -> tuple[IntArray, IntArray]:
+    """Return the simplices of a level and their labels."""
+    rows = cx.about[:, 1] == level
+    return cx.nodes[rows, :k], cx.about[rows, 0]
 
 
 def _result(
     mesh: SimplexMesh,
     local: LocalMesh,
-    groups: _Groups,
-    skin: _Skin,
-    line_tags: LongArray,
-    sizes: FloatArray,
+    tags_of: dict[int, int],
+    lines_of: dict[int, int],
     scale: float,
-) -> tuple[SimplexMesh, FloatArray]:
-    """Return the changed mesh with its tags, and the sizes at its nodes."""
-    alive = local.cells.alive
-    cells = local.cells.nodes[alive]
-    nodes = compacted(cells)[0]
-    new_number = places_among(nodes, mesh.n_points)
-    new, _ = cut_out(local.points[:, : mesh.dim] / scale, cells, tag_names=mesh.tag_names)
-    tag_of_group = np.full(len(groups.accepts), NO_TAG)
-    tag_of_group[groups.new] = skin.keys[:, 0]
+) -> SimplexMesh:
+    """Return the changed mesh with its tags, from those of the groups of facets and lines."""
+    k = mesh.cell_dim + 1
+    cells, labels = _rows_of(local.cx, CELLS, k)
+    new, nodes = cut_out(local.points[:, : mesh.dim] / scale, cells, tag_names=mesh.tag_names)
     if mesh.cell_tags is not None:
-        labels = local.cells.label[alive]
-        tags = tag_of_group[labels] if local.kind == SURFACE else labels
+        tags = _looked_up(tags_of, labels) if local.kind == SURFACE else labels
         new = replace(new, cell_tags=tags)
     if mesh.tagged_facets is not None:
-        part, tag_of = (
-            (local.facets, tag_of_group) if local.kind == TETRAHEDRA else (local.lines, line_tags)
-        )
-        tags = tag_of[part.label[part.alive]]
-        tagged = tags != NO_TAG
-        facets = new_number[part.nodes[part.alive][tagged]]
-        new = replace(new, tagged_facets=facets, facet_tags=tags[tagged])
-    return new, sizes[nodes]
+        is_solid = local.kind == TETRAHEDRA
+        facets, labels = _rows_of(local.cx, FACETS if is_solid else LINES, k - 1)
+        tags = _looked_up(tags_of if is_solid else lines_of, labels)
+        tagged, number = tags != NO_TAG, places_among(nodes, mesh.n_points)
+        new = replace(new, tagged_facets=number[facets[tagged]], facet_tags=tags[tagged])
+    return new
 
 
-def _complex(simplices: IntArray, label: npt.NDArray[np.integer], n_points: int) -> Complex:
-    room = len(simplices) + len(simplices) // 4 + 64
-    return new_complex(simplices, label, n_points, room)
+def _looked_up(table: dict[int, int], labels: IntArray) -> LongArray:
+    known, inverse = np.unique(labels, return_inverse=True)
+    return np.array([table[k] for k in known.tolist()], np.int64)[inverse.reshape(-1)]
 
 
-def _new_work(n_points: int, room: int) -> Work:
-    seen, joined = np.zeros((2, n_points), np.int64)
-    n = MOST_AROUND + 2
-    return Work(
-        stack=new_stack(), waiting=new_heap(room), around=np.empty(MOST_NODES, np.int64),
-        seen=seen, joined=joined, stamp=np.zeros(1, np.int64),
-        rows=np.empty((MOST_AROUND, 3), np.int64), loop=np.empty(n, np.int64),
-        split=np.empty((n, n), np.int64), value=np.empty((n, n)),
-        made=np.empty((2 * n, 5), np.int64), ranges=np.empty((n, 2), np.int64),
-        choice=np.zeros(4, np.int64), place=np.zeros(3),
-    )  # fmt: skip
+class _Follower(NamedTuple):
+    """Given simplices for the levels of a complex, and the samples of all."""
+
+    cx: Complex
+    points: FloatArray
+    tolerance: float
+    at: list[FloatArray]
+    owner: list[LongArray]
+
+    def add(
+        self,
+        given_points: FloatArray,
+        given: IntArray,
+        groups: _Groups,
+        new: IntArray,
+        first: int,
+    ) -> Given:
+        """Return given simplices in a tree, and sample them for new ones, from a first row on."""
+        k = new.shape[1]
+        if len(given) == 0 or len(new) == 0:  # no operation will look at it
+            given_points, given = np.zeros((k, 3)), np.arange(k, dtype=np.int32)[None]
+            return _tree_of(given_points, given, np.zeros(1, np.int32))[0]
+        tree, _ = _tree_of(given_points, given, groups.given)
+        queries, wanted = _samples_of(self.points, new, groups.new)
+        row, _, feet = _nearest(tree, queries, wanted)
+        label = np.where(np.isin(groups.given, groups.new), groups.given, -1).astype(np.int32)
+        places, labels = _samples_of(given_points, given, label)
+        places, labels = np.concatenate([places, feet]), np.append(labels, wanted)
+        own, own_order = _tree_of(self.points, new, groups.new)
+        found, distance2, _ = _nearest(own, places, labels)
+        reach2 = np.maximum(distance2, self.tolerance**2) * (1.0 + 1e-9)
+        self.at.append(np.column_stack([places, np.maximum(labels, -1), reach2]))
+        self.owner.append(first + own_order[found])
+        if k == 3:
+            tree.about[:, 1:] = _compared_normals(tree, self.points[new], row[-len(new) :])
+        return tree
+
+    def samples(self) -> Samples:
+        """Return the samples in the lists of the new simplices."""
+        at = np.concatenate([np.empty((0, 5)), *self.at])
+        room = len(self.cx.nodes)
+        chain = np.full((max(room, len(at)), 2), -1, np.int32)
+        found = Samples(at, chain, np.zeros(room), self.tolerance)
+        list_samples(found, np.concatenate([np.empty(0, np.int64), *self.owner]))
+        return found
 
 
-def _envelope(
-    given_points: FloatArray,
-    given: IntArray,
-    points: FloatArray,
-    new: Complex,
-    groups: _Groups,
-    tolerance: float,
-    kind: int,
-) -> Envelope:
-    """Return the given simplices, with samples in the lists of the new simplices."""
-    count, k = int(new.alive.sum()), new.nodes.shape[1]
-    room = len(new.alive)
-    if len(given) == 0 or count == 0:  # no operation will look at it
-        given_points, given = np.zeros((k, 3)), np.arange(k, dtype=np.int32)[None]
-        groups = groups._replace(given=np.zeros(1, np.int32))
-    tree, order = tree_over(given_points, given)
-    label = groups.given[order]
-    cells, new_label = new.nodes[:count], groups.accepts[new.label[:count]]
-    queries, wanted = _samples_of(points, cells, new_label)
-    row, feet = _nearest(tree, label, queries, wanted)[::2]
-    known = np.isin(groups.given, np.unique(new_label))
-    given_label = np.where(known, groups.given, -1).astype(np.int32)
-    sample, sample_label = _samples_of(given_points, given, given_label)
-    sample, sample_label = np.concatenate([sample, feet]), np.append(sample_label, wanted)
-    if count == 0:
-        sample, sample_label = np.empty((0, 3)), np.empty(0, np.int32)
-    normal = np.zeros((len(tree.cells), 3))
-    if k == 3 and kind != PLANE and count:
-        at_centres = row[len(row) - count :]
-        normal = _compared_normals(tree.points, tree.cells, points[cells], at_centres, label)
-    reach2, owner = np.empty(len(sample)), np.empty(len(sample), np.int64)
-    if count:
-        new_tree, new_order = tree_over(points, cells)
-        found, reach2, _ = _nearest(new_tree, new_label[new_order], sample, sample_label)
-        owner = new_order[found]
-    env = Envelope(
-        tree, label, normal, groups.accepts, sample, sample_label,
-        np.maximum(reach2, tolerance**2) * (1.0 + 1e-9),
-        np.full(room, -1, np.int32), np.full(len(sample), -1, np.int32), np.zeros(room), tolerance,
-    )  # fmt: skip
-    list_samples(env, owner)
-    measure_rows(env, new, points, count, new_stack())
-    return env
+def _tree_of(points: FloatArray, cells: IntArray, label: IntArray) -> tuple[Given, LongArray]:
+    """Return simplices in a tree, without normals, and the simplex in each of its rows."""
+    tree, order = tree_over(points, cells)
+    about = np.zeros((len(cells), 4))
+    about[:, 0] = label[order]
+    return Given(tree.points, tree.cells, tree.boxes, about), order
 
 
 def _samples_of(
@@ -396,30 +402,31 @@ def _samples_of(
 
 
 def _nearest(
-    tree: object, label: IntArray, queries: FloatArray, wanted: IntArray
+    given: Given, queries: FloatArray, wanted: IntArray
 ) -> tuple[IndexArray, FloatArray, FloatArray]:
     """Return the rows of the closest simplices, squared distances and closest points."""
     row, distance2 = np.empty(len(queries), np.int64), np.empty(len(queries))
     foot = np.empty((len(queries), 3))
-    find_nearest(tree, label, queries, wanted, new_stack(), row, distance2, foot)
+    find_nearest(given, queries, wanted, new_stack(), row, distance2, foot)
     return row, distance2, foot
 
 
-def _compared_normals(
-    points: FloatArray, cells: IntArray, corners: FloatArray, nearest: IndexArray, label: IntArray
-) -> FloatArray:
+def _compared_normals(given: Given, corners: FloatArray, nearest: IndexArray) -> FloatArray:
     """Return unit normals of given triangles in the direction of the new ones.
 
     They are zero in groups where the directions do not agree, as in a surface that is not oriented.
     """
-    normal, new = facet_normals(points[cells]), facet_normals(corners)
-    for n in (normal, new):
-        n /= np.maximum(np.linalg.norm(n, axis=1), np.finfo(float).tiny)[:, None]
+    normal, new = (_unit(facet_normals(x)) for x in (given.points[given.cells], corners))
     cosine = np.einsum("ij,ij->i", new, normal[nearest])
-    n_labels = int(label.max()) + 1
-    group, clear = label[nearest], np.abs(cosine) > 0.5
-    same = np.bincount(group[clear & (cosine > 0.0)], minlength=n_labels)
-    opposite = np.bincount(group[clear & (cosine < 0.0)], minlength=n_labels)
+    label = given.about[:, 0].astype(np.int64)
+    group, clear, n_groups = label[nearest], np.abs(cosine) > 0.5, int(label.max()) + 1
+    same = np.bincount(group[clear & (cosine > 0.0)], minlength=n_groups)
+    opposite = np.bincount(group[clear & (cosine < 0.0)], minlength=n_groups)
     total = np.maximum(same + opposite, 1)
     sign = np.where(same > 0.95 * total, 1.0, np.where(opposite > 0.95 * total, -1.0, 0.0))
     return np.asarray(normal * sign[label][:, None])
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    lengths = np.maximum(np.linalg.norm(vectors, axis=1), np.finfo(float).tiny)
+    return np.asarray(vectors / lengths[:, None])
