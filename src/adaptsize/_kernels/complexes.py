@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from adaptsize._kernels.compiling import lean, lean_kernel
 
-#: Levels: cells; facets that bound or separate regions; lines.  Functions would be compiled for each
-#: of these numbers if they were Python's.
+#: Levels: cells; facets that bound or separate regions; lines.  Functions would be compiled once
+#: for each of these numbers if they were Python's.
 CELLS, FACETS, LINES = np.int64(0), np.int64(1), np.int64(2)
 #: No node.
 NONE = np.int64(-1)
@@ -47,7 +47,7 @@ class Complex(NamedTuple):
 
 
 def new_complex(
-    parts: list[tuple[int, npt.NDArray[np.int32], npt.NDArray[np.int32]]], n_points: int
+    parts: list[tuple[np.int64, npt.NDArray[np.int32], npt.NDArray[np.int32]]], n_points: int
 ) -> Complex:
     """Return a complex from levels, their simplices int32[m, k] and labels int32[m]."""
     count = sum(len(simplices) for _, simplices, _ in parts)

@@ -61,7 +61,7 @@ class LocalMesh(NamedTuple):
 
     kind: int
     goal: float
-    facets: int
+    facets: np.int64
     points: npt.NDArray[np.float64]
     size: npt.NDArray[np.float64]
     is_corner: npt.NDArray[np.bool_]

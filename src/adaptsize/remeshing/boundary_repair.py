@@ -44,6 +44,7 @@ from adaptsize.geometry.creases import feature_facets, normals_of
 from adaptsize.remeshing.mmg import RIDGE_ANGLE
 from adaptsize.remeshing.preparation import facet_numbers
 from adaptsize.remeshing.protocol import NO_TAG
+from adaptsize.remeshing.sizing import Size
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongArray
 
 #: Angles in degrees below which cells are improved, by the kind of the mesh: the dihedral angles of
@@ -58,7 +59,7 @@ _ATTEMPTS = 40
 
 
 def repaired(
-    mesh: SimplexMesh, given: SimplexMesh, tolerance: float, sizes: FloatArray | None = None
+    mesh: SimplexMesh, given: SimplexMesh, tolerance: float, size: Size | None = None
 ) -> SimplexMesh:
     """Return a mesh with better worst cells, whose boundary is within the tolerance.
 
@@ -70,8 +71,8 @@ def repaired(
         The mesh or surface whose boundary, interfaces and feature edges these must have.
     tolerance : float
         Allowed distance, in the unit of the coordinates.  What is farther away gets no farther.
-    sizes : float64[n_points], optional
-        Requested lengths of edges at the nodes; those around each node by default.
+    size : callable, optional
+        Requested lengths of edges at points; those around each node by default.
 
     Returns
     -------
@@ -82,8 +83,7 @@ def repaired(
     kind = _kind_of(mesh)
     if not (angles_of(mesh) < GOAL[kind]).any():
         return mesh
-    if sizes is None:
-        sizes = _lengths_around(mesh)
+    sizes = _lengths_around(mesh) if size is None else size(mesh.points)
     mesh, sizes = _improved(mesh, given, tolerance, sizes, GOAL[kind], keep_sharp=True)
     if kind in _LAST_GOAL and (angles_of(mesh) < _LAST_GOAL[kind]).any():
         goal = _LAST_GOAL[kind]
@@ -155,7 +155,7 @@ def _skin_of(mesh: SimplexMesh, *, keep_sharp: bool) -> _Skin:
         keys = np.zeros((len(facets), 4), np.int64)
         keys[:, 0] = NO_TAG if mesh.cell_tags is None else mesh.cell_tags
         edge_tags = np.full(len(surface.edges), NO_TAG)
-        if mesh.tagged_facets is not None:
+        if mesh.tagged_facets is not None and mesh.facet_tags is not None:
             edge_tags[facet_numbers(mesh, mesh.tagged_facets)] = mesh.facet_tags
     is_line = (surface.facet_cell_counts != 2) | (edge_tags != NO_TAG)
     if surface.cell_tags is not None:
@@ -185,9 +185,9 @@ def _separating(mesh: SimplexMesh) -> tuple[IntArray, LongArray]:
         tags[number[number >= 0]] = mesh.facet_tags[number >= 0]
     chosen = (mesh.facet_cell_counts != 2) | (lowest != highest) | (tags != NO_TAG)
     cell, opposite, facets, _ = facets_with_normals(mesh, chosen)
-    number = mesh.cell_facets[cell, opposite]
-    order = np.lexsort((cell, regions[cell], number))
-    rows, first = np.unique(number[order], return_index=True)
+    row = mesh.cell_facets[cell, opposite]
+    order = np.lexsort((cell, regions[cell], row))
+    rows, first = np.unique(row[order], return_index=True)
     keys = np.column_stack([tags, lowest, highest, is_boundary])[rows]
     return facets[order[first]].astype(np.int32), keys
 
@@ -297,7 +297,7 @@ def _used_nodes(local: LocalMesh) -> IntArray:
     return compacted(_rows_of(local.cx, CELLS, 3 if local.kind != TETRAHEDRA else 4)[0])[0]
 
 
-def _rows_of(cx: Complex, level: int, k: int) -> tuple[IntArray, IntArray]:
+def _rows_of(cx: Complex, level: np.int64, k: int) -> tuple[IntArray, IntArray]:
     """Return the simplices of a level and their labels."""
     rows = cx.about[:, 1] == level
     return cx.nodes[rows, :k], cx.about[rows, 0]
@@ -315,8 +315,9 @@ def _result(
     cells, labels = _rows_of(local.cx, CELLS, k)
     new, nodes = cut_out(local.points[:, : mesh.dim] / scale, cells, tag_names=mesh.tag_names)
     if mesh.cell_tags is not None:
-        tags = _looked_up(tags_of, labels) if local.kind == SURFACE else labels
-        new = replace(new, cell_tags=tags)
+        if local.kind == SURFACE:  # the groups of its cells are told apart by their tags
+            labels = _looked_up(tags_of, labels).astype(np.int32)
+        new = replace(new, cell_tags=labels)
     if mesh.tagged_facets is not None:
         is_solid = local.kind == TETRAHEDRA
         facets, labels = _rows_of(local.cx, FACETS if is_solid else LINES, k - 1)

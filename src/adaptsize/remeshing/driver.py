@@ -241,7 +241,7 @@ def _solved(
     new = restore(chosen.solve(problem, run), problem, chosen.name)
     if problem.metric is not None or problem.facets.required.any():
         return new
-    return improved(new, problem.mesh, problem.tolerance)
+    return improved(new, problem.mesh, problem.tolerance, problem.size)
 
 
 def _union(solid: Solid | None, frame: Frame) -> SimplexMesh | None:

@@ -74,7 +74,7 @@ def filled(
     new, angle, failure = None, -np.inf, None
     try:
         new = _without_overlaps(restore(chosen.solve(inner, run), inner, chosen.name), chosen.name)
-        new = improved(new, surface, problem.tolerance)
+        new = improved(new, surface, problem.tolerance, inner.size)
         angle = float(minimum_angles(new).min())
     except BackendTimeoutError:
         raise
@@ -86,7 +86,7 @@ def filled(
     try:
         raw = TetWildBackend().solve(problem, replace(run, backend="tetwild"))
         other = _without_overlaps(restore(raw, problem, "tetwild"), "tetwild")
-        other = improved(other, surface, problem.tolerance)
+        other = improved(other, surface, problem.tolerance, problem.size)
     except BackendError as error:
         if new is None:
             raise failure or error from None
