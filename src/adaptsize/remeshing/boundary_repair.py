@@ -38,7 +38,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import tree_over
 from adaptsize.background.location import in_space
 from adaptsize.background.simplex import cut_out, facets_with_normals
-from adaptsize.background.topology import compacted, places_among, regions_beside
+from adaptsize.background.topology import places_among, regions_beside
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.creases import feature_facets, normals_of
 from adaptsize.remeshing.mmg import RIDGE_ANGLE
@@ -240,120 +240,37 @@ class _Groups(NamedTuple):
         return cls((-2 - new).astype(np.int32), np.zeros(n_given, np.int32))
 
 
-def _improved(
-    mesh: SimplexMesh,
-    given: SimplexMesh,
-    tolerance: float,
-    sizes: FloatArray,
-    goal: float,
-    *,
-    keep_sharp: bool,
-) -> tuple[SimplexMesh, FloatArray]:
-    """Return the mesh after local operations, and the sizes at its nodes."""
-    kind, n = _kind_of(mesh), mesh.n_points
-    points, scale = _in_range(mesh)
-    skin = _skin_of(mesh, keep_sharp=keep_sharp)
-    old = _skin_of_given(given, mesh, keep_sharp=keep_sharp)
-    groups = _Groups.of(skin.keys, old.keys)
-    line_tags, label = np.unique(skin.line_tags, return_inverse=True)
-    line_groups = _Groups.unknown(label.reshape(-1), len(old.lines))
-    regions = np.zeros(mesh.n_cells, np.int32) if mesh.cell_tags is None else mesh.cell_tags
-    parts = [(CELLS, mesh.cells, groups.new if kind == SURFACE else regions)]
-    if kind == TETRAHEDRA:
-        parts.append((FACETS, skin.facets, groups.new))
-    parts.append((LINES, skin.lines, line_groups.new))
-    cx = new_complex(parts, n)
-    given_points = in_space(given.points * scale)
-    first = 0 if kind == SURFACE else mesh.n_cells
-    follows = _Follower(cx, points, tolerance * scale, [], [])
-    surface = follows.add(given_points, old.facets, groups, skin.facets, first)
-    first = len(cx.nodes) - int(cx.n_free[0]) - len(skin.lines)
-    curves = follows.add(given_points, old.lines, line_groups, skin.lines, first)
-    samples = follows.samples()
-    for part, count, start in (
-        (surface, len(skin.facets), 0 if kind == SURFACE else mesh.n_cells),
-        (curves, len(skin.lines), first),
-    ):
-        measure_rows(part, samples, cx, points, start, start + count, new_stack())
-    is_corner = _corners_of(points, skin.lines)
-    if len(old.lines) == 0:
-        is_corner[skin.lines] = True
-    angle = np.empty(len(cx.nodes))
-    fill_angles(points, np.array(mesh.cells), kind, angle)
-    facets = FACETS if kind == TETRAHEDRA else CELLS
-    local = LocalMesh(
-        kind, goal, facets, points, sizes * scale, is_corner, cx, surface, curves, samples, angle
-    )
-    counts = np.zeros(7, np.int64)
-    repair(local, mesh.n_cells, new_work(n, len(angle)), _ATTEMPTS, counts)
-    if not counts[1:].any():
-        return mesh, sizes
-    tags_of = dict(zip(groups.new.tolist(), skin.keys[:, 0].tolist(), strict=True))
-    lines_of = {-2 - k: tag for k, tag in enumerate(line_tags.tolist())}
-    return _result(mesh, local, tags_of, lines_of, scale), sizes[_used_nodes(local)]
+class _Sampled(NamedTuple):
+    """Samples of given simplices.
 
+    Parameters
+    ----------
+    at : float64[s, 5]
+        As those of `Samples`.
+    owner : int64[s]
+        Rows of the nearest new simplices.
+    """
 
-def _used_nodes(local: LocalMesh) -> IntArray:
-    return compacted(_rows_of(local.cx, CELLS, 3 if local.kind != TETRAHEDRA else 4)[0])[0]
-
-
-def _rows_of(cx: Complex, level: np.int64, k: int) -> tuple[IntArray, IntArray]:
-    """Return the simplices of a level and their labels."""
-    rows = cx.about[:, 1] == level
-    return cx.nodes[rows, :k], cx.about[rows, 0]
-
-
-def _result(
-    mesh: SimplexMesh,
-    local: LocalMesh,
-    tags_of: dict[int, int],
-    lines_of: dict[int, int],
-    scale: float,
-) -> SimplexMesh:
-    """Return the changed mesh with its tags, from those of the groups of facets and lines."""
-    k = mesh.cell_dim + 1
-    cells, labels = _rows_of(local.cx, CELLS, k)
-    new, nodes = cut_out(local.points[:, : mesh.dim] / scale, cells, tag_names=mesh.tag_names)
-    if mesh.cell_tags is not None:
-        if local.kind == SURFACE:  # the groups of its cells are told apart by their tags
-            labels = _looked_up(tags_of, labels).astype(np.int32)
-        new = replace(new, cell_tags=labels)
-    if mesh.tagged_facets is not None:
-        is_solid = local.kind == TETRAHEDRA
-        facets, labels = _rows_of(local.cx, FACETS if is_solid else LINES, k - 1)
-        tags = _looked_up(tags_of if is_solid else lines_of, labels)
-        tagged, number = tags != NO_TAG, places_among(nodes, mesh.n_points)
-        new = replace(new, tagged_facets=number[facets[tagged]], facet_tags=tags[tagged])
-    return new
-
-
-def _looked_up(table: dict[int, int], labels: IntArray) -> LongArray:
-    known, inverse = np.unique(labels, return_inverse=True)
-    return np.array([table[k] for k in known.tolist()], np.int64)[inverse.reshape(-1)]
+    at: FloatArray
+    owner: LongArray
 
 
 class _Follower(NamedTuple):
-    """Given simplices for the levels of a complex, and the samples of all."""
+    """Makes new simplices follow given ones."""
 
-    cx: Complex
+    given_points: FloatArray
     points: FloatArray
     tolerance: float
-    at: list[FloatArray]
-    owner: list[LongArray]
 
-    def add(
-        self,
-        given_points: FloatArray,
-        given: IntArray,
-        groups: _Groups,
-        new: IntArray,
-        first: int,
-    ) -> Given:
-        """Return given simplices in a tree, and sample them for new ones, from a first row on."""
-        k = new.shape[1]
+    def sampled(
+        self, given: IntArray, groups: _Groups, new: IntArray, first: int
+    ) -> tuple[Given, _Sampled]:
+        """Return given simplices in a tree, and samples for new ones, from a first row on."""
+        k, given_points = new.shape[1], self.given_points
         if len(given) == 0 or len(new) == 0:  # no operation will look at it
             given_points, given = np.zeros((k, 3)), np.arange(k, dtype=np.int32)[None]
-            return _tree_of(given_points, given, np.zeros(1, np.int32))[0]
+            none = _Sampled(np.empty((0, 5)), np.empty(0, np.int64))
+            return _tree_of(given_points, given, np.zeros(1, np.int32))[0], none
         tree, _ = _tree_of(given_points, given, groups.given)
         queries, wanted = _samples_of(self.points, new, groups.new)
         row, _, feet = _nearest(tree, queries, wanted)
@@ -363,20 +280,19 @@ class _Follower(NamedTuple):
         own, own_order = _tree_of(self.points, new, groups.new)
         found, distance2, _ = _nearest(own, places, labels)
         reach2 = np.maximum(distance2, self.tolerance**2) * (1.0 + 1e-9)
-        self.at.append(np.column_stack([places, np.maximum(labels, -1), reach2]))
-        self.owner.append(first + own_order[found])
+        at = np.column_stack([places, np.maximum(labels, -1), reach2])
         if k == 3:
             tree.about[:, 1:] = _compared_normals(tree, self.points[new], row[-len(new) :])
-        return tree
+        return tree, _Sampled(at, first + own_order[found])
 
-    def samples(self) -> Samples:
-        """Return the samples in the lists of the new simplices."""
-        at = np.concatenate([np.empty((0, 5)), *self.at])
-        room = len(self.cx.nodes)
-        chain = np.full((max(room, len(at)), 2), -1, np.int32)
-        found = Samples(at, chain, np.zeros(room), self.tolerance)
-        list_samples(found, np.concatenate([np.empty(0, np.int64), *self.owner]))
-        return found
+
+def _samples(parts: list[_Sampled], room: int, tolerance: float) -> Samples:
+    """Return samples in the lists of the new simplices."""
+    at = np.concatenate([part.at for part in parts])
+    chain = np.full((max(room, len(at)), 2), -1, np.int32)
+    found = Samples(at, chain, np.zeros(room), tolerance)
+    list_samples(found, np.concatenate([part.owner for part in parts]))
+    return found
 
 
 def _tree_of(points: FloatArray, cells: IntArray, label: IntArray) -> tuple[Given, LongArray]:
@@ -431,3 +347,112 @@ def _compared_normals(given: Given, corners: FloatArray, nearest: IndexArray) ->
 def _unit(vectors: FloatArray) -> FloatArray:
     lengths = np.maximum(np.linalg.norm(vectors, axis=1), np.finfo(float).tiny)
     return np.asarray(vectors / lengths[:, None])
+
+
+class _Tags(NamedTuple):
+    """Tags by the numbers of groups of facets and of lines."""
+
+    of_facets: dict[int, int]
+    of_lines: dict[int, int]
+
+
+def _improved(
+    mesh: SimplexMesh,
+    given: SimplexMesh,
+    tolerance: float,
+    sizes: FloatArray,
+    goal: float,
+    *,
+    keep_sharp: bool,
+) -> tuple[SimplexMesh, FloatArray]:
+    """Return the mesh after local operations, and the sizes at its nodes."""
+    points, scale = _in_range(mesh)
+    follower = _Follower(in_space(given.points * scale), points, tolerance * scale)
+    local, tags = local_mesh(mesh, given, follower, sizes * scale, goal, keep_sharp=keep_sharp)
+    counts = np.zeros(7, np.int64)
+    repair(local, mesh.n_cells, new_work(mesh.n_points, len(local.angle)), _ATTEMPTS, counts)
+    if not counts[1:].any():
+        return mesh, sizes
+    new, nodes = _result(mesh, local, tags, scale)
+    return new, sizes[nodes]
+
+
+def local_mesh(
+    mesh: SimplexMesh,
+    given: SimplexMesh,
+    follower: _Follower,
+    sizes: FloatArray,
+    goal: float,
+    *,
+    keep_sharp: bool,
+) -> tuple[LocalMesh, _Tags]:
+    """Return a mesh for local operations, and the tags of its groups.
+
+    Sharp edges are lines on request.
+    """
+    kind, points = _kind_of(mesh), follower.points
+    skin = _skin_of(mesh, keep_sharp=keep_sharp)
+    old = _skin_of_given(given, mesh, keep_sharp=keep_sharp)
+    groups = _Groups.of(skin.keys, old.keys)
+    line_tags, number = np.unique(skin.line_tags, return_inverse=True)
+    line_groups = _Groups.unknown(number.reshape(-1), len(old.lines))
+    regions = np.zeros(mesh.n_cells, np.int32) if mesh.cell_tags is None else mesh.cell_tags
+    parts = [(CELLS, mesh.cells, groups.new if kind == SURFACE else regions)]
+    if kind == TETRAHEDRA:
+        parts.append((FACETS, skin.facets, groups.new))
+    parts.append((LINES, skin.lines, line_groups.new))
+    cx = new_complex(parts, mesh.n_points)
+    first_facet = 0 if kind == SURFACE else mesh.n_cells
+    first_line = mesh.n_cells + (len(skin.facets) if kind == TETRAHEDRA else 0)
+    surface, of_facets = follower.sampled(old.facets, groups, skin.facets, first_facet)
+    curves, of_lines = follower.sampled(old.lines, line_groups, skin.lines, first_line)
+    samples = _samples([of_facets, of_lines], len(cx.nodes), follower.tolerance)
+    for part, simplices, first in (
+        (surface, skin.facets, first_facet),
+        (curves, skin.lines, first_line),
+    ):
+        measure_rows(part, samples, cx, points, first, first + len(simplices), new_stack())
+    is_corner = _corners_of(points, skin.lines)
+    if len(old.lines) == 0:
+        is_corner[skin.lines] = True
+    angle = np.empty(len(cx.nodes))
+    fill_angles(points, np.array(mesh.cells), kind, angle)
+    facets = FACETS if kind == TETRAHEDRA else CELLS
+    tags = _Tags(
+        dict(zip(groups.new.tolist(), skin.keys[:, 0].tolist(), strict=True)),
+        {-2 - k: tag for k, tag in enumerate(line_tags.tolist())},
+    )
+    return LocalMesh(
+        kind, goal, facets, points, sizes, is_corner, cx, surface, curves, samples, angle
+    ), tags
+
+
+def _rows_of(cx: Complex, level: np.int64, k: int) -> tuple[IntArray, IntArray]:
+    """Return the simplices of a level and their labels."""
+    rows = cx.about[:, 1] == level
+    return cx.nodes[rows, :k], cx.about[rows, 0]
+
+
+def _result(
+    mesh: SimplexMesh, local: LocalMesh, tags: _Tags, scale: float
+) -> tuple[SimplexMesh, IntArray]:
+    """Return the changed mesh with its tags, and its nodes in the old one."""
+    k = mesh.cell_dim + 1
+    cells, labels = _rows_of(local.cx, CELLS, k)
+    new, nodes = cut_out(local.points[:, : mesh.dim] / scale, cells, tag_names=mesh.tag_names)
+    if mesh.cell_tags is not None:
+        if local.kind == SURFACE:  # the groups of its cells are told apart by their tags
+            labels = _looked_up(tags.of_facets, labels).astype(np.int32)
+        new = replace(new, cell_tags=labels)
+    if mesh.tagged_facets is not None:
+        is_solid = local.kind == TETRAHEDRA
+        facets, labels = _rows_of(local.cx, FACETS if is_solid else LINES, k - 1)
+        found = _looked_up(tags.of_facets if is_solid else tags.of_lines, labels)
+        tagged, number = found != NO_TAG, places_among(nodes, mesh.n_points)
+        new = replace(new, tagged_facets=number[facets[tagged]], facet_tags=found[tagged])
+    return new, nodes
+
+
+def _looked_up(table: dict[int, int], labels: IntArray) -> LongArray:
+    known, inverse = np.unique(labels, return_inverse=True)
+    return np.array([table[k] for k in known.tolist()], np.int64)[inverse.reshape(-1)]
