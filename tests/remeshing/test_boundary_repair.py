@@ -7,14 +7,14 @@ import numba
 import numpy as np
 import pytest
 from scipy.spatial import Delaunay
-from shapes import block, two_region_block, two_region_rectangle
+from shapes import block, joined, two_region_block, two_region_rectangle
 
 from adaptsize import SimplexMesh
 from adaptsize._kernels.local_mesh import new_work
 from adaptsize._kernels.star_changes import _may_vanish as may_vanish
 from adaptsize.background.location import in_space
 from adaptsize.background.splitting import bisect_edges
-from adaptsize.quality.boundary import n_components, region_measures
+from adaptsize.quality.boundary import n_components, overlapping_cells, region_measures
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing import boundary_repair
 from adaptsize.remeshing.boundary_repair import angles_of, repaired
@@ -226,6 +226,17 @@ def test_a_needle_longer_than_the_tolerance_stays_though_its_base_is_near():
     flat = repaired(low, low, 0.05)
     assert flat.n_cells < low.n_cells
     assert gap(flat.boundary().mesh, low.boundary().mesh) <= 0.06
+
+
+def test_the_sides_of_a_gap_thinner_than_the_tolerance_do_not_overlap():
+    one = with_details(block(3), 7)
+    other = replace(one, points=one.points * [1.0, 1.0, -1.0] - [0.0, 0.0, 0.01])
+    other = replace(other, cells=other.cells[:, [1, 0, 2, 3]])
+    old = joined(one, other)
+    new = repaired(old, old, 0.03)
+    assert angles_of(new).min() > 15.0 > angles_of(old).min()
+    assert overlapping_cells(new) is None
+    check_kept(old, new, 0.03)
 
 
 def collapsed(mesh, i, j):

@@ -254,7 +254,7 @@ def _lengths_fit(mesh, i, skip, old):
 
 @lean
 def _normal_with(mesh, row, i, x):
-    """Return the normal of a facet with node i at x."""
+    """Return the normal of a facet with node i at x, and its longest edge squared."""
     a, b, c, _ = nodes_of(mesh.cx, row)
     p, q, r = _place(mesh.points, a), _place(mesh.points, b), _place(mesh.points, c)
     if a == i:
@@ -263,7 +263,8 @@ def _normal_with(mesh, row, i, x):
         q = x
     elif c == i:
         r = x
-    return cross(minus(q, p), minus(r, p))
+    u, v, w = minus(q, p), minus(r, p), minus(r, q)
+    return cross(u, v), max(dot(u, u), dot(v, v), dot(w, w))
 
 
 @lean
@@ -272,7 +273,7 @@ def _total_normal(mesh, i, x):
     total, area = (0.0, 0.0, 0.0), 0.0
     corner = first_corner(mesh.cx, mesh.facets, i)
     while corner >= 0:
-        n = _normal_with(mesh, corner // 4, i, x)
+        n, _ = _normal_with(mesh, corner // 4, i, x)
         total = (total[0] + n[0], total[1] + n[1], total[2] + n[2])
         area += norm(n)
         corner = next_corner(mesh.cx, corner)
@@ -286,7 +287,7 @@ def _facets_keep_side(mesh, i, skip, old):
     The normal of a facet of less height than the tolerance means nothing; it is replaced by the
     mean one of the facets.
     """
-    points, now = mesh.points, _place(mesh.points, i)
+    now = _place(mesh.points, i)
     total, area = _total_normal(mesh, i, old)
     is_smooth, tolerance = norm(total) > 0.7 * area, mesh.samples.tolerance
     corner = first_corner(mesh.cx, mesh.facets, i)
@@ -295,11 +296,8 @@ def _facets_keep_side(mesh, i, skip, old):
         corner = next_corner(mesh.cx, corner)
         if _vanishes(mesh.cx, row, skip):
             continue
-        before, after = _normal_with(mesh, row, i, old), _normal_with(mesh, row, i, now)
-        a, b, c, _ = nodes_of(mesh.cx, row)
-        longest2 = max(
-            squared_length(points, a, b), squared_length(points, b, c), squared_length(points, c, a)
-        )
+        before, longest2 = _normal_with(mesh, row, i, old)
+        after, _ = _normal_with(mesh, row, i, now)
         if dot(before, before) <= tolerance * tolerance * longest2:
             if not is_smooth:
                 continue
