@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from adaptsize._kernels.boundary_repair import repair
 from adaptsize._kernels.complexes import CELLS, FACETS, LINES, Complex, new_complex
-from adaptsize._kernels.envelope import Given, Samples, find_nearest, list_samples, measure_rows
+from adaptsize._kernels.envelope import Given, Samples, find_nearest, list_samples
 from adaptsize._kernels.local_mesh import (
     PLANE,
     SURFACE,
@@ -51,7 +51,7 @@ from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongAr
 #: tetrahedra and the angles of triangles.
 GOAL = {TETRAHEDRA: 20.0, SURFACE: 25.0, PLANE: 25.0}
 #: Angles below which sharp edges may be cut off.
-_LAST_GOAL = {TETRAHEDRA: 15.0, SURFACE: 15.0}
+_LAST_GOAL = {TETRAHEDRA: 20.0, SURFACE: 15.0}
 #: Angle in degrees by which a feature edge turns at a corner.
 _CORNER = 40.0
 #: Cells that are examined at most, over the number of bad ones.
@@ -249,10 +249,16 @@ class _Sampled(NamedTuple):
         As those of `Samples`.
     owner : int64[s]
         Rows of the nearest new simplices.
+    first : int
+        The first row of new simplices.
+    off2 : float64[n]
+        Square of the distance of each new simplex from the given ones.
     """
 
     at: FloatArray
     owner: LongArray
+    first: int
+    off2: FloatArray
 
 
 class _Follower(NamedTuple):
@@ -269,13 +275,13 @@ class _Follower(NamedTuple):
         k, given_points = new.shape[1], self.given_points
         if len(given) == 0 or len(new) == 0:  # no operation will look at it
             given_points, given = np.zeros((k, 3)), np.arange(k, dtype=np.int32)[None]
-            none = _Sampled(np.empty((0, 5)), np.empty(0, np.int64))
+            none = _Sampled(np.empty((0, 5)), np.empty(0, np.int64), first, np.zeros(len(new)))
             return _tree_of(given_points, given, np.zeros(1, np.int32))[0], none
         tree, _ = _tree_of(given_points, given, groups.given)
-        queries, wanted = _samples_of(self.points, new, groups.new)
-        row, _, feet = _nearest(tree, queries, wanted)
+        queries, wanted, of_new = _samples_of(self.points, new, groups.new)
+        row, away2, feet = _nearest(tree, queries, wanted)
         label = np.where(np.isin(groups.given, groups.new), groups.given, -1).astype(np.int32)
-        places, labels = _samples_of(given_points, given, label)
+        places, labels, _ = _samples_of(given_points, given, label)
         places, labels = np.concatenate([places, feet]), np.append(labels, wanted)
         own, own_order = _tree_of(self.points, new, groups.new)
         found, distance2, _ = _nearest(own, places, labels)
@@ -283,14 +289,18 @@ class _Follower(NamedTuple):
         at = np.column_stack([places, np.maximum(labels, -1), reach2])
         if k == 3:
             tree.about[:, 1:] = _compared_normals(tree, self.points[new], row[-len(new) :])
-        return tree, _Sampled(at, first + own_order[found])
+        off2 = away2[of_new].max(axis=1)
+        return tree, _Sampled(at, first + own_order[found], first, off2)
 
 
 def _samples(parts: list[_Sampled], room: int, tolerance: float) -> Samples:
     """Return samples in the lists of the new simplices."""
     at = np.concatenate([part.at for part in parts])
     chain = np.full((max(room, len(at)), 2), -1, np.int32)
-    found = Samples(at, chain, np.zeros(room), tolerance)
+    off2 = np.zeros(room)
+    for part in parts:
+        off2[part.first : part.first + len(part.off2)] = part.off2
+    found = Samples(at, chain, off2, tolerance)
     list_samples(found, np.concatenate([part.owner for part in parts]))
     return found
 
@@ -305,17 +315,28 @@ def _tree_of(points: FloatArray, cells: IntArray, label: IntArray) -> tuple[Give
 
 def _samples_of(
     points: FloatArray, cells: IntArray, label: IntArray
-) -> tuple[FloatArray, IntArray]:
-    """Return nodes, middles of edges and, last, the centroids of triangles; and their labels."""
-    k = cells.shape[1]
-    nodes = np.unique(np.column_stack([np.repeat(label, k), cells.ravel()]), axis=0)
-    parts, labels = [points[nodes[:, 1]]], [nodes[:, 0]]
-    pairs = [cells[:, [v, (v + 1) % k]] for v in range(k if k > 2 else 1)]
-    ends = np.sort(np.concatenate(pairs), axis=1)
-    edges = np.unique(np.column_stack([np.tile(label, len(pairs)), ends]), axis=0)
-    parts += [points[edges[:, 1:]].mean(axis=1), points[cells].mean(axis=1)]
-    labels += [edges[:, 0], label]
-    return np.concatenate(parts), np.concatenate(labels).astype(np.int32)
+) -> tuple[FloatArray, IntArray, LongArray]:
+    """Return nodes, middles of edges and, last, centroids of simplices; labels; rows of each cell.
+
+    Nodes and edges between groups are repeated for each group.
+    """
+    m, k = cells.shape
+    n, group = len(points), _numbers_of(label[:, None].astype(np.int64)).astype(np.int64)
+    keys = (group[:, None] * n + cells).ravel()
+    _, first, node = np.unique(keys, return_index=True, return_inverse=True)
+    pairs = np.concatenate([cells[:, [v, (v + 1) % k]] for v in range(k if k > 2 else 1)])
+    low, high = pairs.min(axis=1).astype(np.int64), pairs.max(axis=1)
+    keys = (np.tile(group, len(pairs) // m) * n + low) * n + high
+    _, at, edge = np.unique(keys, return_index=True, return_inverse=True)
+    places = [points[cells.ravel()[first]], points[pairs[at]].mean(axis=1)]
+    labels = [np.repeat(label, k)[first], np.tile(label, len(pairs) // m)[at], label]
+    rows = np.column_stack([
+        node.reshape(m, k),
+        len(first) + edge.reshape(-1, m).T,
+        len(first) + len(at) + np.arange(m),
+    ])  # fmt: skip
+    found = np.concatenate([*places, points[cells].mean(axis=1)])
+    return found, np.concatenate(labels).astype(np.int32), rows
 
 
 def _nearest(
@@ -407,11 +428,6 @@ def local_mesh(
     surface, of_facets = follower.sampled(old.facets, groups, skin.facets, first_facet)
     curves, of_lines = follower.sampled(old.lines, line_groups, skin.lines, first_line)
     samples = _samples([of_facets, of_lines], len(cx.nodes), follower.tolerance)
-    for part, simplices, first in (
-        (surface, skin.facets, first_facet),
-        (curves, skin.lines, first_line),
-    ):
-        measure_rows(part, samples, cx, points, first, first + len(simplices), new_stack())
     is_corner = _corners_of(points, skin.lines)
     if len(old.lines) == 0:
         is_corner[skin.lines] = True
