@@ -7,7 +7,7 @@ import numba
 import numpy as np
 import pytest
 from scipy.spatial import Delaunay
-from shapes import block, joined, two_region_block, two_region_rectangle
+from shapes import block, facet_areas, joined, two_region_block, two_region_rectangle
 
 from adaptsize import SimplexMesh
 from adaptsize._kernels.local_mesh import new_work
@@ -184,6 +184,23 @@ def test_sharp_edges_of_a_block_stay_straight_and_complete():
     edges = skin.points[feature_edges(skin)]
     assert np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1).sum() == pytest.approx(12.0, rel=1e-9)
     assert new.measures.sum() == pytest.approx(1.0, rel=1e-12)
+
+
+def test_a_node_between_two_tags_of_a_straight_line_stays():
+    square = two_region_rectangle(6)
+    x, y = square.points.T
+    side = square.facets[(square.facet_cell_counts == 1) & (y[square.facets] == 0.0).all(axis=1)]
+    tags = np.where(x[side].mean(axis=1) < 0.5, 4, 6)
+    old = with_details(
+        SimplexMesh(square.points, square.cells, tagged_facets=side, facet_tags=tags), 3
+    )
+    bad = old.points.copy()
+    bad[(old.points == [0.5, 0.0]).all(axis=1), 0] = 0.34  # close to the next node
+    old = replace(old, points=bad)
+    new = repaired(old, old, 0.05)
+    assert angles_of(new).min() > angles_of(old).min()
+    for tag in (4, 6):
+        assert facet_areas(new, tag) == pytest.approx(facet_areas(old, tag), rel=1e-12)
 
 
 def test_an_angle_is_the_least_dihedral_one_or_less_for_needles():

@@ -204,8 +204,8 @@ def _skin_of_given(given: SimplexMesh, mesh: SimplexMesh, *, keep_sharp: bool) -
     return skin._replace(keys=keys)
 
 
-def _corners_of(points: FloatArray, lines: IntArray) -> BoolArray:
-    """Return the nodes where other than two lines meet, or where they turn."""
+def _corners_of(points: FloatArray, lines: IntArray, tags: LongArray) -> BoolArray:
+    """Return the nodes where other than two lines meet, or two of different tags, or they turn."""
     degree = np.bincount(lines.ravel(), minlength=len(points))
     is_corner = (degree != 2) & (degree != 0)
     arms = np.zeros((len(points), 3))
@@ -215,7 +215,10 @@ def _corners_of(points: FloatArray, lines: IntArray) -> BoolArray:
     np.add.at(arms, lines[:, 1], -along)
     # Half of the sum of the unit vectors to both neighbours is the sine of half of the turn.
     turns = 0.5 * np.linalg.norm(arms, axis=1) > math.sin(0.5 * math.radians(_CORNER))
-    return np.asarray(is_corner | ((degree == 2) & turns))
+    least, most = np.full(len(points), NO_TAG), np.full(len(points), -NO_TAG)
+    np.minimum.at(least, lines, tags[:, None])
+    np.maximum.at(most, lines, tags[:, None])
+    return np.asarray(is_corner | ((degree == 2) & (turns | (least != most))))
 
 
 class _Groups(NamedTuple):
@@ -428,7 +431,7 @@ def local_mesh(
     surface, of_facets = follower.sampled(old.facets, groups, skin.facets, first_facet)
     curves, of_lines = follower.sampled(old.lines, line_groups, skin.lines, first_line)
     samples = _samples([of_facets, of_lines], len(cx.nodes), follower.tolerance)
-    is_corner = _corners_of(points, skin.lines)
+    is_corner = _corners_of(points, skin.lines, skin.line_tags)
     if len(old.lines) == 0:
         is_corner[skin.lines] = True
     angle = np.empty(len(cx.nodes))
