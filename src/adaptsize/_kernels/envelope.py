@@ -238,13 +238,6 @@ def measure_row(given, samples, cx, points, row, stack):
     samples.off2[row] = distance_of(given, points, (a, b, c), label, _ALL, 1e300, stack)
 
 
-@lean_kernel
-def measure_rows(given, samples, cx, points, first, last, stack):
-    """Measure how far new simplices are from the given ones."""
-    for row in range(first, last):
-        measure_row(given, samples, cx, points, row, stack)
-
-
 @lean
 def allowed_at(samples, cx, level, i):
     """Return the square of the distance allowed to what replaces the simplices at node i."""
