@@ -10,8 +10,8 @@ import adaptsize as ads
 from adaptsize._kernels.smoothing import fill_quality, smooth_nodes
 from adaptsize._kernels.swapping import Tetrahedra, new_work, swap
 from adaptsize.background import topology
+from adaptsize.remeshing.improvement import _with_closer_edges as with_closer_edges
 from adaptsize.remeshing.improvement import _with_nodes as with_nodes
-from adaptsize.remeshing.improvement import improved
 
 
 def volume_length(points, cells):
@@ -109,7 +109,7 @@ def test_a_plane_edge_too_far_from_the_old_boundary_gets_a_node_there():
     cells = [[i, i + 1, 48] for i in range(46)] + [[46, 0, 48]]  # without node 47
     mesh = ads.SimplexMesh(points, cells, tagged_facets=[[46, 0], [0, 1]], facet_tags=[3, 4])
     away = 1.0 - np.cos(np.pi / 24.0)
-    new = improved(mesh, given, 1.05 * away)
+    new = with_closer_edges(mesh, given, 1.05 * away)
     np.testing.assert_allclose(new.points[-1], points[47], atol=1e-3)
     assert (new.n_cells, sorted(new.facet_tags)) == (48, [3, 3, 4])
-    assert improved(mesh, given, 1.2 * away) is mesh
+    assert with_closer_edges(mesh, given, 1.2 * away) is mesh

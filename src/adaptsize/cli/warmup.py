@@ -103,7 +103,19 @@ def _image(dim: int) -> None:
     ads.mesh_image(np.linalg.norm(axes, axis=0) < 9.0, hmin=4.0, hmax=4.0)
 
 
+def _worst_cells() -> None:
+    """Repair tetrahedra that are flat."""
+    import adaptsize as ads
+    from adaptsize.remeshing.boundary_repair import repaired
+
+    mesh = ads.CartesianGrid([0.0] * 3, 1.0, (3, 3, 3)).mesh
+    points = mesh.points.copy()
+    points[len(points) // 2, 0] = 0.05  # the node in the middle
+    repaired(mesh.moved(points), mesh, 0.1)
+
+
 _TASKS: dict[str, Callable[[], None]] = {
+    "worst cells": _worst_cells,
     "surfaces": _surface,
     "tetrahedra": partial(_limiting, 3),
     "triangles": partial(_limiting, 2),

@@ -345,8 +345,8 @@ class _Job:
             if problem.metric is not None or problem.facets.required.any():
                 return new
             if self.solid is not None:
-                return improved_soundly(new, self.filling.surface, problem.tolerance)
-            return improved(new, problem.mesh, problem.tolerance)
+                return improved_soundly(new, self.filling.surface, problem.tolerance, problem.size)
+            return improved(new, problem.mesh, problem.tolerance, problem.size)
 
         yield Candidate(finish, self._note_on(new.n_cells))
 

@@ -88,13 +88,15 @@ class Filling:
         if problem.in_volume is not None:
             inner = problem.in_volume(inner)
         if inner.is_adapted:
-            filled = partial(improved_soundly, inner.mesh, self.surface, problem.tolerance)
+            filled = partial(
+                improved_soundly, inner.mesh, self.surface, problem.tolerance, inner.size
+            )
             yield Candidate(filled, _NOT_ADAPTED)
         raw = backend.solve(inner, run)
 
         def finish() -> SimplexMesh:
             new = restore(raw, inner, backend.name)
-            return improved_soundly(new, self.surface, problem.tolerance)
+            return improved_soundly(new, self.surface, problem.tolerance, inner.size)
 
         yield Candidate(finish, note)
 
@@ -138,13 +140,15 @@ class Filling:
         return self._refined[key]
 
 
-def improved_soundly(mesh: SimplexMesh, surface: SimplexMesh, tolerance: float) -> SimplexMesh:
+def improved_soundly(
+    mesh: SimplexMesh, surface: SimplexMesh, tolerance: float, size: Size | None
+) -> SimplexMesh:
     """Return a mesh that fills a surface with better cells, or as it is if these would overlap.
 
     Nodes that are put onto a surface with walls much thinner than the tolerance may be put onto the
     wrong side, so that the boundary crosses itself although all cells are positive.
     """
-    better = improved(mesh, surface, tolerance)
+    better = improved(mesh, surface, tolerance, size)
     if overlapping_cells(better) is not None and overlapping_cells(mesh) is None:
         return mesh
     return better

@@ -1,0 +1,134 @@
+"""Repair of the worst cells of a mesh by local operations, also on its boundary.
+
+The worst cell is first.  Of the operations on its nodes, edges and faces, the one is applied that
+reduces the sum of the penalties most (see `local_mesh`).  The sum of the penalties falls with every
+operation by a least amount, so that there is an end.
+"""
+
+import numpy as np
+
+from adaptsize._kernels.compiling import lean, lean_kernel
+from adaptsize._kernels.complexes import CELLS
+from adaptsize._kernels.heap import pop
+from adaptsize._kernels.local_mesh import TETRAHEDRA, put_in_queue
+from adaptsize._kernels.ring_changes import (
+    drop_of_cell,
+    drop_of_edge,
+    drop_of_face,
+    drop_of_flip,
+    flip_edge,
+    remove_cell,
+    remove_edge,
+    remove_face,
+)
+from adaptsize._kernels.star_changes import change_star, drop_of_collapse, drop_of_move
+
+#: Least reduction of the penalty by an operation.
+_GAIN = 1e-4
+#: Rows that an operation needs while it is examined.
+_ROOM = 32
+#: Kinds of operations.  Each has two numbers: the nodes of an edge, of which the first one vanishes
+#: in a collapse; or a cell, and for a face its opposite corner; or a node.
+COLLAPSE, EDGE, FACE, CELL, FLIP, MOVE = range(1, 7)
+
+
+@lean
+def _operation(mesh, c, number):
+    """Return an operation on a cell and its two numbers; kind 0 at the end.
+
+    Tetrahedra have 12 collapses, 6 edges, 4 faces, the cell itself and 4 moves; triangles 6
+    collapses, 3 edges and 3 moves.
+    """
+    k = 4 if mesh.kind == TETRAHEDRA else 3
+    nodes, n_pairs = mesh.cx.nodes, k * (k - 1)
+    if number < n_pairs + n_pairs // 2:
+        order = number if number < n_pairs else 2 * (number - n_pairs)
+        count = 0
+        for v in range(k):
+            for w in range(v):
+                a, b = np.int64(nodes[c, v]), np.int64(nodes[c, w])
+                if number >= n_pairs and count == order:
+                    return (EDGE if k == 4 else FLIP), a, b
+                if count == order:
+                    return COLLAPSE, a, b
+                if count + 1 == order:
+                    return COLLAPSE, b, a
+                count += 2
+    number -= n_pairs + n_pairs // 2
+    if k == 4 and number < 4:
+        return FACE, c, np.int64(number)
+    if k == 4 and number == 4:
+        return CELL, c, np.int64(0)
+    number -= 5 if k == 4 else 0
+    return (MOVE, np.int64(nodes[c, number]), np.int64(-1)) if number < k else (0, c, np.int64(0))
+
+
+@lean
+def _drop_of(mesh, kind, a, b, best, work):
+    """Return by how much an operation reduces the sum of the penalties, or 0 if not by more."""
+    if kind == COLLAPSE:
+        return drop_of_collapse(mesh, a, b, best, work)
+    if kind == EDGE:
+        return drop_of_edge(mesh, a, b, best, work)
+    if kind == FACE:
+        return drop_of_face(mesh, a, b, best, work)
+    if kind == CELL:
+        return drop_of_cell(mesh, a, best, work)
+    if kind == FLIP:
+        return drop_of_flip(mesh, a, b, best, work)
+    return drop_of_move(mesh, a, best, work)
+
+
+@lean
+def _apply(mesh, kind, a, b, x, work):
+    """Apply an operation."""
+    if kind in (COLLAPSE, MOVE):
+        change_star(mesh, a, b, x, work)
+    elif kind == EDGE:
+        remove_edge(mesh, a, b, work)
+    elif kind == FACE:
+        remove_face(mesh, a, b, work)
+    elif kind == CELL:
+        remove_cell(mesh, a, work)
+    else:
+        flip_edge(mesh, a, b, work)
+
+
+@lean_kernel
+def repair(mesh, n_cells, work, share, counts):
+    """Improve cells until no operation does.
+
+    Parameters
+    ----------
+    mesh : LocalMesh
+        In/Out.
+    n_cells : int
+        Cells, in the first rows.
+    work : Work
+    share : int
+        Number of attempts over that of the cells to improve, beside a thousand.
+    counts : int64[7]
+        Out: number of operations of each kind; of attempts, at 0.
+    """
+    for row in range(n_cells):
+        put_in_queue(mesh, row, work)
+    most = 1000 + share * work.waiting.size[0]
+    while work.waiting.size[0] > 0 and counts[0] < most and mesh.cx.n_free[0] >= _ROOM:
+        c = pop(work.waiting)
+        if mesh.cx.about[c, 1] != CELLS or mesh.angle[c] >= mesh.goal:
+            continue
+        counts[0] += 1
+        best, chosen, x = _GAIN, -1, (0.0, 0.0, 0.0)
+        number, kind = 0, 1
+        while kind > 0:
+            kind, a, b = _operation(mesh, c, number)
+            drop = _drop_of(mesh, kind, a, b, best, work) if kind > 0 else 0.0
+            if drop > best:
+                best, chosen = drop, number
+                if kind == MOVE:
+                    x = (work.place[0], work.place[1], work.place[2])
+            number += 1
+        if chosen >= 0:
+            kind, a, b = _operation(mesh, c, chosen)
+            counts[kind] += 1
+            _apply(mesh, kind, a, b, x, work)
