@@ -87,7 +87,7 @@ def _surface() -> None:
     size = ads.size_function(part, sources=ads.PointSource([0.0, 0.0, 0.0], 0.1))
     size(part.points)
     ads.size_conformity(part, size, surface=part)
-    ads.limit_gradient(part, size.values, 0.25, point_sources=([[0.5, 0.5, 0.0]], [0.1]))
+    ads.limit_gradient(part, 0.5, 0.25, point_sources=([[0.5, 0.5, 0.0]], [0.1]))
     points = np.concatenate([part.points, part.points + 0.5])
     both = ads.SimplexMesh(points, np.concatenate([part.cells, part.cells + part.n_points]))
     ads.check_mesh(box, original=both)
