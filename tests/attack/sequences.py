@@ -172,7 +172,7 @@ def _files(state: State, rng: np.random.Generator, folder: Path) -> tuple[State,
         suffix, path = ".vtu", folder / "a.vtu"
     text = f"files {suffix}"
     written = mesh
-    if suffix == ".vtk":  # names there have no spaces
+    if suffix in (".vtk", ".ply"):  # names there have no spaces
         written = replace(mesh, point_data={"u": mesh.point_data["u"]})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
