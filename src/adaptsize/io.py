@@ -312,34 +312,33 @@ def read_metric(path: str | os.PathLike[str], *, name: str = "metric") -> Metric
 
     Parameters
     ----------
-        path : path-like
-            A ``.sol`` with sizes or symmetric matrices at the nodes, or a file for `read`.
-        name : str, default "metric"
-            The nodal field in a file for `read`, with one, four or nine components.
+    path : path-like
+        A ``.sol`` with sizes or symmetric matrices at the nodes, or a file for `read`.
+    name : str, default "metric"
+        The nodal field in a file for `read`, with one, four or nine components.
 
     Returns
     -------
-        Metric
-            At the nodes in the order of the file.
+    Metric
+        At the nodes in the order of the file.
 
     Raises
     ------
-        MeshFileError
-            As in `read`, and if there is no such field, or its values are not metrics.
+    MeshFileError
+        As in `read`, and if there is no such field, or its values are not metrics.
 
     Examples
     --------
-        >>> import tempfile, pathlib
-        >>> import numpy as np
-        >>> from adaptsize.metrics import Metric, MetricFunction
-    from adaptsize.quality.connections import are_doubtful, unconnected
-        >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
-        >>> metric = Metric([[0.1, 1.0]] * 3, [np.eye(2)] * 3)
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     file = pathlib.Path(folder, "part.sol")
-        ...     write(file, MetricFunction(mesh, metric))
-        ...     read_metric(file)
-        Metric(3 nodes in 2-D, sizes 0.1 to 1, aspect ratio up to 10)
+    >>> import tempfile, pathlib
+    >>> import numpy as np
+    >>> from adaptsize.metrics import Metric, MetricFunction
+    >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+    >>> metric = Metric([[0.1, 1.0]] * 3, [np.eye(2)] * 3)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder, "part.sol")
+    ...     write(file, MetricFunction(mesh, metric))
+    ...     read_metric(file)
+    Metric(3 nodes in 2-D, sizes 0.1 to 1, aspect ratio up to 10)
     """
     file = as_path("path", path)
     try:

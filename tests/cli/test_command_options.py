@@ -39,7 +39,7 @@ def test_help_is_complete_and_fits_on_a_screen_and_a_half(capsys, monkeypatch, n
     printed = capsys.readouterr().out
     flags = [flag for option in COMMANDS[name].params for flag in option.opts if "-" in flag]
     assert all(flag in printed for flag in [*flags, "--json", "-q, --quiet", "-v, --verbose"])
-    assert printed.count("\n") <= 78
+    assert printed.count("\n") <= 84
     if name == "remesh":
         assert "Gradient limit: growth of sizes per length.  [0.25]\n" in printed
         titles = ["Output", "Sizes", "Number of elements", "Mesh generator", "General"]

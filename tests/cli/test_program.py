@@ -133,7 +133,7 @@ def test_warmup_compiles_for_all_kinds_of_domains(capfd):
     assert call("warmup") == 0
     printed = capfd.readouterr()
     assert printed.out.startswith("kernels compiled in ")
-    assert printed.err.count("compiled for ") == 5
+    assert printed.err.count("compiled for ") == 6
 
 
 def test_ctrl_c_during_the_imports_gives_no_traceback(tmp_path):

@@ -41,10 +41,10 @@ def test_sizes_from_bounds_are_those_of_one_process(mesh, kind, monkeypatch):
     of_size_1 = predict(mesh, np.ones(mesh.n_points)).cells
     size = (1.1 if mesh.dim == 3 else 1.0) * (of_size_1 / mesh.n_cells) ** (1.0 / mesh.dim)
     h0 = size * rng.uniform(0.95, 1.1, mesh.n_points)
-    options = {"g": 0.05, "hmin": 0.01, "enough": 0.0, "boundary_tolerance": 8.5e-3}
+    options = {"g": 0.05, "hmin": 0.01, "enough": 0.0, "boundary_tolerance": 5.7e-3}
     whole = ads.adapt(mesh, h0=h0, **options, backend="mmg")
     if mesh.dim == 3:
-        bound = bound_by_tolerance(mesh, 8.5e-3)
+        bound = bound_by_tolerance(mesh, 5.7e-3)
         assert 0.2 < (bound < h0).mean() < 0.8
         assert (whole.size.values <= bound).all()
 

@@ -327,5 +327,5 @@ def test_an_improvement_that_makes_cells_overlap_is_not_kept(monkeypatch):
     twice = joined(whole, whole.moved(whole.points + 0.1))
     for better in (twice, whole.moved(0.99 * whole.points)):
         monkeypatch.setattr(filling, "improved", lambda *_, better=better: better)
-        kept = filling.improved_soundly(whole, surface, 1e-3)
+        kept = filling.improved_soundly(whole, surface, 1e-3, None)
         assert kept is (whole if better is twice else better)

@@ -87,7 +87,7 @@ def test_regions_and_tags_are_kept_when_netgen_fills_them(run, monkeypatch):
     pytest.importorskip("netgen")
     monkeypatch.setattr(TetWildBackend, "solve", lambda *_: pytest.fail("fTetWild is not needed"))
     mesh = bent_block(0.25)
-    check(refilled(problem_of(mesh), run), mesh, 1e-3)
+    check(refilled(problem_of(mesh), run), mesh, 0.01)
 
 
 def fail(*_):

@@ -92,8 +92,7 @@ def adapt(
         a mapping has one for each facet tag.  Corners, ridges and nodes between two of them stay.
     original : SimplexMesh, optional
         The first mesh of the loop, in space, for the curvature by which ``boundary_tolerance``
-        bounds sizes; that of later facets would grow.  By default what ``mesh`` was made from if
-        `adapt` returned it as it is and there is no ``project``, else the mesh itself.
+        bounds sizes; that of later facets would grow.  By default known of meshes of `adapt`.
     progress : callable, bool or None
         Called with a text and the fraction completed or None.  True shows a progress bar.
     **options

@@ -29,10 +29,10 @@ _NEAR = 1e-6
 _ROUNDING = 1e-13
 
 _TEXTS = {
-    "slits": "{n} facets lie on another, the first at {place}: slits",
-    "parts": "{n} facets lie on one of another part, the first at {place}: the cells there are not "
+    "slits": "{n} facet(s) on another, the first at {place}: slits",
+    "parts": "{n} facet(s) on one of another part, the first at {place}: the cells there are not "
     "connected, because nodes at one place are not joined",
-    "hanging": "{n} nodes hang in the middle of an edge of another cell, the first at {place}: the "
+    "hanging": "{n} node(s) in the middle of an edge of another cell, the first at {place}: the "
     "cells there are not connected",
 }
 

@@ -23,13 +23,12 @@ import numpy as np
 from adaptsize._checks import place_text
 from adaptsize.errors import BackendError
 from adaptsize.geometry.enclosed import enclosed_measure, is_oriented
-from adaptsize.geometry.solid import SLACK
-from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.protocol import Arrays
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
+    from adaptsize.remeshing.isolation import IsolatedRunner
 
 #: Seconds of processor time for a surface, and for each of its triangles.  Most closed parts needed
 #: less than .3 ms per triangle.
@@ -77,6 +76,7 @@ def _crossing(surface: SimplexMesh) -> FloatArray | None:
     """
     from adaptsize._kernels.crossings import find_crossings, new_crossings
     from adaptsize.background.location import parts_of
+    from adaptsize.geometry.solid import SLACK
 
     locator, found = surface.locator, new_crossings(surface.n_cells)
     slack = SLACK * surface.diagonal * locator.scale
