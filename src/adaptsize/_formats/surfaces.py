@@ -22,6 +22,9 @@ _COMMENT = re.compile(rb"#[^\r\n]*")
 #: Vertices may have texture coordinates, colours and normals after their coordinates.
 _KEYWORD = re.compile(rb"(?:ST)?C?N?OFF", re.IGNORECASE)
 
+#: Corners of STL files that are so close, over the extent, are one without a word.
+_ROUNDING = 1e-12
+
 
 def read_stl(path: Path) -> RawMesh:
     """Return the triangles in an STL file.  Corners with equal coordinates are one node.
@@ -66,7 +69,8 @@ def _joined(points: FloatArray, cells: npt.NDArray[np.int64]) -> RawMesh:
         f"corners up to {within:.2g} apart joined, where edges do not meet exactly: {len(points)} "
         f"become {len(nodes)}"
     )
-    return RawMesh(middle, [("triangle", number[cells])], notes=[note])
+    is_rounding = within <= _ROUNDING * float(np.ptp(points[cells[good]], axis=(0, 1)).max())
+    return RawMesh(middle, [("triangle", number[cells])], notes=[] if is_rounding else [note])
 
 
 def _corners_in(text: bytes) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
