@@ -22,7 +22,7 @@ def announce_compilation(console: Console) -> None:
             global _said  # noqa: PLW0603 - once in a process
             if not _said:
                 console.say(
-                    "compiling kernels; this happens once and takes 10 to 30 s (adaptsize warmup)"
+                    "compiling kernels; this happens once and takes up to a minute (adaptsize warmup)"
                 )
             _said = True
 
@@ -38,7 +38,7 @@ def warmup(console: Console) -> int:
     """Compile all that the commands need, and keep it in a cache.
 
     For container images, clusters and read-only homes: set NUMBA_CACHE_DIR to a directory that
-    stays.  Without this the first commands take 10 to 30 s longer each.
+    stays.  Without this the first commands take up to a minute longer.
     """
     workers = min(len(_TASKS), os.cpu_count() or 1)
     context = multiprocessing.get_context("spawn")
