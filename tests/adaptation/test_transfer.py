@@ -1,5 +1,7 @@
 """Transfer of fields between meshes: interpolation, and means over exact overlaps."""
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -212,3 +214,28 @@ def test_nodes_in_no_cell_and_flat_cells_do_no_harm():
     made = transfer.cells([1.0, 3.0, 100.0])
     assert_allclose(made[:2], [1.0, 3.0])
     assert np.isfinite(made).all()
+
+
+def test_cells_with_a_common_node_meet_in_the_same_volume_however_their_nodes_are_numbered():
+    # A side of one cell through a corner of the other: its coordinates are 0 or -6e-17, and copies
+    # of it were on both sides of a plane.  The volume is that of the convex hull of the
+    # intersection of the half spaces, by Qhull; once it was 2.5 times as large.
+    common = [-0.38200646695219664, 0.11106700143599256, 0.13426609201256998]
+    new = np.array([
+        [-0.30804224782798906, 0.12662794518533496, 0.05966209562825854],
+        [-0.355031922787242, 0.06518194188122661, 0.04095808151945994],
+        common,
+        [-0.40053627611702186, 0.16193299622634075, 0.06818597234660737],
+    ])  # fmt: skip
+    old = np.array([
+        [-0.3387006700866524, 0.03915376219126586, 0.10042234623019851],
+        [-0.3811201515451311, 0.16260148381710254, 0.0652864260440587],
+        [-0.41065233847273513, 0.04871205019950191, 0.07310834035027035],
+        common,
+    ])  # fmt: skip
+    cell = [[0, 1, 2, 3]]
+    for first in permutations(range(4)):
+        for second in permutations(range(4)):
+            pair = SimplexMesh(old[list(first)], cell), SimplexMesh(new[list(second)], cell)
+            found = FieldTransfer(*pair).overlap.sum()
+            assert found == pytest.approx(1.7485736365e-05, rel=1e-9)

@@ -22,9 +22,11 @@ import numpy as np
 from adaptsize._kernels.compiling import inlined, lean
 from adaptsize._kernels.trees import DEPTH
 
-# A tetrahedron cut by four planes has at most 8 faces, so 12 corners and 18 edges, on each of which
-# a corner may be added before others are removed.  A triangle cut three times has at most 6.
-MAX_CORNERS = 32
+# A tetrahedron cut by four planes has at most 8 faces, so 12 corners and 18 edges.  Corners that
+# coincide may be on different sides of a plane by rounding, which adds corners between them: 14
+# were seen.  On each edge a corner may be added before others are removed.  A triangle cut three
+# times has at most 6.
+MAX_CORNERS = 80
 
 # Twins of the edges of a tetrahedron.
 _TETRAHEDRON = (6, 14, 8, 0, 10, 12, 0, 0, 2, 13, 4, 0, 5, 9, 1, 0)
@@ -128,7 +130,7 @@ def _turned(h):
 def _clip_polyhedron(work, v, n):
     """Cut a polyhedron of n corners where coordinate v is negative; return how many are left."""
     place, twins = work.place, work.twins
-    if n > 12:  # not convex, which rounding of flat cells might cause
+    if 5 * n > 2 * MAX_CORNERS:  # no room: not convex, which rounding of flat cells might cause
         return n
     # A corner on each edge that crosses the plane.
     total = n

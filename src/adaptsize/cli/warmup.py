@@ -22,7 +22,8 @@ def announce_compilation(console: Console) -> None:
             global _said  # noqa: PLW0603 - once in a process
             if not _said:
                 console.say(
-                    "compiling kernels; this happens once and takes up to a minute (adaptsize warmup)"
+                    "compiling kernels; this happens once and takes up to a minute "
+                    "(adaptsize warmup)"
                 )
             _said = True
 

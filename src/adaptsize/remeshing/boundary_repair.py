@@ -50,8 +50,9 @@ from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongAr
 #: Angles in degrees below which cells are improved, by the kind of the mesh: the dihedral angles of
 #: tetrahedra and the angles of triangles.
 GOAL = {TETRAHEDRA: 20.0, SURFACE: 25.0, PLANE: 25.0}
-#: Angles below which sharp edges may be cut off.
-_LAST_GOAL = {TETRAHEDRA: 20.0, SURFACE: 15.0}
+#: Angles below which sharp edges may be cut off.  With larger ones, edges of boxes lost what a
+#: later loop then missed, for cells that were no worse than usual.
+_LAST_GOAL = {TETRAHEDRA: 10.0, SURFACE: 10.0}
 #: Angle in degrees by which a feature edge turns at a corner.
 _CORNER = 40.0
 #: Cells that are examined at most, over the number of bad ones.
