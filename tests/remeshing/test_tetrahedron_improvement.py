@@ -5,11 +5,14 @@ import itertools
 import numpy as np
 import pytest
 from scipy.spatial import Delaunay
+from shapes import block
 
 import adaptsize as ads
 from adaptsize._kernels.smoothing import fill_quality, smooth_nodes
 from adaptsize._kernels.swapping import Tetrahedra, new_work, swap
 from adaptsize.background import topology
+from adaptsize.quality.elements import minimum_angles
+from adaptsize.remeshing.improvement import _in_rounds as in_rounds
 from adaptsize.remeshing.improvement import _with_closer_edges as with_closer_edges
 from adaptsize.remeshing.improvement import _with_nodes as with_nodes
 
@@ -113,3 +116,44 @@ def test_a_plane_edge_too_far_from_the_old_boundary_gets_a_node_there():
     np.testing.assert_allclose(new.points[-1], points[47], atol=1e-3)
     assert (new.n_cells, sorted(new.facet_tags)) == (48, [3, 3, 4])
     assert with_closer_edges(mesh, given, 1.2 * away) is mesh
+
+
+def with_tip(mesh, corners, height):
+    """A mesh with a node above the middle of a boundary facet, from which its cell is divided."""
+    cell = int(np.flatnonzero(np.isin(mesh.cells, corners).sum(axis=1) == 3)[0])
+    row, tip = mesh.cells[cell], mesh.points[corners].mean(axis=0)
+    tip[2] += height
+    parts = [np.where(row == corner, mesh.n_points, row) for corner in corners]
+    cells = np.vstack([np.delete(mesh.cells, cell, axis=0), parts])
+    return ads.SimplexMesh(np.vstack([mesh.points, tip]), cells)
+
+
+def test_later_rounds_place_the_nodes_that_would_have_spoilt_cells():
+    flat = block(8)
+    skin = flat.boundary()
+    facets = skin.nodes[skin.mesh.cells]
+    corners = facets[np.flatnonzero((flat.points[facets][:, :, 2] == 1.0).all(axis=1))[7]]
+    high, thin = with_tip(flat, corners, 0.05), with_tip(flat, corners, -0.0415)
+    assert minimum_angles(thin).min() < 5.0
+    assert minimum_angles(high).min() > 10.0
+    old = high.boundary().mesh
+    asked = []
+
+    def run(*rounds):
+        asked.clear()
+
+        def made(mesh, surface, least):
+            asked.append(least)
+            assert surface.n_cells == mesh.boundary().mesh.n_cells
+            return rounds[len(asked) - 1]
+
+        return in_rounds(flat, flat.boundary().mesh, old, 0.02, made)
+
+    assert run(high) is high  # near at once
+    assert asked == [0.2]
+    assert run(flat, high) is high
+    assert asked == [0.2, 0.05]
+    assert run(flat, flat) is flat  # no nearer: another round is of no use
+    assert len(asked) == 2
+    assert run(flat, thin) is flat  # a flat cell is no price for an edge
+    assert len(asked) == 2

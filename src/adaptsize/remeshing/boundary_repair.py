@@ -461,7 +461,7 @@ def _result(
     cells, labels = _rows_of(local.cx, CELLS, k)
     new, nodes = cut_out(local.points[:, : mesh.dim] / scale, cells, tag_names=mesh.tag_names)
     if mesh.cell_tags is not None:
-        if local.kind == SURFACE:  # the groups of its cells are told apart by their tags
+        if local.kind == SURFACE:  # the groups of its cells are the tags
             labels = _looked_up(tags.of_facets, labels).astype(np.int32)
         new = replace(new, cell_tags=labels)
     if mesh.tagged_facets is not None:

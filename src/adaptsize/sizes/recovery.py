@@ -221,8 +221,8 @@ def _in_regions(
 ) -> tuple[FloatArray, IntArray, IntArray]:
     """Return derivatives at the nodes, recovered in each region on its own.
 
-    Nodes on interfaces are there once for each of their regions.  A single cell on its own, whose
-    values a linear function fits exactly, tells nothing: the whole mesh is taken there.
+    Nodes on interfaces are there once for each of their regions.  A linear function fits the values
+    of a single cell exactly, so that they would have no error: the whole mesh is taken there.
 
     Returns
     -------
