@@ -26,6 +26,10 @@ LOG = logging.getLogger(__name__)
 COPIES = {
     "CHANGELOG.md": "project/changelog",
     "CONTRIBUTING.md": "project/contributing",
+    "SUPPORT.md": "project/support",
+    "GOVERNANCE.md": "project/governance",
+    "CODE_OF_CONDUCT.md": "project/conduct",
+    "SECURITY.md": "project/security",
     "data/README.md": "project/samples",
 }
 # Links to folders, and what answers to them here.
@@ -46,7 +50,7 @@ CONTENTS = {
     ],
     "Reference": [
         "api", "parameters", "command-line", "files", "glossary", "troubleshooting", "comparison",
-        "promises", "benchmarks",
+        "promises", "compatibility", "benchmarks",
     ],
 }  # fmt: skip
 # Pages below others.
@@ -73,6 +77,7 @@ NOTEBOOKS = [
 WITHOUT_SEARCH = ("decisions/", "measurements/", "results/", "project/", "ugawg")
 # What readers search for, and the pages that answer; entries of the index count most in a search.
 SEARCHED = {
+    "citations": "citation, cite, BibTeX",
     "files": "shapefile, GeoJSON",
     "glossary": "sizing field, mesh size field, background mesh, hgrad, hausd",
     "limiting": "growth rate, gradation, gradient limit",
@@ -81,6 +86,7 @@ SEARCHED = {
     "sizes": "curvature",
     "solvers": "Jupyter, notebook",
     "troubleshooting": "timeout, memory",
+    "tutorials/cad": "STEP file, IGES, BREP",
 }
 LINK = re.compile(r"\]\((?!https?:|#|mailto:)([^)#\s]+)(#[^)\s]*)?\)")
 

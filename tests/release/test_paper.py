@@ -15,7 +15,13 @@ def test_every_reference_is_cited_and_every_citation_has_one():
 
 def test_the_length_is_that_of_the_journal():
     body = TEXT.split("---", 2)[2]
-    assert 250 <= len(body.split()) <= 1000
+    assert 750 <= len(body.split()) <= 1750
+
+
+def test_the_sections_are_those_that_the_journal_requires():
+    required = ["Summary", "Statement of need", "State of the field", "Software design",
+                "Research impact statement", "AI usage disclosure"]  # fmt: skip
+    assert [title for title in re.findall(r"^# (.*)$", TEXT, re.M) if title in required] == required
 
 
 def test_the_numbers_are_those_of_the_documentation():
