@@ -84,12 +84,18 @@ def test_displacement_puts_interfaces_inside():
     def run(comm):
         part = PartitionedMesh.from_serial(mesh, ranks, comm)
         moved = migrate(part, displaced(part, 3))
-        return [_keys(p, interface_facets(p)) for p in (part, moved)] + [part.n_cells]
+        return *(_keys(p, interface_facets(p)) for p in (part, moved)), part.n_cells, moved.n_cells
 
     results = SimulatedCommunicator.run(3, run)
     before, after = (set().union(*(r[k] for r in results)) for k in (0, 1))
     assert len(before) > 30
     assert len(before & after) <= 1  # where a new interface crosses an old one
+    # The part with the fewest cells grows into the others, that with the most gives some to both.
+    growth = {old: new - old for _, _, old, new in results}
+    assert growth[min(growth)] > 50
+    assert growth[max(growth)] < -50
+    # Only cells within three layers of an interface change their rank.
+    assert sum(map(abs, growth.values())) < 2 * 3 * 2 * len(before)
     alone = SimulatedCommunicator.run(
         1, lambda comm: displaced(PartitionedMesh.from_serial(mesh, None, comm), 3)
     )

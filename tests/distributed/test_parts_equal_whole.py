@@ -494,6 +494,32 @@ def test_fields_beyond_the_old_mesh_are_those_of_its_nearest_cells(kind, away):
             np.testing.assert_allclose(made.cell_fields["e"], expected, atol=1e-12)
 
 
+def test_a_node_farther_out_than_all_centroids_gets_its_nearest_old_cell():
+    """It is behind the box of the new cells, as seen from the other old ones."""
+    square = [[0.2, 0.2], [0.5, 0.2], [0.5, 0.5], [0.2, 0.5]]
+    old = ads.SimplexMesh(
+        [*square, [-0.1, -0.05], [-0.05, -0.05], [-0.05, -0.1]],
+        [[0, 1, 2], [0, 2, 3], [4, 6, 5]],
+    )
+    new = ads.SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+    assert old.locator.nearest(new.points[new.cells].mean(axis=1))[2] == 0.0
+    fields, by_cell = {"u": np.arange(7.0)}, {"e": np.arange(3.0)}
+    whole = ads.transfer_fields(old, new, fields=fields, cell_fields=by_cell, method="interpolate")
+    assert whole.fields["u"][0] == 5.0
+
+    def run(comm):
+        a = PartitionedMesh.from_serial(old, np.array([0, 0, 1]), comm)
+        b = PartitionedMesh.from_serial(new, np.array([0]), comm)
+        made = ads.transfer_fields(
+            a, b, method="interpolate",
+            fields={"u": fields["u"][a.global_ids]}, cell_fields={"e": by_cell["e"][a.cell_ids]},
+        )  # fmt: skip
+        return made.fields["u"]
+
+    made = SimulatedCommunicator.run(2, run)[0]
+    np.testing.assert_allclose(made, whole.fields["u"], rtol=0.0, atol=1e-12)
+
+
 def rising(part):
     """Return sizes that grow away from a line."""
     return 0.1 + np.abs(part.points[:, 0])
@@ -530,6 +556,16 @@ WRONG = {
     "size at a shared node": (
         lambda m, bad: ads.remesh(m, np.full(m.n_points, 0.2 + 0.1 * bad)),
         "size must be the same on all ranks that hold a node",
+    ),
+    "other points": (
+        lambda m, bad: limit_gradient(m, 1.0, 0.3, point_sources=([[0.5, 0.5]], [0.1 + 0.1 * bad])),
+        "point_sources must be the same on all ranks",
+    ),
+    "points on one rank only": (
+        lambda m, bad: limit_gradient(
+            m, 1.0, 0.3, point_sources=([[0.5, 0.5]], [0.1]) if bad else None
+        ),
+        "point_sources must be the same on all ranks",
     ),
     "other g(h)": (
         lambda m, bad: limit_gradient(m, rising(m), lambda h: 0.3 + 0.1 * bad * h),

@@ -145,3 +145,8 @@ def test_the_five_smallest_places_are_apart_and_name_their_bound():
     assert np.hypot(*np.subtract(second.point, first.point)) > 0.05 * strip().diagonal
     assert cost.time_step == 0.01 / 340.0
     assert sum(cost.element_shares.values()) == pytest.approx(1.0)
+    lines = str(cost).splitlines()
+    assert [line.partition(" costs ")[0] for line in lines[1:3]] == sorted(
+        cost.element_shares, key=cost.element_shares.__getitem__, reverse=True
+    )
+    assert lines[3] == f"size 0.01 at ({', '.join(f'{x:.4g}' for x in first.point)}), from size_of"

@@ -56,6 +56,13 @@ def test_a_facet_of_three_cells_is_a_fault():
     assert demand.places[0].value == 3.0
 
 
+def test_edges_of_three_triangles_are_no_fault_of_a_surface():
+    sheets = SimplexMesh(
+        [[0, 0, 0], [0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0]], [[0, 1, 2], [0, 1, 3], [0, 1, 4]]
+    )
+    assert [demand.name for demand in check_mesh(sheets).demands] == ["cells"]
+
+
 def test_a_missing_piece_and_a_lost_component_are_noticed():
     two = joined(CUBE, moved(CUBE, [3.0, 0.0, 0.0]))
     assert missed(CUBE, original=two) == ["boundary", "measure", "topology"]

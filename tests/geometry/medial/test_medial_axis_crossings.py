@@ -5,7 +5,7 @@ import pytest
 from distance_shapes import Ellipse, ball, letter_l, sampled, turned
 
 from adaptsize._progress import silent
-from adaptsize.geometry.medial.crossings import Padded, find_crossings
+from adaptsize.geometry.medial.crossings import Padded, find_crossings, fronts_on_edges
 
 
 def by_polynomials(phi, tolerance, gamma=2.0):
@@ -74,3 +74,15 @@ def test_crossings_are_those_of_algorithm_1(shape):
     assert found.keys() == twin.keys()
     for key, s in twin.items():
         assert found[key] == pytest.approx(s, abs=1e-9)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_crossing_at_a_node_is_found_once(dim):
+    """A ridge through nodes lies on the two edges of each, which are equally steep."""
+    grid, phi = sampled(lambda x: np.abs(x[:, 0]) - 5.0, 1.0, dim=dim, half=8.0, shift=0.0)
+    assert (phi == -5.0).any()
+    crossings, fronts = fronts_on_edges(grid, phi, 0.1, silent)
+    assert (crossings.axis == 0).all()
+    np.testing.assert_allclose(fronts.points[:, 0], 0.0, atol=1e-9)
+    assert len(np.unique(fronts.points[:, 1:], axis=0)) == len(fronts.points)
+    assert len(fronts.points) == np.prod(grid.shape[1:])
