@@ -41,7 +41,10 @@ FOLDERS = {
     "docs/tutorials": "tutorials/README",
 }
 CONTENTS = {
-    "First steps": ["install", "how-to/README", "tutorials/README", "gallery/index"],
+    "First steps": [
+        "install", "size-functions", "which-function", "choosing", "how-to/README",
+        "tutorials/README", "gallery/index",
+    ],
     "Methods": [
         "complete-size", "sizes", "width", "distance", "octrees", "images", "limiting",
         "anisotropic", "remeshing", "adaptation", "mesh-families", "sparse-sizes",
@@ -85,7 +88,7 @@ SEARCHED = {
     "parameters": "elements_across, elements_per_radian, elements_between",
     "sizes": "curvature",
     "solvers": "Jupyter, notebook",
-    "troubleshooting": "timeout, memory",
+    "troubleshooting": "timeout, memory, units",
     "tutorials/cad": "STEP file, IGES, BREP",
 }
 LINK = re.compile(r"\]\((?!https?:|#|mailto:)([^)#\s]+)(#[^)\s]*)?\)")

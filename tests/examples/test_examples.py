@@ -12,7 +12,7 @@ pytest.importorskip("matplotlib", reason="the examples draw")
 
 #: Of these, tests/test_docs.py runs the essential lines; `make gallery` runs all of them.
 ESSENTIAL_LINES_ONLY = {
-    "plot_anisotropic_layers", "plot_backgrounds", "plot_bracket", "plot_cost",
+    "plot_anisotropic_layers", "plot_backgrounds", "plot_bracket", "plot_choices", "plot_cost",
     "plot_curved_boundary", "plot_distance", "plot_euler_anisotropic", "plot_euler_bump",
     "plot_fichera", "plot_g_on_a_domain", "plot_grid_schemes", "plot_hot_spot", "plot_image",
     "plot_mesh_family", "plot_metric_gradation", "plot_octree", "plot_one_dimension",
@@ -27,6 +27,12 @@ def test_every_other_example_is_tested():
     names = {path.stem for path in EXAMPLES.glob("[!_]*.py")}
     assert names >= ESSENTIAL_LINES_ONLY
     assert [name for name in names - ESSENTIAL_LINES_ONLY if f'run("{name}"' not in text] == []
+
+
+def test_bounds_arise_at_few_nodes_and_make_a_mesh_of_the_predicted_number(run):
+    found = run("plot_size_function", spacing=0.1)
+    assert 0.02 < found["nodes with a bound"] < 0.2
+    assert found["triangles over predicted"] == pytest.approx(1.0, abs=0.2)
 
 
 def test_small_sizes_do_not_cross_the_slit(run):
