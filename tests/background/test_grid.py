@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import CartesianGrid, SizeFunction
+from adaptsize.background import Image
 from adaptsize.errors import OutsideError
 
 INF = np.inf
@@ -161,3 +162,10 @@ def test_points_outside_are_refused_on_request():
     assert_array_equal(size([[1.0, 1.0 + 1e-10]]), [1.0])
     with pytest.raises(OutsideError, match=r"points\[0\] = \(0.5, 3\) at a distance of 2"):
         size([[0.5, 3.0]])
+
+
+@pytest.mark.parametrize("origin", [[0.0], [0.0, 0.0, 0.0], [0.0, np.nan], [0.0, np.inf]])
+def test_an_image_has_a_finite_origin_of_its_dimension(origin):
+    with pytest.raises(ValueError, match="origin must be 2 finite numbers"):
+        Image(np.zeros((3, 4)), origin=origin)
+    assert Image(np.zeros((3, 4)), origin=[1.0, 2.0]).origin.tolist() == [1.0, 2.0]

@@ -8,6 +8,7 @@ from distance_shapes import ball, box
 
 import adaptsize as ads
 from adaptsize.errors import ConvergenceWarning, ResolutionWarning
+from adaptsize.remeshing.distmesh.nodes import _short_and_long
 
 SEEDS = (20040601, 771)
 disc, square = ball(1.0), box(2.0, 2.0)
@@ -206,3 +207,16 @@ def test_a_function_without_slope_is_reported():
 def test_too_few_steps_are_reported():
     with pytest.warns(ConvergenceWarning, match="max_iter"):
         mesh_of(ring, ring_size, 1.2, max_iter=1)
+
+
+def test_edges_lose_or_get_nodes_as_many_as_the_median_edge_says():
+    """Where the median edge is right, only edges that are far too short or too long do."""
+    ratio = np.array([0.5, 0.7, 0.8, *[1.0] * 20, 1.2, 1.3, 1.6])
+    short, long = _short_and_long(ratio, 12, 2)
+    assert (short.tolist(), long.tolist()) == ([0], [25])
+    # Edges of .9: of 12 nodes, 12 (1 - .9^2) = 2.28 are too many; of 1.2: 5.28 are missing, but
+    # only two edges besides the worst are longer than 1.15.
+    short, long = _short_and_long(np.array([0.5, 0.7, 0.8, *[0.9] * 20]), 12, 2)
+    assert (short.tolist(), long.tolist()) == ([0, 1], [])
+    short, long = _short_and_long(np.array([*[1.1] * 20, 1.2, 1.3, 1.6]), 12, 2)
+    assert (short.tolist(), long.tolist()) == ([], [22, 21])
