@@ -40,6 +40,7 @@ from adaptsize._defaults import (
     METRIC_GRADIENT_LIMIT,
     TOLERANCE,
 )
+from adaptsize._messages import Message
 from adaptsize.errors import InputWarning
 from adaptsize.typing import GradientLimit, NodalMethod
 
@@ -135,17 +136,18 @@ class Option:
                 upper=self.upper, unit=unit,
             )  # fmt: skip
         if self.of_sizes and isinstance(value, float | int) and 1.0 < value < 2.0:
-            warn_caller(
-                f"{self.name} = {value:g} lets sizes grow by {value:g} per length; a growth ratio "
-                f"of {value:g} from an element to the next is {self.name} = {value - 1.0:.4g}",
-                InputWarning,
+            text = (
+                "{} = {:g} lets sizes grow by {:g} per length; a growth ratio of {:g} from an "
+                "element to the next is {} = {:.4g}"
             )
+            name = Message.name(self.name)
+            warn_caller(Message(text, name, value, value, value, name, value - 1.0), InputWarning)
         if self.unusual is not None and isinstance(value, float | int) and value >= self.unusual:
-            warn_caller(
-                f"{self.name} = {value:g} hardly limits anything: it is a gradient, not a "
-                "percentage; 0.25 lets neighbouring edges differ by about a quarter",
-                InputWarning,
+            text = (
+                f"= {value:g} hardly limits anything: it is a gradient, not a percentage; 0.25 "
+                "lets neighbouring edges differ by about a quarter"
             )
+            warn_caller(Message.about(self.name, text), InputWarning)
         return value
 
     def as_parameter(self) -> inspect.Parameter:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._checks import as_number, as_whole_number, check_type, describe, place_text
+from adaptsize._checks import as_number, as_whole_number, check_type, describe, place_text, refusal
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import NONE, SizeReport
 from adaptsize.background import SimplexMesh
@@ -219,6 +219,6 @@ def as_bytes(memory: str) -> float:
     found = _MEMORY.fullmatch(memory) if isinstance(memory, str) else None
     number = float(found[1]) if found else 0.0
     if found is None or number == 0.0:
-        wanted = 'max_memory must be a text such as "8GB" or "500MB"'
-        raise ValueError(f"{wanted}, got {describe(memory)}")
+        wanted = 'must be a text such as "8GB" or "500MB"'
+        raise refusal("max_memory", f"{wanted}, got {describe(memory)}")
     return number * 1000.0 ** " KMGT".index(found[2].upper() or " ")

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import check_type
+from adaptsize._messages import Message
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import components_of
 from adaptsize.geometry.enclosed import cone_measures
@@ -83,10 +84,10 @@ def close_holes(surface: SimplexMesh) -> SimplexMesh:
             f"surface has {count} open edges that form no loop, so its holes cannot be closed"
         )
     if not _encloses_volume(closed):
-        raise ValueError(
-            "surface encloses no volume when its holes are closed: it is a sheet; "
-            "remesh it with the target triangles"
+        text = (
+            "surface encloses no volume when its holes are closed: it is a sheet; remesh it with "
         )
+        raise ValueError(Message("{}{target:'triangles'}", text))
     return closed
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,8 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, check_type, place_text
+from adaptsize._checks import as_number, check_type, place_text, warn_caller
 from adaptsize._kernels.crossings import find_crossings, new_crossings
+from adaptsize._messages import Message
 from adaptsize.background import SimplexMesh
 from adaptsize.background.location import parts_of
 from adaptsize.background.simplex import cut_out
@@ -330,11 +330,10 @@ def near_bodies(
     bodies = _Bodies(surface)
     count = len(bodies.low)
     if count > _MOST_BODIES:
-        warnings.warn(
+        warn_caller(
             f"the surface has {count} bodies; whether they are closer to each other than the "
             f"tolerance was not examined, as there are more than {_MOST_BODIES}",
             OpenSurfaceWarning,
-            stacklevel=2,
         )
         return None
     if overlapping is not None:
@@ -445,10 +444,10 @@ def doubts(
     holes = open_boundary(surface, tolerance)
     if holes is not None:
         text = (
-            "the generator closes or drops what it does not clearly enclose; close_holes closes "
-            "the holes, target='triangles' keeps a surface"
+            "the surface is open: {}; the generator closes or drops what it does not clearly "
+            "enclose; {close_holes} closes the holes, {target:'triangles'} keeps a surface"
         )
-        yield "open_boundary", holes, f"the surface is open: {holes}; {text}"
+        yield "open_boundary", holes, Message(text, holes)
     overlapping = overlapping_bodies(surface)
     if overlapping is not None:
         text = (
@@ -492,5 +491,5 @@ def warn_of_surface(surface: SimplexMesh, tolerance: float, solid: Solid | None 
     """
     found = list(doubts(surface, tolerance, solid))
     for _, _, text in found:
-        warnings.warn(text, OpenSurfaceWarning, stacklevel=3)
+        warn_caller(text, OpenSurfaceWarning)
     return any(name != "open_boundary" for name, _, _ in found)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
@@ -21,6 +20,7 @@ from adaptsize._checks import (
     describe,
     place_text,
     refuse_where,
+    warn_caller,
 )
 from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh, SimplexMesh
@@ -286,11 +286,10 @@ def _warn_of_outside(points: FloatArray, away: FloatArray, diagonal: float) -> N
         first = int(np.argmax(outside))
         more = int(np.count_nonzero(outside)) - 1
         also = f" (and {more} more)" if more else ""
-        warnings.warn(
+        warn_caller(
             f"the source at {place_text(points[first])} lies {away[first]:.4g} outside the domain"
             f"{also}: it acts only on the nodes of the closest cells, with its distance from them",
             InputWarning,
-            stacklevel=2,
         )
 
 

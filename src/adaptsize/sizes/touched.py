@@ -17,6 +17,7 @@ from adaptsize.background import AnyBackground, AnyMesh, CartesianGrid, Octree, 
 from adaptsize.background.interpolation import places_of
 from adaptsize.background.migration import boundary_facets
 from adaptsize.background.partitioned import local_mesh
+from adaptsize.errors import OptionError
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongArray
 
 # Points within this distance, in diagonals of the mesh, count as inside, and cells whose distances
@@ -82,12 +83,13 @@ def tagged_nodes(
     present = [found for found in every if found is not None]
     if not present:
         what = "region" if kind == "cell" else "facet"
-        raise ValueError(f"tags must be {what} tags of the mesh, which has none ({name} is None)")
+        text = f"tags must be {what} tags of the mesh, which has none ({name} is None)"
+        raise OptionError(text, ["sources"])
     wanted = np.atleast_1d(as_plain_array("tags", tags))
     missing = wanted[~np.isin(wanted, np.concatenate(present))]
     if len(missing) > 0:
         listed = ", ".join(str(tag) for tag in np.unique(np.concatenate(present)))
-        raise ValueError(f"tags must be among the {name} {listed}, got {missing[0]}")
+        raise OptionError(f"tags must be among the {name} {listed}, got {missing[0]}", ["sources"])
     if local is None or own is None:
         return np.empty(0, np.int32)
     rows = local.cells if kind == "cell" else local.tagged_facets
