@@ -77,7 +77,7 @@ class Format:
         if self.dims and (mesh.cell_dim < mesh.dim or mesh.dim not in self.dims):
             of_dim = {2: "triangles in the plane", 3: "tetrahedra"}
             cells = " or ".join(map(of_dim.__getitem__, self.dims))
-            raise ValueError(f"{path.name} holds {cells}, got {mesh!r}; write .vtu")
+            raise OptionError(f"{path.name} holds {cells}, got {mesh!r}; write .vtu", ["path"])
 
     def _check_fields(self, path: Path, obj: object, names: Iterable[str]) -> None:
         if isinstance(obj, MetricFunction) and "metrics" not in self.holds:

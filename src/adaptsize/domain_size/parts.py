@@ -134,41 +134,7 @@ class Part:
 def parts(size: SizeFunction, *, speed: float = 1.0) -> tuple[Part, ...]:
     """Return the width, curvature, size and cost of each region and face of a domain.
 
-    Regions are those of ``cell_tags`` of a mesh of full dimension.  Faces are those of
-    ``tagged_facets`` there, and of ``cell_tags`` of a surface.  If there are no tags, faces are
-    those of `SimplexMesh.tag_faces`, in the plane the lines between corners.
-
-    Parameters
-    ----------
-    size : SizeFunction
-        From `size_function` of a mesh, with the mesh or its surface as background.
-    speed : float
-        As in `SizeFunction.cost`.
-
-    Returns
-    -------
-    tuple of Part
-        Regions first, then faces, by tag.
-
-    Raises
-    ------
-    ValueError
-        If ``size`` has no report, or is on a grid or an octree.
-
-    Notes
-    -----
-    Widths, separations and radii are those that bound the size, so they are known where these
-    bounds are active.  A node on several faces counts for each; sizes that grow from it count for
-    the smallest of them.
-
-    Examples
-    --------
-    >>> from adaptsize import SimplexMesh, size_function
-    >>> corners, facets = [[0, 0], [4, 0], [4, 1], [0, 1]], [[0, 1], [1, 2], [2, 3], [3, 0]]
-    >>> strip = SimplexMesh(corners, [[0, 1, 2], [0, 2, 3]], tagged_facets=facets,
-    ...                     facet_tags=[1, 1, 1, 2], tag_names={(1, 2): "inlet"})
-    >>> [(part.name, part.measure) for part in size_function(strip).parts()]
-    [('face 1', 9.0), ('inlet', 1.0)]
+    See `SizeFunction.parts`.
     """
     report, mesh = report_of(size), size.background
     speed = as_number("speed", speed, lower=0.0, strict=True)

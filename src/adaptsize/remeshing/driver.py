@@ -73,7 +73,7 @@ from adaptsize.remeshing.through_surface import has_folded_cells, refilled
 from adaptsize.sizes import Enclosed, predict
 from adaptsize.typing import IntArray, ProgressCallback, Unpack
 
-M = TypeVar("M", SimplexMesh, PartitionedMesh)
+M = TypeVar("M", SimplexMesh, PartitionedMesh, SimplexMesh | PartitionedMesh)
 
 
 @with_options(RemeshOptions)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.background.image import Image
     from adaptsize.options import ImageOptions
-    from adaptsize.quality import MeshCheck
+    from adaptsize.quality.certificate import MeshCheck
     from adaptsize.quality.conformity import Conformity, SizeLike
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
-from functools import partial
+from functools import partial, wraps
 from hashlib import sha256
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Any, Protocol, TypeAlias, TypeVar, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +26,7 @@ from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh, SimplexMesh
 from adaptsize.background.interpolation import places_of
 from adaptsize.background.simplex import as_mesh
-from adaptsize.errors import InputWarning
+from adaptsize.errors import InputWarning, OptionError
 from adaptsize.ranks import SingleRank
 from adaptsize.sizes import touched
 from adaptsize.sizes.touched import lower
@@ -34,6 +34,21 @@ from adaptsize.typing import FloatArray
 
 SizeOfPoint: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 _Mesh: TypeAlias = AnyMesh | CartesianGrid
+_S = TypeVar("_S")
+_R = TypeVar("_R")
+
+
+def _about_sources(check: Callable[[_S, int], _R]) -> Callable[[_S, int], _R]:
+    """Return a method whose errors are those of the option ``sources``."""
+
+    @wraps(check)
+    def checked(source: _S, dim: int) -> _R:
+        try:
+            return check(source, dim)
+        except ValueError as error:
+            raise OptionError(str(error), ["sources"]) from error
+
+    return checked
 
 
 @runtime_checkable
@@ -99,6 +114,7 @@ class PointSource:
         away = np.linalg.norm(places_of(mesh)(at.nodes) - points[at.which], axis=1)
         lower(h0, at.nodes, size[at.which] + g * away)
 
+    @_about_sources
     def rows(self, dim: int) -> tuple[FloatArray, FloatArray]:
         """Return checked positions and sizes, float64[n, dim] and float64[n]."""
         points = as_points(
@@ -136,11 +152,13 @@ class CurveSource:
         size = self.rows(mesh.dim)[1]
         touched.lower_along(mesh, curve, size, g, h0)
 
+    @_about_sources
     def rows(self, dim: int) -> tuple[FloatArray, FloatArray]:
         """Return the checked points of the curve and their sizes, float64[n, dim], float64[n]."""
         curve = self.segments(dim)
         return curve.points, _sizes_per_row(self.size, curve.n_points)
 
+    @_about_sources
     def segments(self, dim: int) -> SimplexMesh:
         """Return the checked curve."""
         return _as_curve(self.curve, dim)
@@ -234,6 +252,7 @@ class BoxSource:
         distance = np.linalg.norm(points - np.clip(points, lowest, highest), axis=1)
         lower(h0, nodes, self.size + g * distance)
 
+    @_about_sources
     def corners(self, dim: int) -> tuple[FloatArray, FloatArray]:
         """Return the checked corners, float64[dim] each."""
         lowest, highest = _one_point("lower", self.lower, dim), _one_point("upper", self.upper, dim)
@@ -274,6 +293,7 @@ class BallSource:
         distance = np.linalg.norm(places_of(mesh)(nodes) - centre, axis=1) - self.radius
         lower(h0, nodes, self.size + g * np.maximum(distance, 0.0))
 
+    @_about_sources
     def middle(self, dim: int) -> FloatArray:
         """Return the checked centre, float64[dim]."""
         return _one_point("centre", self.centre, dim)
