@@ -16,11 +16,12 @@ from adaptsize._formats.guards import about_file, check_readable, is_special, wr
 from adaptsize._formats.limited import read_limited
 from adaptsize._formats.polygons import polygons
 from adaptsize._size_function import SizeFunction
-from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.image import Image
 from adaptsize.errors import InputWarning, MeshFileError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.quality.connections import are_doubtful, unconnected
+from adaptsize.typing import Background
 
 __all__ = ["polygons", "read", "read_image", "read_metric", "read_size", "write"]
 
@@ -161,7 +162,7 @@ def read(
 
 def write(
     path: str | os.PathLike[str],
-    obj: SimplexMesh | CartesianGrid | Octree | SizeFunction | MetricFunction,
+    obj: Background | SizeFunction | MetricFunction,
     *,
     fields: Mapping[str, npt.ArrayLike] | None = None,
     file_format: str | None = None,

@@ -71,7 +71,7 @@ from adaptsize.remeshing.sizing import (
 from adaptsize.remeshing.surface_checks import warn_of_surface
 from adaptsize.remeshing.through_surface import has_folded_cells, refilled
 from adaptsize.sizes import Enclosed, predict
-from adaptsize.typing import IntArray, ProgressCallback, Unpack
+from adaptsize.typing import FloatArray, IntArray, ProgressCallback, Unpack
 
 M = TypeVar("M", SimplexMesh, PartitionedMesh, SimplexMesh | PartitionedMesh)
 
@@ -79,7 +79,7 @@ M = TypeVar("M", SimplexMesh, PartitionedMesh, SimplexMesh | PartitionedMesh)
 @with_options(RemeshOptions)
 def remesh(
     mesh: M,
-    size: SizeLike | Metric | MetricFunction,
+    size: SizeLike | Metric | MetricFunction | Callable[[FloatArray], Metric],
     *,
     required_facets: npt.ArrayLike | None = None,
     progress: ProgressCallback | bool | None = None,

@@ -83,7 +83,7 @@ def as_sources(value: Any) -> list[Source | SizeOfPoint]:
 
 
 @dataclass(frozen=True, eq=False)
-class PointSource:
+class PointSource(Source):
     """Sizes at points, which need not be nodes.
 
     The nodes of the cell around a point x get at most ``size + g |x_i - x|``, those of all cells
@@ -124,7 +124,7 @@ class PointSource:
 
 
 @dataclass(frozen=True, eq=False)
-class CurveSource:
+class CurveSource(Source):
     """Sizes along a curve, which need not follow edges of the mesh.
 
     The nodes of the cells that it passes through get at most ``size + g d`` with their
@@ -165,7 +165,7 @@ class CurveSource:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundarySource:
+class BoundarySource(Source):
     """A size on the boundary of the mesh, or on tagged facets.
 
     A closed surface or curve is the boundary of what it encloses: all its nodes get the size.  The
@@ -198,7 +198,7 @@ class BoundarySource:
 
 
 @dataclass(frozen=True, eq=False)
-class RegionSource:
+class RegionSource(Source):
     """A size in all cells with a tag, or all pixels with a label.  Grids have no tags.
 
     Parameters
@@ -222,7 +222,7 @@ class RegionSource:
 
 
 @dataclass(frozen=True, eq=False)
-class BoxSource:
+class BoxSource(Source):
     """A size in an axis-aligned box.  A box smaller than a cell acts on the cells it intersects.
 
     Nodes inside get at most ``size``.  The other nodes of cells that intersect the box get at most
@@ -262,7 +262,7 @@ class BoxSource:
 
 
 @dataclass(frozen=True, eq=False)
-class BallSource:
+class BallSource(Source):
     """A size in a ball (a disk in the plane).  A small ball acts on the cells it intersects.
 
     Nodes inside get at most ``size``.  The other nodes of cells that intersect the ball get at
