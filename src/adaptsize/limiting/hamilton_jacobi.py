@@ -58,7 +58,7 @@ class HamiltonJacobi(Scheme):
     The steeper one alone is the Godunov flux.  Its steady state at order 1 is that of fast
     marching, which solves the same quadratic equation node by node.
 
-    *Order and guarantees.*  No size falls below the minimum of ``h0`` and ``start``.  Order 1
+    *Order and guarantees.*  No size falls below the minimum of ``h0`` and ``initial``.  Order 1
     is monotone: a smaller h0 or g gives a smaller h.  When it stops, D <= g (1 + tol) at every
     node.  Order 2 is not monotone.  It is of second order where the solution is smooth, also
     at the boundary of the set where h = h0; no undershoot was observed there.  It is of first
@@ -70,7 +70,7 @@ class HamiltonJacobi(Scheme):
     *Cost.*  Information propagates by less than one node per step.  The number of steps is
     therefore set by the longest path from a bound to a node that it limits.  The total cost is
     :math:`O(n^{1 + 1/d})` for n nodes in d dimensions if there are few bounds.  It is near O(n)
-    if h0 is nearly limited already, or if ``start`` is close and the change is local.  A small
+    if h0 is nearly limited already, or if ``initial`` is close and the change is local.  A small
     change of a bound does not converge faster than a large one, because it propagates over
     the same distance.  Fast marching is always O(n log n).  Choose the iteration for a good
     start, for short paths, or for its second order.  Memory: 3 arrays of the grid at order 1,
