@@ -263,10 +263,10 @@ def check_function(name: str, value: object, of: str) -> None:
         raise ValueError(f"{name} must be a function of {of}, got {describe(value)}")
 
 
-def one_of(name: str, value: str, choices: tuple[str, ...]) -> str:
-    """Return ``value`` if it is one of ``choices``."""
+def one_of(name: str, value: str, choices: tuple[str, ...], *, or_none: bool = False) -> str:
+    """Return ``value`` if it is one of ``choices``; None has been accepted before, if it may be."""
     if not isinstance(value, str) or value not in choices:
-        listed = ", ".join(repr(choice) for choice in choices)
+        listed = ", ".join(repr(choice) for choice in choices) + (" or None" if or_none else "")
         raise refusal(name, f"must be one of {listed}, got {describe(value)}")
     return value
 

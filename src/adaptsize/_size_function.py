@@ -359,7 +359,7 @@ class SizeFunction(ReadOnlyState):
                 f"a single point is an array of shape (1, {dim})"
             )
         where = as_points("points", where, dim)
-        if self.g is not None:
+        if self._field is not None:
             return self._field.evaluate(where, np.full(len(where), self.hmax))
         if self.sources is not None:
             return self._from_sources(where, self.sources)
@@ -372,14 +372,14 @@ class SizeFunction(ReadOnlyState):
         return sizes
 
     @cached_property
-    def _field(self) -> ExactField | SolidField:
-        """The sizes that the sizes on a surface or a line allow around it."""
+    def _field(self) -> ExactField | SolidField | None:
+        """The sizes that the sizes on a surface or a line allow around it, if they have a g."""
+        background = self.background
+        if self.g is None or not isinstance(background, SimplexMesh):
+            return None
         from adaptsize.limiting.exact.field import field_of_cells
         from adaptsize.limiting.inside import InnerSizes, SolidField
 
-        background = self.background
-        assert isinstance(background, SimplexMesh)
-        assert self.g is not None
         if (background.cell_dim, background.dim) != (2, 3):
             return field_of_cells(background.points, background.cells, self.values, self.g)
         inner = InnerSizes.of(background) if self.inner is None else self.inner

@@ -169,8 +169,10 @@ def _raw_of_mfem(mesh: Any) -> RawMesh:
                 (_OF_MFEM[code], np.array([elements[i].GetVerticesArray() for i in rows]))
             )
             tags.append(np.asarray(attributes(), np.int32)[rows])
-        held: Any = getattr(mesh, sets, None)  # since MFEM 4.7
-        for name in sorted(held.GetAttributeSetNames()) if held is not None else ():
+        held = getattr(mesh, sets, None)  # since MFEM 4.7
+        if held is None:
+            continue
+        for name in sorted(held.GetAttributeSetNames()):
             numbers = list(held.GetAttributeSet(name).ToList())
             if len(numbers) == 1:
                 names[of_dim, int(numbers[0])] = str(name)
@@ -309,7 +311,8 @@ def _raw_of_dolfinx(mesh: Any) -> RawMesh:
     if getattr(mesh, "mesh", mesh).comm.size > 1:
         raise MeshFileError("is distributed; use adaptsize.distributed.from_dolfinx")
     part = from_dolfinx(mesh).part.mesh
-    assert part is not None
+    if part is None:
+        raise MeshFileError("has no cells")
     return writers.content_of(part, "cell_tags", pad=False)
 
 

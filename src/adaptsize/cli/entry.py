@@ -13,7 +13,7 @@ import threading
 import traceback
 import warnings
 from collections.abc import Iterator, Sequence
-from typing import Any, cast
+from typing import cast
 
 DONE, REFUSED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
@@ -102,7 +102,7 @@ def run(arguments: list[str]) -> int:
     console = Console()
     console.typed = shlex.join(["adaptsize", *arguments])
     # typer vendors click or imports it.  This finds the class in both cases.
-    usage_error: Any = typer.BadParameter.__bases__[0]
+    usage_error = cast("type[typer.BadParameter]", typer.BadParameter.__bases__[0])
     received: list[signal.Signals] = []
     debug = "--debug" in arguments  # at any position
     arguments = [word for word in arguments if word != "--debug"]

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from adaptsize.background import AnyMesh, CartesianGrid
 from adaptsize.background.marching import pad, strides_of_padded, unpad
 from adaptsize.limiting.fast_marching import march_grid
 from adaptsize.limiting.problem import Problem, Scheme, Solution, checked_start
+from adaptsize.options import Option
 from adaptsize.typing import FloatArray
 
 
@@ -93,9 +94,9 @@ class HamiltonJacobi(Scheme):
     the damping of long steps: at 0.5 the switching of its differences prevents convergence below a
     rate of about 1e-4 g.  The published :math:`\Delta t = \Delta x/2` is half the root of the
     dimension."""
-    order: int = 1
-    tol: float = 1e-3
-    max_iter: int | None = None
+    order: Annotated[int, Option(lower=1.0, upper=2.0)] = 1
+    tol: Annotated[float, Option(above=True)] = 1e-3
+    max_iter: Annotated[int | None, Option(lower=1.0)] = None
 
     def supports(self, domain: AnyMesh | CartesianGrid) -> str:
         """Return which backgrounds the scheme needs."""
@@ -119,7 +120,7 @@ class HamiltonJacobi(Scheme):
         """
         from adaptsize._kernels.hamilton_jacobi import iterate_hamilton_jacobi
 
-        grid: Any = problem.domain
+        grid = problem.grid
         h0, slope, order, max_iter = problem.h0, problem.slope, self.order, self.max_iter
         takes_part = np.isfinite(start)
         if grid.active is not None:
