@@ -158,7 +158,7 @@ def _fits(mesh: ads.SimplexMesh, centres: FloatArray) -> csr_array:
     weight = 1.0 / np.linalg.norm(away, axis=1)
 
     def sums(values: FloatArray) -> FloatArray:
-        return np.bincount(node, weight * values, mesh.n_points)
+        return np.bincount(node, weight * values, mesh.n_points).astype(np.float64, copy=False)
 
     total = np.maximum(sums(np.ones(len(ring))), np.finfo(float).tiny)
     mean = np.stack([sums(away[:, d]) / total for d in (0, 1)], axis=1)

@@ -54,8 +54,8 @@ def main(output_dir: Path, *, n_cycles: int = 4, width: int = 560) -> dict[str, 
         indicator = ads.zz_indicator(mesh, u)
         if cycle in (0, n_cycles):
             shown = mesh.with_data(cell_data={"error per cell": indicator})
-            look = {"color": "error per cell", "limits": (5e-5, 2e-2), "width": width}
-            panels.append((title, plot_mesh(shown, **look)))
+            picture = plot_mesh(shown, color="error per cell", limits=(5e-5, 2e-2), width=width)
+            panels.append((title, picture))
         if cycle == n_cycles:
             break
         mesh = ads.adapt(mesh, indicator, elements=800 * 2**cycle, max_refine=8.0).mesh

@@ -59,14 +59,15 @@ def true_size(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 
 def main(output_dir: Path, *, n_cells: int = 64, width: int = 420) -> dict[str, float]:
     """Draw the three; ``n_cells`` is that of the grid along x."""
-    backgrounds = {
+    backgrounds: dict[str, ads.background.AnyBackground] = {
         "grid": ads.CartesianGrid([0, 0], 2.0 / n_cells, (n_cells + 1, n_cells // 2 + 1)),
         "quadtree": ads.Octree.build(
             [0, 0], [2, 1], ads.refine_to_size(true_size, factor=50.0 / n_cells, g=G), max_level=12
         ),
         "triangles": jittered_rectangle((0, 0), (2, 1), n_cells + 1),
     }
-    panels, found = [], {}
+    panels = []
+    found: dict[str, float] = {}
     exact = true_size(backgrounds["triangles"].points)
     scale = float(exact.min()), float(exact.max())
     for name, background in backgrounds.items():

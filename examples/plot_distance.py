@@ -128,7 +128,7 @@ def of_a_part(panel: Axes, n: int) -> dict[str, float]:
         grid.origin[others], grid.spacing[others], [grid.shape[d] for d in others]
     )
     name = f"bracket at {'xyz'[thin]} = {grid.axes[thin][index]:.3g}"
-    draw(panel, cut, phi.take(index, axis=thin), 2.0, 12.0, name)
+    draw(panel, cut, np.moveaxis(phi, thin, 0)[index], 2.0, 12.0, name)
     # Boxes around nodes count by the share that lies inside, were the surface flat in them.
     volume = float(np.clip(0.5 - phi / spacing, 0.0, 1.0).sum() * spacing**3)
     a, b, c = surface.points[surface.cells].transpose(1, 0, 2)

@@ -75,7 +75,8 @@ def main(
 ) -> dict[str, float | str]:
     """Adapt in so many cycles from the same first mesh, with ``numbers`` of triangles."""
     first = bump.solve(bump.mesh_for(bump.first_size(n_first)), tolerance=10.0 * bump.TOLERANCE)
-    results, found = {}, {}
+    results = {}
+    found: dict[str, float | str] = {}
     for name, number in zip(NAMES, numbers, strict=True):
         result = first
         for cycle in range(n_cycles):

@@ -209,7 +209,8 @@ def maze(spacing: float) -> ads.SimplexMesh:
     node = np.arange(len(points)).reshape(x.shape)
     a, b, c, d = (n.ravel() for n in (node[:-1, :-1], node[1:, :-1], node[1:, 1:], node[:-1, 1:]))
     centres = (points[a] + 0.5 * spacing)[:, None]
-    free = ~((centres > WALLS[:, :2]) & (centres < WALLS[:, 2:])).all(axis=2).any(axis=1)
+    is_in = np.all((centres > WALLS[:, :2]) & (centres < WALLS[:, 2:]), axis=2)
+    free = ~np.any(is_in, axis=1)
     cells = np.concatenate([np.column_stack([a, b, c])[free], np.column_stack([a, c, d])[free]])
     used, local = np.unique(cells, return_inverse=True)
     points, cells = points[used], local.reshape(-1, 3)

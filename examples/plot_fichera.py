@@ -38,7 +38,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -193,9 +193,8 @@ def draw(path: Path, loops: dict[str, list[Cycle]], width: int) -> None:
     shown = {name: cycles[min(3, len(cycles) - 1)].mesh for name, cycles in loops.items()}
     sizes = {name: edges_at_nodes(mesh) for name, mesh in shown.items()}
     scale = min(h.min() for h in sizes.values()), max(h.max() for h in sizes.values())
-    for panel, name, clip in zip(
-        panels[1:], ("Mmg", "Mmg", "fTetWild"), (None, "x", "x"), strict=True
-    ):
+    clips: tuple[Literal["x"] | None, ...] = (None, "x", "x")
+    for panel, name, clip in zip(panels[1:], ("Mmg", "Mmg", "fTetWild"), clips, strict=True):
         image = plot_size(shown[name], sizes[name], clip=clip, limits=scale, width=width)
         panel.imshow(image)
         where = "from outside" if clip is None else "behind x = 0"

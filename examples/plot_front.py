@@ -106,7 +106,9 @@ def main(
     states = followed(background, plan)
     counts = [state.mesh.n_points for state in states]
     fine = advance(start(background), 0, plan.n_steps, plan)
-    coarse = advance(start(square(1.0 / (np.mean(counts) ** 0.5 - 1.0))), 0, plan.n_steps, plan)
+    coarse = advance(
+        start(square(1.0 / (float(np.mean(counts)) ** 0.5 - 1.0))), 0, plan.n_steps, plan
+    )
     draw(output_dir / "front.png", states, fine, plan, width)
     lost = [abs(float(state.mesh.measures @ state.missing)) for state in states]
     return {

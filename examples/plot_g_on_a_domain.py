@@ -34,6 +34,7 @@ from _gallery import draw_mesh, drawing, has_mmg, run, save_drawing
 from scipy.spatial import Delaunay, cKDTree
 
 import adaptsize as ads
+from adaptsize.typing import GradientLimit
 
 PER_RADIAN = 6.0
 HMAX = 0.32
@@ -86,7 +87,8 @@ def main(output_dir: Path, *, n_nodes: int = 401, width: int = 480) -> dict[str,
     found: dict[str, float] = {"active nodes": int(active.sum())}
     figure, panels = drawing(2 if has_mmg() else 1, 2, width, shape=0.9)
     per_row = len(panels) // 2
-    for row, g in enumerate((np.where(x < 0.0, 0.4, 0.2), g_of_h)):
+    limits: tuple[GradientLimit, ...] = (np.where(x < 0.0, 0.4, 0.2), g_of_h)
+    for row, g in enumerate(limits):
         # The sources are of slope 0.2 up to the nodes around them, which no g here is below.
         h0 = ads.size_from_sources(grid, curves(), g=0.2)
         h, info = ads.limit_gradient.with_info(grid, np.minimum(h0, HMAX), g)

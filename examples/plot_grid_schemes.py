@@ -34,7 +34,7 @@ from _gallery import drawing, run, save_drawing
 import adaptsize as ads
 
 G = 0.3
-SCHEMES = {
+SCHEMES: dict[str, str | ads.limiting.FastMarching] = {
     "edge-based": "edge-based",
     "first order": "fast-marching",
     "second order": ads.limiting.FastMarching(order=2),

@@ -92,6 +92,7 @@ def _draw_sizes(panel: Axes, size: ads.SizeFunction, phi: npt.NDArray[np.float64
     from matplotlib.colors import LogNorm
 
     grid = size.background
+    assert isinstance(grid, ads.CartesianGrid)
     inside = np.ma.masked_where(phi > 0.0, size.values)
     x, y = grid.axes
     drawn = panel.pcolormesh(x, y, inside.T, norm=LogNorm(), rasterized=True)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from adaptsize._progress import reporting
+from adaptsize._progress import Stage, reporting
+from adaptsize.cli.console import Console
 
 
 @pytest.mark.parametrize("progress", [None, False, np.bool_(False)])
@@ -24,3 +25,22 @@ def test_exceptions_go_through(progress, error):
 
     with pytest.raises(error):
         work()
+
+
+def test_stages_begin_parts_of_a_step_and_other_texts_do_not():
+    console = Console()
+    with console.steps(3) as steps:
+        steps.begin("reading")
+        report = steps.following()
+        for text in (
+            Stage("sizes"),
+            "sizes",
+            "filling the gaps with nodes",
+            Stage("adapting", "Mmg"),
+            Stage("adapting", "Mmg"),
+        ):
+            report(text, None)
+        steps.begin("writing")
+    names = [name for name, _ in console.times]
+    assert names == ["reading", "sizes", "adapting with Mmg", "writing"]
+    assert [name.generator for name in names if isinstance(name, Stage)] == ["", "Mmg"]

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize.errors import InputWarning
+from adaptsize._messages import Message
+from adaptsize.errors import InputWarning, OptionError
 from adaptsize.typing import FloatArray, IntArray
 
 #: Squares of gradients times four lengths must stay in the range of float64.
@@ -169,26 +170,23 @@ def as_number(
             raise TypeError("text, which float() would take for a number, or a complex number")
         number = float(value)
     except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{name} must be a number, got {describe(value)}") from error
+        raise refusal(name, f"must be a number, got {describe(value)}") from error
     bad = np.isnan(number) or (np.isinf(number) and not allow_inf)
     if bad or number < lower or (strict and number == lower):
         sign = ">" if strict else ">="
         finite = "" if allow_inf else "finite and "
-        raise ValueError(f"{name} must be {finite}{sign} {lower:g}, got {number:g}")
+        raise refusal(name, f"must be {finite}{sign} {lower:g}, got {number:g}")
     if upper is not None and number > upper:
-        raise ValueError(f"{name} must be at most {upper:g}{unit and ' '}{unit}, got {number:g}")
+        raise refusal(name, f"must be at most {upper:g}{unit and ' '}{unit}, got {number:g}")
     # Angles of edges are hardly smaller than 3 degrees: this looks like radians.
     if unit == "degrees" and 0.0 < number <= 3.2:
-        warn_caller(
-            f"{name} is in degrees, got {number:g}; if this is in radians, pass "
-            f"{np.degrees(number):.4g}",
-            InputWarning,
-        )
+        text = f"is in degrees, got {number:g}; if this is in radians, pass "
+        warn_caller(Message.about(name, f"{text}{np.degrees(number):.4g}"), InputWarning)
     least, most = within
     if 0.0 < number < least:
-        raise ValueError(f"{name} must be at least {least:g}, got {number:g}")
+        raise refusal(name, f"must be at least {least:g}, got {number:g}")
     if most < number < np.inf:
-        raise ValueError(f"{name} must be at most {most:g}, got {number:g}")
+        raise refusal(name, f"must be at most {most:g}, got {number:g}")
     return number
 
 
@@ -201,7 +199,7 @@ def as_limits(
     if hmax is not None:
         upper = as_number("hmax", hmax, lower=0.0, strict=True, allow_inf=allow_inf)
     if lower > upper:
-        raise ValueError(f"hmin must be at most hmax = {upper:g}, got {lower:g}")
+        raise OptionError(Message("{hmin} must be at most {hmax} = {:g}, got {:g}", upper, lower))
     return lower, upper
 
 
@@ -229,9 +227,9 @@ def as_whole_number(name: str, value: Any, *, lower: int, upper: int) -> int:
     """Return an integer from ``lower`` to ``upper``.  Floats without a fraction are accepted."""
     number = as_number(name, value, lower=lower)
     if number != int(number):
-        raise ValueError(f"{name} must be a whole number, got {describe(value)}")
+        raise refusal(name, f"must be a whole number, got {describe(value)}")
     if number > upper:
-        raise ValueError(f"{name} must be at most {upper}, got {number:g}")
+        raise refusal(name, f"must be at most {upper}, got {number:g}")
     return int(number)
 
 
@@ -265,18 +263,18 @@ def check_function(name: str, value: object, of: str) -> None:
         raise ValueError(f"{name} must be a function of {of}, got {describe(value)}")
 
 
-def one_of(name: str, value: str, choices: tuple[str, ...]) -> str:
-    """Return ``value`` if it is one of ``choices``."""
+def one_of(name: str, value: str, choices: tuple[str, ...], *, or_none: bool = False) -> str:
+    """Return ``value`` if it is one of ``choices``; None has been accepted before, if it may be."""
     if not isinstance(value, str) or value not in choices:
-        listed = ", ".join(repr(choice) for choice in choices)
-        raise ValueError(f"{name} must be one of {listed}, got {describe(value)}")
+        listed = ", ".join(repr(choice) for choice in choices) + (" or None" if or_none else "")
+        raise refusal(name, f"must be one of {listed}, got {describe(value)}")
     return value
 
 
 def as_flag(name: str, value: Any) -> bool:
     """Return True or False.  Refuse everything else, such as an array or text."""
     if not isinstance(value, bool | np.bool_):
-        raise ValueError(f"{name} must be True or False, got {describe(value)}")
+        raise refusal(name, f"must be True or False, got {describe(value)}")
     return bool(value)
 
 
@@ -291,14 +289,18 @@ def as_path(name: str, value: Any) -> Path:
         else:  # no system has longer paths, and its own message would repeat all of it
             is_good = len(text) <= 4096 and b"\0" not in text
     if not is_good:
-        raise ValueError(f"{name} must be the path of a file, got {describe(value)}")
+        raise refusal(name, f"must be the path of a file, got {describe(value)}")
     return Path(value)
 
 
 def refuse_where(
-    name: str, bad: npt.NDArray[np.bool_], values: npt.NDArray[Any], wanted: str
+    name: str,
+    bad: npt.NDArray[np.bool_],
+    values: npt.NDArray[Any],
+    wanted: str,
+    kind: type[ValueError] = ValueError,
 ) -> None:
-    """Raise a ValueError that names the first entry where ``bad`` holds, if there is one."""
+    """Raise an error that names the first entry where ``bad`` holds, if there is one."""
     if not bad.any():
         return
     first = np.unravel_index(int(np.argmax(bad)), bad.shape)
@@ -307,7 +309,12 @@ def refuse_where(
     given = f"{name}[{where}] = {entry}" if bad.ndim else f"{values[()]}"
     count = int(np.count_nonzero(bad))
     more = f" (and {count - 1} more)" if count > 1 else ""
-    raise ValueError(f"{name} {wanted}, got {given}{more}")
+    raise kind(Message.about(name, f"{wanted}, got {given}{more}"))
+
+
+def refusal(name: str, text: str) -> OptionError:
+    """Return the error for an option, or another argument, whose value is refused."""
+    return OptionError(Message.about(name, text))
 
 
 def describe(value: object) -> str:
@@ -316,13 +323,31 @@ def describe(value: object) -> str:
     return text if len(text) <= 60 else f"{type(value).__name__} {text[:50]}..."
 
 
+#: Modules through which functions of this package call each other: properties, contexts, threads.
+_BETWEEN = ("contextlib", "functools", "concurrent", "threading")
+
+
 def warn_caller(text: str, category: type[Warning]) -> None:
-    """Issue a warning for the line outside of this package from which it was called."""
-    package, level = os.path.dirname(__file__), 2
-    frame: FrameType | None = sys._getframe(1)
-    while frame is not None and frame.f_code.co_filename.startswith(package):
-        frame, level = frame.f_back, level + 1
-    warnings.warn(text, category, stacklevel=level)
+    """Issue a warning for the line outside of this package from which it was called.
+
+    Modules are compared, not files: the ``__init__`` of a dataclass is in no file.
+    """
+    inside = (__name__.partition(".")[0], *_BETWEEN)
+    frame = sys._getframe(1)
+    while _top_module(frame) in inside and frame.f_back is not None:
+        frame = frame.f_back
+    warnings.warn_explicit(
+        category(text),
+        category,
+        frame.f_code.co_filename,
+        frame.f_lineno,
+        module=frame.f_globals.get("__name__"),
+        registry=frame.f_globals.setdefault("__warningregistry__", {}),
+    )
+
+
+def _top_module(frame: FrameType) -> str:
+    return str(frame.f_globals.get("__name__", "")).partition(".")[0]
 
 
 def count_text(number: float) -> str:

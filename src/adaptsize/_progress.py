@@ -13,6 +13,29 @@ from adaptsize.typing import ProgressCallback
 _LEAST_SHARE = 0.05
 
 
+class Stage(str):
+    """The text with which a part of the work begins, for a progress callback.
+
+    Other texts say how far a part is.
+
+    Examples
+    --------
+    >>> stage = Stage("adapting", "Mmg")
+    >>> stage
+    'adapting with Mmg'
+    >>> stage.generator
+    'Mmg'
+    """
+
+    generator: str
+    """The program that does the work, if it is a mesh generator."""
+
+    def __new__(cls, name: str, generator: str = "") -> "Stage":
+        stage = super().__new__(cls, f"{name} with {generator}" if generator else name)
+        stage.generator = generator
+        return stage
+
+
 @contextmanager
 def reporting(progress: ProgressCallback | bool | None) -> Iterator[ProgressCallback]:
     """Yield a callback ``(text, share)``.  ``True`` gives a rich bar on standard error.

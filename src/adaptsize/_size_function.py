@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -23,15 +23,20 @@ from adaptsize._checks import (
 )
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
-from adaptsize.background.simplex import LaterMethod, as_mesh, as_own
+from adaptsize.background.simplex import as_mesh, as_own
 from adaptsize.errors import InputWarning, OutsideError
-from adaptsize.typing import Background, FloatArray
+from adaptsize.typing import Background, FloatArray, Unpack
 
 if TYPE_CHECKING:
     from adaptsize._size_report import SizeReport
+    from adaptsize.domain_size.cost import Cost
+    from adaptsize.domain_size.parts import Part
+    from adaptsize.domain_size.sparse import SparseSize
     from adaptsize.limiting.exact.field import ExactField
     from adaptsize.limiting.inside import InnerSizes, SolidField
     from adaptsize.limiting.sources import SizeSources
+    from adaptsize.options import ScaledPictureOptions
+    from adaptsize.plot.pictures import Picture
 
 # Points this far outside, relative to the diagonal of the background, count as inside.
 _TOLERANCE = 1e-9
@@ -164,11 +169,168 @@ class SizeFunction(ReadOnlyState):
             sizes += f", {n_free} nodes inf" if n_free else ""
         return f"SizeFunction({sizes}, on {self.background!r})"
 
-    plot = LaterMethod[Any]("adaptsize.plot.pictures")
-    sparse = LaterMethod[Any]("adaptsize.domain_size.sparse", "sparse_size")
-    cost = LaterMethod[Any]("adaptsize.domain_size.cost")
-    parts = LaterMethod[Any]("adaptsize.domain_size.parts")
-    _repr_html_ = LaterMethod[str]("adaptsize.plot.notebook", "html_of")
+    def plot(
+        self, *, label: str = "mesh size h", **options: Unpack[ScaledPictureOptions]
+    ) -> Picture:
+        """Show the sizes in a window, or as a picture where no window can open.
+
+        A window opens where there is a display, unless a ``path`` is given.  Notebooks show
+        pictures.
+
+        Parameters
+        ----------
+        label, **options
+            As for `plot_size`.  ``window=False`` only draws, as that does; so does the environment
+            variable ``PYVISTA_OFF_SCREEN=true``.
+
+        Returns
+        -------
+        Picture
+            ndarray of uint8, shape (height, width, 4): red, green, blue, opacity.
+
+        Raises
+        ------
+        ValueError
+            If an argument is bad.
+
+        Examples
+        --------
+        >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+        >>> SizeFunction(mesh, [0.1, 0.2, 0.3, 0.2]).plot()  # doctest: +SKIP
+        """
+        from adaptsize.plot.pictures import plot
+
+        return plot(self, label=label, **options)
+
+    def _repr_html_(self) -> str:
+        """Return a table and, of up to a million cells, a picture where this machine can draw."""
+        from adaptsize.plot.notebook import html_of
+
+        return html_of(self)
+
+    def sparse(self, g: float | None = None) -> SparseSize:
+        """Return the same sizes as a few points from which they grow.
+
+        Of the nodes and point sources, those are kept whose size is not allowed by another one.
+
+        Parameters
+        ----------
+        g : float, optional
+            The gradient limit, if ``size`` is not from `size_function`.
+
+        Returns
+        -------
+        SparseSize
+
+        Raises
+        ------
+        ValueError
+            If g is not known.
+
+        Notes
+        -----
+        At the nodes of a convex domain, the sizes are the same up to rounding.  Between them, the
+        result is the largest function of gradient g with these nodal values; it is the limited size
+        itself if that grows from nodes and point sources only.  In other domains distances are
+        straight here, so that sizes at nodes are never larger, but smaller across slits and gaps.
+        The work is that of limiting.
+
+        Examples
+        --------
+        >>> from adaptsize import PointSource, SimplexMesh, size_function
+        >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+        >>> size = size_function(square, sources=PointSource([0.3, 0.4], 0.01), hmax=0.2)
+        >>> sparse = size.sparse()
+        >>> sparse
+        SparseSize(1 points, g = 0.25, hmax = 0.2)
+        >>> bool(np.allclose(sparse(size.background.points), size.values, rtol=1e-12))
+        True
+        """
+        from adaptsize.domain_size.sparse import sparse_size
+
+        return sparse_size(self, g)
+
+    def cost(self, *, degree: int = 1, components: int = 1, speed: float = 1.0) -> Cost:
+        """Return what a finite element method costs on a mesh with these sizes.
+
+        Parameters
+        ----------
+        degree : int
+            Polynomial degree of Lagrange elements, 1 to 20.
+        components : int
+            Number of components of the solution, such as 3 of a displacement.
+        speed : float
+            Largest speed of a signal, in units of length per time.
+
+        Returns
+        -------
+        Cost
+
+        Raises
+        ------
+        ValueError
+            If ``size`` has no report, or an option is out of range.
+
+        Notes
+        -----
+        The numbers of nodes, edges, faces and cells follow from the predicted cells and boundary
+        facets by Euler's formula.  The unknowns and the nonzeros of the matrix are those of a
+        conforming mesh with these numbers, exactly.  For grids, octrees and images the facets of
+        the boundary are not known and count as none.  An explicit method is stable up to a multiple
+        of the time step that depends on the method and the degree.
+
+        Examples
+        --------
+        >>> from adaptsize import SimplexMesh, size_function
+        >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+        >>> size = size_function(square, hmax=0.01, hmin=0.01)
+        >>> print(f"{size.cost(degree=2).n_unknowns:.2g}")
+        4.7e+04
+        """
+        from adaptsize.domain_size.cost import cost
+
+        return cost(self, degree=degree, components=components, speed=speed)
+
+    def parts(self, *, speed: float = 1.0) -> tuple[Part, ...]:
+        """Return the width, curvature, size and cost of each region and face of a domain.
+
+        Regions are those of ``cell_tags`` of a mesh of full dimension.  Faces are those of
+        ``tagged_facets`` there, and of ``cell_tags`` of a surface.  If there are no tags, faces are
+        those of `SimplexMesh.tag_faces`, in the plane the lines between corners.
+
+        Parameters
+        ----------
+        speed : float
+            As in `SizeFunction.cost`.
+
+        Returns
+        -------
+        tuple of Part
+            Regions first, then faces, by tag.
+
+        Raises
+        ------
+        ValueError
+            If ``size`` has no report, or is on a grid or an octree.
+
+        Notes
+        -----
+        Widths, separations and radii are those that bound the size, so they are known where these
+        bounds are active.  A node on several faces counts for each; sizes that grow from it count
+        for the smallest of them.
+
+        Examples
+        --------
+        >>> from adaptsize import SimplexMesh, size_function
+        >>> corners, facets = [[0, 0], [4, 0], [4, 1], [0, 1]], [[0, 1], [1, 2], [2, 3], [3, 0]]
+        >>> strip = SimplexMesh(corners, [[0, 1, 2], [0, 2, 3]], tagged_facets=facets,
+        ...                     facet_tags=[1, 1, 1, 2], tag_names={(1, 2): "inlet"})
+        >>> [(part.name, part.measure) for part in size_function(strip).parts()]
+        [('face 1', 9.0), ('inlet', 1.0)]
+        """
+        from adaptsize.domain_size.parts import parts
+
+        return parts(self, speed=speed)
 
     def __call__(self, points: npt.ArrayLike) -> FloatArray:
         """Return the requested size at each point.
@@ -197,7 +359,7 @@ class SizeFunction(ReadOnlyState):
                 f"a single point is an array of shape (1, {dim})"
             )
         where = as_points("points", where, dim)
-        if self.g is not None:
+        if self._field is not None:
             return self._field.evaluate(where, np.full(len(where), self.hmax))
         if self.sources is not None:
             return self._from_sources(where, self.sources)
@@ -210,14 +372,14 @@ class SizeFunction(ReadOnlyState):
         return sizes
 
     @cached_property
-    def _field(self) -> ExactField | SolidField:
-        """The sizes that the sizes on a surface or a line allow around it."""
+    def _field(self) -> ExactField | SolidField | None:
+        """The sizes that the sizes on a surface or a line allow around it, if they have a g."""
+        background = self.background
+        if self.g is None or not isinstance(background, SimplexMesh):
+            return None
         from adaptsize.limiting.exact.field import field_of_cells
         from adaptsize.limiting.inside import InnerSizes, SolidField
 
-        background = self.background
-        assert isinstance(background, SimplexMesh)
-        assert self.g is not None
         if (background.cell_dim, background.dim) != (2, 3):
             return field_of_cells(background.points, background.cells, self.values, self.g)
         inner = InnerSizes.of(background) if self.inner is None else self.inner

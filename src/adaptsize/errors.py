@@ -4,6 +4,23 @@ Each is derived from a built-in class, so that ``except ValueError`` and the lik
 work without importing this module.
 """
 
+from collections.abc import Sequence
+
+from adaptsize._messages import Message
+
+
+class OptionError(ValueError):
+    """An option has a bad value, or does not go with others or with the input.
+
+    ``options`` are the names of these options.
+    """
+
+    def __init__(self, message: str, options: Sequence[str] = ()):
+        super().__init__(message)
+        if isinstance(message, Message) and not options:
+            options = message.options
+        self.options = tuple(options)
+
 
 class MeshFileError(ValueError):
     """A file cannot be read as a mesh, or a mesh cannot be written as requested."""
@@ -51,6 +68,10 @@ class InputWarning(UserWarning):
     outside the domain and acts on the closest part of it, or a value looks like one in another
     unit, such as radians instead of degrees.
     """
+
+
+class ConnectionWarning(InputWarning):
+    """Cells side by side are not connected, and stay so.  The message says where."""
 
 
 class OpenSurfaceWarning(UserWarning):

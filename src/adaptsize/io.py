@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy.typing as npt
 
-from adaptsize._checks import as_flag, as_path, as_whole_number, check_type, one_of
+from adaptsize._checks import as_flag, as_path, as_whole_number, check_type, one_of, warn_caller
 from adaptsize._formats import assembly, formats, sizes, writers
 from adaptsize._formats.blocks import KINDS
 from adaptsize._formats.guards import about_file, check_readable, is_special, write_whole
 from adaptsize._formats.limited import read_limited
 from adaptsize._formats.polygons import polygons
 from adaptsize._size_function import SizeFunction
-from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.image import Image
 from adaptsize.errors import InputWarning, MeshFileError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.quality.connections import are_doubtful, unconnected
+from adaptsize.typing import Background
 
 __all__ = ["polygons", "read", "read_image", "read_metric", "read_size", "write"]
 
@@ -156,13 +156,13 @@ def read(
     if not keep_slits:
         notes.extend(str(found) for found in are_doubtful(unconnected(mesh)))
     if notes:
-        warnings.warn(f"{file}: {'; '.join(notes)}", InputWarning, stacklevel=2)
+        warn_caller(f"{file}: {'; '.join(notes)}", InputWarning)
     return mesh
 
 
 def write(
     path: str | os.PathLike[str],
-    obj: SimplexMesh | CartesianGrid | Octree | SizeFunction | MetricFunction,
+    obj: Background | SizeFunction | MetricFunction,
     *,
     fields: Mapping[str, npt.ArrayLike] | None = None,
     file_format: str | None = None,
@@ -416,5 +416,5 @@ def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Imag
     except (ValueError, MemoryError) as error:
         raise about_file(file, error) from error
     if found.notes:
-        warnings.warn(f"{file}: {'; '.join(found.notes)}", InputWarning, stacklevel=2)
+        warn_caller(f"{file}: {'; '.join(found.notes)}", InputWarning)
     return image

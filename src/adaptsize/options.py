@@ -10,7 +10,7 @@ import inspect
 import os
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cache
@@ -40,6 +40,7 @@ from adaptsize._defaults import (
     METRIC_GRADIENT_LIMIT,
     TOLERANCE,
 )
+from adaptsize._messages import Message
 from adaptsize.errors import InputWarning
 from adaptsize.typing import GradientLimit, NodalMethod
 
@@ -124,7 +125,7 @@ class Option:
         if self.type is bool:
             return as_flag(self.name, value)
         if self.choices:
-            return one_of(self.name, value, self.choices)
+            return one_of(self.name, value, self.choices, or_none=self.optional)
         if self.type is int:
             upper = 2**53 if self.upper is None else int(self.upper)
             return as_whole_number(self.name, value, lower=int(self.lower), upper=upper)
@@ -135,17 +136,18 @@ class Option:
                 upper=self.upper, unit=unit,
             )  # fmt: skip
         if self.of_sizes and isinstance(value, float | int) and 1.0 < value < 2.0:
-            warn_caller(
-                f"{self.name} = {value:g} lets sizes grow by {value:g} per length; a growth ratio "
-                f"of {value:g} from an element to the next is {self.name} = {value - 1.0:.4g}",
-                InputWarning,
+            text = (
+                "{} = {:g} lets sizes grow by {:g} per length; a growth ratio of {:g} from an "
+                "element to the next is {} = {:.4g}"
             )
+            name = Message.name(self.name)
+            warn_caller(Message(text, name, value, value, value, name, value - 1.0), InputWarning)
         if self.unusual is not None and isinstance(value, float | int) and value >= self.unusual:
-            warn_caller(
-                f"{self.name} = {value:g} hardly limits anything: it is a gradient, not a "
-                "percentage; 0.25 lets neighbouring edges differ by about a quarter",
-                InputWarning,
+            text = (
+                f"= {value:g} hardly limits anything: it is a gradient, not a percentage; 0.25 "
+                "lets neighbouring edges differ by about a quarter"
             )
+            warn_caller(Message.about(self.name, text), InputWarning)
         return value
 
     def as_parameter(self) -> inspect.Parameter:
@@ -691,16 +693,41 @@ def options_of(record: type) -> Mapping[str, Option]:
     """Return the options of a record by their names, in the order of the declaration."""
     options, texts = {}, _texts_of(record)
     for name, kind in get_type_hints(record, include_extras=True).items():
-        types, option = get_args(kind)
-        members = get_args(types)
-        optional = NoneType in members
-        if optional:
-            rest = tuple(member for member in members if member is not NoneType)
-            types = rest[0] if len(rest) == 1 else types
-        declared = {"name": name, "type": types, "optional": optional}
         # Without docstrings (python -OO) there are no texts.
-        options[name] = replace(option, **declared, **texts.get(name, {"group": "Options"}))
+        shown: dict[str, Any] = {**texts.get(name, {"group": "Options"})}
+        options[name] = replace(_declared(name, kind), **shown)
     return options
+
+
+def _declared(name: str, annotation: Any) -> Option:
+    """Return the option of an annotated field, with what follows from its type."""
+    types, option = get_args(annotation)
+    members = get_args(types)
+    optional = NoneType in members
+    if optional:
+        rest = tuple(member for member in members if member is not NoneType)
+        types = rest[0] if len(rest) == 1 else types
+    declared: Option = replace(option, name=name, type=types, optional=optional)
+    return declared
+
+
+@cache
+def _options_of_fields(record: type) -> Mapping[str, Option]:
+    hints = get_type_hints(record, include_extras=True)
+    return {name: _declared(name, kind) for name, kind in hints.items() if _has_option(kind)}
+
+
+def _has_option(annotation: Any) -> bool:
+    return any(isinstance(part, Option) for part in getattr(annotation, "__metadata__", ()))
+
+
+def check_fields(record: object) -> None:
+    """Check the fields of a frozen dataclass that are annotated with an `Option`.
+
+    In/Out: the fields get the checked values.
+    """
+    for name, option in _options_of_fields(cast(Hashable, type(record))).items():
+        object.__setattr__(record, name, option.check(getattr(record, name)))
 
 
 def _texts_of(record: type) -> dict[str, dict[str, str]]:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import describe
+from adaptsize._messages import Message, message_of
 from adaptsize.typing import IntArray
 
 __all__ = ["Communicator", "Traffic", "as_communicator"]
@@ -107,13 +108,13 @@ class Communicator(ABC):
             result = task()
         except Exception as failure:
             error = failure
-        errors = self.allgather(None if error is None else (type(error), str(error)))
+        errors = self.allgather(None if error is None else (type(error), message_of(error)))
         for rank, failed in enumerate(errors):
             if failed is None:
                 continue
             kind, text = failed
             try:
-                raised = kind(f"rank {rank}: {text}")
+                raised = kind(Message("rank {}: {}", rank, text))
             except TypeError:  # the exception takes other arguments
                 raised = RuntimeError(f"rank {rank}: {kind.__name__}: {text}")
             raise raised from (error if rank == self.rank else None)

@@ -7,7 +7,6 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import adaptsize as ads
-from adaptsize.background.simplex import LaterMethod
 
 #: Why some are not called, and which.
 _REASONS = {
@@ -17,10 +16,11 @@ _REASONS = {
         "supports solve iterate on_whole split of once lower_sizes refuse_surfaces rows "
         "corners middle segments extended after"
     ),
-    "needs DOLFINx, which pip cannot install": "to_dolfinx",
+    "needs another package": (
+        "from_object plot to_dolfinx to_gmsh to_meshio to_mfem to_netgen to_pyvista to_skfem "
+        "to_trimesh"
+    ),
 }
-#: Conversions and pictures, which are methods as well.
-_ELSEWHERE = ("adaptsize.bridges", "adaptsize.plot")
 LEFT_OUT = {name for names in _REASONS.values() for name in names.split()}
 
 
@@ -88,8 +88,6 @@ def _of(name: str, thing: Any) -> Iterator[Subject]:
             yield Subject.of(f"{name}.{method}", getattr(thing, method))
         elif inspect.isfunction(raw):
             yield Subject.of(f"{name}.{method}", raw, owner=name)
-        elif isinstance(raw, LaterMethod) and not raw.module.startswith(_ELSEWHERE):
-            yield Subject.of(raw.name, getattr(thing, method))
 
 
 def _is_record(thing: type) -> bool:

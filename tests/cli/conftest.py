@@ -26,15 +26,17 @@ def square(tmp_path):
 
 @pytest.fixture
 def refused(capsys):
-    """Return a function that runs a command, which prints one line only, and returns the line."""
+    """Return a function that runs a command, which prints one line only, and returns the line.
 
-    def run(*words):
-        code = call(*words)
+    The exit code is 2 if the command line must be changed, and 1 otherwise.
+    """
+
+    def run(*words, code=2):
+        assert call(*words) == code
         printed = capsys.readouterr()
         assert printed.out == ""
         assert printed.err.startswith("adaptsize: error: ")
         assert printed.err.count("\n") == 1
-        assert code == (2 if printed.err.startswith("adaptsize: error: --") else 1)
         return printed.err
 
     return run

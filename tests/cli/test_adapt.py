@@ -81,8 +81,14 @@ def test_cell_fields_are_listed_or_named_where_the_format_has_none(capsys, solve
     ("words", "message"),
     [
         (["--field", "u"], "--elements, --nodes or --tolerance must be given"),
-        (["--field", "v", "--nodes", 9], "the mesh has no field 'v'; it has: eta, k, u"),
-        (["--field", "u", "--nodes", 9, "--elements", 9], "exclude each other"),
+        (
+            ["--field", "v", "--nodes", 9],
+            "--field must be a field of the mesh (eta, k, u), got 'v'",
+        ),
+        (
+            ["--field", "u", "--nodes", 9, "--elements", 9],
+            "--elements and --nodes exclude each other",
+        ),
         (["--field", "u", "--nodes", 0], "--nodes must be finite and >= 1, got 0"),
         (["--field", "eta", "--nodes", 9, "--order", 0], "order must be finite and > 0"),
     ],

@@ -52,20 +52,22 @@ def test_what_is_no_number_is_one_line_before_anything_is_read(refused, name, fl
 
 
 @pytest.mark.parametrize(
-    ("words", "expected"),
+    ("words", "code", "expected"),
     [
-        (["--hmin", "2", "--hmax", "1"], "--hmin must be at most --hmax = 1, got 2"),
-        (["--elements", "9e3", "--max-elements", "8e3"], "--elements must be at most --max-ele"),
-        (["--field", "h_nan"], "h0 must be positive (inf where there is no bound), got h0[1]"),
-        (["--field", "none"], "the mesh has no nodal field 'none'; it has: h_nan"),
-        (["--crease-angle", "181"], "--crease-angle must be at most 180 degrees, got 181"),
+        (["--hmin", "2", "--hmax", "1"], 2, "--hmin must be at most --hmax = 1, got 2"),
+        (["--elements", "9e3", "--max-elements", "8e3"], 2, "--elements must be at most --max-ele"),
+        (["--field", "h_nan"], 1, "h0 must be positive (inf where there is no bound), got h0[1]"),
+        (["--field", "none"], 2, "--field must be a nodal field of the mesh (h_nan), got 'none'"),
+        (["--crease-angle", "181"], 2, "--crease-angle must be at most 180 degrees, got 181"),
     ],
 )
 @pytest.mark.parametrize("command", ["size", "remesh"])
-def test_bad_options_are_one_line_and_leave_no_file(refused, tmp_path, command, words, expected):
+def test_bad_options_are_one_line_and_leave_no_file(
+    refused, tmp_path, command, words, code, expected
+):
     mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
     write(tmp_path / "in.vtu", mesh, fields={"h_nan": [1.0, np.nan, 1.0]})
-    err = refused(command, tmp_path / "in.vtu", "-o", tmp_path / "out.vtu", *words)
+    err = refused(command, tmp_path / "in.vtu", "-o", tmp_path / "out.vtu", *words, code=code)
     assert err.startswith(f"adaptsize: error: {expected}")
     assert [path.name for path in tmp_path.iterdir()] == ["in.vtu"]
 
@@ -123,5 +125,8 @@ def test_options_of_a_file_are_those_of_the_command_line(capsys, tmp_path, part)
 )
 def test_bad_files_of_options_are_refused_with_their_name(refused, tmp_path, part, text, expected):
     file = tmp_path / "part.toml" if text is None else part(text)
-    err = refused("size", "in.vtu", "-o", "o.vtu", "--options", file)
+    is_unreadable = "TOML" in expected or text is None
+    err = refused(
+        "size", "in.vtu", "-o", "o.vtu", "--options", file, code=1 if is_unreadable else 2
+    )
     assert f"adaptsize: error: {file}: {expected}" in err

@@ -19,21 +19,23 @@ COMMANDS = {
 @pytest.mark.usefixtures("nothing_is_read")
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize(
-    ("name", "printed"),
+    ("name", "code", "printed"),
     [
-        ("missing/out.vtu", "there is no directory"),
-        ("out.doc", "suffix"),
-        (".", "is a directory"),
-        ("out", "out has no suffix, which tells the format; write "),
-        ("out.vti", "out.vti holds grids, not meshes"),
-        ("square.vtu", "square.vtu is also the input; give another name"),
-        ("../{folder}/square.vtu", "square.vtu is also the input; give another name"),
+        ("missing/out.vtu", 1, "there is no directory"),
+        ("out.doc", 2, "error: --output must end in a suffix that can be written"),
+        (".", 1, "is a directory"),
+        ("out", 2, "out has no suffix, which gives the format; write "),
+        ("out.vti", 2, "out.vti holds grids, not meshes"),
+        ("square.vtu", 2, "square.vtu is also the input; give another name"),
+        ("../{folder}/square.vtu", 2, "square.vtu is also the input; give another name"),
     ],
 )
-def test_bad_output_is_refused_before_the_work_starts(refused, square, command, name, printed):
+def test_bad_output_is_refused_before_the_work_starts(
+    refused, square, command, name, code, printed
+):
     output = square.parent / name.format(folder=square.parent.name)
     first, *words = COMMANDS[command]
-    assert printed in refused(first, square, "-o", output, *words)
+    assert printed in refused(first, square, "-o", output, *words, code=code)
     assert [path.name for path in square.parent.iterdir()] == ["square.vtu"]
 
 

@@ -73,15 +73,16 @@ def test_size_of_an_image_says_what_controls_what(mask, tmp_path, capsys):
     ("words", "expected"),
     [
         (["--spacing", "a"], "--spacing must be one number or several such as 1,1,2.5, got 'a'"),
-        (["--label", "4"], "label must be one of 0, 5, 9, got 4"),
+        (["--label", "4"], "--label must be one of 0, 5, 9, got 4"),
         (["--size-of", "4=1"], "--size-of must be labels of the image, 5, 9; got '4'"),
         (["--source", "region:4=1"], "tags must be labels of the image, 5, 9; got '4'"),
         (["--threshold", "200"], "must have a pixel above 200, got none"),
-        (["--spacing", "0"], "spacing must be from 1e-60 to 1e+60"),
+        (["--spacing", "0"], "--spacing must be from 1e-60 to 1e+60"),
     ],
 )
 def test_bad_options_are_one_line_and_leave_no_file(mask, tmp_path, refused, words, expected):
-    assert expected in refused("image", mask, "-o", tmp_path / "mesh.vtu", *words)
+    code = 1 if "above 200" in expected else 2
+    assert expected in refused("image", mask, "-o", tmp_path / "mesh.vtu", *words, code=code)
     assert not (tmp_path / "mesh.vtu").exists()
 
 

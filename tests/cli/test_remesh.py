@@ -351,7 +351,7 @@ def test_a_tolerance_that_looks_like_a_length_is_a_warning(capsys, box, no_gener
 
 
 def test_strict_refuses_an_open_surface_before_the_sizes(refused, open_box):
-    err = refused("remesh", open_box, "-o", open_box.with_name("o.vtu"), "--strict")
+    err = refused("remesh", open_box, "-o", open_box.with_name("o.vtu"), "--strict", code=1)
     assert err.startswith("adaptsize: error: the surface is open: 4 open edges in 1 loop")
 
 
@@ -365,7 +365,7 @@ def test_a_cap_below_what_the_boundary_needs_is_refused_in_one_line(
 ):
     ball, output = tmp_path / "ball.stl", tmp_path / "new.vtu"
     write(ball, random_sphere(400, 616))
-    text = refused("remesh", ball, "-o", output, "--max-elements", "2000")
+    text = refused("remesh", ball, "-o", output, "--max-elements", "2000", code=1)
     message = (
         r"within the tolerance of 0\.001 the boundary needs about \d+ elements; 2000 are not "
         r"enough: --tolerance 0\.00\d+\n"

@@ -33,7 +33,7 @@ def test_points_and_files_give_the_same_curve(curves):
     ("text", "message"),
     [
         *(
-            (text, "--source must be one of")
+            (text, "source must be one of")
             for text in ("ball:0,0=1", "point:1,2,x=3", "box:0,0=1", "region=2", "cone:1=2")
         ),
         ("curve:0,0=0.1", "at least 2 points of 2 or 3 coordinates, got 1 points of 2"),

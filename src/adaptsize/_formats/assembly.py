@@ -29,7 +29,7 @@ from adaptsize.background.topology import (
     tags_of_facets,
     unique_rows,
 )
-from adaptsize.errors import MeshFileError
+from adaptsize.errors import MeshFileError, OptionError
 
 #: The largest share of the facets that lie between two regions.
 _SHARE_BETWEEN = 0.3
@@ -320,7 +320,7 @@ def _check_tags(raw: RawMesh, name: str | None) -> None:
         if all(np.asarray(part).dtype.kind in "iu" for part in parts)
     ]
     found = f"integer cell fields: {', '.join(listed)}" if listed else "it has none of integers"
-    raise MeshFileError(f"has no cell field {name!r} for tags ({found})")
+    raise OptionError(f"has no cell field {name!r} for tags ({found})", ["tags"])
 
 
 def _unused(

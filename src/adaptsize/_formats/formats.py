@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import describe
+from adaptsize._checks import describe, refusal
 from adaptsize._formats import completeness as check
 from adaptsize._formats import for_solvers as solvers
 from adaptsize._formats import fort14, nastran, polygon_files, sizes, vtk
@@ -24,7 +24,7 @@ from adaptsize._formats.limited import read_limited
 from adaptsize._formats.raster import is_image_file
 from adaptsize._formats.surfaces import read_off, read_stl
 from adaptsize.background import CartesianGrid, SimplexMesh
-from adaptsize.errors import MeshFileError
+from adaptsize.errors import MeshFileError, OptionError
 from adaptsize.metrics import MetricFunction
 
 #: What names of fields must match: texts that XML can hold, at most 100 characters.
@@ -77,7 +77,7 @@ class Format:
         if self.dims and (mesh.cell_dim < mesh.dim or mesh.dim not in self.dims):
             of_dim = {2: "triangles in the plane", 3: "tetrahedra"}
             cells = " or ".join(map(of_dim.__getitem__, self.dims))
-            raise ValueError(f"{path.name} holds {cells}, got {mesh!r}; write .vtu")
+            raise OptionError(f"{path.name} holds {cells}, got {mesh!r}; write .vtu", ["path"])
 
     def _check_fields(self, path: Path, obj: object, names: Iterable[str]) -> None:
         if isinstance(obj, MetricFunction) and "metrics" not in self.holds:
@@ -98,9 +98,8 @@ class Format:
             listed = [
                 s for form in FORMATS.values() if "order 2" in form.holds for s in form.suffixes
             ]
-            raise ValueError(
-                f"{path.name} holds no cells of order 2; write {', '.join(listed)}, or order 1"
-            )
+            text = f"{path.name} holds no cells of order 2; write {', '.join(listed)}, or order 1"
+            raise OptionError(text, ["order"])
 
     def writer_of(
         self, path: Path, obj: object, fields: Mapping[str, npt.ArrayLike] | None, order: int
@@ -258,7 +257,8 @@ def format_of(path: Path, file_format: str | None) -> Format:
     for candidate in written.values():
         if name.endswith(candidate.suffixes):
             return candidate
-    raise ValueError(
-        f"path must end in a suffix that can be written ({listed}; "
-        f"'meshio convert' makes others of a .msh file), got {path}"
+    raise refusal(
+        "path",
+        f"must end in a suffix that can be written ({listed}; 'meshio convert' makes others of a "
+        f".msh file), got {path}",
     )

@@ -10,7 +10,8 @@ from html import unescape
 from pathlib import Path
 from urllib.parse import unquote
 
-from adaptsize.errors import MeshFileError
+from adaptsize._messages import Message, message_of
+from adaptsize.errors import MeshFileError, OptionError
 
 #: Longest text of an error after the path.  Names of fields come from files and may be long.
 _LONGEST = 600
@@ -76,8 +77,10 @@ def neighbour(path: Path, name: str) -> Path:
     return file
 
 
-def about_file(path: str | os.PathLike[str], error: BaseException) -> MeshFileError:
-    """Return an error of one line with the path and the problem."""
+def about_file(path: str | os.PathLike[str], error: BaseException) -> MeshFileError | OptionError:
+    """Return an error of one line with the path and the problem; of options, one about these."""
+    if isinstance(error, OptionError):
+        return OptionError(Message("{}: {}", path, message_of(error)), error.options)
     if isinstance(error, MemoryError):
         text = "needs more memory than there is"
     elif isinstance(error, OSError):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, as_points, describe, place_text, warn_caller
+from adaptsize._checks import as_number, as_points, describe, place_text, refusal, warn_caller
 from adaptsize._formats.outlines import Line, Outline, outline_of, refuse_crossings, rings_of
 from adaptsize._formats.regions import nested, sea_in_box, without_narrow_parts
 from adaptsize.background import SimplexMesh
@@ -299,7 +299,7 @@ def _simplified(
             name = names[outline.tags[edge] - 1] if outline.tags[edge] else None
             new.append(lines[outline.line[edge]]._replace(name=name, closes=False))
     if not chains:
-        raise ValueError(f"tolerance must be smaller: all rings are in circles of {length:.3g}")
+        raise refusal("tolerance", f"must be smaller: all rings are in circles of {length:.3g}")
     if n_small:
         notes.append(f"{n_small} rings in circles of the tolerance, {length:.3g}, left out")
     whole = shapely.MultiLineString(chains)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_values, place_text
+from adaptsize._checks import as_values, place_text, refusal
 from adaptsize._formats.outlines import Line, outline_of, refuse_crossings, rings_of
 from adaptsize.typing import FloatArray, IndexArray
 
@@ -57,7 +57,7 @@ def sea_in_box(land: Sequence[Line], box: Any) -> list[Line]:
 
     bounds = as_values("box", box, (4,))
     if not (bounds[2:] > bounds[:2]).all():
-        raise ValueError(f"box must be (x0, y0, x1, y1) with x0 < x1 and y0 < y1, got {box!r}")
+        raise refusal("box", f"must be (x0, y0, x1, y1) with x0 < x1 and y0 < y1, got {box!r}")
     x0, y0, x1, y1 = bounds
     corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)])
     sides = [Line(corners[k : k + 2], SIDES[k], "box", closes=False) for k in range(4)]
@@ -65,7 +65,7 @@ def sea_in_box(land: Sequence[Line], box: Any) -> list[Line]:
         return sides
     region = shapely.difference(shapely.box(*bounds), _region(land))
     if region.is_empty:
-        raise ValueError("box must have a part outside of land, got none")
+        raise refusal("box", "must have a part outside of land, got none")
     named = [line._replace(name=line.name or LAND) for line in land]
     return _lines(region, [*sides, *named])
 
@@ -82,7 +82,7 @@ def without_narrow_parts(lines: Sequence[Line], width: float, notes: list[str]) 
     radius = 0.5 * width
     region, removed = _opened(_region(lines), radius)
     if region.is_empty:
-        raise ValueError(f"least_width must be smaller: no part is as wide as {width:g}")
+        raise refusal("least_width", f"must be smaller: no part is as wide as {width:g}")
     around = shapely.box(*shapely.buffer(region, 3.0 * width).bounds)
     land, filled = _opened(shapely.difference(around, region), radius)
     for parts, text in ((removed, "of the domain left out"), (filled, "of land or holes filled")):

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, TypeAlias, cast
 import numpy.typing as npt
 
 from adaptsize._checks import check_type, describe, one_of
+from adaptsize._messages import Message
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation._fields import Arrays, as_fields, methods_of
@@ -40,6 +41,7 @@ from adaptsize.adaptation.report import (
 from adaptsize.adaptation.transfer import transferred
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh, interpolate
 from adaptsize.background.simplex import as_mesh
+from adaptsize.errors import OptionError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, checked, options_of, with_options
 from adaptsize.quality.conformity import Conformity, nodal_metric, size_conformity
@@ -241,7 +243,7 @@ def _checked(
         if by_cell and given["conservative"]:
             FieldTransfer(mesh, mesh).refuse_surfaces()
     if given["elements"] is not None and given["nodes"] is not None:
-        raise ValueError("elements and nodes exclude each other: omit one")
+        raise OptionError(Message("{elements} and {nodes} exclude each other: omit one"))
     request: Request
     if is_metric:
         assert isinstance(mesh, SimplexMesh)

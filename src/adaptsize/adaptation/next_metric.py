@@ -13,9 +13,11 @@ import numpy.typing as npt
 
 from adaptsize._checks import describe
 from adaptsize._defaults import METRIC_GRADIENT_LIMIT
+from adaptsize._messages import Message
 from adaptsize.adaptation.next_sizes import BoundLike, Request, as_bound
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import interfaces
+from adaptsize.errors import OptionError
 from adaptsize.metrics import (
     Metric,
     MetricFunction,
@@ -115,9 +117,9 @@ def metric_request(
     if not chosen and bound is None:
         raise ValueError("anisotropic needs a field in fields, or a Metric as h0, got neither")
     if chosen and (accuracy, options["elements"], options["nodes"]) == (None, None, None):
-        raise ValueError("fields need tolerance or elements, got neither")
+        raise OptionError(Message("fields need {tolerance} or {elements}, got neither"))
     if not chosen and accuracy is not None:
-        raise ValueError("tolerance needs fields whose error it limits, got none")
+        raise OptionError(Message("{tolerance} needs fields whose error it limits, got none"))
     g = METRIC_GRADIENT_LIMIT if isinstance(options["g"], str) else options["g"]
     g = None if g is None else as_gradient_limit(g)
     return MetricRequest(options=options, fields=chosen, bound=bound, g=g)

@@ -11,12 +11,22 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import FARTHEST, NEAREST, as_limits, as_sizes_at, describe, refuse_where
+from adaptsize._checks import (
+    FARTHEST,
+    NEAREST,
+    as_limits,
+    as_sizes_at,
+    describe,
+    refusal,
+    refuse_where,
+)
 from adaptsize._defaults import GRADIENT_LIMIT
+from adaptsize._messages import Message
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation.need import Requested, count_simplices, present_of, smallest
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
+from adaptsize.errors import OptionError
 from adaptsize.limiting import limit_gradient
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, ErrorOptions
@@ -218,14 +228,14 @@ def check_goal(request: SizeRequest) -> None:
     if request.indicator is None and request.h0 is None:
         raise ValueError("indicator or h0 must be given, got neither")
     if request.indicator is None and tolerance is not None:
-        raise ValueError("tolerance needs an indicator, got None")
+        raise refusal("tolerance", "needs an indicator, got None")
     goals = (tolerance, options["elements"], options["nodes"])
     if request.indicator is not None and goals == (None, None, None):
-        raise ValueError("an indicator needs tolerance or elements, got neither")
+        raise OptionError(Message("an indicator needs {tolerance} or {elements}, got neither"))
     as_limits(options["hmin"], options["hmax"], allow_inf=True)
     g = request.g
     if isinstance(g, int | float) and not 0.0 <= g < math.inf:
-        raise ValueError(f"g must be finite and >= 0, or None, got {describe(g)}")
+        raise refusal("g", f"must be finite and >= 0, or None, got {describe(g)}")
 
 
 def decide(mesh: AnyMesh, found: NextSizes, request: Request) -> Decision:

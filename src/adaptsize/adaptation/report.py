@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from adaptsize._checks import warn_caller
+from adaptsize._messages import Message
 from adaptsize.adaptation._fields import Arrays
 from adaptsize.adaptation.boundary_moves import BoundaryMoves
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
@@ -200,9 +201,12 @@ class AdaptReport:
         if self.boundary_distance > allowed:
             # The text is constant, so that Python shows the warning once.
             warn_caller(
-                "the boundary of the new mesh is farther from the old one than boundary_tolerance "
-                "(see report.boundary_distance), which adds up in a loop; pass project= for a "
-                "curved boundary of a whole mesh, or lower boundary_tolerance",
+                Message(
+                    "the boundary of the new mesh is farther from the old one than "
+                    "{boundary_tolerance} (see report.boundary_distance), which adds up in a loop; "
+                    "pass project= for a curved boundary of a whole mesh, or lower "
+                    "{boundary_tolerance}"
+                ),
                 ResolutionWarning,
             )
 

@@ -22,12 +22,14 @@ from adaptsize._checks import (
     check_range,
     describe,
     holds_whole_numbers,
+    refusal,
     refuse_where,
 )
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.grid_location import GridLocator
 from adaptsize.background.simplex import SimplexMesh
+from adaptsize.errors import OptionError
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 # Nodes are numbered with 32 bits.
@@ -320,9 +322,10 @@ def as_spacing(value: npt.ArrayLike, dim: int) -> FloatArray:
     if spacing.ndim == 0:
         spacing = np.full(dim, spacing)
     if spacing.shape != (dim,):
-        raise ValueError(f"spacing must be a number or have shape {(dim,)}, got {spacing.shape}")
+        raise refusal("spacing", f"must be a number or have shape {(dim,)}, got {spacing.shape}")
     good = (spacing >= NEAREST) & (spacing <= FARTHEST)
-    refuse_where("spacing", ~good, spacing, f"must be from {NEAREST:g} to {FARTHEST:g}")
+    wanted = f"must be from {NEAREST:g} to {FARTHEST:g}"
+    refuse_where("spacing", ~good, spacing, wanted, OptionError)
     return spacing.copy()
 
 

@@ -1,5 +1,7 @@
 """Images: pixels or voxels with their spacing."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,18 +51,35 @@ class Image(ReadOnlyState):
         spacing: npt.ArrayLike = 1.0,
         origin: npt.ArrayLike | None = None,
     ) -> None:
-        pixels = as_plain_array("values", values).copy()
+        self._keep("values", values, spacing, origin)
+
+    @classmethod
+    def of(cls, name: str, values: npt.ArrayLike, spacing: npt.ArrayLike) -> Image:
+        """Return an image of an argument, whose name is that in messages."""
+        image = cls.__new__(cls)
+        image._keep(name, values, spacing, None)
+        return image
+
+    def _keep(
+        self,
+        name: str,
+        values: npt.ArrayLike,
+        spacing: npt.ArrayLike,
+        origin: npt.ArrayLike | None,
+    ) -> None:
+        """Store the checked arrays."""
+        pixels = as_plain_array(name, values).copy()
         if pixels.ndim not in (2, 3) or pixels.dtype.kind not in "biuf" or 0 in pixels.shape:
             raise ValueError(
-                "values must be numbers in a 2-D or 3-D array, got "
+                f"{name} must be numbers in a 2-D or 3-D array, got "
                 f"{pixels.dtype} of shape {pixels.shape}"
             )
         steps = as_spacing(spacing, pixels.ndim)
         start = np.zeros(pixels.ndim) if origin is None else as_float_array("origin", origin)
         if start.shape != (pixels.ndim,) or not np.isfinite(start).all():
             raise ValueError(f"origin must be {pixels.ndim} finite numbers, got {describe(origin)}")
-        for name, array in (("values", pixels), ("spacing", steps), ("origin", start.copy())):
-            object.__setattr__(self, name, read_only(array))  # needed for a frozen dataclass
+        for kept, array in (("values", pixels), ("spacing", steps), ("origin", start.copy())):
+            object.__setattr__(self, kept, read_only(array))  # needed for a frozen dataclass
 
     @property
     def dim(self) -> int:

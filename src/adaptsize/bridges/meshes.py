@@ -16,38 +16,10 @@ from adaptsize.bridges import solvers
 from adaptsize.errors import InputWarning, MeshFileError
 
 
-def from_object(
-    cls: type[SimplexMesh], mesh: Any, *, kind: str | None = None, flatten: bool = True
-) -> SimplexMesh:
+def from_object(mesh: Any, *, kind: str | None = None, flatten: bool = True) -> SimplexMesh:
     """Return the simplices of a mesh of another program, with its tags and their names.
 
-    Functions that take a mesh to remesh, limit, write or draw call this themselves.
-
-    Parameters
-    ----------
-    mesh : object
-        A mesh of meshio, PyVista (or a data set of VTK), trimesh (or a scene), scikit-fem, DOLFINx
-        (also with its tags, as ``model_to_mesh`` returns it), MFEM, Netgen or NGSolve, or
-        ``gmsh.model``, the current model of Gmsh.  Not changed.
-    kind, flatten
-        Which cells to read, and whether a coordinate z = 0 is dropped, as for `read`.
-
-    Returns
-    -------
-    SimplexMesh
-        Subdomains, materials, attributes, physical groups and parts of scenes are cell tags, those
-        of boundaries are tagged facets, with their names.
-
-    Raises
-    ------
-    ValueError
-        If the object is none of these, or has no such cells.
-
-    Examples
-    --------
-    >>> import trimesh
-    >>> SimplexMesh.from_object(trimesh.creation.box())
-    SimplexMesh(8 points in 3-D, 12 triangles)
+    See `SimplexMesh.from_object`.
     """
     flatten = as_flag("flatten", flatten)
     read = solvers.reader_of(mesh)
@@ -100,24 +72,7 @@ def to_trimesh(mesh: SimplexMesh) -> Any:
 def to_meshio(mesh: SimplexMesh, *, tag_name: str = "cell_tags") -> Any:
     """Return a ``meshio.Mesh`` with the same cells, tags, tagged facets, names and fields.
 
-    Parameters
-    ----------
-    tag_name : str, default "cell_tags"
-        Name of the cell data for the tags.  Use ``"gmsh:physical"`` for files of Gmsh.
-        meshio writes these with groups as ``file_format="gmsh22"``; in version 4.1 of the
-        format it omits them.  Cells without a tag then form a separate group, as for
-        `write`.
-
-    Returns
-    -------
-    meshio.Mesh
-        Tagged facets form a second block of cells.  Other cell data are NaN there, or 0
-        for integers.  Names of tags are in ``field_data``, like those of Gmsh's groups.
-
-    Raises
-    ------
-    ValueError
-        If two tags have the same name, or a field is not numeric.
+    See `SimplexMesh.to_meshio`.
     """
     import meshio
 
@@ -147,12 +102,7 @@ def to_meshio(mesh: SimplexMesh, *, tag_name: str = "cell_tags") -> Any:
 def to_pyvista(mesh: SimplexMesh) -> Any:
     """Return a ``pyvista.UnstructuredGrid`` with the same cells, tags, names and fields.
 
-    Returns
-    -------
-    pyvista.UnstructuredGrid
-        Tags are the cell data ``"cell_tags"``.  Tagged facets are additional cells, on which
-        other cell data are NaN, or 0 for integers.  Names of tags are strings in the field
-        data ``"tag_names"``.  Points of plane meshes get z = 0.
+    See `SimplexMesh.to_pyvista`.
     """
     import pyvista
 

@@ -125,15 +125,7 @@ def _raw_of_netgen(mesh: Any) -> RawMesh:
 def to_skfem(mesh: SimplexMesh) -> Any:
     """Return a mesh of scikit-fem with named subdomains and boundaries.
 
-    Returns
-    -------
-    skfem.MeshLine, MeshTri or MeshTet
-        Tags without a name in ``tag_names`` are called by their number.
-
-    Raises
-    ------
-    ValueError
-        If the cells do not have the dimension of the points.
+    See `SimplexMesh.to_skfem`.
     """
     import skfem
 
@@ -177,8 +169,10 @@ def _raw_of_mfem(mesh: Any) -> RawMesh:
                 (_OF_MFEM[code], np.array([elements[i].GetVerticesArray() for i in rows]))
             )
             tags.append(np.asarray(attributes(), np.int32)[rows])
-        held: Any = getattr(mesh, sets, None)  # since MFEM 4.7
-        for name in sorted(held.GetAttributeSetNames()) if held is not None else ():
+        held = getattr(mesh, sets, None)  # since MFEM 4.7
+        if held is None:
+            continue
+        for name in sorted(held.GetAttributeSetNames()):
             numbers = list(held.GetAttributeSet(name).ToList())
             if len(numbers) == 1:
                 names[of_dim, int(numbers[0])] = str(name)
@@ -190,12 +184,7 @@ def _raw_of_mfem(mesh: Any) -> RawMesh:
 def to_mfem(mesh: SimplexMesh) -> Any:
     """Return an ``mfem.ser.Mesh``, tags as attributes and their names as sets of attributes.
 
-    Without tagged facets, the boundary has the attribute 1.
-
-    Raises
-    ------
-    ValueError
-        If a tag is negative, or 0 on a facet.
+    See `SimplexMesh.to_mfem`.
     """
     import mfem.ser
 
@@ -225,13 +214,7 @@ def to_mfem(mesh: SimplexMesh) -> Any:
 def to_netgen(mesh: SimplexMesh) -> Any:
     """Return a ``netgen.meshing.Mesh``; ``ngsolve.Mesh`` of it is that of NGSolve.
 
-    Tags are materials and boundaries, called by their names or their numbers.  Cells and points
-    keep their order.  Without tagged facets, the boundary is one region.
-
-    Raises
-    ------
-    ValueError
-        If the mesh does not fill the plane or the space, a tag is negative, or 0 on a facet.
+    See `SimplexMesh.to_netgen`.
     """
     from netgen.meshing import FaceDescriptor
     from netgen.meshing import Mesh as NetgenMesh
@@ -296,15 +279,7 @@ def _raw_of_gmsh(model: Any) -> RawMesh:
 def to_gmsh(mesh: SimplexMesh, name: str = "adaptsize") -> Any:
     """Make the mesh a new model of Gmsh, with tags as physical groups, and return ``gmsh.model``.
 
-    Parameters
-    ----------
-    name : str
-        Of the model.  Gmsh is initialized if it is not yet.
-
-    Raises
-    ------
-    ValueError
-        If a tag is negative, or 0 on a facet.
+    See `SimplexMesh.to_gmsh`.
     """
     import gmsh
 
@@ -336,20 +311,14 @@ def _raw_of_dolfinx(mesh: Any) -> RawMesh:
     if getattr(mesh, "mesh", mesh).comm.size > 1:
         raise MeshFileError("is distributed; use adaptsize.distributed.from_dolfinx")
     part = from_dolfinx(mesh).part.mesh
-    assert part is not None
+    if part is None:
+        raise MeshFileError("has no cells")
     return writers.content_of(part, "cell_tags", pad=False)
 
 
 def to_dolfinx(mesh: SimplexMesh) -> DolfinxMesh:
     """Return a ``dolfinx.mesh.Mesh`` on this process, with its tags and nodal fields.
 
-    ``mesh.topology.original_cell_index`` and ``mesh.geometry.input_global_indices`` of the result
-    are the numbers of the cells and points here.  For many processes see
-    `adaptsize.distributed.to_dolfinx`.
-
-    Returns
-    -------
-    adaptsize.distributed.DolfinxMesh
-        ``(mesh, cell_tags, facet_tags, physical_groups, functions)``.
+    See `SimplexMesh.to_dolfinx`.
     """
     return distributed_to_dolfinx(PartitionedMesh.from_serial(mesh))

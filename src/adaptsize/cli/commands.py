@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import adaptsize as ads
+from adaptsize._checks import refusal
+from adaptsize._messages import Message
 from adaptsize.cli import files
 from adaptsize.cli.console import Console
 from adaptsize.cli.metric import limit_with_metric
@@ -32,6 +34,7 @@ from adaptsize.cli.options import (
 from adaptsize.cli.remesh import remesh
 from adaptsize.cli.size import exit_code, image, size
 from adaptsize.cli.warmup import announce_compilation, warmup
+from adaptsize.errors import OptionError
 from adaptsize.options import (
     AdaptOptions,
     FamilyOptions,
@@ -175,7 +178,7 @@ def limit(console: Console, file: Input, output: SizesOutput, given: Given) -> i
     """
     if ("field" in given) == ("metric" in given):
         got = "both" if "field" in given else "neither"
-        raise ValueError(f"--field or --metric must be given, got {got}")
+        raise OptionError(Message("{field} or {metric} must be given, got {}", got))
     if "metric" in given:
         return limit_with_metric(console, file, output, given)
     g, plot = given["g"], given.get("plot")
@@ -262,9 +265,7 @@ def _numbers(text: str) -> list[float]:
     try:
         return [float(word) for word in text.split(",")]
     except ValueError as error:
-        raise ValueError(
-            f"--values must be numbers such as 1.31,1.22,1.19, got {text!r}"
-        ) from error
+        raise refusal("values", f"must be numbers such as 1.31,1.22,1.19, got {text!r}") from error
 
 
 @command(
@@ -291,7 +292,8 @@ def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> in
     field, plot = given.pop("field"), given.pop("plot", None)
     files.check_files([file], output, "mesh", plot=plot)
     if not given.keys() & {"elements", "nodes", "tolerance"}:
-        raise ValueError("--elements, --nodes or --tolerance must be given, got none of them")
+        text = "{elements}, {nodes} or {tolerance} must be given, got none of them"
+        raise OptionError(Message(text))
     with console.steps(4) as steps:
         steps.begin("reading")
         mesh = ads.io.read(file, errors=field, **files.reading(given))
@@ -347,7 +349,7 @@ def indicator_of(mesh: SimplexMesh, name: str) -> FloatArray:
         return mesh.cell_data[name].reshape(mesh.n_cells, -1).squeeze(axis=1)
     if not at_nodes:
         listed = ", ".join([*mesh.cell_data, *mesh.point_data]) or "none"
-        raise ValueError(f"the mesh has no field {name!r}; it has: {listed}")
+        raise refusal("field", f"must be a field of the mesh ({listed}), got {name!r}")
     indicator: FloatArray = ads.zz_indicator(mesh, files.nodal_field(mesh, name))
     return indicator
 

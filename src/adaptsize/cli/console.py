@@ -9,14 +9,15 @@ import contextlib
 import json
 import logging
 import math
-import re
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
-from adaptsize._progress import remaining, reporting, silent
+from adaptsize._messages import Message, message_of
+from adaptsize._progress import Stage, remaining, reporting, silent
+from adaptsize.errors import OptionError
 from adaptsize.typing import ProgressCallback
 
 #: Steps are printed as lines only from this many seconds on: quick commands print none.
@@ -37,7 +38,7 @@ class Console:
     warnings : list of str
         The warnings so far, each once.
     times : list of tuple
-        Names and seconds of the steps so far.
+        Names, which may be stages, and seconds of the steps so far.
     typed : str
         The command as it was typed.
     """
@@ -53,12 +54,12 @@ class Console:
         self._began = time.monotonic()
 
     def configure(self, command: str, flags: Mapping[str, str], general: Mapping[str, Any]) -> None:
-        """Set what is printed, and how the options that messages name are typed."""
+        """Set what is printed, and what is typed for the options that messages name."""
         self._command, self._flags = command, flags
         self.as_json, self.quiet = bool(general["json"]), bool(general["quiet"])
         self.verbose = bool(general["verbose"])
         if self.quiet and self.verbose:
-            raise ValueError("--quiet and --verbose exclude each other")
+            raise OptionError(Message("{quiet} and {verbose} exclude each other"))
 
     def print(self, text: object) -> None:
         """Print a result."""
@@ -76,25 +77,30 @@ class Console:
     def say(self, text: str) -> None:
         """Print a message."""
         if not self.quiet:
-            print_message(text)
+            print_message(self._typed(text))
 
     def warn(self, text: str) -> None:
         """Print a warning, unless the same has been printed before."""
-        text = as_typed(text, self._flags)
+        text = self._typed(text)
         if text not in self.warnings:
             self.warnings.append(text)
             self.say(f"warning: {text}")
 
-    def fail(self, text: str) -> bool:
+    def fail(self, error: BaseException) -> bool:
         """Print an error, also in the JSON object.
 
-        Return whether it begins with the name of an option, which has a bad value then.
+        Return whether it is about options of this command.
         """
-        text = as_typed(text, self._flags)
+        text = self._typed(message_of(error)) or type(error).__name__
         print_message(f"error: {text}")
         if self.as_json:
             self._print_object(error=text)
-        return text.startswith("--")
+        return isinstance(error, OptionError) and not self._flags.keys().isdisjoint(error.options)
+
+    def _typed(self, text: str) -> str:
+        """Return a message in one line, with the names that options have on the command line."""
+        text = text.typed(self._flags) if isinstance(text, Message) else text
+        return " ".join(text.split())
 
     @contextlib.contextmanager
     def messages_of_generators(self) -> Iterator[None]:
@@ -161,21 +167,6 @@ class Console:
             },
         }
         print(json.dumps(plain(whole), indent=2, allow_nan=False))
-
-
-def as_typed(text: str, flags: Mapping[str, str]) -> str:
-    """Return a message in which options have the names that they have on the command line.
-
-    Names that are also words count only before "must", "=" and the like.
-    """
-    # As in Python: strict=True, target='triangles', tolerance=0.002.
-    for name, flag in flags.items():
-        text = re.sub(rf"(?<![\w.-]){name}=True\b", flag, text)
-        text = re.sub(rf"(?<![\w.-]){name}=(['\"])(\w+)\1", rf"{flag} \2", text)
-        text = re.sub(rf"(?<![\w.-]){name}=(\d[\d.e+-]*\d|\d)", rf"{flag} \1", text)
-    names = [f"{name}(?= must | = | is in )" if "_" not in name else name for name in flags]
-    pattern = rf"(?<![\w.'\"-])(?:{'|'.join(names)})(?!\w|\.\w)"
-    return re.sub(pattern, lambda match: flags[match[0]], text) if flags else text
 
 
 def _content_of(held: Mapping[str, Any]) -> str:
@@ -250,20 +241,16 @@ class Steps:
             self._printed = now
             self._console.say(f"{self._title()}, {passed:.0f} s so far{', ' if left else ''}{left}")
 
-    def following(self, name_of: Callable[[str], str | None]) -> ProgressCallback:
-        """Return a progress callback whose texts divide the next step into parts.
-
-        ``name_of`` returns the name of the part for a text, or None if that begins no part.
-        """
+    def following(self) -> ProgressCallback:
+        """Return a progress callback whose stages divide the next step into parts."""
         go_on = self.begin
 
         def report(text: str, share: float | None) -> None:
             nonlocal go_on
-            name = name_of(text)
-            if name is not None and name != self._name:
-                go_on(name)
+            if isinstance(text, Stage) and text != self._name:
+                go_on(text)
                 go_on = self._go_on
-            self.report(text if name is None else "", share)
+            self.report("" if isinstance(text, Stage) else text, share)
 
         return report
 

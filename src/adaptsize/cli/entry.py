@@ -13,7 +13,7 @@ import threading
 import traceback
 import warnings
 from collections.abc import Iterator, Sequence
-from typing import Any, cast
+from typing import cast
 
 DONE, REFUSED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
@@ -21,8 +21,8 @@ DONE, REFUSED, USAGE, INTERRUPTED = 0, 1, 2, 130
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit.
 
-    The codes are 0 done, 1 failed, 2 wrong usage (also a bad value of an option), 130 interrupted,
-    143 terminated.
+    The codes are 0 done, 1 failed, 2 wrong usage (the command line must be changed: an error of
+    `typer`, or an `OptionError` about an option of the command), 130 interrupted, 143 terminated.
 
     Parameters
     ----------
@@ -95,13 +95,14 @@ def run(arguments: list[str]) -> int:
     from typer.main import get_command
 
     from adaptsize import errors
+    from adaptsize._messages import message_of
     from adaptsize.cli.commands import app
     from adaptsize.cli.console import Console
 
     console = Console()
     console.typed = shlex.join(["adaptsize", *arguments])
     # typer vendors click or imports it.  This finds the class in both cases.
-    usage_error: Any = typer.BadParameter.__bases__[0]
+    usage_error = cast("type[typer.BadParameter]", typer.BadParameter.__bases__[0])
     received: list[signal.Signals] = []
     debug = "--debug" in arguments  # at any position
     arguments = [word for word in arguments if word != "--debug"]
@@ -112,7 +113,7 @@ def run(arguments: list[str]) -> int:
                 if isinstance(kind, type) and issubclass(kind, Warning):
                     warnings.simplefilter("always", kind)
             # Restored by catch_warnings.
-            warnings.showwarning = lambda message, *_, **__: console.warn(_in_one_line(message))
+            warnings.showwarning = lambda message, *_, **__: console.warn(message_of(message))
             result = get_command(app).main(
                 arguments, prog_name="adaptsize", standalone_mode=False, obj=console
             )
@@ -134,8 +135,7 @@ def run(arguments: list[str]) -> int:
     except (ValueError, RuntimeError, ImportError, OSError, MemoryError) as error:
         if debug:
             traceback.print_exc()
-        about_an_option = console.fail(_in_one_line(error))
-        return USAGE if about_an_option and isinstance(error, ValueError) else REFUSED
+        return USAGE if console.fail(error) else REFUSED
 
 
 @contextlib.contextmanager
@@ -173,8 +173,3 @@ def _stopped(received: list[signal.Signals]) -> int:
         reason, code = f"stopped by {received[0].name}", 128 + received[0]
     print(f"adaptsize: {reason}", file=sys.stderr)
     return code
-
-
-def _in_one_line(error: BaseException | str) -> str:
-    text = " ".join(str(error).split())
-    return text or type(error).__name__

@@ -13,10 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 import adaptsize as ads
+from adaptsize._checks import refusal
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._formats.guards import write_whole
 from adaptsize._formats.text import write_text
+from adaptsize._messages import Message
 from adaptsize.cli.console import Console
+from adaptsize.errors import OptionError
 from adaptsize.reporting.outcome import kind_of
 
 if TYPE_CHECKING:
@@ -55,15 +58,15 @@ def check_files(
 
     Raises
     ------
+    OptionError
+        If a suffix is unknown or the format cannot hold the content, or two files are the same.
     ValueError
-        If a suffix is unknown or the format cannot hold the content, a directory is missing
-        or not writable, or two files are the same.
+        If a directory is missing or not writable.
     """
     taken = {os.path.realpath(path): "the input" for path in inputs if path is not None}
     for name, path in {"output": output, **others}.items():
         if path is None:
             continue
-        option = f"--{name.replace('_', '-')}"
         check_place(path)
         if name == "output":
             _check_format(path, content)
@@ -73,14 +76,16 @@ def check_files(
 
             allowed = (".html", ".htm") if name == "report" else SUFFIXES
             if path.suffix.lower() not in allowed:
-                raise ValueError(f"{option} must end in {', '.join(allowed)}, got {str(path)!r}")
+                raise refusal(name, f"must end in {', '.join(allowed)}, got {str(path)!r}")
         sizes = beside(path) if name == "output" and content == "mesh" else None
         for written in (path, sizes):
             if written is None:
                 continue
             place = os.path.realpath(written)
+            option = Message.name(name)
             if place in taken:
-                raise ValueError(f"{option} {written} is also {taken[place]}; give another name")
+                text = "{} {} is also {}; give another name"
+                raise OptionError(Message(text, option, written, taken[place]))
             taken[place] = option
 
 
@@ -97,8 +102,8 @@ def read_mesh(path: Path, tolerance: float = 0.0, **options: Any) -> SimplexMesh
     if is_of_polygons(path):
         mesh = ads.io.polygons(path, tolerance=tolerance, **of_polygons)
     elif of_polygons:
-        flags = ", ".join(f"--{name.replace('_', '-')}" for name in of_polygons)
-        raise ValueError(f"{flags} applies to files of polygons, got {path}")
+        names = Message.joined(", ", map(Message.name, of_polygons))
+        raise OptionError(Message("{} applies to files of polygons, got {}", names, path))
     else:
         mesh = ads.read_cad(path) if is_cad_file(path) else ads.io.read(path, **options)
     return mesh
@@ -126,7 +131,7 @@ def with_named_faces(mesh: SimplexMesh) -> SimplexMesh:
     """
     tagged = with_faces(mesh)
     if tagged is mesh or tagged.cell_tags is None:
-        raise ValueError(f"--faces applies to a surface in space without tags, got {mesh!r}")
+        raise refusal("faces", f"applies to a surface in space without tags, got {mesh!r}")
     names = {(2, tag): f"face {tag}" for tag in range(1, int(tagged.cell_tags.max()) + 1)}
     return replace(tagged, tag_names={**tagged.tag_names, **names})
 
@@ -152,15 +157,18 @@ def beside(path: Path) -> Path | None:
 
 def _check_format(path: Path, content: Content) -> None:
     if not path.suffix:
-        raise ValueError(f"{path} has no suffix, which tells the format; write {path}.vtu")
+        text = f"{path} has no suffix, which gives the format; write {path}.vtu"
+        raise OptionError(text, ["output"])
     chosen, name = format_of(path), path.name
     if content == "mesh" and "sizes" in chosen.holds:
-        raise ValueError(f"{name} would hold sizes but no mesh; write .vtu, or .mesh with a .sol")
+        text = f"{name} would hold sizes but no mesh; write .vtu, or .mesh with a .sol"
+        raise OptionError(text, ["output"])
     if content != "sizes of an image" and "grids" in chosen.holds:
-        raise ValueError(f"{name} holds grids, not meshes; write .vtu")
+        raise OptionError(f"{name} holds grids, not meshes; write .vtu", ["output"])
     if content != "mesh" and not chosen.holds & {"fields", "sizes"}:
         hint = ".sol (for Mmg) or .vtu" if content == "sizes" else ".vtu"
-        raise ValueError(f"{name} cannot hold nodal fields such as the sizes; write {hint}")
+        text = f"{name} cannot hold nodal fields such as the sizes; write {hint}"
+        raise OptionError(text, ["output"])
 
 
 def check_place(path: Path) -> None:
@@ -174,27 +182,27 @@ def check_place(path: Path) -> None:
         raise ValueError(f"{path}: no permission to write")
 
 
-def field_of(mesh: SimplexMesh, name: str) -> npt.NDArray[Any]:
-    """Return a nodal field.
+def field_of(mesh: SimplexMesh, name: str, option: str = "field") -> npt.NDArray[Any]:
+    """Return the nodal field that an option names.
 
     Raises
     ------
-    ValueError
+    OptionError
         If there is no field of that name.  The message lists the fields of the mesh.
     """
     if name not in mesh.point_data:
         listed = ", ".join(mesh.point_data) or "none"
-        raise ValueError(f"the mesh has no nodal field {name!r}; it has: {listed}")
+        raise refusal(option, f"must be a nodal field of the mesh ({listed}), got {name!r}")
     return np.asarray(mesh.point_data[name])
 
 
 def nodal_field(mesh: SimplexMesh, name: str) -> npt.NDArray[Any]:
-    """Return a nodal field with one number per node, or raise a ValueError as `field_of`."""
+    """Return the nodal field that ``--field`` names, if it has one number per node."""
     values = field_of(mesh, name)
     if values.ndim == 2 and values.shape[1] == 1:
         values = values[:, 0]
     if values.ndim != 1:
-        raise ValueError(f"field {name!r} must have one number per node, got {values.shape}")
+        raise refusal("field", f"{name!r} must have one number per node, got {values.shape}")
     return values
 
 
@@ -274,7 +282,7 @@ def without_details(console: Console, mesh: SimplexMesh, options: Mapping[str, A
     if "least_detail" not in options:
         return mesh
     if mesh.cell_dim != 2 or mesh.dim != 3:
-        raise ValueError(f"--least-detail applies to surfaces, got {mesh!r}")
+        raise refusal("least_detail", f"applies to surfaces, got {mesh!r}")
     from adaptsize.remeshing.details import remove_details
 
     length, angle = options["least_detail"], options.get("crease_angle", CREASE_ANGLE)

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 
 import adaptsize as ads
 from adaptsize._defaults import METRIC_GRADIENT_LIMIT
+from adaptsize._messages import Message
 from adaptsize.cli import files
 from adaptsize.cli.console import Console
 from adaptsize.cli.options import Given
 from adaptsize.cli.transfer import with_fields
+from adaptsize.errors import OptionError
 from adaptsize.options import MeshOptions, options_of
 
 if TYPE_CHECKING:
@@ -25,10 +27,11 @@ def _check(file: Path, output: Path, given: Given, allowed: set[str]) -> None:
     """Refuse what has no meaning for metrics, and files that cannot be read or written."""
     refused = [name for name in given if name not in allowed | {"metric", "g", "plot"}]
     if refused:
-        listed = ", ".join(f"--{name.replace('_', '-')}" for name in refused)
-        raise ValueError(f"--metric does not go with {listed}")
+        names = Message.joined(", ", map(Message.name, refused))
+        raise OptionError(Message("{metric} does not go with {}", names))
     if files.beside(output) is None and "metrics" not in files.format_of(output).holds:
-        raise ValueError(f"{output.name} cannot hold a metric; write .vtu, .sol or .pos")
+        text = f"{output.name} cannot hold a metric; write .vtu, .sol or .pos"
+        raise OptionError(text, ["output"])
     metric = Path(given["metric"])
     other = metric if metric.suffix.lower() == ".sol" else None
     content: files.Content = "sizes" if files.beside(output) is None else "mesh"
@@ -44,7 +47,7 @@ def _read(file: Path, given: Given) -> tuple[SimplexMesh, Metric]:
         found: Metric = ads.io.read_metric(metric)
         found.check_mesh(mesh)
     else:
-        values = files.field_of(mesh, metric)
+        values = files.field_of(mesh, metric, "metric")
         try:
             found = metric_in(values, mesh.dim)
         except ValueError as error:
@@ -85,7 +88,7 @@ def remesh_with_metric(console: Console, file: Path, output: Path, given: Given)
         metric = ads.limit_metric(mesh, metric, g, progress=steps.report)
         limited = ads.MetricFunction(mesh, metric)
         options = {name: given[name] for name in _OF_MESHING & given.keys()}
-        following = steps.following(lambda text: text)
+        following = steps.following()
         new = ads.remesh(mesh.without_data(), limited, progress=following, **options)
         steps.begin("writing")
         new = with_fields(console, mesh, new, output, (fields, given["metric"]), steps.report)

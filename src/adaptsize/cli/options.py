@@ -16,7 +16,10 @@ import numpy as np
 import typer
 from typer.core import TyperCommand
 
+from adaptsize._checks import refusal
+from adaptsize._messages import Message, message_of
 from adaptsize.cli.console import Console
+from adaptsize.errors import OptionError
 from adaptsize.options import Option, options_of
 
 if sys.version_info >= (3, 11):
@@ -182,8 +185,9 @@ def command(
         del options[name]
     for name in _KINDS.keys() & options.keys():
         options[name] = replace(options[name], type=_KINDS[name])
-    flags = {"path": "--output"} | {name: option.flags[-1] for name, option in options.items()}
     general = (*_GENERAL, _OPTIONS_FILE) if options else _GENERAL
+    listed_flags = {option.name: option.flags[-1] for option in (*options.values(), *general)}
+    flags = {"output": "--output", "path": "--output", "sources": "--source"} | listed_flags
 
     def decorate(function: Callable[..., int]) -> Callable[..., int]:
         @functools.wraps(function)
@@ -270,24 +274,23 @@ def _as_value(option: Option, value: Any) -> Any:
         try:
             value = [float(part) for part in value.split(",")]
         except ValueError as error:
-            raise ValueError(
-                f"{option.name} must be one number or several such as 1,1,2.5, got {value!r}"
-            ) from error
+            text = f"must be one number or several such as 1,1,2.5, got {value!r}"
+            raise refusal(option.name, text) from error
         return value[0] if len(value) == 1 else value
     if kind in (list[int], list[str]):
         (member,) = get_args(kind)
         items = value if isinstance(value, list) else [value]
         if not all(type(item) is member for item in items):
-            raise ValueError(f"{option.name} must be one or several of type {member.__name__}")
+            raise refusal(option.name, f"must be one or several of type {member.__name__}")
         return items
     if get_origin(kind) is Mapping and isinstance(value, list):
         pairs = [text.rpartition("=") for text in value]
         try:
             return {name: float(size) for name, _, size in pairs}
         except ValueError as error:
-            raise ValueError(f"{option.name} must be NAME=SIZE, got {value}") from error
+            raise refusal(option.name, f"must be NAME=SIZE, got {value}") from error
     if kind in (str, Path) and not isinstance(value, str | Path):
-        raise ValueError(f"{option.name} must be a text, got {value!r}")
+        raise refusal(option.name, f"must be a text, got {value!r}")
     return Path(value) if kind is Path else option.check(value)
 
 
@@ -305,11 +308,12 @@ def _read_options(file: Path, options: Mapping[str, Option]) -> Given:
         if name not in options:
             close = get_close_matches(name, options, n=1)
             hint = f"did you mean {close[0]!r}?" if close else "the command's help lists them"
-            raise ValueError(f"{file}: unknown option {key!r}: {hint}")
+            raise OptionError(f"{file}: unknown option {key!r}: {hint}", ["options"])
         try:
             given[name] = _as_value(options[name], value)
-        except ValueError as error:
-            raise ValueError(f"{file}: {error}") from error
+        except OptionError as error:
+            text = Message("{}: {}", file, message_of(error))
+            raise OptionError(text, error.options) from error
     return given
 
 
@@ -337,30 +341,34 @@ def parse_source(text: str) -> Any:
 
     what, _, size_text = text.rpartition("=")
     kind, _, where = what.partition(":")
-    refusal = ValueError(f"--source must be one of {_FORMS}; got {text!r}")
+    unknown = refusal("source", f"must be one of {_FORMS}; got {text!r}")
     try:
         size = float(size_text)
         of_curve = kind == "curve" and where != ""
         numbers = [float(word) for word in where.split(",")] if where and not of_curve else []
     except ValueError:
-        raise refusal from None
-    if of_curve:
-        return sizes.CurveSource(_curve(where, f"--source {text}"), size)
-    match kind, len(numbers):
-        case "point", 2 | 3:
-            return sizes.PointSource(numbers, size)
-        case "ball", 3 | 4:
-            return sizes.BallSource(numbers[:-1], numbers[-1], size)
-        case "box", 4 | 6 as n:
-            return sizes.BoxSource(numbers[: n // 2], numbers[n // 2 :], size)
-        case "boundary", 0 | 1:
-            return sizes.BoundarySource(size, tags=int(numbers[0]) if numbers else None)
-        case "region", 1:
-            return sizes.RegionSource(int(numbers[0]), size)
-    raise refusal
+        raise unknown from None
+    curve = _curve(where) if of_curve else None
+    try:
+        match kind, len(numbers):
+            case "curve", 0 if curve is not None:
+                return sizes.CurveSource(curve, size)
+            case "point", 2 | 3:
+                return sizes.PointSource(numbers, size)
+            case "ball", 3 | 4:
+                return sizes.BallSource(numbers[:-1], numbers[-1], size)
+            case "box", 4 | 6 as n:
+                return sizes.BoxSource(numbers[: n // 2], numbers[n // 2 :], size)
+            case "boundary", 0 | 1:
+                return sizes.BoundarySource(size, tags=int(numbers[0]) if numbers else None)
+            case "region", 1:
+                return sizes.RegionSource(int(numbers[0]), size)
+    except ValueError as error:
+        raise refusal("source", f"{text}: {error}") from error
+    raise unknown
 
 
-def _curve(where: str, name: str) -> Any:
+def _curve(where: str) -> Any:
     """Return the points of a curve, given as they are or in a text, or the segments in a file."""
     from adaptsize.errors import MeshFileError
     from adaptsize.io import read
@@ -369,7 +377,6 @@ def _curve(where: str, name: str) -> Any:
     of_text = path.suffix.lower() in _TEXTS
     rows = [point.split(",") for point in where.split(":")]
     if of_text:
-        name = where
         try:
             lines = path.read_text().replace(",", " ").splitlines()
         except (OSError, UnicodeDecodeError) as error:
@@ -385,7 +392,6 @@ def _curve(where: str, name: str) -> Any:
     dims = {len(point) for point in points}
     if len(points) < 2 or dims not in ({2}, {3}):
         got = f"{len(points)} points of {' or '.join(map(str, sorted(dims)))} coordinates"
-        raise ValueError(
-            f"{name}: a curve must have at least 2 points of 2 or 3 coordinates, got {got}"
-        )
+        fault = f"{where}: a curve must have at least 2 points of 2 or 3 coordinates, got {got}"
+        raise MeshFileError(fault) if of_text else refusal("source", f"curve:{fault}")
     return np.array(points)

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import adaptsize as ads
-from adaptsize._checks import as_tolerance, count_text
+from adaptsize._checks import as_tolerance, count_text, refusal
 from adaptsize._defaults import TOLERANCE
+from adaptsize._messages import Message
+from adaptsize._progress import Stage
 from adaptsize.cli import files
 from adaptsize.cli.console import Console, plain, print_message
 from adaptsize.cli.metric import remesh_with_metric
@@ -33,7 +35,6 @@ from adaptsize.cli.options import (
 )
 from adaptsize.cli.size import as_dict, bounded, print_outcome
 from adaptsize.cli.transfer import with_fields
-from adaptsize.errors import InputWarning
 from adaptsize.options import BudgetOptions, MeshOptions, RemeshToElementsOptions, options_of
 
 if TYPE_CHECKING:
@@ -103,8 +104,8 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ads.errors.OpenSurfaceWarning)  # printed by _accepted
-            warnings.filterwarnings("ignore", ".* not connected", InputWarning)  # and by `read`
-            following = steps.following(_part_of)
+            warnings.simplefilter("ignore", ads.errors.ConnectionWarning)  # and by `read`
+            following = steps.following()
             new, size = mesh_with_sizes(
                 mesh.without_data(),
                 bounded(mesh, given),
@@ -127,11 +128,12 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         if page is not None:
             from adaptsize.reporting.page import write_page  # matplotlib takes a while
 
-            names = [name.partition(" with ")[2] for name, _ in console.times]
+            stages = [name for name, _ in console.times if isinstance(name, Stage)]
+            generators = dict.fromkeys(stage.generator for stage in stages if stage.generator)
             about = {
                 "input": str(file),
                 "command": console.typed,
-                "generator": " and ".join(dict.fromkeys(filter(None, names))),
+                "generator": " and ".join(generators),
             }
             head = {"title": None, "times": console.times, "about": about}
             write_page(page, new, size, outcome, outcome.check, head)
@@ -157,11 +159,6 @@ def _printed(
     if attempts.is_cut_short and console.quiet:
         print_message("error: stopped at the time limit with the best mesh so far")
     return max(code, int(attempts.is_cut_short))
-
-
-def _part_of(text: str) -> str | None:
-    """Return the name of the part of meshing that begins with a text of progress, if one does."""
-    return "sizes" if text == "size function" else text if " with " in text else None
 
 
 def _provenance(
@@ -192,10 +189,11 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
 
     tolerance = as_tolerance("tolerance", given.get("tolerance", TOLERANCE))
     if tolerance >= _LOOSE:
-        console.warn(
-            f"tolerance = {tolerance:g} is a share of the diagonal, not a length: the boundary may "
-            "move so far, and check accepts it"
+        text = (
+            f"= {tolerance:g} is a share of the diagonal, not a length: the boundary may move so "
+            "far, and check accepts it"
         )
+        console.warn(Message.about("tolerance", text))
     # Half of the tolerance is for the mesh generator.
     mesh = files.read_mesh(file, 0.5 * tolerance, **files.reading(given))
     if files.is_of_polygons(file):
@@ -203,10 +201,11 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
     close = given.pop("close_holes", False)
     if "target" not in given and not close and _is_for_surfaces(output, mesh, given):
         given["target"] = "triangles"
-        console.say(
-            f"{output.name} holds triangles: the surface is remeshed; --target tetrahedra fills it "
-            "and writes the boundary"
+        text = (
+            "{} holds triangles: the surface is remeshed; {target:tetrahedra} fills it and writes "
+            "the boundary"
         )
+        console.say(Message(text, output.name))
     elif "target" not in given and is_in_plane(mesh):
         given["target"] = "triangles"
         console.say("the surface lies in a plane: it is remeshed there")
@@ -216,7 +215,7 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
         allowed = tolerance * mesh.diagonal
         mesh = _accepted(console, mesh, allowed, close=close, strict=given.get("strict", False))
     elif close:
-        raise ValueError(f"--close-holes applies to surfaces that become tetrahedra, got {mesh!r}")
+        raise refusal("close_holes", f"applies to surfaces that become tetrahedra, got {mesh!r}")
     mesh = files.without_details(console, mesh, given)
     if given.pop("faces", False):
         mesh = files.with_named_faces(mesh)

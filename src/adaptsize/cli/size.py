@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import adaptsize as ads
-from adaptsize._checks import as_number
+from adaptsize._checks import as_number, refusal
+from adaptsize._messages import Message
 from adaptsize.cli import files
 from adaptsize.cli.console import Console, print_message
 from adaptsize.cli.options import (
@@ -26,6 +27,7 @@ from adaptsize.cli.options import (
     command,
     own,
 )
+from adaptsize.errors import OptionError
 from adaptsize.options import (
     ImageMeshOptions,
     ImageOptions,
@@ -37,7 +39,7 @@ from adaptsize.options import (
 if TYPE_CHECKING:
     from adaptsize._size_report import SizeReport
     from adaptsize.background import SimplexMesh
-    from adaptsize.quality import MeshCheck
+    from adaptsize.quality.certificate import MeshCheck
     from adaptsize.reporting.outcome import Outcome
 
 _COST = own("Output", "cost", bool, "Also print unknowns, matrix and smallest places.")
@@ -76,13 +78,12 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
     of_cost: Given = {name: given.pop(name) for name in ("cost", "parts", "speed") if name in given}
     as_number("speed", of_cost.get("speed", 1.0), lower=0.0, strict=True)
     if "speed" in of_cost and len(of_cost) == 1:
-        raise ValueError("--speed has no effect without --cost or --parts")
+        raise OptionError(Message("{speed} has no effect without {cost} or {parts}"))
     content: files.Content = "sizes of an image" if of_image else "sizes"
     files.check_files([file], output, content, plot=plot, plot_causes=plot_causes)
     for name in _OF_MESHES if of_image else options_of(ImageOptions):
         if name in given | of_cost:
-            flag = f"--{name.replace('_', '-')}"
-            raise ValueError(f"{flag} does not apply to this kind of file, got it with {file}")
+            raise refusal(name, f"does not apply to this kind of file, got it with {file}")
     with console.steps(3) as steps:
         steps.begin("reading")
         domain: Any
@@ -199,7 +200,7 @@ def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -
         steps.begin("reading")
         pixels = ads.io.read_image(file)
         steps.begin("sizes")
-        following = steps.following({"placing nodes": "meshing"}.get)
+        following = steps.following()
         mesh = ads.mesh_image(pixels, **given, progress=following)
         steps.begin("writing")
         files.write_result(console, output, mesh, order=order)

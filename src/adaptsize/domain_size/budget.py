@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from adaptsize._checks import count_text, warn_caller
+from adaptsize._messages import Message
+from adaptsize._progress import Stage
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
@@ -12,7 +14,7 @@ from adaptsize.domain_size.by_domain import MeshDomain, SizedDomain
 from adaptsize.domain_size.cost import as_bytes, report_of, system_of
 from adaptsize.domain_size.on_surface import SurfaceDomain, warn_of_outside
 from adaptsize.domain_size.request import Goal, Request
-from adaptsize.errors import ResolutionWarning, TooManyElementsError
+from adaptsize.errors import OptionError, ResolutionWarning, TooManyElementsError
 from adaptsize.remeshing.details import SurfaceWithDetails
 from adaptsize.sizes import predict
 from adaptsize.sizes.budget import calibration
@@ -118,7 +120,7 @@ def _between(
     return best
 
 
-def _excess(request: Request, report: SizeReport) -> str:
+def _excess(request: Request, report: SizeReport) -> Message:
     """Return how many elements the sizes require, more than allowed, and why."""
     name, most = "max_elements", f"{request.max_elements:.6g}"
     needed = f"{count_text(report.n_elements)} elements"
@@ -129,13 +131,13 @@ def _excess(request: Request, report: SizeReport) -> str:
         name, wanted = request.goal
         needed = f"{count_text(predicted_number(report, name, request.system))} {name}"
         most = f"{wanted:.6g}"
-    return (
-        f"the sizes require about {needed}, more than {name} = {most}: "
-        f"{_what_forbids(request, report)}; relax that bound or raise {name}"
+    return Message(
+        "the sizes require about {}, more than {} = {}: {}; relax that bound or raise {}",
+        *(needed, Message.name(name), most, _what_forbids(request, report), Message.name(name)),
     )
 
 
-def _refusal(domain: SizedDomain, request: Request, report: SizeReport) -> str:
+def _refusal(domain: SizedDomain, request: Request, report: SizeReport) -> Message:
     """Return how many elements the boundary within the tolerance needs, and what needs fewer.
 
     Where no tolerance and no length of details would help, something else requires the elements.
@@ -144,10 +146,10 @@ def _refusal(domain: SizedDomain, request: Request, report: SizeReport) -> str:
     offers = []
     tolerance = tolerance_that_fits(domain, request, report)
     if tolerance is not None:
-        offers.append(f"tolerance={tolerance:g}")
+        offers.append(Message.name("tolerance", f"{tolerance:g}"))
     detail = detail_that_fits(domain, request)
     if detail is not None:
-        offers.append(f"least_detail={detail:g}")
+        offers.append(Message.name("least_detail", f"{detail:g}"))
     if not offers:
         return _excess(request, report)
     needed = f"{count_text(predicted_number(report, what, request.system))} {what}"
@@ -155,9 +157,9 @@ def _refusal(domain: SizedDomain, request: Request, report: SizeReport) -> str:
     if request.goal is None and report.n_elements <= (1.0 + _CLOSE) * request.max_elements:
         needed = f"{system_of(report, *request.system)[1] / 1e9:.2g} GB for the matrix"
         enough = f"{request.options['max_memory']} is"
-    return (
-        f"within the tolerance of {request.tolerance:g} the boundary needs about {needed}; "
-        f"{enough} not enough: {', or '.join(offers)}"
+    return Message(
+        "within the tolerance of {:g} the boundary needs about {}; {} not enough: {}",
+        *(request.tolerance, needed, enough, Message.joined(", or ", offers)),
     )
 
 
@@ -243,11 +245,12 @@ def _given(request: Request) -> list[str]:
     return [*given, "h0"] if request.h0 is not None else given
 
 
-def _what_forbids(request: Request, report: SizeReport) -> str:
+def _what_forbids(request: Request, report: SizeReport) -> Message:
     """Return which bound controls most of the elements, and which parameters are given."""
-    given = ", ".join(_given(request))
-    rest = f"given parameters: {given}" if given else "and the parameters are relaxed already"
-    return f"{what_controls(report)}, {rest}"
+    given = Message.joined(", ", map(Message.name, _given(request)))
+    if not given:
+        return Message("{}, and the parameters are relaxed already", what_controls(report))
+    return Message("{}, given parameters: {}", what_controls(report), given)
 
 
 def what_controls(report: SizeReport) -> str:
@@ -296,8 +299,10 @@ def _with_number(domain: SizedDomain, request: Request, what: Goal, wanted: floa
         if number > wanted:
             raise TooManyElementsError(_refusal(domain, request, report_of(best)))
         warn_caller(
-            f"the sizes require about {count_text(number)} {what} instead of {wanted:.6g}: "
-            f"{_what_forbids(request, report_of(best))}",
+            Message(
+                "the sizes require about {} {} instead of {:.6g}: {}",
+                *(count_text(number), what, wanted, _what_forbids(request, report_of(best))),
+            ),
             ResolutionWarning,
         )
     return best
@@ -310,7 +315,9 @@ def predicted_number(report: SizeReport, what: Goal, system: tuple[int, int]) ->
     if what == "dofs":
         return system_of(report, *system)[0]
     if np.isnan(report.n_nodes):
-        raise ValueError("nodes needs a mesh or a surface as domain; use elements for others")
+        raise OptionError(
+            Message("{nodes} needs a mesh or a surface as domain; use {elements} for others")
+        )
     return report.n_nodes
 
 
@@ -335,7 +342,7 @@ def _fully_relaxed(domain: SizedDomain, request: Request) -> SizeFunction:
 
 def _relaxed(domain: SizedDomain, request: Request, relaxation: float) -> SizeFunction:
     """Return the sizes for relaxed parameters, with the predicted numbers of a mesh by Mmg."""
-    request.report("size function", None)
+    request.report(Stage("sizes"), None)
     size = domain.limited(replace(request, relaxation=relaxation))
     report, dim = report_of(size), size.background.dim
     found = Prediction(calibration("mmg", dim) * report.n_elements)

@@ -6,7 +6,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_plain_array, check_type, describe
+from adaptsize._checks import as_float_array, as_plain_array, check_type, describe, refusal
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import AnyBackground, CartesianGrid, Octree, SimplexMesh
@@ -123,7 +123,7 @@ def _as_domain(
     if not is_image:
         for name in options_of(ImageOptions):
             if request.options.get(name) is not None:
-                raise ValueError(f"{name} applies to images only, got it with {describe(domain)}")
+                raise refusal(name, f"applies to images only, got it with {describe(domain)}")
     if isinstance(domain, SimplexMesh):
         return mesh_domain(domain, background, request.crease_angle)
     if callable(domain):

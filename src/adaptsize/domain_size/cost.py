@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._checks import as_number, as_whole_number, check_type, describe, place_text
+from adaptsize._checks import as_number, as_whole_number, check_type, describe, place_text, refusal
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import NONE, SizeReport
 from adaptsize.background import SimplexMesh
@@ -74,41 +74,7 @@ class Cost:
 def cost(size: SizeFunction, *, degree: int = 1, components: int = 1, speed: float = 1.0) -> Cost:
     """Return what a finite element method costs on a mesh with these sizes.
 
-    Parameters
-    ----------
-    size : SizeFunction
-        From `size_function`.
-    degree : int
-        Polynomial degree of Lagrange elements, 1 to 20.
-    components : int
-        Number of components of the solution, such as 3 of a displacement.
-    speed : float
-        Largest speed of a signal, in units of length per time.
-
-    Returns
-    -------
-    Cost
-
-    Raises
-    ------
-    ValueError
-        If ``size`` has no report, or an option is out of range.
-
-    Notes
-    -----
-    The numbers of nodes, edges, faces and cells follow from the predicted cells and boundary facets
-    by Euler's formula.  The unknowns and the nonzeros of the matrix are those of a conforming mesh
-    with these numbers, exactly.  For grids, octrees and images the facets of the boundary are not
-    known and count as none.  An explicit method is stable up to a multiple of the time step that
-    depends on the method and the degree.
-
-    Examples
-    --------
-    >>> from adaptsize import SimplexMesh, size_function
-    >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-    >>> size = size_function(square, hmax=0.01, hmin=0.01)
-    >>> print(f"{size.cost(degree=2).n_unknowns:.2g}")
-    4.7e+04
+    See `SizeFunction.cost`.
     """
     report = report_of(size)
     degree = as_whole_number("degree", degree, lower=1, upper=20)
@@ -219,6 +185,6 @@ def as_bytes(memory: str) -> float:
     found = _MEMORY.fullmatch(memory) if isinstance(memory, str) else None
     number = float(found[1]) if found else 0.0
     if found is None or number == 0.0:
-        wanted = 'max_memory must be a text such as "8GB" or "500MB"'
-        raise ValueError(f"{wanted}, got {describe(memory)}")
+        wanted = 'must be a text such as "8GB" or "500MB"'
+        raise refusal("max_memory", f"{wanted}, got {describe(memory)}")
     return number * 1000.0 ** " KMGT".index(found[2].upper() or " ")

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import warn_caller
 from adaptsize._defaults import TOLERANCE
+from adaptsize._messages import Message
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import AnyBackground, SimplexMesh
@@ -23,7 +24,7 @@ from adaptsize.domain_size.budget import predicted_number, what_controls
 from adaptsize.domain_size.complete_size import size_function
 from adaptsize.domain_size.cost import report_of, unknowns_on
 from adaptsize.domain_size.request import Goal, Implicit, goal_of
-from adaptsize.errors import ResolutionWarning, TooManyElementsError
+from adaptsize.errors import OptionError, ResolutionWarning, TooManyElementsError
 from adaptsize.options import (
     BudgetOptions,
     DetailOptions,
@@ -122,7 +123,7 @@ def remesh_to_elements(
     check_backend(mesh, given["target"], given["backend"])
     if (elements is None) == (nodes is None):
         number = "none" if nodes is None else "both"
-        raise ValueError(f"one of elements and nodes must be given, got {number}")
+        raise OptionError(Message("one of {elements} and {nodes} must be given, got {}", number))
     if given["least_detail"] is not None:
         mesh = remove_details(mesh, given["least_detail"], crease_angle=given["crease_angle"]).mesh
     request = {
@@ -205,13 +206,16 @@ def _within_cap(
     if most is None or count <= _OVER_CAP * most:
         return made
     aim = most * report_of(size).n_elements / count
-    tell(f"{count} elements, more than max_elements = {most:.6g}; a mesh is made for {aim:.0f}")
+    text = "{} elements, more than {max_elements} = {:.6g}; a mesh is made for {:.0f}"
+    tell(Message(text, count, most, aim))
     size = sized(max_elements=max(aim, 1.0))
     made = MeshOfElements(meshed(mesh, size), size)
     if made.mesh.n_cells > _OVER_CAP * most:
         raise TooManyElementsError(
-            f"the meshes had {count} and {made.mesh.n_cells} elements, more than "
-            f"max_elements = {most:.6g}: {what_controls(report_of(size))}"
+            Message(
+                "the meshes had {} and {} elements, more than {max_elements} = {:.6g}: {}",
+                *(count, made.mesh.n_cells, most, what_controls(report_of(size))),
+            )
         )
     return made
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, refuse_where
+from adaptsize._checks import as_float_array, as_number, refusal, refuse_where
 from adaptsize._defaults import TOLERANCE
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import AnyBackground, SimplexMesh
@@ -141,9 +141,10 @@ def _best_order(h: FloatArray, f: FloatArray) -> float:
     best = int(np.argmin([missed(p) for p in tried]))
     turns = len(np.unique(np.sign(np.diff(f[np.argsort(h)]))))
     if best in (0, len(tried) - 1) or (len(h) == 3 and turns > 1):
-        raise ValueError(
-            f"values must approach a value with an order from {_ORDERS[0]} to {_ORDERS[1]:g}, got "
-            f"{f.tolist()}: the coarsest mesh may be too coarse"
+        raise refusal(
+            "values",
+            f"must approach a value with an order from {_ORDERS[0]} to {_ORDERS[1]:g}, got "
+            f"{f.tolist()}: the coarsest mesh may be too coarse",
         )
     around = (tried[best - 1], tried[best + 1])
     return float(minimize_scalar(missed, bounds=around, options={"xatol": 1e-10}).x)

@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 
 from adaptsize._checks import describe, warn_caller
+from adaptsize._messages import Message
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import Octree
 from adaptsize.background.enclosing import enclosing_diameter
@@ -74,9 +75,12 @@ class ImplicitDomain:
                 break
             if tree.n_leaves > MAX_LEAVES[dim]:
                 warn_caller(
-                    f"the background has {shape.tree.n_leaves} leaves, and {tree.n_leaves} would "
-                    f"be more than the {MAX_LEAVES[dim]} allowed: between its nodes, sizes "
-                    "may be off by more than 5 %; raise hmin, or give a background",
+                    Message(
+                        "the background has {} leaves, and {} would be more than the {} allowed: "
+                        "between its nodes, sizes may be off by more than 5 %; raise {hmin}, or "
+                        "give a background",
+                        *(shape.tree.n_leaves, tree.n_leaves, MAX_LEAVES[dim]),
+                    ),
                     ResolutionWarning,
                 )
                 break

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_plain_array, describe, refuse_where, warn_caller
+from adaptsize._checks import as_plain_array, describe, refusal, refuse_where, warn_caller
+from adaptsize._messages import Message
 from adaptsize.background import CartesianGrid
 from adaptsize.background.grid import span_of
 from adaptsize.background.image import Image
-from adaptsize.errors import InputWarning
+from adaptsize.errors import InputWarning, OptionError
 from adaptsize.options import ImageOptions
 from adaptsize.typing import BoolArray, FloatArray
 
@@ -72,14 +73,11 @@ def as_image(image: Image | npt.ArrayLike, spacing: npt.ArrayLike | None) -> Ima
                 "which looks like colours: segment it first (pass a volume of so few planes as a "
                 "background.Image)"
             )
-        try:
-            made = Image(values, 1.0 if spacing is None else spacing)
-        except ValueError as error:
-            raise ValueError(str(error).replace("values must", "image must", 1)) from error
+        made = Image.of("image", values, 1.0 if spacing is None else spacing)
     # Gradient limiting accepts coordinates up to 1e60; an image has below 1e10 pixels per axis.
     far = (made.spacing < 1e-50) | (made.spacing > 1e50)
     wanted = "must be from 1e-50 to 1e+50: choose another unit of length"
-    refuse_where("spacing", far, made.spacing, wanted)
+    refuse_where("spacing", far, made.spacing, wanted, OptionError)
     return made
 
 
@@ -103,19 +101,20 @@ def mask_of(image: Image | npt.ArrayLike, options: ImageOptions) -> Mask:
         refuse_where("image", np.isnan(values), values, "must hold no NaN")
     if label is not None and threshold is not None:
         given = f"{describe(label)} and {describe(threshold)}"
-        raise ValueError(f"label or threshold must be given, got both: {given}")
+        raise OptionError(Message("{label} or {threshold} must be given, got both: {}", given))
     if threshold is not None:
         return _cut(image, values > threshold, f"above {threshold:g}", None)
     if values.dtype.kind == "f":
-        raise ValueError(
-            f"image must hold labels (bool or integers), got {values.dtype} from "
-            f"{values.min():g} to {values.max():g}; pass threshold="
+        kind, low, high = values.dtype, values.min(), values.max()
+        text = (
+            "image must hold labels (bool or integers), got {} from {:g} to {:g}; pass {threshold}"
         )
+        raise ValueError(Message(text, kind, low, high))
     if label is not None:
         chosen = _is_labelled(values, label)
         is_named = bool(values[chosen].any())  # label 0 alone is what is outside otherwise
         if is_named and not values[chosen].all():
-            raise ValueError(f"label must not hold 0, the outside, with others, got {label}")
+            raise refusal("label", f"must not hold 0, the outside, with others, got {label}")
         return _cut(image, chosen, f"of label {label}", values if is_named else None)
     _refuse_photo(values)
     inside = values != 0
@@ -126,13 +125,13 @@ def mask_of(image: Image | npt.ArrayLike, options: ImageOptions) -> Mask:
 def _is_labelled(values: npt.NDArray[Any], label: int | Sequence[int]) -> BoolArray:
     wanted = np.atleast_1d(np.asarray(label))
     if wanted.dtype.kind not in "iu" or wanted.ndim != 1 or wanted.size == 0:
-        raise ValueError(f"label must be an integer or several, got {describe(label)}")
+        raise refusal("label", f"must be an integer or several, got {describe(label)}")
     present = np.unique(values)
     missing = wanted[~np.isin(wanted, present)]
     if missing.size:
         listed = ", ".join(str(int(k)) for k in present[:12])
         more = ", ..." if present.size > 12 else ""
-        raise ValueError(f"label must be one of {listed}{more}, got {int(missing[0])}")
+        raise refusal("label", f"must be one of {listed}{more}, got {int(missing[0])}")
     return np.isin(values, wanted)
 
 
@@ -146,10 +145,11 @@ def _refuse_photo(values: npt.NDArray[Any]) -> None:
     share = n_changes / max(1, int(np.count_nonzero(both)))
     n_values = np.unique(values).size
     if share > 0.25 and n_values > 2:
-        raise ValueError(
-            f"image must be a mask or hold labels, got {n_values} different values that change "
-            "from pixel to pixel, as in a photo: segment it first, or pass threshold= or label="
+        text = (
+            "image must be a mask or hold labels, got {} different values that change from pixel "
+            "to pixel, as in a photo: segment it first, or pass {threshold} or {label}"
         )
+        raise ValueError(Message(text, n_values))
 
 
 def _cut(image: Image, inside: BoolArray, what: str, labels: npt.NDArray[Any] | None) -> Mask:
@@ -243,17 +243,24 @@ def report_lost(in_image: BoolArray, before: npt.NDArray[Any], after: npt.NDArra
     if len(sizes_lost) == total:
         what = f"{total} objects" if total > 1 else "one object"
         raise ValueError(
-            f"image must show objects at least 4 pixels across, got {what} of at most "
-            f"{max(sizes_lost)} pixels, which smoothing removes"
+            Message(
+                "image must show objects at least 4 pixels across, got {} of at most {} pixels, "
+                "which {smoothing} removes",
+                *(what, max(sizes_lost)),
+            )
         )
     if sizes_lost:
         warn_caller(
-            f"smoothing removes {len(sizes_lost)} of {total} objects, the largest of "
-            f"{max(sizes_lost)} pixels",
+            Message(
+                "{smoothing} removes {} of {} objects, the largest of {} pixels",
+                *(len(sizes_lost), total, max(sizes_lost)),
+            ),
             InputWarning,
         )
     elif parts:
         warn_caller(
-            f"smoothing removes thin parts: {', '.join(parts)}; less smoothing keeps them",
+            Message(
+                "{smoothing} removes thin parts: {}; less smoothing keeps them", ", ".join(parts)
+            ),
             InputWarning,
         )

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_plain_array
+from adaptsize._checks import as_plain_array, refusal
 from adaptsize._progress import silent
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, SimplexMesh
@@ -20,6 +20,7 @@ from adaptsize.domain_size.by_domain import diameter_of, limited_on_grid
 from adaptsize.domain_size.labels import LabelFields, NearestOnGrid
 from adaptsize.domain_size.masks import MARGIN, Mask, lost_pixels, mask_of, report_lost
 from adaptsize.domain_size.request import Bounds, Request
+from adaptsize.errors import OptionError
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.limiting import FastMarching
 from adaptsize.options import ImageOptions
@@ -205,7 +206,10 @@ class ImageDomain:
         for label in wanted:
             if label not in present:
                 known = ", ".join(present)
-                raise ValueError(f"{what} must be labels of the image, {known}; got {label!r}")
+                text = f"must be labels of the image, {known}; got {label!r}"
+                if what == "tags":  # of a source
+                    raise OptionError(f"{what} {text}", ["sources"])
+                raise refusal(what, text)
         return np.isin(self.smooth, [present[label] for label in wanted])
 
 

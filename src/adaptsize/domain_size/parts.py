@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from adaptsize._checks import as_number, describe
+from adaptsize._checks import as_number, describe, refusal
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport, measure_dim
 from adaptsize.background import SimplexMesh
@@ -78,7 +78,7 @@ def as_sizes_of_parts(size_of: Any) -> dict[str, float]:
     """
     kinds = str | int | np.integer
     if not isinstance(size_of, Mapping) or not all(isinstance(name, kinds) for name in size_of):
-        raise ValueError(f"size_of must be sizes by the names of parts, got {describe(size_of)}")
+        raise refusal("size_of", f"must be sizes by the names of parts, got {describe(size_of)}")
     return {
         str(name): as_number(f"size_of[{name!r}]", size, lower=0.0, strict=True)
         for name, size in size_of.items()
@@ -91,14 +91,14 @@ def sizes_of_parts(mesh: object, size_of: Mapping[str, float]) -> FloatArray:
         mesh.cell_tags is not None or mesh.tagged_facets is not None
     )
     if not (tagged and isinstance(mesh, SimplexMesh)):
-        raise ValueError(f"size_of needs a mesh with tags that carries the sizes, got {mesh!r}")
+        raise refusal("size_of", f"needs a mesh with tags that carries the sizes, got {mesh!r}")
     parts = parts_of(mesh)
     sizes = np.full(mesh.n_points, np.inf)
     for name, size in size_of.items():
         named = [part for part in parts if part.name == name]
         if not named:
             known = ", ".join(dict.fromkeys(part.name for part in parts))
-            raise ValueError(f"size_of must name parts among {known}; got {name!r}")
+            raise refusal("size_of", f"must name parts among {known}; got {name!r}")
         for part in named:
             sizes[part.cells] = np.minimum(sizes[part.cells], size)
     return sizes
@@ -134,41 +134,7 @@ class Part:
 def parts(size: SizeFunction, *, speed: float = 1.0) -> tuple[Part, ...]:
     """Return the width, curvature, size and cost of each region and face of a domain.
 
-    Regions are those of ``cell_tags`` of a mesh of full dimension.  Faces are those of
-    ``tagged_facets`` there, and of ``cell_tags`` of a surface.  If there are no tags, faces are
-    those of `SimplexMesh.tag_faces`, in the plane the lines between corners.
-
-    Parameters
-    ----------
-    size : SizeFunction
-        From `size_function` of a mesh, with the mesh or its surface as background.
-    speed : float
-        As in `SizeFunction.cost`.
-
-    Returns
-    -------
-    tuple of Part
-        Regions first, then faces, by tag.
-
-    Raises
-    ------
-    ValueError
-        If ``size`` has no report, or is on a grid or an octree.
-
-    Notes
-    -----
-    Widths, separations and radii are those that bound the size, so they are known where these
-    bounds are active.  A node on several faces counts for each; sizes that grow from it count for
-    the smallest of them.
-
-    Examples
-    --------
-    >>> from adaptsize import SimplexMesh, size_function
-    >>> corners, facets = [[0, 0], [4, 0], [4, 1], [0, 1]], [[0, 1], [1, 2], [2, 3], [3, 0]]
-    >>> strip = SimplexMesh(corners, [[0, 1, 2], [0, 2, 3]], tagged_facets=facets,
-    ...                     facet_tags=[1, 1, 1, 2], tag_names={(1, 2): "inlet"})
-    >>> [(part.name, part.measure) for part in size_function(strip).parts()]
-    [('face 1', 9.0), ('inlet', 1.0)]
+    See `SizeFunction.parts`.
     """
     report, mesh = report_of(size), size.background
     speed = as_number("speed", speed, lower=0.0, strict=True)

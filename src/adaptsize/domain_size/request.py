@@ -11,12 +11,14 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_limits, as_sizes
 from adaptsize._defaults import GRADIENT_LIMIT, MAX_ELEMENTS, TOLERANCE
+from adaptsize._messages import Message
 from adaptsize._progress import silent
 from adaptsize._size_report import NONE, SizeReport, measure_dim
 from adaptsize._workers import Workers
 from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
 from adaptsize.domain_size.cost import as_bytes
 from adaptsize.domain_size.parts import as_sizes_of_parts, sizes_of_parts
+from adaptsize.errors import OptionError
 from adaptsize.geometry.inside import Inside
 from adaptsize.limiting import limit_gradient
 from adaptsize.limiting.info import LimitingInfo
@@ -67,11 +69,12 @@ class Request:
             request.options["size_of"] = as_sizes_of_parts(options["size_of"])
         goal = request.goal
         if request.is_fixed and goal is not None:
-            name = goal[0]
-            raise ValueError(
-                f"{name} changes the parameters that are not given, but elements_per_radian, "
-                f"elements_across, hmin and hmax are all given: omit one of them, or {name}"
+            name = Message.name(goal[0])
+            text = (
+                "{} changes the parameters that are not given, but {elements_per_radian}, "
+                "{elements_across}, {hmin} and {hmax} are all given: omit one of them, or {}"
             )
+            raise OptionError(Message(text, name, name))
         return request
 
     def with_options(self, **options: float) -> Request:
@@ -233,8 +236,13 @@ def goal_of(options: BudgetOptions) -> tuple[Goal, float] | None:
     names: tuple[Goal, ...] = ("elements", "nodes", "dofs")
     given = [(name, value) for name in names if (value := options[name]) is not None]
     if len(given) > 1:
-        raise ValueError(f"{given[1][0]} and {given[0][0]} exclude each other: omit one of them")
+        raise _exclusive(given[1][0], given[0][0])
     return given[0] if given else None
+
+
+def _exclusive(one: str, other: str) -> OptionError:
+    text = "{} and {} exclude each other: omit one of them"
+    return OptionError(Message(text, Message.name(one), Message.name(other)))
 
 
 def largest_number(options: BudgetOptions) -> float:
@@ -246,16 +254,14 @@ def largest_number(options: BudgetOptions) -> float:
     if goal is not None and goal[0] != "elements":
         if most is not None or memory is not None:
             other = "max_memory" if most is None else "max_elements"
-            raise ValueError(f"{goal[0]} and {other} exclude each other: omit one of them")
+            raise _exclusive(goal[0], other)
         return np.inf
     if elements is None:
         default = MAX_ELEMENTS if memory is None else np.inf
         return default if most is None else most
     if most is not None and elements > most:
-        raise ValueError(
-            f"elements must be at most max_elements = {most:.6g}, got {elements:.6g}; "
-            "omit max_elements"
-        )
+        text = "{elements} must be at most {max_elements} = {:.6g}, got {:.6g}; omit {max_elements}"
+        raise OptionError(Message(text, most, elements))
     return elements
 
 

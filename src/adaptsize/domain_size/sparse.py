@@ -100,44 +100,9 @@ class SparseSize:
 
 
 def sparse_size(size: SizeFunction, g: float | None = None) -> SparseSize:
-    r"""Return the same sizes as a few points from which they grow.
+    """Return the same sizes as a few points from which they grow.
 
-    Of the nodes and point sources, those are kept whose size is not allowed by another one.
-
-    Parameters
-    ----------
-    size : SizeFunction
-        With the gradient limited.
-    g : float, optional
-        The gradient limit, if ``size`` is not from `size_function`.
-
-    Returns
-    -------
-    SparseSize
-
-    Raises
-    ------
-    ValueError
-        If g is not known.
-
-    Notes
-    -----
-    At the nodes of a convex domain, the sizes are the same up to rounding.  Between them, the
-    result is the largest function of gradient g with these nodal values; it is the limited size
-    itself if that grows from nodes and point sources only.  In other domains distances are straight
-    here, so that sizes at nodes are never larger, but smaller across slits and gaps.  The work
-    is that of limiting.
-
-    Examples
-    --------
-    >>> from adaptsize import PointSource, SimplexMesh, size_function
-    >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-    >>> size = size_function(square, sources=PointSource([0.3, 0.4], 0.01), hmax=0.2)
-    >>> sparse = size.sparse()
-    >>> sparse
-    SparseSize(1 points, g = 0.25, hmax = 0.2)
-    >>> bool(np.allclose(sparse(size.background.points), size.values, rtol=1e-12))
-    True
+    See `SizeFunction.sparse`.
     """
     check_type("size", size, SizeFunction)
     if g is None:

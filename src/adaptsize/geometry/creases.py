@@ -151,33 +151,7 @@ def corner_angles(corners: FloatArray) -> FloatArray:
 def crease_edges(surface: SimplexMesh, *, crease_angle: float = CREASE_ANGLE) -> IntArray:
     """Return the feature edges of a surface: boundary, non-manifold, sharp and tagged edges.
 
-    Sharp edges with a loose end, a node on no other feature edge, are none; see `Faces`.
-
-    Parameters
-    ----------
-    surface : SimplexMesh
-        Triangles in space, in any orientation.
-    crease_angle : float, default 40
-        Edges with a larger angle between the two normals are sharp; in degrees.
-
-    Returns
-    -------
-    ndarray of int32, shape (n_creases, 2)
-        Node indices, ``i < j``, in lexicographic order.
-
-    Raises
-    ------
-    ValueError
-        If the cells are not triangles in space, or the angle is out of range.
-
-    Examples
-    --------
-    >>> from adaptsize import SimplexMesh
-    >>> roof = SimplexMesh([[0, 0, 1], [1, 0, 1], [0, 1, 0], [0, -1, 0]], [[0, 1, 2], [0, 1, 3]])
-    >>> crease_edges(roof).tolist()
-    [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3]]
-    >>> crease_edges(roof, crease_angle=91.0).tolist()
-    [[0, 2], [0, 3], [1, 2], [1, 3]]
+    See `SimplexMesh.crease_edges`.
     """
     refuse_other_than_surface(surface)
     angle = math.radians(as_angle("crease_angle", crease_angle))
@@ -194,42 +168,7 @@ def refuse_other_than_surface(surface: SimplexMesh) -> None:
 def tag_faces(surface: SimplexMesh, angle: float = 40.0) -> SimplexMesh:
     """Return a surface with a tag for each face; faces are separated by feature edges.
 
-    A file such as STL contains triangles but no faces.  The tags are kept by `remesh`.  They can
-    be used to prescribe sizes with `RegionSource`, and boundary conditions in a solver.
-
-    Parameters
-    ----------
-    surface : SimplexMesh
-        Triangles in space, in any orientation.
-    angle : float, default 40
-        Edges with a larger angle between the normals of their two triangles are feature edges;
-        so are edges of one, three or more triangles, and tagged edges.  In degrees, from 0 to
-        180.
-
-    Returns
-    -------
-    SimplexMesh
-        The same mesh with ``cell_tags`` 1 to n instead of the given ones.  Triangles have the
-        same tag if they are connected by a path that crosses no feature edge.  Faces are numbered
-        in the order of their first triangles.
-
-    Raises
-    ------
-    ValueError
-        If the cells are not triangles in space, or the angle is out of range.
-
-    Notes
-    -----
-    Time and memory are O(n).  A feature edge that ends inside a face does not divide it.
-
-    Examples
-    --------
-    The six triangles at a corner of a cube, two on each of its sides:
-
-    >>> points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
-    >>> cells = [[0, 1, 2], [0, 2, 3], [0, 1, 5], [0, 5, 4], [0, 3, 6], [0, 6, 4]]
-    >>> tag_faces(SimplexMesh(points, cells)).cell_tags
-    array([1, 1, 2, 2, 3, 3], dtype=int32)
+    See `SimplexMesh.tag_faces`.
     """
     refuse_other_than_surface(surface)
     limit = math.radians(as_angle("angle", angle))

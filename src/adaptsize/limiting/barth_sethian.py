@@ -1,16 +1,16 @@
 """The positive coefficient scheme of Barth and Sethian, as a limiter."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from adaptsize._checks import describe
 from adaptsize._kernels.fast_marching import sweep_cells
 from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
 from adaptsize.background.interpolation import hat_gradients
 from adaptsize.limiting.fast_marching import cells_in, march_mesh
 from adaptsize.limiting.problem import Problem, Scheme, Solution, checked_start
+from adaptsize.options import Option
 
 _MOST_STEPS = 20_000
 
@@ -42,17 +42,9 @@ class PositiveCoefficient(Scheme):
 
     name: ClassVar[str] = "positive-coefficient"
     optional: ClassVar[frozenset[str]] = frozenset({"initial"})
-    floor: Literal["hopf-lax"] | None = "hopf-lax"
-    tol: float = 1e-3
-    max_iter: int | None = None
-
-    def __post_init__(self) -> None:
-        """Check the options."""
-        if self.floor is not None and not (
-            isinstance(self.floor, str) and self.floor == "hopf-lax"
-        ):
-            raise ValueError(f"floor must be 'hopf-lax' or None, got {describe(self.floor)}")
-        super().__post_init__()
+    floor: Annotated[Literal["hopf-lax"] | None, Option()] = "hopf-lax"
+    tol: Annotated[float, Option(above=True)] = 1e-3
+    max_iter: Annotated[int | None, Option(lower=1.0)] = None
 
     def supports(self, domain: AnyMesh | CartesianGrid) -> str:
         """Return which backgrounds the scheme needs."""
@@ -62,7 +54,7 @@ class PositiveCoefficient(Scheme):
         """Solve a problem; the residual is the largest rate of change, divided by g."""
         from adaptsize._kernels.barth_sethian import fill_residuals
 
-        mesh: Any = problem.domain
+        mesh = problem.mesh
         h0, slope, tol, max_iter = problem.h0, problem.slope, self.tol, self.max_iter
         start = checked_start(problem.initial, march_mesh(problem).h)
         free = np.isinf(start)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,7 @@ from adaptsize.background.marching import (
 from adaptsize.background.partitioned import local_mesh
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.problem import NeedsWholeMesh, Problem, Scheme, Solution
+from adaptsize.options import Option
 from adaptsize.ranks import SharedNodes
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
@@ -94,7 +95,7 @@ class FastMarching(Scheme):
 
     name: ClassVar[str] = "fast-marching"
     optional: ClassVar[frozenset[str]] = frozenset({"periodic"})
-    order: int = 1
+    order: Annotated[int, Option(lower=1.0, upper=2.0)] = 1
 
     def supports(self, domain: AnyMesh | CartesianGrid) -> str:
         """Return which backgrounds the scheme needs."""
@@ -129,12 +130,14 @@ def march_mesh(problem: Problem, *, along_edges: bool = False) -> Solution:
     Collective on a mesh in parts.  Ranks march in rounds, up to a common size, and exchange the
     sizes that have decreased at shared nodes.  A whole mesh takes one round.
     """
-    domain: Any = problem.domain
+    domain = problem.any_mesh
     mesh, ranks, n = local_mesh(domain), domain.ranks, domain.n_points
     slope, report = problem.slope, problem.report
     limit = (slope.values, slope.step)
     h, heap, sides = problem.h0.copy(), new_heap(n), None if along_edges else True
     # Along edges every node is accepted once, in order, and sizes are minima of finitely many sums.
+    keep: float
+    most: float
     keep, most, window = KEEP, _PATIENCE * n + CHUNK, np.inf
     if along_edges:
         keep, most = 1.0, np.inf
@@ -261,7 +264,7 @@ def march_grid(problem: Problem, order: int = 1, *, along_edges: bool = False) -
     bucket is arbitrary.  The residual is that of the first-order equations; the second-order pass
     is explicit.
     """
-    grid: Any = problem.domain
+    grid = problem.grid
     slope, report = problem.slope, problem.report
     bounds = pad(grid, problem.h0)
     u = bounds.copy() if order == 2 else bounds

@@ -7,7 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import FARTHEST, NEAREST, STEEPEST, as_float_array, refuse_where
+from adaptsize._messages import Message
 from adaptsize.background import AnyMesh, CartesianGrid
+from adaptsize.errors import OptionError
 from adaptsize.typing import FloatArray, GradientLimit, GradientOfSize
 
 # Larger sizes mean that g(h) is unbounded and the solution overflows.
@@ -36,9 +38,9 @@ class Slope:
     def number(self, method: str) -> float:
         """Return the single limit; raise a ValueError that names the method if it varies."""
         if self.varies:
-            raise ValueError(
-                f"method={method!r} needs one number g or g(h), got g that varies in space"
-            )
+            named = Message.name("method", repr(method))
+            text = "{} needs one number {g} or {g}(h), got {g} that varies in space"
+            raise OptionError(Message(text, named))
         return float(self.values[0])
 
 

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from adaptsize.background import AnyMesh, CartesianGrid
 from adaptsize.background.marching import pad, strides_of_padded, unpad
 from adaptsize.limiting.fast_marching import march_grid
 from adaptsize.limiting.problem import Problem, Scheme, Solution, checked_start
+from adaptsize.options import Option
 from adaptsize.typing import FloatArray
 
 
@@ -58,7 +59,7 @@ class HamiltonJacobi(Scheme):
     The steeper one alone is the Godunov flux.  Its steady state at order 1 is that of fast
     marching, which solves the same quadratic equation node by node.
 
-    *Order and guarantees.*  No size falls below the minimum of ``h0`` and ``start``.  Order 1
+    *Order and guarantees.*  No size falls below the minimum of ``h0`` and ``initial``.  Order 1
     is monotone: a smaller h0 or g gives a smaller h.  When it stops, D <= g (1 + tol) at every
     node.  Order 2 is not monotone.  It is of second order where the solution is smooth, also
     at the boundary of the set where h = h0; no undershoot was observed there.  It is of first
@@ -70,7 +71,7 @@ class HamiltonJacobi(Scheme):
     *Cost.*  Information propagates by less than one node per step.  The number of steps is
     therefore set by the longest path from a bound to a node that it limits.  The total cost is
     :math:`O(n^{1 + 1/d})` for n nodes in d dimensions if there are few bounds.  It is near O(n)
-    if h0 is nearly limited already, or if ``start`` is close and the change is local.  A small
+    if h0 is nearly limited already, or if ``initial`` is close and the change is local.  A small
     change of a bound does not converge faster than a large one, because it propagates over
     the same distance.  Fast marching is always O(n log n).  Choose the iteration for a good
     start, for short paths, or for its second order.  Memory: 3 arrays of the grid at order 1,
@@ -93,9 +94,9 @@ class HamiltonJacobi(Scheme):
     the damping of long steps: at 0.5 the switching of its differences prevents convergence below a
     rate of about 1e-4 g.  The published :math:`\Delta t = \Delta x/2` is half the root of the
     dimension."""
-    order: int = 1
-    tol: float = 1e-3
-    max_iter: int | None = None
+    order: Annotated[int, Option(lower=1.0, upper=2.0)] = 1
+    tol: Annotated[float, Option(above=True)] = 1e-3
+    max_iter: Annotated[int | None, Option(lower=1.0)] = None
 
     def supports(self, domain: AnyMesh | CartesianGrid) -> str:
         """Return which backgrounds the scheme needs."""
@@ -119,7 +120,7 @@ class HamiltonJacobi(Scheme):
         """
         from adaptsize._kernels.hamilton_jacobi import iterate_hamilton_jacobi
 
-        grid: Any = problem.domain
+        grid = problem.grid
         h0, slope, order, max_iter = problem.h0, problem.slope, self.order, self.max_iter
         takes_part = np.isfinite(start)
         if grid.active is not None:

@@ -9,12 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_points, as_sizes, describe, one_of, warn_caller
+from adaptsize._messages import Message
 from adaptsize._progress import reporting, silent
 from adaptsize._with_info import with_info
 from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh
 from adaptsize.background.simplex import as_mesh, as_own
 from adaptsize.background.topology import components_of
-from adaptsize.errors import ConvergenceWarning, InputWarning
+from adaptsize.errors import ConvergenceWarning, InputWarning, OptionError
 from adaptsize.limiting.agreement import (
     require_equal_arguments,
     require_equal_functions,
@@ -368,7 +369,8 @@ def _refuse_unsupported(scheme: Scheme, problem: Problem) -> None:
     """Raise a ValueError if a scheme does not support the background or an argument."""
     needed = scheme.supports(problem.domain)
     if needed:
-        raise ValueError(f"method={scheme.name!r} needs {needed}, got {problem.domain!r}")
+        method = Message.name("method", repr(scheme.name))
+        raise OptionError(Message("{} needs {}, got {!r}", method, needed, problem.domain))
     for name in ("initial", "point_sources", "periodic"):
         if getattr(problem, name) is not None and name not in scheme.optional:
             able = " or ".join(repr(s.name) for s in SCHEMES.values() if name in s.optional)

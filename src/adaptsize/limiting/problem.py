@@ -2,16 +2,17 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, as_sizes, as_whole_number
+from adaptsize._checks import as_float_array, as_sizes
 from adaptsize._progress import silent
-from adaptsize.background import AnyMesh, CartesianGrid
+from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.periodic import Periodicity
+from adaptsize.options import check_fields
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 
@@ -40,6 +41,27 @@ class Problem:
     at_any_price: bool = True
     """Whether the exact method solves domains in which it is slow, instead of raising
     `TooManyCorners`."""
+
+    @property
+    def grid(self) -> CartesianGrid:
+        """The domain, for schemes that have been asked whether they support it."""
+        if not isinstance(self.domain, CartesianGrid):
+            raise TypeError(f"a grid is needed, got {self.domain!r}")
+        return self.domain
+
+    @property
+    def any_mesh(self) -> AnyMesh:
+        """The domain, as above."""
+        if isinstance(self.domain, CartesianGrid):
+            raise TypeError(f"a mesh is needed, got {self.domain!r}")
+        return self.domain
+
+    @property
+    def mesh(self) -> SimplexMesh:
+        """The domain, as above."""
+        if not isinstance(self.domain, SimplexMesh):
+            raise TypeError(f"a whole mesh is needed, got {self.domain!r}")
+        return self.domain
 
 
 class TooManyCorners(Exception):
@@ -95,19 +117,8 @@ class Scheme:
         raise NotImplementedError
 
     def __post_init__(self) -> None:
-        """Check the options that several schemes have."""
-        given: Any = self
-        if hasattr(self, "order"):
-            order = as_whole_number("order", given.order, lower=1, upper=2)
-            object.__setattr__(self, "order", order)
-        if hasattr(self, "tol"):
-            tol = as_number("tol", given.tol, lower=0.0, strict=True)
-            object.__setattr__(self, "tol", tol)
-        for name in ("max_iter", "threads"):
-            count = getattr(self, name, None)
-            if count is not None:
-                count = as_whole_number(name, count, lower=1, upper=2**53)
-                object.__setattr__(self, name, count)
+        """Check the options: fields that are annotated with an `Option`."""
+        check_fields(self)
 
 
 def checked_start(initial: FloatArray | None, marched: FloatArray) -> FloatArray:

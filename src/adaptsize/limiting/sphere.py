@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
@@ -87,11 +85,12 @@ def limit_on_sphere(
     >>> limit_on_sphere(points, [1.0, np.inf, np.inf], 0.2, radius=6371.0).round(1)
     array([1.0000e+00, 4.5500e+01, 2.0025e+03])
     """
-    given: Any = lon_lat
-    is_background = isinstance(given, SimplexMesh | CartesianGrid)
-    where = as_points("lon_lat", given.points if is_background else given, 2)
+    of_points = lon_lat.points if isinstance(lon_lat, SimplexMesh | CartesianGrid) else lon_lat
+    where = as_points("lon_lat", of_points, 2)
     refuse_where("lon_lat", np.abs(where) > [np.inf, 90.0], where, "must have latitudes -90 to 90")
-    shape = given.nodal_shape if is_background else (len(where),)
+    shape: tuple[int, ...] = (len(where),)
+    if isinstance(lon_lat, SimplexMesh | CartesianGrid):
+        shape = lon_lat.nodal_shape
     active = getattr(lon_lat, "active", None)
     bound = as_nodal_sizes("h0", h0, shape, active)
     if bound.min() == np.inf:

@@ -145,23 +145,7 @@ def metric_from_hessian(
 def predicted_elements(metric: Metric, mesh: SimplexMesh) -> float:
     """Return the number of simplices of unit edges in the metric that fill a mesh.
 
-    Parameters
-    ----------
-    metric : Metric
-        At the nodes of the mesh.
-    mesh : SimplexMesh
-
-    Returns
-    -------
-    float
-        The complexity over the measure of a regular simplex of edge 1.
-
-    Examples
-    --------
-    >>> from adaptsize.metrics import Metric
-    >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
-    >>> round(Metric.isotropic([0.1, 0.1, 0.1], 2).predicted_elements(mesh))
-    115
+    See `Metric.predicted_elements`.
     """
     mesh = as_mesh("mesh", mesh)
     check_type("metric", metric, Metric)

@@ -12,36 +12,9 @@ from adaptsize.typing import FloatArray
 
 
 def implied_metric(mesh: SimplexMesh) -> Metric:
-    r"""Return for each cell the metric in which all its edges have the length 1.
+    """Return for each cell the metric in which all its edges have the length 1.
 
-    Let J be the linear map from a regular simplex of edge 1 to the cell.  Then
-    :math:`M = (J J^T)^{-1}`.  The sizes are the singular values of J, and their ratio is the
-    aspect ratio of the cell.
-
-    Parameters
-    ----------
-    mesh : SimplexMesh
-        Triangles in the plane or tetrahedra, none of them flat.
-
-    Returns
-    -------
-    Metric
-        One per cell.
-
-    Raises
-    ------
-    ValueError
-        If the cells do not have the dimension of the space, or one is flat.
-
-    Examples
-    --------
-    A regular triangle, stretched by 10 along y:
-
-    >>> import numpy as np
-    >>> mesh = SimplexMesh([[0, 0], [1, 0], [0.5, 5 * np.sqrt(3)]], [[0, 1, 2]])
-    >>> metric = implied_metric(mesh)
-    >>> metric.sizes.round(12), metric.aspect_ratio.round(12)
-    (array([[ 1., 10.]]), array([10.]))
+    See `SimplexMesh.implied_metric`.
     """
     mesh = as_mesh("mesh", mesh)
     if mesh.cell_dim != mesh.dim or mesh.dim == 1:

@@ -22,7 +22,6 @@ from adaptsize._checks import (
 from adaptsize._kernels.metric_joint import MOST
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import SimplexMesh
-from adaptsize.background.simplex import LaterMethod
 from adaptsize.metrics import algebra
 from adaptsize.typing import BoolArray, FloatArray
 
@@ -301,7 +300,30 @@ class Metric(ReadOnlyState):
         self.check_mesh(mesh)
         return float(algebra.cell_volumes(self.sizes, self.directions, mesh).sum())
 
-    predicted_elements = LaterMethod[float]("adaptsize.metrics.hessian")
+    def predicted_elements(self, mesh: SimplexMesh) -> float:
+        """Return the number of simplices of unit edges in the metric that fill a mesh.
+
+        The nodes are those of the metric.
+
+        Parameters
+        ----------
+        mesh : SimplexMesh
+
+        Returns
+        -------
+        float
+            The complexity over the measure of a regular simplex of edge 1.
+
+        Examples
+        --------
+        >>> from adaptsize.metrics import Metric
+        >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+        >>> round(Metric.isotropic([0.1, 0.1, 0.1], 2).predicted_elements(mesh))
+        115
+        """
+        from adaptsize.metrics.hessian import predicted_elements
+
+        return predicted_elements(self, mesh)
 
     def check_mesh(self, mesh: SimplexMesh) -> None:
         """Raise a ValueError unless this is a metric at the nodes of a mesh."""

@@ -3,13 +3,10 @@
 Names are imported on first use: matplotlib takes a while.
 """
 
-from typing import TYPE_CHECKING
-
 from adaptsize._lazy import lazily
 
-if TYPE_CHECKING:
-    from adaptsize.plot.pictures import plot_causes, plot_mesh, plot_metric, plot_size
+_HOMES = dict.fromkeys(("plot_causes", "plot_mesh", "plot_metric", "plot_size"), "pictures")
 
-__all__ = ["plot_causes", "plot_mesh", "plot_metric", "plot_size"]
+__all__ = [*_HOMES]  # noqa: PLE0604 - the keys are strings
 
-__getattr__, __dir__ = lazily(__name__, dict.fromkeys(__all__, "pictures"))
+__getattr__, __dir__ = lazily(__name__, _HOMES)

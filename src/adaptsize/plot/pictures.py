@@ -240,29 +240,7 @@ def plot_metric(
 def plot(shown: SimplexMesh | SizeFunction, **options: Any) -> Picture:
     """Show this mesh or size function in a window, or as a picture where no window can open.
 
-    A window opens where there is a display, unless a ``path`` is given.  Notebooks show pictures.
-
-    Parameters
-    ----------
-    shown : SimplexMesh or SizeFunction
-    **options : Any
-        Those of `plot_mesh` or `plot_size`.  ``window=False`` only draws, as they do; so does
-        the environment variable ``PYVISTA_OFF_SCREEN=true``.
-
-    Returns
-    -------
-    Picture
-        ndarray of uint8, shape (height, width, 4): red, green, blue, opacity.
-
-    Raises
-    ------
-    ValueError
-        If an argument is bad.
-
-    Examples
-    --------
-    >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-    >>> mesh.plot(color="quality")  # doctest: +SKIP
+    See `SizeFunction.plot`.
     """
     draw: Any = plot_mesh if isinstance(shown, SimplexMesh) else plot_size
     window = options.get("path") is None and with_vtk.opens_windows()

@@ -19,42 +19,9 @@ _CELLS_AT_ONCE = 4096
 
 
 def radius_ratios(mesh: SimplexMesh) -> FloatArray:
-    r"""Return the radius ratio of each cell, float64[n_cells], 0 to 1.
+    """Return the radius ratio of each cell, float64[n_cells], 0 to 1.
 
-    It is the radius r of the inscribed sphere over the radius R of the circumscribed sphere,
-    scaled to 1 for the regular simplex [1]_: ``2 r / R`` for triangles, ``3 r / R`` for
-    tetrahedra.  Degenerate cells have 0.  The orientation does not matter.
-
-    Parameters
-    ----------
-    mesh : SimplexMesh
-        Triangles, in the plane or in space, or tetrahedra.
-
-    Raises
-    ------
-    ValueError
-        If the mesh consists of segments.
-
-    Notes
-    -----
-    With the edge vectors e1, e2, e3 from one corner, lengths a, b, c, area A and volume V,
-
-    .. math::
-
-        \frac{2r}{R} = \frac{16 A^2}{abc\,(a+b+c)}, \qquad
-        \frac{3r}{R} = \frac{108 V^2}
-        {\sum_f A_f\; \big| |e_1|^2 e_2 \times e_3 + |e_2|^2 e_3 \times e_1
-        + |e_3|^2 e_1 \times e_2 \big|}.
-
-    References
-    ----------
-    .. [1] A. Liu, B. Joe, "Relationship between tetrahedron shape measures", BIT 34
-       (1994) 268-287.
-
-    Examples
-    --------
-    >>> radius_ratios(SimplexMesh([[0, 0], [1, 0], [0.5, 0.75**0.5]], [[0, 1, 2]])).round(12)
-    array([1.])
+    See `SimplexMesh.radius_ratios`.
     """
     ratios = _of_cells(mesh, _radius_ratios_of_triangles, _radius_ratios_of_tetrahedra)
     # Rounding may lift a regular cell above 1.
@@ -64,33 +31,7 @@ def radius_ratios(mesh: SimplexMesh) -> FloatArray:
 def minimum_angles(mesh: SimplexMesh) -> FloatArray:
     """Return the smallest angle of each triangle, or dihedral angle of each tetrahedron.
 
-    Parameters
-    ----------
-    mesh : SimplexMesh
-        Triangles, in the plane or in space, or tetrahedra.
-
-    Returns
-    -------
-    ndarray of float64, shape (n_cells,)
-        Degrees: at most 60 for triangles, at most 70.53 (arccos 1/3) for tetrahedra, and 0 for
-        degenerate cells.  The orientation does not matter.
-
-    Raises
-    ------
-    ValueError
-        If the mesh consists of segments.
-
-    Notes
-    -----
-    Let e be an edge between two faces whose other edges from the same corner are u and v.  The
-    tangent of the dihedral angle at e is ``6 V |e| / ((e x u) . (e x v))``.  The arctangent is
-    accurate for all angles.  The arccosine of the normals would lose half the digits
-    near 0 and 180 degrees.
-
-    Examples
-    --------
-    >>> minimum_angles(SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])).round(12)
-    array([45.])
+    See `SimplexMesh.minimum_angles`.
     """
     return np.asarray(np.degrees(_of_cells(mesh, _angles_of_triangles, _angles_of_tetrahedra)))
 
@@ -200,42 +141,9 @@ class MetricQuality:
 
 
 def metric_qualities(mesh: SimplexMesh, metric: Metric) -> FloatArray:
-    r"""Return how regular each cell is in a metric: 1 regular, 0 flat.
+    """Return how regular each cell is in a metric: 1 regular, 0 flat.
 
-    With the linear map J from a regular simplex to the cell and the metric M in the cell, the
-    result is the mean ratio [1]_
-
-    .. math:: q = k \, \det(J^T M J)^{1/k} / \mathrm{tr}(J^T M J)
-
-    for cells of dimension k.  M is the log-Euclidean mean of the metrics of the corners.
-
-    Parameters
-    ----------
-    mesh : SimplexMesh
-        Triangles or tetrahedra.
-    metric : Metric
-        At its nodes, with finite sizes.
-
-    Returns
-    -------
-    ndarray of float64, shape (n_cells,)
-
-    References
-    ----------
-    .. [1] A. Liu, B. Joe, "Relationship between tetrahedron shape measures", BIT 34 (1994)
-       268-287.
-
-    Examples
-    --------
-    A triangle that is regular after a stretching by 10:
-
-    >>> from adaptsize.metrics import Metric, Metric
-    >>> mesh = SimplexMesh([[0, 0], [1, 0], [0.5, 5 * np.sqrt(3)]], [[0, 1, 2]])
-    >>> stretched = Metric([[1.0, 10.0]] * 3, [np.eye(2)] * 3)
-    >>> metric_qualities(mesh, stretched).round(12)
-    array([1.])
-    >>> metric_qualities(mesh, Metric.isotropic([1.0, 1.0, 1.0], 2)).round(3)
-    array([0.198])
+    See `SimplexMesh.metric_qualities`.
     """
     mesh = as_mesh("mesh", mesh)
     check_type("metric", metric, Metric)

@@ -113,24 +113,7 @@ def _enclosed(mesh: SimplexMesh) -> tuple[float | None, int]:
 def summarize(mesh: SimplexMesh) -> MeshSummary:
     """Return counts, extent, tags, fields, topology and quality of a mesh.
 
-    Parameters
-    ----------
-    mesh : SimplexMesh
-
-    Returns
-    -------
-    MeshSummary
-
-    Notes
-    -----
-    The cost is O(n log n).  Points are duplicates if all their coordinates are equal.
-
-    Examples
-    --------
-    >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-    >>> summary = summarize(mesh)
-    >>> summary.n_boundary_facets, summary.measure, summary.angle_min
-    (4, 1.0, 45.0)
+    See `SimplexMesh.summarize`.
     """
     mesh = as_mesh("mesh", mesh)
     used = np.unique(mesh.cells)

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from adaptsize._checks import place_text, warn_caller
+from adaptsize._messages import Message
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import skin_of
 from adaptsize.errors import BackendError, BoundaryWarning
@@ -246,7 +247,8 @@ def warn_of_deviation(
     """
     found_twice = overlapping_cells(new) if new.cell_dim == 3 else None
     if found_twice is not None:
-        text = f"{found_twice}, one at {place_text(found_twice.place)}; use strict=True"
+        place = place_text(found_twice.place)
+        text = Message("{}, one at {}; use {strict:True}", found_twice, place)
         warn_caller(text, BoundaryWarning)
     old_skin, skin = skin_of(old)[0] if solid is None else solid.skin, skin_of(new)[0]
     if solid is None and not old_skin.is_closed:
@@ -263,29 +265,31 @@ def warn_of_deviation(
         if found.largest > far:
             off[what] = found.largest, found.points[found.distance.argmax()]
     what, (distance, where) = max(off.items(), key=lambda item: item[1][0])
-    advice = "lower the tolerance if thin parts are lost, or use strict=True"
+    advice = Message("lower the tolerance if thin parts are lost, or use {strict:True}")
     if distance == 0.0 and may_be_joined:
         return
     if distance == 0.0:
         distance, where = _farthest(old_skin.points, skin, far)
         what = "the mesh fills both sides of a part of the surface: its boundary is"
-        advice = "a body inside another one is a cavity only if its triangles have the other side"
+        advice = Message(
+            "a body inside another one is a cavity only if its triangles have the other side"
+        )
     if distance > 0.0:
-        text = f"{what} {distance:.3g} from the given one at {place_text(where, 4)}, where the "
-        text += f"tolerance is {tolerance:.3g}"
+        shift = f"{what} {distance:.3g} from the given one at {place_text(where, 4)}, where the "
+        shift += f"tolerance is {tolerance:.3g}"
     else:
         # A thin wall or gap may be lost within the distance that is not warned of.
         if (solid is not None and not solid.is_closed) or keeps_topology(skin, old_skin):
             return
-        text = (
+        shift = (
             "the boundary of the mesh has another topology than the given one: "
             f"{topology_of(skin) or 'no closed manifold'}, given: {topology_of(old_skin)}"
         )
-        advice = (
+        advice = Message(
             "walls or gaps about as thin as the tolerance may be lost or filled; lower the "
-            "tolerance or use strict=True"
+            "tolerance or use {strict:True}"
         )
-    warn_caller(f"{text}; {advice}", BoundaryWarning)
+    warn_caller(Message("{}; {}", shift, advice), BoundaryWarning)
 
 
 def warn_of_lost_tags(new: SimplexMesh, old: SimplexMesh, backend: str) -> None:
@@ -298,10 +302,13 @@ def warn_of_lost_tags(new: SimplexMesh, old: SimplexMesh, backend: str) -> None:
     """
     missing = tagged_parts(new, old).missing
     if missing:
-        advice = "" if backend == "mmg" else "; backend='mmg' keeps tagged facets inside of regions"
+        keeps = Message("; {backend:'mmg'} keeps tagged facets inside of regions")
+        advice = "" if backend == "mmg" else keeps
         warn_caller(
-            f"the mesh has lost the facets with the tags {', '.join(missing)}, which {backend} "
-            f"did not return{advice}",
+            Message(
+                "the mesh has lost the facets with the tags {}, which {} did not return{}",
+                *(", ".join(missing), backend, advice),
+            ),
             BoundaryWarning,
         )
 

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from adaptsize._checks import as_number, as_path
-from adaptsize._progress import reporting
+from adaptsize._progress import Stage, reporting
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import BackendUnavailableError, MeshFileError
 from adaptsize.remeshing.isolation import IsolatedRunner
@@ -97,7 +97,7 @@ def read_cad(
         run = IsolatedRunner("gmsh", seconds, time.monotonic() + seconds, report)
         made = run(
             "adaptsize.remeshing.gmsh:triangulate",
-            "triangulating the CAD model with Gmsh",
+            Stage("triangulating the CAD model", "Gmsh"),
             {},
             {"path": str(file.resolve()), "count": count, "largest": limit},
         )

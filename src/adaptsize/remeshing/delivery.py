@@ -8,9 +8,10 @@ import numpy as np
 
 from adaptsize._checks import place_text, warn_caller
 from adaptsize._defaults import is_of_sizes
+from adaptsize._messages import Message
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
-from adaptsize.errors import InputWarning, ResolutionWarning
+from adaptsize.errors import ConnectionWarning, InputWarning, ResolutionWarning
 from adaptsize.quality.by_place import RequestedElements
 from adaptsize.quality.connections import are_doubtful, unconnected
 from adaptsize.quality.requests import unserved
@@ -49,7 +50,7 @@ def warn_of_unconnected(mesh: SimplexMesh) -> None:
         With their number and the first place.
     """
     for found in are_doubtful(unconnected(mesh)):
-        warn_caller(f"{found}; the mesh keeps this", InputWarning)
+        warn_caller(f"{found}; the mesh keeps this", ConnectionWarning)
 
 
 def warn_of_details(new: SimplexMesh, size: Size) -> None:
@@ -69,9 +70,12 @@ def warn_of_details(new: SimplexMesh, size: Size) -> None:
     worst = short[np.argsort(ratio[short], kind="stable")[:3]]
     places = ", ".join(place_text(middles[k], 4) for k in worst)
     warn_caller(
-        f"{len(short)} edges of the boundary are shorter than an eighth of their size, down to "
-        f"{boundary.measures[worst[0]]:.3g}, the worst at {places}: details of the boundary are "
-        "smaller than the sizes, and are kept; polygons(..., least_width=) leaves them out",
+        Message(
+            "{} edges of the boundary are shorter than an eighth of their size, down to {:.3g}, "
+            "the worst at {}: details of the boundary are smaller than the sizes, and are kept; "
+            "{least_width} of polygons leaves them out",
+            *(len(short), boundary.measures[worst[0]], places),
+        ),
         ResolutionWarning,
     )
 

@@ -15,6 +15,7 @@ from scipy.spatial import Delaunay
 
 from adaptsize._checks import as_number, check_type, place_text
 from adaptsize._defaults import CREASE_ANGLE
+from adaptsize._messages import Message
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import cut_out
 from adaptsize.background.topology import rings, rows_among
@@ -143,9 +144,8 @@ class SurfaceWithDetails:
         """Return the loops of a surface."""
         faces = Faces.of(surface, crease_angle)
         if not faces.mesh.is_closed:
-            raise ValueError(
-                "surface must be closed for details to be removed; close_holes closes holes"
-            )
+            text = "surface must be closed for details to be removed; {close_holes} closes holes"
+            raise ValueError(Message(text))
         kept = np.flatnonzero(faces.rows >= 0)
         tags = None
         if surface.cell_tags is not None:

@@ -10,7 +10,8 @@ from typing import Any, TypeVar, cast
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_index_array, warn_caller
+from adaptsize._checks import as_index_array, refusal, warn_caller
+from adaptsize._messages import Message
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import PartitionedMesh, SimplexMesh
@@ -70,15 +71,15 @@ from adaptsize.remeshing.sizing import (
 from adaptsize.remeshing.surface_checks import warn_of_surface
 from adaptsize.remeshing.through_surface import has_folded_cells, refilled
 from adaptsize.sizes import Enclosed, predict
-from adaptsize.typing import IntArray, ProgressCallback, Unpack
+from adaptsize.typing import FloatArray, IntArray, ProgressCallback, Unpack
 
-M = TypeVar("M", SimplexMesh, PartitionedMesh)
+M = TypeVar("M", SimplexMesh, PartitionedMesh, SimplexMesh | PartitionedMesh)
 
 
 @with_options(RemeshOptions)
 def remesh(
     mesh: M,
-    size: SizeLike | Metric | MetricFunction,
+    size: SizeLike | Metric | MetricFunction | Callable[[FloatArray], Metric],
     *,
     required_facets: npt.ArrayLike | None = None,
     progress: ProgressCallback | bool | None = None,
@@ -279,8 +280,11 @@ class _Job:
         most = self.given["max_elements"]
         if self.n_cells > most:
             raise TooManyElementsError(
-                f"the sizes require about {self.n_cells:.3g} elements, more than max_elements = "
-                f"{most:.3g}; increase the sizes or raise max_elements"
+                Message(
+                    "the sizes require about {:.3g} elements, more than {max_elements} = {:.3g}; "
+                    "increase the sizes or raise {max_elements}",
+                    *(self.n_cells, most),
+                )
             )
 
     def known(self, chosen: Backend, *, metric: bool) -> Known:
@@ -437,12 +441,13 @@ def _check_metric(metric: MetricAt | None, task: Task, *, strict: bool) -> None:
     if metric is None:
         return
     if task == "surface to tetrahedra":
-        raise ValueError(
+        text = (
             "size must not be a Metric for a surface to be filled: make tetrahedra first and "
-            "remesh them, or pass target='triangles'"
+            "remesh them, or pass {target:'triangles'}"
         )
+        raise ValueError(Message(text))
     if strict:
-        raise ValueError("strict must be False with a Metric, whose cells are thin, got True")
+        raise refusal("strict", "must be False with a Metric, whose cells are thin, got True")
 
 
 def _task(mesh: SimplexMesh, target: str) -> Task:
@@ -461,4 +466,4 @@ def _task(mesh: SimplexMesh, target: str) -> Task:
             f"mesh must consist of triangles or tetrahedra, got {mesh!r}; "
             "adaptsize.polygons returns the domain between closed lines in the plane"
         )
-    raise ValueError(f"target {target!r} cannot be made from {mesh!r}")
+    raise refusal("target", f"{target!r} cannot be made from {mesh!r}")

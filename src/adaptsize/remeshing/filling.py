@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
+from adaptsize._messages import Message
+from adaptsize._progress import Stage
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import renumbered_edges
 from adaptsize.errors import BackendError, TooManyElementsError
@@ -30,6 +32,7 @@ from adaptsize.typing import IntArray
 #: the second run and in the volume, the sizes of `size_function` were not the only ones that
 #: counted, and the measured distance was .7 to .9 tolerances instead of .85 to .95.
 _HAUSD = (2.0, 1.6)
+_STAGE = Stage("adapting the surface", "Mmg")
 #: Cells that a first volume requires over those that were predicted, above which this is reported.
 MANY_MORE = 1.5
 FILLS_MORE = (
@@ -170,7 +173,8 @@ def number_note(inner: Problem, n_cells: float, max_elements: float) -> str:
         return ""
     text = f"about {found:.3g} elements instead of the predicted {n_cells:.3g}: {FILLS_MORE}"
     if found > max_elements:
-        raise TooManyElementsError(f"{text}, or raise max_elements = {max_elements:.3g}")
+        advice = "{}, or raise {max_elements} = {:.3g}"
+        raise TooManyElementsError(Message(advice, text, max_elements))
     return text
 
 
@@ -208,7 +212,7 @@ def adapt_surface(
     )
     # The first run, on triangles of all shapes, makes too many, and the more the smaller its
     # ``hausd``.  The second one corrects that.
-    made = adapted(problem, _HAUSD, run, largest=1.25, text="adapting the surface with Mmg")
+    made = adapted(problem, _HAUSD, run, largest=1.25, text=_STAGE)
     new_tags = None if surface.cell_tags is None else tags[made["regions"]]
     new = SimplexMesh(
         made["points"], made["cells"], cell_tags=new_tags, tag_names=surface.tag_names

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import check_type
+from adaptsize._messages import Message
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import components_of
 from adaptsize.geometry.enclosed import cone_measures
@@ -23,45 +24,7 @@ _MOST_AT_ONCE = 96
 def close_holes(surface: SimplexMesh) -> SimplexMesh:
     """Return a surface whose holes are closed by triangles between the nodes of their edges.
 
-    Parameters
-    ----------
-    surface : SimplexMesh
-        Triangles in space.
-
-    Returns
-    -------
-    SimplexMesh
-        Coincident points are merged, and degenerate triangles dropped.  New triangles have the
-        tag 0 if the surface has ``cell_tags``.  Nodal fields are kept, cell fields are not.
-
-    Raises
-    ------
-    ValueError
-        If the surface encloses no volume even then, like a sheet, or if the open edges do not
-        form loops.
-
-    Notes
-    -----
-    Each loop of open edges gets the triangulation of least area [1]_; for a plane hole that is
-    its interior.  A hole in a strongly curved region is closed by nearly plane triangles, which
-    does not restore the shape.  The rim of a part that is open by design, such as a pipe, is a
-    hole too.
-
-    References
-    ----------
-    .. [1] G. Barequet, M. Sharir, "Filling gaps in the boundary of a polyhedron", Computer
-       Aided Geometric Design 12 (1995) 207-229.
-
-    Examples
-    --------
-    A cube without its top:
-
-    >>> points = [[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]
-    >>> quads = [[0, 2, 6, 4], [0, 4, 5, 1], [2, 3, 7, 6], [0, 1, 3, 2], [4, 6, 7, 5]]
-    >>> cells = [c for a, b, c, d in quads for c in ([a, b, c], [a, c, d])]
-    >>> closed = close_holes(SimplexMesh(points, cells))
-    >>> closed.is_closed, closed.n_cells
-    (True, 12)
+    See `SimplexMesh.close_holes`.
     """
     repaired = _repaired(surface)
     mesh = repaired.mesh
@@ -83,10 +46,10 @@ def close_holes(surface: SimplexMesh) -> SimplexMesh:
             f"surface has {count} open edges that form no loop, so its holes cannot be closed"
         )
     if not _encloses_volume(closed):
-        raise ValueError(
-            "surface encloses no volume when its holes are closed: it is a sheet; "
-            "remesh it with the target triangles"
+        text = (
+            "surface encloses no volume when its holes are closed: it is a sheet; remesh it with "
         )
+        raise ValueError(Message("{}{target:'triangles'}", text))
     return closed
 
 

@@ -25,6 +25,7 @@ from typing import Any, NoReturn
 import numpy.typing as npt
 
 from adaptsize._children import how_it_ended, isolated, job_line, start, supervised
+from adaptsize._progress import Stage
 from adaptsize.errors import BackendError, BackendTimeoutError
 from adaptsize.remeshing.protocol import Arrays, Program
 
@@ -62,7 +63,7 @@ class IsolatedRunner:
     seconds: float = math.inf
 
     def __call__(
-        self, job: Program | str, text: str, arrays: Arrays, options: Mapping[str, Any]
+        self, job: Program | str, text: Stage, arrays: Arrays, options: Mapping[str, Any]
     ) -> dict[str, npt.NDArray[Any]]:
         """Run a program, or a function ``module:name`` of (arrays, options); return its arrays.
 
@@ -90,7 +91,7 @@ class IsolatedRunner:
             _log_messages(self.backend, folder / "log.txt")
             return program.read(result, options)
 
-    def _run_child(self, folder: Path, text: str, write: Callable[[], list[str]]) -> int:
+    def _run_child(self, folder: Path, text: Stage, write: Callable[[], list[str]]) -> int:
         with open(folder / "log.txt", "wb") as log:
             child = start(supervised(folder), folder, stdout=log, stderr=subprocess.STDOUT)
             assert child.stdin is not None
@@ -104,7 +105,7 @@ class IsolatedRunner:
                 code = _end(child)
             return code
 
-    def _wait(self, child: subprocess.Popen[bytes], log: Path, text: str) -> None:
+    def _wait(self, child: subprocess.Popen[bytes], log: Path, text: Stage) -> None:
         while True:
             self.report(text, None)
             with contextlib.suppress(subprocess.TimeoutExpired):

@@ -36,6 +36,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._progress import Stage
 from adaptsize.errors import BackendError
 from adaptsize.remeshing._medit import read_medit, write_medit
 from adaptsize.remeshing.protocol import Arrays, Backend, Problem, Program, Task
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from adaptsize.remeshing.sizing import MetricAt, Size
 
 _RESULT = "out.meshb"
+_ADAPTING = Stage("adapting", "Mmg")
 #: Reference number of edges that are passed as ridges.
 _RIDGE = 1
 #: References of regions start here, followed by those of groups of facets.  Mmg uses 2, 3 and 10
@@ -113,7 +115,7 @@ def adapted(
     *,
     factor: float = 1.0,
     largest: float = 1.1,
-    text: str = "adapting with Mmg",
+    text: Stage = _ADAPTING,
 ) -> Arrays:
     """Return the best of several runs of Mmg, each on the result of the one before.
 
@@ -129,7 +131,7 @@ def adapted(
         corrects it.
     largest : float
         Limit of this factor.
-    text : str
+    text : Stage
         For progress reports.
 
     Raises
@@ -190,7 +192,7 @@ def _adapted_once(
     hausd: float,
     options: Mapping[str, Any],
     run: IsolatedRunner,
-    text: str,
+    text: Stage,
 ) -> dict[str, npt.NDArray[Any]]:
     """Run Mmg in a child process, with a gradation that leaves the sizes unchanged.
 

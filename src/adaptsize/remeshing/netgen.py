@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from adaptsize._checks import place_text
+from adaptsize._progress import Stage
 from adaptsize.errors import BackendError
 from adaptsize.geometry.enclosed import enclosed_measure, is_oriented
 from adaptsize.remeshing.protocol import Arrays
@@ -60,7 +61,7 @@ def fill(surface: SimplexMesh, run: IsolatedRunner) -> Arrays:
     seconds = min(run.seconds, _SECONDS + _SECONDS_PER_TRIANGLE * surface.n_cells)
     made = replace(run, backend="netgen", seconds=seconds)(
         "adaptsize.remeshing.netgen:tetrahedralize",
-        "filling the surface with Netgen",
+        Stage("filling the surface", "Netgen"),
         {"points": surface.points, "faces": surface.cells},
         {},
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from adaptsize._checks import one_of
+from adaptsize._checks import one_of, refusal
 from adaptsize.errors import BackendUnavailableError
 from adaptsize.remeshing.mmg import MmgBackend
 from adaptsize.remeshing.protocol import Backend, Task
@@ -77,11 +77,11 @@ def choose_backend(name: str, task: Task, *, keep_facets: bool, metric: bool = F
     else:
         backend = _BACKENDS[name]
         if task not in backend.tasks:
-            raise ValueError(f"backend {name!r} cannot make this mesh (task: {task})")
+            raise refusal("backend", f"{name!r} cannot make this mesh (task: {task})")
         if keep_facets and not backend.keeps_required_facets:
-            raise ValueError(f"backend {name!r} cannot keep required_facets as they are")
+            raise refusal("backend", f"{name!r} cannot keep required_facets as they are")
         if metric and not backend.follows_metrics:
-            raise ValueError(f"backend {name!r} cannot follow a Metric; use 'mmg'")
+            raise refusal("backend", f"{name!r} cannot follow a Metric; use 'mmg'")
     if not backend.installed:
         raise BackendUnavailableError(
             f"this mesh (task: {task}) needs {backend.name}, which is not installed; "

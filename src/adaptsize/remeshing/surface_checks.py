@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,8 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, check_type, place_text
+from adaptsize._checks import as_number, check_type, place_text, warn_caller
 from adaptsize._kernels.crossings import find_crossings, new_crossings
+from adaptsize._messages import Message
 from adaptsize.background import SimplexMesh
 from adaptsize.background.location import parts_of
 from adaptsize.background.simplex import cut_out
@@ -69,25 +69,7 @@ class OverlappingBodies:
 def overlapping_bodies(surface: SimplexMesh) -> OverlappingBodies | None:
     """Return the components of a surface that overlap or intersect themselves, or None.
 
-    Parameters
-    ----------
-    surface : SimplexMesh
-        Triangles in space.  Coincident points count as one.
-
-    Notes
-    -----
-    Bodies that touch do not overlap, whether in points, edges or whole facets, nor do bodies of
-    which one is inside the other.  Penetrations up to 1e-6 of the diagonal count as contacts.
-
-    Every pair of triangles whose boxes meet is tested.  Bodies without such a pair may overlap
-    where their facets are in common planes.  Hence up to 2000 points of each are tested for being
-    inside the other, for at most 200 pairs of bodies.
-
-    Examples
-    --------
-    >>> points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, -1], [0.2, 0.2, 1], [2, 0.2, 0]]
-    >>> print(overlapping_bodies(SimplexMesh(points, [[0, 1, 2], [3, 4, 5]])))
-    bodies 1 and 2 overlap: 2 triangles cross others, by up to 0.2 at (0.5, 0.2, 0)
+    See `SimplexMesh.overlapping_bodies`.
     """
     bodies = _Bodies(surface)
     cells, partners, depths, places = _crossings(bodies.mesh)
@@ -253,19 +235,7 @@ class NearBodies:
 def open_boundary(surface: SimplexMesh, within: float = 0.0) -> OpenBoundary | None:
     """Return the open edges of a surface in space, or None if it is closed.
 
-    Parameters
-    ----------
-    surface : SimplexMesh
-        Triangles in space.  Coincident points count as one.
-    within : float
-        Loops narrower than this are not counted: gaps that a generator with this tolerance
-        closes.  The width is the area over half the length.
-
-    Examples
-    --------
-    >>> points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
-    >>> print(open_boundary(SimplexMesh(points, [[0, 1, 3], [1, 2, 3], [2, 0, 3]])))
-    3 open edges in 1 loop with an area of 0.5, 3.414 long around (0.3333, 0.3333, 0)
+    See `SimplexMesh.open_boundary`.
     """
     within = as_number("within", within, lower=0.0)
     mesh = merged_surface(surface)
@@ -301,40 +271,16 @@ def near_bodies(
 ) -> NearBodies | None:
     """Return the components of a surface that are closer than a distance, or None.
 
-    Parameters
-    ----------
-    surface : SimplexMesh
-        Triangles in space.  Coincident points count as one.
-    within : float
-        Distance in the unit of the coordinates.
-    overlapping : OverlappingBodies or None
-        Pairs to leave out, from `overlapping_bodies` of the same surface.
-
-    Warns
-    -----
-    OpenSurfaceWarning
-        If there are more than 2000 components.  Their distances are not examined then.
-
-    Notes
-    -----
-    The distance is measured at the nodes, the midpoints of the edges and the centroids, so
-    components that cross each other between these points may be missed: see `overlapping_bodies`.
-
-    Examples
-    --------
-    >>> points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0.01], [1, 0, 0.01], [0, 1, 0.01]]
-    >>> print(near_bodies(SimplexMesh(points, [[0, 1, 2], [3, 4, 5]]), 0.1))
-    1 pair of bodies is only 0.01 apart at (0, 0, 0)
+    See `SimplexMesh.near_bodies`.
     """
     within = as_number("within", within, lower=0.0)
     bodies = _Bodies(surface)
     count = len(bodies.low)
     if count > _MOST_BODIES:
-        warnings.warn(
+        warn_caller(
             f"the surface has {count} bodies; whether they are closer to each other than the "
             f"tolerance was not examined, as there are more than {_MOST_BODIES}",
             OpenSurfaceWarning,
-            stacklevel=2,
         )
         return None
     if overlapping is not None:
@@ -445,10 +391,10 @@ def doubts(
     holes = open_boundary(surface, tolerance)
     if holes is not None:
         text = (
-            "the generator closes or drops what it does not clearly enclose; close_holes closes "
-            "the holes, target='triangles' keeps a surface"
+            "the surface is open: {}; the generator closes or drops what it does not clearly "
+            "enclose; {close_holes} closes the holes, {target:'triangles'} keeps a surface"
         )
-        yield "open_boundary", holes, f"the surface is open: {holes}; {text}"
+        yield "open_boundary", holes, Message(text, holes)
     overlapping = overlapping_bodies(surface)
     if overlapping is not None:
         text = (
@@ -492,5 +438,5 @@ def warn_of_surface(surface: SimplexMesh, tolerance: float, solid: Solid | None 
     """
     found = list(doubts(surface, tolerance, solid))
     for _, _, text in found:
-        warnings.warn(text, OpenSurfaceWarning, stacklevel=3)
+        warn_caller(text, OpenSurfaceWarning)
     return any(name != "open_boundary" for name, _, _ in found)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._progress import Stage
 from adaptsize.remeshing.protocol import Arrays, Backend, Problem, Task
 
 if TYPE_CHECKING:
@@ -55,8 +56,8 @@ class TetWildBackend(Backend):
             # by 4.5e-3 of the diagonal instead of 6e-4.  Therefore it is enabled only where it is
             # needed.
             options["coarsen"] = options["edge_length"] > (1.0 / 12.0) * mesh.diagonal
-        job = "adaptsize.remeshing.tetwild:tetrahedralize", "tetrahedralizing with fTetWild"
-        made = run(*job, arrays, options)
+        stage = Stage("tetrahedralizing", "fTetWild")
+        made = run("adaptsize.remeshing.tetwild:tetrahedralize", stage, arrays, options)
         if options["filtered"]:
             return made
         # Interfaces would disturb the winding number that separates inside from outside.  Instead,

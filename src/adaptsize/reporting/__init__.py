@@ -5,6 +5,8 @@ Names are imported on first use: the command line needs the comparison only.
 
 from adaptsize._lazy import lazily
 
-__all__ = ["report"]
+_HOMES = {"report": "page"}
 
-__getattr__, __dir__ = lazily(__name__, {"report": "page"})
+__all__ = [*_HOMES]  # noqa: PLE0604 - the keys are strings
+
+__getattr__, __dir__ = lazily(__name__, _HOMES)

@@ -6,13 +6,14 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from adaptsize._checks import place_text
+from adaptsize._messages import Message
 
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
     from adaptsize.background import SimplexMesh
     from adaptsize.background.image import Image
     from adaptsize.options import ImageOptions
-    from adaptsize.quality import MeshCheck
+    from adaptsize.quality.certificate import MeshCheck
     from adaptsize.quality.conformity import Conformity, SizeLike
 
 
@@ -20,12 +21,12 @@ if TYPE_CHECKING:
 _SHARP = 10.0
 #: What helps where a demand of `check_mesh` is missed.
 _ADVICE = {
-    "cells": "strict=True tries other generators",
-    "facets": "strict=True tries other generators",
-    "overlaps": "strict=True tries other generators",
-    "boundary": "smaller sizes or strict=True keep it closer",
-    "interface": "smaller sizes or strict=True keep it closer",
-    "tags": "backend='mmg' keeps tagged facets, and smaller sizes resolve them",
+    "cells": Message("{strict:True} tries other generators"),
+    "facets": Message("{strict:True} tries other generators"),
+    "overlaps": Message("{strict:True} tries other generators"),
+    "boundary": Message("smaller sizes or {strict:True} keep it closer"),
+    "interface": Message("smaller sizes or {strict:True} keep it closer"),
+    "tags": Message("{backend:'mmg'} keeps tagged facets, and smaller sizes resolve them"),
     "regions": "smaller sizes resolve thin regions",
     "measure": "smaller sizes or a lower tolerance keep it",
     "topology": "walls or gaps as thin as the tolerance may be lost or filled; lower the tolerance",
@@ -144,7 +145,7 @@ class Outcome:
                 advice = _ADVICE["edges"]
             if demand.status == "near":
                 advice = "near, which is accepted up to 10 % beyond the limit"
-            lines.append(f"{demand.name}: {demand.text}{worst}; {advice}")
+            lines.append(Message("{}: {}{}; {}", demand.name, demand.text, worst, advice))
         if self.excess is not None and abs(self.excess) > 0.25 and not self.requested:
             lines.append(
                 f"{found.n_cells} {self.kind} are {abs(self.excess):.0%} "

@@ -20,6 +20,7 @@ from adaptsize.sizes.sources import (
     PointSource,
     RegionSource,
 )
+from adaptsize.sizes.touched import rows_with_tags
 from adaptsize.typing import FloatArray, IntArray
 
 #: Takes points, float64[n, dim], and returns sizes, float64[n].
@@ -86,17 +87,15 @@ def _(source: BoundarySource, mesh: SimplexMesh, g: float) -> Cone:
     if source.tags is None:
         facets = mesh.facets[mesh.facet_cell_counts == 1]
     else:
-        assert mesh.tagged_facets is not None  # checked when the size is set
-        assert mesh.facet_tags is not None
-        facets = mesh.tagged_facets[np.isin(mesh.facet_tags, source.tags)]
+        rows, chosen = rows_with_tags(mesh, "facet", source.tags)
+        facets = rows[chosen]
     return _around_facets(mesh, facets, source.size, g)
 
 
 @cone_of.register
 def _(source: RegionSource, mesh: SimplexMesh, g: float) -> Cone:
-    assert mesh.cell_tags is not None
-    inside = np.isin(mesh.cell_tags, source.tags)
-    region = cut_out(mesh.points, mesh.cells[inside])[0]
+    cells, inside = rows_with_tags(mesh, "cell", source.tags)
+    region = cut_out(mesh.points, cells[inside])[0]
     around = _around_facets(region, region.facets[region.facet_cell_counts == 1], source.size, g)
 
     def cone(points: FloatArray) -> FloatArray:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
-from functools import partial
+from functools import partial, wraps
 from hashlib import sha256
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Any, Protocol, TypeAlias, TypeVar, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -21,12 +20,13 @@ from adaptsize._checks import (
     describe,
     place_text,
     refuse_where,
+    warn_caller,
 )
 from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh, SimplexMesh
 from adaptsize.background.interpolation import places_of
 from adaptsize.background.simplex import as_mesh
-from adaptsize.errors import InputWarning
+from adaptsize.errors import InputWarning, OptionError
 from adaptsize.ranks import SingleRank
 from adaptsize.sizes import touched
 from adaptsize.sizes.touched import lower
@@ -34,6 +34,21 @@ from adaptsize.typing import FloatArray
 
 SizeOfPoint: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 _Mesh: TypeAlias = AnyMesh | CartesianGrid
+_S = TypeVar("_S")
+_R = TypeVar("_R")
+
+
+def _about_sources(check: Callable[[_S, int], _R]) -> Callable[[_S, int], _R]:
+    """Return a method whose errors are those of the option ``sources``."""
+
+    @wraps(check)
+    def checked(source: _S, dim: int) -> _R:
+        try:
+            return check(source, dim)
+        except ValueError as error:
+            raise OptionError(str(error), ["sources"]) from error
+
+    return checked
 
 
 @runtime_checkable
@@ -68,7 +83,7 @@ def as_sources(value: Any) -> list[Source | SizeOfPoint]:
 
 
 @dataclass(frozen=True, eq=False)
-class PointSource:
+class PointSource(Source):
     """Sizes at points, which need not be nodes.
 
     The nodes of the cell around a point x get at most ``size + g |x_i - x|``, those of all cells
@@ -99,6 +114,7 @@ class PointSource:
         away = np.linalg.norm(places_of(mesh)(at.nodes) - points[at.which], axis=1)
         lower(h0, at.nodes, size[at.which] + g * away)
 
+    @_about_sources
     def rows(self, dim: int) -> tuple[FloatArray, FloatArray]:
         """Return checked positions and sizes, float64[n, dim] and float64[n]."""
         points = as_points(
@@ -108,7 +124,7 @@ class PointSource:
 
 
 @dataclass(frozen=True, eq=False)
-class CurveSource:
+class CurveSource(Source):
     """Sizes along a curve, which need not follow edges of the mesh.
 
     The nodes of the cells that it passes through get at most ``size + g d`` with their
@@ -136,18 +152,20 @@ class CurveSource:
         size = self.rows(mesh.dim)[1]
         touched.lower_along(mesh, curve, size, g, h0)
 
+    @_about_sources
     def rows(self, dim: int) -> tuple[FloatArray, FloatArray]:
         """Return the checked points of the curve and their sizes, float64[n, dim], float64[n]."""
         curve = self.segments(dim)
         return curve.points, _sizes_per_row(self.size, curve.n_points)
 
+    @_about_sources
     def segments(self, dim: int) -> SimplexMesh:
         """Return the checked curve."""
         return _as_curve(self.curve, dim)
 
 
 @dataclass(frozen=True, eq=False)
-class BoundarySource:
+class BoundarySource(Source):
     """A size on the boundary of the mesh, or on tagged facets.
 
     A closed surface or curve is the boundary of what it encloses: all its nodes get the size.  The
@@ -180,7 +198,7 @@ class BoundarySource:
 
 
 @dataclass(frozen=True, eq=False)
-class RegionSource:
+class RegionSource(Source):
     """A size in all cells with a tag, or all pixels with a label.  Grids have no tags.
 
     Parameters
@@ -204,7 +222,7 @@ class RegionSource:
 
 
 @dataclass(frozen=True, eq=False)
-class BoxSource:
+class BoxSource(Source):
     """A size in an axis-aligned box.  A box smaller than a cell acts on the cells it intersects.
 
     Nodes inside get at most ``size``.  The other nodes of cells that intersect the box get at most
@@ -234,6 +252,7 @@ class BoxSource:
         distance = np.linalg.norm(points - np.clip(points, lowest, highest), axis=1)
         lower(h0, nodes, self.size + g * distance)
 
+    @_about_sources
     def corners(self, dim: int) -> tuple[FloatArray, FloatArray]:
         """Return the checked corners, float64[dim] each."""
         lowest, highest = _one_point("lower", self.lower, dim), _one_point("upper", self.upper, dim)
@@ -243,7 +262,7 @@ class BoxSource:
 
 
 @dataclass(frozen=True, eq=False)
-class BallSource:
+class BallSource(Source):
     """A size in a ball (a disk in the plane).  A small ball acts on the cells it intersects.
 
     Nodes inside get at most ``size``.  The other nodes of cells that intersect the ball get at
@@ -274,6 +293,7 @@ class BallSource:
         distance = np.linalg.norm(places_of(mesh)(nodes) - centre, axis=1) - self.radius
         lower(h0, nodes, self.size + g * np.maximum(distance, 0.0))
 
+    @_about_sources
     def middle(self, dim: int) -> FloatArray:
         """Return the checked centre, float64[dim]."""
         return _one_point("centre", self.centre, dim)
@@ -286,11 +306,10 @@ def _warn_of_outside(points: FloatArray, away: FloatArray, diagonal: float) -> N
         first = int(np.argmax(outside))
         more = int(np.count_nonzero(outside)) - 1
         also = f" (and {more} more)" if more else ""
-        warnings.warn(
+        warn_caller(
             f"the source at {place_text(points[first])} lies {away[first]:.4g} outside the domain"
             f"{also}: it acts only on the nodes of the closest cells, with its distance from them",
             InputWarning,
-            stacklevel=2,
         )
 
 

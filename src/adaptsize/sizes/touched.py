@@ -6,7 +6,7 @@ indices of the nodes: no boxes and no coordinates are stored per node.
 
 from collections.abc import Iterator, Sequence
 from itertools import combinations, product
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from adaptsize.background import AnyBackground, AnyMesh, CartesianGrid, Octree, 
 from adaptsize.background.interpolation import places_of
 from adaptsize.background.migration import boundary_facets
 from adaptsize.background.partitioned import local_mesh
+from adaptsize.errors import OptionError
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongArray
 
 # Points within this distance, in diagonals of the mesh, count as inside, and cells whose distances
@@ -76,24 +77,50 @@ def tagged_nodes(
     """Return the nodes of cells or facets with some tags.  Refuse tags that do not occur."""
     if isinstance(mesh, CartesianGrid):
         raise ValueError(f"tags need a SimplexMesh, a grid has none; got {mesh!r}")
-    name, local = f"{kind}_tags", local_mesh(mesh)
-    own = None if local is None else getattr(local, name)
+    local = local_mesh(mesh)
+    rows, own = (None, None) if local is None else _tagged(local, kind)
     every = mesh.ranks.allgather(None if own is None else np.unique(own))
-    present = [found for found in every if found is not None]
-    if not present:
-        what = "region" if kind == "cell" else "facet"
-        raise ValueError(f"tags must be {what} tags of the mesh, which has none ({name} is None)")
-    wanted = np.atleast_1d(as_plain_array("tags", tags))
-    missing = wanted[~np.isin(wanted, np.concatenate(present))]
-    if len(missing) > 0:
-        listed = ", ".join(str(tag) for tag in np.unique(np.concatenate(present)))
-        raise ValueError(f"tags must be among the {name} {listed}, got {missing[0]}")
-    if local is None or own is None:
+    wanted = _occurring([found for found in every if found is not None], kind, tags)
+    if rows is None or own is None:
         return np.empty(0, np.int32)
-    rows = local.cells if kind == "cell" else local.tagged_facets
-    assert rows is not None  # given together with facet_tags
     nodes: IntArray = np.unique(rows[np.isin(own, wanted)])
     return nodes
+
+
+def rows_with_tags(
+    mesh: SimplexMesh, kind: Literal["cell", "facet"], tags: int | Sequence[int]
+) -> tuple[IntArray, BoolArray]:
+    """Return the cells or the tagged facets of a mesh, and which have some tags, as above."""
+    rows, own = _tagged(mesh, kind)
+    if rows is None or own is None:
+        own, rows = np.empty(0, np.int32), np.empty((0, mesh.cell_dim), np.int32)
+    wanted = _occurring([own] if len(own) else [], kind, tags)
+    return rows, np.isin(own, wanted)
+
+
+def _tagged(
+    mesh: SimplexMesh, kind: Literal["cell", "facet"]
+) -> tuple[IntArray | None, IntArray | None]:
+    if kind == "cell":
+        return mesh.cells, mesh.cell_tags
+    return mesh.tagged_facets, mesh.facet_tags
+
+
+def _occurring(
+    present: Sequence[IntArray], kind: Literal["cell", "facet"], tags: int | Sequence[int]
+) -> npt.NDArray[Any]:
+    """Return tags as an array, if all are among those that are present."""
+    name = f"{kind}_tags"
+    if not present:
+        what = "region" if kind == "cell" else "facet"
+        text = f"tags must be {what} tags of the mesh, which has none ({name} is None)"
+        raise OptionError(text, ["sources"])
+    known, wanted = np.unique(np.concatenate(present)), np.atleast_1d(as_plain_array("tags", tags))
+    missing = wanted[~np.isin(wanted, known)]
+    if len(missing) > 0:
+        listed = ", ".join(str(tag) for tag in known)
+        raise OptionError(f"tags must be among the {name} {listed}, got {missing[0]}", ["sources"])
+    return wanted
 
 
 def cells_around(domain: _Domain, points: FloatArray) -> Touched:

@@ -3,11 +3,10 @@
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from adaptsize._checks import as_flag
 from adaptsize._kernels.exact_candidates import have_neighbours
 from adaptsize._kernels.ordering import fill_tiles
 from adaptsize._kernels.topology import mark_nodes
@@ -50,6 +49,7 @@ from adaptsize.limiting.exact.on_surface import limit_on_surface
 from adaptsize.limiting.exact.solve import solve_on_mesh
 from adaptsize.limiting.periodic import Periodicity
 from adaptsize.limiting.problem import NeedsWholeMesh, PointBounds, Problem, Scheme, Solution
+from adaptsize.options import Option
 from adaptsize.typing import FloatArray, IntArray
 
 # Nodes of a tile of a grid, which is a block of the kernels.
@@ -111,13 +111,8 @@ class Exact(Scheme):
 
     name: ClassVar[str] = "exact"
     optional: ClassVar[frozenset[str]] = frozenset({"point_sources", "periodic"})
-    face_sources: bool = True
-    threads: int | None = None
-
-    def __post_init__(self) -> None:
-        """Check the options."""
-        object.__setattr__(self, "face_sources", as_flag("face_sources", self.face_sources))
-        super().__post_init__()
+    face_sources: Annotated[bool, Option()] = True
+    threads: Annotated[int | None, Option(lower=1.0)] = None
 
     def supports(self, domain: AnyMesh | CartesianGrid) -> str:
         """Return which backgrounds the scheme needs."""
@@ -126,7 +121,7 @@ class Exact(Scheme):
 
     def solve(self, problem: Problem) -> ExactSolution:
         """Solve a problem; ``iterations`` is the number of sources."""
-        domain: Any = problem.domain
+        domain = problem.domain
         h0, periodic = problem.h0, problem.periodic
         if periodic is not None:
             if not periodic.is_convex:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_near_points, as_number, as_whole_number, place_text, refuse_where
-from adaptsize._progress import reporting
+from adaptsize._progress import Stage, reporting
 from adaptsize._with_info import with_info
 from adaptsize.background import SimplexMesh
 from adaptsize.background.octree import as_box
@@ -150,6 +150,7 @@ def mesh_from_distance(
     if not isinstance(seed, np.random.Generator):
         seed = as_whole_number("seed", seed, lower=0, upper=2**53)
     with reporting(progress) as report:
+        report(Stage("meshing"), None)
         report("placing nodes", None)
         if not given["clip"]:
             _refuse_cut(domain)

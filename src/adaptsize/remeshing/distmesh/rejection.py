@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptsize._messages import Message
 from adaptsize.errors import TooManyElementsError
 from adaptsize.remeshing.distmesh.implicit_domain import FIRST, ImplicitDomain, grid_of
 from adaptsize.typing import BoolArray, FloatArray, LongArray
@@ -97,8 +98,11 @@ def sample(domain: ImplicitDomain, rng: np.random.Generator, *, max_elements: fl
         if expected + to_come > limit:
             elements = (expected + to_come) / limit * max_elements
             raise TooManyElementsError(
-                f"the sizes require at least {elements:.3g} elements, more than "
-                f"max_elements = {max_elements:.3g}; increase the sizes or raise max_elements"
+                Message(
+                    "the sizes require at least {:.3g} elements, more than {max_elements} = {:.3g}"
+                    "; increase the sizes or raise {max_elements}",
+                    *(elements, max_elements),
+                )
             )
         if len(index) == 0:
             break

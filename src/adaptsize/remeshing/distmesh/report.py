@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._checks import warn_caller
+from adaptsize._messages import Message
 from adaptsize.background import SimplexMesh, topology
 from adaptsize.errors import ConvergenceWarning, ResolutionWarning
 from adaptsize.quality import size_conformity
@@ -156,11 +157,13 @@ def _n_broken(mesh: SimplexMesh, component: npt.NDArray[np.integer], domain: Imp
 def warn_of_faults(report: SmoothingReport) -> None:
     """Warn of a mesh that has not converged or does not resolve its domain."""
     if not report.converged and report.last_move > 0.03:
-        warnings.warn(
-            f"nodes still moved by {report.last_move:.2g} sizes per step after "
-            f"{report.n_steps} steps; raise max_iter, or limit the gradient of the sizes",
+        warn_caller(
+            Message(
+                "nodes still moved by {:.2g} sizes per step after {} steps; raise {max_iter}, or "
+                "limit the gradient of the sizes",
+                *(report.last_move, report.n_steps),
+            ),
             ConvergenceWarning,
-            stacklevel=4,
         )
     faults = []
     if report.n_uncovered:
@@ -189,9 +192,8 @@ def warn_of_faults(report: SmoothingReport) -> None:
     if lost:
         faults.append(f"{lost} fixed points are in no cell")
     if faults:
-        warnings.warn(
+        warn_caller(
             f"the mesh does not resolve the domain well: {'; '.join(faults)}; "
             "use smaller sizes, or pass corners as fixed_points",
             ResolutionWarning,
-            stacklevel=4,
         )
