@@ -17,7 +17,7 @@ from shapes import CUBE_CELLS, block
 from adaptsize import BoxSource, SimplexMesh, read, remesh, size_function, write
 from adaptsize.background.bisection import resolved
 from adaptsize.cli.console import Console
-from adaptsize.cli.files import read_provenance, write_provenance
+from adaptsize.cli.provenance import read_provenance, write_provenance
 from adaptsize.cli.size import print_outcome
 from adaptsize.errors import InputWarning
 from adaptsize.quality import check_mesh, size_conformity

@@ -12,6 +12,7 @@ import adaptsize as ads
 from adaptsize._checks import refusal
 from adaptsize._messages import Message
 from adaptsize.cli import files
+from adaptsize.cli.again import again
 from adaptsize.cli.console import Console
 from adaptsize.cli.metric import limit_with_metric
 from adaptsize.cli.options import (
@@ -31,6 +32,7 @@ from adaptsize.cli.options import (
     command,
     own,
 )
+from adaptsize.cli.provenance import description, read_provenance
 from adaptsize.cli.remesh import remesh
 from adaptsize.cli.size import exit_code, image, size
 from adaptsize.cli.warmup import announce_compilation, warmup
@@ -104,6 +106,10 @@ def info(console: Console, file: Input, given: Given) -> int:
         steps.begin("checks")
         summary = summarize(mesh)
     not_joined = [str(found) for found in unconnected(mesh)]
+    made = read_provenance(file)
+    if made.get("program") == "adaptsize":
+        console.record(made=made)
+        console.say(description(made))
     console.record(**summary.as_dict(), not_joined=not_joined)
     console.print(summary)
     if faces:
@@ -136,13 +142,10 @@ def check(console: Console, file: Input, given: Given) -> int:
     with console.steps(2) as steps:
         steps.begin("reading")
         mesh = files.read_mesh(file, **of_reading)
-        made = files.read_provenance(file)
+        made = read_provenance(file)
         if made.get("n_cells") == mesh.n_cells and isinstance(made.get("tolerance"), float):
             given = {"tolerance": made["tolerance"]} | given
-            console.say(
-                f"made by adaptsize {made.get('version')} from {made.get('input')} on "
-                f"{made.get('date')} with the tolerance {made['tolerance']:.3g}"
-            )
+            console.say(f"{description(made)} with the tolerance {made['tolerance']:.3g}")
         other = None if original is None else repair_mesh(files.read_mesh(original)).mesh
         if other is not None and made.get("n_cells") == mesh.n_cells:
             other = files.without_details(console, other, made.get("options", {}))
@@ -354,5 +357,5 @@ def indicator_of(mesh: SimplexMesh, name: str) -> FloatArray:
     return indicator
 
 
-for function in (info, size, limit, remesh, family, adapt, image, check, warmup):
+for function in (info, size, limit, remesh, family, adapt, image, check, again, warmup):
     app.command(cls=GroupedCommand)(function)

@@ -13,12 +13,15 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from adaptsize._messages import Message, message_of
 from adaptsize._progress import Stage, remaining, reporting, silent
 from adaptsize.errors import OptionError
 from adaptsize.typing import ProgressCallback
+
+if TYPE_CHECKING:
+    from adaptsize.cli.provenance import Request
 
 #: Steps are printed as lines only from this many seconds on: quick commands print none.
 PATIENCE = 3.0
@@ -41,6 +44,8 @@ class Console:
         Names, which may be stages, and seconds of the steps so far.
     typed : str
         The command as it was typed.
+    request : Request or None
+        The command in the form that is stored with what it writes.
     """
 
     def __init__(self) -> None:
@@ -48,6 +53,7 @@ class Console:
         self.as_json = self.quiet = self.verbose = False
         self.warnings: list[str] = []
         self._command = self.typed = ""
+        self.request: Request | None = None
         self._result: dict[str, Any] = {}
         self._written: list[dict[str, Any]] = []
         self.times: list[tuple[str, float]] = []

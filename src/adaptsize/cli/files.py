@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -15,10 +14,9 @@ import numpy.typing as npt
 import adaptsize as ads
 from adaptsize._checks import refusal
 from adaptsize._defaults import CREASE_ANGLE
-from adaptsize._formats.guards import write_whole
-from adaptsize._formats.text import write_text
 from adaptsize._messages import Message
 from adaptsize.cli.console import Console
+from adaptsize.cli.provenance import provenance_of, write_provenance
 from adaptsize.errors import OptionError
 from adaptsize.reporting.outcome import kind_of
 
@@ -212,11 +210,13 @@ def write_result(
     result: SimplexMesh | SizeFunction | MetricFunction,
     fields: Mapping[str, npt.ArrayLike] | None = None,
     order: int = 1,
+    record: Mapping[str, Any] | None = None,
 ) -> None:
     """Write a mesh or sizes with nodal fields, and record what is in the files.
 
     Beside a ``.mesh``, which holds no fields, sizes are written to a ``.sol`` of the same name.
-    A message names cell fields that the format does not hold.
+    A message names cell fields that the format does not hold.  What the files were made with is
+    stored beside them, with more plain values in ``record``.
     """
     sizes = beside(path)
     bare = result.mesh if sizes and isinstance(result, ads.MetricFunction) else result
@@ -225,6 +225,9 @@ def write_result(
             of_order: dict[str, Any] = {} if order == 1 else {"order": order}
             ads.io.write(target, what, fields=fields, **of_order)
             console.wrote(**_contents(target, what, fields or ()), **of_order)
+            if console.request is not None:
+                more = dict(record or {})
+                write_provenance(target, provenance_of(target, console.request) | more)
     if isinstance(result, ads.SimplexMesh) and "cell fields" not in format_of(path).holds:
         for name in result.cell_data:
             console.say(f"{path.name} holds no cell fields: {name} is not written")
@@ -258,22 +261,6 @@ def _contents(
     return held | {"n_points": written.n_points, "n_cells": written.n_cells}
 
 
-def write_provenance(path: Path, record: Mapping[str, Any]) -> None:
-    """Store what a mesh was made with, plain values, in ``NAME.json`` beside it.
-
-    Examples
-    --------
-    >>> from tempfile import TemporaryDirectory
-    >>> with TemporaryDirectory() as folder:
-    ...     path = Path(folder) / "part.stl"
-    ...     write_provenance(path, {"tolerance": 0.001})
-    ...     (sorted(p.name for p in path.parent.iterdir()), read_provenance(path))
-    (['part.stl.json'], {'tolerance': 0.001})
-    """
-    text = json.dumps(record, allow_nan=False)
-    write_whole(_record_beside(path), lambda target: write_text(target, text, "\n"))
-
-
 def without_details(console: Console, mesh: SimplexMesh, options: Mapping[str, Any]) -> SimplexMesh:
     """Return a surface without details below ``least_detail``, and say what was removed.
 
@@ -290,19 +277,6 @@ def without_details(console: Console, mesh: SimplexMesh, options: Mapping[str, A
     console.record(removed_details=[vars(detail) for detail in found.details])
     console.say(f"{found} (below {float(length):g})")
     return found.mesh
-
-
-def read_provenance(path: Path) -> dict[str, Any]:
-    """Return what `write_provenance` stored beside a mesh; empty if there is nothing."""
-    try:
-        found = json.loads(_record_beside(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError):  # also of another program
-        return {}
-    return found if isinstance(found, dict) else {}
-
-
-def _record_beside(path: Path) -> Path:
-    return path.with_name(f"{path.name}.json")
 
 
 def draw(console: Console, kind: str, path: Path | None, *what: Any) -> None:

@@ -19,6 +19,7 @@ from typer.core import TyperCommand
 from adaptsize._checks import refusal
 from adaptsize._messages import Message, message_of
 from adaptsize.cli.console import Console
+from adaptsize.cli.provenance import Request
 from adaptsize.errors import OptionError
 from adaptsize.options import Option, options_of
 
@@ -196,8 +197,13 @@ def command(
             shared = {option.name: values.pop(option.name) for option in general}
             file = shared.get("options")
             console.configure(str(context.info_name), flags, shared)
+            typed = {name: values.pop(name) for name in options}
+            if "output" in values:
+                every = {**options, "options": _OPTIONS_FILE}
+                console.request = Request.of(
+                    str(context.info_name), values["file"], {**typed, "options": file}, every
+                )
             if options:
-                typed = {name: values.pop(name) for name in options}
                 given = {} if file is None else _read_options(file, options)
                 given |= {
                     name: _as_value(options[name], value)

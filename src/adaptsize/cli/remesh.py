@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -119,8 +118,8 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         steps.begin("writing")
         new = with_fields(console, mesh, new, output, (fields, given.get("field")), steps.report)
         new = new.with_data(point_data={"h": size(new.points)})
-        files.write_result(console, output, new, order=order)
-        files.write_provenance(output, _provenance(file, given, as_dict(report), allowed, new))
+        record = _record(given, as_dict(report), allowed, new)
+        files.write_result(console, output, new, order=order, record=record)
         steps.begin("checks")
         repaired = repair_mesh(mesh).mesh
         outcome = outcome_of_remeshing(new, repaired, size, allowed, given.get("elements"))
@@ -161,16 +160,12 @@ def _printed(
     return max(code, int(attempts.is_cut_short))
 
 
-def _provenance(
-    file: Path, options: Given, sizes: Mapping[str, Any], tolerance: float, mesh: SimplexMesh
+def _record(
+    options: Given, sizes: Mapping[str, Any], tolerance: float, mesh: SimplexMesh
 ) -> dict[str, Any]:
-    """Return what is stored with a mesh, plain values."""
+    """Return what else is stored with a mesh, plain values."""
     record: dict[str, Any] = plain(
         {
-            "command": "remesh",
-            "version": ads.__version__,
-            "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-            "input": str(file),
             "options": {name: str(value) for name, value in options.items() if name != "sources"},
             "tolerance": tolerance,
             "sizes": sizes,
