@@ -24,6 +24,7 @@ ads.plot.plot_size(ads.remesh(plate, size), size, path="choices.png")
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from _gallery import draw_mesh, drawing, run, save_drawing
@@ -54,7 +55,8 @@ def main(output_dir: Path, *, width: int = 500, n: int = 200) -> dict[str, int]:
     found = {}
     for row, (option, name, values) in enumerate(ROWS):
         for column, value in enumerate(values):
-            size = ads.size_function(domain, hmax=0.3, tolerance=np.inf, **{option: value})
+            chosen: dict[str, Any] = {option: value}
+            size = ads.size_function(domain, hmax=0.3, tolerance=np.inf, **chosen)
             mesh = ads.remesh(domain, size)
             found[f"triangles, {name} {value:g}"] = mesh.n_cells
             panel = panels[3 * row + column]

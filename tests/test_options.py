@@ -4,6 +4,7 @@ import inspect
 import math
 import re
 
+import numpy as np
 import pytest
 
 import adaptsize as ads
@@ -85,3 +86,16 @@ def test_every_option_is_a_sentence_with_a_type_and_belongs_to_a_group():
             assert option.text.endswith("."), name
             assert option.group != "Options", name
             assert all(option.doc), name
+
+
+def test_a_growth_ratio_is_another_name_of_the_gradient_limit():
+    square = ads.SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    source = ads.PointSource([0.2, 0.3], 0.01)
+    by_ratio = ads.size_function(square, sources=source, growth=1.2)
+    by_gradient = ads.size_function(square, sources=source, g=0.2)
+    assert by_ratio.report.g == 0.2
+    np.testing.assert_array_equal(by_ratio.values, by_gradient.values)
+    with pytest.raises(ValueError, match=r"growth and g exclude each other"):
+        ads.size_function(square, growth=1.2, g=0.2)
+    with pytest.raises(ValueError, match=r"growth must be finite and >= 1, got 0.2"):
+        ads.size_function(square, growth=0.2)

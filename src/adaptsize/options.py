@@ -12,6 +12,7 @@ import re
 import textwrap
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from difflib import get_close_matches
 from functools import cache
 from types import NoneType
@@ -41,7 +42,7 @@ from adaptsize._defaults import (
     TOLERANCE,
 )
 from adaptsize._messages import Message
-from adaptsize.errors import InputWarning
+from adaptsize.errors import InputWarning, OptionError
 from adaptsize.typing import GradientLimit, NodalMethod
 
 __all__ = ["Option", "options_of"]
@@ -185,6 +186,8 @@ class SizeOptions(TypedDict, total=False):
         Elements between features of a boundary that do not meet; 0 disables this.
     g
         Gradient limit: growth of sizes per length.
+    growth
+        Growth ratio of edges: 1 + g, in place of g.
     hmin
         Smallest size.  Sizes are in the unit of the coordinates.
     hmax
@@ -196,7 +199,7 @@ class SizeOptions(TypedDict, total=False):
         r of a mesh are at most sqrt(6 tolerance * diameter * r).
     size_of
         Sizes of named parts.
-        They replace those from the shape of tagged regions and faces, or of labels of an image.
+        They replace those from the shape of regions, faces or labels.
     """
 
     elements_per_radian: Annotated[float | None, Option(chosen="4", short="-K")]
@@ -206,6 +209,7 @@ class SizeOptions(TypedDict, total=False):
         float | None,
         Option(chosen=f"{GRADIENT_LIMIT:g}", short="-g", unusual=10.0, of_sizes=True),
     ]
+    growth: Annotated[float | None, Option(lower=1.0)]
     hmin: Annotated[
         float | None,
         Option(
@@ -761,6 +765,8 @@ def _entries_of(record: type) -> dict[str, dict[str, str]]:
 def checked(record: type[R], given: Mapping[str, Any]) -> R:
     """Return the options of a record, checked; those that are not given have their defaults.
 
+    ``growth`` is returned as ``g``.
+
     Raises
     ------
     TypeError
@@ -777,6 +783,11 @@ def checked(record: type[R], given: Mapping[str, Any]) -> R:
     values = {
         name: option.check(given.get(name, option.default)) for name, option in options.items()
     }
+    growth = values.pop("growth", None)
+    if growth is not None:  # another name of g
+        if values["g"] is not None:
+            raise OptionError(Message("{growth} and {g} exclude each other: {growth} is 1 + {g}"))
+        values["g"] = float(Decimal(repr(growth)) - 1)  # 1.2 is 0.2 to the last bit
     return cast(R, values)
 
 

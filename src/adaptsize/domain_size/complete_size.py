@@ -89,9 +89,8 @@ def size_function(
 
     Notes
     -----
-    To stay within ``max_elements``, or to predict ``elements`` or ``nodes`` (of a mesh or a
-    surface) within 2 %, all of ``elements_per_radian``, ``elements_across``, ``elements_between``,
-    ``hmin``, ``hmax`` and ``g`` that are not given are changed, but never the tolerance.
+    To stay within ``max_elements``, or to predict ``elements`` or ``nodes`` of a mesh or surface
+    within 2 %, sizes and numbers of elements that are not given are changed, never the tolerance.
 
     On a given octree, or a mesh of more than the domain, sizes propagate also through the outside.
 
