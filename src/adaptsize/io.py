@@ -79,8 +79,8 @@ def read(
         shorter than its header says, has no cells of the requested kind, coordinates that are not
         finite, or indices out of range.  The message is one line that names the file and the
         problem.
-    ValueError
-        If ``kind`` is unknown.
+    OptionError
+        If ``kind`` is unknown, or no cell field has the name ``tags``.
 
     Warns
     -----
