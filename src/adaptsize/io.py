@@ -15,6 +15,7 @@ from adaptsize._formats.blocks import KINDS
 from adaptsize._formats.guards import about_file, check_readable, is_special, write_whole
 from adaptsize._formats.limited import read_limited
 from adaptsize._formats.polygons import polygons
+from adaptsize._messages import Message
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.image import Image
@@ -156,7 +157,7 @@ def read(
     if not keep_slits:
         notes.extend(str(found) for found in are_doubtful(unconnected(mesh)))
     if notes:
-        warn_caller(f"{file}: {'; '.join(notes)}", InputWarning)
+        warn_caller(Message("{}: {}", file, Message.joined("; ", notes)), InputWarning)
     return mesh
 
 
