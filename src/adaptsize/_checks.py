@@ -309,7 +309,7 @@ def refuse_where(
     given = f"{name}[{where}] = {entry}" if bad.ndim else f"{values[()]}"
     count = int(np.count_nonzero(bad))
     more = f" (and {count - 1} more)" if count > 1 else ""
-    raise kind(Message.about(name, f"{wanted}, got {given}{more}"))
+    raise kind(Message.about(name, Message("{}, got {}{}", wanted, given, more)))
 
 
 def refusal(name: str, text: str) -> OptionError:

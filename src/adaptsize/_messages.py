@@ -64,7 +64,7 @@ class Message(str):
     def about(cls, name: str, text: str) -> Message:
         """Return a message that begins with the name of an option, or of an entry of it."""
         option, bracket, entry = name.partition("[")
-        return cls._of([Named(option), f"{bracket}{entry} {text}"])
+        return cls("{}{}{} {}", cls.name(option), bracket, entry, text)
 
     @classmethod
     def name(cls, option: str, value: str = "") -> Message:
@@ -72,12 +72,10 @@ class Message(str):
         return cls._of([Named(option, value)])
 
     @classmethod
-    def joined(cls, separator: str, messages: Iterable[Message]) -> Message:
-        """Return messages with a text between them."""
-        parts: list[str | Named] = []
-        for message in messages:
-            parts += [separator, *message._parts] if parts else message._parts
-        return cls._of(parts)
+    def joined(cls, separator: str, texts: Iterable[str]) -> Message:
+        """Return messages, or other texts, with a text between them."""
+        several = list(texts)
+        return cls(separator.join(["{}"] * len(several)), *several)
 
     @classmethod
     def _of(cls, parts: Iterable[str | Named]) -> Message:

@@ -15,6 +15,7 @@ from adaptsize._formats.blocks import KINDS
 from adaptsize._formats.guards import about_file, check_readable, is_special, write_whole
 from adaptsize._formats.limited import read_limited
 from adaptsize._formats.polygons import polygons
+from adaptsize._messages import Message
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.image import Image
@@ -79,8 +80,8 @@ def read(
         shorter than its header says, has no cells of the requested kind, coordinates that are not
         finite, or indices out of range.  The message is one line that names the file and the
         problem.
-    ValueError
-        If ``kind`` is unknown.
+    OptionError
+        If ``kind`` is unknown, or no cell field has the name ``tags``.
 
     Warns
     -----
@@ -156,7 +157,7 @@ def read(
     if not keep_slits:
         notes.extend(str(found) for found in are_doubtful(unconnected(mesh)))
     if notes:
-        warn_caller(f"{file}: {'; '.join(notes)}", InputWarning)
+        warn_caller(Message("{}: {}", file, Message.joined("; ", notes)), InputWarning)
     return mesh
 
 

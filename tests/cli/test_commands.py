@@ -130,8 +130,8 @@ def test_sizes_of_the_mesh_are_checked_if_there_are_any(capsys, cubes):
     assert result["is_met"] is False
     assert result["n_inverted"] == 0
     assert "error" not in result
-    assert call("check", str(cubes / "cube.vtu"), "--field", "h") == 1
-    assert "no nodal field 'h'" in capsys.readouterr().err
+    assert call("check", str(cubes / "cube.vtu"), "--field", "h") == 2
+    assert "--field must be a nodal field of the mesh (none), got 'h'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -205,5 +205,5 @@ def test_the_command_writes_cells_of_order_2(tmp_path, capsys):
     assert call(*words, tmp_path / "b.inp") == 0
     assert "TYPE=CPS6" in (tmp_path / "b.inp").read_text()
     capsys.readouterr()
-    assert call(*words, tmp_path / "b.su2") == 1
+    assert call(*words, tmp_path / "b.su2") == 2
     assert "b.su2 holds no cells of order 2" in capsys.readouterr().err

@@ -21,6 +21,7 @@ from adaptsize._formats.blocks import (
     tag_key,
 )
 from adaptsize._formats.joining import joined_if_most_are_double, means
+from adaptsize._messages import Message
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import (
     facets_of,
@@ -140,10 +141,11 @@ def _connected(raw: RawMesh, simplices: Simplices, notes: list[str]) -> RawMesh:
     if joined is None:
         return raw
     n = len(joined.points)
-    notes.append(
-        f"most facets are double: nodes at one place joined, {len(raw.points)} become {n}, with "
-        "the mean of nodal fields (keep_slits=True, --keep-slits)"
+    text = (
+        "most facets are double: nodes at one place joined, {} become {}, with the mean of nodal "
+        "fields; {keep_slits:True} keeps them apart"
     )
+    notes.append(Message(text, len(raw.points), n))
     blocks = [
         (name, cells if cells.dtype == object else joined.number[cells])
         for name, cells in raw.blocks

@@ -90,8 +90,8 @@ class Request:
 
         def refuse_free() -> None:
             h = smallest(sizes)
-            text = "must be finite after limiting, in each component of the mesh: pass hmax"
-            refuse_where("sizes", mesh.in_a_cell & np.isinf(h), h, text)
+            text = "must be finite after limiting, in each component of the mesh: pass {hmax}"
+            refuse_where("sizes", mesh.in_a_cell & np.isinf(h), h, Message(text))
 
         mesh.ranks.agree(refuse_free)
         simplices = count_simplices(mesh, sizes)

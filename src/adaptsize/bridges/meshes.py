@@ -11,6 +11,7 @@ import numpy as np
 from adaptsize._checks import as_flag, check_type, describe, warn_caller
 from adaptsize._formats import assembly, foreign, vtk, writers
 from adaptsize._formats.blocks import RawMesh, check_raw
+from adaptsize._messages import Message
 from adaptsize.background import SimplexMesh
 from adaptsize.bridges import solvers
 from adaptsize.errors import InputWarning, MeshFileError
@@ -43,7 +44,7 @@ def from_object(mesh: Any, *, kind: str | None = None, flatten: bool = True) -> 
     except MeshFileError as error:
         raise ValueError(f"mesh {error}") from error
     if notes:
-        warn_caller("; ".join(notes), InputWarning)
+        warn_caller(Message.joined("; ", notes), InputWarning)
     return made
 
 

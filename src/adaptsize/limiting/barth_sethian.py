@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 
 from adaptsize._kernels.fast_marching import sweep_cells
+from adaptsize._messages import Message
 from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
 from adaptsize.background.interpolation import hat_gradients
 from adaptsize.limiting.fast_marching import cells_in, march_mesh
@@ -90,8 +91,9 @@ class PositiveCoefficient(Scheme):
                 problem.report("positive coefficient scheme", step / max_iter)
             if rate < tol:
                 return Solution(np.where(free, np.inf, u), step, rate)
-        unfinished = (
-            f"the positive coefficient scheme stopped after max_iter = {max_iter} steps with "
-            f"residual {rate:.2g}, above tol = {tol:g}: give more steps, or method='fast-marching'"
+        unfinished = Message(
+            "the positive coefficient scheme stopped after max_iter = {} steps with residual "
+            "{:.2g}, above tol = {:g}: give more steps, or {method:'fast-marching'}",
+            *(max_iter, rate, tol),
         )
         return Solution(np.where(free, np.inf, u), max_iter, rate, unfinished)

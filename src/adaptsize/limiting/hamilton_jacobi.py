@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
+from adaptsize._messages import Message
 from adaptsize.background import AnyMesh, CartesianGrid
 from adaptsize.background.marching import pad, strides_of_padded, unpad
 from adaptsize.limiting.fast_marching import march_grid
@@ -161,10 +162,11 @@ class HamiltonJacobi(Scheme):
         rate = change / fastest if fastest > 0.0 else change
         unfinished = ""
         if change > self.tol * fastest:
-            unfinished = (
-                f"the Hamilton-Jacobi iteration stopped after max_iter = {max_iter} steps with "
-                f"residual {rate:.2g}, above tol = {self.tol:g}: give more steps, a start nearer "
-                "to the solution, or method='fast-marching'"
+            unfinished = Message(
+                "the Hamilton-Jacobi iteration stopped after max_iter = {} steps with residual "
+                "{:.2g}, above tol = {:g}: give more steps, a start nearer to the solution, or "
+                "{method:'fast-marching'}",
+                *(max_iter, rate, self.tol),
             )
         h = np.where(takes_part, unpad(grid, u, order), np.inf)
         return Solution(h, taken, rate, unfinished)

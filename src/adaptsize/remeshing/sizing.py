@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_number, describe, refuse_where
+from adaptsize._messages import Message
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.bisection import resolved
@@ -222,7 +223,8 @@ def as_metric_at(size: Any, mesh: SimplexMesh, hmax: float) -> MetricAt | None:
         if np.isfinite(hmax):
             there = there.clip(hmax=hmax)
         bad = np.isinf(there.sizes)
-        refuse_where("size", bad, there.sizes, "must be finite in all directions: pass hmax")
+        wanted = Message("must be finite in all directions: pass {hmax}")
+        refuse_where("size", bad, there.sizes, wanted)
         return there
 
     metric(mesh.points)

@@ -165,10 +165,11 @@ class Outcome:
         changes = {tag: change for tag, (_, change) in of_regions.items() if abs(change) > most}
         if changes:  # of other meshes, check compares the regions
             listed = ", ".join(f"{tag} ({change:+.1%})" for tag, change in changes.items())
-            lines.append(
-                f"the {self._measure} of these regions has changed: {listed}; less smoothing "
-                "keeps thinner parts, and smaller sizes (size_of) resolve them"
+            text = (
+                "the {} of these regions has changed: {}; less smoothing keeps thinner parts, and "
+                "smaller sizes ({size_of}) resolve them"
             )
+            lines.append(Message(text, self._measure, listed))
         if self.pinched[0]:
             n, place = self.pinched
             lines.append(
