@@ -146,9 +146,7 @@ class Search(Generic[T]):
     def _best(self) -> int:
         within = [i for i, y in enumerate(self._y) if y <= self.above] if self.is_cap else []
         # Of equal numbers, that with the factor nearest to the first one.
-        return min(
-            within or range(len(self._y)), key=lambda i: (abs(self._y[i]), abs(self._x[i]))
-        )
+        return min(within or range(len(self._y)), key=lambda i: (abs(self._y[i]), abs(self._x[i])))
 
     @property
     def records(self) -> str:
