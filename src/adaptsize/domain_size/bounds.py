@@ -12,7 +12,7 @@ import numpy.typing as npt
 from adaptsize._size_report import NONE, SizeReport, measure_dim
 from adaptsize._workers import Workers
 from adaptsize.background import AnyBackground, SimplexMesh
-from adaptsize.domain_size.parts import sizes_of_parts
+from adaptsize.domain_size.named_parts import sizes_of_parts
 from adaptsize.domain_size.request import PointBounds, Request
 from adaptsize.geometry.inside import Inside
 from adaptsize.limiting import limit_gradient

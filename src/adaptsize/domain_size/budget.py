@@ -10,9 +10,10 @@ from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.domain_size.by_domain import MeshDomain, SizedDomain
-from adaptsize.domain_size.cost import as_bytes, report_of, system_of
 from adaptsize.domain_size.on_surface import SurfaceDomain, warn_of_outside
+from adaptsize.domain_size.reports import report_of
 from adaptsize.domain_size.request import Goal, Request
+from adaptsize.domain_size.unknowns import as_bytes, system_of
 from adaptsize.errors import ResolutionWarning, TooManyElementsError
 from adaptsize.remeshing.details import SurfaceWithDetails
 from adaptsize.sizes import predict

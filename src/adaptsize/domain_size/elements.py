@@ -21,8 +21,9 @@ from adaptsize.background.merging import reordered
 from adaptsize.background.simplex import as_mesh
 from adaptsize.domain_size.budget import predicted_number, what_controls
 from adaptsize.domain_size.complete_size import size_function
-from adaptsize.domain_size.cost import report_of, unknowns_on
+from adaptsize.domain_size.reports import report_of
 from adaptsize.domain_size.request import Goal, Implicit, goal_of
+from adaptsize.domain_size.unknowns import unknowns_on
 from adaptsize.errors import ResolutionWarning, TooManyElementsError
 from adaptsize.options import (
     BudgetOptions,

@@ -18,7 +18,7 @@ from adaptsize.background.merging import ordered_by_place, reordered
 from adaptsize.background.splitting import SplitMesh, halved_edges, split_edges
 from adaptsize.background.topology import marked, rows_among
 from adaptsize.domain_size.bounds import Bounds
-from adaptsize.domain_size.cost import report_of
+from adaptsize.domain_size.reports import report_of
 from adaptsize.domain_size.request import PointBounds, Request, bound_at_nodes
 from adaptsize.errors import InputWarning, OpenSurfaceWarning
 from adaptsize.geometry.creases import folds_of, tips_of_cones

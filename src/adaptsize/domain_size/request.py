@@ -13,8 +13,8 @@ from adaptsize._checks import as_limits, as_sizes
 from adaptsize._defaults import GRADIENT_LIMIT, MAX_ELEMENTS, TOLERANCE
 from adaptsize._progress import silent
 from adaptsize.background import AnyBackground, CartesianGrid
-from adaptsize.domain_size.cost import as_bytes
-from adaptsize.domain_size.parts import as_sizes_of_parts
+from adaptsize.domain_size.named_parts import as_sizes_of_parts
+from adaptsize.domain_size.unknowns import as_bytes
 from adaptsize.options import BudgetOptions, SizeFunctionOptions
 from adaptsize.sizes import PointSource, size_from_sources
 from adaptsize.sizes.curvature import CHORDS, size_of_chords
