@@ -93,9 +93,8 @@ def adapt(
         Takes new nodes of the boundary, float64[n, dim], and returns their places on the true one;
         a mapping has one for each facet tag.  Corners, ridges and nodes between two of them stay.
     original : SimplexMesh, optional
-        The first mesh of the loop, in space, for the curvature by which ``boundary_tolerance``
-        bounds sizes; that of later facets would grow.  By default known of meshes of `adapt`.  For
-        meshes in parts it may be the boundary alone.
+        The first mesh of the loop, or its boundary: in space, ``boundary_tolerance`` bounds sizes
+        by its curvature.  By default known of meshes of `adapt`.
     progress : callable, bool or None
         Called with a text and the fraction completed or None.  True shows a progress bar.
     **options
@@ -109,10 +108,8 @@ def adapt(
     Raises
     ------
     ValueError, TooManyElementsError, BackendUnavailableError, BackendError, BackendTimeoutError
-        If an argument is invalid (checked first); if sizes are inf after limiting, require more
-        than ``max_elements``, or curved boundaries in space need more than the requested number to
-        stay within ``boundary_tolerance`` (a larger one is offered); if no generator for this mesh
-        is installed, it failed or was stopped.
+        If an argument is invalid (checked first); if sizes are inf after limiting; if more elements
+        are required than requested or allowed; if no generator is installed, or it failed.
 
     Warns
     -----

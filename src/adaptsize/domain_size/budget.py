@@ -9,6 +9,7 @@ from adaptsize._checks import count_text, warn_caller
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
+from adaptsize.domain_size import tuning
 from adaptsize.domain_size.by_domain import MeshDomain, SizedDomain
 from adaptsize.domain_size.on_surface import SurfaceDomain, warn_of_outside
 from adaptsize.domain_size.reports import report_of
@@ -21,17 +22,8 @@ from adaptsize.sizes.budget import calibration
 from adaptsize.sizes.prediction import Prediction
 from adaptsize.sizes.search import Search, rounded_up, smallest_tolerance
 
-#: A predicted number of elements is close enough if its logarithm is off by less: by 2 %.
-_CLOSE = math.log1p(0.02)
-#: One that is off by less is not what was requested, but no reason to refuse or to warn.
-_NEAR = 0.1
-#: Logarithm of the share of an allowed number that sizes need not use.
-_UNUSED = 0.05
-#: Relaxation at which the sizes at boundaries are those of chords within the tolerance, or a
-#: quarter of an element across, and hmax is nearly the diameter.  A larger one changes little.
-_FULLY = 16.0
-#: Over the diameter: larger parts of a shape are no details.
-_LARGEST_DETAIL = 0.1
+#: Logarithm of a number over the wanted one that is close enough.
+_CLOSE = math.log1p(tuning.CLOSE)
 
 
 def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
@@ -57,9 +49,9 @@ def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
     """
     search = _searched(domain, request)
     size = search.best.result
-    if search.miss > (_NEAR if request.goal is not None else _CLOSE):
+    if search.miss > (tuning.NEAR if request.goal is not None else _CLOSE):
         _refuse(domain, request, report_of(size))
-    elif search.miss < -_NEAR and request.goal is not None:
+    elif search.miss < -tuning.NEAR and request.goal is not None:
         warn_caller(_shortage(request, report_of(size)), ResolutionWarning)
     if isinstance(domain, SurfaceDomain):
         size = domain.in_given_order(size)
@@ -77,18 +69,18 @@ def _searched(domain: SizedDomain, request: Request) -> Search[SizeFunction]:
     is_kept = bool(np.isfinite(report_of(first).tolerance))
     search: Search[SizeFunction] = Search(
         1.0, float(first.background.dim), _CLOSE, most=16,
-        below=_CLOSE if request.goal is not None else _UNUSED, is_cap=request.goal is None,
-        bounds=(1.0 if request.goal is None else 0.0, _FULLY if is_kept else np.inf),
+        below=_CLOSE if request.goal is not None else tuning.UNUSED, is_cap=request.goal is None,
+        bounds=(1.0 if request.goal is None else 0.0, tuning.FULLY if is_kept else np.inf),
         # Where a bound no longer grows, hmin does, and exceeds it in the end; unless it is given.
         patience=3 if _given(request) else 6,
     )  # fmt: skip
     search.add(_load(report_of(first), request), first)
     known: dict[float, SizeFunction] = {}
     if is_kept and search.miss > _CLOSE:
-        fewest = known[_FULLY] = _fully_relaxed(domain, request)
+        fewest = known[tuning.FULLY] = _fully_relaxed(domain, request)
         load = _load(report_of(fewest), request)
-        if np.log(load) > (_NEAR if request.goal is not None else _CLOSE):
-            search.add(load, fewest, factor=_FULLY)
+        if np.log(load) > (tuning.NEAR if request.goal is not None else _CLOSE):
+            search.add(load, fewest, factor=tuning.FULLY)
             return search
     elif request.is_fixed:
         return search
@@ -120,7 +112,7 @@ def _excess(request: Request, report: SizeReport) -> str:
     """Return how many elements the sizes require, more than allowed, and why."""
     name, most = "max_elements", f"{request.max_elements:.6g}"
     needed = f"{count_text(report.n_elements)} elements"
-    if report.n_elements <= 1.02 * request.max_elements:
+    if report.n_elements <= (1.0 + tuning.CLOSE) * request.max_elements:
         name, most = "max_memory", str(request.options["max_memory"])
         needed = f"{system_of(report, *request.system)[1] / 1e9:.2g} GB for the matrix"
     if request.goal is not None:
@@ -150,7 +142,7 @@ def _refusal(domain: SizedDomain, request: Request, report: SizeReport) -> str:
         return _excess(request, report)
     needed = f"{count_text(predicted_number(report, what, request.system))} {what}"
     enough = f"{count_text(wanted)} are"
-    if request.goal is None and report.n_elements <= 1.02 * request.max_elements:
+    if request.goal is None and report.n_elements <= (1.0 + tuning.CLOSE) * request.max_elements:
         needed = f"{system_of(report, *request.system)[1] / 1e9:.2g} GB for the matrix"
         enough = f"{request.options['max_memory']} is"
     return (
@@ -194,7 +186,10 @@ def detail_that_fits(domain: SizedDomain, request: Request) -> float | None:
                 known[count] = _load(report_of(_fully_relaxed(other, request)), request)
         return known[count] - 1.0
 
-    low, high = request.tolerance * domain.mesh.diameter, _LARGEST_DETAIL * domain.mesh.diameter
+    low, high = (
+        request.tolerance * domain.mesh.diameter,
+        tuning.LARGEST_DETAIL * domain.mesh.diameter,
+    )
     if request.h0 is not None or not low < high or excess(high) > _CLOSE:
         return None
     while high > 1.1 * low:
@@ -251,7 +246,7 @@ def _fully_relaxed(domain: SizedDomain, request: Request) -> SizeFunction:
 
     They do not depend on the number that is allowed.
     """
-    return _relaxed(domain, request.with_options(max_elements=np.inf), _FULLY)
+    return _relaxed(domain, request.with_options(max_elements=np.inf), tuning.FULLY)
 
 
 def _relaxed(domain: SizedDomain, request: Request, relaxation: float) -> SizeFunction:

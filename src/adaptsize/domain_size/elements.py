@@ -19,6 +19,7 @@ from adaptsize.background import AnyBackground, SimplexMesh
 from adaptsize.background.bisection import resolved
 from adaptsize.background.merging import reordered
 from adaptsize.background.simplex import as_mesh
+from adaptsize.domain_size import tuning
 from adaptsize.domain_size.budget import predicted_number, what_controls
 from adaptsize.domain_size.complete_size import size_function
 from adaptsize.domain_size.reports import report_of
@@ -39,11 +40,6 @@ from adaptsize.remeshing.driver import check_backend, remesh
 from adaptsize.remeshing.filling import MANY_MORE
 from adaptsize.sizes.search import Search
 from adaptsize.typing import ProgressCallback, Unpack
-
-#: A mesh with a number of elements within this share of the wanted one is accepted.
-_ACCEPTED = 0.05
-#: Elements of a mesh over the largest number allowed, up to which it is accepted.
-_OVER_CAP = 1.1
 
 
 class MeshOfElements(NamedTuple):
@@ -204,13 +200,13 @@ def _within_cap(
     size = sized()
     made = MeshOfElements(meshed(mesh, size), size)
     count = made.mesh.n_cells
-    if most is None or count <= _OVER_CAP * most:
+    if most is None or count <= tuning.OVER_CAP * most:
         return made
     aim = most * report_of(size).n_elements / count
     tell(f"{count} elements, more than max_elements = {most:.6g}; a mesh is made for {aim:.0f}")
     size = sized(max_elements=max(aim, 1.0))
     made = MeshOfElements(meshed(mesh, size), size)
-    if made.mesh.n_cells > _OVER_CAP * most:
+    if made.mesh.n_cells > tuning.OVER_CAP * most:
         raise TooManyElementsError(
             f"the meshes had {count} and {made.mesh.n_cells} elements, more than "
             f"max_elements = {most:.6g}: {what_controls(report_of(size))}"
@@ -252,7 +248,7 @@ def reach_number(
     what, requested = goal
     size = sized(**{what: requested})
     new = meshed(mesh, size)
-    search: Search[MeshOfElements] = Search.by_meshes(requested, new.cell_dim, _ACCEPTED)
+    search: Search[MeshOfElements] = Search.by_meshes(requested, new.cell_dim, tuning.ACCEPTED)
 
     def add(new: SimplexMesh, size: SizeFunction) -> None:
         predicted = predicted_number(report_of(size), what, system)
@@ -266,7 +262,7 @@ def reach_number(
     if search.factor is not None and mesh.dim == mesh.cell_dim == 2:
         old = without_order(mesh, size)
         # The first mesh says little about one from this.
-        search = Search.by_meshes(requested, new.cell_dim, _ACCEPTED, search.most - 1)
+        search = Search.by_meshes(requested, new.cell_dim, tuning.ACCEPTED, search.most - 1)
         add(meshed(old, size), size)
     while (factor := search.factor) is not None:
         wanted = max(requested * factor**-new.dim, 1.0)

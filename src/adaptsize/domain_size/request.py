@@ -13,6 +13,7 @@ from adaptsize._checks import as_limits, as_sizes
 from adaptsize._defaults import GRADIENT_LIMIT, MAX_ELEMENTS, TOLERANCE
 from adaptsize._progress import silent
 from adaptsize.background import AnyBackground, CartesianGrid
+from adaptsize.domain_size import tuning
 from adaptsize.domain_size.named_parts import as_sizes_of_parts
 from adaptsize.domain_size.unknowns import as_bytes
 from adaptsize.options import BudgetOptions, SizeFunctionOptions
@@ -77,7 +78,8 @@ class Request:
         given = self.options["g"]
         if given is not None:
             return given
-        return GRADIENT_LIMIT * float(np.clip(np.sqrt(0.25 * self.relaxation), 1.0, 2.0))
+        steeper = np.clip(np.sqrt(0.25 * self.relaxation), 1.0, tuning.STEEPEST)
+        return GRADIENT_LIMIT * float(steeper)
 
     @property
     def crease_angle(self) -> float:
@@ -113,14 +115,16 @@ class Request:
     def per_radian(self) -> float:
         """Elements per radian of curved boundaries."""
         given = self.options["elements_per_radian"]
-        return max(4.0 / self.relaxation, 1.0) if given is None else given
+        if given is not None:
+            return given
+        return max(tuning.PER_RADIAN / self.relaxation, tuning.LEAST_PER_RADIAN)
 
     @property
     def per_radian_of_chords(self) -> float:
         """The same where chords are kept within a tolerance: fully relaxed, these are enough."""
         if self.options["elements_per_radian"] is not None or self.tolerance == np.inf:
             return self.per_radian
-        return 4.0 / self.relaxation
+        return tuning.PER_RADIAN / self.relaxation
 
     @property
     def across(self) -> float:
@@ -132,7 +136,8 @@ class Request:
         given = self.options["elements_across"]
         if given is not None:
             return given
-        return max(2.0 / self.relaxation, min(1.0, max(4.0 / self.relaxation, 0.25)))
+        later = max(2.0 * tuning.ACROSS / self.relaxation, tuning.LEAST_ACROSS)
+        return max(tuning.ACROSS / self.relaxation, min(1.0, later))
 
     def between(self, is_rough: bool) -> float:
         """Return the elements between features that are close; by default none if it is rough."""
@@ -140,7 +145,7 @@ class Request:
         if given is not None:
             return given
         # Relaxed, features may be closer than the size by up to a factor of 4.
-        return 0.0 if is_rough else max(1.0 / self.relaxation, 0.25)
+        return 0.0 if is_rough else max(tuning.BETWEEN / self.relaxation, tuning.LEAST_ACROSS)
 
     @property
     def tolerance(self) -> float:
@@ -177,9 +182,9 @@ class Request:
         """
         high, low = self.options["hmax"], self.options["hmin"]
         if high is None:
-            high = max(self.relaxation * (1.0 / 20.0) * diameter, low or 0.0, least)
+            high = max(self.relaxation * tuning.HMAX_SHARE * diameter, low or 0.0, least)
         if low is None:
-            low = self.relaxation * (1.0 / 1000.0) * diameter
+            low = self.relaxation * tuning.HMIN_SHARE * diameter
             if of_chords:
                 low = min(low, np.sqrt(CHORDS) * self.tolerance * diameter)
             low = min(max(low, least), high)
