@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy.typing as npt
 
@@ -14,7 +14,6 @@ from adaptsize._formats import assembly, formats, sizes, writers
 from adaptsize._formats.blocks import KINDS
 from adaptsize._formats.guards import about_file, check_readable, is_special, write_whole
 from adaptsize._formats.limited import read_limited
-from adaptsize._formats.polygons import polygons
 from adaptsize._messages import Message
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, SimplexMesh
@@ -24,7 +23,19 @@ from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.quality.connections import are_doubtful, unconnected
 from adaptsize.typing import Background
 
+if TYPE_CHECKING:
+    from adaptsize._formats.coastal.polygons import polygons
+
 __all__ = ["polygons", "read", "read_image", "read_metric", "read_size", "write"]
+
+
+def __getattr__(name: str) -> Any:
+    """Return ``polygons``, which is imported on first use."""
+    if name != "polygons":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from adaptsize._formats.coastal.polygons import polygons
+
+    return polygons
 
 
 def read(

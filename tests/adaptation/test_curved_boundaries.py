@@ -14,7 +14,7 @@ from adaptsize.adaptation.boundary_moves import move_to_boundary
 from adaptsize.adaptation.next_metric import metric_by_tolerance, metric_request
 from adaptsize.adaptation.next_sizes import bound_by_tolerance
 from adaptsize.background.splitting import bisect_edges
-from adaptsize.errors import ResolutionWarning
+from adaptsize.errors import ResolutionWarning, TooManyElementsError
 from adaptsize.options import AdaptOptions, checked
 
 
@@ -108,6 +108,49 @@ def test_sizes_at_curved_boundaries_do_not_shrink_with_the_meshes_of_a_loop(has_
     finite = np.isfinite(found)
     assert finite.sum() >= 300
     assert_allclose(found[finite].min(), of_first.min(), rtol=5e-3)
+    of_metric = metric_by_tolerance(later, 1e-3, first).sizes[on_sphere]
+    assert_array_equal(of_metric[:, 0], found)
+    assert_array_equal(np.isfinite(of_metric[:, 2]), finite)
+
+
+def test_sizes_along_a_tube_stay_ten_times_those_around_it():
+    angle, z = np.meshgrid(np.arange(32) * np.pi / 16, np.arange(4.0))
+    points = np.column_stack([np.cos(angle.ravel()), np.sin(angle.ravel()), z.ravel()])
+    i, j = (k.ravel() for k in np.meshgrid(np.arange(32), np.arange(3)))
+    a, b = 32 * j + i, 32 * j + (i + 1) % 32
+    first = SimplexMesh(points, np.vstack([np.c_[a, b, a + 32], np.c_[b, b + 32, a + 32]]))
+    later = refined(first, 4000)
+    inside = (later.points[:, 2] > 0.5) & (later.points[:, 2] < 2.5)
+    metric = metric_by_tolerance(later, 1e-3, first)[inside]
+    around = np.sqrt(6e-3 * first.diagonal)
+    # The facets of the later mesh are flat between edges of 11 degrees.
+    assert_allclose(metric.sizes[:, 0], around, rtol=0.02)
+    along = metric.size_along(np.tile([0.0, 0.0, 1.0], (inside.sum(), 1)))
+    assert_allclose(along, 10.0 * around, rtol=0.05)
+
+
+@pytest.mark.parametrize("number", ["elements", "nodes"])
+def test_a_number_below_what_the_boundary_needs_is_refused_in_each_cycle(generator, number):
+    first = ball(300)
+    later = refined(first, 15_000)
+    few = {"elements": 2000, "nodes": 450}[number]
+    message = rf"the curved boundary needs about \d+ {number}; {few} are not enough"
+    texts = []
+    for mesh, original in ((first, None), (later, first)):
+        with pytest.raises(TooManyElementsError, match=message) as caught:
+            adapt(mesh, h0=0.5, **{number: few}, original=original, max_refine=99.0)
+        texts.append(str(caught.value))
+    if number == "elements":
+        assert texts[0] == texts[1]
+    offer = float(texts[0].rsplit("=", 1)[1])
+    with pytest.raises(TooManyElementsError):
+        adapt(first, h0=0.5, **{number: few}, boundary_tolerance=0.8 * offer)
+
+
+def test_what_limits_forbid_is_no_reason_to_refuse(monkeypatch, generator):
+    monkeypatch.setattr("adaptsize.adaptation.new_mesh.remesh", lambda mesh, size, **options: mesh)
+    result = adapt(ball(60), h0=0.5, elements=100, hmax=0.1, boundary_tolerance=0.05)
+    assert result.report.budget_met is False
 
 
 def test_the_first_mesh_of_a_loop_is_handed_on():
@@ -134,9 +177,6 @@ def test_an_original_without_effect_is_refused(generator):
     cube = jittered_cube(3, SEED)
     with pytest.raises(ValueError, match="original must be a mesh in space of the same kind"):
         adapt(cube, h0=0.2, original=random_sphere(50, SEED))
-    metric = Metric.isotropic(np.full(cube.n_points, 0.9), 3)
-    with pytest.raises(ValueError, match="original must be None where sizes depend on the dir"):
-        adapt(cube, h0=metric, original=cube)
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([2, 3]), st.floats(0.01, 3.0))

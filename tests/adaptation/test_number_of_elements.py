@@ -81,7 +81,7 @@ def test_a_number_out_of_reach_is_approached_once_and_reported(generator):
     assert result.size.values.min() >= 0.1
 
 
-@pytest.mark.parametrize(("rings", "number", "met"), [(10, 500, True), (40, 8000, True),
+@pytest.mark.parametrize(("rings", "number", "met"), [(12, 640, True), (40, 8000, True),
                                                       (40, 500, False)])  # fmt: skip
 def test_discs_by_mmg_meet_the_number_unless_cells_may_not_grow_so_much(rings, number, met):
     pytest.importorskip("mmgpy")

@@ -10,6 +10,8 @@ import adaptsize as ads
 from adaptsize import CartesianGrid, SimplexMesh, adapt
 from adaptsize.adaptation.next_sizes import bound_by_tolerance
 from adaptsize.adaptation.report import boundary_distance, tags_of
+from adaptsize.background.splitting import bisect_edges
+from adaptsize.errors import TooManyElementsError
 from adaptsize.sizes import predict
 
 
@@ -174,3 +176,40 @@ def test_bad_arguments_are_reported_by_all_ranks(options, text):
             adapt(part, **{**given, **options(part.ranks.rank)})
 
     on_ranks(mesh, None, 2, run)
+
+
+def test_curved_boundaries_are_those_of_the_first_mesh_of_the_loop():
+    first = _ball()
+    later = bisect_edges(first, np.ones(len(first.edges), np.bool_)).mesh
+    whole = bound_by_tolerance(later, 1e-3, first)
+    boundary = first.boundary().mesh
+
+    def run(part):
+        bound = bound_by_tolerance(part, 1e-3, boundary)
+        texts = []
+        for original in (first, boundary):
+            with pytest.raises(TooManyElementsError, match="the curved boundary needs") as found:
+                adapt(part, h0=0.5, elements=1000, original=original)
+            texts.append(str(found.value))
+        return part.gather_nodal(bound), texts
+
+    found, _ = on_ranks(later, None, 3, run)
+    np.testing.assert_allclose(found[0][0], whole, rtol=1e-12)
+    assert np.isfinite(whole).sum() > len(boundary.points)
+    assert len({text for _, texts in found for text in texts}) == 1
+
+
+def test_parts_keep_the_boundary_of_the_first_mesh():
+    mesh = _ball()
+
+    def run(part):
+        options = {"h0": 0.35, "boundary_tolerance": 2e-2, "how": "gather"}
+        result = adapt(part, **options)
+        again = adapt(result.mesh, **options | {"h0": 0.4})
+        return result.remeshed, result.original, again.original
+
+    found, _ = on_ranks(mesh, None, 2, run)
+    for remeshed, first, later in found:
+        assert remeshed
+        assert later is first
+        assert first.n_cells == mesh.boundary().mesh.n_cells

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from skfem.helpers import dot
 
 from adaptsize import SimplexMesh, read, remesh, size_function, write
-from adaptsize.domain_size.cost import matrix_of, nonzeros_of, unknowns_of, unknowns_on
+from adaptsize.domain_size.unknowns import matrix_of, nonzeros_of, unknowns_of, unknowns_on
 from adaptsize.sizes.prediction import Prediction
 
 ELEMENTS = {

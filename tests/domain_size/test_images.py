@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from adaptsize import mesh_image, size_function
+from adaptsize import PointSource, mesh_image, size_function
 from adaptsize.background import Image
 from adaptsize.errors import InputWarning, ResolutionWarning, TooManyElementsError
 
@@ -24,11 +24,31 @@ def block(*part, shape=(40, 30)):
     return image
 
 
+def voxels(radius, n=24):
+    return np.linalg.norm(np.indices((n, n, n)) - 0.5 * (n - 1), axis=0) < radius
+
+
 def boundary_points(mesh):
     return mesh.points[mesh.boundary().nodes]
 
 
 # --- sizes ------------------------------------------------------------------------
+
+
+def test_point_sources_leave_the_scheme_of_voxels_as_it_is():
+    options = {"elements_per_radian": 0.0, "elements_across": 0.0, "hmax": 6.0, "g": 0.3}
+    free = size_function(voxels(9.0), **options)
+    place = np.array([[10.0, 11.0, 12.0]])  # a node: bounds between nodes act on those around
+    size = size_function(voxels(9.0), sources=[PointSource(place, 0.5)], **options)
+    assert size.report.info.method == free.report.info.method == "fast-marching"
+    assert size(place)[0] == pytest.approx(0.5)
+    beside = place + np.array([[4.0, 0.0, 0.0], [0.0, -3.0, 2.0]])
+    # Marching from one node is 6 % too large after four steps, and relatively less beyond.
+    exact = 0.5 + 0.3 * np.linalg.norm(beside - place, axis=1)
+    assert_allclose(size(beside), exact, rtol=0.07)
+    assert (size(beside) >= exact * (1.0 - 1e-9)).all()
+    assert size.report.smallest["sources"] == pytest.approx(0.5)
+    assert size.report.domain_shares["sources"] > 0.1
 
 
 @pytest.mark.parametrize("radius", [10.0, 20.0, 35.0])

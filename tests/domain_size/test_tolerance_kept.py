@@ -150,7 +150,9 @@ def test_a_cap_is_kept_within_a_tenth(monkeypatch, ratios, meshes):
 
 def test_a_cap_that_is_not_kept_by_the_second_mesh_is_refused(monkeypatch):
     monkeypatch.setattr(elements, "remesh", Generator([1.3, 1.6]))
-    with pytest.raises(TooManyElementsError, match=r"the meshes had 20\d+ and 19\d+ elements"):
+    with pytest.raises(
+        TooManyElementsError, match=r"the meshes had 2\d{4} and (19|20)\d{3} elements"
+    ):
         elements.mesh_with_sizes(
             SPHERE, {"max_elements": 16_000.0}, tell=lambda text: None, progress=None
         )

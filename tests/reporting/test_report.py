@@ -14,7 +14,7 @@ from meshes import jittered_square
 from PIL import Image
 
 from adaptsize import CartesianGrid, PointSource, SizeFunction, report, size_function
-from adaptsize.reporting.scenes import data_of, scenes_of_mesh
+from adaptsize.reporting.page.scenes import data_of, scenes_of_mesh
 
 #: A cube in 4^3 smaller ones of six tetrahedra each.
 CUBE = CartesianGrid((0.0, 0.0, 0.0), 0.25, (5, 5, 5)).mesh

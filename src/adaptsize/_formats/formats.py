@@ -1,136 +1,32 @@
 """The formats of files: suffixes, who reads and writes them, and what they hold.
 
+Formats of a package inside of this one are added from its table ``FORMATS``.  Nothing else knows of
+such a package: without it, its formats are unknown.
+
 Formats that the readers of other packages cannot read safely are left out: in some formats nothing
 shows that a file ends early.
 """
 
-import re
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 
-import numpy as np
-import numpy.typing as npt
-
+from adaptsize import _formats
 from adaptsize._checks import describe, refusal
 from adaptsize._formats import completeness as check
 from adaptsize._formats import for_solvers as solvers
-from adaptsize._formats import fort14, nastran, polygon_files, sizes, vtk
+from adaptsize._formats import nastran, sizes, vtk
 from adaptsize._formats import writers as write
 from adaptsize._formats.blocks import RawMesh, check_raw
+from adaptsize._formats.format import ALL, FORMATS, IN_HDF, LEGACY, QUOTED, WORD, Format
 from adaptsize._formats.guards import about_file, check_readable, files_named_in
 from adaptsize._formats.limited import read_limited
 from adaptsize._formats.raster import is_image_file
 from adaptsize._formats.surfaces import read_off, read_stl
-from adaptsize.background import CartesianGrid, SimplexMesh
-from adaptsize.errors import MeshFileError, OptionError
-from adaptsize.metrics import MetricFunction
+from adaptsize.errors import MeshFileError
 
-#: What names of fields must match: texts that XML can hold, at most 100 characters.
-_IN_XML = re.compile(r"[^\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]{1,100}")
-#: HDF5 takes slashes for groups, and VTK replaces dots.
-_IN_HDF = re.compile(r"[^\x00/.\ud800-\udfff]{1,100}")
-#: VTK takes braces in names for formats and aborts, and reads 255 bytes, encoded as in addresses.
-_LEGACY = re.compile(
-    r"[^{}\x00-\x1f\x7f-\uffff\U00010000-\U0010ffff]{1,80}|[^{}\x00-\x1f\x7f-\x9f\ud800-\udfff]{1,20}"
-)
-#: Texts in quotation marks on one line, and words.
-_QUOTED = re.compile(r"[^\x00-\x1f\x7f-\xa0\"\\\u2028\u2029\ud800-\udfff]{1,100}")
-_WORD = re.compile(r"(?![xyz]$)[!-~]{1,100}")
-
-_ALL = frozenset({"cells", "tags", "fields", "cell fields", "metrics"})
-
-
-@dataclass(frozen=True)
-class Format:
-    """A format that can be read, written, or both."""
-
-    suffixes: tuple[str, ...]
-    write: Callable[..., None] | None
-    """Takes the path and ``mesh``, a SimplexMesh."""
-    read: Callable[[Path], RawMesh] | None = None
-    check_end: Callable[[bytes], None] | None = None
-    """Refuses a file without its end mark, before it is read."""
-    check_counts: Callable[[bytes, RawMesh], None] | None = None
-    """Refuses a mesh with less than its file promises."""
-    holds: frozenset[str] = _ALL
-    """Of these words (``fields`` are those of nodes) and ``sizes`` (without cells), ``grids``,
-    ``order 2`` (cells with nodes in the middles of edges), and ``triangles``: no other cells, so
-    of tetrahedra those of the boundary."""
-    dims: tuple[int, ...] = ()
-    """Dimensions of meshes, if their cells must have the dimension of the space."""
-    names: re.Pattern[str] = _IN_XML
-    """What the names of fields must match."""
-
-    def check_names(self, path: Path, fields: Iterable[str], tags: Iterable[str]) -> None:
-        """Refuse names that could not be read back."""
-        bad = [name for name in fields if "fields" in self.holds and not self.names.fullmatch(name)]
-        bad += [name for name in tags if "tags" in self.holds and not _QUOTED.fullmatch(name)]
-        if bad:
-            raise ValueError(f"{path.name} cannot hold the name {describe(bad[0])}; rename it")
-
-    def check_cells(self, path: Path, mesh: SimplexMesh) -> None:
-        """Refuse cells that the format cannot hold."""
-        if "triangles" in self.holds and mesh.cell_dim == 1:
-            raise ValueError(f"{path.name} cannot hold segments; write .vtu")
-        if self.dims and (mesh.cell_dim < mesh.dim or mesh.dim not in self.dims):
-            of_dim = {2: "triangles in the plane", 3: "tetrahedra"}
-            cells = " or ".join(map(of_dim.__getitem__, self.dims))
-            raise OptionError(f"{path.name} holds {cells}, got {mesh!r}; write .vtu", ["path"])
-
-    def _check_fields(self, path: Path, obj: object, names: Iterable[str]) -> None:
-        if isinstance(obj, MetricFunction) and "metrics" not in self.holds:
-            raise ValueError(f"{path.name} cannot hold a metric; write .vtu, .sol or .pos")
-        others = [name for name in names if name not in ("h", sizes.METRIC, sizes.LENGTHS)]
-        if others and "sizes" in self.holds:
-            listed = ", ".join(others)
-            raise ValueError(f"{path.name} holds sizes only, as the field 'h', got {listed}")
-        if names and not self.holds & {"fields", "sizes"}:
-            raise ValueError(
-                f"{path.name} cannot hold nodal fields, got {', '.join(names)}; "
-                "write .vtu, or a .sol with the sizes for a .mesh"
-            )
-
-    def check_order(self, path: Path, order: int) -> None:
-        """Refuse cells of an order that the format does not have."""
-        if order == 2 and "order 2" not in self.holds:
-            listed = [
-                s for form in FORMATS.values() if "order 2" in form.holds for s in form.suffixes
-            ]
-            text = f"{path.name} holds no cells of order 2; write {', '.join(listed)}, or order 1"
-            raise OptionError(text, ["order"])
-
-    def writer_of(
-        self, path: Path, obj: object, fields: Mapping[str, npt.ArrayLike] | None, order: int
-    ) -> Callable[[Path], None]:
-        """Return the function that writes an object with fields; refuse what cannot be held."""
-        assert self.write is not None
-        self.check_order(path, order)
-        background, nodal = write.parts_of(obj, fields)
-        self._check_fields(path, obj, nodal)
-        nodal = write.growth_of(obj, background.n_points) | nodal
-        if isinstance(background, CartesianGrid):
-            arrays = {name: np.asarray(values) for name, values in nodal.items()}
-            for name, values in arrays.items():
-                if values.shape != background.shape:
-                    raise ValueError(
-                        f"fields[{name!r}] must have shape {background.shape}, got {values.shape}"
-                    )
-            if "grids" in self.holds:
-                self.check_names(path, arrays, ())
-                return partial(self.write, grid=background, fields=arrays)
-            background = background.mesh
-            nodal = {name: values.reshape(-1) for name, values in arrays.items()}
-        if "grids" in self.holds:
-            raise ValueError(
-                f"obj must be a CartesianGrid for {path.suffix}, got {background!r}; write .vtu"
-            )
-        mesh = background.with_data(point_data=nodal)
-        self.check_cells(path, mesh)
-        self.check_names(path, [*mesh.point_data, *mesh.cell_data], mesh.tag_names.values())
-        return partial(self.write, mesh=mesh, **({} if order == 1 else {"order": order}))
-
+__all__ = ["FORMATS", "Format", "check_end", "check_named", "format_of", "load"]
 
 _SU2, _VTK, _TRIMESH = (
     partial(read_limited, f"foreign.read_{name}") for name in ("su2", "vtk", "trimesh")
@@ -145,11 +41,11 @@ _surface = {name: partial(write.write_surface, file_format=name) for name in ("p
 _stl = partial(write.write_surface, file_format="stl", binary=True)
 _CELLS, _TRIANGLES = frozenset({"cells", "tags"}), frozenset({"triangles"})
 _PLY, _GRIDS = _TRIANGLES | {"fields"}, frozenset({"grids", "fields"})
-_SOLVERS, _ALL_2 = _CELLS | {"order 2"}, _ALL | {"order 2"}
+_SOLVERS, _ALL_2 = _CELLS | {"order 2"}, ALL | {"order 2"}
 _NODAL_2 = _ALL_2 - {"cell fields"}
 _SIZES, _FULL = frozenset({"sizes", "metrics"}), (2, 3)
-#: In the order in which suffixes are tried: JIGSAW's longer suffix before Gmsh's.
-FORMATS: dict[str, Format] = {
+#: JIGSAW's longer suffix stands before Gmsh's.
+_OWN: dict[str, Format] = {
     "jigsaw": Format((".jig.msh",), sizes.write_jigsaw, holds=_SIZES - {"metrics"}, dims=_FULL),
     "gmsh-view": Format((".pos",), sizes.write_view, holds=_SIZES),
     "medit-sol": Format((".sol",), sizes.write_sol, holds=_SIZES),
@@ -157,19 +53,18 @@ FORMATS: dict[str, Format] = {
     "vtu": Format((".vtu",), _of_vtk["vtu"], _VTK, check.check_vtk_xml, holds=_ALL_2),
     "vtp": Format((".vtp",), _of_vtk["vtp"], _VTK, check.check_vtk_xml),
     "vtk-xml": Format((".vtr", ".vts", ".vtm", ".pvtu", ".pvtp"), None, _VTK, check.check_vtk_xml),
-    "vtk": Format((".vtk",), _of_vtk["vtk"], _VTK, check.check_vtk, None, _ALL_2, names=_LEGACY),
-    "vtkhdf": Format((".vtkhdf",), _of_vtk["vtkhdf"], _VTK, holds=_ALL_2, names=_IN_HDF),
+    "vtk": Format((".vtk",), _of_vtk["vtk"], _VTK, check.check_vtk, None, _ALL_2, names=LEGACY),
+    "vtkhdf": Format((".vtkhdf",), _of_vtk["vtkhdf"], _VTK, holds=_ALL_2, names=IN_HDF),
     "xdmf": Format((".xdmf", ".xmf"), write.write_xdmf, _XDMF),
     "gmsh": Format(
-        (".msh",), write.write_gmsh, _GMSH, check.check_gmsh, None, _NODAL_2, names=_QUOTED
+        (".msh",), write.write_gmsh, _GMSH, check.check_gmsh, None, _NODAL_2, names=QUOTED
     ),
     "medit": Format((".mesh", ".meshb"), write.write_medit, _MEDIT, holds=_CELLS),
     "stl": Format((".stl",), _stl, read_stl, holds=_TRIANGLES),
-    "ply": Format((".ply",), _surface["ply"], _TRIMESH, None, check.check_ply, _PLY, names=_WORD),
+    "ply": Format((".ply",), _surface["ply"], _TRIMESH, None, check.check_ply, _PLY, names=WORD),
     "obj": Format((".obj",), _surface["obj"], _VTK, None, check.check_obj, _TRIANGLES),
     "off": Format((".off",), _surface["off"], read_off, holds=_TRIANGLES),
     "gltf": Format((".gltf", ".glb", ".3mf"), None, _TRIMESH),
-    "fort.14": Format((".14", ".grd", ".gr3"), fort14.write, fort14.read, holds=_CELLS, dims=(2,)),
     "abaqus": Format((".inp",), solvers.write_abaqus, _ABAQUS, None, check.check_abaqus, _SOLVERS),
     "nastran": Format(
         (".bdf", ".nas", ".fem"), solvers.write_nastran, nastran.read, holds=_SOLVERS
@@ -183,8 +78,11 @@ FORMATS: dict[str, Format] = {
         _CELLS,
         _FULL,
     ),
-    "polygons": Format(tuple(polygon_files.READERS), None, polygon_files.load),
 }
+FORMATS.update(_OWN)
+for _room in iter_modules(_formats.__path__):
+    if _room.ispkg:
+        FORMATS.update(import_module(f"{_formats.__name__}.{_room.name}").FORMATS)
 #: What other functions read, or write.
 _ELSEWHERE = {
     ".vti": "holds a grid, not a mesh; use read_size",

@@ -16,6 +16,7 @@ from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation._fields import Arrays, as_fields, methods_of
 from adaptsize.adaptation.boundary_moves import ProjectionLike, check_projection, move_to_boundary
+from adaptsize.adaptation.boundary_need import refuse_too_few
 from adaptsize.adaptation.field_transfer import FieldTransfer, integral
 from adaptsize.adaptation.need import smallest
 from adaptsize.adaptation.new_mesh import NewMesh, make_mesh
@@ -40,6 +41,7 @@ from adaptsize.adaptation.report import (
 )
 from adaptsize.adaptation.transfer import transferred
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh, interpolate
+from adaptsize.background.migration import whole_boundary
 from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import OptionError
 from adaptsize.metrics import Metric, MetricFunction
@@ -93,8 +95,8 @@ def adapt(
         Takes new nodes of the boundary, float64[n, dim], and returns their places on the true one;
         a mapping has one for each facet tag.  Corners, ridges and nodes between two of them stay.
     original : SimplexMesh, optional
-        The first mesh of the loop, in space, for the curvature by which ``boundary_tolerance``
-        bounds sizes; that of later facets would grow.  By default known of meshes of `adapt`.
+        The first mesh of the loop, or its boundary: in space, ``boundary_tolerance`` bounds sizes
+        by its curvature.  By default known of meshes of `adapt`.
     progress : callable, bool or None
         Called with a text and the fraction completed or None.  True shows a progress bar.
     **options
@@ -108,8 +110,8 @@ def adapt(
     Raises
     ------
     ValueError, TooManyElementsError, BackendUnavailableError, BackendError, BackendTimeoutError
-        If an argument is invalid (checked first); if sizes are inf after limiting, or require more
-        than ``max_elements``; if no generator for this mesh is installed, it failed or was stopped.
+        If an argument is invalid (checked first); if sizes are inf after limiting; if more elements
+        are required than requested or allowed; if no generator is installed, or it failed.
 
     Warns
     -----
@@ -133,7 +135,7 @@ def adapt(
     cycle = ranks.agree(
         lambda: _checked(mesh, indicator, h0, (fields, cell_fields), project, options)
     )
-    first = ranks.agree(lambda: _original(mesh, original, cycle.request, project is None))
+    first = ranks.agree(lambda: _original(mesh, original, project is None))
     request = cycle.request
     given = request.options
     ranks.require_equal(indicator=indicator is None, h0=h0 is None, **given)
@@ -147,6 +149,7 @@ def adapt(
         report("sizes", None)
         request = request.within(mesh, tolerance, first)
         sizes = request.next(mesh, calibration(cycle.generator, mesh.cell_dim))
+        refuse_too_few(mesh, sizes, request, first)
         decision = decide(mesh, sizes, request)
         made = NewMesh(mesh, sizes, cycle.generator)
         if decision.remesh:
@@ -156,8 +159,7 @@ def adapt(
                 moved, moves = move_to_boundary(made.mesh, project, given["corner_angle"])
                 made = replace(made, mesh=moved, moves=moves)
         result = _result(mesh, request, decision, made, cycle, report)
-    if isinstance(request, SizeRequest):
-        result = _with_original(result, mesh if first is None else first)
+    result = _with_original(result, mesh, first)
     allowed = tolerance * mesh.diagonal if project is None else math.inf
     if ranks.rank == 0:
         result.report.warn(allowed)
@@ -168,32 +170,34 @@ def adapt(
 _ORIGINAL = "_original_of_loop"
 
 
-def _original(
-    mesh: AnyMesh, original: SimplexMesh | None, request: Request, is_faceted: bool
-) -> SimplexMesh | None:
-    """Return the first mesh of the loop, if it is not this one.
+def _original(mesh: AnyMesh, original: SimplexMesh | None, is_faceted: bool) -> SimplexMesh | None:
+    """Return the first mesh of the loop, if it is not this one; of parts, its boundary.
 
     If nodes are moved to the true boundary, the domain is not the one with the first facets.
     """
     if original is None:
         known: SimplexMesh | None = vars(mesh).get(_ORIGINAL)
-        return known if is_faceted and isinstance(request, SizeRequest) else None
+        return known if is_faceted else None
     check_type("original", original, SimplexMesh)
-    kind = (original.cell_dim, original.dim)
-    if isinstance(mesh, PartitionedMesh) or mesh.dim < 3 or kind != (mesh.cell_dim, 3):
+    in_parts = isinstance(mesh, PartitionedMesh)
+    kinds = {(mesh.cell_dim, 3), (2, 3)} if in_parts else {(mesh.cell_dim, 3)}
+    if mesh.dim < 3 or (original.cell_dim, original.dim) not in kinds:
         raise ValueError(
             f"original must be a mesh in space of the same kind of cells as mesh, a SimplexMesh, "
             f"got {original!r} for {mesh!r}"
         )
-    if not isinstance(request, SizeRequest):
-        raise ValueError("original must be None where sizes depend on the direction")
-    return original
+    return original.boundary().mesh if in_parts and original.cell_dim == 3 else original
 
 
-def _with_original(result: AdaptResult, first: AnyMesh) -> AdaptResult:
-    """Return a result of which the mesh keeps the first mesh of its loop, in space."""
-    if isinstance(first, PartitionedMesh) or first.dim < 3:
+def _with_original(result: AdaptResult, mesh: AnyMesh, first: SimplexMesh | None) -> AdaptResult:
+    """Return a result of which the mesh keeps the first mesh of its loop, in space; collective.
+
+    A mesh in parts keeps the boundary of the first one, the same on all ranks.
+    """
+    if mesh.dim < 3:
         return result
+    if first is None:
+        first = whole_boundary(mesh).mesh if isinstance(mesh, PartitionedMesh) else mesh
     if result.mesh is not first:
         vars(result.mesh)[_ORIGINAL] = first
     return replace(result, original=first)

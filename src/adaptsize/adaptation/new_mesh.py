@@ -1,10 +1,7 @@
 """A mesh with given sizes, and with a requested number of elements or nodes."""
 
-import math
 import warnings
 from dataclasses import dataclass, replace
-
-import numpy as np
 
 from adaptsize.adaptation.boundary_moves import BoundaryMoves
 from adaptsize.adaptation.next_sizes import NextSizes, Request
@@ -13,6 +10,7 @@ from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.errors import BoundaryWarning
 from adaptsize.options import RemeshOptions
 from adaptsize.remeshing import remesh
+from adaptsize.sizes.search import Search
 from adaptsize.typing import ProgressCallback
 
 #: A mesh within this share of the requested number is accepted, by dimension of the cells.  Within
@@ -62,35 +60,18 @@ def make_mesh(mesh: AnyMesh, first: NewMesh, request: Request, report: ProgressC
         n_points, n_cells = numbers_of(new)
         return replace(first, mesh=new, sizes=sizes), n_cells if nodes is None else n_points
 
-    sizes = first.sizes
+    sizes, d = first.sizes, mesh.cell_dim
     new, count = make(sizes)
-    best, best_count, n_meshes = new, count, 1
-    requested: list[float] = []
-    actual: list[float] = []
-    while target is not None and elements is not None and n_meshes < 3:
+    search: Search[NewMesh] = Search.by_meshes(target or count, d, _ACCEPTED[d])
+    search.add(sizes.predicted, new, count)
+    while elements is not None and (factor := search.factor) is not None:
         if abs(sizes.predicted / elements - 1.0) > _REACHED:
             break
-        requested.append(math.log(sizes.simplices))
-        actual.append(math.log(count))
-        if abs(math.expm1(actual[-1] - math.log(target))) <= _ACCEPTED[mesh.cell_dim]:
-            break
-        factor = elements / math.exp(_next_request(requested, actual, math.log(target)))
-        sizes = request.next(mesh, factor)
+        simplices = first.sizes.simplices * factor**-d
+        sizes = request.next(mesh, elements / simplices)
         new, count = make(sizes)
-        n_meshes += 1
-        if abs(math.log(count / target)) < abs(math.log(best_count / target)):
-            best, best_count = new, count
+        share = sizes.simplices / first.sizes.simplices
+        search.add(first.sizes.predicted * share, new, count, factor=share ** (-1.0 / d))
+    best = search.best.result
     distance = boundary_distance(mesh, best.mesh)
-    return replace(best, n_meshes=n_meshes, boundary_distance=distance)
-
-
-def _next_request(requested: list[float], actual: list[float], target: float) -> float:
-    """Return the number to request next; all numbers are logarithms."""
-    order = np.argsort(actual)
-    below = [i for i in order if actual[i] < target]
-    above = [i for i in order if actual[i] >= target]
-    if below and above and requested[below[-1]] < requested[above[0]]:
-        i, j = below[-1], above[0]
-        return float(np.interp(target, [actual[i], actual[j]], [requested[i], requested[j]]))
-    nearest = int(np.argmin(np.abs(np.subtract(actual, target))))
-    return requested[nearest] + target - actual[nearest]
+    return replace(best, n_meshes=len(search.trials), boundary_distance=distance)

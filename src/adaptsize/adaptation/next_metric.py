@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -28,7 +27,8 @@ from adaptsize.metrics import (
 from adaptsize.metrics.limit import as_gradient_limit
 from adaptsize.options import AdaptOptions
 from adaptsize.quality.conformity import nodal_metric
-from adaptsize.sizes.curvature import size_of_chords
+from adaptsize.sizes.curvature import curves_of, radius_at_curves, size_of_chords
+from adaptsize.sizes.search import scale_to
 from adaptsize.typing import FloatArray
 
 
@@ -46,11 +46,13 @@ class MetricRequest(Request):
     def within(
         self, mesh: SimplexMesh, tolerance: float, original: SimplexMesh | None = None
     ) -> MetricRequest:
-        """Return the request with a bound that leaves curved boundaries within a tolerance.
+        """Return the request with a bound that leaves curved boundaries within a tolerance."""
+        return replace(self, chords=metric_by_tolerance(mesh, tolerance, original))
 
-        It is that of the present mesh.
-        """
-        return replace(self, chords=metric_by_tolerance(mesh, tolerance))
+    def for_boundary(self) -> MetricRequest:
+        """Return the request that only curved boundaries bound, and not ``hmax`` either."""
+        options: AdaptOptions = {**self.options, "hmax": None}
+        return replace(self, options=options, fields=(), bound=None)
 
     def without_number(self, mesh: SimplexMesh) -> Metric:
         """Return the metric for the tolerance, or the one that is requested."""
@@ -62,20 +64,16 @@ class MetricRequest(Request):
         Each time the scale is corrected, the metric is limited anew.
         """
         wanted = self._wanted(mesh, number)
-        scale = 1.0
-        best, best_miss = wanted, math.inf
-        for _ in range(5):
-            metric = self._finished(mesh, wanted.scaled(scale))
-            miss = math.log(max(metric.predicted_elements(mesh), 1e-3) / number)
-            if abs(miss) < best_miss:
-                best, best_miss = metric, abs(miss)
-            if abs(miss) <= 0.03:
-                break
-            scale *= math.exp(miss / mesh.cell_dim)
-        return best
+        return scale_to(
+            number, lambda s: self._finished(mesh, wanted.scaled(s)),
+            lambda metric: metric.predicted_elements(mesh), 1.0, mesh.cell_dim, 0.03, most=8,
+        )  # fmt: skip
 
     def _wanted(self, mesh: SimplexMesh, number: float | None) -> Metric:
         """Return the metric before limits, for the tolerance or about a number of elements."""
+        if not self.fields:
+            free = np.full(mesh.n_points, np.inf)
+            return Metric.isotropic(free, mesh.dim) if self.bound is None else self.bound
         parts = [
             metric_from_hessian(
                 mesh, values, norm=self.options["norm"], max_aspect=self.options["max_aspect"],
@@ -84,9 +82,6 @@ class MetricRequest(Request):
             )
             for values in self.fields
         ]  # fmt: skip
-        if not parts:
-            assert self.bound is not None
-            return self.bound
         return reduce(Metric.intersect, parts)
 
     def _finished(self, mesh: SimplexMesh, metric: Metric) -> Metric:
@@ -156,7 +151,9 @@ def _names(anisotropic: bool | list[str], fields: Mapping[str, npt.NDArray[Any]]
     return anisotropic
 
 
-def metric_by_tolerance(mesh: SimplexMesh, tolerance: float) -> Metric | None:
+def metric_by_tolerance(
+    mesh: SimplexMesh, tolerance: float, original: SimplexMesh | None = None
+) -> Metric | None:
     """Return the largest metric that leaves curved boundaries within a share of the diagonal.
 
     Edges along a cylinder may be 10 times as long as those around it.  See
@@ -164,6 +161,10 @@ def metric_by_tolerance(mesh: SimplexMesh, tolerance: float) -> Metric | None:
     """
     if mesh.dim < 3:
         return None
+    allowed = tolerance * mesh.diagonal
+    if original is not None:
+        radii = _radii_of_original(mesh, original, 2.0 * allowed)
+        return Metric.of(size_of_chords(radii.sizes, allowed), radii.directions)
     radii = _radii(mesh)
     inner = interfaces(mesh) if mesh.cell_dim == mesh.dim else None
     if inner is not None:
@@ -172,7 +173,34 @@ def metric_by_tolerance(mesh: SimplexMesh, tolerance: float) -> Metric | None:
         of_facets = _radii(facets)
         sizes[nodes], directions[nodes] = of_facets.sizes, of_facets.directions
         radii = radii.intersect(Metric.of(sizes, directions))
-    return Metric.of(size_of_chords(radii.sizes, tolerance * mesh.diagonal), radii.directions)
+    return Metric.of(size_of_chords(radii.sizes, allowed), radii.directions)
+
+
+def _radii_of_original(mesh: SimplexMesh, original: SimplexMesh, within: float) -> Metric:
+    """Return the radii of curvature of an original boundary and interfaces, as a metric.
+
+    The smallest radius is that of the closest point.  The ratios and directions are those of the
+    nearest corner there that has them.
+    """
+    radius = radius_at_curves(mesh, original=original, within=within)
+    nodes = np.flatnonzero(np.isfinite(radius))
+    ratios = np.ones((mesh.n_points, 3))
+    directions = np.tile(np.eye(3), (mesh.n_points, 1, 1))
+    least = np.full(len(nodes), np.inf)
+    for curve in curves_of(original):
+        if curve is None:
+            continue
+        radii = _radii(curve[0])
+        facets, weights, distances = curve[0].locator.nearest(mesh.points[nodes])
+        corners = curve[0].cells[facets]
+        known = np.where(np.isfinite(radii.sizes[corners, 0]), weights, -1.0)
+        corner = corners[np.arange(len(corners)), known.argmax(axis=1)]
+        nearer = (distances < least) & (known.max(axis=1) >= 0.0)
+        at, corner = nodes[nearer], corner[nearer]
+        ratios[at] = radii.sizes[corner] / radii.sizes[corner, :1]
+        directions[at] = radii.directions[corner]
+        least[nearer] = distances[nearer]
+    return Metric.of(radius[:, None] * ratios, directions)
 
 
 def _radii(mesh: SimplexMesh) -> Metric:

@@ -30,10 +30,11 @@ from adaptsize.errors import OptionError
 from adaptsize.limiting import limit_gradient
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, ErrorOptions
-from adaptsize.sizes.budget import count_elements, scale_to
+from adaptsize.sizes.budget import count_elements
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.curvature import radius_at_curves, size_of_chords
 from adaptsize.sizes.error import scaled_by_error
+from adaptsize.sizes.search import scale_to
 from adaptsize.typing import FloatArray, GradientLimit
 
 #: Accepted relative error of a predicted number: generators miss it by per cents.
@@ -62,6 +63,10 @@ class Request:
 
         ``original`` is the mesh that has these boundaries; by default the present one.
         """
+        raise NotImplementedError
+
+    def for_boundary(self) -> Request:
+        """Return the request that only curved boundaries bound, and not ``hmax`` either."""
         raise NotImplementedError
 
     def without_number(self, mesh: Any) -> Requested:
@@ -123,11 +128,16 @@ class SizeRequest(Request):
             error = math.sqrt(squares)
         return replace(self, error=error, chords=bound_by_tolerance(mesh, tolerance, original))
 
+    def for_boundary(self) -> SizeRequest:
+        """Return the request that only curved boundaries bound, and not ``hmax`` either."""
+        options: AdaptOptions = {**self.options, "hmax": None}
+        return replace(self, options=options, indicator=None, h0=None)
+
     def without_number(self, mesh: AnyMesh) -> FloatArray:
         """Return the sizes for the tolerance, or those that are requested."""
         if self.indicator is None:
-            assert self.h0 is not None
-            return self._finished(mesh, self.h0)
+            free = np.full(mesh.n_points, np.inf)
+            return self._finished(mesh, free if self.h0 is None else self.h0)
         assert self.options["tolerance"] is not None
         # Meshes miss sizes by a few per cent.
         return self._from_error(mesh, {"tolerance": 0.95 * self.options["tolerance"]})

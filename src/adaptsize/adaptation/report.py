@@ -236,9 +236,9 @@ class AdaptResult:
     metric : MetricFunction or None
         The requested metric on the old mesh, if sizes depend on the direction.
     original : SimplexMesh or None
-        The first mesh of the loop, the curved boundary of which bounds sizes; None in the plane, in
-        parts, and where sizes depend on the direction.  `adapt` knows it of ``mesh``; pass it as
-        ``original`` if the mesh comes back from another program.
+        The first mesh of the loop, the curved boundary of which bounds sizes; of meshes in parts
+        that boundary; None in the plane.  `adapt` knows it of ``mesh``; pass it as ``original`` if
+        the mesh comes back from another program.
     """
 
     mesh: Any

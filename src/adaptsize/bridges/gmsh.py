@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from adaptsize._checks import check_type
 from adaptsize._size_function import SizeFunction
-from adaptsize.domain_size.sparse import SparseSize
+
+if TYPE_CHECKING:
+    from adaptsize.domain_size.sparse import SparseSize
 
 
 def gmsh_callback(
@@ -47,8 +50,13 @@ def gmsh_callback(
     >>> round(f(2, 1, 0.5, 0.0, 0.0, 1e22), 12)
     0.15
     """
-    check_type("size", size, SizeFunction, SparseSize)
-    dim = size.points.shape[1] if isinstance(size, SparseSize) else size.background.dim
+    if isinstance(size, SizeFunction):
+        dim = size.background.dim
+    else:
+        from adaptsize.domain_size.sparse import SparseSize  # a room of its own
+
+        check_type("size", size, SizeFunction, SparseSize)
+        dim = size.points.shape[1]
 
     def callback(_dim: int, _tag: int, x: float, y: float, z: float, lc: float) -> float:
         h = float(size([(x, y, z)[:dim]])[0])

@@ -136,9 +136,9 @@ def with_named_faces(mesh: SimplexMesh) -> SimplexMesh:
 
 def is_of_polygons(path: Path) -> bool:
     """Return whether a file holds polygons or lines, by its name."""
-    from adaptsize._formats.polygon_files import READERS
+    from adaptsize._formats.formats import FORMATS
 
-    return path.suffix.lower() in READERS
+    return "polygons" in FORMATS and path.suffix.lower() in FORMATS["polygons"].suffixes
 
 
 def format_of(path: Path) -> Format:

@@ -80,8 +80,8 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     """
     if "metric" in given:
         return remesh_with_metric(console, file, output, given)
-    from adaptsize.domain_size.cost import report_of
     from adaptsize.domain_size.elements import mesh_with_sizes
+    from adaptsize.domain_size.reports import report_of
     from adaptsize.remeshing.attempts import attempts_of
     from adaptsize.remeshing.preparation import repair_mesh
     from adaptsize.reporting.outcome import outcome_of_remeshing

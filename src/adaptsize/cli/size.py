@@ -70,8 +70,8 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
     its pixels: write .vti.
     """
     from adaptsize._formats.raster import is_image_file
-    from adaptsize.domain_size.cost import report_of
     from adaptsize.domain_size.parts import table_of
+    from adaptsize.domain_size.reports import report_of
 
     of_image = is_image_file(file)
     plot, plot_causes = given.pop("plot", None), given.pop("plot_causes", None)

@@ -1,7 +1,7 @@
 """The size function of each kind of domain: bounds from its shape, then gradient limiting."""
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -10,13 +10,15 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
 from adaptsize.background.enclosing import enclosing_diameter
 from adaptsize.background.interfaces import skin_of
+from adaptsize.domain_size.bounds import Bounds
 from adaptsize.domain_size.on_surface import SurfaceDomain
-from adaptsize.domain_size.request import Bounds, PointBounds, Request, bound_at_nodes
+from adaptsize.domain_size.request import PointBounds, Request, bound_at_nodes
 from adaptsize.domain_size.resolution import with_sources_resolved
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import Separation
 from adaptsize.geometry.walls import Walls
+from adaptsize.limiting.problem import Scheme
 from adaptsize.sizes import size_from_curvature, size_from_feature
 from adaptsize.sizes.budget import nodal_measures
 from adaptsize.sizes.curvature import radius_at_curves
@@ -101,11 +103,12 @@ def limited_on_grid(
     bounds: Bounds,
     request: Request,
     counted: BoolArray | None = None,
-    **options: Any,
+    scheme: Scheme | None = None,
 ) -> SizeFunction:
     """Limit at the nodes inside and around the boundary.  Outside, take the nearest size.
 
-    ``counted`` are the nodes of the domain that the report counts, by default all.
+    ``counted`` are the nodes of the domain that the report counts, by default all; ``scheme`` is
+    that of `limit_gradient`.
     """
     from scipy import ndimage
 
@@ -124,7 +127,7 @@ def limited_on_grid(
         nodal={**bounds.nodal, **request.external(grid)},
         weights=share * nodal_measures(inner),
     )
-    h, report = of_inner.limited(request, **options)
+    h, report, _ = of_inner.limited(request, scheme)
     nearest = ndimage.distance_transform_edt(
         ~around, sampling=grid.spacing, return_distances=False, return_indices=True
     )
@@ -253,6 +256,6 @@ class MeshDomain:
 
 def _sized(bounds: Bounds, request: Request) -> SizeFunction:
     """Return the limited minimum of the bounds as a size function, with a report."""
-    h, report = bounds.limited(request)
+    h, report, _ = bounds.limited(request)
     sources = None if report.info is None else report.info.sources
     return SizeFunction(bounds.background, h, sources=sources, report=report)

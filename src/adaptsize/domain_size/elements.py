@@ -20,10 +20,12 @@ from adaptsize.background import AnyBackground, SimplexMesh
 from adaptsize.background.bisection import resolved
 from adaptsize.background.merging import reordered
 from adaptsize.background.simplex import as_mesh
+from adaptsize.domain_size import tuning
 from adaptsize.domain_size.budget import predicted_number, what_controls
 from adaptsize.domain_size.complete_size import size_function
-from adaptsize.domain_size.cost import report_of, unknowns_on
+from adaptsize.domain_size.reports import report_of
 from adaptsize.domain_size.request import Goal, Implicit, goal_of
+from adaptsize.domain_size.unknowns import unknowns_on
 from adaptsize.errors import OptionError, ResolutionWarning, TooManyElementsError
 from adaptsize.options import (
     BudgetOptions,
@@ -37,12 +39,8 @@ from adaptsize.options import (
 from adaptsize.remeshing.details import remove_details
 from adaptsize.remeshing.driver import check_backend, remesh
 from adaptsize.remeshing.filling import MANY_MORE
+from adaptsize.sizes.search import Search
 from adaptsize.typing import ProgressCallback, Unpack
-
-#: A mesh with a number of elements within this share of the wanted one is accepted.
-_ACCEPTED = 0.05
-#: Elements of a mesh over the largest number allowed, up to which it is accepted.
-_OVER_CAP = 1.1
 
 
 class MeshOfElements(NamedTuple):
@@ -203,14 +201,14 @@ def _within_cap(
     size = sized()
     made = MeshOfElements(meshed(mesh, size), size)
     count = made.mesh.n_cells
-    if most is None or count <= _OVER_CAP * most:
+    if most is None or count <= tuning.OVER_CAP * most:
         return made
     aim = most * report_of(size).n_elements / count
     text = "{} elements, more than {max_elements} = {:.6g}; a mesh is made for {:.0f}"
     tell(Message(text, count, most, aim))
     size = sized(max_elements=max(aim, 1.0))
     made = MeshOfElements(meshed(mesh, size), size)
-    if made.mesh.n_cells > _OVER_CAP * most:
+    if made.mesh.n_cells > tuning.OVER_CAP * most:
         raise TooManyElementsError(
             Message(
                 "the meshes had {} and {} elements, more than {max_elements} = {:.6g}: {}",
@@ -252,52 +250,44 @@ def reach_number(
         Degree and number of components, for ``dofs``.
     """
     what, requested = goal
-    best: MeshOfElements | None = None
-    old, least, wanted = mesh, np.inf, requested
-    steps: list[tuple[float, float]] = []  # predicted and made numbers
-    tried = ""
-    for number in range(3):
-        if best is not None and number == 2 and tried:
-            bound = what_controls(report_of(best.size))
-            tell(f"{what} so far: {tried}; {bound}; the last mesh is made for {wanted:.0f}")
-        if number == 0 or steps:  # for short edges, the sizes are the same
-            try:
-                size = sized(**{what: wanted})
-            except TooManyElementsError:
-                if best is None:
-                    raise
-                break  # fewer are predicted to be too few for the boundary
-        new = meshed(old, size)
-        made = _number_on(new, what, system)
-        off = abs(made / requested - 1.0)
-        if off < least:
-            best, least = MeshOfElements(new, size), off
-        if off <= _ACCEPTED:
-            break
-        if old is mesh and mesh.dim == mesh.cell_dim == 2:
-            old = without_order(mesh, size)
-            continue  # the first mesh says little about one from this
-        report = report_of(size)
-        steps.append((predicted_number(report, what, system), made))
-        tried = ", ".join(f"{found} where {aimed:.0f} were predicted" for aimed, found in steps)
+    size = sized(**{what: requested})
+    new = meshed(mesh, size)
+    search: Search[MeshOfElements] = Search.by_meshes(requested, new.cell_dim, tuning.ACCEPTED)
+
+    def add(new: SimplexMesh, size: SizeFunction) -> None:
+        predicted = predicted_number(report_of(size), what, system)
         # Sizes larger by a factor s have s^-dim as many elements, and s^-cell_dim cells.
-        power = new.dim / new.cell_dim
-        if len(steps) == 2:
-            # Details that the sizes do not resolve change the exponent, between these two meshes
-            # more than near the last: half of the change is used.
-            (x0, y0), (x1, y1) = np.log(steps)
-            found = float(np.clip((x1 - x0) / (y1 - y0), 0.4, 2.0)) if y1 != y0 else power
-            power = 0.5 * (power + found)
-        wanted = max(steps[-1][0] * math.pow(requested / made, power), 1.0)
-    assert best is not None
-    if least > _ACCEPTED:
-        made = _number_on(best.mesh, what, system)
+        factor = (predicted / requested) ** (-1.0 / new.dim)
+        search.add(predicted, MeshOfElements(new, size), _number_on(new, what, system), factor)
+
+    add(new, size)
+    first = search.best
+    old = mesh
+    if search.factor is not None and mesh.dim == mesh.cell_dim == 2:
+        old = without_order(mesh, size)
+        # The first mesh says little about one from this.
+        search = Search.by_meshes(requested, new.cell_dim, tuning.ACCEPTED, search.most - 1)
+        add(meshed(old, size), size)
+    while (factor := search.factor) is not None:
+        wanted = max(requested * factor**-new.dim, 1.0)
+        if len(search.trials) == search.most - 1:
+            bound = what_controls(report_of(search.best.result.size))
+            tell(
+                f"{what} so far: {search.records}; {bound}; the last mesh is made for {wanted:.0f}"
+            )
+        try:
+            size = sized(**{what: wanted})
+        except TooManyElementsError:
+            break  # fewer are predicted to be too few for the boundary
+        add(meshed(old, size), size)
+    best = min(first, search.best, key=lambda trial: abs(math.log(trial.number / requested)))
+    if not search.is_met(math.log(best.number / requested)):
         warn_caller(
-            f"the mesh has {made} {what} instead of {requested:.6g}; the meshes had {tried}; "
-            f"{what_controls(report_of(best.size))}",
+            f"the mesh has {best.number:.0f} {what} instead of {requested:.6g}; the meshes had "
+            f"{search.records}; {what_controls(report_of(best.result.size))}",
             ResolutionWarning,
         )
-    return best
+    return best.result
 
 
 def _number_on(mesh: SimplexMesh, what: Goal, system: tuple[int, int]) -> int:

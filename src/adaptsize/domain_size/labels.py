@@ -12,7 +12,7 @@ from adaptsize._kernels.label_fields import interpolate_field
 from adaptsize.background import CartesianGrid
 from adaptsize.background.grid import span_of
 from adaptsize.domain_size.masks import MARGIN, Mask
-from adaptsize.remeshing.distmesh.labelled import Nearest
+from adaptsize.geometry.labels import Nearest
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 #: Value of the fields of labels that are far away, in pixels.

@@ -16,10 +16,11 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.grid import span_of
 from adaptsize.background.image import Image
+from adaptsize.domain_size.bounds import Bounds
 from adaptsize.domain_size.by_domain import diameter_of, limited_on_grid
 from adaptsize.domain_size.labels import LabelFields, NearestOnGrid
 from adaptsize.domain_size.masks import MARGIN, Mask, lost_pixels, mask_of, report_lost
-from adaptsize.domain_size.request import Bounds, Request
+from adaptsize.domain_size.request import Request
 from adaptsize.errors import OptionError
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.limiting import FastMarching
@@ -122,10 +123,10 @@ class ImageDomain:
         fixed = replace(request, options={**options, "size_of": None}, sources=sources)
         # In space, bounds in an image are less accurate than fast marching, and the exact method
         # takes longer than all other steps together.
-        method = {"method": FastMarching(order=2)} if grid.dim == 3 else {}
+        scheme = FastMarching(order=2) if grid.dim == 3 else None
         outer = self.distance_to_outside()
         return limited_on_grid(
-            outer, Bounds(grid, bounds, limits), fixed, counted=self.mask.in_image, **method
+            outer, Bounds(grid, bounds, limits), fixed, counted=self.mask.in_image, scheme=scheme
         )
 
     def distance_to_outside(self) -> FloatArray:

@@ -11,7 +11,8 @@ from adaptsize.background import Octree, SimplexMesh
 from adaptsize.background.interpolation import cell_gradients
 from adaptsize.background.reshaping import parent_errors, refined
 from adaptsize.background.topology import components_of
-from adaptsize.domain_size.request import Bounds, Request
+from adaptsize.domain_size.bounds import Bounds
+from adaptsize.domain_size.request import Request
 from adaptsize.geometry.distance.closest_points import Depths
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, LongArray
 
@@ -98,7 +99,7 @@ def limited_on_octree(
         bounds["width"] = shape.width[inner.nodes] / request.across
     bounds |= {name: h[inner.nodes] for name, h in request.external(shape.tree).items()}
     weights = _measures_inside(inner.mesh, -shape.nodes.depth[inner.nodes])
-    h, report = Bounds(inner.mesh, bounds, limits, weights).limited(request)
+    h, report, _ = Bounds(inner.mesh, bounds, limits, weights).limited(request)
     h = _extrapolated(inner, h, request.g)
     return h, _on_tree(shape, h, report)
 

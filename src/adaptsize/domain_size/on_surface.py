@@ -17,8 +17,9 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import ordered_by_place, reordered
 from adaptsize.background.splitting import SplitMesh, halved_edges, split_edges
 from adaptsize.background.topology import marked, rows_among
-from adaptsize.domain_size.cost import report_of
-from adaptsize.domain_size.request import Bounds, PointBounds, Request, bound_at_nodes
+from adaptsize.domain_size.bounds import Bounds
+from adaptsize.domain_size.reports import report_of
+from adaptsize.domain_size.request import PointBounds, Request, bound_at_nodes
 from adaptsize.errors import InputWarning, OpenSurfaceWarning
 from adaptsize.geometry.creases import folds_of, tips_of_cones
 from adaptsize.geometry.faces import Faces
@@ -285,9 +286,9 @@ class _Surface:
             inner=self.sources,
             of_chords=True,
         )
-        h, report = every.limited(request)
+        h, report, aims = every.limited(request)
         inner = tuple(source.clipped(report.hmin, np.inf) for source in self.sources)
-        sizes = InnerSizes(inside, normals, every.aims, inner)
+        sizes = InnerSizes(inside, normals, aims, inner)
         return SizeFunction(mesh, h, g=request.g, hmax=report.hmax, report=report, inner=sizes)
 
     def split(self, long: BoolArray, request: Request) -> _Surface:

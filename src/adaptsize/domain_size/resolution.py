@@ -8,15 +8,12 @@ from functools import partial
 from adaptsize._checks import as_sizes
 from adaptsize.background import SimplexMesh
 from adaptsize.background.bisection import Resolved, SizeAt, resolved
+from adaptsize.domain_size import tuning
 from adaptsize.domain_size.request import Request
 from adaptsize.sizes.cones import lowest_of
 from adaptsize.sizes.sources import KNOWN, CurveSource, PointSource, SizeOfPoint, Source
 from adaptsize.typing import FloatArray
 
-#: Nodes that sources may add to a mesh, and their share of the elements allowed.  Before a mesh
-#: generator adapts it, a resolved mesh has a quarter to an eighth of the nodes of the new one.
-_MOST_NODES = 400_000
-_SHARE = 0.25
 #: Longest edge of a cell over the size in it.  There are no nodes at points and on curves, and the
 #: sizes at the nodes beside them are larger by g times the distance.
 _USUAL, _AT_THIN = 2.0, 0.5
@@ -35,7 +32,7 @@ def with_sources_resolved(mesh: SimplexMesh, request: Request) -> Resolved | Non
     Resolved or None
         None if no cell had to be divided.
     """
-    room = mesh.n_points + min(_MOST_NODES, _SHARE * request.max_elements)
+    room = mesh.n_points + min(tuning.MOST_NODES, tuning.SHARE_OF_NODES * request.max_elements)
     found = None
     for size, is_proved, factor in _sizes_of(mesh, request):
         start = mesh if found is None else found.mesh

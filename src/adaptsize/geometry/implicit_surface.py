@@ -6,7 +6,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from adaptsize._checks import as_float_array, refuse_where
-from adaptsize.typing import FloatArray, IndexArray, ProgressCallback
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, ProgressCallback
 
 #: f(points[n, dim]) -> float64[n], checked.
 Implicit: TypeAlias = Callable[[FloatArray], FloatArray]
@@ -232,45 +232,23 @@ def _project_part(
 ) -> FloatArray:
     """Project points to the zero level, from start points near the closest points.
 
-    Solves  f(y) = 0  and  x - y parallel to grad f(y)  by Newton's method in the direction of
-    the normal and in the tangent plane, there with the curvature in the direction of x.  If this
-    does not converge, the closest point may be at a kink of f, see `_at_kinks`.
+    Newton's method, see `_step_to`.  If it does not converge, the closest point may be at a kink of
+    f, see `_at_kinks`.
     """
     y = start.copy()
     best, closest = np.full(len(x), np.inf), start.copy()
     active, kinked = np.arange(len(x)), np.zeros(len(x), np.bool_)
     # Smooth functions need 3 to 5 iterations; at kinks the iteration does not converge.
     for _ in range(15):
-        at, to, spacing = y[active], x[active], spacings[active]
-        f, gradient, jump = gradient_of(function, at, _STEP * spacing)
-        steep = np.linalg.norm(gradient, axis=1)
-        regular = steep > 0.0
-        per_steep = np.where(regular, 1.0 / np.where(regular, steep, 1.0), 0.0)
-        off = f * per_steep
-        merit = np.linalg.norm(to - at, axis=1) + _PENALTY * np.abs(off)
-        better = (merit < best[active]) & regular
-        best[active[better]], closest[active[better]] = merit[better], at[better]
-        normal = gradient * per_steep[:, None]
-        height = ((to - at) * normal).sum(axis=1)
-        sideways = to - at - height[:, None] * normal
-        bend = second_derivative(function, at, f, sideways, _STEP_OF_CURVATURE * spacing)
-        bend *= per_steep
-        # Beyond the centre of curvature Newton's method would step in the wrong direction.
-        # Steps along the zero level are enlarged at most by the reciprocal, next to centres of
-        # curvature.
-        step = sideways / np.maximum(1.0 + height * bend, 0.25)[:, None]
-        length = np.linalg.norm(step, axis=1)
-        step *= np.minimum(1.0, spacing / np.maximum(length, 1e-300))[:, None]
-        # First back to the zero level: at a kink of f steps along it lead off it.
-        back = (np.abs(off) > _OFF_LEVEL * spacing) & (np.abs(off) > _OFF_LEVEL * length)
-        step[back] = 0.0
-        step -= np.clip(off, -spacing, spacing)[:, None] * normal
-        y[active] = at + step
+        at, spacing = y[active], spacings[active]
+        found = _step_to(function, x[active], at, spacing)
+        better = (found.merit < best[active]) & found.is_regular
+        best[active[better]], closest[active[better]] = found.merit[better], at[better]
+        y[active] = at + found.step
+        kinked[active] = found.is_kinked
         # An iterate has converged when it moves by less, in spacings.
-        moving = (np.linalg.norm(step, axis=1) > 1e-9 * spacing) & regular
-        # A closest point is at a kink if derivatives jump by this share of the gradient.
-        kinked[active] = jump > 0.05 * steep
-        active = active[moving]
+        far = np.linalg.norm(found.step, axis=1) > 1e-9 * spacing
+        active = active[far & found.is_regular]
         if len(active) == 0:
             break
     kinked[active] = True
@@ -279,6 +257,48 @@ def _project_part(
     for share in (0.1, 0.01, 1e-3, 1e-4) if len(rest) else ():
         closest[rest] = _at_kinks(function, x[rest], closest[rest], share * spacings[rest])
     return closest
+
+
+class _Step(NamedTuple):
+    """A step of Newton's method from each of several points."""
+
+    step: FloatArray
+    merit: FloatArray
+    """Of the points: their distance, and a penalty if they are off the zero level."""
+    is_regular: BoolArray
+    """Whether the function has a gradient there."""
+    is_kinked: BoolArray
+    """Whether its derivatives jump there."""
+
+
+def _step_to(function: Implicit, x: FloatArray, at: FloatArray, spacing: FloatArray) -> _Step:
+    """Return steps from points ``at`` to the points y of the zero level that are closest to x.
+
+    They solve  f(y) = 0  and  x - y parallel to grad f(y)  by Newton's method in the direction of
+    the normal and in the tangent plane, there with the curvature in the direction of x.
+    """
+    f, gradient, jump = gradient_of(function, at, _STEP * spacing)
+    steep = np.linalg.norm(gradient, axis=1)
+    regular = steep > 0.0
+    per_steep = np.where(regular, 1.0 / np.where(regular, steep, 1.0), 0.0)
+    off = f * per_steep
+    merit = np.linalg.norm(x - at, axis=1) + _PENALTY * np.abs(off)
+    normal = gradient * per_steep[:, None]
+    height = ((x - at) * normal).sum(axis=1)
+    sideways = x - at - height[:, None] * normal
+    bend = second_derivative(function, at, f, sideways, _STEP_OF_CURVATURE * spacing)
+    bend *= per_steep
+    # Beyond the centre of curvature Newton's method would step in the wrong direction.  Steps along
+    # the zero level are enlarged at most by the reciprocal, next to centres of curvature.
+    step = sideways / np.maximum(1.0 + height * bend, 0.25)[:, None]
+    length = np.linalg.norm(step, axis=1)
+    step *= np.minimum(1.0, spacing / np.maximum(length, 1e-300))[:, None]
+    # First back to the zero level: at a kink of f steps along it lead off it.
+    back = (np.abs(off) > _OFF_LEVEL * spacing) & (np.abs(off) > _OFF_LEVEL * length)
+    step[back] = 0.0
+    step -= np.clip(off, -spacing, spacing)[:, None] * normal
+    # A closest point is at a kink if derivatives jump by this share of the gradient.
+    return _Step(step, merit, regular, jump > 0.05 * steep)
 
 
 def _at_kinks(function: Implicit, x: FloatArray, y0: FloatArray, reach: FloatArray) -> FloatArray:

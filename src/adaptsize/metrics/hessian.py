@@ -12,8 +12,9 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics.algebra import refuse_skew
 from adaptsize.metrics.metric import Metric
-from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, as_goal, calibration, scale_to
+from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, as_goal, calibration
 from adaptsize.sizes.recovery import recovered_hessian, second_derivatives_of_fits
+from adaptsize.sizes.search import scale_to
 from adaptsize.typing import FloatArray
 
 

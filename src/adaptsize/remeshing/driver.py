@@ -200,7 +200,25 @@ def remesh(
         with reporting(progress if mesh.ranks.rank == 0 else None) as report:
             one: Any = partial(remesh, **(given | RemeshOptions(backend="mmg")), progress=report)
             return remesh_parts(mesh, cast(npt.ArrayLike, size), one, given)  # type: ignore
-    mesh = without_fields(mesh)
+    job = _prepared(without_fields(mesh), size, required_facets, given)
+    with reporting(progress) as report:
+        found = job.attempts(IsolatedRunner(job.chosen.name, None, None, report))
+    best = _accepted(found, job.task, given)
+    keep_attempts(best.mesh, found)
+    job.warn_of(best.mesh)
+    if job.required is not None:  # beside facets that must not change, no sizes can be followed
+        return best.mesh
+    asked = job.sizes
+    return delivered(best.mesh, asked.given, asked.at, asked.on, asked.metric)
+
+
+def _prepared(
+    mesh: SimplexMesh,
+    size: SizeLike | Metric | MetricFunction | Callable[[FloatArray], Metric],
+    required_facets: npt.ArrayLike | None,
+    given: RemeshOptions,
+) -> _Job:
+    """Return the request after all checks and repairs, with warnings of what was repaired."""
     task = _task(mesh, given["target"])
     if mesh.cell_dim == mesh.dim:
         refuse_repeated_cells(mesh)
@@ -221,31 +239,13 @@ def remesh(
         may_be_joined = warn_of_surface(old, given["tolerance"] * old.diagonal, solid)
         repaired = surface_to_fill(repaired, solid)
     job = _Job(
-        task, repaired.mesh, Frame.around(old), solid,
+        task, chosen, repaired.mesh, old, solid,
         RequestedSizes(wanted, sizes, mesh, given["g"], given["hmax"], metric),
-        _required(required_facets, mesh, repaired), given,
+        _required(required_facets, mesh, repaired), given, may_be_joined,
     )  # fmt: skip
     job.n_cells = _number_of_cells(mesh, size, job.problem(chosen.name, 1.0))
     job.refuse_too_many()
-    attempts = plan(job.known(chosen, metric=metric is not None), strict=given["strict"])
-    compared = wanted if metric is None and required_facets is None else None
-    judge = Judge(old, solid, compared, given["tolerance"], given["strict"])
-    budget = Budget(given["timeout"])
-    with reporting(progress) as report:
-        run = IsolatedRunner(chosen.name, None, None, report)
-        found = best_of(
-            attempts, job.solve, judge, budget, run,
-            strict=given["strict"], always=solid is not None,
-        )  # fmt: skip
-    best = _accepted(found, task, given)
-    keep_attempts(best.mesh, found)
-    if not given["strict"]:
-        allowed = given["tolerance"] * old.diagonal
-        warn_of_deviation(best.mesh, repaired.mesh, allowed, solid, may_be_joined=may_be_joined)
-        warn_of_lost_tags(best.mesh, repaired.mesh, chosen.name)
-    if job.required is not None:  # beside facets that must not change, no sizes can be followed
-        return best.mesh
-    return delivered(best.mesh, sizes, wanted, mesh, metric)
+    return job
 
 
 @dataclass
@@ -253,13 +253,18 @@ class _Job:
     """A request after checks and repairs, and how the routes of its attempts make meshes."""
 
     task: Task
+    chosen: Backend
+    """The first generator to be tried."""
     mesh: SimplexMesh
     """The repaired mesh; of a surface to be filled, the facets that bound the solid."""
-    frame: Frame
+    old: SimplexMesh
+    """The repaired mesh with all facets, with which a new one is compared."""
     solid: Solid | None
     sizes: RequestedSizes
     required: IntArray | None
     given: RemeshOptions
+    may_be_joined: bool = False
+    """Whether bodies are closer to each other than the tolerance."""
     n_cells: float = 0.0
 
     def __post_init__(self) -> None:
@@ -287,8 +292,33 @@ class _Job:
                 )
             )
 
-    def known(self, chosen: Backend, *, metric: bool) -> Known:
+    @cached_property
+    def frame(self) -> Frame:
+        """The coordinates in which generators work."""
+        return Frame.around(self.old)
+
+    def attempts(self, run: IsolatedRunner) -> Attempts:
+        """Return what was tried, and the best mesh."""
+        given, strict = self.given, self.given["strict"]
+        is_compared = self.sizes.metric is None and self.required is None
+        compared = self.sizes.at if is_compared else None
+        judge = Judge(self.old, self.solid, compared, given["tolerance"], strict)
+        return best_of(
+            plan(self.known(), strict=strict), self.solve, judge, Budget(given["timeout"]), run,
+            strict=strict, always=self.solid is not None,
+        )  # fmt: skip
+
+    def warn_of(self, new: SimplexMesh) -> None:
+        """Warn of what a mesh has lost, which is an error if ``strict``."""
+        if self.given["strict"]:
+            return
+        allowed = self.given["tolerance"] * self.old.diagonal
+        warn_of_deviation(new, self.mesh, allowed, self.solid, may_be_joined=self.may_be_joined)
+        warn_of_lost_tags(new, self.mesh, self.chosen.name)
+
+    def known(self) -> Known:
         """Return what decides the routes."""
+        chosen, metric = self.chosen, self.sizes.metric is not None
         names = [chosen.name]
         if self.given["backend"] == "auto":
             keep = self.required is not None

@@ -15,10 +15,10 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.splitting import bisect_edges
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing.boundary_repair import repaired
-from adaptsize.remeshing.distmesh.finish import take_back, worst_of_nodes
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.straight_edges import StraightEdges
 from adaptsize.remeshing.surface import facets_of
+from adaptsize.remeshing.taken_back import take_back, worst_of_nodes
 from adaptsize.typing import FloatArray, IntArray
 
 _ROUNDS = 3

@@ -13,9 +13,9 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import marked, regions_beside
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.creases import normals_of, sharp_facets
-from adaptsize.remeshing.distmesh.finish import take_back, worst_of_nodes
 from adaptsize.remeshing.mmg import RIDGE_ANGLE
 from adaptsize.remeshing.surface import facets_of
+from adaptsize.remeshing.taken_back import take_back, worst_of_nodes
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Nodes are on a line if they are closer to it than this times the diagonal.

@@ -1,10 +1,8 @@
-"""Numbers of elements and nodes of nodal sizes, and scaling of sizes to a number."""
+"""Numbers of elements and nodes of nodal sizes."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import TypeVar, cast
 
 import numpy as np
 
@@ -12,8 +10,6 @@ from adaptsize._checks import as_number, check_type
 from adaptsize.background import AnyMesh, CartesianGrid, Octree
 from adaptsize.background.migration import boundary_facets
 from adaptsize.typing import FloatArray
-
-T = TypeVar("T")
 
 #: Elements of edge length 1 per unit of measure: of segments, regular triangles and tetrahedra.
 ELEMENTS_PER_MEASURE = {1: 1.0, 2: 4.0 / math.sqrt(3.0), 3: 6.0 * math.sqrt(2.0)}
@@ -27,14 +23,9 @@ CELLS_PER_PREDICTED: dict[tuple[str, int], float] = {
     ("tetwild", 3): 1.04,
 }
 
-#: Tolerance of the logarithms of the scale, and of the value unless another one is given.
-ACCURACY = 2e-4
 #: Nodes and weights of the quadrature of densities, and cells whose numbers fit into the cache.
 _GAUSS = np.polynomial.legendre.leggauss(16)
 _CELLS_AT_ONCE = 4096
-# Bound on the logarithm of the scale, and the value that stands for the logarithm of zero.
-_REACH = 40.0
-_NOTHING = -700.0
 
 
 def count_elements(mesh: AnyMesh, h: FloatArray) -> float:
@@ -118,91 +109,6 @@ def present_sizes(mesh: AnyMesh) -> FloatArray:
     """Return for each cell the edge length of the regular simplex of the same measure."""
     d = mesh.cell_dim
     return np.asarray((ELEMENTS_PER_MEASURE[d] * mesh.measures) ** (1.0 / d))
-
-
-def scale_to(
-    wanted: float,
-    make: Callable[[float], T],
-    value: Callable[[T], float],
-    start: float,
-    order: float,
-    accuracy: float = ACCURACY,
-    *,
-    bounds: tuple[float, float] = (0.0, math.inf),
-) -> T:
-    """Return the sizes whose value is as wanted, or nearest to it.
-
-    Secants of the logarithms, and a bracket with Brent's method where they fail: each trial
-    may limit the gradient on the whole mesh.
-
-    Parameters
-    ----------
-    wanted : float
-        Positive.
-    make : callable
-        Returns the sizes of a positive scale.
-    value : callable
-        Returns the value of sizes: non-increasing with the scale; may be bounded on either side.
-    start : float
-        Positive scale, near the result.
-    order : float
-        The value falls about as the scale to this power.
-    accuracy : float
-        Relative error of the value that is accepted.
-    bounds : (float, float)
-        The sizes are the same for all scales below the first, and above the second.
-
-    Returns
-    -------
-    object
-        What ``make`` returned.  If ``wanted`` is beyond a bound, ``value`` is at its bound.
-    """
-    from scipy.optimize import brentq  # slow to import
-
-    known: dict[float, float] = {}
-    best: T | None = None
-
-    def excess_at(exponent: float) -> float:
-        nonlocal best
-        if exponent not in known:
-            made = make(start * math.exp(exponent))
-            found = value(made)
-            off = max(math.log(found / wanted), _NOTHING) if found > 0.0 else _NOTHING
-            if not known or abs(off) < min(map(abs, known.values())):
-                best = made
-            known[exponent] = off
-        return known[exponent]
-
-    def is_found() -> bool:
-        x, slope = 0.0, order
-        last_x = last = math.nan
-        for trial in range(6):
-            off = excess_at(x)
-            if abs(off) <= accuracy:
-                return True
-            if trial:
-                slope = (last - off) / (x - last_x)
-                if not 0.25 * order < slope < 4.0 * order:
-                    return False
-            last_x, last = x, off
-            x += min(max(off / slope, -3.0), 3.0)
-        return False
-
-    def search() -> None:
-        sign = math.copysign(1.0, excess_at(0.0))
-        bound = bounds[1] if sign > 0.0 else bounds[0]
-        reach = _REACH if bound in (0.0, math.inf) else sign * math.log(bound / start)
-        most = max(reach, 0.0)
-        if sign * excess_at(sign * most) >= 0.0:  # beyond what is possible
-            return
-        near, far = 0.0, math.log(2.0)
-        while far < most and sign * excess_at(sign * far) > 0.0:
-            near, far = far, 3.0 * far
-        brentq(excess_at, *sorted((sign * near, sign * min(far, most))), xtol=ACCURACY)
-
-    if not is_found():
-        search()
-    return cast(T, best)
 
 
 def as_goal(tolerance: float | None, elements: float | None) -> tuple[str, float]:

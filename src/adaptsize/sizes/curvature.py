@@ -257,9 +257,10 @@ def radius_at_curves(
     crease_angle
         As in `size_from_curvature`.
     original : SimplexMesh, optional
-        A mesh of the same domain with these boundary and interfaces: the radii are then those at
-        the closest points of its own.  The facets of a mesh that was made from them are finer than
-        they are, and show their edges as curves of small radius.
+        A mesh of the same domain with these boundary and interfaces, or the boundary alone for a
+        mesh in parts: the radii are then those at the closest points of its own.  The facets of a
+        mesh that was made from them are finer than they are, and show their edges as curves of
+        small radius.
     within : float
         How far the nodes may be from the original ones, a length.
 
@@ -270,26 +271,40 @@ def radius_at_curves(
     """
     if mesh.dim == 1:
         return np.full(mesh.n_points, np.inf)
-    if isinstance(mesh, PartitionedMesh):
-        return size_from_curvature(mesh, elements_per_radian=1.0, crease_angle=crease_angle)
     given = checked(CurvatureOptions, {"crease_angle": crease_angle})
     radius = np.full(mesh.n_points, np.inf)
-    pairs = zip(_curves_of(mesh), _curves_of(mesh if original is None else original), strict=True)
+    if isinstance(mesh, PartitionedMesh):
+        if original is None:
+            return size_from_curvature(mesh, elements_per_radian=1.0, crease_angle=crease_angle)
+        at = np.flatnonzero(rows_among(mesh.global_ids, whole_boundary(mesh).ids) >= 0)
+        if len(at):
+            radius[at] = _radius_at(original, mesh.points[at], within, given)
+        return radius
+    pairs = zip(curves_of(mesh), curves_of(mesh if original is None else original), strict=True)
     for own, first in pairs:
         if own is None or first is None:
             continue
         facets, nodes = own
         if original is None:
-            kappa = _nodal_curvature(facets, given)
+            with np.errstate(divide="ignore"):
+                found = 1.0 / _nodal_curvature(facets, given)
+            found = np.maximum(found, SMALLEST_SHARE * facets.diameter)
         else:
-            kappa = _curvature_at(first[0], facets.points, within, given)
-        with np.errstate(divide="ignore"):
-            found = np.maximum(1.0 / kappa, SMALLEST_SHARE * first[0].diameter)
+            found = _radius_at(first[0], facets.points, within, given)
         radius[nodes] = np.minimum(radius[nodes], found)
     return radius
 
 
-def _curves_of(mesh: SimplexMesh) -> list[tuple[SimplexMesh, IntArray] | None]:
+def _radius_at(
+    surface: SimplexMesh, points: FloatArray, within: float, given: CurvatureOptions
+) -> FloatArray:
+    """Return the radii at the points of a surface that are closest to given ones."""
+    with np.errstate(divide="ignore"):
+        radius = 1.0 / _curvature_at(surface, points, within, given)
+    return np.maximum(radius, SMALLEST_SHARE * surface.diameter)
+
+
+def curves_of(mesh: SimplexMesh) -> list[tuple[SimplexMesh, IntArray] | None]:
     """Return the boundary and the interfaces of a mesh, each with its nodes, or None."""
     if mesh.cell_dim < mesh.dim:
         return [skin_of(mesh), None]

@@ -14,16 +14,15 @@ from adaptsize.background.simplex import as_mesh
 from adaptsize.limiting import limit_gradient
 from adaptsize.options import ErrorOptions, HessianOptions, ScaleOptions, checked, with_options
 from adaptsize.sizes.budget import (
-    ACCURACY,
     as_goal,
     calibration,
     count_elements,
     nodal_measures,
     present_sizes,
-    scale_to,
 )
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.recovery import as_nodal_field, second_derivatives
+from adaptsize.sizes.search import ACCURACY, scale_to
 from adaptsize.typing import FloatArray, Unpack
 
 #: Applies all limits to nodal sizes.

@@ -17,6 +17,8 @@ DistanceFunction: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 
 # The gradient is then evaluated at this offset, in steps; few kinks have this direction.
 _BESIDE = np.array([2.6, 3.7, 5.1])
+#: Gradients whose length differs from 1 by more are not those of a distance to one place.
+_NOT_UNIT = 1e-3
 
 
 class Depths(NamedTuple):
@@ -65,18 +67,16 @@ class FunctionBoundary:
         """Return the depths of points."""
         report("distance", 0.0)
         values, gradient, _ = gradient_of(self._values, points, self._step)
-        length = np.linalg.norm(gradient, axis=1)
-        # Differences across a kink mix two fronts; next to the kink there is only one.
-        # If that mixes fronts, too, at these multiples of the offset.
-        for times in (1.0, -1.0, 2.5, -2.5):
-            # If the length of a gradient differs from 1 by more, the difference mixes several
-            # fronts.
-            mixed = np.flatnonzero(np.abs(length - 1.0) > 1e-3)
+        # A gradient is a unit vector.  Differences across a kink, where two parts of the boundary
+        # are equally near, mix the directions to both and are shorter.  They are taken again beside
+        # the kink, on one side or the other, and farther off if another kink is there.
+        for offset in (1.0, -1.0, 2.5, -2.5):
+            mixed = np.flatnonzero(np.abs(np.linalg.norm(gradient, axis=1) - 1.0) > _NOT_UNIT)
             if len(mixed) == 0:
                 break
-            beside = times * self._step * _BESIDE[: points.shape[1]]
+            beside = offset * self._step * _BESIDE[: points.shape[1]]
             gradient[mixed] = gradient_of(self._values, points[mixed] + beside, self._step)[1]
-            length[mixed] = np.linalg.norm(gradient[mixed], axis=1)
+        length = np.linalg.norm(gradient, axis=1)
         outward = gradient / np.where(length > 0.0, length, 1.0)[:, None]
         return Depths(-values, outward)
 
@@ -134,7 +134,7 @@ def is_distance(function: Implicit, points: FloatArray, extent: float) -> bool:
     step = 1e-6 * extent
     values, gradient = gradient_of(function, points, step)[:2]
     # A distance has a gradient of length 1 at almost all points: not at the medial axis.
-    smooth = np.abs(np.linalg.norm(gradient, axis=1) - 1.0) < 1e-3
+    smooth = np.abs(np.linalg.norm(gradient, axis=1) - 1.0) < _NOT_UNIT
     if smooth.mean() < 0.9:
         return False
     values, gradient = values[smooth], gradient[smooth]

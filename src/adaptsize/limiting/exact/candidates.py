@@ -48,11 +48,37 @@ class Extra(NamedTuple):
         return cls(points, given.sizes[which], np.int32(n_points) + which)
 
 
+class ConvexNodes(NamedTuple):
+    """Bounds at the nodes of a convex domain only."""
+
+    domain: SimplexMesh | CartesianGrid
+    h0: FloatArray
+    """float64[n_points]"""
+    g: float
+    workers: Workers
+    extra: Extra | None = None
+    margin: float = 0.0
+    """As in `Component`."""
+
+    @classmethod
+    def of(cls, component: Component) -> ConvexNodes:
+        """Return the bounds at the nodes of a convex component."""
+        mesh, h0, g, workers = component.mesh, component.h0, component.g, component.workers
+        return cls(mesh, h0, g, workers, component.extra, component.margin)
+
+    def places(self, nodes: IntArray) -> FloatArray:
+        """Return the positions of nodes."""
+        domain = self.domain
+        if not isinstance(domain, CartesianGrid):
+            return np.asarray(domain.points[nodes])
+        index = np.stack(np.unravel_index(nodes, domain.shape), axis=1)
+        return np.asarray(domain.origin + domain.spacing * index)
+
+
 class Component(NamedTuple):
     """A component of the domain with bounds."""
 
     mesh: SimplexMesh
-    """A grid if it is convex and has bounds at nodes only."""
     h0: FloatArray
     g: float
     face_sources: bool
@@ -77,6 +103,10 @@ class Component(NamedTuple):
     at_any_price: bool = True
     """As in `Problem`."""
 
+    def places(self, nodes: IntArray) -> FloatArray:
+        """Return the positions of nodes."""
+        return np.asarray(self.mesh.points[nodes])
+
     @property
     def cells(self) -> IntArray:
         """Simplices on which h0 is linear."""
@@ -99,14 +129,9 @@ def margin_for(least: float, g: float, diagonal: float) -> float:
     return 1e-9 * (least + g * diagonal)
 
 
-def entries_of_nodes(component: Component, nodes: IntArray) -> Entries:
+def entries_of_nodes(component: Component | ConvexNodes, nodes: IntArray) -> Entries:
     """Return nodes, and sources between nodes, as entries."""
-    domain: SimplexMesh | CartesianGrid = component.mesh
-    if isinstance(domain, CartesianGrid):
-        index = np.stack(np.unravel_index(nodes, domain.shape), axis=1)
-        places = domain.origin + domain.spacing * index
-    else:
-        places = domain.points[nodes]
+    places = component.places(nodes)
     sizes, extra = component.h0[nodes], component.extra
     if extra is not None:
         places = np.concatenate([places, extra.points])

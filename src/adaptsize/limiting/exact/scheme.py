@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from adaptsize.limiting.edge_based import EdgeBased
 from adaptsize.limiting.exact.candidates import (
     EQUAL,
     Component,
+    ConvexNodes,
     Extra,
     entries_of_nodes,
     margin_for,
@@ -130,7 +131,7 @@ class Exact(Scheme):
                     "a convex domain; use method='fast-marching'"
                 )
             solution = self.solve(replace(problem, periodic=None))
-            return _with_images(solution, periodic, self._component(problem, domain))
+            return _with_images(solution, periodic, Workers.of(self.threads, problem.report))
         if not isinstance(domain, CartesianGrid) and domain.cell_dim < domain.dim:
             return self._on_surface(domain, problem)
         if isinstance(domain, PartitionedMesh):
@@ -142,10 +143,12 @@ class Exact(Scheme):
                 return self._on_grid_mesh(domain, problem)
         elif domain.dim == 1:
             return self._by_components(PartitionedMesh.from_serial(domain), problem)
-        component = self._component(problem, domain)
-        component = component._replace(extra=_inside(domain, problem.point_sources))
+        extra = _inside(domain, problem.point_sources)
         if isinstance(domain, CartesianGrid):
-            return as_solution(h0, [Part(slice(None), _on_convex_nodes(component))])
+            g, workers = problem.slope.number(self.name), Workers.of(self.threads, problem.report)
+            nodes = ConvexNodes(domain, h0.ravel(), g, workers, extra)
+            return as_solution(h0, [Part(slice(None), _on_convex_nodes(nodes))])
+        component = self._component(problem, domain, h0)._replace(extra=extra)
         component, boundary, all_used = _prepared(component)
         convex = is_convex(domain.points, boundary)
         if not (all_used and (convex or is_connected(domain))):
@@ -187,15 +190,14 @@ class Exact(Scheme):
         if ranks.size > 1 and part.dim == 1:
             raise NeedsWholeMesh
         scheme = replace(self, threads=1) if ranks.size > 1 and self.threads is None else self
-        whole = scheme._component(problem, part)
-        given = problem.point_sources
+        h0, given = problem.h0.ravel(), problem.point_sources
         if given is not None:
             given = moved_inside(part, given)
         located = points_in_components(part, given)
         parts = []
-        for number in sorted({*components_of(part).bounded(ranks, whole.h0), *located}):
+        for number in sorted({*components_of(part).bounded(ranks, h0), *located}):
             piece = piece_of(part, number)
-            component = whole._replace(mesh=piece.mesh, h0=piece.bounds(whole.h0))
+            component = scheme._component(problem, piece.mesh, piece.bounds(h0))
             if given is not None and number in located:
                 here = Extra.of(given, located[number], piece.mesh.n_points)
                 component = component._replace(extra=here)
@@ -206,9 +208,9 @@ class Exact(Scheme):
             if ranks.size > 1:
                 found = solve_piece(part, number, component)
             elif part.dim == 1:  # an interval; folds change nothing
-                found = _on_convex_nodes(component.with_margin())
+                found = _on_convex_nodes(ConvexNodes.of(component.with_margin()))
             else:
-                boundary = flat_boundary(piece.mesh, whole.workers.threads)
+                boundary = flat_boundary(piece.mesh, component.workers.threads)
                 convex = is_convex(piece.mesh.points, boundary)
                 found = solve_on_mesh(component, boundary, convex)
             parts.append(Part(piece.nodes, found))
@@ -216,12 +218,11 @@ class Exact(Scheme):
         finished = ranks.allreduce(int(not solution.unfinished), "min")
         return solution if finished else replace(solution, unfinished=UNFINISHED)
 
-    def _component(self, problem: Problem, domain: Any) -> Component:
-        """Return the problem on a mesh, or a grid, as one component."""
+    def _component(self, problem: Problem, mesh: SimplexMesh, h0: FloatArray) -> Component:
+        """Return the problem on a mesh with given bounds."""
         workers = Workers.of(self.threads, problem.report)
-        g = problem.slope.number(self.name)
-        h0, price = problem.h0.ravel(), problem.at_any_price
-        return Component(domain, h0, g, self.face_sources, workers, at_any_price=price)
+        g, price = problem.slope.number(self.name), problem.at_any_price
+        return Component(mesh, h0, g, self.face_sources, workers, at_any_price=price)
 
     def _on_grid_mesh(self, grid: CartesianGrid, problem: Problem) -> ExactSolution:
         """Solve on the whole boxes of a grid, split into simplices on which h0 is linear.
@@ -312,13 +313,13 @@ def as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
     )
 
 
-def _on_convex_nodes(component: Component) -> ComponentSolution:
+def _on_convex_nodes(nodes: ConvexNodes) -> ComponentSolution:
     """Solve for bounds at the nodes of a convex domain."""
-    h0, workers = component.h0, component.workers
-    entries = entries_of_nodes(component, np.flatnonzero(np.isfinite(h0)).astype(np.int32))
-    exact = field_of_nodes(entries, component.g, component.margin, workers.part(0.0, 0.1))
+    h0, workers = nodes.h0, nodes.workers
+    entries = entries_of_nodes(nodes, np.flatnonzero(np.isfinite(h0)).astype(np.int32))
+    exact = field_of_nodes(entries, nodes.g, nodes.margin, workers.part(0.0, 0.1))
     h, source = h0.copy(), np.full(len(h0), -1, np.int32)
-    for first, points in _slabs_of(component.mesh):
+    for first, points in _slabs_of(nodes.domain):
         last = first + len(points.places)
         part = workers.part(0.1 + 0.9 * first / len(h), 0.1 + 0.9 * last / len(h))
         exact.lower_by_last(points, h[first:last], source[first:last], part)
@@ -356,7 +357,7 @@ def _meet(h0: FloatArray) -> bool:
 
 
 def _with_images(
-    solution: ExactSolution, periodicity: Periodicity, component: Component
+    solution: ExactSolution, periodicity: Periodicity, workers: Workers
 ) -> ExactSolution:
     r"""Return the exact solution of a periodic domain from that of its cell.
 
@@ -376,7 +377,7 @@ def _with_images(
     h, source = found.h.copy(), found.source.copy()
     for first, points in _slabs_of(periodicity.domain):
         span = slice(first, first + len(points.places))
-        field.lower_by_last(points, h[span], source[span], component.workers)
+        field.lower_by_last(points, h[span], source[span], workers)
     h = periodicity.least(h)  # rounding may differ between paired nodes
     return as_solution(solution.h, [Part(slice(None), ComponentSolution(h, source, field))])
 

@@ -3,12 +3,13 @@
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._kernels.smoothing import fill_quality, smooth_nodes
+from adaptsize._kernels.smoothing import smooth_nodes
 from adaptsize._kernels.swapping import MOST_AROUND, Tetrahedra, new_work, swap
 from adaptsize.background.topology import marked, rings
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, Skin
 from adaptsize.remeshing.distmesh.relaxation import ON_BOUNDARY, triangulate
+from adaptsize.remeshing.taken_back import quality_of, take_back, worst_of_nodes
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 #: Rounds of triangulation and projection.  Two are usually enough.
@@ -61,23 +62,6 @@ def finish(
     return improved(domain, points, (cells, regions), h, n_fixed=n_fixed, report=report)
 
 
-def take_back(
-    points: FloatArray,
-    cells: IntArray,
-    old: FloatArray,
-    nodes: npt.NDArray[np.integer],
-    least: FloatArray,
-) -> None:
-    """Take back moves of nodes whose cells have less than the least quality."""
-    for _ in range(_ROUNDS):  # taking back one move may spoil another
-        worse = nodes[worst_of_nodes(points, cells)[nodes] < least[nodes]]
-        worse = worse[(points[worse] != old[worse]).any(axis=1)]
-        if len(worse) == 0:
-            return
-        points[worse] = old[worse]
-    points[:] = old
-
-
 def improved(
     domain: ImplicitDomain,
     points: FloatArray,
@@ -95,7 +79,7 @@ def improved(
         report("improving cells", k / _PASSES)
         if dim == 3:
             cells, regions = _swapped_in_regions(points, cells, regions)
-        quality = _quality(points, cells)
+        quality = quality_of(points, cells)
         bad = quality < _BAD[dim]
         state = (round(float(quality.min()), 2), -int(bad.sum()))
         if state <= best:
@@ -129,7 +113,7 @@ def swapped(points: FloatArray, cells: IntArray) -> IntArray:
     """Return tetrahedra with edges and faces swapped until no swap improves the quality."""
     work = new_work()
     for _ in range(10):
-        quality = _quality(points, cells)
+        quality = quality_of(points, cells)
         bad = np.flatnonzero(quality < _BAD[3])
         bad = bad[np.argsort(quality[bad])]
         ring_ptr, ring = rings(cells, len(points))
@@ -166,19 +150,6 @@ def _move_nodes(
         points[at], h[at], tolerance=TOLERANCE, max_steps=20, walls=skin.walls_of(at)
     )
     take_back(points, cells, old, at, before)
-
-
-def worst_of_nodes(points: FloatArray, cells: IntArray) -> FloatArray:
-    """Return the smallest quality of the cells around each node."""
-    worst = np.ones(len(points))
-    np.minimum.at(worst, cells, _quality(points, cells)[:, None])
-    return worst
-
-
-def _quality(points: FloatArray, cells: IntArray) -> FloatArray:
-    quality = np.empty(len(cells))
-    fill_quality(points, cells, quality)
-    return quality
 
 
 def _is_crease(points: FloatArray, skin: IntArray, normals: FloatArray) -> BoolArray:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from adaptsize.background.topology import facets_of, marked
 from adaptsize.geometry.boundary import facet_normals
+from adaptsize.geometry.labels import Nearest
 from adaptsize.remeshing.distmesh.implicit_domain import Field, ImplicitDomain, Skin
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -20,18 +21,6 @@ _PARALLEL = 0.2
 _STEP, _MOST = 1.0, 4.0
 #: Measures are adjusted until they are this close, relative.
 _CLOSE = 2e-3
-
-
-class Nearest(NamedTuple):
-    """The two labels with the smallest fields at places."""
-
-    first: IntArray
-    """Numbers of labels; the first one is the label of the place."""
-    second: IntArray
-    least: FloatArray
-    """The smallest field, in pixels; negative inside a label."""
-    gap: FloatArray
-    """The second smallest field less that: twice the distance of the interface, nearly."""
 
 
 class Fields(Protocol):

@@ -10,8 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_number, as_points, describe, place_text, refusal, warn_caller
-from adaptsize._formats.outlines import Line, Outline, outline_of, refuse_crossings, rings_of
-from adaptsize._formats.regions import nested, sea_in_box, without_narrow_parts
+from adaptsize._formats.coastal.outlines import (
+    Line,
+    Outline,
+    outline_of,
+    refuse_crossings,
+    rings_of,
+)
+from adaptsize._formats.coastal.regions import nested, sea_in_box, without_narrow_parts
 from adaptsize.background import SimplexMesh
 from adaptsize.background.enclosing import enclosing_diameter
 from adaptsize.background.flipping import flip_edges
@@ -127,7 +133,7 @@ def polygons(
     ...
     ValueError: outer crosses or touches itself at (2, 2)
     """
-    from adaptsize._formats import polygon_files
+    from adaptsize._formats.coastal import polygon_files
 
     share = as_number("tolerance", tolerance, lower=0.0, upper=1.0)
     width = as_number("least_width", least_width, lower=0.0)

@@ -13,10 +13,10 @@ import numpy as np
 
 from adaptsize._checks import as_path, as_points, describe, place_text, warn_caller
 from adaptsize._formats.blocks import RawMesh
+from adaptsize._formats.coastal.outlines import Line
+from adaptsize._formats.coastal.polygons import domain_of
 from adaptsize._formats.guards import about_file, check_readable
 from adaptsize._formats.limited import read_limited
-from adaptsize._formats.outlines import Line
-from adaptsize._formats.polygons import domain_of
 from adaptsize._formats.text import check_last_number, numbers, rows_of
 from adaptsize.errors import InputWarning, MeshFileError
 from adaptsize.typing import FloatArray

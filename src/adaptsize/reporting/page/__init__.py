@@ -129,7 +129,7 @@ def write_page(
 
     ``head`` has the arguments ``title``, ``times`` and ``about`` of `report`.
     """
-    from adaptsize.reporting import scenes  # matplotlib takes a while
+    from adaptsize.reporting.page import scenes  # matplotlib takes a while
 
     warnings = [] if outcome is None else outcome.warnings()
     charts = [] if size is None else [scenes.histogram_of_lengths(mesh, size)]
@@ -166,7 +166,7 @@ def write_page(
 
 
 def _file(name: str) -> str:
-    return files("adaptsize.reporting").joinpath(name).read_text(encoding="utf-8")
+    return files("adaptsize.reporting.page").joinpath(name).read_text(encoding="utf-8")
 
 
 def _rows(

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_values, place_text, refusal
-from adaptsize._formats.outlines import Line, outline_of, refuse_crossings, rings_of
+from adaptsize._formats.coastal.outlines import Line, outline_of, refuse_crossings, rings_of
 from adaptsize.typing import FloatArray, IndexArray
 
 #: Names of the sides of a box, in the order of its corners from the lower left one.
