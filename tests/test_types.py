@@ -17,6 +17,7 @@ ROOT = Path(__file__).parents[1]
 #: Packages whose names are imported on first use.
 LAZY = [
     "adaptsize",
+    "adaptsize.domain_size",
     *(
         f"adaptsize.{name}"
         for name in ("geometry", "metrics", "plot", "quality", "remeshing", "reporting")

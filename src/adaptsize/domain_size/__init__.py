@@ -2,14 +2,6 @@
 
 from adaptsize._lazy import lazily
 
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from adaptsize.domain_size.complete_size import size_function
-    from adaptsize.domain_size.elements import remesh_to_elements
-    from adaptsize.domain_size.family import mesh_family
-    from adaptsize.domain_size.images import mesh_image
-    from adaptsize.domain_size.sparse import SparseSize
-
 _HOMES = {
     "SparseSize": "sparse",
     "mesh_family": "family",
