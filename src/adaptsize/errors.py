@@ -8,6 +8,23 @@ from collections.abc import Sequence
 
 from adaptsize._messages import Message
 
+__all__ = [
+    "BackendError",
+    "BackendTimeoutError",
+    "BackendUnavailableError",
+    "BoundaryWarning",
+    "ConnectionWarning",
+    "ConvergenceWarning",
+    "InputWarning",
+    "MeshFileError",
+    "MeshingError",
+    "OpenSurfaceWarning",
+    "OptionError",
+    "OutsideError",
+    "ResolutionWarning",
+    "TooManyElementsError",
+]
+
 
 class OptionError(ValueError):
     """An option has a bad value, or does not go with others or with the input.

@@ -199,8 +199,8 @@ NOISE = np.random.default_rng(8).integers(1, 255, (40, 30)).astype(np.uint8)
             r"image must be numbers in a 2-D or 3-D array, got float64 of shape \(7,\)",
         ),
         (np.ones((20, 30, 3), np.uint8), {}, "looks like colours: segment it first"),
-        (NOISE, {}, "as in a photo: segment it first, or pass threshold= or label="),
-        (NOISE / 255.0, {}, "must hold labels.*got float64 from .* pass threshold="),
+        (NOISE, {}, "as in a photo: segment it first, or pass threshold or label"),
+        (NOISE / 255.0, {}, "must hold labels.*got float64 from .* pass threshold"),
         (3 * disc(9.0), {"label": 3, "threshold": 1}, "label or threshold must be given, got both"),
     ],
 )
