@@ -160,6 +160,17 @@ def test_what_the_boundary_needs_does_not_depend_on_the_nodes_inside(generator):
     assert needed[1] == pytest.approx(needed[0], rel=0.05)
 
 
+def test_metrics_with_fewer_elements_than_sizes_are_not_refused(monkeypatch, generator):
+    # On the given nodes they need 7 000: so steep metrics are not known between few nodes.
+    monkeypatch.setattr("adaptsize.adaptation.new_mesh.remesh", lambda mesh, size, **options: mesh)
+    mesh = ball(150)
+    metric = Metric.isotropic(np.full(mesh.n_points, 0.5), 3)
+    report = adapt(mesh, h0=metric, elements=4500).report
+    assert report.predicted_elements > 1.3 * 4500
+    with pytest.raises(TooManyElementsError, match="needs about"):
+        adapt(mesh, h0=metric, elements=1500)
+
+
 def test_what_limits_forbid_is_no_reason_to_refuse(monkeypatch, generator):
     monkeypatch.setattr("adaptsize.adaptation.new_mesh.remesh", lambda mesh, size, **options: mesh)
     result = adapt(ball(60), h0=0.5, elements=100, hmax=0.1, boundary_tolerance=0.05)

@@ -14,8 +14,11 @@ from adaptsize.errors import TooManyElementsError
 from adaptsize.sizes.curvature import curves_of
 from adaptsize.sizes.search import smallest_tolerance
 
-#: A mesh with more cells is not refined.
-_MOST_CELLS = 100_000
+#: A mesh is refined until the number on it falls by less than this share when cells are halved,
+#: and at most to so many cells.  The number of sizes is known between the nodes, and settles at
+#: once; on a ball of 300 surface nodes, that of metrics falls from 7 200 on 1 300 cells to 3 500 on
+#: 24 000.
+_SETTLED, _MOST_CELLS = 0.02, 100_000
 
 
 def refuse_too_few(
@@ -70,7 +73,12 @@ def _check(
     def load_of(allowed: float) -> float:
         return per_simplex * alone.within(fine, allowed, first).simplices(fine) / target
 
-    load = load_of(tolerance)
+    load, before = load_of(tolerance), np.inf
+    while load < (1.0 - _SETTLED) * before and fine.n_cells < _MOST_CELLS:
+        if load <= 1.0 + BUDGET_TOLERANCE:
+            return
+        fine = _halved(fine)
+        load, before = load_of(tolerance), load
     if load <= 1.0 + BUDGET_TOLERANCE:
         return
     what, number = ("elements", target) if nodes is None else ("nodes", nodes)
@@ -80,6 +88,14 @@ def _check(
     )
     offer = smallest_tolerance(tolerance, load, load_of)
     raise TooManyElementsError(text if offer is None else f"{text}: boundary_tolerance={offer:g}")
+
+
+def _halved(mesh: SimplexMesh) -> SimplexMesh:
+    """Return a mesh with at least twice as many cells."""
+    n_cells = mesh.n_cells
+    while mesh.n_cells < 2 * n_cells:
+        mesh = bisect_edges(mesh, np.ones(len(mesh.edges), np.bool_)).mesh
+    return mesh
 
 
 def _without_bridges(mesh: SimplexMesh, request: Request) -> SimplexMesh:
