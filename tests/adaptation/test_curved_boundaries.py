@@ -1,5 +1,7 @@
 """New boundary nodes are projected, and none of them inverts a cell."""
 
+import re
+
 import numpy as np
 import pytest
 from adaptive_loops import SEED, disc, to_circle
@@ -131,8 +133,8 @@ def test_sizes_along_a_tube_stay_ten_times_those_around_it():
 
 @pytest.mark.parametrize("number", ["elements", "nodes"])
 def test_a_number_below_what_the_boundary_needs_is_refused_in_each_cycle(generator, number):
-    first = ball(300)
-    later = refined(first, 15_000)
+    first = ball(150)
+    later = refined(first, 4000)
     few = {"elements": 2000, "nodes": 450}[number]
     message = rf"the curved boundary needs about \d+ {number}; {few} are not enough"
     texts = []
@@ -145,6 +147,28 @@ def test_a_number_below_what_the_boundary_needs_is_refused_in_each_cycle(generat
     offer = float(texts[0].rsplit("=", 1)[1])
     with pytest.raises(TooManyElementsError):
         adapt(first, h0=0.5, **{number: few}, boundary_tolerance=0.8 * offer)
+
+
+def test_what_the_boundary_needs_does_not_depend_on_the_nodes_inside(generator):
+    needed = []
+    on_sphere = random_sphere(150, SEED).points
+    for mesh in (ball(150), SimplexMesh(on_sphere, Delaunay(on_sphere).simplices)):
+        with pytest.raises(TooManyElementsError, match=r"needs about \d+ elements") as caught:
+            adapt(mesh, h0=0.5, elements=1000, max_coarsen=99.0)
+        needed.append(float(re.search(r"about (\d+)", str(caught.value))[1]))
+    # Where all nodes are on the sphere, sizes at the nodes do not grow inside.
+    assert needed[1] == pytest.approx(needed[0], rel=0.05)
+
+
+def test_metrics_with_fewer_elements_than_sizes_are_not_refused(monkeypatch, generator):
+    # On the given nodes they need 7 000: so steep metrics are not known between few nodes.
+    monkeypatch.setattr("adaptsize.adaptation.new_mesh.remesh", lambda mesh, size, **options: mesh)
+    mesh = ball(150)
+    metric = Metric.isotropic(np.full(mesh.n_points, 0.5), 3)
+    report = adapt(mesh, h0=metric, elements=4500).report
+    assert report.predicted_elements > 1.3 * 4500
+    with pytest.raises(TooManyElementsError, match="needs about"):
+        adapt(mesh, h0=metric, elements=1500)
 
 
 def test_what_limits_forbid_is_no_reason_to_refuse(monkeypatch, generator):

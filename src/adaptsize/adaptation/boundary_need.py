@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
 from adaptsize._checks import count_text
-from adaptsize.adaptation.need import count_simplices
 from adaptsize.adaptation.next_sizes import NextSizes, Request
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.splitting import bisect_edges
+from adaptsize.background.topology import rows_among
 from adaptsize.errors import TooManyElementsError
+from adaptsize.sizes.curvature import curves_of
 from adaptsize.sizes.search import smallest_tolerance
 
-#: A mesh is refined until the number on it falls by less, and at most to so many cells.  Between
-#: the nodes of coarse meshes, sizes do not grow away from the boundary.
-_SETTLED, _MOST_CELLS = 0.05, 100_000
-#: Bisections after which there are about eight times as many tetrahedra.
-_BISECTIONS = 3
+#: A mesh is refined until the number on it falls by less than this share when cells are halved,
+#: and at most to so many cells.  The number of sizes is known between the nodes, and settles at
+#: once; on a ball of 300 surface nodes, that of metrics falls from 7 200 on 1 300 cells to 3 500 on
+#: 24 000.
+_SETTLED, _MOST_CELLS = 0.02, 100_000
 
 
 def refuse_too_few(
@@ -29,7 +28,7 @@ def refuse_too_few(
 
     The answer is that of the first mesh of a loop, if it is known, so that it is the same in all
     cycles.  Limits that depend on the present mesh, like ``max_coarsen``, are no reason to refuse,
-    nor are ``hmin`` and ``hmax``.  Where the gradient limit differs from node to node, the number
+    nor is ``hmax``.  Where the gradient limit differs from node to node, the number
     is not known on other meshes.
 
     Parameters
@@ -69,19 +68,17 @@ def _check(
     target, nodes, tolerance = options["elements"], options["nodes"], options["boundary_tolerance"]
     assert target is not None
     first, alone = original or mesh, request.for_boundary()
+    fine = _without_bridges(mesh, alone.within(mesh, tolerance, first))
 
-    def load_on(fine: SimplexMesh, allowed: float) -> float:
-        sizes = alone.within(fine, allowed, first).without_number(fine)
-        return per_simplex * count_simplices(fine, sizes) / target
+    def load_of(allowed: float) -> float:
+        return per_simplex * alone.within(fine, allowed, first).simplices(fine) / target
 
-    load, fine = load_on(mesh, tolerance), mesh
-    while load > 1.0 + BUDGET_TOLERANCE and fine.n_cells < _MOST_CELLS:
-        before = load
-        for _ in range(_BISECTIONS):
-            fine = bisect_edges(fine, np.ones(len(fine.edges), np.bool_)).mesh
-        load = load_on(fine, tolerance)
-        if load > (1.0 - _SETTLED) * before:
-            break
+    load, before = load_of(tolerance), np.inf
+    while load < (1.0 - _SETTLED) * before and fine.n_cells < _MOST_CELLS:
+        if load <= 1.0 + BUDGET_TOLERANCE:
+            return
+        fine = _halved(fine)
+        load, before = load_of(tolerance), load
     if load <= 1.0 + BUDGET_TOLERANCE:
         return
     what, number = ("elements", target) if nodes is None else ("nodes", nodes)
@@ -89,5 +86,34 @@ def _check(
         f"within boundary_tolerance = {tolerance:g} the curved boundary needs about "
         f"{count_text(load * number)} {what}; {count_text(number)} are not enough"
     )
-    offer = smallest_tolerance(tolerance, load, cache(lambda allowed: load_on(fine, allowed)))
+    offer = smallest_tolerance(tolerance, load, load_of)
     raise TooManyElementsError(text if offer is None else f"{text}: boundary_tolerance={offer:g}")
+
+
+def _halved(mesh: SimplexMesh) -> SimplexMesh:
+    """Return a mesh with at least twice as many cells."""
+    n_cells = mesh.n_cells
+    while mesh.n_cells < 2 * n_cells:
+        mesh = bisect_edges(mesh, np.ones(len(mesh.edges), np.bool_)).mesh
+    return mesh
+
+
+def _without_bridges(mesh: SimplexMesh, request: Request) -> SimplexMesh:
+    """Return a mesh with nodes on all edges inside that connect curved boundaries.
+
+    Sizes along such an edge do not grow away from the boundary.  The number that coarse meshes
+    without nodes inside show is twice that of fine ones.
+    """
+    bounded = request.at_curves(mesh)
+    while mesh.cell_dim == mesh.dim and mesh.n_cells < _MOST_CELLS:
+        inside = bounded[mesh.edges[:, 0]] & bounded[mesh.edges[:, 1]]
+        for curve in curves_of(mesh):
+            if curve is not None:
+                facets, nodes = curve
+                own = rows_among(np.sort(nodes[facets.edges], axis=1), mesh.edges)
+                inside[own[own >= 0]] = False
+        if not inside.any():
+            break
+        mesh = bisect_edges(mesh, inside).mesh
+        bounded = np.append(bounded, np.zeros(mesh.n_points - len(bounded), np.bool_))
+    return mesh

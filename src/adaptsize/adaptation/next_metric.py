@@ -29,7 +29,7 @@ from adaptsize.options import AdaptOptions
 from adaptsize.quality.conformity import nodal_metric
 from adaptsize.sizes.curvature import curves_of, radius_at_curves, size_of_chords
 from adaptsize.sizes.search import scale_to
-from adaptsize.typing import FloatArray
+from adaptsize.typing import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +53,12 @@ class MetricRequest(Request):
         """Return the request that only curved boundaries bound, and not ``hmax`` either."""
         options: AdaptOptions = {**self.options, "hmax": None}
         return replace(self, options=options, fields=(), bound=None)
+
+    def at_curves(self, mesh: SimplexMesh) -> BoolArray:
+        """Return the nodes at which curved boundaries bound the sizes."""
+        if self.chords is None:
+            return np.zeros(mesh.n_points, np.bool_)
+        return np.asarray(np.isfinite(self.chords.sizes[:, 0]))
 
     def without_number(self, mesh: SimplexMesh) -> Metric:
         """Return the metric for the tolerance, or the one that is requested."""

@@ -34,8 +34,9 @@ from adaptsize.sizes.budget import count_elements
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.curvature import radius_at_curves, size_of_chords
 from adaptsize.sizes.error import scaled_by_error
+from adaptsize.sizes.prediction import predict
 from adaptsize.sizes.search import scale_to
-from adaptsize.typing import FloatArray, GradientLimit
+from adaptsize.typing import BoolArray, FloatArray, GradientLimit
 
 #: Accepted relative error of a predicted number: generators miss it by per cents.
 _ACCURACY = 3e-3
@@ -68,6 +69,14 @@ class Request:
     def for_boundary(self) -> Request:
         """Return the request that only curved boundaries bound, and not ``hmax`` either."""
         raise NotImplementedError
+
+    def at_curves(self, mesh: SimplexMesh) -> BoolArray:
+        """Return the nodes at which curved boundaries bound the sizes."""
+        raise NotImplementedError
+
+    def simplices(self, mesh: SimplexMesh) -> float:
+        """Return the number of regular simplices of the sizes that are requested."""
+        return count_simplices(mesh, self.without_number(mesh))
 
     def without_number(self, mesh: Any) -> Requested:
         """Return the sizes for the tolerance, or those that are requested."""
@@ -133,11 +142,23 @@ class SizeRequest(Request):
         options: AdaptOptions = {**self.options, "hmax": None}
         return replace(self, options=options, indicator=None, h0=None)
 
+    def at_curves(self, mesh: SimplexMesh) -> BoolArray:
+        """Return the nodes at which curved boundaries bound the sizes."""
+        if self.chords is None:
+            return np.zeros(mesh.n_points, np.bool_)
+        return np.asarray(np.isfinite(self.chords))
+
+    def simplices(self, mesh: SimplexMesh) -> float:
+        """Return the number of regular simplices of the requested sizes, also between the nodes."""
+        if self.g is None or mesh.cell_dim < mesh.dim:
+            return super().simplices(mesh)
+        h, info = limit_gradient.with_info(mesh, self._held(self._requested(mesh)), self.g)
+        return predict(mesh, SizeFunction(mesh, h, sources=info.sources)).cells
+
     def without_number(self, mesh: AnyMesh) -> FloatArray:
         """Return the sizes for the tolerance, or those that are requested."""
         if self.indicator is None:
-            free = np.full(mesh.n_points, np.inf)
-            return self._finished(mesh, free if self.h0 is None else self.h0)
+            return self._finished(mesh, self._requested(mesh))
         assert self.options["tolerance"] is not None
         # Meshes miss sizes by a few per cent.
         return self._from_error(mesh, {"tolerance": 0.95 * self.options["tolerance"]})
@@ -155,6 +176,10 @@ class SizeRequest(Request):
             first, d, _ACCURACY,
         )  # fmt: skip
 
+    def _requested(self, mesh: AnyMesh) -> FloatArray:
+        """Return the sizes that are given, inf where there are none."""
+        return np.full(mesh.n_points, np.inf) if self.h0 is None else self.h0
+
     def _from_error(self, mesh: AnyMesh, goal: ErrorOptions) -> FloatArray:
         assert self.indicator is not None
         given: ErrorOptions = {
@@ -166,10 +191,14 @@ class SizeRequest(Request):
 
     def _finished(self, mesh: AnyMesh, h: FloatArray) -> FloatArray:
         """Apply bounds and limits."""
+        held = self._held(h)
+        return held if self.g is None else limit_gradient(mesh, held, self.g)
+
+    def _held(self, h: FloatArray) -> FloatArray:
+        """Apply bounds."""
         further = [None if self.indicator is None else self.h0, self.chords]
         bounds = [bound for bound in further if bound is not None]
-        held = minimum(h, *bounds, hmin=self.options["hmin"], hmax=self.options["hmax"])
-        return held if self.g is None else limit_gradient(mesh, held, self.g)
+        return minimum(h, *bounds, hmin=self.options["hmin"], hmax=self.options["hmax"])
 
 
 class NextSizes(NamedTuple):
