@@ -5,8 +5,11 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._checks import place_text
+from adaptsize._kernels.farthest import SHARE, find_farthest, new_pieces
+from adaptsize._kernels.trees import new_stack
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import interfaces
+from adaptsize.background.location import in_space, parts_of
 from adaptsize.background.topology import compacted, components_of
 from adaptsize.geometry.distance.orientation import is_cycle
 from adaptsize.geometry.distance.winding import WindingNumber
@@ -16,7 +19,7 @@ from adaptsize.typing import BoolArray, FloatArray
 
 
 class Distances(NamedTuple):
-    """Distances of samples of one boundary from another."""
+    """Distances of samples of one boundary from another, the farthest place among them."""
 
     points: FloatArray
     """float64[n, dim]"""
@@ -27,7 +30,7 @@ class Distances(NamedTuple):
 
     @property
     def largest(self) -> float:
-        """The largest distance."""
+        """The largest distance; no point of the boundary is farther away by more than 1 %."""
         return float(self.distance.max())
 
 
@@ -178,12 +181,47 @@ def region_measures(mesh: SimplexMesh) -> dict[int, float]:
     return dict(zip(tags.tolist(), sums.tolist(), strict=True))
 
 
+class FarPlaces(NamedTuple):
+    """The place of each facet that is farthest from another surface or curve."""
+
+    points: FloatArray
+    """float64[n, dim]"""
+    distance: FloatArray
+    """float64[n]"""
+    bound: FloatArray
+    """float64[n]: no place of the facet is farther away than this."""
+
+
+def farthest_places(skin: SimplexMesh, other: SimplexMesh, enough: float) -> FarPlaces:
+    """Return the place of each facet of a surface or curve that is farthest from another.
+
+    Facets are divided until this is certain to 1 %, or until they are nearer than ``enough``.
+    """
+    locator, k = other.locator, skin.cell_dim + 1
+    facets = in_space(skin.points[skin.cells].reshape(-1, skin.dim) * locator.scale)
+    n, enough = skin.n_cells, enough * locator.scale
+    found = np.empty((n, 5))
+    stack, pieces, corners = new_stack(), new_pieces(), facets.reshape(n, k, 3)
+    for first, last in parts_of(n):
+        find_farthest(locator.tree, corners, first, last, enough, stack, pieces, found)
+    found /= locator.scale
+    return FarPlaces(found[:, : skin.dim], found[:, 3], found[:, 4])
+
+
 def distances_from(skin: SimplexMesh, other: SimplexMesh) -> Distances:
     """Return the distances of a surface or curve from another.
 
-    Samples are the nodes in cells, the midpoints of the edges and the centroids of the cells.
+    Samples are the nodes in cells, the midpoints of the edges and the centroids of the cells, and
+    places farther away than these, so that no point of the surface is farther away than the
+    largest of all distances, to 1 %.
     The integral uses nodes and centroids; it is exact for quadratic polynomials.
     """
+    sampled = _sampled(skin, other)
+    return _completed(sampled, farthest_places(skin, other, sampled.largest))
+
+
+def _sampled(skin: SimplexMesh, other: SimplexMesh) -> Distances:
+    """Return the distances of nodes, midpoints of edges and, last, centroids."""
     used, cells = compacted(skin.cells)
     samples = [skin.points[used]]
     samples += [skin.points[rows].mean(axis=1) for rows in (skin.edges, skin.cells)]
@@ -196,6 +234,17 @@ def distances_from(skin: SimplexMesh, other: SimplexMesh) -> Distances:
     return Distances(points, distance, float(skin.measures @ means))
 
 
+def _completed(sampled: Distances, far: FarPlaces) -> Distances:
+    """Return samples and farther places."""
+    distance = np.maximum(far.distance, far.bound / (1.0 + SHARE))
+    largest = sampled.distance.max(initial=0.0)
+    more = distance > largest
+    return sampled._replace(
+        points=np.concatenate([sampled.points, far.points[more]]),
+        distance=np.append(sampled.distance, distance[more]),
+    )
+
+
 def distances_from_solid(
     skin: SimplexMesh, solid: Solid, allowed: float
 ) -> tuple[list[Distances], Opening | None]:
@@ -203,7 +252,8 @@ def distances_from_solid(
 
     Of a surface with holes, only the facets where the winding number crosses one half are compared.
     The new boundary may be farther than ``allowed`` from these where the number is between 1/4 and
-    3/4 (see `Solid.is_opening`): this is how the holes were closed.
+    3/4 (see `Solid.is_opening`): this is how the holes were closed.  A facet whose farthest place
+    is there counts with its samples only.
 
     Returns
     -------
@@ -213,12 +263,17 @@ def distances_from_solid(
         What closes holes; None if nothing does.
     """
     old = solid.skin
-    lost, new = distances_from(old, skin), distances_from(skin, old)
+    lost = distances_from(old, skin)
     if solid.is_closed:
-        return [lost, new], None
+        return [lost, distances_from(skin, old)], None
+    new = _sampled(skin, old)
     closing = new.distance > allowed
     closing[closing] = solid.is_opening(new.points[closing])
     rest = new._replace(points=new.points[~closing], distance=new.distance[~closing])
+    far = farthest_places(skin, old, max(allowed, float(rest.distance.max(initial=0.0))))
+    counts = far.distance > allowed
+    counts[counts] = ~solid.is_opening(far.points[counts])
+    rest = _completed(rest, FarPlaces(*(values[counts] for values in far)))
     away = [lost, rest] if len(rest.points) else [lost]
     return away, _opening(skin, closing[-skin.n_cells :])
 

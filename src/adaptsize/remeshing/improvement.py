@@ -8,32 +8,45 @@ cell.  Nodes of straight feature edges stay on these.
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.splitting import bisect_edges
+from adaptsize.quality.boundary import FarPlaces, farthest_places
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing.boundary_repair import repaired
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.straight_edges import StraightEdges
 from adaptsize.remeshing.surface import facets_of
 from adaptsize.remeshing.taken_back import take_back, worst_of_nodes
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
-_ROUNDS = 3
+#: What is farther away than this share of the tolerance is brought nearer, and the repair that
+#: follows keeps to it.  The rest is for the places between those that the repair looks at.
+_AIM = 0.9
+#: Divisions of edges before a repair.
+_ROUNDS = 6
 #: Nodes farther from the old surface than this share of the tolerance are projected, unless a cell
 #: becomes worse than the least quality.
 _FAR = 0.5
 _LEAST = 0.2
 #: The same in later rounds, after which the worst cells are repaired again.  On a scan and on a CAD
 #: part, single edges stayed 1.7 and 1.9 tolerances away with the first only.
-_LATER = (0.05, 0.01, 0.01, 0.003)
+_LATER = (0.05, 0.05, 0.01, 0.01, 0.003)
 #: A round that leaves smaller angles than this, in degrees, and than before, is not kept.
 _FLAT = 10.0
-#: Edges of facets whose middle is farther from the old surface than this share of the tolerance are
-#: divided, unless they are more than the other share, in space and in the plane.
-_NEAR, _FEW, _FEW_IN_PLANE = 0.9, 0.02, 0.3
+#: Facets are not divided if more than this share of them is beyond the tolerance.
+_FEW = 0.3
+#: A target with more than this weight at a corner of a facet moves that, and one with less than
+#: this weight opposite to an edge divides that; others divide the longest edge.  What has failed is
+#: tried with the next numbers.
+_TRIES = ((0.85, 0.15), (0.6, 0.15), (0.85, 0.3))
+#: Nothing is changed again in this many lengths of a cell around one that has become flat.
+_AROUND = 1.5
+#: Of coordinates and of corners, in the keys of facets.
+_FACTORS = ((0.7548776662, 0.5698402910, 1.3247179572), (1.0, 1.6180339887, 2.6180339887))
 
 
 def improved(
@@ -61,134 +74,238 @@ def improved(
     mesh = lines.straightened(mesh, tolerance)
     if mesh.cell_dim < mesh.dim:
         return repaired(mesh, given, tolerance, size)
-    if mesh.dim == 2:
-        mesh = _with_closer_edges(mesh, given, tolerance)
-        return repaired(mesh, given, tolerance, size)
     old, surface = facets_of(given), facets_of(mesh)
     nodes = np.unique(surface.cells)
     distance = _nearest(old, mesh.points[nodes])[1]
     # With more nodes beyond the tolerance, the generator has made another surface, which projection
     # would only hide.
-    if 0.0 < (distance > tolerance).mean() <= 0.2:
+    if mesh.dim == 2 or 0.0 < (distance > tolerance).mean() <= 0.2:
         points = mesh.points.copy()
         _pull(points, mesh.cells, nodes[distance > _FAR * tolerance], old)
-        mesh, surface = mesh.moved(points), surface.moved(points)
+        mesh = mesh.moved(points)
 
-    def made(mesh: SimplexMesh, surface: SimplexMesh, least: float) -> SimplexMesh:
-        divided = _divided(mesh, surface, old, tolerance, lines, least)
-        return repaired(divided, given, tolerance, size)
+    def made(mesh: SimplexMesh, far: _Far, least: float, spoiled: _Balls) -> SimplexMesh:
+        divided = _divided(mesh, old, far, tolerance, lines, least, spoiled)
+        return repaired(divided, given, _AIM * tolerance, size)
 
-    return _in_rounds(mesh, surface, old, tolerance, made)
+    return _in_rounds(mesh, old, tolerance, made)
+
+
+class _Balls(NamedTuple):
+    """Balls in which nothing is to be changed."""
+
+    centres: FloatArray
+    radii: FloatArray
+
+    @classmethod
+    def around(cls, mesh: SimplexMesh, cells: BoolArray) -> "_Balls":
+        """Return balls around cells."""
+        corners = mesh.points[mesh.cells[cells]]
+        centres = corners.mean(axis=1)
+        away = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1, initial=0.0)
+        return cls(centres, 2.0 * _AROUND * away)
+
+    def contain(self, points: FloatArray) -> BoolArray:
+        """Return which points are in a ball."""
+        away = np.linalg.norm(points[:, None] - self.centres, axis=2)
+        return np.asarray((away < self.radii).any(axis=1))
+
+    def and_also(self, other: "_Balls") -> "_Balls":
+        """Return both."""
+        return _Balls(*(np.concatenate(both) for both in zip(self, other, strict=True)))
+
+
+class _Far(NamedTuple):
+    """Places of a new surface, and of an old one, that are far from the other.
+
+    What is nearer than the limit has been looked at no further.
+    """
+
+    surface: SimplexMesh
+    keys: FloatArray
+    new: FarPlaces
+    lost: FarPlaces
+
+    @classmethod
+    def of(cls, mesh: SimplexMesh, old: SimplexMesh, limit: float) -> "_Far":
+        """Return the places of a mesh."""
+        surface = facets_of(mesh)
+        new, lost = farthest_places(surface, old, limit), farthest_places(old, surface, limit)
+        return cls(surface, _keys_of(surface), new, lost)
+
+    def after(self, mesh: SimplexMesh, old: SimplexMesh, limit: float) -> "_Far":
+        """Return those of a mesh that was changed in some places."""
+        surface, before = facets_of(mesh), self.surface
+        keys = _keys_of(surface)
+        order = np.argsort(self.keys)
+        place = np.minimum(np.searchsorted(self.keys, keys, sorter=order), len(order) - 1)
+        row = order[place]
+        fresh = self.keys[row] != keys
+        gone = before.points[before.cells[~np.isin(self.keys, keys)]]
+        centre = gone.mean(axis=1)
+        radius = np.linalg.norm(gone - centre[:, None], axis=2).max(axis=1, initial=0.0)
+        reach = radius + max(float(self.lost.distance.max()), limit)
+        near = np.unique(old.locator.within(centre, reach)[1])
+        new = FarPlaces(*(values[row] for values in self.new))
+        lost = FarPlaces(*(values.copy() for values in self.lost))
+        for found, rows, skin, other in ((new, fresh, surface, old), (lost, near, old, surface)):
+            part = SimplexMesh(skin.points, skin.cells[rows]) if len(skin.cells[rows]) else None
+            if part is not None:
+                for values, now in zip(found, farthest_places(part, other, limit), strict=True):
+                    values[rows] = now
+        return _Far(surface, keys, new, lost)
+
+    def beyond(self, limit: float) -> tuple[int, float]:
+        """Return the number of places beyond a limit, and the sum of by how much."""
+        over = np.concatenate([self.new.distance, self.lost.distance]) - limit
+        return int((over > 0.0).sum()), float(over[over > 0.0].sum())
+
+
+def _keys_of(surface: SimplexMesh) -> FloatArray:
+    """Return a number for each facet that depends on the places of its corners only."""
+    at_nodes = sum(x * factor for x, factor in zip(surface.points.T, _FACTORS[0], strict=False))
+    corners = np.sort(np.asarray(at_nodes)[surface.cells], axis=1)
+    return np.asarray(sum(x * factor for x, factor in zip(corners.T, _FACTORS[1], strict=False)))
+
+
+class _Targets(NamedTuple):
+    """Where nodes are wanted: the places, the facets nearest to these, and the weights there."""
+
+    there: FloatArray
+    cells: IntArray
+    weights: FloatArray
 
 
 def _in_rounds(
     mesh: SimplexMesh,
-    surface: SimplexMesh,
     old: SimplexMesh,
     tolerance: float,
-    made: Callable[[SimplexMesh, SimplexMesh, float], SimplexMesh],
+    made: Callable[[SimplexMesh, _Far, float, _Balls], SimplexMesh],
 ) -> SimplexMesh:
     """Return a mesh brought nearer to the old surface, until it is near or no nearer than before.
 
-    ``made`` returns a better mesh for a mesh, its facets and a least quality of new cells.
+    ``made`` returns a better mesh for a mesh, what is far of it, a least quality of new cells, and
+    places to leave as they are.  These are where a round has spoiled cells, which is not kept.
     """
-    before, best = len(surface.edges), mesh
+    limit = _AIM * tolerance
+    best, far = mesh, _Far.of(mesh, old, limit)
+    spoiled = _Balls.around(mesh, np.zeros(mesh.n_cells, np.bool_))
     for least in (_LEAST, *_LATER):
-        mesh = made(best, surface, least)
-        if least < _LEAST and minimum_angles(mesh).min() < min(_FLAT, minimum_angles(best).min()):
+        mesh = made(best, far, least, spoiled)
+        if least < _LEAST:
+            flat = minimum_angles(mesh) < min(_FLAT, minimum_angles(best).min())
+            if flat.any():
+                spoiled = spoiled.and_also(_Balls.around(mesh, flat))
+                continue
+        now = far.after(mesh, old, limit)
+        if least < _LEAST and now.beyond(tolerance)[1] >= far.beyond(tolerance)[1]:
             break
-        nodes = np.unique(facets_of(mesh).cells)
-        far = nodes[_nearest(old, mesh.points[nodes])[1] > tolerance]
-        if len(far):
-            points = mesh.points.copy()
-            _pull(points, mesh.cells, far, old, least)
-            mesh = mesh.moved(points)
-        best, surface = mesh, facets_of(mesh)
-        middles = surface.points[surface.edges].mean(axis=1)
-        n_far = len(far) + int((_nearest(old, middles)[1] > tolerance).sum())
-        n_far += len(np.unique(_missed(surface, old, tolerance)[1]))
+        best, far = mesh, now
         # Many are far where the sizes are coarse: nothing is divided there.
-        if n_far == 0 or n_far >= before or n_far > _FEW * len(surface.edges):
+        if not 0 < far.beyond(tolerance)[0] <= _FEW * far.surface.n_cells:
             break
-        before = n_far
     return best
-
-
-def _with_closer_edges(mesh: SimplexMesh, given: SimplexMesh, tolerance: float) -> SimplexMesh:
-    """Return plane triangles with nodes of the old boundary where edges are too far from it.
-
-    Mmg moves nodes of curves along the edges that it has made, which takes them off the curve.
-    Mmg leaves edges that are up to sqrt 2 times as long as the size, which then bulge by twice as
-    much.  Edges of interfaces and tagged edges are divided, too.
-    """
-    old = facets_of(given)
-    nodes = np.unique(facets_of(mesh).cells)
-    far = nodes[_nearest(old, mesh.points[nodes])[1] > _FAR * tolerance]
-    if len(far):
-        points = mesh.points.copy()
-        _pull(points, mesh.cells, far, old)
-        mesh = mesh.moved(points)
-    for _ in range(_ROUNDS):
-        edges = facets_of(mesh).cells
-        there, distance = _nearest(old, mesh.points[edges].mean(axis=1))
-        is_far = distance > _NEAR * tolerance
-        if not 0 < is_far.sum() <= _FEW_IN_PLANE * len(edges):
-            break
-        mesh = _with_nodes(mesh, edges[is_far], there[is_far])
-    return mesh
 
 
 def _divided(
     mesh: SimplexMesh,
-    surface: SimplexMesh,
     old: SimplexMesh,
+    far: _Far,
     tolerance: float,
     lines: StraightEdges,
     least: float,
+    spoiled: _Balls,
 ) -> SimplexMesh:
-    """Return the mesh with nodes of the old surface on edges of facets that are too far from it.
+    """Return the mesh with nodes of the old surface where it is too far from that.
 
-    Then edges near places of the old surface that the facets miss get a node there.  ``surface``
-    are the facets of the mesh, and ``least`` is the least quality of cells.
+    Edges get a node at the farthest places on facets beside them, and at places of the old surface
+    that these miss; nodes are moved there.  ``least`` is the least quality of cells.
     """
-    for _ in range(_ROUNDS):
-        there, distance = _nearest(old, surface.points[surface.edges].mean(axis=1))
-        is_far = distance > _NEAR * tolerance
-        centroids = surface.points[surface.cells].mean(axis=1)
-        sides = surface.cell_facets[_nearest(old, centroids)[1] > _NEAR * tolerance]
-        longest = surface.edge_lengths[sides].argmax(axis=1)
-        is_far[sides[np.arange(len(sides)), longest]] = True
-        if not 0 < is_far.sum() <= _FEW * len(surface.edges):
+    limit = _AIM * tolerance
+    for k in range(_ROUNDS):
+        if not 0 < far.beyond(tolerance)[0] <= _FEW * far.surface.n_cells:
             break
-        mesh = _with_nodes(mesh, surface.edges[is_far], there[is_far], least)
-        surface = facets_of(mesh)
-    for _ in range(_ROUNDS):
-        places, cells = _missed(surface, old, tolerance)
-        if not 0 < len(places) <= _FEW * len(old.edges):
-            break
-        sides = surface.cell_facets[cells]
-        middles = surface.points[surface.edges[sides]].mean(axis=2)
-        away = np.linalg.norm(middles - places[:, None], axis=2)
-        away[lines.are_on(mesh)[surface.edges[sides]].all(axis=2)] = np.inf
-        nearest = sides[np.arange(len(places)), away.argmin(axis=1)]
-        able = np.flatnonzero(np.isfinite(away.min(axis=1)))
-        edges, first = np.unique(nearest[able], return_index=True)  # the farthest place of each
-        mesh = _with_nodes(mesh, surface.edges[edges], places[able[first]], least)
-        surface = facets_of(mesh)
+        targets = _targets(far, old, limit, spoiled)
+        mesh = _with_targets(mesh, far.surface, targets, lines, least, _TRIES[k % len(_TRIES)])
+        far = far.after(mesh, old, limit)
     return mesh
 
 
-def _missed(
-    surface: SimplexMesh, old: SimplexMesh, tolerance: float
-) -> tuple[FloatArray, IntArray]:
-    """Return nodes and middles of edges of the old surface that are too far from the new one.
+def _targets(far: _Far, old: SimplexMesh, limit: float, spoiled: _Balls) -> _Targets:
+    """Return where nodes of the old surface are wanted, the farthest place first."""
+    surface, new, lost = far.surface, far.new, far.lost
+    off, missed = new.distance > limit, lost.distance > limit
+    at = np.flatnonzero(off)
+    weights = _weights_in(surface.points[surface.cells[at]], new.points[off])
+    cells, beside, _ = surface.locator.nearest(lost.points[missed])
+    found = _Targets(
+        np.concatenate([_nearest(old, new.points[off])[0], lost.points[missed]]),
+        np.concatenate([at, cells]),
+        np.concatenate([weights, beside]),
+    )
+    order = np.argsort(-np.append(new.distance[off], lost.distance[missed]))
+    order = order[~spoiled.contain(found.there[order])]
+    return _Targets(*(values[order] for values in found))
 
-    The farthest is first.  Also return the nearest new cells.
+
+def _weights_in(corners: FloatArray, points: FloatArray) -> FloatArray:
+    """Return the barycentric coordinates of points on segments or triangles."""
+    k = corners.shape[1]
+    sides = corners[:, 1:] - corners[:, :1]
+    gram = np.einsum("nid,njd->nij", sides, sides)
+    right = np.einsum("nid,nd->ni", sides, points - corners[:, 0])
+    rest = np.einsum("nij,nj->ni", np.linalg.pinv(gram), right)
+    return np.clip(np.column_stack([1.0 - rest.sum(axis=1), rest]), 0.0, 1.0).reshape(-1, k)
+
+
+def _with_targets(
+    mesh: SimplexMesh,
+    surface: SimplexMesh,
+    targets: _Targets,
+    lines: StraightEdges,
+    least: float,
+    shares: tuple[float, float],
+) -> SimplexMesh:
+    """Return the mesh with nodes at targets, or halfway: moved ones, and new ones on edges.
+
+    Of targets side by side, the farthest is served.
     """
-    places = np.concatenate([old.points[np.unique(old.cells)], old.points[old.edges].mean(axis=1)])
-    cells, _, distance = surface.locator.nearest(places)
-    order = np.argsort(-distance)[: np.count_nonzero(distance > tolerance)]
-    return places[order], cells[order]
+    there, cells, weights = targets
+    is_corner = weights.max(axis=1) > shares[0]
+    nodes = surface.cells[cells, weights.argmax(axis=1)]
+    edges = surface.cells[cells]
+    if surface.cell_dim == 2:
+        edges = _edges_at(surface, targets, lines.are_on(mesh), shares[1])
+    is_taken = np.zeros(mesh.n_points, np.bool_)
+    moved, divided = list[int](), list[int]()
+    for k, cell in enumerate(cells.tolist()):
+        ends = nodes[k, None] if is_corner[k] else edges[k]
+        if ends[0] < 0 or is_taken[ends].any():
+            continue
+        (moved if is_corner[k] else divided).append(k)
+        is_taken[surface.cells[cell]] = True
+        is_taken[ends] = True
+    points = mesh.points.copy()
+    _move(points, mesh.cells, nodes[moved], there[moved], least)
+    mesh = mesh.moved(points)
+    return _with_nodes(mesh, edges[divided], there[divided], least) if divided else mesh
+
+
+def _edges_at(
+    surface: SimplexMesh, targets: _Targets, is_on_line: BoolArray, share: float
+) -> IntArray:
+    """Return the edge to divide for each target, -1 for none.
+
+    It is the nearest one, or the longest one if the target is inside of a facet.  Straight edges
+    are not divided.
+    """
+    sides = surface.cell_facets[targets.cells]
+    is_inside = targets.weights.min(axis=1) > share
+    away = np.where(is_inside[:, None], -surface.edge_lengths[sides], targets.weights)
+    away[is_on_line[surface.edges[sides]].all(axis=2)] = np.inf
+    chosen = surface.edges[sides[np.arange(len(sides)), away.argmin(axis=1)]].copy()
+    chosen[np.isinf(away.min(axis=1))] = -1
+    return chosen
 
 
 def _with_nodes(
@@ -200,7 +317,7 @@ def _with_nodes(
     """
     factors = np.array([mesh.n_points, 1])
     keys = np.sort(edges, axis=1).astype(np.int64) @ factors
-    rows = np.searchsorted(mesh.edges.astype(np.int64) @ factors, keys)  # in increasing order
+    rows = np.searchsorted(mesh.edges.astype(np.int64) @ factors, keys)
     target = np.full((len(mesh.edges), mesh.dim), np.nan)
     target[rows] = there
     split = bisect_edges(mesh, ~np.isnan(target[:, 0]))
@@ -219,20 +336,21 @@ def _with_nodes(
     return replace(split.mesh, points=points)
 
 
-def _pull(
-    points: FloatArray,
-    cells: IntArray,
-    nodes: IntArray,
-    old: SimplexMesh,
-    least: float = _LEAST,
+def _pull(points: FloatArray, cells: IntArray, nodes: IntArray, old: SimplexMesh) -> None:
+    """Move nodes onto a surface, or halfway.  Changes ``points``."""
+    _move(points, cells, nodes, _nearest(old, points[nodes])[0], _LEAST)
+
+
+def _move(
+    points: FloatArray, cells: IntArray, nodes: IntArray, there: FloatArray, least: float
 ) -> None:
-    """Move nodes onto a surface, or halfway if cells would become worse than a least quality.
+    """Move nodes to places, or halfway if cells would become worse than a least quality.
 
     Changes ``points``.
     """
     for share in (1.0, 0.5):
         start, kept = points.copy(), np.minimum(worst_of_nodes(points, cells), least)
-        points[nodes] += share * (_nearest(old, points[nodes])[0] - points[nodes])
+        points[nodes] += share * (there - points[nodes])
         take_back(points, cells, start, nodes, kept)
 
 
