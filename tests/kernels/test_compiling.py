@@ -1,11 +1,15 @@
 """Compiling of kernels, and the cache, which notices edits in the files of other kernels."""
 
+import gc
 import os
 import subprocess
 import sys
 
 import numba
 import pytest
+from numba.core.types.functions import BaseFunction
+
+from adaptsize._kernels.compiling import inner, kernel, lean
 
 OUTER = """
 from adaptsize._kernels.compiling import kernel
@@ -68,3 +72,63 @@ def test_a_kernel_is_compiled_again_after_an_edit_of_one_that_it_calls_and_after
             file.write_bytes(damage(file.read_bytes()))
         assert package(3) == (6, 0)  # compiled again
     assert package(3) == (6, 1)
+
+
+@inner
+def _plus_one(x):
+    return x + 1
+
+
+@lean
+def _halved(x):
+    return 0.5 * (x - 1)
+
+
+@inner
+def _through_two(x):
+    return _plus_one(x) + 2.0 * _halved(x)
+
+
+@kernel
+def _doubled(x):
+    return _through_two(x) + _halved(x) - _halved(x)
+
+
+@kernel
+def _doubled_again(x):
+    return 2.0 * _doubled(x) + _plus_one(x)
+
+
+@kernel
+def _of_text(x):
+    return _plus_one(x) + "text"
+
+
+@numba.njit
+def _by_others(x):
+    return _through_two(x) + _plus_one(x)
+
+
+@pytest.mark.parametrize("x", [3, 2.5])
+def test_functions_that_kernels_call_give_the_same_through_kernels_and_functions_of_others(x):
+    assert _doubled_again(x) == 4.0 * x + x + 1
+    assert _doubled(x) == 2.0 * x
+    assert _by_others(x) == 2.0 * x + x + 1
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
+def test_functions_that_only_kernels_call_have_no_machine_code():
+    _doubled(3)
+    part, whole = (next(iter(f.overloads.values())) for f in (_through_two, _doubled))
+    assert part.library.get_pointer_to_function(part.fndesc.mangled_name) == 0
+    assert whole.library.get_pointer_to_function(whole.fndesc.mangled_name) != 0
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
+def test_compilation_leaves_numba_and_the_search_for_garbage_as_they_were():
+    before = BaseFunction.get_call_type, gc.isenabled(), gc.get_freeze_count()
+    with pytest.raises(numba.errors.TypingError):
+        _of_text(1)
+    assert (BaseFunction.get_call_type, gc.isenabled(), gc.get_freeze_count()) == before
+    assert _doubled(numba.uint8(1)) == 2.0
+    assert (BaseFunction.get_call_type, gc.isenabled(), gc.get_freeze_count()) == before

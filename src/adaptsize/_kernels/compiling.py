@@ -16,8 +16,9 @@ SciPy with them.  Only the compiler needs them, which asks for them itself.  The
 process, more than numba without them.  So functions are loaded without.
 """
 
+import contextlib
 import gc
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -27,32 +28,52 @@ from numba import njit
 from numba.core import event
 from numba.core.runtime.nrt import rtsys
 
+from adaptsize._kernels.linking import OF_KERNELS, OF_PARTS
+from adaptsize._kernels.typing_memory import remembered_types, without_signals
+
 _njit: Any = njit  # numba's annotations leave out its options about wrappers
 
 
-class _WithoutGarbageCollection(event.Listener):
-    """Pauses Python's search for cyclic garbage while kernels of this package are compiled.
+class _WhileCompiling(event.Listener):
+    """Pauses what only takes time while kernels of this package are compiled.
 
-    The compiler makes millions of objects, and hardly any garbage; searching it takes a tenth of
-    the time.  numba holds a lock meanwhile, so that two threads do not compile at the same time.
+    That is Python's search for cyclic garbage: the compiler makes millions of objects, and hardly
+    any garbage; searching it takes a tenth of the time.  And the signals of LLVM's lock, which each
+    function under compilation hears, and repeated resolution of types, see `typing_memory`.  numba
+    holds a lock meanwhile, so that two threads do not compile at the same time.
     """
 
     def __init__(self) -> None:
         self._depth = 0
-        self._paused = False
+        self._paused = contextlib.ExitStack()
 
     def on_start(self, started: event.Event) -> None:
         if self._depth == 0 and _is_ours(started):
-            self._paused = gc.isenabled()
-            gc.disable()
+            self._paused.enter_context(_without_garbage_collection())
+            self._paused.enter_context(without_signals())
+            self._paused.enter_context(remembered_types())
         if self._depth > 0 or _is_ours(started):
             self._depth += 1
 
     def on_end(self, _ended: event.Event) -> None:
         self._depth = max(0, self._depth - 1)
-        if self._depth == 0 and self._paused:
-            self._paused = False
-            gc.enable()
+        if self._depth == 0:
+            self._paused.close()
+
+
+@contextlib.contextmanager
+def _without_garbage_collection() -> Iterator[None]:
+    if not gc.isenabled():
+        yield
+        return
+    gc.disable()
+    try:
+        yield
+    finally:
+        if not gc.get_freeze_count():  # otherwise a caller has frozen objects, and keeps them so
+            gc.freeze()  # makes all new objects old ones, which are searched seldom
+            gc.unfreeze()
+        gc.enable()
 
 
 def _is_ours(compiled: event.Event) -> bool:
@@ -60,7 +81,7 @@ def _is_ours(compiled: event.Event) -> bool:
     return str(function.__module__).startswith(__package__)
 
 
-event.register("numba:compile", _WithoutGarbageCollection())
+event.register("numba:compile", _WhileCompiling())
 
 
 @cache
@@ -119,7 +140,9 @@ def _load_without_compiler(files: Any) -> None:
 
 def _cached(**options: Any) -> Callable[[Any], Any]:
     """Return a decorator like numba's, with a cache that sees changes in all files beside."""
-    compiled = _njit(**{"cache": True, "nogil": True, "no_cfunc_wrapper": True, **options})
+    common = {"cache": True, "nogil": True, "no_cfunc_wrapper": True}
+    linking = OF_PARTS if "no_cpython_wrapper" in options else OF_KERNELS
+    compiled = _njit(**{**common, **options, **linking})
 
     def decorate(function: Any) -> Any:
         dispatcher = compiled(function)
@@ -157,4 +180,5 @@ generated = _njit(
     error_model="numpy",
     no_cfunc_wrapper=True,
     no_cpython_wrapper=True,
+    **OF_PARTS,
 )
