@@ -230,7 +230,7 @@ def _without_unseen(paths, w, n, m, sight, block):
 
 
 @lean
-def _try_path(paths, w, count, sight, g, faces, block):
+def try_path(paths, w, count, sight, g, faces, block):
     """Lower the points of a block by a path, where all of its pieces are visible."""
     active, sizes, values, x = block.active, block.sizes, block.values, block.bends[0]
     if paths.edge[w] >= 0:
@@ -324,7 +324,7 @@ def lower_by_paths(order, span, paths, choice, hints, sight, g, field, faces, bl
         while queued > 0 or size > 0:
             if queued > 0:
                 queued -= 1
-                _try_path(paths, queue[queued], count, sight, g, faces, block)
+                try_path(paths, queue[queued], count, sight, g, faces, block)
                 continue
             size -= 1
             b = stack[size]

@@ -12,7 +12,10 @@ import numpy.typing as npt
 from adaptsize._kernels import exact_space as kernels
 from adaptsize._kernels.exact import BLOCK
 from adaptsize._kernels.space_paths import LONGEST, Bases, Choice, Field, Paths, new_block
+from adaptsize._kernels.heap import new_heap, push_all
+from adaptsize._kernels.space_relay import Relay, hand_on
 from adaptsize._kernels.space_sight import Sight
+from adaptsize.background.topology import places_among
 from adaptsize._workers import Workers
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve, boxes_over
@@ -47,6 +50,10 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 # Largest number of iterations; each allows paths one more bend.
 _ROUNDS = 200
+
+# The search for paths takes some .6 us for each piece of a reflex edge and hidden node, and fast
+# marching 1.5 us for each node.
+_DEAR = 20
 
 
 @dataclass(eq=False)
@@ -94,6 +101,10 @@ class Network:
         alive = np.isfinite(self.paths.offset)
         alive[: self.n_sources] = False
         return self.choice(np.flatnonzero(alive))
+
+    def is_dear(self, n_hidden: int, n_nodes: int) -> bool:
+        """Return whether the search takes more than about ten times as long as fast marching."""
+        return len(self.reflex_edges.pieces.edge) * n_hidden > _DEAR * n_nodes
 
     def lower(
         self,
@@ -431,6 +442,10 @@ class WholeSolid:
         """Return the sizes at the nodes of the component."""
         return sizes
 
+    def total(self, nodes: IntArray) -> int:
+        """Return the number of nodes."""
+        return len(nodes)
+
     def spread(self, h: FloatArray) -> FloatArray:
         """Return sizes, lowered along edges."""
         component = self.component
@@ -547,9 +562,63 @@ def _solve(
     nearly_upper = upper + TIE * np.abs(upper) + 10.0 * network.g * solid.moved
     field.sizes[:] = np.where(proved, np.minimum(lower, upper), nearly_upper)
     hidden = nodes[~proved[nodes]]
-    finished = len(hidden) == 0 or _solve_hidden(network, field, hidden, workers)
+    dear = not known.component.at_any_price and network.is_dear(known.total(hidden), known.total(nodes))
+    if len(hidden) == 0: finished=True
+    elif dear:
+        finished=True
+        hand_on_paths(known, network, field, proved)
+    else: finished= _solve_hidden(network, field, hidden, workers)
     sizes = np.maximum(np.minimum(field.sizes, upper), lower)
     return spread(np.where(sizes <= nearly, lower, sizes)), sizes, finished
+
+
+def hand_on_paths(known: WholeSolid, network: Network, field: Field, proved: BoolArray) -> None:
+    """Lower nodes (In/Out: field) from which their smallest source is not visible, approximately.
+
+    Each node is reached by a path of one of its neighbours, or by one that bends there: see
+    `adaptsize._kernels.space_relay`.  This takes a few microseconds a node.
+    """
+    mesh, reflex, paths, m = known.mesh, network.reflex_edges, network.paths, network.n_sources
+    n, k = mesh.n_points, len(reflex.nodes)
+    # Nodes that keep their bounds are straight paths, too.
+    at = paths.bases.nodes[:m, 0]
+    single = np.flatnonzero((paths.bases.counts[:m] == 1) & (at >= 0))
+    given = field.path.copy()
+    own = np.full(n, -1, np.int32)
+    own[at[single]] = single
+    kept = proved & (field.path < 0)
+    field.path[kept] = own[kept]
+    field.last[kept] = network.sight.stars.points[kept]
+    beside = np.zeros(n, np.bool_)
+    beside[mesh.cells[~proved[mesh.cells].all(axis=1)]] = True
+    seeds = np.flatnonzero(beside & proved & (field.path >= 0) & np.isfinite(field.sizes))
+    both = np.unique(np.column_stack([reflex.pieces.nodes.ravel(), np.repeat(reflex.pieces.edge, 2)]), axis=0)
+    first = np.concatenate([[0], np.cumsum(np.bincount(both[:, 0], minlength=k))])
+    room = 4 * len(both) + 16
+    more = Bases(*(_with_room(array, room) for array in paths.bases))
+    longer = Paths(more, paths.edges, *(_with_room(array, room) for array in paths[2:]))
+    relay = Relay(
+        mesh.cells,
+        *mesh.rings,
+        ~proved,
+        places_among(reflex.nodes, n),
+        first.astype(np.int32),
+        both[:, 1].astype(np.int32),
+        m,
+        np.array([len(paths.base), len(paths.bases.counts)]),
+        _with_room(network.origin, room),
+        new_heap(n),
+        np.full(n, -1, np.int32),
+    )
+    push_all(relay.heap, seeds, field.sizes)
+    hand_on(relay, longer, field, network.sight, network.g, network.faces, new_block())
+    network.paths, network.origin = longer, relay.origin
+    field.path[kept] = given[kept]
+
+
+def _with_room(array: npt.NDArray[Any], room: int) -> npt.NDArray[Any]:
+    """Return a longer copy of an array."""
+    return np.concatenate([array, np.zeros((room, *array.shape[1:]), array.dtype)])
 
 
 def _solve_hidden(network: Network, field: Field, hidden: IntArray, workers: Workers) -> bool:
