@@ -37,13 +37,19 @@ from adaptsize._kernels.vectors import column, dot, minus, norm, triple, without
 # Part of the ends of an edge that belongs to its nodes.
 _END = 1e-12
 
+# A place in an edge or triangle with less weight of a vertex lies opposite to it.
+_AT_VERTEX = 1e-9
+
+# Times that the start of a path on an edge or face is moved, at most.
+_TURNS = 30
+
 
 @lean
 def _estimate(paths, w, x, count, g, slack, values):
     """Fill lower bounds of the sizes that a path over edges allows, inf where it does not act."""
     edges, e, f, r = paths.edges, paths.edge[w], paths.image[w, 0], paths.image[w, 1]
     start, along, length = triple(edges.start, e, 0), triple(edges.along, e, 0), edges.length[e]
-    offset, skew = paths.offset[w], paths.skew[w]
+    offset, skew, low, high = paths.offset[w], paths.skew[w], paths.part[w, 0], paths.part[w, 1]
     outward, one, other = (
         triple(paths.sector, w, 0), triple(paths.sector, w, 3), triple(paths.sector, w, 6),
     )  # fmt: skip
@@ -55,10 +61,10 @@ def _estimate(paths, w, x, count, g, slack, values):
         served = dot(outward, p) <= slack
         served &= (dot(one, p) >= -near) | (dot(other, p) >= -near)
         t = f * d + s * r  # the bend, times d + r
-        before, beyond = t <= 0.0, t >= length * (d + r)
+        before, beyond = t <= low * (d + r), t >= high * (d + r)
         served &= (d > _END * length) & (skew | ~(before | beyond))
         # Earlier bends may move the last one into the edge; its part of the edge is a bound.
-        c = 0.0 if before else length
+        c = low if before else high
         short = math.sqrt((s - f) * (s - f) + (d + r) * (d + r))
         clipped = math.sqrt((c - f) * (c - f) + r * r) + math.sqrt((c - s) * (c - s) + d * d)
         value = offset + g * (clipped if before | beyond else short)
@@ -110,7 +116,8 @@ def _put_base(bases, base, level, m, g, faces, block):
             for d in range(3):
                 bends[level + 1, d, i] = bases.table[base, d]
             starts[i] = bases.table[base, 9]
-            support[0, i], support[1, i], support[2, i] = bases.nodes[base, 0], -1, -1
+            for v in range(3):
+                support[v, i] = bases.nodes[base, v]
         return
     for v in range(3):
         for d in range(3):
@@ -130,8 +137,7 @@ def _put_base(bases, base, level, m, g, faces, block):
         support[1, i] = support[2, i] = -1
         for v in range(count):
             weight = 1.0 - t - u if v == 0 else (t if v == 1 else u)
-            # A place in an edge or triangle with less weight of a vertex lies opposite to it.
-            if weight > 1e-9:
+            if weight > _AT_VERTEX:
                 support[found, i] = bases.nodes[base, v]
                 found += 1
 
@@ -155,11 +161,15 @@ def _lay(paths, w, m, g, faces, stars, block):
         chain[n] = paths.edge[last]
         last = np.int64(paths.parent[last])
     base = np.int64(paths.base[w])
-    for times in range(2):  # LLVM copies callees for each call
-        if times == 0 or (paths.skew[w] and paths.bases.counts[base] > 1):
-            _put_base(paths.bases, base, n, m, g, faces, block)
-        for k in range(m if times == 0 and paths.skew[w] else 0):
-            straighten(edges, chain, bends, n, active[k])
+    # The point of an edge or face where a path starts and the bends are moved in turn.
+    times = _TURNS if n > 0 and paths.bases.counts[base] > 1 else 1
+    for turn in range(times):
+        _put_base(paths.bases, base, n, m, g, faces, block)
+        moved = False
+        for k in range(m if n > 0 and paths.skew[w] else 0):
+            moved |= straighten(edges, chain, bends, n, active[k])
+        if turn > 0 and not moved:
+            break
     for k in range(m):
         i = active[k]
         block.values[i] = starts[i] + g * length_from(bends, n + 1, i)
@@ -220,7 +230,7 @@ def _without_unseen(paths, w, n, m, sight, block):
 
 
 @lean
-def _try_path(paths, w, count, sight, g, faces, block):
+def try_path(paths, w, count, sight, g, faces, block):
     """Lower the points of a block by a path, where all of its pieces are visible."""
     active, sizes, values, x = block.active, block.sizes, block.values, block.bends[0]
     if paths.edge[w] >= 0:
@@ -314,7 +324,7 @@ def lower_by_paths(order, span, paths, choice, hints, sight, g, field, faces, bl
         while queued > 0 or size > 0:
             if queued > 0:
                 queued -= 1
-                _try_path(paths, queue[queued], count, sight, g, faces, block)
+                try_path(paths, queue[queued], count, sight, g, faces, block)
                 continue
             size -= 1
             b = stack[size]
@@ -342,3 +352,128 @@ def lower_by_paths(order, span, paths, choice, hints, sight, g, field, faces, bl
                 field.sizes[p], field.path[p] = block.sizes[i], block.path[i]
                 for d in range(3):
                     field.last[p, d] = block.last[d, i]
+
+
+@lean
+def _least_at(paths, w, i, g, faces, block):
+    """Return a lower bound of the size that a path allows at point i of a block.
+
+    It does not depend on whether the path is visible, and changes by at most g times a distance.
+    """
+    bends, work, e, base = block.bends, block.work, paths.edge[w], np.int64(paths.base[w])
+    if e >= 0:
+        p = minus(column(bends[0], i), triple(paths.edges.start, e, 0))
+        along, f, r = triple(paths.edges.along, e, 0), paths.image[w, 0], paths.image[w, 1]
+        s = dot(p, along)
+        d = norm(without(p, s, along))
+        t = (f * d + s * r) / (d + r) if d + r > 0.0 else s
+        t = min(max(t, paths.part[w, 0]), paths.part[w, 1])
+        return paths.offset[w] + g * (math.hypot(t - f, r) + math.hypot(t - s, d))
+    if faces is not None and paths.bases.counts[base] > 1:
+        for d in range(3):
+            work[0, d] = bends[0, d, i]
+            for v in range(3):
+                work[1 + v, d] = paths.bases.table[base, 3 * v + d]
+        return _allowed(paths.bases, base, work, g)[0]
+    square = 0.0
+    for d in range(3):
+        square += (bends[0, d, i] - paths.bases.table[base, d]) ** 2
+    return paths.bases.table[base, 9] + g * math.sqrt(square)
+
+
+@lean_kernel
+def list_extensions(places, order, ceilings, on_edge, paths, choice, g, faces, block, found):
+    """List the paths that may allow less than given sizes at places on reflex edges.
+
+    Parameters
+    ----------
+    places : float64[s, 3]
+    order : int32[s]
+        0, 1, ...
+    ceilings : float64[s]
+    on_edge : int32[s]
+        The edge of each place.
+    paths : Paths
+    choice : Choice
+        The paths to test.
+    g : float64
+    faces : None or bool
+        As in `lower_by_paths`.
+    block : Block
+    found : int32[room, 2]
+        Out: paths and places.
+
+    Returns
+    -------
+    int
+        Number of pairs, which may be more than there is room for.
+    """
+    stack, sizes = block.stack[0], block.sizes
+    n_paths, n_leaves, n_found = choice.paths.shape[0], choice.boxes.shape[0] // 2, 0
+    for start in range(0, places.shape[0], BLOCK):
+        count = min(BLOCK, places.shape[0] - start)
+        for i in range(count):
+            sizes[i] = ceilings[start + i]
+        gather(places, SPACE, order[start : start + count], block.bends[0], block.box)
+        stack[0], size = 1, 1 if n_paths > 0 else 0
+        while size > 0:
+            size -= 1
+            b = stack[size]
+            if b < n_leaves:
+                for child in range(2 * b, 2 * b + 2):
+                    if promise_of(choice.boxes, child, block.bends[0], sizes, count, g) > 0:
+                        stack[size] = child
+                        size += 1
+                continue
+            leaf = b - n_leaves
+            for k in range(leaf * LEAF, min(n_paths, (leaf + 1) * LEAF)):
+                w = np.int64(choice.paths[k])
+                for i in range(count):
+                    if paths.edge[w] == on_edge[start + i]:
+                        continue
+                    if _least_at(paths, w, i, g, faces, block) < sizes[i]:
+                        if n_found < found.shape[0]:
+                            found[n_found, 0], found[n_found, 1] = w, start + i
+                        n_found += 1
+    return n_found
+
+
+@lean_kernel
+def find_starts(bases, which, x, g, block, places, sizes, nodes):
+    """Fill the points of edges and faces that allow least at points, and the sizes there.
+
+    Parameters
+    ----------
+    bases : Bases
+    which : int32[k]
+        Edges or faces.
+    x : float64[k, 3]
+    g : float64
+    block : Block
+    places, sizes : float64[k, 3], float64[k]
+        Out.
+    nodes : int32[k, 3]
+        Out: the nodes around each point, padded with -1.
+    """
+    work = block.work
+    for k in range(which.shape[0]):
+        base = np.int64(which[k])
+        for d in range(3):
+            work[0, d] = x[k, d]
+            for v in range(3):
+                work[1 + v, d] = bases.table[base, 3 * v + d]
+        value, t, u = _allowed(bases, base, work, g)
+        square = 0.0
+        for d in range(3):
+            places[k, d] = work[1, d] + t * (work[2, d] - work[1, d])
+            if bases.counts[base] == 3:
+                places[k, d] += u * (work[3, d] - work[1, d])
+            square += (places[k, d] - x[k, d]) ** 2
+        sizes[k] = value - g * math.sqrt(square)
+        found = 0
+        nodes[k, 1] = nodes[k, 2] = -1
+        for v in range(bases.counts[base]):
+            weight = 1.0 - t - u if v == 0 else (t if v == 1 else u)
+            if weight > _AT_VERTEX:
+                nodes[k, found] = bases.nodes[base, v]
+                found += 1

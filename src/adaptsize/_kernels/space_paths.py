@@ -21,7 +21,7 @@ LONGEST = 12
 PATH_SLACK = 1.0 - 1e-12
 
 # Times that the bends of a path are moved, at most.
-_SWEEPS = 20
+_SWEEPS = 200
 
 
 class Edges(NamedTuple):
@@ -82,7 +82,9 @@ class Paths(NamedTuple):
         - start of the edge) is not positive, and that of one of the others is not negative, to
         the tolerance of `beside_edge`.
     skew : bool[w]
-        Whether two successive edges are not in one plane.
+        Whether two successive edges are not in one plane, or the base is not a node.
+    part : float64[w, 2]
+        Part of the last edge outside of which the path does not bend: others are shorter there.
     """
 
     bases: Bases
@@ -94,6 +96,7 @@ class Paths(NamedTuple):
     offset: np.ndarray
     sector: np.ndarray
     skew: np.ndarray
+    part: np.ndarray
 
 
 class Choice(NamedTuple):
@@ -230,9 +233,9 @@ def straighten(edges, chain, bends, n, i):
     """Move the n bends of the path to point i, each in turn, to where the path is shortest.
 
     The length is a convex function of the bends.  Between its neighbours, turned about the edge
-    into one plane, a path over one edge is straight.
+    into one plane, a path over one edge is straight.  Returns whether the path became shorter.
     """
-    length = length_from(bends, n + 1, i)
+    first = length = length_from(bends, n + 1, i)
     for _ in range(_SWEEPS):
         for level in range(1, n + 1):
             e = chain[level]
@@ -251,8 +254,9 @@ def straighten(edges, chain, bends, n, i):
             for k in range(3):
                 bends[level, k, i] = edges.start[e, k] + t * edges.along[e, k]
         before, length = length, length_from(bends, n + 1, i)
-        if length >= before * (1.0 - 1e-11):
-            return
+        if length >= before * (1.0 - 1e-14):
+            break
+    return length < first * (1.0 - 1e-14)
 
 
 @lean

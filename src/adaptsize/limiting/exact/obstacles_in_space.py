@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,9 +15,6 @@ from adaptsize.geometry.convexity import Ridges
 from adaptsize.geometry.flat_faces import diagonal_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
 # Angles between a path and the faces of an edge below this are zero.
 GRAZING = 1e-9
 
@@ -27,6 +24,9 @@ _SLACK = 1e-11
 
 # Cells with a smaller ratio of volume to the cube of the longest edge have no volume.
 _NO_VOLUME = 1e-12
+
+# Points of each piece of a reflex edge from which lines of sight are tested.
+_SAMPLES = 8
 
 
 def build_sight(points: FloatArray, cells: IntArray, facets: IntArray) -> Sight:
@@ -104,6 +104,19 @@ class _Ridges(NamedTuple):
     """Whether the number of facets with an area is not two."""
 
 
+class Pieces(NamedTuple):
+    """Reflex edges between successive nodes, edge by edge."""
+
+    edge: IntArray
+    """int32[p]"""
+    nodes: IntArray
+    """int32[p, 2]: indices in ``ReflexEdges.nodes``."""
+    ends: FloatArray
+    """float64[p, 2]: the places of these nodes along the edge."""
+    samples: FloatArray
+    """float64[_SAMPLES * p, 3]: points from which it is tested whether anything sees an edge."""
+
+
 class ReflexEdges(NamedTuple):
     """Reflex edges and their nodes."""
 
@@ -112,11 +125,7 @@ class ReflexEdges(NamedTuple):
     edges: Edges
     obstacles: FloatArray
     """float64[e, 3]: direction from each edge to the outside."""
-    corner: IntArray
-    """int32[p], with ``edge``: pairs of a node and an edge on which it lies."""
-    edge: IntArray
-    adjacent: csr_array
-    """(e, e): the common node of two edges, as an index in ``nodes`` plus 1."""
+    pieces: Pieces
 
 
 def _turns_at(ridges: Ridges, points: FloatArray, facets: IntArray) -> _Ridges:
@@ -179,8 +188,6 @@ def find_reflex_edges(
     every: Ridges, points: FloatArray, facets: IntArray, slack: float
 ) -> ReflexEdges:
     """Return the reflex edges of a boundary, with straight chains merged, and their nodes."""
-    from scipy.sparse import csr_array
-
     ridges = _turns_at(every, points, facets)
     chain = _chains_of(points, ridges, slack)
     ends = ridges.ends[ridges.is_reflex]
@@ -207,10 +214,14 @@ def find_reflex_edges(
     number[nodes] = np.arange(len(nodes))
     pairs = np.unique(np.column_stack([number[ends].ravel(), np.repeat(chain, 2)]), axis=0)
     corner, edge = np.ascontiguousarray(pairs.T.astype(np.int32))
-    ones = np.ones(len(corner))
-    lies_on = csr_array((ones, (corner, edge)), shape=(len(nodes), n_edges))
-    named = csr_array((ones + corner, (edge, corner)), shape=(n_edges, len(nodes)))
-    adjacent = (named @ lies_on).astype(np.int64)
-    adjacent.setdiag(0)
-    adjacent.eliminate_zeros()
-    return ReflexEdges(nodes, edges, ridges.inner[reflex], corner, edge, adjacent)
+    place = np.einsum("pa,pa->p", points[nodes[corner]] - edges.start[edge], along[edge])
+    order = np.lexsort((place, edge))
+    same = np.flatnonzero(edge[order[1:]] == edge[order[:-1]])
+    first, last = order[same], order[same + 1]
+    ends = np.column_stack([place[first], place[last]])
+    share = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+    at = ends[:, :1] + share * np.diff(ends, axis=1)
+    samples = edges.start[edge[first], None] + at[:, :, None] * along[edge[first], None]
+    both = np.column_stack([corner[first], corner[last]])
+    pieces = Pieces(edge[first], both, ends, samples.reshape(-1, 3))
+    return ReflexEdges(nodes, edges, ridges.inner[reflex], pieces)

@@ -10,8 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels import exact_space as kernels
+from adaptsize._kernels.exact import BLOCK
 from adaptsize._kernels.space_paths import LONGEST, Bases, Choice, Field, Paths, new_block
+from adaptsize._kernels.heap import new_heap, push_all
+from adaptsize._kernels.space_relay import Relay, hand_on
 from adaptsize._kernels.space_sight import Sight
+from adaptsize.background.topology import places_among
 from adaptsize._workers import Workers
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve, boxes_over
@@ -47,6 +51,10 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 # Largest number of iterations; each allows paths one more bend.
 _ROUNDS = 200
 
+# The search for paths takes some .6 us for each piece of a reflex edge and hidden node, and fast
+# marching 1.5 us for each node.
+_DEAR = 20
+
 
 @dataclass(eq=False)
 class Network:
@@ -59,6 +67,13 @@ class Network:
     n_sources: int
     depth: IntArray
     """int32[w]: number of edges of each path."""
+    origin: IntArray
+    """int32[b]: the source of each base, or the node of a reflex edge after them."""
+
+    @property
+    def faces(self) -> bool | None:
+        """None if all sources are nodes; the code for others is then not compiled."""
+        return True if bool((self.paths.bases.counts > 1).any()) else None
 
     def choice(self, which: IntArray) -> Choice:
         """Return some of the paths, with a tree over them."""
@@ -69,9 +84,9 @@ class Network:
         lower, upper = places.min(axis=1), places.max(axis=1)
         value = bases.table[base, 9:].min(axis=1)
         e, w = edge[bent], which[bent]
-        ends = np.stack([edges.start[e], edges.start[e] + edges.length[e, None] * edges.along[e]])
+        ends = edges.start[e] + paths.part[w].T[:, :, None] * edges.along[e]
         lower[bent], upper[bent] = ends.min(axis=0), ends.max(axis=0)
-        beyond = paths.image[w, 0] - np.clip(paths.image[w, 0], 0.0, edges.length[e])
+        beyond = paths.image[w, 0] - np.clip(paths.image[w, 0], *paths.part[w].T)
         value[bent] = paths.offset[w] + self.g * np.hypot(beyond, paths.image[w, 1])
         order = along_curve(0.5 * (lower + upper))
         boxes = boxes_over(lower[order], upper[order], value[order])
@@ -81,6 +96,16 @@ class Network:
         """Return the straight paths from the sources."""
         return self.choice(np.arange(self.n_sources, dtype=np.int32))
 
+    def alive(self) -> Choice:
+        """Return the paths from nodes of reflex edges, and all over edges."""
+        alive = np.isfinite(self.paths.offset)
+        alive[: self.n_sources] = False
+        return self.choice(np.flatnonzero(alive))
+
+    def is_dear(self, n_hidden: int, n_nodes: int) -> bool:
+        """Return whether the search takes more than about ten times as long as fast marching."""
+        return len(self.reflex_edges.pieces.edge) * n_hidden > _DEAR * n_nodes
+
     def lower(
         self,
         order: IntArray,
@@ -88,113 +113,202 @@ class Network:
         field: Field,
         workers: Workers,
         hints: IntArray | None = None,
+        sight: Sight | None = None,
     ) -> None:
         """Lower sizes (In/Out: field) at the nodes ``order`` by a choice of paths."""
+        sight = self.sight if sight is None else sight
         tried = np.full(len(field.sizes), -1, np.int32) if hints is None else hints
-        # The code for edges and triangles is not compiled if all sources are nodes.
-        faces = True if bool((self.paths.bases.counts > 1).any()) else None
         along = read_only(order)
 
         def task(first: int, last: int) -> None:
             given = (along, (first, last), self.paths, choice, tried)
-            kernels.lower_by_paths(*given, self.sight, self.g, field, faces, new_block())
+            kernels.lower_by_paths(*given, sight, self.g, field, self.faces, new_block())
 
         workers.in_chunks(task, len(order))
 
-    def set_reflex_nodes(self, sizes: FloatArray) -> None:
-        """Set the sizes at the nodes of reflex edges."""
-        m = self.n_sources
-        self.paths.bases.table[m:, 9] = sizes
-        moves = self.paths.base >= m
-        self.paths.offset[moves] = self.paths.bases.table[self.paths.base[moves], 9]
+    def set_reflex_nodes(self, which: IntArray, sizes: FloatArray) -> IntArray:
+        """Lower the sizes at nodes of reflex edges; return the straight paths from them.
 
-    def extend(self, changed: IntArray, field: Field) -> IntArray:
-        """Extend the paths to nodes of reflex edges over these edges and adjacent ones.
-
-        Returns the paths that are new or start from a node that may have been lowered.
+        Paths from there over edges end: they are made anew.
         """
-        paths = self.paths
-        edge, parent, source, node = self.candidates(changed, field)
-        ok = (parent >= 0) & (self.depth[parent] < LONGEST) & (paths.edge[parent] != edge)
-        key, at = np.unique(_key_of(edge[ok], parent[ok]), return_index=True)
-        old = np.flatnonzero(paths.edge >= 0)
-        old_key = _key_of(paths.edge[old], paths.parent[old])
-        again = old[np.isin(old_key, key) & (paths.base[old] >= self.n_sources)]
-        at = np.flatnonzero(ok)[at[~np.isin(key, old_key)]]
-        self._append(edge[at], parent[at], source[at], node[at], field)
-        return np.concatenate([again, np.arange(len(paths.base), len(self.paths.base))])
+        paths, base = self.paths, np.int32(self.n_sources) + which
+        paths.bases.table[base, 9] = sizes
+        paths.offset[np.isin(paths.base, base)] = np.inf
+        paths.offset[base] = sizes
+        return base
 
-    def candidates(
-        self, changed: IntArray, field: Field
-    ) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-        """Return edges, the paths to extend, the nodes where these end, and the next nodes."""
-        reflex_edges = self.reflex_edges
-        marked = np.zeros(len(reflex_edges.nodes), bool)
-        marked[changed] = True
-        here = np.flatnonzero(marked[reflex_edges.corner])
-        node, edge = reflex_edges.nodes[reflex_edges.corner[here]], reflex_edges.edge[here]
-        near = reflex_edges.adjacent[edge].tocoo()
-        node = np.concatenate([node, node[near.row]])
-        source = node
-        edge = np.concatenate([edge, near.col])
-        goal = np.concatenate([node[: len(here)], reflex_edges.nodes[near.data - 1]])
-        return edge, field.path[source], source, goal
+    def extend(self, fresh: IntArray, field: Field) -> IntArray:
+        """Extend paths over reflex edges where this may lower the size of a place of the edge.
 
-    def _append(
-        self,
-        edge: IntArray,
-        parent: IntArray,
-        source: IntArray,
-        node: IntArray,
-        field: Field,
-    ) -> None:
-        """Add paths to ``source`` that continue over edges at ``node``, if they may be shortest."""
-        paths, edges, points = self.paths, self.reflex_edges.edges, self.sight.stars.points
+        At a place between two nodes, the size is at most that of either one plus g times the
+        distance.  A path whose bound is below that nowhere lowers no size elsewhere either, since
+        the path over the node is at least as short.  So no size depends on the paths left out.
+        Paths that see none of some points of their last edge are not extended.
+
+        Returns the new paths.
+        """
+        paths, edges, pieces = self.paths, self.reflex_edges.edges, self.reflex_edges.pieces
+        h = field.sizes[self.reflex_edges.nodes][pieces.nodes]
+        low, high = pieces.ends.T
+        peak = np.clip(0.5 * (low + high) + 0.5 * (h[:, 1] - h[:, 0]) / self.g, low, high)
+        ceiling = np.minimum(h[:, 0] + self.g * (peak - low), h[:, 1] + self.g * (high - peak))
+        places = edges.start[pieces.edge] + peak[:, None] * edges.along[pieces.edge]
+        order = np.arange(len(places), dtype=np.int32)
+        given = (places, order, ceiling * (1.0 - EQUAL), pieces.edge)
+        given = (*given, paths, self.choice(fresh), self.g)
+        room = 16 * len(fresh) + 16 * len(places)
+        while True:
+            found = np.empty((room, 2), np.int32)
+            count = kernels.list_extensions(*given, self.faces, new_block(), found)
+            if count <= room:
+                break
+            room = count
+        parent, piece = found[:count].T
+        before = len(paths.base)
+        self._append(parent, piece, h[piece])
+        return np.arange(before, len(self.paths.base), dtype=np.int32)
+
+    def seen(self, which: IntArray, workers: Workers) -> IntArray:
+        """Return the paths that see a point of their last edge before they bend there.
+
+        Only these are extended, and only paths from points.
+        """
+        paths, edges = self.paths, self.reflex_edges.edges
+        which = which[paths.bases.counts[paths.base[which]] == 1]
+        n, e = len(which), paths.edge[which]
+        share = (np.arange(BLOCK) + 0.5) / BLOCK
+        at = share * edges.length[e, None]
+        places = edges.start[e, None] + at[:, :, None] * edges.along[e, None]
+        places = np.concatenate([self.sight.stars.points, places.reshape(-1, 3)])
+        size = len(places)
+        order = np.arange(size - n * BLOCK, size, dtype=np.int32)
+        rows = np.concatenate([self.sight.stars.rows, np.full(n * BLOCK, -1, np.int32)])
+        if not self.sight.stars.points.flags.writeable:  # else the kernel is compiled again
+            places = read_only(places)
+        stars = self.sight.stars._replace(points=places, rows=rows)
+        hints = np.full(size, -1, np.int32)
+        hints[order] = np.repeat(paths.parent[which], BLOCK)
+        found = Field(np.full(size, np.inf), np.full(size, -1, np.int32), np.empty((size, 3)))
+        none = self.choice(np.empty(0, np.int32))
+        self.lower(order, none, found, workers, hints, self.sight._replace(stars=stars))
+        return which[found.path[order].reshape(n, BLOCK).max(axis=1) >= 0]
+
+    def _append(self, parent: IntArray, piece: IntArray, h: FloatArray) -> None:
+        """Extend paths over pieces of edges; several pieces of one edge give one path.
+
+        ``h``: float64[k, 2], the sizes at the ends of the pieces.
+        """
+        pieces = self.reflex_edges.pieces
+        key = _key_of(pieces.edge[piece], parent)
+        _, first, number = np.unique(key, return_index=True, return_inverse=True)
+        number = number.ravel()
+        edge, parent = pieces.edge[piece[first]], parent[first]
+        ends = pieces.ends[piece]
+        low, high = np.full(len(first), np.inf), np.full(len(first), -np.inf)
+        np.minimum.at(low, number, ends[:, 0])
+        np.maximum.at(high, number, ends[:, 1])
+        base = self.paths.base[parent]
+        added, ok = self._extended(edge, parent, base, np.column_stack([low, high]))
+        # The bound is that of the image; it is below the size from the node behind these places.
+        image, offset = added.image[number], added.offset[number]
+        part = _below(image, offset, ends, h, self.g)
+        low[:], high[:] = np.inf, -np.inf
+        np.minimum.at(low, number, part[:, 0])
+        np.maximum.at(high, number, part[:, 1])
+        added = added._replace(part=np.column_stack([low, high]))
+        ok &= low < high
+        self._put(added, ok)
+        several = np.flatnonzero(ok & (self.paths.bases.counts[base] > 1))
+        if len(several):
+            edge, parent, part = edge[several], parent[several], added.part[several]
+            base = self._points_of(edge, base[several])
+            self._put(*self._extended(edge, parent, base, part))
+
+    def _put(self, added: Paths, ok: BoolArray) -> None:
+        """Add some of the given paths."""
+        pairs = zip(self.paths[2:], added[2:], strict=True)
+        self.depth = np.concatenate([self.depth, self.depth[added.parent[ok]] + 1])
+        longer = [np.concatenate([old, new[ok]]) for old, new in pairs]
+        self.paths = Paths(*self.paths[:2], *longer)
+
+    def _points_of(self, edge: IntArray, base: IntArray) -> IntArray:
+        """Return new bases, one point each of given edges and faces with linear sizes.
+
+        Where a path over several edges starts on an edge or face is not searched for: it is where
+        the middle of the first edge gets the least size from.
+        """
+        edges, bases = self.paths.edges, self.paths.bases
+        middle = edges.start[edge] + 0.5 * edges.length[edge, None] * edges.along[edge]
+        places, sizes, nodes = self._starts(base, middle)
+        table = np.concatenate([bases.table, node_table(places, sizes)])
+        counts = np.concatenate([bases.counts, np.ones(len(edge), np.int8)])
+        more = Bases(table, counts, np.concatenate([bases.nodes, nodes]))
+        self.paths = self.paths._replace(bases=more)
+        self.origin = np.concatenate([self.origin, self.origin[base]])
+        return np.arange(len(bases.counts), len(counts), dtype=np.int32)
+
+    def _extended(
+        self, edge: IntArray, parent: IntArray, base: IntArray, part: FloatArray
+    ) -> tuple[Paths, BoolArray]:
+        """Return paths from bases, extended over edges, and whether these may be shortest."""
+        paths, edges = self.paths, self.reflex_edges.edges
         straight = paths.edge[parent] < 0
-        away = np.linalg.norm(points[source] - field.last[source], axis=1)
-        away += 2.0 * self._extent(paths.base[parent], field.last[source])
-        offset = np.where(straight, field.sizes[source] - self.g * away, paths.offset[parent])
-        along, normals = edges.along[edge], edges.normals[edge]
-        volume = np.einsum(
-            "ra,ra->r",
-            np.cross(edges.along[paths.edge[parent]], along),
-            edges.start[edge] - edges.start[paths.edge[parent]],
+        along, normals, start = edges.along[edge], edges.normals[edge], edges.start[edge]
+        middle = start + part.mean(axis=1)[:, None] * along
+        foot, size, _ = self._starts(base, middle)
+        several = paths.bases.counts[base] > 1
+        offset = np.where(
+            straight, size - 2.0 * self.g * self._extent(base, foot), paths.offset[parent]
         )
-        skew = paths.skew[parent] | (~straight & (np.abs(volume) > self.sight.walls.slack))
+        last = paths.edge[parent]
+        volume = np.einsum("ra,ra->r", np.cross(edges.along[last], along), start - edges.start[last])
+        skew = paths.skew[parent] | several
+        skew |= ~straight & (np.abs(volume) > self.sight.walls.slack)
 
-        origin = np.where(straight[:, None], field.last[source], self._turned(parent, points[node]))
-        piece = points[node] - origin
-        rise = np.einsum("ra,ra->r", piece, along)
-        place = np.einsum("ra,ra->r", points[node] - edges.start[edge], along)
-        away = np.linalg.norm(piece - rise[:, None] * along, axis=1)
-        image = np.column_stack([place - rise, away])
-        # The previous piece starts at one point, or at any point between the ends of an edge.
-        before = edges.start[paths.edge[parent]]
-        after = before + (edges.length[:, None] * edges.along)[paths.edge[parent]]
-        ends = np.where(straight[:, None], field.last[source], np.stack([before, after]))
-        ahead = edges.start[edge] - ends
+        origin = np.where(straight[:, None], foot, self._turned(parent, middle))
+        away = origin - start
+        place = np.einsum("ra,ra->r", away, along)
+        image = np.column_stack([place, np.linalg.norm(away - place[:, None] * along, axis=1)])
+        # The previous piece starts at one point, or at any point of a part of an edge.
+        before = edges.start[last] + paths.part[parent].T[:, :, None] * edges.along[last]
+        ends = np.where(straight[:, None], foot, before)
+        ahead = start - ends
         ahead -= np.einsum("sra,ra->sr", ahead, along)[:, :, None] * along
-        size = np.linalg.norm(ahead, axis=2)
-        ahead /= np.maximum(size, 1e-300)[:, :, None]
-        nil = size <= 10.0 * self.sight.walls.slack
+        far = np.linalg.norm(ahead, axis=2)
+        ahead /= np.maximum(far, 1e-300)[:, :, None]
+        nil = far <= 10.0 * self.sight.walls.slack
         ahead = np.where(nil[:, :, None], ahead[::-1], ahead)
         over = np.einsum("rfa,sra->srf", normals, ahead)
         # If the outside lies straight ahead, a path that bends here is not shortest.
         ok = (over.min(axis=2) <= GRAZING).any(axis=0) & ~nil.all(axis=0)
         side = over.argmin(axis=2)
-        sector = np.empty((len(node), 9))
+        sector = np.empty((len(edge), 9))
         sector[:, :3] = np.where(
-            (side[0] == side[1])[:, None], normals[np.arange(len(node)), side[0]], 0.0
+            (side[0] == side[1])[:, None], normals[np.arange(len(edge)), side[0]], 0.0
         )
         for end in range(2):
             sideways = np.cross(ahead[end], along)
             turned = np.einsum("ra,ra->r", sideways, self.reflex_edges.obstacles[edge]) < 0.0
             sector[:, 3 + 3 * end : 6 + 3 * end] = np.where(turned[:, None], -sideways, sideways)
-        self.depth = np.concatenate([self.depth, self.depth[parent[ok]] + 1])
-        ancestor, kept = parent[ok], (edge[ok], image[ok], offset[ok], sector[ok], skew[ok])
-        added = (paths.base[ancestor], ancestor, *kept)
-        longer = [np.concatenate(pair) for pair in zip(paths[2:], added, strict=True)]
-        self.paths = Paths(paths.bases, paths.edges, *longer)
+        sector[several] = 0.0  # it may start elsewhere on its edge or face
+        ok |= several
+        ok &= self.depth[parent] < LONGEST
+        columns = (base, parent, edge, image, offset, sector, skew, part)
+        return Paths(paths.bases, edges, *columns), ok
+
+    def _starts(self, base: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Return the points of bases from which paths to points x are straight.
+
+        With the sizes there, and the nodes around these points.
+        """
+        bases = self.paths.bases
+        foot, size, nodes = bases.table[base, :3], bases.table[base, 9], bases.nodes[base]
+        which = np.flatnonzero(bases.counts[base] > 1)
+        if len(which):
+            found = np.empty((len(which), 3)), np.empty(len(which)), nodes[which]
+            kernels.find_starts(bases, base[which], x[which], self.g, new_block(), *found)
+            foot[which], size[which], nodes[which] = found
+        return foot, size, nodes
 
     def _extent(self, base: IntArray, start: FloatArray) -> FloatArray:
         """Return the largest distance of a point in each base, where a path starts, to a vertex.
@@ -217,6 +331,26 @@ class Network:
         f, r = self.paths.image[path].T
         turned: FloatArray = start + f[:, None] * along - r[:, None] * across
         return turned
+
+
+def _below(
+    image: FloatArray, offset: FloatArray, ends: FloatArray, h: FloatArray, g: float
+) -> FloatArray:
+    """Return the parts of edges where images allow less than the sizes at both ends.
+
+    With the image at the place f and the distance r from the edge, c = (h - offset) / g, and t
+    measured from an end, the bound is lower where ((t - f)^2 + r^2)^(1/2) < c + t.
+    """
+    part, width = ends.copy(), np.diff(ends, axis=1)[:, 0]
+    for end, sign in ((0, 1.0), (1, -1.0)):
+        f = sign * (image[:, 0] - ends[:, end])
+        c = (h[:, end] - offset) / g
+        beyond = np.hypot(f, image[:, 1]) - c
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = 0.5 * beyond * (beyond + 2.0 * c) / (c + f)
+        t = np.where((beyond > 0.0) & (c + f > 0.0), t, 0.0)
+        part[:, end] += sign * np.clip(t - 1e-9 * width, 0.0, width)
+    return part
 
 
 def _key_of(edge: IntArray, parent: IntArray) -> npt.NDArray[np.int64]:
@@ -308,6 +442,10 @@ class WholeSolid:
         """Return the sizes at the nodes of the component."""
         return sizes
 
+    def total(self, nodes: IntArray) -> int:
+        """Return the number of nodes."""
+        return len(nodes)
+
     def spread(self, h: FloatArray) -> FloatArray:
         """Return sizes, lowered along edges."""
         component = self.component
@@ -377,8 +515,11 @@ def _network_of(table: FloatArray, nodes: IntArray, g: float, solid: Solid) -> N
         table[:, 9:].min(axis=1),
         np.zeros((m + k, 9)),
         np.zeros(m + k, np.bool_),
+        np.zeros((m + k, 2)),
     )
-    return Network(g, solid.sight, solid.reflex_edges, paths, m, np.zeros(m + k, np.int32))
+    return Network(
+        g, solid.sight, solid.reflex_edges, paths, m, np.zeros(m + k, np.int32), paths.base
+    )
 
 
 def _solve(
@@ -421,9 +562,63 @@ def _solve(
     nearly_upper = upper + TIE * np.abs(upper) + 10.0 * network.g * solid.moved
     field.sizes[:] = np.where(proved, np.minimum(lower, upper), nearly_upper)
     hidden = nodes[~proved[nodes]]
-    finished = len(hidden) == 0 or _solve_hidden(network, field, hidden, workers)
+    dear = not known.component.at_any_price and network.is_dear(known.total(hidden), known.total(nodes))
+    if len(hidden) == 0: finished=True
+    elif dear:
+        finished=True
+        hand_on_paths(known, network, field, proved)
+    else: finished= _solve_hidden(network, field, hidden, workers)
     sizes = np.maximum(np.minimum(field.sizes, upper), lower)
     return spread(np.where(sizes <= nearly, lower, sizes)), sizes, finished
+
+
+def hand_on_paths(known: WholeSolid, network: Network, field: Field, proved: BoolArray) -> None:
+    """Lower nodes (In/Out: field) from which their smallest source is not visible, approximately.
+
+    Each node is reached by a path of one of its neighbours, or by one that bends there: see
+    `adaptsize._kernels.space_relay`.  This takes a few microseconds a node.
+    """
+    mesh, reflex, paths, m = known.mesh, network.reflex_edges, network.paths, network.n_sources
+    n, k = mesh.n_points, len(reflex.nodes)
+    # Nodes that keep their bounds are straight paths, too.
+    at = paths.bases.nodes[:m, 0]
+    single = np.flatnonzero((paths.bases.counts[:m] == 1) & (at >= 0))
+    given = field.path.copy()
+    own = np.full(n, -1, np.int32)
+    own[at[single]] = single
+    kept = proved & (field.path < 0)
+    field.path[kept] = own[kept]
+    field.last[kept] = network.sight.stars.points[kept]
+    beside = np.zeros(n, np.bool_)
+    beside[mesh.cells[~proved[mesh.cells].all(axis=1)]] = True
+    seeds = np.flatnonzero(beside & proved & (field.path >= 0) & np.isfinite(field.sizes))
+    both = np.unique(np.column_stack([reflex.pieces.nodes.ravel(), np.repeat(reflex.pieces.edge, 2)]), axis=0)
+    first = np.concatenate([[0], np.cumsum(np.bincount(both[:, 0], minlength=k))])
+    room = 4 * len(both) + 16
+    more = Bases(*(_with_room(array, room) for array in paths.bases))
+    longer = Paths(more, paths.edges, *(_with_room(array, room) for array in paths[2:]))
+    relay = Relay(
+        mesh.cells,
+        *mesh.rings,
+        ~proved,
+        places_among(reflex.nodes, n),
+        first.astype(np.int32),
+        both[:, 1].astype(np.int32),
+        m,
+        np.array([len(paths.base), len(paths.bases.counts)]),
+        _with_room(network.origin, room),
+        new_heap(n),
+        np.full(n, -1, np.int32),
+    )
+    push_all(relay.heap, seeds, field.sizes)
+    hand_on(relay, longer, field, network.sight, network.g, network.faces, new_block())
+    network.paths, network.origin = longer, relay.origin
+    field.path[kept] = given[kept]
+
+
+def _with_room(array: npt.NDArray[Any], room: int) -> npt.NDArray[Any]:
+    """Return a longer copy of an array."""
+    return np.concatenate([array, np.zeros((room, *array.shape[1:]), array.dtype)])
 
 
 def _solve_hidden(network: Network, field: Field, hidden: IntArray, workers: Workers) -> bool:
@@ -433,35 +628,23 @@ def _solve_hidden(network: Network, field: Field, hidden: IntArray, workers: Wor
     """
     reflex_nodes = network.reflex_edges.nodes
     network.lower(hidden, network.sources(), field, workers)
-    waiting = np.isin(reflex_nodes, hidden)
-    order = reflex_nodes[waiting]
-    changed = np.flatnonzero(field.path[reflex_nodes] >= 0).astype(np.int32)
+    order = np.flatnonzero(np.isin(reflex_nodes, hidden))
+    waiting = reflex_nodes[order]
+    changed = np.flatnonzero(field.path[reflex_nodes] >= 0)
+    fresh = np.arange(network.n_sources, dtype=np.int32)
     for _ in range(_ROUNDS):
-        if len(changed) == 0:
+        if len(changed) == 0 and len(fresh) == 0:
             break
-        network.set_reflex_nodes(field.sizes[reflex_nodes])
-        fresh = np.concatenate([network.n_sources + changed, network.extend(changed, field)])
-        if len(order) == 0:  # all paths are built, and no node of an edge is left
-            changed = order
-            break
-        before = field.sizes[reflex_nodes]
-        network.lower(order, network.choice(fresh), field, workers)
-        fallen = before - field.sizes[reflex_nodes]
-        changed = np.flatnonzero(fallen > EQUAL * np.abs(before)).astype(np.int32)
-    network.set_reflex_nodes(field.sizes[reflex_nodes])
+        bases = network.set_reflex_nodes(changed, field.sizes[reflex_nodes[changed]])
+        new = network.extend(np.concatenate([fresh, bases]), field)
+        before = field.sizes[waiting]
+        network.lower(waiting, network.choice(np.concatenate([bases, new])), field, workers)
+        fallen = before - field.sizes[waiting]
+        changed = order[fallen > EQUAL * np.abs(before)]
+        fresh = network.seen(new, workers)
     rest = hidden[~np.isin(hidden, reflex_nodes)]
-    network.lower(rest, network.choice(_in_use(network, field)), field, workers)
-    return len(changed) == 0
-
-
-def _in_use(network: Network, field: Field) -> IntArray:
-    """Return the paths from nodes of reflex edges, and those over edges that reach such a node."""
-    paths, reflex_edges = network.paths, network.reflex_edges
-    bent = np.flatnonzero(paths.edge >= 0)
-    edge, path, _, _ = network.candidates(np.arange(len(reflex_edges.nodes), dtype=np.int32), field)
-    used = np.isin(_key_of(paths.edge[bent], paths.parent[bent]), _key_of(edge, path))
-    straight = network.n_sources + np.arange(len(reflex_edges.nodes))
-    return np.concatenate([straight, bent[used]])
+    network.lower(rest, network.alive(), field, workers)
+    return len(changed) == 0 and len(fresh) == 0
 
 
 def _origins(
@@ -482,7 +665,7 @@ def _origins(
     m = network.n_sources
     reached = np.flatnonzero(field.path >= 0)  # none if the bounds satisfy the limit
     base, bend = np.full(len(h), -1, paths.base.dtype), np.full_like(field.last, np.nan)
-    base[reached] = paths.base[field.path[reached]]
+    base[reached] = network.origin[paths.base[field.path[reached]]]
     base[h < sizes * (1.0 - TIE)] = -1
     bent = reached[paths.edge[field.path[reached]] >= 0]
     bend[bent] = field.last[bent]

@@ -1,0 +1,158 @@
+"""Sizes in a solid with many reflex edges: paths are handed on from node to node.
+
+Nodes are processed in order of size, as in Dijkstra's algorithm.  Each one offers its path to its
+neighbours: the same path, ended there instead, if its pieces are visible.  Nodes of reflex edges
+also offer paths that bend there, and paths over their edges: from the point where the
+path to the node starts, or, if that bends, from its last bend.  Such a bend stays where it is
+best for this node.  Every size is that of a path that exists, so none is too small.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from adaptsize._kernels.compiling import lean, lean_kernel
+from adaptsize._kernels.exact_space import try_path
+from adaptsize._kernels.heap import Heap, pop, push_or_decrease
+
+
+class Relay(NamedTuple):
+    """What is handed on, and to whom.
+
+    Parameters
+    ----------
+    cells : int32[m, 4]
+    ring_ptr, ring : int32[n + 1], int32[4 * m]
+        Cells around each node.
+    waits : bool[n]
+        Nodes that take paths.
+    row : int32[n]
+        Number of each node of a reflex edge, -1 for others.
+    first, edges : int32[k + 1], int32[p]
+        The reflex edges at node number r are ``edges[first[r]:first[r + 1]]``.
+    n_sources : int
+        Base and straight path ``n_sources + r`` are those of node number r.
+    used : int64[2]
+        In/Out: number of paths and of bases in use; there is room for more.
+    origin : int32[bases]
+        In/Out: the source or node at the origin of each base.
+    heap : Heap
+        In/Out: nodes whose path is to be handed on.
+    stamp : int32[n]
+        Scratch, all -1.
+    """
+
+    cells: np.ndarray
+    ring_ptr: np.ndarray
+    ring: np.ndarray
+    waits: np.ndarray
+    row: np.ndarray
+    first: np.ndarray
+    edges: np.ndarray
+    n_sources: int
+    used: np.ndarray
+    origin: np.ndarray
+    heap: Heap
+    stamp: np.ndarray
+
+
+@lean
+def _add_base(relay, paths, points, field, x, g):
+    """Add the last bend of the path to node x as a base; return its number."""
+    bases, new = paths.bases, relay.used[1]
+    relay.used[1] += 1
+    square = 0.0
+    for d in range(3):
+        bases.table[new, d] = field.last[x, d]
+        square += (field.last[x, d] - points[x, d]) ** 2
+    bases.table[new, 9] = field.sizes[x] - g * math.sqrt(square)
+    bases.table[new, 10] = bases.table[new, 11] = math.inf
+    bases.counts[new] = 1
+    for v in range(3):
+        bases.nodes[new, v] = -1
+    relay.origin[new] = relay.origin[paths.base[field.path[x]]]
+    return new
+
+
+@lean
+def _add_path(relay, paths, field, x, base, e, slack):
+    """Add a path from a base over edge e at node x; return its number, -1 if there is none."""
+    edges, table, w = paths.edges, paths.bases.table, relay.used[0]
+    if w == paths.base.shape[0]:
+        return np.int64(-1)
+    several = paths.bases.counts[base] > 1
+    place = square = 0.0
+    for d in range(3):  # an edge or face: from where node x is reached
+        start = field.last[x, d] if several else table[base, d]
+        place += (start - edges.start[e, d]) * edges.along[e, d]
+    for d in range(3):
+        start = field.last[x, d] if several else table[base, d]
+        square += (start - edges.start[e, d] - place * edges.along[e, d]) ** 2
+    if square <= 100.0 * slack * slack:
+        return np.int64(-1)
+    relay.used[0] += 1
+    paths.base[w], paths.parent[w], paths.edge[w] = base, 0, e
+    paths.image[w, 0], paths.image[w, 1] = place, math.sqrt(square)
+    # What an edge or face allows over the reflex edge is not bounded from below.
+    paths.offset[w] = -math.inf if several else table[base, 9]
+    paths.sector[w] = 0.0
+    paths.skew[w] = several
+    paths.part[w, 0], paths.part[w, 1] = 0.0, edges.length[e]
+    return w
+
+
+@lean
+def _offers_of(relay, paths, points, field, x, g, slack, offers):
+    """List the paths that node x offers; return their number."""
+    w, r, n = np.int64(field.path[x]), relay.row[x], 1
+    offers[0] = w
+    if r < 0:
+        return n
+    straight = relay.n_sources + r
+    paths.bases.table[straight, 9] = paths.offset[straight] = field.sizes[x]
+    offers[n], n = straight, n + 1
+    base = np.int64(paths.base[w])
+    for k in range(relay.first[r], relay.first[r + 1]):
+        e = relay.edges[k]
+        if e == paths.edge[w] or n == offers.shape[0]:
+            continue
+        if paths.edge[w] >= 0 and base == paths.base[w]:
+            if relay.used[1] == relay.origin.shape[0]:
+                break
+            base = np.int64(_add_base(relay, paths, points, field, x, g))
+        new = _add_path(relay, paths, field, x, base, e, slack)
+        if new >= 0:
+            offers[n], n = new, n + 1
+    return n
+
+
+@lean_kernel
+def hand_on(relay, paths, field, sight, g, faces, block):
+    """Hand paths on until no size is lowered any more (In/Out: relay, paths, field).
+
+    ``faces``: None if all bases are nodes, as in `lower_by_paths`.
+    """
+    points, waits, stamp, offers = sight.stars.points, relay.waits, relay.stamp, block.queue
+    count, one = 0, np.int64(1)
+    while relay.heap.size[0] > 0:
+        x = pop(relay.heap)
+        n = _offers_of(relay, paths, points, field, x, g, sight.walls.slack, offers)
+        count += 1
+        for r in range(relay.ring_ptr[x], relay.ring_ptr[x + 1]):
+            for v in range(4):
+                y = np.int64(relay.cells[relay.ring[r], v])
+                if not waits[y] or stamp[y] == count or y == x:
+                    continue
+                stamp[y] = count
+                for d in range(3):
+                    block.bends[0, d, 0] = points[y, d]
+                block.sizes[0], block.path[0], block.nodes[0, 0] = field.sizes[y], -1, y
+                for k in range(n):
+                    if offers[k] != field.path[y]:
+                        try_path(paths, offers[k], one, sight, g, faces, block)
+                if block.sizes[0] < field.sizes[y]:
+                    field.sizes[y], field.path[y] = block.sizes[0], block.path[0]
+                    for d in range(3):
+                        field.last[y, d] = block.last[d, 0]
+                    push_or_decrease(relay.heap, y, field.sizes[y])

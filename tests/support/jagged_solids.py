@@ -1,0 +1,198 @@
+"""Coarse jagged solids, and the sizes in them by a graph of what sees what.
+
+Slow, without a line of the library's solvers.  Two points of a solid see each other if no facet is
+strictly between them and the middle between them is not outside.
+"""
+
+import math
+
+import numba
+import numpy as np
+from scipy.sparse.csgraph import dijkstra
+from solids_of_cubes import solid_of_cubes
+
+from adaptsize import SimplexMesh
+
+_NIL = 1e-10
+
+
+def jagged_solid(seed, most=14, jitter=0.18):
+    """Return tetrahedra of 4 to ``most`` unit cubes with common faces, all of their nodes moved.
+
+    Every edge of the boundary is one of two facets.
+    """
+    rng = np.random.default_rng(seed)
+    while True:
+        mesh = _grown(rng, most)
+        points = mesh.points + rng.uniform(-jitter, jitter, mesh.points.shape)
+        edges = points[mesh.cells[:, 1:]] - points[mesh.cells[:, :1]]
+        before = mesh.points[mesh.cells[:, 1:]] - mesh.points[mesh.cells[:, :1]]
+        facets = np.sort(_facets(mesh), axis=1)
+        sides = np.concatenate([facets[:, [0, 1]], facets[:, [0, 2]], facets[:, [1, 2]]])
+        twice = np.unique(sides, axis=0, return_counts=True)[1] == 2
+        upright = np.linalg.det(edges) * np.linalg.det(before) > 0.02
+        if upright.all() and twice.all():
+            return SimplexMesh(points, mesh.cells)
+
+
+def _grown(rng, most):
+    shape = rng.integers(2, 5, 3)
+    kept = np.zeros(shape, bool)
+    at = rng.integers(0, shape)
+    kept[tuple(at)] = True
+    wanted = min(int(rng.integers(4, most + 1)), max(4, int(0.7 * shape.prod())))
+    while kept.sum() < wanted:
+        cubes = np.argwhere(kept)
+        at = cubes[rng.integers(len(cubes))].copy()
+        at[rng.integers(3)] += rng.choice([-1, 1])
+        if ((at >= 0) & (at < shape)).all():
+            kept[tuple(at)] = True
+    chosen = {tuple(cube) for cube in np.argwhere(kept)}
+    keep = lambda middle: np.array([tuple(m) in chosen for m in np.floor(middle).astype(int)])
+    return solid_of_cubes(keep, tuple(shape), 0)
+
+
+def random_bounds(seed, n):
+    """Return bounds at about a third of n nodes, inf at the others."""
+    rng = np.random.default_rng(seed)
+    h0 = np.where(rng.random(n) < rng.uniform(0.05, 0.5), rng.uniform(0.05, 2.0, n), np.inf)
+    h0[rng.integers(n)] = 0.1
+    return h0
+
+
+@numba.njit(cache=True)
+def _solid_angle(facets, x):
+    total = 0.0
+    for f in range(len(facets)):
+        a, b, c = facets[f, 0] - x, facets[f, 1] - x, facets[f, 2] - x
+        p, q, r = math.sqrt((a * a).sum()), math.sqrt((b * b).sum()), math.sqrt((c * c).sum())
+        volume = (
+            a[0] * (b[1] * c[2] - b[2] * c[1])
+            + a[1] * (b[2] * c[0] - b[0] * c[2])
+            + a[2] * (b[0] * c[1] - b[1] * c[0])
+        )
+        other = p * q * r + (a * b).sum() * r + (b * c).sum() * p + (c * a).sum() * q
+        if abs(volume) > 1e-13 or other > 0.0:
+            total += 2.0 * math.atan2(volume, other)
+    return total / (4.0 * math.pi)
+
+
+@numba.njit(cache=True)
+def _sees(facets, normals, p, q):
+    for f in range(len(facets)):
+        o = facets[f, 0]
+        at_p = at_q = 0.0
+        for d in range(3):
+            at_p += normals[f, d] * (p[d] - o[d])
+            at_q += normals[f, d] * (q[d] - o[d])
+        if not ((at_p > _NIL and at_q < -_NIL) or (at_p < -_NIL and at_q > _NIL)):
+            continue
+        y = p + at_p / (at_p - at_q) * (q - p)
+        outside = False
+        for v in range(3):
+            a, b = facets[f, v], facets[f, (v + 1) % 3]
+            e, w = b - a, y - a
+            side = (
+                normals[f, 0] * (e[1] * w[2] - e[2] * w[1])
+                + normals[f, 1] * (e[2] * w[0] - e[0] * w[2])
+                + normals[f, 2] * (e[0] * w[1] - e[1] * w[0])
+            )
+            outside |= side < -_NIL
+        if not outside:
+            return False
+    return abs(_solid_angle(facets, 0.5 * (p + q))) > 0.02
+
+
+@numba.njit(cache=True)
+def _over_one_edge(facets, normals, ends, x, q, size, g, best):
+    """Return the least of ``best`` and the sizes of paths from q over one edge to x."""
+    for e in range(len(ends)):
+        start, along = ends[e, 0], ends[e, 1] - ends[e, 0]
+        length = math.sqrt((along * along).sum())
+        along = along / length
+        s, f = ((x - start) * along).sum(), ((q - start) * along).sum()
+        d = math.sqrt((((x - start) - s * along) ** 2).sum())
+        r = math.sqrt((((q - start) - f * along) ** 2).sum())
+        if d < 1e-9 or r < 1e-9:
+            continue
+        t = (f * d + s * r) / (d + r)
+        value = size + g * math.hypot(s - f, d + r)
+        if 0.0 < t < length and value < best:
+            y = start + t * along
+            if _sees(facets, normals, q, y) and _sees(facets, normals, y, x):
+                best = value
+    return best
+
+
+@numba.njit(cache=True)
+def _one_bend(facets, normals, ends, points, h0, g, best):
+    for i in range(len(points)):
+        for j in range(len(points)):
+            if h0[j] + g * math.sqrt(((points[i] - points[j]) ** 2).sum()) < best[i]:
+                found = _over_one_edge(
+                    facets, normals, ends, points[i], points[j], h0[j], g, best[i]
+                )
+                best[i] = found
+
+
+@numba.njit(cache=True)
+def _visible(facets, normals, a, b, least, sizes, g):
+    """Return float64[a, b]: distances, inf if hidden or of no use to b."""
+    result = np.full((len(a), len(b)), np.inf)
+    for i in range(len(a)):
+        for j in range(len(b)):
+            length = math.sqrt(((a[i] - b[j]) ** 2).sum())
+            if least[i] + g * length < sizes[j] and _sees(facets, normals, a[i], b[j]):
+                result[i, j] = length
+    return result
+
+
+def oracle(mesh, h0, g, parts=8):
+    """Return the sizes by straight paths, over one bend, and over more by points on edges.
+
+    The first two are exact for bounds at nodes.  The last ones are not too small.
+    """
+    facets = mesh.points[_facets(mesh)]
+    normals = np.cross(facets[:, 1] - facets[:, 0], facets[:, 2] - facets[:, 0])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    points = mesh.points
+    ends = points[reflex_edges(mesh)]
+    share = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, parts) / parts)  # denser at the ends
+    between = (ends[:, :1] + share[:, None] * (ends[:, 1:] - ends[:, :1])).reshape(-1, 3)
+    every = np.concatenate([points, between])
+    bounds = np.concatenate([h0, np.full(len(between), np.inf)])
+    lowest = (h0[None] + g * np.linalg.norm(every[:, None] - points[None], axis=2)).min(axis=1)
+    length = _visible(facets, normals, every, every, lowest, np.full(len(every), np.inf), g)
+    straight = (h0[:, None] + g * length[: len(points), : len(points)]).min(axis=0)
+    straight = np.minimum(straight, h0)
+    bent = straight.copy()
+    _one_bend(facets, normals, ends, points, h0, g, bent)
+    n = len(every)
+    graph = np.full((n + 1, n + 1), np.inf)
+    graph[:n, :n] = np.where(length > 0.0, g * length, np.inf)
+    finite = np.flatnonzero(np.isfinite(bounds))
+    least = bounds[finite].min()
+    graph[n, finite] = np.maximum(bounds[finite] - least, 1e-300)
+    graph[~np.isfinite(graph)] = 0.0
+    far = least + dijkstra(graph, directed=True, indices=n)[: len(points)]
+    return straight, bent, np.minimum(far, bent)
+
+
+def reflex_edges(mesh):
+    """Return the edges of the boundary with more than half a turn inside, int64[r, 2]."""
+    facets, inside = _facets(mesh), {}
+    for f in facets:
+        for v in range(3):
+            inside.setdefault(tuple(sorted((f[v], f[(v + 1) % 3]))), []).append((f, f[(v + 2) % 3]))
+    found = []
+    for edge, ((first, _), (_, apex)) in ((e, s) for e, s in inside.items() if len(s) == 2):
+        a, b, c = mesh.points[first]
+        # The normals of facets point outwards.
+        if np.cross(b - a, c - a) @ (mesh.points[apex] - a) > 1e-12:
+            found.append(edge)
+    return np.array(found, int).reshape(-1, 2)
+
+
+def _facets(mesh):
+    walls = mesh.boundary()
+    return walls.nodes[walls.mesh.cells]
