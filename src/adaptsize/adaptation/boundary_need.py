@@ -7,6 +7,7 @@ import numpy as np
 from adaptsize._checks import count_text
 from adaptsize.adaptation.next_sizes import NextSizes, Request
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
+from adaptsize._messages import Message
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.splitting import bisect_edges
 from adaptsize.background.topology import rows_among
@@ -82,12 +83,14 @@ def _check(
     if load <= 1.0 + BUDGET_TOLERANCE:
         return
     what, number = ("elements", target) if nodes is None else ("nodes", nodes)
-    text = (
-        f"within boundary_tolerance = {tolerance:g} the curved boundary needs about "
-        f"{count_text(load * number)} {what}; {count_text(number)} are not enough"
+    text = Message(
+        "within {boundary_tolerance} = {:g} the curved boundary needs about {} {}; {} are not enough",
+        *(tolerance, count_text(load * number), what, count_text(number)),
     )
     offer = smallest_tolerance(tolerance, load, load_of)
-    raise TooManyElementsError(text if offer is None else f"{text}: boundary_tolerance={offer:g}")
+    if offer is not None:
+        text = Message("{}: {}", text, Message.name("boundary_tolerance", f"{offer:g}"))
+    raise TooManyElementsError(text)
 
 
 def _halved(mesh: SimplexMesh) -> SimplexMesh:
