@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from adaptsize._checks import count_text
+from adaptsize._messages import Message
 from adaptsize.adaptation.next_sizes import NextSizes, Request
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
-from adaptsize._messages import Message
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.splitting import bisect_edges
 from adaptsize.background.topology import rows_among
@@ -84,7 +84,8 @@ def _check(
         return
     what, number = ("elements", target) if nodes is None else ("nodes", nodes)
     text = Message(
-        "within {boundary_tolerance} = {:g} the curved boundary needs about {} {}; {} are not enough",
+        "within {boundary_tolerance} = {:g} the curved boundary needs about {} {}; {} are not "
+        "enough",
         *(tolerance, count_text(load * number), what, count_text(number)),
     )
     offer = smallest_tolerance(tolerance, load, load_of)
