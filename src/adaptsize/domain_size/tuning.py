@@ -6,13 +6,14 @@ relaxed.  Where an effect is stated, those that are not named change by at most 
 ``benchmarks/tuning.py`` measures it.  Values without a stated effect were not varied.
 """
 
-#: Elements per radian of curved boundaries, by default: 25 edges around a circle.  Half: none, since chords within the default tolerance need
-#: smaller sizes.  Double: 3.2 times as many elements in the ring.
+#: Elements per radian of curved boundaries, by default: 25 edges around a circle.  Half: none, as
+#: chords within the default tolerance need smaller sizes.  Double: 3.2 times as many elements in
+#: the ring.
 PER_RADIAN = 4.0
 #: The least, relaxed, where no tolerance keeps the shape.
 LEAST_PER_RADIAN = 1.0
 #: Elements across narrow regions, by default: with 2 of them, no edge connects both sides.
-#: Half: 0.12 times as many in the plate.  Double: 8.4 times.
+#: Half: 0.12 times as many in the plate.  Double: 8.4 times, and 4.2 times if it is relaxed.
 ACROSS = 2.0
 #: The least, relaxed, also between features: cells four times as long as a plate is thick have
 #: angles of about 15 degrees.  Half: none.  Double: 4.2 times as many in the relaxed plate.
