@@ -15,7 +15,7 @@ from adaptsize.errors import TooManyElementsError
 from adaptsize.sizes.curvature import curves_of
 from adaptsize.sizes.search import smallest_tolerance
 
-#: A mesh is refined until the number on it falls by less than this share when cells are halved,
+#: A mesh is refined until the number on it falls by less than this share with twice the cells,
 #: and at most to so many cells.  The number of sizes is known between the nodes, and settles at
 #: once; on a ball of 300 surface nodes, that of metrics falls from 7 200 on 1 300 cells to 3 500 on
 #: 24 000.

@@ -2,44 +2,43 @@
 
 The effect of half and double the value is that on the predicted elements of a ball, a ring (torus)
 and a plate of 10 x 8 x 0.5: by default 41 000, 24 000 and 26 000, and 7 400, 14 000 and 110 fully
-relaxed.  Where no effect is stated, the numbers change by at most 1 %.  ``benchmarks/tuning.py``
-measures it.
+relaxed.  Where an effect is stated, those that are not named change by at most 3 %.
+``benchmarks/tuning.py`` measures it.  Values without a stated effect were not varied.
 """
 
-#: Elements per radian of curved boundaries, by default.  A circle has 25 edges then, the usual
-#: number in programs for CAD models.  Half: none, since chords within the default tolerance need
-#: smaller sizes.  Double: 3.2 times as many elements in the ring.
+#: Elements per radian of curved boundaries, by default: 25 edges around a circle.  Half: none, as
+#: chords within the default tolerance need smaller sizes.  Double: 3.2 times as many elements in
+#: the ring.
 PER_RADIAN = 4.0
 #: The least, relaxed, where no tolerance keeps the shape.
 LEAST_PER_RADIAN = 1.0
 #: Elements across narrow regions, by default: with 2 of them, no edge connects both sides.
-#: Half: 0.12 times as many in the plate.  Double: 8.4 times.
+#: Half: 0.12 times as many in the plate.  Double: 8.4 times, and 4.2 times if it is relaxed.
 ACROSS = 2.0
 #: The least, relaxed, also between features: cells four times as long as a plate is thick have
-#: angles of about 15 degrees.  Double: 4.2 times as many in the relaxed plate.
+#: angles of about 15 degrees.  Half: none.  Double: 4.2 times as many in the relaxed plate.
 LEAST_ACROSS = 0.25
 #: Elements between features, by default: 1 resolves the gap between them, and no more.
 BETWEEN = 1.0
 #: Default hmax over the diameter.  Half: 8.0 and 3.5 times as many in ball and ring.  Double: 0.3
 #: times in the ball.
 HMAX_SHARE = 1.0 / 20.0
-#: Default hmin over the diameter.  No effect here: it bounds details that are smaller.
+#: Default hmin over the diameter.  Half and double: none, as no size here is that small.
 HMIN_SHARE = 1.0 / 1000.0
 #: Largest gradient limit over the default, relaxed; decision 39 compares 1 and 2.  Half: 1.6 and
-#: 1.7 times as many in the relaxed ball and ring.  Double: no effect, as FULLY allows no more.
+#: 1.7 times as many in the relaxed ball and ring.  Double: none, as FULLY allows no more.
 STEEPEST = 2.0
 #: Relaxation at which the sizes at boundaries are those of chords within the tolerance, or a
 #: quarter of an element across, and hmax is nearly the diameter.  Half: 1.3, 1.3 and 4.1 times as
-#: many in the relaxed domains.
+#: many in the relaxed domains.  Double: none.
 FULLY = 16.0
 
-#: A predicted number this close to the requested one is accepted, a share.  Meshes miss their
-#: predicted number by more.
+#: A predicted number this close to the requested one is accepted, a share.
 CLOSE = 0.02
 #: One that is off by less than this share is not what was requested, but no reason to refuse or to
-#: warn: generators miss by as much.
+#: warn.
 NEAR = 0.1
-#: Share of an allowed number that sizes need not use.  More of it takes further trials.
+#: Share of an allowed number that sizes need not use.
 UNUSED = 0.05
 #: Largest details that are offered to be left out, over the diameter: larger ones are no details.
 LARGEST_DETAIL = 0.1
