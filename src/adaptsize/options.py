@@ -10,7 +10,9 @@ import inspect
 import os
 import re
 import textwrap
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from difflib import get_close_matches
@@ -51,6 +53,19 @@ F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R")
 
 _WIDTH = 100  # of a docstring
+
+#: Whether values come from options that were checked before, so that no warning is repeated.
+_WAS_CHECKED: ContextVar[bool] = ContextVar("_WAS_CHECKED", default=False)
+
+
+@contextmanager
+def checked_before() -> Iterator[None]:
+    """Pass on options that were checked: what is unusual in them was warned of, or is derived."""
+    token = _WAS_CHECKED.set(True)
+    try:
+        yield
+    finally:
+        _WAS_CHECKED.reset(token)
 
 
 @dataclass(frozen=True)
@@ -136,6 +151,12 @@ class Option:
                 self.name, value, lower=self.lower, strict=self.above, allow_inf=self.inf,
                 upper=self.upper, unit=unit,
             )  # fmt: skip
+        if not _WAS_CHECKED.get():
+            self._warn_of(value)
+        return value
+
+    def _warn_of(self, value: Any) -> None:
+        """Warn of a gradient that looks like a growth ratio or a percentage."""
         if self.of_sizes and isinstance(value, float | int) and 1.0 < value < 2.0:
             text = (
                 "{} = {:g} lets sizes grow by {:g} per length; a growth ratio of {:g} from an "
@@ -149,7 +170,6 @@ class Option:
                 "lets neighbouring edges differ by about a quarter"
             )
             warn_caller(Message.about(self.name, text), InputWarning)
-        return value
 
     def as_parameter(self) -> inspect.Parameter:
         """Return the parameter of a function."""
@@ -207,7 +227,9 @@ class SizeOptions(TypedDict, total=False):
     elements_between: Annotated[float | None, Option(chosen="1, or 0 on rough surfaces")]
     g: Annotated[
         float | None,
-        Option(chosen=f"{GRADIENT_LIMIT:g}", short="-g", unusual=10.0, of_sizes=True),
+        Option(
+            chosen=f"{GRADIENT_LIMIT:g}", short="-g", unusual=10.0, of_sizes=True, upper=STEEPEST
+        ),
     ]
     growth: Annotated[float | None, Option(lower=1.0)]
     hmin: Annotated[
@@ -368,7 +390,9 @@ class RemeshOptions(MeshOptions, LimitOptions, PartsOptions, total=False):
         Allowed distance of the new boundary from the old one, over the diagonal.
     """
 
-    g: Annotated[float, Option(GRADIENT_LIMIT, unusual=10.0, of_sizes=True, short="-g")]
+    g: Annotated[
+        float, Option(GRADIENT_LIMIT, unusual=10.0, of_sizes=True, short="-g", upper=STEEPEST)
+    ]
     hmax: Annotated[float, Option(float("inf"), unit="length", above=True, inf=True)]
     tolerance: Annotated[float, Option(TOLERANCE, above=True, upper=1.0)]
 
@@ -787,7 +811,8 @@ def checked(record: type[R], given: Mapping[str, Any]) -> R:
     if growth is not None:  # another name of g
         if values["g"] is not None:
             raise OptionError(Message("{growth} and {g} exclude each other: {growth} is 1 + {g}"))
-        values["g"] = float(Decimal(repr(growth)) - 1)  # 1.2 is 0.2 to the last bit
+        limit = float(Decimal(repr(growth)) - 1)  # 1.2 is 0.2 to the last bit
+        values["g"] = replace(options["g"], of_sizes=False).check(limit)
     return cast(R, values)
 
 

@@ -50,6 +50,8 @@ class Format:
     of tetrahedra those of the boundary."""
     dims: tuple[int, ...] = ()
     """Dimensions of meshes, if their cells must have the dimension of the space."""
+    most_dim: int = 3
+    """Largest dimension of cells."""
     names: re.Pattern[str] = IN_XML
     """What the names of fields must match."""
 
@@ -64,6 +66,10 @@ class Format:
         """Refuse cells that the format cannot hold."""
         if "triangles" in self.holds and mesh.cell_dim == 1:
             raise ValueError(f"{path.name} cannot hold segments; write .vtu")
+        if mesh.cell_dim > self.most_dim:
+            raise OptionError(
+                f"{path.name} holds no tetrahedra, got {mesh!r}; write .vtu", ["path"]
+            )
         if self.dims and (mesh.cell_dim < mesh.dim or mesh.dim not in self.dims):
             of_dim = {2: "triangles in the plane", 3: "tetrahedra"}
             cells = " or ".join(map(of_dim.__getitem__, self.dims))

@@ -51,7 +51,7 @@ _OWN: dict[str, Format] = {
     "medit-sol": Format((".sol",), sizes.write_sol, holds=_SIZES),
     "vti": Format((".vti",), vtk.write_image, None, check.check_vtk_xml, holds=_GRIDS),
     "vtu": Format((".vtu",), _of_vtk["vtu"], _VTK, check.check_vtk_xml, holds=_ALL_2),
-    "vtp": Format((".vtp",), _of_vtk["vtp"], _VTK, check.check_vtk_xml),
+    "vtp": Format((".vtp",), _of_vtk["vtp"], _VTK, check.check_vtk_xml, most_dim=2),
     "vtk-xml": Format((".vtr", ".vts", ".vtm", ".pvtu", ".pvtp"), None, _VTK, check.check_vtk_xml),
     "vtk": Format((".vtk",), _of_vtk["vtk"], _VTK, check.check_vtk, None, _ALL_2, names=LEGACY),
     "vtkhdf": Format((".vtkhdf",), _of_vtk["vtkhdf"], _VTK, holds=_ALL_2, names=IN_HDF),

@@ -301,8 +301,6 @@ def surface_of(mesh: RawMesh) -> Any:
     order = sorted(range(len(mesh.blocks)), key=lambda i: mesh.blocks[i][0])
     for i in order:
         name, rows = mesh.blocks[i]
-        if name == "tetra":
-            raise ValueError("obj must hold triangles or segments for .vtp; write .vtu")
         cells = _get("vtkCommonDataModel.vtkCellArray")()
         cells.SetData(rows.shape[1], _array_of(rows.ravel().astype(np.int64)))
         (surface.SetLines if name == "line" else surface.SetPolys)(cells)

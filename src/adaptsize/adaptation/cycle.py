@@ -198,7 +198,7 @@ def _with_original(result: AdaptResult, mesh: AnyMesh, first: SimplexMesh | None
         return result
     if first is None:
         first = whole_boundary(mesh).mesh if isinstance(mesh, PartitionedMesh) else mesh
-    if result.mesh is not first:
+    if result.mesh is not mesh and result.mesh is not first:  # the caller's mesh is not changed
         vars(result.mesh)[_ORIGINAL] = first
     return replace(result, original=first)
 

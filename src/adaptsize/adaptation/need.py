@@ -10,11 +10,12 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_sizes_at, check_type, refuse_where
+from adaptsize._checks import as_sizes_at, refuse_where
 from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.migration import is_counted_here
 from adaptsize.background.partitioned import local_mesh
+from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import NeedOptions, checked, with_options
 from adaptsize.quality.conformity import SizeLike, nodal_metric
@@ -145,7 +146,7 @@ def needs_remeshing(
     >>> bool(needs_remeshing(mesh, 1.1))
     False
     """
-    check_type("mesh", mesh, SimplexMesh, PartitionedMesh)
+    mesh = as_mesh("mesh", mesh, PartitionedMesh)
     if mesh.cell_dim == 1:
         raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
 

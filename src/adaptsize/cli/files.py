@@ -204,6 +204,13 @@ def nodal_field(mesh: SimplexMesh, name: str) -> npt.NDArray[Any]:
     return values
 
 
+def check_cells(path: Path, dim: int, cell_dim: int) -> None:
+    """Refuse a file that cannot hold cells of a dimension in a space, before they are made."""
+    corners = np.zeros((cell_dim + 1, dim))
+    corners[1:, :cell_dim] = np.eye(cell_dim)
+    format_of(path).check_cells(path, ads.SimplexMesh(corners, [range(cell_dim + 1)]))
+
+
 def write_result(
     console: Console,
     path: Path,

@@ -79,6 +79,8 @@ def limit_with_metric(console: Console, file: Path, output: Path, given: Given) 
 
 def remesh_with_metric(console: Console, file: Path, output: Path, given: Given) -> int:
     """Make a mesh with the sizes of a metric whose gradient is limited first."""
+    from adaptsize.remeshing.attempts import attempts_of
+
     _check(file, output, given, _OF_MESHING | {"hmin", "hmax", "fields"})
     g, fields = given.get("g", METRIC_GRADIENT_LIMIT), given.get("fields", "all")
     with console.steps(5) as steps:
@@ -90,6 +92,7 @@ def remesh_with_metric(console: Console, file: Path, output: Path, given: Given)
         options = {name: given[name] for name in _OF_MESHING & given.keys()}
         following = steps.following()
         new = ads.remesh(mesh.without_data(), limited, progress=following, **options)
+        attempts = attempts_of(new)
         steps.begin("writing")
         new = with_fields(console, mesh, new, output, (fields, given["metric"]), steps.report)
         function = ads.MetricFunction(new, limited(new.points))
@@ -99,7 +102,7 @@ def remesh_with_metric(console: Console, file: Path, output: Path, given: Given)
         files.draw(console, "metric", given.get("plot"), function)
     console.record(g=g, mesh=conformity.as_dict(), metric=_summary(function))
     console.print(conformity)
-    return 0
+    return int(attempts is not None and attempts.is_cut_short)
 
 
 def _summary(function: MetricFunction) -> dict[str, float]:

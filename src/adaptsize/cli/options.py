@@ -205,6 +205,9 @@ def command(
                 )
             if options:
                 given = {} if file is None else _read_options(file, options)
+                for name, other in (("g", "growth"), ("growth", "g")):
+                    if typed.get(name) is not None:  # the command line wins
+                        given.pop(other, None)
                 given |= {
                     name: _as_value(options[name], value)
                     for name, value in typed.items()

@@ -206,6 +206,8 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
         console.say("the surface lies in a plane: it is remeshed there")
     target = given.get("target", "auto")
     check_backend(mesh, target, given.get("backend", "auto"))
+    dim = mesh.dim if mesh.cell_dim < mesh.dim and target != "triangles" else mesh.cell_dim
+    files.check_cells(output, mesh.dim, max(dim, 2))
     if mesh.cell_dim < mesh.dim and target != "triangles":
         allowed = tolerance * mesh.diagonal
         mesh = _accepted(console, mesh, allowed, close=close, strict=given.get("strict", False))

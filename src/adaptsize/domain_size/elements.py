@@ -33,6 +33,7 @@ from adaptsize.options import (
     MeshOptions,
     RemeshToElementsOptions,
     checked,
+    checked_before,
     options_of,
     with_options,
 )
@@ -130,7 +131,8 @@ def remesh_to_elements(
         **{"background": background, "sources": sources, "h0": h0},
     }
     tell = partial(logging.getLogger(__name__).info, "%s")
-    return mesh_with_sizes(mesh, request, tell=tell, progress=progress)
+    with checked_before():
+        return mesh_with_sizes(mesh, request, tell=tell, progress=progress)
 
 
 def mesh_with_sizes(
@@ -160,6 +162,7 @@ def mesh_with_sizes(
     for_sizes = {name: value for name, value in request.items() if name not in apart}
     numbers = {name: request[name] for name in options_of(BudgetOptions) if name in request}
     budget = checked(BudgetOptions, numbers)
+    goal = goal_of(budget)
 
     def sized(**number: float) -> SizeFunction:
         size = size_function(mesh, progress=progress, **for_sizes | number)
@@ -167,15 +170,16 @@ def mesh_with_sizes(
         return size
 
     def meshed(old: SimplexMesh, size: SizeFunction) -> SimplexMesh:
-        report, limit = report_of(size), {}
-        if request.get("max_elements") is not None:  # kept unless given parameters forbid it
-            limit["max_elements"] = max(request["max_elements"], MANY_MORE * report.n_elements)
-        return remesh(
-            old, size, progress=progress, g=report.g, hmax=report.hmax,
-            tolerance=request.get("tolerance") or TOLERANCE, **for_mesh, **limit,
-        )  # fmt: skip
+        # A cap is kept unless given parameters forbid it; a requested number is not capped.
+        report, most = report_of(size), request.get("max_elements")
+        enough = MANY_MORE * report.n_elements
+        limit = {} if most is None and goal is None else {"max_elements": max(most or 0.0, enough)}
+        with checked_before():
+            return remesh(
+                old, size, progress=progress, g=report.g, hmax=report.hmax,
+                tolerance=request.get("tolerance") or TOLERANCE, **for_mesh, **limit,
+            )  # fmt: skip
 
-    goal = goal_of(budget)
     if goal is None:
         return _within_cap(mesh, budget["max_elements"], sized, meshed, tell)
     system = (budget["degree"], budget["components"])

@@ -17,6 +17,7 @@ from adaptsize._kernels.distance import fill_closest
 from adaptsize._progress import reporting
 from adaptsize.background import SimplexMesh
 from adaptsize.background.location import parts_of
+from adaptsize.background.simplex import as_mesh
 from adaptsize.background.topology import components_of, pairs_of_cells
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.faces import ANGLE_SLACK, Faces
@@ -98,6 +99,7 @@ def boundary_width(
     [0.546   inf 0.546]
     [inf inf inf]
     """
+    boundary = as_mesh("boundary", boundary)
     check_boundary(boundary)
     faces = Faces.of(boundary, as_angle("crease_angle", crease_angle))
     width = Width(faces, as_angle("corner_angle", corner_angle))

@@ -13,11 +13,11 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay
 
-from adaptsize._checks import as_number, check_type, place_text
+from adaptsize._checks import as_number, place_text
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._messages import Message
 from adaptsize.background import SimplexMesh
-from adaptsize.background.simplex import cut_out
+from adaptsize.background.simplex import as_mesh, cut_out
 from adaptsize.background.topology import rings, rows_among
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.enclosed import cone_measures
@@ -126,7 +126,7 @@ def remove_details(
     >>> print(remove_details(SimplexMesh(corners, cells), 0.5))
     no details removed
     """
-    check_type("surface", surface, SimplexMesh)
+    surface = as_mesh("surface", surface)
     if surface.cell_dim != 2 or surface.dim != 3:
         raise ValueError(f"surface must consist of triangles in space, got {surface!r}")
     length = as_number("length", length, lower=0.0, strict=True)

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_sizes_at, one_of, refuse_where
+from adaptsize._messages import Message
 from adaptsize.background import SimplexMesh, interpolate
 from adaptsize.background.migration import (
     balanced,
@@ -17,8 +18,9 @@ from adaptsize.background.migration import (
     with_common_tags,
 )
 from adaptsize.background.partitioned import PartitionedMesh
-from adaptsize.errors import BackendError
+from adaptsize.errors import BackendError, TooManyElementsError
 from adaptsize.options import RemeshOptions
+from adaptsize.sizes.budget import calibration, count_elements
 from adaptsize.typing import FloatArray, IntArray
 
 # Parts are divided anew in the end if one has more cells than the mean times this.
@@ -47,12 +49,24 @@ def remesh_parts(
     by_name = {name: given[name] for name in ("how", "rounds", "tolerance")}
     ranks.require_equal(**by_name)
     part.require_equal_values("size", h)
+    _refuse_too_many(part, h, given["max_elements"])
     if given["how"] == "gather" or ranks.size == 1:
         new, places = _gathered(part, h, remesh), np.empty((0, part.dim))
     else:
         new, places = _by_parts(part, h, remesh, given)
     new.once("_former_interfaces", lambda: places)
     return new
+
+
+def _refuse_too_many(part: PartitionedMesh, sizes: FloatArray, most: float) -> None:
+    """Raise on all ranks if too many elements are predicted in all parts together; collective."""
+    count = calibration("mmg", part.cell_dim) * count_elements(part, sizes)
+    if count > most:
+        text = (
+            "the sizes require about {:.3g} elements, more than {max_elements} = {:.3g}; increase "
+            "the sizes or raise {max_elements}"
+        )
+        raise TooManyElementsError(Message(text, count, most))
 
 
 def _gathered(part: PartitionedMesh, sizes: FloatArray, remesh: Remesh) -> PartitionedMesh:
@@ -90,7 +104,8 @@ def _remeshed(
     """Return a new mesh of the part of this rank; its frozen facets are the same."""
     if work.mesh is None:
         return None
-    return remesh(work.mesh, h, required_facets=frozen, tolerance=allowed / work.mesh.diagonal)
+    tolerance = min(1.0, allowed / work.mesh.diagonal)
+    return remesh(work.mesh, h, required_facets=frozen, tolerance=tolerance, max_elements=np.inf)
 
 
 def _stitched(old: PartitionedMesh, mesh: SimplexMesh | None, frozen: IntArray) -> PartitionedMesh:
