@@ -447,7 +447,7 @@ def _quantiles(ranks: Communicator, values: FloatArray, shares: Sequence[float])
 
 
 def _hausdorff(mesh: SimplexMesh, surface: SimplexMesh) -> float:
-    """Return a lower bound on the Hausdorff distance of a surface and a mesh's boundary.
+    """Return the Hausdorff distance of a surface and a mesh's boundary, to 1 %.
 
     Of a surface around tetrahedra, what bounds the solid counts.
     """

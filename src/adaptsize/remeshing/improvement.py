@@ -182,7 +182,7 @@ def _in_rounds(
     tolerance: float,
     made: Callable[[SimplexMesh, _Far, float, _Balls], SimplexMesh],
 ) -> SimplexMesh:
-    """Return a mesh brought nearer to the old surface, until it is near or no nearer than before.
+    """Return a mesh brought nearer to the old surface, until it is near.
 
     ``made`` returns a better mesh for a mesh, what is far of it, a least quality of new cells, and
     places to leave as they are.  These are where a round has spoiled cells, which is not kept.
@@ -199,7 +199,7 @@ def _in_rounds(
                 continue
         now = far.after(mesh, old, limit)
         if least < _LEAST and now.beyond(tolerance)[1] >= far.beyond(tolerance)[1]:
-            break
+            continue
         best, far = mesh, now
         # Many are far where the sizes are coarse: nothing is divided there.
         if not 0 < far.beyond(tolerance)[0] <= _FEW * far.surface.n_cells:
@@ -221,13 +221,16 @@ def _divided(
     Edges get a node at the farthest places on facets beside them, and at places of the old surface
     that these miss; nodes are moved there.  ``least`` is the least quality of cells.
     """
-    limit = _AIM * tolerance
+    limit, failed = _AIM * tolerance, 0
     for k in range(_ROUNDS):
-        if not 0 < far.beyond(tolerance)[0] <= _FEW * far.surface.n_cells:
+        if failed == len(_TRIES) or not 0 < far.beyond(tolerance)[0] <= _FEW * far.surface.n_cells:
             break
         targets = _targets(far, old, limit, spoiled)
-        mesh = _with_targets(mesh, far.surface, targets, lines, least, _TRIES[k % len(_TRIES)])
-        far = far.after(mesh, old, limit)
+        made = _with_targets(mesh, far.surface, targets, lines, least, _TRIES[k % len(_TRIES)])
+        now = far.after(made, old, limit)
+        failed += 1
+        if now.beyond(tolerance)[1] < far.beyond(tolerance)[1]:
+            mesh, far, failed = made, now, 0
     return mesh
 
 
