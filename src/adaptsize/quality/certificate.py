@@ -205,7 +205,8 @@ def check_mesh(
       not count.
     - *boundary*: each boundary is within the tolerance of the other one.  The distance is that of
       the farthest point: facets are divided until it is known to 1 %.  Where ``original`` is a
-      surface with holes, the boundary of ``mesh`` may be where the winding number is between 1/4 and 3/4.
+      surface with holes, the boundary of ``mesh`` may be where the winding number is between 1/4
+      and 3/4.
     - *interface*: the same for facets between regions and tagged facets inside of them, if both
       meshes have any.
     - *tags*: the mesh has facets of each tag of ``original``, and those of each tag are within the

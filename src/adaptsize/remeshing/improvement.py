@@ -248,7 +248,7 @@ def _targets(far: _Far, old: SimplexMesh, limit: float, spoiled: _Balls) -> _Tar
     )
     order = np.argsort(-np.append(new.distance[off], lost.distance[missed]))
     order = order[~spoiled.contain(found.there[order])]
-    return _Targets(*(values[order] for values in found))
+    return _Targets(found.there[order], found.cells[order], found.weights[order])
 
 
 def _weights_in(corners: FloatArray, points: FloatArray) -> FloatArray:
@@ -258,7 +258,8 @@ def _weights_in(corners: FloatArray, points: FloatArray) -> FloatArray:
     gram = np.einsum("nid,njd->nij", sides, sides)
     right = np.einsum("nid,nd->ni", sides, points - corners[:, 0])
     rest = np.einsum("nij,nj->ni", np.linalg.pinv(gram), right)
-    return np.clip(np.column_stack([1.0 - rest.sum(axis=1), rest]), 0.0, 1.0).reshape(-1, k)
+    weights = np.column_stack([1.0 - rest.sum(axis=1), rest])
+    return np.asarray(np.clip(weights, 0.0, 1.0)).reshape(-1, k)
 
 
 def _with_targets(
@@ -308,7 +309,7 @@ def _edges_at(
     away[is_on_line[surface.edges[sides]].all(axis=2)] = np.inf
     chosen = surface.edges[sides[np.arange(len(sides)), away.argmin(axis=1)]].copy()
     chosen[np.isinf(away.min(axis=1))] = -1
-    return chosen
+    return np.asarray(chosen)
 
 
 def _with_nodes(
