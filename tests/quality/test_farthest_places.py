@@ -60,7 +60,7 @@ def test_no_point_is_farther_than_the_bound_and_the_place_is_as_far_as_that(pair
     sampled, spacing = slow(skin, other)
     assert (found.bound >= sampled - 1e-12).all()
     assert (found.distance <= sampled + spacing).all()
-    assert (found.bound <= 1.01 * found.distance + 1e-11).all()
+    assert (found.bound <= 1.01 * np.maximum(found.distance, 1e-6 * skin.diagonal)).all()
     np.testing.assert_allclose(other.locator.nearest(found.points)[2], found.distance, atol=1e-12)
 
 
@@ -104,10 +104,12 @@ def test_distances_do_not_depend_on_place_scale_and_numbers(pair):
 
 
 def test_flat_surfaces_divided_otherwise_are_at_distance_zero():
+    rng = np.random.default_rng(3)
     fine, coarse = (ads.CartesianGrid([0.0] * 3, 1.0 / n, (n + 1,) * 3).mesh for n in (7, 2))
+    fine = fine.moved(fine.points + 1e-9 * rng.uniform(-1.0, 1.0, fine.points.shape))
     skins = fine.boundary().mesh, coarse.boundary().mesh
     for one, other in (skins, skins[::-1]):
-        assert distances_from(one, other).largest <= 3e-12  # rounding
+        assert distances_from(one, other).largest <= 2e-9  # at once: all that is rounding
 
 
 def test_facets_without_an_area_count():
