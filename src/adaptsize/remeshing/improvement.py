@@ -155,10 +155,15 @@ class _Far(NamedTuple):
                     values[rows] = now
         return _Far(surface, keys, new, lost)
 
-    def beyond(self, limit: float) -> tuple[int, float]:
-        """Return the number of places beyond a limit, and the sum of by how much."""
+    def beyond(self, limit: float) -> float:
+        """Return the sum of the distances beyond a limit, less the limit."""
         over = np.concatenate([self.new.distance, self.lost.distance]) - limit
-        return int((over > 0.0).sum()), float(over[over > 0.0].sum())
+        return float(over[over > 0.0].sum())
+
+    def are_few(self, limit: float) -> bool:
+        """Return whether some places are beyond a limit, but few of the new facets."""
+        share = float((self.new.distance > limit).mean())
+        return self.beyond(limit) > 0.0 and share <= _FEW
 
 
 def _keys_of(surface: SimplexMesh) -> FloatArray:
@@ -198,11 +203,11 @@ def _in_rounds(
                 spoiled = spoiled.and_also(_Balls.around(mesh, flat))
                 continue
         now = far.after(mesh, old, limit)
-        if least < _LEAST and now.beyond(tolerance)[1] >= far.beyond(tolerance)[1]:
+        if least < _LEAST and now.beyond(tolerance) >= far.beyond(tolerance):
             continue
         best, far = mesh, now
         # Many are far where the sizes are coarse: nothing is divided there.
-        if not 0 < far.beyond(tolerance)[0] <= _FEW * far.surface.n_cells:
+        if not far.are_few(tolerance):
             break
     return best
 
@@ -223,13 +228,13 @@ def _divided(
     """
     limit, failed = _AIM * tolerance, 0
     for k in range(_ROUNDS):
-        if failed == len(_TRIES) or not 0 < far.beyond(tolerance)[0] <= _FEW * far.surface.n_cells:
+        if failed == len(_TRIES) or not far.are_few(tolerance):
             break
         targets = _targets(far, old, limit, spoiled)
         made = _with_targets(mesh, far.surface, targets, lines, least, _TRIES[k % len(_TRIES)])
         now = far.after(made, old, limit)
         failed += 1
-        if now.beyond(tolerance)[1] < far.beyond(tolerance)[1]:
+        if now.beyond(tolerance) < far.beyond(tolerance):
             mesh, far, failed = made, now, 0
     return mesh
 
