@@ -6,6 +6,7 @@ from scipy.spatial import ConvexHull
 
 import adaptsize as ads
 from adaptsize.quality.boundary import distances_from, farthest_places
+from adaptsize.remeshing.acceptance import Judge
 
 
 def ball(n, seed):
@@ -117,3 +118,17 @@ def test_facets_without_an_area_count():
     needle = ads.SimplexMesh([[0, 0, 0.1], [1, 0, 0.5], [0.5, 0, 0.3]], [[0, 1, 2]])
     assert farthest_places(needle, flat, 0.0).distance == pytest.approx([0.5])
     assert distances_from(flat, needle).largest == pytest.approx(np.hypot(1.0, 0.1), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("factor", "status"), [(0.98, "met"), (1.02, "near"), (1.08, "near"), (1.12, "missed")]
+)
+def test_the_tolerance_is_the_limit_of_the_check_and_of_the_acceptance(factor, status):
+    """A limit that is 5 % larger would accept the second, and call the last one near."""
+    box = ads.CartesianGrid([0.0] * 3, 0.25, (5, 5, 5)).mesh
+    tolerance = 0.01
+    moved = box.moved(box.points + [factor * tolerance * box.diagonal, 0.0, 0.0])
+    found = ads.check_mesh(moved, original=box, tolerance=tolerance).demands
+    accepted = Judge(box, None, None, tolerance)(moved).check.demands
+    for demands in (found, accepted):
+        assert {one.name: one.status for one in demands}["boundary"] == status
