@@ -127,7 +127,7 @@ def test_the_tolerance_is_the_limit_of_the_check_and_of_the_acceptance(factor, s
     """A limit that is 5 % larger would accept the second, and call the last one near."""
     box = ads.CartesianGrid([0.0] * 3, 0.25, (5, 5, 5)).mesh
     tolerance = 0.01
-    moved = box.moved(box.points + [factor * tolerance * box.diagonal, 0.0, 0.0])
+    moved = box.moved(box.points + factor * tolerance * box.diagonal * np.eye(3)[0])
     found = ads.check_mesh(moved, original=box, tolerance=tolerance).demands
     accepted = Judge(box, None, None, tolerance)(moved).check.demands
     for demands in (found, accepted):
