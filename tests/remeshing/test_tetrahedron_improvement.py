@@ -4,17 +4,20 @@ import itertools
 
 import numpy as np
 import pytest
-from scipy.spatial import Delaunay
+from scipy.spatial import ConvexHull, Delaunay
 from shapes import block
 
 import adaptsize as ads
 from adaptsize._kernels.smoothing import fill_quality, smooth_nodes
 from adaptsize._kernels.swapping import Tetrahedra, new_work, swap
 from adaptsize.background import topology
+from adaptsize.quality.boundary import distances_from
 from adaptsize.quality.elements import minimum_angles
+from adaptsize.remeshing.improvement import _Balls as Balls
+from adaptsize.remeshing.improvement import _Far as Far
 from adaptsize.remeshing.improvement import _in_rounds as in_rounds
-from adaptsize.remeshing.improvement import _with_closer_edges as with_closer_edges
 from adaptsize.remeshing.improvement import _with_nodes as with_nodes
+from adaptsize.remeshing.improvement import improved
 
 
 def volume_length(points, cells):
@@ -112,10 +115,10 @@ def test_a_plane_edge_too_far_from_the_old_boundary_gets_a_node_there():
     cells = [[i, i + 1, 48] for i in range(46)] + [[46, 0, 48]]  # without node 47
     mesh = ads.SimplexMesh(points, cells, tagged_facets=[[46, 0], [0, 1]], facet_tags=[3, 4])
     away = 1.0 - np.cos(np.pi / 24.0)
-    new = with_closer_edges(mesh, given, 1.05 * away)
-    np.testing.assert_allclose(new.points[-1], points[47], atol=1e-3)
+    new = improved(mesh, given, 0.95 * away)
+    assert np.linalg.norm(new.points - points[47], axis=1).min() < 1e-3
     assert (new.n_cells, sorted(new.facet_tags)) == (48, [3, 3, 4])
-    assert with_closer_edges(mesh, given, 1.2 * away) is mesh
+    assert improved(mesh, given, 1.05 * away).n_cells == 47
 
 
 def with_tip(mesh, corners, height):
@@ -142,18 +145,74 @@ def test_later_rounds_place_the_nodes_that_would_have_spoilt_cells():
     def run(*rounds):
         asked.clear()
 
-        def made(mesh, surface, least):
-            asked.append(least)
-            assert surface.n_cells == mesh.boundary().mesh.n_cells
-            return rounds[len(asked) - 1]
+        def made(mesh, far, least, spoiled):
+            assert far.surface.n_cells == mesh.boundary().mesh.n_cells
+            asked.append((least, len(spoiled.radii)))
+            return rounds[min(len(asked), len(rounds)) - 1]
 
-        return in_rounds(flat, flat.boundary().mesh, old, 0.02, made)
+        return in_rounds(flat, old, 0.02, made)
 
     assert run(high) is high  # near at once
-    assert asked == [0.2]
+    assert asked == [(0.2, 0)]
     assert run(flat, high) is high
-    assert asked == [0.2, 0.05]
-    assert run(flat, flat) is flat  # no nearer: another round is of no use
-    assert len(asked) == 2
-    assert run(flat, thin) is flat  # a flat cell is no price for an edge
-    assert len(asked) == 2
+    assert asked == [(0.2, 0), (0.05, 0)]
+    assert run(flat) is flat  # no nearer
+    assert run(flat, thin, high) is high  # a flat cell is no price for an edge, and is avoided
+    assert [n for _, n in asked] == [0, 0, 1]
+
+
+def test_distances_after_changes_are_those_of_the_whole_mesh():
+    rng = np.random.default_rng(4)
+    flat = block(8)
+    points = flat.points.copy()
+    points += 0.03 * rng.uniform(-1.0, 1.0, points.shape)
+    mesh, old = flat.moved(points), flat.boundary().mesh
+    far = Far.of(mesh, old, 0.01)
+    points[::9] += 0.03 * rng.uniform(-1.0, 1.0, points[::9].shape)
+    order = rng.permutation(mesh.n_cells)
+    changed = ads.SimplexMesh(points, mesh.cells[order])
+    assert (points != mesh.points).any()
+    found, whole = far.after(changed, old, 0.01), Far.of(changed, old, 0.01)
+    np.testing.assert_array_equal(found.surface.cells, whole.surface.cells)
+    for one, other in ((found.new, whole.new), (found.lost, whole.lost)):
+        over = other.distance > 0.0102
+        assert over.sum() > 20
+        np.testing.assert_allclose(one.distance[over], other.distance[over], rtol=0.011)
+        assert (one.distance[~over] < 0.0103).all()
+    again = found.after(changed, old, 0.01)
+    np.testing.assert_array_equal(again.new.distance, found.new.distance)
+    np.testing.assert_array_equal(again.lost.distance, found.lost.distance)
+
+
+def test_balls_contain_what_is_around_cells():
+    mesh = block(2)
+    first = np.arange(mesh.n_cells) == 0
+    both = Balls.around(mesh, first).and_also(Balls.around(mesh, ~first))
+    assert len(both.radii) == mesh.n_cells
+    here = mesh.points[mesh.cells[:1]].mean(axis=1)
+    far = here + 100.0
+    assert Balls.around(mesh, first).contain(np.concatenate([here, far])).tolist() == [True, False]
+
+
+def ball_of(n, seed):
+    """Tetrahedra in the unit ball with nodes on the sphere and in the centre."""
+    points = np.random.default_rng(seed).normal(size=(n, 3))
+    points /= np.linalg.norm(points, axis=1)[:, None]
+    points = np.vstack([points, np.zeros(3)])
+    cells = ConvexHull(points[:-1]).simplices
+    cells = np.column_stack([cells, np.full(len(cells), n)]).astype(np.int32)
+    negative = np.linalg.det(points[cells[:, 1:]] - points[cells[:, :1]]) < 0.0
+    cells[negative, :2] = cells[negative, 1::-1]
+    return ads.SimplexMesh(points, cells)
+
+
+def test_facets_are_divided_where_they_are_truly_far():
+    given, mesh = ball_of(3000, 5).boundary().mesh, ball_of(300, 6)
+    both = [(given, mesh.boundary().mesh), (mesh.boundary().mesh, given)]
+    largest = max(distances_from(*pair).largest for pair in both)
+    tolerance = 0.6 * largest
+    new = improved(mesh, given, tolerance, lambda x: np.full(len(x), 0.2))
+    skin = new.boundary().mesh
+    assert distances_from(given, skin).largest <= 1.02 * tolerance
+    assert distances_from(skin, given).largest <= 1.02 * tolerance
+    assert new.n_cells < 1.5 * mesh.n_cells

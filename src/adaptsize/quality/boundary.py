@@ -17,6 +17,9 @@ from adaptsize.geometry.enclosed import cone_measures, enclosed_measure
 from adaptsize.geometry.solid import Solid, sides_of
 from adaptsize.typing import BoolArray, FloatArray
 
+#: Distances below this share of the diagonal are not looked at more closely.
+_NOTHING = 1e-6
+
 
 class Distances(NamedTuple):
     """Distances of samples of one boundary from another, the farthest place among them."""
@@ -195,16 +198,23 @@ class FarPlaces(NamedTuple):
 def farthest_places(skin: SimplexMesh, other: SimplexMesh, enough: float) -> FarPlaces:
     """Return the place of each facet of a surface or curve that is farthest from another.
 
-    Facets are divided until this is certain to 1 %, or until they are nearer than ``enough``.
+    Facets are divided until this is certain to 1 %, or until they are nearer than ``enough``, or
+    than 1e-6 of the diagonal: where both are flat, all else is rounding.
     """
+    enough = max(enough, _NOTHING * skin.diagonal)
     locator, k = other.locator, skin.cell_dim + 1
     facets = in_space(skin.points[skin.cells].reshape(-1, skin.dim) * locator.scale)
-    n, enough = skin.n_cells, enough * locator.scale
+    n = skin.n_cells
     found = np.empty((n, 5))
     stack, pieces, corners = new_stack(), new_pieces(), facets.reshape(n, k, 3)
     for first, last in parts_of(n):
-        find_farthest(locator.tree, corners, first, last, enough, stack, pieces, found)
+        find_farthest(
+            locator.tree, corners, first, last, enough * locator.scale, stack, pieces, found
+        )
     found /= locator.scale
+    # Facets with too many pieces count with what is certain.
+    left = found[:, 4] > (1.0 + 2.0 * SHARE) * np.maximum(found[:, 3], enough)
+    found[left, 3] = found[left, 4]
     return FarPlaces(found[:, : skin.dim], found[:, 3], found[:, 4])
 
 
@@ -213,7 +223,7 @@ def distances_from(skin: SimplexMesh, other: SimplexMesh) -> Distances:
 
     Samples are the nodes in cells, the midpoints of the edges and the centroids of the cells, and
     places farther away than these, so that no point of the surface is farther away than the
-    largest of all distances, to 1 %.
+    largest of all distances, to 1 % of that or 1e-6 of the diagonal.
     The integral uses nodes and centroids; it is exact for quadratic polynomials.
     """
     sampled = _sampled(skin, other)
@@ -236,12 +246,10 @@ def _sampled(skin: SimplexMesh, other: SimplexMesh) -> Distances:
 
 def _completed(sampled: Distances, far: FarPlaces) -> Distances:
     """Return samples and farther places."""
-    distance = np.maximum(far.distance, far.bound / (1.0 + SHARE))
-    largest = sampled.distance.max(initial=0.0)
-    more = distance > largest
+    more = far.distance > sampled.distance.max(initial=0.0)
     return sampled._replace(
         points=np.concatenate([sampled.points, far.points[more]]),
-        distance=np.append(sampled.distance, distance[more]),
+        distance=np.append(sampled.distance, far.distance[more]),
     )
 
 

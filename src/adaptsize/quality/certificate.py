@@ -203,9 +203,10 @@ def check_mesh(
     - *facets*: each facet of a volume mesh or a plane mesh belongs to one or two cells.
     - *overlaps*: no point is in two cells of a volume mesh.  Depths below 1e-6 of the diagonal do
       not count.
-    - *boundary*: each boundary is within the tolerance of the other one, measured at the nodes,
-      the midpoints of the edges and the centroids of the facets.  Where ``original`` is a surface
-      with holes, the boundary of ``mesh`` may be where the winding number is between 1/4 and 3/4.
+    - *boundary*: each boundary is within the tolerance of the other one.  The distance is that of
+      the farthest point: facets are divided until it is known to 1 %.  Where ``original`` is a
+      surface with holes, the boundary of ``mesh`` may be where the winding number is between 1/4
+      and 3/4.
     - *interface*: the same for facets between regions and tagged facets inside of them, if both
       meshes have any.
     - *tags*: the mesh has facets of each tag of ``original``, and those of each tag are within the

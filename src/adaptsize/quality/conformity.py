@@ -73,7 +73,7 @@ class Conformity:
         Number of cells of negative or zero measure.  In a mesh that is inverted as a whole,
         all cells count.  Surface cells have no sign, so only those of zero measure count.
     hausdorff : float or None
-        Lower bound on the Hausdorff distance to the given surface.
+        Hausdorff distance to the given surface, to 1 %.
     hausdorff_relative : float or None
         The same over the diagonal of that surface.
     metric : MetricQuality or None
@@ -208,10 +208,8 @@ def size_conformity(
     background.  At most 50 000 nodes are added.  Beyond that, which takes a mesh with far too few
     cells, small sizes may be missed.
 
-    The Hausdorff distance is the larger of the two one-sided distances.  Each is measured
-    from the nodes, edge midpoints and centroids of the cells of one side to the closest
-    point of the other side.  It is therefore a lower bound.  It is exact if the largest
-    distance occurs at one of these points.  The whole boundary is used, including cavities, but
+    The Hausdorff distance is the larger of the two one-sided distances.  Facets are divided until
+    that of the farthest point is known to 1 %.  The whole boundary is used, including cavities, but
     not interfaces between regions.
 
     Examples
@@ -447,7 +445,7 @@ def _quantiles(ranks: Communicator, values: FloatArray, shares: Sequence[float])
 
 
 def _hausdorff(mesh: SimplexMesh, surface: SimplexMesh) -> float:
-    """Return a lower bound on the Hausdorff distance of a surface and a mesh's boundary.
+    """Return the Hausdorff distance of a surface and a mesh's boundary, to 1 %.
 
     Of a surface around tetrahedra, what bounds the solid counts.
     """

@@ -155,10 +155,15 @@ class _Far(NamedTuple):
                     values[rows] = now
         return _Far(surface, keys, new, lost)
 
-    def beyond(self, limit: float) -> tuple[int, float]:
-        """Return the number of places beyond a limit, and the sum of by how much."""
+    def beyond(self, limit: float) -> float:
+        """Return the sum of the distances beyond a limit, less the limit."""
         over = np.concatenate([self.new.distance, self.lost.distance]) - limit
-        return int((over > 0.0).sum()), float(over[over > 0.0].sum())
+        return float(over[over > 0.0].sum())
+
+    def are_few(self, limit: float) -> bool:
+        """Return whether some places are beyond a limit, but few of the new facets."""
+        share = float((self.new.distance > limit).mean())
+        return self.beyond(limit) > 0.0 and share <= _FEW
 
 
 def _keys_of(surface: SimplexMesh) -> FloatArray:
@@ -182,7 +187,7 @@ def _in_rounds(
     tolerance: float,
     made: Callable[[SimplexMesh, _Far, float, _Balls], SimplexMesh],
 ) -> SimplexMesh:
-    """Return a mesh brought nearer to the old surface, until it is near or no nearer than before.
+    """Return a mesh brought nearer to the old surface, until it is near.
 
     ``made`` returns a better mesh for a mesh, what is far of it, a least quality of new cells, and
     places to leave as they are.  These are where a round has spoiled cells, which is not kept.
@@ -198,11 +203,11 @@ def _in_rounds(
                 spoiled = spoiled.and_also(_Balls.around(mesh, flat))
                 continue
         now = far.after(mesh, old, limit)
-        if least < _LEAST and now.beyond(tolerance)[1] >= far.beyond(tolerance)[1]:
-            break
+        if least < _LEAST and now.beyond(tolerance) >= far.beyond(tolerance):
+            continue
         best, far = mesh, now
         # Many are far where the sizes are coarse: nothing is divided there.
-        if not 0 < far.beyond(tolerance)[0] <= _FEW * far.surface.n_cells:
+        if not far.are_few(tolerance):
             break
     return best
 
@@ -221,13 +226,16 @@ def _divided(
     Edges get a node at the farthest places on facets beside them, and at places of the old surface
     that these miss; nodes are moved there.  ``least`` is the least quality of cells.
     """
-    limit = _AIM * tolerance
+    limit, failed = _AIM * tolerance, 0
     for k in range(_ROUNDS):
-        if not 0 < far.beyond(tolerance)[0] <= _FEW * far.surface.n_cells:
+        if failed == len(_TRIES) or not far.are_few(tolerance):
             break
         targets = _targets(far, old, limit, spoiled)
-        mesh = _with_targets(mesh, far.surface, targets, lines, least, _TRIES[k % len(_TRIES)])
-        far = far.after(mesh, old, limit)
+        made = _with_targets(mesh, far.surface, targets, lines, least, _TRIES[k % len(_TRIES)])
+        now = far.after(made, old, limit)
+        failed += 1
+        if now.beyond(tolerance) < far.beyond(tolerance):
+            mesh, far, failed = made, now, 0
     return mesh
 
 
@@ -245,7 +253,7 @@ def _targets(far: _Far, old: SimplexMesh, limit: float, spoiled: _Balls) -> _Tar
     )
     order = np.argsort(-np.append(new.distance[off], lost.distance[missed]))
     order = order[~spoiled.contain(found.there[order])]
-    return _Targets(*(values[order] for values in found))
+    return _Targets(found.there[order], found.cells[order], found.weights[order])
 
 
 def _weights_in(corners: FloatArray, points: FloatArray) -> FloatArray:
@@ -255,7 +263,8 @@ def _weights_in(corners: FloatArray, points: FloatArray) -> FloatArray:
     gram = np.einsum("nid,njd->nij", sides, sides)
     right = np.einsum("nid,nd->ni", sides, points - corners[:, 0])
     rest = np.einsum("nij,nj->ni", np.linalg.pinv(gram), right)
-    return np.clip(np.column_stack([1.0 - rest.sum(axis=1), rest]), 0.0, 1.0).reshape(-1, k)
+    weights = np.column_stack([1.0 - rest.sum(axis=1), rest])
+    return np.asarray(np.clip(weights, 0.0, 1.0)).reshape(-1, k)
 
 
 def _with_targets(
@@ -305,7 +314,7 @@ def _edges_at(
     away[is_on_line[surface.edges[sides]].all(axis=2)] = np.inf
     chosen = surface.edges[sides[np.arange(len(sides)), away.argmin(axis=1)]].copy()
     chosen[np.isinf(away.min(axis=1))] = -1
-    return chosen
+    return np.asarray(chosen)
 
 
 def _with_nodes(
