@@ -6,9 +6,11 @@ import subprocess
 import sys
 
 import numba
+import numpy as np
 import pytest
 from numba.core.types.functions import BaseFunction
 
+from adaptsize._kernels import linking
 from adaptsize._kernels.compiling import inner, kernel, lean
 
 OUTER = """
@@ -132,3 +134,18 @@ def test_compilation_leaves_numba_and_the_search_for_garbage_as_they_were():
     assert (BaseFunction.get_call_type, gc.isenabled(), gc.get_freeze_count()) == before
     assert _doubled(numba.uint8(1)) == 2.0
     assert (BaseFunction.get_call_type, gc.isenabled(), gc.get_freeze_count()) == before
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_functions_are_linked_after_all_that_call_them(seed):
+    random, parts = np.random.default_rng(seed), []
+    for _ in range(12):  # a function calls some of those before it
+        part = object.__new__(linking._Part)
+        part._linking_libraries = [p for p in parts if random.random() < 0.3]
+        random.shuffle(part._linking_libraries)
+        parts.append(part)
+    order = linking._all_called(parts[-1])
+    assert len(set(map(id, order))) == len(order)
+    place = {id(part): number for number, part in enumerate([parts[-1], *order])}
+    for part in [parts[-1], *order]:
+        assert all(place[id(part)] < place[id(called)] for called in part._linking_libraries)

@@ -5,7 +5,6 @@ function at the bottom of ten calls is optimized ten times, and only the machine
 is used.  Functions that only kernels call are kept here as they are, until a kernel is complete.
 """
 
-from collections.abc import Iterator
 from typing import Any
 
 from numba.core.codegen import JITCodeLibrary
@@ -31,7 +30,7 @@ class _WithoutEnvironment:
         """Leave the environment to the kernels that contain the function."""
 
 
-class _Part(_Library):
+class _Part(_Library):  # type: ignore[misc]
     """A function that becomes part of kernels."""
 
     @property
@@ -61,7 +60,7 @@ class _Part(_Library):
         return module
 
 
-class _Kernel(_Library):
+class _Kernel(_Library):  # type: ignore[misc]
     """A kernel with all that it calls."""
 
     def finalize(self) -> None:
@@ -86,20 +85,27 @@ def _module_of(library: Any) -> Any:
     return library._get_module_for_linking()
 
 
-def _all_called(library: Any) -> Iterator[Any]:
-    """Yield the libraries that one links directly, or through parts."""
-    seen, waiting = {id(library)}, list(library._linking_libraries)
-    while waiting:
-        called = waiting.pop()
-        if id(called) in seen:
-            continue
-        seen.add(id(called))
-        yield called
-        if isinstance(called, _Part):
-            waiting.extend(called._linking_libraries)
+def _all_called(library: Any) -> list[Any]:
+    """Return the libraries that one links directly, or through parts, callers first.
+
+    LLVM links only those functions of a module that are called in what is linked before.
+    """
+    seen: set[int] = set()
+    callees_first: list[Any] = []
+
+    def visit(caller: Any) -> None:
+        for called in caller._linking_libraries:
+            if id(called) not in seen:
+                seen.add(id(called))
+                if isinstance(called, _Part):
+                    visit(called)
+                callees_first.append(called)
+
+    visit(library)
+    return callees_first[::-1]
 
 
-class _IntoLibrary(_Compiler):
+class _IntoLibrary(_Compiler):  # type: ignore[misc]
     """numba's compiler with one of the libraries above."""
 
     library: Any

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import time
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -39,24 +40,53 @@ def warmup(console: Console) -> int:
     """Compile all that the commands need, and keep it in a cache.
 
     For container images, clusters and read-only homes: set NUMBA_CACHE_DIR to a directory that
-    stays.  Without this the first commands take up to a minute longer.
+    stays.  Without this the first commands take up to a minute longer.  Prints how many functions
+    were compiled, for how long, and the folder of the cache.
     """
+    functions, folders = 0, set()
     workers = min(len(_TASKS), os.cpu_count() or 1)
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=context) as pool:
         waiting = {pool.submit(_run, name): name for name in _TASKS}
         for count, done in enumerate(as_completed(waiting), 1):
-            done.result()
-            console.say(f"compiled for {waiting[done]} ({count} of {len(_TASKS)})")
-    console.record(compiled=list(_TASKS))
-    console.print(f"kernels compiled in {console.seconds:.0f} s")
+            n, seconds, folder = done.result()
+            functions += n
+            folders.add(folder)
+            console.say(
+                f"{waiting[done]}: {n} functions compiled, {seconds:.1f} s "
+                f"({count} of {len(_TASKS)})"
+            )
+    cache = os.path.commonpath(folders)
+    console.record(compiled=list(_TASKS), n_compiled=functions, cache=cache)
+    found = f"{functions} functions compiled" if functions else "all was compiled before"
+    console.print(f"{found}, {console.seconds:.0f} s; the cache is {cache}")
     return 0
 
 
-def _run(name: str) -> None:
-    with warnings.catch_warnings():
+def _run(name: str) -> tuple[int, float, str]:
+    """Run a task; return how many functions it compiled, its seconds and the folder of the cache.
+
+    Functions that several tasks need are compiled by each.
+    """
+    from numba.core import event
+
+    from adaptsize._kernels.topology import mark_nodes
+
+    class Counter(event.Listener):
+        count = 0
+
+        def on_start(self, _event: event.Event) -> None:
+            self.count += 1
+
+        def on_end(self, _event: event.Event) -> None:
+            pass
+
+    began, counter = time.perf_counter(), Counter()
+    with warnings.catch_warnings(), event.install_listener("numba:compile", counter):
         warnings.simplefilter("ignore")  # of inputs much too coarse
         _TASKS[name]()
+    cache = str(mark_nodes.stats.cache_path) if hasattr(mark_nodes, "stats") else ""
+    return counter.count, time.perf_counter() - began, cache
 
 
 def _limiting(dim: int) -> None:
