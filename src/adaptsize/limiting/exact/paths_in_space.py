@@ -51,9 +51,11 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 # Largest number of iterations; each allows paths one more bend.
 _ROUNDS = 200
 
-# The search for paths takes some .6 us for each piece of a reflex edge and hidden node, and fast
-# marching 1.5 us for each node.
-_DEAR = 20
+# The search for paths takes some .6 us for each piece of a reflex edge and hidden node, as long as
+# their product is small, and fast marching 1.5 us for each node.  Paths are handed on where the
+# product is larger than this number times that of the nodes: the second one if the exact method
+# has been asked for, or if there are bounds at points.
+_DEAR, _VERY_DEAR = 20, 200
 
 
 @dataclass(eq=False)
@@ -102,9 +104,10 @@ class Network:
         alive[: self.n_sources] = False
         return self.choice(np.flatnonzero(alive))
 
-    def is_dear(self, n_hidden: int, n_nodes: int) -> bool:
-        """Return whether the search takes more than about ten times as long as fast marching."""
-        return len(self.reflex_edges.pieces.edge) * n_hidden > _DEAR * n_nodes
+    def is_dear(self, n_hidden: int, n_nodes: int, may_be_dear: bool) -> bool:
+        """Return whether paths are to be handed on, since the search would take too long."""
+        limit = _VERY_DEAR if may_be_dear else _DEAR
+        return len(self.reflex_edges.pieces.edge) * n_hidden > limit * n_nodes
 
     def lower(
         self,
@@ -443,8 +446,11 @@ class WholeSolid:
         return sizes
 
     def total(self, nodes: IntArray) -> int:
-        """Return the number of nodes."""
+        """Return the number of nodes on all ranks."""
         return len(nodes)
+
+    def need_all_cells(self) -> None:
+        """Raise `NeedsWholeMesh` if cells inside the solid are not known."""
 
     def spread(self, h: FloatArray) -> FloatArray:
         """Return sizes, lowered along edges."""
@@ -483,11 +489,13 @@ def solve_in_solid(known: WholeSolid) -> tuple[ComponentSolution, IntArray]:
     field = Field(
         np.empty_like(lower), np.full_like(source, -1), np.full_like(solid.points, np.nan)
     )
-    h, sizes, finished = _solve(known, network, field, lower, place[source])
+    h, sizes, finished, handed_on = _solve(known, network, field, lower, place[source])
     entry, start, bend = _origins(network, field, sizes, h)
     source = np.append(order, np.int32(-1))[entry]
     proved = h <= lower + EQUAL * np.abs(lower)
-    return ComponentSolution(h, source, exact, bend, proved, lower, finished=finished), start
+    solution = ComponentSolution(h, source, exact, bend, proved, lower, finished=finished)
+    solution.handed_on = handed_on
+    return solution, start
 
 
 def _network_of(table: FloatArray, nodes: IntArray, g: float, solid: Solid) -> Network:
@@ -522,10 +530,22 @@ def _network_of(table: FloatArray, nodes: IntArray, g: float, solid: Solid) -> N
     )
 
 
+class Found(NamedTuple):
+    """Limited sizes."""
+
+    h: FloatArray
+    sizes: FloatArray
+    """Those of the paths over reflex edges."""
+    finished: bool
+    """Whether all paths were found."""
+    handed_on: bool
+    """Whether paths were handed on instead."""
+
+
 def _solve(
     known: WholeSolid, network: Network, field: Field, lower: FloatArray, nearest: IntArray
-) -> tuple[FloatArray, FloatArray, bool]:
-    """Return the limited sizes, those of paths over reflex edges, and whether all were found.
+) -> Found:
+    """Return the limited sizes.
 
     Parameters
     ----------
@@ -562,17 +582,22 @@ def _solve(
     nearly_upper = upper + TIE * np.abs(upper) + 10.0 * network.g * solid.moved
     field.sizes[:] = np.where(proved, np.minimum(lower, upper), nearly_upper)
     hidden = nodes[~proved[nodes]]
-    dear = not known.component.at_any_price and network.is_dear(known.total(hidden), known.total(nodes))
-    if len(hidden) == 0: finished=True
-    elif dear:
-        finished=True
-        hand_on_paths(known, network, field, proved)
-    else: finished= _solve_hidden(network, field, hidden, workers)
+    handed_on = network.is_dear(
+        known.total(hidden), known.total(nodes), known.component.at_any_price
+    )
+    finished = True
+    if handed_on:
+        known.need_all_cells()
+        network.lower(hidden, network.sources(), field, workers)
+        _hand_on_paths(known, network, field, proved)
+    elif len(hidden):
+        finished = _solve_hidden(network, field, hidden, workers)
     sizes = np.maximum(np.minimum(field.sizes, upper), lower)
-    return spread(np.where(sizes <= nearly, lower, sizes)), sizes, finished
+    h = spread(np.where(sizes <= nearly, lower, sizes))
+    return Found(h, sizes, finished, handed_on)
 
 
-def hand_on_paths(known: WholeSolid, network: Network, field: Field, proved: BoolArray) -> None:
+def _hand_on_paths(known: WholeSolid, network: Network, field: Field, proved: BoolArray) -> None:
     """Lower nodes (In/Out: field) from which their smallest source is not visible, approximately.
 
     Each node is reached by a path of one of its neighbours, or by one that bends there: see
@@ -591,8 +616,9 @@ def hand_on_paths(known: WholeSolid, network: Network, field: Field, proved: Boo
     field.last[kept] = network.sight.stars.points[kept]
     beside = np.zeros(n, np.bool_)
     beside[mesh.cells[~proved[mesh.cells].all(axis=1)]] = True
-    seeds = np.flatnonzero(beside & proved & (field.path >= 0) & np.isfinite(field.sizes))
-    both = np.unique(np.column_stack([reflex.pieces.nodes.ravel(), np.repeat(reflex.pieces.edge, 2)]), axis=0)
+    seeds = np.flatnonzero((beside | ~proved) & (field.path >= 0) & np.isfinite(field.sizes))
+    pairs = np.column_stack([reflex.pieces.nodes.ravel(), np.repeat(reflex.pieces.edge, 2)])
+    both = np.unique(pairs, axis=0)
     first = np.concatenate([[0], np.cumsum(np.bincount(both[:, 0], minlength=k))])
     room = 4 * len(both) + 16
     more = Bases(*(_with_room(array, room) for array in paths.bases))
