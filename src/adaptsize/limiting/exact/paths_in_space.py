@@ -55,7 +55,8 @@ _ROUNDS = 200
 # their product is small, and fast marching 1.5 us for each node.  Paths are handed on where the
 # product is larger than this number times that of the nodes: the second one if the exact method
 # has been asked for, or if there are bounds at points.
-_DEAR, _VERY_DEAR = 20, 200
+# Fewer nodes than ``_FEW`` count as so many.
+_DEAR, _VERY_DEAR, _FEW = 20, 200, 1000
 
 
 @dataclass(eq=False)
@@ -107,7 +108,7 @@ class Network:
     def is_dear(self, n_hidden: int, n_nodes: int, may_be_dear: bool) -> bool:
         """Return whether paths are to be handed on, since the search would take too long."""
         limit = _VERY_DEAR if may_be_dear else _DEAR
-        return len(self.reflex_edges.pieces.edge) * n_hidden > limit * n_nodes
+        return len(self.reflex_edges.pieces.edge) * n_hidden > limit * max(n_nodes, _FEW)
 
     def lower(
         self,
@@ -264,7 +265,9 @@ class Network:
             straight, size - 2.0 * self.g * self._extent(base, foot), paths.offset[parent]
         )
         last = paths.edge[parent]
-        volume = np.einsum("ra,ra->r", np.cross(edges.along[last], along), start - edges.start[last])
+        volume = np.einsum(
+            "ra,ra->r", np.cross(edges.along[last], along), start - edges.start[last]
+        )
         skew = paths.skew[parent] | several
         skew |= ~straight & (np.abs(volume) > self.sight.walls.slack)
 
