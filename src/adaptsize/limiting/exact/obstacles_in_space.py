@@ -218,10 +218,10 @@ def find_reflex_edges(
     order = np.lexsort((place, edge))
     same = np.flatnonzero(edge[order[1:]] == edge[order[:-1]])
     first, last = order[same], order[same + 1]
-    ends = np.column_stack([place[first], place[last]])
+    spans = np.column_stack([place[first], place[last]])
     share = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-    at = ends[:, :1] + share * np.diff(ends, axis=1)
+    at = spans[:, :1] + share * np.diff(spans, axis=1)
     samples = edges.start[edge[first], None] + at[:, :, None] * along[edge[first], None]
     both = np.column_stack([corner[first], corner[last]])
-    pieces = Pieces(edge[first], both, ends, samples.reshape(-1, 3))
+    pieces = Pieces(edge[first], both, spans, samples.reshape(-1, 3))
     return ReflexEdges(nodes, edges, ridges.inner[reflex], pieces)

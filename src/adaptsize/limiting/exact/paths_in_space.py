@@ -11,15 +11,15 @@ import numpy.typing as npt
 
 from adaptsize._kernels import exact_space as kernels
 from adaptsize._kernels.exact import BLOCK
-from adaptsize._kernels.space_paths import LONGEST, Bases, Choice, Field, Paths, new_block
 from adaptsize._kernels.heap import new_heap, push_all
+from adaptsize._kernels.space_paths import LONGEST, Bases, Choice, Field, Paths, new_block
 from adaptsize._kernels.space_relay import Relay, hand_on
 from adaptsize._kernels.space_sight import Sight
-from adaptsize.background.topology import places_among
 from adaptsize._workers import Workers
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve, boxes_over
 from adaptsize.background._mesh_arrays import read_only
+from adaptsize.background.topology import places_among
 from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.geometry.convexity import ridges_of
 from adaptsize.geometry.flat_faces import with_flat_faces
@@ -103,7 +103,7 @@ class Network:
         """Return the paths from nodes of reflex edges, and all over edges."""
         alive = np.isfinite(self.paths.offset)
         alive[: self.n_sources] = False
-        return self.choice(np.flatnonzero(alive))
+        return self.choice(np.flatnonzero(alive).astype(np.int32))
 
     def is_dear(self, n_hidden: int, n_nodes: int, may_be_dear: bool) -> bool:
         """Return whether paths are to be handed on, since the search would take too long."""
@@ -159,11 +159,11 @@ class Network:
         places = edges.start[pieces.edge] + peak[:, None] * edges.along[pieces.edge]
         order = np.arange(len(places), dtype=np.int32)
         given = (places, order, ceiling * (1.0 - EQUAL), pieces.edge)
-        given = (*given, paths, self.choice(fresh), self.g)
+        tested = (paths, self.choice(fresh), self.g)
         room = 16 * len(fresh) + 16 * len(places)
         while True:
             found = np.empty((room, 2), np.int32)
-            count = kernels.list_extensions(*given, self.faces, new_block(), found)
+            count = kernels.list_extensions(*given, *tested, self.faces, new_block(), found)
             if count <= room:
                 break
             room = count
@@ -195,7 +195,8 @@ class Network:
         found = Field(np.full(size, np.inf), np.full(size, -1, np.int32), np.empty((size, 3)))
         none = self.choice(np.empty(0, np.int32))
         self.lower(order, none, found, workers, hints, self.sight._replace(stars=stars))
-        return which[found.path[order].reshape(n, BLOCK).max(axis=1) >= 0]
+        seen: IntArray = which[found.path[order].reshape(n, BLOCK).max(axis=1) >= 0]
+        return seen
 
     def _append(self, parent: IntArray, piece: IntArray, h: FloatArray) -> None:
         """Extend paths over pieces of edges; several pieces of one edge give one path.
@@ -657,9 +658,9 @@ def _solve_hidden(network: Network, field: Field, hidden: IntArray, workers: Wor
     """
     reflex_nodes = network.reflex_edges.nodes
     network.lower(hidden, network.sources(), field, workers)
-    order = np.flatnonzero(np.isin(reflex_nodes, hidden))
+    order = np.flatnonzero(np.isin(reflex_nodes, hidden)).astype(np.int32)
     waiting = reflex_nodes[order]
-    changed = np.flatnonzero(field.path[reflex_nodes] >= 0)
+    changed = np.flatnonzero(field.path[reflex_nodes] >= 0).astype(np.int32)
     fresh = np.arange(network.n_sources, dtype=np.int32)
     for _ in range(_ROUNDS):
         if len(changed) == 0 and len(fresh) == 0:

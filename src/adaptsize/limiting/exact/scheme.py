@@ -92,8 +92,8 @@ class Exact(Scheme):
     too many windows, this holds up to a certain distance from the sources.  In solids this holds at
     each x from which the minimising point is visible.  Elsewhere d is the length of a path over
     reflex edges, so that no size is too small; where that is searched for in too many places, it
-    is a path handed on by a neighbour, and ``info.method`` says so.  The domain of a grid with inactive nodes is the
-    cubical complex of the active nodes.
+    is a path handed on by a neighbour, and ``info.method`` says so.  The domain of a grid with
+    inactive nodes is the cubical complex of the active nodes.
 
     The scheme needs a flat domain or triangles in space, and one number g or a function g(h).
 
