@@ -56,7 +56,7 @@ _ROUNDS = 200
 # product is larger than this number times that of the nodes: the second one if the exact method
 # has been asked for, or if there are bounds at points.
 # Fewer nodes than ``_FEW`` count as so many.
-_DEAR, _VERY_DEAR, _FEW = 20, 200, 1000
+_DEAR, _VERY_DEAR, _FEW = 20, 20, 1000
 
 
 @dataclass(eq=False)
