@@ -48,7 +48,10 @@ def _grown(rng, most):
         if ((at >= 0) & (at < shape)).all():
             kept[tuple(at)] = True
     chosen = {tuple(cube) for cube in np.argwhere(kept)}
-    keep = lambda middle: np.array([tuple(m) in chosen for m in np.floor(middle).astype(int)])
+
+    def keep(middle):
+        return np.array([tuple(m) in chosen for m in np.floor(middle).astype(int)])
+
     return solid_of_cubes(keep, tuple(shape), 0)
 
 
@@ -72,7 +75,7 @@ def _solid_angle(facets, x):
             + a[2] * (b[0] * c[1] - b[1] * c[0])
         )
         other = p * q * r + (a * b).sum() * r + (b * c).sum() * p + (c * a).sum() * q
-        if abs(volume) > 1e-13 or other > 0.0:
+        if abs(volume) > 1e-13 or other > 1e-11:
             total += 2.0 * math.atan2(volume, other)
     return total / (4.0 * math.pi)
 

@@ -173,7 +173,9 @@ def mesh_with_sizes(
         # A cap is kept unless given parameters forbid it; a requested number is not capped.
         report, most = report_of(size), request.get("max_elements")
         enough = MANY_MORE * report.n_elements
-        limit = {} if most is None and goal is None else {"max_elements": max(most or 0.0, enough)}
+        limit: dict[str, Any] = {}
+        if most is not None or goal is not None:
+            limit["max_elements"] = max(most or 0.0, enough)
         with checked_before():
             return remesh(
                 old, size, progress=progress, g=report.g, hmax=report.hmax,

@@ -69,8 +69,12 @@ class LimitingInfo:
 
     @property
     def method(self) -> str:
-        """Name of the scheme that was used."""
-        return self.scheme.name
+        """Name of the scheme that was used.
+
+        ``"exact (handed on)"`` if paths over the edges of a solid were handed on from node to node.
+        """
+        handed_on = isinstance(self.solution, ExactSolution) and self.solution.handed_on
+        return f"{self.scheme.name} (handed on)" if handed_on else self.scheme.name
 
     @kept
     def iterations(self) -> int:

@@ -255,6 +255,16 @@ class PartOfSolid(WholeSolid):
         at[((at < 0) & (numbers >= 0)).any(axis=1)] = -1
         return at
 
+    def total(self, nodes: IntArray) -> int:
+        """Return the number of nodes on all ranks, each counted once."""
+        owned = np.zeros(len(self.body.ids), np.bool_)
+        owned[self.body.own] = self.part.is_owned[self.piece.nodes]
+        return int(self.piece.ranks.allreduce(int(np.count_nonzero(owned[nodes])), "sum"))
+
+    def need_all_cells(self) -> None:
+        """Raise `NeedsWholeMesh`, on all ranks."""
+        raise NeedsWholeMesh
+
     def own(self, sizes: FloatArray) -> FloatArray:
         """Return the sizes at the nodes of the piece."""
         return sizes[self.body.own] if len(self.body.own) else self.component.h0
@@ -289,6 +299,9 @@ def _bounds(piece: Piece, body: Body, component: Component) -> tuple[FloatArray,
     both[:, reflex_nodes] = piece.ranks.allreduce(both[:, reflex_nodes], "min")
     largest = _ABOVE * both[1]
     along = np.arange(len(reflex_nodes), dtype=np.int32)
+    # Between two nodes of an edge, a size is larger by up to g times half of their distance.
+    apart = np.diff(body.solid.reflex_edges.pieces.ends, axis=1)
+    largest[reflex_nodes] += 0.5 * component.g * apart.max(initial=0.0)
     own = reach_of(mesh.points, order, largest[body.own])
     return both[0], np.concatenate(
         [own, reach_of(body.solid.points[reflex_nodes], along, largest[reflex_nodes])]

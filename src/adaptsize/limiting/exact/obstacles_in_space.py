@@ -25,9 +25,6 @@ _SLACK = 1e-11
 # Cells with a smaller ratio of volume to the cube of the longest edge have no volume.
 _NO_VOLUME = 1e-12
 
-# Points of each piece of a reflex edge from which lines of sight are tested.
-_SAMPLES = 8
-
 
 def build_sight(points: FloatArray, cells: IntArray, facets: IntArray) -> Sight:
     """Return the boundary of tetrahedra, for lines of sight."""
@@ -113,8 +110,6 @@ class Pieces(NamedTuple):
     """int32[p, 2]: indices in ``ReflexEdges.nodes``."""
     ends: FloatArray
     """float64[p, 2]: the places of these nodes along the edge."""
-    samples: FloatArray
-    """float64[_SAMPLES * p, 3]: points from which it is tested whether anything sees an edge."""
 
 
 class ReflexEdges(NamedTuple):
@@ -218,10 +213,7 @@ def find_reflex_edges(
     order = np.lexsort((place, edge))
     same = np.flatnonzero(edge[order[1:]] == edge[order[:-1]])
     first, last = order[same], order[same + 1]
-    ends = np.column_stack([place[first], place[last]])
-    share = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-    at = ends[:, :1] + share * np.diff(ends, axis=1)
-    samples = edges.start[edge[first], None] + at[:, :, None] * along[edge[first], None]
+    spans = np.column_stack([place[first], place[last]])
     both = np.column_stack([corner[first], corner[last]])
-    pieces = Pieces(edge[first], both, ends, samples.reshape(-1, 3))
+    pieces = Pieces(edge[first], both, spans)
     return ReflexEdges(nodes, edges, ridges.inner[reflex], pieces)

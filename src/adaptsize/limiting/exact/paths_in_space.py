@@ -51,9 +51,12 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 # Largest number of iterations; each allows paths one more bend.
 _ROUNDS = 200
 
-# The search for paths takes some .6 us for each piece of a reflex edge and hidden node, and fast
-# marching 1.5 us for each node.
-_DEAR = 20
+# The search for paths takes some .6 us for each piece of a reflex edge and hidden node, as long as
+# their product is small, and fast marching 1.5 us for each node.  Paths are handed on where the
+# product is larger than this number times that of the nodes: the second one if the exact method
+# has been asked for, or if there are bounds at points.
+# Fewer nodes than ``_FEW`` count as so many.
+_DEAR, _VERY_DEAR, _FEW = 20, 20, 1000
 
 
 @dataclass(eq=False)
@@ -100,11 +103,12 @@ class Network:
         """Return the paths from nodes of reflex edges, and all over edges."""
         alive = np.isfinite(self.paths.offset)
         alive[: self.n_sources] = False
-        return self.choice(np.flatnonzero(alive))
+        return self.choice(np.flatnonzero(alive).astype(np.int32))
 
-    def is_dear(self, n_hidden: int, n_nodes: int) -> bool:
-        """Return whether the search takes more than about ten times as long as fast marching."""
-        return len(self.reflex_edges.pieces.edge) * n_hidden > _DEAR * n_nodes
+    def is_dear(self, n_hidden: int, n_nodes: int, may_be_dear: bool) -> bool:
+        """Return whether paths are to be handed on, since the search would take too long."""
+        limit = _VERY_DEAR if may_be_dear else _DEAR
+        return len(self.reflex_edges.pieces.edge) * n_hidden > limit * max(n_nodes, _FEW)
 
     def lower(
         self,
@@ -155,11 +159,11 @@ class Network:
         places = edges.start[pieces.edge] + peak[:, None] * edges.along[pieces.edge]
         order = np.arange(len(places), dtype=np.int32)
         given = (places, order, ceiling * (1.0 - EQUAL), pieces.edge)
-        given = (*given, paths, self.choice(fresh), self.g)
+        tested = (paths, self.choice(fresh), self.g)
         room = 16 * len(fresh) + 16 * len(places)
         while True:
             found = np.empty((room, 2), np.int32)
-            count = kernels.list_extensions(*given, self.faces, new_block(), found)
+            count = kernels.list_extensions(*given, *tested, self.faces, new_block(), found)
             if count <= room:
                 break
             room = count
@@ -191,7 +195,8 @@ class Network:
         found = Field(np.full(size, np.inf), np.full(size, -1, np.int32), np.empty((size, 3)))
         none = self.choice(np.empty(0, np.int32))
         self.lower(order, none, found, workers, hints, self.sight._replace(stars=stars))
-        return which[found.path[order].reshape(n, BLOCK).max(axis=1) >= 0]
+        seen: IntArray = which[found.path[order].reshape(n, BLOCK).max(axis=1) >= 0]
+        return seen
 
     def _append(self, parent: IntArray, piece: IntArray, h: FloatArray) -> None:
         """Extend paths over pieces of edges; several pieces of one edge give one path.
@@ -445,8 +450,11 @@ class WholeSolid:
         return sizes
 
     def total(self, nodes: IntArray) -> int:
-        """Return the number of nodes."""
+        """Return the number of nodes on all ranks."""
         return len(nodes)
+
+    def need_all_cells(self) -> None:
+        """Raise `NeedsWholeMesh` if cells inside the solid are not known."""
 
     def spread(self, h: FloatArray) -> FloatArray:
         """Return sizes, lowered along edges."""
@@ -485,11 +493,13 @@ def solve_in_solid(known: WholeSolid) -> tuple[ComponentSolution, IntArray]:
     field = Field(
         np.empty_like(lower), np.full_like(source, -1), np.full_like(solid.points, np.nan)
     )
-    h, sizes, finished = _solve(known, network, field, lower, place[source])
+    h, sizes, finished, handed_on = _solve(known, network, field, lower, place[source])
     entry, start, bend = _origins(network, field, sizes, h)
     source = np.append(order, np.int32(-1))[entry]
     proved = h <= lower + EQUAL * np.abs(lower)
-    return ComponentSolution(h, source, exact, bend, proved, lower, finished=finished), start
+    solution = ComponentSolution(h, source, exact, bend, proved, lower, finished=finished)
+    solution.handed_on = handed_on
+    return solution, start
 
 
 def _network_of(table: FloatArray, nodes: IntArray, g: float, solid: Solid) -> Network:
@@ -524,10 +534,22 @@ def _network_of(table: FloatArray, nodes: IntArray, g: float, solid: Solid) -> N
     )
 
 
+class Found(NamedTuple):
+    """Limited sizes."""
+
+    h: FloatArray
+    sizes: FloatArray
+    """Those of the paths over reflex edges."""
+    finished: bool
+    """Whether all paths were found."""
+    handed_on: bool
+    """Whether paths were handed on instead."""
+
+
 def _solve(
     known: WholeSolid, network: Network, field: Field, lower: FloatArray, nearest: IntArray
-) -> tuple[FloatArray, FloatArray, bool]:
-    """Return the limited sizes, those of paths over reflex edges, and whether all were found.
+) -> Found:
+    """Return the limited sizes.
 
     Parameters
     ----------
@@ -564,6 +586,7 @@ def _solve(
     nearly_upper = upper + TIE * np.abs(upper) + 10.0 * network.g * solid.moved
     field.sizes[:] = np.where(proved, np.minimum(lower, upper), nearly_upper)
     hidden = nodes[~proved[nodes]]
+<<<<<<< HEAD
     dear = not known.component.at_any_price and network.is_dear(
         known.total(hidden), known.total(nodes)
     )
@@ -573,12 +596,24 @@ def _solve(
         finished = True
         hand_on_paths(known, network, field, proved)
     else:
+=======
+    handed_on = network.is_dear(
+        known.total(hidden), known.total(nodes), known.component.at_any_price
+    )
+    finished = True
+    if handed_on:
+        known.need_all_cells()
+        network.lower(hidden, network.sources(), field, workers)
+        _hand_on_paths(known, network, field, proved)
+    elif len(hidden):
+>>>>>>> w-solids
         finished = _solve_hidden(network, field, hidden, workers)
     sizes = np.maximum(np.minimum(field.sizes, upper), lower)
-    return spread(np.where(sizes <= nearly, lower, sizes)), sizes, finished
+    h = spread(np.where(sizes <= nearly, lower, sizes))
+    return Found(h, sizes, finished, handed_on)
 
 
-def hand_on_paths(known: WholeSolid, network: Network, field: Field, proved: BoolArray) -> None:
+def _hand_on_paths(known: WholeSolid, network: Network, field: Field, proved: BoolArray) -> None:
     """Lower nodes (In/Out: field) from which their smallest source is not visible, approximately.
 
     Each node is reached by a path of one of its neighbours, or by one that bends there: see
@@ -597,10 +632,16 @@ def hand_on_paths(known: WholeSolid, network: Network, field: Field, proved: Boo
     field.last[kept] = network.sight.stars.points[kept]
     beside = np.zeros(n, np.bool_)
     beside[mesh.cells[~proved[mesh.cells].all(axis=1)]] = True
+<<<<<<< HEAD
     seeds = np.flatnonzero(beside & proved & (field.path >= 0) & np.isfinite(field.sizes))
     both = np.unique(
         np.column_stack([reflex.pieces.nodes.ravel(), np.repeat(reflex.pieces.edge, 2)]), axis=0
     )
+=======
+    seeds = np.flatnonzero((beside | ~proved) & (field.path >= 0) & np.isfinite(field.sizes))
+    pairs = np.column_stack([reflex.pieces.nodes.ravel(), np.repeat(reflex.pieces.edge, 2)])
+    both = np.unique(pairs, axis=0)
+>>>>>>> w-solids
     first = np.concatenate([[0], np.cumsum(np.bincount(both[:, 0], minlength=k))])
     room = 4 * len(both) + 16
     more = Bases(*(_with_room(array, room) for array in paths.bases))
@@ -636,9 +677,9 @@ def _solve_hidden(network: Network, field: Field, hidden: IntArray, workers: Wor
     """
     reflex_nodes = network.reflex_edges.nodes
     network.lower(hidden, network.sources(), field, workers)
-    order = np.flatnonzero(np.isin(reflex_nodes, hidden))
+    order = np.flatnonzero(np.isin(reflex_nodes, hidden)).astype(np.int32)
     waiting = reflex_nodes[order]
-    changed = np.flatnonzero(field.path[reflex_nodes] >= 0)
+    changed = np.flatnonzero(field.path[reflex_nodes] >= 0).astype(np.int32)
     fresh = np.arange(network.n_sources, dtype=np.int32)
     for _ in range(_ROUNDS):
         if len(changed) == 0 and len(fresh) == 0:

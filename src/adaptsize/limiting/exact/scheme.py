@@ -1,7 +1,7 @@
 """The exact method: components, lines, meshes, surfaces, grids and periodic cells."""
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar, NamedTuple
 
@@ -80,6 +80,8 @@ class ExactSolution(Solution):
     """Number of nodes whose size is proved exact."""
     largest_gap: float
     """Largest difference between a size that is not proved exact and its lower bound."""
+    handed_on: bool = False
+    """Whether paths over the edges of a solid were handed on from node to node."""
 
 
 @dataclass(frozen=True)
@@ -90,8 +92,9 @@ class Exact(Scheme):
     that of the shortest path, and the result is exact to rounding; on surfaces that would need
     too many windows, this holds up to a certain distance from the sources.  In solids this holds at
     each x from which the minimising point is visible.  Elsewhere d is the length of a path over
-    reflex edges, so that no size is too small.  The domain of a grid with inactive nodes is the
-    cubical complex of the active nodes.
+    reflex edges, so that no size is too small; where that is searched for in too many places, it
+    is a path handed on by a neighbour, and ``info.method`` says so.  The domain of a grid with
+    inactive nodes is the cubical complex of the active nodes.
 
     The scheme needs a flat domain or triangles in space, and one number g or a function g(h).
 
@@ -272,12 +275,16 @@ def _prepared(component: Component) -> tuple[Component, FlatBoundary, bool]:
     With several threads, the boundary is computed at the same time.
     """
     mesh = component.mesh
+    if component.workers.threads == 1:
+        component = component._replace(
+            order=along_curve(mesh.points), meet=have_neighbours(mesh.cells, component.h0)
+        )
+        n_used = mark_nodes(mesh.cells, np.zeros(mesh.n_points, np.bool_))
+        return component, flat_boundary(mesh, 1), n_used == mesh.n_points
     with ThreadPoolExecutor(1) as pool:
         order = pool.submit(along_curve, mesh.points)
         meet = pool.submit(have_neighbours, mesh.cells, component.h0)
         used = pool.submit(mark_nodes, mesh.cells, np.zeros(mesh.n_points, np.bool_))
-        if component.workers.threads == 1:
-            wait([order, meet, used])
         boundary = flat_boundary(mesh, component.workers.threads)
         component = component._replace(order=order.result(), meet=meet.result())
         return component, boundary, used.result() == mesh.n_points
@@ -309,7 +316,14 @@ def as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
     if not all(found.finished for _, found in parts):
         unfinished = UNFINISHED
     return ExactSolution(
-        h, n_entries, 0.0, unfinished, parts=parts, n_proved=n_proved, largest_gap=gap
+        h,
+        n_entries,
+        0.0,
+        unfinished,
+        parts=parts,
+        n_proved=n_proved,
+        largest_gap=gap,
+        handed_on=any(found.handed_on for _, found in parts),
     )
 
 
