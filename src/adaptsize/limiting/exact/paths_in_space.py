@@ -586,17 +586,6 @@ def _solve(
     nearly_upper = upper + TIE * np.abs(upper) + 10.0 * network.g * solid.moved
     field.sizes[:] = np.where(proved, np.minimum(lower, upper), nearly_upper)
     hidden = nodes[~proved[nodes]]
-<<<<<<< HEAD
-    dear = not known.component.at_any_price and network.is_dear(
-        known.total(hidden), known.total(nodes)
-    )
-    if len(hidden) == 0:
-        finished = True
-    elif dear:
-        finished = True
-        hand_on_paths(known, network, field, proved)
-    else:
-=======
     handed_on = network.is_dear(
         known.total(hidden), known.total(nodes), known.component.at_any_price
     )
@@ -606,7 +595,6 @@ def _solve(
         network.lower(hidden, network.sources(), field, workers)
         _hand_on_paths(known, network, field, proved)
     elif len(hidden):
->>>>>>> w-solids
         finished = _solve_hidden(network, field, hidden, workers)
     sizes = np.maximum(np.minimum(field.sizes, upper), lower)
     h = spread(np.where(sizes <= nearly, lower, sizes))
@@ -632,16 +620,9 @@ def _hand_on_paths(known: WholeSolid, network: Network, field: Field, proved: Bo
     field.last[kept] = network.sight.stars.points[kept]
     beside = np.zeros(n, np.bool_)
     beside[mesh.cells[~proved[mesh.cells].all(axis=1)]] = True
-<<<<<<< HEAD
-    seeds = np.flatnonzero(beside & proved & (field.path >= 0) & np.isfinite(field.sizes))
-    both = np.unique(
-        np.column_stack([reflex.pieces.nodes.ravel(), np.repeat(reflex.pieces.edge, 2)]), axis=0
-    )
-=======
     seeds = np.flatnonzero((beside | ~proved) & (field.path >= 0) & np.isfinite(field.sizes))
     pairs = np.column_stack([reflex.pieces.nodes.ravel(), np.repeat(reflex.pieces.edge, 2)])
     both = np.unique(pairs, axis=0)
->>>>>>> w-solids
     first = np.concatenate([[0], np.cumsum(np.bincount(both[:, 0], minlength=k))])
     room = 4 * len(both) + 16
     more = Bases(*(_with_room(array, room) for array in paths.bases))
