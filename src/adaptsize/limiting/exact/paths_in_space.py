@@ -51,6 +51,10 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 # Largest number of iterations; each allows paths one more bend.
 _ROUNDS = 200
 
+# In rough solids the paths may grow exponentially: 250 000 on 369 nodes, in two minutes, where a
+# few thousand are usual.  With more than these and so many for each node the search is given up.
+_MOST_PATHS, _PATHS_PER_NODE = 2000, 2
+
 # The search for paths takes some .6 us for each piece of a reflex edge and hidden node, as long as
 # their product is small, and fast marching 1.5 us for each node.  Paths are handed on where the
 # product is larger than this number times that of the nodes: the second one if the exact method
@@ -140,6 +144,12 @@ class Network:
         paths.offset[np.isin(paths.base, base)] = np.inf
         paths.offset[base] = sizes
         return base
+
+    def copied(self) -> tuple[Paths, IntArray, IntArray]:
+        """Return the paths, their depths and origins, which the search changes."""
+        table, offset = self.paths.bases.table.copy(), self.paths.offset.copy()
+        bases = self.paths.bases._replace(table=table)
+        return self.paths._replace(bases=bases, offset=offset), self.depth, self.origin
 
     def extend(self, fresh: IntArray, field: Field) -> IntArray:
         """Extend paths over reflex edges where this may lower the size of a place of the edge.
@@ -590,12 +600,22 @@ def _solve(
         known.total(hidden), known.total(nodes), known.component.at_any_price
     )
     finished = True
+    if not handed_on:
+        before = network.copied(), Field(*(array.copy() for array in field))
+        is_over = len(hidden) > 0
+        if is_over:
+            finished, is_over = _solve_hidden(network, field, hidden, len(nodes), workers)
+        # If the search of one rank is given up, that of all is.
+        handed_on = known.total(np.arange(int(is_over), dtype=np.int32)) > 0
+        if handed_on:
+            finished = True
+            network.paths, network.depth, network.origin = before[0]
+            for array, old in zip(field, before[1], strict=True):
+                array[:] = old
     if handed_on:
         known.need_all_cells()
         network.lower(hidden, network.sources(), field, workers)
         _hand_on_paths(known, network, field, proved)
-    elif len(hidden):
-        finished = _solve_hidden(network, field, hidden, workers)
     sizes = np.maximum(np.minimum(field.sizes, upper), lower)
     h = spread(np.where(sizes <= nearly, lower, sizes))
     return Found(h, sizes, finished, handed_on)
@@ -651,11 +671,15 @@ def _with_room(array: npt.NDArray[Any], room: int) -> npt.NDArray[Any]:
     return np.concatenate([array, np.zeros((room, *array.shape[1:]), array.dtype)])
 
 
-def _solve_hidden(network: Network, field: Field, hidden: IntArray, workers: Workers) -> bool:
+def _solve_hidden(
+    network: Network, field: Field, hidden: IntArray, n_nodes: int, workers: Workers
+) -> tuple[bool, bool]:
     """Lower nodes (In/Out: field) from which their smallest source is not visible.
 
-    Returns whether the iteration converged within _ROUNDS iterations.
+    Returns whether the iteration converged within _ROUNDS iterations, and whether it was given up,
+    since there were too many paths.
     """
+    most = _MOST_PATHS + _PATHS_PER_NODE * n_nodes
     reflex_nodes = network.reflex_edges.nodes
     network.lower(hidden, network.sources(), field, workers)
     order = np.flatnonzero(np.isin(reflex_nodes, hidden)).astype(np.int32)
@@ -667,6 +691,8 @@ def _solve_hidden(network: Network, field: Field, hidden: IntArray, workers: Wor
             break
         bases = network.set_reflex_nodes(changed, field.sizes[reflex_nodes[changed]])
         new = network.extend(np.concatenate([fresh, bases]), field)
+        if len(network.paths.base) > most:
+            return False, True
         before = field.sizes[waiting]
         network.lower(waiting, network.choice(np.concatenate([bases, new])), field, workers)
         fallen = before - field.sizes[waiting]
@@ -674,7 +700,7 @@ def _solve_hidden(network: Network, field: Field, hidden: IntArray, workers: Wor
         fresh = network.seen(new, workers)
     rest = hidden[~np.isin(hidden, reflex_nodes)]
     network.lower(rest, network.alive(), field, workers)
-    return len(changed) == 0 and len(fresh) == 0
+    return len(changed) == 0 and len(fresh) == 0, False
 
 
 def _origins(
