@@ -106,4 +106,3 @@ def test_the_price_decides_what_the_default_does(monkeypatch):
     assert limit_gradient.with_info(comb, h0, G)[1].method == "exact"
     monkeypatch.setattr(paths_in_space, "_DEAR", 1e-9)
     assert limit_gradient.with_info(comb, h0, G)[1].method == "exact (handed on)"
-    assert limit_gradient.with_info(comb, h0, G, method="exact")[1].method == "exact"

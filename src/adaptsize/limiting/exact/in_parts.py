@@ -261,6 +261,10 @@ class PartOfSolid(WholeSolid):
         owned[self.body.own] = self.part.is_owned[self.piece.nodes]
         return int(self.piece.ranks.allreduce(int(np.count_nonzero(owned[nodes])), "sum"))
 
+    def any(self, flag: bool) -> bool:
+        """Return whether a flag is set on any rank."""
+        return bool(self.piece.ranks.allreduce(int(flag), "max"))
+
     def need_all_cells(self) -> None:
         """Raise `NeedsWholeMesh`, on all ranks."""
         raise NeedsWholeMesh

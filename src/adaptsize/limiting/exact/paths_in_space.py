@@ -57,10 +57,9 @@ _MOST_PATHS, _PATHS_PER_NODE = 2000, 2
 
 # The search for paths takes some .6 us for each piece of a reflex edge and hidden node, as long as
 # their product is small, and fast marching 1.5 us for each node.  Paths are handed on where the
-# product is larger than this number times that of the nodes: the second one if the exact method
-# has been asked for, or if there are bounds at points.
-# Fewer nodes than ``_FEW`` count as so many.
-_DEAR, _VERY_DEAR, _FEW = 20, 20, 1000
+# product is larger than this number times that of the nodes.  Fewer nodes than ``_FEW`` count as so
+# many.
+_DEAR, _FEW = 20, 1000
 
 
 @dataclass(eq=False)
@@ -109,10 +108,9 @@ class Network:
         alive[: self.n_sources] = False
         return self.choice(np.flatnonzero(alive).astype(np.int32))
 
-    def is_dear(self, n_hidden: int, n_nodes: int, may_be_dear: bool) -> bool:
+    def is_dear(self, n_hidden: int, n_nodes: int) -> bool:
         """Return whether paths are to be handed on, since the search would take too long."""
-        limit = _VERY_DEAR if may_be_dear else _DEAR
-        return len(self.reflex_edges.pieces.edge) * n_hidden > limit * max(n_nodes, _FEW)
+        return len(self.reflex_edges.pieces.edge) * n_hidden > _DEAR * max(n_nodes, _FEW)
 
     def lower(
         self,
@@ -463,6 +461,10 @@ class WholeSolid:
         """Return the number of nodes on all ranks."""
         return len(nodes)
 
+    def any(self, flag: bool) -> bool:
+        """Return whether a flag is set on any rank."""
+        return flag
+
     def need_all_cells(self) -> None:
         """Raise `NeedsWholeMesh` if cells inside the solid are not known."""
 
@@ -596,17 +598,16 @@ def _solve(
     nearly_upper = upper + TIE * np.abs(upper) + 10.0 * network.g * solid.moved
     field.sizes[:] = np.where(proved, np.minimum(lower, upper), nearly_upper)
     hidden = nodes[~proved[nodes]]
-    handed_on = network.is_dear(
-        known.total(hidden), known.total(nodes), known.component.at_any_price
-    )
+    n_nodes = known.total(nodes)
+    handed_on = network.is_dear(known.total(hidden), n_nodes)
     finished = True
     if not handed_on:
         before = network.copied(), Field(*(array.copy() for array in field))
         is_over = len(hidden) > 0
         if is_over:
-            finished, is_over = _solve_hidden(network, field, hidden, len(nodes), workers)
+            finished, is_over = _solve_hidden(network, field, hidden, n_nodes, workers)
         # If the search of one rank is given up, that of all is.
-        handed_on = known.total(np.arange(int(is_over), dtype=np.int32)) > 0
+        handed_on = known.any(is_over)
         if handed_on:
             finished = True
             network.paths, network.depth, network.origin = before[0]
