@@ -5,6 +5,7 @@ knows of the operator, again for each operation of each function.
 """
 
 import contextlib
+import inspect
 from collections.abc import Iterator
 from typing import Any
 
@@ -43,9 +44,18 @@ def _get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
     return signature
 
 
+_is_known = [*inspect.signature(_resolve).parameters] == ["self", "context", "args", "kws"]
+
+
 @contextlib.contextmanager
 def remembered_types() -> Iterator[None]:
-    """Remember implementations of operations while kernels are compiled."""
+    """Remember implementations of operations while kernels are compiled.
+
+    A version of numba that looks them up otherwise does so as often as it does.
+    """
+    if not _is_known:
+        yield
+        return
     _Function.get_call_type = _get_call_type
     try:
         yield
