@@ -59,7 +59,7 @@ USAGE = {
     "size box.vtu -o o.vtu --source region:7=1": "tags must be region tags of the mesh, which has",
     "size plane.vtu -o o.vtu --size-of wall=1": "--size-of must name parts among",
     "size plane.vtu -o o.vtu --size-of 1=-1": "--size-of['1'] must be finite and > 0, got -1",
-    "size plane.vtu -o o.vtu --label 1": "--label does not apply to this kind of file",
+    "size plane.vtu -o o.vtu --label 1": "--label applies to images, got it with",
     "size plane.vtu -o o.vtu --field none": "--field must be a nodal field of the mesh (h0, ",
     "size plane.vtu -o o.vtu --field flow": "--field 'flow' must have one number per node",
     "size plane.vtu -o o.vtu --tags none": "has no cell field 'none' for tags",

@@ -88,6 +88,6 @@ def test_bad_options_are_one_line_and_leave_no_file(mask, tmp_path, refused, wor
 
 def test_options_for_the_other_kind_of_file_are_refused(mask, tmp_path, refused):
     err = refused("size", mask, "-o", tmp_path / "a.vti", "--field", "h0")
-    assert "--field does not apply to this kind of file" in err
+    assert "--field applies to meshes, got it with" in err
     err = refused("size", DATA / "lshape.vtu", "-o", tmp_path / "a.vtu", "--label", "3")
-    assert "--label does not apply to this kind of file" in err
+    assert "--label applies to images, got it with" in err

@@ -21,7 +21,7 @@ from adaptsize._messages import Message, message_of
 from adaptsize.cli.console import Console
 from adaptsize.cli.provenance import Request
 from adaptsize.errors import OptionError
-from adaptsize.options import Option, options_of
+from adaptsize.options import Option, joined, options_of
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -139,8 +139,34 @@ _COLUMN = 22
 _KINDS = {"label": list[int], "spacing": list[float], "g": float}
 
 
+#: The options of each command, by their names.
+COMMANDS: dict[str, Mapping[str, Option]] = {}
+
+
+def _commands_with(word: str) -> str:
+    """Return in words which commands have an option, typed or by its name; empty if none has."""
+    having = [
+        command
+        for command, options in COMMANDS.items()
+        if any(word in (option.name, *option.flags) for option in options.values())
+    ]
+    return joined(sorted(having))
+
+
 class GroupedCommand(TyperCommand):
     """A command whose help lists the options in named groups."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse what is typed.  Of an option that others have, the error names these."""
+        try:
+            return super().parse_args(ctx, args)
+        except Exception as error:  # typer vendors the class that click has
+            typed = getattr(error, "option_name", None)
+            having = _commands_with(typed.partition("=")[0]) if isinstance(typed, str) else ""
+            if having and hasattr(error, "possibilities"):
+                error.message = f"No such option: {typed}: it is of {having}."  # type: ignore[attr-defined]
+                error.possibilities = None
+            raise
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write the arguments and the groups of options."""
@@ -191,6 +217,8 @@ def command(
     flags = {"output": "--output", "path": "--output", "sources": "--source"} | listed_flags
 
     def decorate(function: Callable[..., int]) -> Callable[..., int]:
+        COMMANDS[function.__name__] = options
+
         @functools.wraps(function)
         def run(*, context: typer.Context, **values: Any) -> int:
             console: Console = context.obj
@@ -314,6 +342,8 @@ def _read_options(file: Path, options: Mapping[str, Option]) -> Given:
         if name not in options:
             close = get_close_matches(name, options, n=1)
             hint = f"did you mean {close[0]!r}?" if close else "the command's help lists them"
+            having = _commands_with(name)
+            hint = f"it is of {having}" if having else hint
             raise OptionError(f"{file}: unknown option {key!r}: {hint}", ["options"])
         try:
             given[name] = _as_value(options[name], value)

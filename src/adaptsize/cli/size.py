@@ -34,6 +34,7 @@ from adaptsize.options import (
     SizeFunctionOptions,
     checked,
     options_of,
+    refuse_unused,
 )
 
 if TYPE_CHECKING:
@@ -46,17 +47,8 @@ _COST = own("Output", "cost", bool, "Also print unknowns, matrix and smallest pl
 _PARTS = own("Output", "parts", bool, "Also print width, curvature, size and cost of each part.")
 _SPEED = own("Output", "speed", float, "Largest speed of a signal, for the time steps.")
 _CAUSES = own("Output", "plot_causes", Path, "Also draw which cause controls which part (.png).")
-#: Options that have no effect on the sizes of an image.
-_OF_MESHES = (
-    "elements_between",
-    "field",
-    "tags",
-    "keep_slits",
-    "elements",
-    "nodes",
-    "tolerance",
-    "parts",
-)
+#: Options of the command itself that apply to meshes.
+_OF_MESHES = ("field", "tags", "keep_slits", "least_width", "box", "parts")
 
 
 @command(
@@ -81,9 +73,10 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
         raise OptionError(Message("{speed} has no effect without {cost} or {parts}"))
     content: files.Content = "sizes of an image" if of_image else "sizes"
     files.check_files([file], output, content, plot=plot, plot_causes=plot_causes)
-    for name in _OF_MESHES if of_image else options_of(ImageOptions):
+    refuse_unused("images" if of_image else "meshes", given, str(file))
+    for name in _OF_MESHES if of_image else ():
         if name in given | of_cost:
-            raise refusal(name, f"does not apply to this kind of file, got it with {file}")
+            raise refusal(name, f"applies to meshes, got it with {file}")
     with console.steps(3) as steps:
         steps.begin("reading")
         domain: Any
@@ -182,10 +175,7 @@ def exit_code(check: MeshCheck) -> int:
     return int(check.status == "missed")
 
 
-@command(
-    ImageMeshOptions, SOURCE, ORDER, PLOT,
-    without="elements nodes elements_between tolerance seed",
-)  # fmt: skip
+@command(ImageMeshOptions, SOURCE, ORDER, PLOT)
 def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -> int:
     """Mesh the objects in a mask or label image.
 
