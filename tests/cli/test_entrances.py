@@ -53,7 +53,7 @@ def test_options_that_disable_a_bound_may_be_given_where_there_is_none():
 
 
 def test_a_box_is_refused_where_it_has_no_effect():
-    with pytest.raises(ValueError, match="^box applies to functions without a background"):
+    with pytest.raises(ValueError, match=r"^box applies to functions without a background"):
         ads.size_function(GIVEN["meshes"][0], box=([0, 0], [1, 1]))
 
 
@@ -71,7 +71,7 @@ def test_a_command_offers_all_options_of_its_function_and_no_others(name):
 
 
 def test_an_option_of_other_functions_is_refused_with_these():
-    with pytest.raises(TypeError, match="'spacing': it is of size_function and mesh_image$"):
+    with pytest.raises(TypeError, match=r"'spacing': it is of size_function and mesh_image$"):
         ads.remesh(GIVEN["meshes"][0], 0.3, spacing=1)
 
 

@@ -10,6 +10,7 @@ import typer
 
 import adaptsize as ads
 from adaptsize._checks import refusal
+from adaptsize._defaults import GRADIENT_LIMIT, METRIC_GRADIENT_LIMIT
 from adaptsize._messages import Message
 from adaptsize.cli import files
 from adaptsize.cli.again import again
@@ -165,7 +166,10 @@ def check(console: Console, file: Input, given: Given) -> int:
 
 
 @command(
-    replace(options_of(SizeOptions)["g"], default=...),
+    replace(
+        options_of(SizeOptions)["g"],
+        chosen=f"{GRADIENT_LIMIT:g}, {METRIC_GRADIENT_LIMIT:g} of metrics",
+    ),
     replace(FIELD, text="Nodal field with the upper bounds."),
     METRIC,
     own(
@@ -184,7 +188,7 @@ def limit(console: Console, file: Input, output: SizesOutput, given: Given) -> i
         raise OptionError(Message("{field} or {metric} must be given, got {}", got))
     if "metric" in given:
         return limit_with_metric(console, file, output, given)
-    g, plot = given["g"], given.get("plot")
+    g, plot = given.get("g", GRADIENT_LIMIT), given.get("plot")
     files.check_files([file], output, "sizes", plot=plot)
     with console.steps(3) as steps:
         steps.begin("reading")
@@ -251,6 +255,7 @@ def family(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     with console.steps(3) as steps:
         steps.begin("reading")
         mesh = files.read_mesh(file, **of_reading)
+        mesh = files.with_faces(mesh) if files.by_faces(given) else mesh
         steps.begin("meshing")
         made = ads.mesh_family(mesh, **given, progress=steps.report)
         steps.begin("writing")

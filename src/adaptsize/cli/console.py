@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from adaptsize._messages import Message, message_of
-from adaptsize._progress import Stage, remaining, reporting, silent
+from adaptsize._progress import Stage, TimeLeft, reporting, silent
 from adaptsize.errors import OptionError
 from adaptsize.typing import ProgressCallback
 
@@ -226,7 +226,7 @@ class Steps:
     def __init__(self, console: Console, count: int, bar: ProgressCallback = silent) -> None:
         self._console, self._count, self._bar = console, count, bar
         self._lock = threading.Lock()
-        self._talks = False
+        self._talks, self._left = False, TimeLeft()
         self._number = 0
         self._name = ""
         self._start = self._began = self._printed = time.monotonic()
@@ -241,9 +241,9 @@ class Steps:
         """Show how far a step is.  This is a progress callback for the library."""
         self._bar(f"{self._title()}: {text}" if text else self._title(), share)
         now = time.monotonic()
+        left = self._left.update(now, f"{self._title()}: {text}", share)
         if self._talks and now - self._printed >= INTERVAL:
             passed = now - self._began
-            left = remaining(passed, share)
             self._printed = now
             self._console.say(f"{self._title()}, {passed:.0f} s so far{', ' if left else ''}{left}")
 

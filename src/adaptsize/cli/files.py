@@ -119,6 +119,12 @@ def with_faces(mesh: SimplexMesh) -> SimplexMesh:
     return mesh.tag_faces() if is_untagged else mesh
 
 
+def by_faces(given: Mapping[str, Any]) -> bool:
+    """Return whether options name parts, which may be the faces of a surface without tags."""
+    several = [getattr(source, "tags", None) for source in given.get("sources", ())]
+    return "size_of" in given or any(isinstance(tags, str) for tags in several)
+
+
 def with_named_faces(mesh: SimplexMesh) -> SimplexMesh:
     """Return a surface with tags for the faces between feature edges: face 1, face 2, ...
 

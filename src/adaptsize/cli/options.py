@@ -34,7 +34,7 @@ Given: TypeAlias = dict[str, Any]
 _TEXTS = (".txt", ".csv", ".dat", ".xy", ".xyz")
 _FORMS = (
     "point:x,y,z=h, curve:x0,y0,z0:x1,y1,z1:...=h, curve:FILE=h, ball:x,y,z,r=h, "
-    "box:x0,y0,z0,x1,y1,z1=h, boundary[:tag]=h, region:tag=h"
+    "box:x0,y0,z0,x1,y1,z1=h, boundary[:tag or name]=h, region:tag or name=h"
 )
 
 
@@ -370,6 +370,8 @@ def parse_source(text: str) -> Any:
     2.0
     >>> parse_source("boundary:3=0.5").tags
     3
+    >>> parse_source("region:inlet pipe=0.5").tags
+    'inlet pipe'
     >>> parse_source("curve:0,0:1,0:1,1=0.1").curve.tolist()
     [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]
     """
@@ -378,10 +380,12 @@ def parse_source(text: str) -> Any:
     what, _, size_text = text.rpartition("=")
     kind, _, where = what.partition(":")
     unknown = refusal("source", f"must be one of {_FORMS}; got {text!r}")
+    by_tag = kind in ("boundary", "region") and where != ""
     try:
         size = float(size_text)
         of_curve = kind == "curve" and where != ""
-        numbers = [float(word) for word in where.split(",")] if where and not of_curve else []
+        is_text = of_curve or by_tag or not where
+        numbers = [] if is_text else [float(word) for word in where.split(",")]
     except ValueError:
         raise unknown from None
     curve = _curve(where) if of_curve else None
@@ -395,13 +399,21 @@ def parse_source(text: str) -> Any:
                 return sizes.BallSource(numbers[:-1], numbers[-1], size)
             case "box", 4 | 6 as n:
                 return sizes.BoxSource(numbers[: n // 2], numbers[n // 2 :], size)
-            case "boundary", 0 | 1:
-                return sizes.BoundarySource(size, tags=int(numbers[0]) if numbers else None)
-            case "region", 1:
-                return sizes.RegionSource(int(numbers[0]), size)
+            case "boundary", 0:
+                return sizes.BoundarySource(size, tags=_tag(where) if by_tag else None)
+            case "region", 0 if by_tag:
+                return sizes.RegionSource(_tag(where), size)
     except ValueError as error:
         raise refusal("source", f"{text}: {error}") from error
     raise unknown
+
+
+def _tag(text: str) -> int | str:
+    """Return a tag: its number, or its name."""
+    try:
+        return int(text)
+    except ValueError:
+        return text.strip()
 
 
 def _curve(where: str) -> Any:

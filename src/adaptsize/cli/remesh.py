@@ -214,7 +214,7 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
     mesh = files.without_details(console, mesh, given)
     if given.pop("faces", False):
         mesh = files.with_named_faces(mesh)
-    elif "size_of" in given:
+    elif files.by_faces(given):
         mesh = files.with_faces(mesh)
     files.announce_sizes(console, mesh)
     chosen, sizes = files.format_of(output), files.beside(output)

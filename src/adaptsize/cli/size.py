@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import adaptsize as ads
 from adaptsize._checks import as_number, refusal
 from adaptsize._messages import Message
+from adaptsize._size_report import CODES
 from adaptsize.cli import files
 from adaptsize.cli.console import Console, print_message
 from adaptsize.cli.options import (
@@ -83,7 +84,7 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
         if of_image:
             domain = ads.io.read_image(file)
         else:
-            by_faces = "parts" in of_cost or "size_of" in given
+            by_faces = "parts" in of_cost or files.by_faces(given)
             domain = _read(console, file, output, files.reading(given), by_faces=by_faces)
         if "field" in given:
             given = bounded(domain, {"tolerance": math.inf} | given)
@@ -93,14 +94,14 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
         console.say(f"sizes: {report.choices}")
         steps.begin("writing")
         holds_fields = "fields" in files.format_of(output).holds
-        fields = {"cause": report.cause.astype("int32")} if holds_fields else {}
+        fields = {"cause": report.cause_codes()} if holds_fields else {}
         files.write_result(console, output, found, fields)
         files.draw(console, "size", plot, found)
         files.draw(console, "causes", plot_causes, report)
     console.record(size=as_dict(report))
     console.print(report)
     if fields:
-        names = ", ".join(f"{k} {name}" for k, name in enumerate(report.causes))
+        names = ", ".join(f"{CODES[name]} {name}" for name in report.causes)
         console.print(f"field cause: {names}")
     speed = {name: of_cost[name] for name in ("speed",) if name in of_cost}
     if "cost" in of_cost:
@@ -140,13 +141,13 @@ def as_dict(report: SizeReport) -> dict[str, Any]:
     """Return the parameters, sizes and causes of a size function, for the JSON object."""
     causes = [
         {
-            "code": code,
+            "code": CODES[name],
             "name": name,
             "domain_share": report.domain_shares[name],
             "element_share": report.element_shares[name],
             "smallest": report.smallest[name],
         }
-        for code, name in enumerate(report.causes)
+        for name in report.causes
     ]
     before = "elements_per_radian elements_across elements_between is_rough g hmin hmax relaxation"
     values = {name: getattr(report, name) for name in before.split()}
