@@ -80,21 +80,27 @@ class TimeLeft:
     Until the share grows, the last estimate counts down: otherwise it would rise as long as a step
     does not report.  A new one that is a little larger is left out for the same reason.
 
+    Parameters
+    ----------
+    now : float
+        Time in seconds at which the step begins.
+
     Examples
     --------
-    >>> left = TimeLeft()
+    >>> left = TimeLeft(0.0)
     >>> [left.update(now, "limiting", 0.01 * now) for now in (0.0, 25.0, 26.0, 50.0)]
     ['', 'about 75 s left', 'about 74 s left', 'about 50 s left']
     """
 
-    def __init__(self) -> None:
-        self._text = ""
-        self._began = self._end = self._share = 0.0
+    def __init__(self, now: float) -> None:
+        self._text, self._share = "", 0.0
+        self._began = self._end = self._last = now
 
     def update(self, now: float, text: str, share: float | None) -> str:
         """Return the time left at a time in seconds; empty if it is not known."""
         if text != self._text or (share is not None and share < self._share):
-            self._text, self._began, self._end, self._share = text, now, now, 0.0
+            self._text, self._began, self._end, self._share = text, self._last, now, 0.0
+        self._last = now
         if share is None or not _LEAST_SHARE <= share < 1.0:
             return ""
         if share > self._share:
@@ -125,7 +131,7 @@ def _rich_bar() -> Iterator[ProgressCallback]:
     with Progress(
         *columns, console=console, transient=True, disable=not console.is_terminal
     ) as bar:
-        shown, left = "", TimeLeft()
+        shown, left = "", TimeLeft(time.monotonic())
         task = bar.add_task(shown, total=None, left="", visible=False)
 
         def report(text: str, share: float | None) -> None:

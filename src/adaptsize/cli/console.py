@@ -226,10 +226,11 @@ class Steps:
     def __init__(self, console: Console, count: int, bar: ProgressCallback = silent) -> None:
         self._console, self._count, self._bar = console, count, bar
         self._lock = threading.Lock()
-        self._talks, self._left = False, TimeLeft()
+        self._talks = False
         self._number = 0
         self._name = ""
         self._start = self._began = self._printed = time.monotonic()
+        self._left = TimeLeft(self._began)
 
     def begin(self, name: str) -> None:
         """Begin a step."""
@@ -282,6 +283,7 @@ class Steps:
         with self._lock:
             self._name = name
             self._began = time.monotonic()
+            self._left = TimeLeft(self._began)
             if self._talks:
                 self._line(self._title())
         self._bar(self._title(), None)
