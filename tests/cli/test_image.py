@@ -63,7 +63,7 @@ def test_size_of_an_image_says_what_controls_what(mask, tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "curvature " in printed
     assert "% of the area" in printed
-    assert "field cause: 0 curvature, 1 width, 2 hmin, 3 hmax" in printed
+    assert "field cause: 0 curvature, 1 width, 6 hmin, 7 hmax" in printed
     assert read_size(output).background.spacing.tolist() == [0.5, 0.5]
     with pytest.raises(ValueError, match=r"cause: .*must be positive"):
         read_size(output, name="cause")  # -1 outside

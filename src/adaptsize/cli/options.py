@@ -34,7 +34,7 @@ Given: TypeAlias = dict[str, Any]
 _TEXTS = (".txt", ".csv", ".dat", ".xy", ".xyz")
 _FORMS = (
     "point:x,y,z=h, curve:x0,y0,z0:x1,y1,z1:...=h, curve:FILE=h, ball:x,y,z,r=h, "
-    "box:x0,y0,z0,x1,y1,z1=h, boundary[:tag or name]=h, region:tag or name=h"
+    "box:x0,y0,z0,x1,y1,z1=h, boundary[:name]=h, region:name=h"
 )
 
 

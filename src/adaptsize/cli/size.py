@@ -101,7 +101,9 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
     console.record(size=as_dict(report))
     console.print(report)
     if fields:
-        names = ", ".join(f"{CODES[name]} {name}" for name in report.causes)
+        names = ", ".join(
+            f"{CODES[name]} {name}" for name in sorted(report.causes, key=CODES.__getitem__)
+        )
         console.print(f"field cause: {names}")
     speed = {name: of_cost[name] for name in ("speed",) if name in of_cost}
     if "cost" in of_cost:
