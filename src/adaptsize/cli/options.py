@@ -82,8 +82,7 @@ METRIC = own(
 )  # fmt: skip
 SOURCE = own(
     "Sizes", "source", list[str],
-    f"{_FORMS}; may be repeated.  In the plane without z.  A FILE has segments, or one point per "
-    "line.",
+    f"{_FORMS}; may be repeated.  In the plane without z.  FILE: segments, or a point per line.",
 )  # fmt: skip
 PLOT = own("Output", "plot", Path, "Also draw the result (.png).")
 TAGS = own("General", "tags", str, "Cell field with the tags.")
