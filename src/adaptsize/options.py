@@ -45,6 +45,7 @@ from adaptsize._defaults import (
     CORNER_ANGLE,
     CREASE_ANGLE,
     GRADIENT_LIMIT,
+    LARGEST_MESH,
     MAX_ELEMENTS,
     METRIC_GRADIENT_LIMIT,
     TOLERANCE,
@@ -365,7 +366,7 @@ class LimitOptions(TypedDict, total=False):
         If the sizes require more elements than this, no mesh is made.
     """
 
-    max_elements: Annotated[float, Option(5e6, lower=1.0, inf=True)]
+    max_elements: Annotated[float, Option(LARGEST_MESH, lower=1.0, inf=True)]
 
 
 class MeshOptions(GeneratorOptions, total=False):
