@@ -85,6 +85,7 @@ SOURCE = own(
     f"{_FORMS}; may be repeated.  In the plane without z.  FILE: segments, or a point per line.",
 )  # fmt: skip
 PLOT = own("Output", "plot", Path, "Also draw the result (.png).")
+REPORT = own("Output", "report", Path, "Also write a page with the mesh in 3-D (.html).")
 TAGS = own("General", "tags", str, "Cell field with the tags.")
 KEEP_SLITS = own(
     "General", "keep_slits", bool, "Keep nodes at one place if most facets are double."

@@ -19,6 +19,7 @@ from adaptsize.cli.options import (
     ORDER,
     PLOT,
     READING,
+    REPORT,
     SOURCE,
     AnyFile,
     Given,
@@ -178,7 +179,7 @@ def exit_code(check: MeshCheck) -> int:
     return int(check.status == "missed")
 
 
-@command(ImageMeshOptions, SOURCE, ORDER, PLOT)
+@command(ImageMeshOptions, SOURCE, ORDER, PLOT, REPORT)
 def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -> int:
     """Mesh the objects in a mask or label image.
 
@@ -187,8 +188,8 @@ def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -
     """
     from adaptsize.reporting.outcome import outcome_of_image
 
-    plot, order = given.pop("plot", None), given.pop("order", 1)
-    files.check_files([file], output, "mesh", order, plot=plot)
+    plot, page, order = given.pop("plot", None), given.pop("report", None), given.pop("order", 1)
+    files.check_files([file], output, "mesh", order, plot=plot, report=page)
     with console.steps(5) as steps:
         steps.begin("reading")
         pixels = ads.io.read_image(file)
@@ -201,4 +202,6 @@ def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -
         chosen = {name: given[name] for name in options_of(ImageOptions) if name in given}
         outcome = outcome_of_image(mesh, pixels, checked(ImageOptions, chosen))
         files.draw(console, "size", plot, mesh)
+        size = ads.SizeFunction(mesh, mesh.point_data["h"])
+        files.write_report(console, page, file, mesh, size, outcome, outcome.check)
     return print_outcome(console, outcome)
