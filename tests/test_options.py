@@ -99,3 +99,14 @@ def test_a_growth_ratio_is_another_name_of_the_gradient_limit():
         ads.size_function(square, growth=1.2, g=0.2)
     with pytest.raises(ValueError, match=r"growth must be finite and >= 1, got 0.2"):
         ads.size_function(square, growth=0.2)
+
+
+def test_the_number_of_elements_has_one_default_for_each_meaning():
+    """Parameters are relaxed to one number, and no mesh is made beyond the other."""
+    found = {}
+    for record in records.ENTRANCES.values():
+        option = options_of(record).get("max_elements")
+        if option is not None:
+            found.setdefault(option.text, set()).add((option.default, option.chosen))
+    assert len(found) == 2
+    assert all(len(defaults) == 1 for defaults in found.values())

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from adaptsize._progress import Stage, reporting
+from adaptsize._progress import Stage, TimeLeft, reporting
 from adaptsize.cli.console import Console
 
 
@@ -44,3 +44,20 @@ def test_stages_begin_parts_of_a_step_and_other_texts_do_not():
     names = [name for name, _ in console.times]
     assert names == ["reading", "sizes", "adapting with Mmg", "writing"]
     assert [name.generator for name in names if isinstance(name, Stage)] == ["", "Mmg"]
+
+
+def test_the_time_left_counts_down_while_a_step_does_not_report():
+    left = TimeLeft(0.0)
+    assert left.update(30.0, "limiting", 0.25) == "about 90 s left"
+    # The same share again and again: the last estimate counts down, and ends when it is over.
+    shown = [left.update(now, "limiting", 0.25) for now in (60.0, 90.0, 119.0, 121.0)]
+    assert shown == ["about 60 s left", "about 30 s left", "about 1 s left", ""]
+
+
+def test_the_time_left_does_not_rise_a_little_but_does_if_a_step_is_much_slower():
+    left = TimeLeft(0.0)
+    left.update(50.0, "limiting", 0.5)
+    assert left.update(60.0, "limiting", 0.58) == "about 40 s left"  # not 43
+    assert left.update(100.0, "limiting", 0.6) == "about 67 s left"
+    # Another text is another part of the work, with a share of its own.
+    assert left.update(110.0, "width", 0.5) == "about 10 s left"

@@ -13,6 +13,8 @@ CORNER_ANGLE = 30.0
 TOLERANCE = 1e-3
 #: Most elements of a mesh whose sizes are chosen by the domain alone.
 MAX_ELEMENTS = 300_000.0
+#: Most elements of a mesh that is made at all.
+LARGEST_MESH = 5e6
 #: Fields with sizes of a mesh and bounds on them, and what belongs to them after a dot: not for the
 #: next mesh.
 FIELDS_OF_SIZES = ("h", "h0", "metric")

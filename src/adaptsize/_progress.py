@@ -1,6 +1,7 @@
 """Progress of long computations, by a callback or as a bar on the terminal."""
 
 import inspect
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -11,6 +12,8 @@ from adaptsize.typing import ProgressCallback
 
 #: The time left is not estimated from a smaller share.
 _LEAST_SHARE = 0.05
+#: Estimates that are larger by up to this factor do not replace the one that counts down.
+_RISE = 1.25
 
 
 class Stage(str):
@@ -71,17 +74,41 @@ def _check_arguments(callback: ProgressCallback) -> None:
         ) from None
 
 
-def remaining(seconds: float, share: float | None) -> str:
-    """Return the time left in words, from the time a share took; empty if it is not known.
+class TimeLeft:
+    """The time left of a step in words, from the time that its share took.
+
+    Until the share grows, the last estimate counts down: otherwise it would rise as long as a step
+    does not report.  A new one that is a little larger is left out for the same reason.
+
+    Parameters
+    ----------
+    now : float
+        Time in seconds at which the step begins.
 
     Examples
     --------
-    >>> remaining(30.0, 0.25)
-    'about 90 s left'
+    >>> left = TimeLeft(0.0)
+    >>> [left.update(now, "limiting", 0.01 * now) for now in (0.0, 25.0, 26.0, 50.0)]
+    ['', 'about 75 s left', 'about 74 s left', 'about 50 s left']
     """
-    if share is None or not _LEAST_SHARE <= share < 1.0:
-        return ""
-    return f"about {seconds * (1.0 - share) / share:.0f} s left"
+
+    def __init__(self, now: float) -> None:
+        self._text, self._share = "", 0.0
+        self._began = self._end = self._last = now
+
+    def update(self, now: float, text: str, share: float | None) -> str:
+        """Return the time left at a time in seconds; empty if it is not known."""
+        if text != self._text or (share is not None and share < self._share):
+            self._text, self._began, self._end, self._share = text, self._last, now, 0.0
+        self._last = now
+        if share is None or not _LEAST_SHARE <= share < 1.0:
+            return ""
+        if share > self._share:
+            left, before = (now - self._began) * (1.0 - share) / share, self._end - now
+            if not before < left <= _RISE * before:
+                self._end = now + left
+            self._share = share
+        return f"about {self._end - now:.0f} s left" if self._end > now else ""
 
 
 def silent(text: str, share: float | None) -> None:
@@ -104,7 +131,7 @@ def _rich_bar() -> Iterator[ProgressCallback]:
     with Progress(
         *columns, console=console, transient=True, disable=not console.is_terminal
     ) as bar:
-        shown = ""
+        shown, left = "", TimeLeft(time.monotonic())
         task = bar.add_task(shown, total=None, left="", visible=False)
 
         def report(text: str, share: float | None) -> None:
@@ -113,8 +140,8 @@ def _rich_bar() -> Iterator[ProgressCallback]:
                 bar.remove_task(task)
                 task = bar.add_task(text, total=None, left="")
                 shown = text
+            now = left.update(time.monotonic(), text, share)
             if share is not None:
-                passed = bar.tasks[0].elapsed or 0.0
-                bar.update(task, total=1.0, completed=share, left=remaining(passed, share))
+                bar.update(task, total=1.0, completed=share, left=now)
 
         yield report

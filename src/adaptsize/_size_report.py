@@ -12,6 +12,17 @@ from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.limiting.info import LimitingInfo
 from adaptsize.typing import FloatArray, IntArray
 
+#: The code of each cause in files: those of a file do not depend on the causes that it has.
+CODES = {
+    "curvature": 0,
+    "width": 1,
+    "separation": 2,
+    "sources": 3,
+    "h0": 4,
+    "size_of": 5,
+    "hmin": 6,
+    "hmax": 7,
+}
 #: Cause of nodes outside the domain, and of nodes that no bound reaches.
 NONE = -1
 
@@ -99,6 +110,11 @@ class SizeReport:
     def codes(self) -> range:
         """Possible values of `cause` inside the domain."""
         return range(len(self.causes))
+
+    def cause_codes(self) -> IntArray:
+        """Return the cause at each node by its code in `CODES`, as in files; -1 outside."""
+        codes = np.array([*(CODES[name] for name in self.causes), NONE], np.int32)
+        return codes[self.cause]  # the last one where the cause is -1
 
     def __repr__(self) -> str:
         """Return the causes with their shares."""

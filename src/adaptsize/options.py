@@ -34,11 +34,20 @@ from typing import (
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import STEEPEST, as_flag, as_number, as_whole_number, one_of, warn_caller
+from adaptsize._checks import (
+    STEEPEST,
+    as_flag,
+    as_number,
+    as_whole_number,
+    one_of,
+    refusal,
+    warn_caller,
+)
 from adaptsize._defaults import (
     CORNER_ANGLE,
     CREASE_ANGLE,
     GRADIENT_LIMIT,
+    LARGEST_MESH,
     MAX_ELEMENTS,
     METRIC_GRADIENT_LIMIT,
     TOLERANCE,
@@ -195,15 +204,13 @@ class Option:
         return f"{kind}, {default}", text
 
 
-class SizeOptions(TypedDict, total=False):
+class BoundOptions(TypedDict, total=False):
     """Sizes.
 
     elements_per_radian
         Elements per radian of curved boundaries, interfaces and tagged facets; 0 disables this.
     elements_across
         Elements across narrow domains and regions (``cell_tags``); 0 disables this.
-    elements_between
-        Elements between features of a boundary that do not meet; 0 disables this.
     g
         Gradient limit: growth of sizes per length.
     growth
@@ -212,19 +219,10 @@ class SizeOptions(TypedDict, total=False):
         Smallest size.  Sizes are in the unit of the coordinates.
     hmax
         Largest size.
-    crease_angle
-        Angle above which an edge is a feature edge.  It is not curvature then.
-    tolerance
-        Allowed distance from the boundary over the diameter; inf disables this.  Sizes at a radius
-        r of a mesh are at most sqrt(6 tolerance * diameter * r).
-    size_of
-        Sizes of named parts.
-        They replace those from the shape of regions, faces or labels.
     """
 
     elements_per_radian: Annotated[float | None, Option(chosen="4", short="-K")]
     elements_across: Annotated[float | None, Option(chosen="2")]
-    elements_between: Annotated[float | None, Option(chosen="1, or 0 on rough surfaces")]
     g: Annotated[
         float | None,
         Option(
@@ -245,28 +243,67 @@ class SizeOptions(TypedDict, total=False):
         float | None,
         Option(chosen="1/20 of the diameter of the domain", unit="length", above=True),
     ]
+
+
+class CreaseOptions(TypedDict, total=False):
+    """Sizes.
+
+    crease_angle
+        Angle above which an edge is a feature edge.  It is not curvature then.
+    """
+
     crease_angle: Annotated[float, Option(CREASE_ANGLE, unit="degrees", upper=180.0)]
+
+
+class NamedPartOptions(TypedDict, total=False):
+    """Sizes.
+
+    size_of
+        Sizes of named parts.
+        They replace those from the shape of regions, faces or labels.
+    """
+
+    size_of: Annotated[Mapping[str, float] | None, Option(type_text="mapping of str to float")]
+
+
+class SizeOptions(BoundOptions, CreaseOptions, NamedPartOptions, total=False):
+    """Sizes.
+
+    elements_between
+        Elements between features of a boundary that do not meet; 0 disables this.
+    tolerance
+        Allowed distance from the boundary over the diameter; inf disables this.  Sizes at a radius
+        r of a mesh are at most sqrt(6 tolerance * diameter * r).
+    """
+
+    elements_between: Annotated[float | None, Option(chosen="1, or 0 on rough surfaces")]
     tolerance: Annotated[
         float | None,
         Option(chosen=f"{TOLERANCE:g}", above=True, inf=True),
     ]
-    size_of: Annotated[Mapping[str, float] | None, Option(type_text="mapping of str to float")]
 
 
-class NumberOptions(TypedDict, total=False):
+class ElementsOptions(TypedDict, total=False):
     """Number of elements.
 
     elements
         Requested number of elements.
+    """
+
+    elements: Annotated[float | None, Option(lower=1.0)]
+
+
+class NumberOptions(ElementsOptions, total=False):
+    """Number of elements.
+
     nodes
         Requested number of nodes.
     """
 
-    elements: Annotated[float | None, Option(lower=1.0)]
     nodes: Annotated[float | None, Option(lower=1.0)]
 
 
-class BudgetOptions(NumberOptions, total=False):
+class CapOptions(TypedDict, total=False):
     """Number of elements.
 
     dofs
@@ -290,6 +327,10 @@ class BudgetOptions(NumberOptions, total=False):
     max_memory: Annotated[str | None, Option()]
     degree: Annotated[int, Option(1, lower=1.0, upper=20.0)]
     components: Annotated[int, Option(1, lower=1.0, upper=1000.0)]
+
+
+class BudgetOptions(NumberOptions, CapOptions, total=False):
+    """Number of elements."""
 
 
 class ImageOptions(TypedDict, total=False):
@@ -347,7 +388,7 @@ class LimitOptions(TypedDict, total=False):
         If the sizes require more elements than this, no mesh is made.
     """
 
-    max_elements: Annotated[float, Option(5e6, lower=1.0, inf=True)]
+    max_elements: Annotated[float, Option(LARGEST_MESH, lower=1.0, inf=True)]
 
 
 class MeshOptions(GeneratorOptions, total=False):
@@ -417,10 +458,24 @@ class DistanceOptions(LimitOptions, total=False):
 
 
 class SizeFunctionOptions(SizeOptions, BudgetOptions, ImageOptions, total=False):
-    """Size function."""
+    """Size function: the options of all kinds of domains."""
 
 
-class ImageMeshOptions(SizeOptions, BudgetOptions, ImageOptions, total=False):
+class MeshSizeOptions(SizeOptions, BudgetOptions, total=False):
+    """Size function of a mesh or a surface."""
+
+
+class FunctionSizeOptions(BoundOptions, CreaseOptions, ElementsOptions, CapOptions, total=False):
+    """Size function of an implicit function, or of distances on a grid."""
+
+
+class ImageSizeOptions(
+    BoundOptions, NamedPartOptions, ElementsOptions, CapOptions, ImageOptions, total=False
+):
+    """Size function of an image."""
+
+
+class ImageMeshOptions(ImageSizeOptions, total=False):
     """Mesh of an image.
 
     seed
@@ -716,6 +771,67 @@ class ScaledPictureOptions(PictureOptions, total=False):
     ]
 
 
+#: The options that `size_function` implements, by the kind of domain.
+DOMAINS: Mapping[str, type] = {
+    "meshes": MeshSizeOptions,
+    "implicit functions": FunctionSizeOptions,
+    "images": ImageSizeOptions,
+}
+#: The options of the functions that make sizes or meshes.  `with_options` has the others.
+ENTRANCES: Mapping[str, type] = {
+    "size_function": SizeFunctionOptions,
+    "remesh": RemeshOptions,
+    "remesh_to_elements": RemeshToElementsOptions,
+    "mesh_family": FamilyOptions,
+    "mesh_image": ImageMeshOptions,
+    "mesh_from_distance": DistanceOptions,
+    "adapt": AdaptOptions,
+}
+#: Values that request nothing, so that they may be given where an option is not implemented.
+_OFF = {"elements_between": 0.0, "tolerance": float("inf")}
+
+
+def entrances_with(name: str, entrances: Mapping[str, type]) -> str:
+    """Return in words which entrances have an option; empty if none has it.
+
+    Examples
+    --------
+    >>> entrances_with("spacing", ENTRANCES)
+    'size_function and mesh_image'
+    """
+    return joined([title for title, record in entrances.items() if name in options_of(record)])
+
+
+def joined(names: Sequence[str]) -> str:
+    """Return names in one phrase."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+
+
+def refuse_unused(kind: str, given: Mapping[str, Any], what: str) -> None:
+    """Refuse options of `size_function` that do not apply to a kind of domain.
+
+    Parameters
+    ----------
+    kind : str
+        One of `DOMAINS`.
+    given : mapping
+        What the user gives.
+    what : str
+        The domain, in words.
+
+    Raises
+    ------
+    OptionError
+        With the kinds of domains that have the option.
+    """
+    used, every = options_of(DOMAINS[kind]), options_of(SizeFunctionOptions)
+    for name, value in given.items():
+        is_off = value is None or (name in _OFF and value == _OFF[name])
+        if name in every and name not in used and not is_off:
+            having = entrances_with(name, DOMAINS)
+            raise refusal(name, f"applies to {having}, got it with {what}")
+
+
 @cache
 def options_of(record: type) -> Mapping[str, Option]:
     """Return the options of a record by their names, in the order of the declaration."""
@@ -803,6 +919,9 @@ def checked(record: type[R], given: Mapping[str, Any]) -> R:
         if name not in options:
             close = get_close_matches(name, options, n=1)
             hint = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(options)}"
+            having = entrances_with(name, ENTRANCES)
+            if having:
+                hint = f"it is of {having}"
             raise TypeError(f"unexpected option {name!r}: {hint}")
     values = {
         name: option.check(given.get(name, option.default)) for name, option in options.items()

@@ -155,3 +155,10 @@ def test_with_data_adds_replaces_and_shares_topology():
     assert np.shares_memory(new.points, mesh.points)
     with pytest.raises(ValueError, match=re.escape("point_data['a'] must have 4 rows")):
         mesh.with_data(point_data={"a": [1.0]})
+
+
+def test_transposed_cells_are_recognized():
+    with pytest.raises(ValueError, match=r"one row for each of the 3 nodes; pass cells\.T$"):
+        SimplexMesh(
+            np.random.default_rng(0).random((9, 2)), np.arange(9).reshape(3, 3).repeat(2, 1)
+        )

@@ -28,7 +28,7 @@ NUMBERS = [
     for name, command in COMMANDS.items()
     for option in command.params
     if option.metavar in ("N", "LENGTH", "DEGREES")
-    and option.name not in ("rounds", "levels", "degree", "components", "order")  # whole
+    and option.name not in ("rounds", "levels", "degree", "components", "order", "seed")  # whole
 ]
 
 

@@ -9,6 +9,7 @@ from command_line import call
 from shapes import block
 
 from adaptsize import SimplexMesh, read, size_function, write
+from adaptsize._size_report import CODES
 from adaptsize.cli import console as console_module
 from adaptsize.cli.console import Console, Steps
 
@@ -170,3 +171,24 @@ def test_meshes_of_a_family_have_the_sizes_of_sources(tmp_path):
     assert call("family", DATA / "lshape.vtu", "-o", tmp_path / "m.vtu", *words) == 0
     h = [read(tmp_path / f"m-{level}.vtu").point_data["h"].min() for level in (1, 2)]
     np.testing.assert_allclose(h, [0.1, 0.1 / np.sqrt(2.0)], rtol=0.05)
+
+
+def test_limit_has_a_default_of_the_gradient(square):
+    """That of the library: the size of 0.1 has grown by a quarter of the distance."""
+    output = square.with_name("limited.vtu")
+    assert call("limit", square, "--field", "h0", "-o", output, "-q") == 0
+    assert read(output).point_data["h"][1] == pytest.approx(0.1 + 0.25)
+
+
+def test_the_codes_of_causes_do_not_depend_on_the_causes_in_the_file(square, capsys):
+    output = square.with_name("sizes.vtu")
+    for words in (["--source", "point:0,0=0.01"], ["-K", "0", "--source", "point:0,0=0.01"]):
+        assert call("size", square, "-o", output, "--hmax", "0.05", *words) == 0
+        assert " 3 sources, 6 hmin, 7 hmax" in capsys.readouterr().out
+        assert set(np.unique(read(output).point_data["cause"])) == {3, 7}
+
+
+def test_every_cause_has_a_code():
+    size = size_function(read(DATA / "bracket.stl"), max_elements=3000, tolerance=0.01)
+    assert set(size.report.causes) <= CODES.keys()
+    assert list(CODES.values()) == list(range(8))  # codes of files are not changed

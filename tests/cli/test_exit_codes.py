@@ -24,6 +24,8 @@ def folder(tmp_path_factory):
     surface = box.boundary().mesh
     write(folder / "box.stl", surface)
     write(folder / "open.stl", SimplexMesh(surface.points, surface.cells[1:]))
+    ring = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1], [1, 2], [2, 3], [3, 0]])
+    write(folder / "ring.vtu", ring)
     np.save(folder / "mask.npy", np.pad(np.ones((6, 6), bool), 4))
     (folder / "broken.vtu").write_text("<VTKFile")
     (folder / "part.toml").write_text("hmx = 3")
@@ -35,7 +37,6 @@ def folder(tmp_path_factory):
 USAGE = {
     "size plane.vtu": "Missing option '-o'",
     "size plane.vtu -o o.vtu --hmxa 3": "No such option",
-    "limit plane.vtu -o o.vtu --field h0": "Missing option",
     "size plane.vtu -o o.vtu --hmax x": "Invalid value for '--hmax'",
     "size plane.vtu -o o.vtu --hmax -1": "--hmax must be finite and > 0, got -1",
     "size plane.vtu -o o.vtu --hmin 2 --hmax 1": "--hmin must be at most --hmax = 1, got 2",
@@ -56,10 +57,16 @@ USAGE = {
     "size plane.vtu -o o.vtu --source point:0,0=-1": "--source point:0,0=-1: size must be pos",
     "size plane.vtu -o o.vtu --source point:0,0,0=1": "points of a source must have shape (n, 2)",
     "size plane.vtu -o o.vtu --source region:7=1": "tags must be among the cell_tags 1, 2, got 7",
+    "size plane.vtu -o o.vtu --source ball:0,0,0,1=1": "centre must have shape (2,), got (3,)",
+    "size plane.vtu -o o.vtu --source box:0,0,0,1,1,1=1": "lower must have shape (2,), got (3,)",
+    "size plane.vtu -o o.vtu --source region:hub=1": "among the cell_tags region 1, region 2, got",
+    "size ring.vtu -o o.vtu --source boundary:7=1": "tags need a SimplexMesh, a grid has none",
+    "size mask.npy -o o.vti --source region:hub=1": "labels of the image, 1; got 'hub'",
+    "size mask.npy -o o.vti --source point:0,0,0=1": "points of a source must have shape (n, 2)",
     "size box.vtu -o o.vtu --source region:7=1": "tags must be region tags of the mesh, which has",
     "size plane.vtu -o o.vtu --size-of wall=1": "--size-of must name parts among",
     "size plane.vtu -o o.vtu --size-of 1=-1": "--size-of['1'] must be finite and > 0, got -1",
-    "size plane.vtu -o o.vtu --label 1": "--label does not apply to this kind of file",
+    "size plane.vtu -o o.vtu --label 1": "--label applies to images, got it with",
     "size plane.vtu -o o.vtu --field none": "--field must be a nodal field of the mesh (h0, ",
     "size plane.vtu -o o.vtu --field flow": "--field 'flow' must have one number per node",
     "size plane.vtu -o o.vtu --tags none": "has no cell field 'none' for tags",

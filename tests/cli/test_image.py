@@ -63,7 +63,7 @@ def test_size_of_an_image_says_what_controls_what(mask, tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "curvature " in printed
     assert "% of the area" in printed
-    assert "field cause: 0 curvature, 1 width, 2 hmin, 3 hmax" in printed
+    assert "field cause: 0 curvature, 1 width, 6 hmin, 7 hmax" in printed
     assert read_size(output).background.spacing.tolist() == [0.5, 0.5]
     with pytest.raises(ValueError, match=r"cause: .*must be positive"):
         read_size(output, name="cause")  # -1 outside
@@ -88,6 +88,6 @@ def test_bad_options_are_one_line_and_leave_no_file(mask, tmp_path, refused, wor
 
 def test_options_for_the_other_kind_of_file_are_refused(mask, tmp_path, refused):
     err = refused("size", mask, "-o", tmp_path / "a.vti", "--field", "h0")
-    assert "--field does not apply to this kind of file" in err
+    assert "--field applies to meshes, got it with" in err
     err = refused("size", DATA / "lshape.vtu", "-o", tmp_path / "a.vtu", "--label", "3")
-    assert "--label does not apply to this kind of file" in err
+    assert "--label applies to images, got it with" in err

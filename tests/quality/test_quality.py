@@ -1,5 +1,7 @@
 """Element quality and conformity against values derived by hand."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -155,3 +157,12 @@ def test_hausdorff_distance_is_measured_both_ways():
     back = size_conformity(two, 1.0, surface=one).hausdorff
     assert there == back
     assert 4.9 < there <= 5.0  # the farthest of the sampled points is near the far pole
+
+
+def test_a_conformity_shows_itself_in_one_line():
+    text = repr(size_conformity(GRID, 0.1))
+    assert re.fullmatch(
+        r"Conformity\(\d+ triangles, [\d.]+% of edges in band, [\d.]+% served, "
+        r"smallest angle [\d.]+ degrees\)",
+        text,
+    )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from shapes import CORNERS, CUBE_CELLS, joined, moved
 
-from adaptsize import SimplexMesh
+from adaptsize import SimplexMesh, check_mesh
 from adaptsize.quality.summary import summarize
 
 NAMED = SimplexMesh(
@@ -46,3 +46,20 @@ def test_a_surface_encloses_the_union_of_its_bodies_and_flipped_facets_are_count
     assert "orientation" not in str(as_is)
     inward = summarize(SimplexMesh(CORNERS, np.roll(CUBE_CELLS[:, ::-1], 1, axis=1)))
     assert (inward.n_flipped_facets, inward.enclosed) == (12, pytest.approx(1.0))
+
+
+@pytest.mark.parametrize("place", [0.0, 1e3])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_degenerate_cells_are_those_that_a_check_refuses(place, dim):
+    """Flat up to rounding, turned and moved; thin ones are valid."""
+    rng = np.random.default_rng(3)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    flat = rng.random((dim, 3))
+    inner = rng.dirichlet(np.ones(dim)) @ flat  # in the same line or plane
+    normal = np.linalg.svd(flat - inner)[2][-1]
+    thin = inner + 1e-6 * normal
+    points = np.vstack([flat, inner, flat, thin]) @ turn + place
+    mesh = SimplexMesh(points, np.arange(2 * dim + 2).reshape(2, dim + 1))
+    cells = next(d for d in check_mesh(mesh).demands if d.name == "cells")
+    assert summarize(mesh).n_degenerate_cells == 1
+    assert cells.text.startswith("1 of 2 inverted or flat") or dim == 3

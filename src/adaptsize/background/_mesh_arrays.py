@@ -38,8 +38,12 @@ def as_cells(value: npt.ArrayLike, points: FloatArray) -> IntArray:
     cells = as_index_array("cells", value, len(points))
     dim = points.shape[1]
     if not 2 <= cells.shape[1] <= dim + 1:
+        is_transposed = 2 <= len(cells) <= dim + 1
+        hint = (
+            f", one row for each of the {len(cells)} nodes; pass cells.T" if is_transposed else ""
+        )
         raise ValueError(
-            f"cells must have 2 to {dim + 1} nodes each in {dim}-D, got {cells.shape[1]}"
+            f"cells must have 2 to {dim + 1} nodes each in {dim}-D, got {cells.shape[1]}{hint}"
         )
     if len(cells) == 0:
         raise ValueError("cells must hold at least one cell, got an empty array")

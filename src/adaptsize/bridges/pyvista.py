@@ -22,6 +22,7 @@ from adaptsize.adaptation.transfer import carry_fields
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.errors import InputWarning
 from adaptsize.limiting import limit_gradient
+from adaptsize.options import MeshSizeOptions, SizeFunctionOptions, options_of
 from adaptsize.quality.certificate import check_mesh
 from adaptsize.quality.conformity import size_conformity
 from adaptsize.typing import FloatArray
@@ -34,6 +35,8 @@ _Method = TypeVar("_Method", bound=Callable[..., Any])
 
 #: Field data that hold the size function behind the point data ``h``.
 _STORED = "adaptsize.size."
+#: Options of `size_function` for domains that are no meshes.
+_OF_OTHERS = {"box", *options_of(SizeFunctionOptions)} - {*options_of(MeshSizeOptions)}
 #: Point data ``h`` that differ more from a size function were changed, or made by others.
 _SAME = 1e-6
 
@@ -43,7 +46,9 @@ def _options_of(*functions: Callable[..., Any]) -> Callable[[_Method], _Method]:
     shown: dict[str, inspect.Parameter] = {}
     for function in functions:
         parameters = inspect.signature(function).parameters.values()
-        options = {p.name: p for p in parameters if p.kind is p.KEYWORD_ONLY}
+        options = {
+            p.name: p for p in parameters if p.kind is p.KEYWORD_ONLY and p.name not in _OF_OTHERS
+        }
         shown = {**options, **shown}
 
     def decorated(method: _Method) -> _Method:

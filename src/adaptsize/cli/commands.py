@@ -10,6 +10,7 @@ import typer
 
 import adaptsize as ads
 from adaptsize._checks import refusal
+from adaptsize._defaults import GRADIENT_LIMIT, METRIC_GRADIENT_LIMIT, TOLERANCE
 from adaptsize._messages import Message
 from adaptsize.cli import files
 from adaptsize.cli.again import again
@@ -23,6 +24,7 @@ from adaptsize.cli.options import (
     ORDER,
     PLOT,
     READING,
+    REPORT,
     SOURCE,
     Given,
     GroupedCommand,
@@ -127,6 +129,7 @@ def info(console: Console, file: Input, given: Given) -> int:
     *READING,
     *OF_POLYGONS,
     replace(options_of(RemeshOptions)["tolerance"], group="Checks"),
+    REPORT,
 )
 def check(console: Console, file: Input, given: Given) -> int:
     """Check a mesh: validity, domain, conformity with its sizes.
@@ -135,9 +138,10 @@ def check(console: Console, file: Input, given: Given) -> int:
     listed.  The tolerance is that with which remesh made the mesh, unless another one is given.
     """
     from adaptsize.remeshing.preparation import repair_mesh
-    from adaptsize.reporting.outcome import conformity_beside
+    from adaptsize.reporting.outcome import Outcome, conformity_beside, kind_of
 
-    original, field = given.pop("original", None), given.pop("field", None)
+    original, field, page = (given.pop(name, None) for name in ("original", "field", "report"))
+    files.check_files([file, original], None, "mesh", report=page)
     of_reading = files.reading(given)
     with console.steps(2) as steps:
         steps.begin("reading")
@@ -156,6 +160,12 @@ def check(console: Console, file: Input, given: Given) -> int:
         found = ads.check_mesh(mesh, original=other, size=sizes, **given)
         if sizes is not None:
             conformity = conformity_beside(found, mesh, sizes, other)
+        size = None if sizes is None else ads.SizeFunction(mesh, sizes)
+        outcome = None
+        if sizes is not None:
+            tolerance = given.get("tolerance", TOLERANCE)
+            outcome = Outcome(kind_of(mesh), conformity, found, tolerance=tolerance)
+        files.write_report(console, page, file, mesh, size, outcome, found)
     console.record(**found.as_dict())
     if sizes is not None:
         console.record(**conformity.as_dict())
@@ -165,7 +175,10 @@ def check(console: Console, file: Input, given: Given) -> int:
 
 
 @command(
-    replace(options_of(SizeOptions)["g"], default=...),
+    replace(
+        options_of(SizeOptions)["g"],
+        chosen=f"{GRADIENT_LIMIT:g}, {METRIC_GRADIENT_LIMIT:g} of metrics",
+    ),
     replace(FIELD, text="Nodal field with the upper bounds."),
     METRIC,
     own(
@@ -184,7 +197,7 @@ def limit(console: Console, file: Input, output: SizesOutput, given: Given) -> i
         raise OptionError(Message("{field} or {metric} must be given, got {}", got))
     if "metric" in given:
         return limit_with_metric(console, file, output, given)
-    g, plot = given["g"], given.get("plot")
+    g, plot = given.get("g", GRADIENT_LIMIT), given.get("plot")
     files.check_files([file], output, "sizes", plot=plot)
     with console.steps(3) as steps:
         steps.begin("reading")
@@ -251,6 +264,7 @@ def family(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     with console.steps(3) as steps:
         steps.begin("reading")
         mesh = files.read_mesh(file, **of_reading)
+        mesh = files.with_faces(mesh) if files.by_faces(given) else mesh
         steps.begin("meshing")
         made = ads.mesh_family(mesh, **given, progress=steps.report)
         steps.begin("writing")
@@ -284,6 +298,7 @@ def _numbers(text: str) -> list[float]:
     replace(options_of(TransferOptions)["method"], type=NodalMethod),
     *READING,
     PLOT,
+    REPORT,
     without="conservative corner_angle anisotropic norm max_aspect how rounds",
 )
 def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> int:
@@ -292,8 +307,10 @@ def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> in
     Its sizes come from an error indicator or a solution.  Fields and tags of the file are
     transferred.  A mesh that already has the sizes is written unchanged.
     """
-    field, plot = given.pop("field"), given.pop("plot", None)
-    files.check_files([file], output, "mesh", plot=plot)
+    from adaptsize.reporting.outcome import Outcome, kind_of
+
+    field, plot, page = given.pop("field"), given.pop("plot", None), given.pop("report", None)
+    files.check_files([file], output, "mesh", plot=plot, report=page)
     if not given.keys() & {"elements", "nodes", "tolerance"}:
         text = "{elements}, {nodes} or {tolerance} must be given, got none of them"
         raise OptionError(Message(text))
@@ -314,11 +331,16 @@ def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> in
         )
         steps.begin("writing")
         new = result.mesh
+        report = result.report
         fields = {**result.fields, "h": result.size(new.points)}
         new = new.with_data(point_data=fields, cell_data=result.cell_fields)
         files.write_result(console, output, new)
         files.draw(console, "size", plot, new)
-    report = result.report
+        if page is not None:
+            tolerance = given.get("boundary_tolerance", TOLERANCE)
+            found = ads.check_mesh(new, original=mesh, size=result.size, tolerance=tolerance)
+            outcome = Outcome(kind_of(new), report.after, found, tolerance=tolerance)
+            files.write_report(console, page, file, new, result.size, outcome, found)
     of_mesh = {
         "share_in_band": report.after.share_in_band,
         "boundary_distance": report.boundary_distance,

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from adaptsize._messages import Message, message_of
-from adaptsize._progress import Stage, remaining, reporting, silent
+from adaptsize._progress import Stage, TimeLeft, reporting, silent
 from adaptsize.errors import OptionError
 from adaptsize.typing import ProgressCallback
 
@@ -230,6 +230,7 @@ class Steps:
         self._number = 0
         self._name = ""
         self._start = self._began = self._printed = time.monotonic()
+        self._left = TimeLeft(self._began)
 
     def begin(self, name: str) -> None:
         """Begin a step."""
@@ -241,9 +242,9 @@ class Steps:
         """Show how far a step is.  This is a progress callback for the library."""
         self._bar(f"{self._title()}: {text}" if text else self._title(), share)
         now = time.monotonic()
+        left = self._left.update(now, f"{self._title()}: {text}", share)
         if self._talks and now - self._printed >= INTERVAL:
             passed = now - self._began
-            left = remaining(passed, share)
             self._printed = now
             self._console.say(f"{self._title()}, {passed:.0f} s so far{', ' if left else ''}{left}")
 
@@ -282,6 +283,7 @@ class Steps:
         with self._lock:
             self._name = name
             self._began = time.monotonic()
+            self._left = TimeLeft(self._began)
             if self._talks:
                 self._line(self._title())
         self._bar(self._title(), None)

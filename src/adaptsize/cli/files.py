@@ -15,6 +15,7 @@ import adaptsize as ads
 from adaptsize._checks import refusal
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._messages import Message
+from adaptsize._progress import Stage
 from adaptsize.cli.console import Console
 from adaptsize.cli.provenance import provenance_of, write_provenance
 from adaptsize.errors import OptionError
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
     from adaptsize.background import SimplexMesh
     from adaptsize.metrics import MetricFunction
+    from adaptsize.quality.certificate import MeshCheck
+    from adaptsize.reporting.outcome import Outcome
 
 #: Bytes for the sizes of a surface, per triangle: 0.8 GB for 600 000 (benchmarks/large_inputs.py).
 _PER_TRIANGLE = 1300.0
@@ -35,7 +38,7 @@ Content = Literal["mesh", "sizes", "sizes of an image"]
 
 def check_files(
     inputs: Sequence[Path | None],
-    output: Path,
+    output: Path | None,
     content: Content,
     order: int = 1,
     **others: Path | None,
@@ -45,8 +48,8 @@ def check_files(
     Parameters
     ----------
     inputs : sequence of Path or None
-    output : Path
-        The file of ``--output``, and what is to be written.
+    output : Path or None
+        The file of ``--output``, if there is one, and what is to be written.
     content : str
     order : {1, 2}
         Of the cells.
@@ -117,6 +120,12 @@ def with_faces(mesh: SimplexMesh) -> SimplexMesh:
     """Return a mesh whose faces between feature edges are tagged, if it is a surface in space."""
     is_untagged = mesh.cell_dim == 2 < mesh.dim and mesh.cell_tags is None
     return mesh.tag_faces() if is_untagged else mesh
+
+
+def by_faces(given: Mapping[str, Any]) -> bool:
+    """Return whether options name parts, which may be the faces of a surface without tags."""
+    several = [getattr(source, "tags", None) for source in given.get("sources", ())]
+    return "size_of" in given or any(isinstance(tags, str) for tags in several)
 
 
 def with_named_faces(mesh: SimplexMesh) -> SimplexMesh:
@@ -291,6 +300,29 @@ def draw(console: Console, kind: str, path: Path | None, *what: Any) -> None:
     if path is not None:
         getattr(ads.plot, f"plot_{kind}")(*what, path=path)
         console.wrote(file=str(path), kind="picture")
+
+
+def write_report(
+    console: Console,
+    page: Path | None,
+    file: Path,
+    mesh: SimplexMesh,
+    size: SizeFunction | None,
+    outcome: Outcome | None,
+    check: MeshCheck,
+) -> None:
+    """Write the page of ``--report`` on a mesh from a file, if a path is given."""
+    if page is None:
+        return
+    from adaptsize.reporting.page import write_page  # matplotlib takes a while
+
+    stages = [name for name, _ in console.times if isinstance(name, Stage)]
+    generators = " and ".join(dict.fromkeys(s.generator for s in stages if s.generator))
+    about = {"input": str(file), "command": console.typed}
+    about |= {"generator": generators} if generators else {}
+    head = {"title": None, "times": console.times, "about": about}
+    write_page(page, mesh, size, outcome, check, head)
+    console.say(f"report: {page}")
 
 
 def announce_sizes(console: Console, mesh: SimplexMesh) -> None:

@@ -59,7 +59,7 @@ def _read(file: Path, given: Given) -> tuple[SimplexMesh, Metric]:
 def limit_with_metric(console: Console, file: Path, output: Path, given: Given) -> int:
     """Limit the gradient of a metric and write it as the field metric."""
     _check(file, output, given, set())
-    g = given["g"]
+    g = given.get("g", METRIC_GRADIENT_LIMIT)
     with console.steps(3) as steps:
         steps.begin("reading")
         mesh, metric = _read(file, given)

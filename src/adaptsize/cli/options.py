@@ -21,7 +21,7 @@ from adaptsize._messages import Message, message_of
 from adaptsize.cli.console import Console
 from adaptsize.cli.provenance import Request
 from adaptsize.errors import OptionError
-from adaptsize.options import Option, options_of
+from adaptsize.options import Option, joined, options_of
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -34,7 +34,7 @@ Given: TypeAlias = dict[str, Any]
 _TEXTS = (".txt", ".csv", ".dat", ".xy", ".xyz")
 _FORMS = (
     "point:x,y,z=h, curve:x0,y0,z0:x1,y1,z1:...=h, curve:FILE=h, ball:x,y,z,r=h, "
-    "box:x0,y0,z0,x1,y1,z1=h, boundary[:tag]=h, region:tag=h"
+    "box:x0,y0,z0,x1,y1,z1=h, boundary[:name]=h, region:name=h"
 )
 
 
@@ -82,10 +82,10 @@ METRIC = own(
 )  # fmt: skip
 SOURCE = own(
     "Sizes", "source", list[str],
-    f"{_FORMS}; may be repeated.  In the plane without z.  A FILE has segments, or one point per "
-    "line.",
+    f"{_FORMS}; may be repeated.  In the plane without z.  FILE: segments, or a point per line.",
 )  # fmt: skip
 PLOT = own("Output", "plot", Path, "Also draw the result (.png).")
+REPORT = own("Output", "report", Path, "Also write a page with the mesh in 3-D (.html).")
 TAGS = own("General", "tags", str, "Cell field with the tags.")
 KEEP_SLITS = own(
     "General", "keep_slits", bool, "Keep nodes at one place if most facets are double."
@@ -139,8 +139,34 @@ _COLUMN = 22
 _KINDS = {"label": list[int], "spacing": list[float], "g": float}
 
 
+#: The options of each command, by their names.
+COMMANDS: dict[str, Mapping[str, Option]] = {}
+
+
+def _commands_with(word: str) -> str:
+    """Return in words which commands have an option, typed or by its name; empty if none has."""
+    having = [
+        command
+        for command, options in COMMANDS.items()
+        if any(word in (option.name, *option.flags) for option in options.values())
+    ]
+    return joined(sorted(having))
+
+
 class GroupedCommand(TyperCommand):
     """A command whose help lists the options in named groups."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse what is typed.  Of an option that others have, the error names these."""
+        try:
+            return super().parse_args(ctx, args)
+        except Exception as error:  # typer vendors the class that click has
+            typed = getattr(error, "option_name", None)
+            having = _commands_with(typed.partition("=")[0]) if isinstance(typed, str) else ""
+            if having and hasattr(error, "possibilities"):
+                error.message = f"No such option: {typed}: it is of {having}."  # type: ignore[attr-defined]
+                error.possibilities = None
+            raise
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write the arguments and the groups of options."""
@@ -191,6 +217,8 @@ def command(
     flags = {"output": "--output", "path": "--output", "sources": "--source"} | listed_flags
 
     def decorate(function: Callable[..., int]) -> Callable[..., int]:
+        COMMANDS[function.__name__] = options
+
         @functools.wraps(function)
         def run(*, context: typer.Context, **values: Any) -> int:
             console: Console = context.obj
@@ -317,6 +345,8 @@ def _read_options(file: Path, options: Mapping[str, Option]) -> Given:
         if name not in options:
             close = get_close_matches(name, options, n=1)
             hint = f"did you mean {close[0]!r}?" if close else "the command's help lists them"
+            having = _commands_with(name)
+            hint = f"it is of {having}" if having else hint
             raise OptionError(f"{file}: unknown option {key!r}: {hint}", ["options"])
         try:
             given[name] = _as_value(options[name], value)
@@ -343,6 +373,8 @@ def parse_source(text: str) -> Any:
     2.0
     >>> parse_source("boundary:3=0.5").tags
     3
+    >>> parse_source("region:inlet pipe=0.5").tags
+    'inlet pipe'
     >>> parse_source("curve:0,0:1,0:1,1=0.1").curve.tolist()
     [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]
     """
@@ -351,10 +383,12 @@ def parse_source(text: str) -> Any:
     what, _, size_text = text.rpartition("=")
     kind, _, where = what.partition(":")
     unknown = refusal("source", f"must be one of {_FORMS}; got {text!r}")
+    by_tag = kind in ("boundary", "region") and where != ""
     try:
         size = float(size_text)
         of_curve = kind == "curve" and where != ""
-        numbers = [float(word) for word in where.split(",")] if where and not of_curve else []
+        is_text = of_curve or by_tag or not where
+        numbers = [] if is_text else [float(word) for word in where.split(",")]
     except ValueError:
         raise unknown from None
     curve = _curve(where) if of_curve else None
@@ -368,13 +402,21 @@ def parse_source(text: str) -> Any:
                 return sizes.BallSource(numbers[:-1], numbers[-1], size)
             case "box", 4 | 6 as n:
                 return sizes.BoxSource(numbers[: n // 2], numbers[n // 2 :], size)
-            case "boundary", 0 | 1:
-                return sizes.BoundarySource(size, tags=int(numbers[0]) if numbers else None)
-            case "region", 1:
-                return sizes.RegionSource(int(numbers[0]), size)
+            case "boundary", 0:
+                return sizes.BoundarySource(size, tags=_tag(where) if by_tag else None)
+            case "region", 0 if by_tag:
+                return sizes.RegionSource(_tag(where), size)
     except ValueError as error:
         raise refusal("source", f"{text}: {error}") from error
     raise unknown
+
+
+def _tag(text: str) -> int | str:
+    """Return a tag: its number, or its name."""
+    try:
+        return int(text)
+    except ValueError:
+        return text.strip()
 
 
 def _curve(where: str) -> Any:

@@ -12,7 +12,6 @@ import adaptsize as ads
 from adaptsize._checks import as_tolerance, count_text, refusal
 from adaptsize._defaults import TOLERANCE
 from adaptsize._messages import Message
-from adaptsize._progress import Stage
 from adaptsize.cli import files
 from adaptsize.cli.console import Console, plain, print_message
 from adaptsize.cli.metric import remesh_with_metric
@@ -25,6 +24,7 @@ from adaptsize.cli.options import (
     ORDER,
     PLOT,
     READING,
+    REPORT,
     SOURCE,
     Given,
     Input,
@@ -69,9 +69,7 @@ _LOOSE = 0.1
     *READING,
     *OF_POLYGONS,
     PLOT,
-    own(
-        "Output", "report", Path, "Also write a page with the mesh in 3-D (.html).",
-    ),
+    REPORT,
 )  # fmt: skip
 def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> int:
     """Make a mesh with the requested sizes; closed surfaces become tetrahedra.
@@ -124,19 +122,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         repaired = repair_mesh(mesh).mesh
         outcome = outcome_of_remeshing(new, repaired, size, allowed, given.get("elements"))
         files.draw(console, "size", plot, new)
-        if page is not None:
-            from adaptsize.reporting.page import write_page  # matplotlib takes a while
-
-            stages = [name for name, _ in console.times if isinstance(name, Stage)]
-            generators = dict.fromkeys(stage.generator for stage in stages if stage.generator)
-            about = {
-                "input": str(file),
-                "command": console.typed,
-                "generator": " and ".join(generators),
-            }
-            head = {"title": None, "times": console.times, "about": about}
-            write_page(page, new, size, outcome, outcome.check, head)
-            console.say(f"report: {page}")
+        files.write_report(console, page, file, new, size, outcome, outcome.check)
     console.record(size=as_dict(report))
     return _printed(console, outcome, attempts, new, given)
 
@@ -216,7 +202,7 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
     mesh = files.without_details(console, mesh, given)
     if given.pop("faces", False):
         mesh = files.with_named_faces(mesh)
-    elif "size_of" in given:
+    elif files.by_faces(given):
         mesh = files.with_faces(mesh)
     files.announce_sizes(console, mesh)
     chosen, sizes = files.format_of(output), files.beside(output)

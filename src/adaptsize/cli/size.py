@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import adaptsize as ads
 from adaptsize._checks import as_number, refusal
 from adaptsize._messages import Message
+from adaptsize._size_report import CODES
 from adaptsize.cli import files
 from adaptsize.cli.console import Console, print_message
 from adaptsize.cli.options import (
@@ -18,6 +19,7 @@ from adaptsize.cli.options import (
     ORDER,
     PLOT,
     READING,
+    REPORT,
     SOURCE,
     AnyFile,
     Given,
@@ -34,6 +36,7 @@ from adaptsize.options import (
     SizeFunctionOptions,
     checked,
     options_of,
+    refuse_unused,
 )
 
 if TYPE_CHECKING:
@@ -46,17 +49,8 @@ _COST = own("Output", "cost", bool, "Also print unknowns, matrix and smallest pl
 _PARTS = own("Output", "parts", bool, "Also print width, curvature, size and cost of each part.")
 _SPEED = own("Output", "speed", float, "Largest speed of a signal, for the time steps.")
 _CAUSES = own("Output", "plot_causes", Path, "Also draw which cause controls which part (.png).")
-#: Options that have no effect on the sizes of an image.
-_OF_MESHES = (
-    "elements_between",
-    "field",
-    "tags",
-    "keep_slits",
-    "elements",
-    "nodes",
-    "tolerance",
-    "parts",
-)
+#: Options of the command itself that apply to meshes.
+_OF_MESHES = ("field", "tags", "keep_slits", "least_width", "box", "parts")
 
 
 @command(
@@ -81,16 +75,17 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
         raise OptionError(Message("{speed} has no effect without {cost} or {parts}"))
     content: files.Content = "sizes of an image" if of_image else "sizes"
     files.check_files([file], output, content, plot=plot, plot_causes=plot_causes)
-    for name in _OF_MESHES if of_image else options_of(ImageOptions):
+    refuse_unused("images" if of_image else "meshes", given, str(file))
+    for name in _OF_MESHES if of_image else ():
         if name in given | of_cost:
-            raise refusal(name, f"does not apply to this kind of file, got it with {file}")
+            raise refusal(name, f"applies to meshes, got it with {file}")
     with console.steps(3) as steps:
         steps.begin("reading")
         domain: Any
         if of_image:
             domain = ads.io.read_image(file)
         else:
-            by_faces = "parts" in of_cost or "size_of" in given
+            by_faces = "parts" in of_cost or files.by_faces(given)
             domain = _read(console, file, output, files.reading(given), by_faces=by_faces)
         if "field" in given:
             given = bounded(domain, {"tolerance": math.inf} | given)
@@ -100,14 +95,16 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
         console.say(f"sizes: {report.choices}")
         steps.begin("writing")
         holds_fields = "fields" in files.format_of(output).holds
-        fields = {"cause": report.cause.astype("int32")} if holds_fields else {}
+        fields = {"cause": report.cause_codes()} if holds_fields else {}
         files.write_result(console, output, found, fields)
         files.draw(console, "size", plot, found)
         files.draw(console, "causes", plot_causes, report)
     console.record(size=as_dict(report))
     console.print(report)
     if fields:
-        names = ", ".join(f"{k} {name}" for k, name in enumerate(report.causes))
+        names = ", ".join(
+            f"{CODES[name]} {name}" for name in sorted(report.causes, key=CODES.__getitem__)
+        )
         console.print(f"field cause: {names}")
     speed = {name: of_cost[name] for name in ("speed",) if name in of_cost}
     if "cost" in of_cost:
@@ -147,13 +144,13 @@ def as_dict(report: SizeReport) -> dict[str, Any]:
     """Return the parameters, sizes and causes of a size function, for the JSON object."""
     causes = [
         {
-            "code": code,
+            "code": CODES[name],
             "name": name,
             "domain_share": report.domain_shares[name],
             "element_share": report.element_shares[name],
             "smallest": report.smallest[name],
         }
-        for code, name in enumerate(report.causes)
+        for name in report.causes
     ]
     before = "elements_per_radian elements_across elements_between is_rough g hmin hmax relaxation"
     values = {name: getattr(report, name) for name in before.split()}
@@ -182,10 +179,7 @@ def exit_code(check: MeshCheck) -> int:
     return int(check.status == "missed")
 
 
-@command(
-    ImageMeshOptions, SOURCE, ORDER, PLOT,
-    without="elements nodes elements_between tolerance seed",
-)  # fmt: skip
+@command(ImageMeshOptions, SOURCE, ORDER, PLOT, REPORT)
 def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -> int:
     """Mesh the objects in a mask or label image.
 
@@ -194,8 +188,8 @@ def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -
     """
     from adaptsize.reporting.outcome import outcome_of_image
 
-    plot, order = given.pop("plot", None), given.pop("order", 1)
-    files.check_files([file], output, "mesh", order, plot=plot)
+    plot, page, order = given.pop("plot", None), given.pop("report", None), given.pop("order", 1)
+    files.check_files([file], output, "mesh", order, plot=plot, report=page)
     with console.steps(5) as steps:
         steps.begin("reading")
         pixels = ads.io.read_image(file)
@@ -208,4 +202,6 @@ def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -
         chosen = {name: given[name] for name in options_of(ImageOptions) if name in given}
         outcome = outcome_of_image(mesh, pixels, checked(ImageOptions, chosen))
         files.draw(console, "size", plot, mesh)
+        size = ads.SizeFunction(mesh, mesh.point_data["h"])
+        files.write_report(console, page, file, mesh, size, outcome, outcome.check)
     return print_outcome(console, outcome)

@@ -20,7 +20,7 @@ from adaptsize.domain_size.of_image import ImageDomain
 from adaptsize.domain_size.request import Implicit, Request
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.implicit_surface import checked as checked_function
-from adaptsize.options import ImageOptions, SizeFunctionOptions, checked, options_of, with_options
+from adaptsize.options import SizeFunctionOptions, checked, refuse_unused, with_options
 from adaptsize.typing import ProgressCallback, Unpack
 
 Domain: TypeAlias = (
@@ -110,19 +110,25 @@ def size_function(
     given = checked(SizeFunctionOptions, options)
     with reporting(progress) as report:
         request = Request.of(given, sources, h0, report)
+        domain = as_own(domain)
+        refuse_unused(_kind_of(domain), options, " ".join(describe(domain).split()))
         return within_budget(_as_domain(domain, background, box, request), request)
+
+
+def _kind_of(domain: object) -> str:
+    """Return the kind of a domain, one of `DOMAINS`."""
+    if isinstance(domain, SimplexMesh):
+        return "meshes"
+    return "implicit functions" if callable(domain) or isinstance(domain, tuple) else "images"
 
 
 def _as_domain(
     domain: Domain, background: AnyBackground | None, box: Any, request: Request
 ) -> SizedDomain:
     """Return the domain as one of the supported kinds."""
-    domain = as_own(domain)
-    is_image = not (isinstance(domain, SimplexMesh | tuple) or callable(domain))
-    if not is_image:
-        for name in options_of(ImageOptions):
-            if request.options.get(name) is not None:
-                raise refusal(name, f"applies to images only, got it with {describe(domain)}")
+    if box is not None and (background is not None or not callable(domain)):
+        got = describe(domain if background is None else background)
+        raise refusal("box", f"applies to functions without a background, got it with {got}")
     if isinstance(domain, SimplexMesh):
         return mesh_domain(domain, background, request.crease_angle)
     if callable(domain):

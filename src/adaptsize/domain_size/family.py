@@ -258,7 +258,9 @@ def mesh_family(
     every: dict[str, Any] = {**given}
     for_mesh = {name: every[name] for name in options_of(MeshOptions)}
     for_sizes = {
-        name: every[name] for name in (*options_of(SizeOptions), *options_of(BudgetOptions))
+        name: every[name]
+        for name in (*options_of(SizeOptions), *options_of(BudgetOptions))
+        if name in every  # growth is returned as g
     }
     coarsest = size_function(
         mesh, background=background, sources=sources, h0=h0, progress=progress, **for_sizes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,7 @@ from adaptsize.options import (
     DistanceOptions,
     ImageMeshOptions,
     ImageOptions,
+    SizeFunctionOptions,
     checked,
     options_of,
     with_options,
@@ -100,7 +101,9 @@ def mesh_image(
         domain = ImageDomain.of(image, given, report)
         mask, defaults = domain.mask, checked(DistanceOptions, {})
         if size is None:
-            size = within_budget(domain, Request.of(given, sources, report=report))
+            options_of_sizes = {**checked(SizeFunctionOptions, {}), **given}
+            request = Request.of(cast(SizeFunctionOptions, options_of_sizes), sources, None, report)
+            size = within_budget(domain, request)
         labelled = _labelled(domain, size)
         mesh, made = mesh_of_domain(
             labelled,

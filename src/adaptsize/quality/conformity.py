@@ -22,6 +22,7 @@ from adaptsize.quality.by_place import RequestedElements, Served, WorstPlace, is
 from adaptsize.quality.elements import (
     MetricQuality,
     check_cells,
+    flat_cells,
     metric_quality,
     minimum_angles,
     radius_ratios,
@@ -125,6 +126,16 @@ class Conformity:
     def as_dict(self) -> dict[str, Any]:
         """Return nested dictionaries of plain numbers (and None), suitable for JSON."""
         return asdict(self)
+
+    def __repr__(self) -> str:
+        """Return the number of cells, how well they follow the sizes, and the smallest angle."""
+        kind = "tetrahedra" if self.cell_dim == 3 else "triangles"
+        served = "" if self.served is None else f", {self.served:.1%} served"
+        inverted = f", {self.n_inverted} inverted" if self.n_inverted else ""
+        return (
+            f"Conformity({self.n_cells} {kind}, {self.share_in_band:.1%} of edges in band{served}, "
+            f"smallest angle {self.angle_min:.3g} degrees{inverted})"
+        )
 
     def __str__(self) -> str:
         """Return a small table."""
@@ -399,8 +410,8 @@ def edge_ratios(mesh: SimplexMesh, size: SizeLike) -> FloatArray:
 
 
 def inverted_cells(mesh: SimplexMesh) -> BoolArray:
-    """Return whether each cell has a negative or zero measure; of surface cells, a zero one."""
-    flat = mesh.measures == 0.0
+    """Return whether each cell is flat or inverted; surface cells have no sign."""
+    flat = flat_cells(mesh)
     if mesh.cell_dim == mesh.dim:
         flat = flat | (mesh.signed_measures <= 0.0)
     return np.asarray(flat)

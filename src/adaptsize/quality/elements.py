@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
+from math import factorial
 from typing import TypeAlias
 
 import numpy as np
@@ -12,10 +13,25 @@ from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics import Metric
 from adaptsize.metrics.implied import from_regular
-from adaptsize.typing import FloatArray
+from adaptsize.typing import BoolArray, FloatArray
 
 # Cells are processed in blocks whose numbers fit into the cache.
 _CELLS_AT_ONCE = 4096
+
+
+#: Cells whose height is at most this many times the rounding of their coordinates are flat.
+_ROUNDING = 16.0
+
+
+def flat_cells(mesh: SimplexMesh) -> BoolArray:
+    """Return whether each cell has the measure zero, up to the rounding of its coordinates."""
+    corners = mesh.points[mesh.cells]
+    longest = np.zeros(mesh.n_cells)
+    for a, b in combinations(range(mesh.cell_dim + 1), 2):
+        np.maximum(longest, np.linalg.norm(corners[:, a] - corners[:, b], axis=1), out=longest)
+    rounding = _ROUNDING * np.finfo(np.float64).eps * np.abs(corners).max(axis=(1, 2))
+    least = rounding * longest ** (mesh.cell_dim - 1)
+    return np.asarray(factorial(mesh.cell_dim) * mesh.measures <= least)
 
 
 def radius_ratios(mesh: SimplexMesh) -> FloatArray:

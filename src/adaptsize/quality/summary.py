@@ -9,7 +9,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.geometry.solid import Solid
 from adaptsize.quality.boundary import n_components
-from adaptsize.quality.elements import minimum_angles, radius_ratios
+from adaptsize.quality.elements import flat_cells, minimum_angles, radius_ratios
 
 _KINDS = {1: "segments", 2: "triangles", 3: "tetrahedra"}
 _MEASURES = {"segments": "length", "triangles": "area", "tetrahedra": "volume"}
@@ -55,7 +55,7 @@ class MeshSummary:
     n_unused_points: int
     n_duplicate_points: int
     n_degenerate_cells: int
-    """Cells whose radius ratio is below 1e-6."""
+    """Cells of measure zero, up to rounding; `check_mesh` refuses them."""
     radius_ratio_median: float | None
     angle_min: float | None
     """Smallest (dihedral) angle in degrees; None for segments."""
@@ -146,7 +146,7 @@ def summarize(mesh: SimplexMesh) -> MeshSummary:
         n_nonmanifold_facets=int((mesh.facet_cell_counts > 2).sum()),
         n_unused_points=mesh.n_points - len(used),
         n_duplicate_points=mesh.n_points - len(np.unique(mesh.points, axis=0)),
-        n_degenerate_cells=0 if ratios is None else int((ratios < 1e-6).sum()),
+        n_degenerate_cells=int(np.count_nonzero(flat_cells(mesh))),
         radius_ratio_median=None if ratios is None else float(np.median(ratios)),
         angle_min=None if ratios is None else round(float(minimum_angles(mesh).min()), 9),
     )

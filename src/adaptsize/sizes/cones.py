@@ -107,7 +107,7 @@ def _(source: RegionSource, mesh: SimplexMesh, g: float) -> Cone:
 
 @cone_of.register
 def _(source: BoxSource, mesh: SimplexMesh, g: float) -> Cone:
-    low, high = (np.asarray(end, np.float64) for end in (source.lower, source.upper))
+    low, high = source.corners(mesh.dim)
     return lambda points: (
         source.size + g * np.linalg.norm(points - np.clip(points, low, high), axis=1)
     )
@@ -115,7 +115,7 @@ def _(source: BoxSource, mesh: SimplexMesh, g: float) -> Cone:
 
 @cone_of.register
 def _(source: BallSource, mesh: SimplexMesh, g: float) -> Cone:
-    centre = np.asarray(source.centre, np.float64)
+    centre = source.middle(mesh.dim)
 
     def cone(points: FloatArray) -> FloatArray:
         away = np.linalg.norm(points - centre, axis=1) - source.radius

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from functools import partial, wraps
 from hashlib import sha256
@@ -29,7 +29,7 @@ from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import InputWarning, OptionError
 from adaptsize.ranks import SingleRank
 from adaptsize.sizes import touched
-from adaptsize.sizes.touched import lower
+from adaptsize.sizes.touched import Tags, lower
 from adaptsize.typing import FloatArray
 
 SizeOfPoint: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
@@ -176,13 +176,13 @@ class BoundarySource(Source):
     ----------
     size : float
         Positive.
-    tags : int or sequence of int, optional
-        Tags in ``facet_tags`` (grids have none), in an image labels.  By default the whole
-        boundary.
+    tags : int, str, or sequence of these, optional
+        Tags in ``facet_tags`` (grids have none) or their names, in an image labels.  Names may be
+        those of faces of a surface.  By default the whole boundary.
     """
 
     size: float
-    tags: int | Sequence[int] | None = None
+    tags: Tags | None = None
 
     def __post_init__(self) -> None:
         """Refuse sizes that are not positive."""
@@ -203,13 +203,13 @@ class RegionSource(Source):
 
     Parameters
     ----------
-    tags : int or sequence of int
-        Tags in ``cell_tags``, in an image labels.
+    tags : int, str, or sequence of these
+        Tags in ``cell_tags`` or their names, in an image labels.
     size : float
         Positive.
     """
 
-    tags: int | Sequence[int]
+    tags: Tags
     size: float
 
     def __post_init__(self) -> None:

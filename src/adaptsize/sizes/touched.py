@@ -27,7 +27,10 @@ _INSIDE = 1e-9
 _SAMPLES = 4.0
 
 Nodes: TypeAlias = npt.NDArray[np.integer]
+#: Tags by number or by name.
+Tags: TypeAlias = int | str | Sequence[int | str]
 _Domain: TypeAlias = AnyMesh | CartesianGrid
+_Kind: TypeAlias = Literal["cell", "facet"]
 
 
 class Touched(NamedTuple):
@@ -71,15 +74,16 @@ def boundary_nodes(mesh: _Domain) -> Nodes:
     return np.unique(facets).astype(np.int32)
 
 
-def tagged_nodes(
-    mesh: _Domain, kind: Literal["cell", "facet"], tags: int | Sequence[int]
-) -> IntArray:
+def tagged_nodes(mesh: _Domain, kind: _Kind, tags: Tags) -> IntArray:
     """Return the nodes of cells or facets with some tags.  Refuse tags that do not occur."""
     if isinstance(mesh, CartesianGrid):
-        raise ValueError(f"tags need a SimplexMesh, a grid has none; got {mesh!r}")
+        text = f"tags need a SimplexMesh, a grid has none; got {mesh!r}"
+        raise OptionError(text, ["sources"])
     local = local_mesh(mesh)
+    if local is not None:
+        kind = _kind_of(local, kind, tags)
     rows, own = (None, None) if local is None else _tagged(local, kind)
-    every = mesh.ranks.allgather(None if own is None else np.unique(own))
+    every = mesh.ranks.allgather(None if local is None or own is None else _names(local, kind))
     wanted = _occurring([found for found in every if found is not None], kind, tags)
     if rows is None or own is None:
         return np.empty(0, np.int32)
@@ -87,40 +91,65 @@ def tagged_nodes(
     return nodes
 
 
-def rows_with_tags(
-    mesh: SimplexMesh, kind: Literal["cell", "facet"], tags: int | Sequence[int]
-) -> tuple[IntArray, BoolArray]:
+def rows_with_tags(mesh: SimplexMesh, kind: _Kind, tags: Tags) -> tuple[IntArray, BoolArray]:
     """Return the cells or the tagged facets of a mesh, and which have some tags, as above."""
+    kind = _kind_of(mesh, kind, tags)
     rows, own = _tagged(mesh, kind)
     if rows is None or own is None:
         own, rows = np.empty(0, np.int32), np.empty((0, mesh.cell_dim), np.int32)
-    wanted = _occurring([own] if len(own) else [], kind, tags)
+    wanted = _occurring([_names(mesh, kind)] if len(own) else [], kind, tags)
     return rows, np.isin(own, wanted)
 
 
-def _tagged(
-    mesh: SimplexMesh, kind: Literal["cell", "facet"]
-) -> tuple[IntArray | None, IntArray | None]:
+def _kind_of(mesh: SimplexMesh, kind: _Kind, tags: Tags) -> _Kind:
+    """Return what tags are of: names of the boundary are those of faces, if the mesh is one."""
+    by_name = any(isinstance(tag, str) for tag in _several(tags))
+    return "cell" if by_name and mesh.cell_dim < mesh.dim and mesh.facet_tags is None else kind
+
+
+def _several(tags: Tags) -> list[Any]:
+    """Return numbers and names of tags as a list."""
+    if isinstance(tags, str):
+        return [tags]
+    if isinstance(tags, Sequence) and any(isinstance(tag, str) for tag in tags):
+        return list(tags)
+    return [*np.atleast_1d(as_plain_array("tags", tags)).tolist()]
+
+
+def _names(mesh: SimplexMesh, kind: _Kind) -> dict[int, str]:
+    """Return the names of the tags that occur, by default what they are and the number."""
+    dim = mesh.cell_dim - (kind == "facet")
+    what = "region" if dim == mesh.dim else "face"
+    own = _tagged(mesh, kind)[1]
+    assert own is not None
+    return {tag: mesh.tag_names.get((dim, tag), f"{what} {tag}") for tag in np.unique(own).tolist()}
+
+
+def _tagged(mesh: SimplexMesh, kind: _Kind) -> tuple[IntArray | None, IntArray | None]:
     if kind == "cell":
         return mesh.cells, mesh.cell_tags
     return mesh.tagged_facets, mesh.facet_tags
 
 
-def _occurring(
-    present: Sequence[IntArray], kind: Literal["cell", "facet"], tags: int | Sequence[int]
-) -> npt.NDArray[Any]:
-    """Return tags as an array, if all are among those that are present."""
+def _occurring(present: Sequence[dict[int, str]], kind: _Kind, tags: Tags) -> npt.NDArray[Any]:
+    """Return the numbers of tags, if all are among those that are present, with their names."""
     name = f"{kind}_tags"
     if not present:
         what = "region" if kind == "cell" else "facet"
         text = f"tags must be {what} tags of the mesh, which has none ({name} is None)"
         raise OptionError(text, ["sources"])
-    known, wanted = np.unique(np.concatenate(present)), np.atleast_1d(as_plain_array("tags", tags))
-    missing = wanted[~np.isin(wanted, known)]
-    if len(missing) > 0:
-        listed = ", ".join(str(tag) for tag in known)
-        raise OptionError(f"tags must be among the {name} {listed}, got {missing[0]}", ["sources"])
-    return wanted
+    names = {tag: title for part in present for tag, title in part.items()}
+    wanted = []
+    for given in _several(tags):
+        own = [tag for tag, title in names.items() if given in (tag, title)]
+        if not own:
+            listed = ", ".join(
+                str(names[t] if isinstance(given, str) else t) for t in sorted(names)
+            )
+            text = f"tags must be among the {name} {listed}, got {given}"
+            raise OptionError(text, ["sources"])
+        wanted += own
+    return np.array(wanted, np.int64)
 
 
 def cells_around(domain: _Domain, points: FloatArray) -> Touched:
