@@ -99,6 +99,7 @@ class RequestedElements(NamedTuple):
     """The common factor."""
     together: int
     """How many points that follow each other are in the same part of a cell."""
+    is_of_metric: bool = False
 
     @classmethod
     def of(
@@ -194,7 +195,7 @@ class RequestedElements(NamedTuple):
         edges = lengths.mean(axis=1)[cells]
         unit = step * ELEMENTS_PER_MEASURE[mesh.cell_dim]
         sizes = edges / there.mean(axis=1)
-        return cls(parts.points, parts.volumes, sizes, edges, cells, unit, 1)
+        return cls(parts.points, parts.volumes, sizes, edges, cells, unit, 1, True)
 
     @property
     def ratios(self) -> FloatArray:
@@ -413,9 +414,7 @@ def _metric_parts(
             for values, at_new in zip(own, (new, new_maps, new_density), strict=True):
                 values[rows, end] = at_new
             halves.append((*own, cells))
-        corners, maps, density, cells = (
-            np.concatenate(pair) for pair in zip(*halves, strict=True)
-        )
+        corners, maps, density, cells = (np.concatenate(pair) for pair in zip(*halves, strict=True))
     return _MetricParts._make(np.concatenate(columns) for columns in zip(*done, strict=True))
 
 
