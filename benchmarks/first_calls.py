@@ -233,7 +233,9 @@ def main() -> None:
             cold, wall, digest, kernels, passes = measured(name, Path(folder))
             warm = min(measured(name, Path(folder), False)[0] for _ in range(2))
         count = sum(map(len, kernels.values()))
-        print(f"| {name} | {cold:.2f} | {warm:.2f} | {wall:.2f} | {count} | {digest} |", flush=True)
+        print(
+            f"| {name} | {cold:.2f} | {warm:.2f} | {wall:.2f} | {count} | {digest} |", flush=True
+        )
         dearest = sorted(kernels.items(), key=lambda pair: -sum(pair[1]))[: arguments.kernels]
         for kernel, seconds in dearest:
             print(f"    {sum(seconds):6.2f} s  {len(seconds)} x  {kernel}")

@@ -188,7 +188,9 @@ class RequestedElements(NamedTuple):
         base = mesh if on is None else on
         step = 1 if max_cells is None else base.n_cells // max_cells + 1
         parts = _metric_parts(base, metric, np.arange(0, base.n_cells, step))
-        cells = parts.cells if on is None else mesh.locator.nearest(parts.points)[0]
+        cells = parts.cells
+        if on is not None:
+            cells = np.asarray(mesh.locator.nearest(parts.points)[0], np.intp)
         lengths, pairs = _edges_of_cells(mesh)
         corners = mesh.points[mesh.cells[cells]]
         there = _lengths(corners[:, pairs[:, 1]] - corners[:, pairs[:, 0]], parts.maps)

@@ -261,9 +261,7 @@ class Network:
             straight, size - 2.0 * self.g * self._extent(base, foot), paths.offset[parent]
         )
         last = paths.edge[parent]
-        volume = np.einsum(
-            "ra,ra->r", np.cross(edges.along[last], along), start - edges.start[last]
-        )
+        volume = np.einsum("ra,ra->r", np.cross(edges.along[last], along), start - edges.start[last])
         skew = paths.skew[parent] | several
         skew |= ~straight & (np.abs(volume) > self.sight.walls.slack)
 
@@ -564,16 +562,12 @@ def _solve(
     nearly_upper = upper + TIE * np.abs(upper) + 10.0 * network.g * solid.moved
     field.sizes[:] = np.where(proved, np.minimum(lower, upper), nearly_upper)
     hidden = nodes[~proved[nodes]]
-    dear = not known.component.at_any_price and network.is_dear(
-        known.total(hidden), known.total(nodes)
-    )
-    if len(hidden) == 0:
-        finished = True
+    dear = not known.component.at_any_price and network.is_dear(known.total(hidden), known.total(nodes))
+    if len(hidden) == 0: finished=True
     elif dear:
-        finished = True
+        finished=True
         hand_on_paths(known, network, field, proved)
-    else:
-        finished = _solve_hidden(network, field, hidden, workers)
+    else: finished= _solve_hidden(network, field, hidden, workers)
     sizes = np.maximum(np.minimum(field.sizes, upper), lower)
     return spread(np.where(sizes <= nearly, lower, sizes)), sizes, finished
 
@@ -598,9 +592,7 @@ def hand_on_paths(known: WholeSolid, network: Network, field: Field, proved: Boo
     beside = np.zeros(n, np.bool_)
     beside[mesh.cells[~proved[mesh.cells].all(axis=1)]] = True
     seeds = np.flatnonzero(beside & proved & (field.path >= 0) & np.isfinite(field.sizes))
-    both = np.unique(
-        np.column_stack([reflex.pieces.nodes.ravel(), np.repeat(reflex.pieces.edge, 2)]), axis=0
-    )
+    both = np.unique(np.column_stack([reflex.pieces.nodes.ravel(), np.repeat(reflex.pieces.edge, 2)]), axis=0)
     first = np.concatenate([[0], np.cumsum(np.bincount(both[:, 0], minlength=k))])
     room = 4 * len(both) + 16
     more = Bases(*(_with_room(array, room) for array in paths.bases))
