@@ -55,7 +55,9 @@ def judged_slowly(mesh, metric, n, seed):
 def test_shares_are_those_of_random_points(dim, kind):
     mesh = grid_of_triangles(9) if dim == 2 else jittered_cube(3, 5)
     mesh = SimplexMesh(mesh.points / np.ptp(mesh.points, axis=0), mesh.cells)
-    metric = layers_beside(rotation(dim, 8)[:, 0], 0.2, 0.05, 0.6 if dim == 3 else 0.15)
+    metric = layers_beside(
+        rotation(dim, 8)[:, 0], 0.2, 0.15 if dim == 3 else 0.05, 0.6 if dim == 3 else 0.15
+    )
     if kind == "on a mesh":
         fine = grid_of_triangles(12) if dim == 2 else jittered_cube(4, 6)
         fine = SimplexMesh(fine.points / np.ptp(fine.points, axis=0), fine.cells)
@@ -74,8 +76,8 @@ def test_a_layer_that_was_not_made_is_missed(kind):
     metric = layers_beside(np.array([0.0, 1.0]), 0.0, 1e-5, 0.1)
     found = size_conformity(mesh, metric if kind == "function" else metric(mesh.points))
     assert found.share_in_band > 0.7  # the edges know nothing of it
-    assert found.too_coarse > 0.8
-    assert found.worst.point[1] < 1e-3
+    assert found.too_coarse > 0.75
+    assert found.worst.point[1] < 5e-3
     assert found.worst.ratio > 1000.0
     assert "too coarse; worst: edge" in str(found)
 

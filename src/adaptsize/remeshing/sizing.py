@@ -244,7 +244,7 @@ def mean_size(metric: MetricAt, cell_dim: int) -> Size:
 
 
 def metric_on(size: Any, mesh: SimplexMesh) -> SimplexMesh | None:
-    """Return the mesh at whose nodes a metric is given, if it is one of cells like those of mesh."""
+    """Return the mesh at whose nodes a metric is given, if its cells are like those of ``mesh``."""
     on = mesh if isinstance(size, Metric) else getattr(size, "mesh", None)
     if not isinstance(size, Metric | MetricFunction) or on is None:
         return None
