@@ -95,10 +95,10 @@ def test_a_layer_between_the_nodes_is_missed():
 def test_heights_of_a_structured_layer(dim, factor, share):
     mesh = CartesianGrid([0.0] * dim, 1.0 / 4, (5,) * dim).mesh
     turn, stretch = rotation(dim, 12), np.ones(dim)
-    stretch[-1] = 0.01 * factor
+    stretch[-1] = 0.004 * factor
     mesh = SimplexMesh((mesh.points * stretch) @ turn.T, mesh.cells)
     sizes = np.full(dim, 0.25)
-    sizes[-1] = 0.0025
+    sizes[-1] = 0.001
 
     def metric(x):
         return Metric(np.tile(sizes, (len(x), 1)), np.tile(turn, (len(x), 1, 1)))
@@ -106,5 +106,5 @@ def test_heights_of_a_structured_layer(dim, factor, share):
     found = first_layer(mesh, metric)
     assert found.share == share
     assert (found.lowest, found.highest) == (pytest.approx(factor), pytest.approx(factor))
-    assert found.height == pytest.approx(0.0025 * factor)
+    assert found.height == pytest.approx(0.001 * factor)
     assert first_layer(mesh, lambda x: Metric.isotropic(np.full(len(x), 0.25), dim)) is None

@@ -13,8 +13,9 @@ from adaptsize.metrics import Metric
 from adaptsize.typing import FloatArray
 
 #: Facets of the boundary at which the size along the normal is so much smaller than the others are
-#: walls with a boundary layer.
-_THIN = 10.0
+#: walls with a boundary layer.  Metrics of second derivatives, whose aspect ratios at a wall are 20
+#: or less in flows, are none.
+_THIN = 50.0
 #: Factor between the heights, made and requested, that counts as right.
 NEAR = 1.5
 
@@ -45,7 +46,7 @@ def first_layer(mesh: SimplexMesh, metric: Callable[[FloatArray], Metric]) -> Fi
     """Return the heights of the first layer on walls; None if there is none, or of a surface.
 
     Walls are the facets of the boundary at whose centroid the size along the normal is at most a
-    tenth of each size along the facet.
+    fiftieth of each size along the facet.
     """
     if mesh.cell_dim != mesh.dim or mesh.dim == 1:
         return None
