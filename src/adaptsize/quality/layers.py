@@ -13,8 +13,8 @@ from adaptsize.metrics import Metric
 from adaptsize.typing import FloatArray
 
 #: Facets of the boundary at which the size along the normal is so much smaller than the others are
-#: walls with a boundary layer.  Metrics of second derivatives, whose aspect ratios at a wall are 20
-#: or less in flows, are none.
+#: walls with a boundary layer.  Metrics of second derivatives with moderate aspect ratios, such
+#: as 20, ask for no layers there.
 _THIN = 50.0
 #: Factor between the heights, made and requested, that counts as right.
 NEAR = 1.5
