@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 #: Share of the requested elements that may be missing because cells are too large.
 MISSING = 0.2
-#: Factor between the least sizes of two steps, at most.  With it, all of 12 layers in the plane that
-#: begin with 1e-3 to 1e-5 of the domain were made.
+#: Factor between the least sizes of two steps, at most.  With it, all of 12 layers in the plane
+#: that begin with 1e-3 to 1e-5 of the domain were made.
 _STEP = 10.0
 #: Runs of one step, the second only if the first does not serve it.  Steps end if it is no better,
 #: and more than this share is missing: the next ones find nothing to build on.
