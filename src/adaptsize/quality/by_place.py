@@ -6,6 +6,7 @@ counted, wherever the sizes are small, and compared with the cells that are ther
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
@@ -19,6 +20,7 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.bisection import EDGE_OVER_SIZE, resolved
 from adaptsize.background.interpolation import places_of
+from adaptsize.metrics import Metric
 from adaptsize.ranks import Communicator, SingleRank
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE
 from adaptsize.typing import BoolArray, FloatArray, IndexArray
@@ -35,6 +37,8 @@ _CELLS_PER_POINT = 6
 _ABOUT_THE_SAME = 1.5
 #: Steeper sizes on grids are sampled at the nodes.
 _STEEP = 1.0
+#: Parts into which cells are divided until a metric hardly varies in them, beside one per cell.
+_MOST_PARTS = 100_000
 
 
 def is_in_band(ratio: FloatArray) -> BoolArray:
@@ -95,6 +99,7 @@ class RequestedElements(NamedTuple):
     """The common factor."""
     together: int
     """How many points that follow each other are in the same part of a cell."""
+    is_of_metric: bool = False
 
     @classmethod
     def of(
@@ -155,10 +160,53 @@ class RequestedElements(NamedTuple):
             unit = ELEMENTS_PER_MEASURE[d] / np.float64(least) ** d
         return cls(points, weights, sizes, edges, cells, float(unit), d + 1)
 
+    @classmethod
+    def of_metric(
+        cls,
+        mesh: SimplexMesh,
+        metric: Callable[[FloatArray], Metric],
+        on: SimplexMesh | None = None,
+        max_cells: int | None = None,
+    ) -> RequestedElements:
+        r"""Return the elements that a metric requests in a mesh.
+
+        Their number is :math:`c_d \int \sqrt{\det M} \, dx`.  The size at a place is the mean edge
+        of the cell there over its mean length in the metric of the place.
+
+        Parameters
+        ----------
+        mesh : SimplexMesh
+            The mesh that is judged.
+        metric : callable
+            Takes points and returns a Metric with finite sizes.
+        on : SimplexMesh, optional
+            The mesh on which the metric is given.  Its cells are then divided, so that nothing
+            between the nodes of ``mesh`` is missed, and otherwise those of ``mesh``.
+        max_cells : int, optional
+            Of more cells, an even sample is taken.
+        """
+        base = mesh if on is None else on
+        step = 1 if max_cells is None else base.n_cells // max_cells + 1
+        parts = _metric_parts(base, metric, np.arange(0, base.n_cells, step))
+        cells = parts.cells
+        if on is not None:
+            cells = np.asarray(mesh.locator.nearest(parts.points)[0], np.intp)
+        lengths, pairs = _edges_of_cells(mesh)
+        corners = mesh.points[mesh.cells[cells]]
+        there = _lengths(corners[:, pairs[:, 1]] - corners[:, pairs[:, 0]], parts.maps)
+        edges = lengths.mean(axis=1)[cells]
+        unit = step * ELEMENTS_PER_MEASURE[mesh.cell_dim]
+        sizes = edges / there.mean(axis=1)
+        return cls(parts.points, parts.volumes, sizes, edges, cells, unit, 1, True)
+
     @property
     def ratios(self) -> FloatArray:
         """Mean edge over size."""
         return np.asarray(self.edges / self.sizes)
+
+    def excess(self) -> float:
+        """Return the mean logarithm of edges over sizes, those that are too short counted as 0."""
+        return float(np.average(np.log(np.maximum(self.ratios, 1.0)), weights=self.weights))
 
     def only(self, which: npt.NDArray[np.bool_]) -> RequestedElements:
         """Return some of them."""
@@ -309,6 +357,87 @@ def _linear_parts(mesh: SimplexMesh, h: FloatArray, max_parts: float) -> _Parts:
     if not done:
         return _Parts(corners, sizes, sizes.mean(axis=1), measures, cells)
     return _Parts._make(np.concatenate(columns) for columns in zip(*done, strict=True))
+
+
+class _MetricParts(NamedTuple):
+    """Parts of the cells of a mesh in which a metric hardly varies, by their centroids."""
+
+    points: FloatArray
+    """float64[n, dim]"""
+    maps: FloatArray
+    """float64[n, dim, dim]: map vectors to those whose length is that in the metric."""
+    volumes: FloatArray
+    """float64[n]: measure in the metric."""
+    cells: IndexArray
+    """int[n]: the cell of which each is a part."""
+
+
+def _metric_parts(
+    mesh: SimplexMesh, metric: Callable[[FloatArray], Metric], cells: IndexArray
+) -> _MetricParts:
+    """Return parts of some cells of a mesh, bisected until the metric hardly varies in them.
+
+    The edge between whose ends the density varies most is halved, or if only the centroid differs,
+    the edge that is longest in the metric.
+    """
+    k = mesh.cell_dim
+    pairs = np.array(list(combinations(range(k + 1), 2)))
+    maps, density = _maps(metric(mesh.points), k)
+    corners = mesh.points[mesh.cells[cells]]
+    maps, density = maps[mesh.cells[cells]], density[mesh.cells[cells]]
+    done: list[_MetricParts] = []
+    room = _MOST_PARTS
+    while len(cells):
+        rows, middle = np.arange(len(cells)), corners.mean(axis=1)
+        there, here = _maps(metric(middle), k)
+        edges = corners[:, pairs[:, 1]] - corners[:, pairs[:, 0]]
+        dense = density.argmax(axis=1)
+        lengths = np.maximum(_lengths(edges, maps[rows, dense]), _lengths(edges, there))
+        rise = np.abs(density[:, pairs[:, 1]] - density[:, pairs[:, 0]])
+        varies = rise.max(axis=1) > k * np.log(_ABOUT_THE_SAME)
+        is_off = np.abs(here - density.mean(axis=1)) > k * np.log(_ABOUT_THE_SAME)
+        split = (varies | is_off) & (lengths.max(axis=1) > EDGE_OVER_SIZE)
+        room -= int(split.sum())
+        if room < 0:
+            split[:] = False
+        whole = ~split
+        volumes = _volumes(corners[whole], there[whole])
+        done.append(_MetricParts(middle[whole], there[whole], volumes, cells[whole]))
+        halved = np.where(varies, rise.argmax(axis=1), lengths.argmax(axis=1))[split]
+        corners, maps, density, cells = (a[split] for a in (corners, maps, density, cells))
+        if len(cells) == 0:
+            break
+        rows, ends = np.arange(len(cells)), pairs[halved]
+        new = 0.5 * (corners[rows, ends[:, 0]] + corners[rows, ends[:, 1]])
+        new_maps, new_density = _maps(metric(new), k)
+        halves = []
+        for end in ends.T:
+            own = corners.copy(), maps.copy(), density.copy()
+            for values, at_new in zip(own, (new, new_maps, new_density), strict=True):
+                values[rows, end] = at_new
+            halves.append((*own, cells))
+        corners, maps, density, cells = (np.concatenate(pair) for pair in zip(*halves, strict=True))
+    return _MetricParts._make(np.concatenate(columns) for columns in zip(*done, strict=True))
+
+
+def _maps(metric: Metric, k: int) -> tuple[FloatArray, FloatArray]:
+    """Return maps of vectors to those of the length in a metric, and the logarithmic density."""
+    maps = metric.directions.swapaxes(1, 2) / metric.sizes[:, :, None]
+    return maps, -np.log(metric.sizes[:, :k]).sum(axis=1)
+
+
+def _lengths(edges: FloatArray, maps: FloatArray) -> FloatArray:
+    """Return the lengths of the edges of cells, float64[n, m, dim], by a map for each cell."""
+    return np.asarray(np.linalg.norm(edges @ maps.swapaxes(1, 2), axis=2))
+
+
+def _volumes(corners: FloatArray, maps: FloatArray) -> FloatArray:
+    """Return the measures of cells, by a map for each."""
+    inside = (corners[:, 1:] - corners[:, :1]) @ maps.swapaxes(1, 2)
+    k = inside.shape[1]
+    # The product of the diagonal of R is the volume, without squares that lose digits.
+    r = np.linalg.qr(inside.swapaxes(1, 2), mode="r")
+    return np.asarray(np.abs(np.diagonal(r, axis1=1, axis2=2)).prod(axis=1) / math.factorial(k))
 
 
 def _is_known(

@@ -84,7 +84,7 @@ class Conformity:
         made the mesh; None if there are none.
     served : float or None
         Share of the requested elements at whose place the mean edge of the cell is within a factor
-        sqrt 2 of the size.  None for metrics.
+        sqrt 2 of the size.  With a metric, the mean length in the metric.
     too_coarse : float or None
         Share of the requested elements where it is longer.
     worst : WorstPlace or None
@@ -216,7 +216,9 @@ def size_conformity(
     there, and the mesh is *too coarse* there if it is longer.  Where the cells are larger than the
     sizes, they are bisected, so that no request is missed if the gradient of the sizes is known.
     Other functions are sampled at the nodes and centroids of the mesh and at the nodes of their
-    background.  At most 50 000 nodes are added.  Beyond that, which takes a mesh with far too few
+    background.  A metric is measured in the same way, by the mean length of the edges in the metric
+    of the place: in the cells of the mesh on which it is given, or if it is a callable, in those of
+    ``mesh``.  At most 50 000 nodes are added.  Beyond that, which takes a mesh with far too few
     cells, small sizes may be missed.
 
     The Hausdorff distance is the larger of the two one-sided distances.  Facets are divided until
@@ -250,6 +252,8 @@ def size_conformity(
     assert found is not None
     if metric is None:
         found = with_served(found, RequestedElements.of(mesh, size).served(size))
+    else:
+        found = with_served(found, elements_of_metric(mesh, size).served())
     if surface is not None:
         distance = _hausdorff(mesh, surface)
         relative = distance / surface.diagonal if surface.diagonal > 0.0 else np.inf
@@ -262,6 +266,17 @@ def with_served(found: Conformity, served: Served | None) -> Conformity:
     if served is None:
         return found
     return replace(found, served=served.served, too_coarse=served.too_coarse, worst=served.worst)
+
+
+def elements_of_metric(
+    mesh: SimplexMesh, size: Any, max_cells: int | None = None
+) -> RequestedElements:
+    """Return the elements that a metric, as `size_conformity` takes it, requests in a mesh."""
+    function = MetricFunction(mesh, size) if isinstance(size, Metric) else size
+    on = function.mesh if isinstance(function, MetricFunction) else None
+    if on is not None and on.cell_dim != mesh.cell_dim:
+        on = None
+    return RequestedElements.of_metric(mesh, function, None if on is mesh else on, max_cells)
 
 
 def _conformity_of_parts(part: PartitionedMesh, size: object) -> Conformity:

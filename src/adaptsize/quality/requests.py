@@ -27,16 +27,20 @@ class Unserved(NamedTuple):
     """The cause of the sizes."""
     found: Served
 
-    def __str__(self) -> str:
-        """Return what was requested where, what was made, and what helps."""
+    @property
+    def missing(self) -> str:
+        """What was requested where, and what was made."""
         worst = self.found.worst
         return (
             f"{self.what}: {self.found.too_coarse:.0%} of about "
             f"{count_text(self.found.elements)} requested elements are missing, since the cells "
             f"there are too large; worst at {place_text(worst.point, 4)}: edges of "
-            f"{worst.edge:.3g} where the size {worst.size:.3g} is requested; remesh the new mesh "
-            "with the same size function"
+            f"{worst.edge:.3g} where the size {worst.size:.3g} is requested"
         )
+
+    def __str__(self) -> str:
+        """Return what was requested where, what was made, and what helps."""
+        return f"{self.missing}; remesh the new mesh with the same size function"
 
 
 def unserved(
@@ -65,7 +69,11 @@ def unserved(
     if not isinstance(size, SizeFunction) or size.report is None:
         found = elements.served()
         is_missing = found is not None and found.too_coarse > 1.0 - share
-        return [Unserved("sizes", found)] if found is not None and is_missing else []
+        return (
+            [Unserved("metric" if elements.is_of_metric else "sizes", found)]
+            if found is not None and is_missing
+            else []
+        )
     too_large = elements.weights[elements.ratios > BAND[1]].sum() * elements.unit
     if too_large < (1.0 - share) * _FEW:
         return []

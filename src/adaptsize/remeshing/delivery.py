@@ -14,9 +14,15 @@ from adaptsize.background import SimplexMesh
 from adaptsize.errors import ConnectionWarning, InputWarning, ResolutionWarning
 from adaptsize.quality.by_place import RequestedElements
 from adaptsize.quality.connections import are_doubtful, unconnected
+from adaptsize.quality.layers import first_layer
 from adaptsize.quality.requests import unserved
+from adaptsize.remeshing.metric_steps import FINEST
 from adaptsize.remeshing.sizing import MetricAt, Size
 
+#: A sample of so many cells is enough for the share of a metric that is missing.
+_SAMPLE = 20_000
+#: Share of a wall on which the first layer must have the requested height.
+_SHARE_OF_WALL = 0.9
 #: Warnings of one mesh.
 _MOST = 5
 #: Edges of the boundary shorter than this times the size are details of it, if there are some.
@@ -80,8 +86,34 @@ def warn_of_details(new: SimplexMesh, size: Size) -> None:
     )
 
 
+def warn_of_metric(new: SimplexMesh, metric: MetricAt, on: SimplexMesh | None) -> None:
+    """Warn of what a mesh lacks of a metric.
+
+    Warns
+    -----
+    ResolutionWarning
+        If more than 20 % of the requested elements are missing, because cells are too large.  If
+        the first layer on a wall is not as high as requested.
+    """
+    found = unserved(RequestedElements.of_metric(new, metric, on, _SAMPLE), metric)
+    for one in found:
+        text = one.missing + (
+            "; a mesh that is finer there, a metric that grows more slowly, or larger least sizes "
+            f"help: generators reach about {FINEST['plane triangles']:g} of the domain in the plane"
+        )
+        warn_caller(text, ResolutionWarning)
+    layer = first_layer(new, metric)
+    if not found and layer is not None and layer.share < _SHARE_OF_WALL:
+        warn_caller(str(layer), ResolutionWarning)
+
+
 def delivered(
-    new: SimplexMesh, size: Any, wanted: Size, old: SimplexMesh, metric: MetricAt | None
+    new: SimplexMesh,
+    size: Any,
+    wanted: Size,
+    old: SimplexMesh,
+    metric: MetricAt | None,
+    on: SimplexMesh | None,
 ) -> SimplexMesh:
     """Return a mesh, and warn of requests that were not served, and of details that were kept.
 
@@ -95,7 +127,9 @@ def delivered(
     old : SimplexMesh
         The mesh of nodal sizes.
     metric : callable or None
-        If sizes depend on the direction, they are not compared.
+        If sizes depend on the direction.
+    on : SimplexMesh or None
+        The mesh at whose nodes the metric is given.
 
     Warns
     -----
@@ -104,6 +138,7 @@ def delivered(
         boundary that are much shorter than their size.
     """
     if metric is not None:
+        warn_of_metric(new, metric, on)
         return new
     if np.ndim(size) == 1 and not callable(size) and old.cell_dim == old.dim:
         size = SizeFunction(old, size)

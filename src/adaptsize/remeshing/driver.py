@@ -67,6 +67,7 @@ from adaptsize.remeshing.sizing import (
     as_metric_at,
     as_size,
     mean_size,
+    metric_on,
 )
 from adaptsize.remeshing.surface_checks import warn_of_surface
 from adaptsize.remeshing.through_surface import has_folded_cells, refilled
@@ -144,9 +145,10 @@ def remesh(
         If the boundary of the mesh is farther from the given one than 4 times the tolerance, or
         has another topology: thin parts may be lost.  If cells overlap.
     ResolutionWarning
-        If less than 80 % of the elements that a source, a curved face or a narrow region requests
-        were made, because the cells there are too large.  If edges of a plane boundary are shorter
-        than an eighth of their size, because it has smaller details.
+        If less than 80 % of the elements that a source, a curved face, a narrow region or a metric
+        requests were made, because the cells there are too large.  If the first layer on a wall
+        has not the height that a metric requests.  If edges of a plane boundary are shorter than an
+        eighth of their size, because it has smaller details.
         If ``strict`` and the first mesh did not meet the demands, with what was tried.  If Mmg
         fails or takes too long inside a surface: the tetrahedra are then those that Netgen fills it
         with.  If ``timeout`` was reached: the mesh is the best one so far.
@@ -209,7 +211,7 @@ def remesh(
     if job.required is not None:  # beside facets that must not change, no sizes can be followed
         return best.mesh
     asked = job.sizes
-    return delivered(best.mesh, asked.given, asked.at, asked.on, asked.metric)
+    return delivered(best.mesh, asked.given, asked.at, asked.on, asked.metric, asked.metric_on)
 
 
 def _prepared(
@@ -240,7 +242,9 @@ def _prepared(
         repaired = surface_to_fill(repaired, solid)
     job = _Job(
         task, chosen, repaired.mesh, old, solid,
-        RequestedSizes(wanted, sizes, mesh, given["g"], given["hmax"], metric),
+        RequestedSizes(
+            wanted, sizes, mesh, given["g"], given["hmax"], metric, metric_on(size, mesh)
+        ),
         _required(required_facets, mesh, repaired), given, may_be_joined,
     )  # fmt: skip
     job.n_cells = _number_of_cells(mesh, size, job.problem(chosen.name, 1.0))

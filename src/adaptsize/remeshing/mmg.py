@@ -39,11 +39,13 @@ import numpy.typing as npt
 from adaptsize._progress import Stage
 from adaptsize.errors import BackendError
 from adaptsize.remeshing._medit import read_medit, write_medit
+from adaptsize.remeshing.metric_steps import first_mesh, in_steps, is_far
 from adaptsize.remeshing.protocol import Arrays, Backend, Problem, Program, Task
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
+    from adaptsize.metrics import Metric
     from adaptsize.remeshing.isolation import IsolatedRunner
     from adaptsize.remeshing.sizing import MetricAt, Size
 
@@ -124,7 +126,8 @@ def adapted(
     problem : Problem
     hausd : sequence of float
         For each run, Mmg's ``hausd`` over the tolerance.  Later runs are left out once enough edges
-        follow the sizes, and enough of the elements that the first mesh requests are there.
+        follow the sizes, and enough of the elements that the first mesh requests are there.  If a
+        metric is not served in the end, more runs approach it in steps, see `in_steps`.
     run : callable
     factor : float
         Of the sizes in the first run.  In later ones, the median of the edges over the sizes
@@ -142,7 +145,7 @@ def adapted(
     assert problem.size is not None
     made, options = job_of(problem)
     best, best_share, elements = made, -1.0, None
-    for times in hausd:
+    for times in [] if is_far(problem) else hausd:
         sizes = _requested(problem, made["points"], factor)
         if elements is None and problem.metric is None:
             elements = _Elements.of(problem.mesh, sizes / factor)
@@ -161,7 +164,13 @@ def adapted(
             break
         if median > 0.0:  # Mmg may return coincident nodes
             factor = float(np.clip(factor / median, 1.0 / largest, largest))
-    return best
+    if problem.metric is None:
+        return best
+
+    def once(mesh: Arrays, metric: Metric) -> Arrays:
+        return _adapted_once(mesh, _rows(metric), hausd[0] * problem.tolerance, options, run, text)
+
+    return in_steps(problem, best, once)
 
 
 def job_of(problem: Problem) -> tuple[Arrays, dict[str, Any]]:
@@ -175,15 +184,7 @@ def job_of(problem: Problem) -> tuple[Arrays, dict[str, Any]]:
         "required_groups": np.unique(problem.facets.groups[problem.facets.required]).tolist(),
         "open_boundaries": problem.facets.has_free,
     }
-    arrays: Arrays = {
-        "points": problem.mesh.points,
-        "cells": problem.mesh.cells,
-        "regions": problem.regions,
-        "facets": problem.facets.nodes,
-        "facet_groups": problem.facets.groups,
-        "ridges": problem.ridges,
-    }
-    return arrays, options
+    return first_mesh(problem), options
 
 
 def _adapted_once(
@@ -227,8 +228,13 @@ def _requested(problem: Problem, points: FloatArray, factor: float) -> FloatArra
     assert problem.size is not None
     if problem.metric is None:
         return factor * problem.size(points)
-    i, j = np.tril_indices(points.shape[1])
-    return np.ascontiguousarray(problem.metric(points).scaled(factor).matrices[:, j, i])
+    return _rows(problem.metric(points).scaled(factor))
+
+
+def _rows(metric: Metric) -> FloatArray:
+    """Return the lower triangles of the matrices by rows, float64[n, 3 or 6]."""
+    i, j = np.tril_indices(metric.dim)
+    return np.ascontiguousarray(metric.matrices[:, j, i])
 
 
 def _band_and_median(size: Size, made: Arrays, metric: MetricAt | None) -> tuple[float, float]:

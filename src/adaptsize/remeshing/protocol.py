@@ -79,6 +79,8 @@ class Problem:
     metric : callable or None
         Requested `Metric` at float64[n, dim] points, with finite sizes.  None if the sizes do not
         depend on the direction.  With a metric, ``size`` is the geometric mean of its sizes.
+    metric_mesh : SimplexMesh or None
+        The mesh at whose nodes the metric is given.  None if it is a function.
     ridges : int32[n, 2]
         Edges of the boundary that must stay sharp, beside those that the generator detects.
     is_adapted : bool
@@ -97,6 +99,7 @@ class Problem:
     size: Callable[[FloatArray], FloatArray] | None = None
     size_nodes: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     metric: MetricAt | None = None
+    metric_mesh: SimplexMesh | None = None
     ridges: IntArray = field(default_factory=lambda: np.empty((0, 2), np.int32))
     is_adapted: bool = False
     in_volume: Callable[[Problem], Problem] | None = None

@@ -39,6 +39,8 @@ class RequestedSizes(NamedTuple):
     """Gradient that they are likely to have."""
     hmax: float
     metric: MetricAt | None = None
+    metric_on: SimplexMesh | None = None
+    """The mesh at whose nodes the metric is given; None if it is a function."""
 
     @property
     def are_nodal(self) -> bool:
@@ -94,6 +96,7 @@ def as_request(
         ridges=ridges,
         size_nodes=known,
         metric=None if sizes.metric is None else frame.metric(sizes.metric),
+        metric_mesh=None if sizes.metric_on is None else frame.mesh(sizes.metric_on),
         in_volume=(
             None
             if inside is None

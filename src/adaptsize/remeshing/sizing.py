@@ -241,3 +241,11 @@ def mean_size(metric: MetricAt, cell_dim: int) -> Size:
         return np.asarray(np.exp(np.log(metric(points).sizes[:, :cell_dim]).mean(axis=1)))
 
     return size
+
+
+def metric_on(size: Any, mesh: SimplexMesh) -> SimplexMesh | None:
+    """Return the mesh at whose nodes a metric is given, if its cells are like those of ``mesh``."""
+    on = mesh if isinstance(size, Metric) else getattr(size, "mesh", None)
+    if not isinstance(size, Metric | MetricFunction) or on is None:
+        return None
+    return on if on.cell_dim == mesh.cell_dim else None

@@ -1,0 +1,150 @@
+"""Metrics whose sizes fall in steps, each mesh the background of the next.
+
+Mmg reads a metric at the nodes of its input and interpolates between them.  Where sizes are some
+thousand times smaller than the cells, as in a boundary layer, it makes hardly any of the cells, and
+the next run on its result finds no nodes at which the metric is small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from adaptsize.errors import BackendError
+from adaptsize.remeshing.protocol import Arrays, Problem
+from adaptsize.typing import FloatArray
+
+if TYPE_CHECKING:
+    from adaptsize.metrics import Metric
+    from adaptsize.quality.by_place import RequestedElements
+
+#: Share of the requested elements that may be missing because cells are too large.
+MISSING = 0.2
+#: Factor between the least sizes of two steps, at most.  With it, all of 12 layers in the plane
+#: that begin with 1e-3 to 1e-5 of the domain were made.
+_STEP = 10.0
+#: Runs of one step, the second only if the first does not serve it.  Steps end if it is no better,
+#: and more than this share is missing: the next ones find nothing to build on.
+_TURNS, _LOST = 2, 0.5
+#: Edges of tetrahedra over the least size beyond which steps come first.
+_FAR = 1000.0
+#: Least sizes over the extent of the domain that steps reach.  In the plane, Mmg removes cells that
+#: are thinner again, whatever their length.
+FINEST = {"plane triangles": 1e-5, "tetrahedra": 1e-7, "surface": 1e-7}
+#: A sample of so many cells is enough for these shares.
+_SAMPLE = 20_000
+
+
+def in_steps(problem: Problem, made: Arrays, run: Callable[[Arrays, Metric], Arrays]) -> Arrays:
+    """Return a mesh that serves a metric: the given one, or one that is made in steps.
+
+    Parameters
+    ----------
+    problem : Problem
+        With a metric.
+    made : mapping of str to array
+        The best mesh so far.
+    run : callable
+        Takes a mesh and the metric at its nodes, and returns the next mesh.
+
+    Returns
+    -------
+    mapping of str to array
+        If no step serves the metric, the mesh whose edges are least too long on average.
+    """
+    assert problem.metric is not None
+    metric = problem.metric
+    if problem.facets.required.any() or _missing(_elements(problem, made, metric)) <= MISSING:
+        return made
+    best, least = made, _elements(problem, made, metric).excess()
+    current: Arrays = first_mesh(problem)
+    reached, missing = np.inf, 0.0
+    floors, largest = _floors(problem)
+    for floor in np.repeat(floors, _TURNS).tolist():
+        if floor == reached:
+            continue
+
+        def bounded(points: FloatArray, floor: float = floor) -> Metric:
+            return _coarsened(metric(points), floor, largest)
+
+        try:
+            current = run(current, bounded(current["points"]))
+        except BackendError:  # also if the time is over
+            break
+        found = _elements(problem, current, metric)
+        if found.excess() < least:
+            best, least = current, found.excess()
+        missing, before = _missing(_elements(problem, current, bounded)), missing
+        if missing <= MISSING:
+            reached = floor
+        elif missing > before > _LOST:
+            break
+    return best
+
+
+def is_far(problem: Problem) -> bool:
+    """Return whether steps come first: in space a single run may not end within a minute."""
+    if problem.metric is None or problem.task != "tetrahedra" or problem.facets.required.any():
+        return False
+    base = problem.mesh if problem.metric_mesh is None else problem.metric_mesh
+    least = float(problem.metric(base.points).sizes.min())
+    return float(problem.mesh.edge_lengths.mean()) > _FAR * least
+
+
+def first_mesh(problem: Problem) -> Arrays:
+    """Return the mesh of a request as arrays."""
+    facets = problem.facets
+    return {
+        "points": problem.mesh.points,
+        "cells": problem.mesh.cells,
+        "regions": problem.regions,
+        "facets": facets.nodes,
+        "facet_groups": facets.groups,
+        "ridges": problem.ridges,
+    }
+
+
+def _coarsened(metric: Metric, floor: float, largest: float) -> Metric:
+    """Return a metric whose least sizes are at least the floor.
+
+    The aspect ratios are kept, up to the largest size: a floor for each size alone would make all
+    of a layer isotropic first, which takes far more cells.
+    """
+    from adaptsize.metrics import Metric
+
+    scaled = metric.sizes * np.maximum(floor / metric.sizes[:, :1], 1.0)
+    return Metric.of(np.minimum(scaled, np.maximum(largest, metric.sizes)), metric.directions)
+
+
+def _floors(problem: Problem) -> tuple[FloatArray, float]:
+    """Return the least sizes of the steps, evenly from the edges of the mesh to those requested.
+
+    Also return the largest size.
+    """
+    assert problem.metric is not None
+    base = problem.mesh if problem.metric_mesh is None else problem.metric_mesh
+    first = float(problem.mesh.edge_lengths.mean())
+    sizes = problem.metric(base.points).sizes
+    last, largest = float(sizes.min()), float(sizes.max())
+    last = max(last, FINEST[problem.task] * float(np.ptp(base.points, axis=0).max()))
+    if first <= last:
+        return np.array([last]), largest
+    count = int(np.ceil(np.log(first / last) / np.log(_STEP)))
+    return first * (last / first) ** (np.arange(1, count + 1) / count), largest
+
+
+def _elements(
+    problem: Problem, made: Arrays, metric: Callable[[FloatArray], Metric]
+) -> RequestedElements:
+    from adaptsize.background import SimplexMesh
+    from adaptsize.quality.by_place import RequestedElements
+
+    mesh = SimplexMesh(made["points"], made["cells"])
+    return RequestedElements.of_metric(mesh, metric, problem.metric_mesh, _SAMPLE)
+
+
+def _missing(elements: RequestedElements) -> float:
+    found = elements.served()
+    return 0.0 if found is None else found.too_coarse
