@@ -62,7 +62,7 @@ def subjects() -> list[Subject]:
         module = importlib.import_module(f"adaptsize.{home}".rstrip("."))
         for name in getattr(module, "__all__", ()):
             thing = getattr(module, name)
-            if name in LEFT_OUT or home == "typing" or not callable(thing):
+            if name in LEFT_OUT or home in ("typing", "errors") or not callable(thing):
                 continue
             # A function of a submodule may have the name of one of the package.
             shared = home and name in ads.__all__ and thing is not getattr(ads, name)
