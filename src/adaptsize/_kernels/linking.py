@@ -68,7 +68,8 @@ class _Kernel(_Library):  # type: ignore[misc]
         self._codegen._check_llvm_bugs()
         self._raise_if_finalized()
         for library in _all_called(self):
-            self._reload_init.update(library._reload_init)
+            if hasattr(library, "_reload_init"):  # of newer versions of numba
+                self._reload_init.update(library._reload_init)
             self._final_module.link_in(_module_of(library), preserve=True)
         self._optimize_final_module()
         self._final_module.verify()
