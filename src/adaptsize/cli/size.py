@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import adaptsize as ads
 from adaptsize._checks import as_number, refusal
 from adaptsize._messages import Message
-from adaptsize._size_report import CODES
 from adaptsize.cli import files
 from adaptsize.cli.console import Console, print_message
 from adaptsize.cli.options import (
@@ -102,6 +101,8 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
     console.record(size=as_dict(report))
     console.print(report)
     if fields:
+        from adaptsize._size_report import CODES
+
         names = ", ".join(
             f"{CODES[name]} {name}" for name in sorted(report.causes, key=CODES.__getitem__)
         )
@@ -142,6 +143,8 @@ def bounded(mesh: SimplexMesh, given: Given) -> Given:
 
 def as_dict(report: SizeReport) -> dict[str, Any]:
     """Return the parameters, sizes and causes of a size function, for the JSON object."""
+    from adaptsize._size_report import CODES
+
     causes = [
         {
             "code": CODES[name],
