@@ -5,9 +5,9 @@ import pytest
 from distance_shapes import ball
 from meshes import random_sphere
 
-from adaptsize import SimplexMesh, remesh_to_elements, size_function
-from adaptsize.domain_size.elements import reach_number
-from adaptsize.errors import ResolutionWarning
+from adaptsize import CartesianGrid, SimplexMesh, remesh_to_elements, size_function
+from adaptsize.domain_size.elements import _within_cap, reach_number
+from adaptsize.errors import ResolutionWarning, TooManyElementsError
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 LINE = SimplexMesh([[0, 0], [1, 0]], [[0, 1]])  # not refined
@@ -154,3 +154,18 @@ def test_what_is_no_mesh_or_no_target_is_refused_before_the_sizes():
         remesh_to_elements(SQUARE, 10, nodes=10)
     with pytest.raises(ValueError, match="one of elements and nodes must be given, got none"):
         remesh_to_elements(SQUARE)
+
+
+def test_a_cap_that_fewer_elements_cannot_keep_is_named_with_the_number_made():
+    square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    size = size_function(square, hmax=0.1)
+    many = CartesianGrid((0.0, 0.0), 0.01, (101, 101)).mesh
+
+    def sized(**number):
+        if number:
+            raise TooManyElementsError("the boundary needs about 900 elements")
+        return size
+
+    text = "the mesh has 20000 elements, more than max_elements = 500, and for fewer: the boundary"
+    with pytest.raises(TooManyElementsError, match=text):
+        _within_cap(square, 500.0, sized, lambda old, size: many, print)

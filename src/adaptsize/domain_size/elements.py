@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import warn_caller
 from adaptsize._defaults import TOLERANCE
-from adaptsize._messages import Message
+from adaptsize._messages import Message, message_of
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import AnyBackground, SimplexMesh
@@ -212,7 +212,11 @@ def _within_cap(
     aim = most * report_of(size).n_elements / count
     text = "{} elements, more than {max_elements} = {:.6g}; a mesh is made for {:.0f}"
     tell(Message(text, count, most, aim))
-    size = sized(max_elements=max(aim, 1.0))
+    try:
+        size = sized(max_elements=max(aim, 1.0))
+    except TooManyElementsError as error:
+        text = "the mesh has {} elements, more than {max_elements} = {:.6g}, and for fewer: {}"
+        raise TooManyElementsError(Message(text, count, most, message_of(error))) from error
     made = MeshOfElements(meshed(mesh, size), size)
     if made.mesh.n_cells > tuning.OVER_CAP * most:
         raise TooManyElementsError(
