@@ -70,6 +70,7 @@ def test_inputs_that_have_changed_and_records_of_others_are_refused(folder, refu
     (folder / "other.vtu.json").write_text('{"version": 3}')
     assert "no record of adaptsize beside other.vtu" in refused("again", "other.vtu.json", code=1)
     assert "must be a new file" in refused("again", "size.vtu", "-o", "slit.vtu")
+    assert "no directory none" in refused("again", "size.vtu", "-o", "none/new.vtu", code=1)
 
 
 def test_another_result_is_noticed_with_the_versions_that_have_changed(folder, capsys):

@@ -152,7 +152,7 @@ def test_exact_limits_and_figures(domain, kind, request):
     rank_of = partition(mesh, KINDS[number % len(KINDS)], SIZE, rng)
     options = {"point_sources": points, "method": Exact(number % 2 == 0)}
     _, info = limit_gradient.with_info(mesh, h0, 0.3, **options)
-    if "handed on" not in info.method:  # which follows cells through the whole mesh
+    if "propagated" not in info.method:  # which follows cells through the whole mesh
         request.getfixturevalue("nothing_is_collected")
     assert_limits_equal(mesh, h0, rank_of, **options)
 

@@ -1,4 +1,4 @@
-"""Sizes in a solid with many reflex edges: paths are handed on from node to node.
+"""Sizes in a solid with many reflex edges: paths are propagated from node to node.
 
 Nodes are processed in order of size, as in Dijkstra's algorithm.  Each one offers its path to its
 neighbours: the same path, ended there instead, if its pieces are visible.  Nodes of reflex edges
@@ -18,7 +18,7 @@ from adaptsize._kernels.heap import Heap, pop, push_or_decrease
 
 
 class Relay(NamedTuple):
-    """What is handed on, and to whom.
+    """What is propagated, and to which nodes.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Relay(NamedTuple):
     origin : int32[bases]
         In/Out: the source or node at the origin of each base.
     heap : Heap
-        In/Out: nodes whose path is to be handed on.
+        In/Out: nodes whose path is to be propagated.
     stamp : int32[n]
         Scratch, all -1.
     """
@@ -128,7 +128,7 @@ def _offers_of(relay, paths, points, field, x, g, slack, offers):
 
 
 @lean_kernel
-def hand_on(relay, paths, field, sight, g, faces, block):
+def propagate(relay, paths, field, sight, g, faces, block):
     """Hand paths on until no size is lowered any more (In/Out: relay, paths, field).
 
     ``faces``: None if all bases are nodes, as in `lower_by_paths`.

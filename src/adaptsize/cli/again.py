@@ -38,6 +38,8 @@ def again(console: Console, file: Record, given: Given) -> int:
         raise ValueError(f"{file}: there is no record of adaptsize beside {made.name}")
     if output is not None and output.exists():
         raise refusal("output", f"must be a new file, {output} exists")
+    if output is not None and not output.parent.is_dir():
+        raise ValueError(f"{output}: there is no directory {output.parent}")
     request = Request(tuple(record["command"]), record["inputs"])
     words = request.at(_folder_with(request, record))
     console.say(f"{made.name}: {description(record)}")

@@ -71,10 +71,10 @@ class LimitingInfo:
     def method(self) -> str:
         """Name of the scheme that was used.
 
-        ``"exact (handed on)"`` if paths over the edges of a solid were handed on from node to node.
+        ``"exact (propagated)"`` if paths over the edges of a solid were propagated from node to node.
         """
-        handed_on = isinstance(self.solution, ExactSolution) and self.solution.handed_on
-        return f"{self.scheme.name} (handed on)" if handed_on else self.scheme.name
+        propagated = isinstance(self.solution, ExactSolution) and self.solution.propagated
+        return f"{self.scheme.name} (propagated)" if propagated else self.scheme.name
 
     @kept
     def iterations(self) -> int:

@@ -83,14 +83,14 @@ def _cases():
         yield mesh, random_bounds(seed, mesh.n_points)
 
 
-def test_paths_handed_on_are_never_too_small_and_nearly_shortest(monkeypatch):
+def test_paths_propagated_are_never_too_small_and_nearly_shortest(monkeypatch):
     every = []
     for mesh, h0 in _cases():
         h = limit_gradient(mesh, h0, G, method="exact")
         with monkeypatch.context() as patch:
             patch.setattr(paths_in_space, "_DEAR", -1)
             handed, info = limit_gradient.with_info(mesh, h0, G)
-        assert info.method == "exact (handed on)"
+        assert info.method == "exact (propagated)"
         assert (handed >= h * (1.0 - 1e-12)).all()
         every.append(handed / h - 1.0)
     above = np.concatenate(every)
@@ -105,4 +105,4 @@ def test_the_price_decides_what_the_default_does(monkeypatch):
     monkeypatch.setattr(paths_in_space, "_DEAR", 1e9)
     assert limit_gradient.with_info(comb, h0, G)[1].method == "exact"
     monkeypatch.setattr(paths_in_space, "_DEAR", 1e-9)
-    assert limit_gradient.with_info(comb, h0, G)[1].method == "exact (handed on)"
+    assert limit_gradient.with_info(comb, h0, G)[1].method == "exact (propagated)"

@@ -223,8 +223,8 @@ class ComponentSolution:
     """int32[n, dim]: the nodes of each source; None if they follow from ``source``."""
     finished: bool = True
     """Whether the search for paths around reflex edges was completed."""
-    handed_on: bool = False
-    """Whether paths over reflex edges were handed on from node to node instead."""
+    propagated: bool = False
+    """Whether paths over reflex edges were propagated from node to node instead."""
     later: Callable[[], ExactField] | None = None
     """Makes ``between``."""
 

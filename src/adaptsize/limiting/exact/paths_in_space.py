@@ -13,7 +13,7 @@ from adaptsize._kernels import exact_space as kernels
 from adaptsize._kernels.exact import BLOCK
 from adaptsize._kernels.heap import new_heap, push_all
 from adaptsize._kernels.space_paths import LONGEST, Bases, Choice, Field, Paths, new_block
-from adaptsize._kernels.space_relay import Relay, hand_on
+from adaptsize._kernels.space_relay import Relay, propagate
 from adaptsize._kernels.space_sight import Sight
 from adaptsize._workers import Workers
 from adaptsize.background import SimplexMesh
@@ -56,7 +56,7 @@ _ROUNDS = 200
 _MOST_PATHS, _PATHS_PER_NODE = 2000, 2
 
 # The search for paths takes some .6 us for each piece of a reflex edge and hidden node, as long as
-# their product is small, and fast marching 1.5 us for each node.  Paths are handed on where the
+# their product is small, and fast marching 1.5 us for each node.  Paths are propagated where the
 # product is larger than this number times that of the nodes.  Fewer nodes than ``_FEW`` count as so
 # many.
 _DEAR, _FEW = 20, 1000
@@ -109,7 +109,7 @@ class Network:
         return self.choice(np.flatnonzero(alive).astype(np.int32))
 
     def is_dear(self, n_hidden: int, n_nodes: int) -> bool:
-        """Return whether paths are to be handed on, since the search would take too long."""
+        """Return whether paths are to be propagated, since the search would take too long."""
         return len(self.reflex_edges.pieces.edge) * n_hidden > _DEAR * max(n_nodes, _FEW)
 
     def lower(
@@ -505,12 +505,12 @@ def solve_in_solid(known: WholeSolid) -> tuple[ComponentSolution, IntArray]:
     field = Field(
         np.empty_like(lower), np.full_like(source, -1), np.full_like(solid.points, np.nan)
     )
-    h, sizes, finished, handed_on = _solve(known, network, field, lower, place[source])
+    h, sizes, finished, propagated = _solve(known, network, field, lower, place[source])
     entry, start, bend = _origins(network, field, sizes, h)
     source = np.append(order, np.int32(-1))[entry]
     proved = h <= lower + EQUAL * np.abs(lower)
     solution = ComponentSolution(h, source, exact, bend, proved, lower, finished=finished)
-    solution.handed_on = handed_on
+    solution.propagated = propagated
     return solution, start
 
 
@@ -554,8 +554,8 @@ class Found(NamedTuple):
     """Those of the paths over reflex edges."""
     finished: bool
     """Whether all paths were found."""
-    handed_on: bool
-    """Whether paths were handed on instead."""
+    propagated: bool
+    """Whether paths were propagated instead."""
 
 
 def _solve(
@@ -599,30 +599,30 @@ def _solve(
     field.sizes[:] = np.where(proved, np.minimum(lower, upper), nearly_upper)
     hidden = nodes[~proved[nodes]]
     n_nodes = known.total(nodes)
-    handed_on = network.is_dear(known.total(hidden), n_nodes)
+    propagated = network.is_dear(known.total(hidden), n_nodes)
     finished = True
-    if not handed_on:
+    if not propagated:
         before = network.copied(), Field(*(array.copy() for array in field))
         is_over = len(hidden) > 0
         if is_over:
             finished, is_over = _solve_hidden(network, field, hidden, n_nodes, workers)
         # If the search of one rank is given up, that of all is.
-        handed_on = known.any(is_over)
-        if handed_on:
+        propagated = known.any(is_over)
+        if propagated:
             finished = True
             network.paths, network.depth, network.origin = before[0]
             for array, old in zip(field, before[1], strict=True):
                 array[:] = old
-    if handed_on:
+    if propagated:
         known.need_all_cells()
         network.lower(hidden, network.sources(), field, workers)
-        _hand_on_paths(known, network, field, proved)
+        _propagate_paths(known, network, field, proved)
     sizes = np.maximum(np.minimum(field.sizes, upper), lower)
     h = spread(np.where(sizes <= nearly, lower, sizes))
-    return Found(h, sizes, finished, handed_on)
+    return Found(h, sizes, finished, propagated)
 
 
-def _hand_on_paths(known: WholeSolid, network: Network, field: Field, proved: BoolArray) -> None:
+def _propagate_paths(known: WholeSolid, network: Network, field: Field, proved: BoolArray) -> None:
     """Lower nodes (In/Out: field) from which their smallest source is not visible, approximately.
 
     Each node is reached by a path of one of its neighbours, or by one that bends there: see
@@ -662,7 +662,7 @@ def _hand_on_paths(known: WholeSolid, network: Network, field: Field, proved: Bo
         np.full(n, -1, np.int32),
     )
     push_all(relay.heap, seeds, field.sizes)
-    hand_on(relay, longer, field, network.sight, network.g, network.faces, new_block())
+    propagate(relay, longer, field, network.sight, network.g, network.faces, new_block())
     network.paths, network.origin = longer, relay.origin
     field.path[kept] = given[kept]
 

@@ -80,8 +80,8 @@ class ExactSolution(Solution):
     """Number of nodes whose size is proved exact."""
     largest_gap: float
     """Largest difference between a size that is not proved exact and its lower bound."""
-    handed_on: bool = False
-    """Whether paths over the edges of a solid were handed on from node to node."""
+    propagated: bool = False
+    """Whether paths over the edges of a solid were propagated from node to node."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class Exact(Scheme):
     too many windows, this holds up to a certain distance from the sources.  In solids this holds at
     each x from which the minimising point is visible.  Elsewhere d is the length of a path over
     reflex edges, so that no size is too small; where that is searched for in too many places, it
-    is a path handed on by a neighbour, and ``info.method`` says so.  The domain of a grid with
+    is a path propagated by a neighbour, and ``info.method`` says so.  The domain of a grid with
     inactive nodes is the cubical complex of the active nodes.
 
     The scheme needs a flat domain or triangles in space, and one number g or a function g(h).
@@ -323,7 +323,7 @@ def as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
         parts=parts,
         n_proved=n_proved,
         largest_gap=gap,
-        handed_on=any(found.handed_on for _, found in parts),
+        propagated=any(found.propagated for _, found in parts),
     )
 
 
