@@ -71,7 +71,7 @@ class LimitingInfo:
     def method(self) -> str:
         """Name of the scheme that was used.
 
-        ``"exact (propagated)"`` if paths over the edges of a solid were propagated from node to node.
+        ``"exact (propagated)"`` if paths over edges of a solid were propagated from node to node.
         """
         propagated = isinstance(self.solution, ExactSolution) and self.solution.propagated
         return f"{self.scheme.name} (propagated)" if propagated else self.scheme.name
