@@ -15,6 +15,7 @@ from adaptsize._checks import (
     as_points,
     as_sizes,
     as_slope,
+    as_slopes,
     as_whole_number,
     check_type,
     describe,
@@ -44,6 +45,7 @@ def test_what_fits_passes():
         assert as_number("h", number, lower=0.0, allow_inf=True) == number
     assert as_whole_number("n", 1000.0, lower=0, upper=1000) == 1000
     assert as_slope("g", 1e30) == 1e30
+    assert as_slopes("g", np.array([0.0, 1e-31, 1e-30, 1e30])).tolist() == [0.0, 0.0, 1e-30, 1e30]
     assert one_of("m", "b", ("a", "b")) == "b"
     refuse_where("a", np.zeros(3, bool), np.ones(3), "must be")
     check_type("mesh", SQUARE, CartesianGrid, SimplexMesh)

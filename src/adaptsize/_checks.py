@@ -19,8 +19,9 @@ from adaptsize._messages import Message
 from adaptsize.errors import InputWarning, OptionError
 from adaptsize.typing import FloatArray, IntArray
 
-#: Squares of gradients times four lengths must stay in the range of float64.
-STEEPEST = 1e30
+#: Squares of gradients times four lengths must stay in the range of float64.  The squares of
+#: flatter ones would underflow; their effect on sizes is below rounding.
+STEEPEST, FLATTEST = 1e30, 1e-30
 #: Products of four lengths and two such gradients must stay in the range of float64.
 FARTHEST = 1e60
 NEAREST = 1e-60
@@ -204,8 +205,18 @@ def as_limits(
 
 
 def as_slope(name: str, value: Any) -> float:
-    """Return a gradient of sizes: >= 0, with a square in the range of float64."""
-    return as_number(name, value, lower=0.0, within=(0.0, STEEPEST))
+    """Return a gradient limit: 0 to 1e30; one below 1e-30 is 0."""
+    slope = as_number(name, value, lower=0.0, within=(0.0, STEEPEST))
+    return slope if slope >= FLATTEST else 0.0
+
+
+def as_slopes(name: str, values: FloatArray) -> FloatArray:
+    """Return one gradient limit or several, each in the range of `as_slope`."""
+    if values.ndim == 0:
+        return np.asarray(as_slope(name, values))
+    refuse_where(name, ~(values >= 0.0) | np.isinf(values), values, "must be finite and >= 0")
+    refuse_where(name, values > STEEPEST, values, f"must be at most {STEEPEST:g}")
+    return np.where(values < FLATTEST, 0.0, values)
 
 
 def as_aspect(name: str, value: Any) -> float:

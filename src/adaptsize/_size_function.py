@@ -15,6 +15,7 @@ from adaptsize._checks import (
     as_number,
     as_points,
     as_sizes,
+    as_slope,
     check_type,
     describe,
     one_of,
@@ -138,7 +139,7 @@ class SizeFunction(ReadOnlyState):
         hmax = as_number("hmax", self.hmax, lower=0.0, strict=True, allow_inf=True)
         object.__setattr__(self, "hmax", hmax)
         if self.g is not None:
-            object.__setattr__(self, "g", as_number("g", self.g, lower=0.0))
+            object.__setattr__(self, "g", as_slope("g", self.g))
             background = self.background
             is_thin = isinstance(background, SimplexMesh) and background.cell_dim < background.dim
             if not is_thin or self.outside == "error":

@@ -35,9 +35,9 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import (
-    STEEPEST,
     as_flag,
     as_number,
+    as_slope,
     as_whole_number,
     one_of,
     refusal,
@@ -62,6 +62,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R")
 
 _WIDTH = 100  # of a docstring
+#: Gradient limits from this on look like percentages.
+_PERCENTAGE = 10.0
 
 #: Whether values come from options that were checked before, so that no warning is repeated.
 _WAS_CHECKED: ContextVar[bool] = ContextVar("_WAS_CHECKED", default=False)
@@ -96,10 +98,10 @@ class Option:
     upper: float | None = None
     inf: bool = False
     """Whether inf is allowed."""
-    unusual: float | None = None
-    """From this value on, a gradient is warned of: it looks like a percentage."""
+    is_slope: bool = False
+    """Whether this is a gradient limit; a number that looks like a percentage is warned of."""
     of_sizes: bool = False
-    """Whether this is a gradient of sizes, where a number from 1 to 2 looks like a growth ratio."""
+    """Whether it is one of sizes, where a number from 1 to 2 looks like a growth ratio."""
     type_text: str = ""
     """The type in words, if it is not a number, a flag or one of some choices."""
     short: str = ""
@@ -154,7 +156,9 @@ class Option:
         if self.type is int:
             upper = 2**53 if self.upper is None else int(self.upper)
             return as_whole_number(self.name, value, lower=int(self.lower), upper=upper)
-        if self.type is float:
+        if self.is_slope and (self.type is float or isinstance(value, float | int)):
+            value = as_slope(self.name, value)
+        elif self.type is float:
             unit = self.unit if self.unit == "degrees" else ""
             value = as_number(
                 self.name, value, lower=self.lower, strict=self.above, allow_inf=self.inf,
@@ -173,7 +177,7 @@ class Option:
             )
             name = Message.name(self.name)
             warn_caller(Message(text, name, value, value, value, name, value - 1.0), InputWarning)
-        if self.unusual is not None and isinstance(value, float | int) and value >= self.unusual:
+        if self.is_slope and isinstance(value, float | int) and value >= _PERCENTAGE:
             text = (
                 f"= {value:g} hardly limits anything: it is a gradient, not a percentage; 0.25 "
                 "lets neighbouring edges differ by about a quarter"
@@ -225,9 +229,7 @@ class BoundOptions(TypedDict, total=False):
     elements_across: Annotated[float | None, Option(chosen="2")]
     g: Annotated[
         float | None,
-        Option(
-            chosen=f"{GRADIENT_LIMIT:g}", short="-g", unusual=10.0, of_sizes=True, upper=STEEPEST
-        ),
+        Option(chosen=f"{GRADIENT_LIMIT:g}", short="-g", is_slope=True, of_sizes=True),
     ]
     growth: Annotated[float | None, Option(lower=1.0)]
     hmin: Annotated[
@@ -431,9 +433,7 @@ class RemeshOptions(MeshOptions, LimitOptions, PartsOptions, total=False):
         Allowed distance of the new boundary from the old one, over the diagonal.
     """
 
-    g: Annotated[
-        float, Option(GRADIENT_LIMIT, unusual=10.0, of_sizes=True, short="-g", upper=STEEPEST)
-    ]
+    g: Annotated[float, Option(GRADIENT_LIMIT, is_slope=True, of_sizes=True, short="-g")]
     hmax: Annotated[float, Option(float("inf"), unit="length", above=True, inf=True)]
     tolerance: Annotated[float, Option(TOLERANCE, above=True, upper=1.0)]
 
@@ -605,7 +605,7 @@ class AdaptOptions(
         GradientLimit | Literal["auto"] | None,
         Option(
             "auto",
-            unusual=10.0,
+            is_slope=True,
             type_text="as in `limit_gradient`, or None",
             short="-g",
             chosen=f"{GRADIENT_LIMIT:g}, {METRIC_GRADIENT_LIMIT:g} of metrics",
@@ -642,7 +642,7 @@ class ScaleOptions(ClipOptions, total=False):
     elements: Annotated[float | None, Option(lower=1.0)]
     g: Annotated[
         GradientLimit | None,
-        Option(unusual=5.0, of_sizes=True, type_text="float, array_like, callable or tuple"),
+        Option(is_slope=True, of_sizes=True, type_text="float, array_like, callable or tuple"),
     ]
     backend: Annotated[str | None, Option()]
 
@@ -704,7 +704,7 @@ class CurvatureOptions(ClipOptions, total=False):
             unit="length",
         ),
     ]
-    g: Annotated[float, Option(GRADIENT_LIMIT, unusual=5.0, of_sizes=True, upper=STEEPEST)]
+    g: Annotated[float, Option(GRADIENT_LIMIT, is_slope=True, of_sizes=True)]
 
 
 class FeatureOptions(ClipOptions, total=False):

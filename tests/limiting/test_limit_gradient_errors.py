@@ -29,7 +29,7 @@ REFUSED = [
     ({"g": 1e200}, "g must be at most 1e+30, got 1e+200"),
     ({"g": [0.1, 0.2, -0.3, 0.1]}, "g must be finite and >= 0, got g[2] = -0.3"),
     ({"g": [0.1, 0.2, 0.3]}, AS_G + "(3,)"),
-    ({"g": (-1.0, lambda h: 0.1 * h)}, "g must be finite and >= 0, got -1.0"),
+    ({"g": (-1.0, lambda h: 0.1 * h)}, "g must be finite and >= 0, got -1"),
     ({"g": lambda h: 0.0 * h}, "g(h) must be positive and finite, got g(0.1"),
     (
         {"g": lambda h: np.where(h > 0.2, -1.0, 1.0)},

@@ -24,7 +24,7 @@ from adaptsize.metrics import (
     metric_from_curvature,
     metric_from_hessian,
 )
-from adaptsize.metrics.limit import as_gradient_limit
+from adaptsize.metrics.limit import as_one_slope
 from adaptsize.options import AdaptOptions
 from adaptsize.quality.conformity import nodal_metric
 from adaptsize.sizes.curvature import curves_of, radius_at_curves, size_of_chords
@@ -122,7 +122,7 @@ def metric_request(
     if not chosen and accuracy is not None:
         raise OptionError(Message("{tolerance} needs fields whose error it limits, got none"))
     g = METRIC_GRADIENT_LIMIT if isinstance(options["g"], str) else options["g"]
-    g = None if g is None else as_gradient_limit(g)
+    g = None if g is None else as_one_slope(g)
     return MetricRequest(options=options, fields=chosen, bound=bound, g=g)
 
 

@@ -16,7 +16,6 @@ from adaptsize._checks import (
     NEAREST,
     as_limits,
     as_sizes_at,
-    describe,
     refusal,
     refuse_where,
 )
@@ -272,9 +271,6 @@ def check_goal(request: SizeRequest) -> None:
     if request.indicator is not None and goals == (None, None, None):
         raise OptionError(Message("an indicator needs {tolerance} or {elements}, got neither"))
     as_limits(options["hmin"], options["hmax"], allow_inf=True)
-    g = request.g
-    if isinstance(g, int | float) and not 0.0 <= g < math.inf:
-        raise refusal("g", f"must be finite and >= 0, or None, got {describe(g)}")
 
 
 def decide(mesh: AnyMesh, found: NextSizes, request: Request) -> Decision:

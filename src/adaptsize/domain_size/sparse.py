@@ -10,7 +10,14 @@ from zipfile import BadZipFile
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, as_points, as_sizes, check_type
+from adaptsize._checks import (
+    as_float_array,
+    as_number,
+    as_points,
+    as_sizes,
+    as_slope,
+    check_type,
+)
 from adaptsize._formats.guards import about_file, write_whole
 from adaptsize._size_function import SizeFunction
 from adaptsize._workers import Workers
@@ -96,7 +103,9 @@ class SparseSize:
         except (ValueError, KeyError, IndexError, BadZipFile, EOFError) as error:
             raise MeshFileError(f"{source}: is no table of SparseSize.write: {error}") from error
         places = as_points("points", as_float_array("points", points))
-        return cls(places, as_sizes("sizes", sizes, places.shape[:1]), float(g), float(hmax))
+        largest = as_number("hmax", hmax, lower=0.0, strict=True, allow_inf=True)
+        sizes = as_sizes("sizes", sizes, places.shape[:1])
+        return cls(places, sizes, as_slope("g", g), largest)
 
 
 def sparse_size(size: SizeFunction, g: float | None = None) -> SparseSize:
@@ -109,7 +118,7 @@ def sparse_size(size: SizeFunction, g: float | None = None) -> SparseSize:
         g = size.report.g if size.report is not None else size.g
     if g is None:
         raise ValueError("g must be given for a size function that is not from size_function")
-    limit = as_number("g", g, lower=0.0)
+    limit = as_slope("g", g)
     values = np.asarray(size.values).ravel()
     hmax = float(size.hmax) if size.g is not None else float(values.max())
     places, sizes = _extra_points(size)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import FARTHEST, NEAREST, STEEPEST, as_float_array, refuse_where
+from adaptsize._checks import FARTHEST, NEAREST, as_float_array, as_slopes
 from adaptsize._messages import Message
 from adaptsize.background import AnyMesh, CartesianGrid
 from adaptsize.errors import OptionError
@@ -139,16 +139,13 @@ def in_space(
     Raises
     ------
     ValueError
-        If g has a wrong shape or is negative, NaN or infinite.
+        If g has a wrong shape, or is negative, NaN or above 1e30.
     """
     values = as_float_array("g", g)
     if isinstance(background, CartesianGrid) and values.shape == background.shape:
         # The values at inactive nodes are arbitrary.
         values = values if background.active is None else np.where(background.active, values, 0.0)
-    refuse_where("g", ~(values >= 0.0) | np.isinf(values), values, "must be finite and >= 0")
-    refuse_where("g", values > STEEPEST, values, f"must be at most {STEEPEST:g}")
-    # The square of such a g would underflow.  Its effect on sizes is below rounding.
-    values = np.where(values < 1.0 / STEEPEST, 0.0, values)
+    values = as_slopes("g", values)
     if values.ndim == 0:
         return Slope(values.reshape(1))
     if isinstance(background, CartesianGrid):

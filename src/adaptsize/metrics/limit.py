@@ -135,7 +135,7 @@ def limit_metric(
             f"metric must have {len(points)} nodes in {background.dim}-D, as the background has, "
             f"got {metric!r}"
         )
-    slope = as_gradient_limit(g)
+    slope = as_one_slope(g)
     if threads is not None:
         threads = as_whole_number("threads", threads, lower=1, upper=10_000)
     sizes = _on_active(background, metric.sizes)
@@ -152,8 +152,8 @@ def limit_metric(
     return limited, MetricLimitingInfo(active, kept, n_sources)
 
 
-def as_gradient_limit(g: Any) -> float:
-    """Return a checked gradient limit of metrics: one number."""
+def as_one_slope(g: Any) -> float:
+    """Return the gradient limit of metrics, which is a number."""
     if callable(g) or as_plain_array("g", g).ndim > 0:
         raise ValueError(
             "g must be one number, as metrics grow along shortest paths by one gradient limit, "
