@@ -80,7 +80,7 @@ def _of(name: str, thing: Any) -> Iterator[Subject]:
     if _is_record(thing):
         return
     yield Subject.of(name, thing)
-    for method, raw in vars(thing).items():
+    for method, raw in _methods_of(thing):
         is_public = not method.startswith("_") or method == "__call__"
         if not is_public or method in LEFT_OUT:
             continue
@@ -88,6 +88,13 @@ def _of(name: str, thing: Any) -> Iterator[Subject]:
             yield Subject.of(f"{name}.{method}", getattr(thing, method))
         elif inspect.isfunction(raw):
             yield Subject.of(f"{name}.{method}", raw, owner=name)
+
+
+def _methods_of(thing: type) -> Iterator[tuple[str, Any]]:
+    """Return the methods of a class, and those of groups of methods that it inherits."""
+    groups = [base for base in thing.__mro__ if ".methods." in base.__module__]
+    for owner in (thing, *groups):
+        yield from vars(owner).items()
 
 
 def _is_record(thing: type) -> bool:

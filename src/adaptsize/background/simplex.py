@@ -7,13 +7,12 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from math import factorial
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_nodes, check_type
-from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._kernels.simplex import fill_measures
 from adaptsize._kernels.topology import mark_nodes
 from adaptsize._pickling import ReadOnlyState
@@ -21,16 +20,12 @@ from adaptsize.background import _mesh_arrays as arrays
 from adaptsize.background import topology
 from adaptsize.background.enclosing import enclosing_diameter
 from adaptsize.background.location import SimplexLocator
+from adaptsize.background.methods.exchange import ExchangeMethods
+from adaptsize.background.methods.pictures import PictureMethods
+from adaptsize.background.methods.quality import QualityMethods
+from adaptsize.background.methods.surfaces import SurfaceMethods
 from adaptsize.ranks import Communicator, SharedNodes, no_shared_nodes
-from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, Unpack
-
-if TYPE_CHECKING:
-    from adaptsize.distributed import DolfinxMesh
-    from adaptsize.metrics.metric import Metric
-    from adaptsize.options import ScaledPictureOptions
-    from adaptsize.plot.pictures import Picture
-    from adaptsize.quality.summary import MeshSummary
-    from adaptsize.remeshing.surface_checks import NearBodies, OpenBoundary, OverlappingBodies
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 _Result = TypeVar("_Result")
 _CELL_NAMES = {1: "segments", 2: "triangles", 3: "tetrahedra"}
@@ -83,7 +78,7 @@ def cut_out(points: FloatArray, cells: IntArray, **tags: Any) -> tuple[SimplexMe
 
 
 @dataclass(init=False, frozen=True, eq=False, repr=False)
-class SimplexMesh(ReadOnlyState):
+class SimplexMesh(ExchangeMethods, QualityMethods, SurfaceMethods, PictureMethods, ReadOnlyState):
     """Simplices of one kind: triangles (in the plane or in space), tetrahedra or segments.
 
     Cells may have any orientation, may be degenerate, and need not form a manifold.  Nodes
@@ -175,6 +170,10 @@ class SimplexMesh(ReadOnlyState):
         """Return the numbers of points and cells and the kind of cells."""
         kind = _CELL_NAMES[self.cell_dim]
         return f"SimplexMesh({self.n_points} points in {self.dim}-D, {self.n_cells} {kind})"
+
+    @property
+    def _mesh(self) -> SimplexMesh:
+        return self
 
     @property
     def n_points(self) -> int:
@@ -327,572 +326,6 @@ class SimplexMesh(ReadOnlyState):
         )
         return Boundary(mesh, nodes, cell.astype(np.int32))
 
-    @classmethod
-    def from_object(
-        cls, mesh: Any, *, kind: str | None = None, flatten: bool = True
-    ) -> SimplexMesh:
-        """Return the simplices of a mesh of another program, with its tags and their names.
-
-        Functions that take a mesh to remesh, limit, write or draw call this themselves.
-
-        Parameters
-        ----------
-        mesh : object
-            A mesh of meshio, PyVista (or a data set of VTK), trimesh (or a scene), scikit-fem,
-            DOLFINx (also with its tags, as ``model_to_mesh`` returns it), MFEM, Netgen or NGSolve,
-            or ``gmsh.model``, the current model of Gmsh.  Not changed.
-        kind, flatten
-            Which cells to read, and whether a coordinate z = 0 is dropped, as for `read`.
-
-        Returns
-        -------
-        SimplexMesh
-            Subdomains, materials, attributes, physical groups and parts of scenes are cell tags,
-            those of boundaries are tagged facets, with their names.
-
-        Raises
-        ------
-        ValueError
-            If the object is none of these, or has no such cells.
-
-        Examples
-        --------
-        >>> import trimesh
-        >>> SimplexMesh.from_object(trimesh.creation.box())
-        SimplexMesh(8 points in 3-D, 12 triangles)
-        """
-        from adaptsize.bridges.meshes import from_object
-
-        return from_object(mesh, kind=kind, flatten=flatten)
-
-    def to_meshio(self, *, tag_name: str = "cell_tags") -> Any:
-        """Return a ``meshio.Mesh`` with the same cells, tags, tagged facets, names and fields.
-
-        Parameters
-        ----------
-        tag_name : str, default "cell_tags"
-            Name of the cell data for the tags.  Use ``"gmsh:physical"`` for files of Gmsh.
-            meshio writes these with groups as ``file_format="gmsh22"``; in version 4.1 of the
-            format it omits them.  Cells without a tag then form a separate group, as for
-            `write`.
-
-        Returns
-        -------
-        meshio.Mesh
-            Tagged facets form a second block of cells.  Other cell data are NaN there, or 0
-            for integers.  Names of tags are in ``field_data``, like those of Gmsh's groups.
-
-        Raises
-        ------
-        ValueError
-            If two tags have the same name, or a field is not numeric.
-        """
-        from adaptsize.bridges.meshes import to_meshio
-
-        return to_meshio(self, tag_name=tag_name)
-
-    def to_pyvista(self) -> Any:
-        """Return a ``pyvista.UnstructuredGrid`` with the same cells, tags, names and fields.
-
-        Returns
-        -------
-        pyvista.UnstructuredGrid
-            Tags are the cell data ``"cell_tags"``.  Tagged facets are additional cells, on which
-            other cell data are NaN, or 0 for integers.  Names of tags are strings in the field
-            data ``"tag_names"``.  Points of plane meshes get z = 0.
-        """
-        from adaptsize.bridges.meshes import to_pyvista
-
-        return to_pyvista(self)
-
-    def to_trimesh(self) -> Any:
-        """Return a ``trimesh.Trimesh`` of triangles in space, or of the boundary of tetrahedra.
-
-        Points and triangles are in the same order.  Tags are left out.
-        """
-        from adaptsize.bridges.meshes import to_trimesh
-
-        return to_trimesh(self)
-
-    def to_dolfinx(self) -> DolfinxMesh:
-        """Return a ``dolfinx.mesh.Mesh`` on this process, with its tags and nodal fields.
-
-        ``mesh.topology.original_cell_index`` and ``mesh.geometry.input_global_indices`` of the
-        result are the numbers of the cells and points here.  For many processes see
-        `adaptsize.distributed.to_dolfinx`.
-
-        Returns
-        -------
-        adaptsize.distributed.DolfinxMesh
-            ``(mesh, cell_tags, facet_tags, physical_groups, functions)``.
-        """
-        from adaptsize.bridges.solvers import to_dolfinx
-
-        return to_dolfinx(self)
-
-    def to_gmsh(self, name: str = "adaptsize") -> Any:
-        """Make the mesh a new model of Gmsh, with tags as physical groups; return ``gmsh.model``.
-
-        Parameters
-        ----------
-        name : str
-            Of the model.  Gmsh is initialized if it is not yet.
-
-        Raises
-        ------
-        ValueError
-            If a tag is negative, or 0 on a facet.
-        """
-        from adaptsize.bridges.solvers import to_gmsh
-
-        return to_gmsh(self, name)
-
-    def to_mfem(self) -> Any:
-        """Return an ``mfem.ser.Mesh``, tags as attributes and their names as sets of attributes.
-
-        Without tagged facets, the boundary has the attribute 1.
-
-        Raises
-        ------
-        ValueError
-            If a tag is negative, or 0 on a facet.
-        """
-        from adaptsize.bridges.solvers import to_mfem
-
-        return to_mfem(self)
-
-    def to_netgen(self) -> Any:
-        """Return a ``netgen.meshing.Mesh``; ``ngsolve.Mesh`` of it is that of NGSolve.
-
-        Tags are materials and boundaries, called by their names or their numbers.  Cells and points
-        keep their order.  Without tagged facets, the boundary is one region.
-
-        Raises
-        ------
-        ValueError
-            If the mesh does not fill the plane or the space, a tag is negative, or 0 on a facet.
-        """
-        from adaptsize.bridges.solvers import to_netgen
-
-        return to_netgen(self)
-
-    def to_skfem(self) -> Any:
-        """Return a mesh of scikit-fem with named subdomains and boundaries.
-
-        Returns
-        -------
-        skfem.MeshLine, MeshTri or MeshTet
-            Tags without a name in ``tag_names`` are called by their number.
-
-        Raises
-        ------
-        ValueError
-            If the cells do not have the dimension of the points.
-        """
-        from adaptsize.bridges.solvers import to_skfem
-
-        return to_skfem(self)
-
-    def plot(self, *, color: str | None = None, **options: Unpack[ScaledPictureOptions]) -> Picture:
-        """Show this mesh in a window, or as a picture where no window can open.
-
-        A window opens where there is a display, unless a ``path`` is given.  Notebooks show
-        pictures.
-
-        Parameters
-        ----------
-        color, **options
-            As for `plot_mesh`.  ``window=False`` only draws, as that does; so does the environment
-            variable ``PYVISTA_OFF_SCREEN=true``.
-
-        Returns
-        -------
-        Picture
-            ndarray of uint8, shape (height, width, 4): red, green, blue, opacity.
-
-        Raises
-        ------
-        ValueError
-            If an argument is bad.
-
-        Examples
-        --------
-        >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-        >>> mesh.plot(color="quality")  # doctest: +SKIP
-        """
-        from adaptsize.plot.pictures import plot
-
-        return plot(self, color=color, **options)
-
-    def summarize(self) -> MeshSummary:
-        """Return counts, extent, tags, fields, topology and quality of a mesh.
-
-        Returns
-        -------
-        MeshSummary
-
-        Notes
-        -----
-        The cost is O(n log n).  Points are duplicates if all their coordinates are equal.
-
-        Examples
-        --------
-        >>> mesh = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-        >>> summary = mesh.summarize()
-        >>> summary.n_boundary_facets, summary.measure, summary.angle_min
-        (4, 1.0, 45.0)
-        """
-        from adaptsize.quality.summary import summarize
-
-        return summarize(self)
-
-    def radius_ratios(self) -> FloatArray:
-        r"""Return the radius ratio of each cell, float64[n_cells], 0 to 1.
-
-        It is the radius r of the inscribed sphere over the radius R of the circumscribed sphere,
-        scaled to 1 for the regular simplex [1]_: ``2 r / R`` for triangles, ``3 r / R`` for
-        tetrahedra.  Degenerate cells have 0.  The orientation does not matter.
-
-        Raises
-        ------
-        ValueError
-            If the mesh consists of segments.
-
-        Notes
-        -----
-        With the edge vectors e1, e2, e3 from one corner, lengths a, b, c, area A and volume V,
-
-        .. math::
-
-            \frac{2r}{R} = \frac{16 A^2}{abc\,(a+b+c)}, \qquad
-            \frac{3r}{R} = \frac{108 V^2}
-            {\sum_f A_f\; \big| |e_1|^2 e_2 \times e_3 + |e_2|^2 e_3 \times e_1
-            + |e_3|^2 e_1 \times e_2 \big|}.
-
-        References
-        ----------
-        .. [1] A. Liu, B. Joe, "Relationship between tetrahedron shape measures", BIT 34
-           (1994) 268-287.
-
-        Examples
-        --------
-        >>> SimplexMesh([[0, 0], [1, 0], [0.5, 0.75**0.5]], [[0, 1, 2]]).radius_ratios().round(12)
-        array([1.])
-        """
-        from adaptsize.quality.elements import radius_ratios
-
-        return radius_ratios(self)
-
-    def minimum_angles(self) -> FloatArray:
-        """Return the smallest angle of each triangle, or dihedral angle of each tetrahedron.
-
-        Returns
-        -------
-        ndarray of float64, shape (n_cells,)
-            Degrees: at most 60 for triangles, at most 70.53 (arccos 1/3) for tetrahedra, and 0 for
-            degenerate cells.  The orientation does not matter.
-
-        Raises
-        ------
-        ValueError
-            If the mesh consists of segments.
-
-        Notes
-        -----
-        Let e be an edge between two faces whose other edges from the same corner are u and v.  The
-        tangent of the dihedral angle at e is ``6 V |e| / ((e x u) . (e x v))``.  The arctangent is
-        accurate for all angles.  The arccosine of the normals would lose half the digits
-        near 0 and 180 degrees.
-
-        Examples
-        --------
-        >>> SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]]).minimum_angles().round(12)
-        array([45.])
-        """
-        from adaptsize.quality.elements import minimum_angles
-
-        return minimum_angles(self)
-
-    def metric_qualities(self, metric: Metric) -> FloatArray:
-        r"""Return how regular each cell is in a metric: 1 regular, 0 flat.
-
-        With the linear map J from a regular simplex to the cell and the metric M in the cell, the
-        result is the mean ratio [1]_
-
-        .. math:: q = k \, \det(J^T M J)^{1/k} / \mathrm{tr}(J^T M J)
-
-        for cells of dimension k.  M is the log-Euclidean mean of the metrics of the corners.
-
-        Parameters
-        ----------
-        metric : Metric
-            At its nodes, with finite sizes.
-
-        Returns
-        -------
-        ndarray of float64, shape (n_cells,)
-
-        References
-        ----------
-        .. [1] A. Liu, B. Joe, "Relationship between tetrahedron shape measures", BIT 34 (1994)
-           268-287.
-
-        Examples
-        --------
-        A triangle that is regular after a stretching by 10:
-
-        >>> from adaptsize import Metric
-        >>> mesh = SimplexMesh([[0, 0], [1, 0], [0.5, 5 * np.sqrt(3)]], [[0, 1, 2]])
-        >>> stretched = Metric([[1.0, 10.0]] * 3, [np.eye(2)] * 3)
-        >>> mesh.metric_qualities(stretched).round(12)
-        array([1.])
-        >>> mesh.metric_qualities(Metric.isotropic([1.0, 1.0, 1.0], 2)).round(3)
-        array([0.198])
-        """
-        from adaptsize.quality.elements import metric_qualities
-
-        return metric_qualities(self, metric)
-
-    def implied_metric(self) -> Metric:
-        """Return for each cell the metric in which all its edges have the length 1.
-
-        Let J be the linear map from a regular simplex of edge 1 to the cell.  Then
-        :math:`M = (J J^T)^{-1}`.  The sizes are the singular values of J, and their ratio is the
-        aspect ratio of the cell.
-
-        Returns
-        -------
-        Metric
-            One per cell.
-
-        Raises
-        ------
-        ValueError
-            If the cells do not have the dimension of the space, or one is flat.
-
-        Examples
-        --------
-        A regular triangle, stretched by 10 along y:
-
-        >>> import numpy as np
-        >>> mesh = SimplexMesh([[0, 0], [1, 0], [0.5, 5 * np.sqrt(3)]], [[0, 1, 2]])
-        >>> metric = mesh.implied_metric()
-        >>> metric.sizes.round(12), metric.aspect_ratio.round(12)
-        (array([[ 1., 10.]]), array([10.]))
-        """
-        from adaptsize.metrics.implied import implied_metric
-
-        return implied_metric(self)
-
-    def crease_edges(self, *, crease_angle: float = CREASE_ANGLE) -> IntArray:
-        """Return the feature edges of a surface: boundary, non-manifold, sharp and tagged edges.
-
-        The cells are triangles in space, in any orientation.
-
-        Sharp edges with a loose end, a node on no other feature edge, are none; see `Faces`.
-
-        Parameters
-        ----------
-        crease_angle : float, default 40
-            Edges with a larger angle between the two normals are sharp; in degrees.
-
-        Returns
-        -------
-        ndarray of int32, shape (n_creases, 2)
-            Node indices, ``i < j``, in lexicographic order.
-
-        Raises
-        ------
-        ValueError
-            If the cells are not triangles in space, or the angle is out of range.
-
-        Examples
-        --------
-        >>> points = [[0, 0, 1], [1, 0, 1], [0, 1, 0], [0, -1, 0]]
-        >>> roof = SimplexMesh(points, [[0, 1, 2], [0, 1, 3]])
-        >>> roof.crease_edges().tolist()
-        [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3]]
-        >>> roof.crease_edges(crease_angle=91.0).tolist()
-        [[0, 2], [0, 3], [1, 2], [1, 3]]
-        """
-        from adaptsize.geometry.creases import crease_edges
-
-        return crease_edges(self, crease_angle=crease_angle)
-
-    def tag_faces(self, angle: float = 40.0) -> SimplexMesh:
-        """Return a surface with a tag for each face; faces are separated by feature edges.
-
-        The cells are triangles in space, in any orientation.
-
-        A file such as STL contains triangles but no faces.  The tags are kept by `remesh`.  They
-        can be used to prescribe sizes with `RegionSource`, and boundary conditions in a solver.
-
-        Parameters
-        ----------
-        angle : float, default 40
-            Edges with a larger angle between the normals of their two triangles are feature edges;
-            so are edges of one, three or more triangles, and tagged edges.  In degrees, from 0 to
-            180.
-
-        Returns
-        -------
-        SimplexMesh
-            The same mesh with ``cell_tags`` 1 to n instead of the given ones.  Triangles have the
-            same tag if they are connected by a path that crosses no feature edge.  Faces are
-            numbered in the order of their first triangles.
-
-        Raises
-        ------
-        ValueError
-            If the cells are not triangles in space, or the angle is out of range.
-
-        Notes
-        -----
-        Time and memory are O(n).  A feature edge that ends inside a face does not divide it.
-
-        Examples
-        --------
-        The six triangles at a corner of a cube, two on each of its sides:
-
-        >>> points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]]
-        >>> cells = [[0, 1, 2], [0, 2, 3], [0, 1, 5], [0, 5, 4], [0, 3, 6], [0, 6, 4]]
-        >>> SimplexMesh(points, cells).tag_faces().cell_tags
-        array([1, 1, 2, 2, 3, 3], dtype=int32)
-        """
-        from adaptsize.geometry.creases import tag_faces
-
-        return tag_faces(self, angle)
-
-    def open_boundary(self, within: float = 0.0) -> OpenBoundary | None:
-        """Return the open edges of a surface in space, or None if it is closed.
-
-        The cells are triangles in space.  Coincident points count as one.
-
-        Parameters
-        ----------
-        within : float
-            Loops narrower than this are not counted: gaps that a generator with this tolerance
-            closes.  The width is the area over half the length.
-
-        Examples
-        --------
-        >>> points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
-        >>> print(SimplexMesh(points, [[0, 1, 3], [1, 2, 3], [2, 0, 3]]).open_boundary())
-        3 open edges in 1 loop with an area of 0.5, 3.414 long around (0.3333, 0.3333, 0)
-        """
-        from adaptsize.remeshing.surface_checks import open_boundary
-
-        return open_boundary(self, within)
-
-    def near_bodies(
-        self, within: float, *, overlapping: OverlappingBodies | None = None
-    ) -> NearBodies | None:
-        """Return the components of a surface that are closer than a distance, or None.
-
-        The cells are triangles in space.  Coincident points count as one.
-
-        Parameters
-        ----------
-        within : float
-            Distance in the unit of the coordinates.
-        overlapping : OverlappingBodies or None
-            Pairs to leave out, from `overlapping_bodies` of the same surface.
-
-        Warns
-        -----
-        OpenSurfaceWarning
-            If there are more than 2000 components.  Their distances are not examined then.
-
-        Notes
-        -----
-        The distance is measured at the nodes, the midpoints of the edges and the centroids, so
-        components that cross each other between these points may be missed: see
-        `overlapping_bodies`.
-
-        Examples
-        --------
-        >>> points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0.01], [1, 0, 0.01], [0, 1, 0.01]]
-        >>> print(SimplexMesh(points, [[0, 1, 2], [3, 4, 5]]).near_bodies(0.1))
-        1 pair of bodies is only 0.01 apart at (0, 0, 0)
-        """
-        from adaptsize.remeshing.surface_checks import near_bodies
-
-        return near_bodies(self, within, overlapping=overlapping)
-
-    def overlapping_bodies(self) -> OverlappingBodies | None:
-        """Return the components of a surface that overlap or intersect themselves, or None.
-
-        The cells are triangles in space.  Coincident points count as one.
-
-        Notes
-        -----
-        Bodies that touch do not overlap, whether in points, edges or whole facets, nor do bodies of
-        which one is inside the other.  Penetrations up to 1e-6 of the diagonal count as contacts.
-
-        Every pair of triangles whose boxes meet is tested.  Bodies without such a pair may overlap
-        where their facets are in common planes.  Hence up to 2000 points of each are tested for
-        being inside the other, for at most 200 pairs of bodies.
-
-        Examples
-        --------
-        >>> points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.2, 0.2, -1], [0.2, 0.2, 1], [2, 0.2, 0]]
-        >>> print(SimplexMesh(points, [[0, 1, 2], [3, 4, 5]]).overlapping_bodies())
-        bodies 1 and 2 overlap: 2 triangles cross others, by up to 0.2 at (0.5, 0.2, 0)
-        """
-        from adaptsize.remeshing.surface_checks import overlapping_bodies
-
-        return overlapping_bodies(self)
-
-    def close_holes(self) -> SimplexMesh:
-        """Return a surface whose holes are closed by triangles between the nodes of their edges.
-
-        The cells are triangles in space.
-
-        Returns
-        -------
-        SimplexMesh
-            Coincident points are merged, and degenerate triangles dropped.  New triangles have the
-            tag 0 if the surface has ``cell_tags``.  Nodal fields are kept, cell fields are not.
-
-        Raises
-        ------
-        ValueError
-            If the surface encloses no volume even then, like a sheet, or if the open edges do not
-            form loops.
-
-        Notes
-        -----
-        Each loop of open edges gets the triangulation of least area [1]_; for a plane hole that is
-        its interior.  A hole in a strongly curved region is closed by nearly plane triangles, which
-        does not restore the shape.  The rim of a part that is open by design, such as a pipe, is a
-        hole too.
-
-        References
-        ----------
-        .. [1] G. Barequet, M. Sharir, "Filling gaps in the boundary of a polyhedron", Computer
-           Aided Geometric Design 12 (1995) 207-229.
-
-        Examples
-        --------
-        A cube without its top:
-
-        >>> points = [[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]
-        >>> quads = [[0, 2, 6, 4], [0, 4, 5, 1], [2, 3, 7, 6], [0, 1, 3, 2], [4, 6, 7, 5]]
-        >>> cells = [c for a, b, c, d in quads for c in ([a, b, c], [a, c, d])]
-        >>> closed = SimplexMesh(points, cells).close_holes()
-        >>> closed.is_closed, closed.n_cells
-        (True, 12)
-        """
-        from adaptsize.remeshing.hole_filling import close_holes
-
-        return close_holes(self)
-
-    def _repr_html_(self) -> str:
-        """Return a table and, of up to a million cells, a picture where this machine can draw."""
-        from adaptsize.plot.notebook import html_of
-
-        return html_of(self)
-
     def with_data(
         self,
         *,
@@ -900,18 +333,20 @@ class SimplexMesh(ReadOnlyState):
         cell_data: Mapping[str, npt.ArrayLike] | None = None,
     ) -> SimplexMesh:
         """Return the same mesh with fields added or replaced; topology is shared."""
-        new = replace(
-            self,
-            point_data={**self.point_data, **arrays.as_mapping("point_data", point_data)},
-            cell_data={**self.cell_data, **arrays.as_mapping("cell_data", cell_data)},
+        return self._with_fields(
+            {**self.point_data, **arrays.as_mapping("point_data", point_data)},
+            {**self.cell_data, **arrays.as_mapping("cell_data", cell_data)},
         )
-        for name, value in self.__dict__.items():  # values of cached properties
-            new.__dict__.setdefault(name, value)
-        return new
 
     def without_data(self) -> SimplexMesh:
         """Return the same mesh without fields; topology is shared."""
-        new = replace(self, point_data={}, cell_data={})
+        return self._with_fields({}, {})
+
+    def _with_fields(
+        self, point_data: Mapping[str, Any], cell_data: Mapping[str, Any]
+    ) -> SimplexMesh:
+        """Return the same mesh with these fields and no others."""
+        new = replace(self, point_data=point_data, cell_data=cell_data)
         for name, value in self.__dict__.items():  # values of cached properties
             new.__dict__.setdefault(name, value)
         return new
