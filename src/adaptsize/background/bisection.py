@@ -10,18 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels.bisection import add_edges, bisect_cells
+from adaptsize.background import tuning
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 #: Takes points, float64[n, dim], and returns sizes, float64[n]: positive, or inf.
 SizeAt: TypeAlias = Callable[[FloatArray], FloatArray]
-#: Longest edge of a resolved cell over the smallest size in it.
-EDGE_OVER_SIZE = 2.0
-#: Deviation of sizes from linear ones, over the size, up to which cells may be larger, if no size
-#: in them can be smaller than the other share of those at their corners.
-ACCURACY, _HIDDEN = 0.05, 0.5
-#: Rounds of division; each at least halves the longest edges every three rounds.
-_MOST_ROUNDS = 400
 #: Ratio where the lower bound of the sizes is not positive.
 _FARTHEST = 1e300
 
@@ -76,8 +70,8 @@ def resolved(
     g: float | None = None,
     is_proved: bool = True,
     samples: FloatArray | None = None,
-    factor: float = EDGE_OVER_SIZE,
-    accuracy: float | None = ACCURACY,
+    factor: float = tuning.EDGE_OVER_SIZE,
+    accuracy: float | None = tuning.ACCURACY,
     curves: IntArray | None = None,
     max_points: float = np.inf,
 ) -> Resolved:
@@ -185,7 +179,7 @@ class _Rule:
             least, off = np.minimum(least, found), np.maximum(off, most)
         is_known = np.isinf(least)
         if self._accuracy is not None:
-            is_known |= (off <= self._accuracy) & (least >= _HIDDEN * nodal.max(axis=1))
+            is_known |= (off <= self._accuracy) & (least >= tuning.HIDDEN * nodal.max(axis=1))
         return np.where(is_known, 0.0, _ratios(corners, self._factor * least))
 
     def _sampled(
@@ -301,7 +295,7 @@ class _Division:
     def all_within(self, rule: Callable[[IndexArray], FloatArray], max_points: float) -> bool:
         """Divide cells until the rule is at most 1 in all of them; whether that was possible."""
         ratio, new = np.empty(0), np.arange(self._counts[1])
-        for _ in range(_MOST_ROUNDS):
+        for _ in range(tuning.MOST_ROUNDS):
             ratio = np.append(ratio, np.zeros(self._counts[1] - len(ratio)))
             ratio[new] = rule(new)
             largest = ratio.max(initial=0.0)

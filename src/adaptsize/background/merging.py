@@ -6,16 +6,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize.background import tuning
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.background.topology import components_of, unique_rows
 from adaptsize.typing import FloatArray, IndexArray
 
-#: Corners are joined if they are closer than this times the shortest edge of their triangles.
-_SHARE_OF_EDGE = 0.1
-#: And, where most edges meet exactly, than this times the diagonal: a gap may be meant.
-_SEAM = 1e-6
-#: If most edges are open, this share of them must become joined, else the triangles are apart.
-_LEAST_JOINED = 0.25
 # Larger coordinates, in units of the distance, are clipped, as their squares would overflow.
 _FARTHEST = 1e150
 # Points along a line that may be as close to each other as near ones, before a tree is used.
@@ -83,10 +78,10 @@ def corner_distance(points: FloatArray, cells: npt.NDArray[Any]) -> float:
     rim = cells[is_open.reshape(3, -1).any(axis=0)]
     ends = points[_sides(rim)]
     lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
-    longest = _SHARE_OF_EDGE * float(lengths[lengths > 0.0].min(initial=np.inf))
+    longest = tuning.SHARE_OF_EDGE * float(lengths[lengths > 0.0].min(initial=np.inf))
     is_noisy = n_open > 0.5 * (n_open + 0.5 * (len(sides) - n_open))
     if not is_noisy:
-        longest = min(longest, _SEAM * float(np.linalg.norm(np.ptp(points, axis=0))))
+        longest = min(longest, tuning.SEAM * float(np.linalg.norm(np.ptp(points, axis=0))))
     nodes, on_rim = np.unique(sides[is_open], return_inverse=True)
     on_rim = on_rim.reshape(-1, 2)
 
@@ -97,7 +92,7 @@ def corner_distance(points: FloatArray, cells: npt.NDArray[Any]) -> float:
     if not np.isfinite(longest) or longest == 0.0:
         return 0.0
     most = joined(longest)
-    if most < (_LEAST_JOINED * n_open if is_noisy else 1):
+    if most < (tuning.LEAST_JOINED * n_open if is_noisy else 1):
         return 0.0
     while joined(0.5 * longest) == most:
         longest *= 0.5

@@ -21,6 +21,7 @@ from adaptsize.domain_size.bounds import Bounds
 from adaptsize.domain_size.reports import report_of
 from adaptsize.domain_size.request import PointBounds, Request, bound_at_nodes
 from adaptsize.errors import InputWarning, OpenSurfaceWarning
+from adaptsize.geometry import tuning
 from adaptsize.geometry.creases import folds_of, tips_of_cones
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.inside import Inside
@@ -358,8 +359,7 @@ class _Surface:
     def _starts(self, split: SplitMesh) -> tuple[IndexArray, FloatArray, IndexArray]:
         """Return new nodes, points in the frame where rays for them start, and their facets.
 
-        On the edge between two facets of the given surface, a ray starts beside it on each, at
-        1/24 of the height of the triangle.
+        On the edge between two facets of the given surface, a ray starts beside it on each.
         """
         mesh, n = self.mesh, self.mesh.n_points
         places = self.solid.faces.frame.of(split.mesh.points)
@@ -373,7 +373,7 @@ class _Surface:
         beside = np.flatnonzero(is_between[node])
         inside = np.unique(node[~is_between[node]])
         starts = places[node[beside]]
-        starts += (1.0 / 24.0) * (places[mesh.cells[cell[beside], v[beside]]] - starts)
+        starts += tuning.BESIDE_EDGE * (places[mesh.cells[cell[beside], v[beside]]] - starts)
         centres = np.arange(split.mesh.n_points - len(split.inside), split.mesh.n_points)
         return (
             np.concatenate([node[beside], inside, centres]),

@@ -6,32 +6,14 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from adaptsize._checks import as_float_array, refuse_where
+from adaptsize.geometry import tuning
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, ProgressCallback
 
 #: f(points[n, dim]) -> float64[n], checked.
 Implicit: TypeAlias = Callable[[FloatArray], FloatArray]
 
-# Steps are adapted until the normal turns by about this angle on each of them; ...
-_TURN = 0.1
-# ... by up to this factor at a time, ...
-_STEP_CHANGE = 1.0 / 8.0
-# ... at most so often.
-_MOST_CHANGES = 8
-# The curvature is evaluated again with these shares of the step.  At a kink it grows, by more than
-# this factor.  Beside a kink it falls.
-_SHORTER = (0.25, 0.0625)
-
 # Points per batch; the function is evaluated at several points around each.
 _POINTS_AT_ONCE = 100_000
-# Steps of differences, in spacings: first derivatives and curvatures.
-_STEP = 1e-3
-_STEP_OF_CURVATURE = 3e-2
-# Iterates farther from the zero level, in spacings and in steps along it, first return to it.
-_OFF_LEVEL = 0.05
-# Penalty on the distance of an iterate from the zero level, so that iterates on it are preferred.
-_PENALTY = 2.0
-# Sine of the smallest angle between such pieces.
-_LEAST_ANGLE = 0.05
 
 
 def checked(function: Callable[[FloatArray], object]) -> Implicit:
@@ -120,8 +102,7 @@ def frame_at(function: Implicit, points: FloatArray, step: float | FloatArray) -
     step : float or float64[n]
         Of second differences; those of first ones are shorter.
     """
-    # Steps of first differences, relative to the steps given for second ones.
-    f, gradient = gradient_of(function, points, (1.0 / 30.0) * np.asarray(step))[:2]
+    f, gradient = gradient_of(function, points, tuning.SHARE_OF_STEP * np.asarray(step))[:2]
     m, dim = points.shape
     steep = np.linalg.norm(gradient, axis=1)
     normal = gradient / np.maximum(steep, 1e-300)[:, None]
@@ -172,18 +153,20 @@ def largest_curvature(
     """
     steps = np.maximum(step, least_step)
     kappa = _modulus(frame_at(function, points, steps))
-    for _ in range(_MOST_CHANGES):
-        turns = np.flatnonzero((kappa * steps > 1.5 * _TURN) & (steps > least_step))
+    for _ in range(tuning.MOST_CHANGES):
+        turns = np.flatnonzero(
+            (kappa * steps > tuning.TOO_FAR * tuning.TURN) & (steps > least_step)
+        )
         if len(turns) == 0:
             break
-        shorter = np.maximum(_TURN / kappa[turns], _STEP_CHANGE * steps[turns])
+        shorter = np.maximum(tuning.TURN / kappa[turns], tuning.STEP_CHANGE * steps[turns])
         steps[turns] = np.maximum(shorter, least_step)
         kappa[turns] = _modulus(frame_at(function, points[turns], steps[turns]))
     least = kappa
-    for share in _SHORTER:
+    for share in tuning.SHORTER:
         fine = _modulus(frame_at(function, points, share * steps))
         least = np.minimum(least, fine)
-    return np.where(fine > 2.0 * kappa, 0.0, least)
+    return np.where(fine > tuning.GROWTH_AT_KINK * kappa, 0.0, least)
 
 
 def _modulus(frame: LevelFrame) -> FloatArray:
@@ -238,8 +221,7 @@ def _project_part(
     y = start.copy()
     best, closest = np.full(len(x), np.inf), start.copy()
     active, kinked = np.arange(len(x)), np.zeros(len(x), np.bool_)
-    # Smooth functions need 3 to 5 iterations; at kinks the iteration does not converge.
-    for _ in range(15):
+    for _ in range(tuning.MOST_ITERATIONS):
         at, spacing = y[active], spacings[active]
         found = _step_to(function, x[active], at, spacing)
         better = (found.merit < best[active]) & found.is_regular
@@ -253,8 +235,7 @@ def _project_part(
             break
     kinked[active] = True
     rest = np.flatnonzero(kinked)
-    # Distances, in spacings, at which smooth pieces on the sides of a kink are searched for.
-    for share in (0.1, 0.01, 1e-3, 1e-4) if len(rest) else ():
+    for share in tuning.BESIDE_KINK if len(rest) else ():
         closest[rest] = _at_kinks(function, x[rest], closest[rest], share * spacings[rest])
     return closest
 
@@ -277,28 +258,26 @@ def _step_to(function: Implicit, x: FloatArray, at: FloatArray, spacing: FloatAr
     They solve  f(y) = 0  and  x - y parallel to grad f(y)  by Newton's method in the direction of
     the normal and in the tangent plane, there with the curvature in the direction of x.
     """
-    f, gradient, jump = gradient_of(function, at, _STEP * spacing)
+    f, gradient, jump = gradient_of(function, at, tuning.STEP * spacing)
     steep = np.linalg.norm(gradient, axis=1)
     regular = steep > 0.0
     per_steep = np.where(regular, 1.0 / np.where(regular, steep, 1.0), 0.0)
     off = f * per_steep
-    merit = np.linalg.norm(x - at, axis=1) + _PENALTY * np.abs(off)
+    merit = np.linalg.norm(x - at, axis=1) + tuning.PENALTY * np.abs(off)
     normal = gradient * per_steep[:, None]
     height = ((x - at) * normal).sum(axis=1)
     sideways = x - at - height[:, None] * normal
-    bend = second_derivative(function, at, f, sideways, _STEP_OF_CURVATURE * spacing)
+    bend = second_derivative(function, at, f, sideways, tuning.STEP_OF_CURVATURE * spacing)
     bend *= per_steep
-    # Beyond the centre of curvature Newton's method would step in the wrong direction.  Steps along
-    # the zero level are enlarged at most by the reciprocal, next to centres of curvature.
-    step = sideways / np.maximum(1.0 + height * bend, 0.25)[:, None]
+    # Beyond the centre of curvature Newton's method would step in the wrong direction.
+    step = sideways / np.maximum(1.0 + height * bend, tuning.LEAST_CURVATURE_FACTOR)[:, None]
     length = np.linalg.norm(step, axis=1)
     step *= np.minimum(1.0, spacing / np.maximum(length, 1e-300))[:, None]
     # First back to the zero level: at a kink of f steps along it lead off it.
-    back = (np.abs(off) > _OFF_LEVEL * spacing) & (np.abs(off) > _OFF_LEVEL * length)
+    back = (np.abs(off) > tuning.OFF_LEVEL * spacing) & (np.abs(off) > tuning.OFF_LEVEL * length)
     step[back] = 0.0
     step -= np.clip(off, -spacing, spacing)[:, None] * normal
-    # A closest point is at a kink if derivatives jump by this share of the gradient.
-    return _Step(step, merit, regular, jump > 0.05 * steep)
+    return _Step(step, merit, regular, jump > tuning.JUMP_AT_KINK * steep)
 
 
 def _at_kinks(function: Implicit, x: FloatArray, y0: FloatArray, reach: FloatArray) -> FloatArray:
@@ -311,7 +290,9 @@ def _at_kinks(function: Implicit, x: FloatArray, y0: FloatArray, reach: FloatArr
     n, dim = x.shape
     around = np.concatenate([np.eye(dim), -np.eye(dim)])
     at = y0[:, None] + reach[:, None, None] * around
-    f, gradient = gradient_of(function, at.reshape(-1, dim), _STEP * np.repeat(reach, 2 * dim))[:2]
+    f, gradient = gradient_of(
+        function, at.reshape(-1, dim), tuning.STEP * np.repeat(reach, 2 * dim)
+    )[:2]
     steep = np.maximum(np.linalg.norm(gradient, axis=1), 1e-300)
     normals = (gradient / steep[:, None]).reshape(n, 2 * dim, dim)
     heights = (normals * at).sum(axis=2) - (f / steep).reshape(n, 2 * dim)
@@ -319,14 +300,14 @@ def _at_kinks(function: Implicit, x: FloatArray, y0: FloatArray, reach: FloatArr
 
     def merit_of(y: FloatArray) -> FloatArray:
         off = np.abs(function(y)) / slope
-        return np.asarray(np.linalg.norm(x - y, axis=1) + _PENALTY * off)
+        return np.asarray(np.linalg.norm(x - y, axis=1) + tuning.PENALTY * off)
 
     result, best = y0.copy(), merit_of(y0)
     for planes in _distinct(normals):
         rows = np.take_along_axis(normals, planes[:, :, None], axis=1)
         matrix = rows @ rows.transpose(0, 2, 1)
         gap = np.take_along_axis(heights, planes, axis=1) - np.einsum("nkd,nd->nk", rows, x)
-        meet = np.linalg.det(matrix) > _LEAST_ANGLE**2
+        meet = np.linalg.det(matrix) > tuning.LEAST_ANGLE**2
         matrix[~meet] = np.eye(planes.shape[1])
         offset = np.einsum("nkd,nk->nd", rows, np.linalg.solve(matrix, gap[:, :, None])[:, :, 0])
         merit = np.where(meet, merit_of(np.where(meet[:, None], x + offset, y0)), np.inf)

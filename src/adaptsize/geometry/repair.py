@@ -19,6 +19,7 @@ from adaptsize._checks import place_text
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import first_at_place
 from adaptsize.background.topology import components_of, have_different_nodes, unique_rows
+from adaptsize.background.tuning import SHARE_OF_EDGE
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 #: A triangle is flat if its height is at most this times the distance within which points are
@@ -27,8 +28,6 @@ _FLAT = 0.5
 #: A node lies on an open edge within this times the diagonal.  It is above the rounding of the
 #: single precision of STL files.
 _ON_EDGE = 1e-6
-#: Nodes of open edges that are joined are closer than this times the shortest one, too.
-_SHARE_OF_EDGE = 0.1
 #: Times that open edges are looked for, as long as there are copies of triangles.
 _ROUNDS = 3
 #: Triangles that may be divided per flat one.  Chains of flat triangles need one or two each.
@@ -143,7 +142,7 @@ def _join_twins(points: FloatArray, found: RepairedTriangles) -> float:
     shortest = float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).min())
     nodes = np.unique(edges)
     near = np.arange(len(points))
-    within = min(_ON_EDGE * mesh.diagonal, _SHARE_OF_EDGE * shortest)
+    within = min(_ON_EDGE * mesh.diagonal, SHARE_OF_EDGE * shortest)
     near[nodes] = nodes[first_at_place(points[nodes], within)]
     number = unique_rows(near[edges].astype(np.int32), len(points))[1]
     joined = near[edges[np.bincount(number)[number] > 1]]

@@ -19,13 +19,11 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.location import parts_of
 from adaptsize.background.simplex import as_mesh
 from adaptsize.background.topology import components_of, pairs_of_cells
+from adaptsize.geometry import tuning
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.faces import ANGLE_SLACK, Faces
 from adaptsize.geometry.walls import SLACK, Walls
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, ProgressCallback
-
-#: Walls do not count if they are steeper to the ray than this, radians.
-STEEPEST = math.radians(75.0)
 
 
 def boundary_width(
@@ -152,7 +150,7 @@ class Width:
         faces, mesh, piece, order = self.faces, self.faces.mesh, self._pieces, self.walls.order
         has_rim = np.zeros(mesh.n_cells, np.bool_)
         has_rim[piece[(mesh.facet_cell_counts[mesh.cell_facets] == 1).any(axis=1)]] = True
-        angles = [STEEPEST + ANGLE_SLACK, math.radians(self.corner_angle) - ANGLE_SLACK]
+        angles = [tuning.STEEPEST + ANGLE_SLACK, math.radians(self.corner_angle) - ANGLE_SLACK]
         limits = np.cos(np.maximum(angles, 0.0))
         meets = (faces.meets.first, faces.meets.items)
         return kernels.Rule(has_rim[piece][order], faces.face[order], meets, limits)
@@ -166,8 +164,9 @@ class Width:
         widths = self.shoot(middles, cells, report)
         sides = corners - np.roll(corners, 1, axis=1)
         longest = np.sqrt(np.einsum("ijk,ijk->ij", sides, sides).max(axis=1))
-        # Facets that are longer than this share of their width get rays near their corners, too.
-        long = np.flatnonzero(longest > 0.27 * np.where(np.isfinite(widths), widths, 0.0))
+        long = np.flatnonzero(
+            longest > tuning.LONG_FACET * np.where(np.isfinite(widths), widths, 0.0)
+        )
         near = _inside(np.eye(k))
         starts = np.einsum("vi,mij->mvj", near, corners[long]).reshape(-1, 3)
         more = self.shoot(starts, np.repeat(cells[long], k), report)
@@ -261,8 +260,7 @@ class Width:
             # Points this far beyond a wall, in the same unit, tell whether another body is there.
             beyond = places[near] + 1e-6 * directions[near]
             turns = np.abs(self._winding(beyond[:, : self.faces.mesh.dim]))
-            # Winding numbers are as exact as this at holes, and at most this for points outside.
-            inside[near] = turns > 0.5 + 0.05 + enters
+            inside[near] = turns > 0.5 + tuning.WINDING_ERROR + enters
         return inside
 
     def _beside_others(self, places: FloatArray, cells: npt.NDArray[np.integer]) -> BoolArray:
@@ -312,6 +310,5 @@ class Samples(NamedTuple):
 
 def _inside(weights: FloatArray) -> FloatArray:
     """Return weights of points that are not on the edges of their facets."""
-    # Rays start where each weight in the facet is at least this: near an edge, but beside it.
-    inside = np.maximum(weights, (1.0 / 24.0))
+    inside = np.maximum(weights, tuning.BESIDE_EDGE)
     return np.asarray(inside / inside.sum(axis=1)[:, None])

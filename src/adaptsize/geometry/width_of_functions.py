@@ -5,9 +5,9 @@ import math
 import numpy as np
 
 from adaptsize._defaults import CORNER_ANGLE
+from adaptsize.geometry import tuning
 from adaptsize.geometry.distance.closest_points import Boundary, Depths
 from adaptsize.geometry.medial.fronts import Fronts, meet_at_corner
-from adaptsize.geometry.width import STEEPEST
 from adaptsize.typing import FloatArray, ProgressCallback
 
 
@@ -53,7 +53,7 @@ def width_within(
     radii = reach * facing / (1.0 + facing)
     middles, both = starts + radii[:, None] * directions, np.stack([-directions, normals], axis=1)
     fronts = Fronts(middles, radii, both, np.empty((len(at), 2), np.int64))
-    counts = facing >= math.cos(STEEPEST)
+    counts = facing >= math.cos(tuning.STEEPEST)
     fronts, at, reach = fronts.taken(counts), at[counts], reach[counts]
     # Closest points are known to this distance, also at corners.
     corner = meet_at_corner(boundary.distance, 1e-5 * extent, fronts, CORNER_ANGLE)[0]

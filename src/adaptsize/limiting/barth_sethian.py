@@ -9,11 +9,10 @@ from adaptsize._kernels.fast_marching import sweep_cells
 from adaptsize._messages import Message
 from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
 from adaptsize.background.interpolation import hat_gradients
+from adaptsize.limiting import tuning
 from adaptsize.limiting.fast_marching import cells_in, march_mesh
 from adaptsize.limiting.problem import Problem, Scheme, Solution, checked_start
 from adaptsize.options import Option
-
-_MOST_STEPS = 20_000
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ class PositiveCoefficient(Scheme):
         altitude = 1.0 / steepest
         dt = 0.5 * altitude
         if max_iter is None:
-            max_iter = int(min(20.0 * mesh.diagonal / altitude, _MOST_STEPS)) + 1
+            max_iter = int(min(tuning.PASSES * mesh.diagonal / altitude, tuning.MOST_STEPS)) + 1
         fastest = dt * float(slope.values.max())
 
         residual, weight, upstream = np.empty(u.shape), np.empty(u.shape), np.empty(u.shape)

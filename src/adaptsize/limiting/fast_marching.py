@@ -21,26 +21,15 @@ from adaptsize.background.marching import (
     unpad,
 )
 from adaptsize.background.partitioned import local_mesh
+from adaptsize.limiting import tuning
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.problem import NeedsWholeMesh, Problem, Scheme, Solution
 from adaptsize.options import Option
 from adaptsize.ranks import SharedNodes
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback
 
-# Before policy iteration, marching continues until no size decreases by more than this share.
-# Policy iteration then needs half as many steps.
-_KEEP_ROUGHLY = 1.0 - 1e-3
-
 # Nodes accepted between two progress reports, at which Ctrl-C takes effect: about 0.1 s.
 CHUNK = 50_000
-
-# Acceptances per node after which dependencies between nodes count as cyclic.  Meshes of mesh
-# generators need 1.0 to 1.2; obtuse slivers cause cycles.
-_PATIENCE = 8
-
-# Width of a window in edges: nodes accepted too early are accepted again, and narrow windows mean
-# many rounds.  Measured on 40 000 nodes and 4 to 16 parts: 3 to 37 per cent more work.
-_WIDTH = 8.0
 
 # Nodes of the second-order pass between two progress reports.
 _REFINED_AT_ONCE = 1_000_000
@@ -138,7 +127,7 @@ def march_mesh(problem: Problem, *, along_edges: bool = False) -> Solution:
     # Along edges every node is accepted once, in order, and sizes are minima of finitely many sums.
     keep: float
     most: float
-    keep, most, window = KEEP, _PATIENCE * n + CHUNK, np.inf
+    keep, most, window = KEEP, tuning.PATIENCE * n + CHUNK, np.inf
     if along_edges:
         keep, most = 1.0, np.inf
     else:
@@ -172,8 +161,8 @@ def march_mesh(problem: Problem, *, along_edges: bool = False) -> Solution:
             raise NeedsWholeMesh
         # Only small changes are missing now.  First give every node a finite size.
         kernels.march(stars, h, limit, None, heap, (KEEP, np.inf, 1 << 62))
-        _sweep_into_heap(mesh, sides, h, limit, heap, _KEEP_ROUGHLY)
-        accept(np.inf, _KEEP_ROUGHLY, np.inf)
+        _sweep_into_heap(mesh, sides, h, limit, heap, tuning.KEEP_ROUGHLY)
+        accept(np.inf, tuning.KEEP_ROUGHLY, np.inf)
         h, unfinished = iterate_policies(mesh, slope, h, report)
         break
 
@@ -221,7 +210,7 @@ def _window(domain: AnyMesh, slope: Slope) -> float:
         lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean(axis=1)
         grown = float((lengths * slope.values[near * slope.step]).sum())
     total, number = shared.ranks.allreduce(np.array([grown, len(near)]), "sum").tolist()
-    return float(_WIDTH * total / number) if total > 0.0 else np.inf
+    return float(tuning.WINDOW * total / number) if total > 0.0 else np.inf
 
 
 def cells_in(mesh: SimplexMesh) -> tuple[Any, ...]:
@@ -304,7 +293,6 @@ def _refine(problem: Problem, u1: FloatArray, u0: FloatArray, geometry: PaddedGr
     return u
 
 
-_MOST_STEPS = 200
 _ROUNDING = 1e-13
 
 
@@ -354,7 +342,7 @@ def iterate_policies(
     policy = _Policy(np.zeros((n, 3), np.int32), np.zeros((n, 3)), h.copy())
     value = np.empty(n)
     offer = _Policy(np.empty((n, 3), np.int32), np.empty((n, 3)), np.empty(n))
-    for _ in range(_MOST_STEPS):
+    for _ in range(tuning.POLICY_STEPS):
         limit = (slope.values, slope.step)
         fill_policy(cells_in(mesh), (h, h), limit, value, offer)
         # A policy is changed only if the size decreases.  Otherwise coincident nodes, or nodes
@@ -373,8 +361,8 @@ def iterate_policies(
         if change <= _ROUNDING:
             return h, ""
     return h, (
-        f"policy iteration stopped after {_MOST_STEPS} steps with sizes still decreasing by "
-        f"{change:.1g} relative"
+        f"policy iteration stopped after {tuning.POLICY_STEPS} steps with sizes still decreasing "
+        f"by {change:.1g} relative"
     )
 
 

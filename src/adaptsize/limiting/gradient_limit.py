@@ -10,6 +10,7 @@ from adaptsize._checks import FARTHEST, NEAREST, as_float_array, as_slopes
 from adaptsize._messages import Message
 from adaptsize.background import AnyMesh, CartesianGrid
 from adaptsize.errors import OptionError
+from adaptsize.limiting import tuning
 from adaptsize.typing import FloatArray, GradientLimit, GradientOfSize
 
 # Larger sizes mean that g(h) is unbounded and the solution overflows.
@@ -97,9 +98,7 @@ class SizeTransform:
                 f"got {float(self._h[0]):g} to {largest:g}"
             )
         start = float(self._h[-1])
-        # Intervals of the table per factor e of h: linear interpolation then errs by
-        # 1/(8 * 8192^2) = 2e-9 relative where g(h) changes by a factor e as fast as h does.
-        count = max(2, math.ceil(8192 * math.log(largest / start)))
+        count = max(2, math.ceil(tuning.INTERVALS * math.log(largest / start)))
         h = np.geomspace(start, largest, count + 1)
         step = np.diff(h)
         middle = 0.5 * (h[1:] + h[:-1])

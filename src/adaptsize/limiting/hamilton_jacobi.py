@@ -9,6 +9,7 @@ import numpy as np
 from adaptsize._messages import Message
 from adaptsize.background import AnyMesh, CartesianGrid
 from adaptsize.background.marching import pad, strides_of_padded, unpad
+from adaptsize.limiting import tuning
 from adaptsize.limiting.fast_marching import march_grid
 from adaptsize.limiting.problem import Problem, Scheme, Solution, checked_start
 from adaptsize.options import Option
@@ -130,7 +131,7 @@ class HamiltonJacobi(Scheme):
         dt = self.cfl / math.sqrt(float(weights.sum()))
         if max_iter is None:
             diagonal = float(np.linalg.norm((np.array(grid.shape) - 1) * grid.spacing))
-            max_iter = 10 * math.ceil(diagonal / dt) + 200
+            max_iter = tuning.CROSSINGS * math.ceil(diagonal / dt) + tuning.MORE_STEPS
 
         strides = np.array(strides_of_padded(grid, order))
         bound = pad(grid, h0, order, takes_part)

@@ -18,17 +18,13 @@ from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.inside import NUDGE, ON, Inside, blended
+from adaptsize.limiting import tuning
 from adaptsize.limiting.exact import limit_points
 from adaptsize.limiting.exact.field import Entries, ExactField, Points, field_of_cells
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 #: Sizes are lowered by more than this share only.
 _LESS = 1.0 - 1e-9
-#: A source between the nodes acts on so many of the nearest nodes that do not see what they should.
-_NEAREST = 3
-#: So many hidden sources are passed over in the search for the best one seen from a point: the
-#: least and the largest number, and that for all points together, a few seconds.
-_MOST_HIDDEN = (200, 5000, 4_000_000)
 
 
 class InnerSource(Protocol):
@@ -176,7 +172,7 @@ def _lower_by_seen(
 ) -> IntArray:
     """Lower sizes (In/Out) by the entries seen from points; return these, -1 if none."""
     (tree, two_sided), frame = inside.walls, inside.faces.frame
-    least, largest, together = _MOST_HIDDEN
+    least, largest, together = tuning.MOST_HIDDEN
     most = min(max(least, together // max(len(points), 1)), largest)
     source = np.full(len(points), -1, np.int32)
     lower_by_seen(
@@ -206,7 +202,7 @@ def _try_near(
     if len(places) == n:
         return
     nodes, k = np.flatnonzero(is_hidden), np.arange(n, len(places))
-    count = min(_NEAREST, len(nodes))
+    count = min(tuning.NEAREST_NODES, len(nodes))
     away, near = cKDTree(places[nodes]).query(places[n:], k=count)
     away, near = away.reshape(-1, count), nodes[near.reshape(-1, count)]
     straight = sizes[n:, None] + g * away

@@ -18,8 +18,9 @@ import numpy.typing as npt
 from adaptsize._checks import as_sizes_at, place_text
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, SimplexMesh
-from adaptsize.background.bisection import EDGE_OVER_SIZE, resolved
+from adaptsize.background.bisection import resolved
 from adaptsize.background.interpolation import places_of
+from adaptsize.background.tuning import EDGE_OVER_SIZE
 from adaptsize.metrics import Metric
 from adaptsize.ranks import Communicator, SingleRank
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE

@@ -11,8 +11,7 @@ from shapes import joined, moved
 from surface_oracle import distances, limited
 
 from adaptsize import CartesianGrid, SimplexMesh, SizeFunction, limit_gradient
-from adaptsize.limiting import Exact
-from adaptsize.limiting.exact import on_surface
+from adaptsize.limiting import Exact, tuning
 
 G = 0.3
 NODES = Exact(face_sources=False)
@@ -345,7 +344,7 @@ def split(mesh, h0, seed):
 @pytest.mark.parametrize("share", [0.01, 0.3, 1.0])
 @pytest.mark.parametrize("name", LAWS)
 def test_splitting_triangles_changes_nothing(name, share, monkeypatch):
-    monkeypatch.setattr(on_surface, "_MOST_PER_NODE", 10_000)
+    monkeypatch.setattr(tuning, "WINDOWS_PER_NODE", 10_000)
     mesh = LAWS[name]()
     n, h0 = mesh.n_points, some_bounds(mesh, 2631, share)
     h = limit_gradient(mesh, h0, G, method=NODES)
@@ -550,10 +549,10 @@ def test_beyond_a_number_of_windows_sizes_are_of_paths_and_the_certificate_holds
     exact, info = limit_gradient.with_info(mesh, h0, G, method=NODES)
     assert info.n_proved == mesh.n_points
     assert info.largest_gap == 0.0
-    monkeypatch.setattr(on_surface, "_MOST_AT_LEAST", 0)
+    monkeypatch.setattr(tuning, "LEAST_WINDOWS", 0)
     rise = exact.max() - exact.min()
     for most in (0, 4, 10):
-        monkeypatch.setattr(on_surface, "_MOST_PER_NODE", most)
+        monkeypatch.setattr(tuning, "WINDOWS_PER_NODE", most)
         h, info = limit_gradient.with_info(mesh, h0, G, method=NODES)
         assert (h >= exact * (1.0 - 1e-13)).all()
         error = (h - exact).max()
@@ -612,8 +611,8 @@ def test_limited():
 @pytest.mark.parametrize("make", [lambda: prism(40, 40, 2672)[0], lambda: in_space(FLAT["slit"]())])
 def test_windows_stay_few_where_a_surface_unfolds(make, monkeypatch):
     # Windows become one behind a node that divided them; without that there are 20 per node.
-    monkeypatch.setattr(on_surface, "_MOST_AT_LEAST", 0)
-    monkeypatch.setattr(on_surface, "_MOST_PER_NODE", 8)
+    monkeypatch.setattr(tuning, "LEAST_WINDOWS", 0)
+    monkeypatch.setattr(tuning, "WINDOWS_PER_NODE", 8)
     mesh = make()
     _, info = limit_gradient.with_info(mesh, only_at(mesh, 7, 0.01 * mesh.diagonal), G)
     assert info.n_proved == mesh.n_points

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from adaptsize._progress import silent
 from adaptsize.background import Octree
+from adaptsize.geometry import tuning
 from adaptsize.geometry.distance.implicit import crossings_of
 from adaptsize.geometry.implicit_surface import Implicit, gradient_of, project
 from adaptsize.typing import FloatArray, ProgressCallback
@@ -17,8 +18,6 @@ DistanceFunction: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 
 # The gradient is then evaluated at this offset, in steps; few kinks have this direction.
 _BESIDE = np.array([2.6, 3.7, 5.1])
-#: Gradients whose length differs from 1 by more are not those of a distance to one place.
-_NOT_UNIT = 1e-3
 
 
 class Depths(NamedTuple):
@@ -71,7 +70,7 @@ class FunctionBoundary:
         # are equally near, mix the directions to both and are shorter.  They are taken again beside
         # the kink, on one side or the other, and farther off if another kink is there.
         for offset in (1.0, -1.0, 2.5, -2.5):
-            mixed = np.flatnonzero(np.abs(np.linalg.norm(gradient, axis=1) - 1.0) > _NOT_UNIT)
+            mixed = np.flatnonzero(np.abs(np.linalg.norm(gradient, axis=1) - 1.0) > tuning.NOT_UNIT)
             if len(mixed) == 0:
                 break
             beside = offset * self._step * _BESIDE[: points.shape[1]]
@@ -134,14 +133,13 @@ def is_distance(function: Implicit, points: FloatArray, extent: float) -> bool:
     step = 1e-6 * extent
     values, gradient = gradient_of(function, points, step)[:2]
     # A distance has a gradient of length 1 at almost all points: not at the medial axis.
-    smooth = np.abs(np.linalg.norm(gradient, axis=1) - 1.0) < _NOT_UNIT
-    if smooth.mean() < 0.9:
+    smooth = np.abs(np.linalg.norm(gradient, axis=1) - 1.0) < tuning.NOT_UNIT
+    if smooth.mean() < tuning.SMOOTH:
         return False
     values, gradient = values[smooth], gradient[smooth]
     left = np.abs(function(points[smooth] - values[:, None] * gradient))
-    # A step along the gradient ends at the zero level, up to a share of the step.
-    good = left <= 1e-3 * np.abs(values) + step
-    return bool(good.mean() >= 0.998)
+    good = left <= tuning.MISS * np.abs(values) + step
+    return bool(good.mean() >= tuning.ARRIVING)
 
 
 #: A boundary that provides the closest point for every point.

@@ -9,6 +9,7 @@ from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
 from adaptsize.background.grid import whole_boxes
 from adaptsize.background.interpolation import places_of
 from adaptsize.background.location import in_space
+from adaptsize.geometry import tuning
 from adaptsize.geometry.distance.surface import propagate
 from adaptsize.geometry.implicit_surface import (
     Implicit,
@@ -63,8 +64,7 @@ def implicit_distance(
     projected = project(function, place(near), closest[nearest[near]], spacing, report)
     distance[near] = np.linalg.norm(place(near) - projected, axis=1)
     far = np.flatnonzero(~known)
-    # Step of differences for curvatures, in spacings.
-    surface = frame_at(function, closest, 3e-2 * spacing)
+    surface = frame_at(function, closest, tuning.STEP_OF_CURVATURE * spacing)
     for first in range(0, len(far), _NODES_AT_ONCE):
         part = far[first : first + _NODES_AT_ONCE]
         closer = _distance_to_parabola(place(part), closest, surface, nearest[part], spacing)
@@ -186,8 +186,8 @@ def _distance_to_parabola(
     reliable = eigenvalues_of(matrix)[0] > 0.25
     matrix[~reliable] = np.eye(bend.shape[1])
     to = np.linalg.solve(matrix, sideways[:, :, None])[:, :, 0]
-    # ... and only up to this distance from the point where it touches, in spacings.
-    reliable &= np.linalg.norm(to, axis=1) <= 1.5 * spacing
+    # ... and not far from where it touches.
+    reliable &= np.linalg.norm(to, axis=1) <= tuning.REACH_OF_PARABOLA * spacing
     drop = 0.5 * np.einsum("mk,mkl,ml->m", to, bend, to)
     along = np.linalg.norm(sideways - to, axis=1)
     return np.where(reliable, np.hypot(along, height + drop), np.inf)

@@ -5,6 +5,7 @@ import numpy as np
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import first_at_place, place_numbers
 from adaptsize.background.topology import components_of, have_different_nodes, pairs_of_cells
+from adaptsize.geometry import tuning
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.enclosed import cone_measures
@@ -152,9 +153,7 @@ def _are_sheets(mesh: SimplexMesh, sign: FloatArray, piece: IndexArray) -> BoolA
     normals = facet_normals(mesh.points[mesh.cells]) / mesh.cell_dim
     total = np.stack([np.bincount(piece, sign * x) for x in normals.T], axis=1)
     area = np.bincount(piece, np.abs(sign) * mesh.measures)
-    # A piece is a sheet, not a closed surface with holes, if the norm of the sum of its normals
-    # times areas is above this share of its area.
-    return np.asarray(np.linalg.norm(total, axis=1) > 0.1 * area)
+    return np.asarray(np.linalg.norm(total, axis=1) > tuning.SHEET * area)
 
 
 def winding_of(surface: SimplexMesh) -> tuple[WindingNumber, bool]:

@@ -19,6 +19,7 @@ from adaptsize._checks import (
 from adaptsize._progress import reporting
 from adaptsize.background import AnyBackground, CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.simplex import as_own
+from adaptsize.geometry import tuning
 from adaptsize.geometry.distance.implicit import implicit_distance
 from adaptsize.geometry.distance.surface import inside_surface, surface_distance
 from adaptsize.geometry.implicit_surface import Implicit, checked
@@ -209,8 +210,9 @@ def _as_implicit(
             f"shape of the grid, got {describe(boundary)} for {background!r}"
         )
     if boundary.dtype == np.bool_:
-        # Standard deviation of the low-pass filter for boolean images, in pixels.
-        deviation = 1.5 if smoothing is None else as_number("smoothing", smoothing, lower=0.0)
+        deviation = (
+            tuning.LOW_PASS if smoothing is None else as_number("smoothing", smoothing, lower=0.0)
+        )
         values = _smooth_mask(boundary, deviation)
     else:
         values = as_float_array("boundary", boundary)

@@ -7,6 +7,7 @@ from adaptsize._kernels.winding import N_MOMENTS, fill_moments, wind
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import tree_over
 from adaptsize.background.location import in_space
+from adaptsize.geometry import tuning
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 # Points between two progress reports: about 0.2 s.
@@ -49,14 +50,14 @@ class WindingNumber:
         stack = new_stack().box
         for first in range(0, n, _CHUNK):
             last = min(first + _CHUNK, n)
-            # Parts of the surface are expanded as a whole beyond this number of their radii.
-            wind(self._tree, self._moments, 1.5, queries[first:last], stack, numbers[first:last])
+            wind(
+                self._tree, self._moments, tuning.FAR, queries[first:last], stack,
+                numbers[first:last],
+            )  # fmt: skip
             if report is not None:
                 report("sign", last / n)
         return numbers
 
     def contains(self, points: FloatArray, report: ProgressCallback | None = None) -> BoolArray:
         """Return whether the absolute winding number of each point exceeds one half."""
-        # Tolerance for the error of the expansion: next to an open sheet the number is close to
-        # 1/2.
-        return np.asarray(np.abs(self(points, report)) > 0.5 + 0.05)
+        return np.asarray(np.abs(self(points, report)) > 0.5 + tuning.WINDING_ERROR)

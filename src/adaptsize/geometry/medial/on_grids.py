@@ -9,16 +9,10 @@ from adaptsize.background import CartesianGrid
 from adaptsize.background.grid import span_of
 from adaptsize.background.marching import march_distance
 from adaptsize.background.merging import place_numbers
+from adaptsize.geometry import tuning
 from adaptsize.geometry.medial.crossings import GAMMA, fronts_on_edges, is_inside
 from adaptsize.geometry.medial.fronts import RESOLVED, Fronts, MedialAxis, meet_at_corner
 from adaptsize.typing import BoolArray, FloatArray, LongArray, ProgressCallback
-
-# Shortest gradient half way to the boundary, if there is no kink.
-_SMOOTH = 0.9
-# How far the point where a front comes from may be from the boundary, in spacings and as a share
-# of the path: farther if the gradient mixes several fronts.
-_FOOT_SPACINGS = 0.5
-_FOOT_SHARE = 0.05
 
 
 def medial_axis_on_grid(
@@ -38,11 +32,8 @@ def medial_axis_on_grid(
     at_corner, apex = meet_at_corner(
         lambda points: _interpolated(grid, phi, points), step, fronts, corner_angle
     )
-    # At larger distances or smaller turns, a smooth boundary looks like a corner.
-    # Smallest turn of the boundary, in degrees, at a corner that is reported.
-    sharp = at_corner & (fronts.cosine < np.cos(np.radians(20.0)))
-    # Crossings up to this distance from the boundary, in spacings, are used to locate corners.
-    sharp &= (fronts.radii / step >= RESOLVED) & (fronts.radii / step <= 12.0)
+    sharp = at_corner & (fronts.cosine < np.cos(np.radians(tuning.LEAST_TURN)))
+    sharp &= (fronts.radii / step >= RESOLVED) & (fronts.radii / step <= tuning.NEAR_CORNER)
     found, fronts = found.taken(~at_corner), fronts.taken(~at_corner)
     across = np.abs(fronts.normals[np.arange(len(found.axis)), found.axis])
     away = (across * grid.spacing[found.axis])[:, None]
@@ -88,7 +79,7 @@ def _look_half_way(grid: CartesianGrid, phi: FloatArray, fronts: Fronts) -> Fron
         found = _gradients(grid, phi, fronts.closest_points(0.5))
         length = np.linalg.norm(found, axis=2)
         # If the segment is short, or there is another kink at its midpoint, keep the direction.
-        clear = (length > _SMOOTH) & resolved[:, None]
+        clear = (length > tuning.UNMIXED) & resolved[:, None]
         found /= np.where(clear, length, 1.0)[:, :, None]
         found = np.where(clear[:, :, None], found, fronts.directions)
         fronts = Fronts(fronts.points, fronts.radii, found, fronts.ends)
@@ -100,7 +91,7 @@ def _come_from_boundary(grid: CartesianGrid, phi: FloatArray, fronts: Fronts) ->
 
     Directions that lead out of the grid are accepted.
     """
-    allowed = _FOOT_SPACINGS * float(grid.spacing.max()) + _FOOT_SHARE * fronts.radii
+    allowed = tuning.FOOT_SPACINGS * float(grid.spacing.max()) + tuning.FOOT_SHARE * fronts.radii
     off = np.abs(_interpolated(grid, phi, fronts.closest_points()))
     return np.asarray(((off <= allowed[:, None]) | np.isinf(off)).all(axis=1))
 
@@ -237,8 +228,7 @@ def _edge_lengths(grid: CartesianGrid, phi: FloatArray, corners: FloatArray) -> 
             continue
         done.add(owners)
         straight = float(np.linalg.norm(np.subtract(*(corner_of[o] for o in owners))))
-        # A path along nodes is longer than a straight edge by up to 8 per cent, plus its ends.
-        is_straight = along[link] <= 1.15 * straight + 2.0 * step
+        is_straight = along[link] <= tuning.DETOUR * straight + 2.0 * step
         length = straight if is_straight else along[link]
         for end in (a[link], b[link]):
             node = int(end)

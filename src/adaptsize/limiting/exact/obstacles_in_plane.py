@@ -13,6 +13,7 @@ from adaptsize._workers import Workers
 from adaptsize.background._curve import along_curve, boxes_over
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.geometry.plane_boundary import PlaneBoundary
+from adaptsize.limiting import tuning
 from adaptsize.limiting.exact.field import (
     Entries,
     ExactField,
@@ -24,17 +25,14 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 
 def favours_expansion(n_corners: int, n_nodes: int) -> bool:
-    """Return whether lines of sight take longer than triangular expansion.
-
-    Corners take up to 70 ns times the square of their number, and expansion 450 to 1400 ns per
-    node.
-    """
-    return n_corners > 64 and n_corners * n_corners > n_nodes
+    """Return whether lines of sight take longer than triangular expansion."""
+    return n_corners > tuning.FEW_CORNERS and n_corners * n_corners > n_nodes
 
 
 def has_many_corners(n_corners: int, n_nodes: int) -> bool:
     """Return whether lines of sight take many times as long as fast marching."""
-    return favours_expansion(n_corners, n_nodes) and n_corners * n_corners > 40 * n_nodes
+    is_slow = n_corners * n_corners > tuning.MANY_CORNERS * n_nodes
+    return is_slow and favours_expansion(n_corners, n_nodes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,14 +15,9 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import rings, unique_rows
+from adaptsize.limiting import tuning
 from adaptsize.limiting.problem import PointBounds
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
-
-# Windows per node after which narrow ones are dropped, and at least so many windows in all.
-_MOST_PER_NODE, _MOST_AT_LEAST = 28, 60_000
-
-# Windows that are narrower than this share of their edge are narrow.
-_NARROW = 0.4
 
 # Windows between two calls of Python, some tenths of a second.
 _AT_ONCE = 500_000
@@ -115,7 +110,7 @@ def limit_on_surface(
     _start(surface, front, mode, bound, waves)
     if at is not None:
         kernels.start_at_points(surface, front, mode, *at)
-    most = max(_MOST_PER_NODE * n, _MOST_AT_LEAST)
+    most = max(tuning.WINDOWS_PER_NODE * n, tuning.LEAST_WINDOWS)
     front, spent = _propagate(surface, front, mode, room, most, report)
     gap, exact_to = 0.0, np.inf
     if spent:
@@ -436,7 +431,7 @@ def _finish_roughly(
             if share == 1.0
             else front._replace(**{name: array.copy() for name, array in front._asdict().items()})
         )
-        rough = mode._replace(narrow=share * _NARROW)
+        rough = mode._replace(narrow=share * tuning.NARROW)
         _restart(surface, last)
         last, _ = _propagate(surface, last, rough, room, np.inf, report)
         sizes.append(last.h)
