@@ -3,9 +3,9 @@
 ``benchmarks/tuning.py`` measures the effect of half and double a value.  Errors are those of the
 signed distance of an ellipse and an ellipsoid with axes of 2 and 1 on grids of 60 and 16 nodes per
 axis, 8e-5 and 1e-3 spacings, and of the curvature of their zero levels, shares of 7e-5 and 2e-5.
-"None" means that they are the same to two digits: these shapes have no kinks.  Elements are those of the domains in
-``adaptsize/domain_size/tuning.py``.  Tolerances for rounding and numbers of items between two
-progress reports are not tuned; they are at the head of their files.
+"None" means that they are the same to two digits: these shapes have no kinks.  For rays, it means
+that the numbers of elements in ``adaptsize/domain_size/tuning.py`` are.  Tolerances for rounding and
+numbers of items between two progress reports are not tuned; they are at the head of their files.
 """
 
 import math
@@ -13,9 +13,10 @@ import math
 # Rays for the width.
 
 #: Rays start on the edge between two facets beside it, in each of them, at this share of the height
-#: of the triangle.
+#: of the triangle.  Half and double: none.
 BESIDE_EDGE = 1.0 / 24.0
 #: Facets that are longer than this share of their width have rays near their corners, too.
+#: Half and double: none.
 LONG_FACET = 0.27
 #: Walls do not count if they are steeper to the ray than this, radians.  Not measured.
 STEEPEST = math.radians(75.0)
