@@ -11,7 +11,8 @@ import time
 
 import numpy as np
 
-from adaptsize.limiting.exact.field import entries_in_reach, node_entries
+from adaptsize.limiting.exact.exchange import entries_in_reach
+from adaptsize.limiting.exact.field import node_entries
 
 G, LARGEST = 0.3, 1.0
 PIECES = {2: (4, 4), 3: (4, 2, 2)}

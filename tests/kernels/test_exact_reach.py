@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from adaptsize.background._curve import along_curve
-from adaptsize.limiting.exact.field import entries_at, entries_in_reach, reach_of
+from adaptsize.limiting.exact.exchange import entries_in_reach, reach_of
+from adaptsize.limiting.exact.field import entries_at
 
 
 def _slow(entries, boxes, g):

@@ -4,8 +4,9 @@
 signed distance of an ellipse and an ellipsoid with axes of 2 and 1 on grids of 60 and 16 nodes per
 axis, 8e-5 and 1e-3 spacings, and of the curvature of their zero levels, shares of 7e-5 and 2e-5.
 "None" means that they are the same to two digits: these shapes have no kinks.  For rays, it means
-that the numbers of elements in ``adaptsize/domain_size/tuning.py`` are.  Tolerances for rounding and
-numbers of items between two progress reports are not tuned; they are at the head of their files.
+that the numbers of elements in ``adaptsize/domain_size/tuning.py`` are.  Tolerances for rounding
+and numbers of items between two progress reports are not tuned; they are at the head of their
+files.
 """
 
 import math

@@ -24,15 +24,8 @@ from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.boundary_of_parts import Skeleton, find_skeleton
 from adaptsize.limiting.exact.candidates import Component, margin_for
 from adaptsize.limiting.exact.components import Piece, piece_of
-from adaptsize.limiting.exact.field import (
-    ComponentSolution,
-    Entries,
-    Points,
-    exchange_rows,
-    of_this_rank,
-    reach_of,
-    sorted_entries,
-)
+from adaptsize.limiting.exact.exchange import exchange_rows, of_this_rank, reach_of
+from adaptsize.limiting.exact.field import ComponentSolution, Entries, Points, sorted_entries
 from adaptsize.limiting.exact.obstacles_in_plane import Plane, has_many_corners, plane_of
 from adaptsize.limiting.exact.paths_in_space import Solid, WholeSolid, solid_of, solve_in_solid
 from adaptsize.limiting.exact.solve import rises_too_fast, solve_by_sight
