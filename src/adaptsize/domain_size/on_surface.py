@@ -15,23 +15,18 @@ from adaptsize._progress import silent
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import ordered_by_place, reordered
-from adaptsize.background.splitting import SplitMesh, halved_edges, split_edges
-from adaptsize.background.topology import marked, rows_among
-from adaptsize.domain_size.bounds import Bounds
+from adaptsize.domain_size.refined_surface import RefinedSurface
 from adaptsize.domain_size.reports import report_of
-from adaptsize.domain_size.request import PointBounds, Request, bound_at_nodes
+from adaptsize.domain_size.request import Request, bound_at_nodes
 from adaptsize.errors import InputWarning, OpenSurfaceWarning
-from adaptsize.geometry import tuning
 from adaptsize.geometry.creases import folds_of, tips_of_cones
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.inside import Inside
 from adaptsize.geometry.separation import FeaturePoints, Separation
 from adaptsize.geometry.width import Width
-from adaptsize.limiting.inside import InnerSizes, InnerSource
 from adaptsize.remeshing.surface_checks import overlapping_bodies
 from adaptsize.sizes import Enclosed
 from adaptsize.sizes.curvature import radius_at_curves
-from adaptsize.sizes.inside import at_nodes_only, inner_sources
 from adaptsize.sizes.sources import BallSource, BoxSource, CurveSource, PointSource
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, ProgressCallback
 
@@ -86,7 +81,7 @@ class SurfaceDomain:
         """
         if request.h0 is not None and not callable(request.h0):
             request = replace(request, h0=bound_at_nodes(request.h0, self.mesh)[self.nodes])
-        surface = _Surface.of(self, request)
+        surface = RefinedSurface.of(self, request)
         max_nodes = 4e5 if request.is_fixed else min(4e5, 0.1 * request.max_elements)
         while True:
             size, mesh = surface.limited(request), surface.mesh
@@ -195,204 +190,6 @@ class SurfaceDomain:
         nodal = np.full(n, np.inf)
         nodal[at] = self.separation.at(which, report) / self.faces.frame.scale
         return nodal
-
-
-@dataclass(frozen=True, eq=False)
-class _Marked:
-    """Edges of the refined surface that lie on certain edges of the given one."""
-
-    edges: IntArray
-    """int32[k, 2], rows sorted."""
-    row: IndexArray
-    """int[k]: what each lies on."""
-
-    def find(self, edges: IntArray) -> IndexArray:
-        """Return for each edge, int32[n, 2], what it lies on, else -1."""
-        place = rows_among(edges, self.edges)
-        return np.append(self.row, -1)[place]
-
-    def split(self, parents: IntArray, n_points: int) -> _Marked:
-        """Return the edges after those in ``parents`` were halved; row k has node n_points + k."""
-        edges, origin = halved_edges(self.edges, parents, n_points)
-        return _Marked(edges, self.row[origin])
-
-
-@dataclass(frozen=True, eq=False)
-class _Surface:
-    """A refined copy of a surface, and the bounds at points of it."""
-
-    solid: SurfaceDomain
-    mesh: SimplexMesh
-    owner: IndexArray
-    """The facet of the given surface of which each triangle is a part."""
-    nodal: dict[str, FloatArray]
-    """By cause: radii of curvature, separations, widths, and the sizes h0 at the nodes."""
-    in_facets: PointBounds
-    """Widths at points in the facets of the given surface."""
-    features: _Marked
-    bent: _Marked
-    sources: Sequence[InnerSource]
-    """Those of the request that act inside."""
-
-    @classmethod
-    def of(cls, solid: SurfaceDomain, request: Request) -> _Surface:
-        """Return the surface as it is given."""
-        faces = solid.faces
-        nodal = {}
-        if request.bounds_curvature:
-            nodal["curvature"] = solid.radius
-        # Where bodies overlap, their features cross each other, and are no features of the union.
-        if request.between(faces.is_rough) > 0.0 and not solid.overlaps:
-            nodal["separation"] = solid.first_separations
-        in_facets: PointBounds = []
-        if request.across > 0.0:
-            nodal["width"], places, widths = solid.first_samples
-            in_facets = [("width", places, widths)]
-        if request.h0 is not None:
-            nodal["h0"] = bound_at_nodes(request.h0, solid.mesh)
-        return cls(
-            solid,
-            faces.mesh,
-            np.arange(faces.mesh.n_cells),
-            nodal,
-            in_facets,
-            _Marked(faces.features, np.arange(len(faces.features))),
-            _Marked(solid.bent, np.zeros(len(solid.bent), np.intp)),
-            inner_sources(request.sources, solid.mesh, request.limits(solid.mesh.diameter)[1]),
-        )
-
-    def limited(self, request: Request) -> SizeFunction:
-        """Return the limited sizes, with a report."""
-        mesh, faces = self.mesh, self.solid.faces
-        inside = self.solid.inside
-        normals = inside.normals_of_parts(mesh, self.owner)
-        at_nodes = request.from_sources(mesh, at_nodes_only(request.sources))
-        bounds = dict(self.nodal)
-        if "curvature" in bounds:
-            bounds["curvature"] = request.on_curves(bounds["curvature"], faces.mesh.diameter)
-        if "separation" in bounds:
-            bounds["separation"] = request.on_features(
-                bounds["separation"], faces.mesh.diameter, faces.is_rough
-            )
-        points = [(name, at, across_surface(w, request)) for name, at, w in self.in_facets]
-        if "width" in bounds:
-            bounds["width"] = across_surface(bounds["width"], request)
-        every = Bounds(
-            mesh,
-            bounds | at_nodes,
-            request.limits(faces.mesh.diameter, of_chords=True),
-            points=points,
-            is_rough=faces.is_rough,
-            solid=(inside, normals),
-            inner=self.sources,
-            of_chords=True,
-        )
-        h, report, aims = every.limited(request)
-        inner = tuple(source.clipped(report.hmin, np.inf) for source in self.sources)
-        sizes = InnerSizes(inside, normals, aims, inner)
-        return SizeFunction(mesh, h, g=request.g, hmax=report.hmax, report=report, inner=sizes)
-
-    def split(self, long: BoolArray, request: Request) -> _Surface:
-        """Return the surface with some edges halved, with bounds at the new nodes and facets."""
-        split = split_edges(self.mesh, long)
-        mesh, owner = split.mesh, self.owner[split.parents]
-        parents = self.mesh.edges[split.split_edges]
-        nodal = {
-            name: self._at_new(name, bound, split, request) for name, bound in self.nodal.items()
-        }
-        in_facets = list(self.in_facets)
-        if "width" in nodal:
-            in_facets.append(self._in_new_facets(split, owner, nodal["width"], request))
-        return _Surface(
-            self.solid,
-            mesh,
-            owner,
-            nodal,
-            in_facets,
-            self.features.split(parents, self.mesh.n_points),
-            self.bent.split(parents, self.mesh.n_points),
-            self.sources,
-        )
-
-    def _at_new(
-        self, name: str, bound: FloatArray, split: SplitMesh, request: Request
-    ) -> FloatArray:
-        """Return a nodal bound extended to new nodes, inf where the surface is flat."""
-        n, parents = len(bound), self.mesh.edges[split.split_edges]
-        longer = np.full(split.mesh.n_points, np.inf)
-        longer[:n] = bound
-        report = request.report
-        if name == "width":
-            node, places, owners = self._starts(split)
-            np.minimum.at(longer, node, self.solid.widths(places, owners, report))
-        elif name == "separation":
-            row = self.features.find(parents)
-            at = np.flatnonzero(row >= 0)
-            places = self.solid.faces.frame.of(split.mesh.points[n + at])
-            which = FeaturePoints(places, np.full(len(at), -1), row[at])
-            longer[n:] = self.solid.separations(at, which, report, len(longer) - n)
-        else:
-            curved = np.flatnonzero(self.bent.find(parents) >= 0)
-            ends = bound[parents[curved]]
-            longer[n + curved] = 2.0 / (1.0 / ends).sum(axis=1).clip(1e-300)
-            if name == "curvature":  # along a cone, the radius is proportional to that from its tip
-                to_tip = np.isin(parents[curved], self.solid.tips).any(axis=1)
-                longer[n + curved[to_tip]] = 0.5 * ends[to_tip].min(axis=1)
-        return longer
-
-    def _in_new_facets(
-        self, split: SplitMesh, owner: IndexArray, widths: FloatArray, request: Request
-    ) -> tuple[str, FloatArray, FloatArray]:
-        """Return the widths at the centroids of new triangles with a node where none counts.
-
-        At the end of a narrow part, the rays from nodes may leave through the end.
-        """
-        cells = split.mesh.cells
-        is_new = np.bincount(split.parents)[split.parents] > 1
-        chosen = np.flatnonzero(is_new & np.isinf(widths[cells]).any(axis=1))
-        middles = split.mesh.points[cells[chosen]].mean(axis=1)
-        places = self.solid.faces.frame.of(middles)
-        found = self.solid.widths(places, owner[chosen], request.report)
-        counts = np.isfinite(found)
-        return "width", middles[counts], found[counts]
-
-    def _starts(self, split: SplitMesh) -> tuple[IndexArray, FloatArray, IndexArray]:
-        """Return new nodes, points in the frame where rays for them start, and their facets.
-
-        On the edge between two facets of the given surface, a ray starts beside it on each.
-        """
-        mesh, n = self.mesh, self.mesh.n_points
-        places = self.solid.faces.frame.of(split.mesh.points)
-        number = np.full(len(mesh.edges), -1)
-        number[split.split_edges] = np.arange(n, n + len(split.split_edges))
-        cell, v = np.nonzero(number[mesh.cell_facets] >= 0)
-        node, owner = number[mesh.cell_facets[cell, v]], self.owner[cell]
-        first = np.full(split.mesh.n_points, -1)
-        first[node] = owner
-        is_between = marked(node[owner != first[node]], split.mesh.n_points)
-        beside = np.flatnonzero(is_between[node])
-        inside = np.unique(node[~is_between[node]])
-        starts = places[node[beside]]
-        starts += tuning.BESIDE_EDGE * (places[mesh.cells[cell[beside], v[beside]]] - starts)
-        centres = np.arange(split.mesh.n_points - len(split.inside), split.mesh.n_points)
-        return (
-            np.concatenate([node[beside], inside, centres]),
-            np.concatenate([starts, places[inside], places[centres]]),
-            np.concatenate([owner[beside], first[inside], self.owner[split.inside]]),
-        )
-
-
-def across_surface(widths: FloatArray, request: Request) -> FloatArray:
-    """Return the size on a surface for the requested number of elements across.
-
-    From the surface to the middle, at a distance W / 2, sizes grow to h + g W / 2.  The integral of
-    1 / h along that path is half the number of elements.
-    """
-    if request.g == 0.0:
-        return widths / request.across
-    growth = min(0.5 * request.g * request.across, 100.0)
-    share: float = 0.5 * request.g / np.expm1(growth)
-    return share * widths
 
 
 def warn_of_outside(domain: SurfaceDomain, sources: Sequence[Any], g: float) -> None:
