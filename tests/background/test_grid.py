@@ -42,6 +42,7 @@ def test_bad_arguments_are_named():
         (([0, 0], [1, 1, 1], (2, 2)), {}, r"spacing must be a number or have shape \(2,\)"),
         (([0, 1e17], 1.0, (2, 2)), {}, r"spacing must be well above the rounding .*spacing\[1\]"),
         (([0], 1e60, (9,)), {}, "grid must have coordinates of 1e-60 to"),
+        (([9e59], 1e58, (20,)), {}, "grid must have coordinates of 1e-60 to"),  # the last node
         (([0, 0], 1.0, (2, 1)), {}, r"shape must be at least 2, got shape\[1\] = 1"),
         (([0] * 4, 1.0, (2,) * 4), {}, "shape must be 1, 2 or 3 integers"),
         (([0, 0], 1.0, (2**16, 2**15)), {}, "shape must give at most 2147483647 nodes"),

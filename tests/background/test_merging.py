@@ -9,7 +9,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from adaptsize.background.merging import _near_pairs, place_numbers
+from adaptsize.background.merging import _near_pairs, corner_distance, place_numbers
 from adaptsize.background.topology import components_of
 
 
@@ -71,3 +71,14 @@ def test_components_are_those_of_a_graph(seed, n_links):
     links = np.random.default_rng(seed).integers(0, 40, (n_links, 2))
     graph = coo_array((np.ones(n_links), links.T), shape=(40, 40))
     assert_array_equal(components_of(links, 40), connected_components(graph, directed=False)[1])
+
+
+def test_corners_of_triangles_that_are_apart_are_not_joined():
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0.5], [1, 0, 0.5], [0, 1, 0.5]])
+    cells = np.array([[0, 1, 2], [3, 4, 5]])
+    assert corner_distance(points, cells) == 0.0
+    # Most edges are open: the coordinates are noisy if at least a quarter of them meet.
+    nearly = points.copy()
+    nearly[3:] = points[:3]
+    nearly[3:, 2] = 1e-4
+    assert 1e-4 <= corner_distance(nearly, cells) <= 2e-4

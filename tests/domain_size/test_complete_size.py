@@ -226,6 +226,7 @@ def test_of_a_surface_the_copy_is_refined_and_each_bound_with_it():
     ("domain", "options", "message"),
     [
         (disc, {}, "box must be given with a callable domain"),
+        (disc, {"box": ([0.0], [1.0], [2.0])}, r"box must be a pair \(lower, upper\), got"),
         (disc, {"box": ([1, 1], [0, 0])}, "upper must be greater than lower"),
         (disc, {"box": ([2.0, 2.0], [3.0, 3.0])}, "zero|negative|boundary"),
         (

@@ -151,3 +151,11 @@ def test_options_without_effect_are_refused():
         with pytest.raises(ValueError, match="smoothing must be 0 for segments"):
             size_from_curvature(*arguments, smoothing=1)
     assert size_from_curvature(mesh, g=0.25, smoothing=0, tolerance=None).shape == (27,)
+
+
+def test_with_a_tolerance_of_0_nodes_exactly_on_the_boundary_count():
+    mesh = disk(20, 3)
+    boundary = mesh.boundary().mesh
+    bound = size_from_curvature(mesh, boundary, tolerance=0.0)
+    assert np.count_nonzero(np.isfinite(bound)) == 20
+    assert_array_equal(bound, size_from_curvature(mesh, boundary))

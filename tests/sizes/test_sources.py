@@ -17,6 +17,7 @@ from adaptsize import (
     SimplexMesh,
     size_from_sources,
 )
+from adaptsize.sizes.touched import _have_edge_in_box
 
 SQUARE = SimplexMesh(
     [[0, 0], [1, 0], [1, 1], [0, 1], [2, 0]],
@@ -176,3 +177,23 @@ def test_the_boundary_of_a_closed_surface_or_curve_is_all_of_it():
     assert_array_equal(size_from_sources(opened, BoundarySource(0.2)), expected)
     loop = SimplexMesh(SQUARE.points, [[0, 1], [1, 2], [2, 0]])  # nodes 3 and 4 are not in it
     assert_array_equal(size_from_sources(loop, BoundarySource(0.2)), [0.2, 0.2, 0.2, INF, INF])
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_edges_that_pass_a_box_are_those_that_have_points_in_it(dim):
+    rng = np.random.default_rng(81_337 + dim)
+    points = rng.uniform(-1.0, 1.0, (200 * (dim + 1), dim))
+    mesh = SimplexMesh(points, np.arange(len(points)).reshape(-1, dim + 1))
+    lower, upper = np.array([-0.1, -0.2, -0.3])[:dim], np.array([0.2, 0.1, 0.4])[:dim]
+    share = np.linspace(0.0, 1.0, 400)[:, None]
+    has_points = np.zeros(mesh.n_cells, bool)
+    for v in range(dim + 1):
+        for w in range(v):
+            a, b = points[mesh.cells[:, v], None], points[mesh.cells[:, w], None]
+            on_edge = a + share * (b - a)
+            has_points |= ((on_edge >= lower) & (on_edge <= upper)).all(axis=2).any(axis=1)
+    found = _have_edge_in_box(mesh, lower, upper)
+    assert 20 < np.count_nonzero(has_points) < 180
+    assert found[has_points].all()
+    # Edges that cut a corner between two of the points.
+    assert np.count_nonzero(found & ~has_points) <= 2
