@@ -99,7 +99,7 @@ def read_mesh(path: Path, tolerance: float = 0.0, **options: Any) -> SimplexMesh
     from adaptsize.remeshing.cad import is_cad_file
 
     mesh: SimplexMesh
-    of_polygons = {name: options.pop(name) for name in ("least_width", "box") if name in options}
+    of_polygons = {name: options[name] for name in ("least_width", "box") if name in options}
     if is_of_polygons(path):
         mesh = ads.io.polygons(path, tolerance=tolerance, **of_polygons)
     elif of_polygons:
@@ -108,12 +108,6 @@ def read_mesh(path: Path, tolerance: float = 0.0, **options: Any) -> SimplexMesh
     else:
         mesh = ads.read_cad(path) if is_cad_file(path) else ads.io.read(path, **options)
     return mesh
-
-
-def reading(given: dict[str, Any]) -> dict[str, Any]:
-    """Return the options of reading, removed from those of a command."""
-    names = ("tags", "keep_slits", "least_width", "box")
-    return {name: given.pop(name) for name in names if name in given}
 
 
 def with_faces(mesh: SimplexMesh) -> SimplexMesh:
