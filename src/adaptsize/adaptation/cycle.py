@@ -47,7 +47,7 @@ from adaptsize.errors import OptionError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, checked, options_of, with_options
 from adaptsize.quality.conformity import Conformity, nodal_metric, size_conformity
-from adaptsize.remeshing.protocol import Task
+from adaptsize.remeshing.protocol import TASKS, Task
 from adaptsize.remeshing.registry import choose_backend
 from adaptsize.sizes.budget import calibration, elements_with_nodes
 from adaptsize.sizes.error import as_indicator
@@ -265,15 +265,13 @@ def _checked(
 
 def _task(mesh: AnyMesh) -> Task:
     """Return the meshing task."""
-    tasks: dict[tuple[int, int], Task] = {(3, 3): "tetrahedra", (2, 2): "plane triangles"}
-    if isinstance(mesh, SimplexMesh):
-        tasks[2, 3] = "surface"
-    kind = (mesh.cell_dim, mesh.dim)
-    if kind not in tasks:
+    kind = "tetrahedra" if mesh.cell_dim == 3 else "triangles"
+    task = TASKS.get((mesh.cell_dim, mesh.dim, kind))
+    if task is None or (task == "surface" and not isinstance(mesh, SimplexMesh)):
         raise ValueError(
             f"mesh must be a SimplexMesh of triangles or tetrahedra, got {describe(mesh)}"
         )
-    return tasks[kind]
+    return task
 
 
 def _result(

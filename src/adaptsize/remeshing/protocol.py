@@ -20,6 +20,13 @@ if TYPE_CHECKING:  # the child processes do not need the mesh classes
 
 #: The task: fill a surface with tetrahedra, or remesh with the same kind of cells.
 Task: TypeAlias = Literal["surface to tetrahedra", "tetrahedra", "plane triangles", "surface"]
+#: The task for cells of a dimension, in space or in the plane, and the kind of the new cells.
+TASKS: Mapping[tuple[int, int, str], Task] = {
+    (3, 3, "tetrahedra"): "tetrahedra",
+    (2, 2, "triangles"): "plane triangles",
+    (2, 3, "triangles"): "surface",
+    (2, 3, "tetrahedra"): "surface to tetrahedra",
+}
 Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
 
 
