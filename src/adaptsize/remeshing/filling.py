@@ -20,9 +20,9 @@ from adaptsize.remeshing.mmg import adapted
 from adaptsize.remeshing.planning import Attempt
 from adaptsize.remeshing.preparation import as_problem, number_regions, restore
 from adaptsize.remeshing.protocol import Arrays, Backend, Facets, Problem
+from adaptsize.remeshing.registry import available_backends
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.surface import THINNEST, refine_surface, remove_slivers, sliver_height
-from adaptsize.remeshing.tetwild import TetWildBackend
 from adaptsize.sizes import predict
 from adaptsize.typing import IntArray
 
@@ -78,9 +78,8 @@ class Filling:
         problem = replace(self._problem, tolerance=attempt.factor * self._problem.tolerance)
         note = ""
         if attempt.first == "tetwild":
-            raw = TetWildBackend().solve(
-                replace(problem, size=None), replace(run, backend="tetwild")
-            )
+            generator = available_backends()["tetwild"]
+            raw = generator.solve(replace(problem, size=None), replace(run, backend="tetwild"))
             inner = _inside(problem, raw, "tetwild")
             note = number_note(inner, self._n_cells, self._max_elements)
         elif attempt.first == "netgen":
@@ -151,7 +150,11 @@ def improved_soundly(
     Nodes that are put onto a surface with walls much thinner than the tolerance may be put onto the
     wrong side, so that the boundary crosses itself although all cells are positive.
     """
-    better = improved(mesh, surface, tolerance, size)
+    return unless_overlapping(improved(mesh, surface, tolerance, size), mesh)
+
+
+def unless_overlapping(better: SimplexMesh, mesh: SimplexMesh) -> SimplexMesh:
+    """Return a better mesh, or the one before if cells overlap in the better one only."""
     if overlapping_cells(better) is not None and overlapping_cells(mesh) is None:
         return mesh
     return better

@@ -12,10 +12,9 @@ from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.geometry.enclosed import enclosed_measure, is_oriented
 from adaptsize.remeshing import netgen
 from adaptsize.remeshing.isolation import IsolatedRunner
-from adaptsize.remeshing.mmg import MmgBackend
 from adaptsize.remeshing.preparation import as_problem, restore
 from adaptsize.remeshing.protocol import NO_TAG, Problem
-from adaptsize.remeshing.tetwild import TetWildBackend
+from adaptsize.remeshing.registry import available_backends
 from adaptsize.typing import FloatArray, IntArray
 
 #: Relative error of sums of volumes.
@@ -42,13 +41,14 @@ def refilled(problem: Problem, run: IsolatedRunner) -> SimplexMesh:
     BackendError
         If fTetWild fails, too, or cannot do this: it follows no metric and keeps no facets.
     """
+    mmg, tetwild = (available_backends()[name] for name in ("mmg", "tetwild"))
     try:
         inner = _filled_regions(problem, run)
-        return restore(MmgBackend().solve(inner, replace(run, backend="mmg")), inner, "mmg")
+        return restore(mmg.solve(inner, replace(run, backend="mmg")), inner, "mmg")
     except BackendError:
         if problem.metric is not None or problem.facets.required.any():
             raise
-    raw = TetWildBackend().solve(problem, replace(run, backend="tetwild"))
+    raw = tetwild.solve(problem, replace(run, backend="tetwild"))
     return restore(raw, problem, "tetwild")
 
 
