@@ -6,20 +6,14 @@ import numpy as np
 
 from adaptsize._checks import count_text
 from adaptsize._messages import Message
+from adaptsize.adaptation import tuning
 from adaptsize.adaptation.next_sizes import NextSizes, Request
-from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.splitting import bisect_edges
 from adaptsize.background.topology import rows_among
 from adaptsize.errors import TooManyElementsError
 from adaptsize.sizes.curvature import curves_of
 from adaptsize.sizes.search import smallest_tolerance
-
-#: A mesh is refined until the number on it falls by less than this share with twice the cells,
-#: and at most to so many cells.  The number of sizes is known between the nodes, and settles at
-#: once; on a ball of 300 surface nodes, that of metrics falls from 7 200 on 1 300 cells to 3 500 on
-#: 24 000.
-_SETTLED, _MOST_CELLS = 0.02, 100_000
 
 
 def refuse_too_few(
@@ -48,7 +42,7 @@ def refuse_too_few(
     is_graded = g is None or isinstance(g, str | int | float)
     if mesh.dim < 3 or target is None or not is_graded:
         return
-    if sizes.predicted <= (1.0 + BUDGET_TOLERANCE) * target:
+    if sizes.predicted <= (1.0 + tuning.BUDGET) * target:
         return
     in_parts = isinstance(mesh, PartitionedMesh)
     whole = mesh.gather() if isinstance(mesh, PartitionedMesh) else original or mesh
@@ -75,12 +69,12 @@ def _check(
         return per_simplex * alone.within(fine, allowed, first).simplices(fine) / target
 
     load, before = load_of(tolerance), np.inf
-    while load < (1.0 - _SETTLED) * before and fine.n_cells < _MOST_CELLS:
-        if load <= 1.0 + BUDGET_TOLERANCE:
+    while load < (1.0 - tuning.SETTLED) * before and fine.n_cells < tuning.MOST_CELLS:
+        if load <= 1.0 + tuning.BUDGET:
             return
         fine = _halved(fine)
         load, before = load_of(tolerance), load
-    if load <= 1.0 + BUDGET_TOLERANCE:
+    if load <= 1.0 + tuning.BUDGET:
         return
     what, number = ("elements", target) if nodes is None else ("nodes", nodes)
     text = Message(
@@ -109,7 +103,7 @@ def _without_bridges(mesh: SimplexMesh, request: Request) -> SimplexMesh:
     without nodes inside show is twice that of fine ones.
     """
     bounded = request.at_curves(mesh)
-    while mesh.cell_dim == mesh.dim and mesh.n_cells < _MOST_CELLS:
+    while mesh.cell_dim == mesh.dim and mesh.n_cells < tuning.MOST_CELLS:
         inside = bounded[mesh.edges[:, 0]] & bounded[mesh.edges[:, 1]]
         for curve in curves_of(mesh):
             if curve is not None:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from adaptsize._checks import describe
 from adaptsize._defaults import METRIC_GRADIENT_LIMIT
 from adaptsize._messages import Message
+from adaptsize.adaptation import tuning
 from adaptsize.adaptation.next_sizes import BoundLike, Request, as_bound
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import interfaces
@@ -72,7 +73,8 @@ class MetricRequest(Request):
         wanted = self._wanted(mesh, number)
         return scale_to(
             number, lambda s: self._finished(mesh, wanted.scaled(s)),
-            lambda metric: metric.predicted_elements(mesh), 1.0, mesh.cell_dim, 0.03, most=8,
+            lambda metric: metric.predicted_elements(mesh), 1.0, mesh.cell_dim,
+            tuning.ACCURACY_OF_METRIC, most=tuning.MOST_SCALES,
         )  # fmt: skip
 
     def _wanted(self, mesh: SimplexMesh, number: float | None) -> Metric:
@@ -211,4 +213,6 @@ def _radii_of_original(mesh: SimplexMesh, original: SimplexMesh, within: float) 
 
 def _radii(mesh: SimplexMesh) -> Metric:
     """Return the radii of curvature as a metric."""
-    return metric_from_curvature(mesh, elements_per_radian=1.0, max_aspect=100.0)
+    return metric_from_curvature(
+        mesh, elements_per_radian=1.0, max_aspect=tuning.MOST_ASPECT_OF_CURVATURE
+    )

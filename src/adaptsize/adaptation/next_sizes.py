@@ -23,8 +23,8 @@ from adaptsize._checks import (
 from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize._messages import Message
 from adaptsize._size_function import SizeFunction
+from adaptsize.adaptation import tuning
 from adaptsize.adaptation.need import Requested, count_simplices, present_of, smallest
-from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.errors import OptionError
 from adaptsize.limiting import limit_gradient
@@ -37,9 +37,6 @@ from adaptsize.sizes.error import scaled_by_error
 from adaptsize.sizes.prediction import predict
 from adaptsize.sizes.search import scale_to
 from adaptsize.typing import BoolArray, FloatArray, GradientLimit
-
-#: Accepted relative error of a predicted number: generators miss it by per cents.
-_ACCURACY = 3e-3
 
 #: Types that ``adapt`` accepts as ``h0``.
 BoundLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
@@ -160,8 +157,8 @@ class SizeRequest(Request):
         if self.indicator is None:
             return self._finished(mesh, self._requested(mesh))
         assert self.options["tolerance"] is not None
-        # Meshes miss sizes by a few per cent.
-        return self._from_error(mesh, {"tolerance": 0.95 * self.options["tolerance"]})
+        tolerance = tuning.BELOW_TOLERANCE * self.options["tolerance"]
+        return self._from_error(mesh, {"tolerance": tolerance})
 
     def of_number(self, mesh: AnyMesh, number: float) -> FloatArray:
         """Return the sizes for a number of regular simplices."""
@@ -173,7 +170,7 @@ class SizeRequest(Request):
         first = (start / number) ** (1.0 / d) if start > 0.0 else 1.0
         return scale_to(
             number, lambda s: self._finished(mesh, s * bound), partial(count_elements, mesh),
-            first, d, _ACCURACY,
+            first, d, tuning.ACCURACY,
         )  # fmt: skip
 
     def _requested(self, mesh: AnyMesh) -> FloatArray:
@@ -187,7 +184,7 @@ class SizeRequest(Request):
             "max_coarsen": self.options["max_coarsen"], "backend": None, **goal,
         }  # fmt: skip
         finish, order = partial(self._finished, mesh), self.options["order"]
-        return scaled_by_error(mesh, self.indicator, order, given, finish, _ACCURACY)
+        return scaled_by_error(mesh, self.indicator, order, given, finish, tuning.ACCURACY)
 
     def _finished(self, mesh: AnyMesh, h: FloatArray) -> FloatArray:
         """Apply bounds and limits."""
@@ -288,7 +285,7 @@ def decide(mesh: AnyMesh, found: NextSizes, request: Request) -> Decision:
         return Decision(False, True, reason, *shares)
     ratio = found.predicted / present.n_cells
     same = present.has_sizes(found.predicted, request.options["enough"])
-    finer = tolerance is not None and not within and ratio > 1.02
+    finer = tolerance is not None and not within and ratio > tuning.FINER
     if not same or finer:
         return Decision(True, False, f"remeshed: {present.reason}", *shares)
     reason = f"not remeshed: the old mesh already has {shares[0]:.0%} of the next mesh"
@@ -299,7 +296,7 @@ def decide(mesh: AnyMesh, found: NextSizes, request: Request) -> Decision:
         )
         return Decision(False, False, reason, *shares)
     target = None if tolerance is not None else request.options["elements"]
-    met = target is None or abs(present.n_cells / target - 1.0) <= BUDGET_TOLERANCE
+    met = target is None or abs(present.n_cells / target - 1.0) <= tuning.BUDGET
     if not met:
         goal = f"{target:.0f} elements"
         nodes = request.options["nodes"]

@@ -9,6 +9,7 @@ import numpy as np
 
 from adaptsize._checks import warn_caller
 from adaptsize._messages import Message
+from adaptsize.adaptation import tuning
 from adaptsize.adaptation._fields import Arrays
 from adaptsize.adaptation.boundary_moves import BoundaryMoves
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
@@ -20,9 +21,6 @@ from adaptsize.metrics import MetricFunction
 from adaptsize.quality.boundary import parts_by_tag
 from adaptsize.quality.conformity import Conformity
 from adaptsize.typing import FloatArray
-
-#: Allowed relative deviation from the requested number of elements.
-BUDGET_TOLERANCE = 0.15
 
 
 @dataclass(frozen=True)
@@ -162,7 +160,7 @@ class AdaptReport:
     def budget_met(self) -> bool | None:
         """Whether the number of cells or nodes is within 15 % of the request, None without one."""
         ratio = self._ratio
-        return None if ratio is None else abs(ratio - 1.0) <= BUDGET_TOLERANCE
+        return None if ratio is None else abs(ratio - 1.0) <= tuning.BUDGET
 
     @property
     def _ratio(self) -> float | None:

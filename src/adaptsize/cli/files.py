@@ -16,6 +16,7 @@ from adaptsize._checks import refusal
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._messages import Message
 from adaptsize._progress import Stage
+from adaptsize.cli import tuning
 from adaptsize.cli.console import Console
 from adaptsize.cli.provenance import provenance_of, write_provenance
 from adaptsize.errors import OptionError
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
     from adaptsize.quality.certificate import MeshCheck
     from adaptsize.reporting.outcome import Outcome
 
-#: Bytes for the sizes of a surface, per triangle: 0.8 GB for 600 000 (benchmarks/large_inputs.py).
-_PER_TRIANGLE = 1300.0
 
 #: What a command writes: a mesh, sizes on a mesh, or sizes on a grid.
 Content = Literal["mesh", "sizes", "sizes of an image"]
@@ -322,12 +321,14 @@ def write_report(
 def announce_sizes(console: Console, mesh: SimplexMesh) -> None:
     """Print how much memory the sizes of a surface in space need, if it is much."""
     if mesh.cell_dim < mesh.dim == 3:
-        announce(console, _PER_TRIANGLE * mesh.n_cells, f"the sizes of {mesh.n_cells} triangles")
+        announce(
+            console, tuning.PER_TRIANGLE * mesh.n_cells, f"the sizes of {mesh.n_cells} triangles"
+        )
 
 
 def announce(console: Console, needed: float, what: str) -> None:
     """Print how many bytes of memory something needs, if it is much."""
-    if needed < 1e9:  # not worth a line
+    if needed < tuning.WORTH_A_LINE:
         return
     text = f"{what} need about {needed / 1e9:.1f} GB of memory"
     try:

@@ -12,7 +12,7 @@ import adaptsize as ads
 from adaptsize._checks import as_tolerance, count_text, refusal
 from adaptsize._defaults import TOLERANCE
 from adaptsize._messages import Message
-from adaptsize.cli import files
+from adaptsize.cli import files, tuning
 from adaptsize.cli.console import Console, plain, print_message
 from adaptsize.cli.metric import remesh_with_metric
 from adaptsize.cli.options import (
@@ -44,10 +44,6 @@ if TYPE_CHECKING:
     from adaptsize.remeshing.attempts import Attempts
     from adaptsize.reporting.outcome import Outcome
 
-#: Bytes for a mesh by Mmg, per element made: 1 GB for 1 million, in both processes together.
-_PER_ELEMENT = 1000.0
-#: A tolerance that looks like a length.
-_LOOSE = 0.1
 #: Options of the command itself.
 _OWN = ("plot", "report", "order", "fields", "close_holes", "faces")
 
@@ -101,7 +97,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
             console.say(f"sizes: {report.choices}")
             if mesh.cell_dim == mesh.dim or target != "triangles":
                 n = report.n_elements
-                files.announce(console, _PER_ELEMENT * n, f"about {count_text(n)} elements")
+                files.announce(console, tuning.PER_ELEMENT * n, f"about {count_text(n)} elements")
 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ads.errors.OpenSurfaceWarning)  # printed by _accepted
@@ -201,7 +197,7 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> tuple[Sim
 def _tolerance(console: Console, given: Given) -> float:
     """Return the tolerance, with a warning if it looks like a length."""
     tolerance = as_tolerance("tolerance", given.get("tolerance", TOLERANCE))
-    if tolerance >= _LOOSE:
+    if tolerance >= tuning.LOOSE:
         text = (
             f"= {tolerance:g} is a share of the diagonal, not a length: the boundary may move so "
             "far, and check accepts it"

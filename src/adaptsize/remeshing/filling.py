@@ -12,7 +12,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import renumbered_edges
 from adaptsize.errors import BackendError, TooManyElementsError
 from adaptsize.quality.boundary import overlapping_cells
-from adaptsize.remeshing import netgen
+from adaptsize.remeshing import netgen, tuning
 from adaptsize.remeshing.attempts import Candidate
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.isolation import IsolatedRunner
@@ -26,15 +26,7 @@ from adaptsize.remeshing.surface import THINNEST, refine_surface, remove_slivers
 from adaptsize.sizes import predict
 from adaptsize.typing import IntArray
 
-#: Mmg's ``hausd`` over the tolerance in the two runs on a surface.  Mmg divides edges whose middle
-#: is farther than that from the tangent planes at their ends, which is twice the distance from an
-#: arc.  With twice the tolerance it divides those that leave more than the tolerance.  With 1.2 in
-#: the second run and in the volume, the sizes of `size_function` were not the only ones that
-#: counted, and the measured distance was .7 to .9 tolerances instead of .85 to .95.
-_HAUSD = (2.0, 1.6)
 _STAGE = Stage("adapting the surface", "Mmg")
-#: Cells that a first volume requires over those that were predicted, above which this is reported.
-MANY_MORE = 1.5
 FILLS_MORE = (
     "the mesh fills more than the surface encloses; close the surface or increase the sizes"
 )
@@ -172,7 +164,7 @@ def number_note(inner: Problem, n_cells: float, max_elements: float) -> str:
     """
     assert inner.size is not None
     found = predict(inner.mesh, inner.size, backend="mmg").cells
-    if found <= MANY_MORE * n_cells:
+    if found <= tuning.MANY_MORE * n_cells:
         return ""
     text = f"about {found:.3g} elements instead of the predicted {n_cells:.3g}: {FILLS_MORE}"
     if found > max_elements:
@@ -213,9 +205,8 @@ def adapt_surface(
     problem = Problem(
         "surface", surface, tolerance, Facets(), regions, tags, size=size, ridges=ridges
     )
-    # The first run, on triangles of all shapes, makes too many, and the more the smaller its
-    # ``hausd``.  The second one corrects that.
-    made = adapted(problem, _HAUSD, run, largest=1.25, text=_STAGE)
+    largest = tuning.CORRECTION_ON_SURFACE
+    made = adapted(problem, tuning.HAUSD_ON_SURFACE, run, largest=largest, text=_STAGE)
     new_tags = None if surface.cell_tags is None else tags[made["regions"]]
     new = SimplexMesh(
         made["points"], made["cells"], cell_tags=new_tags, tag_names=surface.tag_names

@@ -21,7 +21,7 @@ from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions
 from adaptsize.quality.connections import refuse_repeated_cells
-from adaptsize.remeshing import netgen
+from adaptsize.remeshing import netgen, tuning
 from adaptsize.remeshing.acceptance import (
     Judge,
     refuse_flat,
@@ -30,7 +30,7 @@ from adaptsize.remeshing.acceptance import (
 )
 from adaptsize.remeshing.attempts import Attempts, Budget, Candidate, best_of
 from adaptsize.remeshing.delivery import warn_of_unconnected
-from adaptsize.remeshing.filling import FILLS_MORE, MANY_MORE, Filling, improved_soundly
+from adaptsize.remeshing.filling import FILLS_MORE, Filling, improved_soundly
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.planning import Attempt, Known, plan
@@ -236,7 +236,7 @@ class Job:
 
     def _note_on(self, n_cells: int) -> str:
         """Return a note if an open surface was filled by many more cells than predicted."""
-        if self.solid is None or self.solid.is_closed or n_cells <= MANY_MORE * self.n_cells:
+        if self.solid is None or self.solid.is_closed or n_cells <= tuning.MANY_MORE * self.n_cells:
             return ""
         return f"{n_cells} elements instead of the predicted {self.n_cells:.3g}: {FILLS_MORE}"
 

@@ -13,29 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from adaptsize.errors import BackendError
+from adaptsize.remeshing import tuning
 from adaptsize.remeshing.protocol import Arrays, Problem
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
     from adaptsize.metrics import Metric
     from adaptsize.quality.by_place import RequestedElements
-
-#: Share of the requested elements that may be missing because cells are too large.
-MISSING = 0.2
-#: Factor between the least sizes of two steps, at most.  With it, all of 12 layers in the plane
-#: that begin with 1e-3 to 1e-5 of the domain were made.
-_STEP = 10.0
-#: Runs of one step, the second only if the first does not serve it.  Steps end if it is no better,
-#: and more than this share is missing: the next ones find nothing to build on.
-_TURNS, _LOST = 2, 0.5
-#: Edges of tetrahedra over the least size beyond which steps come first.
-_FAR = 1000.0
-#: Least sizes over the extent of the domain that steps reach.  In the plane, Mmg removes cells that
-#: are thinner again, whatever their length.  In space and on surfaces no such limit has been met:
-#: least sizes of 1e-4 were reached, and the number only ends the steps.
-FINEST = {"plane triangles": 1e-5, "tetrahedra": 1e-7, "surface": 1e-7}
-#: A sample of so many cells is enough for these shares.
-_SAMPLE = 20_000
 
 
 def in_steps(problem: Problem, made: Arrays, run: Callable[[Arrays, Metric], Arrays]) -> Arrays:
@@ -57,13 +41,16 @@ def in_steps(problem: Problem, made: Arrays, run: Callable[[Arrays, Metric], Arr
     """
     assert problem.metric is not None
     metric = problem.metric
-    if problem.facets.required.any() or _missing(_elements(problem, made, metric)) <= MISSING:
+    if (
+        problem.facets.required.any()
+        or _missing(_elements(problem, made, metric)) <= tuning.MISSING
+    ):
         return made
     best, least = made, _elements(problem, made, metric).excess()
     current: Arrays = first_mesh(problem)
     reached, missing = np.inf, 0.0
     floors, largest = _floors(problem)
-    for floor in np.repeat(floors, _TURNS).tolist():
+    for floor in np.repeat(floors, tuning.TURNS_OF_STEP).tolist():
         if floor == reached:
             continue
 
@@ -78,9 +65,9 @@ def in_steps(problem: Problem, made: Arrays, run: Callable[[Arrays, Metric], Arr
         if found.excess() < least:
             best, least = current, found.excess()
         missing, before = _missing(_elements(problem, current, bounded)), missing
-        if missing <= MISSING:
+        if missing <= tuning.MISSING:
             reached = floor
-        elif missing > before > _LOST:
+        elif missing > before > tuning.LOST:
             break
     return best
 
@@ -91,7 +78,7 @@ def is_far(problem: Problem) -> bool:
         return False
     base = problem.mesh if problem.metric_mesh is None else problem.metric_mesh
     least = float(problem.metric(base.points).sizes.min())
-    return float(problem.mesh.edge_lengths.mean()) > _FAR * least
+    return float(problem.mesh.edge_lengths.mean()) > tuning.FAR * least
 
 
 def first_mesh(problem: Problem) -> Arrays:
@@ -129,10 +116,10 @@ def _floors(problem: Problem) -> tuple[FloatArray, float]:
     first = float(problem.mesh.edge_lengths.mean())
     sizes = problem.metric(base.points).sizes
     last, largest = float(sizes.min()), float(sizes.max())
-    last = max(last, FINEST[problem.task] * float(np.ptp(base.points, axis=0).max()))
+    last = max(last, tuning.FINEST[problem.task] * float(np.ptp(base.points, axis=0).max()))
     if first <= last:
         return np.array([last]), largest
-    count = int(np.ceil(np.log(first / last) / np.log(_STEP)))
+    count = int(np.ceil(np.log(first / last) / np.log(tuning.STEP)))
     return first * (last / first) ** (np.arange(1, count + 1) / count), largest
 
 
@@ -143,7 +130,7 @@ def _elements(
     from adaptsize.quality.by_place import RequestedElements
 
     mesh = SimplexMesh(made["points"], made["cells"])
-    return RequestedElements.of_metric(mesh, metric, problem.metric_mesh, _SAMPLE)
+    return RequestedElements.of_metric(mesh, metric, problem.metric_mesh, tuning.SAMPLE)
 
 
 def _missing(elements: RequestedElements) -> float:
