@@ -2,8 +2,8 @@
 
 Run ``python benchmarks/tuning_of_remeshing.py``, in 10 minutes or so.  The figures are quoted in
 ``adaptsize/remeshing/tuning.py``: cells, the share of edges in the band, and the distance from the
-boundary in tolerances, of a disc with coarse arcs whose sizes grow off a point, of a ring,
-and of a block whose sizes grow along it.
+boundary in tolerances, of a disc whose sizes grow off a point, of a ring, and of a
+ball whose sizes grow along it.
 """
 
 import time
@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Mapping
 
 import numpy as np
-from _shapes import box, ring
+from _shapes import ball, ring
 
 from adaptsize import SimplexMesh, remesh, size_conformity
 from adaptsize.domain_size import size_function
@@ -25,27 +25,27 @@ VALUES = (
 
 
 def disc():
-    """Return a disc of 60 arcs, and sizes that grow off a point."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+    """Return a disc of 200 arcs, and sizes that grow off a point."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
     rim = np.column_stack([np.cos(angle), np.sin(angle)])
-    spokes = np.column_stack([np.full(60, 60), np.arange(60), (np.arange(60) + 1) % 60])
+    spokes = np.column_stack([np.full(200, 200), np.arange(200), (np.arange(200) + 1) % 200])
     mesh = SimplexMesh(np.vstack([rim, [[0.0, 0.0]]]), spokes)
     return mesh, lambda x: 0.01 + 0.2 * np.linalg.norm(x - [0.3, 0.2], axis=1)
 
 
 def part():
     """Return a ring, and its size function."""
-    mesh = SimplexMesh(*ring(24, 10))
+    mesh = SimplexMesh(*ring(20, 8))
     return mesh, size_function(mesh, tolerance=TOLERANCE)
 
 
-def block():
-    """Return the tetrahedra in a block, and sizes that grow along it."""
-    mesh = remesh(SimplexMesh(*box(2.0, 1.0, 1.0)), 0.3)
-    return mesh, lambda x: 0.08 + 0.2 * (x[:, 0] + 1.0)
+def solid():
+    """Return the tetrahedra in a ball, and sizes that grow along it."""
+    mesh = remesh(SimplexMesh(*ball(300)), 0.2)
+    return mesh, lambda x: 0.05 + 0.2 * (x[:, 0] + 0.5)
 
 
-CASES = {"disc": disc(), "ring": part(), "block": block()}
+CASES = {"disc": disc(), "ring": part(), "ball": solid()}
 
 
 def figures():

@@ -8,6 +8,7 @@ import pytest
 from fake_generators import Recording, RecordingRunner, registered
 
 from adaptsize import SimplexMesh
+from adaptsize.background.topology import pairs_of_cells
 from adaptsize.errors import BackendError
 from adaptsize.remeshing.preparation import as_problem, repair_mesh
 from adaptsize.remeshing.through_surface import has_folded_cells, refilled
@@ -103,3 +104,15 @@ def test_what_ftetwild_cannot_do_is_refused():
     required = as_problem("tetrahedra", mesh, 1e-2, mesh.tagged_facets[:1])
     with pytest.raises(BackendError, match="netgen failed"):
         refilled(replace(required, size=lambda x: np.full(len(x), 0.3)), run)
+
+
+def test_netgen_is_not_started_where_facets_lie_inside_a_region():
+    mesh = bent_block()
+    inner = mesh.facets[mesh.facet_cell_counts == 2]
+    regions = mesh.cell_tags[pairs_of_cells(mesh, mesh.facet_cell_counts == 2) // 4]
+    free = inner[regions[:, 0] == regions[:, 1]][:1]
+    tagged = replace(mesh, tagged_facets=free, facet_tags=[4])
+    run, tetwild = RecordingRunner.without(), Recording("tetwild", fails=True)
+    with registered(tetwild), pytest.raises(BackendError, match="tetwild failed"):
+        refilled(problem_of(tagged), run)
+    assert not run.jobs
