@@ -30,7 +30,7 @@ _STEP_OF_CURVATURE = 3e-2
 _OFF_LEVEL = 0.05
 # Penalty on the distance of an iterate from the zero level, so that iterates on it are preferred.
 _PENALTY = 2.0
-# Sine of the smallest angle between such pieces.
+# Sine of the smallest angle between tangent planes whose common point is tried.
 _LEAST_ANGLE = 0.05
 
 

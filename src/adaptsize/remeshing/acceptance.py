@@ -189,7 +189,7 @@ def refuse_other_domain(new: SimplexMesh, problem: Problem, backend: str) -> Non
             )
     if old_skin.is_closed and old.cell_dim == new.cell_dim == new.dim:
         change = float(new.measures.sum() / old.measures.sum() - 1.0)
-        # Allowed change of the volume or area of a mesh.
+        # Volume or area: a quarter, or what a boundary moved by the tolerance changes.
         allowed = max(0.25, problem.tolerance * old_skin.measures.sum() / old.measures.sum())
         if abs(change) > allowed:
             raise BackendError(
