@@ -50,18 +50,21 @@ def refuse_too_few(
 
     def check() -> None:
         if whole is not None:
-            _check(whole, request, per_simplex, original if in_parts else None)
+            _check(whole, request, target, per_simplex, original if in_parts else None)
 
     mesh.ranks.agree(check)
 
 
 def _check(
-    mesh: SimplexMesh, request: Request, per_simplex: float, original: SimplexMesh | None
+    mesh: SimplexMesh,
+    request: Request,
+    target: float,
+    per_simplex: float,
+    original: SimplexMesh | None,
 ) -> None:
     """Raise if the boundary of a mesh needs more elements than requested."""
     options = request.options
-    target, nodes, tolerance = options["elements"], options["nodes"], options["boundary_tolerance"]
-    assert target is not None
+    nodes, tolerance = options["nodes"], options["boundary_tolerance"]
     first, alone = original or mesh, request.for_boundary()
     fine = _without_bridges(mesh, alone.within(mesh, tolerance, first))
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple, TypeAlias, cast
+from typing import Any, NamedTuple, TypeAlias, cast, overload
 
 import numpy.typing as npt
 
@@ -54,11 +54,43 @@ from adaptsize.sizes.error import as_indicator
 from adaptsize.typing import FloatArray, ProgressCallback, Unpack
 
 Fields: TypeAlias = Mapping[str, npt.ArrayLike]
+#: The result for a mesh, which is whole or in parts.
+AnyResult: TypeAlias = "AdaptResult[AnyMesh, SizeFunction | FloatArray]"
 
 
 _HOW = {"interpolate": "interpolated", "project": "projected", "bounded": "projected in bounds"}
 
 _OF_WHOLE_MESHES = ("corner_angle", "keep_integral", "anisotropic", "norm", "max_aspect")
+
+
+@overload
+def adapt(
+    mesh: SimplexMesh,
+    indicator: npt.ArrayLike | None = None,
+    *,
+    h0: BoundLike | Metric | MetricFunction | None = None,
+    fields: Fields | None = None,
+    cell_fields: Fields | None = None,
+    project: ProjectionLike | None = None,
+    original: SimplexMesh | None = None,
+    progress: ProgressCallback | bool | None = None,
+    **options: Unpack[AdaptOptions],
+) -> AdaptResult[SimplexMesh, SizeFunction]: ...
+
+
+@overload
+def adapt(
+    mesh: PartitionedMesh,
+    indicator: npt.ArrayLike | None = None,
+    *,
+    h0: BoundLike | None = None,
+    fields: Fields | None = None,
+    cell_fields: Fields | None = None,
+    project: None = None,
+    original: SimplexMesh | None = None,
+    progress: ProgressCallback | bool | None = None,
+    **options: Unpack[AdaptOptions],
+) -> AdaptResult[PartitionedMesh, FloatArray]: ...
 
 
 @with_options(AdaptOptions)
@@ -73,7 +105,7 @@ def adapt(
     original: SimplexMesh | None = None,
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[AdaptOptions],
-) -> AdaptResult:
+) -> AnyResult:
     """Return the next mesh of an adaptive loop, with the fields of the present mesh on it.
 
     Sizes come from error indicators, upper bounds, or both, and their gradient is limited.  The
@@ -189,7 +221,7 @@ def _original(mesh: AnyMesh, original: SimplexMesh | None, is_faceted: bool) -> 
     return original.boundary().mesh if in_parts and original.cell_dim == 3 else original
 
 
-def _with_original(result: AdaptResult, mesh: AnyMesh, first: SimplexMesh | None) -> AdaptResult:
+def _with_original(result: AnyResult, mesh: AnyMesh, first: SimplexMesh | None) -> AnyResult:
     """Return a result of which the mesh keeps the first mesh of its loop, in space; collective.
 
     A mesh in parts keeps the boundary of the first one, the same on all ranks.
@@ -256,7 +288,7 @@ def _checked(
         request = metric_request(mesh, h0, nodal, given)
     else:
         eta = None if indicator is None else as_indicator(indicator, mesh)
-        bound = as_bound(cast("BoundLike | None", h0), mesh)
+        bound = None if h0 is None else as_bound(cast("BoundLike", h0), mesh)
         request = SizeRequest(options=given, indicator=eta, h0=bound)
         check_goal(request)
     generator = choose_backend(backend, task, keep_facets=False, metric=is_metric).name
@@ -281,7 +313,7 @@ def _result(
     made: NewMesh,
     fields: _Checked,
     progress: ProgressCallback,
-) -> AdaptResult:
+) -> AnyResult:
     """Return fields on the new mesh, and the report; collective."""
     sizes, new, nodal, by_cell = made.sizes, made.mesh, fields.nodal, fields.by_cell
     how: dict[str, str] = {}

@@ -112,7 +112,6 @@ def metric_request(
     bound = nodal_metric(mesh, h0, finite=False)
     if bound is None and h0 is not None:
         sizes = as_bound(h0, mesh)  # type: ignore[arg-type]
-        assert sizes is not None
         bound = Metric.isotropic(sizes, mesh.dim)
     anisotropic = as_anisotropic(options["anisotropic"])
     chosen = tuple(fields[name] for name in _names(anisotropic, fields))

@@ -91,13 +91,7 @@ class Request:
         ValueError
             If the sizes are not finite where there are cells, or an option is out of range.
         """
-        target, found = self.options["elements"], None
-        if target is None or self.options["tolerance"] is not None:
-            found = self.without_number(mesh)
-        if target is not None and (found is None or factor * count_simplices(mesh, found) > target):
-            found = self.of_number(mesh, max(target / factor, 1.0))
-        assert found is not None
-        sizes = found
+        sizes = self._for_goal(mesh, factor)
 
         def refuse_free() -> None:
             h = smallest(sizes)
@@ -107,6 +101,15 @@ class Request:
         mesh.ranks.agree(refuse_free)
         simplices = count_simplices(mesh, sizes)
         return NextSizes(sizes, factor * simplices, simplices)
+
+    def _for_goal(self, mesh: AnyMesh, factor: float) -> Requested:
+        """Return the sizes for the tolerance, or those for the number if it allows no more."""
+        target = self.options["elements"]
+        if target is None or self.options["tolerance"] is not None:
+            sizes = self.without_number(mesh)
+            if target is None or factor * count_simplices(mesh, sizes) <= target:
+                return sizes
+        return self.of_number(mesh, max(target / factor, 1.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,12 +161,12 @@ class SizeRequest(Request):
             return self._finished(mesh, self._requested(mesh))
         assert self.options["tolerance"] is not None
         tolerance = tuning.BELOW_TOLERANCE * self.options["tolerance"]
-        return self._from_error(mesh, {"tolerance": tolerance})
+        return self._from_error(mesh, self.indicator, {"tolerance": tolerance})
 
     def of_number(self, mesh: AnyMesh, number: float) -> FloatArray:
         """Return the sizes for a number of regular simplices."""
         if self.indicator is not None:
-            return self._from_error(mesh, {"elements": number})
+            return self._from_error(mesh, self.indicator, {"elements": number})
         assert self.h0 is not None
         bound, d = self.h0, mesh.cell_dim
         start = count_elements(mesh, self._finished(mesh, bound))
@@ -177,14 +180,13 @@ class SizeRequest(Request):
         """Return the sizes that are given, inf where there are none."""
         return np.full(mesh.n_points, np.inf) if self.h0 is None else self.h0
 
-    def _from_error(self, mesh: AnyMesh, goal: ErrorOptions) -> FloatArray:
-        assert self.indicator is not None
+    def _from_error(self, mesh: AnyMesh, indicator: FloatArray, goal: ErrorOptions) -> FloatArray:
         given: ErrorOptions = {
             "tolerance": None, "elements": None, "max_refine": self.options["max_refine"],
             "max_coarsen": self.options["max_coarsen"], "backend": None, **goal,
         }  # fmt: skip
         finish, order = partial(self._finished, mesh), self.options["order"]
-        return scaled_by_error(mesh, self.indicator, order, given, finish, tuning.ACCURACY)
+        return scaled_by_error(mesh, indicator, order, given, finish, tuning.ACCURACY)
 
     def _finished(self, mesh: AnyMesh, h: FloatArray) -> FloatArray:
         """Apply bounds and limits."""
@@ -232,10 +234,8 @@ class Decision(NamedTuple):
     too_short: float
 
 
-def as_bound(h0: BoundLike | None, mesh: AnyMesh) -> FloatArray | None:
+def as_bound(h0: BoundLike, mesh: AnyMesh) -> FloatArray:
     """Return upper bounds at the nodes of the mesh."""
-    if h0 is None:
-        return None
     values = as_sizes_at("h0", h0, mesh.points)
     far = np.isfinite(values) & ((values < NEAREST) | (values > FARTHEST))
     refuse_where("h0", far, values, f"must be from {NEAREST:g} to {FARTHEST:g}, or inf")

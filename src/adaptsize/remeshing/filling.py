@@ -96,8 +96,7 @@ class Filling:
 
     def _in_adapted_surface(self, problem: Problem, run: IsolatedRunner) -> Problem:
         """Return the request to adapt what Netgen makes of a surface of the requested sizes."""
-        size, tolerance = problem.size, problem.tolerance
-        assert size is not None
+        size, tolerance = problem.sizes, problem.tolerance
         surface, ridges = self._with_short_edges(problem, THINNEST[0])
         surface, ridges = adapt_surface(surface, ridges, size, tolerance, run)
         # Where feature edges meet at small angles, Mmg makes edges much shorter than the size.
@@ -127,9 +126,8 @@ class Filling:
     def _with_short_edges(self, problem: Problem, thinnest: float) -> tuple[SimplexMesh, IntArray]:
         key = problem.tolerance, thinnest
         if key not in self._refined:
-            assert problem.size is not None
             self._refined[key] = refine_surface(
-                problem.mesh, problem.size, problem.tolerance, thinnest
+                problem.mesh, problem.sizes, problem.tolerance, thinnest
             )
         return self._refined[key]
 
@@ -162,8 +160,7 @@ def number_note(inner: Problem, n_cells: float, max_elements: float) -> str:
     TooManyElementsError
         If these are also more than ``max_elements``.
     """
-    assert inner.size is not None
-    found = predict(inner.mesh, inner.size, backend="mmg").cells
+    found = predict(inner.mesh, inner.sizes, backend="mmg").cells
     if found <= tuning.MANY_MORE * n_cells:
         return ""
     text = f"about {found:.3g} elements instead of the predicted {n_cells:.3g}: {FILLS_MORE}"

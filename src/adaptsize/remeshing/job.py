@@ -253,15 +253,14 @@ def _required(
 
 def _number_of_cells(mesh: SimplexMesh, size: object, problem: Problem) -> float:
     """Return the number of cells that the sizes predict."""
-    assert problem.size is not None
     if problem.task != "surface to tetrahedra":
-        return predict(problem.mesh, problem.size(problem.mesh.points)).cells
+        return predict(problem.mesh, problem.sizes(problem.mesh.points)).cells
     if isinstance(size, SizeFunction) and size.report is not None:
         nodes = size.background.points[: mesh.n_points]  # of its refined copy, the given ones first
         if np.array_equal(nodes, mesh.points):
             return size.report.n_elements
     # So many points are enough to find out whether there are too many elements.
-    return predict(Enclosed(problem.mesh, 1000), problem.size).cells
+    return predict(Enclosed(problem.mesh, 1000), problem.sizes).cells
 
 
 def _refuse_too_many(n_cells: float, most: float) -> None:

@@ -39,8 +39,7 @@ def in_steps(problem: Problem, made: Arrays, run: Callable[[Arrays, Metric], Arr
     mapping of str to array
         If no step serves the metric, the mesh whose edges are least too long on average.
     """
-    assert problem.metric is not None
-    metric = problem.metric
+    metric = problem.directions
     if (
         problem.facets.required.any()
         or _missing(_elements(problem, made, metric)) <= tuning.MISSING
@@ -111,10 +110,9 @@ def _floors(problem: Problem) -> tuple[FloatArray, float]:
 
     Also return the largest size.
     """
-    assert problem.metric is not None
     base = problem.mesh if problem.metric_mesh is None else problem.metric_mesh
     first = float(problem.mesh.edge_lengths.mean())
-    sizes = problem.metric(base.points).sizes
+    sizes = problem.directions(base.points).sizes
     last, largest = float(sizes.min()), float(sizes.max())
     last = max(last, tuning.FINEST[problem.task] * float(np.ptp(base.points, axis=0).max()))
     if first <= last:

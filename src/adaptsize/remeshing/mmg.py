@@ -120,7 +120,6 @@ def adapted(
     BackendError
         If the first run fails.
     """
-    assert problem.size is not None
     made, options = job_of(problem)
     best, best_share, elements = made, -1.0, None
     for times in [] if is_far(problem) else hausd:
@@ -133,7 +132,7 @@ def adapted(
             if best_share < 0.0:
                 raise
             break
-        share, median = _band_and_median(problem.size, made, problem.metric)
+        share, median = _band_and_median(problem.sizes, made, problem.metric)
         if elements is not None:
             share = min(share, elements.served(made))
         if share > best_share:
@@ -201,9 +200,8 @@ def _adapted_once(
 
 def _requested(problem: Problem, points: FloatArray, factor: float) -> FloatArray:
     """Return sizes times a factor, float64[n], or rows of the metric, float64[n, 3 or 6]."""
-    assert problem.size is not None
     if problem.metric is None:
-        return factor * problem.size(points)
+        return factor * problem.sizes(points)
     return _rows(problem.metric(points).scaled(factor))
 
 

@@ -111,6 +111,20 @@ class Problem:
     is_adapted: bool = False
     in_volume: Callable[[Problem], Problem] | None = None
 
+    @property
+    def sizes(self) -> Callable[[FloatArray], FloatArray]:
+        """The requested edge lengths, of a request that has some."""
+        if self.size is None:
+            raise ValueError("the request has no sizes")
+        return self.size
+
+    @property
+    def directions(self) -> MetricAt:
+        """The requested metric, of a request that has one."""
+        if self.metric is None:
+            raise ValueError("the request has no metric")
+        return self.metric
+
 
 class Backend(Protocol):
     """An adapter to one mesh generator: a class with these attributes and the method ``solve``.
