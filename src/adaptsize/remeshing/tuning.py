@@ -59,7 +59,7 @@ CORRECTION = 1.1
 CORRECTION_ON_SURFACE = 1.25
 #: Gradation of Mmg's own sizes at curved boundaries, as abs(grad h): the steepest of the requested
 #: sizes, at least the first and at most the second.  Half of the first: 1.07 times as many cells in
-#: the ball, 66 % in the band; the disc 2.1 tolerances off.  Double: .84 times as many, 82 %, and .75
+#: the ball, 66 % in the band; the disc 2.1 tolerances off.  Double: .84 times as many, 82 %, .75
 #: tolerances off.  A larger one than the second has no effect.
 LEAST_GRADIENT, LARGEST_GRADIENT = 0.25, 3.0
 #: Nodes of two edges are corners where a smooth curve would bulge by more than this share of the
