@@ -7,7 +7,7 @@ import numpy as np
 from adaptsize._checks import count_text
 from adaptsize._messages import Message
 from adaptsize.adaptation import tuning
-from adaptsize.adaptation.next_sizes import NextSizes, Request
+from adaptsize.adaptation.next_sizes import CycleRequest, NextSizes
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.splitting import bisect_edges
 from adaptsize.background.topology import rows_among
@@ -17,7 +17,7 @@ from adaptsize.sizes.search import smallest_tolerance
 
 
 def refuse_too_few(
-    mesh: AnyMesh, sizes: NextSizes, request: Request, original: SimplexMesh | None
+    mesh: AnyMesh, sizes: NextSizes, request: CycleRequest, original: SimplexMesh | None
 ) -> None:
     """Raise if the boundary within the tolerance needs more elements than requested; collective.
 
@@ -57,7 +57,7 @@ def refuse_too_few(
 
 def _check(
     mesh: SimplexMesh,
-    request: Request,
+    request: CycleRequest,
     target: float,
     per_simplex: float,
     original: SimplexMesh | None,
@@ -99,7 +99,7 @@ def _halved(mesh: SimplexMesh) -> SimplexMesh:
     return mesh
 
 
-def _without_bridges(mesh: SimplexMesh, request: Request) -> SimplexMesh:
+def _without_bridges(mesh: SimplexMesh, request: CycleRequest) -> SimplexMesh:
     """Return a mesh with nodes on all edges inside that connect curved boundaries.
 
     Sizes along such an edge do not grow away from the boundary.  The number that coarse meshes

@@ -23,9 +23,9 @@ from adaptsize.adaptation.new_mesh import NewMesh, make_mesh
 from adaptsize.adaptation.next_metric import as_anisotropic, metric_request
 from adaptsize.adaptation.next_sizes import (
     BoundLike,
+    CycleRequest,
     Decision,
     NextSizes,
-    Request,
     SizeRequest,
     as_bound,
     check_goal,
@@ -238,7 +238,7 @@ def _with_original(result: AnyResult, mesh: AnyMesh, first: SimplexMesh | None) 
 class _Checked(NamedTuple):
     """The checked arguments of `adapt`."""
 
-    request: Request
+    request: CycleRequest
     bound: FloatArray | None
     generator: str
     nodal: Arrays
@@ -280,7 +280,7 @@ def _checked(
             FieldTransfer(mesh, mesh).refuse_surfaces()
     if given["elements"] is not None and given["nodes"] is not None:
         raise OptionError(Message("{elements} and {nodes} exclude each other: omit one"))
-    request: Request
+    request: CycleRequest
     if is_metric:
         assert isinstance(mesh, SimplexMesh)
         if indicator is not None:
@@ -308,7 +308,7 @@ def _task(mesh: AnyMesh) -> Task:
 
 def _result(
     old: AnyMesh,
-    request: Request,
+    request: CycleRequest,
     decision: Decision,
     made: NewMesh,
     fields: _Checked,

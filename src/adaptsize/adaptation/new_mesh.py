@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from adaptsize.adaptation import tuning
 from adaptsize.adaptation.boundary_moves import BoundaryMoves
-from adaptsize.adaptation.next_sizes import NextSizes, Request
+from adaptsize.adaptation.next_sizes import CycleRequest, NextSizes
 from adaptsize.adaptation.report import boundary_distance, numbers_of
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.errors import BoundaryWarning
@@ -27,7 +27,9 @@ class NewMesh:
     moves: BoundaryMoves | None = None
 
 
-def make_mesh(mesh: AnyMesh, first: NewMesh, request: Request, report: ProgressCallback) -> NewMesh:
+def make_mesh(
+    mesh: AnyMesh, first: NewMesh, request: CycleRequest, report: ProgressCallback
+) -> NewMesh:
     """Return a mesh with the sizes of ``first``.
 
     If it misses the requested number of elements or nodes, others are made, at most three, and the

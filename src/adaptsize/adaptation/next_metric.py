@@ -14,7 +14,7 @@ from adaptsize._checks import describe
 from adaptsize._defaults import METRIC_GRADIENT_LIMIT
 from adaptsize._messages import Message
 from adaptsize.adaptation import tuning
-from adaptsize.adaptation.next_sizes import BoundLike, Request, as_bound
+from adaptsize.adaptation.next_sizes import BoundLike, CycleRequest, as_bound
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import interfaces
 from adaptsize.errors import OptionError
@@ -34,7 +34,7 @@ from adaptsize.typing import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
-class MetricRequest(Request):
+class MetricRequest(CycleRequest):
     """A request of sizes that depend on the direction.  The present error is not estimated."""
 
     fields: tuple[FloatArray, ...]

@@ -43,7 +43,7 @@ BoundLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | np
 
 
 @dataclass(frozen=True, kw_only=True)
-class Request:
+class CycleRequest:
     """A checked request for the next mesh: of sizes, or of a metric."""
 
     options: AdaptOptions
@@ -56,14 +56,16 @@ class Request:
         """Target for this error."""
         return None if self.error is None else self.options["tolerance"]
 
-    def within(self, mesh: Any, tolerance: float, original: SimplexMesh | None = None) -> Request:
+    def within(
+        self, mesh: Any, tolerance: float, original: SimplexMesh | None = None
+    ) -> CycleRequest:
         """Return the request with a bound that leaves curved boundaries within a tolerance.
 
         ``original`` is the mesh that has these boundaries; by default the present one.
         """
         raise NotImplementedError
 
-    def for_boundary(self) -> Request:
+    def for_boundary(self) -> CycleRequest:
         """Return the request that only curved boundaries bound, and not ``hmax`` either."""
         raise NotImplementedError
 
@@ -113,7 +115,7 @@ class Request:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SizeRequest(Request):
+class SizeRequest(CycleRequest):
     """A request of sizes that do not depend on the direction."""
 
     indicator: FloatArray | None
@@ -274,7 +276,7 @@ def check_goal(request: SizeRequest) -> None:
         raise refusal("g", f"must be finite and >= 0, or None, got {describe(g)}")
 
 
-def decide(mesh: AnyMesh, found: NextSizes, request: Request) -> Decision:
+def decide(mesh: AnyMesh, found: NextSizes, request: CycleRequest) -> Decision:
     """Return whether to remesh, and why; collective."""
     present = present_of(mesh, found.at_nodes)
     shares = present.shares

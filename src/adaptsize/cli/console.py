@@ -22,7 +22,7 @@ from adaptsize.errors import OptionError
 from adaptsize.typing import ProgressCallback
 
 if TYPE_CHECKING:
-    from adaptsize.cli.provenance import Request
+    from adaptsize.cli.provenance import TypedCommand
 
 
 class Console:
@@ -40,7 +40,7 @@ class Console:
         Names, which may be stages, and seconds of the steps so far.
     typed : str
         The command as it was typed.
-    request : Request or None
+    request : TypedCommand or None
         The command in the form that is stored with what it writes.
     """
 
@@ -49,7 +49,7 @@ class Console:
         self.as_json = self.quiet = self.verbose = False
         self.warnings: list[str] = []
         self._command = self.typed = ""
-        self.request: Request | None = None
+        self.request: TypedCommand | None = None
         self._result: dict[str, Any] = {}
         self._written: list[dict[str, Any]] = []
         self.times: list[tuple[str, float]] = []

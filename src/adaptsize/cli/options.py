@@ -20,7 +20,7 @@ from typer.core import TyperCommand
 from adaptsize._checks import refusal
 from adaptsize._messages import Message, message_of
 from adaptsize.cli.console import Console
-from adaptsize.cli.provenance import Request
+from adaptsize.cli.provenance import TypedCommand
 from adaptsize.errors import OptionError
 from adaptsize.options import Option, joined, options_of
 
@@ -243,7 +243,7 @@ def command(
             typed = {name: values.pop(name) for name in options}
             if "output" in values:
                 every = {**options, "options": _OPTIONS_FILE}
-                console.request = Request.of(
+                console.request = TypedCommand.of(
                     str(context.info_name), values["file"], {**typed, "options": file}, every
                 )
             if options:

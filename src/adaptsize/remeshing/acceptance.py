@@ -24,7 +24,7 @@ from adaptsize.quality.boundary import (
 )
 from adaptsize.quality.certificate import NEAR, Demand, MeshCheck, checked_mesh, size_demands
 from adaptsize.quality.elements import minimum_angles
-from adaptsize.remeshing.protocol import Problem
+from adaptsize.remeshing.protocol import MeshingProblem
 from adaptsize.remeshing.sizing import Size
 from adaptsize.typing import FloatArray
 
@@ -159,7 +159,7 @@ def _is_off(new: SimplexMesh, old: SimplexMesh, allowed: float, solid: Solid | N
     return _farthest(old_skin.points, skin, _FAR * allowed, new)[0] > 0.0
 
 
-def refuse_other_domain(new: SimplexMesh, problem: Problem, backend: str) -> None:
+def refuse_other_domain(new: SimplexMesh, problem: MeshingProblem, backend: str) -> None:
     """Refuse a mesh of another domain.
 
     Of an open surface, which a generator closes as it likes, only the bounding box counts.

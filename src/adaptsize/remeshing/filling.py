@@ -19,7 +19,7 @@ from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.mmg import adapted
 from adaptsize.remeshing.planning import Attempt
 from adaptsize.remeshing.preparation import as_problem, number_regions, restore
-from adaptsize.remeshing.protocol import Arrays, Backend, Facets, Problem
+from adaptsize.remeshing.protocol import Arrays, Backend, Facets, MeshingProblem
 from adaptsize.remeshing.registry import available_backends
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.surface import THINNEST, refine_surface, remove_slivers, sliver_height
@@ -38,7 +38,7 @@ class Filling:
 
     Parameters
     ----------
-    problem : Problem
+    problem : MeshingProblem
         Of the task "surface to tetrahedra".
     surface : SimplexMesh
         The boundary of the solid, in the coordinates of the problem.
@@ -48,7 +48,7 @@ class Filling:
     """
 
     def __init__(
-        self, problem: Problem, surface: SimplexMesh, n_cells: float, max_elements: float
+        self, problem: MeshingProblem, surface: SimplexMesh, n_cells: float, max_elements: float
     ) -> None:
         self._problem, self.surface = problem, surface
         self._n_cells, self._max_elements = n_cells, max_elements
@@ -94,7 +94,7 @@ class Filling:
 
         yield Candidate(finish, note)
 
-    def _in_adapted_surface(self, problem: Problem, run: IsolatedRunner) -> Problem:
+    def _in_adapted_surface(self, problem: MeshingProblem, run: IsolatedRunner) -> MeshingProblem:
         """Return the request to adapt what Netgen makes of a surface of the requested sizes."""
         size, tolerance = problem.sizes, problem.tolerance
         surface, ridges = self._with_short_edges(problem, THINNEST[0])
@@ -107,7 +107,7 @@ class Filling:
         raw = netgen.fill(surface, run)
         return replace(_inside(problem, raw, "netgen"), ridges=ridges, is_adapted=True)
 
-    def _in_given_surface(self, problem: Problem, run: IsolatedRunner) -> Problem:
+    def _in_given_surface(self, problem: MeshingProblem, run: IsolatedRunner) -> MeshingProblem:
         """Return the request to adapt what Netgen makes of the surface with divided edges.
 
         If it cannot be filled without its slivers, only the thinner ones are removed.
@@ -123,7 +123,9 @@ class Filling:
                 break
         return replace(_inside(problem, raw, "netgen"), ridges=ridges)
 
-    def _with_short_edges(self, problem: Problem, thinnest: float) -> tuple[SimplexMesh, IntArray]:
+    def _with_short_edges(
+        self, problem: MeshingProblem, thinnest: float
+    ) -> tuple[SimplexMesh, IntArray]:
         key = problem.tolerance, thinnest
         if key not in self._refined:
             self._refined[key] = refine_surface(
@@ -150,7 +152,7 @@ def unless_overlapping(better: SimplexMesh, mesh: SimplexMesh) -> SimplexMesh:
     return better
 
 
-def number_note(inner: Problem, n_cells: float, max_elements: float) -> str:
+def number_note(inner: MeshingProblem, n_cells: float, max_elements: float) -> str:
     """Return a note if the sizes require many more cells in a first volume than predicted.
 
     Of open surfaces, generators may fill more than what the surface encloses.
@@ -170,7 +172,7 @@ def number_note(inner: Problem, n_cells: float, max_elements: float) -> str:
     return text
 
 
-def _inside(problem: Problem, raw: Arrays, generator: str) -> Problem:
+def _inside(problem: MeshingProblem, raw: Arrays, generator: str) -> MeshingProblem:
     """Return the request to adapt tetrahedra in the surface of another one."""
     volume = restore(raw, problem, generator)
     plain = as_problem("tetrahedra", volume, problem.tolerance / volume.diagonal)
@@ -199,7 +201,7 @@ def adapt_surface(
         If Mmg fails.
     """
     regions, tags = number_regions(surface)
-    problem = Problem(
+    problem = MeshingProblem(
         "surface", surface, tolerance, Facets(), regions, tags, size=size, ridges=ridges
     )
     largest = tuning.CORRECTION_ON_SURFACE

@@ -13,11 +13,13 @@ from adaptsize.limiting import limit_gradient
 from adaptsize.limiting.inside import SolidField
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing.preparation import Frame, as_problem
-from adaptsize.remeshing.protocol import Problem
+from adaptsize.remeshing.protocol import MeshingProblem
 from adaptsize.typing import FloatArray
 
 
-def in_volume(problem: Problem, size: SizeFunction, frame: Frame, hmax: float) -> Problem:
+def in_volume(
+    problem: MeshingProblem, size: SizeFunction, frame: Frame, hmax: float
+) -> MeshingProblem:
     """Return the request to adapt a first volume, with sizes that are limited in it.
 
     Its cells are bisected until no source inside is missed.  The sizes are those that are seen
@@ -26,7 +28,7 @@ def in_volume(problem: Problem, size: SizeFunction, frame: Frame, hmax: float) -
 
     Parameters
     ----------
-    problem : Problem
+    problem : MeshingProblem
         Tetrahedra in the surface, in coordinates of their own.
     size : SizeFunction
         On the surface, with g.

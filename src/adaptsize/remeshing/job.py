@@ -41,7 +41,7 @@ from adaptsize.remeshing.preparation import (
     restore,
     surface_to_fill,
 )
-from adaptsize.remeshing.protocol import TASKS, Backend, Problem, Task
+from adaptsize.remeshing.protocol import TASKS, Backend, MeshingProblem, Task
 from adaptsize.remeshing.registry import able_backends, available_backends, choose_backend
 from adaptsize.remeshing.resolution import RequestedSizes, as_request
 from adaptsize.remeshing.sizing import (
@@ -110,9 +110,11 @@ class Requests:
     """The allowed one, over the diagonal."""
     required: IntArray | None
     """Facets that must not change."""
-    _made: dict[tuple[bool, float], Problem] = field(default_factory=dict, init=False, repr=False)
+    _made: dict[tuple[bool, float], MeshingProblem] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
-    def to(self, backend: str, factor: float) -> Problem:
+    def to(self, backend: str, factor: float) -> MeshingProblem:
         """Return the request to a generator, with a tolerance over the allowed one."""
         key = backend == "mmg", factor
         if key not in self._made:
@@ -251,7 +253,7 @@ def _required(
     return repaired.node_map[facets] if len(facets) else None
 
 
-def _number_of_cells(mesh: SimplexMesh, size: object, problem: Problem) -> float:
+def _number_of_cells(mesh: SimplexMesh, size: object, problem: MeshingProblem) -> float:
     """Return the number of cells that the sizes predict."""
     if problem.task != "surface to tetrahedra":
         return predict(problem.mesh, problem.sizes(problem.mesh.points)).cells

@@ -14,7 +14,7 @@ import numpy as np
 
 from adaptsize.errors import BackendError
 from adaptsize.remeshing import tuning
-from adaptsize.remeshing.protocol import Arrays, Problem
+from adaptsize.remeshing.protocol import Arrays, MeshingProblem
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -22,12 +22,14 @@ if TYPE_CHECKING:
     from adaptsize.quality.by_place import RequestedElements
 
 
-def in_steps(problem: Problem, made: Arrays, run: Callable[[Arrays, Metric], Arrays]) -> Arrays:
+def in_steps(
+    problem: MeshingProblem, made: Arrays, run: Callable[[Arrays, Metric], Arrays]
+) -> Arrays:
     """Return a mesh that serves a metric: the given one, or one that is made in steps.
 
     Parameters
     ----------
-    problem : Problem
+    problem : MeshingProblem
         With a metric.
     made : mapping of str to array
         The best mesh so far.
@@ -71,7 +73,7 @@ def in_steps(problem: Problem, made: Arrays, run: Callable[[Arrays, Metric], Arr
     return best
 
 
-def is_far(problem: Problem) -> bool:
+def is_far(problem: MeshingProblem) -> bool:
     """Return whether steps come first: in space a single run may not end within a minute."""
     if problem.metric is None or problem.task != "tetrahedra" or problem.facets.required.any():
         return False
@@ -80,7 +82,7 @@ def is_far(problem: Problem) -> bool:
     return float(problem.mesh.edge_lengths.mean()) > tuning.FAR * least
 
 
-def first_mesh(problem: Problem) -> Arrays:
+def first_mesh(problem: MeshingProblem) -> Arrays:
     """Return the mesh of a request as arrays."""
     facets = problem.facets
     return {
@@ -105,7 +107,7 @@ def _coarsened(metric: Metric, floor: float, largest: float) -> Metric:
     return Metric.of(np.minimum(scaled, np.maximum(largest, metric.sizes)), metric.directions)
 
 
-def _floors(problem: Problem) -> tuple[FloatArray, float]:
+def _floors(problem: MeshingProblem) -> tuple[FloatArray, float]:
     """Return the least sizes of the steps, evenly from the edges of the mesh to those requested.
 
     Also return the largest size.
@@ -122,7 +124,7 @@ def _floors(problem: Problem) -> tuple[FloatArray, float]:
 
 
 def _elements(
-    problem: Problem, made: Arrays, metric: Callable[[FloatArray], Metric]
+    problem: MeshingProblem, made: Arrays, metric: Callable[[FloatArray], Metric]
 ) -> RequestedElements:
     from adaptsize.background import SimplexMesh
     from adaptsize.quality.by_place import RequestedElements

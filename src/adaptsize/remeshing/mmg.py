@@ -41,7 +41,7 @@ from adaptsize.errors import BackendError
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing._medit import read_medit, write_medit
 from adaptsize.remeshing.metric_steps import first_mesh, in_steps, is_far
-from adaptsize.remeshing.protocol import Arrays, Backend, Problem, Program, Task
+from adaptsize.remeshing.protocol import Arrays, Backend, MeshingProblem, Program, Task
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ class MmgBackend(Backend):
     keeps_required_facets = True
     follows_metrics = True
 
-    def solve(self, problem: Problem, run: IsolatedRunner) -> Arrays:
+    def solve(self, problem: MeshingProblem, run: IsolatedRunner) -> Arrays:
         """Return the adapted mesh with its regions and groups of facets."""
         most = tuning.TURNS if problem.metric is None else tuning.TURNS_WITH_METRIC
         hausd = [tuning.HAUSD[problem.task]] * most
@@ -89,7 +89,7 @@ class MmgBackend(Backend):
 
 
 def adapted(
-    problem: Problem,
+    problem: MeshingProblem,
     hausd: Sequence[float],
     run: IsolatedRunner,
     *,
@@ -101,7 +101,7 @@ def adapted(
 
     Parameters
     ----------
-    problem : Problem
+    problem : MeshingProblem
     hausd : sequence of float
         For each run, Mmg's ``hausd`` over the tolerance.  Later runs are left out once enough edges
         follow the sizes, and enough of the elements that the first mesh requests are there.  If a
@@ -150,7 +150,7 @@ def adapted(
     return in_steps(problem, best, once)
 
 
-def job_of(problem: Problem) -> tuple[Arrays, dict[str, Any]]:
+def job_of(problem: MeshingProblem) -> tuple[Arrays, dict[str, Any]]:
     """Return the arrays and options of `MMG`, except for the sizes, ``hausd`` and ``hgrad``."""
     task = problem.task
     options = {
@@ -198,7 +198,7 @@ def _adapted_once(
     return new
 
 
-def _requested(problem: Problem, points: FloatArray, factor: float) -> FloatArray:
+def _requested(problem: MeshingProblem, points: FloatArray, factor: float) -> FloatArray:
     """Return sizes times a factor, float64[n], or rows of the metric, float64[n, 3 or 6]."""
     if problem.metric is None:
         return factor * problem.sizes(points)
@@ -271,7 +271,7 @@ def _write_job(folder: Path, arrays: Arrays, options: Mapping[str, Any]) -> list
     Parameters
     ----------
     arrays : points, cells, regions, facets, facet_groups, ridges, corners, sizes
-        As in ``Problem``.
+        As in ``MeshingProblem``.
     options : task, hausd (absolute), hgrad, ridge_angle, n_regions, n_groups,
         required_groups, open_boundaries
     """

@@ -62,7 +62,7 @@ NO_TAG = np.int64(2) ** 40
 
 
 @dataclass(frozen=True)
-class Problem:
+class MeshingProblem:
     """One request to a generator, after checks and repairs.
 
     Attributes
@@ -109,7 +109,7 @@ class Problem:
     metric_mesh: SimplexMesh | None = None
     ridges: IntArray = field(default_factory=lambda: np.empty((0, 2), np.int32))
     is_adapted: bool = False
-    in_volume: Callable[[Problem], Problem] | None = None
+    in_volume: Callable[[MeshingProblem], MeshingProblem] | None = None
 
     @property
     def sizes(self) -> Callable[[FloatArray], FloatArray]:
@@ -148,7 +148,7 @@ class Backend(Protocol):
     needs_volume : bool
         Whether it fills a surface only with a first volume mesh from another generator.
     follows_metrics : bool
-        Whether it uses ``Problem.metric``.
+        Whether it uses ``MeshingProblem.metric``.
     """
 
     name: str
@@ -164,12 +164,12 @@ class Backend(Protocol):
         """Whether the package can be imported."""
         return find_spec(self.package) is not None
 
-    def solve(self, problem: Problem, run: IsolatedRunner) -> Arrays:
+    def solve(self, problem: MeshingProblem, run: IsolatedRunner) -> Arrays:
         """Return the new mesh, which is checked by the caller.
 
         Parameters
         ----------
-        problem : Problem
+        problem : MeshingProblem
         run : callable
             Runs a function of arrays, ``"module:name"``, or a `Program` in a child process.
 

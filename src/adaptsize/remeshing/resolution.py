@@ -15,7 +15,7 @@ from adaptsize.limiting.sources import is_same
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing.in_volume import in_volume
 from adaptsize.remeshing.preparation import Frame, as_problem
-from adaptsize.remeshing.protocol import Problem, Task
+from adaptsize.remeshing.protocol import MeshingProblem, Task
 from adaptsize.remeshing.sizing import MetricAt, Size, SizeLike, in_solid, known_points
 from adaptsize.remeshing.surface import refine_facets, refine_surface
 from adaptsize.typing import FloatArray, IntArray
@@ -54,7 +54,7 @@ def as_request(
     required: IntArray | None,
     *,
     is_by_mmg: bool,
-) -> Problem:
+) -> MeshingProblem:
     """Return the request to remesh a repaired mesh.
 
     Generators read sizes at the nodes of a mesh only.  So the cells are divided until the sizes are

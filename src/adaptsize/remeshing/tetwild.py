@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from adaptsize._progress import Stage
 from adaptsize.remeshing import tuning
-from adaptsize.remeshing.protocol import Arrays, Backend, Problem, Task
+from adaptsize.remeshing.protocol import Arrays, Backend, MeshingProblem, Task
 
 if TYPE_CHECKING:
     from adaptsize.remeshing.isolation import IsolatedRunner
@@ -34,7 +34,7 @@ class TetWildBackend(Backend):
     install = 'pip install "pytetwild>=0.4.2,<0.5"'
     tasks: frozenset[Task] = frozenset({"surface to tetrahedra", "tetrahedra"})
 
-    def solve(self, problem: Problem, run: IsolatedRunner) -> Arrays:
+    def solve(self, problem: MeshingProblem, run: IsolatedRunner) -> Arrays:
         """Return tetrahedra, without regions and facets."""
         mesh = problem.mesh
         faces = mesh.cells if problem.task == "surface to tetrahedra" else problem.facets.nodes

@@ -13,7 +13,7 @@ from adaptsize.geometry.enclosed import enclosed_measure, is_oriented
 from adaptsize.remeshing import netgen
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.preparation import as_problem, restore
-from adaptsize.remeshing.protocol import NO_TAG, Problem
+from adaptsize.remeshing.protocol import NO_TAG, MeshingProblem
 from adaptsize.remeshing.registry import available_backends
 from adaptsize.typing import FloatArray, IntArray
 
@@ -21,7 +21,7 @@ from adaptsize.typing import FloatArray, IntArray
 _ROUNDING = 1e-9
 
 
-def refilled(problem: Problem, run: IsolatedRunner) -> SimplexMesh:
+def refilled(problem: MeshingProblem, run: IsolatedRunner) -> SimplexMesh:
     """Return tetrahedra of the same domain whose inside does not come from the given ones.
 
     Mmg fails on meshes with cells that are turned inside out or overlap, as hexahedra divided into
@@ -32,7 +32,7 @@ def refilled(problem: Problem, run: IsolatedRunner) -> SimplexMesh:
 
     Parameters
     ----------
-    problem : Problem
+    problem : MeshingProblem
         To remesh tetrahedra.
     run : IsolatedRunner
 
@@ -52,7 +52,7 @@ def refilled(problem: Problem, run: IsolatedRunner) -> SimplexMesh:
     return restore(raw, problem, "tetwild")
 
 
-def _filled_regions(problem: Problem, run: IsolatedRunner) -> Problem:
+def _filled_regions(problem: MeshingProblem, run: IsolatedRunner) -> MeshingProblem:
     """Return the request to adapt the tetrahedra with which Netgen fills each region.
 
     Raises
