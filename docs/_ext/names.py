@@ -43,7 +43,7 @@ RECORDS = {
     "size_conformity": "quality.conformity.Conformity quality.conformity.RatioStatistics "
     "quality.elements.MetricQuality quality.by_place.WorstPlace",
     "mesh_from_distance": "remeshing.distmesh.report.SmoothingReport",
-    "remeshing.register_backend": "remeshing.protocol.Problem",
+    "remeshing.register_backend": "remeshing.protocol.MeshingProblem",
     "distributed.PartitionedMesh": "ranks.Communicator ranks.Traffic",
     "distributed.from_dolfinx": "distributed.solvers.DolfinxPart",
     "distributed.from_dmplex": "distributed.solvers.PlexPart",

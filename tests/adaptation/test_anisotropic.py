@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from meshes import structured_square
 from shapes import two_region_rectangle
 
 from adaptsize import Metric, SizeFunction, adapt
@@ -112,3 +113,10 @@ def test_bad_requests_are_refused(options, message):
 def test_indicators_and_metrics_do_not_mix():
     with pytest.raises(ValueError, match="indicator must be None with a metric"):
         adapt(MESH, np.ones(MESH.n_cells), anisotropic=True, fields={"u": layer(MESH.points)})
+
+
+@pytest.mark.parametrize("names", [["u", 3], [3, "u"], [None], 3, [["u"]]])
+def test_names_of_fields_are_texts(names):
+    mesh = structured_square(3)
+    with pytest.raises(ValueError, match="anisotropic must be True, False or names of fields"):
+        adapt(mesh, fields={"u": mesh.points[:, 0]}, anisotropic=names, elements=50)

@@ -84,3 +84,13 @@ def test_parts_decide_like_the_whole_mesh(kind):
     expected = mesh.points[mesh.cells[whole.cells]]
     order = [np.lexsort(x.reshape(len(x), -1).T) for x in (corners, expected)]
     assert_allclose(corners[order[0]], expected[order[1]])
+
+
+def test_edges_too_long_are_worst_where_the_sizes_are_smallest():
+    mesh = structured_square(10, half_width=1.0)
+    need = needs_remeshing(mesh, layer)
+    assert need.needed
+    assert "too long" in need.places[0].reason
+    assert need.places[0].point[0] < -0.8
+    severity = [place.severity for place in need.places]
+    assert severity == sorted(severity, reverse=True)

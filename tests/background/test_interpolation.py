@@ -39,3 +39,19 @@ def test_points_outside_get_the_nearest_value_or_nan():
 def test_corners_are_not_outside_by_rounding():
     grid = CartesianGrid((1e6, 1e6), 0.1, (4, 4))
     assert np.isfinite(interpolate(grid, np.ones((4, 4)), [grid.upper], outside="nan")).all()
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
+@pytest.mark.parametrize("background", [random_square(80, 1), GRID], ids=repr)
+def test_only_what_is_outside_by_more_than_rounding_is_nan(background, scale):
+    if isinstance(background, CartesianGrid):
+        background = CartesianGrid(scale * background.origin, scale * background.spacing, (9, 9))
+    else:
+        background = background.moved(scale * background.points)
+    values = np.ones(background.nodal_shape)
+    end = background.points[background.points[:, 0].argmax()]
+    across = np.zeros(2)
+    across[0] = background.diagonal
+    points = [end + off * across for off in (1e-14, 1e-10, 1e-3)]
+    found = np.isnan(interpolate(background, values, points, outside="nan"))
+    np.testing.assert_array_equal(found, [False, True, True])

@@ -210,3 +210,13 @@ def test_other_objects_are_refused():
         SimplexMesh.from_object(skfem.MeshQuad())
     with pytest.raises(ValueError, match="must fill its space"):
         SimplexMesh(np.eye(3), [[0, 1, 2]]).to_skfem()
+
+
+def test_one_body_of_trimesh_has_no_tags():
+    import trimesh
+
+    box = trimesh.creation.box()
+    for held in (box, trimesh.Scene({"box": box})):
+        mesh = SimplexMesh.from_object(held)
+        assert mesh.cell_tags is None
+        assert not mesh.tag_names

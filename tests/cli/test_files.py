@@ -1,6 +1,11 @@
 """Files that cannot be written are refused before anything is read or computed."""
 
+import numpy as np
 import pytest
+
+from adaptsize import SimplexMesh
+from adaptsize.cli import files
+from adaptsize.errors import OptionError
 
 
 @pytest.fixture
@@ -72,3 +77,11 @@ def test_sizes_beside_a_mesh_may_not_replace_the_input(refused, tmp_path):
     (tmp_path / "part.sol").touch()
     err = refused("remesh", tmp_path / "part.sol", "-o", tmp_path / "part.mesh")
     assert "part.sol is also the input" in err
+
+
+def test_a_field_of_one_column_is_one_number_per_node():
+    mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+    column = mesh.with_data(point_data={"u": [[1.0], [2.0], [3.0]], "v": np.ones((3, 2))})
+    assert files.nodal_field(column, "u").tolist() == [1.0, 2.0, 3.0]
+    with pytest.raises(OptionError, match="'v' must have one number per node"):
+        files.nodal_field(column, "v")

@@ -6,8 +6,9 @@ from meshes import jittered_square
 from partitions import KINDS, on_ranks, partition
 from simulated_ranks import SimulatedCommunicator
 
-from adaptsize import SimplexMesh
+from adaptsize import CartesianGrid, SimplexMesh
 from adaptsize.background.partitioning import partition_cells
+from adaptsize.background.topology import pairs_of_cells
 from adaptsize.distributed import PartitionedMesh
 
 MESH = jittered_square(7, 811)
@@ -117,3 +118,13 @@ def test_partition_without_metis_is_balanced(monkeypatch):
     sizes = np.bincount(partition_cells(MESH, 5))
     assert len(sizes) == 5
     assert np.ptp(sizes) <= 1
+
+
+@pytest.mark.parametrize("n_parts", [2, 3, 5])
+def test_parts_are_compact(n_parts):
+    mesh = CartesianGrid((0.0, 0.0), 0.05, (21, 21)).mesh
+    part = partition_cells(mesh, n_parts)
+    assert np.ptp(np.bincount(part, minlength=n_parts)) <= 0.1 * mesh.n_cells / n_parts
+    inner = mesh.facet_cell_counts == 2
+    between = part[pairs_of_cells(mesh, inner) // 3]
+    assert (between[:, 0] != between[:, 1]).mean() < 0.12

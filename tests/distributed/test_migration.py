@@ -7,7 +7,7 @@ import pytest
 from simulated_ranks import SimulatedCommunicator
 
 from adaptsize import CartesianGrid
-from adaptsize.background.migration import displaced, interface_facets, migrate
+from adaptsize.background.migration import balanced, displaced, interface_facets, migrate
 from adaptsize.distributed import PartitionedMesh
 
 
@@ -100,3 +100,17 @@ def test_displacement_puts_interfaces_inside():
         1, lambda comm: displaced(PartitionedMesh.from_serial(mesh, None, comm), 3)
     )
     assert (alone[0] == 0).all()
+
+
+@pytest.mark.parametrize("shift", [0.0, -30.0, 1e3])
+def test_balanced_parts_have_about_the_same_number_of_cells(shift):
+    mesh = _square(25)
+    mesh = mesh.moved(mesh.points + shift)
+
+    def run(comm):
+        part = PartitionedMesh.from_serial(mesh, np.zeros(mesh.n_cells, int), comm)
+        return migrate(part, balanced(part)).n_cells
+
+    counts = SimulatedCommunicator.run(3, run)
+    assert sum(counts) == mesh.n_cells
+    assert max(counts) - min(counts) < 0.03 * mesh.n_cells

@@ -294,3 +294,16 @@ def test_negative_tags_are_kept(tmp_path):
     found = read(tmp_path / "a.msh")
     assert_array_equal(found.cell_tags, [-3, 3])
     assert_array_equal(found.facet_tags, [5, -5])
+
+
+def test_elements_that_are_points_are_left_out(tmp_path):
+    lines = ["1 15 2 3 1 1", "2 2 2 5 1 1 2 3"]
+    nodes = "1 0 0 0\n2 1 0 0\n3 0 1 0"
+    (tmp_path / "a.msh").write_text(
+        f"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n3\n{nodes}\n$EndNodes\n"
+        f"$Elements\n{len(lines)}\n" + "\n".join(lines) + "\n$EndElements\n"
+    )
+    with pytest.warns(InputWarning, match=r"1 tagged nodes dropped \(3\)"):
+        mesh = read(tmp_path / "a.msh")
+    assert_array_equal(mesh.cells, [[0, 1, 2]])
+    assert_array_equal(mesh.cell_tags, [5])

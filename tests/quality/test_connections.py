@@ -106,3 +106,14 @@ def test_cells_twice_are_refused_with_their_place(dim):
     message = rf"each cell once, got 2 with .*: cells\[{mesh.n_cells}\] is cells\[4\] again, at \("
     with pytest.raises(ValueError, match=message):
         remesh(twice, 0.5)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nodes_in_the_middle_of_edges_are_found_at_their_places(seed):
+    # Two triangles on the left, and on the right three around the middle of the common side.
+    points = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [2, 0], [2, 1], [1, 0.5]], float)
+    cells = [[0, 1, 2], [0, 2, 3], [1, 4, 6], [6, 4, 5], [6, 5, 2]]
+    order = np.random.default_rng(3114 + seed).permutation(len(points))
+    number = np.argsort(order)
+    (found,) = unconnected(SimplexMesh(points[order], number[np.array(cells)]))
+    assert (found.kind, found.number, found.place.tolist()) == ("hanging", 1, [1.0, 0.5])

@@ -64,3 +64,19 @@ def test_addresses_of_the_project_stand_in_one_file():
     texts = [*ROOT.glob("*.md"), *ROOT.glob("*.cff"), *(ROOT / ".github").rglob("*.yml")]
     texts += [*(ROOT / "docs").glob("*.md"), *(ROOT / "paper").glob("*.md")]
     assert not [path for path in texts if domain in path.read_text(encoding="utf-8")]
+
+
+def test_contributors_read_of_the_same_layers_as_the_linter():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    listed = re.search(r"which `lint-imports` checks: (.*?)\. Optional", text, re.S)[1]
+    contract = PROJECT["tool"]["importlinter"]["contracts"][0]["layers"]
+    layers = [part.removeprefix("adaptsize.") for row in contract for part in row.split(" | ")]
+    named = re.findall(r"`(\w+)`", listed)
+    # Below the kernels there are single files that hold no numerics.
+    assert named == layers[: layers.index("_kernels") + 1]
+
+
+def test_the_lowest_versions_that_a_decision_names_are_those_of_the_project():
+    page = next((ROOT / "docs" / "decisions").glob("0029-*.md")).read_text(encoding="utf-8")
+    for package, version in re.findall(r"(numpy|scipy)\s+(\d+\.\d+)", page):
+        assert f"{package}>={version}" in PROJECT["project"]["dependencies"]

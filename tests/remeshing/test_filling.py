@@ -1,10 +1,12 @@
 """Filling a closed surface: preparation of the surface, and Netgen."""
 
+import re
 import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from fake_generators import Recording, RecordingRunner, registered
 from numpy.testing import assert_allclose, assert_array_equal
 from shapes import CORNERS as CUBE
 from shapes import CUBE_CELLS, block, joined
@@ -19,15 +21,15 @@ from adaptsize.errors import (
 )
 from adaptsize.geometry.enclosed import is_oriented
 from adaptsize.geometry.solid import Solid
-from adaptsize.remeshing import driver, filling, netgen
+from adaptsize.options import RemeshOptions, checked
+from adaptsize.remeshing import netgen
 from adaptsize.remeshing.acceptance import Judge
-from adaptsize.remeshing.attempts import attempts_of
-from adaptsize.remeshing.filling import adapt_surface
+from adaptsize.remeshing.filling import adapt_surface, unless_overlapping
 from adaptsize.remeshing.isolation import IsolatedRunner
+from adaptsize.remeshing.job import prepared
 from adaptsize.remeshing.mmg import MmgBackend
 from adaptsize.remeshing.preparation import as_problem
 from adaptsize.remeshing.surface import refine_surface
-from adaptsize.remeshing.tetwild import TetWildBackend
 
 pytest.importorskip("mmgpy", reason="the meshes are made by Mmg")
 pytest.importorskip("netgen", reason="the surfaces are filled by Netgen")
@@ -68,11 +70,13 @@ def test_netgen_fills_a_shell_and_two_bodies(run):
     assert netgen.fill(joined(cube(), cube([2.0, 0.0, 0.0])), run) is not None
 
 
-def test_bodies_inside_out_are_filled_by_netgen(monkeypatch):
-    monkeypatch.setattr(TetWildBackend, "solve", lambda *_: pytest.fail("fTetWild fills"))
+def test_bodies_inside_out_are_filled_by_netgen():
     other = cube([2.0, 0.0, 0.0])
     both = joined(cube(), SimplexMesh(other.points, other.cells[:, ::-1]))
-    assert_allclose(remesh(both, 0.5).measures.sum(), 2.0, rtol=1e-9)
+    _, found = attempts_at(both, 0.5, RecordingRunner.without())
+    assert_allclose(found.best.mesh.measures.sum(), 2.0, rtol=1e-9)
+    (only,) = found.tried
+    assert (only.route, only.status) == ("netgen on the adapted surface, then mmg", "met")
 
 
 def test_surfaces_that_netgen_must_not_fill_are_refused_before_it_starts():
@@ -92,12 +96,22 @@ def test_surfaces_that_netgen_must_not_fill_are_refused_before_it_starts():
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of processor time")
-def test_processor_time_is_limited(run, monkeypatch):
+def test_processor_time_is_limited(run):
     surface, _ = refine_surface(cylinder(200, 0.2), lambda x: np.full(len(x), 0.008), 1e-5)
-    monkeypatch.setattr(netgen, "_SECONDS", 0.5)
-    monkeypatch.setattr(netgen, "_SECONDS_PER_TRIANGLE", 0.0)
     with pytest.raises(BackendTimeoutError, match="limit of processor time"):
-        netgen.fill(surface, run)
+        netgen.fill(surface, replace(run, seconds=0.5))
+
+
+def test_the_processor_time_for_a_surface_grows_with_its_triangles():
+    limits = []
+    for seconds in (np.inf, 5.001):
+        for surface in (cube(), cylinder(24, 0.2)):
+            run = replace(RecordingRunner.without("netgen:tetrahedralize"), seconds=seconds)
+            with pytest.raises(BackendError, match="netgen failed"):
+                netgen.fill(surface, run)
+            limits += [limit for _, _, limit in run.jobs]
+    n = cylinder(24, 0.2).n_cells
+    assert_allclose(limits, [5.012, 5.0 + 1e-3 * n, 5.001, 5.001])
 
 
 def test_a_result_that_is_not_the_surface_is_refused():
@@ -187,32 +201,26 @@ def test_the_adapted_surface_has_the_sizes_and_keeps_tags_and_ridges(run):
     assert_allclose(rims, np.linalg.norm(before[:, 0] - before[:, 1], axis=1).sum(), rtol=1e-2)
 
 
-def test_mmg_starts_from_a_surface_of_the_sizes_and_from_the_given_one_if_that_fails(monkeypatch):
-    surface = cylinder(16, 0.2)
-    made, adapted = [], []
-    fill, solve = netgen.fill, MmgBackend.solve
+def attempts_at(surface, size, run, **options):
+    """Return the job of `remesh` with its attempts in a run."""
+    job = prepared(surface, size, None, checked(RemeshOptions, options))
+    return job, job.attempts(run)
 
-    def recording(mesh, run):
-        made.append(mesh)
-        return fill(mesh, run)
 
-    def solving(backend, problem, run):
-        adapted.append(problem.is_adapted)
-        return solve(backend, problem, run)
-
-    monkeypatch.setattr(netgen, "fill", recording)
-    monkeypatch.setattr(MmgBackend, "solve", solving)
-    remesh(surface, 0.1)
+def test_mmg_starts_from_a_surface_of_the_sizes_and_from_the_given_one_if_that_fails():
+    surface, meshes, is_adapted = cylinder(16, 0.2), [], []
+    for failing in ((), ("surface",)):  # the surface is not adapted then
+        run, mmg = RecordingRunner.without(*failing), Recording("mmg")
+        with registered(mmg):
+            _, found = attempts_at(surface, 0.1, run)
+        (filled,) = run.arrays("netgen:tetrahedralize")
+        meshes.append(SimplexMesh(filled["points"], filled["faces"]))
+        is_adapted.append([problem.is_adapted for problem in mmg.problems])
     size = 0.1 / surface.diagonal  # generators work on a part of diagonal 1
-    assert np.median(made[0].edge_lengths) == pytest.approx(size, rel=0.3)
-    assert adapted == [True]
-
-    monkeypatch.setattr(filling, "adapt_surface", fail)
-    new = remesh(surface, 0.1)
-    assert len(made) == 2
-    assert made[1].edge_lengths.max() > 1.5 * size
-    assert adapted == [True, False]
-    assert_allclose(new.measures.sum(), enclosed(surface), rtol=0.01)
+    assert np.median(meshes[0].edge_lengths) == pytest.approx(size, rel=0.3)
+    assert meshes[1].edge_lengths.max() > 1.5 * size
+    assert is_adapted == [[True], [False]]
+    assert_allclose(found.best.mesh.measures.sum(), enclosed(surface), rtol=0.01)
 
 
 def test_a_mesh_that_would_take_too_long_is_given_up():
@@ -226,78 +234,67 @@ def test_a_mesh_that_would_take_too_long_is_given_up():
         MmgBackend().solve(problem, run)
 
 
-def fail(*_):
-    raise BackendError("mmg failed")
-
-
-@pytest.fixture
-def first_volumes(monkeypatch):
-    """Names of the generators that make first volumes, in the order of their use."""
-    used = []
-    restore = driver.restore
-
-    def recording(raw, problem, backend):
-        used.append(backend)
-        return restore(raw, problem, backend)
-
-    for module in (driver, filling):
-        monkeypatch.setattr(module, "restore", recording)
-    return used
-
-
-def test_a_failure_of_mmg_leaves_the_cells_that_fill_the_surface(first_volumes, monkeypatch):
-    monkeypatch.setattr(MmgBackend, "solve", fail)
+def test_a_failure_of_mmg_leaves_the_cells_that_fill_the_surface():
     text = "the tetrahedra are those that fill the surface, not adapted .*: mmg failed"
-    with pytest.warns(ResolutionWarning, match=text) as seen:
+    with (
+        registered(Recording("mmg", fails=True)),
+        pytest.warns(ResolutionWarning, match=text) as seen,
+    ):
         new = remesh(cube(), 0.3, tolerance=1e-2)
     assert seen[0].filename == __file__
     assert_allclose(new.measures.sum(), 1.0)
-    assert first_volumes == ["netgen"]
-    assert "mmg failed" in attempts_of(new).tried[0].text
 
 
-def test_a_failure_of_mmg_and_netgen_leaves_ftetwild(first_volumes, monkeypatch):
-    monkeypatch.setattr(MmgBackend, "solve", fail)
-    monkeypatch.setattr(netgen, "fill", fail)
-    new = remesh(cube(), 0.3, tolerance=1e-2)
-    assert_allclose(new.measures.sum(), 1.0, rtol=1e-2)
-    assert first_volumes == ["tetwild"]
-    assert [one.status for one in attempts_of(new).tried][:2] == ["failed", "failed"]
-    monkeypatch.setattr(TetWildBackend, "solve", fail)
-    with pytest.raises(BackendError, match=r"no generator made a mesh; tried netgen on .* failed"):
-        remesh(cube(), 0.3, tolerance=5e-3)
+def test_a_failure_of_mmg_and_netgen_leaves_ftetwild():
+    mmg, run = Recording("mmg", fails=True), RecordingRunner.without("netgen:tetrahedralize")
+    with registered(mmg):
+        _, found = attempts_at(cube(), 0.3, run, tolerance=1e-2)
+    assert_allclose(found.best.mesh.measures.sum(), 1.0, rtol=1e-2)
+    assert [(one.route, one.status) for one in found.tried] == [
+        ("netgen on the adapted surface, then mmg", "failed"),
+        ("netgen, then mmg", "failed"),
+        ("tetwild", "met"),
+    ]
+    with registered(mmg, Recording("tetwild", fails=True)):
+        _, found = attempts_at(cube(), 0.3, run, tolerance=5e-3)
+    assert found.best is None
+    assert found.failures().startswith(
+        "netgen on the adapted surface, then mmg, netgen, then mmg: "
+    )
 
 
 @pytest.mark.parametrize(
-    ("tagged", "used", "reason"),
+    ("tagged", "route", "reason"),
     [
         # The boundary of the union is a surface that Netgen can fill.
-        (False, ["netgen", "mmg"], "the surface is closed and does not cross itself"),
+        (
+            False,
+            "netgen on the adapted surface, then mmg",
+            "the surface is closed and does not cross itself",
+        ),
         # Tagged edges are edges of the given facets.
-        (True, ["tetwild"], "facets of the surface cross others: fTetWild makes the union"),
+        (True, "tetwild", "facets of the surface cross others: fTetWild makes the union"),
     ],
 )
-def test_bodies_that_cross_become_their_union(first_volumes, tagged, used, reason):
+def test_bodies_that_cross_become_their_union(tagged, route, reason):
     crossed = joined(cube(), cube([0.5, 0.3, 0.4]))
     if tagged:
         crossed = replace(crossed, tagged_facets=[[0, 1]], facet_tags=[1])
     with pytest.warns(OpenSurfaceWarning, match="bodies 1 and 2 overlap"):
-        new = remesh(crossed, 0.3, tolerance=1e-2)
-    assert first_volumes == used
-    (only,) = attempts_of(new).tried
-    assert only.reason == reason
-    assert_allclose(new.measures.sum(), 2.0 - 0.5 * 0.7 * 0.6, rtol=0.03)
+        _, found = attempts_at(crossed, 0.3, RecordingRunner.without(), tolerance=1e-2)
+    (only,) = found.tried
+    assert (only.route, only.reason) == (route, reason)
+    assert_allclose(found.best.mesh.measures.sum(), 2.0 - 0.5 * 0.7 * 0.6, rtol=0.03)
 
 
-def test_another_number_of_cells_in_an_open_surface_is_reported(first_volumes, monkeypatch):
-    monkeypatch.setattr(driver, "_number_of_cells", lambda *_: 100.0)
-    opened = SimplexMesh(CUBE, CUBE_CELLS[1:])
-    with (
-        pytest.warns(OpenSurfaceWarning, match="the surface is open"),
-        pytest.warns(ResolutionWarning, match=r"^\d+ elements instead of the predicted 100: the m"),
-    ):
-        remesh(opened, 0.15, tolerance=1e-2)
-    assert first_volumes == ["tetwild"]
+def test_another_number_of_cells_in_an_open_surface_is_reported():
+    opened, run = SimplexMesh(CUBE, CUBE_CELLS[1:]), RecordingRunner.without()
+    with pytest.warns(OpenSurfaceWarning, match="the surface is open"):
+        job = prepared(opened, 0.15, None, checked(RemeshOptions, {"tolerance": 1e-2}))
+    found = replace(job, n_cells=100.0).attempts(run)
+    assert re.match(r"\d+ elements instead of the predicted 100: the mesh", found.best.note)
+    assert [one.route for one in found.tried] == ["tetwild"]
+    assert {name for name, _, _ in run.jobs} == {"tetwild:tetrahedralize"}
 
 
 def test_flat_cells_and_boundaries_that_are_off_are_left_to_another_generator():
@@ -322,10 +319,12 @@ def test_flat_cells_and_boundaries_that_are_off_are_left_to_another_generator():
     assert sorted(found, key=lambda name: found[name].rank) == ["whole", "flat", "off", "pinched"]
 
 
-def test_an_improvement_that_makes_cells_overlap_is_not_kept(monkeypatch):
-    whole, surface = block(2), cube()
-    twice = joined(whole, whole.moved(whole.points + 0.1))
-    for better in (twice, whole.moved(0.99 * whole.points)):
-        monkeypatch.setattr(filling, "improved", lambda *_, better=better: better)
-        kept = filling.improved_soundly(whole, surface, 1e-3, None)
-        assert kept is (whole if better is twice else better)
+def test_an_improvement_that_makes_cells_overlap_is_not_kept():
+    whole = block(2)
+    twice, smaller = (
+        joined(whole, whole.moved(whole.points + 0.1)),
+        whole.moved(0.99 * whole.points),
+    )
+    assert unless_overlapping(twice, whole) is whole
+    assert unless_overlapping(smaller, whole) is smaller
+    assert unless_overlapping(twice, twice) is twice

@@ -114,3 +114,19 @@ def test_the_tip_of_a_cone_without_feature_edges_stays(target, h):
     cone = SimplexMesh([*ring, [0, 0, 3], [0, 0, 0]], [*sides, *base])
     new = remesh(cone, h, target=target, backend="mmg")
     assert np.linalg.norm(new.points - [0, 0, 3], axis=1).min() < 1e-9
+
+
+def test_mmg_runs_once_where_the_sizes_are_there():
+    mesh, n_runs = jittered_square(6, 11), 0
+    problem = replace(
+        as_problem("plane triangles", mesh, 1e-3),
+        size=lambda x: np.full(len(x), mesh.edge_lengths.mean()),
+    )
+
+    def run(function, text, arrays, options):
+        nonlocal n_runs
+        n_runs += 1
+        return dict(arrays)
+
+    adapted(problem, [1.0] * 3, run)
+    assert n_runs == 1

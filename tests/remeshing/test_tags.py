@@ -133,3 +133,11 @@ def test_sizes_on_a_surface_are_the_same_wherever_they_are_asked_for():
     assert_allclose(size(points), np.minimum(0.2 + 0.5 * depth, 0.3), rtol=1e-12)
     assert_array_equal(nodal(points), size(points))
     assert_array_equal(as_size(size, surface, g=9.0)(points), size(points))  # its own g counts
+
+
+def test_sizes_that_required_facets_forbid_draw_no_warning():
+    pytest.importorskip("mmgpy")
+    given = two_region_rectangle(4)
+    skin = given.boundary()
+    new = remesh(given, 4.0, required_facets=skin.nodes[skin.mesh.cells])
+    assert (new.facet_cell_counts == 1).sum() == skin.mesh.n_cells

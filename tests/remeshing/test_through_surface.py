@@ -5,14 +5,12 @@ from itertools import permutations, product
 
 import numpy as np
 import pytest
+from fake_generators import Recording, RecordingRunner, registered
 
 from adaptsize import SimplexMesh
+from adaptsize.background.topology import pairs_of_cells
 from adaptsize.errors import BackendError
-from adaptsize.remeshing import netgen, through_surface
-from adaptsize.remeshing.isolation import IsolatedRunner
-from adaptsize.remeshing.mmg import MmgBackend
 from adaptsize.remeshing.preparation import as_problem, repair_mesh
-from adaptsize.remeshing.tetwild import TetWildBackend
 from adaptsize.remeshing.through_surface import has_folded_cells, refilled
 
 SHAPE = (6, 2, 2)
@@ -54,11 +52,6 @@ def problem_of(mesh, h=0.4):
     return replace(as_problem("tetrahedra", mesh, 1e-2), size=lambda x: np.full(len(x), h))
 
 
-@pytest.fixture
-def run():
-    return IsolatedRunner("mmg", None, None, lambda *_: None)
-
-
 @pytest.mark.parametrize("moved", [0.0, 0.25])
 def test_cells_inside_out_are_found(moved):
     for scale in (1.0, 1e-4, 1e5):
@@ -82,38 +75,44 @@ def check(new, mesh, rel):
         assert now == pytest.approx(old, rel=rel)
 
 
-def test_regions_and_tags_are_kept_when_netgen_fills_them(run, monkeypatch):
+def test_regions_and_tags_are_kept_when_netgen_fills_them():
     pytest.importorskip("mmgpy")
     pytest.importorskip("netgen")
-    monkeypatch.setattr(TetWildBackend, "solve", lambda *_: pytest.fail("fTetWild is not needed"))
-    mesh = bent_block(0.25)
+    run, mesh = RecordingRunner.without(), bent_block(0.25)
     check(refilled(problem_of(mesh), run), mesh, 0.01)
+    assert [name for name, *_ in run.jobs][:2] == ["netgen:tetrahedralize"] * 2  # for each region
+    assert {name for name, *_ in run.jobs[2:]} == {"tetrahedra"}  # the task of Mmg
 
 
-def fail(*_):
-    raise BackendError("it failed")
-
-
-def test_ftetwild_makes_the_mesh_if_netgen_fails(run, monkeypatch):
+def test_ftetwild_makes_the_mesh_if_netgen_fails():
     pytest.importorskip("pytetwild")
-    monkeypatch.setattr(netgen, "fill", fail)
     mesh = bent_block(0.25)
-    check(refilled(problem_of(mesh), run), mesh, 0.03)
+    check(refilled(problem_of(mesh), RecordingRunner.without("netgen:tetrahedralize")), mesh, 0.03)
 
 
-def test_ftetwild_is_tried_if_mmg_fails_again(run, monkeypatch):
+def test_ftetwild_is_tried_if_mmg_fails_again():
     pytest.importorskip("netgen")
-    monkeypatch.setattr(MmgBackend, "solve", fail)
-    called = []
-    monkeypatch.setattr(TetWildBackend, "solve", lambda *_: called.append(True) or fail())
-    with pytest.raises(BackendError, match="it failed"):
-        refilled(problem_of(bent_block(0.25)), run)
-    assert called
+    mmg, tetwild = Recording("mmg", fails=True), Recording("tetwild", fails=True)
+    with registered(mmg, tetwild), pytest.raises(BackendError, match="tetwild failed"):
+        refilled(problem_of(bent_block(0.25)), RecordingRunner.without())
+    assert (len(mmg.problems), len(tetwild.problems)) == (1, 1)
 
 
-def test_what_ftetwild_cannot_do_is_refused(run, monkeypatch):
-    monkeypatch.setattr(through_surface.netgen, "fill", fail)
+def test_what_ftetwild_cannot_do_is_refused():
+    run = RecordingRunner.without("netgen:tetrahedralize")
     mesh = bent_block(0.25)
     required = as_problem("tetrahedra", mesh, 1e-2, mesh.tagged_facets[:1])
-    with pytest.raises(BackendError, match="it failed"):
+    with pytest.raises(BackendError, match="netgen failed"):
         refilled(replace(required, size=lambda x: np.full(len(x), 0.3)), run)
+
+
+def test_netgen_is_not_started_where_facets_lie_inside_a_region():
+    mesh = bent_block()
+    inner = mesh.facets[mesh.facet_cell_counts == 2]
+    regions = mesh.cell_tags[pairs_of_cells(mesh, mesh.facet_cell_counts == 2) // 4]
+    free = inner[regions[:, 0] == regions[:, 1]][:1]
+    tagged = replace(mesh, tagged_facets=free, facet_tags=[4])
+    run, tetwild = RecordingRunner.without(), Recording("tetwild", fails=True)
+    with registered(tetwild), pytest.raises(BackendError, match="tetwild failed"):
+        refilled(problem_of(tagged), run)
+    assert not run.jobs

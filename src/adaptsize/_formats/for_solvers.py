@@ -51,8 +51,7 @@ def write_abaqus(path: Path, mesh: SimplexMesh, order: int = 1) -> None:
     has_surfaces = mesh.cell_dim == mesh.dim and len(parts)
     sides = _sides_of(mesh) if has_surfaces else np.empty((0, 2))
     for name, own in parts.items():
-        facets = mesh.tagged_facets if mesh.cell_dim == 1 else raw.blocks[1][1]
-        assert facets is not None
+        facets = _tagged_facets(mesh) if mesh.cell_dim == 1 else raw.blocks[1][1]
         pieces += [f"*NSET, NSET={name}\n", ("%d\n", np.unique(facets[own]) + 1)]
         if has_surfaces:
             held = sides[own][sides[own, 0] > 0]
@@ -92,6 +91,12 @@ def _in_20_characters(x: float) -> str:
     return text
 
 
+def _tagged_facets(mesh: SimplexMesh) -> IntArray:
+    """Return the facets with tags, int32[n, cell_dim]."""
+    none = np.empty((0, mesh.cell_dim), np.int32)
+    return none if mesh.tagged_facets is None else mesh.tagged_facets
+
+
 def _sides_of(mesh: SimplexMesh) -> npt.NDArray[np.int64]:
     """Return the number of the element at each tagged facet, and that of its face, or 0.
 
@@ -99,16 +104,16 @@ def _sides_of(mesh: SimplexMesh) -> npt.NDArray[np.int64]:
     one in the region of lower tag, or within one region the one that the normal of the facet points
     away from.
     """
-    assert mesh.tagged_facets is not None
-    n, n_tagged, k = len(mesh.facets), len(mesh.tagged_facets), mesh.cell_dim
-    number = unique_rows(np.concatenate([mesh.facets, mesh.tagged_facets]), mesh.n_points)[1]
+    tagged = _tagged_facets(mesh)
+    n, n_tagged, k = len(mesh.facets), len(tagged), mesh.cell_dim
+    number = unique_rows(np.concatenate([mesh.facets, tagged]), mesh.n_points)[1]
     row = np.full(int(number.max()) + 1, -1)
     row[number[n:]] = np.arange(n_tagged)
     row_of_facet = row[number[:n]]
     cell, opposite = np.nonzero(row_of_facet[mesh.cell_facets] >= 0)
     rows = row_of_facet[mesh.cell_facets[cell, opposite]]
     outward = _turned(oriented_facets(mesh.cells[cell], opposite, None))
-    is_inward = (outward != _turned(mesh.tagged_facets[rows])).any(axis=1)
+    is_inward = (outward != _turned(tagged[rows])).any(axis=1)
     region = np.zeros(len(cell)) if mesh.cell_tags is None else mesh.cell_tags[cell]
     order = np.lexsort([cell, is_inward, region, rows])
     found, first = np.unique(rows[order], return_index=True)
@@ -166,8 +171,7 @@ def write_su2(path: Path, mesh: SimplexMesh) -> None:
         f"NMARK= {len(groups)}\n",
     ]
     for name, facets in groups.items():
-        assert mesh.tagged_facets is not None
-        own = mesh.tagged_facets[facets]
+        own = _tagged_facets(mesh)[facets]
         pieces += [f"MARKER_TAG= {name}\nMARKER_ELEMS= {len(own)}\n", (_su2_line(own), own)]
     write_text(path, *pieces)
 

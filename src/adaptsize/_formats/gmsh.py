@@ -8,6 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -140,7 +141,6 @@ class _Numbers:
 
     def __init__(self, content: bytes, place: int, name: str, file: _File) -> None:
         self.content, self.place, self.name, self.file = content, place, name, file
-        self._of_text: _Array | None = None
         self._used = 0
 
     def rest(self) -> bytes:
@@ -172,16 +172,25 @@ class _Numbers:
         self.place += n * dtype.itemsize
         return found
 
-    def _take_text(self, n: int, kind: str) -> _Array:
-        if self._of_text is None:
-            text = self.rest()
-            self._of_text = numbers_in(text, f"${self.name}")
-            self.place += len(text)
-        found = self._of_text[self._used : self._used + n]
+    def peek(self, n: int, kind: str, ahead: int = 0) -> _Array:
+        """Return ``n`` numbers of a text, ``ahead`` of the next one, and leave them to `take`."""
+        start = self._used + ahead
+        found = self._text[start : start + n]
         if len(found) < n:
             raise self.short()
-        self._used += n
         return found if kind == "f8" else found.astype(np.int64)
+
+    def _take_text(self, n: int, kind: str) -> _Array:
+        found = self.peek(n, kind)
+        self._used += n
+        return found
+
+    @cached_property
+    def _text(self) -> _Array:
+        """All numbers of a text."""
+        text = self.rest()
+        self.place += len(text)
+        return numbers_in(text, f"${self.name}")
 
     def records(self, n: int, *kinds: tuple[str, int]) -> list[_Array]:
         """Return columns of ``n`` records: pairs of a binary type and the number of values."""
@@ -203,9 +212,7 @@ class _Numbers:
 
     def left(self) -> int:
         """Return how many numbers of a text are left."""
-        self._take_text(0, "f8")
-        assert self._of_text is not None
-        return len(self._of_text) - self._used
+        return len(self._text) - self._used
 
     def short(self) -> MeshFileError:
         """Return the error of a section with too few numbers, or with a word that is none."""
@@ -302,9 +309,7 @@ def _read_elements_2(file: _File, stream: _Numbers) -> Iterator[_Cells]:
 
 def _next_elements(stream: _Numbers, most: int) -> tuple[str, _Array, _Array, _Array]:
     """Return the next elements of a text that have the same type and number of tags."""
-    before = stream._used
-    _, number, n_tags = stream.take(3, "i4").tolist()
-    stream._used = before
+    _, number, n_tags = stream.peek(3, "i4").tolist()
     kind = _type_of(number)
     width = 3 + n_tags + n_nodes_of(kind)
     if n_tags < 0:
@@ -312,12 +317,10 @@ def _next_elements(stream: _Numbers, most: int) -> tuple[str, _Array, _Array, _A
     total, step = 0, 64
     while total < most:
         n = min(step, most - total, (stream.left() - total * width) // width)
-        stream._used = before + total * width
-        rows = stream.take(max(n, 0) * width, "i4").reshape(-1, width)
+        rows = stream.peek(max(n, 0) * width, "i4", total * width).reshape(-1, width)
         same = (rows[:, 1] == number) & (rows[:, 2] == n_tags)
         own = n if same.all() else int(np.argmin(same))
         total, step = total + own, 2 * step
-        stream._used = before
         if own < n or n == 0:
             break
     rows = stream.take(total * width, "i4").reshape(total, width)

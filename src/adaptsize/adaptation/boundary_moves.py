@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, describe, refuse_where
+from adaptsize.adaptation import tuning
 from adaptsize.background import SimplexMesh, topology
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -196,7 +197,7 @@ def _allowed_shares(mesh: SimplexMesh, move: FloatArray, moving: BoolArray) -> F
             return share
         # A bad cell has a moving node, so this terminates: without moves all cells are valid.
         nodes = np.unique(cells[bad])
-        share[nodes] = np.where(share[nodes] > 1.0 / 32.0, 0.5 * share[nodes], 0.0)
+        share[nodes] = np.where(share[nodes] > tuning.LEAST_SHARE, 0.5 * share[nodes], 0.0)
 
 
 def _shape(points: FloatArray, cells: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -217,9 +218,9 @@ def _shape(points: FloatArray, cells: IntArray) -> tuple[FloatArray, FloatArray]
 def _is_worse(
     before: tuple[FloatArray, FloatArray], after: tuple[FloatArray, FloatArray]
 ) -> BoolArray:
-    """Return which cells keep less than .3 of their measure or .5 of their quality."""
+    """Return which cells keep too little of their measure or of their quality."""
     old = np.linalg.norm(before[0], axis=1)
     along = np.einsum("nd,nd->n", before[0], after[0])  # a turned cell counts as small
     left = np.divide(along, old**2, out=np.ones_like(old), where=old > 0.0)
     shape = left * before[1] / np.maximum(after[1], np.finfo(float).tiny)
-    return np.asarray((left < 0.3) | (shape < 0.5))
+    return np.asarray((left < tuning.MEASURE_KEPT) | (shape < tuning.QUALITY_KEPT))

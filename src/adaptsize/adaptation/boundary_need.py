@@ -6,8 +6,8 @@ import numpy as np
 
 from adaptsize._checks import count_text
 from adaptsize._messages import Message
-from adaptsize.adaptation.next_sizes import NextSizes, Request
-from adaptsize.adaptation.report import BUDGET_TOLERANCE
+from adaptsize.adaptation import tuning
+from adaptsize.adaptation.next_sizes import CycleRequest, NextSizes
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.splitting import bisect_edges
 from adaptsize.background.topology import rows_among
@@ -15,15 +15,9 @@ from adaptsize.errors import TooManyElementsError
 from adaptsize.sizes.curvature import curves_of
 from adaptsize.sizes.search import smallest_tolerance
 
-#: A mesh is refined until the number on it falls by less than this share with twice the cells,
-#: and at most to so many cells.  The number of sizes is known between the nodes, and settles at
-#: once; on a ball of 300 surface nodes, that of metrics falls from 7 200 on 1 300 cells to 3 500 on
-#: 24 000.
-_SETTLED, _MOST_CELLS = 0.02, 100_000
-
 
 def refuse_too_few(
-    mesh: AnyMesh, sizes: NextSizes, request: Request, original: SimplexMesh | None
+    mesh: AnyMesh, sizes: NextSizes, request: CycleRequest, original: SimplexMesh | None
 ) -> None:
     """Raise if the boundary within the tolerance needs more elements than requested; collective.
 
@@ -48,7 +42,7 @@ def refuse_too_few(
     is_graded = g is None or isinstance(g, str | int | float)
     if mesh.dim < 3 or target is None or not is_graded:
         return
-    if sizes.predicted <= (1.0 + BUDGET_TOLERANCE) * target:
+    if sizes.predicted <= (1.0 + tuning.BUDGET) * target:
         return
     in_parts = isinstance(mesh, PartitionedMesh)
     whole = mesh.gather() if isinstance(mesh, PartitionedMesh) else original or mesh
@@ -56,18 +50,21 @@ def refuse_too_few(
 
     def check() -> None:
         if whole is not None:
-            _check(whole, request, per_simplex, original if in_parts else None)
+            _check(whole, request, target, per_simplex, original if in_parts else None)
 
     mesh.ranks.agree(check)
 
 
 def _check(
-    mesh: SimplexMesh, request: Request, per_simplex: float, original: SimplexMesh | None
+    mesh: SimplexMesh,
+    request: CycleRequest,
+    target: float,
+    per_simplex: float,
+    original: SimplexMesh | None,
 ) -> None:
     """Raise if the boundary of a mesh needs more elements than requested."""
     options = request.options
-    target, nodes, tolerance = options["elements"], options["nodes"], options["boundary_tolerance"]
-    assert target is not None
+    nodes, tolerance = options["nodes"], options["boundary_tolerance"]
     first, alone = original or mesh, request.for_boundary()
     fine = _without_bridges(mesh, alone.within(mesh, tolerance, first))
 
@@ -75,12 +72,12 @@ def _check(
         return per_simplex * alone.within(fine, allowed, first).simplices(fine) / target
 
     load, before = load_of(tolerance), np.inf
-    while load < (1.0 - _SETTLED) * before and fine.n_cells < _MOST_CELLS:
-        if load <= 1.0 + BUDGET_TOLERANCE:
+    while load < (1.0 - tuning.SETTLED) * before and fine.n_cells < tuning.MOST_CELLS:
+        if load <= 1.0 + tuning.BUDGET:
             return
         fine = _halved(fine)
         load, before = load_of(tolerance), load
-    if load <= 1.0 + BUDGET_TOLERANCE:
+    if load <= 1.0 + tuning.BUDGET:
         return
     what, number = ("elements", target) if nodes is None else ("nodes", nodes)
     text = Message(
@@ -102,14 +99,14 @@ def _halved(mesh: SimplexMesh) -> SimplexMesh:
     return mesh
 
 
-def _without_bridges(mesh: SimplexMesh, request: Request) -> SimplexMesh:
+def _without_bridges(mesh: SimplexMesh, request: CycleRequest) -> SimplexMesh:
     """Return a mesh with nodes on all edges inside that connect curved boundaries.
 
     Sizes along such an edge do not grow away from the boundary.  The number that coarse meshes
     without nodes inside show is twice that of fine ones.
     """
     bounded = request.at_curves(mesh)
-    while mesh.cell_dim == mesh.dim and mesh.n_cells < _MOST_CELLS:
+    while mesh.cell_dim == mesh.dim and mesh.n_cells < tuning.MOST_CELLS:
         inside = bounded[mesh.edges[:, 0]] & bounded[mesh.edges[:, 1]]
         for curve in curves_of(mesh):
             if curve is not None:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple, TypeAlias, cast
+from typing import Any, NamedTuple, TypeAlias, cast, overload
 
 import numpy.typing as npt
 
@@ -23,9 +23,9 @@ from adaptsize.adaptation.new_mesh import NewMesh, make_mesh
 from adaptsize.adaptation.next_metric import as_anisotropic, metric_request
 from adaptsize.adaptation.next_sizes import (
     BoundLike,
+    CycleRequest,
     Decision,
     NextSizes,
-    Request,
     SizeRequest,
     as_bound,
     check_goal,
@@ -47,18 +47,50 @@ from adaptsize.errors import OptionError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, checked, options_of, with_options
 from adaptsize.quality.conformity import Conformity, nodal_metric, size_conformity
-from adaptsize.remeshing.protocol import Task
+from adaptsize.remeshing.protocol import TASKS, Task
 from adaptsize.remeshing.registry import choose_backend
 from adaptsize.sizes.budget import calibration, elements_with_nodes
 from adaptsize.sizes.error import as_indicator
 from adaptsize.typing import FloatArray, ProgressCallback, Unpack
 
 Fields: TypeAlias = Mapping[str, npt.ArrayLike]
+#: The result for a mesh, which is whole or in parts.
+AnyResult: TypeAlias = "AdaptResult[AnyMesh, SizeFunction | FloatArray]"
 
 
 _HOW = {"interpolate": "interpolated", "project": "projected", "bounded": "projected in bounds"}
 
 _OF_WHOLE_MESHES = ("corner_angle", "keep_integral", "anisotropic", "norm", "max_aspect")
+
+
+@overload
+def adapt(
+    mesh: SimplexMesh,
+    indicator: npt.ArrayLike | None = None,
+    *,
+    h0: BoundLike | Metric | MetricFunction | None = None,
+    fields: Fields | None = None,
+    cell_fields: Fields | None = None,
+    project: ProjectionLike | None = None,
+    original: SimplexMesh | None = None,
+    progress: ProgressCallback | bool | None = None,
+    **options: Unpack[AdaptOptions],
+) -> AdaptResult[SimplexMesh, SizeFunction]: ...
+
+
+@overload
+def adapt(
+    mesh: PartitionedMesh,
+    indicator: npt.ArrayLike | None = None,
+    *,
+    h0: BoundLike | None = None,
+    fields: Fields | None = None,
+    cell_fields: Fields | None = None,
+    project: None = None,
+    original: SimplexMesh | None = None,
+    progress: ProgressCallback | bool | None = None,
+    **options: Unpack[AdaptOptions],
+) -> AdaptResult[PartitionedMesh, FloatArray]: ...
 
 
 @with_options(AdaptOptions)
@@ -73,7 +105,7 @@ def adapt(
     original: SimplexMesh | None = None,
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[AdaptOptions],
-) -> AdaptResult:
+) -> AnyResult:
     """Return the next mesh of an adaptive loop, with the fields of the present mesh on it.
 
     Sizes come from error indicators, upper bounds, or both, and their gradient is limited.  The
@@ -189,7 +221,7 @@ def _original(mesh: AnyMesh, original: SimplexMesh | None, is_faceted: bool) -> 
     return original.boundary().mesh if in_parts and original.cell_dim == 3 else original
 
 
-def _with_original(result: AdaptResult, mesh: AnyMesh, first: SimplexMesh | None) -> AdaptResult:
+def _with_original(result: AnyResult, mesh: AnyMesh, first: SimplexMesh | None) -> AnyResult:
     """Return a result of which the mesh keeps the first mesh of its loop, in space; collective.
 
     A mesh in parts keeps the boundary of the first one, the same on all ranks.
@@ -206,7 +238,7 @@ def _with_original(result: AdaptResult, mesh: AnyMesh, first: SimplexMesh | None
 class _Checked(NamedTuple):
     """The checked arguments of `adapt`."""
 
-    request: Request
+    request: CycleRequest
     bound: FloatArray | None
     generator: str
     nodal: Arrays
@@ -248,7 +280,7 @@ def _checked(
             FieldTransfer(mesh, mesh).refuse_surfaces()
     if given["elements"] is not None and given["nodes"] is not None:
         raise OptionError(Message("{elements} and {nodes} exclude each other: omit one"))
-    request: Request
+    request: CycleRequest
     if is_metric:
         assert isinstance(mesh, SimplexMesh)
         if indicator is not None:
@@ -256,7 +288,7 @@ def _checked(
         request = metric_request(mesh, h0, nodal, given)
     else:
         eta = None if indicator is None else as_indicator(indicator, mesh)
-        bound = as_bound(cast("BoundLike | None", h0), mesh)
+        bound = None if h0 is None else as_bound(cast("BoundLike", h0), mesh)
         request = SizeRequest(options=given, indicator=eta, h0=bound)
         check_goal(request)
     generator = choose_backend(backend, task, keep_facets=False, metric=is_metric).name
@@ -265,25 +297,23 @@ def _checked(
 
 def _task(mesh: AnyMesh) -> Task:
     """Return the meshing task."""
-    tasks: dict[tuple[int, int], Task] = {(3, 3): "tetrahedra", (2, 2): "plane triangles"}
-    if isinstance(mesh, SimplexMesh):
-        tasks[2, 3] = "surface"
-    kind = (mesh.cell_dim, mesh.dim)
-    if kind not in tasks:
+    kind = "tetrahedra" if mesh.cell_dim == 3 else "triangles"
+    task = TASKS.get((mesh.cell_dim, mesh.dim, kind))
+    if task is None or (task == "surface" and not isinstance(mesh, SimplexMesh)):
         raise ValueError(
             f"mesh must be a SimplexMesh of triangles or tetrahedra, got {describe(mesh)}"
         )
-    return tasks[kind]
+    return task
 
 
 def _result(
     old: AnyMesh,
-    request: Request,
+    request: CycleRequest,
     decision: Decision,
     made: NewMesh,
     fields: _Checked,
     progress: ProgressCallback,
-) -> AdaptResult:
+) -> AnyResult:
     """Return fields on the new mesh, and the report; collective."""
     sizes, new, nodal, by_cell = made.sizes, made.mesh, fields.nodal, fields.by_cell
     how: dict[str, str] = {}

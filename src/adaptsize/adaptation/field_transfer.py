@@ -13,17 +13,15 @@ from adaptsize._checks import as_flag, check_type, describe
 from adaptsize._kernels.interpolate import combine
 from adaptsize._progress import reporting
 from adaptsize._workers import Workers
+from adaptsize.adaptation import tuning
 from adaptsize.adaptation._fields import as_columns, as_field, as_method, from_columns
-from adaptsize.adaptation.overlaps import OUTSIDE, Intersections, intersections_of
+from adaptsize.adaptation.overlaps import Intersections, intersections_of
 from adaptsize.adaptation.projection import Projection, sums_over
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.partitioned import local_mesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.sizes.budget import nodal_measures
 from adaptsize.typing import FloatArray, IntArray, NodalMethod, ProgressCallback
-
-#: Distance, over the size, by which a point is moved into a cell to find its side of a slit.
-_ASIDE = 1e-8
 
 
 def integral(mesh: AnyMesh, values: npt.NDArray[Any], *, nodal: bool = False) -> npt.NDArray[Any]:
@@ -241,7 +239,7 @@ class FieldTransfer:
             return field[self._holders[0]]
         self.refuse_surfaces()
         overlap = self.overlap
-        inside = np.where(self.coverage > OUTSIDE, 1.0, 0.0)
+        inside = np.where(self.coverage > tuning.OUTSIDE, 1.0, 0.0)
         weights = overlap.data * np.repeat(inside, np.diff(overlap.indptr))
         made = _combined(overlap.indptr, overlap.indices, weights, field, field[self._holders[0]])
         if keep_integral:
@@ -332,14 +330,14 @@ class FieldTransfer:
         one_cell[new.cells] = np.arange(new.n_cells)[:, None]
         points = new.points[nodes]
         inside = new.points[new.cells[one_cell[nodes]]].mean(axis=1)
-        cells, weights, _ = old.locator.nearest(points + _ASIDE * (inside - points))
+        cells, weights, _ = old.locator.nearest(points + tuning.ASIDE * (inside - points))
         # Weights of the node itself in that cell, which it may miss by rounding.
         corners = old.points[old.cells[cells]]
         edges = (corners[:, 1:] - corners[:, :1]).swapaxes(1, 2)
         valid = np.abs(np.linalg.det(edges)) > 0.0
         found = np.linalg.solve(edges[valid], (points - corners[:, 0])[valid][..., None])[..., 0]
         found = np.column_stack([1.0 - found.sum(axis=1), found])
-        near = np.abs(found - weights[valid]).max(axis=1) <= 1e3 * _ASIDE
+        near = np.abs(found - weights[valid]).max(axis=1) <= tuning.SAME_CELL
         found = np.clip(found, 0.0, 1.0)
         kept = np.flatnonzero(valid)[near]
         weights[kept] = found[near] / found[near].sum(axis=1, keepdims=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from itertools import combinations
 from typing import NamedTuple, TypeAlias
@@ -11,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_sizes_at, refuse_where
-from adaptsize.adaptation.report import BUDGET_TOLERANCE
+from adaptsize.adaptation import tuning
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.migration import is_counted_here
 from adaptsize.background.partitioned import local_mesh
@@ -25,13 +24,6 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray, Unpack
 
 #: Sizes at the nodes of a mesh, or the metric there.
 Requested: TypeAlias = FloatArray | Metric
-
-#: An edge is in band if neither halving nor doubling it brings it nearer to its size.
-_BAND = math.sqrt(2.0)
-#: Edges of more pieces need a new mesh, however few cells they have.
-_MOST_PIECES = 3.0
-#: Number of places that are reported, and their distance over the diagonal.
-_N_PLACES, _APART = 5, 0.1
 
 
 class Place(NamedTuple):
@@ -174,7 +166,7 @@ def needs_remeshing(
     share = present.shares[0]
     text = f"needed: {'; '.join(reasons)}" if reasons else f"not needed: {share:.0%} is there"
     severity = misses.severity
-    worst = np.argsort(-severity, kind="stable")[: np.count_nonzero(severity > _BAND)]
+    worst = np.argsort(-severity, kind="stable")[: np.count_nonzero(severity > tuning.BAND)]
     return RemeshingNeed(
         bool(reasons), text, *present.shares, present.n_cells, predicted,
         worst.astype(np.int32), _places(mesh, misses, worst),
@@ -243,9 +235,9 @@ class Present(NamedTuple):
 
     def has_sizes(self, predicted: float, enough: float) -> bool:
         """Return whether the mesh has the sizes, for which a number of cells is predicted."""
-        same = abs(predicted / self.n_cells - 1.0) <= BUDGET_TOLERANCE
+        same = abs(predicted / self.n_cells - 1.0) <= tuning.BUDGET
         # A region that is much too coarse counts, however few cells it has.
-        return same and self.shares[0] >= enough and self.longest <= _MOST_PIECES
+        return same and self.shares[0] >= enough and self.longest <= tuning.MOST_PIECES
 
     @property
     def reason(self) -> str:
@@ -253,7 +245,7 @@ class Present(NamedTuple):
         _, too_long, too_short = self.shares
         text = f"{too_long:.0%} of the next mesh is too coarse in the old one, "
         text += f"{too_short:.0%} too fine"
-        if self.longest > _MOST_PIECES:
+        if self.longest > tuning.MOST_PIECES:
             text += f", an edge is {self.longest:.2g} times too long"
         return text
 
@@ -267,7 +259,7 @@ def present_of(mesh: AnyMesh, requested: Requested) -> Present:
         pieces = pieces_of(whole.points, whole.edges, requested)
         longest, pieces = float(pieces.max()), pieces[counted]
         weight = np.maximum(pieces, 1.0) ** (1 if isinstance(requested, Metric) else mesh.cell_dim)
-        off = [np.ones_like(pieces, bool), pieces > _BAND, pieces < 1.0 / _BAND]
+        off = [np.ones_like(pieces, bool), pieces > tuning.BAND, pieces < 1.0 / tuning.BAND]
         weights = np.array([weight[which].sum() for which in off])
     ranks, n_cells = mesh.ranks, len(mesh.cells)
     total = ranks.allreduce(weights, "sum")
@@ -339,9 +331,9 @@ def _places(mesh: AnyMesh, misses: _Misses, worst: npt.NDArray[np.intp]) -> tupl
     """Return places of the worst cells that are apart from each other; collective."""
     severity, free = misses.severity[worst], np.ones(len(worst), np.bool_)
     centroids = mesh.points[mesh.cells[worst]].mean(axis=1)
-    distance = _APART * mesh.diagonal
+    distance = tuning.APART * mesh.diagonal
     places: list[Place] = []
-    while len(places) < _N_PLACES:
+    while len(places) < tuning.N_PLACES:
         own = None
         if free.any():
             row = int(free.argmax())

@@ -3,22 +3,16 @@
 import warnings
 from dataclasses import dataclass, replace
 
+from adaptsize.adaptation import tuning
 from adaptsize.adaptation.boundary_moves import BoundaryMoves
-from adaptsize.adaptation.next_sizes import NextSizes, Request
-from adaptsize.adaptation.report import BUDGET_TOLERANCE, boundary_distance, numbers_of
+from adaptsize.adaptation.next_sizes import CycleRequest, NextSizes
+from adaptsize.adaptation.report import boundary_distance, numbers_of
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.errors import BoundaryWarning
 from adaptsize.options import RemeshOptions
 from adaptsize.remeshing import remesh
 from adaptsize.sizes.search import Search
 from adaptsize.typing import ProgressCallback
-
-#: A mesh within this share of the requested number is accepted, by dimension of the cells.  Within
-#: 5 %, 54 loops of triangles took 62 meshes in place of 54, and 12 of tetrahedra 22 in place of 13.
-_ACCEPTED = {2: 0.05, 3: BUDGET_TOLERANCE}
-
-#: The limits allow a requested number if the prediction is this close to it.
-_REACHED = 0.05
 
 
 @dataclass(frozen=True)
@@ -33,7 +27,9 @@ class NewMesh:
     moves: BoundaryMoves | None = None
 
 
-def make_mesh(mesh: AnyMesh, first: NewMesh, request: Request, report: ProgressCallback) -> NewMesh:
+def make_mesh(
+    mesh: AnyMesh, first: NewMesh, request: CycleRequest, report: ProgressCallback
+) -> NewMesh:
     """Return a mesh with the sizes of ``first``.
 
     If it misses the requested number of elements or nodes, others are made, at most three, and the
@@ -62,10 +58,10 @@ def make_mesh(mesh: AnyMesh, first: NewMesh, request: Request, report: ProgressC
 
     sizes, d = first.sizes, mesh.cell_dim
     new, count = make(sizes)
-    search: Search[NewMesh] = Search.by_meshes(target or count, d, _ACCEPTED[d])
+    search: Search[NewMesh] = Search.by_meshes(target or count, d, tuning.ACCEPTED[d])
     search.add(sizes.predicted, new, count)
     while elements is not None and (factor := search.factor) is not None:
-        if abs(sizes.predicted / elements - 1.0) > _REACHED:
+        if abs(sizes.predicted / elements - 1.0) > tuning.REACHED:
             break
         simplices = first.sizes.simplices * factor**-d
         sizes = request.next(mesh, elements / simplices)

@@ -13,7 +13,8 @@ import numpy.typing as npt
 from adaptsize._checks import describe
 from adaptsize._defaults import METRIC_GRADIENT_LIMIT
 from adaptsize._messages import Message
-from adaptsize.adaptation.next_sizes import BoundLike, Request, as_bound
+from adaptsize.adaptation import tuning
+from adaptsize.adaptation.next_sizes import BoundLike, CycleRequest, as_bound
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import interfaces
 from adaptsize.errors import OptionError
@@ -33,7 +34,7 @@ from adaptsize.typing import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
-class MetricRequest(Request):
+class MetricRequest(CycleRequest):
     """A request of sizes that depend on the direction.  The present error is not estimated."""
 
     fields: tuple[FloatArray, ...]
@@ -72,7 +73,8 @@ class MetricRequest(Request):
         wanted = self._wanted(mesh, number)
         return scale_to(
             number, lambda s: self._finished(mesh, wanted.scaled(s)),
-            lambda metric: metric.predicted_elements(mesh), 1.0, mesh.cell_dim, 0.03, most=8,
+            lambda metric: metric.predicted_elements(mesh), 1.0, mesh.cell_dim,
+            tuning.ACCURACY_OF_METRIC, most=tuning.MOST_SCALES,
         )  # fmt: skip
 
     def _wanted(self, mesh: SimplexMesh, number: float | None) -> Metric:
@@ -110,7 +112,6 @@ def metric_request(
     bound = nodal_metric(mesh, h0, finite=False)
     if bound is None and h0 is not None:
         sizes = as_bound(h0, mesh)  # type: ignore[arg-type]
-        assert sizes is not None
         bound = Metric.isotropic(sizes, mesh.dim)
     anisotropic = as_anisotropic(options["anisotropic"])
     chosen = tuple(fields[name] for name in _names(anisotropic, fields))
@@ -211,4 +212,6 @@ def _radii_of_original(mesh: SimplexMesh, original: SimplexMesh, within: float) 
 
 def _radii(mesh: SimplexMesh) -> Metric:
     """Return the radii of curvature as a metric."""
-    return metric_from_curvature(mesh, elements_per_radian=1.0, max_aspect=100.0)
+    return metric_from_curvature(
+        mesh, elements_per_radian=1.0, max_aspect=tuning.MOST_ASPECT_OF_CURVATURE
+    )

@@ -22,8 +22,8 @@ from adaptsize._checks import (
 from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize._messages import Message
 from adaptsize._size_function import SizeFunction
+from adaptsize.adaptation import tuning
 from adaptsize.adaptation.need import Requested, count_simplices, present_of, smallest
-from adaptsize.adaptation.report import BUDGET_TOLERANCE
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.errors import OptionError
 from adaptsize.limiting import limit_gradient
@@ -37,15 +37,12 @@ from adaptsize.sizes.prediction import predict
 from adaptsize.sizes.search import scale_to
 from adaptsize.typing import BoolArray, FloatArray, GradientLimit
 
-#: Accepted relative error of a predicted number: generators miss it by per cents.
-_ACCURACY = 3e-3
-
 #: Types that ``adapt`` accepts as ``h0``.
 BoundLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 
 
 @dataclass(frozen=True, kw_only=True)
-class Request:
+class CycleRequest:
     """A checked request for the next mesh: of sizes, or of a metric."""
 
     options: AdaptOptions
@@ -58,14 +55,16 @@ class Request:
         """Target for this error."""
         return None if self.error is None else self.options["tolerance"]
 
-    def within(self, mesh: Any, tolerance: float, original: SimplexMesh | None = None) -> Request:
+    def within(
+        self, mesh: Any, tolerance: float, original: SimplexMesh | None = None
+    ) -> CycleRequest:
         """Return the request with a bound that leaves curved boundaries within a tolerance.
 
         ``original`` is the mesh that has these boundaries; by default the present one.
         """
         raise NotImplementedError
 
-    def for_boundary(self) -> Request:
+    def for_boundary(self) -> CycleRequest:
         """Return the request that only curved boundaries bound, and not ``hmax`` either."""
         raise NotImplementedError
 
@@ -93,13 +92,7 @@ class Request:
         ValueError
             If the sizes are not finite where there are cells, or an option is out of range.
         """
-        target, found = self.options["elements"], None
-        if target is None or self.options["tolerance"] is not None:
-            found = self.without_number(mesh)
-        if target is not None and (found is None or factor * count_simplices(mesh, found) > target):
-            found = self.of_number(mesh, max(target / factor, 1.0))
-        assert found is not None
-        sizes = found
+        sizes = self._for_goal(mesh, factor)
 
         def refuse_free() -> None:
             h = smallest(sizes)
@@ -110,9 +103,18 @@ class Request:
         simplices = count_simplices(mesh, sizes)
         return NextSizes(sizes, factor * simplices, simplices)
 
+    def _for_goal(self, mesh: AnyMesh, factor: float) -> Requested:
+        """Return the sizes for the tolerance, or those for the number if it allows no more."""
+        target = self.options["elements"]
+        if target is None or self.options["tolerance"] is not None:
+            sizes = self.without_number(mesh)
+            if target is None or factor * count_simplices(mesh, sizes) <= target:
+                return sizes
+        return self.of_number(mesh, max(target / factor, 1.0))
+
 
 @dataclass(frozen=True, kw_only=True)
-class SizeRequest(Request):
+class SizeRequest(CycleRequest):
     """A request of sizes that do not depend on the direction."""
 
     indicator: FloatArray | None
@@ -159,34 +161,33 @@ class SizeRequest(Request):
         if self.indicator is None:
             return self._finished(mesh, self._requested(mesh))
         assert self.options["tolerance"] is not None
-        # Meshes miss sizes by a few per cent.
-        return self._from_error(mesh, {"tolerance": 0.95 * self.options["tolerance"]})
+        tolerance = tuning.BELOW_TOLERANCE * self.options["tolerance"]
+        return self._from_error(mesh, self.indicator, {"tolerance": tolerance})
 
     def of_number(self, mesh: AnyMesh, number: float) -> FloatArray:
         """Return the sizes for a number of regular simplices."""
         if self.indicator is not None:
-            return self._from_error(mesh, {"elements": number})
+            return self._from_error(mesh, self.indicator, {"elements": number})
         assert self.h0 is not None
         bound, d = self.h0, mesh.cell_dim
         start = count_elements(mesh, self._finished(mesh, bound))
         first = (start / number) ** (1.0 / d) if start > 0.0 else 1.0
         return scale_to(
             number, lambda s: self._finished(mesh, s * bound), partial(count_elements, mesh),
-            first, d, _ACCURACY,
+            first, d, tuning.ACCURACY,
         )  # fmt: skip
 
     def _requested(self, mesh: AnyMesh) -> FloatArray:
         """Return the sizes that are given, inf where there are none."""
         return np.full(mesh.n_points, np.inf) if self.h0 is None else self.h0
 
-    def _from_error(self, mesh: AnyMesh, goal: ErrorOptions) -> FloatArray:
-        assert self.indicator is not None
+    def _from_error(self, mesh: AnyMesh, indicator: FloatArray, goal: ErrorOptions) -> FloatArray:
         given: ErrorOptions = {
             "tolerance": None, "elements": None, "max_refine": self.options["max_refine"],
             "max_coarsen": self.options["max_coarsen"], "backend": None, **goal,
         }  # fmt: skip
         finish, order = partial(self._finished, mesh), self.options["order"]
-        return scaled_by_error(mesh, self.indicator, order, given, finish, _ACCURACY)
+        return scaled_by_error(mesh, indicator, order, given, finish, tuning.ACCURACY)
 
     def _finished(self, mesh: AnyMesh, h: FloatArray) -> FloatArray:
         """Apply bounds and limits."""
@@ -234,10 +235,8 @@ class Decision(NamedTuple):
     too_short: float
 
 
-def as_bound(h0: BoundLike | None, mesh: AnyMesh) -> FloatArray | None:
+def as_bound(h0: BoundLike, mesh: AnyMesh) -> FloatArray:
     """Return upper bounds at the nodes of the mesh."""
-    if h0 is None:
-        return None
     values = as_sizes_at("h0", h0, mesh.points)
     far = np.isfinite(values) & ((values < NEAREST) | (values > FARTHEST))
     refuse_where("h0", far, values, f"must be from {NEAREST:g} to {FARTHEST:g}, or inf")
@@ -273,7 +272,7 @@ def check_goal(request: SizeRequest) -> None:
     as_limits(options["hmin"], options["hmax"], allow_inf=True)
 
 
-def decide(mesh: AnyMesh, found: NextSizes, request: Request) -> Decision:
+def decide(mesh: AnyMesh, found: NextSizes, request: CycleRequest) -> Decision:
     """Return whether to remesh, and why; collective."""
     present = present_of(mesh, found.at_nodes)
     shares = present.shares
@@ -284,7 +283,7 @@ def decide(mesh: AnyMesh, found: NextSizes, request: Request) -> Decision:
         return Decision(False, True, reason, *shares)
     ratio = found.predicted / present.n_cells
     same = present.has_sizes(found.predicted, request.options["enough"])
-    finer = tolerance is not None and not within and ratio > 1.02
+    finer = tolerance is not None and not within and ratio > tuning.FINER
     if not same or finer:
         return Decision(True, False, f"remeshed: {present.reason}", *shares)
     reason = f"not remeshed: the old mesh already has {shares[0]:.0%} of the next mesh"
@@ -295,7 +294,7 @@ def decide(mesh: AnyMesh, found: NextSizes, request: Request) -> Decision:
         )
         return Decision(False, False, reason, *shares)
     target = None if tolerance is not None else request.options["elements"]
-    met = target is None or abs(present.n_cells / target - 1.0) <= BUDGET_TOLERANCE
+    met = target is None or abs(present.n_cells / target - 1.0) <= tuning.BUDGET
     if not met:
         goal = f"{target:.0f} elements"
         nodes = request.options["nodes"]

@@ -9,17 +9,11 @@ from adaptsize._kernels.clipping import new_clipping
 from adaptsize._kernels.overlap import Front, fill_overlaps
 from adaptsize._kernels.trees import Tree
 from adaptsize._workers import Workers
+from adaptsize.adaptation import tuning
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background.location import in_space
 from adaptsize.typing import FloatArray, IntArray, LongArray
-
-# A cell with less than this share of its measure in the old domain counts as outside.
-OUTSIDE = 1e-9
-
-# By dimension, new cells of one task, some hundredths of a second, and room for old cells for each.
-_CELLS = {2: 4096, 3: 1024}
-_ROOM = {2: 16, 3: 48}
 
 
 class Intersections(NamedTuple):
@@ -58,7 +52,7 @@ def intersections_of(
         found[first] = _part(locator.tree, neighbours, (points, cells), which, products)
 
     text = "overlaps of the cells of two meshes"
-    workers.in_chunks(task, new.n_cells, _CELLS[new.dim], text)
+    workers.in_chunks(task, new.n_cells, tuning.CELLS_AT_ONCE[new.dim], text)
     parts = [found[first] for first in sorted(found)]
     unit = locator.scale**-new.dim
     start = np.concatenate([[0], *(part.counts for part in parts)]).cumsum()
@@ -108,7 +102,7 @@ def _part(
     cells = new[1]
     k = cells.shape[1]
     counts, n_nodes = np.zeros(len(cells), np.int64), np.zeros(len(cells), np.int64)
-    room, work = _ROOM[k - 1] * len(which), new_clipping()
+    room, work = tuning.ROOM[k - 1] * len(which), new_clipping()
     overlaps: list[tuple[IntArray, FloatArray]] = []
     numbers: list[IntArray] = [np.empty(0, np.int32)]
     assembled = [csr_array((0, len(tree.points)))]

@@ -1,14 +1,18 @@
 """The result of one adaptation cycle, and the report on it."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from adaptsize._checks import warn_caller
 from adaptsize._messages import Message
+from adaptsize._size_function import SizeFunction
+from adaptsize.adaptation import tuning
 from adaptsize.adaptation._fields import Arrays
 from adaptsize.adaptation.boundary_moves import BoundaryMoves
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
@@ -20,9 +24,6 @@ from adaptsize.metrics import MetricFunction
 from adaptsize.quality.boundary import parts_by_tag
 from adaptsize.quality.conformity import Conformity
 from adaptsize.typing import FloatArray
-
-#: Allowed relative deviation from the requested number of elements.
-BUDGET_TOLERANCE = 0.15
 
 
 @dataclass(frozen=True)
@@ -162,7 +163,7 @@ class AdaptReport:
     def budget_met(self) -> bool | None:
         """Whether the number of cells or nodes is within 15 % of the request, None without one."""
         ratio = self._ratio
-        return None if ratio is None else abs(ratio - 1.0) <= BUDGET_TOLERANCE
+        return None if ratio is None else abs(ratio - 1.0) <= tuning.BUDGET
 
     @property
     def _ratio(self) -> float | None:
@@ -211,8 +212,13 @@ class AdaptReport:
             )
 
 
+#: The mesh of a result, and its sizes: a `SizeFunction`, or nodal values in parts.
+MeshT_co = TypeVar("MeshT_co", bound=AnyMesh, covariant=True)
+SizeT_co = TypeVar("SizeT_co", bound="SizeFunction | FloatArray", covariant=True)
+
+
 @dataclass(frozen=True)
-class AdaptResult:
+class AdaptResult(Generic[MeshT_co, SizeT_co]):
     """What `adapt` returns.
 
     Attributes
@@ -241,8 +247,8 @@ class AdaptResult:
         the mesh comes back from another program.
     """
 
-    mesh: Any
-    size: Any
+    mesh: MeshT_co
+    size: SizeT_co
     fields: Arrays
     cell_fields: Arrays
     remeshed: bool
@@ -255,7 +261,7 @@ class AdaptResult:
     def __repr__(self) -> str:
         return f"AdaptResult({self.mesh!r}, {self.reason})"
 
-    def plot(self, **options: Any) -> Any:
+    def plot(self: AdaptResult[SimplexMesh, SizeFunction], **options: Any) -> Any:
         """Draw the mesh, with the options of `adaptsize.plot.plot_mesh`."""
         return self.mesh.plot(**options)
 

@@ -17,7 +17,7 @@ from adaptsize._checks import refusal
 from adaptsize._formats.guards import write_whole
 from adaptsize.cli.console import Console
 from adaptsize.cli.options import Given, command, own
-from adaptsize.cli.provenance import Request, description, read_provenance, sha256, versions
+from adaptsize.cli.provenance import TypedCommand, description, read_provenance, sha256, versions
 
 #: The record, as an argument.
 Record = Annotated[
@@ -40,7 +40,7 @@ def again(console: Console, file: Record, given: Given) -> int:
         raise refusal("output", f"must be a new file, {output} exists")
     if output is not None and not output.parent.is_dir():
         raise ValueError(f"{output}: there is no directory {output.parent}")
-    request = Request(tuple(record["command"]), record["inputs"])
+    request = TypedCommand(tuple(record["command"]), record["inputs"])
     words = request.at(_folder_with(request, record))
     console.say(f"{made.name}: {description(record)}")
     with tempfile.TemporaryDirectory() as folder:
@@ -61,7 +61,7 @@ def again(console: Console, file: Record, given: Given) -> int:
     return 1
 
 
-def _folder_with(request: Request, record: Mapping[str, Any]) -> Path:
+def _folder_with(request: TypedCommand, record: Mapping[str, Any]) -> Path:
     """Return the folder in which all inputs are what they were: this one, or that of the record."""
     faults = []
     for folder in (Path(), Path(record.get("folder", "."))):
@@ -76,7 +76,7 @@ def _folder_with(request: Request, record: Mapping[str, Any]) -> Path:
     raise ValueError(f"the inputs must be those of the record: {faults[0]}")
 
 
-def _name_of_output(request: Request, made: Path) -> str:
+def _name_of_output(request: TypedCommand, made: Path) -> str:
     """Return the name that the command got: ``family`` writes NAME-1.vtu for NAME.vtu."""
     if request.words[0] == "family":
         return made.stem.rpartition("-")[0] + made.suffix

@@ -32,7 +32,9 @@ from adaptsize.cli.options import (
     MeshOutput,
     SizesOutput,
     command,
+    of_library,
     own,
+    reading,
 )
 from adaptsize.cli.provenance import description, read_provenance
 from adaptsize.cli.remesh import remesh
@@ -102,9 +104,8 @@ def info(console: Console, file: Input, given: Given) -> int:
 
     with console.steps(2) as steps:
         steps.begin("reading")
-        mesh = files.read_mesh(file, **files.reading(given))
-        by_faces = given.pop("faces", False)
-        faces = summarize_faces(files.with_named_faces(mesh)) if by_faces else []
+        mesh = files.read_mesh(file, **reading(given))
+        faces = summarize_faces(files.with_named_faces(mesh)) if given.get("faces") else []
         steps.begin("checks")
         summary = summarize(mesh)
     not_joined = [str(found) for found in unconnected(mesh)]
@@ -140,15 +141,16 @@ def check(console: Console, file: Input, given: Given) -> int:
     from adaptsize.remeshing.preparation import repair_mesh
     from adaptsize.reporting.outcome import Outcome, conformity_beside, kind_of
 
-    original, field, page = (given.pop(name, None) for name in ("original", "field", "report"))
+    own_names = ("original", "field", "report")
+    original, field, page = map(given.get, own_names)
     files.check_files([file, original], None, "mesh", report=page)
-    of_reading = files.reading(given)
+    options = of_library(given, *own_names)
     with console.steps(2) as steps:
         steps.begin("reading")
-        mesh = files.read_mesh(file, **of_reading)
+        mesh = files.read_mesh(file, **reading(given))
         made = read_provenance(file)
         if made.get("n_cells") == mesh.n_cells and isinstance(made.get("tolerance"), float):
-            given = {"tolerance": made["tolerance"]} | given
+            options = {"tolerance": made["tolerance"]} | options
             console.say(f"{description(made)} with the tolerance {made['tolerance']:.3g}")
         other = None if original is None else repair_mesh(files.read_mesh(original)).mesh
         if other is not None and made.get("n_cells") == mesh.n_cells:
@@ -157,13 +159,13 @@ def check(console: Console, file: Input, given: Given) -> int:
             field = "h"
         sizes = None if field is None else files.nodal_field(mesh, field)
         steps.begin("checks")
-        found = ads.check_mesh(mesh, original=other, size=sizes, **given)
+        found = ads.check_mesh(mesh, original=other, size=sizes, **options)
         if sizes is not None:
             conformity = conformity_beside(found, mesh, sizes, other)
         size = None if sizes is None else ads.SizeFunction(mesh, sizes)
         outcome = None
         if sizes is not None:
-            tolerance = given.get("tolerance", TOLERANCE)
+            tolerance = options.get("tolerance", TOLERANCE)
             outcome = Outcome(kind_of(mesh), conformity, found, tolerance=tolerance)
         files.write_report(console, page, file, mesh, size, outcome, found)
     console.record(**found.as_dict())
@@ -245,8 +247,7 @@ def family(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     """
     from adaptsize.domain_size.family import Convergence, mean_cell_size
 
-    values, order = given.pop("values", None), given.pop("order", 1)
-    of_reading = files.reading(given)
+    values, order = given.get("values"), given.get("order", 1)
     numbers = [] if values is None else _numbers(values)
     levels = given.get("levels", options_of(FamilyOptions)["levels"].default)
     paths = [
@@ -263,10 +264,11 @@ def family(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         files.check_files([file], path, "mesh", order)
     with console.steps(3) as steps:
         steps.begin("reading")
-        mesh = files.read_mesh(file, **of_reading)
+        mesh = files.read_mesh(file, **reading(given))
         mesh = files.with_faces(mesh) if files.by_faces(given) else mesh
         steps.begin("meshing")
-        made = ads.mesh_family(mesh, **given, progress=steps.report)
+        options = of_library(given, "values", "order")
+        made = ads.mesh_family(mesh, **options, progress=steps.report)
         steps.begin("writing")
         for path, new, h in zip(paths, made.meshes, made.sizes, strict=True):
             sized = new.with_data(point_data={"h": h(new.points)})
@@ -309,14 +311,14 @@ def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> in
     """
     from adaptsize.reporting.outcome import Outcome, kind_of
 
-    field, plot, page = given.pop("field"), given.pop("plot", None), given.pop("report", None)
+    field, plot, page = given["field"], given.get("plot"), given.get("report")
     files.check_files([file], output, "mesh", plot=plot, report=page)
     if not given.keys() & {"elements", "nodes", "tolerance"}:
         text = "{elements}, {nodes} or {tolerance} must be given, got none of them"
         raise OptionError(Message(text))
     with console.steps(4) as steps:
         steps.begin("reading")
-        mesh = ads.io.read(file, errors=field, **files.reading(given))
+        mesh = ads.io.read(file, errors=field, **reading(given))
         indicator = indicator_of(mesh, field)
         steps.begin("adapting")
         result = ads.adapt(
@@ -327,7 +329,7 @@ def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> in
             cell_fields={name: v for name, v in mesh.cell_data.items() if name != field},
             conservative=mesh.cell_dim == mesh.dim,
             progress=steps.report,
-            **given,
+            **of_library(given, "field", "plot", "report"),
         )
         steps.begin("writing")
         new = result.mesh

@@ -17,16 +17,12 @@ from typing import TYPE_CHECKING, Any
 
 from adaptsize._messages import Message, message_of
 from adaptsize._progress import Stage, TimeLeft, reporting, silent
+from adaptsize.cli import tuning
 from adaptsize.errors import OptionError
 from adaptsize.typing import ProgressCallback
 
 if TYPE_CHECKING:
-    from adaptsize.cli.provenance import Request
-
-#: Steps are printed as lines only from this many seconds on: quick commands print none.
-PATIENCE = 3.0
-#: Seconds between lines about the same step.
-INTERVAL = 30.0
+    from adaptsize.cli.provenance import TypedCommand
 
 
 class Console:
@@ -44,7 +40,7 @@ class Console:
         Names, which may be stages, and seconds of the steps so far.
     typed : str
         The command as it was typed.
-    request : Request or None
+    request : TypedCommand or None
         The command in the form that is stored with what it writes.
     """
 
@@ -53,7 +49,7 @@ class Console:
         self.as_json = self.quiet = self.verbose = False
         self.warnings: list[str] = []
         self._command = self.typed = ""
-        self.request: Request | None = None
+        self.request: TypedCommand | None = None
         self._result: dict[str, Any] = {}
         self._written: list[dict[str, Any]] = []
         self.times: list[tuple[str, float]] = []
@@ -134,7 +130,7 @@ class Console:
             bar = stack.enter_context(reporting(on_terminal and not self.quiet))
             steps = Steps(self, count, bar)
             if not (self.quiet or on_terminal):
-                timer = threading.Timer(PATIENCE, steps.talk)
+                timer = threading.Timer(tuning.PATIENCE, steps.talk)
                 timer.daemon = True
                 stack.callback(timer.cancel)
                 timer.start()
@@ -243,7 +239,7 @@ class Steps:
         self._bar(f"{self._title()}: {text}" if text else self._title(), share)
         now = time.monotonic()
         left = self._left.update(now, f"{self._title()}: {text}", share)
-        if self._talks and now - self._printed >= INTERVAL:
+        if self._talks and now - self._printed >= tuning.INTERVAL:
             passed = now - self._began
             self._printed = now
             self._console.say(f"{self._title()}, {passed:.0f} s so far{', ' if left else ''}{left}")

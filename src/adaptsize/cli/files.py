@@ -16,6 +16,7 @@ from adaptsize._checks import refusal
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._messages import Message
 from adaptsize._progress import Stage
+from adaptsize.cli import tuning
 from adaptsize.cli.console import Console
 from adaptsize.cli.provenance import provenance_of, write_provenance
 from adaptsize.errors import OptionError
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
     from adaptsize.quality.certificate import MeshCheck
     from adaptsize.reporting.outcome import Outcome
 
-#: Bytes for the sizes of a surface, per triangle: 0.8 GB for 600 000 (benchmarks/large_inputs.py).
-_PER_TRIANGLE = 1300.0
 
 #: What a command writes: a mesh, sizes on a mesh, or sizes on a grid.
 Content = Literal["mesh", "sizes", "sizes of an image"]
@@ -99,7 +98,7 @@ def read_mesh(path: Path, tolerance: float = 0.0, **options: Any) -> SimplexMesh
     from adaptsize.remeshing.cad import is_cad_file
 
     mesh: SimplexMesh
-    of_polygons = {name: options.pop(name) for name in ("least_width", "box") if name in options}
+    of_polygons = {name: options[name] for name in ("least_width", "box") if name in options}
     if is_of_polygons(path):
         mesh = ads.io.polygons(path, tolerance=tolerance, **of_polygons)
     elif of_polygons:
@@ -108,12 +107,6 @@ def read_mesh(path: Path, tolerance: float = 0.0, **options: Any) -> SimplexMesh
     else:
         mesh = ads.read_cad(path) if is_cad_file(path) else ads.io.read(path, **options)
     return mesh
-
-
-def reading(given: dict[str, Any]) -> dict[str, Any]:
-    """Return the options of reading, removed from those of a command."""
-    names = ("tags", "keep_slits", "least_width", "box")
-    return {name: given.pop(name) for name in names if name in given}
 
 
 def with_faces(mesh: SimplexMesh) -> SimplexMesh:
@@ -328,12 +321,14 @@ def write_report(
 def announce_sizes(console: Console, mesh: SimplexMesh) -> None:
     """Print how much memory the sizes of a surface in space need, if it is much."""
     if mesh.cell_dim < mesh.dim == 3:
-        announce(console, _PER_TRIANGLE * mesh.n_cells, f"the sizes of {mesh.n_cells} triangles")
+        announce(
+            console, tuning.PER_TRIANGLE * mesh.n_cells, f"the sizes of {mesh.n_cells} triangles"
+        )
 
 
 def announce(console: Console, needed: float, what: str) -> None:
     """Print how many bytes of memory something needs, if it is much."""
-    if needed < 1e9:  # not worth a line
+    if needed < tuning.WORTH_A_LINE:
         return
     text = f"{what} need about {needed / 1e9:.1f} GB of memory"
     try:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
 import numpy as np
@@ -19,7 +20,7 @@ from typer.core import TyperCommand
 from adaptsize._checks import refusal
 from adaptsize._messages import Message, message_of
 from adaptsize.cli.console import Console
-from adaptsize.cli.provenance import Request
+from adaptsize.cli.provenance import TypedCommand
 from adaptsize.errors import OptionError
 from adaptsize.options import Option, joined, options_of
 
@@ -28,7 +29,8 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-Given: TypeAlias = dict[str, Any]
+#: The options that a user gives, by their names.  Nothing changes them.
+Given: TypeAlias = Mapping[str, Any]
 
 #: Suffixes of texts with one point per line.
 _TEXTS = (".txt", ".csv", ".dat", ".xy", ".xyz")
@@ -121,6 +123,8 @@ ORDER = replace(
     ),
     lower=1, upper=2,
 )  # fmt: skip
+#: Names of the options with which a mesh is read.
+_OF_READING = tuple(option.name for option in (*READING, *OF_POLYGONS))
 _GENERAL = (
     own("General", "json", bool, "Print one JSON object and no other results."),
     own("General", "quiet", bool, "Print errors only.", short="-q"),
@@ -139,6 +143,8 @@ _COLUMN = 22
 _KINDS = {"label": list[int], "spacing": list[float], "g": float}
 
 
+#: Finds the class whether typer vendors click or imports it.
+_USAGE_ERROR: Any = typer.BadParameter.__bases__[0]
 #: The options of each command, by their names.
 COMMANDS: dict[str, Mapping[str, Option]] = {}
 
@@ -153,6 +159,16 @@ def _commands_with(word: str) -> str:
     return joined(sorted(having))
 
 
+def reading(given: Given) -> dict[str, Any]:
+    """Return the options with which a mesh is read."""
+    return {name: given[name] for name in _OF_READING if name in given}
+
+
+def of_library(given: Given, *own: str) -> dict[str, Any]:
+    """Return the options for functions of the library: all but some, and those of reading."""
+    return {name: value for name, value in given.items() if name not in (*own, *_OF_READING)}
+
+
 class GroupedCommand(TyperCommand):
     """A command whose help lists the options in named groups."""
 
@@ -163,10 +179,9 @@ class GroupedCommand(TyperCommand):
         except Exception as error:  # typer vendors the class that click has
             typed = getattr(error, "option_name", None)
             having = _commands_with(typed.partition("=")[0]) if isinstance(typed, str) else ""
-            if having and hasattr(error, "possibilities"):
-                error.message = f"No such option: {typed}: it is of {having}."  # type: ignore[attr-defined]
-                error.possibilities = None
-            raise
+            if not (having and hasattr(error, "possibilities")):
+                raise
+            raise _USAGE_ERROR(f"No such option: {typed}: it is of {having}.", ctx) from error
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write the arguments and the groups of options."""
@@ -202,8 +217,8 @@ def command(
     Notes
     -----
     The function takes a `Console`, the arguments in its signature, and, if the command has
-    options, ``given``: those that the user gives, checked, by their names.  Instead of the texts
-    of ``source``, it has the ``sources``.  It returns the exit code.
+    options, ``given``: those that the user gives, checked, by their names, read-only.  Instead of
+    the texts of ``source``, it has the ``sources``.  It returns the exit code.
     """
     options: dict[str, Option] = {}
     for item in listed:
@@ -228,7 +243,7 @@ def command(
             typed = {name: values.pop(name) for name in options}
             if "output" in values:
                 every = {**options, "options": _OPTIONS_FILE}
-                console.request = Request.of(
+                console.request = TypedCommand.of(
                     str(context.info_name), values["file"], {**typed, "options": file}, every
                 )
             if options:
@@ -243,7 +258,7 @@ def command(
                 }
                 if "source" in given:
                     given["sources"] = [parse_source(text) for text in given.pop("source")]
-                values["given"] = given
+                values["given"] = MappingProxyType(given)
             if "file" in values:
                 console.record(input=str(values["file"]))
             with console.messages_of_generators():
@@ -331,7 +346,7 @@ def _as_value(option: Option, value: Any) -> Any:
     return Path(value) if kind is Path else option.check(value)
 
 
-def _read_options(file: Path, options: Mapping[str, Option]) -> Given:
+def _read_options(file: Path, options: Mapping[str, Option]) -> dict[str, Any]:
     """Return the options in a TOML file, checked.  Dashes in their names are underscores."""
     try:
         table = tomllib.loads(file.read_text(encoding="utf-8"))

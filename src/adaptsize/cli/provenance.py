@@ -22,7 +22,7 @@ _PACKAGES = ("numpy", "scipy", "numba", "mmgpy", "netgen-mesher", "pytetwild", "
 
 
 @dataclass(frozen=True)
-class Request:
+class TypedCommand:
     """A command as it was given, without general options and outputs."""
 
     words: tuple[str, ...]
@@ -33,7 +33,7 @@ class Request:
     @classmethod
     def of(
         cls, name: str, file: Path, typed: Mapping[str, Any], options: Mapping[str, Option]
-    ) -> Request:
+    ) -> TypedCommand:
         """Return the request with options as they were typed.
 
         Pictures and pages are left out.
@@ -92,7 +92,7 @@ def versions() -> dict[str, str]:
     return found
 
 
-def provenance_of(path: Path, request: Request) -> dict[str, Any]:
+def provenance_of(path: Path, request: TypedCommand) -> dict[str, Any]:
     """Return what is stored beside a file that a command has written, plain values."""
     return {
         "program": "adaptsize",

@@ -12,7 +12,7 @@ import adaptsize as ads
 from adaptsize._checks import as_tolerance, count_text, refusal
 from adaptsize._defaults import TOLERANCE
 from adaptsize._messages import Message
-from adaptsize.cli import files
+from adaptsize.cli import files, tuning
 from adaptsize.cli.console import Console, plain, print_message
 from adaptsize.cli.metric import remesh_with_metric
 from adaptsize.cli.options import (
@@ -30,7 +30,9 @@ from adaptsize.cli.options import (
     Input,
     MeshOutput,
     command,
+    of_library,
     own,
+    reading,
 )
 from adaptsize.cli.size import as_dict, bounded, print_outcome
 from adaptsize.cli.transfer import with_fields
@@ -42,10 +44,8 @@ if TYPE_CHECKING:
     from adaptsize.remeshing.attempts import Attempts
     from adaptsize.reporting.outcome import Outcome
 
-#: Bytes for a mesh by Mmg, per element made: 1 GB for 1 million, in both processes together.
-_PER_ELEMENT = 1000.0
-#: A tolerance that looks like a length.
-_LOOSE = 0.1
+#: Options of the command itself.
+_OWN = ("plot", "report", "order", "fields", "close_holes", "faces")
 
 
 @command(
@@ -84,20 +84,20 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     from adaptsize.remeshing.preparation import repair_mesh
     from adaptsize.reporting.outcome import outcome_of_remeshing
 
-    plot, page = given.pop("plot", None), given.pop("report", None)
-    order, fields = given.pop("order", 1), given.pop("fields", "all")
+    plot, page, order = given.get("plot"), given.get("report"), given.get("order", 1)
     files.check_files([file], output, "mesh", order, plot=plot, report=page)
     with console.steps(5) as steps:
         steps.begin("reading")
-        mesh = _read(console, file, output, given)
+        mesh, target = _read(console, file, output, given)
+        options = of_library(given, *_OWN) | ({} if target == "auto" else {"target": target})
         steps.begin("sizes")
 
         def found(size: SizeFunction) -> None:
             report = report_of(size)
             console.say(f"sizes: {report.choices}")
-            if mesh.cell_dim == mesh.dim or given.get("target") != "triangles":
+            if mesh.cell_dim == mesh.dim or target != "triangles":
                 n = report.n_elements
-                files.announce(console, _PER_ELEMENT * n, f"about {count_text(n)} elements")
+                files.announce(console, tuning.PER_ELEMENT * n, f"about {count_text(n)} elements")
 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ads.errors.OpenSurfaceWarning)  # printed by _accepted
@@ -105,7 +105,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
             following = steps.following()
             new, size = mesh_with_sizes(
                 mesh.without_data(),
-                bounded(mesh, given),
+                bounded(mesh, options),
                 tell=console.say,
                 found=found,
                 progress=following,
@@ -114,9 +114,10 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         allowed = given.get("tolerance", TOLERANCE)
         attempts = attempts_of(new)
         steps.begin("writing")
-        new = with_fields(console, mesh, new, output, (fields, given.get("field")), steps.report)
+        fields = given.get("fields", "all"), given.get("field")
+        new = with_fields(console, mesh, new, output, fields, steps.report)
         new = new.with_data(point_data={"h": size(new.points)})
-        record = _record(given, as_dict(report), allowed, new)
+        record = _record(options, as_dict(report), allowed, new)
         files.write_result(console, output, new, order=order, record=record)
         steps.begin("checks")
         repaired = repair_mesh(mesh).mesh
@@ -163,48 +164,71 @@ def _record(
     return record
 
 
-def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMesh:
-    """Return the mesh in the file, closed if that is requested; refuse what cannot be meshed."""
-    from adaptsize.geometry.planes import is_in_plane
+def _read(console: Console, file: Path, output: Path, given: Given) -> tuple[SimplexMesh, str]:
+    """Return the mesh in the file, closed if that is requested, and the kind of the new cells.
+
+    What cannot be meshed is refused.
+    """
     from adaptsize.remeshing.driver import check_backend
 
+    tolerance = _tolerance(console, given)
+    # Half of the tolerance is for the mesh generator.
+    mesh = files.read_mesh(file, 0.5 * tolerance, **reading(given))
+    if files.is_of_polygons(file):
+        console.say("the lines are simplified within half of the tolerance")
+    target = _target(console, output, mesh, given)
+    check_backend(mesh, target, given.get("backend", "auto"))
+    is_filled = mesh.cell_dim < mesh.dim and target != "triangles"
+    files.check_cells(output, mesh.dim, max(mesh.dim if is_filled else mesh.cell_dim, 2))
+    if is_filled:
+        mesh = _accepted(console, mesh, tolerance * mesh.diagonal, given)
+    elif given.get("close_holes"):
+        raise refusal("close_holes", f"applies to surfaces that become tetrahedra, got {mesh!r}")
+    mesh = files.without_details(console, mesh, given)
+    if given.get("faces"):
+        mesh = files.with_named_faces(mesh)
+    elif files.by_faces(given):
+        mesh = files.with_faces(mesh)
+    files.announce_sizes(console, mesh)
+    _say_what_is_not_written(console, output, mesh, target)
+    return mesh, target
+
+
+def _tolerance(console: Console, given: Given) -> float:
+    """Return the tolerance, with a warning if it looks like a length."""
     tolerance = as_tolerance("tolerance", given.get("tolerance", TOLERANCE))
-    if tolerance >= _LOOSE:
+    if tolerance >= tuning.LOOSE:
         text = (
             f"= {tolerance:g} is a share of the diagonal, not a length: the boundary may move so "
             "far, and check accepts it"
         )
         console.warn(Message.about("tolerance", text))
-    # Half of the tolerance is for the mesh generator.
-    mesh = files.read_mesh(file, 0.5 * tolerance, **files.reading(given))
-    if files.is_of_polygons(file):
-        console.say("the lines are simplified within half of the tolerance")
-    close = given.pop("close_holes", False)
-    if "target" not in given and not close and _is_for_surfaces(output, mesh, given):
-        given["target"] = "triangles"
+    return tolerance
+
+
+def _target(console: Console, output: Path, mesh: SimplexMesh, given: Given) -> str:
+    """Return the kind of the new cells, and say which one was chosen."""
+    from adaptsize.geometry.planes import is_in_plane
+
+    if "target" in given:
+        return str(given["target"])
+    if not given.get("close_holes") and _is_for_surfaces(output, mesh, given):
         text = (
             "{} holds triangles: the surface is remeshed; {target:tetrahedra} fills it and writes "
             "the boundary"
         )
         console.say(Message(text, output.name))
-    elif "target" not in given and is_in_plane(mesh):
-        given["target"] = "triangles"
+        return "triangles"
+    if is_in_plane(mesh):
         console.say("the surface lies in a plane: it is remeshed there")
-    target = given.get("target", "auto")
-    check_backend(mesh, target, given.get("backend", "auto"))
-    dim = mesh.dim if mesh.cell_dim < mesh.dim and target != "triangles" else mesh.cell_dim
-    files.check_cells(output, mesh.dim, max(dim, 2))
-    if mesh.cell_dim < mesh.dim and target != "triangles":
-        allowed = tolerance * mesh.diagonal
-        mesh = _accepted(console, mesh, allowed, close=close, strict=given.get("strict", False))
-    elif close:
-        raise refusal("close_holes", f"applies to surfaces that become tetrahedra, got {mesh!r}")
-    mesh = files.without_details(console, mesh, given)
-    if given.pop("faces", False):
-        mesh = files.with_named_faces(mesh)
-    elif files.by_faces(given):
-        mesh = files.with_faces(mesh)
-    files.announce_sizes(console, mesh)
+        return "triangles"
+    return "auto"
+
+
+def _say_what_is_not_written(
+    console: Console, output: Path, mesh: SimplexMesh, target: str
+) -> None:
+    """Say which parts of the result the format of a file does not hold."""
     chosen, sizes = files.format_of(output), files.beside(output)
     if "triangles" in chosen.holds and mesh.dim == 3 and target != "triangles":
         console.warn(
@@ -215,7 +239,6 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> SimplexMe
         console.say(f"{output.name} holds no fields: the sizes are written to {sizes.name}")
     elif "fields" not in chosen.holds:
         console.say(f"{output.name} holds no fields: the sizes are not written")
-    return mesh
 
 
 def _is_for_surfaces(output: Path, mesh: SimplexMesh, given: Given) -> bool:
@@ -226,21 +249,19 @@ def _is_for_surfaces(output: Path, mesh: SimplexMesh, given: Given) -> bool:
     return backend == "mmg" or (backend == "auto" and bool(mmg.installed))
 
 
-def _accepted(
-    console: Console, mesh: SimplexMesh, tolerance: float, *, close: bool, strict: bool
-) -> SimplexMesh:
+def _accepted(console: Console, mesh: SimplexMesh, tolerance: float, given: Given) -> SimplexMesh:
     """Return the surface to fill, and say what happens if it is open.
 
     Raises
     ------
     ValueError
         If the surface is open, or has bodies that overlap or are closer than the tolerance, and
-        this is ``strict``.
+        ``strict`` is given.
     """
     from adaptsize.remeshing.hole_filling import close_holes, merged_surface
     from adaptsize.remeshing.surface_checks import doubts, open_boundary
 
-    holes = open_boundary(mesh, tolerance) if close else None
+    holes = open_boundary(mesh, tolerance) if given.get("close_holes") else None
     if holes is not None:
         closed = close_holes(mesh)
         console.record(closed_boundary=vars(holes))
@@ -249,7 +270,7 @@ def _accepted(
         mesh = closed
     for name, found, text in doubts(mesh, tolerance):
         console.record(**{name: vars(found)})
-        if strict:
+        if given.get("strict", False):
             raise ValueError(text)
         console.warn(text)
     return mesh

@@ -26,7 +26,9 @@ from adaptsize.cli.options import (
     MeshOutput,
     SizesOutput,
     command,
+    of_library,
     own,
+    reading,
 )
 from adaptsize.errors import OptionError
 from adaptsize.options import (
@@ -39,6 +41,7 @@ from adaptsize.options import (
 )
 
 if TYPE_CHECKING:
+    from adaptsize._size_function import SizeFunction
     from adaptsize._size_report import SizeReport
     from adaptsize.background import SimplexMesh
     from adaptsize.quality.certificate import MeshCheck
@@ -63,20 +66,20 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
     its pixels: write .vti.
     """
     from adaptsize._formats.raster import is_image_file
-    from adaptsize.domain_size.parts import table_of
     from adaptsize.domain_size.reports import report_of
 
     of_image = is_image_file(file)
-    plot, plot_causes = given.pop("plot", None), given.pop("plot_causes", None)
-    of_cost: Given = {name: given.pop(name) for name in ("cost", "parts", "speed") if name in given}
+    plot, plot_causes = given.get("plot"), given.get("plot_causes")
+    of_cost = {name: given[name] for name in ("cost", "parts", "speed") if name in given}
+    options = of_library(given, "plot", "plot_causes", *of_cost)
     as_number("speed", of_cost.get("speed", 1.0), lower=0.0, strict=True)
     if "speed" in of_cost and len(of_cost) == 1:
         raise OptionError(Message("{speed} has no effect without {cost} or {parts}"))
     content: files.Content = "sizes of an image" if of_image else "sizes"
     files.check_files([file], output, content, plot=plot, plot_causes=plot_causes)
-    refuse_unused("images" if of_image else "meshes", given, str(file))
+    refuse_unused("images" if of_image else "meshes", options, str(file))
     for name in _OF_MESHES if of_image else ():
-        if name in given | of_cost:
+        if name in given:
             raise refusal(name, f"applies to meshes, got it with {file}")
     with console.steps(3) as steps:
         steps.begin("reading")
@@ -85,11 +88,11 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
             domain = ads.io.read_image(file)
         else:
             by_faces = "parts" in of_cost or files.by_faces(given)
-            domain = _read(console, file, output, files.reading(given), by_faces=by_faces)
+            domain = _read(console, file, output, reading(given), by_faces=by_faces)
         if "field" in given:
-            given = bounded(domain, {"tolerance": math.inf} | given)
+            options = bounded(domain, {"tolerance": math.inf} | options)
         steps.begin("sizes")
-        found = ads.size_function(domain, progress=steps.report, **given)
+        found = ads.size_function(domain, progress=steps.report, **options)
         report = report_of(found)
         console.say(f"sizes: {report.choices}")
         steps.begin("writing")
@@ -107,16 +110,24 @@ def size(console: Console, file: AnyFile, output: SizesOutput, given: Given) -> 
             f"{CODES[name]} {name}" for name in sorted(report.causes, key=CODES.__getitem__)
         )
         console.print(f"field cause: {names}")
+    _print_costs(console, found, of_cost, options)
+    return 0
+
+
+def _print_costs(console: Console, size: SizeFunction, of_cost: Given, options: Given) -> None:
+    """Print what the mesh costs, as a whole and by its parts, as far as that is requested."""
+    from adaptsize.domain_size.parts import table_of
+
     speed = {name: of_cost[name] for name in ("speed",) if name in of_cost}
     if "cost" in of_cost:
-        cost = found.cost(**{k: given[k] for k in ("degree", "components") if k in given}, **speed)
+        unknowns = {name: options[name] for name in ("degree", "components") if name in options}
+        cost = size.cost(**unknowns, **speed)
         console.record(cost=asdict(cost))
         console.print(cost)
     if "parts" in of_cost:
-        parts = found.parts(**speed)
+        parts = size.parts(**speed)
         console.record(parts=[asdict(part) for part in parts])
         console.print(table_of(parts))
-    return 0
 
 
 def _read(
@@ -129,16 +140,16 @@ def _read(
     return files.with_faces(mesh) if by_faces else mesh
 
 
-def bounded(mesh: SimplexMesh, given: Given) -> Given:
-    """Return the options with the nodal field as upper bounds, if one is named.
+def bounded(mesh: SimplexMesh, options: Given) -> dict[str, Any]:
+    """Return options with the nodal field as upper bounds, if one is named.
 
     Curvature, width and separation are off then unless they are requested.
     """
-    if "field" not in given:
-        return given
+    if "field" not in options:
+        return dict(options)
     off = {"elements_per_radian": 0.0, "elements_across": 0.0, "elements_between": 0.0}
-    others = {name: value for name, value in given.items() if name != "field"}
-    return off | {"h0": files.nodal_field(mesh, given["field"])} | others
+    others = {name: value for name, value in options.items() if name != "field"}
+    return off | {"h0": files.nodal_field(mesh, options["field"])} | others
 
 
 def as_dict(report: SizeReport) -> dict[str, Any]:
@@ -191,14 +202,15 @@ def image(console: Console, file: ImageFile, output: MeshOutput, given: Given) -
     """
     from adaptsize.reporting.outcome import outcome_of_image
 
-    plot, page, order = given.pop("plot", None), given.pop("report", None), given.pop("order", 1)
+    plot, page, order = given.get("plot"), given.get("report"), given.get("order", 1)
+    options = of_library(given, "plot", "report", "order")
     files.check_files([file], output, "mesh", order, plot=plot, report=page)
     with console.steps(5) as steps:
         steps.begin("reading")
         pixels = ads.io.read_image(file)
         steps.begin("sizes")
         following = steps.following()
-        mesh = ads.mesh_image(pixels, **given, progress=following)
+        mesh = ads.mesh_image(pixels, **options, progress=following)
         steps.begin("writing")
         files.write_result(console, output, mesh, order=order)
         steps.begin("checks")

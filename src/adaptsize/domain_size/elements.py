@@ -39,7 +39,7 @@ from adaptsize.options import (
 )
 from adaptsize.remeshing.details import remove_details
 from adaptsize.remeshing.driver import check_backend, remesh
-from adaptsize.remeshing.filling import MANY_MORE
+from adaptsize.remeshing.tuning import MANY_MORE
 from adaptsize.sizes.search import Search
 from adaptsize.typing import ProgressCallback, Unpack
 

@@ -103,7 +103,7 @@ class ImplicitDomain:
             else ZeroLevelBoundary(self.function, tree, values)
         )
         nodes = boundary.seen_from(tree.points, report)
-        # Nodes closer to the boundary, in diagonals of the octree, are on it.
+        # Nodes as deep as rounding are on the boundary.
         inner = inner_cells(tree.mesh, nodes.depth >= -1e-12 * tree.mesh.diagonal)
         edges = tree.mesh.edges
         near = np.unique(edges[-nodes.depth[edges].sum(axis=1) <= tree.mesh.edge_lengths])

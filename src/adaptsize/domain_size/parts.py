@@ -10,11 +10,11 @@ import numpy as np
 
 from adaptsize._checks import as_number
 from adaptsize._size_function import SizeFunction
-from adaptsize._size_report import SizeReport, measure_dim
+from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.domain_size.named_parts import parts_of
 from adaptsize.domain_size.reports import report_of
-from adaptsize.sizes.budget import nodal_measures
+from adaptsize.sizes.budget import mean_density
 from adaptsize.sizes.curvature import CHORDS
 from adaptsize.typing import FloatArray
 
@@ -56,7 +56,7 @@ def parts(size: SizeFunction, *, speed: float = 1.0) -> tuple[Part, ...]:
     if not isinstance(mesh, SimplexMesh):
         raise ValueError(f"size must be on a mesh or a surface to have parts, got {size!r}")
     h = size.values
-    elements = nodal_measures(mesh) / h ** measure_dim(mesh)
+    elements = mesh.measures * mean_density(h[mesh.cells])
     diameter = mesh.diameter
     length = _lengths(report, diameter)
     found: list[Part] = []
@@ -67,7 +67,6 @@ def parts(size: SizeFunction, *, speed: float = 1.0) -> tuple[Part, ...]:
     for k in sorted(faces, key=lambda k: -named[k].measures.sum()):
         owner[named[k].cells] = k
     caused = None if report.origin is None else np.append(owner, -1)[report.origin]
-    density = (1.0 / h[mesh.cells] ** mesh.cell_dim).mean(axis=1)
     for k, part in enumerate(named):
         nodes = np.unique(part.cells)
         is_given = "size_of" in report.bounds and np.isfinite(report.bounds["size_of"][nodes]).all()
@@ -76,10 +75,11 @@ def parts(size: SizeFunction, *, speed: float = 1.0) -> tuple[Part, ...]:
         smallest, radius = float(h[nodes].min()), least.get("radius", np.nan)
         share = np.nan
         if part.kind == "region":
-            own = part.measures * (1.0 / h[part.cells] ** mesh.cell_dim).mean(axis=1)
-            share = float(own.sum() / (mesh.measures * density).sum())
-        elif caused is not None:
-            share = float(elements[caused == k].sum() / elements.sum())
+            own = part.measures * mean_density(h[part.cells])
+            share = float(own.sum() / elements.sum())
+        elif caused is not None:  # a cell gives each of its nodes the same share
+            grown = (caused[mesh.cells] == k).mean(axis=1)
+            share = float((elements * grown).sum() / elements.sum())
         found.append(
             Part(
                 part.kind, part.tag, part.name, float(part.measures.sum()),

@@ -16,8 +16,6 @@ from adaptsize.quality.by_place import BAND, RequestedElements, Served, nodes_ne
 SHARE_SERVED = 0.8
 #: Requests for fewer elements are not reported: a few cells more or less decide on them.
 _FEW = 30.0
-#: What the text of `Unserved` matches.
-MISSING = ".* requested elements are missing"
 
 
 class Unserved(NamedTuple):

@@ -24,7 +24,7 @@ from adaptsize.quality.boundary import (
 )
 from adaptsize.quality.certificate import NEAR, Demand, MeshCheck, checked_mesh, size_demands
 from adaptsize.quality.elements import minimum_angles
-from adaptsize.remeshing.protocol import Problem
+from adaptsize.remeshing.protocol import MeshingProblem
 from adaptsize.remeshing.sizing import Size
 from adaptsize.typing import FloatArray
 
@@ -159,7 +159,7 @@ def _is_off(new: SimplexMesh, old: SimplexMesh, allowed: float, solid: Solid | N
     return _farthest(old_skin.points, skin, _FAR * allowed, new)[0] > 0.0
 
 
-def refuse_other_domain(new: SimplexMesh, problem: Problem, backend: str) -> None:
+def refuse_other_domain(new: SimplexMesh, problem: MeshingProblem, backend: str) -> None:
     """Refuse a mesh of another domain.
 
     Of an open surface, which a generator closes as it likes, only the bounding box counts.
@@ -189,7 +189,7 @@ def refuse_other_domain(new: SimplexMesh, problem: Problem, backend: str) -> Non
             )
     if old_skin.is_closed and old.cell_dim == new.cell_dim == new.dim:
         change = float(new.measures.sum() / old.measures.sum() - 1.0)
-        # Allowed change of the volume or area of a mesh.
+        # Volume or area: a quarter, or what a boundary moved by the tolerance changes.
         allowed = max(0.25, problem.tolerance * old_skin.measures.sum() / old.measures.sum())
         if abs(change) > allowed:
             raise BackendError(

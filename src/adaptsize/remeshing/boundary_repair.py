@@ -41,10 +41,10 @@ from adaptsize.background.simplex import cut_out, facets_with_normals
 from adaptsize.background.topology import places_among, regions_beside
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.creases import feature_facets, normals_of
-from adaptsize.remeshing.mmg import RIDGE_ANGLE
 from adaptsize.remeshing.preparation import facet_numbers
 from adaptsize.remeshing.protocol import NO_TAG
 from adaptsize.remeshing.sizing import Size
+from adaptsize.remeshing.tuning import RIDGE_ANGLE
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongArray
 
 #: Angles in degrees below which cells are improved, by the kind of the mesh: the dihedral angles of

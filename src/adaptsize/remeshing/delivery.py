@@ -16,17 +16,8 @@ from adaptsize.quality.by_place import RequestedElements
 from adaptsize.quality.connections import are_doubtful, unconnected
 from adaptsize.quality.layers import first_layer
 from adaptsize.quality.requests import unserved
-from adaptsize.remeshing.metric_steps import FINEST
+from adaptsize.remeshing import tuning
 from adaptsize.remeshing.sizing import MetricAt, Size
-
-#: A sample of so many cells is enough for the share of a metric that is missing.
-_SAMPLE = 20_000
-#: Share of a wall on which the first layer must have the requested height.
-_SHARE_OF_WALL = 0.9
-#: Warnings of one mesh.
-_MOST = 5
-#: Edges of the boundary shorter than this times the size are details of it, if there are some.
-_DETAIL, _FEW_DETAILS = 0.125, 5
 
 
 def without_fields(mesh: SimplexMesh) -> SimplexMesh:
@@ -70,8 +61,8 @@ def warn_of_details(new: SimplexMesh, size: Size) -> None:
     boundary = new.boundary().mesh
     middles = boundary.points[boundary.cells].mean(axis=1)
     ratio = boundary.measures / size(middles)
-    short = np.flatnonzero(ratio < _DETAIL)
-    if len(short) < _FEW_DETAILS:
+    short = np.flatnonzero(ratio < tuning.DETAIL)
+    if len(short) < tuning.FEW_DETAILS:
         return
     worst = short[np.argsort(ratio[short], kind="stable")[:3]]
     places = ", ".join(place_text(middles[k], 4) for k in worst)
@@ -95,15 +86,16 @@ def warn_of_metric(new: SimplexMesh, metric: MetricAt, on: SimplexMesh | None) -
         If more than 20 % of the requested elements are missing, because cells are too large.  If
         the first layer on a wall is not as high as requested.
     """
-    found = unserved(RequestedElements.of_metric(new, metric, on, _SAMPLE), metric)
+    found = unserved(RequestedElements.of_metric(new, metric, on, tuning.SAMPLE), metric)
+    finest = tuning.FINEST["plane triangles"]
     for one in found:
         text = one.missing + (
             "; a mesh that is finer there, a metric that grows more slowly, or larger least sizes "
-            f"help: generators reach about {FINEST['plane triangles']:g} of the domain in the plane"
+            f"help: generators reach about {finest:g} of the domain in the plane"
         )
         warn_caller(text, ResolutionWarning)
     layer = first_layer(new, metric)
-    if not found and layer is not None and layer.share < _SHARE_OF_WALL:
+    if not found and layer is not None and layer.share < tuning.SHARE_OF_WALL:
         warn_caller(str(layer), ResolutionWarning)
 
 
@@ -147,6 +139,6 @@ def delivered(
     if new.dim == new.cell_dim == 2:
         warn_of_details(new, wanted)
     found = unserved(RequestedElements.of(new, size), size)
-    for one in found[:_MOST]:
+    for one in found[: tuning.MOST_WARNINGS]:
         warn_caller(str(one), ResolutionWarning)
     return new

@@ -22,15 +22,8 @@ from adaptsize.background.topology import rings, rows_among
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.enclosed import cone_measures
 from adaptsize.geometry.faces import Faces
+from adaptsize.remeshing import tuning
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
-
-#: Shares of the length: how far a loop may be from a plane; how far points may be from it to be in
-#: the plane; spacing of points on loops, and of those that are tried as centres of balls.
-_FLAT, _IN_PLANE, _SPACING, _GRID = 0.25, 1e-3, 1.0 / 8.0, 1.0 / 6.0
-#: Share of the cube of the length below which a detail has no volume.
-_NOTHING = 1e-6
-#: Largest numbers of such points.
-_MOST_ON_LOOP, _MOST_IN_GRID = 20_000, 200_000
 
 
 @dataclass(frozen=True)
@@ -197,7 +190,7 @@ class SurfaceWithDetails:
         if area == 0.0:
             return None
         normal /= area
-        if np.abs((points - centre) @ normal).max() > _FLAT * length:
+        if np.abs((points - centre) @ normal).max() > tuning.FLAT * length:
             return None
         axes = np.linalg.svd(normal[None, :])[2][1:].T
         if np.linalg.det(np.column_stack([axes, normal])) < 0.0:
@@ -220,16 +213,16 @@ class SurfaceWithDetails:
         Circles through three points of the loop, and of other feature edges in its plane, which is
         given by its origin, axes and normal.
         """
-        mesh, spacing, (centre, axes, normal) = self.mesh, _SPACING * least, plane
+        mesh, spacing, (centre, axes, normal) = self.mesh, tuning.SPACING_ON_LOOP * least, plane
         ends = (mesh.points[self.faces.features] - centre) @ axes
         height = np.abs((mesh.points[self.faces.features] - centre) @ normal)
         low, high = flat.min(axis=0), flat.max(axis=0)
-        inside = (height <= _IN_PLANE * least).all(axis=1)
+        inside = (height <= tuning.IN_PLANE * least).all(axis=1)
         inside &= ((ends >= low - spacing) & (ends <= high + spacing)).all(axis=(1, 2))
         around = np.stack([flat, np.roll(flat, -1, axis=0)], axis=1)
         segments = np.concatenate([around, ends[inside]])
         lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
-        if lengths.sum() > _MOST_ON_LOOP * spacing:
+        if lengths.sum() > tuning.MOST_ON_LOOP * spacing:
             return np.inf
         samples = np.unique(np.concatenate([_divided(s, spacing) for s in segments]), axis=0)
         if len(samples) < 3 or min(high - low) <= 1e-9 * max(high - low):
@@ -239,7 +232,7 @@ class SurfaceWithDetails:
         if len(wide) == 0:
             return 0.0
         off = mesh.locator.nearest(centre + middles[wide] @ axes.T)[2]
-        return float(2.0 * radii[wide][off > _IN_PLANE * least].max(initial=0.0))
+        return float(2.0 * radii[wide][off > tuning.IN_PLANE * least].max(initial=0.0))
 
     def _sides(self, loop: _Loop, part: IndexArray) -> tuple[int, int]:
         """Return the parts beyond a loop and on the side of its face."""
@@ -262,7 +255,10 @@ class SurfaceWithDetails:
         if volume < np.pi / 6.0 * length**3:
             return False
         low, high = closed.points.min(axis=0), closed.points.max(axis=0)
-        step = max(_GRID * length, float((np.prod(high - low) / _MOST_IN_GRID) ** (1.0 / 3.0)))
+        step = max(
+            tuning.SPACING_IN_GRID * length,
+            float((np.prod(high - low) / tuning.MOST_IN_GRID) ** (1.0 / 3.0)),
+        )
         number = np.maximum(np.ceil((high - low) / step), 1).astype(int)
         points = low + step * (np.indices(number).reshape(3, -1).T + 0.5)
         points = points[np.abs(WindingNumber(closed)(points)) > 0.5]
@@ -293,7 +289,7 @@ class SurfaceWithDetails:
             ]
             closed, _ = cut_out(self.mesh.points, np.concatenate([cells, *caps]))
             volume = float(cone_measures(closed, closed.points.mean(axis=0)).sum())
-            if abs(volume) <= _NOTHING * length**3:  # a facet that was replaced by its cap
+            if abs(volume) <= tuning.NO_DETAIL * length**3:  # a facet that was replaced by its cap
                 continue
             corners = self.mesh.points[cells].reshape(-1, 3)
             low, high = corners.min(axis=0), corners.max(axis=0)

@@ -2,77 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from functools import cached_property, partial
+from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeVar, cast
 
-import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_index_array, refusal, warn_caller
-from adaptsize._messages import Message
+from adaptsize._checks import warn_caller
 from adaptsize._progress import reporting
-from adaptsize._size_function import SizeFunction
 from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import (
     BackendError,
     BackendTimeoutError,
-    InputWarning,
     MeshingError,
     ResolutionWarning,
-    TooManyElementsError,
 )
-from adaptsize.geometry.planes import is_in_plane
-from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
-from adaptsize.quality.connections import refuse_repeated_cells
-from adaptsize.remeshing import netgen
-from adaptsize.remeshing.acceptance import (
-    Judge,
-    refuse_flat,
-    warn_of_deviation,
-    warn_of_lost_tags,
-)
 from adaptsize.remeshing.attempts import (
     Attempts,
     Best,
-    Budget,
-    Candidate,
-    best_of,
     keep_attempts,
     worst_places,
 )
-from adaptsize.remeshing.delivery import delivered, warn_of_unconnected, without_fields
-from adaptsize.remeshing.filling import FILLS_MORE, MANY_MORE, Filling, improved_soundly
-from adaptsize.remeshing.improvement import improved
+from adaptsize.remeshing.delivery import delivered, without_fields
 from adaptsize.remeshing.in_parts import remesh_parts
 from adaptsize.remeshing.isolation import IsolatedRunner
-from adaptsize.remeshing.planning import Attempt, Known, plan
-from adaptsize.remeshing.preparation import (
-    Frame,
-    RepairedMesh,
-    repair_mesh,
-    restore,
-    surface_to_fill,
-)
-from adaptsize.remeshing.protocol import Backend, Problem, Task
-from adaptsize.remeshing.registry import able_backends, available_backends, choose_backend
-from adaptsize.remeshing.resolution import RequestedSizes, as_request
+from adaptsize.remeshing.job import prepared, task_of
+from adaptsize.remeshing.protocol import Task
+from adaptsize.remeshing.registry import choose_backend
 from adaptsize.remeshing.sizing import (
-    MetricAt,
     SizeLike,
-    as_metric_at,
-    as_size,
-    mean_size,
-    metric_on,
 )
-from adaptsize.remeshing.surface_checks import warn_of_surface
-from adaptsize.remeshing.through_surface import has_folded_cells, refilled
-from adaptsize.sizes import Enclosed, predict
-from adaptsize.typing import FloatArray, IntArray, ProgressCallback, Unpack
+from adaptsize.typing import FloatArray, ProgressCallback, Unpack
 
 M = TypeVar("M", SimplexMesh, PartitionedMesh, SimplexMesh | PartitionedMesh)
 
@@ -202,197 +165,16 @@ def remesh(
         with reporting(progress if mesh.ranks.rank == 0 else None) as report:
             one: Any = partial(remesh, **(given | RemeshOptions(backend="mmg")), progress=report)
             return remesh_parts(mesh, cast(npt.ArrayLike, size), one, given)  # type: ignore
-    job = _prepared(without_fields(mesh), size, required_facets, given)
+    job = prepared(without_fields(mesh), size, required_facets, given)
     with reporting(progress) as report:
         found = job.attempts(IsolatedRunner(job.chosen.name, None, None, report))
-    best = _accepted(found, job.task, given)
+    best = _accepted(found, job.requests.task, given)
     keep_attempts(best.mesh, found)
     job.warn_of(best.mesh)
-    if job.required is not None:  # beside facets that must not change, no sizes can be followed
+    asked = job.requests.sizes
+    if job.requests.required is not None:
         return best.mesh
-    asked = job.sizes
     return delivered(best.mesh, asked.given, asked.at, asked.on, asked.metric, asked.metric_on)
-
-
-def _prepared(
-    mesh: SimplexMesh,
-    size: SizeLike | Metric | MetricFunction | Callable[[FloatArray], Metric],
-    required_facets: npt.ArrayLike | None,
-    given: RemeshOptions,
-) -> _Job:
-    """Return the request after all checks and repairs, with warnings of what was repaired."""
-    task = _task(mesh, given["target"])
-    if mesh.cell_dim == mesh.dim:
-        refuse_repeated_cells(mesh)
-        warn_of_unconnected(mesh)
-    metric = as_metric_at(size, mesh, given["hmax"])
-    _check_metric(metric, task, strict=given["strict"])
-    chosen = choose_backend(
-        given["backend"], task, keep_facets=required_facets is not None, metric=metric is not None
-    )
-    sizes = cast(SizeLike, size) if metric is None else mean_size(metric, mesh.cell_dim)
-    wanted = as_size(sizes, mesh, g=given["g"], hmax=given["hmax"])
-    repaired = repair_mesh(mesh)
-    if repaired.repairs:
-        warn_caller(repaired.repairs, InputWarning)
-    solid, may_be_joined, old = None, False, repaired.mesh
-    if task == "surface to tetrahedra":
-        solid = Solid(old)
-        may_be_joined = warn_of_surface(old, given["tolerance"] * old.diagonal, solid)
-        repaired = surface_to_fill(repaired, solid)
-    job = _Job(
-        task, chosen, repaired.mesh, old, solid,
-        RequestedSizes(
-            wanted, sizes, mesh, given["g"], given["hmax"], metric, metric_on(size, mesh)
-        ),
-        _required(required_facets, mesh, repaired), given, may_be_joined,
-    )  # fmt: skip
-    job.n_cells = _number_of_cells(mesh, size, job.problem(chosen.name, 1.0))
-    job.refuse_too_many()
-    return job
-
-
-@dataclass
-class _Job:
-    """A request after checks and repairs, and how the routes of its attempts make meshes."""
-
-    task: Task
-    chosen: Backend
-    """The first generator to be tried."""
-    mesh: SimplexMesh
-    """The repaired mesh; of a surface to be filled, the facets that bound the solid."""
-    old: SimplexMesh
-    """The repaired mesh with all facets, with which a new one is compared."""
-    solid: Solid | None
-    sizes: RequestedSizes
-    required: IntArray | None
-    given: RemeshOptions
-    may_be_joined: bool = False
-    """Whether bodies are closer to each other than the tolerance."""
-    n_cells: float = 0.0
-
-    def __post_init__(self) -> None:
-        self._problems: dict[tuple[bool, float], Problem] = {}
-
-    def problem(self, backend: str, factor: float) -> Problem:
-        """Return the request to a generator, with a tolerance over the allowed one."""
-        key = backend == "mmg", factor
-        if key not in self._problems:
-            self._problems[key] = as_request(
-                self.task, self.mesh, self.frame, self.sizes, factor * self.given["tolerance"],
-                self.required, is_by_mmg=backend == "mmg",
-            )  # fmt: skip
-        return self._problems[key]
-
-    def refuse_too_many(self) -> None:
-        """Raise a TooManyElementsError if too many elements are predicted."""
-        most = self.given["max_elements"]
-        if self.n_cells > most:
-            raise TooManyElementsError(
-                Message(
-                    "the sizes require about {:.3g} elements, more than {max_elements} = {:.3g}; "
-                    "increase the sizes or raise {max_elements}",
-                    *(self.n_cells, most),
-                )
-            )
-
-    @cached_property
-    def frame(self) -> Frame:
-        """The coordinates in which generators work."""
-        return Frame.around(self.old)
-
-    def attempts(self, run: IsolatedRunner) -> Attempts:
-        """Return what was tried, and the best mesh."""
-        given, strict = self.given, self.given["strict"]
-        is_compared = self.sizes.metric is None and self.required is None
-        compared = self.sizes.at if is_compared else None
-        judge = Judge(self.old, self.solid, compared, given["tolerance"], strict)
-        return best_of(
-            plan(self.known(), strict=strict), self.solve, judge, Budget(given["timeout"]), run,
-            strict=strict, always=self.solid is not None,
-        )  # fmt: skip
-
-    def warn_of(self, new: SimplexMesh) -> None:
-        """Warn of what a mesh has lost, which is an error if ``strict``."""
-        if self.given["strict"]:
-            return
-        allowed = self.given["tolerance"] * self.old.diagonal
-        warn_of_deviation(new, self.mesh, allowed, self.solid, may_be_joined=self.may_be_joined)
-        warn_of_lost_tags(new, self.mesh, self.chosen.name)
-
-    def known(self) -> Known:
-        """Return what decides the routes."""
-        chosen, metric = self.chosen, self.sizes.metric is not None
-        names = [chosen.name]
-        if self.given["backend"] == "auto":
-            keep = self.required is not None
-            able = able_backends(self.task, keep_facets=keep, metric=metric)
-            names += [one.name for one in able if one.installed and one.name != chosen.name]
-        solid = self.solid
-        return Known(
-            self.task, tuple(names), chosen.needs_volume, self.n_cells, self.mesh.n_cells,
-            self.given["tolerance"],
-            can_fill=solid is not None and netgen.can_fill(self.mesh),
-            is_closed=solid is not None and solid.is_closed,
-            is_crossed=self.is_crossed,
-            is_folded=self.task == "tetrahedra" and has_folded_cells(self.mesh),
-        )  # fmt: skip
-
-    @property
-    def is_crossed(self) -> bool:
-        """Whether facets of the surface to be filled cross others."""
-        # The boundary of a union replaces bodies that overlap, if it could be made.
-        solid = self.solid
-        return solid is not None and solid.is_divided and self.mesh is not solid.skin
-
-    @cached_property
-    def filling(self) -> Filling:
-        """The routes that begin with a first volume."""
-        problem = self.problem("tetwild", 1.0)
-        surface = problem.mesh
-        if self.solid is not None and self.is_crossed:
-            surface = self.frame.mesh(self.solid.skin)
-        return Filling(problem, surface, self.n_cells, self.given["max_elements"])
-
-    def solve(self, attempt: Attempt, run: IsolatedRunner) -> Iterator[Candidate]:
-        """Yield the meshes of an attempt, in the given coordinates."""
-        backend = available_backends()[attempt.backend]
-        if attempt.first is None or self.task == "tetrahedra":
-            found = self._alone(attempt, backend, run)
-        else:
-            found = self.filling.candidates(attempt, backend, run)
-        for finish, note in found:
-            yield Candidate(partial(self._restored, finish, attempt.backend), note)
-
-    def _restored(self, finish: Callable[[], SimplexMesh], backend: str) -> SimplexMesh:
-        made = self.frame.restored(finish(), self.mesh)
-        refuse_flat(made, backend)
-        return made
-
-    def _alone(
-        self, attempt: Attempt, backend: Backend, run: IsolatedRunner
-    ) -> Iterator[Candidate]:
-        """Yield the mesh of one generator, improved unless it has a metric or required facets."""
-        problem = self.problem(attempt.backend, attempt.factor)
-        if attempt.first is None:
-            new = restore(backend.solve(problem, run), problem, backend.name)
-        else:
-            new = refilled(problem, run)
-
-        def finish() -> SimplexMesh:
-            if problem.metric is not None or problem.facets.required.any():
-                return new
-            if self.solid is not None:
-                return improved_soundly(new, self.filling.surface, problem.tolerance, problem.size)
-            return improved(new, problem.mesh, problem.tolerance, problem.size)
-
-        yield Candidate(finish, self._note_on(new.n_cells))
-
-    def _note_on(self, n_cells: int) -> str:
-        """Return a note if an open surface was filled by many more cells than predicted."""
-        if self.solid is None or self.solid.is_closed or n_cells <= MANY_MORE * self.n_cells:
-            return ""
-        return f"{n_cells} elements instead of the predicted {self.n_cells:.3g}: {FILLS_MORE}"
 
 
 def _accepted(found: Attempts, task: Task, given: RemeshOptions) -> Best:
@@ -439,65 +221,9 @@ def _accepted(found: Attempts, task: Task, given: RemeshOptions) -> Best:
     return best
 
 
-def _required(
-    value: npt.ArrayLike | None, mesh: SimplexMesh, repaired: RepairedMesh
-) -> IntArray | None:
-    """Return the facets to keep as node numbers of the repaired mesh."""
-    if value is None:
-        return None
-    facets = as_index_array("required_facets", value, mesh.n_points, width=mesh.cell_dim)
-    return repaired.node_map[facets] if len(facets) else None
-
-
 def check_backend(mesh: SimplexMesh, target: str = "auto", backend: str = "auto") -> None:
     """Raise at once what `remesh` would raise for a target or a backend that cannot be used.
 
     For callers that spend time on the sizes first.
     """
-    choose_backend(backend, _task(mesh, target), keep_facets=False)
-
-
-def _number_of_cells(mesh: SimplexMesh, size: object, problem: Problem) -> float:
-    """Return the number of cells that the sizes predict."""
-    assert problem.size is not None
-    if problem.task != "surface to tetrahedra":
-        return predict(problem.mesh, problem.size(problem.mesh.points)).cells
-    if isinstance(size, SizeFunction) and size.report is not None:
-        nodes = size.background.points[: mesh.n_points]  # of its refined copy, the given ones first
-        if np.array_equal(nodes, mesh.points):
-            return size.report.n_elements
-    # So many points are enough to find out whether there are too many elements.
-    return predict(Enclosed(problem.mesh, 1000), problem.size).cells
-
-
-def _check_metric(metric: MetricAt | None, task: Task, *, strict: bool) -> None:
-    """Raise a ValueError if a metric is given that cannot be used."""
-    if metric is None:
-        return
-    if task == "surface to tetrahedra":
-        text = (
-            "size must not be a Metric for a surface to be filled: make tetrahedra first and "
-            "remesh them, or pass {target:'triangles'}"
-        )
-        raise ValueError(Message(text))
-    if strict:
-        raise refusal("strict", "must be False with a Metric, whose cells are thin, got True")
-
-
-def _task(mesh: SimplexMesh, target: str) -> Task:
-    """Return the meshing task: from which cells to which cells."""
-    mesh = as_mesh("mesh", mesh)
-    given = (mesh.cell_dim, mesh.dim)
-    if given == (3, 3) and target != "triangles":
-        return "tetrahedra"
-    if given == (2, 2) and target != "tetrahedra":
-        return "plane triangles"
-    if given == (2, 3):
-        is_flat = target == "auto" and is_in_plane(mesh)
-        return "surface" if target == "triangles" or is_flat else "surface to tetrahedra"
-    if given[0] == 1:
-        raise ValueError(
-            f"mesh must consist of triangles or tetrahedra, got {mesh!r}; "
-            "adaptsize.polygons returns the domain between closed lines in the plane"
-        )
-    raise refusal("target", f"{target!r} cannot be made from {mesh!r}")
+    choose_backend(backend, task_of(mesh, target), keep_facets=False)

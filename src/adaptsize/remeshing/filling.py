@@ -12,29 +12,21 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import renumbered_edges
 from adaptsize.errors import BackendError, TooManyElementsError
 from adaptsize.quality.boundary import overlapping_cells
-from adaptsize.remeshing import netgen
+from adaptsize.remeshing import netgen, tuning
 from adaptsize.remeshing.attempts import Candidate
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.mmg import adapted
 from adaptsize.remeshing.planning import Attempt
 from adaptsize.remeshing.preparation import as_problem, number_regions, restore
-from adaptsize.remeshing.protocol import Arrays, Backend, Facets, Problem
+from adaptsize.remeshing.protocol import Arrays, Backend, Facets, MeshingProblem
+from adaptsize.remeshing.registry import available_backends
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.surface import THINNEST, refine_surface, remove_slivers, sliver_height
-from adaptsize.remeshing.tetwild import TetWildBackend
 from adaptsize.sizes import predict
 from adaptsize.typing import IntArray
 
-#: Mmg's ``hausd`` over the tolerance in the two runs on a surface.  Mmg divides edges whose middle
-#: is farther than that from the tangent planes at their ends, which is twice the distance from an
-#: arc.  With twice the tolerance it divides those that leave more than the tolerance.  With 1.2 in
-#: the second run and in the volume, the sizes of `size_function` were not the only ones that
-#: counted, and the measured distance was .7 to .9 tolerances instead of .85 to .95.
-_HAUSD = (2.0, 1.6)
 _STAGE = Stage("adapting the surface", "Mmg")
-#: Cells that a first volume requires over those that were predicted, above which this is reported.
-MANY_MORE = 1.5
 FILLS_MORE = (
     "the mesh fills more than the surface encloses; close the surface or increase the sizes"
 )
@@ -46,7 +38,7 @@ class Filling:
 
     Parameters
     ----------
-    problem : Problem
+    problem : MeshingProblem
         Of the task "surface to tetrahedra".
     surface : SimplexMesh
         The boundary of the solid, in the coordinates of the problem.
@@ -56,7 +48,7 @@ class Filling:
     """
 
     def __init__(
-        self, problem: Problem, surface: SimplexMesh, n_cells: float, max_elements: float
+        self, problem: MeshingProblem, surface: SimplexMesh, n_cells: float, max_elements: float
     ) -> None:
         self._problem, self.surface = problem, surface
         self._n_cells, self._max_elements = n_cells, max_elements
@@ -78,9 +70,8 @@ class Filling:
         problem = replace(self._problem, tolerance=attempt.factor * self._problem.tolerance)
         note = ""
         if attempt.first == "tetwild":
-            raw = TetWildBackend().solve(
-                replace(problem, size=None), replace(run, backend="tetwild")
-            )
+            generator = available_backends()["tetwild"]
+            raw = generator.solve(replace(problem, size=None), replace(run, backend="tetwild"))
             inner = _inside(problem, raw, "tetwild")
             note = number_note(inner, self._n_cells, self._max_elements)
         elif attempt.first == "netgen":
@@ -103,10 +94,9 @@ class Filling:
 
         yield Candidate(finish, note)
 
-    def _in_adapted_surface(self, problem: Problem, run: IsolatedRunner) -> Problem:
+    def _in_adapted_surface(self, problem: MeshingProblem, run: IsolatedRunner) -> MeshingProblem:
         """Return the request to adapt what Netgen makes of a surface of the requested sizes."""
-        size, tolerance = problem.size, problem.tolerance
-        assert size is not None
+        size, tolerance = problem.sizes, problem.tolerance
         surface, ridges = self._with_short_edges(problem, THINNEST[0])
         surface, ridges = adapt_surface(surface, ridges, size, tolerance, run)
         # Where feature edges meet at small angles, Mmg makes edges much shorter than the size.
@@ -117,7 +107,7 @@ class Filling:
         raw = netgen.fill(surface, run)
         return replace(_inside(problem, raw, "netgen"), ridges=ridges, is_adapted=True)
 
-    def _in_given_surface(self, problem: Problem, run: IsolatedRunner) -> Problem:
+    def _in_given_surface(self, problem: MeshingProblem, run: IsolatedRunner) -> MeshingProblem:
         """Return the request to adapt what Netgen makes of the surface with divided edges.
 
         If it cannot be filled without its slivers, only the thinner ones are removed.
@@ -133,12 +123,13 @@ class Filling:
                 break
         return replace(_inside(problem, raw, "netgen"), ridges=ridges)
 
-    def _with_short_edges(self, problem: Problem, thinnest: float) -> tuple[SimplexMesh, IntArray]:
+    def _with_short_edges(
+        self, problem: MeshingProblem, thinnest: float
+    ) -> tuple[SimplexMesh, IntArray]:
         key = problem.tolerance, thinnest
         if key not in self._refined:
-            assert problem.size is not None
             self._refined[key] = refine_surface(
-                problem.mesh, problem.size, problem.tolerance, thinnest
+                problem.mesh, problem.sizes, problem.tolerance, thinnest
             )
         return self._refined[key]
 
@@ -151,13 +142,17 @@ def improved_soundly(
     Nodes that are put onto a surface with walls much thinner than the tolerance may be put onto the
     wrong side, so that the boundary crosses itself although all cells are positive.
     """
-    better = improved(mesh, surface, tolerance, size)
+    return unless_overlapping(improved(mesh, surface, tolerance, size), mesh)
+
+
+def unless_overlapping(better: SimplexMesh, mesh: SimplexMesh) -> SimplexMesh:
+    """Return a better mesh, or the one before if cells overlap in the better one only."""
     if overlapping_cells(better) is not None and overlapping_cells(mesh) is None:
         return mesh
     return better
 
 
-def number_note(inner: Problem, n_cells: float, max_elements: float) -> str:
+def number_note(inner: MeshingProblem, n_cells: float, max_elements: float) -> str:
     """Return a note if the sizes require many more cells in a first volume than predicted.
 
     Of open surfaces, generators may fill more than what the surface encloses.
@@ -167,9 +162,8 @@ def number_note(inner: Problem, n_cells: float, max_elements: float) -> str:
     TooManyElementsError
         If these are also more than ``max_elements``.
     """
-    assert inner.size is not None
-    found = predict(inner.mesh, inner.size, backend="mmg").cells
-    if found <= MANY_MORE * n_cells:
+    found = predict(inner.mesh, inner.sizes, backend="mmg").cells
+    if found <= tuning.MANY_MORE * n_cells:
         return ""
     text = f"about {found:.3g} elements instead of the predicted {n_cells:.3g}: {FILLS_MORE}"
     if found > max_elements:
@@ -178,7 +172,7 @@ def number_note(inner: Problem, n_cells: float, max_elements: float) -> str:
     return text
 
 
-def _inside(problem: Problem, raw: Arrays, generator: str) -> Problem:
+def _inside(problem: MeshingProblem, raw: Arrays, generator: str) -> MeshingProblem:
     """Return the request to adapt tetrahedra in the surface of another one."""
     volume = restore(raw, problem, generator)
     plain = as_problem("tetrahedra", volume, problem.tolerance / volume.diagonal)
@@ -207,12 +201,11 @@ def adapt_surface(
         If Mmg fails.
     """
     regions, tags = number_regions(surface)
-    problem = Problem(
+    problem = MeshingProblem(
         "surface", surface, tolerance, Facets(), regions, tags, size=size, ridges=ridges
     )
-    # The first run, on triangles of all shapes, makes too many, and the more the smaller its
-    # ``hausd``.  The second one corrects that.
-    made = adapted(problem, _HAUSD, run, largest=1.25, text=_STAGE)
+    largest = tuning.CORRECTION_ON_SURFACE
+    made = adapted(problem, tuning.HAUSD_ON_SURFACE, run, largest=largest, text=_STAGE)
     new_tags = None if surface.cell_tags is None else tags[made["regions"]]
     new = SimplexMesh(
         made["points"], made["cells"], cell_tags=new_tags, tag_names=surface.tag_names

@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize.remeshing import tuning
 from adaptsize.remeshing.protocol import Arrays
-
-#: Least size over the diagonal.  At the tip of a cone the radius is 0, and Gmsh would not end.
-_SMALLEST = 1e-4
 
 
 def triangulate(arrays: Arrays, options: Mapping[str, Any]) -> Arrays:
@@ -37,8 +35,10 @@ def triangulate(arrays: Arrays, options: Mapping[str, Any]) -> Arrays:
     gmsh.model.occ.synchronize()
     *low, hx, hy, hz = gmsh.model.getBoundingBox(-1, -1)
     diagonal = float(np.linalg.norm(np.subtract((hx, hy, hz), low)))
-    gmsh.option.setNumber("Mesh.MeshSizeMax", options["largest"] or 0.1 * diagonal)
-    gmsh.option.setNumber("Mesh.MeshSizeMin", _SMALLEST * diagonal)
+    gmsh.option.setNumber(
+        "Mesh.MeshSizeMax", options["largest"] or tuning.LARGEST_OF_CAD * diagonal
+    )
+    gmsh.option.setNumber("Mesh.MeshSizeMin", tuning.LEAST_OF_CAD * diagonal)
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", options["count"])
     gmsh.model.mesh.generate(2)
     node_tags, coordinates, _ = gmsh.model.mesh.getNodes()

@@ -14,11 +14,9 @@ from adaptsize._messages import Message
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import components_of
 from adaptsize.geometry.enclosed import cone_measures
+from adaptsize.remeshing import tuning
 from adaptsize.remeshing.preparation import RepairedMesh, repair_mesh
 from adaptsize.typing import FloatArray, IntArray
-
-#: Loops of more edges are divided; the triangulation costs the cube of their number.
-_MOST_AT_ONCE = 96
 
 
 def close_holes(surface: SimplexMesh) -> SimplexMesh:
@@ -111,10 +109,10 @@ def fill_loop(points: FloatArray, loop: Sequence[int]) -> IntArray:
     """Return triangles of small total area inside a loop of nodes, int32[n, 3]."""
     if len(loop) == 3:
         return np.asarray([loop], np.int32)
-    if len(loop) <= _MOST_AT_ONCE:
+    if len(loop) <= tuning.MOST_EDGES_AT_ONCE:
         nodes = np.asarray(loop, np.int32)
         return nodes[_least_area(points[nodes])]
-    stride = -(-len(loop) // _MOST_AT_ONCE)
+    stride = -(-len(loop) // tuning.MOST_EDGES_AT_ONCE)
     corners = [*range(0, len(loop), stride), len(loop)]
     closed = [*loop, loop[0]]
     parts = [fill_loop(points, [loop[k] for k in corners[:-1]])]
@@ -153,8 +151,7 @@ def _least_area(points: FloatArray) -> IntArray:
 def _triangle_cost(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=-1)
     perimeter = sum(np.linalg.norm(p - q, axis=-1) for p, q in ((a, b), (b, c), (c, a)))
-    # Weight of the squared perimeter beside the area: of equal areas, compact triangles.
-    return np.asarray(area + 1e-6 * perimeter**2)
+    return np.asarray(area + tuning.WEIGHT_OF_PERIMETER * perimeter**2)
 
 
 def _encloses_volume(closed: SimplexMesh) -> bool:
@@ -162,5 +159,4 @@ def _encloses_volume(closed: SimplexMesh) -> bool:
     body = bodies_of(closed)
     volume = np.abs(np.bincount(body, cone_measures(closed, closed.points.mean(axis=0))))
     area = np.bincount(body, closed.measures)
-    # A body whose volume is less than this times its area and its diagonal encloses nothing.
-    return bool((volume > 1e-6 * closed.diagonal * area).any())
+    return bool((volume > tuning.NO_VOLUME * closed.diagonal * area).any())

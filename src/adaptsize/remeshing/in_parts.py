@@ -20,11 +20,9 @@ from adaptsize.background.migration import (
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.errors import BackendError, TooManyElementsError
 from adaptsize.options import RemeshOptions
+from adaptsize.remeshing import tuning
 from adaptsize.sizes.budget import calibration, count_elements
 from adaptsize.typing import FloatArray, IntArray
-
-# Parts are divided anew in the end if one has more cells than the mean times this.
-_IMBALANCE = 1.2
 
 #: Returns a new mesh of a whole mesh, as `adaptsize.remesh`.
 Remesh = Callable[..., SimplexMesh]
@@ -84,8 +82,7 @@ def _by_parts(
     places: list[FloatArray] = []
     for number in range(given["rounds"]):
         if number:
-            # Cells as far as 2 to 3 layers from an interface suffer from its frozen facets.
-            work = migrate(work, displaced(work, 5))
+            work = migrate(work, displaced(work, tuning.LAYERS))
             h = interpolate(part, sizes, work.points)
         frozen = interface_facets(work)
         corners = work.points[frozen]
@@ -93,7 +90,10 @@ def _by_parts(
         allowed = given["tolerance"] * part.diagonal
         made = work.ranks.agree(partial(_remeshed, work, h, frozen, allowed, remesh))
         work = _stitched(work, made, frozen)
-    if max(work.ranks.allgather(work.n_cells)) * work.ranks.size > _IMBALANCE * work.n_global_cells:
+    if (
+        max(work.ranks.allgather(work.n_cells)) * work.ranks.size
+        > tuning.IMBALANCE * work.n_global_cells
+    ):
         work = migrate(work, balanced(work))
     return work, np.concatenate(places)
 

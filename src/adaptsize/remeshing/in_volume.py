@@ -11,17 +11,15 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.bisection import resolved
 from adaptsize.limiting import limit_gradient
 from adaptsize.limiting.inside import SolidField
+from adaptsize.remeshing import tuning
 from adaptsize.remeshing.preparation import Frame, as_problem
-from adaptsize.remeshing.protocol import Problem
+from adaptsize.remeshing.protocol import MeshingProblem
 from adaptsize.typing import FloatArray
 
-#: Nodes of a first volume, above which it is not divided further.
-_MOST_POINTS = 1_000_000
-#: Sizes may rise along an edge by g times its length and this share.
-_STEEP = 1e-3
 
-
-def in_volume(problem: Problem, size: SizeFunction, frame: Frame, hmax: float) -> Problem:
+def in_volume(
+    problem: MeshingProblem, size: SizeFunction, frame: Frame, hmax: float
+) -> MeshingProblem:
     """Return the request to adapt a first volume, with sizes that are limited in it.
 
     Its cells are bisected until no source inside is missed.  The sizes are those that are seen
@@ -30,7 +28,7 @@ def in_volume(problem: Problem, size: SizeFunction, frame: Frame, hmax: float) -
 
     Parameters
     ----------
-    problem : Problem
+    problem : MeshingProblem
         Tetrahedra in the surface, in coordinates of their own.
     size : SizeFunction
         On the surface, with g.
@@ -54,7 +52,7 @@ def in_volume(problem: Problem, size: SizeFunction, frame: Frame, hmax: float) -
             given, lambda x: field.of_inner_sources(x, at_most(x)),
             g=g if all(source.is_graded for source in sources) else None,
             samples=np.concatenate([source.samples for source in sources]),
-            curves=ridges, max_points=_MOST_POINTS,
+            curves=ridges, max_points=tuning.MOST_NODES_OF_VOLUME,
         )  # fmt: skip
         if found.mesh is not given:
             given, ridges = found.mesh, found.curves if len(ridges) else ridges
@@ -86,6 +84,6 @@ def _limited_in(
     sizes = field.evaluate(mesh.points, bound)
     ends = sizes[mesh.edges]
     rise = np.abs(ends[:, 1] - ends[:, 0]) - g * mesh.edge_lengths
-    if (rise <= _STEEP * ends.min(axis=1)).all():
+    if (rise <= tuning.STEEP * ends.min(axis=1)).all():
         return None
     return np.asarray(limit_gradient(mesh, sizes, g, method="fast-marching"))

@@ -13,37 +13,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from adaptsize.errors import BackendError
-from adaptsize.remeshing.protocol import Arrays, Problem
+from adaptsize.remeshing import tuning
+from adaptsize.remeshing.protocol import Arrays, MeshingProblem
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
     from adaptsize.metrics import Metric
     from adaptsize.quality.by_place import RequestedElements
 
-#: Share of the requested elements that may be missing because cells are too large.
-MISSING = 0.2
-#: Factor between the least sizes of two steps, at most.  With it, all of 12 layers in the plane
-#: that begin with 1e-3 to 1e-5 of the domain were made.
-_STEP = 10.0
-#: Runs of one step, the second only if the first does not serve it.  Steps end if it is no better,
-#: and more than this share is missing: the next ones find nothing to build on.
-_TURNS, _LOST = 2, 0.5
-#: Edges of tetrahedra over the least size beyond which steps come first.
-_FAR = 1000.0
-#: Least sizes over the extent of the domain that steps reach.  In the plane, Mmg removes cells that
-#: are thinner again, whatever their length.  In space and on surfaces no such limit has been met:
-#: least sizes of 1e-4 were reached, and the number only ends the steps.
-FINEST = {"plane triangles": 1e-5, "tetrahedra": 1e-7, "surface": 1e-7}
-#: A sample of so many cells is enough for these shares.
-_SAMPLE = 20_000
 
-
-def in_steps(problem: Problem, made: Arrays, run: Callable[[Arrays, Metric], Arrays]) -> Arrays:
+def in_steps(
+    problem: MeshingProblem, made: Arrays, run: Callable[[Arrays, Metric], Arrays]
+) -> Arrays:
     """Return a mesh that serves a metric: the given one, or one that is made in steps.
 
     Parameters
     ----------
-    problem : Problem
+    problem : MeshingProblem
         With a metric.
     made : mapping of str to array
         The best mesh so far.
@@ -55,15 +41,17 @@ def in_steps(problem: Problem, made: Arrays, run: Callable[[Arrays, Metric], Arr
     mapping of str to array
         If no step serves the metric, the mesh whose edges are least too long on average.
     """
-    assert problem.metric is not None
-    metric = problem.metric
-    if problem.facets.required.any() or _missing(_elements(problem, made, metric)) <= MISSING:
+    metric = problem.directions
+    if (
+        problem.facets.required.any()
+        or _missing(_elements(problem, made, metric)) <= tuning.MISSING
+    ):
         return made
     best, least = made, _elements(problem, made, metric).excess()
     current: Arrays = first_mesh(problem)
     reached, missing = np.inf, 0.0
     floors, largest = _floors(problem)
-    for floor in np.repeat(floors, _TURNS).tolist():
+    for floor in np.repeat(floors, tuning.TURNS_OF_STEP).tolist():
         if floor == reached:
             continue
 
@@ -78,23 +66,23 @@ def in_steps(problem: Problem, made: Arrays, run: Callable[[Arrays, Metric], Arr
         if found.excess() < least:
             best, least = current, found.excess()
         missing, before = _missing(_elements(problem, current, bounded)), missing
-        if missing <= MISSING:
+        if missing <= tuning.MISSING:
             reached = floor
-        elif missing > before > _LOST:
+        elif missing > before > tuning.LOST:
             break
     return best
 
 
-def is_far(problem: Problem) -> bool:
+def is_far(problem: MeshingProblem) -> bool:
     """Return whether steps come first: in space a single run may not end within a minute."""
     if problem.metric is None or problem.task != "tetrahedra" or problem.facets.required.any():
         return False
     base = problem.mesh if problem.metric_mesh is None else problem.metric_mesh
     least = float(problem.metric(base.points).sizes.min())
-    return float(problem.mesh.edge_lengths.mean()) > _FAR * least
+    return float(problem.mesh.edge_lengths.mean()) > tuning.FAR * least
 
 
-def first_mesh(problem: Problem) -> Arrays:
+def first_mesh(problem: MeshingProblem) -> Arrays:
     """Return the mesh of a request as arrays."""
     facets = problem.facets
     return {
@@ -119,31 +107,30 @@ def _coarsened(metric: Metric, floor: float, largest: float) -> Metric:
     return Metric.of(np.minimum(scaled, np.maximum(largest, metric.sizes)), metric.directions)
 
 
-def _floors(problem: Problem) -> tuple[FloatArray, float]:
+def _floors(problem: MeshingProblem) -> tuple[FloatArray, float]:
     """Return the least sizes of the steps, evenly from the edges of the mesh to those requested.
 
     Also return the largest size.
     """
-    assert problem.metric is not None
     base = problem.mesh if problem.metric_mesh is None else problem.metric_mesh
     first = float(problem.mesh.edge_lengths.mean())
-    sizes = problem.metric(base.points).sizes
+    sizes = problem.directions(base.points).sizes
     last, largest = float(sizes.min()), float(sizes.max())
-    last = max(last, FINEST[problem.task] * float(np.ptp(base.points, axis=0).max()))
+    last = max(last, tuning.FINEST[problem.task] * float(np.ptp(base.points, axis=0).max()))
     if first <= last:
         return np.array([last]), largest
-    count = int(np.ceil(np.log(first / last) / np.log(_STEP)))
+    count = int(np.ceil(np.log(first / last) / np.log(tuning.STEP)))
     return first * (last / first) ** (np.arange(1, count + 1) / count), largest
 
 
 def _elements(
-    problem: Problem, made: Arrays, metric: Callable[[FloatArray], Metric]
+    problem: MeshingProblem, made: Arrays, metric: Callable[[FloatArray], Metric]
 ) -> RequestedElements:
     from adaptsize.background import SimplexMesh
     from adaptsize.quality.by_place import RequestedElements
 
     mesh = SimplexMesh(made["points"], made["cells"])
-    return RequestedElements.of_metric(mesh, metric, problem.metric_mesh, _SAMPLE)
+    return RequestedElements.of_metric(mesh, metric, problem.metric_mesh, tuning.SAMPLE)
 
 
 def _missing(elements: RequestedElements) -> float:

@@ -38,9 +38,10 @@ import numpy.typing as npt
 
 from adaptsize._progress import Stage
 from adaptsize.errors import BackendError
+from adaptsize.remeshing import tuning
 from adaptsize.remeshing._medit import read_medit, write_medit
 from adaptsize.remeshing.metric_steps import first_mesh, in_steps, is_far
-from adaptsize.remeshing.protocol import Arrays, Backend, Problem, Program, Task
+from adaptsize.remeshing.protocol import Arrays, Backend, MeshingProblem, Program, Task
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -62,29 +63,6 @@ _ENTITIES = {
     "plane triangles": ("triangles", "edges"),
     "surface": ("triangles", "edges"),
 }
-#: Ridge angle in degrees.  20 keeps the area of plane domains.  30 detects the shallow feature
-#: edges of parts, which Mmg's default of 45 rounds off, and not the facets of coarse surfaces.
-RIDGE_ANGLE = {"tetrahedra": 30.0, "plane triangles": 20.0, "surface": 30.0}
-
-#: Mmg's ``hausd`` over the tolerance.  In space, Mmg divides edges whose middle is farther than
-#: that from the tangent planes at their ends, which is twice the distance from an arc.  With 1.6,
-#: sizes for the tolerance are followed, and larger ones reduced.  On closed parts the measured
-#: distance was .9 to 1 tolerances; with 1, there were up to 1.5 times as many elements.  In the
-#: plane,
-#: with sizes too large for the tolerance, it was up to 1.5 times ``hausd`` on circles.  With a
-#: factor of 1.6 it was up to 7 times, and with .7 a notch of coarse arcs was rounded farther.
-_TOLERANCE_FACTOR = {"tetrahedra": 1.6, "plane triangles": 1.3, "surface": 1.6}
-#: Factor of ``hausd`` for a volume whose surface has the requested sizes already.
-_ADAPTED_FACTOR = 1.6
-#: Mmg reads sizes at the nodes of its input mesh.  If that is coarse, they are read again on the
-#: new mesh.
-#: Mmg does not change edges within sqrt 2 of the requested length.  If this shifts the median,
-#: the next run requests sizes corrected by the same factor.  A first run on a coarse mesh shifts
-#: it more, which says nothing about the next.
-_MAX_TURNS = 3
-#: With a metric, cells of the input are farther from the requested ones.
-_MAX_METRIC_TURNS = 6
-_GOOD_SHARE = 0.9
 
 
 class MmgBackend(Backend):
@@ -100,30 +78,30 @@ class MmgBackend(Backend):
     keeps_required_facets = True
     follows_metrics = True
 
-    def solve(self, problem: Problem, run: IsolatedRunner) -> Arrays:
+    def solve(self, problem: MeshingProblem, run: IsolatedRunner) -> Arrays:
         """Return the adapted mesh with its regions and groups of facets."""
-        most = _MAX_TURNS if problem.metric is None else _MAX_METRIC_TURNS
-        hausd = [_TOLERANCE_FACTOR[problem.task]] * most
+        most = tuning.TURNS if problem.metric is None else tuning.TURNS_WITH_METRIC
+        hausd = [tuning.HAUSD[problem.task]] * most
         if not problem.is_adapted:
             return adapted(problem, hausd, run)
         # From a first volume with a surface of the requested sizes, edges come out shorter by 1.06.
-        return adapted(problem, [_ADAPTED_FACTOR] * (most - 1), run, factor=1.06)
+        return adapted(problem, [tuning.HAUSD_OF_ADAPTED] * (most - 1), run, factor=tuning.SHORTER)
 
 
 def adapted(
-    problem: Problem,
+    problem: MeshingProblem,
     hausd: Sequence[float],
     run: IsolatedRunner,
     *,
     factor: float = 1.0,
-    largest: float = 1.1,
+    largest: float = tuning.CORRECTION,
     text: Stage = _ADAPTING,
 ) -> Arrays:
     """Return the best of several runs of Mmg, each on the result of the one before.
 
     Parameters
     ----------
-    problem : Problem
+    problem : MeshingProblem
     hausd : sequence of float
         For each run, Mmg's ``hausd`` over the tolerance.  Later runs are left out once enough edges
         follow the sizes, and enough of the elements that the first mesh requests are there.  If a
@@ -142,7 +120,6 @@ def adapted(
     BackendError
         If the first run fails.
     """
-    assert problem.size is not None
     made, options = job_of(problem)
     best, best_share, elements = made, -1.0, None
     for times in [] if is_far(problem) else hausd:
@@ -155,12 +132,12 @@ def adapted(
             if best_share < 0.0:
                 raise
             break
-        share, median = _band_and_median(problem.size, made, problem.metric)
+        share, median = _band_and_median(problem.sizes, made, problem.metric)
         if elements is not None:
             share = min(share, elements.served(made))
         if share > best_share:
             best, best_share = made, share
-        if share >= _GOOD_SHARE:
+        if share >= tuning.GOOD_SHARE:
             break
         if median > 0.0:  # Mmg may return coincident nodes
             factor = float(np.clip(factor / median, 1.0 / largest, largest))
@@ -173,12 +150,12 @@ def adapted(
     return in_steps(problem, best, once)
 
 
-def job_of(problem: Problem) -> tuple[Arrays, dict[str, Any]]:
+def job_of(problem: MeshingProblem) -> tuple[Arrays, dict[str, Any]]:
     """Return the arrays and options of `MMG`, except for the sizes, ``hausd`` and ``hgrad``."""
     task = problem.task
     options = {
         "task": task,
-        "ridge_angle": RIDGE_ANGLE[task],
+        "ridge_angle": tuning.RIDGE_ANGLE[task],
         "n_regions": int(problem.regions.max()) + 1,
         "n_groups": int(problem.facets.groups.max(initial=-1)) + 1,
         "required_groups": np.unique(problem.facets.groups[problem.facets.required]).tolist(),
@@ -205,14 +182,12 @@ def _adapted_once(
     """
     hgrad = -1.0
     if sizes.ndim == 1:
-        # Gradation of Mmg's own sizes at curved boundaries, as |grad h|.
-        gradient = 0.25
+        gradient = tuning.LEAST_GRADIENT
         for i, j in combinations(made["cells"].T, 2):
             lengths = np.linalg.norm(made["points"][i] - made["points"][j], axis=1)
             rise = np.abs(sizes[i] - sizes[j]) / np.maximum(lengths, np.finfo(float).tiny)
             gradient = max(gradient, float(rise.max()))
-        # Upper limit of the gradation passed to Mmg.  A larger one has no effect.
-        hgrad = float(np.exp(min(gradient, 3.0)))
+        hgrad = float(np.exp(min(gradient, tuning.LARGEST_GRADIENT)))
     options = {**options, "hausd": hausd, "hgrad": hgrad}
     new = run(MMG, text, {**made, "sizes": sizes, "corners": _corners(made, options)}, options)
     if len(new["cells"]) == 0:
@@ -223,11 +198,10 @@ def _adapted_once(
     return new
 
 
-def _requested(problem: Problem, points: FloatArray, factor: float) -> FloatArray:
+def _requested(problem: MeshingProblem, points: FloatArray, factor: float) -> FloatArray:
     """Return sizes times a factor, float64[n], or rows of the metric, float64[n, 3 or 6]."""
-    assert problem.size is not None
     if problem.metric is None:
-        return factor * problem.size(points)
+        return factor * problem.sizes(points)
     return _rows(problem.metric(points).scaled(factor))
 
 
@@ -247,8 +221,7 @@ def _band_and_median(size: Size, made: Arrays, metric: MetricAt | None) -> tuple
 
     edges = edges_of(made["cells"], len(made["points"]))
     if metric is None:
-        # Sizes are evaluated at so many edges.  The share in the band is then known within .005.
-        ends = made["points"][edges[:: len(edges) // 20_000 + 1]]
+        ends = made["points"][edges[:: len(edges) // tuning.SAMPLE + 1]]
         ratio = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) / size(ends.mean(axis=1))
     else:
         ratio = metric(made["points"]).edge_lengths(made["points"], edges)
@@ -268,14 +241,15 @@ class _Elements(NamedTuple):
     @classmethod
     def of(cls, mesh: SimplexMesh, sizes: FloatArray) -> _Elements:
         """Return the elements for each of an even sample of cells."""
-        some = mesh.cells[:: mesh.n_cells // 20_000 + 1]
+        some = slice(None, None, mesh.n_cells // tuning.SAMPLE + 1)
+        cells = mesh.cells[some]
         from adaptsize.sizes.budget import mean_density
 
-        density = mean_density(sizes[some])
+        density = mean_density(sizes[cells])
         return cls(
-            mesh.points[some].mean(axis=1),
+            mesh.points[cells].mean(axis=1),
             density ** (-1.0 / mesh.cell_dim),
-            mesh.measures[:: mesh.n_cells // 20_000 + 1] * density,
+            mesh.measures[some] * density,
         )
 
     def served(self, made: Arrays) -> float:
@@ -297,7 +271,7 @@ def _write_job(folder: Path, arrays: Arrays, options: Mapping[str, Any]) -> list
     Parameters
     ----------
     arrays : points, cells, regions, facets, facet_groups, ridges, corners, sizes
-        As in ``Problem``.
+        As in ``MeshingProblem``.
     options : task, hausd (absolute), hgrad, ridge_angle, n_regions, n_groups,
         required_groups, open_boundaries
     """
@@ -388,9 +362,9 @@ def _corners(made: Arrays, options: Mapping[str, Any]) -> npt.NDArray[np.int32]:
 
         curves = _curves(made, task)
         triangles = made["cells" if task == "surface" else "facets"]
-        tips = tips_of_cones(made["points"], triangles, np.radians(RIDGE_ANGLE[task]))
+        tips = tips_of_cones(made["points"], triangles, np.radians(tuning.RIDGE_ANGLE[task]))
         ends = np.setdiff1d(tips, curves)
-    tolerance = options["hausd"] / _TOLERANCE_FACTOR[task]
+    tolerance = options["hausd"] / tuning.HAUSD[task]
     kept = _nodes_to_keep(made["points"], curves, tolerance)
     return np.union1d(ends, kept).astype(np.int32)
 
@@ -405,7 +379,7 @@ def _curves(made: Arrays, task: str) -> npt.NDArray[np.int32]:
     triangles, groups = (made[name] for name in names)
     surface = SimplexMesh(made["points"], triangles)
     lowest, highest = regions_beside(surface.cell_facets, groups, len(surface.facets))
-    kept = sharp_facets(surface, normals_of(surface), np.radians(RIDGE_ANGLE[task]))
+    kept = sharp_facets(surface, normals_of(surface), np.radians(tuning.RIDGE_ANGLE[task]))
     kept |= (lowest != highest) | are_among(surface.edges, made["ridges"])
     return np.asarray(surface.edges[kept])
 
@@ -432,7 +406,7 @@ def _nodes_to_keep(
         lengths.prod(axis=0), np.finfo(float).tiny
     )
     bulge = np.arccos(np.clip(cosine, -1.0, 1.0)) * lengths.max(axis=0) / 8.0
-    return np.union1d(number[count > 2], number[count == 2][bulge > 0.2 * tolerance])
+    return np.union1d(number[count > 2], number[count == 2][bulge > tuning.BULGE * tolerance])
 
 
 def _from_one(numbers: npt.NDArray[Any]) -> npt.NDArray[np.int32]:

@@ -24,17 +24,13 @@ from adaptsize._checks import place_text
 from adaptsize._progress import Stage
 from adaptsize.errors import BackendError
 from adaptsize.geometry.enclosed import enclosed_measure, is_oriented
+from adaptsize.remeshing import tuning
 from adaptsize.remeshing.protocol import Arrays
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.remeshing.isolation import IsolatedRunner
-
-#: Seconds of processor time for a surface, and for each of its triangles.  Most closed parts needed
-#: less than .3 ms per triangle.
-_SECONDS = 5.0
-_SECONDS_PER_TRIANGLE = 1e-3
 
 
 def fill(surface: SimplexMesh, run: IsolatedRunner) -> Arrays:
@@ -58,7 +54,7 @@ def fill(surface: SimplexMesh, run: IsolatedRunner) -> Arrays:
         raise BackendError(
             f"netgen cannot fill the surface, which crosses itself at {place_text(place, 4)}"
         )
-    seconds = min(run.seconds, _SECONDS + _SECONDS_PER_TRIANGLE * surface.n_cells)
+    seconds = min(run.seconds, tuning.SECONDS + tuning.SECONDS_PER_TRIANGLE * surface.n_cells)
     made = replace(run, backend="netgen", seconds=seconds)(
         "adaptsize.remeshing.netgen:tetrahedralize",
         Stage("filling the surface", "Netgen"),

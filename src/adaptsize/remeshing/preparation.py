@@ -23,7 +23,7 @@ from adaptsize.geometry.repair import Repair, repair_triangles
 from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric
 from adaptsize.remeshing.acceptance import refuse_other_domain
-from adaptsize.remeshing.protocol import NO_TAG, Arrays, Facets, Problem, Task
+from adaptsize.remeshing.protocol import NO_TAG, Arrays, Facets, MeshingProblem, Task
 from adaptsize.remeshing.sizing import MetricAt, Size
 from adaptsize.typing import FloatArray, IndexArray, IntArray
 
@@ -157,14 +157,14 @@ def surface_to_fill(repaired: RepairedMesh, solid: Solid) -> RepairedMesh:
 
 def as_problem(
     task: Task, mesh: SimplexMesh, tolerance: float, required: IntArray | None = None
-) -> Problem:
+) -> MeshingProblem:
     """Return the request to remesh a repaired mesh, without sizes.
 
     ``tolerance`` is over the diagonal, and ``required`` are facets to keep.
     """
     regions, region_tags = number_regions(mesh)
     facets = collect_facets(mesh, regions, required)
-    return Problem(task, mesh, tolerance * mesh.diagonal, facets, regions, region_tags)
+    return MeshingProblem(task, mesh, tolerance * mesh.diagonal, facets, regions, region_tags)
 
 
 def number_regions(mesh: SimplexMesh) -> tuple[IntArray, IntArray]:
@@ -285,7 +285,7 @@ class Frame(NamedTuple):
         return new.moved(points)
 
 
-def restore(raw: Arrays, problem: Problem, backend: str) -> SimplexMesh:
+def restore(raw: Arrays, problem: MeshingProblem, backend: str) -> SimplexMesh:
     """Return a checked mesh with the tags of the old one.
 
     Regions and tags that the generator lost are looked up in the old mesh.  The region of a cell
@@ -341,7 +341,9 @@ def _checked(raw: Arrays, backend: str) -> tuple[SimplexMesh, IntArray]:
     return mesh, new_number
 
 
-def _tags_there(new: SimplexMesh, problem: Problem) -> tuple[IntArray, npt.NDArray[np.int64]]:
+def _tags_there(
+    new: SimplexMesh, problem: MeshingProblem
+) -> tuple[IntArray, npt.NDArray[np.int64]]:
     """Return the boundary and interface facets with the tags of the nearest old facets."""
     if problem.task == "surface to tetrahedra":
         old, tag_of_old = problem.mesh, np.asarray(problem.mesh.cell_tags, np.int64)

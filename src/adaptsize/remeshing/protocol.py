@@ -20,6 +20,13 @@ if TYPE_CHECKING:  # the child processes do not need the mesh classes
 
 #: The task: fill a surface with tetrahedra, or remesh with the same kind of cells.
 Task: TypeAlias = Literal["surface to tetrahedra", "tetrahedra", "plane triangles", "surface"]
+#: The task for cells of a dimension, in space or in the plane, and the kind of the new cells.
+TASKS: Mapping[tuple[int, int, str], Task] = {
+    (3, 3, "tetrahedra"): "tetrahedra",
+    (2, 2, "triangles"): "plane triangles",
+    (2, 3, "triangles"): "surface",
+    (2, 3, "tetrahedra"): "surface to tetrahedra",
+}
 Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
 
 
@@ -55,7 +62,7 @@ NO_TAG = np.int64(2) ** 40
 
 
 @dataclass(frozen=True)
-class Problem:
+class MeshingProblem:
     """One request to a generator, after checks and repairs.
 
     Attributes
@@ -102,7 +109,21 @@ class Problem:
     metric_mesh: SimplexMesh | None = None
     ridges: IntArray = field(default_factory=lambda: np.empty((0, 2), np.int32))
     is_adapted: bool = False
-    in_volume: Callable[[Problem], Problem] | None = None
+    in_volume: Callable[[MeshingProblem], MeshingProblem] | None = None
+
+    @property
+    def sizes(self) -> Callable[[FloatArray], FloatArray]:
+        """The requested edge lengths, of a request that has some."""
+        if self.size is None:
+            raise ValueError("the request has no sizes")
+        return self.size
+
+    @property
+    def directions(self) -> MetricAt:
+        """The requested metric, of a request that has one."""
+        if self.metric is None:
+            raise ValueError("the request has no metric")
+        return self.metric
 
 
 class Backend(Protocol):
@@ -127,7 +148,7 @@ class Backend(Protocol):
     needs_volume : bool
         Whether it fills a surface only with a first volume mesh from another generator.
     follows_metrics : bool
-        Whether it uses ``Problem.metric``.
+        Whether it uses ``MeshingProblem.metric``.
     """
 
     name: str
@@ -143,12 +164,12 @@ class Backend(Protocol):
         """Whether the package can be imported."""
         return find_spec(self.package) is not None
 
-    def solve(self, problem: Problem, run: IsolatedRunner) -> Arrays:
+    def solve(self, problem: MeshingProblem, run: IsolatedRunner) -> Arrays:
         """Return the new mesh, which is checked by the caller.
 
         Parameters
         ----------
-        problem : Problem
+        problem : MeshingProblem
         run : callable
             Runs a function of arrays, ``"module:name"``, or a `Program` in a child process.
 

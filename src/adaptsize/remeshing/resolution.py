@@ -12,19 +12,13 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.background.bisection import resolved
 from adaptsize.limiting.sources import is_same
+from adaptsize.remeshing import tuning
 from adaptsize.remeshing.in_volume import in_volume
 from adaptsize.remeshing.preparation import Frame, as_problem
-from adaptsize.remeshing.protocol import Problem, Task
+from adaptsize.remeshing.protocol import MeshingProblem, Task
 from adaptsize.remeshing.sizing import MetricAt, Size, SizeLike, in_solid, known_points
 from adaptsize.remeshing.surface import refine_facets, refine_surface
 from adaptsize.typing import FloatArray, IntArray
-
-#: Nodes up to which a mesh is divided for a generator.  It then has about a quarter of the nodes of
-#: the new mesh in the plane and an eighth in space, so that this is enough for millions.
-_MOST_NODES = 500_000
-#: Longest edge of cells over the size where this is not linear, as at a source.  Of 16 points and
-#: curves in the plane and in space, 2 served 73 % of the requested elements, 1 served 92 %.
-_EDGE_OVER_SIZE = 1.0
 
 
 class RequestedSizes(NamedTuple):
@@ -60,7 +54,7 @@ def as_request(
     required: IntArray | None,
     *,
     is_by_mmg: bool,
-) -> Problem:
+) -> MeshingProblem:
     """Return the request to remesh a repaired mesh.
 
     Generators read sizes at the nodes of a mesh only.  So the cells are divided until the sizes are
@@ -120,8 +114,8 @@ def _resolved(
         g=sizes.g if own_g is None else own_g,
         is_proved=own_g is not None,
         samples=known,
-        factor=_EDGE_OVER_SIZE,
+        factor=tuning.EDGE_OVER_SIZE,
         curves=ridges,
-        max_points=_MOST_NODES,
+        max_points=tuning.MOST_NODES,
     )
     return fine.mesh, fine.curves

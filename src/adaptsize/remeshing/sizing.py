@@ -12,13 +12,12 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.bisection import resolved
 from adaptsize.metrics import Metric, MetricFunction
+from adaptsize.remeshing import tuning
 from adaptsize.typing import FloatArray, IntArray
 
 #: What ``remesh`` takes as ``size``.
 SizeLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 Size: TypeAlias = Callable[[FloatArray], FloatArray]
-#: Spacing of the background of fTetWild over the diagonal, and its nodes at most.
-_SPACING, _MOST_SAMPLES = 1.0 / 15.0, 150_000
 
 
 def as_size(
@@ -130,12 +129,12 @@ def sample_in_box(
     sizes : float64[n]
     """
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
-    margin = 0.05 * mesh.diagonal
-    shape = 2 + ((high - low + 2.0 * margin) / (_SPACING * mesh.diagonal)).astype(int)
+    margin = tuning.MARGIN * mesh.diagonal
+    shape = 2 + ((high - low + 2.0 * margin) / (tuning.SPACING * mesh.diagonal)).astype(int)
     spacing = (high - low + 2.0 * margin) / (shape - 1)
     box = CartesianGrid(low - margin, spacing, tuple(shape.tolist())).mesh
     samples = np.concatenate([mesh.points, known])
-    fine = resolved(box, size, samples=samples, max_points=_MOST_SAMPLES).mesh
+    fine = resolved(box, size, samples=samples, max_points=tuning.MOST_SAMPLES).mesh
     return fine.points, fine.cells, size(fine.points)
 
 

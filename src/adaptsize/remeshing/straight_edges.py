@@ -13,15 +13,10 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import marked, regions_beside
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.creases import normals_of, sharp_facets
-from adaptsize.remeshing.mmg import RIDGE_ANGLE
+from adaptsize.remeshing import tuning
 from adaptsize.remeshing.surface import facets_of
 from adaptsize.remeshing.taken_back import take_back, worst_of_nodes
 from adaptsize.typing import BoolArray, FloatArray, IntArray
-
-#: Nodes are on a line if they are closer to it than this times the diagonal.
-_ON_LINE = 1e-9
-#: Least quality of a cell around a node that is moved, unless it was lower before.
-_LEAST = 0.2
 
 
 class StraightEdges:
@@ -37,7 +32,7 @@ class StraightEdges:
         edges = feature_edges(old)
         self._curves = SimplexMesh(old.points, edges) if len(edges) else None
         self._is_straight = None if self._curves is None else _are_straight(self._curves)
-        self._near = _ON_LINE * given.diagonal
+        self._near = tuning.ON_LINE * given.diagonal
 
     def straightened(self, mesh: SimplexMesh, tolerance: float) -> SimplexMesh:
         """Return a mesh with the nodes of its straight feature edges exactly on these.
@@ -56,7 +51,7 @@ class StraightEdges:
         nodes, points = nodes[moved], mesh.points.copy()
         points[nodes] = there[moved]
         if mesh.cell_dim == mesh.dim:
-            least = np.minimum(worst_of_nodes(mesh.points, mesh.cells), _LEAST)
+            least = np.minimum(worst_of_nodes(mesh.points, mesh.cells), tuning.LEAST_QUALITY)
             take_back(points, mesh.cells, mesh.points, nodes, least)
         else:
             before, after = (facet_normals(p[mesh.cells]) for p in (mesh.points, points))
@@ -89,7 +84,7 @@ def feature_edges(surface: SimplexMesh) -> IntArray:
     """
     if surface.cell_dim == 1:
         return surface.cells
-    kept = sharp_facets(surface, normals_of(surface), math.radians(RIDGE_ANGLE["surface"]))
+    kept = sharp_facets(surface, normals_of(surface), math.radians(tuning.RIDGE_ANGLE["surface"]))
     if surface.cell_tags is not None:
         n = len(surface.edges)
         lowest, highest = regions_beside(surface.cell_facets, surface.cell_tags, n)
@@ -116,7 +111,7 @@ def _are_straight(curves: SimplexMesh) -> BoolArray:
     # Half of their sum is the sine of half of the angle that the curve turns by.
     half = 0.5 * np.linalg.norm(one + other, axis=1)
     middle = number[count == 2]
-    is_inner[middle] = half * lengths.min(axis=1) <= _ON_LINE * curves.diagonal
-    least = math.radians(RIDGE_ANGLE["plane triangles" if curves.dim == 2 else "surface"])
+    is_inner[middle] = half * lengths.min(axis=1) <= tuning.ON_LINE * curves.diagonal
+    least = math.radians(tuning.RIDGE_ANGLE["plane triangles" if curves.dim == 2 else "surface"])
     is_corner[middle] = half > math.sin(0.5 * least)
     return np.asarray(is_inner[curves.cells].any(axis=1) | is_corner[curves.cells].all(axis=1))

@@ -27,9 +27,9 @@ from adaptsize.background.topology import (
 )
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.creases import folds_of, normals_of, sharp_facets
-from adaptsize.remeshing.mmg import RIDGE_ANGLE
 from adaptsize.remeshing.preparation import collect_facets, number_regions
 from adaptsize.remeshing.sizing import Size, once_per_point
+from adaptsize.remeshing.tuning import RIDGE_ANGLE
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Triangles of less height than these shares of the tolerance are removed, in two attempts.

@@ -21,15 +21,9 @@ from adaptsize.errors import OpenSurfaceWarning
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.solid import SLACK as _SLACK
 from adaptsize.geometry.solid import Solid
+from adaptsize.remeshing import tuning
 from adaptsize.remeshing.hole_filling import bodies_of, boundary_loops, fill_loop, merged_surface
 from adaptsize.typing import FloatArray
-
-#: Pairs of bodies that are examined for overlaps in common planes, and for small distances.
-_MOST_PAIRS = 200
-#: Points of a body that are examined for being inside another one.
-_MOST_SAMPLES = 2000
-#: Pairs that are named.
-_MOST_NAMED = 3
 
 
 @dataclass(frozen=True)
@@ -77,12 +71,14 @@ def overlapping_bodies(surface: SimplexMesh) -> OverlappingBodies | None:
     pairs = {(a, b) for a, b in np.unique(both, axis=0).tolist()}
     deepest = list(zip(depths.tolist(), places, strict=True))
     slack = _SLACK * bodies.mesh.diagonal
-    for a, b in bodies.near(-slack)[:_MOST_PAIRS]:
+    for a, b in bodies.near(-slack)[: tuning.MOST_PAIRS]:
         if (a, b) in pairs:
             continue
         # Facets in common planes do not cross.
         for one, other in ((a, b), (b, a)):
-            samples = bodies[one].samples[:: -(-len(bodies[one].samples) // _MOST_SAMPLES)]
+            samples = bodies[one].samples[
+                :: -(-len(bodies[one].samples) // tuning.MOST_POINTS_OF_BODY)
+            ]
             away = bodies[other].surface.locator.nearest(samples)[2]
             away = np.where(bodies[other].winding.contains(samples), away, -away)
             if away.max() > slack and away.min() < -slack:
@@ -98,8 +94,8 @@ def overlapping_bodies(surface: SimplexMesh) -> OverlappingBodies | None:
 
 def _listed(names: list[str]) -> str:
     """Return names in words, at most a few of them."""
-    if len(names) > _MOST_NAMED:
-        names = [*names[:_MOST_NAMED], f"{len(names) - _MOST_NAMED} more"]
+    if len(names) > tuning.MOST_NAMED:
+        names = [*names[: tuning.MOST_NAMED], f"{len(names) - tuning.MOST_NAMED} more"]
     return ", ".join(names)
 
 
@@ -175,10 +171,6 @@ class _Body:
             return np.inf, []
         distance = other.surface.locator.nearest(samples)[2]
         return float(distance.min()), samples[distance.argmin()].tolist()
-
-
-#: Surfaces with more bodies than this are not examined for bodies that nearly touch.
-_MOST_BODIES = 2000
 
 
 @dataclass(frozen=True)
@@ -260,7 +252,7 @@ def open_boundary(surface: SimplexMesh, within: float = 0.0) -> OpenBoundary | N
     if around is None:
         around = mesh.points[np.unique(open_edges)]
     place = around.mean(axis=0)
-    # Coordinates of a mean smaller than this times the diagonal are 0.
+    # Coordinates of the mean that are rounding become 0.
     place[np.abs(place) < 1e-12 * mesh.diagonal] = 0.0
     n_edges += n_loose
     return OpenBoundary(n_edges, n_loops, n_loose, length, tuple(place.tolist()), total)
@@ -276,10 +268,10 @@ def near_bodies(
     within = as_number("within", within, lower=0.0)
     bodies = _Bodies(surface)
     count = len(bodies.low)
-    if count > _MOST_BODIES:
+    if count > tuning.MOST_BODIES:
         warn_caller(
             f"the surface has {count} bodies; whether they are closer to each other than the "
-            f"tolerance was not examined, as there are more than {_MOST_BODIES}",
+            f"tolerance was not examined, as there are more than {tuning.MOST_BODIES}",
             OpenSurfaceWarning,
         )
         return None
@@ -288,7 +280,7 @@ def near_bodies(
     known = () if overlapping is None else overlapping.pairs
     pairs = [(a, b) for a, b in bodies.near(within) if (a + 1, b + 1) not in known]
     found: list[tuple[float, list[float]]] = []
-    for a, b in pairs[:_MOST_PAIRS]:
+    for a, b in pairs[: tuning.MOST_PAIRS]:
         one, other = bodies[a], bodies[b]
         found.append(min(one.distance(other, within), other.distance(one, within)))
     n_near = sum(distance <= within for distance, _ in found)

@@ -4,10 +4,8 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels.smoothing import fill_quality
+from adaptsize.remeshing import tuning
 from adaptsize.typing import FloatArray, IntArray
-
-#: Rounds in which single moves are taken back, before all are.
-_ROUNDS = 8
 
 
 def take_back(
@@ -18,7 +16,7 @@ def take_back(
     least: FloatArray,
 ) -> None:
     """Take back moves of nodes whose cells have less than the least quality."""
-    for _ in range(_ROUNDS):  # taking back one move may spoil another
+    for _ in range(tuning.ROUNDS_OF_TAKING_BACK):  # taking back one move may spoil another
         worse = nodes[worst_of_nodes(points, cells)[nodes] < least[nodes]]
         worse = worse[(points[worse] != old[worse]).any(axis=1)]
         if len(worse) == 0:

@@ -19,7 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._progress import Stage
-from adaptsize.remeshing.protocol import Arrays, Backend, Problem, Task
+from adaptsize.remeshing import tuning
+from adaptsize.remeshing.protocol import Arrays, Backend, MeshingProblem, Task
 
 if TYPE_CHECKING:
     from adaptsize.remeshing.isolation import IsolatedRunner
@@ -33,7 +34,7 @@ class TetWildBackend(Backend):
     install = 'pip install "pytetwild>=0.4.2,<0.5"'
     tasks: frozenset[Task] = frozenset({"surface to tetrahedra", "tetrahedra"})
 
-    def solve(self, problem: Problem, run: IsolatedRunner) -> Arrays:
+    def solve(self, problem: MeshingProblem, run: IsolatedRunner) -> Arrays:
         """Return tetrahedra, without regions and facets."""
         mesh = problem.mesh
         faces = mesh.cells if problem.task == "surface to tetrahedra" else problem.facets.nodes
@@ -43,7 +44,7 @@ class TetWildBackend(Backend):
             "epsilon": problem.tolerance / mesh.diagonal,
             "coarsen": False,
             "filtered": problem.task == "surface to tetrahedra",
-            "edge_length": 0.05 * mesh.diagonal,
+            "edge_length": tuning.EDGE_LENGTH * mesh.diagonal,
         }
         if problem.size is not None:
             from adaptsize.remeshing.sizing import sample_in_box
@@ -51,11 +52,7 @@ class TetWildBackend(Backend):
             points, cells, sizes = sample_in_box(problem.size, mesh, problem.size_nodes)
             arrays |= {"size_points": points, "size_cells": cells, "sizes": sizes}
             options["edge_length"] = min(float(sizes.max()), mesh.diagonal)
-            # fTetWild starts with edges up to about this over the diagonal, and makes longer ones
-            # only if coarsening is enabled.  Coarsening may leave the envelope: one part deviated
-            # by 4.5e-3 of the diagonal instead of 6e-4.  Therefore it is enabled only where it is
-            # needed.
-            options["coarsen"] = options["edge_length"] > (1.0 / 12.0) * mesh.diagonal
+            options["coarsen"] = options["edge_length"] > tuning.COARSENED * mesh.diagonal
         stage = Stage("tetrahedralizing", "fTetWild")
         made = run("adaptsize.remeshing.tetwild:tetrahedralize", stage, arrays, options)
         if options["filtered"]:

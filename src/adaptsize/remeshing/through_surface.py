@@ -12,17 +12,16 @@ from adaptsize.geometry.distance.orientation import oriented
 from adaptsize.geometry.enclosed import enclosed_measure, is_oriented
 from adaptsize.remeshing import netgen
 from adaptsize.remeshing.isolation import IsolatedRunner
-from adaptsize.remeshing.mmg import MmgBackend
 from adaptsize.remeshing.preparation import as_problem, restore
-from adaptsize.remeshing.protocol import NO_TAG, Problem
-from adaptsize.remeshing.tetwild import TetWildBackend
+from adaptsize.remeshing.protocol import NO_TAG, MeshingProblem
+from adaptsize.remeshing.registry import available_backends
 from adaptsize.typing import FloatArray, IntArray
 
 #: Relative error of sums of volumes.
 _ROUNDING = 1e-9
 
 
-def refilled(problem: Problem, run: IsolatedRunner) -> SimplexMesh:
+def refilled(problem: MeshingProblem, run: IsolatedRunner) -> SimplexMesh:
     """Return tetrahedra of the same domain whose inside does not come from the given ones.
 
     Mmg fails on meshes with cells that are turned inside out or overlap, as hexahedra divided into
@@ -33,7 +32,7 @@ def refilled(problem: Problem, run: IsolatedRunner) -> SimplexMesh:
 
     Parameters
     ----------
-    problem : Problem
+    problem : MeshingProblem
         To remesh tetrahedra.
     run : IsolatedRunner
 
@@ -42,17 +41,18 @@ def refilled(problem: Problem, run: IsolatedRunner) -> SimplexMesh:
     BackendError
         If fTetWild fails, too, or cannot do this: it follows no metric and keeps no facets.
     """
+    mmg, tetwild = (available_backends()[name] for name in ("mmg", "tetwild"))
     try:
         inner = _filled_regions(problem, run)
-        return restore(MmgBackend().solve(inner, replace(run, backend="mmg")), inner, "mmg")
+        return restore(mmg.solve(inner, replace(run, backend="mmg")), inner, "mmg")
     except BackendError:
         if problem.metric is not None or problem.facets.required.any():
             raise
-    raw = TetWildBackend().solve(problem, replace(run, backend="tetwild"))
+    raw = tetwild.solve(problem, replace(run, backend="tetwild"))
     return restore(raw, problem, "tetwild")
 
 
-def _filled_regions(problem: Problem, run: IsolatedRunner) -> Problem:
+def _filled_regions(problem: MeshingProblem, run: IsolatedRunner) -> MeshingProblem:
     """Return the request to adapt the tetrahedra with which Netgen fills each region.
 
     Raises

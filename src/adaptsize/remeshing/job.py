@@ -1,0 +1,306 @@
+"""One request to `remesh` after checks and repairs, and how its attempts make meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import cast
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import as_index_array, refusal, warn_caller
+from adaptsize._messages import Message
+from adaptsize._size_function import SizeFunction
+from adaptsize.background import SimplexMesh
+from adaptsize.background.simplex import as_mesh
+from adaptsize.errors import InputWarning, TooManyElementsError
+from adaptsize.geometry.planes import is_in_plane
+from adaptsize.geometry.solid import Solid
+from adaptsize.metrics import Metric, MetricFunction
+from adaptsize.options import RemeshOptions
+from adaptsize.quality.connections import refuse_repeated_cells
+from adaptsize.remeshing import netgen, tuning
+from adaptsize.remeshing.acceptance import (
+    Judge,
+    refuse_flat,
+    warn_of_deviation,
+    warn_of_lost_tags,
+)
+from adaptsize.remeshing.attempts import Attempts, Budget, Candidate, best_of
+from adaptsize.remeshing.delivery import warn_of_unconnected
+from adaptsize.remeshing.filling import FILLS_MORE, Filling, improved_soundly
+from adaptsize.remeshing.improvement import improved
+from adaptsize.remeshing.isolation import IsolatedRunner
+from adaptsize.remeshing.planning import Attempt, Known, plan
+from adaptsize.remeshing.preparation import (
+    Frame,
+    RepairedMesh,
+    repair_mesh,
+    restore,
+    surface_to_fill,
+)
+from adaptsize.remeshing.protocol import TASKS, Backend, MeshingProblem, Task
+from adaptsize.remeshing.registry import able_backends, available_backends, choose_backend
+from adaptsize.remeshing.resolution import RequestedSizes, as_request
+from adaptsize.remeshing.sizing import (
+    MetricAt,
+    SizeLike,
+    as_metric_at,
+    as_size,
+    mean_size,
+    metric_on,
+)
+from adaptsize.remeshing.surface_checks import warn_of_surface
+from adaptsize.remeshing.through_surface import has_folded_cells, refilled
+from adaptsize.sizes import Enclosed, predict
+from adaptsize.typing import FloatArray, IntArray
+
+
+def prepared(
+    mesh: SimplexMesh,
+    size: SizeLike | Metric | MetricFunction | Callable[[FloatArray], Metric],
+    required_facets: npt.ArrayLike | None,
+    given: RemeshOptions,
+) -> Job:
+    """Return the request after all checks and repairs, with warnings of what was repaired."""
+    task = task_of(mesh, given["target"])
+    if mesh.cell_dim == mesh.dim:
+        refuse_repeated_cells(mesh)
+        warn_of_unconnected(mesh)
+    metric = as_metric_at(size, mesh, given["hmax"])
+    _check_metric(metric, task, strict=given["strict"])
+    chosen = choose_backend(
+        given["backend"], task, keep_facets=required_facets is not None, metric=metric is not None
+    )
+    sizes = cast(SizeLike, size) if metric is None else mean_size(metric, mesh.cell_dim)
+    wanted = as_size(sizes, mesh, g=given["g"], hmax=given["hmax"])
+    repaired = repair_mesh(mesh)
+    if repaired.repairs:
+        warn_caller(repaired.repairs, InputWarning)
+    solid, may_be_joined, old = None, False, repaired.mesh
+    if task == "surface to tetrahedra":
+        solid = Solid(old)
+        may_be_joined = warn_of_surface(old, given["tolerance"] * old.diagonal, solid)
+        repaired = surface_to_fill(repaired, solid)
+    requests = Requests(
+        task, repaired.mesh, Frame.around(old),
+        RequestedSizes(
+            wanted, sizes, mesh, given["g"], given["hmax"], metric, metric_on(size, mesh)
+        ),
+        given["tolerance"], _required(required_facets, mesh, repaired),
+    )  # fmt: skip
+    n_cells = _number_of_cells(mesh, size, requests.to(chosen.name, 1.0))
+    _refuse_too_many(n_cells, given["max_elements"])
+    return Job(requests, chosen, old, solid, n_cells, given, may_be_joined)
+
+
+@dataclass(frozen=True)
+class Requests:
+    """The requests to the generators, each made when it is needed."""
+
+    task: Task
+    mesh: SimplexMesh
+    """The repaired mesh; of a surface to be filled, the facets that bound the solid."""
+    frame: Frame
+    """The coordinates in which generators work."""
+    sizes: RequestedSizes
+    tolerance: float
+    """The allowed one, over the diagonal."""
+    required: IntArray | None
+    """Facets that must not change."""
+    _made: dict[tuple[bool, float], MeshingProblem] = field(
+        default_factory=dict, init=False, repr=False
+    )
+
+    def to(self, backend: str, factor: float) -> MeshingProblem:
+        """Return the request to a generator, with a tolerance over the allowed one."""
+        key = backend == "mmg", factor
+        if key not in self._made:
+            self._made[key] = as_request(
+                self.task, self.mesh, self.frame, self.sizes, factor * self.tolerance,
+                self.required, is_by_mmg=backend == "mmg",
+            )  # fmt: skip
+        return self._made[key]
+
+    @property
+    def follows_sizes(self) -> bool:
+        """Whether the edges of a mesh are compared with sizes.
+
+        Beside facets that must not change, no sizes can be followed.
+        """
+        return self.sizes.metric is None and self.required is None
+
+
+@dataclass(frozen=True)
+class Job:
+    """A request after checks and repairs, and how the routes of its attempts make meshes."""
+
+    requests: Requests
+    chosen: Backend
+    """The first generator to be tried."""
+    old: SimplexMesh
+    """The repaired mesh with all facets, with which a new one is compared."""
+    solid: Solid | None
+    """The solid of a surface to be filled."""
+    n_cells: float
+    """Predicted number of cells."""
+    given: RemeshOptions
+    may_be_joined: bool = False
+    """Whether bodies are closer to each other than the tolerance."""
+
+    def attempts(self, run: IsolatedRunner) -> Attempts:
+        """Return what was tried, and the best mesh."""
+        given, strict = self.given, self.given["strict"]
+        compared = self.requests.sizes.at if self.requests.follows_sizes else None
+        judge = Judge(self.old, self.solid, compared, given["tolerance"], strict)
+        return best_of(
+            plan(self.known(), strict=strict), self.solve, judge, Budget(given["timeout"]), run,
+            strict=strict, always=self.solid is not None,
+        )  # fmt: skip
+
+    def warn_of(self, new: SimplexMesh) -> None:
+        """Warn of what a mesh has lost, which is an error if ``strict``."""
+        if self.given["strict"]:
+            return
+        allowed = self.given["tolerance"] * self.old.diagonal
+        mesh = self.requests.mesh
+        warn_of_deviation(new, mesh, allowed, self.solid, may_be_joined=self.may_be_joined)
+        warn_of_lost_tags(new, mesh, self.chosen.name)
+
+    def known(self) -> Known:
+        """Return what decides the routes."""
+        requests, chosen, solid = self.requests, self.chosen, self.solid
+        names = [chosen.name]
+        if self.given["backend"] == "auto":
+            keep, metric = requests.required is not None, requests.sizes.metric is not None
+            able = able_backends(requests.task, keep_facets=keep, metric=metric)
+            names += [one.name for one in able if one.installed and one.name != chosen.name]
+        return Known(
+            requests.task, tuple(names), chosen.needs_volume, self.n_cells, requests.mesh.n_cells,
+            self.given["tolerance"],
+            can_fill=solid is not None and netgen.can_fill(requests.mesh),
+            is_closed=solid is not None and solid.is_closed,
+            is_crossed=self.is_crossed,
+            is_folded=requests.task == "tetrahedra" and has_folded_cells(requests.mesh),
+        )  # fmt: skip
+
+    @property
+    def is_crossed(self) -> bool:
+        """Whether facets of the surface to be filled cross others."""
+        # The boundary of a union replaces bodies that overlap, if it could be made.
+        solid = self.solid
+        return solid is not None and solid.is_divided and self.requests.mesh is not solid.skin
+
+    @cached_property
+    def filling(self) -> Filling:
+        """The routes that begin with a first volume."""
+        problem = self.requests.to("tetwild", 1.0)
+        surface = problem.mesh
+        if self.solid is not None and self.is_crossed:
+            surface = self.requests.frame.mesh(self.solid.skin)
+        return Filling(problem, surface, self.n_cells, self.given["max_elements"])
+
+    def solve(self, attempt: Attempt, run: IsolatedRunner) -> Iterator[Candidate]:
+        """Yield the meshes of an attempt, in the given coordinates."""
+        backend = available_backends()[attempt.backend]
+        if attempt.first is None or self.requests.task == "tetrahedra":
+            found = self._alone(attempt, backend, run)
+        else:
+            found = self.filling.candidates(attempt, backend, run)
+        for finish, note in found:
+            yield Candidate(partial(self._restored, finish, attempt.backend), note)
+
+    def _restored(self, finish: Callable[[], SimplexMesh], backend: str) -> SimplexMesh:
+        made = self.requests.frame.restored(finish(), self.requests.mesh)
+        refuse_flat(made, backend)
+        return made
+
+    def _alone(
+        self, attempt: Attempt, backend: Backend, run: IsolatedRunner
+    ) -> Iterator[Candidate]:
+        """Yield the mesh of one generator, improved unless it has a metric or required facets."""
+        problem = self.requests.to(attempt.backend, attempt.factor)
+        if attempt.first is None:
+            new = restore(backend.solve(problem, run), problem, backend.name)
+        else:
+            new = refilled(problem, run)
+
+        def finish() -> SimplexMesh:
+            if problem.metric is not None or problem.facets.required.any():
+                return new
+            if self.solid is not None:
+                return improved_soundly(new, self.filling.surface, problem.tolerance, problem.size)
+            return improved(new, problem.mesh, problem.tolerance, problem.size)
+
+        yield Candidate(finish, self._note_on(new.n_cells))
+
+    def _note_on(self, n_cells: int) -> str:
+        """Return a note if an open surface was filled by many more cells than predicted."""
+        if self.solid is None or self.solid.is_closed or n_cells <= tuning.MANY_MORE * self.n_cells:
+            return ""
+        return f"{n_cells} elements instead of the predicted {self.n_cells:.3g}: {FILLS_MORE}"
+
+
+def _required(
+    value: npt.ArrayLike | None, mesh: SimplexMesh, repaired: RepairedMesh
+) -> IntArray | None:
+    """Return the facets to keep as node numbers of the repaired mesh."""
+    if value is None:
+        return None
+    facets = as_index_array("required_facets", value, mesh.n_points, width=mesh.cell_dim)
+    return repaired.node_map[facets] if len(facets) else None
+
+
+def _number_of_cells(mesh: SimplexMesh, size: object, problem: MeshingProblem) -> float:
+    """Return the number of cells that the sizes predict."""
+    if problem.task != "surface to tetrahedra":
+        return predict(problem.mesh, problem.sizes(problem.mesh.points)).cells
+    if isinstance(size, SizeFunction) and size.report is not None:
+        nodes = size.background.points[: mesh.n_points]  # of its refined copy, the given ones first
+        if np.array_equal(nodes, mesh.points):
+            return size.report.n_elements
+    # So many points are enough to find out whether there are too many elements.
+    return predict(Enclosed(problem.mesh, 1000), problem.sizes).cells
+
+
+def _refuse_too_many(n_cells: float, most: float) -> None:
+    """Raise a TooManyElementsError if too many elements are predicted."""
+    if n_cells > most:
+        text = (
+            "the sizes require about {:.3g} elements, more than {max_elements} = {:.3g}; increase "
+            "the sizes or raise {max_elements}"
+        )
+        raise TooManyElementsError(Message(text, n_cells, most))
+
+
+def _check_metric(metric: MetricAt | None, task: Task, *, strict: bool) -> None:
+    """Raise a ValueError if a metric is given that cannot be used."""
+    if metric is None:
+        return
+    if task == "surface to tetrahedra":
+        text = (
+            "size must not be a Metric for a surface to be filled: make tetrahedra first and "
+            "remesh them, or pass {target:'triangles'}"
+        )
+        raise ValueError(Message(text))
+    if strict:
+        raise refusal("strict", "must be False with a Metric, whose cells are thin, got True")
+
+
+def task_of(mesh: SimplexMesh, target: str) -> Task:
+    """Return the meshing task: from which cells to which cells."""
+    mesh = as_mesh("mesh", mesh)
+    if mesh.cell_dim == 1:
+        raise ValueError(
+            f"mesh must consist of triangles or tetrahedra, got {mesh!r}; "
+            "adaptsize.polygons returns the domain between closed lines in the plane"
+        )
+    kind = target
+    if target == "auto":
+        kind = "triangles" if mesh.dim == 2 or is_in_plane(mesh) else "tetrahedra"
+    task = TASKS.get((mesh.cell_dim, mesh.dim, kind))
+    if task is None:
+        raise refusal("target", f"{target!r} cannot be made from {mesh!r}")
+    return task
