@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple, TypeAlias, cast
 
+import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import check_type, describe, one_of
@@ -15,7 +16,12 @@ from adaptsize._messages import Message
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation._fields import Arrays, as_fields, methods_of
-from adaptsize.adaptation.boundary_moves import ProjectionLike, check_projection, move_to_boundary
+from adaptsize.adaptation.boundary_moves import (
+    ProjectionLike,
+    Projections,
+    as_projections,
+    move_to_boundary,
+)
 from adaptsize.adaptation.boundary_need import refuse_too_few
 from adaptsize.adaptation.field_transfer import FieldTransfer, integral
 from adaptsize.adaptation.need import smallest
@@ -42,11 +48,12 @@ from adaptsize.adaptation.report import (
 from adaptsize.adaptation.transfer import transferred
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh, interpolate
 from adaptsize.background.migration import whole_boundary
-from adaptsize.background.simplex import as_mesh
+from adaptsize.background.partitioned import as_mesh_of_all
 from adaptsize.errors import OptionError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, checked, options_of, with_options
 from adaptsize.quality.conformity import Conformity, nodal_metric, size_conformity
+from adaptsize.quality.elements import refuse_folded
 from adaptsize.remeshing.protocol import Task
 from adaptsize.remeshing.registry import choose_backend
 from adaptsize.sizes.budget import calibration, elements_with_nodes
@@ -91,9 +98,9 @@ def adapt(
         a `Metric`, `MetricFunction` or callable that returns a Metric have directions (Mmg only).
     fields, cell_fields : mapping of str to array_like, optional
         Nodal fields, shape (n_points, ...), and cell fields, shape (n_cells, ...).
-    project : callable, or mapping of int to callable, optional
-        Takes new nodes of the boundary, float64[n, dim], and returns their places on the true one;
-        a mapping has one for each facet tag.  Corners, ridges and nodes between two of them stay.
+    project : callable, or mapping of int or str to callable, optional
+        Takes points of the boundary, float64[n, dim], and returns their places on the true one; a
+        mapping has one for each facet tag or its name.  Corners, ridges and nodes between two stay.
     original : SimplexMesh, optional
         The first mesh of the loop, or its boundary: in space, ``boundary_tolerance`` bounds sizes
         by its curvature.  By default known of meshes of `adapt`.
@@ -130,7 +137,7 @@ def adapt(
     >>> result.remeshed, bool(result.report.budget_met)
     (True, True)
     """
-    mesh = as_mesh("mesh", mesh, PartitionedMesh)
+    mesh = as_mesh_of_all("mesh", mesh)
     ranks = mesh.ranks
     cycle = ranks.agree(
         lambda: _checked(mesh, indicator, h0, (fields, cell_fields), project, options)
@@ -154,9 +161,9 @@ def adapt(
         made = NewMesh(mesh, sizes, cycle.generator)
         if decision.remesh:
             made = make_mesh(mesh, made, request, report)
-            if project is not None:
+            if cycle.project is not None:
                 assert isinstance(made.mesh, SimplexMesh)
-                moved, moves = move_to_boundary(made.mesh, project, given["corner_angle"])
+                moved, moves = move_to_boundary(made.mesh, cycle.project, given["corner_angle"])
                 made = replace(made, mesh=moved, moves=moves)
         result = _result(mesh, request, decision, made, cycle, report)
     result = _with_original(result, mesh, first)
@@ -211,6 +218,7 @@ class _Checked(NamedTuple):
     generator: str
     nodal: Arrays
     by_cell: Arrays
+    project: Projections | None
 
 
 def _checked(
@@ -224,14 +232,13 @@ def _checked(
     """Return the checked arguments of this rank."""
     task = _task(mesh)
     given = checked(AdaptOptions, options)
-    check_projection(project)
     nodal = as_fields("fields", fields[0], mesh.n_points)
     by_cell = as_fields("cell_fields", fields[1], mesh.n_cells)
     if isinstance(given["g"], str):
         one_of("g", given["g"], ("auto",))
     methods_of(given["method"], nodal, mesh)
     is_metric = as_anisotropic(given["anisotropic"]) is not False
-    bound, backend = None, given["backend"]
+    bound, backend, projections = None, given["backend"], None
     if isinstance(mesh, PartitionedMesh):
         for name in _OF_WHOLE_MESHES:
             if given[name] != options_of(AdaptOptions)[name].default:  # type: ignore[literal-required]
@@ -243,7 +250,10 @@ def _checked(
         one_of("backend", backend, ("auto", "mmg"))
         backend = "mmg"
     else:
+        if mesh.dim == 2:
+            refuse_folded(mesh)
         is_metric = is_metric or nodal_metric(mesh, h0, finite=False) is not None
+        projections = as_projections(project, mesh)
         if by_cell and given["conservative"]:
             FieldTransfer(mesh, mesh).refuse_surfaces()
     if given["elements"] is not None and given["nodes"] is not None:
@@ -260,7 +270,7 @@ def _checked(
         request = SizeRequest(options=given, indicator=eta, h0=bound)
         check_goal(request)
     generator = choose_backend(backend, task, keep_facets=False, metric=is_metric).name
-    return _Checked(request, bound, generator, nodal, by_cell)
+    return _Checked(request, bound, generator, nodal, by_cell, projections)
 
 
 def _task(mesh: AnyMesh) -> Task:
@@ -288,6 +298,7 @@ def _result(
     sizes, new, nodal, by_cell = made.sizes, made.mesh, fields.nodal, fields.by_cell
     how: dict[str, str] = {}
     integrals: dict[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]] = {}
+    magnitudes: dict[str, float] = {}
     if decision.remesh:
         moved, moved_by_cell = transferred(old, new, nodal, by_cell, request.options, progress)
         methods = methods_of(request.options["method"], nodal, old)
@@ -298,11 +309,14 @@ def _result(
                 integrals[name] = (
                     integral(old, values, nodal=True), integral(new, moved[name], nodal=True)
                 )  # fmt: skip
+                size = integral(old, np.abs(values), nodal=True)
+                magnitudes[name] = float(size.max(initial=0.0))
         for name, values in by_cell.items():
             how[name] = "value at the centroid"
             if values.dtype.kind not in "biu":
                 how[name] = "conservative" if request.options["conservative"] else how[name]
                 integrals[name] = integral(old, values), integral(new, moved_by_cell[name])
+                magnitudes[name] = float(integral(old, np.abs(values)).max(initial=0.0))
         nodal, by_cell = moved, moved_by_cell
         if isinstance(new, SimplexMesh):
             new = new.with_data(point_data=nodal, cell_data=by_cell)
@@ -328,7 +342,7 @@ def _result(
         lost_tags=tuple(f"{kind} tag {tag}" for kind, tag in lost),
         dropped_tags=tuple(f"{kind} tag {tag}" for kind, tag in dropped),
         kept_tags=bool(before_tags),
-        transferred=how, integrals=integrals,
+        transferred=how, integrals=integrals, magnitudes=magnitudes,
     )  # fmt: skip
     requested = sizes.requested(old)
     return AdaptResult(
