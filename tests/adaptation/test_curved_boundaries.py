@@ -326,7 +326,8 @@ def test_coarse_facets_of_a_smooth_interface_are_no_ridges_and_cells_beside_them
     assert (report.n_corners, report.n_shortened, report.idle) == (0, 0, ())
     on_sphere = np.linalg.norm(moved.points[on_interface], axis=1)
     assert_allclose(on_sphere, 1.0, rtol=1e-12)
-    assert (moved.signed_measures * mesh.signed_measures > 0.0).all()
+    sound = np.abs(mesh.signed_measures) > 1e-10  # not the flat cells of four nodes on a circle
+    assert (moved.signed_measures * mesh.signed_measures > 0.0)[sound].all()
     at_walls = np.unique(mesh.boundary().nodes)
     assert_array_equal(moved.points[at_walls], mesh.points[at_walls])
 

@@ -216,7 +216,7 @@ def _corners(
     rows, opposite = np.divmod(topology.pairs_of_cells(skin, count == 2).T, width)
     across = [_height(mesh.points, facets, *side) for side in zip(rows, opposite, strict=True)]
     # Away from the common ridge on both sides: opposite where the boundary is flat.
-    turns = _is_turned(*across, angle)
+    turns = _is_turned(across[0], across[1], angle)
     ridges = skin.facets[count == 2]
     for number, projection in enumerate(projections):
         own = np.flatnonzero(turns & (kind[rows] == number).all(axis=0))
