@@ -23,6 +23,11 @@ from adaptsize.adaptation.boundary_moves import (
     move_to_boundary,
 )
 from adaptsize.adaptation.boundary_need import refuse_too_few
+from adaptsize.adaptation.element_fields import (
+    CheckedFields,
+    as_nodal_fields,
+    methods_of_arrays,
+)
 from adaptsize.adaptation.field_transfer import FieldTransfer, integral
 from adaptsize.adaptation.need import smallest
 from adaptsize.adaptation.new_mesh import NewMesh, make_mesh
@@ -60,7 +65,7 @@ from adaptsize.sizes.budget import calibration, elements_with_nodes
 from adaptsize.sizes.error import as_indicator
 from adaptsize.typing import FloatArray, ProgressCallback, Unpack
 
-Fields: TypeAlias = Mapping[str, npt.ArrayLike]
+Fields: TypeAlias = Mapping[str, Any]
 
 
 _HOW = {"interpolate": "interpolated", "project": "projected", "bounded": "projected in bounds"}
@@ -96,8 +101,8 @@ def adapt(
     h0 : SizeFunction, callable, array_like of float, shape (n_points,), or float, optional
         Upper bounds on the size at the nodes; without ``indicator``, the requested sizes.  Those of
         a `Metric`, `MetricFunction` or callable that returns a Metric have directions (Mmg only).
-    fields, cell_fields : mapping of str to array_like, optional
-        Nodal fields, shape (n_points, ...), and cell fields, shape (n_cells, ...).
+    fields, cell_fields : mapping of str, optional
+        Fields at nodes or of elements, see `transfer_fields`, and those of cells.
     project : callable, or mapping of int or str to callable, optional
         Takes points of the boundary, float64[n, dim], and returns their places on the true one; a
         mapping has one for each facet tag or its name.  Corners, ridges and nodes between two stay.
@@ -216,7 +221,7 @@ class _Checked(NamedTuple):
     request: Request
     bound: FloatArray | None
     generator: str
-    nodal: Arrays
+    nodal: CheckedFields
     by_cell: Arrays
     project: Projections | None
 
@@ -232,11 +237,12 @@ def _checked(
     """Return the checked arguments of this rank."""
     task = _task(mesh)
     given = checked(AdaptOptions, options)
-    nodal = as_fields("fields", fields[0], mesh.n_points)
+    nodal = as_nodal_fields(fields[0], mesh)
     by_cell = as_fields("cell_fields", fields[1], mesh.n_cells)
     if isinstance(given["g"], str):
         one_of("g", given["g"], ("auto",))
-    methods_of(given["method"], nodal, mesh)
+    given["method"] = methods_of_arrays(given["method"], nodal)
+    methods_of(given["method"], nodal.arrays, mesh)
     is_metric = as_anisotropic(given["anisotropic"]) is not False
     bound, backend, projections = None, given["backend"], None
     if isinstance(mesh, PartitionedMesh):
@@ -263,7 +269,7 @@ def _checked(
         assert isinstance(mesh, SimplexMesh)
         if indicator is not None:
             raise ValueError("indicator must be None with a metric: its sizes have no direction")
-        request = metric_request(mesh, h0, nodal, given)
+        request = metric_request(mesh, h0, nodal.arrays, given)
     else:
         eta = None if indicator is None else as_indicator(indicator, mesh)
         bound = as_bound(cast("BoundLike | None", h0), mesh)
@@ -295,12 +301,16 @@ def _result(
     progress: ProgressCallback,
 ) -> AdaptResult:
     """Return fields on the new mesh, and the report; collective."""
-    sizes, new, nodal, by_cell = made.sizes, made.mesh, fields.nodal, fields.by_cell
+    sizes, new, by_cell = made.sizes, made.mesh, fields.by_cell
+    names, nodal = [*fields.nodal.arrays, *fields.nodal.elements], fields.nodal.arrays
+    on_mesh = None if decision.remesh else fields.nodal.kept(names)
     how: dict[str, str] = {}
     integrals: dict[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]] = {}
     magnitudes: dict[str, float] = {}
     if decision.remesh:
-        moved, moved_by_cell = transferred(old, new, nodal, by_cell, request.options, progress)
+        moved, moved_by_cell = transferred(
+            old, new, fields.nodal, by_cell, request.options, progress
+        )
         methods = methods_of(request.options["method"], nodal, old)
         for name, values in nodal.items():
             how[name] = "nearest node"
@@ -317,9 +327,16 @@ def _result(
                 how[name] = "conservative" if request.options["conservative"] else how[name]
                 integrals[name] = integral(old, values), integral(new, moved_by_cell[name])
                 magnitudes[name] = float(integral(old, np.abs(values)).max(initial=0.0))
-        nodal, by_cell = moved, moved_by_cell
+        for name, field in fields.nodal.elements.items():
+            assert isinstance(old, SimplexMesh)
+            assert isinstance(new, SimplexMesh)
+            how[name], magnitudes[name] = field.how, field.magnitude(old)
+            integrals[name] = field.integral(field.kept(), old), field.integral(moved[name], new)
+        on_mesh, by_cell = moved, moved_by_cell
         if isinstance(new, SimplexMesh):
-            new = new.with_data(point_data=nodal, cell_data=by_cell)
+            arrays = {name: moved[name] for name in nodal}
+            new = new.with_data(point_data=arrays, cell_data=by_cell)
+    assert on_mesh is not None
     qualities: Callable[[], Any] = partial(_qualities, old, new, sizes)
     if isinstance(old, PartitionedMesh):  # collective, and the report stays without the meshes
         qualities = partial(tuple, qualities())
@@ -346,7 +363,7 @@ def _result(
     )  # fmt: skip
     requested = sizes.requested(old)
     return AdaptResult(
-        new, SizeFunction(old, h) if isinstance(old, SimplexMesh) else h, nodal, by_cell,
+        new, SizeFunction(old, h) if isinstance(old, SimplexMesh) else h, on_mesh, by_cell,
         decision.remesh, decision.converged, decision.reason, report,
         requested if isinstance(requested, MetricFunction) else None,
     )  # fmt: skip

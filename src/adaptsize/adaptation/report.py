@@ -253,7 +253,7 @@ class AdaptResult:
 
     mesh: Any
     size: Any
-    fields: Arrays
+    fields: dict[str, Any]
     cell_fields: Arrays
     remeshed: bool
     converged: bool
