@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Real
+from time import perf_counter, sleep
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
@@ -25,6 +26,9 @@ Operation: TypeAlias = Literal["sum", "min", "max"]
 
 # Largest number of rows that MPI counts, in messages and their offsets.
 _LARGEST_COUNT = 2**31 - 1
+
+#: Seconds for which a rank waits busily for others, and its pauses after that.
+_BUSY, _SHORTEST_PAUSE, _LONGEST_PAUSE = 1e-3, 1e-4, 5e-3
 
 
 @dataclass
@@ -203,6 +207,7 @@ class MpiCommunicator(Communicator):
         data = as_words(value)
         self._count(data.nbytes)
         counts = np.empty(self.size, np.int64)
+        self._wait()
         self.mpi.Allgather(np.array([len(data)], np.int64), counts)
         self._refuse_large(int(counts.sum()))
         every = np.empty(counts.sum(), np.uint64)
@@ -245,6 +250,18 @@ class MpiCommunicator(Communicator):
         finally:
             row.Free()
         return np.split(receive, np.cumsum(n_receive)[:-1])
+
+    def _wait(self) -> None:
+        """Wait until all ranks are here, and leave the processor to those that are not yet.
+
+        MPI waits busily, which slows down a generator on another rank if there are more ranks than
+        cores.  Short waits stay busy: those between small exchanges.
+        """
+        here, started, pause = self.mpi.Ibarrier(), perf_counter(), _SHORTEST_PAUSE
+        while not here.Test():
+            if perf_counter() - started > _BUSY:
+                sleep(pause)
+                pause = min(2.0 * pause, _LONGEST_PAUSE)
 
     def _count(self, n_bytes: int) -> None:
         self.traffic.reductions += 1

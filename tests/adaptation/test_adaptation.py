@@ -106,7 +106,8 @@ ETA = np.ones(MESH.n_cells)
         ({"h0": np.full(16, np.inf), "g": None}, "must be finite after limiting"),
         ({"h0": 0.1, "backend": "tetwild"}, "backend 'tetwild' cannot make this mesh"),
         ({"h0": 0.1, "cell_fields": {"q": np.full(18, np.nan)}}, r"cell_fields\['q'\] must be"),
-        ({"h0": 0.1, "project": {"wall": to_circle}}, "project must be a callable .* mapping"),
+        ({"h0": 0.1, "project": {1: "wall"}}, "project must be a callable .* mapping"),
+        ({"h0": 0.1, "project": {"wall": to_circle}}, r"tags of facets of the mesh \(none\)"),
     ],
 )
 def test_bad_arguments_are_named_before_any_work(generator, arguments, message):

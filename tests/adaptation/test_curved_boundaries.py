@@ -9,12 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from meshes import jittered_cube, jittered_square, random_sphere, structured_square
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.spatial import Delaunay
+from scipy.spatial import ConvexHull, Delaunay
 
 from adaptsize import Metric, SimplexMesh, adapt
-from adaptsize.adaptation.boundary_moves import move_to_boundary
+from adaptsize.adaptation.boundary_moves import as_projections, move_to_boundary
 from adaptsize.adaptation.next_metric import metric_by_tolerance, metric_request
 from adaptsize.adaptation.next_sizes import bound_by_tolerance
+from adaptsize.background.interfaces import interfaces
 from adaptsize.background.splitting import bisect_edges
 from adaptsize.errors import ResolutionWarning, TooManyElementsError
 from adaptsize.options import AdaptOptions, checked
@@ -209,14 +210,21 @@ def test_no_move_inverts_a_cell_and_none_is_longer_than_asked(seed, dim, far):
     mesh = jittered_square(7, seed, half_width=1.0) if dim == 2 else jittered_cube(4, seed % 9)
     if seed % 2:  # cells turned around
         mesh = SimplexMesh(mesh.points, mesh.cells[:, [1, 0, *range(2, dim + 1)]])
-    moved, report = move_to_boundary(mesh, lambda x: x + far * rng.normal(size=x.shape), 30.0)
+    asked = []
+
+    def away(x):
+        asked.append(far * rng.normal(size=x.shape))
+        return x + asked[-1]
+
+    moved, report = move_to_boundary(mesh, away, 30.0)
     sound = np.abs(mesh.signed_measures) > 1e-10 * mesh.diagonal**dim
     assert (moved.signed_measures * mesh.signed_measures > 0.0)[sound].all()
-    inner = np.setdiff1d(np.arange(mesh.n_points), mesh.boundary().nodes)
-    assert_array_equal(moved.points[inner], mesh.points[inner])
     assert report.n_shortened <= report.n_nodes
-    way = np.linalg.norm(moved.points - mesh.points, axis=1).max()
-    assert way == pytest.approx(report.largest_move, rel=1e-9, abs=1e-12)
+    way, at_wall = np.linalg.norm(moved.points - mesh.points, axis=1), mesh.boundary().nodes
+    assert way[at_wall].max() == pytest.approx(report.largest_move, rel=1e-9, abs=1e-12)
+    # Nodes inside follow those of the boundary.
+    longest = np.linalg.norm(np.concatenate(asked), axis=1).max()
+    assert way.max() <= longest * (1.0 + 1e-12)
 
 
 def test_corners_and_ridges_stay_and_so_do_nodes_inside():
@@ -284,3 +292,76 @@ def test_a_node_where_a_tag_ends_stays():
     y = mesh.points[:, 1]
     assert_array_equal(changed, (mesh.points[:, 0] == 1.0) & (y > 1e-9) & (y < 1.0))
     assert (report.n_nodes, report.n_corners) == (2, 2)
+
+
+def icosahedron_in_a_box():
+    """Tetrahedra in a box and in an icosahedron, whose facets are the interface, and turn by 42."""
+    t = 0.5 * (1.0 + np.sqrt(5.0))
+    corners = [[0, s, r * t] for s in (-1, 1) for r in (-1, 1)]
+    corners = np.array([np.roll(x, k) for x in corners for k in range(3)])
+    axis = [-2.0, 0.0, 2.0]
+    box = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
+    corners = corners / np.hypot(1.0, t)
+    points = np.vstack([corners, box])
+    mesh = SimplexMesh(points, Delaunay(points).simplices)
+    while (long := mesh.edge_lengths > 0.6).any():
+        mesh = bisect_edges(mesh, long).mesh
+    walls = ConvexHull(corners).equations
+    inside = (mesh.points[mesh.cells].mean(axis=1) @ walls[:, :3].T < -walls[:, 3]).all(axis=1)
+    facets, nodes = interfaces(SimplexMesh(mesh.points, mesh.cells, cell_tags=1 + inside))
+    tags = {"tagged_facets": nodes[facets.cells], "facet_tags": np.full(facets.n_cells, 7)}
+    return SimplexMesh(mesh.points, mesh.cells, cell_tags=1 + inside, **tags)
+
+
+def test_coarse_facets_of_a_smooth_interface_are_no_ridges_and_cells_beside_them_follow():
+    mesh = icosahedron_in_a_box()
+    to_sphere = {7: lambda x: x / np.linalg.norm(x, axis=1)[:, None]}
+    on_interface = np.unique(mesh.tagged_facets)
+    assert np.linalg.norm(mesh.points[on_interface], axis=1).min() < 0.81
+    # Cells of edges of .6 are not changed by moves of .2 at once.
+    once, report = move_to_boundary(mesh, to_sphere, 30.0)
+    assert report.n_corners == 0
+    assert report.n_shortened <= 0.2 * report.n_nodes
+    moved, report = move_to_boundary(once, to_sphere, 30.0)
+    assert (report.n_corners, report.n_shortened, report.idle) == (0, 0, ())
+    on_sphere = np.linalg.norm(moved.points[on_interface], axis=1)
+    assert_allclose(on_sphere, 1.0, rtol=1e-12)
+    sound = np.abs(mesh.signed_measures) > 1e-10  # not the flat cells of four nodes on a circle
+    assert (moved.signed_measures * mesh.signed_measures > 0.0)[sound].all()
+    at_walls = np.unique(mesh.boundary().nodes)
+    assert_array_equal(moved.points[at_walls], mesh.points[at_walls])
+
+
+@pytest.mark.parametrize("turn", [20.0, 40.0, 80.0])
+def test_ridges_of_the_projected_surface_stay(turn):
+    slope = np.tan(np.radians(turn / 2.0))
+    square = structured_square(4, half_width=1.0)
+    roof = lambda x: np.column_stack([x[:, :2], -slope * np.abs(x[:, 0])])  # noqa: E731
+    mesh = SimplexMesh(roof(square.points), square.cells)
+    lifted, report = move_to_boundary(mesh, lambda x: roof(x) + np.array([0.0, 0.0, 0.01]), 30.0)
+    on_ridge = (square.points[:, 0] == 0.0) & (np.abs(square.points[:, 1]) < 1.0)
+    moved = (lifted.points != mesh.points).any(axis=1)
+    assert moved[on_ridge].all() if turn < 30.0 else not moved[on_ridge].any()
+    assert report.n_nodes == (9 if turn < 30.0 else 6)
+
+
+def test_projections_are_for_tags_or_names_that_the_mesh_has():
+    mesh = structured_square(4, half_width=1.0)
+    wall = mesh.facets[mesh.facet_cell_counts == 1]
+    tags = np.where(mesh.points[wall].mean(axis=1)[:, 0] == 1.0, 5, 6)
+    tagged = SimplexMesh(
+        mesh.points, mesh.cells, tagged_facets=wall, facet_tags=tags, tag_names={(1, 5): "right"}
+    )
+    for key, found in ((7, "7"), ("left", "'left'")):
+        with pytest.raises(ValueError, match=re.escape(f"(5 ('right'), 6), got {found}")):
+            adapt(tagged, h0=0.2, project={key: to_circle})
+    with pytest.raises(ValueError, match=r"project must be a callable .* got {}"):
+        adapt(tagged, h0=0.2, project={})
+    assert as_projections({"right": to_circle}, tagged) == {5: to_circle}
+    assert as_projections({6: to_circle, "right": abs}, tagged) == {6: to_circle, 5: abs}
+
+
+def test_a_projection_that_moves_no_node_is_reported(generator):
+    mesh = structured_square(4, half_width=1.0)
+    with pytest.warns(ResolutionWarning, match="project has no effect: no node moves"):
+        adapt(mesh, h0=0.2, project=lambda x: x)

@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
-from meshes import jittered_cube, structured_square
+from meshes import jittered_cube, jittered_square, structured_square
 from numpy.testing import assert_allclose
 from partitions import on_ranks, partition
 
-from adaptsize import Metric, SimplexMesh, SizeFunction, adapt, needs_remeshing
+from adaptsize import Metric, SimplexMesh, SizeFunction, adapt, needs_remeshing, remesh
+from adaptsize._checks import place_text
+from adaptsize.quality.elements import folded_cells
 
 SEED = 91133
 
@@ -94,3 +96,36 @@ def test_edges_too_long_are_worst_where_the_sizes_are_smallest():
     assert need.places[0].point[0] < -0.8
     severity = [place.severity for place in need.places]
     assert severity == sorted(severity, reverse=True)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_folded_triangles_are_refused_with_their_places(seed):
+    mesh = jittered_square(9, seed)
+    points = np.array(mesh.points)
+    inner = np.argmin(np.linalg.norm(points, axis=1))
+    points[inner] += [14.0, 3.0]
+    folded = SimplexMesh(points, mesh.cells)
+    need = needs_remeshing(folded, 8.0)
+    place = next(place.point for place in need.places if "overlaps" in place.reason)
+    for function in (lambda: adapt(folded, h0=8.0), lambda: remesh(folded, 8.0)):
+        with pytest.raises(ValueError, match="mesh must not be folded: ") as refused:
+            function()
+        assert place_text(place, 4) in str(refused.value)
+    turned = [np.roll(cell[::s], s) for cell, s in zip(mesh.cells, [1, -1] * 64, strict=True)]
+    # Flat cells on the boundary have the sign of rounding.
+    wall, c, s = mesh.facets[mesh.facet_cell_counts == 1], np.cos(0.3), np.sin(0.3)
+    points = np.vstack([mesh.points, mesh.points[wall].mean(axis=1)]) @ [[c, s], [-s, c]]
+    flat = np.column_stack([wall, mesh.n_points + np.arange(len(wall))])
+    with_flat = SimplexMesh(points, np.vstack([turned, flat]))
+    assert np.ptp(np.sign(with_flat.signed_measures[mesh.n_cells :])) > 0.0
+    assert not folded_cells(with_flat).any()
+
+
+def test_sizes_that_differ_between_ranks_are_refused():
+    mesh = jittered_square(5, 6)
+
+    def run(part):
+        return needs_remeshing(part, np.full(part.n_points, 8.0 + part.ranks.rank))
+
+    with pytest.raises(ValueError, match="size must be the same on all ranks that hold a node"):
+        on_ranks(mesh, None, 2, run)

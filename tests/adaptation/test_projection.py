@@ -1,10 +1,12 @@
 """The L2 projection of nodal fields: exact integrals, conservation, bounds and order."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from meshes import jittered_cube, jittered_square, slit_square
+from meshes import jittered_cube, jittered_square, slit_square, structured_square
 from numpy.testing import assert_allclose, assert_array_equal
 from overlap_twin import common_part, measure
 from scipy.spatial import Delaunay
@@ -219,3 +221,16 @@ def test_where_domains_differ_the_old_part_and_the_continuation_are_integrated(m
     assert after == pytest.approx(kept, rel=1e-11)
     assert before - after > 0.1
     assert_allclose(grown.nodal(np.ones(inner.n_points), method=method), 1.0, rtol=1e-13)
+
+
+def test_changes_of_integrals_are_relative_to_the_size_of_the_field(generator):
+    mesh = structured_square(8, half_width=1.0)
+    odd = mesh.points[:, 0] * (1.0 + 1e-15)
+    fields = {"u": odd, "none": np.zeros((mesh.n_points, 2))}
+    result = adapt(mesh, h0=0.2, fields=fields, cell_fields={"c": odd[mesh.cells].mean(axis=1)})
+    assert abs(result.report.integrals["u"][0]) < 1e-14
+    changes = dict(re.findall(r"field (\w+): .* changed by ([0-9.e+-]+)", str(result.report)))
+    assert set(changes) == {"u", "c"}
+    assert max(map(float, changes.values())) < 1e-12
+    # Sums over 16 x 8 squares of |x|.
+    assert result.report.magnitudes["u"] == pytest.approx(2.0, rel=0.05)

@@ -78,3 +78,16 @@ def test_a_tolerance_needs_no_more_than_the_number_given(generator):
     needed = free.report.predicted_elements
     capped = adapt(mesh, eta, tolerance=0.5 * np.linalg.norm(eta), elements=0.6 * needed)
     assert capped.report.predicted_elements == pytest.approx(0.6 * needed, rel=1e-2)
+
+
+def test_a_far_tolerance_is_approached_in_steps(generator):
+    mesh = jittered_square(12, SEED, half_width=1.0)
+    eta = indicator(mesh)
+    error = np.linalg.norm(eta)
+    options = {"max_refine": 100.0, "order": 2}
+    far, third, near = (
+        adapt(mesh, eta, tolerance=t, **options).report.predicted_elements
+        for t in (1e-3 * error, error / (3.0 * 0.95), 0.8 * error)
+    )
+    assert far == pytest.approx(third, rel=1e-9)
+    assert near < 0.5 * third

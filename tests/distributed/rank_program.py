@@ -2,6 +2,7 @@
 
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,16 @@ def operations(comm):
     assert comm.allreduce(q, "min") == 0
     assert comm.bcast("a" if q == n - 1 else None, n - 1) == "a"
     assert comm.alltoall([(q, r) for r in range(n)]) == [(r, q) for r in range(n)]
+
+
+def waiting(comm):
+    """Ranks that wait for another one leave the processor to it."""
+    comm.allgather(None)
+    started = time.process_time()
+    if comm.rank == 0:
+        time.sleep(0.5)
+    comm.allgather(None)
+    assert time.process_time() - started < 0.1
 
 
 def report(comm):
@@ -100,6 +111,6 @@ if __name__ == "__main__":
     from mpi4py import MPI
 
     ranks = as_communicator(MPI.COMM_WORLD)
-    for task in (operations, compare, report, cycle, files):
+    for task in (operations, waiting, compare, report, cycle, files):
         task(ranks)
     print(f"rank {ranks.rank} done", flush=True)

@@ -1,12 +1,15 @@
 """`PartitionedMesh`: taking a mesh apart, putting it together, and values at shared nodes."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from meshes import jittered_square
+from numpy.testing import assert_array_equal
 from partitions import KINDS, on_ranks, partition
 from simulated_ranks import SimulatedCommunicator
 
-from adaptsize import CartesianGrid, SimplexMesh
+from adaptsize import CartesianGrid, SimplexMesh, adapt, needs_remeshing, transfer_fields
 from adaptsize.background.partitioning import partition_cells
 from adaptsize.background.topology import pairs_of_cells
 from adaptsize.distributed import PartitionedMesh
@@ -95,6 +98,39 @@ def test_bad_input_on_one_rank_is_reported_by_all(change, message):
             PartitionedMesh(comm=comm, **given)
 
     SimulatedCommunicator.run(2, work)
+
+
+def test_complex_values_are_gathered_and_scattered():
+    rng = np.random.default_rng(817)
+    nodal = rng.normal(size=(MESH.n_points, 2)) @ [[1.0, 2.0], [1j, 3.0]]
+    by_cell = np.exp(1j * np.arange(MESH.n_cells))
+
+    def run(part):
+        own = part.scatter_nodal(nodal if part.ranks.rank == 0 else None)
+        assert_array_equal(own, nodal[part.global_ids])
+        assert_array_equal(part.exchange(own), own)
+        return part.gather_nodal(own), part.gather_cells(by_cell[part.cell_ids])
+
+    found, _ = on_ranks(MESH, None, 3, run)
+    assert_array_equal(found[0][0], nodal)
+    assert_array_equal(found[0][1], by_cell)
+
+
+def test_the_cells_of_a_part_are_refused_on_all_ranks_where_the_part_is_needed():
+    def call(part, function):
+        given = part.mesh if part.ranks.rank == 1 else part
+        u = np.zeros(part.n_points)
+        with pytest.raises(ValueError, match=r"rank 1: .* must be the PartitionedMesh, got the"):
+            function(given, u)
+        return True
+
+    for function in (
+        lambda given, u: adapt(given, h0=u + 1.0),
+        lambda given, u: needs_remeshing(given, u + 1.0),
+        lambda given, u: transfer_fields(given, given, fields={"u": u}),
+    ):
+        assert on_ranks(MESH, None, 3, partial(call, function=function))[0] == [True] * 3
+    needs_remeshing(PartitionedMesh.from_serial(MESH).mesh, 10.0)  # the whole mesh
 
 
 def test_a_missing_node_and_a_wrong_owner_are_found():

@@ -7,15 +7,25 @@ from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import csr_array
 
 from adaptsize._checks import as_float_array, describe, refuse_where
 from adaptsize.adaptation import tuning
 from adaptsize.background import SimplexMesh, topology
+from adaptsize.background.interfaces import interfaces
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Takes points near the boundary, float64[n, dim], and returns their projections onto it.
 Projection: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
-ProjectionLike: TypeAlias = Projection | Mapping[int, Projection]
+ProjectionLike: TypeAlias = Projection | Mapping[int | str, Projection]
+#: A projection for all of the boundary, or for facets by tag.
+Projections: TypeAlias = Projection | Mapping[int, Projection]
+
+#: Where facets meet at an angle, the projected surface is measured at this share of their heights.
+#: A ridge of it turns there by the whole angle, a smooth surface by about this share of it.
+_BESIDE = 0.2
+#: Number of times that the moves of nodes inside are averaged: they reach some five cells far.
+_SWEEPS = 30
 
 
 @dataclass(frozen=True)
@@ -34,6 +44,8 @@ class BoundaryMoves:
         Largest displacement of a node.
     largest_rest : float
         Largest remaining distance from the projected position.
+    idle : tuple of int, or of None
+        Tags of the projections that leave all nodes where they are; None for a single projection.
     """
 
     n_nodes: int
@@ -41,6 +53,7 @@ class BoundaryMoves:
     n_shortened: int
     largest_move: float
     largest_rest: float
+    idle: tuple[int | None, ...] = ()
 
     def __str__(self) -> str:
         """Return one line."""
@@ -56,20 +69,43 @@ class BoundaryMoves:
         return text
 
 
-def check_projection(project: object) -> None:
-    """Raise a ValueError unless ``project`` is None, a callable or maps tags to callables."""
-    good = project is None or callable(project)
+def as_projections(project: object, mesh: SimplexMesh) -> Projections | None:
+    """Return a projection, or projections by the tags of facets that the mesh has.
+
+    Raises
+    ------
+    ValueError
+        Unless ``project`` is None, a callable, or maps such tags or their names to callables.
+    """
+    if project is None or callable(project):
+        return project
+    good = isinstance(project, Mapping) and len(project) > 0
     if isinstance(project, Mapping):
-        good = all(callable(p) and isinstance(t, int | np.integer) for t, p in project.items())
+        good &= all(callable(p) for p in project.values())
+        good &= all(isinstance(t, int | np.integer | str) for t in project)
     if not good:
         raise ValueError(
-            "project must be a callable that takes and returns points, or a mapping of boundary "
-            f"tags to callables, got {describe(project)}"
+            "project must be a callable that takes and returns points, or a mapping of tags of "
+            f"facets, or their names, to callables, got {describe(project)}"
         )
+    assert isinstance(project, Mapping)
+    held = set() if mesh.facet_tags is None else set(np.unique(mesh.facet_tags).tolist())
+    name_of = {tag: mesh.tag_names.get((mesh.cell_dim - 1, tag)) for tag in sorted(held)}
+    found: dict[int, Projection] = {}
+    for key, projection in project.items():
+        tags = [tag for tag, name in name_of.items() if key in (tag, name)]
+        if not tags:
+            known = [f"{t} ({n!r})" if n else str(t) for t, n in name_of.items()]
+            raise ValueError(
+                f"project must be for tags of facets of the mesh ({', '.join(known) or 'none'}), "
+                f"got {key!r}"
+            )
+        found |= dict.fromkeys(tags, projection)
+    return found
 
 
 def move_to_boundary(
-    mesh: SimplexMesh, project: ProjectionLike, corner_angle: float
+    mesh: SimplexMesh, project: Projections, corner_angle: float
 ) -> tuple[SimplexMesh, BoundaryMoves]:
     """Return the mesh with projected boundary nodes, and a report on the moves.
 
@@ -80,7 +116,8 @@ def move_to_boundary(
         A callable is used for all boundary nodes (for triangles in space: all nodes).  A mapping
         has one callable for the nodes of the facets with each tag.
     corner_angle : float
-        Angle in degrees between two facets from which on their common nodes are not moved.
+        Angle in degrees between two facets from which on their common nodes are not moved, if the
+        projected surface has the angle there, too.
 
     Raises
     ------
@@ -88,35 +125,47 @@ def move_to_boundary(
         If ``project`` returns another shape, or numbers that are not finite.
     """
     facets, kind, projections = _facets_to_move(mesh, project)
-    kept = _between_kinds(mesh.n_points, facets, kind) | _corners(mesh, facets, corner_angle)
+    kept = _between_kinds(mesh.n_points, facets, kind)
+    kept |= _corners(mesh, (facets, kind), projections, corner_angle)
     target = np.array(mesh.points)
     moving = np.zeros(mesh.n_points, np.bool_)
     for number, projection in enumerate(projections):
         nodes = np.unique(facets[kind == number])
         nodes = nodes[~kept[nodes]]
         moving[nodes] = True
-        places = mesh.points[nodes]
-        found = as_float_array("project(points)", projection(places), places.shape)
-        refuse_where("project(points)", ~np.isfinite(found), found, "must be finite")
-        target[nodes] = found
+        target[nodes] = _projected(projection, mesh.points[nodes])
     on_any = np.unique(facets[kind >= 0])
     move = target - mesh.points
     length = np.linalg.norm(move, axis=1)
     n_nodes = int(np.count_nonzero(moving))
     moving &= length > 1e-12 * mesh.diagonal
     share = _allowed_shares(mesh, move, moving)
+    if (share[moving] < 1.0).any():
+        free = _free_nodes(mesh, facets)
+        move = _followed(mesh, move, free)
+        share = _allowed_shares(mesh, move, moving | free)
+    tags = [None] if callable(project) else list(project)
+    idle = [tag for i, tag in enumerate(tags) if not moving[facets[kind == i]].any()]
     report = BoundaryMoves(
         n_nodes=n_nodes,
         n_corners=int(np.count_nonzero(kept[on_any])),
         n_shortened=int(np.count_nonzero(share[moving] < 1.0)),
-        largest_move=float((share * length).max(initial=0.0)),
+        largest_move=float((share * length)[moving].max(initial=0.0)),
         largest_rest=float(((1.0 - share) * length)[moving].max(initial=0.0)),
+        idle=tuple(idle),
     )
     return mesh.moved(mesh.points + share[:, None] * move), report
 
 
+def _projected(projection: Projection, points: FloatArray) -> FloatArray:
+    """Return the checked projections of points."""
+    found = as_float_array("project(points)", projection(points.copy()), points.shape)
+    refuse_where("project(points)", ~np.isfinite(found), found, "must be finite")
+    return found
+
+
 def _facets_to_move(
-    mesh: SimplexMesh, project: ProjectionLike
+    mesh: SimplexMesh, project: Projections
 ) -> tuple[IntArray, npt.NDArray[np.int64], list[Projection]]:
     """Return facets, the number of the projection of each (-1: none), and the projections."""
     if mesh.cell_dim < mesh.dim and callable(project):
@@ -147,8 +196,17 @@ def _between_kinds(n: int, facets: IntArray, kind: npt.NDArray[np.int64]) -> Boo
     return np.asarray((highest >= -1) & (lowest != highest))
 
 
-def _corners(mesh: SimplexMesh, facets: IntArray, angle: float) -> BoolArray:
-    """Return which nodes lie where two facets meet at an angle, or more than two meet."""
+def _corners(
+    mesh: SimplexMesh,
+    moved: tuple[IntArray, npt.NDArray[np.int64]],
+    projections: list[Projection],
+    angle: float,
+) -> BoolArray:
+    """Return which nodes lie where two facets meet at an angle, or more than two meet.
+
+    Coarse facets of a smooth surface meet at angles, too, which the projected surface has not.
+    """
+    facets, kind = moved
     skin = SimplexMesh(mesh.points, facets)
     corner = np.zeros(mesh.n_points, np.bool_)
     count = skin.facet_cell_counts
@@ -156,14 +214,28 @@ def _corners(mesh: SimplexMesh, facets: IntArray, angle: float) -> BoolArray:
     if mesh.cell_dim < mesh.dim:  # the rim of a surface
         corner[skin.facets[count == 1]] = True
     width = facets.shape[1]
-    across = [
-        _height(mesh.points, facets, places // width, places % width)
-        for places in topology.pairs_of_cells(skin, count == 2).T
-    ]
+    rows, opposite = np.divmod(topology.pairs_of_cells(skin, count == 2).T, width)
+    across = [_height(mesh.points, facets, *side) for side in zip(rows, opposite, strict=True)]
     # Away from the common ridge on both sides: opposite where the boundary is flat.
-    cosine = -np.einsum("nd,nd->n", *across)
-    corner[skin.facets[count == 2][cosine < np.cos(np.radians(angle))]] = True
+    turns = _is_turned(across[0], across[1], angle)
+    ridges = skin.facets[count == 2]
+    for number, projection in enumerate(projections):
+        own = np.flatnonzero(turns & (kind[rows] == number).all(axis=0))
+        if len(own) == 0:
+            continue
+        middle = mesh.points[ridges[own]].mean(axis=1)
+        beside = [middle, *(middle + _BESIDE * height[own] for height in across)]
+        there = _projected(projection, np.concatenate(beside)).reshape(3, len(own), mesh.dim)
+        turns[own] = _is_turned(there[1] - there[0], there[2] - there[0], angle)
+    corner[ridges[turns]] = True
     return corner
+
+
+def _is_turned(one: FloatArray, other: FloatArray, angle: float) -> BoolArray:
+    """Return whether vectors to both sides of a ridge are not opposite within an angle."""
+    along = -np.einsum("nd,nd->n", one, other)
+    lengths = np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
+    return np.asarray(along <= np.cos(np.radians(angle)) * lengths)
 
 
 def _height(
@@ -172,7 +244,7 @@ def _height(
     rows: npt.NDArray[np.intp],
     opposite: npt.NDArray[np.intp],
 ) -> FloatArray:
-    """Return unit vectors in facets to the given corners, across the opposite sides."""
+    """Return vectors in facets to the given corners, across the opposite sides."""
     width = facets.shape[1]
     corners = points[facets[rows]]
     tip = corners[np.arange(len(rows)), opposite]
@@ -182,8 +254,34 @@ def _height(
         side = corners[np.arange(len(rows)), (opposite + 2) % width] - foot
         along = np.einsum("nd,nd->n", height, side) / np.einsum("nd,nd->n", side, side)
         height = height - along[:, None] * side
-    length = np.linalg.norm(height, axis=1, keepdims=True)
-    return np.asarray(height / np.maximum(length, np.finfo(float).tiny))
+    return np.asarray(height)
+
+
+def _free_nodes(mesh: SimplexMesh, facets: IntArray) -> BoolArray:
+    """Return which nodes are inside, on none of the facets and on no interface."""
+    free = np.array(mesh.in_a_cell)
+    free[facets] = False
+    free[mesh.facets[mesh.facet_cell_counts == 1]] = False
+    between = interfaces(mesh)
+    if between is not None:
+        free[between[1]] = False
+    return free
+
+
+def _followed(mesh: SimplexMesh, move: FloatArray, free: BoolArray) -> FloatArray:
+    """Return moves of which free nodes take the mean of their neighbours, again and again.
+
+    Cells at a boundary that moves by more than their height would be turned over if the nodes
+    inside stayed.
+    """
+    i, j = np.concatenate([mesh.edges, mesh.edges[:, ::-1]]).T
+    ones = np.ones(len(i))
+    beside = csr_array((ones, (i, j)), shape=(mesh.n_points, mesh.n_points))[free]
+    count = np.diff(beside.indptr)[:, None]
+    followed = move.copy()
+    for _ in range(_SWEEPS):
+        followed[free] = beside @ followed / count
+    return followed
 
 
 def _allowed_shares(mesh: SimplexMesh, move: FloatArray, moving: BoolArray) -> FloatArray:

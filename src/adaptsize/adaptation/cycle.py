@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple, TypeAlias, cast, overload
 
+import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import check_type, describe, one_of
@@ -15,8 +16,18 @@ from adaptsize._messages import Message
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation._fields import Arrays, as_fields, methods_of
-from adaptsize.adaptation.boundary_moves import ProjectionLike, check_projection, move_to_boundary
+from adaptsize.adaptation.boundary_moves import (
+    ProjectionLike,
+    Projections,
+    as_projections,
+    move_to_boundary,
+)
 from adaptsize.adaptation.boundary_need import refuse_too_few
+from adaptsize.adaptation.element_fields import (
+    CheckedFields,
+    as_nodal_fields,
+    methods_of_arrays,
+)
 from adaptsize.adaptation.field_transfer import FieldTransfer, integral
 from adaptsize.adaptation.need import smallest
 from adaptsize.adaptation.new_mesh import NewMesh, make_mesh
@@ -42,18 +53,19 @@ from adaptsize.adaptation.report import (
 from adaptsize.adaptation.transfer import transferred
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh, interpolate
 from adaptsize.background.migration import whole_boundary
-from adaptsize.background.simplex import as_mesh
+from adaptsize.background.partitioned import as_mesh_of_all
 from adaptsize.errors import OptionError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, checked, options_of, with_options
 from adaptsize.quality.conformity import Conformity, nodal_metric, size_conformity
+from adaptsize.quality.elements import refuse_folded
 from adaptsize.remeshing.protocol import TASKS, Task
 from adaptsize.remeshing.registry import choose_backend
 from adaptsize.sizes.budget import calibration, elements_with_nodes
 from adaptsize.sizes.error import as_indicator
 from adaptsize.typing import FloatArray, ProgressCallback, Unpack
 
-Fields: TypeAlias = Mapping[str, npt.ArrayLike]
+Fields: TypeAlias = Mapping[str, Any]
 #: The result for a mesh, which is whole or in parts.
 AnyResult: TypeAlias = "AdaptResult[AnyMesh, SizeFunction | FloatArray]"
 
@@ -121,11 +133,11 @@ def adapt(
     h0 : SizeFunction, callable, array_like of float, shape (n_points,), or float, optional
         Upper bounds on the size at the nodes; without ``indicator``, the requested sizes.  Those of
         a `Metric`, `MetricFunction` or callable that returns a Metric have directions (Mmg only).
-    fields, cell_fields : mapping of str to array_like, optional
-        Nodal fields, shape (n_points, ...), and cell fields, shape (n_cells, ...).
-    project : callable, or mapping of int to callable, optional
-        Takes new nodes of the boundary, float64[n, dim], and returns their places on the true one;
-        a mapping has one for each facet tag.  Corners, ridges and nodes between two of them stay.
+    fields, cell_fields : mapping of str, optional
+        Fields at nodes or of elements, see `transfer_fields`, and those of cells.
+    project : callable, or mapping of int or str to callable, optional
+        Takes points of the boundary, float64[n, dim], and returns their places on the true one; a
+        mapping has one for each facet tag or its name.  Corners, ridges and nodes between two stay.
     original : SimplexMesh, optional
         The first mesh of the loop, or its boundary: in space, ``boundary_tolerance`` bounds sizes
         by its curvature.  By default known of meshes of `adapt`.
@@ -162,7 +174,7 @@ def adapt(
     >>> result.remeshed, bool(result.report.budget_met)
     (True, True)
     """
-    mesh = as_mesh("mesh", mesh, PartitionedMesh)
+    mesh = as_mesh_of_all("mesh", mesh)
     ranks = mesh.ranks
     cycle = ranks.agree(
         lambda: _checked(mesh, indicator, h0, (fields, cell_fields), project, options)
@@ -186,9 +198,9 @@ def adapt(
         made = NewMesh(mesh, sizes, cycle.generator)
         if decision.remesh:
             made = make_mesh(mesh, made, request, report)
-            if project is not None:
+            if cycle.project is not None:
                 assert isinstance(made.mesh, SimplexMesh)
-                moved, moves = move_to_boundary(made.mesh, project, given["corner_angle"])
+                moved, moves = move_to_boundary(made.mesh, cycle.project, given["corner_angle"])
                 made = replace(made, mesh=moved, moves=moves)
         result = _result(mesh, request, decision, made, cycle, report)
     result = _with_original(result, mesh, first)
@@ -241,8 +253,9 @@ class _Checked(NamedTuple):
     request: CycleRequest
     bound: FloatArray | None
     generator: str
-    nodal: Arrays
+    nodal: CheckedFields
     by_cell: Arrays
+    project: Projections | None
 
 
 def _checked(
@@ -256,14 +269,14 @@ def _checked(
     """Return the checked arguments of this rank."""
     task = _task(mesh)
     given = checked(AdaptOptions, options)
-    check_projection(project)
-    nodal = as_fields("fields", fields[0], mesh.n_points)
+    nodal = as_nodal_fields(fields[0], mesh)
     by_cell = as_fields("cell_fields", fields[1], mesh.n_cells)
     if isinstance(given["g"], str):
         one_of("g", given["g"], ("auto",))
-    methods_of(given["method"], nodal, mesh)
+    given["method"] = methods_of_arrays(given["method"], nodal)
+    methods_of(given["method"], nodal.arrays, mesh)
     is_metric = as_anisotropic(given["anisotropic"]) is not False
-    bound, backend = None, given["backend"]
+    bound, backend, projections = None, given["backend"], None
     if isinstance(mesh, PartitionedMesh):
         for name in _OF_WHOLE_MESHES:
             if given[name] != options_of(AdaptOptions)[name].default:  # type: ignore[literal-required]
@@ -275,7 +288,10 @@ def _checked(
         one_of("backend", backend, ("auto", "mmg"))
         backend = "mmg"
     else:
+        if mesh.dim == 2:
+            refuse_folded(mesh)
         is_metric = is_metric or nodal_metric(mesh, h0, finite=False) is not None
+        projections = as_projections(project, mesh)
         if by_cell and given["conservative"]:
             FieldTransfer(mesh, mesh).refuse_surfaces()
     if given["elements"] is not None and given["nodes"] is not None:
@@ -285,14 +301,14 @@ def _checked(
         assert isinstance(mesh, SimplexMesh)
         if indicator is not None:
             raise ValueError("indicator must be None with a metric: its sizes have no direction")
-        request = metric_request(mesh, h0, nodal, given)
+        request = metric_request(mesh, h0, nodal.arrays, given)
     else:
         eta = None if indicator is None else as_indicator(indicator, mesh)
         bound = None if h0 is None else as_bound(cast("BoundLike", h0), mesh)
         request = SizeRequest(options=given, indicator=eta, h0=bound)
         check_goal(request)
     generator = choose_backend(backend, task, keep_facets=False, metric=is_metric).name
-    return _Checked(request, bound, generator, nodal, by_cell)
+    return _Checked(request, bound, generator, nodal, by_cell, projections)
 
 
 def _task(mesh: AnyMesh) -> Task:
@@ -315,11 +331,16 @@ def _result(
     progress: ProgressCallback,
 ) -> AnyResult:
     """Return fields on the new mesh, and the report; collective."""
-    sizes, new, nodal, by_cell = made.sizes, made.mesh, fields.nodal, fields.by_cell
+    sizes, new, by_cell = made.sizes, made.mesh, fields.by_cell
+    names, nodal = [*fields.nodal.arrays, *fields.nodal.elements], fields.nodal.arrays
+    on_mesh = None if decision.remesh else fields.nodal.kept(names)
     how: dict[str, str] = {}
     integrals: dict[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]] = {}
+    magnitudes: dict[str, float] = {}
     if decision.remesh:
-        moved, moved_by_cell = transferred(old, new, nodal, by_cell, request.options, progress)
+        moved, moved_by_cell = transferred(
+            old, new, fields.nodal, by_cell, request.options, progress
+        )
         methods = methods_of(request.options["method"], nodal, old)
         for name, values in nodal.items():
             how[name] = "nearest node"
@@ -328,14 +349,24 @@ def _result(
                 integrals[name] = (
                     integral(old, values, nodal=True), integral(new, moved[name], nodal=True)
                 )  # fmt: skip
+                size = integral(old, np.abs(values), nodal=True)
+                magnitudes[name] = float(size.max(initial=0.0))
         for name, values in by_cell.items():
             how[name] = "value at the centroid"
             if values.dtype.kind not in "biu":
                 how[name] = "conservative" if request.options["conservative"] else how[name]
                 integrals[name] = integral(old, values), integral(new, moved_by_cell[name])
-        nodal, by_cell = moved, moved_by_cell
+                magnitudes[name] = float(integral(old, np.abs(values)).max(initial=0.0))
+        for name, field in fields.nodal.elements.items():
+            assert isinstance(old, SimplexMesh)
+            assert isinstance(new, SimplexMesh)
+            how[name], magnitudes[name] = field.how, field.magnitude(old)
+            integrals[name] = field.integral(field.kept(), old), field.integral(moved[name], new)
+        on_mesh, by_cell = moved, moved_by_cell
         if isinstance(new, SimplexMesh):
-            new = new.with_data(point_data=nodal, cell_data=by_cell)
+            arrays = {name: moved[name] for name in nodal}
+            new = new.with_data(point_data=arrays, cell_data=by_cell)
+    assert on_mesh is not None
     qualities: Callable[[], Any] = partial(_qualities, old, new, sizes)
     if isinstance(old, PartitionedMesh):  # collective, and the report stays without the meshes
         qualities = partial(tuple, qualities())
@@ -358,11 +389,11 @@ def _result(
         lost_tags=tuple(f"{kind} tag {tag}" for kind, tag in lost),
         dropped_tags=tuple(f"{kind} tag {tag}" for kind, tag in dropped),
         kept_tags=bool(before_tags),
-        transferred=how, integrals=integrals,
+        transferred=how, integrals=integrals, magnitudes=magnitudes,
     )  # fmt: skip
     requested = sizes.requested(old)
     return AdaptResult(
-        new, SizeFunction(old, h) if isinstance(old, SimplexMesh) else h, nodal, by_cell,
+        new, SizeFunction(old, h) if isinstance(old, SimplexMesh) else h, on_mesh, by_cell,
         decision.remesh, decision.converged, decision.reason, report,
         requested if isinstance(requested, MetricFunction) else None,
     )  # fmt: skip

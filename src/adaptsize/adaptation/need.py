@@ -13,12 +13,11 @@ from adaptsize._checks import as_sizes_at, refuse_where
 from adaptsize.adaptation import tuning
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.migration import is_counted_here
-from adaptsize.background.partitioned import local_mesh
-from adaptsize.background.simplex import as_mesh
+from adaptsize.background.partitioned import as_mesh_of_all, local_mesh
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import NeedOptions, checked, with_options
 from adaptsize.quality.conformity import SizeLike, nodal_metric
-from adaptsize.quality.elements import minimum_angles
+from adaptsize.quality.elements import folded_cells, minimum_angles
 from adaptsize.sizes.budget import calibration, count_elements
 from adaptsize.typing import BoolArray, FloatArray, IntArray, Unpack
 
@@ -138,7 +137,7 @@ def needs_remeshing(
     >>> bool(needs_remeshing(mesh, 1.1))
     False
     """
-    mesh = as_mesh("mesh", mesh, PartitionedMesh)
+    mesh = as_mesh_of_all("mesh", mesh)
     if mesh.cell_dim == 1:
         raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
 
@@ -147,6 +146,8 @@ def needs_remeshing(
 
     given, requested = mesh.ranks.agree(check)
     mesh.ranks.require_equal(**given)
+    if isinstance(mesh, PartitionedMesh):
+        mesh.require_equal_values("size", smallest(requested))
     predicted = calibration("mmg", mesh.cell_dim) * count_simplices(mesh, requested)
     present = present_of(mesh, requested)
     allowed = 0.0 if isinstance(requested, Metric) else given["least_angle"]
@@ -306,25 +307,11 @@ def _misses_of(mesh: AnyMesh, requested: Requested, least_angle: float) -> _Miss
             found = minimum_angles(whole)
             angles = np.where(found < least_angle, found, np.inf)
         if whole.cell_dim == whole.dim:
-            folded = _folded_cells(whole)
+            folded = folded_cells(whole)
     with np.errstate(divide="ignore"):
         severity = np.maximum.reduce([longest, 1.0 / shortest, 2.0 * least_angle / angles])
     severity[folded] = np.inf
     return _Misses(longest, shortest, angles, folded, severity)
-
-
-def _folded_cells(mesh: SimplexMesh) -> BoolArray:
-    """Return which cells are on the same side of a facet as their neighbour there."""
-    # The side follows from the sign of the cell and the order of its nodes.
-    cells = mesh.cells
-    side = np.sign(mesh.signed_measures)
-    for i, j in combinations(range(cells.shape[1]), 2):
-        side = np.where(cells[:, i] < cells[:, j], side, -side)
-    rank = (cells[:, None, :] < cells[:, :, None]).sum(axis=2)
-    sides = np.where(rank % 2 == 0, side[:, None], -side[:, None])
-    sums = np.bincount(mesh.cell_facets.ravel(), sides.ravel())
-    between = (mesh.facet_cell_counts == 2) & (np.abs(sums) == 2.0)
-    return np.asarray(between[mesh.cell_facets].any(axis=1))
 
 
 def _places(mesh: AnyMesh, misses: _Misses, worst: npt.NDArray[np.intp]) -> tuple[Place, ...]:

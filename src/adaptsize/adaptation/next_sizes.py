@@ -161,8 +161,10 @@ class SizeRequest(CycleRequest):
         if self.indicator is None:
             return self._finished(mesh, self._requested(mesh))
         assert self.options["tolerance"] is not None
-        tolerance = tuning.BELOW_TOLERANCE * self.options["tolerance"]
-        return self._from_error(mesh, self.indicator, {"tolerance": tolerance})
+        assert self.error is not None
+        least = self.error / tuning.LARGEST_STEP
+        goal = max(tuning.BELOW_TOLERANCE * self.options["tolerance"], least)
+        return self._from_error(mesh, self.indicator, {"tolerance": goal})
 
     def of_number(self, mesh: AnyMesh, number: float) -> FloatArray:
         """Return the sizes for a number of regular simplices."""

@@ -73,6 +73,9 @@ class AdaptReport:
         How each field was transferred.
     integrals : dict of str to (ndarray, ndarray)
         Integrals of the fields over the old and the new mesh, except for integers.
+    magnitudes : dict of str to float
+        Integrals of their absolute values over the old mesh, the largest of a field's components.
+        Changes are printed relative to them, since an integral may vanish.
     """
 
     cell_dim: int
@@ -100,6 +103,7 @@ class AdaptReport:
     kept_tags: bool
     transferred: dict[str, str]
     integrals: dict[str, tuple[FloatArray, FloatArray]]
+    magnitudes: dict[str, float]
 
     @cached_property
     def _qualities(self) -> tuple[Conformity, Conformity]:
@@ -153,9 +157,8 @@ class AdaptReport:
         if name not in self.integrals:
             return text
         before, after = self.integrals[name]
-        largest = float(np.abs(before).max(initial=0.0))
-        if largest > 0.0:
-            change = float(np.abs(after - before).max()) / largest
+        if self.magnitudes[name] > 0.0:
+            change = float(np.abs(after - before).max()) / self.magnitudes[name]
             text += f", integral changed by {change:.1e}"
         return text
 
@@ -197,6 +200,13 @@ class AdaptReport:
             warn_caller(
                 f"the new mesh has lost {', '.join(self.dropped_tags)}, though not for its size: "
                 f"{self.backend} did not keep it",
+                ResolutionWarning,
+            )
+        for tag in () if self.moves is None else self.moves.idle:
+            where = "" if tag is None else f" of facets with tag {tag}"
+            warn_caller(
+                f"project has no effect: no node{where} moves, since they are corners or the "
+                "function returns the points that it is given",
                 ResolutionWarning,
             )
         if self.boundary_distance > allowed:
@@ -249,7 +259,7 @@ class AdaptResult(Generic[MeshT_co, SizeT_co]):
 
     mesh: MeshT_co
     size: SizeT_co
-    fields: Arrays
+    fields: dict[str, Any]
     cell_fields: Arrays
     remeshed: bool
     converged: bool

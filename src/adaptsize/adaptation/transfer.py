@@ -16,15 +16,20 @@ from adaptsize.adaptation._fields import (
     from_columns,
     methods_of,
 )
+from adaptsize.adaptation.element_fields import (
+    CheckedFields,
+    as_nodal_fields,
+    methods_of_arrays,
+)
 from adaptsize.adaptation.field_transfer import FieldTransfer, check_kinds
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.migration import joined_pieces, send_cells
+from adaptsize.background.partitioned import as_mesh_of_all
 from adaptsize.background.requests import (
     boxes_around,
     boxes_of_pieces,
     ranks_that_meet,
 )
-from adaptsize.background.simplex import as_own
 from adaptsize.options import TransferOptions, checked, with_options
 from adaptsize.typing import FloatArray, NodalMethod, ProgressCallback, Unpack
 
@@ -32,8 +37,8 @@ from adaptsize.typing import FloatArray, NodalMethod, ProgressCallback, Unpack
 class TransferredFields(NamedTuple):
     """Result of `transfer_fields`."""
 
-    fields: dict[str, npt.NDArray[Any]]
-    """Nodal fields on the new mesh."""
+    fields: dict[str, Any]
+    """Nodal fields on the new mesh, and those of finite elements, of the kinds that were given."""
     cell_fields: dict[str, npt.NDArray[Any]]
     """Cell fields on the new mesh."""
 
@@ -43,7 +48,7 @@ def transfer_fields(
     old: AnyMesh,
     new: AnyMesh,
     *,
-    fields: Mapping[str, npt.ArrayLike] | None = None,
+    fields: Mapping[str, Any] | None = None,
     cell_fields: Mapping[str, npt.ArrayLike] | None = None,
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[TransferOptions],
@@ -54,8 +59,11 @@ def transfer_fields(
     ----------
     old, new : SimplexMesh or PartitionedMesh
         Of the same kind.  Meshes in parts are on the same communicator; their parts need not match.
-    fields, cell_fields : mapping of str to array_like, optional
-        Fields on ``old``, one row per node or per cell.
+    fields : mapping of str, optional
+        Fields on ``old``: arrays with one row per node, an `ElementField` or `QuadratureField`, a
+        function of points, or ``(basis, x)`` of scikit-fem.
+    cell_fields : mapping of str to array_like, optional
+        One row per cell.
     progress : callable, bool or None
         Called with a text and the fraction completed; True shows a bar.
     **options
@@ -83,20 +91,22 @@ def transfer_fields(
     >>> made.cell_fields["heat"]
     array([2., 2.])
     """
-    old, new = as_own(old), as_own(new)
+    old, new = as_mesh_of_all("old", old), as_mesh_of_all("new", new)
     check_kinds(old, new)
 
-    def check() -> tuple[TransferOptions, Arrays, Arrays]:
+    def check() -> tuple[TransferOptions, CheckedFields, Arrays]:
         given = checked(TransferOptions, options)
         if given["keep_integral"] and isinstance(old, PartitionedMesh):
             raise ValueError("keep_integral must be False for meshes in parts, got True")
         by_cell = as_fields("cell_fields", cell_fields, old.n_cells)
-        nodal = as_fields("fields", fields, old.n_points)
-        methods_of(given["method"], nodal, old)
+        nodal = as_nodal_fields(fields, old)
+        given["method"] = methods_of_arrays(given["method"], nodal)
+        methods_of(given["method"], nodal.arrays, old)
         return given, nodal, by_cell
 
     given, nodal, by_cell = old.ranks.agree(check)
-    return transferred(old, new, nodal, by_cell, given, progress)
+    made = transferred(old, new, nodal, by_cell, given, progress)
+    return made._replace(fields={name: made.fields[name] for name in fields or {}})
 
 
 class Carried(NamedTuple):
@@ -142,12 +152,13 @@ def carry_fields(
 def transferred(
     old: AnyMesh,
     new: AnyMesh,
-    nodal: Arrays,
+    fields: CheckedFields,
     by_cell: Arrays,
     given: Mapping[str, Any],
     progress: ProgressCallback | bool | None,
 ) -> TransferredFields:
     """Return checked fields on the new mesh; ``given`` has the options of `transfer_fields`."""
+    nodal = fields.arrays
     method, how = methods_of(given["method"], nodal, old), {"conservative": given["conservative"]}
     if isinstance(old, PartitionedMesh):
         assert isinstance(new, PartitionedMesh)
@@ -157,8 +168,9 @@ def transferred(
     if by_cell and given["conservative"]:
         transfer.refuse_surfaces()
     how["keep_integral"] = given["keep_integral"]
+    found = {name: transfer.nodal(values, method=method[name]) for name, values in nodal.items()}
     return TransferredFields(
-        {name: transfer.nodal(values, method=method[name]) for name, values in nodal.items()},
+        found | {name: field.on(transfer) for name, field in fields.elements.items()},
         {name: transfer.cells(values, **how) for name, values in by_cell.items()},
     )
 

@@ -5,17 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, TypeAlias, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, check_type
+from adaptsize._checks import as_float_array, as_plain_array, check_type
 from adaptsize.background.partitioning import joined, parts_of
-from adaptsize.background.simplex import SimplexMesh
+from adaptsize.background.simplex import SimplexMesh, as_mesh
 from adaptsize.ranks import Communicator, Ids, SharedNodes, as_communicator, find_shared_nodes, kept
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 T = TypeVar("T")
+
+#: The ranks among which a part was taken from a mesh.
+_RANKS_OF_PARTS: WeakKeyDictionary[SimplexMesh, Communicator] = WeakKeyDictionary()
 
 # Relative deviation of values at shared nodes from which on they are different.
 _ROUNDING = 1e-9
@@ -118,6 +122,8 @@ class PartitionedMesh:
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)  # needed for a frozen dataclass
+        if mesh is not None and ranks.size > 1:
+            _RANKS_OF_PARTS[mesh] = ranks
 
     def __repr__(self) -> str:
         """Return the rank and the numbers of cells and points."""
@@ -245,23 +251,21 @@ class PartitionedMesh:
     def gather_nodal(self, values: npt.ArrayLike) -> FloatArray | None:
         """Return the nodal values of the whole mesh on rank 0, None elsewhere; collective.
 
-        Values at shared nodes are those of the owner.
+        Values at shared nodes are those of the owner.  Complex ones stay complex.
         """
         own = self._nodal(values)
         owned = self.is_owned
         pieces = self._to_first((self.global_ids[owned], own[owned]))
         if pieces is None:
             return None
-        whole = np.empty((self.n_global_points, *own.shape[1:]))
+        whole = np.empty((self.n_global_points, *own.shape[1:]), own.dtype)
         for ids, part in pieces:
             whole[ids] = part
         return whole
 
     def gather_cells(self, values: npt.ArrayLike) -> FloatArray | None:
         """Return the values of all cells of the mesh on rank 0, None elsewhere; collective."""
-        own = as_float_array("values", values)
-        if own.ndim == 0 or len(own) != self.n_cells:
-            raise ValueError(f"values must have {self.n_cells} rows, got shape {own.shape}")
+        own = _rows("values", values, self.n_cells)
         pieces = self._to_first((self.cell_ids, own))
         if pieces is None:
             return None
@@ -277,11 +281,7 @@ class PartitionedMesh:
         def split() -> list[Any]:
             if wanted is None:
                 return pieces
-            whole = as_float_array("values", values)  # type: ignore[arg-type]
-            if whole.ndim == 0 or len(whole) != self.n_global_points:
-                raise ValueError(
-                    f"values must have {self.n_global_points} rows, got shape {whole.shape}"
-                )
+            whole = _rows("values", values, self.n_global_points)  # type: ignore[arg-type]
             return [whole[ids] for ids in wanted]
 
         own: FloatArray = self.ranks.alltoall(self.ranks.agree(split))[0]
@@ -336,14 +336,28 @@ class PartitionedMesh:
 
     def _nodal(self, values: npt.ArrayLike) -> FloatArray:
         """Return nodal values as an array with one row per local node."""
-        own = as_float_array("values", values)
-        if own.ndim == 0 or len(own) != self.n_points:
-            raise ValueError(f"values must have {self.n_points} rows, got shape {own.shape}")
-        return own
+        return _rows("values", values, self.n_points)
 
 
 #: A whole mesh, or the part of it on this rank.
 AnyMesh: TypeAlias = SimplexMesh | PartitionedMesh
+
+
+def as_mesh_of_all(name: str, value: Any) -> AnyMesh:
+    """Return a mesh for a function that all ranks call together.
+
+    If a rank passes the cells of its part, ``part.mesh``, all ranks raise a ValueError: the others
+    would wait for it without end.
+    """
+    mesh: AnyMesh = as_mesh(name, value, PartitionedMesh)
+    ranks = _RANKS_OF_PARTS.get(mesh) if isinstance(mesh, SimplexMesh) else None
+
+    def refuse() -> None:
+        raise ValueError(f"{name} must be the PartitionedMesh, got the cells of one of its parts")
+
+    if ranks is not None:
+        ranks.agree(refuse)
+    return mesh
 
 
 def local_mesh(mesh: AnyMesh) -> SimplexMesh | None:
@@ -369,6 +383,15 @@ def _checked(
     if n and owners.max() >= comm.size:
         raise ValueError(f"owner must be a rank from 0 to {comm.size - 1}, got {owners.max()}")
     return ids, owners, None if cell_ids is None else _whole("cell_ids", cell_ids, m)
+
+
+def _rows(name: str, values: npt.ArrayLike, n: int) -> npt.NDArray[Any]:
+    """Return n rows of numbers, float64 or complex128."""
+    given = as_plain_array(name, values)
+    own = given.astype(np.complex128) if given.dtype.kind == "c" else as_float_array(name, values)
+    if own.ndim == 0 or len(own) != n:
+        raise ValueError(f"{name} must have {n} rows, got shape {own.shape}")
+    return own
 
 
 def _whole(name: str, value: npt.ArrayLike, n: int) -> Ids:

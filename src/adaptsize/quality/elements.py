@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from adaptsize._checks import check_type
+from adaptsize._checks import check_type, place_text
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics import Metric
@@ -32,6 +32,34 @@ def flat_cells(mesh: SimplexMesh) -> BoolArray:
     rounding = _ROUNDING * np.finfo(np.float64).eps * np.abs(corners).max(axis=(1, 2))
     least = rounding * longest ** (mesh.cell_dim - 1)
     return np.asarray(factorial(mesh.cell_dim) * mesh.measures <= least)
+
+
+def folded_cells(mesh: SimplexMesh) -> BoolArray:
+    """Return which cells are on the same side of a facet as their neighbour there."""
+    # The side follows from the sign of the cell and the order of its nodes.
+    cells = mesh.cells
+    side = np.where(flat_cells(mesh), 0.0, np.sign(mesh.signed_measures))
+    for i, j in combinations(range(cells.shape[1]), 2):
+        side = np.where(cells[:, i] < cells[:, j], side, -side)
+    rank = (cells[:, None, :] < cells[:, :, None]).sum(axis=2)
+    sides = np.where(rank % 2 == 0, side[:, None], -side[:, None])
+    sums = np.bincount(mesh.cell_facets.ravel(), sides.ravel())
+    between = (mesh.facet_cell_counts == 2) & (np.abs(sums) == 2.0)
+    return np.asarray(between[mesh.cell_facets].any(axis=1))
+
+
+def refuse_folded(mesh: SimplexMesh) -> None:
+    """Raise a ValueError that names places if cells overlap their neighbours."""
+    folded = np.flatnonzero(folded_cells(mesh))
+    if len(folded) == 0:
+        return
+    places = [place_text(x, 4) for x in mesh.points[mesh.cells[folded[:3]]].mean(axis=1)]
+    more = ", ..." * (len(folded) > 3)
+    raise ValueError(
+        f"mesh must not be folded: {len(folded)} cells are on the same side of a facet as a "
+        f"neighbour, at {', '.join(places)}{more} (needs_remeshing returns more places); move the "
+        "nodes by less, or remesh before cells turn over"
+    )
 
 
 def radius_ratios(mesh: SimplexMesh) -> FloatArray:

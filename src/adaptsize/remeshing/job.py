@@ -21,6 +21,7 @@ from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions
 from adaptsize.quality.connections import refuse_repeated_cells
+from adaptsize.quality.elements import refuse_folded
 from adaptsize.remeshing import netgen, tuning
 from adaptsize.remeshing.acceptance import (
     Judge,
@@ -69,6 +70,8 @@ def prepared(
     if mesh.cell_dim == mesh.dim:
         refuse_repeated_cells(mesh)
         warn_of_unconnected(mesh)
+    if task == "plane triangles":  # folded tetrahedra are filled anew
+        refuse_folded(mesh)
     metric = as_metric_at(size, mesh, given["hmax"])
     _check_metric(metric, task, strict=given["strict"])
     chosen = choose_backend(

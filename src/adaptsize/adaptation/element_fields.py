@@ -1,0 +1,400 @@
+"""Fields of finite elements other than linear ones, and data at points of quadrature.
+
+They are projected onto the same elements of another mesh, by quadrature that is exact over the
+intersections of the cells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import (
+    as_flag,
+    as_plain_array,
+    as_values,
+    as_whole_number,
+    check_type,
+    describe,
+    refuse_where,
+)
+from adaptsize.adaptation._fields import Arrays, as_columns, as_field, from_columns
+from adaptsize.adaptation.field_transfer import FieldTransfer
+from adaptsize.adaptation.lagrange import LagrangeSpace
+from adaptsize.adaptation.pieces import rule_of
+from adaptsize.adaptation.skfem_fields import OfSkfem
+from adaptsize.adaptation.spaces import magnitude_of, projected
+from adaptsize.background import AnyMesh, SimplexMesh
+from adaptsize.background.simplex import as_mesh
+from adaptsize.typing import FloatArray
+
+#: Degree for which functions are integrated, beyond that of the elements.
+_OF_FUNCTIONS = 6
+#: Highest order of the polynomials that represent data at points of quadrature.
+_MOST = 2
+
+
+def element_nodes(mesh: SimplexMesh, order: int, *, continuous: bool = True) -> FloatArray:
+    """Return the nodes of Lagrange elements, in the order of the values of an `ElementField`.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+    order : int
+        0 to 2.
+    continuous : bool, default True
+        Whether cells share nodes.
+
+    Returns
+    -------
+    ndarray of float64
+        Of continuous elements shape (n, dim): the nodes of the mesh, for order 2 followed by the
+        middles of ``mesh.edges``.  Of discontinuous ones shape (n_cells, k, dim): the corners of
+        each cell, for order 2 followed by the middles of its edges (0, 1), (0, 2), ... (2, 3); for
+        order 0 shape (n_cells, dim), the centroids.
+
+    Examples
+    --------
+    >>> mesh = SimplexMesh([[0, 0], [2, 0], [0, 2]], [[0, 1, 2]])
+    >>> element_nodes(mesh, 2)[3:].tolist()
+    [[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
+    """
+    mesh = as_mesh("mesh", mesh)
+    space = LagrangeSpace(mesh, _order(order), as_flag("continuous", continuous))
+    return space.nodes.reshape(*space.shape, mesh.dim)
+
+
+def _order(order: int) -> int:
+    return as_whole_number("order", order, lower=0, upper=2)
+
+
+@dataclass(frozen=True, eq=False)
+class ElementField:
+    """A field of Lagrange elements of order 0 to 2, as `adapt` and `transfer_fields` take it.
+
+    It is projected onto the same elements of the new mesh (L2), so that its integral is kept.
+
+    Parameters
+    ----------
+    values : array_like or callable
+        Values at the nodes of the elements, which `element_nodes` returns, of any trailing shape.
+        Or a function of points, float64[n, dim], which is integrated on each mesh anew.
+    order : int, default 1
+        0 to 2.
+    continuous : bool, default True
+        Whether cells share nodes.  Elements of order 0 are discontinuous.
+    log : bool, default False
+        Transfer the logarithms of symmetric positive definite matrices, shape (..., d, d), so that
+        they stay positive at the nodes.  The integral changes then.
+    """
+
+    values: Any
+    order: int = 1
+    continuous: bool = True
+    log: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class QuadratureField:
+    """Data at points of quadrature in each cell, as `adapt` and `transfer_fields` take them.
+
+    In each cell they are represented by the polynomial of order 0 to 2 that fits them best, which
+    is projected onto those of the new mesh and evaluated at its points (L2).  The integral by the
+    rule is kept.
+
+    Parameters
+    ----------
+    values : array_like of float, shape (n_cells, n, ...)
+    points : array_like of float, shape (n, dim)
+        The points in the simplex with a corner at the origin, which is the first node of a cell,
+        and the others at distance 1 along the axes.
+    weights : array_like of float, shape (n,)
+        Positive.  Only their ratios count.
+    log : bool, default False
+        As for an `ElementField`.
+    """
+
+    values: Any
+    points: Any
+    weights: Any
+    log: bool = False
+
+
+class Checked(Protocol):
+    """A checked field of finite elements on the old mesh."""
+
+    how: str
+    """How it is transferred."""
+
+    def kept(self) -> Any:
+        """Return the field on the old mesh, as the caller gave it."""
+
+    def on(self, transfer: FieldTransfer) -> Any:
+        """Return the field on the new mesh, of the same kind."""
+
+    def integral(self, made: Any, mesh: SimplexMesh) -> npt.NDArray[Any]:
+        """Return the integral of a field of this kind on a mesh."""
+
+    def magnitude(self, mesh: SimplexMesh) -> float:
+        """Return the integral of the absolute value on the old mesh, of the largest component."""
+
+
+class _OfElements:
+    """A checked `ElementField`, or a function."""
+
+    def __init__(self, name: str, given: Any, mesh: SimplexMesh) -> None:
+        self._given, self._mesh = given, mesh
+        field = given if isinstance(given, ElementField) else ElementField(given)
+        self.order = as_whole_number(f"order of {name}", field.order, lower=0, upper=2)
+        self.continuous = as_flag(f"continuous of {name}", field.continuous) and self.order > 0
+        self.log = as_flag(f"log of {name}", field.log)
+        space = self._space(mesh)
+        self.how = f"projected ({'P' if self.continuous else 'DG'}{self.order})"
+        if callable(field.values):
+            if self.log:
+                raise ValueError(f"log of {name} must be False for a function")
+            self._function: Callable[[FloatArray], npt.ArrayLike] | None = field.values
+            self._name = name
+            return
+        self._function = None
+        array = as_field(name, field.values, space.shape[0])
+        k = len(space.shape)
+        if array.shape[:k] != space.shape or (array.dtype.kind in "biu" and self.log):
+            raise ValueError(
+                f"{name} must have shape {(*space.shape, '...')}, the nodes of elements of order "
+                f"{self.order}, got {array.shape}"
+            )
+        floats = array.astype(np.float64) if array.dtype.kind in "biu" else array
+        self.values = _logarithms(name, floats) if self.log else floats
+
+    def _space(self, mesh: SimplexMesh) -> LagrangeSpace:
+        return LagrangeSpace(mesh, self.order, self.continuous)
+
+    def kept(self) -> Any:
+        """Return the given field, of a function its projection."""
+        if self._function is None:
+            return self._given
+        space = self._space(self._mesh)
+        return self._made(self._of_function(space, self._function), space)
+
+    def on(self, transfer: FieldTransfer) -> Any:
+        """Return the field on the new mesh."""
+        new = self._space(transfer.new)
+        if self._function is not None:
+            return self._made(self._of_function(new, self._function), new)
+        old = self._space(transfer.old)
+        flat = self.values.reshape(old.n, *self.values.shape[len(old.shape) :])
+        found = from_columns(projected(transfer, old, new, as_columns(flat)), flat)
+        return self._made(_exponentials(found) if self.log else found, new)
+
+    def _made(self, found: npt.NDArray[Any], new: LagrangeSpace) -> Any:
+        values = found.reshape(*new.shape, *found.shape[1:])
+        is_field = isinstance(self._given, ElementField)
+        return replace(self._given, values=values) if is_field else values
+
+    def _of_function(
+        self, space: LagrangeSpace, function: Callable[[FloatArray], npt.ArrayLike]
+    ) -> npt.NDArray[Any]:
+        mesh = space.mesh
+        rule = rule_of(mesh.cell_dim, space.degree + _OF_FUNCTIONS)
+        places = np.broadcast_to(rule.places, (mesh.n_cells, *rule.places.shape))
+        points = (places @ mesh.points[mesh.cells]).reshape(-1, mesh.dim)
+        values = as_field(f"{self._name}(points)", function(points), len(points))
+        values = values.astype(np.float64) if values.dtype.kind in "biu" else values
+        columns = as_columns(values).reshape(*places.shape[:2], -1)
+        weighted = mesh.measures[:, None, None] * rule.weights[:, None] * columns
+        cells = np.arange(mesh.n_cells, dtype=np.int32)
+        found = space.solve(space.load(cells, places, weighted))
+        return from_columns(found, np.empty((space.n, *values.shape[1:]), values.dtype))
+
+    def integral(self, made: Any, mesh: SimplexMesh) -> npt.NDArray[Any]:
+        """Return the integral of a field on a mesh."""
+        values = np.asarray(made.values if isinstance(made, ElementField) else made)
+        space = self._space(mesh)
+        flat = values.reshape(space.n, *values.shape[len(space.shape) :])
+        return np.asarray(np.tensordot(space.integrals, flat, axes=1))
+
+    def magnitude(self, mesh: SimplexMesh) -> float:
+        """Return the integral of the absolute value of the largest component."""
+        space, made = self._space(mesh), self.kept()
+        values = np.asarray(made.values if isinstance(made, ElementField) else made)
+        return magnitude_of(space, values.reshape(space.n, -1), mesh)
+
+
+class _OfQuadrature:
+    """A checked `QuadratureField`."""
+
+    how = "projected (points of quadrature)"
+
+    def __init__(self, name: str, given: QuadratureField, mesh: SimplexMesh) -> None:
+        self._given = given
+        d = mesh.cell_dim
+        points = as_values(f"points of {name}", given.points)
+        if points.ndim != 2 or points.shape[1] != d or len(points) == 0:
+            raise ValueError(f"points of {name} must have shape (n, {d}), got {points.shape}")
+        weights = as_values(f"weights of {name}", given.weights, (len(points),))
+        refuse_where(f"weights of {name}", weights <= 0.0, weights, "must be positive")
+        self.places = np.column_stack([1.0 - points.sum(axis=1), points])
+        self.weights = weights / weights.sum()
+        array = as_field(name, given.values, mesh.n_cells)
+        if array.ndim < 2 or array.shape[1] != len(points):
+            raise ValueError(
+                f"{name} must have shape ({mesh.n_cells}, {len(points)}, ...), got {array.shape}"
+            )
+        floats = array.astype(np.float64) if array.dtype.kind in "biu" else array
+        self.log = as_flag(f"log of {name}", given.log)
+        self.values = _logarithms(name, floats) if self.log else floats
+        self.order, self.fit = self._fit(mesh)
+
+    def _fit(self, mesh: SimplexMesh) -> tuple[int, FloatArray]:
+        """Return the order of the polynomials, and the matrix that fits them to the data."""
+        for order in range(_MOST, -1, -1):
+            space = LagrangeSpace(mesh, order, False)
+            at = space.functions(self.places)
+            gram = at.T @ (self.weights[:, None] * at)
+            is_exact = np.allclose(self.weights @ at, space.means, rtol=0.0, atol=1e-10)
+            if is_exact and np.linalg.cond(gram) < 1e8:
+                break
+        return order, np.asarray(np.linalg.solve(gram, at.T * self.weights))
+
+    def kept(self) -> Any:
+        """Return the given field."""
+        return self._given
+
+    def on(self, transfer: FieldTransfer) -> Any:
+        """Return the field on the new mesh."""
+        old, new = (LagrangeSpace(m, self.order, False) for m in (transfer.old, transfer.new))
+        values = self.values
+        columns = as_columns(values.reshape(-1, *values.shape[2:]))
+        columns = columns.reshape(*values.shape[:2], -1)
+        held = (self.fit @ columns).reshape(old.n, columns.shape[2])
+        found = projected(transfer, old, new, held).reshape(transfer.new.n_cells, -1, held.shape[1])
+        at_points = (new.functions(self.places) @ found).reshape(-1, held.shape[1])
+        shape = (transfer.new.n_cells, *values.shape[1:])
+        like = np.empty((len(at_points), *values.shape[2:]), values.dtype)
+        made = from_columns(at_points, like).reshape(shape)
+        return replace(self._given, values=_exponentials(made) if self.log else made)
+
+    def integral(self, made: Any, mesh: SimplexMesh) -> npt.NDArray[Any]:
+        """Return the integral of a field on a mesh, by its rule."""
+        means = np.tensordot(self.weights, np.asarray(made.values), axes=(0, 1))
+        return np.asarray(np.tensordot(mesh.measures, means, axes=1))
+
+    def magnitude(self, mesh: SimplexMesh) -> float:
+        """Return the integral of the absolute value of the largest component."""
+        size = replace(self._given, values=np.abs(np.asarray(self._given.values)))
+        return float(self.integral(size, mesh).max(initial=0.0))
+
+
+def _logarithms(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the logarithms of symmetric positive definite matrices."""
+    is_square = values.ndim > 2 and values.shape[-1] == values.shape[-2]
+    if not is_square or values.dtype.kind != "f":
+        raise ValueError(
+            f"{name} must have real matrices for log, shape (..., d, d), got {values.dtype} of "
+            f"shape {values.shape}"
+        )
+    size = np.abs(values).max(initial=0.0)
+    skew = np.abs(values - np.swapaxes(values, -1, -2)).max(axis=(-1, -2))
+    refuse_where(name, skew > 1e-9 * size, values, "must be symmetric for log")
+    eigenvalues, vectors = np.linalg.eigh(values)
+    lowest = eigenvalues[..., 0]
+    refuse_where(name, lowest <= 0.0, values, "must be positive definite for log")
+    return np.asarray((vectors * np.log(eigenvalues)[..., None, :]) @ np.swapaxes(vectors, -1, -2))
+
+
+def _exponentials(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the exponentials of symmetric matrices."""
+    values = 0.5 * (values + np.swapaxes(values, -1, -2))
+    eigenvalues, vectors = np.linalg.eigh(values)
+    made = (vectors * np.exp(eigenvalues)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    return np.asarray(0.5 * (made + np.swapaxes(made, -1, -2)))
+
+
+class CheckedFields(NamedTuple):
+    """Checked fields with a row per node, and those of finite elements."""
+
+    arrays: Arrays
+    elements: dict[str, Checked]
+
+    def kept(self, names: Iterable[str]) -> dict[str, Any]:
+        """Return the fields on the old mesh, in the order of their names."""
+        of_elements = {name: field.kept() for name, field in self.elements.items()}
+        return {name: (self.arrays | of_elements)[name] for name in names}
+
+
+def as_nodal_fields(fields: Mapping[str, Any] | None, mesh: AnyMesh) -> CheckedFields:
+    """Return the checked ``fields`` of `adapt` and `transfer_fields`.
+
+    Raises
+    ------
+    ValueError
+        If a field is none of those that are taken, which the message names.
+    """
+    given = {} if fields is None else fields
+    check_type("fields", given, Mapping)
+    found = CheckedFields({}, {})
+    for key, value in given.items():
+        name = f"fields[{key!r}]"
+        element = as_element_field(name, value, mesh)
+        if element is not None:
+            found.elements[key] = element
+            continue
+        array = as_plain_array(name, value)
+        if array.shape[:1] != (mesh.n_points,) and isinstance(mesh, SimplexMesh):
+            n = len(array) if array.ndim else 0
+            raise ValueError(
+                f"{name} must be an array with a row for each of the {mesh.n_points} nodes, an "
+                "ElementField, a QuadratureField, a function of points, or (basis, x) of "
+                f"scikit-fem, got shape {array.shape}{orders_with(mesh, n)}"
+            )
+        found.arrays[key] = as_field(name, value, mesh.n_points)
+    return found
+
+
+def methods_of_arrays(method: Any, fields: CheckedFields) -> Any:
+    """Return the method without those of fields of finite elements, which are projected."""
+    for name in fields.elements:
+        own = method.get(name) if isinstance(method, Mapping) else method
+        if own not in (None, "project"):
+            raise ValueError(
+                f'method must be "project" or None for fields[{name!r}], which is of finite '
+                f"elements, got {describe(own)}"
+            )
+    if isinstance(method, Mapping):
+        return {name: own for name, own in method.items() if name not in fields.elements}
+    return method
+
+
+def as_element_field(name: str, given: Any, mesh: AnyMesh) -> Checked | None:
+    """Return a checked field of finite elements; None if it is to be an array."""
+    is_basis = isinstance(given, tuple) and len(given) == 2 and hasattr(given[0], "element_dofs")
+    if not (is_basis or isinstance(given, ElementField | QuadratureField) or callable(given)):
+        return None
+    if not isinstance(mesh, SimplexMesh) or mesh.cell_dim != mesh.dim:
+        kind = "meshes in parts"
+        if isinstance(mesh, SimplexMesh):
+            kind = "triangles in space: two triangulations of a curved surface do not overlap"
+        raise ValueError(
+            f"{name} must be an array with a row per node for {kind}; got {describe(given)}"
+        )
+    if isinstance(given, QuadratureField):
+        return _OfQuadrature(name, given, mesh)
+    if is_basis:
+        return OfSkfem(name, given, mesh)
+    return _OfElements(name, given, mesh)
+
+
+def orders_with(mesh: SimplexMesh, n: int) -> str:
+    """Return a hint at the elements that have n nodes, for messages."""
+    kinds = [(1, False), (2, True), (2, False)]
+    fits = [
+        f"ElementField(values, order={order}" + ("" if shared else ", continuous=False") + ")"
+        for order, shared in kinds
+        if LagrangeSpace(mesh, order, shared).n == n
+    ]
+    return f"; {n} are the nodes of {' or '.join(fits)}" if fits else ""

@@ -1,0 +1,141 @@
+"""Functions of scikit-fem, ``(basis, x)``, of any element on simplices, and data at its points."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from adaptsize._checks import describe
+from adaptsize.adaptation._fields import as_field
+from adaptsize.adaptation.field_transfer import FieldTransfer
+from adaptsize.adaptation.spaces import magnitude_of, projected
+from adaptsize.background import SimplexMesh
+from adaptsize.typing import FloatArray, IntArray
+
+#: Deviation of the nodes of two meshes, over their size, that is rounding.
+_ROUNDING = 1e-12
+
+
+class SkfemSpace:
+    """The space of a basis of scikit-fem on a mesh."""
+
+    def __init__(self, name: str, basis: Any, mesh: SimplexMesh) -> None:
+        self.basis, self.mesh = basis, mesh
+        self.n, self.degree = int(basis.N), int(basis.elem.maxdeg)
+        self._order = _order_of_corners(name, basis, mesh)
+
+    def _functions(self, cells: IntArray, places: FloatArray) -> list[FloatArray]:
+        """Return the values of each function of a cell, float64[..., p, q]."""
+        basis = self.basis
+        places = np.take_along_axis(places, self._order[cells][:, None], axis=2)
+        at = np.moveaxis(places[..., 1:], 2, 0)
+        found = []
+        for i in range(basis.Nbfun):
+            fields = basis.elem.gbasis(basis.mapping, at, i, tind=cells)
+            found.append(np.asarray(fields[0]))
+        return found
+
+    def values(self, held: npt.NDArray[Any], cells: IntArray, places: FloatArray) -> FloatArray:
+        """Return the values of a function, float64[p, q, c], its components and columns last."""
+        total: Any = 0.0
+        for i, function in enumerate(self._functions(cells, places)):
+            own = held[self.basis.element_dofs[i, cells]]  # p, columns
+            values = np.moveaxis(function.reshape(-1, *function.shape[-2:]), 0, 2)
+            total = total + values[..., None] * own[:, None, None, :]
+        return np.asarray(total.reshape(*places.shape[:2], -1))
+
+    def load(self, cells: IntArray, places: FloatArray, values: FloatArray) -> FloatArray:
+        """Return the sums of values times the functions of the space, float64[n, columns]."""
+        functions = self._functions(cells, places)
+        n_parts = int(np.prod(functions[0].shape[:-2]))
+        split = values.reshape(*values.shape[:2], n_parts, -1)
+        load = np.zeros((self.n, split.shape[3]))
+        for i, function in enumerate(functions):
+            parts = function.reshape(-1, *function.shape[-2:])
+            sums = np.einsum("apq,pqac->pc", parts, split)
+            np.add.at(load, self.basis.element_dofs[i, cells], sums)
+        return load
+
+    def solve(self, load: FloatArray) -> FloatArray:
+        """Return the coefficients of the functions whose products with the space are ``load``."""
+        import skfem
+        from scipy.sparse.linalg import splu
+
+        def product(u: Any, v: Any, _: Any) -> Any:
+            products = np.asarray(u) * np.asarray(v)
+            return products.sum(axis=tuple(range(products.ndim - 2)))
+
+        basis = skfem.Basis(self.basis.mesh, self.basis.elem, intorder=2 * self.degree)
+        return np.asarray(splu(skfem.BilinearForm(product).assemble(basis).tocsc()).solve(load))
+
+    def integral(self, x: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return the integral of a function, of each of its components."""
+        import skfem
+
+        basis = skfem.Basis(self.basis.mesh, self.basis.elem, intorder=self.degree)
+        found = np.asarray(basis.interpolate(x))
+        return np.asarray((found * basis.dx).sum(axis=(-1, -2)))
+
+
+def _order_of_corners(name: str, basis: Any, mesh: SimplexMesh) -> IntArray:
+    """Return the places in the cells of a mesh of the corners in those of a basis."""
+    corners, points = np.asarray(basis.mesh.t).T, np.asarray(basis.mesh.p).T
+    same = corners.shape == mesh.cells.shape and basis.tind is None
+    if same:
+        equal = corners[:, :, None] == mesh.cells[:, None, :]
+        same = bool(equal.any(axis=2).all())
+    if same:
+        away = np.abs(points[corners] - mesh.points[corners]).max(initial=0.0)
+        same = bool(away <= _ROUNDING * np.abs(mesh.points).max())
+    if not same:
+        raise ValueError(
+            f"the basis of {name} must be on all cells of the mesh, got {describe(basis)}"
+        )
+    return np.asarray(equal.argmax(axis=2).astype(np.int32))
+
+
+class OfSkfem:
+    """A checked function of scikit-fem."""
+
+    def __init__(self, name: str, given: tuple[Any, Any], mesh: SimplexMesh) -> None:
+        self._given, (basis, x) = given, given
+        self._name = name
+        self.values = as_field(f"{name}[1]", x, int(basis.N))
+        if self.values.ndim != 1:
+            raise ValueError(f"{name}[1] must have shape ({basis.N},), got {self.values.shape}")
+        cells, middle = np.zeros(1, np.int32), np.full((mesh.dim, 1, 1), 1.0 / (mesh.dim + 1))
+        fields = basis.elem.gbasis(basis.mapping, middle, 0, tind=cells)
+        if len(fields) != 1:
+            raise ValueError(
+                f"{name} must be of one element, not of a composite one: pass a basis and x for "
+                f"each part (basis.split), got {type(basis.elem).__name__}"
+            )
+        self._space = SkfemSpace(name, basis, mesh)
+        self.how = f"projected ({type(basis.elem).__name__})"
+
+    def kept(self) -> Any:
+        """Return the given basis and function."""
+        return self._given
+
+    def on(self, transfer: FieldTransfer) -> Any:
+        """Return a basis on the new mesh, and the function there."""
+        import skfem
+
+        old = self._space.basis
+        basis = skfem.Basis(transfer.new.to_skfem(), old.elem, quadrature=(old.X, old.W))
+        new = SkfemSpace(self._name, basis, transfer.new)
+        x = self.values
+        columns = np.column_stack([x.real, x.imag]) if x.dtype.kind == "c" else x[:, None] * 1.0
+        found = projected(transfer, self._space, new, columns)
+        return basis, (found[:, 0] + 1j * found[:, 1] if x.dtype.kind == "c" else found[:, 0])
+
+    def integral(self, made: Any, mesh: SimplexMesh) -> npt.NDArray[Any]:
+        """Return the integral of a function of this element on a mesh."""
+        basis, x = made
+        return SkfemSpace(self._name, basis, mesh).integral(np.asarray(x))
+
+    def magnitude(self, mesh: SimplexMesh) -> float:
+        """Return the integral of the absolute value of the largest component."""
+        return magnitude_of(self._space, self.values[:, None], mesh)
