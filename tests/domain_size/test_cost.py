@@ -7,8 +7,9 @@ from command_line import call
 from numpy.testing import assert_allclose
 from skfem.helpers import dot
 
-from adaptsize import SimplexMesh, read, remesh, size_function, write
+from adaptsize import PointSource, SimplexMesh, read, remesh, size_function, write
 from adaptsize.domain_size.unknowns import matrix_of, nonzeros_of, unknowns_of, unknowns_on
+from adaptsize.sizes import predict
 from adaptsize.sizes.prediction import Prediction
 
 ELEMENTS = {
@@ -119,6 +120,16 @@ def test_regions_have_the_width_of_the_strip_and_share_all_elements():
     assert_allclose([long.measure, short.measure, inlet.measure], [6.0, 2.0, 1.0])
     assert_allclose(long.element_share + short.element_share, 1.0)
     assert_allclose(long.element_share, 0.75, rtol=1e-6)
+
+
+def test_shares_of_regions_are_those_of_predicted_elements():
+    source = PointSource([0.3, 0.5], 0.004)
+    size = size_function(strip(), sources=[source], elements_per_radian=0.0, hmax=2.0, g=1.0)
+    mesh, h = size.background, size.values
+    assert (h[mesh.cells].max(axis=1) > 1.4 * h[mesh.cells].min(axis=1)).any()
+    long = SimplexMesh(mesh.points, mesh.cells[mesh.cell_tags == 1])
+    expected = predict(long, h).cells / predict(mesh, h).cells
+    assert_allclose(size.parts()[0].element_share, expected, rtol=1e-12)
 
 
 def test_a_prescribed_size_of_a_part_replaces_that_of_its_shape_and_no_other():

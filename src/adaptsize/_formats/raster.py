@@ -25,8 +25,8 @@ class Image(NamedTuple):
     """What `adaptsize.background.image.Image` is made from, and notes for a warning."""
 
     values: npt.NDArray[Any]
-    spacing: Any = 1.0
-    origin: Any = None
+    spacing: npt.ArrayLike = 1.0
+    origin: npt.ArrayLike | None = None
     notes: Sequence[str] = ()
 
 

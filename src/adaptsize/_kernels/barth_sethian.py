@@ -1,4 +1,4 @@
-"""Unordered drivers: the positive coefficient scheme of Barth and Sethian."""
+"""Residuals of the positive coefficient scheme of Barth and Sethian."""
 
 import math
 

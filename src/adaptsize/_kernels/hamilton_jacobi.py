@@ -1,4 +1,4 @@
-r"""Unordered drivers on Cartesian grids: the Hamilton-Jacobi iteration.
+r"""The Hamilton-Jacobi iteration on Cartesian grids.
 
 Nodal values live in flat, padded arrays: the grid in C order with ghost layers on
 every side.  Ghosts and nodes that take no part hold NaN.  Every comparison with NaN is

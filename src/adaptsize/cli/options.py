@@ -11,7 +11,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeAlias, cast, get_args, get_origin
 
 import numpy as np
 import typer
@@ -144,7 +144,7 @@ _KINDS = {"label": list[int], "spacing": list[float], "g": float}
 
 
 #: Finds the class whether typer vendors click or imports it.
-_USAGE_ERROR: Any = typer.BadParameter.__bases__[0]
+_USAGE_ERROR = cast("type[typer.BadParameter]", typer.BadParameter.__bases__[0])
 #: The options of each command, by their names.
 COMMANDS: dict[str, Mapping[str, Option]] = {}
 
