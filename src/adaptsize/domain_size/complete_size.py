@@ -21,6 +21,7 @@ from adaptsize.domain_size.request import Implicit, Request
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.implicit_surface import checked as checked_function
 from adaptsize.options import SizeFunctionOptions, checked, refuse_unused, with_options
+from adaptsize.sizes.sources import SourcesLike
 from adaptsize.typing import ProgressCallback, Unpack
 
 Domain: TypeAlias = (
@@ -34,7 +35,7 @@ def size_function(
     *,
     background: AnyBackground | Literal["auto"] | None = None,
     box: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
-    sources: Any = (),
+    sources: SourcesLike | None = (),
     h0: npt.ArrayLike | Implicit | None = None,
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[SizeFunctionOptions],

@@ -28,6 +28,7 @@ from adaptsize.options import (
     with_options,
 )
 from adaptsize.remeshing.driver import check_backend, remesh
+from adaptsize.sizes.sources import SourcesLike
 from adaptsize.typing import FloatArray, ProgressCallback, Unpack
 
 #: Orders among which the observed one is searched.
@@ -197,7 +198,7 @@ def mesh_family(
     mesh: SimplexMesh,
     *,
     background: AnyBackground | None = None,
-    sources: Any = (),
+    sources: SourcesLike | None = (),
     h0: npt.ArrayLike | Implicit | None = None,
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[FamilyOptions],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,7 @@ from adaptsize.options import (
 from adaptsize.remeshing.distmesh.from_distance import mesh_of_domain
 from adaptsize.remeshing.distmesh.labelled import LabelledDomain, distance_to_outside
 from adaptsize.remeshing.distmesh.report import warn_of_faults
+from adaptsize.sizes.sources import SourcesLike
 from adaptsize.typing import FloatArray, LongArray, ProgressCallback, Unpack
 
 
@@ -38,7 +39,7 @@ def mesh_image(
     image: Image | npt.ArrayLike,
     size: SizeFunction | None = None,
     *,
-    sources: Any = (),
+    sources: SourcesLike | None = (),
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[ImageMeshOptions],
 ) -> SimplexMesh:

@@ -75,16 +75,16 @@ def solve_on_whole(scheme: Scheme, problem: Problem) -> Solution:
 
     Figures that ranks add up are those of the whole on rank 0, and 0 on the others.
     """
-    part: Any = problem.domain
-    ranks, slope = part.ranks, problem.slope
+    part, slope = problem.part, problem.slope
+    ranks = part.ranks
     whole, h0 = part.gather(), part.gather_nodal(problem.h0)
-    if slope.varies:
-        slope = replace(slope, values=part.gather_cells(slope.values))
+    limits = part.gather_cells(slope.values) if slope.varies else slope.values
 
     def solve() -> Solution | None:
-        if whole is None:
+        if whole is None or h0 is None or limits is None:
             return None
-        return scheme.solve(replace(problem, domain=whole, h0=h0, slope=slope))
+        of_whole = replace(slope, values=limits)
+        return scheme.solve(replace(problem, domain=whole, h0=h0, slope=of_whole))
 
     found = ranks.agree(solve)
     h = part.scatter_nodal(None if found is None else found.h)
@@ -95,6 +95,6 @@ def solve_on_whole(scheme: Scheme, problem: Problem) -> Solution:
             n_hidden = found.h.size - found.n_proved
             figures["parts"] = []
         found = replace(found, **figures)
-    first = ranks.bcast(found)
+    first: Any = ranks.bcast(found)  # that of rank 0
     own: Solution = replace(first, h=h, iterations=first.iterations if ranks.rank == 0 else 0)
     return replace(own, n_proved=len(h) - n_hidden) if isinstance(own, ExactSolution) else own

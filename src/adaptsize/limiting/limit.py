@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -329,7 +328,7 @@ def _checked(
 ) -> Problem:
     """Return the checked arguments, of which g is the factor that depends on the place."""
     background = as_mesh("background", background, PartitionedMesh, CartesianGrid, Octree)
-    domain: Any = background.mesh if isinstance(background, Octree) else background
+    domain = background.mesh if isinstance(background, Octree) else background
     if isinstance(domain, PartitionedMesh) and (initial is not None or periodic is not None):
         raise ValueError("initial and periodic must be None for meshes in parts")
     kind = background.nodal_shape, getattr(background, "active", None)
@@ -338,7 +337,7 @@ def _checked(
         bound = bound.copy()  # kept in the info
     extra = None if point_sources is None else as_point_bounds(point_sources, background.dim)
     start = cell = None
-    if periodic is not None:
+    if periodic is not None and not isinstance(domain, PartitionedMesh):
         cell = as_periodicity(domain, periodic)
         bound = cell.least(bound)
     if initial is not None:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_sizes
 from adaptsize._progress import silent
-from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
+from adaptsize.background import AnyMesh, CartesianGrid, PartitionedMesh, SimplexMesh
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.periodic import Periodicity
 from adaptsize.options import check_fields
@@ -54,6 +54,13 @@ class Problem:
         """The domain, as above."""
         if isinstance(self.domain, CartesianGrid):
             raise TypeError(f"a mesh is needed, got {self.domain!r}")
+        return self.domain
+
+    @property
+    def part(self) -> PartitionedMesh:
+        """The domain, as above."""
+        if not isinstance(self.domain, PartitionedMesh):
+            raise TypeError(f"a mesh in parts is needed, got {self.domain!r}")
         return self.domain
 
     @property

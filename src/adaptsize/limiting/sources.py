@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -148,7 +148,7 @@ class SizeSources:
                 places = points[inside]
                 if field.sight is not None:
                     # Walls hide points that are outside by more than rounding.
-                    domain: Any = self.background
+                    domain = self.background
                     mesh = domain if isinstance(domain, SimplexMesh) else domain.mesh
                     corners = mesh.points[around[inside]]
                     places = np.einsum("ij,ijd->id", weights[inside], corners)

@@ -62,6 +62,10 @@ class Source(Protocol):
         """
 
 
+#: What functions take as sources: one, or several.
+SourcesLike: TypeAlias = Source | SizeOfPoint | Iterable[Source | SizeOfPoint]
+
+
 def as_sources(value: Any) -> list[Source | SizeOfPoint]:
     """Return one source or function, or several, as a list.
 
@@ -349,7 +353,7 @@ def _as_curve(value: SimplexMesh | npt.ArrayLike, dim: int) -> SimplexMesh:
 
 def size_from_sources(
     background: AnyMesh | CartesianGrid | Octree,
-    sources: Source | SizeOfPoint | Iterable[Source | SizeOfPoint],
+    sources: SourcesLike,
     *,
     g: float = GRADIENT_LIMIT,
 ) -> FloatArray:
