@@ -66,7 +66,7 @@ SCRIPT = {
     "ads.limit_gradient(mesh, 1.0, 0.25, metod='exact')": 'Unexpected keyword argument "metod"',
     "sources = [ads.PointSource([0, 0], 1.0), ads.BoundarySource(1.0)]": "",
     "size_function(mesh, sources=sources)": "",
-    "size_function(mesh, sources='a.vtu')": 'Argument "sources" to "size_function" has incompatible',
+    "size_function(mesh, sources='a.vtu')": 'Argument "sources" to "size_function" has',
     "except_this: type[ValueError] = ads.errors.OptionError": "",
     "ads.sise_function": 'Module has no attribute "sise_function"',
     "from adaptsize.remeshing import remeshh": 'has no attribute "remeshh"',

@@ -15,7 +15,7 @@ from adaptsize.ranks import Ids
 from adaptsize.typing import BoolArray, IntArray
 
 
-class Part(NamedTuple):
+class RankPart(NamedTuple):
     """The part of one rank."""
 
     mesh: SimplexMesh | None
@@ -24,7 +24,7 @@ class Part(NamedTuple):
     cell_ids: Ids
 
 
-def parts_of(mesh: SimplexMesh | None, parts: npt.ArrayLike | None, size: int) -> list[Part]:
+def parts_of(mesh: SimplexMesh | None, parts: npt.ArrayLike | None, size: int) -> list[RankPart]:
     """Return the parts of a mesh for all ranks."""
     check_type("mesh", mesh, SimplexMesh)
     assert mesh is not None
@@ -52,11 +52,11 @@ def _rank_of_cells(mesh: SimplexMesh, parts: npt.ArrayLike | None, size: int) ->
     return given.astype(np.int32)
 
 
-def cut_part(mesh: SimplexMesh, rank_of: IntArray, owner: IntArray, rank: int) -> Part:
+def cut_part(mesh: SimplexMesh, rank_of: IntArray, owner: IntArray, rank: int) -> RankPart:
     """Return the part of one rank, nodes and cells in the order of the whole mesh."""
     cell_ids = np.flatnonzero(rank_of == rank)
     if len(cell_ids) == 0:
-        return Part(None, cell_ids, np.empty(0, np.int32), cell_ids)
+        return RankPart(None, cell_ids, np.empty(0, np.int32), cell_ids)
     held = owner == rank
     held[mesh.cells[cell_ids]] = True
     nodes = np.flatnonzero(held)
@@ -75,7 +75,7 @@ def cut_part(mesh: SimplexMesh, rank_of: IntArray, owner: IntArray, rank: int) -
         point_data={name: values[nodes] for name, values in mesh.point_data.items()},
         cell_data={name: values[cell_ids] for name, values in mesh.cell_data.items()},
     )
-    return Part(piece, nodes, owner[nodes], cell_ids)
+    return RankPart(piece, nodes, owner[nodes], cell_ids)
 
 
 def _are_facets(cells: IntArray, facets: IntArray, n: int) -> BoolArray:

@@ -18,7 +18,7 @@ from adaptsize.geometry.faces import Passages, twice_area
 from adaptsize.typing import FloatArray, IntArray
 
 #: What the curvature is returned for.
-Part: TypeAlias = Literal["nodes", "corners", "creases"]
+Places: TypeAlias = Literal["nodes", "corners", "creases"]
 
 #: Largest number of averages; each spreads a value by one layer of neighbours.
 MOST_TURNS = 1000
@@ -29,7 +29,7 @@ FLAT = 1e-7
 def curvature(
     boundary: SimplexMesh,
     *,
-    of: Part = "nodes",
+    of: Places = "nodes",
     crease_angle: float = CREASE_ANGLE,
     smoothing: int = 0,
 ) -> FloatArray:
@@ -119,7 +119,7 @@ def curvature(
     array([0. , 0.2, 0.2, 0. , 0. ])
     """
     boundary = as_mesh("boundary", boundary)
-    one_of("of", of, get_args(Part))
+    one_of("of", of, get_args(Places))
     if (boundary.cell_dim, boundary.dim) not in {(1, 2), (1, 3), (2, 3)}:
         raise ValueError(
             "boundary must consist of triangles in 3-D, or of segments in 2-D or 3-D, "

@@ -14,7 +14,7 @@ from adaptsize.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from adaptsize.limiting.exact import ExactSolution
-    from adaptsize.limiting.exact.scheme import Part
+    from adaptsize.limiting.exact.scheme import SolvedComponent
     from adaptsize.limiting.gradient_limit import SizeTransform
 
 # Points per batch; Ctrl-C takes effect between batches.
@@ -43,7 +43,7 @@ class SizeSources:
     """float64[n_points]: h0; transformed if g depends on h."""
     limited: FloatArray
     """float64[n_points]: the limited sizes; transformed if g depends on h."""
-    parts: list[Part] = field(default_factory=list)
+    parts: list[SolvedComponent] = field(default_factory=list)
     """The sources in each component of the domain."""
     transform: SizeTransform | None = None
 

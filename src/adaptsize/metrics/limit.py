@@ -18,7 +18,7 @@ from adaptsize.background._curve import along_curve, boxes_over
 from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics.algebra import AS_UNBOUNDED, UNBOUNDED, power_of_two
 from adaptsize.metrics.metric import Metric
-from adaptsize.metrics.plane import Walls, around_corners, walls_of
+from adaptsize.metrics.plane import PlaneDomain, around_corners, plane_domain_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
 
@@ -201,7 +201,7 @@ def _sources_of(field: _Field, nodes: IntArray) -> Sources:
 
 
 def _survivors_of(
-    field: _Field, nodes: IntArray, g: float, workers: Workers, walls: Walls | None
+    field: _Field, nodes: IntArray, g: float, workers: Workers, domain: PlaneDomain | None
 ) -> Sources:
     """Return the sources among the nodes that no single other one dominates."""
     sources = _sources_of(field, nodes)
@@ -209,16 +209,16 @@ def _survivors_of(
     by = np.empty(len(sources.number), np.int32)
 
     def task(first: int, last: int) -> None:
-        view = None if walls is None else walls.view()
+        view = None if domain is None else domain.view()
         kernels.find_dominating((0,) * dim, first, last, sources, g, by, new_scratch(dim), view)
 
     workers.part(0.0, 0.1).in_chunks(task, len(by))
     return _sources_of(field, np.sort(sources.number[by < 0]))
 
 
-def _with_corners(sources: Sources, points: FloatArray, g: float, walls: Walls) -> Sources:
+def _with_corners(sources: Sources, points: FloatArray, g: float, domain: PlaneDomain) -> Sources:
     """Return sources together with the metrics that come to corners."""
-    h, r, nodes = around_corners(points, sources, g, walls)
+    h, r, nodes = around_corners(points, sources, g, domain)
     h, r = np.concatenate([sources.h, h]), np.concatenate([sources.r, r])
     nodes = np.concatenate([sources.number, nodes])
     which = np.arange(len(nodes), dtype=np.int32)
@@ -239,20 +239,20 @@ def _limited(
     finite, found = np.where(np.isfinite(h), h / scale, UNBOUNDED), np.array(r, order="C")
     active = np.zeros(len(h), np.int32)
     places = points / scale
-    walls = None if mesh is None else walls_of(SimplexMesh(places, mesh.cells))
+    domain = None if mesh is None else plane_domain_of(SimplexMesh(places, mesh.cells))
     scaled = _Field(places, finite, found)
-    sources = _survivors_of(scaled, bounded, g, workers, walls)
+    sources = _survivors_of(scaled, bounded, g, workers, domain)
     dominated = np.ones(len(h), np.bool_)
     dominated[sources.number] = False
     finite[dominated] = UNBOUNDED  # these bounds have no effect
     n_sources = len(sources.number)
-    if walls is not None:
-        sources = _with_corners(sources, places, g, walls)
+    if domain is not None:
+        sources = _with_corners(sources, places, g, domain)
     axes = (0,) * points.shape[1]
     order = along_curve(places)
 
     def task(first: int, last: int) -> None:
-        scratch, view = new_scratch(len(axes)), None if walls is None else walls.view()
+        scratch, view = new_scratch(len(axes)), None if domain is None else domain.view()
         kernels.limit_metrics(
             axes, places, order, first, last, sources, g, finite, found, active, scratch, view
         )

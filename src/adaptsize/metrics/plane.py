@@ -22,7 +22,7 @@ _GUESSES = 64
 _EQUAL = 1.0 - 1e-12
 
 
-class Walls(NamedTuple):
+class PlaneDomain(NamedTuple):
     """A plane domain that is not convex."""
 
     sight: Sight
@@ -36,7 +36,7 @@ class Walls(NamedTuple):
         return new_view(self.sight, self.rows)
 
 
-def walls_of(mesh: SimplexMesh) -> Walls | None:
+def plane_domain_of(mesh: SimplexMesh) -> PlaneDomain | None:
     """Return the domain of triangles in the plane; None if it is convex."""
     boundary = flat_boundary(mesh)
     if len(boundary.facets) == 0 or is_convex(mesh.points, boundary):
@@ -45,20 +45,20 @@ def walls_of(mesh: SimplexMesh) -> Walls | None:
     rows = np.full(mesh.n_points, -1, np.int32)
     rows[: len(found.rows)] = found.rows
     plane = plane_of(mesh.points, found)
-    return Walls(plane.sight, read_only(rows), np.asarray(plane.nodes, np.int32))
+    return PlaneDomain(plane.sight, read_only(rows), np.asarray(plane.nodes, np.int32))
 
 
 def around_corners(
-    points: FloatArray, sources: Sources, g: float, walls: Walls
+    points: FloatArray, sources: Sources, g: float, domain: PlaneDomain
 ) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return sizes and directions with which sources come to corners, and the corners, int32[k].
 
     The growth is isotropic, so that a metric keeps its directions around a corner, and only the
     length of the path counts.  What another metric dominates at a corner, it dominates behind it.
     """
-    corners, dim = walls.corners, points.shape[1]
+    corners, dim = domain.corners, points.shape[1]
     n = len(corners)
-    view, scratch = walls.view(), new_scratch(dim)
+    view, scratch = domain.view(), new_scratch(dim)
     seen = np.empty((n, n), np.bool_)
     fill_seen(points, corners.astype(np.int64), view, seen)
     between = np.linalg.norm(points[corners, None] - points[None, corners], axis=2)

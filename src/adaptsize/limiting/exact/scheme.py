@@ -62,7 +62,7 @@ UNFINISHED = (
 )
 
 
-class Part(NamedTuple):
+class SolvedComponent(NamedTuple):
     """A component of the domain and its solution."""
 
     nodes: IntArray | slice
@@ -74,7 +74,7 @@ class Part(NamedTuple):
 class ExactSolution(Solution):
     """Limited sizes, their sources, and which sizes are proved exact."""
 
-    parts: list[Part] = field(default_factory=list)
+    parts: list[SolvedComponent] = field(default_factory=list)
     """Components with a bound."""
     n_proved: int
     """Number of nodes whose size is proved exact."""
@@ -150,13 +150,15 @@ class Exact(Scheme):
         if isinstance(domain, CartesianGrid):
             g, workers = problem.slope.number(self.name), Workers.of(self.threads, problem.report)
             nodes = ConvexNodes(domain, h0.ravel(), g, workers, extra)
-            return as_solution(h0, [Part(slice(None), _on_convex_nodes(nodes))])
+            return as_solution(h0, [SolvedComponent(slice(None), _on_convex_nodes(nodes))])
         component = self._component(problem, domain, h0)._replace(extra=extra)
         component, boundary, all_used = _prepared(component)
         convex = is_convex(domain.points, boundary)
         if not (all_used and (convex or is_connected(domain))):
             return self._by_components(PartitionedMesh.from_serial(domain), problem)
-        return as_solution(h0, [Part(slice(None), solve_on_mesh(component, boundary, convex))])
+        return as_solution(
+            h0, [SolvedComponent(slice(None), solve_on_mesh(component, boundary, convex))]
+        )
 
     def _on_surface(self, domain: AnyMesh, problem: Problem) -> ExactSolution:
         """Solve on triangles in space."""
@@ -177,7 +179,7 @@ class Exact(Scheme):
         return ExactSolution(
             found.h,
             found.n_sources,
-            parts=[Part(slice(None), whole)],
+            parts=[SolvedComponent(slice(None), whole)],
             n_proved=n_proved,
             largest_gap=found.gap,
         )
@@ -216,7 +218,7 @@ class Exact(Scheme):
                 boundary = flat_boundary(piece.mesh, component.workers.threads)
                 convex = is_convex(piece.mesh.points, boundary)
                 found = solve_on_mesh(component, boundary, convex)
-            parts.append(Part(piece.nodes, found))
+            parts.append(SolvedComponent(piece.nodes, found))
         solution = as_solution(problem.h0, parts)
         finished = ranks.allreduce(int(not solution.unfinished), "min")
         return solution if finished else replace(solution, unfinished=UNFINISHED)
@@ -301,7 +303,7 @@ def _inside(background: SimplexMesh | CartesianGrid, given: PointBounds | None) 
     return Extra.of(given, np.flatnonzero(inside).astype(np.int32), background.n_points)
 
 
-def as_solution(h0: FloatArray, parts: list[Part]) -> ExactSolution:
+def as_solution(h0: FloatArray, parts: list[SolvedComponent]) -> ExactSolution:
     """Return the solution composed of those of the components; elsewhere bounds are kept."""
     flat = h0.ravel().copy()
     n_hidden, gap, n_entries = 0, 0.0, 0
@@ -393,7 +395,9 @@ def _with_images(
         span = slice(first, first + len(points.places))
         field.lower_by_last(points, h[span], source[span], workers)
     h = periodicity.least(h)  # rounding may differ between paired nodes
-    return as_solution(solution.h, [Part(slice(None), ComponentSolution(h, source, field))])
+    return as_solution(
+        solution.h, [SolvedComponent(slice(None), ComponentSolution(h, source, field))]
+    )
 
 
 def _images(found: ComponentSolution, periodicity: Periodicity) -> Entries | None:
