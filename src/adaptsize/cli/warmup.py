@@ -78,8 +78,8 @@ def compile_last() -> None:
 
     threading.Thread(target=end_with_caller, daemon=True).start()
     warnings.simplefilter("ignore")
-    _worst_cells()
-    _distances()
+    for task in _LAST:
+        task()
 
 
 @command()
@@ -201,6 +201,8 @@ def _distances() -> None:
     distances_from(skin, skin.moved(1.1 * skin.points))
 
 
+#: What `remesh` compiles last, that which takes longest first.
+_LAST = (_worst_cells, _distances)
 _TASKS: dict[str, Callable[[], None]] = {
     "worst cells": _worst_cells,
     "surfaces": _surface,
