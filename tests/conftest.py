@@ -39,11 +39,12 @@ def pytest_collection_finish():
     gc.freeze()
 
 
-#: Folders whose tests compile most, those about limiting first and those about remeshing last.
+#: Folders whose tests compile most: those about limiting first, those about remeshing last.  Files
+#: that take a minute stand before small ones, so that no process is left with one at the end.
 _FIRST = ("limiting", "laws", "order", "distributed", "kernels", "metrics", "background")
 _LAST = (
-    *("examples", "test_docs.py", "cli", "plot", "quality", "sizes", "adaptation", "geometry"),
-    *("domain_size", "remeshing"),
+    *("examples", "plot", "cli", "attack", "test_types.py", "benchmarks", "test_docs.py"),
+    *("quality", "sizes", "adaptation", "geometry", "domain_size", "remeshing"),
 )
 
 
