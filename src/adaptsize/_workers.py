@@ -1,9 +1,15 @@
-"""Threads that process points in chunks."""
+"""Threads that process points in chunks.
+
+They are started once in a process, which takes longer than many a query.
+"""
 
 from __future__ import annotations
 
+import os
+import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor, as_completed, wait
+from functools import cache
 from typing import NamedTuple
 
 import numba
@@ -14,6 +20,21 @@ from adaptsize.typing import ProgressCallback
 # Points per chunk, some milliseconds; Ctrl-C takes effect between chunks.  Kernels process blocks
 # of 32.
 _CHUNK = 512 * 32
+
+_of_thread = threading.local()
+
+
+def _mark_worker() -> None:
+    _of_thread.is_worker = True
+
+
+@cache
+def _pool_of(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, "adaptsize", _mark_worker)
+
+
+if hasattr(os, "register_at_fork"):  # a new process has none of the threads
+    os.register_at_fork(after_in_child=_pool_of.cache_clear)
 
 
 class Workers(NamedTuple):
@@ -45,20 +66,38 @@ class Workers(NamedTuple):
         """Run ``task(first, last)`` on chunks of 0..n - 1, of ``step`` items.
 
         Tasks release the interpreter lock and write to disjoint memory.  An exception, also one in
-        the report, stops the work after the chunks that have begun.
+        the report, stops the work after the chunks that have begun.  Tasks that come here
+        themselves do all in their own thread: others may all wait for such tasks.
         """
         chunks = [(first, min(first + step, n)) for first in range(0, n, step)]
-        if self.threads == 1 or len(chunks) < 2:
+        if self.threads == 1 or len(chunks) < 2 or getattr(_of_thread, "is_worker", False):
             for first, last in chunks:
                 task(first, last)
                 self.report(text, last / n)
             return
-        with ThreadPoolExecutor(min(self.threads, len(chunks))) as pool:
-            try:
-                waiting = [pool.submit(task, *chunk) for chunk in chunks]
-                for count, done in enumerate(as_completed(waiting), 1):
-                    done.result()
-                    self.report(text, count / len(chunks))
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+        pool, waiting = _pool_of(self.threads), []
+        try:
+            waiting += [pool.submit(task, *chunk) for chunk in chunks]
+            for count, done in enumerate(as_completed(waiting), 1):
+                done.result()
+                self.report(text, count / len(chunks))
+        except BaseException:
+            for chunk_left in waiting:
+                chunk_left.cancel()
+            wait(waiting)
+            raise
+
+
+def in_all_threads(
+    task: Callable[[int, int], object],
+    n: int,
+    step: int,
+    text: str = "",
+    report: ProgressCallback = silent,
+) -> None:
+    """Run ``task(first, last)`` on chunks of 0..n - 1 by all threads that numba may use.
+
+    See `Workers.in_chunks`.  Chunks are the same for any number of threads.
+    """
+    workers = Workers.of(None if n > step else 1, report)
+    workers.in_chunks(task, n, step, text)

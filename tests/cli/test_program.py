@@ -1,5 +1,6 @@
 """The program: exit codes and streams, interruption, compilation, and what it imports."""
 
+import atexit
 import os
 import signal
 import subprocess
@@ -10,8 +11,10 @@ from pathlib import Path
 import numba
 import pytest
 from command_line import call
+from numba.core import event
 
-from adaptsize.cli import entry
+import adaptsize as ads
+from adaptsize.cli import entry, warmup
 
 DATA = Path(__file__).parents[2] / "data"
 
@@ -137,6 +140,44 @@ def test_warmup_compiles_for_all_kinds_of_domains_and_says_what_it_did(capfd):
     assert "compiled" in printed.out
     folder = printed.out.strip().rpartition("the cache is ")[2]
     assert numba.config.DISABLE_JIT or list(Path(folder).glob("*.nbi"))
+
+
+class Names(event.Listener):
+    """Kernels that are compiled."""
+
+    def __init__(self):
+        self.found = []
+
+    def on_start(self, started):
+        self.found.append(started.data["dispatcher"].py_func.__name__)
+
+    def on_end(self, ended):
+        pass
+
+
+def test_the_second_process_compiles_only_what_remesh_needs(tmp_path):
+    whole = ads.CartesianGrid([0.0] * 3, 1.0, (5, 4, 4)).mesh
+    middle = whole.points[whole.cells].mean(axis=1)
+    notched = ads.SimplexMesh(whole.points, whole.cells[~(middle[:, :2] > 1.0).all(axis=1)])
+    ads.write(tmp_path / "part.stl", notched.boundary().mesh)
+    out = tmp_path / "out.vtu"
+    assert call("remesh", tmp_path / "part.stl", "-o", out, "--max-elements", "2000") == 0
+    names = Names()
+    with event.install_listener("numba:compile", names):
+        for task in warmup._LAST:
+            task()
+    assert names.found == []
+
+
+def test_the_second_process_ends_when_the_first_one_does(monkeypatch):
+    started = []
+    monkeypatch.setattr(atexit, "register", lambda end, child: started.append((end, child)))
+    warmup._start_another()
+    assert len(started) == (len(os.sched_getaffinity(0)) > 1)
+    for end, child in started:
+        child.stdin.close()  # as the end of a process does
+        assert child.wait(timeout=60) in (0, 1)
+        end(child)
 
 
 def test_ctrl_c_during_the_imports_gives_no_traceback(tmp_path):

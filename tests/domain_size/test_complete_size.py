@@ -268,9 +268,9 @@ def test_sources_may_come_from_a_generator():
 @pytest.mark.parametrize(
     "source",
     [
-        PointSource([0.0, 0.0], 5e-4), CurveSource([[-0.5, 0.0], [0.5, 0.0]], 5e-4),
-        BoundarySource(5e-4), RegionSource(1, 5e-4), BoxSource([-0.3, -0.3], [0.3, 0.3], 5e-4),
-        BallSource([0.0, 0.0], 0.3, 5e-4),
+        PointSource([0.0, 0.0], 2e-3), CurveSource([[-0.5, 0.0], [0.5, 0.0]], 2e-3),
+        BoundarySource(2e-3), RegionSource(1, 2e-3), BoxSource([-0.3, -0.3], [0.3, 0.3], 2e-3),
+        BallSource([0.0, 0.0], 0.3, 2e-3),
     ],
 )  # fmt: skip
 def test_the_default_of_hmin_raises_no_prescribed_size(source):
@@ -278,5 +278,5 @@ def test_the_default_of_hmin_raises_no_prescribed_size(source):
     square = SimplexMesh(square.points, square.cells, cell_tags=np.ones(square.n_cells, int))
     options = {"sources": source, "max_elements": np.inf}
     size = size_function(square, **options)
-    assert size.values.min() == size.report.hmin == 5e-4 < 1e-3 * square.diameter
+    assert size.values.min() == size.report.hmin == 2e-3 < 1e-3 * square.diameter
     assert size_function(square, hmin=0.01, **options).values.min() == 0.01

@@ -29,6 +29,7 @@ from numba.core import event
 from numba.core.runtime.nrt import rtsys
 
 from adaptsize._kernels.linking import OF_KERNELS, OF_PARTS
+from adaptsize._kernels.turns import one_after_the_other
 from adaptsize._kernels.typing_memory import remembered_types, without_signals
 
 _njit: Any = njit  # numba's annotations leave out its options about wrappers
@@ -154,6 +155,7 @@ def _cached(**options: Any) -> Callable[[Any], Any]:
             index._source_stamp = (index._source_stamp, _state_of(beside))
             _refuse_damaged_files(index)
             _load_without_compiler(files)
+            one_after_the_other(dispatcher, files, index)
         return dispatcher
 
     return decorate

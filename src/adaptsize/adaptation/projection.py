@@ -31,6 +31,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from adaptsize._kernels.simplex import add_mass
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.ranks import SharedNodes
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -148,7 +149,7 @@ class Projection:
     def _rest(self, load: FloatArray, found: FloatArray) -> FloatArray:
         """Return the preconditioned residual."""
         product = np.zeros_like(found)
-        add_mass(self.cells, self._share, found, product)
+        add_mass(read_only(self.cells), self._share, found, product)
         rest: FloatArray = load - self.shared.merge(product, np.add)
         rest *= self._inverse[:, None]
         return rest

@@ -15,6 +15,7 @@ from adaptsize._checks import as_float_array, as_points
 from adaptsize._kernels.interpolate import interpolate
 from adaptsize._kernels.location import Located, list_within, locate, locate_in_ranges
 from adaptsize._kernels.trees import new_stack
+from adaptsize._workers import in_all_threads
 from adaptsize.background._curve import along_curve, tree_over
 from adaptsize.typing import FloatArray, IntArray, LongArray
 
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
 # Squares of coordinates must stay in the range of float64.
 _FARTHEST = 1e150
+# Points per chunk of a thread: some milliseconds in the mesh.
+_CHUNK = 2048
 
 
 def parts_of(n: int, step: int = 256) -> Iterator[tuple[int, int]]:
@@ -172,9 +175,12 @@ class SimplexLocator(Locator):
         found = Located(np.empty(n, np.int32), np.empty((n, mesh.cell_dim + 1)), np.empty(n))
         # Sorting queries along a space-filling curve pays once they outgrow the cache.
         order = along_curve(queries).astype(np.int64) if n >= 2000 else np.arange(n)
-        full, stack = mesh.cell_dim == mesh.dim >= 2, new_stack()
-        for first, last in parts_of(n):
-            locate(self.tree, full, queries, order[first:last], stack, found)
+        full = mesh.cell_dim == mesh.dim >= 2
+
+        def task(first: int, last: int) -> None:
+            locate(self.tree, full, queries, order[first:last], new_stack(), found)
+
+        in_all_threads(task, n, _CHUNK)
         return self.cell_of_row[found.cell], found.weights, found.distance / self.scale
 
     def within(self, points: npt.ArrayLike, reach: npt.ArrayLike) -> tuple[LongArray, IntArray]:

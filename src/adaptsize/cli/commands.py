@@ -88,7 +88,7 @@ def options(
     For example, "adaptsize remesh part.stl -o part.vtu" fills a surface with graded tetrahedra.
     "adaptsize COMMAND -h" lists the options of a command.
     """
-    announce_compilation(context.obj)
+    announce_compilation(context.obj, context.invoked_subcommand)
 
 
 @command(

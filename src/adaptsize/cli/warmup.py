@@ -1,21 +1,33 @@
-"""``adaptsize warmup``: compile the kernels before they are needed."""
+"""``adaptsize warmup``: compile the kernels before they are needed.
 
+A first ``remesh`` compiles for half a minute.  The kernels that it needs last are compiled in a
+second process meanwhile, which shares the cache (`_kernels/turns.py`).
+"""
+
+import atexit
 import multiprocessing
 import os
+import subprocess
+import sys
+import tempfile
+import threading
 import time
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
 
+from adaptsize import _children
 from adaptsize.cli.console import Console
 from adaptsize.cli.options import command
 
 _said = False
+#: The commands for which a second process compiles.
+_WITH_ANOTHER = ("remesh",)
 
 
-def announce_compilation(console: Console) -> None:
-    """Print one line when the first kernel of this process is compiled."""
+def announce_compilation(console: Console, name: str | None) -> None:
+    """Print one line when the first kernel of this process is compiled, for the named command."""
     from numba.core import event
 
     class First(event.Listener):
@@ -26,6 +38,8 @@ def announce_compilation(console: Console) -> None:
                     "compiling kernels; this happens once and takes up to a minute "
                     "(adaptsize warmup)"
                 )
+                if name in _WITH_ANOTHER:
+                    _start_another()
             _said = True
 
         def on_end(self, _event: event.Event) -> None:
@@ -33,6 +47,39 @@ def announce_compilation(console: Console) -> None:
 
     if not _said:
         event.register("numba:compile", First())
+
+
+def _start_another() -> None:
+    """Start a process that compiles, and ends with this one, if there is a core for it."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    cores = len(affinity(0)) if affinity else os.cpu_count() or 1
+    if cores < 2 or sys.platform == "win32":  # which has no locks of files as here
+        return
+    program = _children.isolated(f"from {__name__} import compile_last; compile_last()")
+    nothing = subprocess.DEVNULL
+    try:
+        child = _children.start(program, tempfile.gettempdir(), stdout=nothing, stderr=nothing)
+    except OSError:  # no memory, or no more processes
+        return
+    atexit.register(_end, child)
+
+
+def _end(child: "subprocess.Popen[bytes]") -> None:
+    child.kill()
+    child.communicate()
+
+
+def compile_last() -> None:
+    """Compile what `remesh` needs after the generator, until the standard input is closed."""
+
+    def end_with_caller() -> None:
+        sys.stdin.buffer.read()
+        os._exit(1)
+
+    threading.Thread(target=end_with_caller, daemon=True).start()
+    warnings.simplefilter("ignore")
+    for task in _LAST:
+        task()
 
 
 @command()
@@ -145,6 +192,17 @@ def _worst_cells() -> None:
     repaired(mesh.moved(points), mesh, 0.1)
 
 
+def _distances() -> None:
+    """Measure the distance of a surface from another."""
+    import adaptsize as ads
+    from adaptsize.quality.boundary import distances_from
+
+    skin = ads.CartesianGrid([0.0] * 3, 1.0, (3, 3, 3)).mesh.boundary().mesh
+    distances_from(skin, skin.moved(1.1 * skin.points))
+
+
+#: What `remesh` compiles last, that which takes longest first.
+_LAST = (_worst_cells, _distances)
 _TASKS: dict[str, Callable[[], None]] = {
     "worst cells": _worst_cells,
     "surfaces": _surface,

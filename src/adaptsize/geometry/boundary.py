@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from adaptsize._kernels import flat_boundary as kernels
 from adaptsize.background import SimplexMesh
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import have_different_nodes, roots_of, unique_rows
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -103,7 +104,7 @@ def _sums(points: FloatArray, cells: IntArray, threads: int) -> tuple[npt.NDArra
     n, m = len(points), len(cells)
     axes = (0,) * points.shape[1]
     # Smallest number of cells for a second thread.
-    parts = np.array_split(cells, 1 if m < 100_000 else threads)
+    parts = np.array_split(read_only(cells), 1 if m < 100_000 else threads)
     sums = np.zeros((len(parts), n), np.uint64)
 
     def add(part: IntArray, own: npt.NDArray[np.uint64]) -> int:
@@ -125,7 +126,7 @@ def _facets_at(
         rows = np.empty((room, points.shape[1]), np.int32)
         side, cell = np.empty(room, np.int8), np.empty(room, np.int32)
         axes = (0,) * points.shape[1]
-        count = kernels.list_facets(points, axes, cells, marked, rows, side, cell)
+        count = kernels.list_facets(points, axes, read_only(cells), marked, rows, side, cell)
         if count <= room:
             return rows[:count], side[:count], cell[:count]
         room = count

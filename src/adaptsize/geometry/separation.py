@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
-from typing import NamedTuple
+from functools import cached_property, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from adaptsize._defaults import CORNER_ANGLE, CREASE_ANGLE, TOLERANCE
 from adaptsize._kernels import separation as kernels
 from adaptsize._kernels.trees import Tree
 from adaptsize._progress import reporting
+from adaptsize._workers import Workers
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import tree_over
 from adaptsize.background.topology import rows_among
@@ -22,8 +23,8 @@ from adaptsize.geometry.walls import Walls
 from adaptsize.geometry.width import check_boundary
 from adaptsize.typing import FloatArray, IndexArray, IntArray, ProgressCallback
 
-# A compiled loop cannot be interrupted; one call of it processes this many points.
-_POINTS_PER_CALL = 20_000
+# Points per chunk of a thread.  A compiled loop cannot be interrupted.
+_POINTS_PER_CALL = 2048
 
 
 class FeaturePoints(NamedTuple):
@@ -208,10 +209,10 @@ class Separation:
             queries = kernels.Queries(
                 which.places, (first_item, items), ends.astype(np.int32), end_places, sine, *sectors
             )
-            for first in range(0, n, _POINTS_PER_CALL):
-                part = (first, min(first + _POINTS_PER_CALL, n))
-                kernels.lower_separations(elements, queries, self.walls.tree, part, distances)
-                report("separation", (number + first / n) / 3.0)
+            given = (elements, queries, self.walls.tree)
+            task = partial(_lower, given, distances)
+            workers = Workers.of(None, report).part(number / 3.0, (number + 1.0) / 3.0)
+            workers.in_chunks(task, n, _POINTS_PER_CALL, "separation")
         return distances
 
     @cached_property
@@ -325,3 +326,7 @@ def _chosen(at_corner: Lists, on_curve: Lists, node: IndexArray, curve: IndexArr
     m, more = on_curve.of_each(curve[curves])
     owners = np.concatenate([corners[k], curves[m]])
     return Lists.of(owners, np.concatenate([items, more]), len(node))
+
+
+def _lower(given: tuple[Any, ...], distances: FloatArray, first: int, last: int) -> None:
+    kernels.lower_separations(*given, (first, last), distances)

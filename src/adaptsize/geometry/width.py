@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -15,8 +15,8 @@ from adaptsize._defaults import CORNER_ANGLE, CREASE_ANGLE
 from adaptsize._kernels import rays as kernels
 from adaptsize._kernels.distance import fill_closest
 from adaptsize._progress import reporting
+from adaptsize._workers import in_all_threads
 from adaptsize.background import SimplexMesh
-from adaptsize.background.location import parts_of
 from adaptsize.background.simplex import as_mesh
 from adaptsize.background.topology import components_of, pairs_of_cells
 from adaptsize.geometry import tuning
@@ -226,9 +226,8 @@ class Width:
                 starts[going], directions, self.faces.face[cells[going]], reach[going],
                 np.empty(n), np.empty(n, np.bool_), np.empty(n),
             )  # fmt: skip
-            for first, last in parts_of(n, 4096):
-                kernels.shoot(self.walls.tree, self._rule, rays, first, last)
-                report("width", last / n)
+            shoot = partial(kernels.shoot, self.walls.tree, self._rule, rays)
+            in_all_threads(shoot, n, 4096, "width", report)
             leaves, stops, widths[going] = rays.leaves, rays.stops, rays.widths
             left = np.flatnonzero(np.isfinite(leaves) & ~stops)
             beyond = starts[going[left]] + leaves[left, None] * directions[left]

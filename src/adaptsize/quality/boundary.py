@@ -7,9 +7,10 @@ import numpy as np
 from adaptsize._checks import place_text
 from adaptsize._kernels.farthest import SHARE, find_farthest, new_pieces
 from adaptsize._kernels.trees import new_stack
+from adaptsize._workers import in_all_threads
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import interfaces
-from adaptsize.background.location import in_space, parts_of
+from adaptsize.background.location import in_space
 from adaptsize.background.topology import compacted, components_of
 from adaptsize.geometry.distance.orientation import is_cycle
 from adaptsize.geometry.distance.winding import WindingNumber
@@ -19,6 +20,8 @@ from adaptsize.typing import BoolArray, FloatArray
 
 #: Distances below this share of the diagonal are not looked at more closely.
 _NOTHING = 1e-6
+#: A facet takes up to a millisecond.
+_FACETS_PER_CALL = 256
 
 
 class Distances(NamedTuple):
@@ -206,11 +209,13 @@ def farthest_places(skin: SimplexMesh, other: SimplexMesh, enough: float) -> Far
     facets = in_space(skin.points[skin.cells].reshape(-1, skin.dim) * locator.scale)
     n = skin.n_cells
     found = np.empty((n, 5))
-    stack, pieces, corners = new_stack(), new_pieces(), facets.reshape(n, k, 3)
-    for first, last in parts_of(n):
-        find_farthest(
-            locator.tree, corners, first, last, enough * locator.scale, stack, pieces, found
-        )
+    corners, near = facets.reshape(n, k, 3), enough * locator.scale
+
+    def task(first: int, last: int) -> None:
+        scratch = new_stack(), new_pieces()
+        find_farthest(locator.tree, corners, first, last, near, *scratch, found)
+
+    in_all_threads(task, n, _FACETS_PER_CALL)
     found /= locator.scale
     # Facets with too many pieces count with what is certain.
     left = found[:, 4] > (1.0 + 2.0 * SHARE) * np.maximum(found[:, 3], enough)

@@ -4,6 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels.smoothing import fill_quality
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.remeshing import tuning
 from adaptsize.typing import FloatArray, IntArray
 
@@ -35,5 +36,5 @@ def worst_of_nodes(points: FloatArray, cells: IntArray) -> FloatArray:
 def quality_of(points: FloatArray, cells: IntArray) -> FloatArray:
     """Return the quality of each cell."""
     quality = np.empty(len(cells))
-    fill_quality(points, cells, quality)
+    fill_quality(read_only(points), read_only(cells), quality)
     return quality

@@ -4,14 +4,16 @@ import numpy as np
 
 from adaptsize._kernels.trees import new_stack
 from adaptsize._kernels.winding import N_MOMENTS, fill_moments, wind
+from adaptsize._progress import silent
+from adaptsize._workers import in_all_threads
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import tree_over
 from adaptsize.background.location import in_space
 from adaptsize.geometry import tuning
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
-# Points between two progress reports: about 0.2 s.
-_CHUNK = 50_000
+# Points per chunk of a thread: some 10 ms.
+_CHUNK = 2048
 
 
 class WindingNumber:
@@ -47,15 +49,12 @@ class WindingNumber:
         queries = in_space(points)
         n = len(queries)
         numbers = np.empty(n)
-        stack = new_stack().box
-        for first in range(0, n, _CHUNK):
-            last = min(first + _CHUNK, n)
-            wind(
-                self._tree, self._moments, tuning.FAR, queries[first:last], stack,
-                numbers[first:last],
-            )  # fmt: skip
-            if report is not None:
-                report("sign", last / n)
+
+        def task(first: int, last: int) -> None:
+            stack, own = new_stack().box, numbers[first:last]
+            wind(self._tree, self._moments, tuning.FAR, queries[first:last], stack, own)
+
+        in_all_threads(task, n, _CHUNK, "sign", report or silent)
         return numbers
 
     def contains(self, points: FloatArray, report: ProgressCallback | None = None) -> BoolArray:

@@ -9,6 +9,7 @@ import numpy as np
 from adaptsize._kernels.space_paths import Edges
 from adaptsize._kernels.space_sight import Sight, Stars, Walls
 from adaptsize.background._curve import along_curve, boxes_over
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import components_of, places_among
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.convexity import Ridges
@@ -82,7 +83,7 @@ def _stars_at(points: FloatArray, cells: IntArray, nodes: IntArray) -> Stars:
     star = star[np.argsort(row, kind="stable"), 1:]
     first = np.zeros(len(nodes) + 1, np.int32)
     first[1:] = np.cumsum(np.bincount(row, minlength=len(nodes)))
-    return Stars(points, rows, first, np.ascontiguousarray(star))
+    return Stars(read_only(points), rows, first, np.ascontiguousarray(star))
 
 
 class _Ridges(NamedTuple):

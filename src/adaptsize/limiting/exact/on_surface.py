@@ -161,7 +161,7 @@ def _merged(whole: _Canonical, surface: fans.Surface, h0: FloatArray) -> _Canoni
     every = np.arange(len(sides))
     pairs = np.column_stack([rows[every, (k == 0) * 1], rows[every, 2 - (k == 2)]])
     parent = np.arange(len(whole.first), dtype=np.int32)
-    join_cells(np.ascontiguousarray(pairs), parent)
+    join_cells(read_only(np.ascontiguousarray(pairs)), parent)
     kept, inverse = np.unique(parent, return_inverse=True)
     number: IntArray = inverse.astype(np.int32)
     n = len(kept)
@@ -271,7 +271,7 @@ def _least(whole: _Canonical, h0: FloatArray, held: _Held | None) -> FloatArray:
     So lengths are not lost to rounding beside sizes that they are far below.
     """
     number = np.arange(len(whole.first), dtype=np.int32)
-    join_cells(whole.cells, number)
+    join_cells(read_only(whole.cells), number)
     least = np.full(len(number), np.inf)
     np.minimum.at(least, number, h0[whole.first])
     if held is not None:

@@ -195,9 +195,7 @@ class Network:
         size = len(places)
         order = np.arange(size - n * BLOCK, size, dtype=np.int32)
         rows = np.concatenate([self.sight.stars.rows, np.full(n * BLOCK, -1, np.int32)])
-        if not self.sight.stars.points.flags.writeable:  # else the kernel is compiled again
-            places = read_only(places)
-        stars = self.sight.stars._replace(points=places, rows=rows)
+        stars = self.sight.stars._replace(points=read_only(places), rows=rows)
         hints = np.full(size, -1, np.int32)
         hints[order] = np.repeat(paths.parent[which], BLOCK)
         found = Field(np.full(size, np.inf), np.full(size, -1, np.int32), np.empty((size, 3)))

@@ -1,0 +1,94 @@
+"""Queries by several threads: the same results bit for bit, and no work after an exception."""
+
+import threading
+import time
+
+import numba
+import numpy as np
+import pytest
+
+import adaptsize as ads
+from adaptsize._workers import Workers, in_all_threads
+from adaptsize.geometry.distance.winding import WindingNumber
+from adaptsize.geometry.separation import boundary_separation
+from adaptsize.geometry.width import boundary_width
+from adaptsize.quality.boundary import farthest_places
+
+
+@pytest.fixture(scope="module")
+def surface():
+    """A ball of cubes, whose boundary has thousands of facets and feature edges."""
+    grid = ads.CartesianGrid([-1.0] * 3, 0.1, (21,) * 3)
+    middle = grid.mesh.points[grid.mesh.cells].mean(axis=1)
+    ball = ads.SimplexMesh(grid.mesh.points, grid.mesh.cells[np.linalg.norm(middle, axis=1) < 0.9])
+    return ball.boundary().mesh
+
+
+def results(surface):
+    points = np.random.default_rng(3).uniform(-1.0, 1.0, (5000, 3))
+    cells, weights, distances = surface.locator.nearest(points)
+    separation = boundary_separation(surface)
+    far = farthest_places(surface, surface.moved(1.01 * surface.points), 0.0)
+    winding = WindingNumber(surface)(points)
+    width = boundary_width(surface)
+    return [cells, weights, distances, winding, width, *separation, *far]
+
+
+def test_any_number_of_threads_gives_the_same_bit_for_bit(surface, monkeypatch):
+    found, used = {}, set()
+    in_chunks = Workers.in_chunks
+
+    def watched(self, task, n, *rest):
+        def own(first, last):
+            used.add(threading.current_thread().name)
+            return task(first, last)
+
+        return in_chunks(self, own, n, *rest)
+
+    monkeypatch.setattr(Workers, "in_chunks", watched)
+    for threads in (1, 2, 3, 8):
+        monkeypatch.setattr(numba, "get_num_threads", lambda threads=threads: threads)
+        found[threads] = [np.asarray(one).tobytes() for one in results(surface)]
+    assert len(used) > 3  # the main thread, and others
+    assert found[1] == found[2] == found[3] == found[8]
+
+
+def test_threads_are_started_once_and_by_no_task():
+    names, inner = set(), set()
+
+    def note(first, last):
+        inner.add(threading.current_thread().name)
+
+    def task(first, last):
+        names.add(threading.current_thread().name)
+        time.sleep(0.001)
+        Workers(3).in_chunks(note, 2, 1)
+
+    for _ in range(3):
+        Workers(3).in_chunks(task, 30, 1)
+    assert inner == names
+    assert len(names) <= 3
+
+
+def test_nothing_goes_on_after_an_exception():
+    begun = []
+
+    def task(first, last):
+        begun.append(first)
+        time.sleep(0.01)
+        if first == 3:
+            raise ValueError("three")
+
+    with pytest.raises(ValueError, match="three"):
+        Workers(2).in_chunks(task, 1000, 1)
+    count = len(begun)
+    assert count < 1000
+    time.sleep(0.1)
+    assert len(begun) == count
+
+
+def test_few_items_are_left_to_the_calling_thread(monkeypatch):
+    monkeypatch.setattr(numba, "get_num_threads", lambda: 8)
+    names = []
+    in_all_threads(lambda *_: names.append(threading.current_thread().name), 100, 100)
+    assert names == [threading.current_thread().name]
