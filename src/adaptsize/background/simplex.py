@@ -653,6 +653,28 @@ class SimplexMesh(ReadOnlyState):
 
         return metric_qualities(self, metric)
 
+    def sizes(self) -> FloatArray:
+        """Return the mean length of the edges at each node: the size that the mesh has there.
+
+        Returns
+        -------
+        ndarray of float64, shape (n_points,)
+            inf at nodes in no cell.  ``SizeFunction(mesh, mesh.sizes())`` is the size function that
+            the mesh follows, for instance to remesh another mesh like it, or for a `time_step`.
+
+        Examples
+        --------
+        >>> SimplexMesh([[0, 0], [1, 0], [0, 2]], [[0, 1, 2]]).sizes().round(3)
+        array([1.5  , 1.618, 2.118])
+        """
+        total, count = (
+            np.bincount(self.edges.ravel(), np.repeat(of_edge, 2), self.n_points)
+            for of_edge in (self.edge_lengths, np.ones(len(self.edges)))
+        )
+        h = np.full(self.n_points, np.inf)
+        np.divide(total, count, out=h, where=count > 0.0)
+        return h
+
     def implied_metric(self) -> Metric:
         """Return for each cell the metric in which all its edges have the length 1.
 

@@ -15,6 +15,7 @@ from adaptsize.sizes.sources import (
     RegionSource,
     size_from_sources,
 )
+from adaptsize.sizes.time_step import time_step
 
 __all__ = [
     "BallSource",
@@ -33,5 +34,6 @@ __all__ = [
     "size_from_hessian",
     "size_from_separation",
     "size_from_sources",
+    "time_step",
     "zz_indicator",
 ]
