@@ -5,8 +5,8 @@ import pytest
 from meshes import jittered_cube, jittered_square
 from numpy.testing import assert_array_equal
 
-from adaptsize import ElementField, QuadratureField, SimplexMesh, adapt, element_nodes
-from adaptsize.adaptation import read_state, write_state
+from adaptsize import ElementField, SimplexMesh, adapt
+from adaptsize.adaptation import LoopState
 from adaptsize.errors import MeshFileError
 
 SEED = 52119
@@ -38,16 +38,16 @@ def assert_same(one, other):
 
 def test_mesh_and_fields_come_back(tmp_path):
     mesh = tagged(jittered_square(5, SEED))
-    values = np.exp(1j * element_nodes(mesh, 2))
+    values = np.exp(1j * ElementField.nodes(mesh, 2))
     fields = {
         "b": np.arange(mesh.n_points),
         "a/b": ElementField(values, 2),
-        "q": QuadratureField(
+        "q": ElementField.at_points(
             np.tile(np.eye(2), (mesh.n_cells, 1, 1, 1)), [[1 / 3, 1 / 3]], [0.5], log=True
         ),
     }
-    write_state(tmp_path / "s", mesh, fields=fields, cell_fields={"c": mesh.measures > 1.0})
-    found = read_state(tmp_path / "s")
+    LoopState(mesh, fields, {"c": mesh.measures > 1.0}).write(tmp_path / "s")
+    found = LoopState.read(tmp_path / "s")
     assert [path.name for path in tmp_path.iterdir()] == ["s"]
     assert_same(mesh, found.mesh)
     assert set(found.fields) == set(fields)
@@ -67,8 +67,8 @@ def test_a_loop_goes_on_with_its_first_mesh(tmp_path, monkeypatch):
     monkeypatch.setattr("adaptsize.remeshing.protocol.find_spec", lambda package: True)
     options = {"h0": 0.6, "enough": 1.1, "backend": "mmg", "boundary_tolerance": 0.3}
     result = adapt(first, fields={"x": first.points}, **options)
-    write_state(tmp_path / "loop.npz", result)
-    found = read_state(tmp_path / "loop.npz")
+    LoopState(result.mesh, result.fields).write(tmp_path / "loop.npz")
+    found = LoopState.read(tmp_path / "loop.npz")
     assert_same(result.mesh, found.mesh)
     assert_array_equal(found.fields["x"], result.fields["x"])
     assert_same(adapt(found.mesh, **options).original, first)
@@ -80,11 +80,11 @@ def test_what_a_file_cannot_keep_is_refused(tmp_path):
     mesh = jittered_square(4, SEED)
     for field in (lambda x: x, ElementField(lambda x: x)):
         with pytest.raises(ValueError, match=r"fields\['u'\] must be values, which a file keeps"):
-            write_state(tmp_path / "s", mesh, fields={"u": field})
+            LoopState(mesh, {"u": field}).write(tmp_path / "s")
     assert not list(tmp_path.iterdir())
     (tmp_path / "s").write_bytes(b"no state")
     with pytest.raises(MeshFileError, match="is no state of an adaptive loop"):
-        read_state(tmp_path / "s")
+        LoopState.read(tmp_path / "s")
     np.savez(tmp_path / "other.npz", points=mesh.points)
     with pytest.raises(MeshFileError, match="is no state of an adaptive loop"):
-        read_state(tmp_path / "other.npz")
+        LoopState.read(tmp_path / "other.npz")

@@ -6,7 +6,6 @@ from meshes import jittered_cube, jittered_square, structured_square
 from numpy.testing import assert_allclose
 
 from adaptsize import CartesianGrid, SimplexMesh, SizeFunction, size_conformity
-from adaptsize.sizes import time_step
 
 
 def test_the_step_is_that_of_the_worst_node():
@@ -15,16 +14,16 @@ def test_the_step_is_that_of_the_worst_node():
     size = SizeFunction(mesh, h)
     speed = np.linalg.norm(mesh.points, axis=1)
     advective, diffusive = (h / speed).min(), (h**2 / 4.0 / 0.3).min()
-    assert time_step(size, velocity=mesh.points) == pytest.approx(advective)
-    assert time_step(size, velocity=lambda x: -x) == pytest.approx(advective)
-    assert time_step(size, velocity=speed, courant=0.5) == pytest.approx(0.5 * advective)
-    assert time_step(size, diffusivity=0.3) == pytest.approx(diffusive)
-    both = time_step(size, velocity=mesh.points, diffusivity=lambda x: np.full(len(x), 0.3))
+    assert size.time_step(velocity=mesh.points) == pytest.approx(advective)
+    assert size.time_step(velocity=lambda x: -x) == pytest.approx(advective)
+    assert size.time_step(velocity=speed, courant=0.5) == pytest.approx(0.5 * advective)
+    assert size.time_step(diffusivity=0.3) == pytest.approx(diffusive)
+    both = size.time_step(velocity=mesh.points, diffusivity=lambda x: np.full(len(x), 0.3))
     assert both == pytest.approx(min(advective, diffusive))
-    assert time_step(size, velocity=[0.0, 0.0]) == np.inf
+    assert size.time_step(velocity=[0.0, 0.0]) == np.inf
     grid = CartesianGrid([0.0, 0.0, 0.0], 0.5, (3, 4, 5))
     size = SizeFunction(grid, np.full(grid.shape, 0.2))
-    assert time_step(size, velocity=lambda x: 1.0 + x, diffusivity=1e-9) == pytest.approx(
+    assert size.time_step(velocity=lambda x: 1.0 + x, diffusivity=1e-9) == pytest.approx(
         0.2 / np.linalg.norm([2.0, 2.5, 3.0])
     )
 
@@ -39,7 +38,7 @@ def test_what_has_no_step_is_refused():
         ({"velocity": 1.0, "courant": 0.0}, "courant must be finite and > 0"),
     ):
         with pytest.raises(ValueError, match=message):
-            time_step(size, **options)
+            size.time_step(**options)
 
 
 @pytest.mark.parametrize("mesh", [jittered_square(9, 3), jittered_cube(4, 3)])

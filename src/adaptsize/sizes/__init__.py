@@ -15,7 +15,6 @@ from adaptsize.sizes.sources import (
     RegionSource,
     size_from_sources,
 )
-from adaptsize.sizes.time_step import time_step
 
 __all__ = [
     "BallSource",
@@ -34,6 +33,5 @@ __all__ = [
     "size_from_hessian",
     "size_from_separation",
     "size_from_sources",
-    "time_step",
     "zz_indicator",
 ]
