@@ -54,8 +54,6 @@ _HOMES = {
     "transfer_fields": "adaptation",
     "FieldTransfer": "adaptation",
     "ElementField": "adaptation",
-    "QuadratureField": "adaptation",
-    "element_nodes": "adaptation",
     "report": "reporting",
     "polygons": "io",
     "read": "io",

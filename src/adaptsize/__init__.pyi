@@ -19,9 +19,7 @@ from adaptsize import typing as typing
 from adaptsize._size_function import SizeFunction as SizeFunction
 from adaptsize.adaptation import ElementField as ElementField
 from adaptsize.adaptation import FieldTransfer as FieldTransfer
-from adaptsize.adaptation import QuadratureField as QuadratureField
 from adaptsize.adaptation import adapt as adapt
-from adaptsize.adaptation import element_nodes as element_nodes
 from adaptsize.adaptation import needs_remeshing as needs_remeshing
 from adaptsize.adaptation import transfer_fields as transfer_fields
 from adaptsize.background import CartesianGrid as CartesianGrid
@@ -86,7 +84,6 @@ __all__ = [
     "MetricFunction",
     "Octree",
     "PointSource",
-    "QuadratureField",
     "RegionSource",
     "SignedDistance",
     "SimplexMesh",
@@ -94,7 +91,6 @@ __all__ = [
     "__version__",
     "adapt",
     "check_mesh",
-    "element_nodes",
     "feature_size",
     "interpolate",
     "limit_gradient",

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from adaptsize.limiting.sources import SizeSources
     from adaptsize.options import ScaledPictureOptions
     from adaptsize.plot.pictures import Picture
+    from adaptsize.sizes.time_step import Coefficient
 
 # Points this far outside, relative to the diagonal of the background, count as inside.
 _TOLERANCE = 1e-9
@@ -291,6 +292,51 @@ class SizeFunction(ReadOnlyState):
         from adaptsize.domain_size.cost import cost
 
         return cost(self, degree=degree, components=components, speed=speed)
+
+    def time_step(
+        self,
+        *,
+        velocity: Coefficient | None = None,
+        diffusivity: Coefficient | None = None,
+        courant: float = 1.0,
+    ) -> float:
+        r"""Return the largest time step of an explicit scheme on a mesh of these sizes.
+
+        .. math::
+            \Delta t = C \min_i \min\left(\frac{h_i}{|v_i|}, \frac{h_i^2}{2 d \kappa_i}\right)
+
+        Parameters
+        ----------
+        velocity : float, array_like or callable, optional
+            Speed, or vectors: a number, values at the nodes of the background, shape (n,) or
+            (n, dim), or a function of points that returns them.
+        diffusivity : float, array_like or callable, optional
+            Of diffusion, in squared lengths per time; shape (n,).
+        courant : float, default 1.0
+            C, which depends on the scheme.
+
+        Returns
+        -------
+        float
+            inf if nothing moves.
+
+        Raises
+        ------
+        ValueError
+            If neither or something invalid is given, or a size is inf.
+
+        Examples
+        --------
+        >>> grid = CartesianGrid([0.0, 0.0], 0.5, (3, 3))
+        >>> size = SizeFunction(grid, np.full((3, 3), 0.1))
+        >>> round(size.time_step(velocity=[2.0, 0.0]), 9), round(size.time_step(diffusivity=1.0), 9)
+        (0.05, 0.0025)
+        """
+        from adaptsize.sizes.time_step import time_step
+
+        dim = self.background.dim
+        points = np.asarray(self.background.points).reshape(-1, dim)
+        return time_step(np.ravel(self.values), points, velocity, diffusivity, courant)
 
     def parts(self, *, speed: float = 1.0) -> tuple[Part, ...]:
         """Return the width, curvature, size and cost of each region and face of a domain.

@@ -10,10 +10,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from adaptsize import (
     ElementField,
     FieldTransfer,
-    QuadratureField,
     SimplexMesh,
     adapt,
-    element_nodes,
     transfer_fields,
 )
 from adaptsize.adaptation.lagrange import LagrangeSpace
@@ -40,7 +38,7 @@ def polynomial(order, dim):
 
 
 def sample(function, mesh, order, continuous):
-    nodes = element_nodes(mesh, order, continuous=continuous)
+    nodes = ElementField.nodes(mesh, order, continuous=continuous)
     values = function(nodes.reshape(-1, mesh.dim))
     return values.reshape(*nodes.shape[:-1], *values.shape[1:])
 
@@ -152,8 +150,8 @@ def test_data_at_points_of_quadrature_are_exact_for_polynomials_and_conserved(or
 
     noise = np.random.default_rng(SEED).normal(size=(old.n_cells, len(points), 2, 2))
     fields = {
-        "u": QuadratureField(at_points(old), points, weights),
-        "n": QuadratureField(noise, points, weights),
+        "u": ElementField.at_points(at_points(old), points, weights),
+        "n": ElementField.at_points(noise, points, weights),
     }
     made = transfer_fields(old, new, fields=fields).fields
     assert_allclose(made["u"].values, at_points(new), atol=1e-11)
@@ -174,12 +172,12 @@ def test_logarithms_keep_matrices_positive():
         a = rng.normal(size=(*shape, 2, 2))
         return a @ np.swapaxes(a, -1, -2) + 1e-3 * np.eye(2)
 
-    n = element_nodes(old, 2).shape[0]
+    n = ElementField.nodes(old, 2).shape[0]
     same = np.broadcast_to([[2.0, 0.5], [0.5, 1.0]], (n, 2, 2))
     values, data = matrices(n), matrices(old.n_cells, 6)
     fields = {
         "a": ElementField(values, 2, log=True),
-        "b": QuadratureField(data, points, weights, log=True),
+        "b": ElementField.at_points(data, points, weights, log=True),
         "same": ElementField(same, 2, log=True),
     }
     made = transfer_fields(old, new, fields=fields).fields
@@ -194,7 +192,7 @@ def test_logarithms_keep_matrices_positive():
 @pytest.mark.parametrize(("order", "continuous"), ELEMENTS)
 def test_beyond_the_old_mesh_constants_stay(order, continuous):
     old, new = (jittered_square(k, SEED, half_width=w) for k, w in ((5, 1.0), (6, 1.2)))
-    shape = element_nodes(old, order, continuous=continuous).shape[:-1]
+    shape = ElementField.nodes(old, order, continuous=continuous).shape[:-1]
     field = ElementField(np.full(shape, 3.0), order, continuous)
     made = transfer_fields(old, new, fields={"u": field}).fields["u"]
     assert_allclose(made.values, 3.0, rtol=1e-11)
@@ -210,12 +208,12 @@ def test_adapt_returns_fields_of_the_same_elements_and_reports_them(generator):
         "u": ElementField(square, 2),
         "p": mesh.points[:, 1],
         "f": lambda x: x,
-        "q": QuadratureField(np.ones((mesh.n_cells, 3)), points, weights),
+        "q": ElementField.at_points(np.ones((mesh.n_cells, 3)), points, weights),
     }
     result = adapt(mesh, h0=0.2, fields=fields)
     new = result.mesh
     assert set(result.fields) == set(fields)
-    assert_allclose(result.fields["u"].values, element_nodes(new, 2)[:, 0] ** 2, atol=1e-12)
+    assert_allclose(result.fields["u"].values, ElementField.nodes(new, 2)[:, 0] ** 2, atol=1e-12)
     assert_allclose(result.fields["f"], new.points, atol=1e-12)
     assert_allclose(result.fields["q"].values, 1.0)
     assert list(new.point_data) == ["p"]
@@ -230,21 +228,27 @@ def test_adapt_returns_fields_of_the_same_elements_and_reports_them(generator):
 
 def test_what_is_not_taken_is_refused_in_words():
     mesh = structured_square(8, half_width=1.0)
-    n = len(element_nodes(mesh, 2))
+    n = len(ElementField.nodes(mesh, 2))
 
     def refused(match, value, of=mesh, **options):
         with pytest.raises(ValueError, match=match):
             transfer_fields(of, of, fields={"u": value}, **options)
 
-    taken = "a row for each of the 81 nodes, an ElementField, a QuadratureField, a function"
+    taken = "a row for each of the 81 nodes, an ElementField, a function"
     refused(taken + r".* \(289,\); 289 are the nodes of ElementField\(values, order=2\)", [0.0] * n)
     refused(taken + r".*got shape \(5,\)$", np.zeros(5))
     refused(r"must have 289 rows, got shape \(81,\)", ElementField(np.zeros(81), 2))
     refused("order of .* must be", ElementField(np.zeros(81), 3))
     refused("must be finite", ElementField(np.full(81, np.nan)))
-    refused("weights of .* must be positive", QuadratureField([[0.0]] * 128, [[0.3, 0.3]], [-1.0]))
-    refused(r"must have shape \(128, 1, ...\)", QuadratureField([[0, 1]] * 128, [[0.3, 0.3]], [1]))
-    refused("shape \\(n, 2\\), got", QuadratureField([[0.0]] * 128, [[0.3] * 3], [1.0]))
+    refused(
+        "weights of .* must be positive",
+        ElementField.at_points([[0.0]] * 128, [[0.3, 0.3]], [-1.0]),
+    )
+    refused(
+        r"must have shape \(128, 1, ...\)",
+        ElementField.at_points([[0, 1]] * 128, [[0.3, 0.3]], [1]),
+    )
+    refused("shape \\(n, 2\\), got", ElementField.at_points([[0.0]] * 128, [[0.3] * 3], [1.0]))
     refused("real matrices for log", ElementField(np.ones(81), log=True))
     refused("must be positive definite", ElementField(np.zeros((81, 2, 2)), log=True))
     refused("must be symmetric", ElementField(np.tile([[1, 0.5], [0, 1]], (81, 1, 1)), log=True))

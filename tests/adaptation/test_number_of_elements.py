@@ -103,3 +103,20 @@ def test_bounds_hold_beside_an_indicator(generator):
     i, j = mesh.edges.T
     assert (np.abs(h[i] - h[j]) <= 0.3 * mesh.edge_lengths * (1.0 + 1e-12)).all()
     assert result.report.predicted_elements == pytest.approx(3000, rel=1e-2)
+
+
+def test_a_window_of_states_serves_each_of_them(generator):
+    mesh = structured_square(12, half_width=1.0)
+    x = mesh.points[mesh.cells].mean(axis=1)
+    states = np.array([np.exp(-8.0 * np.linalg.norm(x - p, axis=1)) for p in ([-1, -1], [1, 0.5])])
+    options = {"tolerance": 0.5 * np.linalg.norm(states.max(axis=0)), "order": 1}
+    window = adapt(mesh, states, **options).size.values
+    for state in states:  # with the same threshold, that is with the same largest indicators
+        near = np.argmax(state)
+        single = adapt(mesh, np.where(state == states.max(axis=0), state, 0.0), **options)
+        nodes = mesh.cells[near]
+        assert (window[nodes] <= 1.3 * single.size.values[nodes]).all()
+        assert (window[nodes] < 0.6 * np.median(window)).all()
+    for shape in ((2, 5), (0, mesh.n_cells), (1, 2, mesh.n_cells)):
+        with pytest.raises(ValueError, match="indicator must have shape"):
+            adapt(mesh, np.zeros(shape), **options)

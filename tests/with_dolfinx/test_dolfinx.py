@@ -26,6 +26,13 @@ def test_adapters(n_ranks):
     assert _run(n_ranks, "tests/with_dolfinx/check_adapters.py").strip() == "all right"
 
 
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize(("dim", "cycles"), [(2, 5), (3, 2)])
+def test_conditions_and_materials_stay_in_a_loop_on_two_ranks(dim, cycles):
+    text = _run(2, "tests/with_dolfinx/check_conditions.py", dim, cycles)
+    assert text.strip().endswith("all right")
+
+
 @pytest.mark.timeout(1800)  # compiles forms and kernels on first use
 @pytest.mark.parametrize(
     ("options", "dim"),

@@ -1,17 +1,17 @@
 """One adaptation cycle: estimate, size, limit, remesh, transfer."""
 
 from adaptsize.adaptation.cycle import adapt
-from adaptsize.adaptation.element_fields import ElementField, QuadratureField, element_nodes
+from adaptsize.adaptation.element_fields import ElementField
 from adaptsize.adaptation.field_transfer import FieldTransfer
 from adaptsize.adaptation.need import needs_remeshing
+from adaptsize.adaptation.state import LoopState
 from adaptsize.adaptation.transfer import transfer_fields
 
 __all__ = [
     "ElementField",
     "FieldTransfer",
-    "QuadratureField",
+    "LoopState",
     "adapt",
-    "element_nodes",
     "needs_remeshing",
     "transfer_fields",
 ]

@@ -11,7 +11,14 @@ from typing import Any, NamedTuple, TypeAlias, cast, overload
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import check_type, describe, one_of
+from adaptsize._checks import (
+    as_plain_array,
+    as_values,
+    check_type,
+    describe,
+    one_of,
+    refuse_where,
+)
 from adaptsize._messages import Message
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
@@ -128,11 +135,11 @@ def adapt(
     ----------
     mesh : SimplexMesh or PartitionedMesh
         Triangles in the plane, tetrahedra, or triangles in space.
-    indicator : array_like of float, shape (n_cells,), optional
-        Error of each cell, >= 0.  Requires ``tolerance``, ``elements`` or ``nodes``.
+    indicator : array_like of float, shape (n_cells,) or (n, n_cells), optional
+        Error of each cell, >= 0, or of n states, each of which the mesh is to serve.  Requires
+        ``tolerance``, ``elements`` or ``nodes``.
     h0 : SizeFunction, callable, array_like of float, shape (n_points,), or float, optional
-        Upper bounds on the size at the nodes; without ``indicator``, the requested sizes.  Those of
-        a `Metric`, `MetricFunction` or callable that returns a Metric have directions (Mmg only).
+        Bounds on the size; without ``indicator``, the sizes.  Or a metric: also of a callable.
     fields, cell_fields : mapping of str, optional
         Fields at nodes or of elements, see `transfer_fields`, and those of cells.
     project : callable, or mapping of int or str to callable, optional
@@ -211,7 +218,7 @@ def adapt(
 
 
 #: Where a mesh keeps the first mesh of its loop.
-_ORIGINAL = "_original_of_loop"
+ORIGINAL = "_original_of_loop"
 
 
 def _original(mesh: AnyMesh, original: SimplexMesh | None, is_faceted: bool) -> SimplexMesh | None:
@@ -220,7 +227,7 @@ def _original(mesh: AnyMesh, original: SimplexMesh | None, is_faceted: bool) -> 
     If nodes are moved to the true boundary, the domain is not the one with the first facets.
     """
     if original is None:
-        known: SimplexMesh | None = vars(mesh).get(_ORIGINAL)
+        known: SimplexMesh | None = vars(mesh).get(ORIGINAL)
         return known if is_faceted else None
     check_type("original", original, SimplexMesh)
     in_parts = isinstance(mesh, PartitionedMesh)
@@ -243,7 +250,7 @@ def _with_original(result: AnyResult, mesh: AnyMesh, first: SimplexMesh | None) 
     if first is None:
         first = whole_boundary(mesh).mesh if isinstance(mesh, PartitionedMesh) else mesh
     if result.mesh is not mesh and result.mesh is not first:  # the caller's mesh is not changed
-        vars(result.mesh)[_ORIGINAL] = first
+        vars(result.mesh)[ORIGINAL] = first
     return replace(result, original=first)
 
 
@@ -303,12 +310,30 @@ def _checked(
             raise ValueError("indicator must be None with a metric: its sizes have no direction")
         request = metric_request(mesh, h0, nodal.arrays, given)
     else:
-        eta = None if indicator is None else as_indicator(indicator, mesh)
+        eta = None if indicator is None else as_indicator(_largest(indicator, mesh), mesh)
         bound = None if h0 is None else as_bound(cast("BoundLike", h0), mesh)
         request = SizeRequest(options=given, indicator=eta, h0=bound)
         check_goal(request)
     generator = choose_backend(backend, task, keep_facets=False, metric=is_metric).name
     return _Checked(request, bound, generator, nodal, by_cell, projections)
+
+
+def _largest(indicator: npt.ArrayLike, mesh: AnyMesh) -> npt.ArrayLike:
+    """Return the largest indicator of each cell in a window of several states.
+
+    Sizes fall with the indicator, so that these are the smallest of all states.
+    """
+    states = as_plain_array("indicator", indicator)
+    if states.ndim != 2:
+        return indicator
+    if states.shape[0] == 0 or states.shape[1] != mesh.n_cells:
+        raise ValueError(
+            f"indicator must have shape ({mesh.n_cells},), or (n, {mesh.n_cells}) for n states in "
+            f"a window of time, got {states.shape}"
+        )
+    by_state = as_values("indicator", indicator)
+    refuse_where("indicator", by_state < 0.0, by_state, "must be finite and >= 0")
+    return np.asarray(by_state.max(axis=0))
 
 
 def _task(mesh: AnyMesh) -> Task:

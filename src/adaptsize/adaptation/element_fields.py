@@ -38,40 +38,6 @@ _OF_FUNCTIONS = 6
 _MOST = 2
 
 
-def element_nodes(mesh: SimplexMesh, order: int, *, continuous: bool = True) -> FloatArray:
-    """Return the nodes of Lagrange elements, in the order of the values of an `ElementField`.
-
-    Parameters
-    ----------
-    mesh : SimplexMesh
-    order : int
-        0 to 2.
-    continuous : bool, default True
-        Whether cells share nodes.
-
-    Returns
-    -------
-    ndarray of float64
-        Of continuous elements shape (n, dim): the nodes of the mesh, for order 2 followed by the
-        middles of ``mesh.edges``.  Of discontinuous ones shape (n_cells, k, dim): the corners of
-        each cell, for order 2 followed by the middles of its edges (0, 1), (0, 2), ... (2, 3); for
-        order 0 shape (n_cells, dim), the centroids.
-
-    Examples
-    --------
-    >>> mesh = SimplexMesh([[0, 0], [2, 0], [0, 2]], [[0, 1, 2]])
-    >>> element_nodes(mesh, 2)[3:].tolist()
-    [[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
-    """
-    mesh = as_mesh("mesh", mesh)
-    space = LagrangeSpace(mesh, _order(order), as_flag("continuous", continuous))
-    return space.nodes.reshape(*space.shape, mesh.dim)
-
-
-def _order(order: int) -> int:
-    return as_whole_number("order", order, lower=0, upper=2)
-
-
 @dataclass(frozen=True, eq=False)
 class ElementField:
     """A field of Lagrange elements of order 0 to 2, as `adapt` and `transfer_fields` take it.
@@ -81,7 +47,7 @@ class ElementField:
     Parameters
     ----------
     values : array_like or callable
-        Values at the nodes of the elements, which `element_nodes` returns, of any trailing shape.
+        Values at the nodes of the elements, which `nodes` returns, of any trailing shape.
         Or a function of points, float64[n, dim], which is integrated on each mesh anew.
     order : int, default 1
         0 to 2.
@@ -90,6 +56,18 @@ class ElementField:
     log : bool, default False
         Transfer the logarithms of symmetric positive definite matrices, shape (..., d, d), so that
         they stay positive at the nodes.  The integral changes then.
+
+    Examples
+    --------
+    >>> old = SimplexMesh([[0, 0], [2, 0], [0, 2]], [[0, 1, 2]])
+    >>> new = SimplexMesh([[0, 0], [2, 0], [0, 2], [1, 1]], [[0, 1, 3], [0, 3, 2]])
+    >>> x = ElementField.nodes(old, 2)
+    >>> x[3:].tolist()
+    [[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
+    >>> from adaptsize import transfer_fields
+    >>> made = transfer_fields(old, new, fields={"u": ElementField(x[:, 0] ** 2, order=2)})
+    >>> bool(np.allclose(made.fields["u"].values, ElementField.nodes(new, 2)[:, 0] ** 2))
+    True
     """
 
     values: Any
@@ -97,26 +75,67 @@ class ElementField:
     continuous: bool = True
     log: bool = False
 
+    @staticmethod
+    def nodes(mesh: SimplexMesh, order: int, *, continuous: bool = True) -> FloatArray:
+        """Return the nodes of the elements of a mesh, in the order of ``values``.
+
+        Parameters
+        ----------
+        mesh : SimplexMesh
+        order : int
+            0 to 2.
+        continuous : bool, default True
+            Whether cells share nodes.
+
+        Returns
+        -------
+        ndarray of float64
+            Of continuous elements shape (n, dim): the nodes of the mesh, for order 2 followed by
+            the middles of ``mesh.edges``.  Of discontinuous ones shape (n_cells, k, dim): the
+            corners of each cell, for order 2 followed by the middles of its edges (0, 1), (0, 2),
+            ... (2, 3); for order 0 shape (n_cells, dim), the centroids.
+        """
+        mesh = as_mesh("mesh", mesh)
+        order = as_whole_number("order", order, lower=0, upper=2)
+        space = LagrangeSpace(mesh, order, as_flag("continuous", continuous))
+        return space.nodes.reshape(*space.shape, mesh.dim)
+
+    @staticmethod
+    def at_points(
+        values: npt.ArrayLike,
+        points: npt.ArrayLike,
+        weights: npt.ArrayLike,
+        *,
+        log: bool = False,
+    ) -> QuadratureField:
+        """Return data at points of quadrature in each cell as a field.
+
+        In each cell they are represented by the polynomial of order 0 to 2 that fits them best,
+        which is projected onto those of the new mesh and evaluated at its points (L2).  The
+        integral by the rule is kept.
+
+        Parameters
+        ----------
+        values : array_like of float, shape (n_cells, n, ...)
+        points : array_like of float, shape (n, dim)
+            The points in the simplex with a corner at the origin, which is the first node of a
+            cell, and the others at distance 1 along the axes.
+        weights : array_like of float, shape (n,)
+            Positive.  Only their ratios count.
+        log : bool, default False
+            As for other elements.
+
+        Returns
+        -------
+        QuadratureField
+            With ``values``, ``points``, ``weights`` and ``log``.
+        """
+        return QuadratureField(values, points, weights, log)
+
 
 @dataclass(frozen=True, eq=False)
 class QuadratureField:
-    """Data at points of quadrature in each cell, as `adapt` and `transfer_fields` take them.
-
-    In each cell they are represented by the polynomial of order 0 to 2 that fits them best, which
-    is projected onto those of the new mesh and evaluated at its points (L2).  The integral by the
-    rule is kept.
-
-    Parameters
-    ----------
-    values : array_like of float, shape (n_cells, n, ...)
-    points : array_like of float, shape (n, dim)
-        The points in the simplex with a corner at the origin, which is the first node of a cell,
-        and the others at distance 1 along the axes.
-    weights : array_like of float, shape (n,)
-        Positive.  Only their ratios count.
-    log : bool, default False
-        As for an `ElementField`.
-    """
+    """Data at points of quadrature in each cell, see `ElementField.at_points`."""
 
     values: Any
     points: Any
@@ -349,7 +368,7 @@ def as_nodal_fields(fields: Mapping[str, Any] | None, mesh: AnyMesh) -> CheckedF
             n = len(array) if array.ndim else 0
             raise ValueError(
                 f"{name} must be an array with a row for each of the {mesh.n_points} nodes, an "
-                "ElementField, a QuadratureField, a function of points, or (basis, x) of "
+                "ElementField, a function of points, or (basis, x) of "
                 f"scikit-fem, got shape {array.shape}{orders_with(mesh, n)}"
             )
         found.arrays[key] = as_field(name, value, mesh.n_points)

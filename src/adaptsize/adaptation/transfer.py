@@ -60,7 +60,7 @@ def transfer_fields(
     old, new : SimplexMesh or PartitionedMesh
         Of the same kind.  Meshes in parts are on the same communicator; their parts need not match.
     fields : mapping of str, optional
-        Fields on ``old``: arrays with one row per node, an `ElementField` or `QuadratureField`, a
+        Fields on ``old``: arrays with one row per node, an `ElementField`, a
         function of points, or ``(basis, x)`` of scikit-fem.
     cell_fields : mapping of str to array_like, optional
         One row per cell.

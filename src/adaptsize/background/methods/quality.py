@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from adaptsize.background.methods.group import MeshMethods
 from adaptsize.typing import FloatArray
 
@@ -147,6 +149,30 @@ class QualityMethods(MeshMethods):
         from adaptsize.quality.elements import metric_qualities
 
         return metric_qualities(self._mesh, metric)
+
+    def sizes(self) -> FloatArray:
+        """Return the mean length of the edges at each node: the size that the mesh has there.
+
+        Returns
+        -------
+        ndarray of float64, shape (n_points,)
+            inf at nodes in no cell.  ``SizeFunction(mesh, mesh.sizes())`` is the size function that
+            the mesh follows, for instance to remesh another mesh like it, or for a `time_step`.
+
+        Examples
+        --------
+        >>> from adaptsize import SimplexMesh
+        >>> SimplexMesh([[0, 0], [1, 0], [0, 2]], [[0, 1, 2]]).sizes().round(3)
+        array([1.5  , 1.618, 2.118])
+        """
+        mesh = self._mesh
+        total, count = (
+            np.bincount(mesh.edges.ravel(), np.repeat(of_edge, 2), mesh.n_points)
+            for of_edge in (mesh.edge_lengths, np.ones(len(mesh.edges)))
+        )
+        h = np.full(mesh.n_points, np.inf)
+        np.divide(total, count, out=h, where=count > 0.0)
+        return h
 
     def implied_metric(self) -> Metric:
         """Return for each cell the metric in which all its edges have the length 1.
