@@ -8,7 +8,7 @@ cell.  Nodes of straight feature edges stay on these.
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -49,7 +49,7 @@ _FEW = 0.3
 #: A target with more than this weight at a corner of a facet moves that, and one with less than
 #: this weight opposite to an edge divides that; others divide the longest edge.  Each is served in
 #: that way that brings most nearer.
-_TRIES = ((0.85, 0.15), (0.6, 0.15), (0.85, 0.3))
+_TRIES = ((0.85, 0.15), (0.6, 0.15))
 #: Nothing is changed again in this many lengths of a cell around one that has become flat.
 _AROUND = 1.5
 #: Of coordinates and of corners, in the keys of facets.
@@ -135,6 +135,7 @@ class _Far(NamedTuple):
     What is nearer than the limit has been looked at no further.
     """
 
+    cells: IntArray
     surface: SimplexMesh
     keys: FloatArray
     new: FarPlaces
@@ -145,11 +146,13 @@ class _Far(NamedTuple):
         """Return the places of a mesh."""
         surface = facets_of(mesh)
         new, lost = farthest_places(surface, old, limit), farthest_places(old, surface, limit)
-        return cls(surface, _keys_of(surface), new, lost)
+        return cls(mesh.cells, surface, _keys_of(surface), new, lost)
 
     def after(self, mesh: SimplexMesh, old: SimplexMesh, limit: float) -> "_Far":
         """Return those of a mesh that was changed in some places."""
-        surface, before = facets_of(mesh), self.surface
+        before = self.surface
+        are_moved = np.array_equal(mesh.cells, self.cells) and mesh.n_points == before.n_points
+        surface = before.moved(mesh.points) if are_moved else facets_of(mesh)
         keys = _keys_of(surface)
         order = np.argsort(self.keys)
         place = np.minimum(np.searchsorted(self.keys, keys, sorter=order), len(order) - 1)
@@ -167,7 +170,7 @@ class _Far(NamedTuple):
             if part is not None:
                 for values, now in zip(found, farthest_places(part, other, limit), strict=True):
                     values[rows] = now
-        return _Far(surface, keys, new, lost)
+        return _Far(mesh.cells, surface, keys, new, lost)
 
     def beyond(self, limit: float) -> float:
         """Return the sum of the distances beyond a limit, less the limit."""
@@ -261,6 +264,17 @@ def _in_rounds(
     return best
 
 
+class _Step(NamedTuple):
+    """A changed mesh, what is far of it, and by how much less that is around each target.
+
+    The latter is -inf for targets that are not served.
+    """
+
+    mesh: SimplexMesh
+    far: _Far
+    gain: FloatArray
+
+
 def _divided(
     mesh: SimplexMesh,
     old: SimplexMesh,
@@ -273,43 +287,59 @@ def _divided(
     """Return the mesh with nodes of the old surface where it is too far from that.
 
     Edges get a node at the farthest places on facets beside them, and at places of the old surface
-    that these miss; nodes are moved there.  ``least`` is the least quality of cells.  Each place is
-    served in the way that brings most nearer around it, if there is one.
+    that these miss; nodes are moved there.  ``least`` is the least quality of cells.  A step may
+    bring the mesh farther away: where facets meet at an edge, one node alone may do so.
     """
-    limit, best, least_left, waited = _AIM * tolerance, mesh, far.beyond(tolerance), 0
+    limit, waited = _AIM * tolerance, 0
+    best = now = _Step(mesh, far, np.empty(0))
     for _ in range(_ROUNDS):
-        if not far.are_few(tolerance) or waited > _PATIENCE:
+        if waited > _PATIENCE or not now.far.are_few(tolerance):
             break
-        targets = _targets(far, old, limit, spoiled)
-
-        def changed(mesh: SimplexMesh, far: _Far, targets: _Targets) -> tuple[Any, ...]:
-            made, served = _with_targets(mesh, far.surface, targets, lines, least)
-            if made is mesh:
-                return mesh, far, np.full(len(served), -np.inf)
-            now = far.after(made, old, limit)
-            nearer = targets.nearer(far, now, limit)
-            return made, now, np.where(served, nearer, -np.inf)
-
-        tried = [changed(mesh, far, targets.served_by(shares)) for shares in _TRIES]
-        gains = np.array([one[2] for one in tried])
-        way, gain = gains.argmax(axis=0), gains.max(axis=0)
-        chosen = gain > 0.0
-        if not chosen.any():
-            chosen = gain > -np.inf
-        if not chosen.any():
+        targets = _targets(now.far, old, limit, spoiled)
+        steps = _steps(now, old, limit, lines, least, targets)
+        if not steps:
             break
-        order = np.argsort(-gain, kind="stable")
-        order = order[chosen[order]]
-        made, now, _ = changed(mesh, far, targets.served_by(np.array(_TRIES)[way]).some(order))
-        made, now, _ = min(
-            [*tried, (made, now, None)],
-            key=lambda one: one[1].beyond(limit) if one[0] is not mesh else np.inf,
-        )
-        waited += 1
-        mesh, far = made, now
-        if far.beyond(tolerance) < least_left:
-            best, least_left, waited = mesh, far.beyond(tolerance), 0
-    return best
+        now, waited = min(steps, key=lambda step: step.far.beyond(limit)), waited + 1
+        if now.far.beyond(tolerance) < best.far.beyond(tolerance):
+            best, waited = now, 0
+    return best.mesh
+
+
+def _steps(
+    now: _Step,
+    old: SimplexMesh,
+    limit: float,
+    lines: StraightEdges,
+    least: float,
+    targets: _Targets,
+) -> list[_Step]:
+    """Return the meshes with all targets served in one way, and each in the way best for it."""
+    tried = [_step(now, old, limit, lines, least, targets.served_by(shares)) for shares in _TRIES]
+    gains = np.array([one.gain for one in tried])
+    way, gain = gains.argmax(axis=0), gains.max(axis=0, initial=-np.inf)
+    order = np.argsort(-gain, kind="stable")
+    order = order[gain[order] > 0.0]
+    is_new = not any((one[np.isfinite(one)] > 0.0).all() for one in gains[np.unique(way[order])])
+    if len(order) and is_new:
+        mixed = targets.served_by(np.array(_TRIES)[way]).some(order)
+        tried.append(_step(now, old, limit, lines, least, mixed))
+    return [step for step in tried if step.mesh is not now.mesh]
+
+
+def _step(
+    now: _Step,
+    old: SimplexMesh,
+    limit: float,
+    lines: StraightEdges,
+    least: float,
+    targets: _Targets,
+) -> _Step:
+    """Return the mesh with targets served; the same one if none can be."""
+    mesh, served = _with_targets(now.mesh, now.far.surface, targets, lines, least)
+    if mesh is now.mesh:
+        return now._replace(gain=np.full(len(served), -np.inf))
+    far = now.far.after(mesh, old, limit)
+    return _Step(mesh, far, np.where(served, targets.nearer(now.far, far, limit), -np.inf))
 
 
 def _targets(far: _Far, old: SimplexMesh, limit: float, spoiled: _Balls) -> _Targets:
