@@ -16,7 +16,7 @@ import numpy.typing as npt
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import cut_out
 from adaptsize.background.splitting import bisect_edges
-from adaptsize.background.topology import marked, places_among
+from adaptsize.background.topology import marked, places_among, regions_beside
 from adaptsize.quality.boundary import FarPlaces, farthest_places
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing.boundary_repair import repaired
@@ -79,8 +79,6 @@ def improved(
     """
     lines = StraightEdges(given)
     mesh = lines.straightened(mesh, tolerance)
-    if mesh.cell_dim < mesh.dim:
-        return repaired(mesh, given, tolerance, size)
     old, surface = facets_of(given), facets_of(mesh)
     nodes = np.unique(surface.cells)
     distance = _nearest(old, mesh.points[nodes])[1]
@@ -388,11 +386,11 @@ def _with_targets(
     edges = surface.cells[cells]
     if surface.cell_dim == 2:
         edges = _edges_at(surface, targets, lines.are_on(surface))
-    is_taken = np.zeros(mesh.n_points, np.bool_)
+    is_taken, is_held = np.zeros(mesh.n_points, np.bool_), _nodes_of_borders(mesh)
     served = np.zeros(len(there), np.bool_)
     for k, cell in enumerate(cells.tolist()):
         ends = nodes[k, None] if is_corner[k] else edges[k]
-        if ends[0] < 0 or is_taken[ends].any():
+        if ends[0] < 0 or is_taken[ends].any() or is_held[ends].all():
             continue
         served[k] = True
         is_taken[surface.cells[cell]] = True
@@ -403,6 +401,22 @@ def _with_targets(
     if moved.any():
         mesh = mesh.moved(points)
     return _with_nodes(mesh, edges[divided], there[divided], least), served
+
+
+def _nodes_of_borders(mesh: SimplexMesh) -> BoolArray:
+    """Return the nodes of tagged edges of a surface, and between facets of different tags.
+
+    How far these lines move is not measured, so that they stay.  Those of a volume bound its facets
+    and interfaces, which are measured.
+    """
+    held = np.zeros(mesh.n_points, np.bool_)
+    if mesh.cell_dim < mesh.dim:
+        if mesh.cell_tags is not None:
+            lowest, highest = regions_beside(mesh.cell_facets, mesh.cell_tags, len(mesh.facets))
+            held[mesh.facets[lowest != highest]] = True
+        if mesh.tagged_facets is not None:
+            held[mesh.tagged_facets] = True
+    return held
 
 
 def _edges_at(surface: SimplexMesh, targets: _Targets, is_on_line: BoolArray) -> IntArray:

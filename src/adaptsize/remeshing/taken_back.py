@@ -1,13 +1,18 @@
 """Moves of nodes that are taken back where cells become too flat."""
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels.smoothing import fill_quality
+from adaptsize.geometry.boundary import facet_normals
 from adaptsize.typing import FloatArray, IntArray
 
 #: Rounds in which single moves are taken back, before all are.
 _ROUNDS = 8
+#: Triangles in space may turn by no more than the angle of this cosine.
+_LEAST_COSINE = 0.5
 
 
 def take_back(
@@ -17,9 +22,9 @@ def take_back(
     nodes: npt.NDArray[np.integer],
     least: FloatArray,
 ) -> None:
-    """Take back moves of nodes whose cells have less than the least quality."""
+    """Take back moves of nodes whose cells have less than the least quality, or turned far."""
     for _ in range(_ROUNDS):  # taking back one move may spoil another
-        worse = nodes[worst_of_nodes(points, cells)[nodes] < least[nodes]]
+        worse = nodes[worst_of_nodes(points, cells, old)[nodes] < least[nodes]]
         worse = worse[(points[worse] != old[worse]).any(axis=1)]
         if len(worse) == 0:
             return
@@ -27,15 +32,32 @@ def take_back(
     points[:] = old
 
 
-def worst_of_nodes(points: FloatArray, cells: IntArray) -> FloatArray:
+def worst_of_nodes(
+    points: FloatArray, cells: IntArray, before: FloatArray | None = None
+) -> FloatArray:
     """Return the smallest quality of the cells around each node."""
     worst = np.ones(len(points))
-    np.minimum.at(worst, cells, quality_of(points, cells)[:, None])
+    np.minimum.at(worst, cells, quality_of(points, cells, before)[:, None])
     return worst
 
 
-def quality_of(points: FloatArray, cells: IntArray) -> FloatArray:
-    """Return the quality of each cell."""
+def quality_of(points: FloatArray, cells: IntArray, before: FloatArray | None = None) -> FloatArray:
+    """Return the quality of each cell.
+
+    That of triangles in space is negative if they have turned far from where the points were.
+    """
+    if cells.shape[1] == points.shape[1] == 3:
+        return _quality_in_space(points, cells, points if before is None else before)
     quality = np.empty(len(cells))
     fill_quality(points, cells, quality)
     return quality
+
+
+def _quality_in_space(points: FloatArray, cells: IntArray, before: FloatArray) -> FloatArray:
+    corners = points[cells]
+    normals, was = facet_normals(corners), facet_normals(before[cells])
+    twice, length = np.linalg.norm(normals, axis=1), np.linalg.norm(was, axis=1)
+    squares = ((corners - np.roll(corners, 1, axis=1)) ** 2).sum(axis=(1, 2))
+    quality = 2.0 * math.sqrt(3.0) * twice / np.maximum(squares, np.finfo(float).tiny)
+    turned = np.einsum("ij,ij->i", normals, was) < _LEAST_COSINE * twice * length
+    return np.asarray(np.where(turned, -quality, quality))
