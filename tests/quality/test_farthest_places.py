@@ -31,11 +31,32 @@ def curve(n, seed):
     return ads.SimplexMesh(points, np.stack([np.arange(n), np.roll(np.arange(n), -1)], axis=1))
 
 
+def soup(n, seed):
+    """Triangles of all directions that meet nothing, some of them needles."""
+    rng = np.random.default_rng(seed)
+    corners = rng.random((n, 1, 3)) + rng.random((n, 1, 1)) ** 3 * rng.normal(size=(n, 3, 3))
+    return ads.SimplexMesh(corners.reshape(-1, 3), np.arange(3 * n).reshape(n, 3))
+
+
+def fan(n, height):
+    """Narrow triangles around a tip above the middle of the unit square, and beyond that."""
+    angles = 2.0 * np.pi * np.arange(n) / n
+    rim = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1) + [0.5, 0.5, 0.0]
+    points = np.vstack([[[0.5, 0.5, height]], rim])
+    turn = np.arange(n)
+    return ads.SimplexMesh(points, np.column_stack([0 * turn, 1 + turn, 1 + (turn + 1) % n]))
+
+
 PAIRS = {
     "balls": (ball(60, 1), ball(50, 2)),
     "coarse and fine": (ball(20, 3), ball(300, 4)),
     "fine and coarse": (ball(300, 4), ball(20, 3)),
     "rough": (rough(4, 5), rough(7, 6)),
+    "large and rough": (rough(1, 5), rough(12, 6)),
+    "large and a part of it": (fan(5, 0.05), rough(9, 6)),
+    "fans": (rough(1, 2), fan(60, 0.1)),
+    "soups": (soup(30, 7), soup(40, 8)),
+    "large and soup": (rough(1, 2), soup(60, 9)),
     "curves": (curve(30, 7), curve(41, 8)),
 }
 

@@ -18,6 +18,7 @@ from adaptsize.quality.boundary import n_components, overlapping_cells, region_m
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing import boundary_repair
 from adaptsize.remeshing.boundary_repair import angles_of, repaired
+from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.straight_edges import feature_edges
 from adaptsize.remeshing.surface import facets_of
 
@@ -119,6 +120,20 @@ CASES = {
     "surface": lambda seed: with_details(ball(150, seed).boundary().mesh, seed),
     "open surface": lambda seed: with_details(half_of(ball(200, seed).boundary().mesh), seed),
 }
+
+
+@pytest.mark.parametrize("seed", [1802, 1804, 1810])
+def test_samples_of_both_boundaries_are_within_the_tolerance(seed):
+    """With 1.05 times the tolerance, samples are up to 1.03 to 1.05 tolerances away."""
+    old = CASES["ball"](seed)
+    tolerance = 0.002 * old.diagonal
+    for new in (repaired(old, old, tolerance), improved(old, old, tolerance / 0.9)):
+        skin, given = facets_of(new), facets_of(old)
+        nodes, before = skin.points[np.unique(skin.cells)], given.points[np.unique(given.cells)]
+        middles = [skin.points[rows].mean(axis=1) for rows in (skin.edges, skin.cells)]
+        away = given.locator.nearest(np.concatenate([nodes, *middles]))[2].max()
+        lost = skin.locator.nearest(before)[2].max()
+        assert 0.75 * tolerance < max(away, lost) <= (1.0 + 1e-6) * tolerance
 
 
 def half_of(surface):

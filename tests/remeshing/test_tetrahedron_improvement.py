@@ -1,6 +1,7 @@
 """Swapping and smoothing of tetrahedra: no cell becomes worse than the worst."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import adaptsize as ads
 from adaptsize._kernels.smoothing import fill_quality, smooth_nodes
 from adaptsize._kernels.swapping import Tetrahedra, new_work, swap
 from adaptsize.background import topology
+from adaptsize.background.topology import regions_beside
 from adaptsize.quality.boundary import distances_from
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing.improvement import _Balls as Balls
@@ -18,6 +20,7 @@ from adaptsize.remeshing.improvement import _Far as Far
 from adaptsize.remeshing.improvement import _in_rounds as in_rounds
 from adaptsize.remeshing.improvement import _with_nodes as with_nodes
 from adaptsize.remeshing.improvement import improved
+from adaptsize.remeshing.surface import facets_of
 
 
 def volume_length(points, cells):
@@ -206,13 +209,46 @@ def ball_of(n, seed):
     return ads.SimplexMesh(points, cells)
 
 
-def test_facets_are_divided_where_they_are_truly_far():
-    given, mesh = ball_of(3000, 5).boundary().mesh, ball_of(300, 6)
-    both = [(given, mesh.boundary().mesh), (mesh.boundary().mesh, given)]
-    largest = max(distances_from(*pair).largest for pair in both)
-    tolerance = 0.6 * largest
+def sheet(n):
+    """An open surface over the unit square, with a hill at its rim."""
+    flat = ads.CartesianGrid([0.0, 0.0], 1.0 / n, (n + 1, n + 1)).mesh
+    x, y = flat.points.T
+    hill = 0.2 * np.exp(-((x - 0.45) ** 2 + (y - 0.05) ** 2) / 0.03)
+    return ads.SimplexMesh(np.column_stack([x, y, hill]), flat.cells)
+
+
+COARSE = {
+    "tetrahedra": (ball_of(3000, 5).boundary().mesh, ball_of(300, 6)),
+    "surface": (ball_of(3000, 5).boundary().mesh, ball_of(300, 6).boundary().mesh),
+    "open surface": (sheet(40), sheet(10)),
+}
+
+
+@pytest.mark.parametrize("kind", COARSE)
+def test_facets_are_divided_where_they_are_truly_far(kind):
+    given, mesh = COARSE[kind]
+
+    def farthest(mesh):
+        skin = facets_of(mesh)
+        return max(distances_from(*pair).largest for pair in ((given, skin), (skin, given)))
+
+    tolerance = 0.6 * farthest(mesh)
     new = improved(mesh, given, tolerance, lambda x: np.full(len(x), 0.2))
-    skin = new.boundary().mesh
-    assert distances_from(given, skin).largest <= 1.02 * tolerance
-    assert distances_from(skin, given).largest <= 1.02 * tolerance
+    assert farthest(new) <= 1.02 * tolerance
     assert new.n_cells < 1.5 * mesh.n_cells
+    if mesh.cell_dim < mesh.dim:
+        assert new.facet_cell_counts.max() == 2
+        assert new.is_closed == mesh.is_closed
+        assert minimum_angles(new).min() > 10.0
+
+
+def test_lines_between_tags_of_a_surface_stay_where_facets_are_divided():
+    given, mesh = sheet(40), sheet(10)
+    left = lambda mesh: mesh.points[mesh.cells].mean(axis=1)[:, 0] < 0.4  # noqa: E731
+    given, mesh = (replace(one, cell_tags=np.where(left(one), 3, 8)) for one in (given, mesh))
+    tolerance = 0.5 * max(distances_from(*pair).largest for pair in ((given, mesh), (mesh, given)))
+    new = improved(mesh, given, tolerance, lambda x: np.full(len(x), 0.2))
+    assert new.n_cells > mesh.n_cells
+    lowest, highest = regions_beside(new.cell_facets, new.cell_tags, len(new.facets))
+    border = new.points[np.unique(new.facets[lowest != highest])]
+    np.testing.assert_allclose(border[:, 0], 0.4, atol=1e-9)

@@ -2,9 +2,12 @@
 
 The distance from one of the others is convex: in a piece of a facet it is largest at a corner.  So
 no point of a piece is farther away than the farthest corner from that one of the others for which
-this is least, which the facets nearest to the corners and the centroid are tried for.  If that is
-more than what has been found, the piece is divided: where an edge of it leaves the part that is
-nearest to one of the others, so that flat pieces above two flat facets are divided once.
+this is least.  A piece with a bound that is more than what has been found is divided.
+
+Triangles are first divided by the shadows of the others (see `shadows`): most of the parts are near
+the facet whose shadow they are in.  The others become triangles, for which the facets nearest to
+the corners and the centroid are tried.  They are divided where an edge of them leaves the part that
+is nearest to one of the others, so that flat pieces above two flat facets are divided once.
 """
 
 import math
@@ -14,7 +17,18 @@ import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.distance import closest_on_facet
+from adaptsize._kernels.shadows import (
+    Polygons,
+    centre_of,
+    divide_by_shadow,
+    is_in_shadow,
+    largest_gap,
+    new_polygons,
+    normal_of,
+    put_corner,
+)
 from adaptsize._kernels.trees import cells_of_leaf, nearest_leaf
+from adaptsize._kernels.vectors import triple
 
 #: Share of the largest distance by which the bound may exceed it.
 SHARE = 0.01
@@ -27,6 +41,10 @@ _MOST = 1_000_000
 #: Every so many divisions, the longest edge is halved: pieces become small whatever is beside them.
 _HALVED = 5
 _STEPS = 12
+#: Shadows are wider by this share of the limit, so that none of what is between two is left.
+_WIDER = 0.1
+#: Polygons of a facet at most.  Then the rest are triangles.
+_MOST_POLYGONS = 100_000
 
 
 class Pieces(NamedTuple):
@@ -38,15 +56,18 @@ class Pieces(NamedTuple):
         Their corners, one after the other, and their distances from the others.
     near : int64[ROOM, 4]
         The nearest of the others at the corners, and the number of divisions.
+    polygons : Polygons
+        The pieces of a triangle before they are triangles.
     """
 
     at: np.ndarray
     near: np.ndarray
+    polygons: Polygons
 
 
 def new_pieces() -> Pieces:
     """Return scratch for one thread."""
-    return Pieces(np.empty((ROOM, 12)), np.empty((ROOM, 4), np.int64))
+    return Pieces(np.empty((ROOM, 12)), np.empty((ROOM, 4), np.int64), new_polygons())
 
 
 @lean
@@ -217,6 +238,66 @@ def _bounded(tree, pieces, h, k, limit, found, f, stack):
     return least, c, worst
 
 
+@lean
+def _limit(found, f, enough):
+    """Return what the distance of a piece may be without being looked at further."""
+    return max((1.0 + SHARE) * max(found[f, 3], enough), _ROUNDING)
+
+
+@lean
+def _search(tree, pieces, k, enough, found, f, stack):
+    """Divide the first piece until all of its parts are near, or no farther than what is found."""
+    pieces.near[0, 3] = 0
+    h, count = 0, 0
+    while h >= 0:
+        count += 1
+        limit = _limit(found, f, enough)
+        bound, c, worst = _bounded(tree, pieces, h, k, limit, found, f, stack)
+        if bound <= limit or k == 1 or count > _MOST or h >= ROOM - 3:
+            found[f, 4] = max(found[f, 4], bound)
+            h -= 1
+            continue
+        cut = _cut(tree, pieces, h, k, c, worst, 0.1 * SHARE * limit)
+        _divide(tree, pieces, h, k, cut, limit, stack)
+        if pieces.at[h, 9 + cut[1]] > limit:
+            _keep(pieces, h, cut[1], found, f)
+        h += 1
+
+
+@lean
+def _search_in_polygon(tree, pieces, h, c, enough, found, f, stack):
+    """Search in the triangles of a polygon, of which c is near."""
+    for last in range(2, pieces.polygons.count[h]):
+        for v in range(3):
+            at = 0 if v == 0 else last - 2 + v
+            x = triple(pieces.polygons.at, h, 3 * at)
+            _enter(tree, pieces, 0, v, x, c, 0.0, stack)
+            _keep(pieces, 0, v, found, f)
+        _search(tree, pieces, 3, enough, found, f, stack)
+
+
+@lean
+def _search_by_shadows(tree, pieces, enough, found, f, stack):
+    """Divide a triangle, the first polygon, by the shadows of what is near."""
+    polygons = pieces.polygons
+    normal, h, count, c = normal_of(polygons, 0), 0, 0, np.int64(pieces.near[0, 0])
+    while h >= 0:
+        count += 1
+        x = centre_of(polygons, h)
+        _enter(tree, pieces, ROOM - 1, 0, x, c, 0.0, stack)
+        _keep(pieces, ROOM - 1, 0, found, f)
+        c = np.int64(pieces.near[ROOM - 1, 0])
+        limit = _limit(found, f, enough)
+        if count < _MOST_POLYGONS and is_in_shadow(tree, c, x, normal, _WIDER * limit):
+            h = divide_by_shadow(tree, polygons, h, c, normal, _WIDER * limit)
+        bound = largest_gap(tree, polygons, h, c)
+        if bound <= limit:
+            found[f, 4] = max(found[f, 4], bound)
+        else:
+            _search_in_polygon(tree, pieces, h, c, enough, found, f, stack)
+        h -= 1
+
+
 @lean_kernel
 def find_farthest(tree, facets, first, last, enough, stack, pieces, found):
     """Find the place of each facet that is farthest from others.
@@ -248,18 +329,9 @@ def find_farthest(tree, facets, first, last, enough, stack, pieces, found):
             _enter(tree, pieces, 0, v, x, near, 0.0, stack)
             near = pieces.near[0, v]
             _keep(pieces, 0, v, found, f)
-        pieces.near[0, 3] = 0
-        h, count = 0, 0
-        while h >= 0:
-            count += 1
-            limit = max((1.0 + SHARE) * max(found[f, 3], enough), _ROUNDING)
-            bound, c, worst = _bounded(tree, pieces, h, k, limit, found, f, stack)
-            if bound <= limit or k == 1 or count > _MOST or h >= ROOM - 3:
-                found[f, 4] = max(found[f, 4], bound)
-                h -= 1
-                continue
-            cut = _cut(tree, pieces, h, k, c, worst, 0.1 * SHARE * limit)
-            _divide(tree, pieces, h, k, cut, limit, stack)
-            if pieces.at[h, 9 + cut[1]] > limit:
-                _keep(pieces, h, cut[1], found, f)
-            h += 1
+            put_corner(pieces.polygons, 0, v, x)
+        if k == 3 and tree.cells.shape[1] == 3:
+            pieces.polygons.count[0] = 3
+            _search_by_shadows(tree, pieces, enough, found, f, stack)
+        else:
+            _search(tree, pieces, k, enough, found, f, stack)

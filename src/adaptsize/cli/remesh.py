@@ -121,7 +121,8 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         files.write_result(console, output, new, order=order, record=record)
         steps.begin("checks")
         repaired = repair_mesh(mesh).mesh
-        outcome = outcome_of_remeshing(new, repaired, size, allowed, given.get("elements"))
+        check = None if attempts is None else attempts.check
+        outcome = outcome_of_remeshing(new, repaired, size, allowed, given.get("elements"), check)
         files.draw(console, "size", plot, new)
         files.write_report(console, page, file, new, size, outcome, outcome.check)
     console.record(size=as_dict(report))

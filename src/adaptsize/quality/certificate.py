@@ -475,7 +475,10 @@ def _topology(new: Topology | None, old: Topology) -> Demand:
     return Demand("topology", "met" if is_same else "missed", f"{new}; original: {old}")
 
 
-def _edges(mesh: SimplexMesh, size: SizeLike, share: float, count: int) -> Demand:
+def edges_demand(
+    mesh: SimplexMesh, size: SizeLike, share: float = SHARE_IN_BAND, count: int = 5
+) -> Demand:
+    """Return the demand on the lengths of edges."""
     ratio = edge_ratios(mesh, size)
     known = np.flatnonzero(~np.isnan(ratio))
     in_band = is_in_band(ratio[known])
@@ -490,6 +493,11 @@ def _edges(mesh: SimplexMesh, size: SizeLike, share: float, count: int) -> Deman
     return Demand("edges", status, text, found, share, _places(middles, ratio[worst], count))
 
 
+def of_domain(check: MeshCheck) -> tuple[Demand, ...]:
+    """Return the demands but for those on the sizes."""
+    return tuple(demand for demand in check.demands if demand.name not in ("edges", "served"))
+
+
 def size_demands(
     mesh: SimplexMesh,
     size: SizeLike,
@@ -498,7 +506,7 @@ def size_demands(
     count: int = 5,
 ) -> Iterator[Demand]:
     """Yield the demands on the sizes."""
-    yield _edges(mesh, size, share_in_band, count)
+    yield edges_demand(mesh, size, share_in_band, count)
     yield from served_demand(RequestedElements.of(mesh, size), share_served, count)
 
 

@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 from adaptsize._checks import place_text
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import BackendError, BackendTimeoutError
+from adaptsize.quality.certificate import MeshCheck
 from adaptsize.remeshing.acceptance import Verdict
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.planning import Attempt
@@ -71,6 +72,8 @@ class Attempts:
     best: Best | None
     is_cut_short: bool
     """Whether the time was over before a mesh was accepted."""
+    check: MeshCheck | None = None
+    """How the best mesh compares with the given domain; None if it was not compared."""
 
     def as_list(self) -> list[dict[str, Any]]:
         """Return the attempts as dictionaries, for JSON."""
@@ -279,7 +282,9 @@ _KEPT = "_attempts"
 
 def keep_attempts(mesh: SimplexMesh, attempts: Attempts) -> None:
     """Keep with a new mesh how it was made.  Copies of the mesh do not have it."""
-    vars(mesh)[_KEPT] = replace(attempts, best=None)
+    verdict = None if attempts.best is None else attempts.best.verdict
+    check = None if verdict is None else verdict.check
+    vars(mesh)[_KEPT] = replace(attempts, best=None, check=check)
 
 
 def attempts_of(mesh: SimplexMesh) -> Attempts | None:

@@ -11,9 +11,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from adaptsize.background import SimplexMesh
+from adaptsize.background.simplex import cut_out
 from adaptsize.background.splitting import bisect_edges
+from adaptsize.background.topology import marked, places_among, regions_beside
 from adaptsize.quality.boundary import FarPlaces, farthest_places
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing.boundary_repair import repaired
@@ -21,28 +24,32 @@ from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.straight_edges import StraightEdges
 from adaptsize.remeshing.surface import facets_of
 from adaptsize.remeshing.taken_back import take_back, worst_of_nodes
-from adaptsize.typing import BoolArray, FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 #: What is farther away than this share of the tolerance is brought nearer, and the repair that
 #: follows keeps to it.  The rest is for the places between those that the repair looks at.
 _AIM = 0.9
-#: Divisions of edges before a repair.
-_ROUNDS = 6
+#: Divisions of edges before a repair, and how often one is repeated without what makes it worse.
+_ROUNDS = 10
+_PATIENCE = 2
 #: Nodes farther from the old surface than this share of the tolerance are projected, unless a cell
 #: becomes worse than the least quality.
 _FAR = 0.5
 _LEAST = 0.2
-#: The same in later rounds, after which the worst cells are repaired again.  On a scan and on a CAD
-#: part, single edges stayed 1.7 and 1.9 tolerances away with the first only.
-_LATER = (0.05, 0.05, 0.01, 0.01, 0.003)
+#: The same in later rounds, after which the worst cells are repaired again: the next one once a
+#: round brings nothing nearer.  On a scan and on a CAD part, single edges stayed 1.7 and 1.9
+#: tolerances away with the first only.
+_LATER = (0.05, 0.01, 0.002)
+#: Later rounds at most.
+_MOST = 12
 #: A round that leaves smaller angles than this, in degrees, and than before, is not kept.
 _FLAT = 10.0
 #: Facets are not divided if more than this share of them is beyond the tolerance.
 _FEW = 0.3
 #: A target with more than this weight at a corner of a facet moves that, and one with less than
-#: this weight opposite to an edge divides that; others divide the longest edge.  What has failed is
-#: tried with the next numbers.
-_TRIES = ((0.85, 0.15), (0.6, 0.15), (0.85, 0.3))
+#: this weight opposite to an edge divides that; others divide the longest edge.  Each is served in
+#: that way that brings most nearer.
+_TRIES = ((0.85, 0.15), (0.6, 0.15))
 #: Nothing is changed again in this many lengths of a cell around one that has become flat.
 _AROUND = 1.5
 #: Of coordinates and of corners, in the keys of facets.
@@ -72,8 +79,6 @@ def improved(
     """
     lines = StraightEdges(given)
     mesh = lines.straightened(mesh, tolerance)
-    if mesh.cell_dim < mesh.dim:
-        return repaired(mesh, given, tolerance, size)
     old, surface = facets_of(given), facets_of(mesh)
     nodes = np.unique(surface.cells)
     distance = _nearest(old, mesh.points[nodes])[1]
@@ -86,6 +91,8 @@ def improved(
 
     def made(mesh: SimplexMesh, far: _Far, least: float, spoiled: _Balls) -> SimplexMesh:
         divided = _divided(mesh, old, far, tolerance, lines, least, spoiled)
+        if divided is mesh and least < _LEAST:
+            return mesh
         return repaired(divided, given, _AIM * tolerance, size)
 
     return _in_rounds(mesh, old, tolerance, made)
@@ -96,6 +103,11 @@ class _Balls(NamedTuple):
 
     centres: FloatArray
     radii: FloatArray
+
+    @classmethod
+    def none(cls, dim: int) -> "_Balls":
+        """Return no balls."""
+        return cls(np.empty((0, dim)), np.empty(0))
 
     @classmethod
     def around(cls, mesh: SimplexMesh, cells: BoolArray) -> "_Balls":
@@ -121,6 +133,7 @@ class _Far(NamedTuple):
     What is nearer than the limit has been looked at no further.
     """
 
+    cells: IntArray
     surface: SimplexMesh
     keys: FloatArray
     new: FarPlaces
@@ -131,11 +144,13 @@ class _Far(NamedTuple):
         """Return the places of a mesh."""
         surface = facets_of(mesh)
         new, lost = farthest_places(surface, old, limit), farthest_places(old, surface, limit)
-        return cls(surface, _keys_of(surface), new, lost)
+        return cls(mesh.cells, surface, _keys_of(surface), new, lost)
 
     def after(self, mesh: SimplexMesh, old: SimplexMesh, limit: float) -> "_Far":
         """Return those of a mesh that was changed in some places."""
-        surface, before = facets_of(mesh), self.surface
+        before = self.surface
+        are_moved = np.array_equal(mesh.cells, self.cells) and mesh.n_points == before.n_points
+        surface = before.moved(mesh.points) if are_moved else facets_of(mesh)
         keys = _keys_of(surface)
         order = np.argsort(self.keys)
         place = np.minimum(np.searchsorted(self.keys, keys, sorter=order), len(order) - 1)
@@ -153,12 +168,24 @@ class _Far(NamedTuple):
             if part is not None:
                 for values, now in zip(found, farthest_places(part, other, limit), strict=True):
                     values[rows] = now
-        return _Far(surface, keys, new, lost)
+        return _Far(mesh.cells, surface, keys, new, lost)
 
     def beyond(self, limit: float) -> float:
         """Return the sum of the distances beyond a limit, less the limit."""
         over = np.concatenate([self.new.distance, self.lost.distance]) - limit
         return float(over[over > 0.0].sum())
+
+    def beyond_around(self, centres: FloatArray, reach: FloatArray, limit: float) -> FloatArray:
+        """Return the sums of the distances beyond a limit in balls, less the limit."""
+        from scipy.spatial import cKDTree  # slow to import
+
+        points = np.concatenate([self.new.points, self.lost.points])
+        over = np.concatenate([self.new.distance, self.lost.distance]) - limit
+        points, over = points[over > 0.0], over[over > 0.0]
+        if not len(over):
+            return np.zeros(len(centres))
+        near = cKDTree(points).query_ball_point(centres, reach)
+        return np.array([over[rows].sum() for rows in near])
 
     def are_few(self, limit: float) -> bool:
         """Return whether some places are beyond a limit, but few of the new facets."""
@@ -174,11 +201,30 @@ def _keys_of(surface: SimplexMesh) -> FloatArray:
 
 
 class _Targets(NamedTuple):
-    """Where nodes are wanted: the places, the facets nearest to these, and the weights there."""
+    """Where nodes are wanted: the places, the facets nearest to these, and the weights there.
+
+    ``shares``: how they are served, see `_TRIES`.
+    """
 
     there: FloatArray
     cells: IntArray
     weights: FloatArray
+    shares: FloatArray
+
+    def served_by(self, shares: npt.ArrayLike) -> "_Targets":
+        """Return the same targets, to be served in a way, or each in its own."""
+        return self._replace(shares=np.broadcast_to(shares, (len(self.there), 2)))
+
+    def some(self, which: BoolArray) -> "_Targets":
+        """Return some of the targets."""
+        return _Targets(*(values[which] for values in self))
+
+    def nearer(self, before: "_Far", after: "_Far", limit: float) -> FloatArray:
+        """Return by how much less is beyond a limit around each target than before."""
+        corners = before.surface.points[before.surface.cells[self.cells]]
+        reach = 2.0 * np.linalg.norm(corners - corners[:, :1], axis=2).max(axis=1)
+        was, now = (far.beyond_around(self.there, reach, limit) for far in (before, after))
+        return np.asarray(was - now)
 
 
 def _in_rounds(
@@ -193,23 +239,38 @@ def _in_rounds(
     places to leave as they are.  These are where a round has spoiled cells, which is not kept.
     """
     limit = _AIM * tolerance
-    best, far = mesh, _Far.of(mesh, old, limit)
-    spoiled = _Balls.around(mesh, np.zeros(mesh.n_cells, np.bool_))
-    for least in (_LEAST, *_LATER):
-        mesh = made(best, far, least, spoiled)
-        if least < _LEAST:
-            flat = minimum_angles(mesh) < min(_FLAT, minimum_angles(best).min())
-            if flat.any():
-                spoiled = spoiled.and_also(_Balls.around(mesh, flat))
-                continue
-        now = far.after(mesh, old, limit)
-        if least < _LEAST and now.beyond(tolerance) >= far.beyond(tolerance):
-            continue
-        best, far = mesh, now
+    best = made(mesh, far := _Far.of(mesh, old, limit), _LEAST, spoiled := _Balls.none(mesh.dim))
+    far = far.after(best, old, limit)
+    later = list(_LATER)
+    for _ in range(_MOST):
         # Many are far where the sizes are coarse: nothing is divided there.
-        if not far.are_few(tolerance):
+        if not later or not far.are_few(tolerance):
             break
+        mesh = made(best, far, later[0], spoiled)
+        if mesh is best:
+            del later[0]
+            continue
+        flat = minimum_angles(mesh) < min(_FLAT, minimum_angles(best).min())
+        if flat.any():
+            spoiled = spoiled.and_also(_Balls.around(mesh, flat))
+            continue
+        now = far.after(mesh, old, limit)
+        if now.beyond(tolerance) < far.beyond(tolerance):
+            best, far = mesh, now
+        else:
+            del later[0]
     return best
+
+
+class _Step(NamedTuple):
+    """A changed mesh, what is far of it, and by how much less that is around each target.
+
+    The latter is -inf for targets that are not served.
+    """
+
+    mesh: SimplexMesh
+    far: _Far
+    gain: FloatArray
 
 
 def _divided(
@@ -224,19 +285,59 @@ def _divided(
     """Return the mesh with nodes of the old surface where it is too far from that.
 
     Edges get a node at the farthest places on facets beside them, and at places of the old surface
-    that these miss; nodes are moved there.  ``least`` is the least quality of cells.
+    that these miss; nodes are moved there.  ``least`` is the least quality of cells.  A step may
+    bring the mesh farther away: where facets meet at an edge, one node alone may do so.
     """
-    limit, failed = _AIM * tolerance, 0
-    for k in range(_ROUNDS):
-        if failed == len(_TRIES) or not far.are_few(tolerance):
+    limit, waited = _AIM * tolerance, 0
+    best = now = _Step(mesh, far, np.empty(0))
+    for _ in range(_ROUNDS):
+        if waited > _PATIENCE or not now.far.are_few(tolerance):
             break
-        targets = _targets(far, old, limit, spoiled)
-        made = _with_targets(mesh, far.surface, targets, lines, least, _TRIES[k % len(_TRIES)])
-        now = far.after(made, old, limit)
-        failed += 1
-        if now.beyond(tolerance) < far.beyond(tolerance):
-            mesh, far, failed = made, now, 0
-    return mesh
+        targets = _targets(now.far, old, limit, spoiled)
+        steps = _steps(now, old, limit, lines, least, targets)
+        if not steps:
+            break
+        now, waited = min(steps, key=lambda step: step.far.beyond(limit)), waited + 1
+        if now.far.beyond(tolerance) < best.far.beyond(tolerance):
+            best, waited = now, 0
+    return best.mesh
+
+
+def _steps(
+    now: _Step,
+    old: SimplexMesh,
+    limit: float,
+    lines: StraightEdges,
+    least: float,
+    targets: _Targets,
+) -> list[_Step]:
+    """Return the meshes with all targets served in one way, and each in the way best for it."""
+    tried = [_step(now, old, limit, lines, least, targets.served_by(shares)) for shares in _TRIES]
+    gains = np.array([one.gain for one in tried])
+    way, gain = gains.argmax(axis=0), gains.max(axis=0, initial=-np.inf)
+    order = np.argsort(-gain, kind="stable")
+    order = order[gain[order] > 0.0]
+    is_new = not any((one[np.isfinite(one)] > 0.0).all() for one in gains[np.unique(way[order])])
+    if len(order) and is_new:
+        mixed = targets.served_by(np.array(_TRIES)[way]).some(order)
+        tried.append(_step(now, old, limit, lines, least, mixed))
+    return [step for step in tried if step.mesh is not now.mesh]
+
+
+def _step(
+    now: _Step,
+    old: SimplexMesh,
+    limit: float,
+    lines: StraightEdges,
+    least: float,
+    targets: _Targets,
+) -> _Step:
+    """Return the mesh with targets served; the same one if none can be."""
+    mesh, served = _with_targets(now.mesh, now.far.surface, targets, lines, least)
+    if mesh is now.mesh:
+        return now._replace(gain=np.full(len(served), -np.inf))
+    far = now.far.after(mesh, old, limit)
+    return _Step(mesh, far, np.where(served, targets.nearer(now.far, far, limit), -np.inf))
 
 
 def _targets(far: _Far, old: SimplexMesh, limit: float, spoiled: _Balls) -> _Targets:
@@ -250,10 +351,11 @@ def _targets(far: _Far, old: SimplexMesh, limit: float, spoiled: _Balls) -> _Tar
         np.concatenate([_nearest(old, new.points[off])[0], lost.points[missed]]),
         np.concatenate([at, cells]),
         np.concatenate([weights, beside]),
+        np.empty((len(at) + len(cells), 2)),
     )
     order = np.argsort(-np.append(new.distance[off], lost.distance[missed]))
     order = order[~spoiled.contain(found.there[order])]
-    return _Targets(found.there[order], found.cells[order], found.weights[order])
+    return found.some(order)
 
 
 def _weights_in(corners: FloatArray, points: FloatArray) -> FloatArray:
@@ -273,43 +375,58 @@ def _with_targets(
     targets: _Targets,
     lines: StraightEdges,
     least: float,
-    shares: tuple[float, float],
-) -> SimplexMesh:
-    """Return the mesh with nodes at targets, or halfway: moved ones, and new ones on edges.
+) -> tuple[SimplexMesh, BoolArray]:
+    """Return the mesh with nodes at targets, or halfway, and for which it has these.
 
-    Of targets side by side, the farthest is served.
+    Nodes are moved, or edges divided.  Of targets side by side, the first is served.
     """
-    there, cells, weights = targets
-    is_corner = weights.max(axis=1) > shares[0]
+    there, cells, weights, shares = targets
+    is_corner = weights.max(axis=1) > shares[:, 0]
     nodes = surface.cells[cells, weights.argmax(axis=1)]
     edges = surface.cells[cells]
     if surface.cell_dim == 2:
-        edges = _edges_at(surface, targets, lines.are_on(mesh), shares[1])
-    is_taken = np.zeros(mesh.n_points, np.bool_)
-    moved, divided = list[int](), list[int]()
+        edges = _edges_at(surface, targets, lines.are_on(surface))
+    is_taken, is_held = np.zeros(mesh.n_points, np.bool_), _nodes_of_borders(mesh)
+    served = np.zeros(len(there), np.bool_)
     for k, cell in enumerate(cells.tolist()):
         ends = nodes[k, None] if is_corner[k] else edges[k]
-        if ends[0] < 0 or is_taken[ends].any():
+        if ends[0] < 0 or is_taken[ends].any() or is_held[ends].all():
             continue
-        (moved if is_corner[k] else divided).append(k)
+        served[k] = True
         is_taken[surface.cells[cell]] = True
         is_taken[ends] = True
     points = mesh.points.copy()
+    moved, divided = served & is_corner, served & ~is_corner
     _move(points, mesh.cells, nodes[moved], there[moved], least)
-    mesh = mesh.moved(points)
-    return _with_nodes(mesh, edges[divided], there[divided], least) if divided else mesh
+    if moved.any():
+        mesh = mesh.moved(points)
+    return _with_nodes(mesh, edges[divided], there[divided], least), served
 
 
-def _edges_at(
-    surface: SimplexMesh, targets: _Targets, is_on_line: BoolArray, share: float
-) -> IntArray:
+def _nodes_of_borders(mesh: SimplexMesh) -> BoolArray:
+    """Return the nodes of tagged edges of a surface, and between facets of different tags.
+
+    How far these lines move is not measured, so that they stay.  Those of a volume bound its facets
+    and interfaces, which are measured.
+    """
+    held = np.zeros(mesh.n_points, np.bool_)
+    if mesh.cell_dim < mesh.dim:
+        if mesh.cell_tags is not None:
+            lowest, highest = regions_beside(mesh.cell_facets, mesh.cell_tags, len(mesh.facets))
+            held[mesh.facets[lowest != highest]] = True
+        if mesh.tagged_facets is not None:
+            held[mesh.tagged_facets] = True
+    return held
+
+
+def _edges_at(surface: SimplexMesh, targets: _Targets, is_on_line: BoolArray) -> IntArray:
     """Return the edge to divide for each target, -1 for none.
 
     It is the nearest one, or the longest one if the target is inside of a facet.  Straight edges
     are not divided.
     """
     sides = surface.cell_facets[targets.cells]
-    is_inside = targets.weights.min(axis=1) > share
+    is_inside = targets.weights.min(axis=1) > targets.shares[:, 1]
     away = np.where(is_inside[:, None], -surface.edge_lengths[sides], targets.weights)
     away[is_on_line[surface.edges[sides]].all(axis=2)] = np.inf
     chosen = surface.edges[sides[np.arange(len(sides)), away.argmin(axis=1)]].copy()
@@ -324,25 +441,41 @@ def _with_nodes(
 
     An edge is not divided if a node there, even halfway, would spoil cells.
     """
+    if not len(edges):
+        return mesh
+    near = marked(edges, mesh.n_points)[mesh.cells].sum(axis=1) > 1
+    part, nodes = cut_out(mesh.points, mesh.cells[near])
+    while len(edges):
+        split, new, which = _bisected(part, places_among(nodes, mesh.n_points)[edges])
+        points, start = split.points.copy(), split.points
+        kept = np.minimum(worst_of_nodes(start, split.cells), least)
+        moved = np.zeros(len(new), np.bool_)
+        for share in (1.0, 0.5):
+            left = new[~moved]
+            points[left] += share * (there[which[~moved]] - points[left])
+            take_back(points, split.cells, start, left, kept)
+            moved = (points[new] != start[new]).any(axis=1)
+        edges, there = edges[which[moved]], points[new[moved]]
+        if moved.all():
+            split, new, which = _bisected(mesh, edges)
+            points = split.points.copy()
+            points[new] = there[which]
+            return replace(split, points=points)
+    return mesh
+
+
+def _bisected(mesh: SimplexMesh, edges: IntArray) -> tuple[SimplexMesh, IntArray, IndexArray]:
+    """Return the mesh with edges divided, the new nodes, and which edges they are on.
+
+    Of edges of one cell, the longest is divided.
+    """
     factors = np.array([mesh.n_points, 1])
     keys = np.sort(edges, axis=1).astype(np.int64) @ factors
-    rows = np.searchsorted(mesh.edges.astype(np.int64) @ factors, keys)
-    target = np.full((len(mesh.edges), mesh.dim), np.nan)
-    target[rows] = there
-    split = bisect_edges(mesh, ~np.isnan(target[:, 0]))
-    nodes = mesh.n_points + np.arange(len(split.split_edges))
-    points, start = split.mesh.points.copy(), split.mesh.points
-    kept = np.minimum(worst_of_nodes(start, split.mesh.cells), least)
-    moved = np.zeros(len(nodes), np.bool_)
-    for share in (1.0, 0.5):
-        left = nodes[~moved]
-        points[left] += share * (target[split.split_edges[~moved]] - points[left])
-        take_back(points, split.mesh.cells, start, left, kept)
-        moved = (points[nodes] != start[nodes]).any(axis=1)
-    if not moved.all():
-        rest = mesh.edges[split.split_edges[moved]]
-        return _with_nodes(mesh, rest, points[nodes[moved]], least)
-    return replace(split.mesh, points=points)
+    which = np.full(len(mesh.edges), -1)
+    which[np.searchsorted(mesh.edges.astype(np.int64) @ factors, keys)] = np.arange(len(edges))
+    split = bisect_edges(mesh, which >= 0)
+    new = mesh.n_points + np.arange(len(split.split_edges))
+    return split.mesh, new, which[split.split_edges]
 
 
 def _pull(points: FloatArray, cells: IntArray, nodes: IntArray, old: SimplexMesh) -> None:
@@ -357,6 +490,7 @@ def _move(
 
     Changes ``points``.
     """
+    cells = cells[marked(nodes, len(points))[cells].any(axis=1)]
     for share in (1.0, 0.5):
         start, kept = points.copy(), np.minimum(worst_of_nodes(points, cells), least)
         points[nodes] += share * (there - points[nodes])

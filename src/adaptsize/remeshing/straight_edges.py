@@ -11,7 +11,6 @@ import numpy as np
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import marked, regions_beside
-from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.creases import normals_of, sharp_facets
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing.surface import facets_of
@@ -50,14 +49,8 @@ class StraightEdges:
             return mesh
         nodes, points = nodes[moved], mesh.points.copy()
         points[nodes] = there[moved]
-        if mesh.cell_dim == mesh.dim:
-            least = np.minimum(worst_of_nodes(mesh.points, mesh.cells), tuning.LEAST_QUALITY)
-            take_back(points, mesh.cells, mesh.points, nodes, least)
-        else:
-            before, after = (facet_normals(p[mesh.cells]) for p in (mesh.points, points))
-            least = 0.5 * np.einsum("ij,ij->i", before, before)
-            spoiled = np.unique(mesh.cells[np.einsum("ij,ij->i", before, after) < least])
-            points[spoiled] = mesh.points[spoiled]
+        least = np.minimum(worst_of_nodes(mesh.points, mesh.cells), tuning.LEAST_QUALITY)
+        take_back(points, mesh.cells, mesh.points, nodes, least)
         return replace(mesh, points=points)
 
     def are_on(self, mesh: SimplexMesh) -> BoolArray:

@@ -1,10 +1,13 @@
 """Moves of nodes that are taken back where cells become too flat."""
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels.smoothing import fill_quality
 from adaptsize.background._mesh_arrays import read_only
+from adaptsize.geometry.boundary import facet_normals
 from adaptsize.remeshing import tuning
 from adaptsize.typing import FloatArray, IntArray
 
@@ -16,9 +19,9 @@ def take_back(
     nodes: npt.NDArray[np.integer],
     least: FloatArray,
 ) -> None:
-    """Take back moves of nodes whose cells have less than the least quality."""
+    """Take back moves of nodes whose cells have less than the least quality, or turned far."""
     for _ in range(tuning.ROUNDS_OF_TAKING_BACK):  # taking back one move may spoil another
-        worse = nodes[worst_of_nodes(points, cells)[nodes] < least[nodes]]
+        worse = nodes[worst_of_nodes(points, cells, old)[nodes] < least[nodes]]
         worse = worse[(points[worse] != old[worse]).any(axis=1)]
         if len(worse) == 0:
             return
@@ -26,15 +29,32 @@ def take_back(
     points[:] = old
 
 
-def worst_of_nodes(points: FloatArray, cells: IntArray) -> FloatArray:
+def worst_of_nodes(
+    points: FloatArray, cells: IntArray, before: FloatArray | None = None
+) -> FloatArray:
     """Return the smallest quality of the cells around each node."""
     worst = np.ones(len(points))
-    np.minimum.at(worst, cells, quality_of(points, cells)[:, None])
+    np.minimum.at(worst, cells, quality_of(points, cells, before)[:, None])
     return worst
 
 
-def quality_of(points: FloatArray, cells: IntArray) -> FloatArray:
-    """Return the quality of each cell."""
+def quality_of(points: FloatArray, cells: IntArray, before: FloatArray | None = None) -> FloatArray:
+    """Return the quality of each cell.
+
+    That of triangles in space is negative if they have turned far from where the points were.
+    """
+    if cells.shape[1] == points.shape[1] == 3:
+        return _quality_in_space(points, cells, points if before is None else before)
     quality = np.empty(len(cells))
     fill_quality(read_only(points), read_only(cells), quality)
     return quality
+
+
+def _quality_in_space(points: FloatArray, cells: IntArray, before: FloatArray) -> FloatArray:
+    corners = points[cells]
+    normals, was = facet_normals(corners), facet_normals(before[cells])
+    twice, length = np.linalg.norm(normals, axis=1), np.linalg.norm(was, axis=1)
+    squares = ((corners - np.roll(corners, 1, axis=1)) ** 2).sum(axis=(1, 2))
+    quality = 2.0 * math.sqrt(3.0) * twice / np.maximum(squares, np.finfo(float).tiny)
+    turned = np.einsum("ij,ij->i", normals, was) < tuning.LEAST_COSINE * twice * length
+    return np.asarray(np.where(turned, -quality, quality))

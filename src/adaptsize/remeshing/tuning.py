@@ -171,3 +171,5 @@ ON_LINE = 1e-9
 LEAST_QUALITY = 0.2
 #: Rounds in which single moves are taken back, before all are.
 ROUNDS_OF_TAKING_BACK = 8
+#: Moved triangles in space may turn by no more than the angle of this cosine.
+LEAST_COSINE = 0.5

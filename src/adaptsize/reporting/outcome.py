@@ -186,22 +186,27 @@ def outcome_of_remeshing(
     size: SizeFunction,
     tolerance: float,
     elements: float | None = None,
+    check: MeshCheck | None = None,
 ) -> Outcome:
-    """Compare a new mesh with the repaired old one, its sizes, and the number requested."""
+    """Compare a new mesh with the repaired old one, its sizes, and the number requested.
+
+    ``check`` is what `remesh` has found when it compared the two; this takes longest.
+    """
     from adaptsize.quality import check_mesh
     from adaptsize.quality.boundary import region_measures
     from adaptsize.quality.by_place import RequestedElements
-    from adaptsize.quality.certificate import served_demand
+    from adaptsize.quality.certificate import edges_demand, of_domain, served_demand
     from adaptsize.quality.conformity import with_served
     from adaptsize.quality.requests import unserved
 
     # Edges as `adaptsize check` does, which has the nodal sizes only; these do not show what was
     # requested between the nodes.
     sizes = new.point_data.get("h", size)
-    check = check_mesh(new, original=old, size=sizes, tolerance=tolerance)
+    if check is None:
+        check = check_mesh(new, original=old, tolerance=tolerance)
     elements_there = RequestedElements.of(new, size)
-    kept = (demand for demand in check.demands if demand.name != "served")
-    check = replace(check, demands=(*kept, *served_demand(elements_there)))
+    of_sizes = edges_demand(new, sizes), *served_demand(elements_there)
+    check = replace(check, demands=(*of_domain(check), *of_sizes))
     found = with_served(conformity_beside(check, new, sizes, old), elements_there.served(size))
     same_kind = old.cell_dim == new.cell_dim
     was, made = (region_measures(mesh) if same_kind else {} for mesh in (old, new))
@@ -212,7 +217,7 @@ def outcome_of_remeshing(
         _predicted(new, size) if elements is None else elements,
         elements is not None,
         tolerance,
-        _change(new, old),
+        _change(new, old, check),
         {tag: (made[tag], made[tag] / was[tag] - 1.0) for tag in was if tag in made},
         sharp_cells(new),
         unserved=tuple(str(one) for one in unserved(elements_there, size)),
@@ -281,9 +286,15 @@ def _predicted(new: SimplexMesh, size: SizeFunction) -> float:
     return size.report.n_elements
 
 
-def _change(new: SimplexMesh, old: SimplexMesh) -> float | None:
+def _change(new: SimplexMesh, old: SimplexMesh, check: MeshCheck) -> float | None:
     """Return the relative change of the area or volume; None if the old one has no volume."""
     from adaptsize.geometry.solid import Solid
 
-    before = old.measures.sum() if old.cell_dim == new.cell_dim else Solid(old).volume
+    if old.cell_dim == new.cell_dim:
+        before = old.measures.sum()
+    else:
+        found = [demand.value for demand in check.demands if demand.name == "measure"]
+        if found:
+            return found[0]
+        before = Solid(old).volume
     return float(new.measures.sum() / before - 1.0) if before > 0.0 else None

@@ -1,0 +1,73 @@
+"""Wherever the tolerance is used after the sizes, one that is 5 % larger would be noticed here."""
+
+import numpy as np
+import pytest
+from shapes import block
+
+import adaptsize as ads
+from adaptsize.remeshing import improvement, mmg
+from adaptsize.remeshing.acceptance import Judge
+from adaptsize.remeshing.filling import adapt_surface
+from adaptsize.remeshing.improvement import improved
+from adaptsize.remeshing.isolation import IsolatedRunner
+from adaptsize.remeshing.preparation import as_problem
+
+RUN = IsolatedRunner("mmg", None, None, lambda *_: None)
+
+
+@pytest.mark.parametrize(("share", "is_served"), [(0.87, False), (0.92, True), (0.98, True)])
+def test_what_is_beyond_nine_tenths_of_the_tolerance_is_brought_nearer_too(
+    share, is_served, monkeypatch
+):
+    """An arc of 48 nodes; a mesh without two of them, of which one is too far away."""
+    monkeypatch.setattr(improvement, "repaired", lambda mesh, *_: mesh)
+    tolerance, angles = 0.02, np.arange(48) * np.pi / 24.0
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    chord = np.cos(np.pi / 24.0)
+    ring[47] *= chord + 1.03 * tolerance
+    ring[23] *= chord + share * tolerance
+    points = [*ring, [0.0, 0.0]]
+    given = ads.SimplexMesh(points, [[i, (i + 1) % 48, 48] for i in range(48)])
+    kept = [i for i in range(48) if i not in (23, 47)]
+    cells = [[a, b, 48] for a, b in zip(kept, np.roll(kept, -1), strict=True)]
+    new = improved(ads.SimplexMesh(points, cells), given, tolerance)
+    near = lambda place: np.linalg.norm(new.points[new.in_a_cell] - place, axis=1).min()  # noqa: E731
+    assert near(ring[47]) < 0.15 * tolerance
+    assert (near(ring[23]) < 0.15 * tolerance) == is_served
+
+
+def hausd_of(make, monkeypatch):
+    """The largest distances that Mmg is asked for."""
+    asked = []
+
+    def once(mesh, sizes, hausd, *others):
+        asked.append(hausd)
+        return mesh
+
+    monkeypatch.setattr(mmg, "_adapted_once", once)
+    make()
+    return asked
+
+
+def test_mmg_is_asked_for_the_tolerance_times_known_factors(monkeypatch):
+    cube, tolerance = block(2), 0.003
+    size = lambda x: np.full(len(x), 0.05)  # noqa: E731
+
+    def on_surface():
+        skin = cube.boundary().mesh
+        adapt_surface(skin, np.empty((0, 2), np.int32), size, tolerance, RUN)
+
+    assert set(hausd_of(on_surface, monkeypatch)) == {2.0 * tolerance, 1.6 * tolerance}
+    for is_adapted in (False, True):
+        problem = as_problem("tetrahedra", cube, tolerance / cube.diagonal)
+        problem = problem.__class__(**{**vars(problem), "size": size, "is_adapted": is_adapted})
+        asked = hausd_of(lambda: mmg.MmgBackend().solve(problem, RUN), monkeypatch)  # noqa: B023
+        assert asked == pytest.approx([1.6 * tolerance] * len(asked))
+        assert asked
+
+
+@pytest.mark.parametrize(("factor", "is_off"), [(1.08, False), (1.12, True)])
+def test_nodes_have_left_the_boundary_beyond_a_tenth_more_than_the_tolerance(factor, is_off):
+    box, tolerance = block(4), 0.01
+    moved = box.moved(box.points + factor * tolerance * box.diagonal * np.eye(3)[0])
+    assert Judge(box, None, None, tolerance)(moved).is_off == is_off
