@@ -21,7 +21,7 @@ from adaptsize.geometry.enclosed import is_oriented
 from adaptsize.geometry.solid import Solid
 from adaptsize.remeshing import driver, filling, netgen
 from adaptsize.remeshing.acceptance import Judge
-from adaptsize.remeshing.attempts import attempts_of
+from adaptsize.remeshing.driver import remeshed
 from adaptsize.remeshing.filling import adapt_surface
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.mmg import MmgBackend
@@ -249,20 +249,20 @@ def test_a_failure_of_mmg_leaves_the_cells_that_fill_the_surface(first_volumes, 
     monkeypatch.setattr(MmgBackend, "solve", fail)
     text = "the tetrahedra are those that fill the surface, not adapted .*: mmg failed"
     with pytest.warns(ResolutionWarning, match=text) as seen:
-        new = remesh(cube(), 0.3, tolerance=1e-2)
+        made = remeshed(cube(), 0.3, tolerance=1e-2)
     assert seen[0].filename == __file__
-    assert_allclose(new.measures.sum(), 1.0)
+    assert_allclose(made.mesh.measures.sum(), 1.0)
     assert first_volumes == ["netgen"]
-    assert "mmg failed" in attempts_of(new).tried[0].text
+    assert "mmg failed" in made.attempts.tried[0].text
 
 
 def test_a_failure_of_mmg_and_netgen_leaves_ftetwild(first_volumes, monkeypatch):
     monkeypatch.setattr(MmgBackend, "solve", fail)
     monkeypatch.setattr(netgen, "fill", fail)
-    new = remesh(cube(), 0.3, tolerance=1e-2)
-    assert_allclose(new.measures.sum(), 1.0, rtol=1e-2)
+    made = remeshed(cube(), 0.3, tolerance=1e-2)
+    assert_allclose(made.mesh.measures.sum(), 1.0, rtol=1e-2)
     assert first_volumes == ["tetwild"]
-    assert [one.status for one in attempts_of(new).tried][:2] == ["failed", "failed"]
+    assert [one.status for one in made.attempts.tried][:2] == ["failed", "failed"]
     monkeypatch.setattr(TetWildBackend, "solve", fail)
     with pytest.raises(BackendError, match=r"no generator made a mesh; tried netgen on .* failed"):
         remesh(cube(), 0.3, tolerance=5e-3)
@@ -282,9 +282,9 @@ def test_bodies_that_cross_become_their_union(first_volumes, tagged, used, reaso
     if tagged:
         crossed = replace(crossed, tagged_facets=[[0, 1]], facet_tags=[1])
     with pytest.warns(OpenSurfaceWarning, match="bodies 1 and 2 overlap"):
-        new = remesh(crossed, 0.3, tolerance=1e-2)
+        new, attempts = remeshed(crossed, 0.3, tolerance=1e-2)
     assert first_volumes == used
-    (only,) = attempts_of(new).tried
+    (only,) = attempts.tried
     assert only.reason == reason
     assert_allclose(new.measures.sum(), 2.0 - 0.5 * 0.7 * 0.6, rtol=0.03)
 

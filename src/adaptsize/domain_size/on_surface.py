@@ -273,9 +273,14 @@ class _Surface:
             bounds["separation"] = request.on_features(
                 bounds["separation"], faces.mesh.diameter, faces.is_rough
             )
-        points = [(name, at, across_surface(w, request)) for name, at, w in self.in_facets]
+        diameter = faces.mesh.diameter
+        points = [
+            (name, at, across_surface(request.across_walls(w, diameter), request))
+            for name, at, w in self.in_facets
+        ]
         if "width" in bounds:
-            bounds["width"] = across_surface(bounds["width"], request)
+            walls = request.across_walls(bounds["width"], diameter)
+            bounds["width"] = across_surface(walls, request)
         every = Bounds(
             mesh,
             bounds | at_nodes,

@@ -32,6 +32,9 @@ STEEPEST = 2.0
 #: quarter of an element across, and hmax is nearly the diameter.  Half: 1.3, 1.3 and 4.1 times as
 #: many in the relaxed domains.  Double: none.
 FULLY = 16.0
+#: The largest relaxation: beyond `FULLY`, only features are allowed to be closer than the size, by
+#: up to 16 times.
+FARTHEST = 64.0
 
 #: A predicted number this close to the requested one is accepted, a share.
 CLOSE = 0.02

@@ -271,18 +271,3 @@ def worst_places(verdict: Verdict) -> str:
         for demand in verdict.check.failures
         if demand.places
     )
-
-
-#: The attribute of a mesh in which its attempts are kept, for commands.
-_KEPT = "_attempts"
-
-
-def keep_attempts(mesh: SimplexMesh, attempts: Attempts) -> None:
-    """Keep with a new mesh how it was made.  Copies of the mesh do not have it."""
-    vars(mesh)[_KEPT] = replace(attempts, best=None)
-
-
-def attempts_of(mesh: SimplexMesh) -> Attempts | None:
-    """Return how a mesh was made, if it is one that `remesh` has returned."""
-    found: Attempts | None = vars(mesh).get(_KEPT)
-    return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -42,7 +42,6 @@ from adaptsize.remeshing.attempts import (
     Budget,
     Candidate,
     best_of,
-    keep_attempts,
     worst_places,
 )
 from adaptsize.remeshing.delivery import delivered, warn_of_unconnected, without_fields
@@ -195,23 +194,43 @@ def remesh(
     adaptsize.errors.TooManyElementsError: the sizes require about 2.31e+10 elements, ...
     """
     mesh = as_mesh("mesh", mesh, PartitionedMesh)
-    given = mesh.ranks.agree(lambda: checked(RemeshOptions, options))
     if isinstance(mesh, PartitionedMesh):
+        given = mesh.ranks.agree(lambda: checked(RemeshOptions, options))
         if required_facets is not None:
             raise ValueError("required_facets must be None for meshes in parts")
         with reporting(progress if mesh.ranks.rank == 0 else None) as report:
             one: Any = partial(remesh, **(given | RemeshOptions(backend="mmg")), progress=report)
             return remesh_parts(mesh, cast(npt.ArrayLike, size), one, given)  # type: ignore
-    job = _prepared(without_fields(mesh), size, required_facets, given)
+    return remeshed(mesh, size, required_facets, progress=progress, **options).mesh
+
+
+class Remeshed(NamedTuple):
+    """A new mesh, and how it was made."""
+
+    mesh: SimplexMesh
+    attempts: Attempts
+
+
+def remeshed(
+    mesh: SimplexMesh,
+    size: SizeLike | Metric | MetricFunction | Callable[[FloatArray], Metric],
+    required_facets: npt.ArrayLike | None = None,
+    *,
+    progress: ProgressCallback | bool | None = None,
+    **options: Unpack[RemeshOptions],
+) -> Remeshed:
+    """Return what `remesh` returns of a mesh in one part, and what was tried."""
+    given = checked(RemeshOptions, options)
+    job = _prepared(without_fields(as_mesh("mesh", mesh)), size, required_facets, given)
     with reporting(progress) as report:
         found = job.attempts(IsolatedRunner(job.chosen.name, None, None, report))
     best = _accepted(found, job.task, given)
-    keep_attempts(best.mesh, found)
     job.warn_of(best.mesh)
-    if job.required is not None:  # beside facets that must not change, no sizes can be followed
-        return best.mesh
-    asked = job.sizes
-    return delivered(best.mesh, asked.given, asked.at, asked.on, asked.metric, asked.metric_on)
+    new = best.mesh
+    if job.required is None:  # beside facets that must not change, no sizes can be followed
+        asked = job.sizes
+        new = delivered(new, asked.given, asked.at, asked.on, asked.metric, asked.metric_on)
+    return Remeshed(new, found)
 
 
 def _prepared(
