@@ -234,10 +234,18 @@ class Maker:
             size_function(self.mesh, progress=self.progress, **{**self.for_sizes, **number})
         )
 
-    def nearest_sized(self, max_elements: float) -> SizeFunction:
-        """Return the sizes with at most so many elements, or the fewest that are possible."""
-        given = {**self.for_sizes, "max_elements": max_elements}
-        return self._shown(nearest_size_function(self.mesh, progress=self.progress, **given))
+    def nearest_sized(self, max_elements: float, ratio: float) -> SizeFunction:
+        """Return the sizes with at most so many elements, or the fewest that are possible.
+
+        Their predicted numbers are multiplied by what a mesh has made of those predicted for it.
+        """
+        given = {**self.for_sizes, "max_elements": max_elements / ratio}
+        size = nearest_size_function(self.mesh, progress=self.progress, **given)
+        report = report_of(size)
+        report = replace(
+            report, n_elements=ratio * report.n_elements, n_nodes=ratio * report.n_nodes
+        )
+        return self._shown(replace(size, report=report))
 
     def _shown(self, size: SizeFunction) -> SizeFunction:
         self.listener.show(size)
@@ -268,12 +276,10 @@ def within_cap(maker: Maker, most: float | None) -> MadeMesh:
     count, predicted = made.mesh.n_cells, report_of(made.size).n_elements
     if most is None or count <= tuning.OVER_CAP * most:
         return made
-    aim = max(most * predicted / count, 1.0)
-    text = "{} elements, more than {max_elements} = {:.6g}; a mesh is made for {:.0f}"
-    maker.listener.say(Message(text, count, most, aim))
-    size = maker.nearest_sized(aim)
-    fewest = report_of(size).n_elements
-    if fewest > (1.0 - tuning.UNUSED) * predicted:
+    text = "{} elements where {:.0f} were predicted, more than {max_elements} = {:.6g}"
+    maker.listener.say(Message(text, count, predicted, most))
+    size = maker.nearest_sized(most, count / predicted)
+    if report_of(size).n_elements > (1.0 - tuning.UNUSED) * count:
         text = "the mesh has {} elements, more than {max_elements} = {:.6g}: {}"
         return made._replace(excess=Message(text, count, most, what_controls(report_of(size))))
     try:

@@ -17,6 +17,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import ordered_by_place, reordered
 from adaptsize.background.splitting import SplitMesh, halved_edges, split_edges
 from adaptsize.background.topology import marked, rows_among
+from adaptsize.domain_size import tuning
 from adaptsize.domain_size.bounds import Bounds
 from adaptsize.domain_size.reports import report_of
 from adaptsize.domain_size.request import PointBounds, Request, bound_at_nodes
@@ -78,15 +79,19 @@ class SurfaceDomain:
         gets the mean of the curvatures at the ends; on the way to the tip of a cone, where there is
         none, it gets half of the radius at the other end.
 
-        The surface gets at most 400 000 nodes, and not more than a tenth of the elements allowed: a
-        single layer of tetrahedra has about 4.5 per node of it, and a thicker solid more than 10.
+        The surface gets at most 400 000 nodes, and not more than a tenth of the elements allowed
+        where these are above 20 000: a single layer of tetrahedra has about 4.5 per node of it,
+        and a thicker solid more than 10.
         A surface with more nodes consists of slivers much narrower than the size, where no finer
         background is needed.
         """
         if request.h0 is not None and not callable(request.h0):
             request = replace(request, h0=bound_at_nodes(request.h0, self.mesh)[self.nodes])
         surface = _Surface.of(self, request)
-        max_nodes = 4e5 if request.is_fixed else min(4e5, 0.1 * request.max_elements)
+        allowed = tuning.SHARE_ON_SURFACE * request.max_elements
+        max_nodes = float(tuning.MOST_NODES)
+        if not request.is_fixed:
+            max_nodes = min(max_nodes, max(allowed, tuning.FEW_NODES))
         while True:
             size, mesh = surface.limited(request), surface.mesh
             ratio = mesh.edge_lengths / size.values[mesh.edges].min(axis=1)
