@@ -5,9 +5,9 @@ import pytest
 from distance_shapes import ball
 from meshes import random_sphere
 
-from adaptsize import CartesianGrid, SimplexMesh, remesh_to_elements, size_function
-from adaptsize.domain_size.elements import _within_cap, reach_number
-from adaptsize.errors import ResolutionWarning, TooManyElementsError
+from adaptsize import SimplexMesh, remesh_to_elements, size_function
+from adaptsize.domain_size.elements import Listener, MadeMesh, reach_number
+from adaptsize.errors import ResolutionWarning
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 LINE = SimplexMesh([[0, 0], [1, 0]], [[0, 1]])  # not refined
@@ -71,28 +71,30 @@ class Generator:
 
     def __init__(self, ratio, power=1.0):
         self.ratio, self.power, self.wanted = ratio, power, []
+        self.mesh, self.listener, self.messages = LINE, Listener(self._said), []
+
+    def _said(self, text):
+        self.messages.append(text)
 
     def sized(self, **number):
         self.wanted += number.values()
         return size_function(SQUARE, **number)
 
-    def meshed(self, old, size):
+    def meshed(self, size, old=None):
         n = max(round(self.ratio * size.report.n_elements**self.power), 1)
         points = np.column_stack([np.arange(n + 1.0), np.zeros(n + 1)])
         cells = np.column_stack([np.arange(n), np.arange(1, n + 1)])
         if self.power == 1.0:
             points = np.column_stack([np.arange(n + 2.0), np.arange(n + 2.0) % 2])
             cells = np.column_stack([np.arange(n), np.arange(1, n + 1), np.arange(2, n + 2)])
-        return SimplexMesh(points, cells)
+        return MadeMesh(SimplexMesh(points, cells), size)
 
 
 @pytest.mark.parametrize(("ratio", "meshes"), [(1.03, 1), (1.1, 2), (1.3, 2), (0.5, 2)])
 def test_sizes_are_corrected_by_what_the_first_mesh_has_made_of_them(ratio, meshes):
-    generator, messages = Generator(ratio), []
-    mesh, size = reach_number(
-        LINE, ("elements", 1000), generator.sized, generator.meshed, messages.append
-    )
-    assert messages == []
+    generator = Generator(ratio)
+    mesh, size, *_ = reach_number(generator, ("elements", 1000), (1, 1))
+    assert generator.messages == []
     assert mesh.n_cells == pytest.approx(1000, rel=0.05)
     assert len(generator.wanted) == meshes
     if meshes > 1:
@@ -100,10 +102,9 @@ def test_sizes_are_corrected_by_what_the_first_mesh_has_made_of_them(ratio, mesh
 
 
 def test_the_reason_is_messages_before_the_last_of_three_meshes():
-    generator, messages = Generator(1.5 * 1000**0.3, 0.7), []
-    mesh, _ = reach_number(
-        LINE, ("elements", 1000), generator.sized, generator.meshed, messages.append
-    )
+    generator = Generator(1.5 * 1000**0.3, 0.7)
+    mesh = reach_number(generator, ("elements", 1000), (1, 1)).mesh
+    messages = generator.messages
     assert mesh.n_cells == pytest.approx(1000, rel=0.05)
     wanted = [f"{number:.0f}" for number in generator.wanted]
     assert len(wanted) == 3
@@ -154,18 +155,3 @@ def test_what_is_no_mesh_or_no_target_is_refused_before_the_sizes():
         remesh_to_elements(SQUARE, 10, nodes=10)
     with pytest.raises(ValueError, match="one of elements and nodes must be given, got none"):
         remesh_to_elements(SQUARE)
-
-
-def test_a_cap_that_fewer_elements_cannot_keep_is_named_with_the_number_made():
-    square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
-    size = size_function(square, hmax=0.1)
-    many = CartesianGrid((0.0, 0.0), 0.01, (101, 101)).mesh
-
-    def sized(**number):
-        if number:
-            raise TooManyElementsError("the boundary needs about 900 elements")
-        return size
-
-    text = "the mesh has 20000 elements, more than max_elements = 500, and for fewer: the boundary"
-    with pytest.raises(TooManyElementsError, match=text):
-        _within_cap(square, 500.0, sized, lambda old, size: many, print)

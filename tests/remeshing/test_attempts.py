@@ -20,7 +20,8 @@ from adaptsize.errors import (
 from adaptsize.quality.certificate import Demand, MeshCheck
 from adaptsize.remeshing import register_backend, registry, remesh
 from adaptsize.remeshing.acceptance import Judge, Verdict
-from adaptsize.remeshing.attempts import Budget, Candidate, attempts_of, best_of
+from adaptsize.remeshing.attempts import Budget, Candidate, best_of
+from adaptsize.remeshing.driver import remeshed
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.planning import CURABLE, Attempt
 from adaptsize.remeshing.preparation import as_problem, restore
@@ -316,7 +317,7 @@ def test_of_a_crash_a_hang_a_bad_and_a_good_mesh_the_good_one_is_returned(fakes,
 
 def test_generators_of_auto_are_tried_until_a_mesh_is_sound(fakes):
     fakes(crash=CRASHES, bad=TWICE, good=COPY, never=COPY)
-    found = attempts_of(remesh(CUBE, 0.55))
+    found = remeshed(CUBE, 0.55).attempts
     assert statuses(found) == [("crash", "failed"), ("bad", "missed"), ("good", "met")]
     assert all(one.reason for one in found.tried)
 
@@ -330,9 +331,9 @@ def test_at_the_time_limit_the_mesh_so_far_is_returned_with_a_warning(fakes, tmp
         pytest.warns(BoundaryWarning, match="cells overlap others"),
         pytest.warns(BoundaryWarning, match="another topology"),
     ):
-        mesh = remesh(CUBE, 0.55, timeout=3.0)
-    assert mesh.n_cells == CUBE.n_cells + 1
-    assert attempts_of(mesh).is_cut_short
+        made = remeshed(CUBE, 0.55, timeout=3.0)
+    assert made.mesh.n_cells == CUBE.n_cells + 1
+    assert made.attempts.is_cut_short
     said = [w for w in seen if "stopped" in str(w.message)]
     assert len(said) == 1
     assert said[0].filename == __file__
@@ -360,15 +361,15 @@ def test_if_all_generators_fail_the_error_lists_them(fakes):
 def test_strict_prepares_once_and_accepts_only_what_meets_all_demands(fakes):
     fakes(bad=TWICE, good=COPY)
     with pytest.warns(ResolutionWarning, match="made by good after bad, bad with 0.4 x tolerance"):
-        mesh = remesh(CUBE, 0.55, strict=True)
-    assert [one.status for one in attempts_of(mesh).tried] == ["missed", "missed", "met"]
+        made = remeshed(CUBE, 0.55, strict=True)
+    assert [one.status for one in made.attempts.tried] == ["missed", "missed", "met"]
     with pytest.raises(MeshingError, match="no mesh meets the demands; tried ") as caught:
         remesh(CUBE, 0.1, strict=True)
     assert [demand.name for demand in caught.value.check.failures] == ["edges", "served"]
 
 
-def test_copies_of_a_mesh_do_not_keep_its_attempts(fakes):
+def test_a_mesh_holds_nothing_of_its_attempts(fakes):
     fakes(good=COPY)
-    mesh = remesh(CUBE, 0.55)
-    assert statuses(attempts_of(mesh)) == [("good", "made")]
-    assert attempts_of(mesh.moved(mesh.points)) is None
+    made = remeshed(CUBE, 0.55)
+    assert statuses(made.attempts) == [("good", "made")]
+    assert not any("attempts" in name for name in vars(made.mesh))

@@ -6,7 +6,7 @@ from shapes import block
 
 from adaptsize.errors import BackendError, BackendTimeoutError
 from adaptsize.remeshing import remesh
-from adaptsize.remeshing.attempts import attempts_of
+from adaptsize.remeshing.driver import remeshed
 from adaptsize.remeshing.isolation import IsolatedRunner
 
 CUBE = block(1)
@@ -34,9 +34,9 @@ def failing(monkeypatch):
 
 def test_a_crash_is_followed_by_a_run_with_a_smaller_tolerance(failing):
     tolerances = failing(BackendError("tetwild failed: crashed (SIGSEGV)"))
-    mesh = remesh(SURFACE, 1.2, backend="tetwild", tolerance=0.02)
+    made = remeshed(SURFACE, 1.2, backend="tetwild", tolerance=0.02)
     np.testing.assert_allclose(tolerances, [0.02, 0.005])
-    first, second = attempts_of(mesh).tried
+    first, second = made.attempts.tried
     assert (first.route, first.status) == ("tetwild", "failed")
     assert "SIGSEGV" in first.text
     assert (second.route, second.status) == ("tetwild with 0.25 x tolerance", "met")

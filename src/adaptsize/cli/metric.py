@@ -79,7 +79,7 @@ def limit_with_metric(console: Console, file: Path, output: Path, given: Given) 
 
 def remesh_with_metric(console: Console, file: Path, output: Path, given: Given) -> int:
     """Make a mesh with the sizes of a metric whose gradient is limited first."""
-    from adaptsize.remeshing.attempts import attempts_of
+    from adaptsize.remeshing.driver import remeshed
 
     _check(file, output, given, _OF_MESHING | {"hmin", "hmax", "fields"})
     g, fields = given.get("g", METRIC_GRADIENT_LIMIT), given.get("fields", "all")
@@ -91,10 +91,9 @@ def remesh_with_metric(console: Console, file: Path, output: Path, given: Given)
         limited = ads.MetricFunction(mesh, metric)
         options = {name: given[name] for name in _OF_MESHING & given.keys()}
         following = steps.following()
-        new = ads.remesh(mesh.without_data(), limited, progress=following, **options)
-        attempts = attempts_of(new)
+        made = remeshed(mesh.without_data(), limited, progress=following, **options)
         steps.begin("writing")
-        new = with_fields(console, mesh, new, output, (fields, given["metric"]), steps.report)
+        new = with_fields(console, mesh, made.mesh, output, (fields, given["metric"]), steps.report)
         function = ads.MetricFunction(new, limited(new.points))
         files.write_result(console, output, function)
         steps.begin("checks")
@@ -102,7 +101,7 @@ def remesh_with_metric(console: Console, file: Path, output: Path, given: Given)
         files.draw(console, "metric", given.get("plot"), function)
     console.record(g=g, mesh=conformity.as_dict(), metric=_summary(function))
     console.print(conformity)
-    return int(attempts is not None and attempts.is_cut_short)
+    return int(made.attempts.is_cut_short)
 
 
 def _summary(function: MetricFunction) -> dict[str, float]:

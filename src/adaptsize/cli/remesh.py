@@ -41,7 +41,7 @@ from adaptsize.options import BudgetOptions, MeshOptions, RemeshToElementsOption
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
     from adaptsize.background import SimplexMesh
-    from adaptsize.remeshing.attempts import Attempts
+    from adaptsize.domain_size.elements import MadeMesh
     from adaptsize.reporting.outcome import Outcome
 
 #: Options of the command itself.
@@ -78,9 +78,8 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
     """
     if "metric" in given:
         return remesh_with_metric(console, file, output, given)
-    from adaptsize.domain_size.elements import mesh_with_sizes
+    from adaptsize.domain_size.elements import Listener, mesh_with_sizes
     from adaptsize.domain_size.reports import report_of
-    from adaptsize.remeshing.attempts import attempts_of
     from adaptsize.remeshing.preparation import repair_mesh
     from adaptsize.reporting.outcome import outcome_of_remeshing
 
@@ -103,16 +102,14 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
             warnings.simplefilter("ignore", ads.errors.OpenSurfaceWarning)  # printed by _accepted
             warnings.simplefilter("ignore", ads.errors.ConnectionWarning)  # and by `read`
             following = steps.following()
-            new, size = mesh_with_sizes(
+            made = mesh_with_sizes(
                 mesh.without_data(),
                 bounded(mesh, options),
-                tell=console.say,
-                found=found,
+                listener=Listener(console.say, found),
                 progress=following,
             )
-        report = report_of(size)
+        new, size, report = made.mesh, made.size, report_of(made.size)
         allowed = given.get("tolerance", TOLERANCE)
-        attempts = attempts_of(new)
         steps.begin("writing")
         fields = given.get("fields", "all"), given.get("field")
         new = with_fields(console, mesh, new, output, fields, steps.report)
@@ -121,16 +118,16 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         files.write_result(console, output, new, order=order, record=record)
         steps.begin("checks")
         repaired = repair_mesh(mesh).mesh
-        check = None if attempts is None else attempts.check
+        check = None if made.attempts is None else made.attempts.check
         outcome = outcome_of_remeshing(new, repaired, size, allowed, given.get("elements"), check)
         files.draw(console, "size", plot, new)
         files.write_report(console, page, file, new, size, outcome, outcome.check)
     console.record(size=as_dict(report))
-    return _printed(console, outcome, attempts, new, given)
+    return _printed(console, outcome, made, new, given)
 
 
 def _printed(
-    console: Console, outcome: Outcome, attempts: Attempts | None, new: SimplexMesh, given: Given
+    console: Console, outcome: Outcome, made: MadeMesh, new: SimplexMesh, given: Given
 ) -> int:
     """Print how good a new mesh is and how long it took, and return the exit code."""
     times = ", ".join(f"{name} {seconds:.1f}" for name, seconds in console.times)
@@ -139,7 +136,12 @@ def _printed(
         off = f"{new.n_points / given['nodes'] - 1.0:+.1%}"
         nodes = f"{'nodes':10}{new.n_points}, {given['nodes']:.0f} requested ({off})"
         lines.insert(0, nodes)
-    code = print_outcome(console, outcome, *lines)
+    code, attempts = print_outcome(console, outcome, *lines), made.attempts
+    if made.excess is not None:
+        console.warn(made.excess)
+        if console.quiet:
+            print_message(f"error: {made.excess}")
+        code = max(code, 1)
     if attempts is None:
         return code
     console.record(attempts=attempts.as_list())

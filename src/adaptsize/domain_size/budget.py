@@ -26,6 +26,8 @@ from adaptsize.sizes.search import Search, rounded_up, smallest_tolerance
 
 #: Logarithm of a number over the wanted one that is close enough.
 _CLOSE = math.log1p(tuning.CLOSE)
+#: That of one that is no reason to refuse.
+_NEAR = math.log1p(tuning.NEAR)
 
 
 def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
@@ -51,10 +53,20 @@ def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
     """
     search = _searched(domain, request)
     size = search.best.result
-    if search.miss > (tuning.NEAR if request.goal is not None else _CLOSE):
+    if search.miss > _NEAR:
         _refuse(domain, request, report_of(size))
     elif search.miss < -tuning.NEAR and request.goal is not None:
         warn_caller(_shortage(request, report_of(size)), ResolutionWarning)
+    return _ordered(domain, request, size)
+
+
+def nearest_to_budget(domain: SizedDomain, request: Request) -> SizeFunction:
+    """Return the sizes nearest to a number of elements, with the fewest if these are too many."""
+    return _ordered(domain, request, _searched(domain, request).best.result)
+
+
+def _ordered(domain: SizedDomain, request: Request, size: SizeFunction) -> SizeFunction:
+    """Return sizes of a surface in the order of the given nodes; warn of sources outside."""
     if isinstance(domain, SurfaceDomain):
         size = domain.in_given_order(size)
         warn_of_outside(domain, request.sources, request.g)
@@ -72,17 +84,17 @@ def _searched(domain: SizedDomain, request: Request) -> Search[SizeFunction]:
     search: Search[SizeFunction] = Search(
         1.0, float(first.background.dim), _CLOSE, most=16,
         below=_CLOSE if request.goal is not None else tuning.UNUSED, is_cap=request.goal is None,
-        bounds=(1.0 if request.goal is None else 0.0, tuning.FULLY if is_kept else np.inf),
+        bounds=(1.0 if request.goal is None else 0.0, tuning.FARTHEST if is_kept else np.inf),
         # Where a bound no longer grows, hmin does, and exceeds it in the end; unless it is given.
         patience=3 if _given(request) else 6,
     )  # fmt: skip
     search.add(_load(report_of(first), request), first)
     known: dict[float, SizeFunction] = {}
     if is_kept and search.miss > _CLOSE:
-        fewest = known[tuning.FULLY] = _fully_relaxed(domain, request)
+        fewest = known[tuning.FARTHEST] = _fully_relaxed(domain, request)
         load = _load(report_of(fewest), request)
-        if np.log(load) > (tuning.NEAR if request.goal is not None else _CLOSE):
-            search.add(load, fewest, factor=tuning.FULLY)
+        if np.log(load) > _CLOSE:  # those above by less than a tenth are made as they are
+            search.add(load, fewest, factor=tuning.FARTHEST)
             return search
     elif request.is_fixed:
         return search
@@ -251,7 +263,7 @@ def _fully_relaxed(domain: SizedDomain, request: Request) -> SizeFunction:
 
     They do not depend on the number that is allowed.
     """
-    return _relaxed(domain, request.with_options(max_elements=np.inf), tuning.FULLY)
+    return _relaxed(domain, request.with_options(max_elements=np.inf), tuning.FARTHEST)
 
 
 def _relaxed(domain: SizedDomain, request: Request, relaxation: float) -> SizeFunction:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Literal, TypeAlias
 
 import numpy.typing as npt
@@ -13,7 +14,7 @@ from adaptsize.background import AnyBackground, CartesianGrid, Octree, SimplexMe
 from adaptsize.background.image import Image
 from adaptsize.background.octree import as_box
 from adaptsize.background.simplex import as_own
-from adaptsize.domain_size.budget import within_budget
+from adaptsize.domain_size.budget import nearest_to_budget, within_budget
 from adaptsize.domain_size.by_domain import LevelSet, SizedDomain, mesh_domain
 from adaptsize.domain_size.implicit import ImplicitDomain, octree_around
 from adaptsize.domain_size.of_image import ImageDomain
@@ -104,6 +105,33 @@ def size_function(
     >>> size([[1.0, 0.0], [0.0, 0.0]]).round(2)
     array([0.5, 0.6])
     """
+    return _sizes(within_budget, domain, background, box, sources, h0, progress, options)
+
+
+def nearest_size_function(
+    domain: SimplexMesh,
+    *,
+    background: AnyBackground | Literal["auto"] | None = None,
+    sources: Any = (),
+    h0: npt.ArrayLike | Implicit | None = None,
+    progress: ProgressCallback | bool | None = None,
+    **options: Unpack[SizeFunctionOptions],
+) -> SizeFunction:
+    """Return what `size_function` does; where that refuses, the sizes with the fewest elements."""
+    return _sizes(nearest_to_budget, domain, background, None, sources, h0, progress, options)
+
+
+def _sizes(
+    find: Callable[[SizedDomain, Request], SizeFunction],
+    domain: Domain,
+    background: AnyBackground | Literal["auto"] | None,
+    box: tuple[npt.ArrayLike, npt.ArrayLike] | None,
+    sources: Any,
+    h0: npt.ArrayLike | Implicit | None,
+    progress: ProgressCallback | bool | None,
+    options: SizeFunctionOptions,
+) -> SizeFunction:
+    """Return the sizes that are found for a domain and a request, after all checks."""
     if isinstance(background, str) and background == "auto":
         background = None
     if background is not None:
@@ -113,7 +141,7 @@ def size_function(
         request = Request.of(given, sources, h0, report)
         domain = as_own(domain)
         refuse_unused(_kind_of(domain), options, " ".join(describe(domain).split()))
-        return within_budget(_as_domain(domain, background, box, request), request)
+        return find(_as_domain(domain, background, box, request), request)
 
 
 def _kind_of(domain: object) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Mapping
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,11 +22,16 @@ from adaptsize.background.merging import reordered
 from adaptsize.background.simplex import as_mesh
 from adaptsize.domain_size import tuning
 from adaptsize.domain_size.budget import predicted_number, what_controls
-from adaptsize.domain_size.complete_size import size_function
+from adaptsize.domain_size.complete_size import nearest_size_function, size_function
 from adaptsize.domain_size.reports import report_of
 from adaptsize.domain_size.request import Goal, Implicit, goal_of
 from adaptsize.domain_size.unknowns import unknowns_on
-from adaptsize.errors import OptionError, ResolutionWarning, TooManyElementsError
+from adaptsize.errors import (
+    BackendError,
+    OptionError,
+    ResolutionWarning,
+    TooManyElementsError,
+)
 from adaptsize.options import (
     BudgetOptions,
     DetailOptions,
@@ -37,11 +42,14 @@ from adaptsize.options import (
     options_of,
     with_options,
 )
+from adaptsize.remeshing.attempts import Attempts
 from adaptsize.remeshing.details import remove_details
-from adaptsize.remeshing.driver import check_backend, remesh
+from adaptsize.remeshing.driver import check_backend, remeshed
 from adaptsize.remeshing.tuning import MANY_MORE
-from adaptsize.sizes.search import Search
+from adaptsize.sizes.search import Search, Trial
 from adaptsize.typing import ProgressCallback, Unpack
+
+_LOGGER = logging.getLogger(__name__)
 
 
 class MeshOfElements(NamedTuple):
@@ -130,19 +138,42 @@ def remesh_to_elements(
         **{"elements": elements, "nodes": nodes},
         **{"background": background, "sources": sources, "h0": h0},
     }
-    tell = partial(logging.getLogger(__name__).info, "%s")
     with checked_before():
-        return mesh_with_sizes(mesh, request, tell=tell, progress=progress)
+        made = mesh_with_sizes(mesh, request, progress=progress)
+    return MeshOfElements(made.mesh, made.size)
+
+
+def _log(text: str) -> None:
+    _LOGGER.info("%s", text)
+
+
+@dataclass(frozen=True)
+class Listener:
+    """What is told to the user before a mesh is made."""
+
+    say: Callable[[str], object] = _log
+    """Takes a text: why another mesh is made."""
+    show: Callable[[SizeFunction], object] = report_of
+    """Takes each size function before its mesh is made."""
+
+
+class MadeMesh(NamedTuple):
+    """A mesh, the sizes that it was made for, and how it was made."""
+
+    mesh: SimplexMesh
+    size: SizeFunction
+    attempts: Attempts | None = None
+    excess: Message | None = None
+    """Why the mesh has more elements than allowed; None if it has not."""
 
 
 def mesh_with_sizes(
     mesh: SimplexMesh,
     request: Mapping[str, Any],
     *,
-    tell: Callable[[str], object],
-    found: Callable[[SizeFunction], object] = report_of,
+    listener: Listener | None = None,
     progress: ProgressCallback | bool | None,
-) -> MeshOfElements:
+) -> MadeMesh:
     """Return a mesh with the sizes of its domain, or the best of several for a requested number.
 
     Parameters
@@ -151,91 +182,119 @@ def mesh_with_sizes(
     request : mapping
         Options of `size_function` and of mesh generators, and further arguments of the former.
         Details are already removed.
-    tell : callable
-        Takes a text, see `reach_number`.
-    found : callable
-        Takes each size function before its mesh is made.
+    listener : Listener, optional
     progress : callable, bool or None
     """
-    for_mesh = {name: request[name] for name in options_of(MeshOptions) if name in request}
-    apart = {*for_mesh, *options_of(DetailOptions)}
-    for_sizes = {name: value for name, value in request.items() if name not in apart}
     numbers = {name: request[name] for name in options_of(BudgetOptions) if name in request}
     budget = checked(BudgetOptions, numbers)
     goal = goal_of(budget)
+    maker = Maker.of(mesh, request, listener or Listener(), progress, is_exact=goal is not None)
+    if goal is None:
+        return within_cap(maker, budget["max_elements"])
+    return reach_number(maker, goal, (budget["degree"], budget["components"]))
 
-    def sized(**number: float) -> SizeFunction:
-        size = size_function(mesh, progress=progress, **for_sizes | number)
-        found(size)
+
+@dataclass(frozen=True)
+class Maker:
+    """Makes sizes and meshes of a domain for several numbers of elements."""
+
+    mesh: SimplexMesh
+    for_sizes: Mapping[str, Any]
+    """Arguments of `size_function`."""
+    for_mesh: Mapping[str, Any]
+    """Arguments of `remesh`."""
+    most: float | None
+    """The largest number of elements that is allowed, None if none is given."""
+    is_exact: bool
+    """Whether a number of elements is requested."""
+    listener: Listener
+    progress: ProgressCallback | bool | None
+
+    @classmethod
+    def of(
+        cls,
+        mesh: SimplexMesh,
+        request: Mapping[str, Any],
+        listener: Listener,
+        progress: ProgressCallback | bool | None,
+        *,
+        is_exact: bool,
+    ) -> Maker:
+        """Return what serves a request as of `mesh_with_sizes`."""
+        for_mesh = {name: request[name] for name in options_of(MeshOptions) if name in request}
+        apart = {*for_mesh, *options_of(DetailOptions)}
+        for_sizes = {name: value for name, value in request.items() if name not in apart}
+        for_mesh["tolerance"] = request.get("tolerance") or TOLERANCE
+        most = request.get("max_elements")
+        return cls(mesh, for_sizes, for_mesh, most, is_exact, listener, progress)
+
+    def sized(self, **number: float) -> SizeFunction:
+        """Return the sizes for another number than the one in the request, or for that."""
+        return self._shown(
+            size_function(self.mesh, progress=self.progress, **{**self.for_sizes, **number})
+        )
+
+    def nearest_sized(self, max_elements: float, ratio: float) -> SizeFunction:
+        """Return the sizes with at most so many elements, or the fewest that are possible.
+
+        Their predicted numbers are multiplied by what a mesh has made of those predicted for it.
+        """
+        given = {**self.for_sizes, "max_elements": max_elements / ratio}
+        size = nearest_size_function(self.mesh, progress=self.progress, **given)
+        report = report_of(size)
+        report = replace(
+            report, n_elements=ratio * report.n_elements, n_nodes=ratio * report.n_nodes
+        )
+        return self._shown(replace(size, report=report))
+
+    def _shown(self, size: SizeFunction) -> SizeFunction:
+        self.listener.show(size)
         return size
 
-    def meshed(old: SimplexMesh, size: SizeFunction) -> SimplexMesh:
+    def meshed(self, size: SizeFunction, old: SimplexMesh | None = None) -> MadeMesh:
+        """Return a mesh of given sizes, from the mesh of the domain or from another one."""
         # A cap is kept unless given parameters forbid it; a requested number is not capped.
-        report, most = report_of(size), request.get("max_elements")
-        enough = MANY_MORE * report.n_elements
+        report = report_of(size)
         limit: dict[str, Any] = {}
-        if most is not None or goal is not None:
-            limit["max_elements"] = max(most or 0.0, enough)
+        if self.most is not None or self.is_exact:
+            limit["max_elements"] = max(self.most or 0.0, MANY_MORE * report.n_elements)
         with checked_before():
-            return remesh(
-                old, size, progress=progress, g=report.g, hmax=report.hmax,
-                tolerance=request.get("tolerance") or TOLERANCE, **for_mesh, **limit,
+            new = remeshed(
+                self.mesh if old is None else old, size, progress=self.progress,
+                g=report.g, hmax=report.hmax, **self.for_mesh, **limit,
             )  # fmt: skip
-
-    if goal is None:
-        return _within_cap(mesh, budget["max_elements"], sized, meshed, tell)
-    system = (budget["degree"], budget["components"])
-    return reach_number(mesh, goal, sized, meshed, tell, system)
+        return MadeMesh(new.mesh, size, new.attempts)
 
 
-def _within_cap(
-    mesh: SimplexMesh,
-    most: float | None,
-    sized: Callable[..., SizeFunction],
-    meshed: Callable[[SimplexMesh, SizeFunction], SimplexMesh],
-    tell: Callable[[str], object],
-) -> MeshOfElements:
-    """Return a mesh with at most a given number of elements, up to 10 %.
+def within_cap(maker: Maker, most: float | None) -> MadeMesh:
+    """Return a mesh with at most a given number of elements, up to 10 %, or one with few more.
 
-    If there are more, a second mesh is made for fewer.
-
-    Raises
-    ------
-    TooManyElementsError
-        If the second mesh has more elements, too, or fewer are not enough for the boundary.
+    If the first has more, a second mesh is made for fewer, where the boundary allows; of both, the
+    one with fewer elements is returned.
     """
-    size = sized()
-    made = MeshOfElements(meshed(mesh, size), size)
-    count = made.mesh.n_cells
+    made = maker.meshed(maker.sized())
+    count, predicted = made.mesh.n_cells, report_of(made.size).n_elements
     if most is None or count <= tuning.OVER_CAP * most:
         return made
-    aim = most * report_of(size).n_elements / count
-    text = "{} elements, more than {max_elements} = {:.6g}; a mesh is made for {:.0f}"
-    tell(Message(text, count, most, aim))
+    text = "{} elements where {:.0f} were predicted, more than {max_elements} = {:.6g}"
+    maker.listener.say(Message(text, count, predicted, most))
+    size = maker.nearest_sized(most, count / predicted)
+    if report_of(size).n_elements > (1.0 - tuning.UNUSED) * count:
+        text = "the mesh has {} elements, more than {max_elements} = {:.6g}: {}"
+        return made._replace(excess=Message(text, count, most, what_controls(report_of(size))))
     try:
-        size = sized(max_elements=max(aim, 1.0))
-    except TooManyElementsError as error:
+        second = maker.meshed(size)
+    except BackendError as error:
         text = "the mesh has {} elements, more than {max_elements} = {:.6g}, and for fewer: {}"
-        raise TooManyElementsError(Message(text, count, most, message_of(error))) from error
-    made = MeshOfElements(meshed(mesh, size), size)
-    if made.mesh.n_cells > tuning.OVER_CAP * most:
-        raise TooManyElementsError(
-            Message(
-                "the meshes had {} and {} elements, more than {max_elements} = {:.6g}: {}",
-                *(count, made.mesh.n_cells, most, what_controls(report_of(size))),
-            )
-        )
-    return made
+        return made._replace(excess=Message(text, count, most, message_of(error)))
+    if second.mesh.n_cells <= tuning.OVER_CAP * most:
+        return second
+    text = "the meshes had {} and {} elements, more than {max_elements} = {:.6g}: {}"
+    excess = Message(text, count, second.mesh.n_cells, most, what_controls(report_of(size)))
+    return min(made, second, key=lambda one: one.mesh.n_cells)._replace(excess=excess)
 
 
-def reach_number(
-    mesh: SimplexMesh,
-    goal: tuple[Goal, float],
-    sized: Callable[..., SizeFunction],
-    meshed: Callable[[SimplexMesh, SizeFunction], SimplexMesh],
-    tell: Callable[[str], object],
-    system: tuple[int, int] = (1, 1),
-) -> MeshOfElements:
+def reach_number(maker: Maker, goal: tuple[Goal, float], system: tuple[int, int]) -> MadeMesh:
     """Return the best of up to three meshes, by their numbers of elements, nodes or unknowns.
 
     A mesh of triangles in the plane is refined if the first new mesh misses the number.  Mmg
@@ -247,57 +306,88 @@ def reach_number(
 
     Parameters
     ----------
-    mesh : SimplexMesh
+    maker : Maker
     goal : tuple of str and float
         What there is a requested number of, and how large it is.
-    sized : callable
-        Returns the sizes for a predicted number of ``elements``, ``nodes`` or ``dofs``.
-    meshed : callable
-        Returns the mesh from a given mesh and sizes.
-    tell : callable
-        Takes a text before the last mesh is made: why the others are not near the number.
     system : tuple of int
-        Degree and number of components, for ``dofs``.
+        Degree and number of components, for unknowns.
     """
     what, requested = goal
-    size = sized(**{what: requested})
-    new = meshed(mesh, size)
-    search: Search[MeshOfElements] = Search.by_meshes(requested, new.cell_dim, tuning.ACCEPTED)
-
-    def add(new: SimplexMesh, size: SizeFunction) -> None:
-        predicted = predicted_number(report_of(size), what, system)
-        # Sizes larger by a factor s have s^-dim as many elements, and s^-cell_dim cells.
-        factor = (predicted / requested) ** (-1.0 / new.dim)
-        search.add(predicted, MeshOfElements(new, size), _number_on(new, what, system), factor)
-
-    add(new, size)
-    first = search.best
-    old = mesh
-    if search.factor is not None and mesh.dim == mesh.cell_dim == 2:
-        old = without_order(mesh, size)
+    first = maker.meshed(maker.sized(**{what: requested}))
+    meshes = _Meshes(
+        goal, system, Search.by_meshes(requested, first.mesh.cell_dim, tuning.ACCEPTED)
+    )
+    meshes.add(first)
+    best_before, old = meshes.search.best, maker.mesh
+    if meshes.search.factor is not None and old.dim == old.cell_dim == 2:
+        old = without_order(old, first.size)
         # The first mesh says little about one from this.
-        search = Search.by_meshes(requested, new.cell_dim, tuning.ACCEPTED, search.most - 1)
-        add(meshed(old, size), size)
-    while (factor := search.factor) is not None:
-        wanted = max(requested * factor**-new.dim, 1.0)
-        if len(search.trials) == search.most - 1:
-            bound = what_controls(report_of(search.best.result.size))
-            tell(
-                f"{what} so far: {search.records}; {bound}; the last mesh is made for {wanted:.0f}"
-            )
+        meshes = meshes.begun_again()
+        meshes.add(maker.meshed(first.size, old))
+    while (wanted := meshes.wanted) is not None:
+        if meshes.is_last:
+            maker.listener.say(meshes.progress(wanted))
         try:
-            size = sized(**{what: wanted})
-        except TooManyElementsError:
-            break  # fewer are predicted to be too few for the boundary
-        add(meshed(old, size), size)
-    best = min(first, search.best, key=lambda trial: abs(math.log(trial.number / requested)))
-    if not search.is_met(math.log(best.number / requested)):
+            meshes.add(maker.meshed(maker.sized(**{what: wanted}), old))
+        except (TooManyElementsError, BackendError):
+            break  # fewer are predicted to be too few for the boundary, or cannot be made
+    best = min(best_before, meshes.search.best, key=lambda trial: abs(meshes.miss(trial)))
+    if not meshes.search.is_met(meshes.miss(best)):
         warn_caller(
             f"the mesh has {best.number:.0f} {what} instead of {requested:.6g}; the meshes had "
-            f"{search.records}; {what_controls(report_of(best.result.size))}",
+            f"{meshes.search.records}; {what_controls(report_of(best.result.size))}",
             ResolutionWarning,
         )
     return best.result
+
+
+@dataclass(frozen=True)
+class _Meshes:
+    """Meshes made for a number, and what the next one is made for."""
+
+    goal: tuple[Goal, float]
+    system: tuple[int, int]
+    search: Search[MadeMesh]
+
+    def begun_again(self) -> _Meshes:
+        """Return a search without the meshes so far, of which one counts."""
+        before, requested = self.search, self.goal[1]
+        cell_dim = before.best.result.mesh.cell_dim
+        most = before.most - 1
+        return replace(self, search=Search.by_meshes(requested, cell_dim, tuning.ACCEPTED, most))
+
+    def add(self, made: MadeMesh) -> None:
+        """Add a mesh."""
+        what, requested = self.goal
+        predicted = predicted_number(report_of(made.size), what, self.system)
+        # Sizes larger by a factor s have s^-dim as many elements, and s^-cell_dim cells.
+        factor = (predicted / requested) ** (-1.0 / made.mesh.dim)
+        self.search.add(predicted, made, _number_on(made.mesh, what, self.system), factor)
+
+    @property
+    def wanted(self) -> float | None:
+        """The number for which the next sizes are made; None if there is no next mesh."""
+        factor = self.search.factor
+        if factor is None:
+            return None
+        return max(self.goal[1] * factor**-self.search.best.result.mesh.dim, 1.0)
+
+    @property
+    def is_last(self) -> bool:
+        """Whether only one more mesh can be made."""
+        return len(self.search.trials) == self.search.most - 1
+
+    def progress(self, wanted: float) -> str:
+        """Return why the meshes so far are not near the number."""
+        bound = what_controls(report_of(self.search.best.result.size))
+        return (
+            f"{self.goal[0]} so far: {self.search.records}; {bound}; the last mesh is made for "
+            f"{wanted:.0f}"
+        )
+
+    def miss(self, trial: Trial[MadeMesh]) -> float:
+        """Return the logarithm of a number that was made over the requested one."""
+        return math.log(trial.number / self.goal[1])
 
 
 def _number_on(mesh: SimplexMesh, what: Goal, system: tuple[int, int]) -> int:

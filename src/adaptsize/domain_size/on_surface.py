@@ -15,6 +15,7 @@ from adaptsize._progress import silent
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import ordered_by_place, reordered
+from adaptsize.domain_size import tuning
 from adaptsize.domain_size.refined_surface import RefinedSurface
 from adaptsize.domain_size.reports import report_of
 from adaptsize.domain_size.request import Request, bound_at_nodes
@@ -74,15 +75,19 @@ class SurfaceDomain:
         gets the mean of the curvatures at the ends; on the way to the tip of a cone, where there is
         none, it gets half of the radius at the other end.
 
-        The surface gets at most 400 000 nodes, and not more than a tenth of the elements allowed: a
-        single layer of tetrahedra has about 4.5 per node of it, and a thicker solid more than 10.
+        The surface gets at most 400 000 nodes, and not more than a tenth of the elements allowed
+        where these are above 20 000: a single layer of tetrahedra has about 4.5 per node of it,
+        and a thicker solid more than 10.
         A surface with more nodes consists of slivers much narrower than the size, where no finer
         background is needed.
         """
         if request.h0 is not None and not callable(request.h0):
             request = replace(request, h0=bound_at_nodes(request.h0, self.mesh)[self.nodes])
         surface = RefinedSurface.of(self, request)
-        max_nodes = 4e5 if request.is_fixed else min(4e5, 0.1 * request.max_elements)
+        allowed = tuning.SHARE_ON_SURFACE * request.max_elements
+        max_nodes = float(tuning.MOST_NODES)
+        if not request.is_fixed:
+            max_nodes = min(max_nodes, max(allowed, tuning.FEW_NODES))
         while True:
             size, mesh = surface.limited(request), surface.mesh
             ratio = mesh.edge_lengths / size.values[mesh.edges].min(axis=1)

@@ -14,6 +14,7 @@ from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.domain_size.named_parts import parts_of
 from adaptsize.domain_size.reports import report_of
+from adaptsize.domain_size.request import chords_of
 from adaptsize.sizes.budget import mean_density
 from adaptsize.sizes.curvature import CHORDS
 from adaptsize.typing import FloatArray
@@ -117,6 +118,6 @@ def _lengths(report: SizeReport, diameter: float) -> dict[str, FloatArray]:
     if "curvature" in report.bounds:
         bound = report.bounds["curvature"]
         with np.errstate(invalid="ignore"):  # a bound that is disabled says nothing about inf
-            chords = np.square(bound) / (CHORDS * report.tolerance * diameter)
+            chords = np.square(bound) / (chords_of(report.relaxation) * report.tolerance * diameter)
             found["radius"] = np.fmax(report.elements_per_radian * bound, chords)
     return found

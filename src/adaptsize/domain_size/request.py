@@ -20,7 +20,7 @@ from adaptsize.domain_size.unknowns import as_bytes
 from adaptsize.errors import OptionError
 from adaptsize.options import BudgetOptions, SizeFunctionOptions
 from adaptsize.sizes import PointSource, size_from_sources
-from adaptsize.sizes.curvature import CHORDS, size_of_chords
+from adaptsize.sizes.curvature import CHORDS, LONGEST_CHORDS, size_of_chords
 from adaptsize.sizes.sources import KNOWN, as_sources
 from adaptsize.typing import FloatArray, ProgressCallback
 
@@ -41,7 +41,8 @@ class Request:
     report: ProgressCallback = silent
     relaxation: float = 1.0
     """Factor by which parameters that are not given are relaxed, for ``max_elements``; below 1
-    they are tightened, for ``elements``, ``nodes`` or ``dofs``."""
+    they are tightened, for ``elements``, ``nodes`` or ``dofs``.  Above `tuning.FULLY`, only the
+    elements between features change."""
     is_capped: bool = False
     """Whether a largest number or memory is given, not only the default."""
 
@@ -81,8 +82,13 @@ class Request:
         given = self.options["g"]
         if given is not None:
             return given
-        steeper = np.clip(np.sqrt(0.25 * self.relaxation), 1.0, tuning.STEEPEST)
+        steeper = np.clip(np.sqrt(0.25 * self._usual), 1.0, tuning.STEEPEST)
         return GRADIENT_LIMIT * float(steeper)
+
+    @property
+    def _usual(self) -> float:
+        """The relaxation of all but the elements between features."""
+        return min(self.relaxation, tuning.FULLY)
 
     @property
     def crease_angle(self) -> float:
@@ -120,14 +126,14 @@ class Request:
         given = self.options["elements_per_radian"]
         if given is not None:
             return given
-        return max(tuning.PER_RADIAN / self.relaxation, tuning.LEAST_PER_RADIAN)
+        return max(tuning.PER_RADIAN / self._usual, tuning.LEAST_PER_RADIAN)
 
     @property
     def per_radian_of_chords(self) -> float:
         """The same where chords are kept within a tolerance: fully relaxed, these are enough."""
         if self.options["elements_per_radian"] is not None or self.tolerance == np.inf:
             return self.per_radian
-        return tuning.PER_RADIAN / self.relaxation
+        return tuning.PER_RADIAN / self._usual
 
     @property
     def across(self) -> float:
@@ -139,16 +145,20 @@ class Request:
         given = self.options["elements_across"]
         if given is not None:
             return given
-        later = max(2.0 * tuning.ACROSS / self.relaxation, tuning.LEAST_ACROSS)
-        return max(tuning.ACROSS / self.relaxation, min(1.0, later))
+        later = max(2.0 * tuning.ACROSS / self._usual, tuning.LEAST_ACROSS)
+        return max(tuning.ACROSS / self._usual, min(1.0, later))
 
     def between(self, is_rough: bool) -> float:
         """Return the elements between features that are close; by default none if it is rough."""
         given = self.options["elements_between"]
         if given is not None:
             return given
-        # Relaxed, features may be closer than the size by up to a factor of 4.
-        return 0.0 if is_rough else max(tuning.BETWEEN / self.relaxation, tuning.LEAST_ACROSS)
+        if is_rough:
+            return 0.0
+        # Relaxed, features may be closer than the size by up to a factor of 4; by more only if
+        # everything else is relaxed, since cells between them then have small angles.
+        beyond = self.relaxation / self._usual
+        return max(tuning.BETWEEN / self._usual, tuning.LEAST_ACROSS) / beyond
 
     @property
     def tolerance(self) -> float:
@@ -166,7 +176,8 @@ class Request:
 
     def on_curves(self, radius: FloatArray, diameter: float) -> FloatArray:
         """Return sizes that resolve curves of given radii and leave a mesh within the tolerance."""
-        chords, k = size_of_chords(radius, self.tolerance * diameter), self.per_radian_of_chords
+        chords = size_of_chords(radius, self.tolerance * diameter, chords_of(self.relaxation))
+        k = self.per_radian_of_chords
         return np.minimum(radius / k, chords) if k else chords
 
     def on_features(self, separation: FloatArray, diameter: float, is_rough: bool) -> FloatArray:
@@ -174,6 +185,13 @@ class Request:
         finite = np.isfinite(self.tolerance)
         least = (self.tolerance if finite else TOLERANCE) * diameter
         return np.maximum(separation, least) / self.between(is_rough)
+
+    def across_walls(self, width: FloatArray, diameter: float) -> FloatArray:
+        """Return the widths that count: walls thinner than the tolerance may be lost within it."""
+        is_given = self.options["elements_across"] is not None
+        if is_given or self.relaxation <= 1.0 or self.tolerance == np.inf:
+            return width
+        return np.maximum(width, self.tolerance * diameter)
 
     def limits(
         self, diameter: float, least: float = 0.0, *, of_chords: bool = False
@@ -185,9 +203,9 @@ class Request:
         """
         high, low = self.options["hmax"], self.options["hmin"]
         if high is None:
-            high = max(self.relaxation * tuning.HMAX_SHARE * diameter, low or 0.0, least)
+            high = max(self._usual * tuning.HMAX_SHARE * diameter, low or 0.0, least)
         if low is None:
-            low = self.relaxation * tuning.HMIN_SHARE * diameter
+            low = self._usual * tuning.HMIN_SHARE * diameter
             if of_chords:
                 low = min(low, np.sqrt(CHORDS) * self.tolerance * diameter)
             low = min(max(low, least), high)
@@ -227,6 +245,11 @@ class Request:
         if len(sources) == 0:
             return {}
         return {"sources": size_from_sources(background, sources, g=self.g)}
+
+
+def chords_of(relaxation: float) -> float:
+    """Return the squared size over the radius and the tolerance of relaxed parameters."""
+    return min(CHORDS * max(relaxation, 1.0), LONGEST_CHORDS)
 
 
 def goal_of(options: BudgetOptions) -> tuple[Goal, float] | None:

@@ -135,11 +135,12 @@ class LocalWidth(SurfaceBound):
         From the surface to the middle, at a distance W / 2, sizes grow to h + g W / 2.  The
         integral of 1 / h along that path is half the number of elements.
         """
+        walls = request.across_walls(measure, solid.faces.mesh.diameter)
         if request.g == 0.0:
-            return measure / request.across
+            return walls / request.across
         growth = min(0.5 * request.g * request.across, 100.0)
         share: float = 0.5 * request.g / np.expm1(growth)
-        return share * measure
+        return share * walls
 
 
 class GivenSizes(SurfaceBound):

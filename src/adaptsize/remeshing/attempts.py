@@ -72,8 +72,12 @@ class Attempts:
     best: Best | None
     is_cut_short: bool
     """Whether the time was over before a mesh was accepted."""
-    check: MeshCheck | None = None
-    """How the best mesh compares with the given domain; None if it was not compared."""
+
+    @property
+    def check(self) -> MeshCheck | None:
+        """How the best mesh compares with the given domain; None if it was not compared."""
+        verdict = None if self.best is None else self.best.verdict
+        return None if verdict is None else verdict.check
 
     def as_list(self) -> list[dict[str, Any]]:
         """Return the attempts as dictionaries, for JSON."""
@@ -274,20 +278,3 @@ def worst_places(verdict: Verdict) -> str:
         for demand in verdict.check.failures
         if demand.places
     )
-
-
-#: The attribute of a mesh in which its attempts are kept, for commands.
-_KEPT = "_attempts"
-
-
-def keep_attempts(mesh: SimplexMesh, attempts: Attempts) -> None:
-    """Keep with a new mesh how it was made.  Copies of the mesh do not have it."""
-    verdict = None if attempts.best is None else attempts.best.verdict
-    check = None if verdict is None else verdict.check
-    vars(mesh)[_KEPT] = replace(attempts, best=None, check=check)
-
-
-def attempts_of(mesh: SimplexMesh) -> Attempts | None:
-    """Return how a mesh was made, if it is one that `remesh` has returned."""
-    found: Attempts | None = vars(mesh).get(_KEPT)
-    return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy.typing as npt
 
@@ -23,7 +23,6 @@ from adaptsize.options import RemeshOptions, checked, with_options
 from adaptsize.remeshing.attempts import (
     Attempts,
     Best,
-    keep_attempts,
     worst_places,
 )
 from adaptsize.remeshing.delivery import delivered, without_fields
@@ -158,23 +157,45 @@ def remesh(
     adaptsize.errors.TooManyElementsError: the sizes require about 2.31e+10 elements, ...
     """
     mesh = as_mesh("mesh", mesh, PartitionedMesh)
-    given = mesh.ranks.agree(lambda: checked(RemeshOptions, options))
     if isinstance(mesh, PartitionedMesh):
+        given = mesh.ranks.agree(lambda: checked(RemeshOptions, options))
         if required_facets is not None:
             raise ValueError("required_facets must be None for meshes in parts")
         with reporting(progress if mesh.ranks.rank == 0 else None) as report:
             one: Any = partial(remesh, **(given | RemeshOptions(backend="mmg")), progress=report)
             return remesh_parts(mesh, cast(npt.ArrayLike, size), one, given)  # type: ignore
-    job = prepared(without_fields(mesh), size, required_facets, given)
+    return remeshed(mesh, size, required_facets, progress=progress, **options).mesh
+
+
+class Remeshed(NamedTuple):
+    """A new mesh, and how it was made."""
+
+    mesh: SimplexMesh
+    attempts: Attempts
+
+
+def remeshed(
+    mesh: SimplexMesh,
+    size: SizeLike | Metric | MetricFunction | Callable[[FloatArray], Metric],
+    required_facets: npt.ArrayLike | None = None,
+    *,
+    progress: ProgressCallback | bool | None = None,
+    **options: Unpack[RemeshOptions],
+) -> Remeshed:
+    """Return what `remesh` returns of a mesh in one part, and what was tried."""
+    given = checked(RemeshOptions, options)
+    job = prepared(without_fields(as_mesh("mesh", mesh)), size, required_facets, given)
     with reporting(progress) as report:
         found = job.attempts(IsolatedRunner(job.chosen.name, None, None, report))
     best = _accepted(found, job.requests.task, given)
-    keep_attempts(best.mesh, found)
     job.warn_of(best.mesh)
-    asked = job.requests.sizes
-    if job.requests.required is not None:
-        return best.mesh
-    return delivered(best.mesh, asked.given, asked.at, asked.on, asked.metric, asked.metric_on)
+    new = best.mesh
+    if (
+        job.requests.required is None
+    ):  # beside facets that must not change, no sizes can be followed
+        sizes = job.requests.sizes
+        new = delivered(new, sizes.given, sizes.at, sizes.on, sizes.metric, sizes.metric_on)
+    return Remeshed(new, found)
 
 
 def _accepted(found: Attempts, task: Task, given: RemeshOptions) -> Best:
