@@ -22,6 +22,8 @@ from adaptsize.cli.size import print_outcome
 from adaptsize.errors import InputWarning
 from adaptsize.quality import check_mesh, size_conformity
 from adaptsize.remeshing import register_backend, registry
+from adaptsize.remeshing.attempts import attempts_of
+from adaptsize.remeshing.preparation import repair_mesh
 from adaptsize.reporting.outcome import Outcome, outcome_of_remeshing
 
 DATA = Path(__file__).parents[2] / "data"
@@ -238,6 +240,24 @@ def test_the_report_says_which_requested_elements_are_missing():
     right = outcome_of_remeshing(fine, SQUARE, size, 1e-3)
     assert right.as_dict()["served"] > 0.9
     assert right.unserved == ()
+
+
+def test_what_remesh_has_compared_is_not_compared_again(capsys, box, monkeypatch):
+    pytest.importorskip("mmgpy")
+    pytest.importorskip("netgen")
+    old = repair_mesh(read(box)).mesh
+    size = size_function(old, hmax=0.5)
+    new = remesh(old, size, tolerance=2e-3)
+    found = attempts_of(new).check
+    with_it, without = (
+        outcome_of_remeshing(new, old, size, 2e-3, check=check).as_dict() for check in (found, None)
+    )
+    assert found is not None
+    assert with_it.pop("measure_change") == pytest.approx(without.pop("measure_change"), abs=1e-12)
+    assert with_it == without
+    monkeypatch.setattr("adaptsize.quality.check_mesh", None)
+    assert call("remesh", box, "-o", box.with_name("new.vtu"), "--hmax", "0.5") == 0
+    assert "boundary  " in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply", ".off"])

@@ -41,7 +41,7 @@ def soup(n, seed):
 def fan(n, height):
     """Narrow triangles around a tip above the middle of the unit square, and beyond that."""
     angles = 2.0 * np.pi * np.arange(n) / n
-    rim = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1) + [0.5, 0.5, 0.0]
+    rim = np.stack([0.5 + np.cos(angles), 0.5 + np.sin(angles), 0.0 * angles], axis=1)
     points = np.vstack([[[0.5, 0.5, height]], rim])
     turn = np.arange(n)
     return ads.SimplexMesh(points, np.column_stack([0 * turn, 1 + turn, 1 + (turn + 1) % n]))

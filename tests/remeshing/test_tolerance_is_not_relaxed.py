@@ -5,11 +5,13 @@ import pytest
 from shapes import block
 
 import adaptsize as ads
-from adaptsize.remeshing import improvement, mmg
+from adaptsize.errors import BackendError
+from adaptsize.remeshing import driver, improvement, mmg
 from adaptsize.remeshing.acceptance import Judge
-from adaptsize.remeshing.filling import adapt_surface
+from adaptsize.remeshing.filling import Filling, adapt_surface
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.isolation import IsolatedRunner
+from adaptsize.remeshing.planning import Attempt
 from adaptsize.remeshing.preparation import as_problem
 
 RUN = IsolatedRunner("mmg", None, None, lambda *_: None)
@@ -71,3 +73,27 @@ def test_nodes_have_left_the_boundary_beyond_a_tenth_more_than_the_tolerance(fac
     box, tolerance = block(4), 0.01
     moved = box.moved(box.points + factor * tolerance * box.diagonal * np.eye(3)[0])
     assert Judge(box, None, None, tolerance)(moved).is_off == is_off
+
+
+def test_remesh_fills_and_judges_with_the_given_tolerance(monkeypatch):
+    pytest.importorskip("mmgpy")
+    skin, asked = block(2).boundary().mesh, []
+
+    def filled(_, problem, run):
+        asked.append(problem.tolerance)
+        raise BackendError("enough")
+
+    def best_of(attempts, solve, judge, *_, **__):
+        attempt = Attempt("mmg", "", 1.0, first="netgen on the adapted surface", factor=0.5)
+        asked.append(judge.tolerance)
+        frame = solve.__self__.frame
+        asked.append(0.5 * 0.004 * frame.mesh(skin).diagonal)
+        next(iter(solve(attempt, RUN)))
+
+    monkeypatch.setattr(Filling, "_in_adapted_surface", filled)
+    monkeypatch.setattr(driver, "best_of", best_of)
+    with pytest.raises(BackendError, match="enough"):
+        ads.remesh(skin, 0.5, tolerance=0.004)
+    judged, allowed, given = asked
+    assert judged == 0.004
+    assert given == pytest.approx(allowed, rel=1e-9)

@@ -267,7 +267,7 @@ def _search(tree, pieces, k, enough, found, f, stack):
 @lean
 def _search_in_polygon(tree, pieces, h, c, enough, found, f, stack):
     """Search in the triangles of a polygon, of which c is near."""
-    for last in range(2, pieces.polygons.count[h]):
+    for last in range(2, pieces.polygons.n_corners[h]):
         for v in range(3):
             at = 0 if v == 0 else last - 2 + v
             x = triple(pieces.polygons.at, h, 3 * at)
@@ -331,7 +331,7 @@ def find_farthest(tree, facets, first, last, enough, stack, pieces, found):
             _keep(pieces, 0, v, found, f)
             put_corner(pieces.polygons, 0, v, x)
         if k == 3 and tree.cells.shape[1] == 3:
-            pieces.polygons.count[0] = 3
+            pieces.polygons.n_corners[0] = 3
             _search_by_shadows(tree, pieces, enough, found, f, stack)
         else:
             _search(tree, pieces, k, enough, found, f, stack)

@@ -25,14 +25,13 @@ class Polygons(NamedTuple):
     ----------
     at : float64[_POLYGONS, 3 * _CORNERS]
         Their corners, one after the other.
-    count : int64[_POLYGONS]
-        Number of corners.
+    n_corners : int64[_POLYGONS]
     height : float64[_CORNERS]
         Scratch.
     """
 
     at: np.ndarray
-    count: np.ndarray
+    n_corners: np.ndarray
     height: np.ndarray
 
 
@@ -52,7 +51,7 @@ def put_corner(polygons, h, v, x):
 @lean
 def centre_of(polygons, h):
     """Return the mean of the corners of a polygon."""
-    x, n = triple(polygons.at, h, 0), polygons.count[h]
+    x, n = triple(polygons.at, h, 0), polygons.n_corners[h]
     for v in range(1, n):
         y = minus(triple(polygons.at, h, 3 * v), x)
         share = 1.0 / (v + 1.0)
@@ -94,7 +93,7 @@ def _halve(polygons, h, at, inward, wider):
 
     Returns the row of the rest: h if nothing is behind, or there is no room.
     """
-    n, behind, shift = polygons.count[h], 0, wider * norm(inward)
+    n, behind, shift = polygons.n_corners[h], 0, wider * norm(inward)
     for v in range(n):
         polygons.height[v] = dot(inward, minus(triple(polygons.at, h, 3 * v), at)) + shift
         behind += polygons.height[v] < 0.0
@@ -119,7 +118,7 @@ def _halve(polygons, h, at, inward, wider):
             there, here = there + 1, here + 1
     for v in range(there):
         put_corner(polygons, h, v, triple(polygons.at, _POLYGONS - 1, 3 * v))
-    polygons.count[h], polygons.count[h + 1] = there, here
+    polygons.n_corners[h], polygons.n_corners[h + 1] = there, here
     return h + 1
 
 
@@ -140,7 +139,7 @@ def divide_by_shadow(tree, polygons, h, c, normal, wider):
 def largest_gap(tree, polygons, h, c):
     """Return the largest distance of the points of a polygon from facet c."""
     square = 0.0
-    for v in range(polygons.count[h]):
+    for v in range(polygons.n_corners[h]):
         x = triple(polygons.at, h, 3 * v)
         square = max(square, closest_on_facet(tree.points, tree.cells, c, x)[0])
     return math.sqrt(square)

@@ -3,7 +3,8 @@
 Mmg puts single nodes beside corners off the surface, by up to five times its tolerance.  They are
 projected back, and the few edges that are still too far away get a node on the surface.  Then the
 worst cells are repaired, see `boundary_repair`.  No node is moved onto the surface that spoils a
-cell.  Nodes of straight feature edges stay on these.
+cell.  Nodes of straight feature edges stay on these.  This holds for tetrahedra, surfaces and plane
+meshes.
 """
 
 from collections.abc import Callable
@@ -29,7 +30,8 @@ from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 #: What is farther away than this share of the tolerance is brought nearer, and the repair that
 #: follows keeps to it.  The rest is for the places between those that the repair looks at.
 _AIM = 0.9
-#: Divisions of edges before a repair, and how often one is repeated without what makes it worse.
+#: Steps before a repair at most, and how many of them in a row may bring nothing nearer.  Without
+#: any, a scan, a union of bodies and a CAD part stayed 1.18, 1.25 and 1.76 tolerances away.
 _ROUNDS = 10
 _PATIENCE = 2
 #: Nodes farther from the old surface than this share of the tolerance are projected, unless a cell
@@ -215,9 +217,10 @@ class _Targets(NamedTuple):
         """Return the same targets, to be served in a way, or each in its own."""
         return self._replace(shares=np.broadcast_to(shares, (len(self.there), 2)))
 
-    def some(self, which: BoolArray) -> "_Targets":
+    def some(self, which: npt.NDArray[np.integer]) -> "_Targets":
         """Return some of the targets."""
-        return _Targets(*(values[which] for values in self))
+        there, cells, weights, shares = self
+        return _Targets(there[which], cells[which], weights[which], shares[which])
 
     def nearer(self, before: "_Far", after: "_Far", limit: float) -> FloatArray:
         """Return by how much less is beyond a limit around each target than before."""
@@ -464,7 +467,7 @@ def _with_nodes(
     return mesh
 
 
-def _bisected(mesh: SimplexMesh, edges: IntArray) -> tuple[SimplexMesh, IntArray, IndexArray]:
+def _bisected(mesh: SimplexMesh, edges: IntArray) -> tuple[SimplexMesh, IndexArray, IndexArray]:
     """Return the mesh with edges divided, the new nodes, and which edges they are on.
 
     Of edges of one cell, the longest is divided.
