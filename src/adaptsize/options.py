@@ -275,7 +275,7 @@ class SizeOptions(BoundOptions, CreaseOptions, NamedPartOptions, total=False):
         Elements between features of a boundary that do not meet; 0 disables this.
     tolerance
         Allowed distance from the boundary over the diameter; inf disables this.  Sizes at a radius
-        r of a mesh are at most sqrt(6 tolerance * diameter * r).
+        r of a mesh are at most sqrt(6 tolerance * diameter * r), or with 8 where elements are few.
     """
 
     elements_between: Annotated[float | None, Option(chosen="1, or 0 on rough surfaces")]

@@ -195,6 +195,21 @@ def test_a_cavity_stays_one_whatever_facets_are_flipped(share):
     assert not solid.hidden.any()
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_facets_that_are_given_twice_count_once(seed):
+    rng = np.random.default_rng(seed)
+    skin = CartesianGrid([0.0] * 3, 0.5, (3, 3, 3)).mesh.boundary().mesh
+    twice = skin.cells[rng.random(skin.n_cells) < rng.choice([0.02, 0.1, 0.3])]
+    cells = np.concatenate([skin.cells, skin.cells[:1], twice])
+    flipped = rng.random(len(cells)) < rng.choice([0.0, 0.1])
+    cells[flipped] = cells[flipped][:, [1, 0, 2]]
+    node = rng.permutation(skin.n_points)
+    points = skin.points[np.argsort(node)]
+    solid = Solid(SimplexMesh(points, node[cells][rng.permutation(len(cells))]))
+    assert solid.volume == pytest.approx(1.0)
+    assert solid.is_closed
+
+
 def test_a_wall_with_holes_bounds_no_solid():
     solid = Solid(SimplexMesh(UNIT.points, UNIT.cells[1:]))
     assert not solid.is_closed

@@ -89,16 +89,19 @@ def surplus_of(mesh: SimplexMesh) -> BoolArray:
     own = np.bincount(row.reshape(-1), np.where(ahead[cell, corner], 1.0, -1.0), len(rims))
     of_patch, edge = rims.T
     volume = np.bincount(patch, cone_measures(mesh, mesh.points[mesh.cells].mean(axis=(0, 1))))
+    # Of patches of the same volume, as of a facet that is given twice, one goes.
+    rank = np.empty(len(volume), np.intp)
+    rank[np.argsort(volume, kind="stable")] = np.arange(len(volume))
     is_left = np.ones(len(rims), np.bool_)
     net = np.bincount(edge, own, n_edges)
     while (net != 0.0).any():
         # Patches without which all their edges are balanced.
         fits = np.bincount(of_patch[is_left], net[edge[is_left]] != own[is_left], len(volume)) == 0
         fits &= np.bincount(of_patch[is_left], own[is_left] != 0.0, len(volume)) > 0
-        least = np.full(n_edges, np.inf)
+        least = np.full(n_edges, len(volume))
         mine = is_left & fits[of_patch]
-        np.minimum.at(least, edge[mine], volume[of_patch[mine]])
-        loses = mine & (volume[of_patch] > least[edge])
+        np.minimum.at(least, edge[mine], rank[of_patch[mine]])
+        loses = mine & (rank[of_patch] > least[edge])
         fits[of_patch[loses]] = False
         gone = is_left & fits[of_patch]
         if not gone.any():

@@ -148,8 +148,6 @@ class Solid:
             self._inner = surplus_of(self.surface)
             if not self._inner.any():
                 self._inner = shells_of(self.surface).is_inner
-            if self._inner.all():  # facets that are turned at random: no shell is the outer one
-                self._inner[:] = False
         rows = np.flatnonzero(~self._inner)
         self._outline = self.surface
         if len(rows) < surface.n_cells:
