@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from adaptsize._kernels.heap import new_heap
 from adaptsize._kernels.inside import carry, find_weights, lower_by_seen
-from adaptsize._workers import Workers
+from adaptsize._workers import Workers, in_all_threads
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
@@ -25,6 +25,8 @@ from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 #: Sizes are lowered by more than this share only.
 _LESS = 1.0 - 1e-9
+#: Points per chunk of a thread; each takes up to some 100 microseconds.
+_POINTS_PER_CALL = 512
 
 
 class InnerSource(Protocol):
@@ -175,11 +177,17 @@ def _lower_by_seen(
     least, largest, together = tuning.MOST_HIDDEN
     most = min(max(least, together // max(len(points), 1)), largest)
     source = np.full(len(points), -1, np.int32)
-    lower_by_seen(
+    given = (
         tree, two_sided, (entries.table, entries.boxes, entries.nodes),
         read_only(normals), (read_only(frame.origin), frame.scale, NUDGE), g,
-        read_only(points), read_only(starts), (sizes, source), most,
     )  # fmt: skip
+    points, starts = read_only(points), read_only(starts)
+
+    def task(first: int, last: int) -> None:
+        part = slice(first, last)
+        lower_by_seen(*given, points[part], starts[part], (sizes[part], source[part]), most)
+
+    in_all_threads(task, len(points), _POINTS_PER_CALL)
     return source
 
 
