@@ -194,6 +194,38 @@ def test_the_current_model_of_gmsh_is_a_mesh():
     assert len(np.unique(mesh.cells)) == mesh.n_points
 
 
+def test_further_groups_of_cells_and_what_has_no_place_are_reported():
+    gmsh = pytest.importorskip("gmsh")
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.add("box")
+        gmsh.model.occ.addBox(0, 0, 0, 1, 0.5, 0.25)
+        gmsh.model.occ.synchronize()
+        for dim, tag, name in ((3, 7, "body"), (3, 8, "steel"), (1, 4, "edge"), (0, 5, "corner")):
+            gmsh.model.addPhysicalGroup(dim, [1], tag, name)
+        gmsh.model.mesh.generate(3)
+        with pytest.warns(InputWarning) as warned:
+            mesh = SimplexMesh.from_object(gmsh.model)
+    finally:
+        gmsh.finalize()
+    text = str(warned[0].message)
+    assert f"several physical groups keep the first; left out are steel ({mesh.n_cells})" in text
+    assert "tagged nodes dropped (corner)" in text
+    assert "tagged segments dropped (edge)" in text
+    assert set(mesh.cell_tags) == {7}
+
+
+def test_cells_in_several_subdomains_keep_the_first():
+    square = square_of_skfem().with_subdomains({"low": lambda x: x[1] < 0.5})
+    with pytest.warns(InputWarning, match=r"keep the first; left out are low \(8\)"):
+        mesh = SimplexMesh.from_object(square)
+    names = [mesh.tag_names.get((2, tag)) for tag in mesh.cell_tags.tolist()]
+    x = mesh.points[mesh.cells].mean(axis=1)
+    expected = np.where(x[:, 0] < 0.5, "core", np.where(x[:, 1] < 0.5, "low", None))
+    assert names == expected.tolist()
+
+
 def test_programs_with_positive_tags_refuse_others():
     mesh = SimplexMesh(SQUARE, TWO_TRIANGLES, cell_tags=[1, -2])
     for program in ("mfem", "netgen", "gmsh"):

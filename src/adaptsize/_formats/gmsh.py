@@ -360,7 +360,7 @@ def _raw_of(file: _File) -> RawMesh:
     else:
         further, of_repeated = _further_groups(file), {}
     if further:
-        raw.notes.append(_text_of(further, file.names))
+        raw.notes.append(text_of_further(further, file.names))
     raw.blocks = [(cells.kind, cells.nodes) for cells in blocks]
     raw.cell_data = {
         "gmsh:physical": [cells.groups for cells in blocks],
@@ -431,7 +431,8 @@ def _without_repeated(
     return kept, further, of_repeated
 
 
-def _text_of(further: Counter[tuple[int, int]], names: dict[tuple[int, int], str]) -> str:
+def text_of_further(further: Counter[tuple[int, int]], names: dict[tuple[int, int], str]) -> str:
+    """Return a note on the groups, by dimension and tag, that so many elements are in, too."""
     listed = ", ".join(f"{names.get(key, key[1])} ({n})" for key, n in sorted(further.items()))
     return f"elements in several physical groups keep the first; left out are {listed}"
 

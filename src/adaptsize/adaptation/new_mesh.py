@@ -7,7 +7,7 @@ from adaptsize.adaptation import tuning
 from adaptsize.adaptation.boundary_moves import BoundaryMoves
 from adaptsize.adaptation.next_sizes import CycleRequest, NextSizes
 from adaptsize.adaptation.report import boundary_distance, numbers_of
-from adaptsize.background import AnyMesh, SimplexMesh
+from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.errors import BoundaryWarning
 from adaptsize.options import RemeshOptions
 from adaptsize.remeshing import remesh
@@ -25,6 +25,18 @@ class NewMesh:
     n_meshes: int = 0
     boundary_distance: float = 0.0
     moves: BoundaryMoves | None = None
+
+
+def _without_data(mesh: AnyMesh) -> AnyMesh:
+    """Return a mesh without the fields that `remesh` would warn of; collective."""
+    if isinstance(mesh, SimplexMesh):
+        return mesh.without_data()
+    own = mesh.mesh
+    held = own is not None and bool(own.point_data or own.cell_data)
+    if not mesh.ranks.allreduce(int(held), "max"):
+        return mesh
+    bare = None if own is None else own.without_data()
+    return PartitionedMesh(bare, mesh.global_ids, mesh.owner, mesh.ranks, cell_ids=mesh.cell_ids)
 
 
 def make_mesh(
@@ -46,12 +58,12 @@ def make_mesh(
         "rounds": given["rounds"],
     }
     elements, nodes = given["elements"], given["nodes"]
+    bare = _without_data(mesh)
     target = elements if nodes is None else nodes
 
     def make(sizes: NextSizes) -> tuple[NewMesh, int]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", BoundaryWarning)  # the caller measures the distance
-            bare = mesh.without_data() if isinstance(mesh, SimplexMesh) else mesh
             new = remesh(bare, sizes.requested(mesh), progress=report, **options)
         n_points, n_cells = numbers_of(new)
         return replace(first, mesh=new, sizes=sizes), n_cells if nodes is None else n_points

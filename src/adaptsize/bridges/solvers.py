@@ -1,5 +1,6 @@
 """Meshes of scikit-fem, MFEM, Netgen, DOLFINx and Gmsh, with the names of their tags."""
 
+from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
@@ -10,6 +11,7 @@ import numpy.typing as npt
 from adaptsize._formats import writers
 from adaptsize._formats.blocks import SIMPLEX, UNTAGGED, RawMesh, dimension_of, n_nodes_of
 from adaptsize._formats.for_solvers import groups_of
+from adaptsize._formats.gmsh import text_of_further
 from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.distributed import DolfinxMesh, from_dolfinx
 from adaptsize.distributed import to_dolfinx as distributed_to_dolfinx
@@ -75,16 +77,22 @@ def _raw_of_skfem(mesh: Any) -> RawMesh:
     n_corners = mesh.p.shape[0] + 1
     points, cells = np.array(mesh.p).T, np.array(mesh.t)[:n_corners].T
     blocks, tags, names = [(SIMPLEX[n_corners - 1], cells)], [np.zeros(len(cells), np.int32)], {}
+    further = Counter[tuple[int, int]]()
     for number, (name, part) in enumerate((mesh.subdomains or {}).items(), start=1):
-        tags[0][np.asarray(part)] = number
+        own = np.asarray(part)
+        is_first = tags[0][own] == 0
+        tags[0][own[is_first]] = number
         names[n_corners - 1, number] = str(name)
+        if not is_first.all():
+            further[n_corners - 1, number] = int(np.count_nonzero(~is_first))
+    notes = [text_of_further(further, names)] if further else []
     if mesh.boundaries and n_corners > 2:
         parts = [np.array(mesh.facets)[:, np.asarray(part)].T for part in mesh.boundaries.values()]
         blocks.append((SIMPLEX[n_corners - 2], np.concatenate(parts)))
         numbers = range(1, len(parts) + 1)
         tags.append(np.repeat(numbers, [len(part) for part in parts]).astype(np.int32))
         names |= {(n_corners - 2, i): str(n) for i, n in enumerate(mesh.boundaries, start=1)}
-    return RawMesh(points, blocks, {}, {"cell_tags": tags}, names)
+    return RawMesh(points, blocks, {}, {"cell_tags": tags}, names, notes)
 
 
 #: Names of the cells of Netgen by the codes of its types; the corners come first.
@@ -250,6 +258,7 @@ def _raw_of_gmsh(model: Any) -> RawMesh:
     place = np.zeros(int(max(numbers, default=0)) + 1, np.int64)
     place[numbers[order].astype(np.int64)] = np.arange(len(numbers))
     held: dict[str, list[Any]] = {}
+    further = Counter[tuple[int, int]]()
     for dim, entity in model.getEntities():
         groups = model.getPhysicalGroupsForEntity(dim, entity)
         for kind, tags, nodes in zip(*model.mesh.getElements(dim, entity), strict=True):
@@ -261,6 +270,7 @@ def _raw_of_gmsh(model: Any) -> RawMesh:
             base = base if width == n_corners else f"{base}{width}"
             group = np.full(len(rows), groups[0] if len(groups) else 0, np.int32)
             held.setdefault(base, []).append((tags, rows, group))
+            further.update({(dim, int(other)): len(rows) for other in groups[1:]})
     blocks, physical = [], []
     top = max(map(dimension_of, held), default=0)
     for base, parts in held.items():
@@ -273,7 +283,8 @@ def _raw_of_gmsh(model: Any) -> RawMesh:
     found = {key: model.getPhysicalName(*key) for key in model.getPhysicalGroups()}
     names = {key: name for key, name in found.items() if name}
     points = coordinates.reshape(-1, 3)[order]
-    return RawMesh(points, blocks, {}, {"gmsh:physical": physical}, names)
+    notes = [text_of_further(further, names)] if further else []
+    return RawMesh(points, blocks, {}, {"gmsh:physical": physical}, names, notes)
 
 
 def to_gmsh(mesh: SimplexMesh, name: str = "adaptsize") -> Any:
