@@ -390,7 +390,12 @@ class Solid(NamedTuple):
     reflex_edges: ReflexEdges
 
 
-def solid_of(mesh: SimplexMesh, boundary: FlatBoundary, nodes: IntArray | None = None) -> Solid:
+def solid_of(
+    mesh: SimplexMesh,
+    boundary: FlatBoundary,
+    nodes: IntArray | None = None,
+    around: IntArray | None = None,
+) -> Solid:
     """Return a solid with all nodes of a mesh, or some of them, to solve.
 
     Parameters
@@ -400,11 +405,14 @@ def solid_of(mesh: SimplexMesh, boundary: FlatBoundary, nodes: IntArray | None =
     boundary : FlatBoundary
     nodes : int32[k], optional
         Nodes to solve besides those of reflex edges; by default all.
+    around : int32[m, 4], optional
+        Tetrahedra that fill the solid, more than once perhaps, with all edges and faces that may be
+        sources; by default the cells.
     """
     facets = boundary.facets
     ridges = ridges_of(facets, mesh.n_points)
     points = with_flat_faces(mesh.points, facets, ridges)
-    sight = build_sight(points, mesh.cells, facets)
+    sight = build_sight(points, mesh.cells if around is None else around, facets)
     reflex_edges = find_reflex_edges(ridges, points, facets, sight.walls.slack)
     surface = None if points is mesh.points else SimplexMesh(mesh.points, facets)
     moved = float(np.abs(points - mesh.points).max())
@@ -422,7 +430,8 @@ class WholeSolid:
         self, component: Component, solid: Solid, points: FloatArray | None = None
     ) -> None:
         """``points``: the nodes of the component as in the solid, by default all of these."""
-        self.mesh, self.h0, self.solid = component.mesh, component.h0, solid
+        self.mesh = component.mesh if component.links is None else component.links
+        self.h0, self.solid = component.h0, solid
         if solid.surface is not None:
             points = solid.points if points is None else points
             component = component._replace(

@@ -14,12 +14,12 @@ from adaptsize._workers import Workers
 from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
-from adaptsize.background.grid import both_ways
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.background.topology import places_among
 from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
 from adaptsize.geometry.convexity import is_convex
 from adaptsize.limiting.edge_based import EdgeBased
+from adaptsize.limiting.exact.boxes import all_tetrahedra, linear_on_boxes
 from adaptsize.limiting.exact.candidates import (
     EQUAL,
     Component,
@@ -30,6 +30,7 @@ from adaptsize.limiting.exact.candidates import (
 )
 from adaptsize.limiting.exact.components import (
     OUTSIDE,
+    Piece,
     components_of,
     is_connected,
     moved_inside,
@@ -103,7 +104,7 @@ class Exact(Scheme):
     face_sources : bool, default True
         True: ``h0`` also bounds the size inside the cells, where it is interpolated linearly.
         False: ``h0`` is a bound at the nodes only; limiting is then idempotent.  The boxes of a
-        plane grid are split along both diagonals, those in space as in ``grid.mesh``.
+        grid are split along all of their diagonals, and the lower size is used.
     threads : int, optional
         Number of threads, by default that of numba (``numba.set_num_threads``).  The result does
         not depend on it, bit for bit.
@@ -183,11 +184,16 @@ class Exact(Scheme):
         )
 
     def _by_components(
-        self, part: PartitionedMesh, problem: Problem, linear: IntArray | None = None
+        self,
+        part: PartitionedMesh,
+        problem: Problem,
+        linear: IntArray | None = None,
+        links: IntArray | None = None,
     ) -> ExactSolution:
         """Solve on one component after another; nodes in no cell keep their bounds.  Collective.
 
-        Each rank uses one thread by default.
+        Each rank uses one thread by default.  ``linear``, ``links``: as in `Component`, for the
+        whole mesh.
         """
         ranks = part.ranks
         if ranks.size > 1 and part.dim == 1:
@@ -205,9 +211,11 @@ class Exact(Scheme):
                 here = Extra.of(given, located[number], piece.mesh.n_points)
                 component = component._replace(extra=here)
             if linear is not None:
-                own = places_among(piece.nodes, part.n_points)[linear]
-                own = read_only(np.ascontiguousarray(own[own[:, 0] >= 0]))
-                component = component._replace(linear=own)
+                own = _of_piece(piece, part, linear)
+                component = component._replace(linear=own, meet=True)
+            if links is not None:
+                mesh = SimplexMesh(piece.mesh.points, _of_piece(piece, part, links))
+                component = component._replace(links=mesh)
             if ranks.size > 1:
                 found = solve_piece(part, number, component)
             elif part.dim == 1:  # an interval; folds change nothing
@@ -230,12 +238,14 @@ class Exact(Scheme):
     def _on_grid_mesh(self, grid: CartesianGrid, problem: Problem) -> ExactSolution:
         """Solve on the whole boxes of a grid, split into simplices on which h0 is linear.
 
-        In the plane each box is split along both diagonals, and the lower size is used; no diagonal
-        is preferred.
+        Each box is split along all of its diagonals, and the lower size is used.
         """
-        bounded = np.isfinite(problem.h0)
-        linear = read_only(both_ways(bounded, grid.active)) if grid.dim == 2 else None
-        return self._by_components(PartitionedMesh.from_serial(grid.mesh), problem, linear)
+        linear = links = None
+        if self.face_sources and grid.dim > 1:
+            linear = linear_on_boxes(grid, problem.h0, problem.slope.number(self.name))
+        if grid.dim == 3 and grid.active is not None:
+            links = all_tetrahedra(grid)
+        return self._by_components(PartitionedMesh.from_serial(grid.mesh), problem, linear, links)
 
     def _on_active(self, grid: CartesianGrid, problem: Problem) -> ExactSolution:
         """Solve on the active nodes of a grid.
@@ -267,6 +277,12 @@ class Exact(Scheme):
             h, parts = lower, []
         n_proved = solution.n_proved - int(np.count_nonzero(~grid.active)) - n_later
         return replace(solution, h=h, unfinished=unfinished, parts=parts, n_proved=max(0, n_proved))
+
+
+def _of_piece(piece: Piece, part: PartitionedMesh, cells: IntArray) -> IntArray:
+    """Return the cells, given by nodes of the part, that are in a piece, by its nodes."""
+    own = places_among(piece.nodes, part.n_points)[cells]
+    return read_only(np.ascontiguousarray(own[own[:, 0] >= 0]))
 
 
 def _prepared(component: Component) -> tuple[Component, FlatBoundary, bool]:

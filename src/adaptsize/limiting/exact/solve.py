@@ -62,7 +62,9 @@ def solve_on_mesh(component: Component, boundary: FlatBoundary, convex: bool) ->
     if hardly_rises(component.least, component.g, mesh.diagonal):
         return _level(component)
     if mesh.dim == 3:
-        found, start = solve_in_solid(WholeSolid(component, solid_of(mesh, boundary)))
+        around = None if component.links is None else component.links.cells
+        solid = solid_of(mesh, boundary, around=around)
+        found, start = solve_in_solid(WholeSolid(component, solid))
         _name_all(component, found, start)
         return found
     n_corners = count_corners(mesh.points, boundary)
@@ -183,7 +185,7 @@ def solve_by_sight(
 
 def _name_all(component: Component, found: ComponentSolution, start: IntArray) -> None:
     """Name the sources of sizes that come along edges (In/Out: found)."""
-    mesh, h = component.mesh, found.h
+    mesh, h = component.links or component.mesh, found.h
     named, bend = found.named(), found.bends().copy()
     if len(bend) == 0:
         bend = np.full(mesh.points.shape, np.nan)
