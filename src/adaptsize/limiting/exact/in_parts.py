@@ -36,7 +36,8 @@ from adaptsize.limiting.exact.field import (
     sorted_entries,
 )
 from adaptsize.limiting.exact.obstacles_in_plane import Plane, has_many_corners, plane_of
-from adaptsize.limiting.exact.paths_in_space import Solid, WholeSolid, solid_of, solve_in_solid
+from adaptsize.limiting.exact.paths_in_space import solve_in_solid
+from adaptsize.limiting.exact.solid import Solid, WholeSolid, solid_of
 from adaptsize.limiting.exact.solve import hardly_rises, rises_too_fast, solve_by_sight
 from adaptsize.limiting.problem import NeedsWholeMesh, TooManyCorners
 from adaptsize.ranks import Communicator, Ids, rows_among

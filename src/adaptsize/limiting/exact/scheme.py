@@ -16,8 +16,7 @@ from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.background.topology import places_among
-from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
-from adaptsize.geometry.convexity import is_convex
+from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.limiting.edge_based import EdgeBased
 from adaptsize.limiting.exact.boxes import all_tetrahedra, linear_on_boxes
 from adaptsize.limiting.exact.candidates import (
@@ -47,6 +46,7 @@ from adaptsize.limiting.exact.field import (
     sorted_entries,
 )
 from adaptsize.limiting.exact.in_parts import solve_piece
+from adaptsize.limiting.exact.kept import boundary_of
 from adaptsize.limiting.exact.on_surface import limit_on_surface
 from adaptsize.limiting.exact.solve import solve_on_mesh
 from adaptsize.limiting.periodic import Periodicity
@@ -153,8 +153,7 @@ class Exact(Scheme):
             nodes = ConvexNodes(domain, h0.ravel(), g, workers, extra)
             return as_solution(h0, [Part(slice(None), _on_convex_nodes(nodes))])
         component = self._component(problem, domain, h0)._replace(extra=extra)
-        component, boundary, all_used = _prepared(component)
-        convex = is_convex(domain.points, boundary)
+        component, (boundary, convex), all_used = _prepared(component)
         if not (all_used and (convex or is_connected(domain))):
             return self._by_components(PartitionedMesh.from_serial(domain), problem)
         return as_solution(h0, [Part(slice(None), solve_on_mesh(component, boundary, convex))])
@@ -221,8 +220,7 @@ class Exact(Scheme):
             elif part.dim == 1:  # an interval; folds change nothing
                 found = _on_convex_nodes(ConvexNodes.of(component.with_margin()))
             else:
-                boundary = flat_boundary(piece.mesh, component.workers.threads)
-                convex = is_convex(piece.mesh.points, boundary)
+                boundary, convex = boundary_of(piece.mesh, component.workers.threads)
                 found = solve_on_mesh(component, boundary, convex)
             parts.append(Part(piece.nodes, found))
         solution = as_solution(problem.h0, parts)
@@ -285,8 +283,10 @@ def _of_piece(piece: Piece, part: PartitionedMesh, cells: IntArray) -> IntArray:
     return read_only(np.ascontiguousarray(own[own[:, 0] >= 0]))
 
 
-def _prepared(component: Component) -> tuple[Component, FlatBoundary, bool]:
+def _prepared(component: Component) -> tuple[Component, tuple[FlatBoundary, bool], bool]:
     """Return the problem with order and neighbours, the boundary, and if all nodes are in cells.
+
+    With the boundary, whether the mesh is convex.
 
     With several threads, the boundary is computed at the same time.
     """
@@ -296,12 +296,12 @@ def _prepared(component: Component) -> tuple[Component, FlatBoundary, bool]:
             order=along_curve(mesh.points), meet=have_neighbours(mesh.cells, component.h0)
         )
         n_used = mark_nodes(mesh.cells, np.zeros(mesh.n_points, np.bool_))
-        return component, flat_boundary(mesh, 1), n_used == mesh.n_points
+        return component, boundary_of(mesh, 1), n_used == mesh.n_points
     with ThreadPoolExecutor(1) as pool:
         order = pool.submit(along_curve, mesh.points)
         meet = pool.submit(have_neighbours, mesh.cells, component.h0)
         used = pool.submit(mark_nodes, mesh.cells, np.zeros(mesh.n_points, np.bool_))
-        boundary = flat_boundary(mesh, component.workers.threads)
+        boundary = boundary_of(mesh, component.workers.threads)
         component = component._replace(order=order.result(), meet=meet.result())
         return component, boundary, used.result() == mesh.n_points
 

@@ -28,6 +28,7 @@ from adaptsize.limiting.exact.field import (
     Points,
     node_entries,
 )
+from adaptsize.limiting.exact.kept import solid_in
 from adaptsize.limiting.exact.obstacles_in_plane import (
     Plane,
     along_walls,
@@ -38,7 +39,8 @@ from adaptsize.limiting.exact.obstacles_in_plane import (
     with_corners,
     with_known_corners,
 )
-from adaptsize.limiting.exact.paths_in_space import WholeSolid, solid_of, solve_in_solid
+from adaptsize.limiting.exact.paths_in_space import solve_in_solid
+from adaptsize.limiting.exact.solid import WholeSolid, solid_of
 from adaptsize.limiting.problem import TooManyCorners
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -62,8 +64,10 @@ def solve_on_mesh(component: Component, boundary: FlatBoundary, convex: bool) ->
     if hardly_rises(component.least, component.g, mesh.diagonal):
         return _level(component)
     if mesh.dim == 3:
-        around = None if component.links is None else component.links.cells
-        solid = solid_of(mesh, boundary, around=around)
+        if component.links is None:
+            solid = solid_in(mesh, boundary)
+        else:
+            solid = solid_of(mesh, boundary, around=component.links.cells)
         found, start = solve_in_solid(WholeSolid(component, solid))
         _name_all(component, found, start)
         return found

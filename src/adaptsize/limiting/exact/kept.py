@@ -1,0 +1,28 @@
+"""What the exact method finds out about a mesh, kept as long as the mesh: loops limit often."""
+
+from weakref import WeakKeyDictionary
+
+from adaptsize.background import SimplexMesh
+from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
+from adaptsize.geometry.convexity import is_convex
+from adaptsize.limiting.exact.solid import Solid, solid_of
+
+_BOUNDARIES: WeakKeyDictionary[SimplexMesh, tuple[FlatBoundary, bool]] = WeakKeyDictionary()
+_SOLIDS: WeakKeyDictionary[SimplexMesh, Solid] = WeakKeyDictionary()
+
+
+def boundary_of(mesh: SimplexMesh, threads: int) -> tuple[FlatBoundary, bool]:
+    """Return the walls of a mesh, and whether it is convex."""
+    known = _BOUNDARIES.get(mesh)
+    if known is None:
+        boundary = flat_boundary(mesh, threads)
+        known = _BOUNDARIES[mesh] = boundary, is_convex(mesh.points, boundary)
+    return known
+
+
+def solid_in(mesh: SimplexMesh, boundary: FlatBoundary) -> Solid:
+    """Return the solid of a mesh."""
+    known = _SOLIDS.get(mesh)
+    if known is None:
+        known = _SOLIDS[mesh] = solid_of(mesh, boundary)
+    return known
