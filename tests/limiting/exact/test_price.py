@@ -1,10 +1,13 @@
 """Plane domains with very many corners: triangular expansion, or fast marching."""
 
+import gc
 import pickle
+import weakref
 
 import domains
 import numpy as np
 import pytest
+from jagged_solids import jagged_solid
 from meshes import jittered_square
 from numpy.testing import assert_allclose, assert_array_equal
 from partitions import SIZE, on_ranks, partition
@@ -14,7 +17,7 @@ from adaptsize import limit_gradient
 from adaptsize.geometry.boundary import flat_boundary
 from adaptsize.geometry.convexity import count_corners
 from adaptsize.limiting import Exact
-from adaptsize.limiting.exact import expansion, solve
+from adaptsize.limiting.exact import expansion, kept, solve
 from adaptsize.limiting.exact import obstacles_in_plane as plane
 
 G = 0.3
@@ -76,7 +79,7 @@ def test_many_corners_are_solved_exactly_from_single_bounds(monkeypatch):
     n = corners_of(mesh)
     assert n > 64
     assert n * n > 40 * mesh.n_points
-    monkeypatch.setattr(solve, "plane_of", None)  # no lines of sight
+    monkeypatch.setattr(solve, "plane_in", None)  # no lines of sight
     h, info = limit_gradient.with_info(mesh, h0, G)
     monkeypatch.undo()
     assert info.method == "exact"
@@ -174,7 +177,7 @@ def test_bounds_at_points_among_many_corners_need_no_lines_of_sight(monkeypatch)
     place = mesh.points[mesh.cells[7]].mean(axis=0, keepdims=True)
     expected, _ = by_sight(monkeypatch, mesh, h0, G, point_sources=(place, [0.01]))
     with monkeypatch.context() as patched:
-        patched.setattr(solve, "plane_of", None)
+        patched.setattr(solve, "plane_in", None)
         h, info = limit_gradient.with_info(mesh, h0, G, point_sources=(place, [0.01]))
     assert info.method == "exact"
     assert_allclose(h, expected, rtol=1e-12)
@@ -272,3 +275,21 @@ def test_tiny_limits_give_the_least_bound_everywhere(g, least):
     results, parts = on_ranks(mesh, ranks, SIZE, limit)
     for own, part in zip(results, parts, strict=True):
         assert_allclose(own, h[part.global_ids], rtol=1e-14)
+
+
+@pytest.mark.parametrize("make", [lambda: domains.maze(400)[0], lambda: jagged_solid(3)])
+def test_what_is_found_out_about_a_mesh_is_kept_as_long_as_the_mesh(make, monkeypatch):
+    mesh = make()
+    h0 = np.where(np.arange(mesh.n_points) == 5, 1.0, np.inf)
+    first = limit_gradient(mesh, h0, G)
+    with monkeypatch.context() as patched:
+        for name in ("flat_boundary", "plane_of", "solid_of"):
+            patched.setattr(kept, name, None)
+        assert_array_equal(limit_gradient(mesh, h0, G), first)
+        lower = np.minimum(h0, 2.0)
+        second = limit_gradient(mesh, lower, G)
+    assert_array_equal(second, limit_gradient(make(), lower, G))
+    known = weakref.ref(mesh)
+    del mesh
+    gc.collect()
+    assert known() is None

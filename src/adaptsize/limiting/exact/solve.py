@@ -10,7 +10,6 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.geometry.convexity import count_corners
-from adaptsize.geometry.plane_boundary import plane_boundary
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.candidates import (
     EQUAL,
@@ -28,14 +27,13 @@ from adaptsize.limiting.exact.field import (
     Points,
     node_entries,
 )
-from adaptsize.limiting.exact.kept import solid_in
+from adaptsize.limiting.exact.kept import plane_in, solid_in
 from adaptsize.limiting.exact.obstacles_in_plane import (
     Plane,
     along_walls,
     at_nodes,
     favours_expansion,
     has_many_corners,
-    plane_of,
     with_corners,
     with_known_corners,
 )
@@ -79,7 +77,7 @@ def solve_on_mesh(component: Component, boundary: FlatBoundary, convex: bool) ->
             return expanded
         if too_many and not component.at_any_price:
             raise TooManyCorners
-    plane = plane_of(mesh.points, plane_boundary(mesh, boundary))
+    plane = plane_in(mesh, boundary)
     found = solve_by_sight(component, plane, boundary)
     if rises_too_fast(component, found.h):
         _keep_edges(component, found)
@@ -138,7 +136,7 @@ def field_of_plane(
 
     ``corners``: the sizes at all nodes, and the last straight pieces of their paths, 0 for none.
     """
-    plane = plane_of(mesh.points, plane_boundary(mesh, boundary))
+    plane = plane_in(mesh, boundary)
     entries = at_nodes(sources, plane)
     if corners is not None:
         entries = with_known_corners(entries, plane, *corners)
