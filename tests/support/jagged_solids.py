@@ -5,9 +5,12 @@ strictly between them and the middle between them is not outside.
 """
 
 import math
+from itertools import product
+from typing import NamedTuple
 
 import numba
 import numpy as np
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from solids_of_cubes import solid_of_cubes
 
@@ -150,20 +153,46 @@ def _visible(facets, normals, a, b, least, sizes, g):
     return result
 
 
-def oracle(mesh, h0, g, parts=8):
-    """Return the sizes by straight paths, over one bend, and over more by points on edges.
+class Solid(NamedTuple):
+    """The boundary of a solid, and points where paths may bend."""
 
-    The first two are exact for bounds at nodes.  The last ones are not too small.
-    """
+    facets: np.ndarray
+    """float64[f, 3, 3]"""
+    normals: np.ndarray
+    ends: np.ndarray
+    """float64[r, 2, 3]: of the reflex edges."""
+    every: np.ndarray
+    """float64[n + k, 3]: the nodes, then points on reflex edges."""
+    edges: list
+    """For each of these the reflex edges that it lies on."""
+
+
+def _solid(mesh, parts):
     facets = mesh.points[_facets(mesh)]
     normals = np.cross(facets[:, 1] - facets[:, 0], facets[:, 2] - facets[:, 0])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    points = mesh.points
-    ends = points[reflex_edges(mesh)]
+    named = reflex_edges(mesh)
+    ends = mesh.points[named]
     share = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, parts) / parts)  # denser at the ends
     between = (ends[:, :1] + share[:, None] * (ends[:, 1:] - ends[:, :1])).reshape(-1, 3)
-    every = np.concatenate([points, between])
-    bounds = np.concatenate([h0, np.full(len(between), np.inf)])
+    edges = [[] for _ in range(mesh.n_points)]
+    for e, nodes in enumerate(named):
+        for node in nodes:
+            edges[node].append(e)
+    edges += [[e] for e in range(len(named)) for _ in share]
+    return Solid(facets, normals, ends, np.concatenate([mesh.points, between]), edges)
+
+
+def oracle(mesh, h0, g, parts=8):
+    """Return the sizes by straight paths, over one bend, and over more bends.
+
+    The first two are exact for bounds at nodes.  The last ones are not too small: the shortest
+    paths over ``parts - 1`` points on each reflex edge, whose bends are then moved along these
+    edges until no path gets shorter.
+    """
+    solid, points = _solid(mesh, parts), mesh.points
+    facets, normals, ends, every, _ = solid
+    bounds = np.concatenate([h0, np.full(len(every) - len(points), np.inf)])
     lowest = (h0[None] + g * np.linalg.norm(every[:, None] - points[None], axis=2)).min(axis=1)
     length = _visible(facets, normals, every, every, lowest, np.full(len(every), np.inf), g)
     straight = (h0[:, None] + g * length[: len(points), : len(points)]).min(axis=0)
@@ -176,9 +205,52 @@ def oracle(mesh, h0, g, parts=8):
     finite = np.flatnonzero(np.isfinite(bounds))
     least = bounds[finite].min()
     graph[n, finite] = np.maximum(bounds[finite] - least, 1e-300)
-    graph[~np.isfinite(graph)] = 0.0
-    far = least + dijkstra(graph, directed=True, indices=n)[: len(points)]
+    links = np.nonzero(np.isfinite(graph))  # a dense graph would lose the shortest ones
+    graph = coo_array((graph[links], links), shape=graph.shape).tocsr()
+    far, before = dijkstra(graph, directed=True, indices=n, return_predecessors=True)
+    far = least + far[: len(points)]
+    for i in np.flatnonzero(far < straight):
+        chain = [i]
+        while before[chain[-1]] != n:
+            chain.append(before[chain[-1]])
+        far[i] = min(far[i], h0[chain[-1]] + g * _shortened(solid, chain))
     return straight, bent, np.minimum(far, bent)
+
+
+def _shortened(solid, chain):
+    """Return the length of a path of points, bends moved along their edges; inf if hidden."""
+    best = np.inf
+    for edges in product(*(solid.edges[k] for k in chain[1:-1])):
+        ends = solid.ends[np.array(edges, int)]
+        best = min(best, _tightened(solid.facets, solid.normals, solid.every[chain], ends))
+    return best
+
+
+@numba.njit(cache=True)
+def _tightened(facets, normals, path, ends):
+    """Move the bends of a path along edges until it is shortest; return its length."""
+    for _ in range(200):
+        moved = 0.0
+        for k in range(1, len(path) - 1):
+            o, a = ends[k - 1, 0], ends[k - 1, 1] - ends[k - 1, 0]
+            long = math.sqrt((a * a).sum())
+            a = a / long
+            s, f = ((path[k - 1] - o) * a).sum(), ((path[k + 1] - o) * a).sum()
+            d = math.sqrt(((path[k - 1] - o - s * a) ** 2).sum())
+            r = math.sqrt(((path[k + 1] - o - f * a) ** 2).sum())
+            t = s if d + r == 0.0 else (s * r + f * d) / (d + r)
+            new = o + min(max(t, 0.0), long) * a
+            moved = max(moved, math.sqrt(((new - path[k]) ** 2).sum()))
+            path[k] = new
+        if moved < 1e-14:
+            break
+    length = 0.0
+    for k in range(1, len(path)):
+        piece = math.sqrt(((path[k] - path[k - 1]) ** 2).sum())
+        if piece > 1e-9 and not _sees(facets, normals, path[k - 1], path[k]):
+            return math.inf
+        length += piece
+    return length
 
 
 def reflex_edges(mesh):

@@ -195,6 +195,13 @@ def set_wedge(table, k, walls, dx, dy, slack):
 
 
 @lean_kernel
+def set_wedges(table, walls, arrivals, slack, serves):
+    """Set the cones of all corners (Out: serves); the arguments are as in `solve_corners`."""
+    for c in range(table.shape[0]):
+        serves[c] = set_wedge(table, c, walls, arrivals[c, 0], arrivals[c, 1], slack)
+
+
+@lean_kernel
 def solve_corners(axes, corners, state, g, edges, sight, block, rays):
     """Propagate the sizes of corners to other corners, in order of size, as Dijkstra's algorithm.
 

@@ -34,18 +34,19 @@ from adaptsize._kernels.sight import NARROW, cone_in, side_in_cone
 
 
 class Triangles(NamedTuple):
-    """A mesh of triangles.
+    """A mesh of triangles, and sources between its nodes, numbered after these.
 
     Parameters
     ----------
-    points : float64[n, 2]
+    points : float64[n + k, 2]
     cells : int32[m, 3]
         Counterclockwise.
     beyond : int32[3 * m]
         Edge 3 t + v of triangle t is opposite to its node v.  On its other side, it has this
         number, -1 at walls.
-    ring_ptr, ring : int32[n + 1], int32[3 * m]
-        Triangles around each node, as from `topology.fill_rings`.
+    ring_ptr, ring : int32[n + k + 1], int32[...]
+        Triangles around each node, as from `topology.fill_rings`, and around each source: all that
+        hold it.
     """
 
     points: np.ndarray
@@ -60,11 +61,11 @@ class Front(NamedTuple):
 
     Parameters
     ----------
-    h : float64[n]
+    h : float64[n + k]
         Sizes.
-    root : int32[n]
+    root : int32[n + k]
         The root that lowered each size, -1 for none.
-    corner : int32[n]
+    corner : int32[n + k]
         Number of each node that is a corner, else -1.
     table, walls : float64[c, COLUMNS], float64[c, 5]
         The corners, as in `exact_plane.solve_corners`.
@@ -75,7 +76,8 @@ class Front(NamedTuple):
     edges : int32[w]
         Scratch: the edge of the next triangle through which each window goes.  A node divides as
         many windows of a root as triangles around it hold the way back, at most 1 + (sum of
-        their angles) / (2 pi).  So w = n + m / 2 + (most triangles around a node) is enough.
+        their angles) / (2 pi).  So w = n + m / 2 + (twice the most triangles around a root) is
+        enough.
     rays : float64[w, 4]
         Scratch: its right and its left ray.
     waiting : int32[m]
@@ -84,6 +86,8 @@ class Front(NamedTuple):
         Scratch: its rays.
     queue : int32[m + 1]
         Scratch: triangles in which a window waits or has waited, the first one first, as a ring.
+    n_nodes : int
+        Roots from this number on are sources between the nodes.
     """
 
     h: np.ndarray
@@ -98,6 +102,7 @@ class Front(NamedTuple):
     waiting: np.ndarray
     waiting_rays: np.ndarray
     queue: np.ndarray
+    n_nodes: int
 
 
 @lean
@@ -173,6 +178,23 @@ def _push(front, top, edge, right, left):
 
 
 @lean
+def _start_in_cell(triangles, front, root, t, size, g, slack, top):
+    """Do the same as `_start` in one cell that holds a source between the nodes."""
+    points, cells = triangles.points, triangles.cells
+    x, y = points[root, 0], points[root, 1]
+    for v in range(3):
+        i, j = np.int64(cells[t, (v + 1) % 3]), np.int64(cells[t, (v + 2) % 3])
+        right = (points[i, 0] - x, points[i, 1] - y)
+        left = (points[j, 0] - x, points[j, 1] - y)
+        _offer(front, root, i, size + g * math.sqrt(right[0] ** 2 + right[1] ** 2), right)
+        # What lies behind an edge with the source on it is seen from the cell there.
+        length = math.sqrt((left[0] - right[0]) ** 2 + (left[1] - right[1]) ** 2)
+        if _turn(right, left) > slack * length:
+            top = _push(front, top, triangles.beyond[3 * t + v], right, left)
+    return top
+
+
+@lean
 def _start(triangles, front, root, size, g, cone, slack):
     """Offer sizes to the neighbours of a root, and put its first windows on the stack."""
     points, cells = triangles.points, triangles.cells
@@ -181,6 +203,9 @@ def _start(triangles, front, root, size, g, cone, slack):
     start, end = (cone[0], cone[1]), (cone[2], cone[3])
     for r in range(triangles.ring_ptr[root], triangles.ring_ptr[root + 1]):
         t = triangles.ring[r]
+        if root >= front.n_nodes:
+            top = _start_in_cell(triangles, front, root, t, size, g, slack, top)
+            continue
         v = 0
         while cells[t, v] != root:
             v += 1

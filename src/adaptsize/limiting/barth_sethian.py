@@ -19,17 +19,22 @@ from adaptsize.options import Option
 class PositiveCoefficient(Scheme):
     r"""The scheme of Barth and Sethian [1]_ on :math:`h_t + \max(|\nabla h| - g, 0) = 0`.
 
-    Each step computes ``h_i - dt R_i / W_i`` with the residuals and weights of the cells; dt is
-    half the smallest altitude of the mesh.  The result is kept above the upstream values.  The
-    scheme works on meshes.  It starts from fast marching, or from ``initial``, and can only lower
-    the start.
+    Each step computes ``h_i - dt R_i / W_i`` with the residuals and weights of the cells.  The
+    result is kept above the upstream values.  The scheme works on meshes, and can only lower its
+    start: ``initial``, by default the fast marching solution.
+
+    *The equations as published have no unique solution.*  Where a cell has two downstream nodes,
+    both are lowered until its gradient is g, whichever of the two ends up lower; larger bounds may
+    give smaller sizes.  The floor leaves the equations of fast marching, so that the default start
+    is the solution already, and one step confirms it.  See docs/limiting.md.
 
     Parameters
     ----------
     floor : "hopf-lax" or None
         ``"hopf-lax"`` keeps the sizes above the smallest Hopf-Lax update of the cells of a node;
-        the result is then the fast marching solution.  None is the scheme as published, which
-        undershoots at point sources and does not converge to the limited size there.
+        the result is then the fast marching solution, and dt is half of the smallest altitude at
+        each node.  None is the scheme as published, with half of the smallest altitude of the mesh
+        as dt; it undershoots at point sources and does not converge to the limited size there.
     tol : float, default 1e-3
         The iteration stops when no size decreases faster than ``tol * g`` per unit of time.
     max_iter : int, optional
@@ -62,14 +67,16 @@ class PositiveCoefficient(Scheme):
         u = ceiling.copy()
         measures, gradients = hat_gradients(mesh)
         # 1 / |grad N_i| are the altitudes; gradients in flat cells are zero.
-        steepest = float(np.sqrt(np.einsum("cvd,cvd->cv", gradients, gradients).max(initial=0.0)))
+        steepness = np.sqrt(np.einsum("cvd,cvd->cv", gradients, gradients)).max(axis=1, initial=0.0)
+        steepest = float(steepness.max(initial=0.0))
         if steepest == 0.0:  # no cell with a volume: nothing moves
             return Solution(np.where(free, np.inf, u), 0, 0.0)
-        altitude = 1.0 / steepest
-        dt = 0.5 * altitude
+        at_nodes = np.full(u.shape, 0.0 if self.floor else steepest)
+        np.maximum.at(at_nodes, mesh.cells, steepness[:, None])
+        dt = 0.5 / np.where(at_nodes > 0.0, at_nodes, steepest)
         if max_iter is None:
-            max_iter = int(min(tuning.PASSES * mesh.diagonal / altitude, tuning.MOST_STEPS)) + 1
-        fastest = dt * float(slope.values.max())
+            max_iter = int(min(tuning.PASSES * mesh.diagonal * steepest, tuning.MOST_STEPS)) + 1
+        fastest = float(slope.values.max())
 
         residual, weight, upstream = np.empty(u.shape), np.empty(u.shape), np.empty(u.shape)
         lowest = np.full(u.shape, -np.inf)
@@ -83,7 +90,7 @@ class PositiveCoefficient(Scheme):
             if self.floor:
                 sweep_cells(cells_in(mesh), u, bounds, True, lowest)
                 moved = np.maximum(moved, np.minimum(lowest, u))
-            change = float((u - moved).max())
+            change = float(((u - moved) / dt).max())
             rate = change / fastest if fastest > 0.0 else change
             u = moved
             if step % 50 == 0:

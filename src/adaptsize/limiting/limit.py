@@ -24,6 +24,7 @@ from adaptsize.limiting.agreement import (
 from adaptsize.limiting.barth_sethian import PositiveCoefficient
 from adaptsize.limiting.edge_based import EdgeBased
 from adaptsize.limiting.exact import Exact
+from adaptsize.limiting.exact.components import with_points_at_nodes
 from adaptsize.limiting.fast_marching import FastMarching
 from adaptsize.limiting.gradient_limit import SizeTransform, factors_of, in_space
 from adaptsize.limiting.hamilton_jacobi import HamiltonJacobi
@@ -104,8 +105,8 @@ def limit_gradient(
         * ``"auto"`` takes the exact method where it applies, else fast marching.  It also takes
           fast marching in plane domains with so many corners that the exact method would be
           many times slower: with c > 64 reflex corners and fewer than c^2 / 40 nodes in a
-          component, if edges are sources, too, or the mesh is in parts.  ``info.method`` names
-          the method.
+          component, if edges are sources, too, or the mesh is in parts.  Bounds at points are then
+          taken to the nodes of their cells.  ``info.method`` names the method.
         * ``"positive-coefficient"`` (`PositiveCoefficient`), on meshes, is the iteration of Barth
           and Sethian [2]_.
         * ``"hamilton-jacobi"`` (`HamiltonJacobi`), on grids, is the upwind iteration of [1]_.
@@ -258,8 +259,7 @@ def limit_gradient(
             given if transform is None else _transformed(given, transform),
             slope=slope,
             report=report,
-            # Only the exact method takes bounds at points.
-            at_any_price=scheme is not None or extra is not None,
+            at_any_price=scheme is not None,
         )
         scheme = _automatic(problem) if scheme is None else scheme
         _refuse_unsupported(scheme, problem)
@@ -268,7 +268,7 @@ def limit_gradient(
                 solution = scheme.solve(problem)
             except TooManyCorners:  # on all ranks
                 scheme = FastMarching()
-                solution = scheme.solve(problem)
+                solution = scheme.solve(with_points_at_nodes(problem))
         except NeedsWholeMesh:  # on all ranks
             solution = solve_on_whole(scheme, problem)
     h = solution.h

@@ -152,7 +152,8 @@ class SizeSources:
                     mesh = domain if isinstance(domain, SimplexMesh) else domain.mesh
                     corners = mesh.points[around[inside]]
                     places = np.einsum("ij,ijd->id", weights[inside], corners)
-                value[inside] = field.evaluate(places, bound[inside])
+                start = value if part.found.interpolates else bound
+                value[inside] = field.evaluate(places, start[inside])
         return value
 
 

@@ -4,6 +4,9 @@ The domain is the cubical complex of the active nodes: the nodes, edges, faces a
 all corners are active.  In space sizes go along the edges only of faces without a whole box.
 """
 
+from itertools import combinations
+from warnings import catch_warnings
+
 import geodesics
 import numpy as np
 import pytest
@@ -16,6 +19,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize import CartesianGrid, limit_gradient
 from adaptsize.limiting import Exact
+from adaptsize.limiting.exact import boxes
 
 METHOD = "exact"
 G = 0.3
@@ -107,13 +111,57 @@ def test_sizes_in_space_are_never_too_small_and_few_too_large(face_sources):
     assert n_above.sum() <= SHARE_ABOVE * n.sum()
 
 
-def test_a_grid_in_space_is_its_mesh():
+MIRRORED = [axes for n in range(4) for axes in combinations(range(3), n)]
+
+
+def mirrored(grid, h0, axes):
+    active = None if grid.active is None else np.flip(grid.active, axes).copy()
+    return grid.with_active(active), np.flip(h0, axes).copy()
+
+
+def test_a_grid_in_space_is_the_least_of_its_meshes():
     rng = np.random.default_rng(2602)
-    grid = CartesianGrid(np.zeros(3), [0.5, 1.0, 0.8], (5, 4, 6))
-    for share in (0.4, 1.0):
-        h0 = np.where(rng.random(grid.shape) < share, 1.0 + rng.random(grid.shape), np.inf)
-        on_mesh = limit(grid.mesh, h0.ravel())
-        assert_allclose(limit(grid, h0).ravel(), on_mesh, rtol=1e-13)
+    grid = CartesianGrid(np.zeros(3), [0.5, 1.0, 0.8], (4, 6, 4))  # so all diagonals are mirrored
+    h0 = 1.0 + rng.random(grid.shape)
+    on_meshes = []
+    for axes in MIRRORED:
+        h = limit(grid.mesh, mirrored(grid, h0, axes)[1].ravel())
+        on_meshes.append(np.flip(h.reshape(grid.shape), axes))
+    assert_allclose(limit(grid, h0), np.min(on_meshes, axis=0), rtol=1e-13)
+    assert (np.ptp(on_meshes, axis=0) > 1e-3).any()
+
+
+@pytest.mark.parametrize("face_sources", [False, True])
+@pytest.mark.parametrize("masked", [False, True])
+def test_sizes_in_space_do_not_change_if_the_grid_is_mirrored(masked, face_sources):
+    for seed in range(3):
+        rng = np.random.default_rng(2610 + seed)
+        shape = tuple(rng.integers(4, 7, 3))
+        active = rng.random(shape) > 0.15 if masked else None
+        grid = CartesianGrid(np.zeros(3), rng.uniform(0.5, 2.0, 3), shape, active=active)
+        h0 = np.where(rng.random(shape) < (0.3, 1.0, 0.1)[seed], rng.uniform(0.1, 3, shape), np.inf)
+        h0[np.nonzero(np.ones(shape) if active is None else active)[0][0]] = 0.3
+        with catch_warnings(action="ignore"):  # parts without bounds
+            h = limit(grid, h0, face_sources=face_sources)
+            for axes in MIRRORED[1:]:
+                other = limit(*mirrored(grid, h0, axes), face_sources=face_sources)
+                assert_allclose(np.flip(other, axes), h, rtol=1e-12)
+
+
+def test_edges_between_bounds_are_sources_whatever_the_other_corners_have():
+    tetrahedra = boxes._TETRAHEDRA
+    for pattern in range(1, 256):
+        has = [v for v in range(8) if pattern >> v & 1]
+        pairs = {(v, w) for t in tetrahedra[boxes._KEPT[pattern]] for v in t for w in t}
+        assert {(v, w) for v in has for w in has if v ^ w in (0, 1, 2, 4)} <= pairs
+
+
+def test_data_on_two_faces_have_no_short_cut_between_these():
+    grid = CartesianGrid(np.zeros(3), 1.0, (2, 2, 3))
+    h0 = np.full(grid.shape, 1.0)
+    h0[1, 1] = np.inf  # an angle, seen along its edge
+    h = limit(grid, h0)
+    assert_allclose(h[1, 1], 1.0 + G)
 
 
 @pytest.mark.parametrize("shape", [(14,), (8, 9)])

@@ -148,12 +148,33 @@ def test_published_positive_coefficient_scheme_undershoots_at_sources():
     assert floored.max() < 0.4
 
 
+def test_published_equations_have_many_solutions_and_are_not_monotone():
+    # One triangle with a source: two nodes share the residual of the cell.
+    mesh = SimplexMesh([[0.0, 0.0], [1.0, 0.0], [0.5, np.sqrt(0.75)]], [[0, 1, 2]])
+    published = PositiveCoefficient(floor=None, tol=1e-8)
+
+    def limit(bound, start):
+        h0 = np.array([1.0, np.inf, bound])
+        start = None if start is None else 1.0 + G * np.array(start)
+        return (limit_gradient(mesh, h0, G, method=published, initial=start) - 1.0) / G
+
+    assert_allclose(limit(np.inf, (0.0, 1.0, 0.5)), (0.0, 1.0, 0.5), atol=1e-12)
+    assert_allclose(limit(np.inf, (0.0, 0.5, 1.0)), (0.0, 0.5, 1.0), atol=1e-12)
+    even = np.sqrt(0.75)
+    assert_allclose(limit(np.inf, None), (0.0, even, even), atol=1e-7)
+    # The larger bound gives the smaller size.
+    assert_allclose(limit(1.0 + 0.5 * G, None), (0.0, 1.0, 0.5), atol=1e-12)
+    floored = limit_gradient(mesh, [1.0, np.inf, np.inf], G, method="positive-coefficient")
+    assert_allclose((floored - 1.0) / G, (0.0, 1.0, 1.0), rtol=1e-12)
+
+
 def test_floored_scheme_comes_down_to_fast_marching_from_a_constant():
     mesh = jittered_square(41, seed=39)
     h0, _ = two_sources(mesh)
-    h = limit_gradient(
+    h, info = limit_gradient.with_info(
         mesh, h0, G, method=PositiveCoefficient(tol=1e-8), initial=np.full(mesh.n_points, 50.0)
     )
+    assert info.iterations < 400  # with one time step for all nodes, twice as many
     assert_allclose(h, limit_gradient(mesh, h0, G, method="fast-marching"), rtol=1e-7)
 
 

@@ -102,6 +102,9 @@ class Component(NamedTuple):
     """Adds the rows of other processes to those of `kernels.list_edges`; None on a single one."""
     at_any_price: bool = True
     """As in `Problem`."""
+    links: SimplexMesh | None = None
+    """Fills a solid that is not convex, more than once perhaps, if not ``mesh``: sizes propagate
+    along its edges at least, and edges and faces as sources are among its own."""
 
     def places(self, nodes: IntArray) -> FloatArray:
         """Return the positions of nodes."""

@@ -1,12 +1,13 @@
 """Connected components of a mesh in parts, and the points that lie in each."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize.background import SimplexMesh, topology
+from adaptsize.background import CartesianGrid, SimplexMesh, topology
 from adaptsize.background.partitioned import AnyMesh, PartitionedMesh, local_mesh
-from adaptsize.limiting.problem import PointBounds
+from adaptsize.limiting.problem import PointBounds, Problem
 from adaptsize.ranks import Communicator, Ids
 from adaptsize.typing import FloatArray, IntArray
 
@@ -154,3 +155,26 @@ def points_in_components(part: PartitionedMesh, given: PointBounds | None) -> di
         pairs = np.unique(pairs[np.isfinite(given.sizes)[which]], axis=0)
     every: IntArray = np.unique(np.concatenate(part.ranks.allgather(pairs)), axis=0)
     return {k: every[every[:, 0] == k, 1] for k in np.unique(every[:, 0]).tolist()}
+
+
+def with_points_at_nodes(problem: Problem) -> Problem:
+    """Return the problem with bounds at points as bounds at the nodes of their cells; collective.
+
+    At a distance d from the point, a node gets its size plus g d.  No size is too small.
+    """
+    given, domain, g = problem.point_sources, problem.domain, float(problem.slope.values.max())
+    if given is None:
+        return problem
+    h0 = problem.h0.copy()
+    mesh = domain if isinstance(domain, CartesianGrid) else local_mesh(domain)
+    if mesh is not None:
+        around, _, away = mesh.locator.weights(given.points)
+        inside = away <= OUTSIDE * domain.diagonal
+        nodes, points = around[inside], given.points[inside]
+        apart = np.linalg.norm(mesh.points[nodes] - points[:, None], axis=2)
+        np.minimum.at(h0.reshape(-1), nodes, given.sizes[inside, None] + g * apart)
+    if isinstance(domain, CartesianGrid):
+        h0 = h0 if domain.active is None else np.where(domain.active, h0, np.inf)
+    elif isinstance(domain, PartitionedMesh):
+        h0 = domain.minimum(h0)
+    return replace(problem, h0=h0, point_sources=None)

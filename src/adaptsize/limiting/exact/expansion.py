@@ -1,41 +1,68 @@
 """The exact method in plane domains with very many corners: triangular expansion."""
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 
 from adaptsize._kernels import expansion as kernels
 from adaptsize._kernels.exact_plane import COLUMNS, KIND
 from adaptsize._kernels.heap import new_heap, push_all
 from adaptsize._kernels.sight import ANY, NARROW
+from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import places_among
 from adaptsize.geometry.boundary import FlatBoundary, turns_in_plane
-from adaptsize.limiting.exact.candidates import Component
+from adaptsize.limiting.exact.candidates import Component, Extra
 from adaptsize.typing import FloatArray, IntArray
 
-# Windows that are followed between two calls of Python, some tenths of a second.
+# Windows that are followed between two calls of Python, at most: some tenths of a second.
 _AT_ONCE = 5_000_000
+
+# Stands for sizes that are not known yet.
+_VERY_LOW = -1e300
 
 # Distance below which a point is on a line, in units of the rounding of the coordinates, as for
 # lines of sight (see `plane_boundary`).
 _SLACK = 16.0
 
 
-def expand_from_nodes(
-    component: Component, boundary: FlatBoundary, sources: IntArray
-) -> tuple[FloatArray, IntArray, FloatArray] | None:
-    """Return the sizes that bounds at nodes allow in the plane, and where their paths come from.
+class Expanded(NamedTuple):
+    """Sizes in the plane, and where their paths come from.
+
+    Roots are nodes, or sources between these, numbered after them.
+    """
+
+    h: FloatArray
+    """float64[n]"""
+    root: IntArray
+    """int32[n]: from which the path to each node is straight, its own source or corner."""
+    bend: FloatArray
+    """float64[n, 2]: the place of the root if it is a corner at which the path bends, else nan."""
+
+
+def expand_from_points(
+    component: Component,
+    boundary: FlatBoundary,
+    sources: IntArray,
+    is_lost: Callable[[FloatArray], bool],
+) -> Expanded | None:
+    """Return the sizes that bounds at nodes and at points between them allow in the plane.
 
     The numbers of the nodes and the order of sources do not matter, but for rounding.
 
+    Parameters
+    ----------
+    component : Component
+    boundary : FlatBoundary
+    sources : int32[k]
+        The nodes that may be sources.
+    is_lost : callable
+        Called with sizes of which those that may still fall are very low: whether all is in vain.
+
     Returns
     -------
-    float64[n]
-        Sizes.
-    int32[n]
-        The node from which the path to each node is straight, its own source or corner.
-    float64[n, 2]
-        The place of this node if it is a corner at which the path bends, else nan.
-    None
-        Instead of all, if cells overlap along an edge or have no measure.
+    Expanded or None
+        None if all was in vain, or if cells overlap along an edge or have no measure.
     """
     mesh, h0 = component.mesh, component.h0
     if boundary.has_flat or not boundary.is_simple:
@@ -46,32 +73,58 @@ def expand_from_nodes(
     triangles = kernels.Triangles(mesh.points, cells, np.empty(3 * m, np.int32), *mesh.rings)
     if not kernels.connect(triangles, *scratch):
         return None
-    n_windows = n + m // 2 + int(np.diff(triangles.ring_ptr).max())
+    slack = _SLACK * float(np.finfo(float).eps * np.abs(mesh.points).max())
+    size = h0.copy()
+    if component.extra is not None:
+        triangles = _with_points(triangles, mesh, component.extra, slack)
+        size = np.concatenate([h0, component.extra.sizes])
+        between = np.arange(n, len(size), dtype=np.int32)
+        sources = np.concatenate([sources, between])
+    n_windows = n + m // 2 + 2 * int(np.diff(triangles.ring_ptr).max())
     nodes, table, walls = _corners(mesh.points, boundary.facets)
-    corner = places_among(nodes, n)
+    corner = places_among(nodes, len(size))
     front = kernels.Front(
-        h0.copy(),
-        np.full(n, -1, np.int32),
+        size,
+        np.full(len(size), -1, np.int32),
         corner,
         table,
         walls,
         np.zeros((len(nodes), 2)),
-        new_heap(n),
+        new_heap(len(size)),
         np.empty(n_windows, np.int32),
         np.empty((n_windows, 4)),
         np.full(m, -1, np.int32),
         np.empty((m, 4)),
         np.empty(m + 1, np.int32),
+        n,
     )
     push_all(front.heap, sources, front.h)
-    slack = _SLACK * float(np.finfo(float).eps * np.abs(mesh.points).max())
-    given = (component.g, slack, component.margin)
-    while kernels.expand(triangles, front, *given, _AT_ONCE):
+    given, at_once = (component.g, slack, component.margin), n
+    while kernels.expand(triangles, front, *given, min(at_once, _AT_ONCE)):
         component.workers.report("limiting the gradient", None)
-    own = front.root < 0
-    root = np.where(own, np.arange(n), front.root).astype(np.int32)
+        at_once *= 2
+        if is_lost(np.where(front.h[:n] <= front.heap.key[0], front.h[:n], _VERY_LOW)):
+            return None
+    if is_lost(front.h[:n]):
+        return None
+    own = front.root[:n] < 0
+    root = np.where(own, np.arange(n), front.root[:n]).astype(np.int32)
     bends = ~own & (front.root[root] >= 0)
-    return front.h, root, np.where(bends[:, None], mesh.points[root], np.nan)
+    return Expanded(front.h[:n], root, np.where(bends[:, None], triangles.points[root], np.nan))
+
+
+def _with_points(
+    triangles: kernels.Triangles, mesh: SimplexMesh, extra: Extra, slack: float
+) -> kernels.Triangles:
+    """Return triangles with sources between the nodes, each in all triangles that hold it."""
+    which, cells = mesh.locator.within(extra.points, 2.0 * slack)
+    counts = np.bincount(which, minlength=len(extra.points))
+    ends = triangles.ring_ptr[-1] + np.cumsum(counts)
+    return triangles._replace(
+        points=np.concatenate([triangles.points, extra.points]),
+        ring_ptr=np.concatenate([triangles.ring_ptr, ends.astype(triangles.ring_ptr.dtype)]),
+        ring=np.concatenate([triangles.ring, cells]),
+    )
 
 
 def _corners(points: FloatArray, facets: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:

@@ -224,6 +224,8 @@ class ComponentSolution:
     """Whether paths over reflex edges were propagated from node to node instead."""
     later: Callable[[], ExactField] | None = None
     """Makes ``between``."""
+    interpolates: bool = False
+    """Whether the sizes between the nodes are interpolated, and lowered by ``between``."""
 
     @cached_property
     def between(self) -> ExactField:

@@ -25,10 +25,18 @@ from adaptsize.limiting.exact.boundary_of_parts import Skeleton, find_skeleton
 from adaptsize.limiting.exact.candidates import Component, margin_for
 from adaptsize.limiting.exact.components import Piece, piece_of
 from adaptsize.limiting.exact.exchange import exchange_rows, of_this_rank, reach_of
-from adaptsize.limiting.exact.field import ComponentSolution, Entries, Points, sorted_entries
+from adaptsize.limiting.exact.field import (
+    ComponentSolution,
+    Entries,
+    ExactField,
+    Points,
+    node_entries,
+    sorted_entries,
+)
 from adaptsize.limiting.exact.obstacles_in_plane import Plane, has_many_corners, plane_of
-from adaptsize.limiting.exact.paths_in_space import Solid, WholeSolid, solid_of, solve_in_solid
-from adaptsize.limiting.exact.solve import rises_too_fast, solve_by_sight
+from adaptsize.limiting.exact.paths_in_space import solve_in_solid
+from adaptsize.limiting.exact.solid import Solid, WholeSolid, solid_of
+from adaptsize.limiting.exact.solve import hardly_rises, rises_too_fast, solve_by_sight
 from adaptsize.limiting.problem import NeedsWholeMesh, TooManyCorners
 from adaptsize.ranks import Communicator, Ids, rows_among
 from adaptsize.typing import BoolArray, FloatArray, IntArray
@@ -55,10 +63,18 @@ def solve_piece(part: PartitionedMesh, number: int, component: Component) -> Com
     mesh, comm = piece.mesh, piece.ranks
     facts = comm.allgather((component.least, bool(have_neighbours(mesh.cells, component.h0))))
     diagonal = float(np.linalg.norm(np.ptp(skeleton.points, axis=0)))
+    least = min(least for least, _ in facts)
+    if hardly_rises(least, component.g, diagonal):
+        none = np.empty((0, mesh.dim))
+        field = ExactField(
+            component.g, None, False, [node_entries(none, none[:, 0], np.empty(0, np.int32))]
+        )
+        kept = np.full(len(piece.nodes), -1, np.int32)
+        return ComponentSolution(np.full(len(piece.nodes), least), kept, field, none)
     component = component._replace(
         order=along_curve(mesh.points),
         meet=any(meet for _, meet in facts),
-        margin=margin_for(min(least for least, _ in facts), component.g, diagonal),
+        margin=margin_for(least, component.g, diagonal),
         merge=partial(_merge_rows, piece),
     )
     if skeleton.convex:

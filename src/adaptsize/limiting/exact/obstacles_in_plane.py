@@ -145,7 +145,25 @@ def with_corners(
     corners = (read_only(places), read_only(order), table, plane.walls)
     state, edges = (plane.sizes, arrivals, lowered, serves), True if linear else None
     kernels.solve_corners((0, 0), corners, state, g, edges, plane.sight, new_block(2), new_rays())
-    named = np.full((n, 2), -1, np.int32)
+    return _together(entries, plane, table, serves)
+
+
+def with_known_corners(entries: Entries, plane: Plane, h: FloatArray, into: FloatArray) -> Entries:
+    """Return entries together with the corners at which paths bend (In/Out: plane).
+
+    ``h``, ``into``: the sizes at all nodes, and the last straight pieces of the paths there, 0 at
+    nodes that keep their bounds.
+    """
+    nodes, table = plane.nodes, plane.table.copy()
+    plane.sizes[:] = table[:, 4] = h[nodes]
+    serves = np.zeros(len(nodes), np.bool_)
+    kernels.set_wedges(table, plane.walls, into[nodes], plane.sight.slack, serves)
+    return _together(entries, plane, table, serves & into[nodes].any(axis=1))
+
+
+def _together(entries: Entries, plane: Plane, table: FloatArray, serves: BoolArray) -> Entries:
+    """Return entries together with the corners that serve."""
+    named = np.full((len(table), 2), -1, np.int32)
     named[:, 0] = plane.nodes
     is_free = table[:, KIND] == ANY
     free, own = serves & is_free, serves & ~is_free

@@ -14,12 +14,11 @@ from adaptsize._workers import Workers
 from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
-from adaptsize.background.grid import both_ways
 from adaptsize.background.partitioned import PartitionedMesh
 from adaptsize.background.topology import places_among
-from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
-from adaptsize.geometry.convexity import is_convex
+from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.limiting.edge_based import EdgeBased
+from adaptsize.limiting.exact.boxes import all_tetrahedra, linear_on_boxes
 from adaptsize.limiting.exact.candidates import (
     EQUAL,
     Component,
@@ -30,6 +29,7 @@ from adaptsize.limiting.exact.candidates import (
 )
 from adaptsize.limiting.exact.components import (
     OUTSIDE,
+    Piece,
     components_of,
     is_connected,
     moved_inside,
@@ -46,6 +46,7 @@ from adaptsize.limiting.exact.field import (
     sorted_entries,
 )
 from adaptsize.limiting.exact.in_parts import solve_piece
+from adaptsize.limiting.exact.kept import boundary_of
 from adaptsize.limiting.exact.on_surface import limit_on_surface
 from adaptsize.limiting.exact.solve import solve_on_mesh
 from adaptsize.limiting.periodic import Periodicity
@@ -103,7 +104,7 @@ class Exact(Scheme):
     face_sources : bool, default True
         True: ``h0`` also bounds the size inside the cells, where it is interpolated linearly.
         False: ``h0`` is a bound at the nodes only; limiting is then idempotent.  The boxes of a
-        plane grid are split along both diagonals, those in space as in ``grid.mesh``.
+        grid are split along all of their diagonals, and the lower size is used.
     threads : int, optional
         Number of threads, by default that of numba (``numba.set_num_threads``).  The result does
         not depend on it, bit for bit.
@@ -152,8 +153,7 @@ class Exact(Scheme):
             nodes = ConvexNodes(domain, h0.ravel(), g, workers, extra)
             return as_solution(h0, [SolvedComponent(slice(None), _on_convex_nodes(nodes))])
         component = self._component(problem, domain, h0)._replace(extra=extra)
-        component, boundary, all_used = _prepared(component)
-        convex = is_convex(domain.points, boundary)
+        component, (boundary, convex), all_used = _prepared(component)
         if not (all_used and (convex or is_connected(domain))):
             return self._by_components(PartitionedMesh.from_serial(domain), problem)
         return as_solution(
@@ -185,11 +185,16 @@ class Exact(Scheme):
         )
 
     def _by_components(
-        self, part: PartitionedMesh, problem: Problem, linear: IntArray | None = None
+        self,
+        part: PartitionedMesh,
+        problem: Problem,
+        linear: IntArray | None = None,
+        links: IntArray | None = None,
     ) -> ExactSolution:
         """Solve on one component after another; nodes in no cell keep their bounds.  Collective.
 
-        Each rank uses one thread by default.
+        Each rank uses one thread by default.  ``linear``, ``links``: as in `Component`, for the
+        whole mesh.
         """
         ranks = part.ranks
         if ranks.size > 1 and part.dim == 1:
@@ -207,16 +212,17 @@ class Exact(Scheme):
                 here = Extra.of(given, located[number], piece.mesh.n_points)
                 component = component._replace(extra=here)
             if linear is not None:
-                own = places_among(piece.nodes, part.n_points)[linear]
-                own = read_only(np.ascontiguousarray(own[own[:, 0] >= 0]))
-                component = component._replace(linear=own)
+                own = _of_piece(piece, part, linear)
+                component = component._replace(linear=own, meet=True)
+            if links is not None:
+                mesh = SimplexMesh(piece.mesh.points, _of_piece(piece, part, links))
+                component = component._replace(links=mesh)
             if ranks.size > 1:
                 found = solve_piece(part, number, component)
             elif part.dim == 1:  # an interval; folds change nothing
                 found = _on_convex_nodes(ConvexNodes.of(component.with_margin()))
             else:
-                boundary = flat_boundary(piece.mesh, component.workers.threads)
-                convex = is_convex(piece.mesh.points, boundary)
+                boundary, convex = boundary_of(piece.mesh, component.workers.threads)
                 found = solve_on_mesh(component, boundary, convex)
             parts.append(SolvedComponent(piece.nodes, found))
         solution = as_solution(problem.h0, parts)
@@ -232,12 +238,14 @@ class Exact(Scheme):
     def _on_grid_mesh(self, grid: CartesianGrid, problem: Problem) -> ExactSolution:
         """Solve on the whole boxes of a grid, split into simplices on which h0 is linear.
 
-        In the plane each box is split along both diagonals, and the lower size is used; no diagonal
-        is preferred.
+        Each box is split along all of its diagonals, and the lower size is used.
         """
-        bounded = np.isfinite(problem.h0)
-        linear = read_only(both_ways(bounded, grid.active)) if grid.dim == 2 else None
-        return self._by_components(PartitionedMesh.from_serial(grid.mesh), problem, linear)
+        linear = links = None
+        if self.face_sources and grid.dim > 1:
+            linear = linear_on_boxes(grid, problem.h0, problem.slope.number(self.name))
+        if grid.dim == 3 and grid.active is not None:
+            links = all_tetrahedra(grid)
+        return self._by_components(PartitionedMesh.from_serial(grid.mesh), problem, linear, links)
 
     def _on_active(self, grid: CartesianGrid, problem: Problem) -> ExactSolution:
         """Solve on the active nodes of a grid.
@@ -271,8 +279,16 @@ class Exact(Scheme):
         return replace(solution, h=h, unfinished=unfinished, parts=parts, n_proved=max(0, n_proved))
 
 
-def _prepared(component: Component) -> tuple[Component, FlatBoundary, bool]:
+def _of_piece(piece: Piece, part: PartitionedMesh, cells: IntArray) -> IntArray:
+    """Return the cells, given by nodes of the part, that are in a piece, by its nodes."""
+    own = places_among(piece.nodes, part.n_points)[cells]
+    return read_only(np.ascontiguousarray(own[own[:, 0] >= 0]))
+
+
+def _prepared(component: Component) -> tuple[Component, tuple[FlatBoundary, bool], bool]:
     """Return the problem with order and neighbours, the boundary, and if all nodes are in cells.
+
+    With the boundary, whether the mesh is convex.
 
     With several threads, the boundary is computed at the same time.
     """
@@ -282,12 +298,12 @@ def _prepared(component: Component) -> tuple[Component, FlatBoundary, bool]:
             order=along_curve(mesh.points), meet=have_neighbours(mesh.cells, component.h0)
         )
         n_used = mark_nodes(mesh.cells, np.zeros(mesh.n_points, np.bool_))
-        return component, flat_boundary(mesh, 1), n_used == mesh.n_points
+        return component, boundary_of(mesh, 1), n_used == mesh.n_points
     with ThreadPoolExecutor(1) as pool:
         order = pool.submit(along_curve, mesh.points)
         meet = pool.submit(have_neighbours, mesh.cells, component.h0)
         used = pool.submit(mark_nodes, mesh.cells, np.zeros(mesh.n_points, np.bool_))
-        boundary = flat_boundary(mesh, component.workers.threads)
+        boundary = boundary_of(mesh, component.workers.threads)
         component = component._replace(order=order.result(), meet=meet.result())
         return component, boundary, used.result() == mesh.n_points
 

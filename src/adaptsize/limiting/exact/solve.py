@@ -6,12 +6,10 @@ from functools import partial
 import numpy as np
 
 from adaptsize._kernels import exact_candidates as candidates
-from adaptsize._progress import silent
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.geometry.convexity import count_corners
-from adaptsize.geometry.plane_boundary import plane_boundary
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.candidates import (
     EQUAL,
@@ -21,24 +19,37 @@ from adaptsize.limiting.exact.candidates import (
     entries_of_nodes,
     sources_on_cells,
 )
-from adaptsize.limiting.exact.expansion import expand_from_nodes
-from adaptsize.limiting.exact.field import ComponentSolution, ExactField, Points, node_entries
+from adaptsize.limiting.exact.expansion import expand_from_points
+from adaptsize.limiting.exact.field import (
+    ComponentSolution,
+    Entries,
+    ExactField,
+    Points,
+    node_entries,
+)
+from adaptsize.limiting.exact.kept import plane_in, solid_in
 from adaptsize.limiting.exact.obstacles_in_plane import (
     Plane,
     along_walls,
     at_nodes,
     favours_expansion,
     has_many_corners,
-    plane_of,
     with_corners,
+    with_known_corners,
 )
-from adaptsize.limiting.exact.paths_in_space import WholeSolid, solid_of, solve_in_solid
+from adaptsize.limiting.exact.paths_in_space import solve_in_solid
+from adaptsize.limiting.exact.solid import WholeSolid, solid_of
 from adaptsize.limiting.problem import TooManyCorners
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 # Sizes that rise by less than this share over the diagonal are equal to rounding on any path.
 # Which path is shortest would be lost to rounding, and with it where it may bend.
-NO_RISE = 1e-14
+_NO_RISE = 1e-14
+
+
+def hardly_rises(least: float, g: float, diagonal: float) -> bool:
+    """Return whether the least bound holds in all of a component, but for rounding."""
+    return g * diagonal <= _NO_RISE * least
 
 
 def solve_on_mesh(component: Component, boundary: FlatBoundary, convex: bool) -> ComponentSolution:
@@ -48,10 +59,14 @@ def solve_on_mesh(component: Component, boundary: FlatBoundary, convex: bool) ->
         return _along_edges(component)
     if convex:
         return solve_by_sight(component, None, boundary)
-    if component.extra is None and component.g * mesh.diagonal <= NO_RISE * component.least:
-        return _along_edges(component)
+    if hardly_rises(component.least, component.g, mesh.diagonal):
+        return _level(component)
     if mesh.dim == 3:
-        found, start = solve_in_solid(WholeSolid(component, solid_of(mesh, boundary)))
+        if component.links is None:
+            solid = solid_in(mesh, boundary)
+        else:
+            solid = solid_of(mesh, boundary, around=component.links.cells)
+        found, start = solve_in_solid(WholeSolid(component, solid))
         _name_all(component, found, start)
         return found
     n_corners = count_corners(mesh.points, boundary)
@@ -62,7 +77,7 @@ def solve_on_mesh(component: Component, boundary: FlatBoundary, convex: bool) ->
             return expanded
         if too_many and not component.at_any_price:
             raise TooManyCorners
-    plane = plane_of(mesh.points, plane_boundary(mesh, boundary))
+    plane = plane_in(mesh, boundary)
     found = solve_by_sight(component, plane, boundary)
     if rises_too_fast(component, found.h):
         _keep_edges(component, found)
@@ -72,44 +87,59 @@ def solve_on_mesh(component: Component, boundary: FlatBoundary, convex: bool) ->
 def _solve_by_expansion(
     component: Component, boundary: FlatBoundary, too_many: bool
 ) -> ComponentSolution | None:
-    """Solve by triangular expansion; None if sources are not at nodes only, or cells overlap.
+    """Solve by triangular expansion; None if edges are sources, or cells overlap.
 
-    Whether edges are sources is known at the end, and is worth the search if corners are too many.
-    Sizes between the nodes are interpolated then.
+    Whether edges are sources shows on the way, and is worth the search if corners are too many.
     """
     nodes, steep = candidates_of(component)
-    steep = steep if component.face_sources else None
-    if component.extra is not None or not (steep is None or too_many):
+    if not component.face_sources:
+        steep = None
+    if not (steep is None or too_many):
         return None
-    expanded = expand_from_nodes(component, boundary, nodes)
+
+    def is_lost(h: FloatArray) -> bool:
+        return steep is not None and len(sources_on_cells(component, steep, h).nodes) > 0
+
+    expanded = expand_from_points(component, boundary, nodes, is_lost)
     if expanded is None:
         return None
+    mesh, extra = component.mesh, component.extra
     h, root, bend = expanded
-    if steep is not None and len(sources_on_cells(component, steep, h).nodes):
-        return None
-    n_uses = np.bincount(root[np.isfinite(h)], minlength=len(h))
-    used = np.flatnonzero(n_uses).astype(np.int32)
+    places, sizes, names = mesh.points, h, np.arange(len(h), dtype=np.int32)
+    if extra is not None:
+        places = np.concatenate([places, extra.points])
+        sizes = np.concatenate([sizes, extra.sizes])
+        names = np.concatenate([names, extra.numbers])
+    used = np.flatnonzero(np.bincount(root[np.isfinite(h)], minlength=len(names)))
     field = ExactField(component.g, None, False)
-    field.groups.append(node_entries(component.mesh.points[used], h[used], used))
+    field.groups.append(node_entries(places[used], sizes[used], names[used]))
     named = np.full((len(h), 2), -1, np.int32)
-    named[:, 0] = root
+    named[:, 0] = names[root]
     found = ComponentSolution(h, np.full(len(h), -1, np.int32), field, bend, nodes=named)
-    if too_many:
-        found.proved = np.ones(len(h), np.bool_)
-    else:
-        sources = used[root[used] == used]
-        found.later = partial(field_of_plane, component.mesh, boundary, sources, h, component.g)
+    own = used[np.append(root, np.arange(len(h), len(names)))[used] == used]
+    sources = node_entries(places[own], sizes[own], names[own])
+    into = mesh.points - places[root]  # of paths, 0 at nodes that keep their bounds
+    corners = None if too_many else (h, into)
+    found.later = partial(field_of_plane, mesh, boundary, sources, corners, component.g)
+    found.interpolates = too_many
     return found
 
 
 def field_of_plane(
-    mesh: SimplexMesh, boundary: FlatBoundary, sources: IntArray, h: FloatArray, g: float
+    mesh: SimplexMesh,
+    boundary: FlatBoundary,
+    sources: Entries,
+    corners: tuple[FloatArray, FloatArray] | None,
+    g: float,
 ) -> ExactField:
-    """Return the field of sources at nodes, with the corners, if the sizes at nodes are known."""
-    plane = plane_of(mesh.points, plane_boundary(mesh, boundary))
-    plane.sizes[:] = h[plane.nodes] * (1.0 + EQUAL)  # paths to the corners are found anew
-    entries = at_nodes(node_entries(mesh.points[sources], h[sources], sources), plane)
-    entries = with_corners(entries, g, plane, False, silent)
+    """Return the field of sources, and of corners if these are given.
+
+    ``corners``: the sizes at all nodes, and the last straight pieces of their paths, 0 for none.
+    """
+    plane = plane_in(mesh, boundary)
+    entries = at_nodes(sources, plane)
+    if corners is not None:
+        entries = with_known_corners(entries, plane, *corners)
     return ExactField(g, plane.sight, False, [entries])
 
 
@@ -157,7 +187,7 @@ def solve_by_sight(
 
 def _name_all(component: Component, found: ComponentSolution, start: IntArray) -> None:
     """Name the sources of sizes that come along edges (In/Out: found)."""
-    mesh, h = component.mesh, found.h
+    mesh, h = component.links or component.mesh, found.h
     named, bend = found.named(), found.bends().copy()
     if len(bend) == 0:
         bend = np.full(mesh.points.shape, np.nan)
@@ -227,8 +257,22 @@ def _paths_into(
     return pairs[np.lexsort((pairs[:, 1], along, pairs[:, 0]))]
 
 
+def _level(component: Component) -> ComponentSolution:
+    """Return the least bound of all: g is 0, or so small that sizes hardly rise."""
+    mesh, h0, least, extra = component.mesh, component.h0, component.least, component.extra
+    name, place = int(np.argmin(h0)), mesh.points[np.argmin(h0)]
+    if extra is not None and least < h0[name]:
+        k = int(np.argmin(extra.sizes))
+        name, place = int(extra.numbers[k]), extra.points[k]
+    entry = node_entries(place[None], np.array([least]), np.array([name], np.int32))
+    source = np.where(h0 > least, 0, -1).astype(np.int32)
+    bend = np.full(mesh.points.shape, np.nan)
+    field = ExactField(component.g, None, False, [entry])
+    return ComponentSolution(np.full(mesh.n_points, least), source, field, bend)
+
+
 def _along_edges(component: Component) -> ComponentSolution:
-    """Solve by paths along edges: if no cell has a measure, or if sizes hardly rise."""
+    """Solve by paths along edges: if no cell has a measure."""
     mesh, h0, g = component.mesh, component.h0, component.g
     nowhere = np.empty((0, mesh.dim))
     none = node_entries(nowhere, np.empty(0), np.empty(0, np.int32))

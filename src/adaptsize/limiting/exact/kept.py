@@ -1,0 +1,42 @@
+"""What the exact method finds out about a mesh, kept as long as the mesh: loops limit often."""
+
+from dataclasses import replace
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from adaptsize.background import SimplexMesh
+from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
+from adaptsize.geometry.convexity import is_convex
+from adaptsize.geometry.plane_boundary import plane_boundary
+from adaptsize.limiting.exact.obstacles_in_plane import Plane, plane_of
+from adaptsize.limiting.exact.solid import Solid, solid_of
+
+_BOUNDARIES: WeakKeyDictionary[SimplexMesh, tuple[FlatBoundary, bool]] = WeakKeyDictionary()
+_PLANES: WeakKeyDictionary[SimplexMesh, Plane] = WeakKeyDictionary()
+_SOLIDS: WeakKeyDictionary[SimplexMesh, Solid] = WeakKeyDictionary()
+
+
+def boundary_of(mesh: SimplexMesh, threads: int) -> tuple[FlatBoundary, bool]:
+    """Return the walls of a mesh, and whether it is convex."""
+    known = _BOUNDARIES.get(mesh)
+    if known is None:
+        boundary = flat_boundary(mesh, threads)
+        known = _BOUNDARIES[mesh] = boundary, is_convex(mesh.points, boundary)
+    return known
+
+
+def plane_in(mesh: SimplexMesh, boundary: FlatBoundary) -> Plane:
+    """Return the walls and corners of a mesh in the plane, these without sizes."""
+    known = _PLANES.get(mesh)
+    if known is None:
+        known = _PLANES[mesh] = plane_of(mesh.points, plane_boundary(mesh, boundary))
+    return replace(known, sizes=np.full_like(known.sizes, np.inf))
+
+
+def solid_in(mesh: SimplexMesh, boundary: FlatBoundary) -> Solid:
+    """Return the solid of a mesh."""
+    known = _SOLIDS.get(mesh)
+    if known is None:
+        known = _SOLIDS[mesh] = solid_of(mesh, boundary)
+    return known
