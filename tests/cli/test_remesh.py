@@ -22,7 +22,8 @@ from adaptsize.cli.size import print_outcome
 from adaptsize.errors import InputWarning
 from adaptsize.quality import check_mesh, size_conformity
 from adaptsize.remeshing import register_backend, registry
-from adaptsize.remeshing.attempts import attempts_of
+from adaptsize.remeshing.attempts import Attempts
+from adaptsize.remeshing.driver import Remeshed, remeshed
 from adaptsize.remeshing.preparation import repair_mesh
 from adaptsize.reporting.outcome import Outcome, outcome_of_remeshing
 
@@ -52,9 +53,9 @@ def no_generator(monkeypatch):
     def fill(mesh, size, **_):
         filled.append(mesh)
         cells = [[0, 4, 6, 7], [0, 6, 2, 7], [0, 2, 3, 7], [0, 3, 1, 7], [0, 1, 5, 7], [0, 5, 4, 7]]
-        return SimplexMesh(CORNERS, cells)
+        return Remeshed(SimplexMesh(CORNERS, cells), Attempts((), None, False))
 
-    monkeypatch.setattr("adaptsize.domain_size.elements.remesh", fill)
+    monkeypatch.setattr("adaptsize.domain_size.elements.remeshed", fill)
     return filled
 
 
@@ -247,8 +248,8 @@ def test_what_remesh_has_compared_is_not_compared_again(capsys, box, monkeypatch
     pytest.importorskip("netgen")
     old = repair_mesh(read(box)).mesh
     size = size_function(old, hmax=0.5)
-    new = remesh(old, size, tolerance=2e-3)
-    found = attempts_of(new).check
+    new, attempts = remeshed(old, size, tolerance=2e-3)
+    found = attempts.check
     with_it, without = (
         outcome_of_remeshing(new, old, size, 2e-3, check=check).as_dict() for check in (found, None)
     )
