@@ -53,10 +53,27 @@ def no_generator(monkeypatch):
     def fill(mesh, size, **_):
         filled.append(mesh)
         cells = [[0, 4, 6, 7], [0, 6, 2, 7], [0, 2, 3, 7], [0, 3, 1, 7], [0, 1, 5, 7], [0, 5, 4, 7]]
-        return Remeshed(SimplexMesh(CORNERS, cells), Attempts((), None, False))
+        return Remeshed(SimplexMesh(CORNERS, cells), Attempts((), None, is_cut_short=False))
 
     monkeypatch.setattr("adaptsize.domain_size.elements.remeshed", fill)
     return filled
+
+
+def test_a_mesh_above_a_cap_is_written_with_exit_code_1(tmp_path, capsys, monkeypatch):
+    from adaptsize.domain_size.elements import Maker
+
+    def with_excess(maker, most):
+        made = Maker.meshed(maker, maker.sized())
+        return made._replace(excess="the mesh has 90 elements, more than max_elements = 80")
+
+    monkeypatch.setattr("adaptsize.domain_size.elements.within_cap", with_excess)
+    output = tmp_path / "new.vtu"
+    arguments = ("remesh", DATA / "lshape.vtu", "-o", output, "--max-elements", "2000")
+    assert call(*arguments) == 1
+    assert "warning: the mesh has 90 elements" in capsys.readouterr().err
+    assert call(*arguments, "--quiet") == 1
+    assert "error: the mesh has 90 elements" in capsys.readouterr().err
+    assert output.exists()
 
 
 def test_remesh_is_read_size_function_and_remesh(tmp_path):

@@ -6,7 +6,7 @@ from shapes import block
 
 import adaptsize as ads
 from adaptsize.errors import BackendError
-from adaptsize.remeshing import driver, improvement, mmg
+from adaptsize.remeshing import job, improvement, mmg
 from adaptsize.remeshing.acceptance import Judge
 from adaptsize.remeshing.filling import Filling, adapt_surface
 from adaptsize.remeshing.improvement import improved
@@ -86,12 +86,12 @@ def test_remesh_fills_and_judges_with_the_given_tolerance(monkeypatch):
     def best_of(attempts, solve, judge, *_, **__):
         attempt = Attempt("mmg", "", 1.0, first="netgen on the adapted surface", factor=0.5)
         asked.append(judge.tolerance)
-        frame = solve.__self__.frame
+        frame = solve.__self__.requests.frame
         asked.append(0.5 * 0.004 * frame.mesh(skin).diagonal)
         next(iter(solve(attempt, RUN)))
 
     monkeypatch.setattr(Filling, "_in_adapted_surface", filled)
-    monkeypatch.setattr(driver, "best_of", best_of)
+    monkeypatch.setattr(job, "best_of", best_of)
     with pytest.raises(BackendError, match="enough"):
         ads.remesh(skin, 0.5, tolerance=0.004)
     judged, allowed, given = asked
