@@ -71,6 +71,7 @@ def an_adaptation():
 MAKE = {
     "SimplexMesh": tagged_square,
     "Boundary": lambda: tagged_square().boundary(),
+    "ElementField": lambda: ads.ElementField(np.arange(9.0), 2, continuous=False, log=True),
     "CartesianGrid": masked_grid,
     "Octree": a_tree,
     "Image": lambda: ads.background.Image([[True, False], [False, True]], spacing=0.5),
