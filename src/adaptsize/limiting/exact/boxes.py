@@ -23,6 +23,10 @@ _TETRAHEDRA = np.array(
 )
 
 
+# Boxes that are split at once, for less memory.
+_AT_ONCE = 20_000
+
+
 def linear_on_boxes(grid: CartesianGrid, h0: FloatArray, g: float) -> IntArray:
     """Return the simplices, int32[m, dim + 1]; in space without those that cannot matter."""
     finite = np.isfinite(h0)
@@ -30,12 +34,14 @@ def linear_on_boxes(grid: CartesianGrid, h0: FloatArray, g: float) -> IntArray:
         return both_ways(finite, grid.active)
     number = np.arange(grid.n_points, dtype=np.int32).reshape(grid.shape)
     corners = _at_corners(number, grid.active)
-    has = finite.ravel()[corners]
-    keep = _may_matter(h0.ravel()[corners], has, np.asarray(grid.spacing), g)
-    corners, has = corners[keep], has[keep]
-    boxes, which = np.nonzero(_KEPT[has @ (1 << np.arange(8))])
-    cells: IntArray = corners[boxes[:, None], _TETRAHEDRA[which]]
-    return cells
+    edges, found = np.asarray(grid.spacing), [np.empty((0, 4), np.int32)]
+    for first in range(0, len(corners), _AT_ONCE):
+        some = corners[first : first + _AT_ONCE]
+        has = finite.ravel()[some]
+        keep = _may_matter(h0.ravel()[some], has, edges, g)
+        boxes, which = np.nonzero(_KEPT[has[keep] @ (1 << np.arange(8))])
+        found.append(some[keep][boxes[:, None], _TETRAHEDRA[which]])
+    return np.concatenate(found)
 
 
 def all_tetrahedra(grid: CartesianGrid) -> IntArray:
