@@ -45,7 +45,6 @@ class ExchangeMethods(MeshMethods):
         Examples
         --------
         >>> from adaptsize import SimplexMesh
-        >>> from adaptsize import SimplexMesh
         >>> import trimesh
         >>> SimplexMesh.from_object(trimesh.creation.box())
         SimplexMesh(8 points in 3-D, 12 triangles)
