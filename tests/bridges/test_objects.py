@@ -244,6 +244,20 @@ def test_other_objects_are_refused():
         SimplexMesh(np.eye(3), [[0, 1, 2]]).to_skfem()
 
 
+@pytest.mark.parametrize("make", OBJECTS)
+def test_a_new_mesh_is_returned_in_the_kind_of_the_given_one(make):
+    given = make()
+    mesh = SimplexMesh.from_object(given)
+    back = mesh.like(given)
+    assert type(back).__module__ == type(given).__module__ or make is sphere_of_pyvista
+    again = SimplexMesh.from_object(back)
+    assert again.measures.sum() == pytest.approx(OBJECTS[make], rel=1e-3)
+    assert mesh.tag_names.items() <= again.tag_names.items()
+    assert mesh.like(again) is mesh
+    with pytest.raises(ValueError, match=r"other must be of meshio, .*got 3"):
+        mesh.like(3)
+
+
 def test_one_body_of_trimesh_has_no_tags():
     import trimesh
 

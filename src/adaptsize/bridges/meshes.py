@@ -17,24 +17,44 @@ from adaptsize.bridges import solvers
 from adaptsize.errors import InputWarning, MeshFileError
 
 
+def program_of(name: str, mesh: Any) -> solvers.Program:
+    """Return the program or package that an object is a mesh of.
+
+    Raises
+    ------
+    ValueError
+        If it is of none.
+    """
+    found = solvers.program_of(mesh)
+    if type(mesh).__module__.partition(".")[0] == "meshio":
+        found = solvers.Program(partial(_raw_of_meshio, mesh), to_meshio)
+    elif getattr(mesh, "IsA", lambda _: False)("vtkDataObject"):
+        found = solvers.Program(partial(vtk.raw_of, mesh), to_pyvista)
+    elif found is None and any(map(partial(hasattr, mesh), ("faces", "graph"))):
+        found = solvers.Program(partial(foreign.raw_of_trimesh, mesh), to_trimesh)
+    if found is None:
+        raise ValueError(
+            f"{name} must be of meshio, PyVista, VTK, trimesh, scikit-fem, DOLFINx, MFEM, Netgen "
+            f"or NGSolve, or gmsh.model, got {describe(mesh)}"
+        )
+    return found
+
+
+def like(mesh: SimplexMesh, other: Any) -> Any:
+    """Return a mesh as an object of the program that another one is of.
+
+    See `SimplexMesh.like`.
+    """
+    return mesh if isinstance(other, SimplexMesh) else program_of("other", other).write(mesh)
+
+
 def from_object(mesh: Any, *, kind: str | None = None, flatten: bool = True) -> SimplexMesh:
     """Return the simplices of a mesh of another program, with its tags and their names.
 
     See `SimplexMesh.from_object`.
     """
     flatten = as_flag("flatten", flatten)
-    read = solvers.reader_of(mesh)
-    if type(mesh).__module__.partition(".")[0] == "meshio":
-        read = partial(_raw_of_meshio, mesh)
-    elif getattr(mesh, "IsA", lambda _: False)("vtkDataObject"):
-        read = partial(vtk.raw_of, mesh)
-    elif read is None and any(map(partial(hasattr, mesh), ("faces", "graph"))):  # trimesh
-        read = partial(foreign.raw_of_trimesh, mesh)
-    if read is None:
-        raise ValueError(
-            "mesh must be of meshio, PyVista, VTK, trimesh, scikit-fem, DOLFINx, MFEM, Netgen or "
-            f"NGSolve, or gmsh.model, got {describe(mesh)}"
-        )
+    read = program_of("mesh", mesh).read
     notes: list[str] = []
     try:
         raw = read()

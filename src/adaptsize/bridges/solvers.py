@@ -18,18 +18,29 @@ from adaptsize.distributed import to_dolfinx as distributed_to_dolfinx
 from adaptsize.errors import MeshFileError
 
 
-def reader_of(mesh: Any) -> Callable[[], RawMesh] | None:
-    """Return the function that reads a mesh; None if it is of none of these programs."""
+class Program(NamedTuple):
+    """How the mesh of a program is read, and how a mesh becomes one of that program."""
+
+    read: Callable[[], RawMesh]
+    write: Callable[[SimplexMesh], Any]
+
+
+def program_of(mesh: Any) -> Program | None:
+    """Return the program that a mesh is of; None if it is none of these."""
     if hasattr(getattr(mesh, "model", mesh), "getPhysicalGroups"):
-        return partial(_raw_of_gmsh, getattr(mesh, "model", mesh))
+        return Program(partial(_raw_of_gmsh, getattr(mesh, "model", mesh)), to_gmsh)
     if hasattr(mesh, "GetBdrElement"):
-        return partial(_raw_of_mfem, mesh)
+        return Program(partial(_raw_of_mfem, mesh), to_mfem)
     if hasattr(mesh, "boundaries") and hasattr(mesh, "subdomains"):
-        return partial(_raw_of_skfem, mesh)
-    if hasattr(getattr(mesh, "ngmesh", mesh), "Elements2D"):
-        return partial(_raw_of_netgen, getattr(mesh, "ngmesh", mesh))
-    if hasattr(getattr(mesh, "mesh", mesh), "topology"):
-        return partial(_raw_of_dolfinx, mesh)
+        return Program(partial(_raw_of_skfem, mesh), to_skfem)
+    if hasattr(mesh, "ngmesh"):
+        return Program(partial(_raw_of_netgen, mesh.ngmesh), _to_ngsolve)
+    if hasattr(mesh, "Elements2D"):
+        return Program(partial(_raw_of_netgen, mesh), to_netgen)
+    if hasattr(mesh, "topology"):
+        return Program(partial(_raw_of_dolfinx, mesh), lambda own: to_dolfinx(own).mesh)
+    if hasattr(getattr(mesh, "mesh", None), "topology"):
+        return Program(partial(_raw_of_dolfinx, mesh), to_dolfinx)
     return None
 
 
@@ -285,6 +296,12 @@ def _raw_of_gmsh(model: Any) -> RawMesh:
     points = coordinates.reshape(-1, 3)[order]
     notes = [text_of_further(further, names)] if further else []
     return RawMesh(points, blocks, {}, {"gmsh:physical": physical}, names, notes)
+
+
+def _to_ngsolve(mesh: SimplexMesh) -> Any:
+    import ngsolve
+
+    return ngsolve.Mesh(to_netgen(mesh))
 
 
 def to_gmsh(mesh: SimplexMesh, name: str = "adaptsize") -> Any:

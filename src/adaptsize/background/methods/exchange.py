@@ -53,6 +53,39 @@ class ExchangeMethods(MeshMethods):
 
         return from_object(mesh, kind=kind, flatten=flatten)
 
+    def like(self, other: Any) -> Any:
+        """Return this mesh as an object of the program that another one is of.
+
+        It closes the way of an object through a function: ``remesh(part, size).like(part)``.
+
+        Parameters
+        ----------
+        other : object
+            What `from_object` takes, or a SimplexMesh.  Not changed; only its type counts.
+
+        Returns
+        -------
+        object
+            What ``to_meshio``, ``to_pyvista`` and the other methods return.  For a mesh of NGSolve
+            also that of NGSolve, for a mesh of DOLFINx without tags the mesh alone.
+
+        Raises
+        ------
+        ValueError
+            If the object is none of these, or the program cannot hold the mesh.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> from adaptsize import SimplexMesh
+        >>> box = trimesh.creation.box()
+        >>> SimplexMesh.from_object(box).like(box)
+        <trimesh.Trimesh(vertices.shape=(8, 3), faces.shape=(12, 3))>
+        """
+        from adaptsize.bridges.meshes import like
+
+        return like(self._mesh, other)
+
     def to_meshio(self, *, tag_name: str = "cell_tags") -> Any:
         """Return a ``meshio.Mesh`` with the same cells, tags, tagged facets, names and fields.
 
