@@ -60,7 +60,7 @@ from adaptsize.adaptation.report import (
 from adaptsize.adaptation.transfer import transferred
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh, interpolate
 from adaptsize.background.migration import whole_boundary
-from adaptsize.background.partitioned import as_mesh_of_all
+from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import OptionError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, checked, options_of, with_options
@@ -181,7 +181,7 @@ def adapt(
     >>> result.remeshed, bool(result.report.budget_met)
     (True, True)
     """
-    mesh = as_mesh_of_all("mesh", mesh)
+    mesh = as_mesh("mesh", mesh, PartitionedMesh)
     ranks = mesh.ranks
     cycle = ranks.agree(
         lambda: _checked(mesh, indicator, h0, (fields, cell_fields), project, options)
