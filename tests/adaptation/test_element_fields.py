@@ -322,3 +322,36 @@ def test_functions_of_scikit_fem_go_with_adapt_and_others_are_refused(generator)
     assert result.remeshed
     assert result.fields["u"][0].mesh.t.shape[1] == result.mesh.n_cells
     assert "field u: projected (ElementTriP2), integral changed by" in str(result)
+
+
+@pytest.mark.parametrize("sizes", [(5, 4), (4, 6)])
+@pytest.mark.parametrize("is_vector", [False, True])
+def test_elements_of_global_functions_forget_the_old_mesh(sizes, is_vector):
+    old, new = pair(2, sizes)
+
+    def on(mesh):
+        element = skfem.ElementTriMorley()
+        element = skfem.ElementVector(element) if is_vector else element
+        return skfem.Basis(mesh.to_skfem(), element, intorder=4)
+
+    def exact(x):
+        value = 1.0 + x[0] ** 2 - 3.0 * x[0] * x[1]
+        return np.stack([value, -value]) if is_vector else value
+
+    basis = on(old)
+    made = transfer_fields(old, new, fields={"u": (basis, basis.project(exact))}).fields["u"]
+    for there in (on(new), made[0]):
+        values = np.asarray(there.interpolate(made[1]))
+        assert_allclose(values, exact(np.asarray(there.global_coordinates())), atol=1e-10)
+
+
+def test_bases_on_other_cells_are_refused():
+    mesh, cube = structured_square(3), jittered_cube(3, SEED)
+    curved = skfem.MeshTri2.init_circle(1)
+    for basis, match in (
+        (skfem.Basis(cube.to_skfem(), skfem.ElementTetP1()), "must be on all cells of the mesh"),
+        (skfem.Basis(curved, skfem.ElementTriP1()), "on straight cells, .* got one on a MeshTri2"),
+    ):
+        of = mesh if basis.mesh.dim() == 3 else SimplexMesh.from_object(curved)
+        with pytest.raises(ValueError, match=match):
+            transfer_fields(of, of, fields={"u": (basis, basis.zeros())})

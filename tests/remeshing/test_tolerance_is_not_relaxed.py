@@ -6,7 +6,7 @@ from shapes import block
 
 import adaptsize as ads
 from adaptsize.errors import BackendError
-from adaptsize.remeshing import job, improvement, mmg
+from adaptsize.remeshing import improvement, job, mmg
 from adaptsize.remeshing.acceptance import Judge
 from adaptsize.remeshing.filling import Filling, adapt_surface
 from adaptsize.remeshing.improvement import improved
