@@ -45,8 +45,8 @@ def test_all_sizes_that_the_function_returns_count():
         np.delete(steep(ball.points), 5).min()
     )
     source = PointSource([0.1, 0.2, 0.1], 0.01)
-    for inside in (size_function(ball, sources=source, hmax=0.3),
-                   size_function(jittered_cube(4, 3, half_width=1.0), sources=source, hmax=0.3)):  # fmt: skip
+    cube = jittered_cube(4, 3, half_width=1.0)
+    for inside in (size_function(domain, sources=source, hmax=0.3) for domain in (ball, cube)):
         assert inside.time_step(velocity=lambda x: 2.0 + 0.0 * x[:, 0]) == pytest.approx(0.005)
         with pytest.raises(ValueError, match="a number, a vector or a function of points"):
             inside.time_step(velocity=inside.background.points)
