@@ -383,8 +383,8 @@ def _result(
         for name, field in fields.nodal.elements.items():
             assert isinstance(old, SimplexMesh)
             assert isinstance(new, SimplexMesh)
-            how[name], magnitudes[name] = field.how, field.magnitude(old)
-            integrals[name] = field.integral(field.kept(), old), field.integral(moved[name], new)
+            before, magnitudes[name] = field.before(old)
+            how[name], integrals[name] = field.how, (before, field.integral(moved[name], new))
         on_mesh, by_cell = moved, moved_by_cell
         if isinstance(new, SimplexMesh):
             arrays = {name: moved[name] for name in nodal}

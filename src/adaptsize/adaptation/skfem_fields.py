@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import describe
-from adaptsize.adaptation._fields import as_field
+from adaptsize.adaptation._fields import as_columns, as_field, from_columns
 from adaptsize.adaptation.field_transfer import FieldTransfer
-from adaptsize.adaptation.spaces import magnitude_of, projected
+from adaptsize.adaptation.spaces import Moving, ToProject, magnitude_of
 from adaptsize.background import SimplexMesh
 from adaptsize.typing import FloatArray, IntArray
 
@@ -122,6 +122,8 @@ def _order_of_corners(name: str, basis: Any, mesh: SimplexMesh) -> IntArray:
 class OfSkfem:
     """A checked function of scikit-fem."""
 
+    kind = "a function of scikit-fem"
+
     def __init__(self, name: str, given: tuple[Any, Any], mesh: SimplexMesh) -> None:
         self._given, (basis, x) = given, given
         self._name = name
@@ -142,23 +144,32 @@ class OfSkfem:
         """Return the given basis and function."""
         return self._given
 
-    def on(self, transfer: FieldTransfer) -> Any:
-        """Return a basis on the new mesh, and the function there."""
+    def on(self, transfer: FieldTransfer) -> Moving:
+        """Return what is to be projected, and a function for a basis and coefficients."""
         import skfem
 
-        old = self._space.basis
+        old, loose = self._space.basis, int(np.count_nonzero(~transfer.new.in_a_cell))
+        if loose:
+            raise ValueError(
+                f"{self._name} must be an array or an ElementField for a mesh with nodes in no "
+                f"cell, which a basis of scikit-fem cannot be on, got {loose} of them"
+            )
         basis = skfem.Basis(transfer.new.to_skfem(), fresh(old.elem), quadrature=(old.X, old.W))
-        new = SkfemSpace(self._name, basis, transfer.new)
-        x = self.values
-        columns = np.column_stack([x.real, x.imag]) if x.dtype.kind == "c" else x[:, None] * 1.0
-        found = projected(transfer, self._space, new, columns)
-        return basis, (found[:, 0] + 1j * found[:, 1] if x.dtype.kind == "c" else found[:, 0])
+        new, x = SkfemSpace(self._name, basis, transfer.new), self.values
+        columns = as_columns(x[:, None])
+
+        def made(found: FloatArray | None) -> Any:
+            assert found is not None
+            return basis, from_columns(found, x)
+
+        return Moving(ToProject(self._space, new, columns), made)
 
     def integral(self, made: Any, mesh: SimplexMesh) -> npt.NDArray[Any]:
         """Return the integral of a function of this element on a mesh."""
         basis, x = made
         return SkfemSpace(self._name, basis, mesh).integral(np.asarray(x))
 
-    def magnitude(self, mesh: SimplexMesh) -> float:
-        """Return the integral of the absolute value of the largest component."""
-        return magnitude_of(self._space, self.values[:, None], mesh)
+    def before(self, mesh: SimplexMesh) -> tuple[npt.NDArray[Any], float]:
+        """Return the integral on the old mesh, and that of the absolute value."""
+        size = magnitude_of(self._space, self.values[:, None], mesh)
+        return self.integral(self._given, mesh), size

@@ -170,7 +170,7 @@ def transferred(
     how["keep_integral"] = given["keep_integral"]
     found = {name: transfer.nodal(values, method=method[name]) for name, values in nodal.items()}
     return TransferredFields(
-        found | {name: field.on(transfer) for name, field in fields.elements.items()},
+        found | fields.on(transfer),
         {name: transfer.cells(values, **how) for name, values in by_cell.items()},
     )
 
