@@ -328,8 +328,13 @@ def test_fields_share_the_intersections(monkeypatch):
         )
         for order, shared in ELEMENTS
     }
-    transfer_fields(old, new, fields=fields)
+    noise = np.random.default_rng(SEED).normal(size=(len(ElementField.nodes(old, 2)), 2))
+    fields["z"] = ElementField(noise + 1j, 2)  # of the spaces of another one
+    made = transfer_fields(old, new, fields=fields).fields
     assert len(calls) == 1
+    for name, field in fields.items():
+        alone = transfer_fields(old, new, fields={name: field}).fields[name]
+        assert_allclose(made[name].values, alone.values, rtol=1e-10, atol=1e-12)
 
 
 @pytest.mark.parametrize("dim", [2, 3])

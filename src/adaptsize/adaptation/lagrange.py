@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from functools import cached_property
 from itertools import combinations
 from typing import Any
@@ -51,6 +52,11 @@ class LagrangeSpace:
             first * mesh.n_points + second, ends[..., 0] * mesh.n_points + ends[..., 1]
         )
         return np.hstack([mesh.cells, mesh.n_points + middles]).astype(np.int32)
+
+    @property
+    def key(self) -> Hashable:
+        """Equal for equal spaces on a mesh."""
+        return self.degree, self.continuous
 
     @property
     def n(self) -> int:

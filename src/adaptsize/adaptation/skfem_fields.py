@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from copy import copy
 from typing import Any
 
@@ -26,6 +27,11 @@ class SkfemSpace:
         self._order = _order_of_corners(name, basis, mesh)
         self.basis, self.mesh, self.elem = basis, mesh, fresh(basis.elem)
         self.n, self.degree = int(basis.N), int(basis.elem.maxdeg)
+
+    @property
+    def key(self) -> Hashable:
+        """Equal for equal spaces on a mesh: only for the same basis."""
+        return id(self)
 
     def _functions(self, cells: IntArray, places: FloatArray) -> list[FloatArray]:
         """Return the values of each function of a cell, float64[..., p, q]."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -27,6 +27,10 @@ class Space(Protocol):
     """A space of functions on a mesh, of which `values` and `load` are evaluated in cells."""
 
     degree: int
+
+    @property
+    def key(self) -> Hashable:
+        """Equal for equal spaces on a mesh."""
 
     @property
     def n(self) -> int:
@@ -68,7 +72,13 @@ def projected(transfer: FieldTransfer, fields: Sequence[ToProject]) -> list[Floa
     """
     if not fields:
         return []
-    sums = [_Sums(field) for field in fields]
+    # Those of the same spaces are columns of one.
+    groups: dict[Any, list[ToProject]] = {}
+    for field in fields:
+        groups.setdefault((field.old.key, field.new.key), []).append(field)
+    sums = [
+        _Sums(own[0]._replace(held=np.hstack([f.held for f in own]))) for own in groups.values()
+    ]
     outside = np.flatnonzero(transfer.coverage < 1.0 - _MISSING).astype(np.int32)
     for pieces in common_pieces(transfer):
         inside = ~np.isin(pieces.cells, outside)
@@ -82,7 +92,12 @@ def projected(transfer: FieldTransfer, fields: Sequence[ToProject]) -> list[Floa
         for pieces in common_pieces(transfer):
             for own in sums:
                 own.add(pieces.points(own.degree))
-    return [own.solution() for own in sums]
+    found: dict[int, FloatArray] = {}
+    for of_one, own in zip(groups.values(), sums, strict=True):
+        ends = np.cumsum([field.held.shape[1] for field in of_one])[:-1]
+        parts = np.split(own.solution(), ends, axis=1)
+        found |= {id(field): part for field, part in zip(of_one, parts, strict=True)}
+    return [found[id(field)] for field in fields]
 
 
 class _Sums:
