@@ -20,6 +20,7 @@ from adaptsize._checks import (
     describe,
     one_of,
     place_text,
+    refuse_where,
     warn_caller,
 )
 from adaptsize._pickling import ReadOnlyState
@@ -309,7 +310,7 @@ class SizeFunction(ReadOnlyState):
         ----------
         velocity : float, array_like or callable, optional
             Speed, or vectors: a number, values at the nodes of the background, shape (n,) or
-            (n, dim), or a function of points that returns them.
+            (n, dim), of grids also of their shape, or a function of points that returns them.
         diffusivity : float, array_like or callable, optional
             Of diffusion, in squared lengths per time; shape (n,).
         courant : float, default 1.0
@@ -323,7 +324,13 @@ class SizeFunction(ReadOnlyState):
         Raises
         ------
         ValueError
-            If neither or something invalid is given, or a size is inf.
+            If neither or something invalid is given, or a size is inf; if values at the nodes are
+            given for sizes with sources between them.
+
+        Notes
+        -----
+        The minimum is that over the nodes of cells (active ones of grids), point sources, and
+        samples of the sources inside a solid.
 
         Examples
         --------
@@ -332,11 +339,26 @@ class SizeFunction(ReadOnlyState):
         >>> round(size.time_step(velocity=[2.0, 0.0]), 9), round(size.time_step(diffusivity=1.0), 9)
         (0.05, 0.0025)
         """
-        from adaptsize.sizes.time_step import time_step
+        from adaptsize.domain_size.sparse import extra_points
+        from adaptsize.sizes.time_step import SizesAtPlaces, time_step
 
-        dim = self.background.dim
-        points = np.asarray(self.background.points).reshape(-1, dim)
-        return time_step(np.ravel(self.values), points, velocity, diffusivity, courant)
+        background = self.background
+        nodes = np.asarray(background.points).reshape(-1, background.dim)
+        counts = np.ones(background.nodal_shape, np.bool_)
+        if isinstance(background, SimplexMesh):
+            counts = background.in_a_cell
+        elif isinstance(background, CartesianGrid) and background.active is not None:
+            counts = background.active
+        used = counts.ravel()
+        h = np.minimum(np.ravel(self.values), self.hmax)
+        if self._field is not None:  # sizes at nodes may exceed those that others allow there
+            h[used] = self(nodes[used])
+        refuse_where("size", used & np.isinf(h), h, "must be finite")
+        inner = () if self.inner is None else self.inner.sources
+        between = np.concatenate([extra_points(self)[0], *(source.samples for source in inner)])
+        sizes = np.concatenate([h[used], self(between)])
+        at = SizesAtPlaces(sizes, np.concatenate([nodes[used], between]), counts)
+        return time_step(at, velocity, diffusivity, courant)
 
     def parts(self, *, speed: float = 1.0) -> tuple[Part, ...]:
         """Return the width, curvature, size and cost of each region and face of a domain.

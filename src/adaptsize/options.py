@@ -576,13 +576,14 @@ class AdaptOptions(
     """Adaptation.
 
     tolerance
-        Target for the total error, the root of the sum of the squares.
+        Target for the total error, the root of the sum of the squares; of several states, of each.
+        A cycle reduces the error by a factor of at most 3.
     order
         The error is proportional to this power of the size.  See `size_from_error`.
     g
         Gradient limit; None disables it.
     max_refine
-        Largest factor by which ``indicator`` reduces the size.
+        Largest factor by which ``indicator`` reduces the size in a cycle.
     max_coarsen
         Largest factor by which ``indicator`` increases the size.
     boundary_tolerance

@@ -361,7 +361,27 @@ def test_projections_are_for_tags_or_names_that_the_mesh_has():
     assert as_projections({6: to_circle, "right": abs}, tagged) == {6: to_circle, 5: abs}
 
 
-def test_a_projection_that_moves_no_node_is_reported(generator):
-    mesh = structured_square(4, half_width=1.0)
-    with pytest.warns(ResolutionWarning, match="project has no effect: no node moves"):
-        adapt(mesh, h0=0.2, project=lambda x: x)
+def test_a_tag_has_one_projection():
+    mesh = structured_square(2)
+    wall = mesh.facets[mesh.facet_cell_counts == 1]
+    tags = {"tagged_facets": wall, "facet_tags": np.ones(len(wall), int)}
+    tagged = SimplexMesh(mesh.points, mesh.cells, tag_names={(1, 1): "wall"}, **tags)
+    for keys in (("wall", 1), (1, "wall")):
+        with pytest.raises(
+            ValueError, match=r"one function for each tag, got two for 1 \('wall'\)"
+        ):
+            as_projections(dict.fromkeys(keys, to_circle), tagged)
+
+
+def test_only_projections_for_nodes_that_stay_by_their_kind_are_reported(monkeypatch):
+    points = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
+    corners = SimplexMesh(points, [[0, 1, 2], [0, 2, 3]])
+    monkeypatch.setattr("adaptsize.adaptation.new_mesh.remesh", lambda *a, **k: corners)
+    monkeypatch.setattr("adaptsize.remeshing.protocol.find_spec", lambda package: True)
+    with pytest.warns(ResolutionWarning, match="project has no effect: no node may move"):
+        adapt(structured_square(4, half_width=1.0), h0=1.9, project=lambda x: x, backend="mmg")
+    on_it, report = move_to_boundary(disc(5), to_circle, 30.0)
+    for made in (report, move_to_boundary(on_it, to_circle, 30.0)[1]):
+        assert (made.n_nodes > 20, made.idle) == (True, ())
+    square = structured_square(4, half_width=1.0)  # the identity for straight sides
+    assert move_to_boundary(square, lambda x: x, 30.0)[1].idle == ()

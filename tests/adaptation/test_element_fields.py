@@ -14,6 +14,7 @@ from adaptsize import (
     adapt,
     transfer_fields,
 )
+from adaptsize.adaptation.element_fields import as_nodal_fields
 from adaptsize.adaptation.lagrange import LagrangeSpace
 from adaptsize.adaptation.pieces import common_points, rule_of
 from adaptsize.distributed import PartitionedMesh
@@ -235,7 +236,14 @@ def test_what_is_not_taken_is_refused_in_words():
             transfer_fields(of, of, fields={"u": value}, **options)
 
     taken = "a row for each of the 81 nodes, an ElementField, a function"
-    refused(taken + r".* \(289,\); 289 are the nodes of ElementField\(values, order=2\)", [0.0] * n)
+    hint = re.escape("(289,); as values at nodes of elements: ElementField(values, order=2)")
+    refused(f"{taken}.* {hint}$", [0.0] * n)
+    hint = re.escape("ElementField(values.reshape((128, 3)), order=1, continuous=False)")
+    refused(f"{hint}$", [0.0] * 384)
+    hint = re.escape("ElementField(values, order=1, continuous=False)")
+    refused(f"{hint}$", np.zeros((128, 3, 2)))
+    for good in (np.zeros(384).reshape((128, 3)), np.zeros((128, 3, 2))):
+        transfer_fields(mesh, mesh, fields={"u": ElementField(good, order=1, continuous=False)})
     refused(taken + r".*got shape \(5,\)$", np.zeros(5))
     refused(r"must have 289 rows, got shape \(81,\)", ElementField(np.zeros(81), 2))
     refused("order of .* must be", ElementField(np.zeros(81), 3))
@@ -253,14 +261,116 @@ def test_what_is_not_taken_is_refused_in_words():
     refused("must be positive definite", ElementField(np.zeros((81, 2, 2)), log=True))
     refused("must be symmetric", ElementField(np.tile([[1, 0.5], [0, 1]], (81, 1, 1)), log=True))
     field = ElementField(np.zeros(81))
-    refused('method must be "project" or None', field, method="bounded")
+    finite = r"fields\['u'\], a field of finite elements, which is always projected"
+    refused(f'method must be "project" or None for {finite}', field, method="bounded")
+    refused(r"fields\['u'\], a function, which is", lambda x: x, method="bounded")
+    refused(finite, field, method=np.array(["project"]))
     part = PartitionedMesh.from_serial(mesh)
     refused("a row per node for meshes in parts", field, of=part)
     surface = SimplexMesh(np.pad(mesh.points, ((0, 0), (0, 1))), mesh.cells)
     refused("a row per node for triangles in space", field, of=surface)
+    refused(r"must have 81 rows, got shape \(289,\)$", np.zeros(289), of=surface)
     made = transfer_fields(mesh, mesh, fields={"u": field, "v": mesh.points[:, 0]},
                            method={"u": "project", "v": "interpolate"})  # fmt: skip
     assert list(made.fields) == ["u", "v"]
+
+
+def test_integer_matrices_have_logarithms():
+    mesh = structured_square(3)
+    whole = np.tile([[2, 1], [1, 2]], (mesh.n_points, 1, 1))
+    made = transfer_fields(mesh, mesh, fields={"u": ElementField(whole, log=True)}).fields["u"]
+    assert_allclose(made.values, whole, rtol=1e-12)
+
+
+@pytest.mark.parametrize("size", [1e160, 1e-170, 1.0])
+def test_large_and_small_values_are_projected_like_others(size):
+    old, new = pair(2)
+    exact = polynomial(1, 2)
+    fields = {"u": ElementField(size * exact(old.points)), "v": lambda x: size * exact(x)}
+    made = transfer_fields(old, new, fields=fields).fields
+    for values in (made["u"].values, made["v"]):
+        assert_allclose(values / size, exact(new.points), rtol=1e-11, atol=1e-11)
+
+
+def test_a_projection_that_does_not_converge_is_an_error(monkeypatch):
+    monkeypatch.setattr("adaptsize.adaptation.lagrange._STEPS", 2)
+    old, new = pair(2)
+    with pytest.raises(ArithmeticError, match="did not converge in 2 steps: residual"):
+        transfer_fields(old, new, fields={"u": ElementField(polynomial(1, 2)(old.points))})
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_nodes_in_no_cell_get_the_nearest_value(order):
+    old, new = pair(2)
+    loose = SimplexMesh([*new.points, [0.1, 0.2], [5.0, 0.3]], new.cells)
+    exact = polynomial(order, 2)
+    fields = {
+        "u": ElementField(sample(exact, old, order, True), order),
+        "v": ElementField(exact, order),
+    }
+    made = transfer_fields(old, loose, fields=fields).fields
+    n = loose.n_points
+    for name, beyond in (("u", [1.0, 0.3]), ("v", [5.0, 0.3])):
+        values = made[name].values
+        assert_allclose(values[: n - 1], exact(loose.points[: n - 1]), atol=1e-11)
+        assert_allclose(values[n - 1], exact(np.array([beyond]))[0], rtol=1e-11)
+
+
+def test_fields_share_the_intersections(monkeypatch):
+    from adaptsize.adaptation import pieces
+
+    calls, fill = [], pieces.fill_pieces
+    monkeypatch.setattr(pieces, "fill_pieces", lambda *a: calls.append(1) or fill(*a))
+    old, new = pair(2)
+    fields = {
+        f"u{order}{shared}": ElementField(
+            sample(polynomial(order, 2), old, order, shared), order, shared
+        )
+        for order, shared in ELEMENTS
+    }
+    noise = np.random.default_rng(SEED).normal(size=(len(ElementField.nodes(old, 2)), 2))
+    fields["z"] = ElementField(noise + 1j, 2)  # of the spaces of another one
+    made = transfer_fields(old, new, fields=fields).fields
+    assert len(calls) == 1
+    for name, field in fields.items():
+        alone = transfer_fields(old, new, fields={name: field}).fields[name]
+        assert_allclose(made[name].values, alone.values, rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_functions_and_reports_do_not_depend_on_how_many_points_are_processed(monkeypatch, dim):
+    old, new = pair(dim)
+    beyond = SimplexMesh(1.1 * new.points, new.cells)
+    exact = polynomial(2, dim)
+    fields = {"f": ElementField(lambda x: exact(x) * 1j, 2), "u": ElementField(exact(old.points))}
+
+    def run():
+        made = transfer_fields(old, beyond, fields=fields).fields
+        reports = [field.before(old) for field in as_nodal_fields(fields, old).elements.values()]
+        return [field.values for field in made.values()], reports
+
+    whole, reports = run()
+    monkeypatch.setattr("adaptsize.adaptation.pieces._POINTS", 700)
+    parts, others = run()
+    for one, other in zip(whole, parts, strict=True):
+        assert_allclose(one, other, rtol=1e-11, atol=1e-11)
+    for (total, size), (total_, size_) in zip(reports, others, strict=True):
+        assert_allclose(total, total_, rtol=1e-12, atol=1e-12)
+        assert size == pytest.approx(size_)
+    projected = transfer_fields(old, old, fields={"f": fields["f"]}).fields["f"]
+    assert_allclose(reports[0][0], integral(old, projected), rtol=1e-11, atol=1e-11)
+
+
+def test_the_report_evaluates_a_function_once_on_the_old_mesh(generator):
+    mesh, called = structured_square(6, half_width=1.0), []
+
+    def function(x):
+        called.append(len(x))
+        return x[:, 0]
+
+    result = adapt(mesh, h0=0.2, fields={"f": function})
+    assert len(called) == 2  # on the new mesh, and for the report on the old one
+    assert result.report.magnitudes["f"] == pytest.approx(2.0, rel=0.02)
 
 
 skfem = pytest.importorskip("skfem")
@@ -322,3 +432,44 @@ def test_functions_of_scikit_fem_go_with_adapt_and_others_are_refused(generator)
     assert result.remeshed
     assert result.fields["u"][0].mesh.t.shape[1] == result.mesh.n_cells
     assert "field u: projected (ElementTriP2), integral changed by" in str(result)
+
+
+@pytest.mark.parametrize("sizes", [(5, 4), (4, 6)])
+@pytest.mark.parametrize("is_vector", [False, True])
+def test_elements_of_global_functions_forget_the_old_mesh(sizes, is_vector):
+    old, new = pair(2, sizes)
+
+    def on(mesh):
+        element = skfem.ElementTriMorley()
+        element = skfem.ElementVector(element) if is_vector else element
+        return skfem.Basis(mesh.to_skfem(), element, intorder=4)
+
+    def exact(x):
+        value = 1.0 + x[0] ** 2 - 3.0 * x[0] * x[1]
+        return np.stack([value, -value]) if is_vector else value
+
+    basis = on(old)
+    made = transfer_fields(old, new, fields={"u": (basis, basis.project(exact))}).fields["u"]
+    for there in (on(new), made[0]):
+        values = np.asarray(there.interpolate(made[1]))
+        assert_allclose(values, exact(np.asarray(there.global_coordinates())), atol=1e-10)
+
+
+def test_bases_on_other_cells_are_refused():
+    mesh, cube = structured_square(3), jittered_cube(3, SEED)
+    curved = skfem.MeshTri2.init_circle(1)
+    for basis, match in (
+        (skfem.Basis(cube.to_skfem(), skfem.ElementTetP1()), "must be on all cells of the mesh"),
+        (skfem.Basis(curved, skfem.ElementTriP1()), "on straight cells, .* got one on a MeshTri2"),
+    ):
+        of = mesh if basis.mesh.dim() == 3 else SimplexMesh.from_object(curved)
+        with pytest.raises(ValueError, match=match):
+            transfer_fields(of, of, fields={"u": (basis, basis.zeros())})
+
+
+def test_a_basis_is_not_put_on_nodes_in_no_cell():
+    old, new = pair(2)
+    loose = SimplexMesh([*new.points, [5.0, 0.3]], new.cells)
+    basis = skfem.Basis(old.to_skfem(), skfem.ElementTriP1())
+    with pytest.raises(ValueError, match="a mesh with nodes in no cell"):
+        transfer_fields(old, loose, fields={"u": (basis, basis.zeros())})

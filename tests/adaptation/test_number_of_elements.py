@@ -8,6 +8,7 @@ from adaptive_loops import SEED, disc, indicator
 from hypothesis import given
 from hypothesis import strategies as st
 from meshes import jittered_square, structured_square
+from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
 from adaptsize import adapt
@@ -105,18 +106,30 @@ def test_bounds_hold_beside_an_indicator(generator):
     assert result.report.predicted_elements == pytest.approx(3000, rel=1e-2)
 
 
-def test_a_window_of_states_serves_each_of_them(generator):
+def test_a_window_of_states_has_the_smallest_sizes_of_all(generator):
     mesh = structured_square(12, half_width=1.0)
     x = mesh.points[mesh.cells].mean(axis=1)
-    states = np.array([np.exp(-8.0 * np.linalg.norm(x - p, axis=1)) for p in ([-1, -1], [1, 0.5])])
-    options = {"tolerance": 0.5 * np.linalg.norm(states.max(axis=0)), "order": 1}
-    window = adapt(mesh, states, **options).size.values
-    for state in states:  # with the same threshold, that is with the same largest indicators
-        near = np.argmax(state)
-        single = adapt(mesh, np.where(state == states.max(axis=0), state, 0.0), **options)
-        nodes = mesh.cells[near]
-        assert (window[nodes] <= 1.3 * single.size.values[nodes]).all()
-        assert (window[nodes] < 0.6 * np.median(window)).all()
+    peaks = [([-1, -1], 8.0), ([1, 0.5], 2.0), ([0, 1], 20.0)]
+    states = np.array([np.exp(-k * np.linalg.norm(x - p, axis=1)) for p, k in peaks])
+    states *= np.array([[1.0], [0.9], [0.8]]) / np.linalg.norm(states, axis=1, keepdims=True)
+    for far in (0.7, 0.01):  # within one cycle, and beyond
+        options = {"tolerance": far, "order": 1}
+        window = adapt(mesh, states, **options)
+        single = [adapt(mesh, state, **options).size.values for state in states]
+        assert_allclose(window.size.values, np.minimum.reduce(single), rtol=1e-9)
+        assert window.report.error == pytest.approx(1.0)
+        assert ("approaches the tolerance" in window.reason) == (far < 0.1)
+    # For a number, all are multiplied by one factor.
+    options = {"elements": 2000, "g": None, "max_refine": 1e3, "max_coarsen": 1e3}
+    window = adapt(mesh, states, **options)
+    single = [adapt(mesh, state, **options).size.values for state in states]
+    ratio = window.size.values / np.minimum.reduce(single)
+    assert ratio.min() > 1.05
+    assert_allclose(ratio, ratio[0], rtol=3e-3)
+    assert window.report.predicted_elements == pytest.approx(2000, rel=1e-2)
+    again = adapt(mesh, states[[0, 0]], **options).size.values
+    assert_allclose(again, single[0], rtol=1e-9)
+    options = {"tolerance": 1.0}
     for shape in ((2, 5), (0, mesh.n_cells), (1, 2, mesh.n_cells)):
         with pytest.raises(ValueError, match="indicator must have shape"):
             adapt(mesh, np.zeros(shape), **options)

@@ -88,3 +88,35 @@ def test_what_a_file_cannot_keep_is_refused(tmp_path):
     np.savez(tmp_path / "other.npz", points=mesh.points)
     with pytest.raises(MeshFileError, match="is no state of an adaptive loop"):
         LoopState.read(tmp_path / "other.npz")
+    with pytest.raises(MeshFileError, match=r"none\.npz: No such file"):
+        LoopState.read(tmp_path / "none.npz")
+    with pytest.raises(MeshFileError, match="there is no directory"):
+        LoopState(mesh).write(tmp_path / "none" / "s")
+
+
+def test_damaged_files_raise_one_error(tmp_path):
+    mesh = tagged(jittered_square(3, SEED))
+    path, rng = tmp_path / "s.npz", np.random.default_rng(SEED)
+    LoopState(mesh, {"u": ElementField(mesh.points)}).write(path)
+    whole = path.read_bytes()
+    with np.load(path) as held:
+        content = dict(held)
+    for name, value in (
+        ("layout", np.array(["x"])),
+        ("mesh/tag_names", np.array("[[1, 2]]")),
+        ("mesh/tag_names", np.array("3")),
+        ("mesh/cells", np.array(3)),
+    ):
+        np.savez(path, **{**content, name: value})
+        with pytest.raises(MeshFileError, match="is no state of an adaptive loop"):
+            LoopState.read(path)
+    n_refused = 0
+    for _ in range(300):
+        data = bytearray(whole)
+        data[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
+        path.write_bytes(data[: rng.integers(len(data))] if rng.random() < 0.2 else data)
+        try:
+            LoopState.read(path)
+        except MeshFileError:
+            n_refused += 1
+    assert n_refused > 200

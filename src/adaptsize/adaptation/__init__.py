@@ -1,7 +1,7 @@
 """One adaptation cycle: estimate, size, limit, remesh, transfer."""
 
 from adaptsize.adaptation.cycle import adapt
-from adaptsize.adaptation.element_fields import ElementField
+from adaptsize.adaptation.element_fields import ElementField, QuadratureField
 from adaptsize.adaptation.field_transfer import FieldTransfer
 from adaptsize.adaptation.need import needs_remeshing
 from adaptsize.adaptation.state import LoopState
@@ -11,6 +11,7 @@ __all__ = [
     "ElementField",
     "FieldTransfer",
     "LoopState",
+    "QuadratureField",
     "adapt",
     "needs_remeshing",
     "transfer_fields",

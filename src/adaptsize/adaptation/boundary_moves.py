@@ -45,7 +45,7 @@ class BoundaryMoves:
     largest_rest : float
         Largest remaining distance from the projected position.
     idle : tuple of int, or of None
-        Tags of the projections that leave all nodes where they are; None for a single projection.
+        Tags of the projections for which there are no nodes that may move; None for a single one.
     """
 
     n_nodes: int
@@ -75,7 +75,8 @@ def as_projections(project: object, mesh: SimplexMesh) -> Projections | None:
     Raises
     ------
     ValueError
-        Unless ``project`` is None, a callable, or maps such tags or their names to callables.
+        Unless ``project`` is None, a callable, or maps such tags or their names to callables, each
+        tag to one.
     """
     if project is None or callable(project):
         return project
@@ -99,6 +100,12 @@ def as_projections(project: object, mesh: SimplexMesh) -> Projections | None:
             raise ValueError(
                 f"project must be for tags of facets of the mesh ({', '.join(known) or 'none'}), "
                 f"got {key!r}"
+            )
+        twice = [tag for tag in tags if tag in found]
+        if twice:
+            raise ValueError(
+                f"project must have one function for each tag, got two for {twice[0]} "
+                f"({name_of[twice[0]]!r}): one by its number and one by its name"
             )
         found |= dict.fromkeys(tags, projection)
     return found
@@ -145,7 +152,7 @@ def move_to_boundary(
         move = _followed(mesh, move, free)
         share = _allowed_shares(mesh, move, moving | free)
     tags = [None] if callable(project) else list(project)
-    idle = [tag for i, tag in enumerate(tags) if not moving[facets[kind == i]].any()]
+    idle = [tag for i, tag in enumerate(tags) if kept[facets[kind == i]].all()]
     report = BoundaryMoves(
         n_nodes=n_nodes,
         n_corners=int(np.count_nonzero(kept[on_any])),

@@ -60,7 +60,7 @@ from adaptsize.adaptation.report import (
 from adaptsize.adaptation.transfer import transferred
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh, interpolate
 from adaptsize.background.migration import whole_boundary
-from adaptsize.background.partitioned import as_mesh_of_all
+from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import OptionError
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, checked, options_of, with_options
@@ -136,8 +136,8 @@ def adapt(
     mesh : SimplexMesh or PartitionedMesh
         Triangles in the plane, tetrahedra, or triangles in space.
     indicator : array_like of float, shape (n_cells,) or (n, n_cells), optional
-        Error of each cell, >= 0, or of n states, each of which the mesh is to serve.  Requires
-        ``tolerance``, ``elements`` or ``nodes``.
+        Error of each cell, >= 0, or of n states: sizes are the smallest that any of them requests.
+        Requires ``tolerance``, ``elements`` or ``nodes``.
     h0 : SizeFunction, callable, array_like of float, shape (n_points,), or float, optional
         Bounds on the size; without ``indicator``, the sizes.  Or a metric: also of a callable.
     fields, cell_fields : mapping of str, optional
@@ -181,7 +181,7 @@ def adapt(
     >>> result.remeshed, bool(result.report.budget_met)
     (True, True)
     """
-    mesh = as_mesh_of_all("mesh", mesh)
+    mesh = as_mesh("mesh", mesh, PartitionedMesh)
     ranks = mesh.ranks
     cycle = ranks.agree(
         lambda: _checked(mesh, indicator, h0, (fields, cell_fields), project, options)
@@ -189,7 +189,8 @@ def adapt(
     first = ranks.agree(lambda: _original(mesh, original, project is None))
     request = cycle.request
     given = request.options
-    ranks.require_equal(indicator=indicator is None, h0=h0 is None, **given)
+    eta = getattr(request, "indicator", None)
+    ranks.require_equal(indicator=None if eta is None else len(eta), h0=h0 is None, **given)
     if isinstance(mesh, PartitionedMesh) and cycle.bound is not None:
         mesh.require_equal_values("h0", cycle.bound)
     if given["nodes"] is not None:
@@ -310,7 +311,7 @@ def _checked(
             raise ValueError("indicator must be None with a metric: its sizes have no direction")
         request = metric_request(mesh, h0, nodal.arrays, given)
     else:
-        eta = None if indicator is None else as_indicator(_largest(indicator, mesh), mesh)
+        eta = None if indicator is None else _states(indicator, mesh)
         bound = None if h0 is None else as_bound(cast("BoundLike", h0), mesh)
         request = SizeRequest(options=given, indicator=eta, h0=bound)
         check_goal(request)
@@ -318,14 +319,11 @@ def _checked(
     return _Checked(request, bound, generator, nodal, by_cell, projections)
 
 
-def _largest(indicator: npt.ArrayLike, mesh: AnyMesh) -> npt.ArrayLike:
-    """Return the largest indicator of each cell in a window of several states.
-
-    Sizes fall with the indicator, so that these are the smallest of all states.
-    """
+def _states(indicator: npt.ArrayLike, mesh: AnyMesh) -> FloatArray:
+    """Return the checked indicators of the states in a window, float64[n, n_cells]."""
     states = as_plain_array("indicator", indicator)
     if states.ndim != 2:
-        return indicator
+        return as_indicator(indicator, mesh)[None]
     if states.shape[0] == 0 or states.shape[1] != mesh.n_cells:
         raise ValueError(
             f"indicator must have shape ({mesh.n_cells},), or (n, {mesh.n_cells}) for n states in "
@@ -333,7 +331,7 @@ def _largest(indicator: npt.ArrayLike, mesh: AnyMesh) -> npt.ArrayLike:
         )
     by_state = as_values("indicator", indicator)
     refuse_where("indicator", by_state < 0.0, by_state, "must be finite and >= 0")
-    return np.asarray(by_state.max(axis=0))
+    return by_state
 
 
 def _task(mesh: AnyMesh) -> Task:
@@ -385,8 +383,8 @@ def _result(
         for name, field in fields.nodal.elements.items():
             assert isinstance(old, SimplexMesh)
             assert isinstance(new, SimplexMesh)
-            how[name], magnitudes[name] = field.how, field.magnitude(old)
-            integrals[name] = field.integral(field.kept(), old), field.integral(moved[name], new)
+            before, magnitudes[name] = field.before(old)
+            how[name], integrals[name] = field.how, (before, field.integral(moved[name], new))
         on_mesh, by_cell = moved, moved_by_cell
         if isinstance(new, SimplexMesh):
             arrays = {name: moved[name] for name in nodal}

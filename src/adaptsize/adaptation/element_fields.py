@@ -6,7 +6,7 @@ intersections of the cells.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
@@ -25,12 +25,12 @@ from adaptsize._checks import (
 from adaptsize.adaptation._fields import Arrays, as_columns, as_field, from_columns
 from adaptsize.adaptation.field_transfer import FieldTransfer
 from adaptsize.adaptation.lagrange import LagrangeSpace
-from adaptsize.adaptation.pieces import rule_of
+from adaptsize.adaptation.pieces import rule_of, some_cells
 from adaptsize.adaptation.skfem_fields import OfSkfem
-from adaptsize.adaptation.spaces import magnitude_of, projected
+from adaptsize.adaptation.spaces import Moving, ToProject, magnitude_of, projected
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh
-from adaptsize.typing import FloatArray
+from adaptsize.typing import FloatArray, IntArray
 
 #: Degree for which functions are integrated, beyond that of the elements.
 _OF_FUNCTIONS = 6
@@ -148,18 +148,23 @@ class Checked(Protocol):
 
     how: str
     """How it is transferred."""
+    kind: str
+    """What it is, for messages."""
 
     def kept(self) -> Any:
         """Return the field on the old mesh, as the caller gave it."""
 
-    def on(self, transfer: FieldTransfer) -> Any:
-        """Return the field on the new mesh, of the same kind."""
+    def on(self, transfer: FieldTransfer) -> Moving:
+        """Return what is to be projected, and a function for the field on the new mesh."""
 
     def integral(self, made: Any, mesh: SimplexMesh) -> npt.NDArray[Any]:
         """Return the integral of a field of this kind on a mesh."""
 
-    def magnitude(self, mesh: SimplexMesh) -> float:
-        """Return the integral of the absolute value on the old mesh, of the largest component."""
+    def before(self, mesh: SimplexMesh) -> tuple[npt.NDArray[Any], float]:
+        """Return the integral on the old mesh, and that of the absolute value.
+
+        The latter is the largest of all components.
+        """
 
 
 class _OfElements:
@@ -173,6 +178,7 @@ class _OfElements:
         self.log = as_flag(f"log of {name}", field.log)
         space = self._space(mesh)
         self.how = f"projected ({'P' if self.continuous else 'DG'}{self.order})"
+        self.kind = "a function" if callable(field.values) else "a field of finite elements"
         if callable(field.values):
             if self.log:
                 raise ValueError(f"log of {name} must be False for a function")
@@ -182,7 +188,7 @@ class _OfElements:
         self._function = None
         array = as_field(name, field.values, space.shape[0])
         k = len(space.shape)
-        if array.shape[:k] != space.shape or (array.dtype.kind in "biu" and self.log):
+        if array.shape[:k] != space.shape:
             raise ValueError(
                 f"{name} must have shape {(*space.shape, '...')}, the nodes of elements of order "
                 f"{self.order}, got {array.shape}"
@@ -200,15 +206,26 @@ class _OfElements:
         space = self._space(self._mesh)
         return self._made(self._of_function(space, self._function), space)
 
-    def on(self, transfer: FieldTransfer) -> Any:
-        """Return the field on the new mesh."""
+    def on(self, transfer: FieldTransfer) -> Moving:
+        """Return what is to be projected, and a function for the field on the new mesh."""
         new = self._space(transfer.new)
         if self._function is not None:
-            return self._made(self._of_function(new, self._function), new)
+            function = self._function
+            return Moving(None, lambda _: self._made(self._of_function(new, function), new))
         old = self._space(transfer.old)
         flat = self.values.reshape(old.n, *self.values.shape[len(old.shape) :])
-        found = from_columns(projected(transfer, old, new, as_columns(flat)), flat)
-        return self._made(_exponentials(found) if self.log else found, new)
+        columns = as_columns(flat)
+
+        def made(found: FloatArray | None) -> Any:
+            assert found is not None
+            loose = np.flatnonzero(new.is_loose)
+            if len(loose):
+                cells, places, _ = transfer.old.locator.nearest(new.nodes[loose])
+                found[loose] = old.values(columns, cells, places[:, None])[:, 0]
+            own = from_columns(found, flat)
+            return self._made(_exponentials(own) if self.log else own, new)
+
+        return Moving(ToProject(old, new, columns), made)
 
     def _made(self, found: npt.NDArray[Any], new: LagrangeSpace) -> Any:
         values = found.reshape(*new.shape, *found.shape[1:])
@@ -218,17 +235,39 @@ class _OfElements:
     def _of_function(
         self, space: LagrangeSpace, function: Callable[[FloatArray], npt.ArrayLike]
     ) -> npt.NDArray[Any]:
-        mesh = space.mesh
+        load: Any = 0.0
+        for at in self._at_points(space, function):
+            weighted = as_columns(at.values.reshape(at.weights.size, -1))
+            weighted = (at.weights.reshape(-1, 1) * weighted).reshape(*at.weights.shape, -1)
+            own = space.load(at.cells, at.places, weighted)
+            like = np.empty((0, *at.values.shape[2:]), at.values.dtype)
+            load = load + from_columns(own, like)
+        found = from_columns(space.solve(as_columns(load)), load)
+        loose = np.flatnonzero(space.is_loose)
+        if len(loose):
+            at_nodes = function(space.nodes[loose])
+            found[loose] = as_field(f"{self._name}(points)", at_nodes, len(loose))
+        return found
+
+    def _at_points(
+        self, space: LagrangeSpace, function: Callable[[FloatArray], npt.ArrayLike]
+    ) -> Iterator[_FunctionAt]:
+        """Return values of a function at points of quadrature, of some cells at a time."""
+        mesh, shape = space.mesh, None
         rule = rule_of(mesh.cell_dim, space.degree + _OF_FUNCTIONS)
-        places = np.broadcast_to(rule.places, (mesh.n_cells, *rule.places.shape))
-        points = (places @ mesh.points[mesh.cells]).reshape(-1, mesh.dim)
-        values = as_field(f"{self._name}(points)", function(points), len(points))
-        values = values.astype(np.float64) if values.dtype.kind in "biu" else values
-        columns = as_columns(values).reshape(*places.shape[:2], -1)
-        weighted = mesh.measures[:, None, None] * rule.weights[:, None] * columns
-        cells = np.arange(mesh.n_cells, dtype=np.int32)
-        found = space.solve(space.load(cells, places, weighted))
-        return from_columns(found, np.empty((space.n, *values.shape[1:]), values.dtype))
+        for cells in some_cells(rule, np.arange(mesh.n_cells, dtype=np.int32)):
+            places = np.broadcast_to(rule.places, (len(cells), *rule.places.shape))
+            points = (places @ mesh.points[mesh.cells[cells]]).reshape(-1, mesh.dim)
+            values = as_field(f"{self._name}(points)", function(points), len(points))
+            values = values.astype(np.float64) if values.dtype.kind in "biu" else values
+            shape = values.shape[1:] if shape is None else shape
+            if values.shape[1:] != shape:
+                raise ValueError(
+                    f"{self._name}(points) must have one shape per point, got {shape} and "
+                    f"{values.shape[1:]}"
+                )
+            weights = mesh.measures[cells][:, None] * rule.weights
+            yield _FunctionAt(cells, places, weights, values.reshape(*places.shape[:2], *shape))
 
     def integral(self, made: Any, mesh: SimplexMesh) -> npt.NDArray[Any]:
         """Return the integral of a field on a mesh."""
@@ -237,17 +276,36 @@ class _OfElements:
         flat = values.reshape(space.n, *values.shape[len(space.shape) :])
         return np.asarray(np.tensordot(space.integrals, flat, axes=1))
 
-    def magnitude(self, mesh: SimplexMesh) -> float:
-        """Return the integral of the absolute value of the largest component."""
-        space, made = self._space(mesh), self.kept()
-        values = np.asarray(made.values if isinstance(made, ElementField) else made)
-        return magnitude_of(space, values.reshape(space.n, -1), mesh)
+    def before(self, mesh: SimplexMesh) -> tuple[npt.NDArray[Any], float]:
+        """Return the integral on the old mesh, and that of the absolute value."""
+        space = self._space(mesh)
+        if self._function is None:
+            largest = magnitude_of(space, self.values.reshape(space.n, -1), mesh)
+            return self.integral(self._given, mesh), largest
+        total: Any = 0.0
+        size: Any = 0.0
+        for at in self._at_points(space, self._function):
+            total = total + np.tensordot(at.weights, at.values, axes=2)
+            size = size + np.tensordot(at.weights, np.abs(at.values), axes=2)
+        return np.asarray(total), float(np.max(size, initial=0.0))
+
+
+class _FunctionAt(NamedTuple):
+    """Values of a function at points of quadrature in some cells."""
+
+    cells: IntArray
+    places: FloatArray
+    weights: FloatArray
+    """float64[p, q]"""
+    values: npt.NDArray[Any]
+    """[p, q, ...]"""
 
 
 class _OfQuadrature:
     """A checked `QuadratureField`."""
 
     how = "projected (points of quadrature)"
+    kind = "data at points of quadrature"
 
     def __init__(self, name: str, given: QuadratureField, mesh: SimplexMesh) -> None:
         self._given = given
@@ -284,29 +342,35 @@ class _OfQuadrature:
         """Return the given field."""
         return self._given
 
-    def on(self, transfer: FieldTransfer) -> Any:
-        """Return the field on the new mesh."""
+    def on(self, transfer: FieldTransfer) -> Moving:
+        """Return what is to be projected, and a function for the field on the new mesh."""
         old, new = (LagrangeSpace(m, self.order, False) for m in (transfer.old, transfer.new))
         values = self.values
         columns = as_columns(values.reshape(-1, *values.shape[2:]))
         columns = columns.reshape(*values.shape[:2], -1)
         held = (self.fit @ columns).reshape(old.n, columns.shape[2])
-        found = projected(transfer, old, new, held).reshape(transfer.new.n_cells, -1, held.shape[1])
-        at_points = (new.functions(self.places) @ found).reshape(-1, held.shape[1])
-        shape = (transfer.new.n_cells, *values.shape[1:])
-        like = np.empty((len(at_points), *values.shape[2:]), values.dtype)
-        made = from_columns(at_points, like).reshape(shape)
-        return replace(self._given, values=_exponentials(made) if self.log else made)
+
+        def made(found: FloatArray | None) -> Any:
+            assert found is not None
+            found = found.reshape(transfer.new.n_cells, -1, held.shape[1])
+            at_points = (new.functions(self.places) @ found).reshape(-1, held.shape[1])
+            like = np.empty((len(at_points), *values.shape[2:]), values.dtype)
+            own = from_columns(at_points, like)
+            own = own.reshape(transfer.new.n_cells, *values.shape[1:])
+            return replace(self._given, values=_exponentials(own) if self.log else own)
+
+        return Moving(ToProject(old, new, held), made)
 
     def integral(self, made: Any, mesh: SimplexMesh) -> npt.NDArray[Any]:
         """Return the integral of a field on a mesh, by its rule."""
         means = np.tensordot(self.weights, np.asarray(made.values), axes=(0, 1))
         return np.asarray(np.tensordot(mesh.measures, means, axes=1))
 
-    def magnitude(self, mesh: SimplexMesh) -> float:
-        """Return the integral of the absolute value of the largest component."""
+    def before(self, mesh: SimplexMesh) -> tuple[npt.NDArray[Any], float]:
+        """Return the integral on the old mesh, and that of the absolute value."""
         size = replace(self._given, values=np.abs(np.asarray(self._given.values)))
-        return float(self.integral(size, mesh).max(initial=0.0))
+        largest = float(self.integral(size, mesh).max(initial=0.0))
+        return self.integral(self._given, mesh), largest
 
 
 def _logarithms(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -340,6 +404,13 @@ class CheckedFields(NamedTuple):
     arrays: Arrays
     elements: dict[str, Checked]
 
+    def on(self, transfer: FieldTransfer) -> dict[str, Any]:
+        """Return those of finite elements on the new mesh."""
+        moving = {name: field.on(transfer) for name, field in self.elements.items()}
+        tasks = {name: own.task for name, own in moving.items() if own.task is not None}
+        found = dict(zip(tasks, projected(transfer, list(tasks.values())), strict=True))
+        return {name: own.made(found.get(name)) for name, own in moving.items()}
+
     def kept(self, names: Iterable[str]) -> dict[str, Any]:
         """Return the fields on the old mesh, in the order of their names."""
         of_elements = {name: field.kept() for name, field in self.elements.items()}
@@ -364,12 +435,13 @@ def as_nodal_fields(fields: Mapping[str, Any] | None, mesh: AnyMesh) -> CheckedF
             found.elements[key] = element
             continue
         array = as_plain_array(name, value)
-        if array.shape[:1] != (mesh.n_points,) and isinstance(mesh, SimplexMesh):
-            n = len(array) if array.ndim else 0
+        is_filled = isinstance(mesh, SimplexMesh) and mesh.cell_dim == mesh.dim
+        if array.shape[:1] != (mesh.n_points,) and is_filled:
+            assert isinstance(mesh, SimplexMesh)
             raise ValueError(
                 f"{name} must be an array with a row for each of the {mesh.n_points} nodes, an "
                 "ElementField, a function of points, or (basis, x) of "
-                f"scikit-fem, got shape {array.shape}{orders_with(mesh, n)}"
+                f"scikit-fem, got shape {array.shape}{orders_with(mesh, array.shape)}"
             )
         found.arrays[key] = as_field(name, value, mesh.n_points)
     return found
@@ -379,10 +451,11 @@ def methods_of_arrays(method: Any, fields: CheckedFields) -> Any:
     """Return the method without those of fields of finite elements, which are projected."""
     for name in fields.elements:
         own = method.get(name) if isinstance(method, Mapping) else method
-        if own not in (None, "project"):
+        if not (own is None or (isinstance(own, str) and own == "project")):
             raise ValueError(
-                f'method must be "project" or None for fields[{name!r}], which is of finite '
-                f"elements, got {describe(own)}"
+                f'method must be "project" or None for fields[{name!r}], '
+                f"{fields.elements[name].kind}, which is always projected, got {describe(own)}; "
+                "methods of other fields may be given by name"
             )
     if isinstance(method, Mapping):
         return {name: own for name, own in method.items() if name not in fields.elements}
@@ -408,12 +481,14 @@ def as_element_field(name: str, given: Any, mesh: AnyMesh) -> Checked | None:
     return _OfElements(name, given, mesh)
 
 
-def orders_with(mesh: SimplexMesh, n: int) -> str:
-    """Return a hint at the elements that have n nodes, for messages."""
-    kinds = [(1, False), (2, True), (2, False)]
-    fits = [
-        f"ElementField(values, order={order}" + ("" if shared else ", continuous=False") + ")"
-        for order, shared in kinds
-        if LagrangeSpace(mesh, order, shared).n == n
-    ]
-    return f"; {n} are the nodes of {' or '.join(fits)}" if fits else ""
+def orders_with(mesh: SimplexMesh, shape: tuple[int, ...]) -> str:
+    """Return a hint at the elements of which an array of a shape has the values, for messages."""
+    fits = []
+    for order, shared in ((1, False), (2, True), (2, False)):
+        space = LagrangeSpace(mesh, order, shared)
+        end = f", order={order}" + ("" if shared else ", continuous=False") + ")"
+        if shape[: len(space.shape)] == space.shape:
+            fits.append(f"ElementField(values{end}")
+        elif shape[:1] == (space.n,):
+            fits.append(f"ElementField(values.reshape({(*space.shape, *shape[1:])}){end}")
+    return f"; as values at nodes of elements: {' or '.join(fits)}" if fits else ""

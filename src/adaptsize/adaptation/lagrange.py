@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from functools import cached_property
 from itertools import combinations
 from typing import Any
@@ -12,7 +13,7 @@ from scipy.sparse import csr_array
 
 from adaptsize.adaptation.pieces import rule_of
 from adaptsize.background import SimplexMesh
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: Steps of conjugate gradients with a mass matrix, and the residual at which they end.
 _STEPS, _ACCURACY = 500, 1e-15
@@ -51,6 +52,11 @@ class LagrangeSpace:
             first * mesh.n_points + second, ends[..., 0] * mesh.n_points + ends[..., 1]
         )
         return np.hstack([mesh.cells, mesh.n_points + middles]).astype(np.int32)
+
+    @property
+    def key(self) -> Hashable:
+        """Equal for equal spaces on a mesh."""
+        return self.degree, self.continuous
 
     @property
     def n(self) -> int:
@@ -115,6 +121,12 @@ class LagrangeSpace:
         return np.asarray(sums @ of_pieces.reshape(len(rows), values.shape[2]))
 
     @cached_property
+    def is_loose(self) -> BoolArray:
+        """Which nodes are in no cell with a measure, bool[n]."""
+        measures = np.repeat(self.mesh.measures, self.dofs.shape[1])
+        return np.asarray(np.bincount(self.dofs.ravel(), measures.ravel(), self.n) == 0.0)
+
+    @cached_property
     def _of_cell(self) -> FloatArray:
         """The mass matrix of a cell of measure 1."""
         rule = rule_of(self.mesh.cell_dim, 2 * self.degree)
@@ -143,17 +155,25 @@ def solved(mass: csr_array, load: FloatArray) -> FloatArray:
     """Return the solution of M u = b for columns b, by preconditioned conjugate gradients.
 
     With its diagonal, the condition of a mass matrix is that of its cells, so that some tens of
-    steps reach rounding.
+    steps reach rounding.  The columns are scaled, since squares of large and small values would
+    leave the range of numbers.
+
+    Raises
+    ------
+    ArithmeticError
+        If the steps do not suffice.
     """
     diagonal = mass.diagonal()
     inverse = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0.0)[:, None]
-    found, rest = np.zeros_like(load), load.copy()
+    size = np.abs(inverse * load).max(axis=0, initial=0.0)
+    size[size == 0.0] = 1.0
+    found, rest = np.zeros_like(load), load / size
     step = inverse * rest
     energy = (rest * step).sum(axis=0)
     least = _ACCURACY**2 * energy
     for _ in range(_STEPS):
         if not (energy > least).any():
-            break
+            return np.asarray(found * size)
         image = mass @ step
         curve = (step * image).sum(axis=0)
         length = np.divide(energy, curve, out=np.zeros_like(curve), where=curve > 0.0)
@@ -163,4 +183,7 @@ def solved(mass: csr_array, load: FloatArray) -> FloatArray:
         before, energy = energy, (rest * scaled).sum(axis=0)
         ratio = np.divide(energy, before, out=np.zeros_like(energy), where=before > 0.0)
         step = scaled + ratio * step
-    return found
+    worst = float(np.sqrt((energy[least > 0.0] / least[least > 0.0]).max()) * _ACCURACY)
+    raise ArithmeticError(
+        f"the projection of a field did not converge in {_STEPS} steps: residual {worst:.1e}"
+    )

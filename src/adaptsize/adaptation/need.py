@@ -13,7 +13,8 @@ from adaptsize._checks import as_sizes_at, refuse_where
 from adaptsize.adaptation import tuning
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.migration import is_counted_here
-from adaptsize.background.partitioned import as_mesh_of_all, local_mesh
+from adaptsize.background.partitioned import local_mesh
+from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import NeedOptions, checked, with_options
 from adaptsize.quality.conformity import SizeLike, nodal_metric
@@ -137,7 +138,7 @@ def needs_remeshing(
     >>> bool(needs_remeshing(mesh, 1.1))
     False
     """
-    mesh = as_mesh_of_all("mesh", mesh)
+    mesh = as_mesh("mesh", mesh, PartitionedMesh)
     if mesh.cell_dim == 1:
         raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
 

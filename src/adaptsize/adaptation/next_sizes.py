@@ -55,6 +55,13 @@ class CycleRequest:
         """Target for this error."""
         return None if self.error is None else self.options["tolerance"]
 
+    @property
+    def approaches(self) -> bool:
+        """Whether the tolerance is too far for one cycle."""
+        if self.tolerance is None or self.error is None:
+            return False
+        return self.error > tuning.LARGEST_STEP * tuning.BELOW_TOLERANCE * self.tolerance
+
     def within(
         self, mesh: Any, tolerance: float, original: SimplexMesh | None = None
     ) -> CycleRequest:
@@ -118,6 +125,7 @@ class SizeRequest(CycleRequest):
     """A request of sizes that do not depend on the direction."""
 
     indicator: FloatArray | None
+    """float64[states, n_cells]"""
     h0: FloatArray | None
     chords: FloatArray | None = None
     """Largest sizes that leave curved boundaries within the tolerance of the generator."""
@@ -134,9 +142,14 @@ class SizeRequest(CycleRequest):
         """Return the request with the error, and a bound that leaves curves within a tolerance."""
         error = None
         if self.indicator is not None:
-            squares = mesh.ranks.allreduce(float(self.indicator @ self.indicator), "sum")
-            error = math.sqrt(squares)
+            error = max(self._errors(mesh))
         return replace(self, error=error, chords=bound_by_tolerance(mesh, tolerance, original))
+
+    def _errors(self, mesh: AnyMesh) -> list[float]:
+        """Return the estimated error of each state; collective."""
+        assert self.indicator is not None
+        squares = mesh.ranks.allreduce((self.indicator**2).sum(axis=1), "sum")
+        return [math.sqrt(square) for square in squares.tolist()]
 
     def for_boundary(self) -> SizeRequest:
         """Return the request that only curved boundaries bound, and not ``hmax`` either."""
@@ -161,10 +174,9 @@ class SizeRequest(CycleRequest):
         if self.indicator is None:
             return self._finished(mesh, self._requested(mesh))
         assert self.options["tolerance"] is not None
-        assert self.error is not None
-        least = self.error / tuning.LARGEST_STEP
-        goal = max(tuning.BELOW_TOLERANCE * self.options["tolerance"], least)
-        return self._from_error(mesh, self.indicator, {"tolerance": goal})
+        goal = tuning.BELOW_TOLERANCE * self.options["tolerance"]
+        goals = [max(goal, error / tuning.LARGEST_STEP) for error in self._errors(mesh)]
+        return self._from_error(mesh, self.indicator, {"tolerance": goal}, goals)
 
     def of_number(self, mesh: AnyMesh, number: float) -> FloatArray:
         """Return the sizes for a number of regular simplices."""
@@ -183,13 +195,19 @@ class SizeRequest(CycleRequest):
         """Return the sizes that are given, inf where there are none."""
         return np.full(mesh.n_points, np.inf) if self.h0 is None else self.h0
 
-    def _from_error(self, mesh: AnyMesh, indicator: FloatArray, goal: ErrorOptions) -> FloatArray:
+    def _from_error(
+        self,
+        mesh: AnyMesh,
+        indicator: FloatArray,
+        goal: ErrorOptions,
+        goals: list[float] | None = None,
+    ) -> FloatArray:
         given: ErrorOptions = {
             "tolerance": None, "elements": None, "max_refine": self.options["max_refine"],
             "max_coarsen": self.options["max_coarsen"], "backend": None, **goal,
         }  # fmt: skip
         finish, order = partial(self._finished, mesh), self.options["order"]
-        return scaled_by_error(mesh, indicator, order, given, finish, tuning.ACCURACY)
+        return scaled_by_error(mesh, indicator, order, given, finish, tuning.ACCURACY, goals=goals)
 
     def _finished(self, mesh: AnyMesh, h: FloatArray) -> FloatArray:
         """Apply bounds and limits."""
@@ -287,7 +305,13 @@ def decide(mesh: AnyMesh, found: NextSizes, request: CycleRequest) -> Decision:
     same = present.has_sizes(found.predicted, request.options["enough"])
     finer = tolerance is not None and not within and ratio > tuning.FINER
     if not same or finer:
-        return Decision(True, False, f"remeshed: {present.reason}", *shares)
+        reason = f"remeshed: {present.reason}"
+        if request.approaches:
+            reason += (
+                f"; this cycle approaches the tolerance {tolerance:.3g} by a factor of at "
+                f"most {tuning.LARGEST_STEP:g} in the error {error:.3g}"
+            )
+        return Decision(True, False, reason, *shares)
     reason = f"not remeshed: the old mesh already has {shares[0]:.0%} of the next mesh"
     if tolerance is not None and not within:
         reason += (

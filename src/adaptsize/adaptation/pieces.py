@@ -18,6 +18,8 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 #: Pairs of cells that are processed at a time, and room for simplices for each, by dimension.
 _PAIRS = {2: 8192, 3: 1024}
 _ROOM = {2: 8, 3: 48}
+#: Points of quadrature that are processed at a time.
+_POINTS = 1 << 17
 
 
 class Rule(NamedTuple):
@@ -67,14 +69,34 @@ class Points(NamedTuple):
         return Points(*(array[which] for array in self))  # type: ignore[arg-type]
 
 
-def common_points(transfer: FieldTransfer, degree: int) -> Iterator[Points]:
-    """Return points of quadrature in the intersections, for polynomials of a degree."""
+class Pieces(NamedTuple):
+    """Simplices in the intersections of some pairs of cells."""
+
+    cells: IntArray
+    """The new cell of each piece, int32[p]."""
+    in_new: FloatArray
+    """Barycentric coordinates of the corners in this cell, float64[p, k, k]."""
+    old_cells: IntArray
+    in_old: FloatArray
+    measures: FloatArray
+
+    def points(self, degree: int) -> Points:
+        """Return points of quadrature for polynomials of a degree."""
+        rule = rule_of(self.in_new.shape[1] - 1, degree)
+        return Points(
+            self.cells, rule.places @ self.in_new, self.old_cells, rule.places @ self.in_old,
+            self.measures[:, None] * rule.weights,
+        )  # fmt: skip
+
+
+def common_pieces(transfer: FieldTransfer) -> Iterator[Pieces]:
+    """Return the simplices that fill the intersections of all pairs of cells, some at a time."""
     old, new = transfer.old, transfer.new
     dim, overlap, scale = old.dim, transfer.overlap, old.locator.scale
     of_new = np.repeat(np.arange(new.n_cells, dtype=np.int32), np.diff(overlap.indptr))
     of_old = overlap.indices.astype(np.int32)
     meshes = [(in_space(m.points * scale), np.array(m.cells)) for m in (old, new)]
-    room, work, rule = _ROOM[dim] * _PAIRS[dim], new_clipping(), rule_of(dim, degree)
+    room, work = _ROOM[dim] * _PAIRS[dim], new_clipping()
     first = 0
     while first < len(of_new):
         own = slice(first, first + _PAIRS[dim])
@@ -85,26 +107,37 @@ def common_points(transfer: FieldTransfer, degree: int) -> Iterator[Points]:
         )
         pairs = of_new[own].copy(), of_old[own].copy()
         done, used = fill_pieces(*meshes, pairs, work, out, tuple(range(dim)))
-        pair_of, in_new, in_old = (array[:used] for array in out)
+        pair_of, in_new, in_old = out[0][:used], out[1][:used], out[2][:used]
         cells, old_cells = pairs[0][pair_of], pairs[1][pair_of]
         measures = np.abs(np.linalg.det(in_old)) * old.measures[old_cells]
-        yield Points(
-            cells, rule.places @ in_new, old_cells, rule.places @ in_old,
-            measures[:, None] * rule.weights,
-        )  # fmt: skip
+        yield Pieces(cells, in_new, old_cells, in_old, measures)
         first += done
 
 
-def points_of_cells(transfer: FieldTransfer, degree: int, which: IntArray) -> Points:
+def common_points(transfer: FieldTransfer, degree: int) -> Iterator[Points]:
+    """Return points of quadrature in the intersections, for polynomials of a degree."""
+    for pieces in common_pieces(transfer):
+        yield pieces.points(degree)
+
+
+def some_cells(rule: Rule, which: IntArray) -> Iterator[IntArray]:
+    """Return cells in parts with a limited number of points of a rule."""
+    size = max(_POINTS // len(rule.weights), 1)
+    for first in range(0, max(len(which), 1), size):
+        yield which[first : first + size]
+
+
+def points_of_cells(transfer: FieldTransfer, degree: int, cells: IntArray) -> Iterator[Points]:
     """Return points of quadrature in some new cells, and the nearest places in old cells."""
     new: SimplexMesh = transfer.new
     rule = rule_of(new.dim, degree)
-    places = np.broadcast_to(rule.places, (len(which), *rule.places.shape))
-    points = places @ new.points[new.cells[which]]
-    cells, old_places, _ = transfer.old.locator.nearest(points.reshape(-1, new.dim))
-    n = len(rule.weights)
-    return Points(
-        np.repeat(which, n).astype(np.int32), places.reshape(-1, 1, new.dim + 1),
-        cells.astype(np.int32), old_places[:, None], (new.measures[which][:, None] * rule.weights)
-        .reshape(-1, 1),
-    )  # fmt: skip
+    for which in some_cells(rule, cells):
+        places = np.broadcast_to(rule.places, (len(which), *rule.places.shape))
+        points = places @ new.points[new.cells[which]]
+        old_cells, old_places, _ = transfer.old.locator.nearest(points.reshape(-1, new.dim))
+        weights = new.measures[which][:, None] * rule.weights
+        yield Points(
+            np.repeat(which, len(rule.weights)).astype(np.int32),
+            places.reshape(-1, 1, new.dim + 1),
+            old_cells.astype(np.int32), old_places[:, None], weights.reshape(-1, 1),
+        )  # fmt: skip

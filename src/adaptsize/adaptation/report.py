@@ -205,8 +205,8 @@ class AdaptReport:
         for tag in () if self.moves is None else self.moves.idle:
             where = "" if tag is None else f" of facets with tag {tag}"
             warn_caller(
-                f"project has no effect: no node{where} moves, since they are corners or the "
-                "function returns the points that it is given",
+                f"project has no effect: no node{where} may move, since all are corners, on ridges "
+                "or between two projections",
                 ResolutionWarning,
             )
         if self.boundary_distance > allowed:

@@ -7,13 +7,14 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from dataclasses import fields as fields_of
+from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_path, check_type, describe
+from adaptsize._formats.guards import about_file, check_readable, write_whole
 from adaptsize.adaptation._fields import as_fields
 from adaptsize.adaptation.cycle import ORIGINAL
 from adaptsize.adaptation.element_fields import ElementField, QuadratureField, as_nodal_fields
@@ -56,7 +57,8 @@ class LoopState:
         Raises
         ------
         ValueError
-            If the mesh is in parts, or a field is none that a file keeps.
+            If the mesh is in parts, a field is none that a file keeps, or (MeshFileError) the file
+            cannot be written.
         """
         target, mesh = as_path("path", path), self.mesh
         check_type("mesh", mesh, SimplexMesh)
@@ -71,13 +73,15 @@ class LoopState:
             content |= _of_field(name, self.fields[name])
         for name, array in as_fields("cell_fields", self.cell_fields, mesh.n_cells).items():
             content[f"cell_fields/{name}"] = array
-        partial = target.with_name(f"{target.name}.part")
-        try:
-            with partial.open("wb") as file:
+
+        def write_to(path: Path) -> None:
+            with path.open("wb") as file:
                 np.savez_compressed(file, **content)
-            partial.replace(target)
-        finally:
-            partial.unlink(missing_ok=True)
+
+        try:
+            write_whole(target, write_to)
+        except (OSError, MeshFileError) as error:
+            raise about_file(target, error) from error
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> LoopState:
@@ -90,9 +94,13 @@ class LoopState:
         Raises
         ------
         MeshFileError
-            If the file is no such file.
+            If there is no such file, or it is damaged.
         """
         source = as_path("path", path)
+        try:
+            check_readable(source)
+        except MeshFileError as error:
+            raise about_file(source, error) from error
         try:
             with np.load(source, allow_pickle=False) as held:
                 content = {name: held[name] for name in held.files}
@@ -107,8 +115,9 @@ class LoopState:
                 for name in dict.fromkeys(key.partition("/")[2] for key in parts):
                     own = {k: parts[f"{k}/{name}"] for k in (p.name for p in fields_of(make))}
                     found[name] = make(**{k: v if v.ndim else v.item() for k, v in own.items()})
-        except (BadZipFile, KeyError, ValueError, EOFError) as error:
-            raise MeshFileError(f"{source} is no state of an adaptive loop: {error}") from error
+        except Exception as error:  # numpy and zipfile raise many kinds for damaged files
+            text = MeshFileError(f"is no state of an adaptive loop: {error!r}")
+            raise about_file(source, text) from error
         return cls(mesh, found, _parts(content, "cell_fields/"))
 
 

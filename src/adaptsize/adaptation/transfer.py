@@ -24,12 +24,12 @@ from adaptsize.adaptation.element_fields import (
 from adaptsize.adaptation.field_transfer import FieldTransfer, check_kinds
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.migration import joined_pieces, send_cells
-from adaptsize.background.partitioned import as_mesh_of_all
 from adaptsize.background.requests import (
     boxes_around,
     boxes_of_pieces,
     ranks_that_meet,
 )
+from adaptsize.background.simplex import as_mesh
 from adaptsize.options import TransferOptions, checked, with_options
 from adaptsize.typing import FloatArray, NodalMethod, ProgressCallback, Unpack
 
@@ -91,7 +91,7 @@ def transfer_fields(
     >>> made.cell_fields["heat"]
     array([2., 2.])
     """
-    old, new = as_mesh_of_all("old", old), as_mesh_of_all("new", new)
+    old, new = as_mesh("old", old, PartitionedMesh), as_mesh("new", new, PartitionedMesh)
     check_kinds(old, new)
 
     def check() -> tuple[TransferOptions, CheckedFields, Arrays]:
@@ -170,7 +170,7 @@ def transferred(
     how["keep_integral"] = given["keep_integral"]
     found = {name: transfer.nodal(values, method=method[name]) for name, values in nodal.items()}
     return TransferredFields(
-        found | {name: field.on(transfer) for name, field in fields.elements.items()},
+        found | fields.on(transfer),
         {name: transfer.cells(values, **how) for name, values in by_cell.items()},
     )
 

@@ -5,21 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, TypeAlias, TypeVar
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_plain_array, check_type
 from adaptsize.background.partitioning import joined, parts_of
-from adaptsize.background.simplex import SimplexMesh, as_mesh
+from adaptsize.background.simplex import SimplexMesh
 from adaptsize.ranks import Communicator, Ids, SharedNodes, as_communicator, find_shared_nodes, kept
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 T = TypeVar("T")
-
-#: The ranks among which a part was taken from a mesh.
-_RANKS_OF_PARTS: WeakKeyDictionary[SimplexMesh, Communicator] = WeakKeyDictionary()
 
 # Relative deviation of values at shared nodes from which on they are different.
 _ROUNDING = 1e-9
@@ -56,6 +52,10 @@ class PartitionedMesh:
     Notes
     -----
     The constructor is collective.  Its three small reductions are the only communication.
+
+    ``mesh`` is an ordinary mesh: functions that get it in place of the part treat it as a whole
+    one, on this rank alone.  If the others call the same function with their parts, they wait for
+    this rank without end.
 
     Examples
     --------
@@ -122,8 +122,6 @@ class PartitionedMesh:
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)  # needed for a frozen dataclass
-        if mesh is not None and ranks.size > 1:
-            _RANKS_OF_PARTS[mesh] = ranks
 
     def __repr__(self) -> str:
         """Return the rank and the numbers of cells and points."""
@@ -341,23 +339,6 @@ class PartitionedMesh:
 
 #: A whole mesh, or the part of it on this rank.
 AnyMesh: TypeAlias = SimplexMesh | PartitionedMesh
-
-
-def as_mesh_of_all(name: str, value: Any) -> AnyMesh:
-    """Return a mesh for a function that all ranks call together.
-
-    If a rank passes the cells of its part, ``part.mesh``, all ranks raise a ValueError: the others
-    would wait for it without end.
-    """
-    mesh: AnyMesh = as_mesh(name, value, PartitionedMesh)
-    ranks = _RANKS_OF_PARTS.get(mesh) if isinstance(mesh, SimplexMesh) else None
-
-    def refuse() -> None:
-        raise ValueError(f"{name} must be the PartitionedMesh, got the cells of one of its parts")
-
-    if ranks is not None:
-        ranks.agree(refuse)
-    return mesh
 
 
 def local_mesh(mesh: AnyMesh) -> SimplexMesh | None:

@@ -121,7 +121,7 @@ def sparse_size(size: SizeFunction, g: float | None = None) -> SparseSize:
     limit = as_slope("g", g)
     values = np.asarray(size.values).ravel()
     hmax = float(size.hmax) if size.g is not None else float(values.max())
-    places, sizes = _extra_points(size)
+    places, sizes = extra_points(size)
     places = np.concatenate([size.background.points, places])
     sizes = np.concatenate([values, sizes])
     used = np.flatnonzero(sizes < hmax)
@@ -136,7 +136,7 @@ def sparse_size(size: SizeFunction, g: float | None = None) -> SparseSize:
     return SparseSize(places, sizes, limit, hmax)
 
 
-def _extra_points(size: SizeFunction) -> tuple[FloatArray, FloatArray]:
+def extra_points(size: SizeFunction) -> tuple[FloatArray, FloatArray]:
     """Return the places and sizes of the sources between the nodes."""
     dim = size.background.dim
     places, sizes = [np.empty((0, dim))], [np.empty(0)]

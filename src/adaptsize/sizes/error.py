@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -124,51 +124,92 @@ def as_indicator(value: npt.ArrayLike, mesh: AnyMesh) -> FloatArray:
 
 def scaled_by_error(
     mesh: AnyMesh,
-    eta: FloatArray,
+    states: FloatArray,
     order: float,
     given: ErrorOptions,
     finish: Finish,
     accuracy: float = ACCURACY,
+    *,
+    goals: Sequence[float] | None = None,
 ) -> FloatArray:
     """Return the sizes of `size_from_error`, with limits by a function; collective.
+
+    Of several states, float64[n, n_cells], these are the smallest that any of them requests: for
+    the tolerance, or the ``goals`` of the states.  For a number of elements, they are the sizes
+    that each state requests for it alone, before ``finish``, multiplied by one factor.
 
     ``accuracy`` is the relative error of the number of elements that is accepted.
     """
     d, goal, wanted = mesh.cell_dim, *as_goal(given["tolerance"], given["elements"])
+    every = [_Ratios(mesh, eta, order, given) for eta in np.atleast_2d(states)]
     now = present_sizes(mesh)
-    with np.errstate(divide="ignore"):
-        largest = mesh.ranks.allreduce(float(eta.max(initial=0.0)), "max")
-        shape = (eta / max(largest, np.finfo(float).tiny)) ** (-1.0 / (order + 0.5 * d))
+    bounds = min(of.bounds[0] for of in every), max(of.bounds[1] for of in every)
 
-    # Beyond these scales, all cells have their least or their largest ratio.
-    widest = float(np.max(shape, where=np.isfinite(shape), initial=1.0))
-    widest = mesh.ranks.allreduce(widest, "max")
-    bounds = 1.0 / (given["max_refine"] * widest), given["max_coarsen"]
+    def single(of: _Ratios, scale: float) -> FloatArray:
+        return _nodal_sizes(mesh, now * of(scale))
 
-    def ratios(scale: float) -> FloatArray:
-        return np.asarray(np.clip(scale * shape, 1.0 / given["max_refine"], given["max_coarsen"]))
+    def sizes(scales: Sequence[float]) -> FloatArray:
+        return finish(np.minimum.reduce([single(*one) for one in zip(every, scales, strict=True)]))
 
-    def sizes(scale: float) -> FloatArray:
-        return finish(_nodal_sizes(mesh, now * ratios(scale)))
+    def alone(of: _Ratios) -> float:
+        start = of.for_number(wanted)
+        if len(every) == 1:
+            return start
+        return scale_to(
+            wanted, float, lambda scale: count_elements(mesh, single(of, scale)), start, d,
+            accuracy, bounds=of.bounds,
+        )  # fmt: skip
 
     if goal == "tolerance":
-        moving = eta > 0.0
+        goals = [wanted] * len(every) if goals is None else goals
+        return sizes([of.for_error(own) for of, own in zip(every, goals, strict=True)])
+    wanted /= calibration(given["backend"], d)
+    starts = [alone(of) for of in every]
+    shares = [start / starts[0] for start in starts]  # all change by one factor
+    return scale_to(
+        wanted, lambda scale: sizes([scale * share for share in shares]),
+        lambda h: count_elements(mesh, h), starts[0], d, accuracy,
+        bounds=(bounds[0] / max(shares), bounds[1] / min(shares)),
+    )  # fmt: skip
+
+
+class _Ratios:
+    """The ratios of next to present sizes of a state for a scale, within limits; collective."""
+
+    def __init__(self, mesh: AnyMesh, eta: FloatArray, order: float, given: ErrorOptions) -> None:
+        self._ranks, self._dim, self._eta, self._order = mesh.ranks, mesh.cell_dim, eta, order
+        self._limits = 1.0 / given["max_refine"], given["max_coarsen"]
+        with np.errstate(divide="ignore"):
+            largest = self._ranks.allreduce(float(eta.max(initial=0.0)), "max")
+            shape = (eta / max(largest, np.finfo(float).tiny)) ** (-1.0 / (order + 0.5 * self._dim))
+        # Beyond these scales, all cells have their least or their largest ratio.
+        widest = float(np.max(shape, where=np.isfinite(shape), initial=1.0))
+        widest = self._ranks.allreduce(widest, "max")
+        self._shape = shape
+        self.bounds = self._limits[0] / widest, self._limits[1]
+
+    def __call__(self, scale: float) -> FloatArray:
+        return np.asarray(np.clip(scale * self._shape, *self._limits))
+
+    def for_error(self, wanted: float) -> float:
+        """Return the scale for an error that is to be expected."""
+        moving = self._eta > 0.0
 
         def gain(scale: float) -> float:
-            errors = eta[moving] * ratios(scale)[moving] ** order
-            error = math.sqrt(mesh.ranks.allreduce(float(errors @ errors), "sum"))
+            errors = self._eta[moving] * self(scale)[moving] ** self._order
+            error = math.sqrt(self._ranks.allreduce(float(errors @ errors), "sum"))
             return math.inf if error == 0.0 else 1.0 / float(error)
 
-        return sizes(scale_to(1.0 / wanted, float, gain, 1.0, order, bounds=bounds))
-    wanted /= calibration(given["backend"], d)
+        return scale_to(1.0 / wanted, float, gain, 1.0, self._order, bounds=self.bounds)
 
-    def unlimited(scale: float) -> float:
-        return float(mesh.ranks.allreduce(float((ratios(scale) ** -d).sum()), "sum"))
+    def for_number(self, wanted: float) -> float:
+        """Return the scale for a number of elements, before other limits."""
+        d = self._dim
 
-    start = scale_to(wanted, float, unlimited, 1.0, d, bounds=bounds)
-    return scale_to(
-        wanted, sizes, lambda h: count_elements(mesh, h), start, d, accuracy, bounds=bounds
-    )
+        def unlimited(scale: float) -> float:
+            return float(self._ranks.allreduce(float((self(scale) ** -d).sum()), "sum"))
+
+        return scale_to(wanted, float, unlimited, 1.0, d, bounds=self.bounds)
 
 
 @with_options(HessianOptions)
