@@ -85,7 +85,7 @@ class SurfaceDomain:
             request = replace(request, h0=bound_at_nodes(request.h0, self.mesh)[self.nodes])
         surface = RefinedSurface.of(self, request)
         allowed = tuning.SHARE_ON_SURFACE * request.max_elements
-        max_nodes = float(tuning.MOST_NODES)
+        max_nodes = float(tuning.MOST_NODES_OF_SOURCES)
         if not request.is_fixed:
             max_nodes = min(max_nodes, max(allowed, tuning.FEW_NODES))
         while True:

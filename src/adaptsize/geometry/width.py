@@ -150,7 +150,7 @@ class Width:
         faces, mesh, piece, order = self.faces, self.faces.mesh, self._pieces, self.walls.order
         has_rim = np.zeros(mesh.n_cells, np.bool_)
         has_rim[piece[(mesh.facet_cell_counts[mesh.cell_facets] == 1).any(axis=1)]] = True
-        angles = [tuning.STEEPEST + ANGLE_SLACK, math.radians(self.corner_angle) - ANGLE_SLACK]
+        angles = [tuning.STEEPEST_WALL + ANGLE_SLACK, math.radians(self.corner_angle) - ANGLE_SLACK]
         limits = np.cos(np.maximum(angles, 0.0))
         meets = (faces.meets.first, faces.meets.items)
         return kernels.Rule(has_rim[piece][order], faces.face[order], meets, limits)
