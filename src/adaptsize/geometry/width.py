@@ -22,7 +22,7 @@ from adaptsize.background.topology import components_of, pairs_of_cells
 from adaptsize.geometry import tuning
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.faces import ANGLE_SLACK, Faces
-from adaptsize.geometry.walls import SLACK, Walls
+from adaptsize.geometry.walls import SLACK, WallTree
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, ProgressCallback
 
 
@@ -133,9 +133,9 @@ class Width:
     crosses_itself: bool = False
 
     @cached_property
-    def walls(self) -> Walls:
+    def walls(self) -> WallTree:
         """The facets in a tree."""
-        return Walls.of(self.faces)
+        return WallTree.of(self.faces)
 
     @cached_property
     def _pieces(self) -> IndexArray:
