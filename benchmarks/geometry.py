@@ -133,14 +133,15 @@ def width(quick):
     """Time the rays, the separation and the default size function of surfaces."""
     from adaptsize.geometry.faces import Faces
     from adaptsize.geometry.separation import Separation
-    from adaptsize.geometry.width import Walls, Width
+    from adaptsize.geometry.walls import WallTree
+    from adaptsize.geometry.width import Width
 
     lines = []
     for name in ("bracket.stl",) if quick else ("bracket.stl", "deer.ply"):
         part = ads.read(Path(__file__).parents[1] / "data" / name)
         ads.size_function(part)  # compiled by this
         faces, _, prepared = best_of(3, partial(Faces.of, part))
-        walls, _, tree = best_of(3, partial(Walls.of, faces))
+        walls, _, tree = best_of(3, partial(WallTree.of, faces))
         finder = Width(faces, 30.0)
         _, _, rays = best_of(3, partial(finder.at_centroids, lambda *_: None))
         separation = Separation(faces, 30.0, walls)

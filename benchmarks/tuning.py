@@ -21,7 +21,15 @@ from adaptsize.geometry.implicit_surface import largest_curvature
 from adaptsize.options import SizeFunctionOptions, checked
 from adaptsize.sizes import search
 
-SIZES = ("PER_RADIAN", "ACROSS", "HMAX_SHARE", "HMIN_SHARE", "LEAST_ACROSS", "STEEPEST", "FULLY")
+SIZES = (
+    "PER_RADIAN",
+    "ACROSS",
+    "HMAX_SHARE",
+    "HMIN_SHARE",
+    "LEAST_ACROSS",
+    "GRADIENT_OVER_DEFAULT",
+    "FULLY",
+)
 DOMAINS = {"ball": ball(200), "ring": ring(40, 16), "plate": box(10.0, 8.0, 0.5)}
 
 
@@ -127,8 +135,8 @@ def geometry():
         return ", ".join(f"{error:.2g}" for error in found)
 
     print(f"distance and curvature in the plane and in space: {line(errors())}")
-    names = ("STEP", "STEP_OF_CURVATURE", "SHARE_OF_STEP", "TURN", "STEP_CHANGE", "MOST_CHANGES",
-             "OFF_LEVEL", "REACH_OF_PARABOLA")  # fmt: skip
+    names = ("STEP_OF_GRADIENT", "STEP_OF_CURVATURE", "SHARE_OF_STEP", "TURN", "STEP_CHANGE",
+             "MOST_CHANGES", "OFF_LEVEL", "REACH_OF_PARABOLA")  # fmt: skip
     halved_and_doubled(of_geometry, names, errors, line)
 
 

@@ -48,7 +48,7 @@ def test_every_block_of_the_page_stands_in_a_section_that_is_run():
         "MFEM",
         "NGSolve",
     ]
-    assert PAGE.read_text(encoding="utf-8").count("```python") == 7
+    assert PAGE.read_text(encoding="utf-8").count("```python") == 8
 
 
 def test_objects_of_meshio_and_pyvista(monkeypatch):

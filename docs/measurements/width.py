@@ -14,7 +14,8 @@ import adaptsize as ads
 from adaptsize.geometry import boundary_separation, boundary_width
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import Separation
-from adaptsize.geometry.width import Walls, Width
+from adaptsize.geometry.walls import WallTree
+from adaptsize.geometry.width import Width
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "support"))
 import solids
@@ -93,7 +94,7 @@ def surfaces():
 def at_feature_nodes(surface):
     """Return the separations at the nodes on feature edges."""
     faces = Faces.of(surface)
-    separation = Separation(faces, 30.0, Walls.of(faces))
+    separation = Separation(faces, 30.0, WallTree.of(faces))
     found = np.full(surface.n_points, np.inf)
     found[separation.nodes.node] = separation.at_nodes(quiet).distances
     return found

@@ -17,7 +17,7 @@ _REASONS = {
         "corners middle segments extended after"
     ),
     "needs another package": (
-        "from_object plot to_dolfinx to_gmsh to_meshio to_mfem to_netgen to_pyvista to_skfem "
+        "from_object like plot to_dolfinx to_gmsh to_meshio to_mfem to_netgen to_pyvista to_skfem "
         "to_trimesh"
     ),
 }

@@ -10,7 +10,7 @@ from adaptsize import SimplexMesh, write
 @pytest.fixture(autouse=True)
 def no_lines_about_steps(monkeypatch):
     """Commands in the process of the tests print no lines about steps and compiling."""
-    monkeypatch.setattr("adaptsize.cli.tuning.PATIENCE", 1e6)
+    monkeypatch.setattr("adaptsize.cli.tuning.SECONDS_BEFORE_LINES", 1e6)
     monkeypatch.setattr("adaptsize.cli.warmup._said", True)
 
 

@@ -236,7 +236,7 @@ def test_the_report_says_which_requested_elements_are_missing():
         return np.minimum(least + 0.25 * away, 0.2)
 
     fine, coarse = (
-        resolved(SQUARE, partial(h, least=least), g=0.25, factor=1.9, accuracy=None).mesh
+        resolved(SQUARE, partial(h, least=least), g=0.25, factor=1.9, accuracy=0.0).mesh
         for least in (2e-3, 3e-2)
     )
     source = BoxSource([0.4, 0.4], [0.44, 0.44], 2e-3)

@@ -54,11 +54,12 @@ def operations(comm):
 def waiting(comm):
     """Ranks that wait for another one leave the processor to it."""
     comm.allgather(None)
-    started = time.process_time()
+    used, began = time.process_time(), time.perf_counter()
     if comm.rank == 0:
         time.sleep(0.5)
     comm.allgather(None)
-    assert time.process_time() - started < 0.1
+    # A rank that asks again and again uses all of the time, where a processor is free.
+    assert time.process_time() - used < 0.5 * (time.perf_counter() - began)
 
 
 def report(comm):

@@ -16,7 +16,7 @@ from adaptsize import SimplexMesh, io
 from adaptsize._progress import silent
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import FeaturePoints, Separation, boundary_separation
-from adaptsize.geometry.walls import Walls
+from adaptsize.geometry.walls import WallTree
 from adaptsize.geometry.width import boundary_width
 
 DATA = Path(__file__).parents[2] / "data"
@@ -47,7 +47,7 @@ def at(found, *point):
 def test_the_trees_find_what_all_features_and_all_facets_give(part, seed):
     mesh = width_oracle.SOUND_PARTS[part](np.random.default_rng(seed))
     faces = Faces.of(mesh)
-    separation, features = Separation(faces, 30.0, Walls.of(faces)), AllFeatures(faces)
+    separation, features = Separation(faces, 30.0, WallTree.of(faces)), AllFeatures(faces)
     nodes = separation.nodes
     assert_array_equal(np.unique(faces.features), np.sort(nodes.node))
     expected = [

@@ -127,8 +127,8 @@ def lost_box():
     """Return a mesh that is right but for a box, where its edges are 5.4, and both sizes."""
     square = SimplexMesh(2000.0 * SQUARE.points, SQUARE.cells)
     h = [lambda x, s=s: np.minimum(s + G * box_distance(x, LOWER, UPPER), 100.0) for s in (0.5, 5)]
-    coarse = resolved(square, h[1], g=G, factor=1.9, accuracy=None).mesh
-    fine = resolved(square, h[0], g=G, factor=1.9, accuracy=None).mesh
+    coarse = resolved(square, h[1], g=G, factor=1.9, accuracy=0.0).mesh
+    fine = resolved(square, h[0], g=G, factor=1.9, accuracy=0.0).mesh
     return coarse, fine, h[0]
 
 
@@ -179,10 +179,10 @@ def test_each_request_is_judged_on_its_own():
     def without(x):
         return np.minimum(0.01 + G * box_distance(x, *large), 0.2)
 
-    background = resolved(SQUARE, h, g=G, factor=1.9, accuracy=None).mesh
+    background = resolved(SQUARE, h, g=G, factor=1.9, accuracy=0.0).mesh
     size = size_function(background, sources=given, g=G, hmax=0.2, hmin=0.002,
                          elements_across=0.0, elements_between=0.0)  # fmt: skip
-    mesh = resolved(SQUARE, without, g=G, factor=1.9, accuracy=None).mesh
+    mesh = resolved(SQUARE, without, g=G, factor=1.9, accuracy=0.0).mesh
     elements = RequestedElements.of(mesh, size)
     assert elements.served().served > 0.8
     found = unserved(elements, size)

@@ -78,5 +78,7 @@ def test_contributors_read_of_the_same_layers_as_the_linter():
 
 def test_the_lowest_versions_that_a_decision_names_are_those_of_the_project():
     page = next((ROOT / "docs" / "decisions").glob("0029-*.md")).read_text(encoding="utf-8")
-    for package, version in re.findall(r"(numpy|scipy)\s+(\d+\.\d+)", page):
+    found = re.findall(r"(numpy|scipy)\s+(\d+\.\d+)", page)
+    assert {package for package, _ in found} == {"numpy", "scipy"}
+    for package, version in found:
         assert f"{package}>={version}" in PROJECT["project"]["dependencies"]

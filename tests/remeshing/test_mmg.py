@@ -40,8 +40,8 @@ def test_mmg_runs_again_while_requested_elements_are_missing(dim):
     def size(points, least=least):
         return least + 0.25 * np.linalg.norm(points - 0.3, axis=1)
 
-    fine = resolved(whole, size, g=0.25, factor=1.9, accuracy=None).mesh
-    coarse = resolved(whole, lambda x: size(x, 0.1), g=0.25, factor=1.9, accuracy=None).mesh
+    fine = resolved(whole, size, g=0.25, factor=1.9, accuracy=0.0).mesh
+    coarse = resolved(whole, lambda x: size(x, 0.1), g=0.25, factor=1.9, accuracy=0.0).mesh
     task = "tetrahedra" if dim == 3 else "plane triangles"
     problem = replace(as_problem(task, fine, 1e-3), size=size)
     results = iter([coarse, fine, coarse])

@@ -10,8 +10,10 @@ from fake_generators import Recording, RecordingRunner, registered
 from adaptsize import SimplexMesh
 from adaptsize.background.topology import pairs_of_cells
 from adaptsize.errors import BackendError
+from adaptsize.geometry.enclosed import enclosed_measure
+from adaptsize.quality.elements import folded_cells
 from adaptsize.remeshing.preparation import as_problem, repair_mesh
-from adaptsize.remeshing.through_surface import has_folded_cells, refilled
+from adaptsize.remeshing.through_surface import refilled
 
 SHAPE = (6, 2, 2)
 
@@ -53,10 +55,24 @@ def problem_of(mesh, h=0.4):
 
 
 @pytest.mark.parametrize("moved", [0.0, 0.25])
-def test_cells_inside_out_are_found(moved):
+def test_cells_fill_more_than_their_boundary_encloses_where_some_are_folded(moved):
     for scale in (1.0, 1e-4, 1e5):
         mesh = bent_block(moved)
-        assert has_folded_cells(mesh.moved(scale * (mesh.points + 2.0))) == (moved > 0.0)
+        mesh = mesh.moved(scale * (mesh.points + 2.0))
+        enclosed = enclosed_measure(mesh.boundary().mesh)
+        assert (mesh.measures.sum() > (1.0 + 1e-9) * enclosed) == (moved > 0.0)
+        assert folded_cells(mesh).any() == (moved > 0.0)
+
+
+@pytest.mark.parametrize("moved", [0.0, 0.25])
+def test_folded_cells_are_found_where_the_boundary_is_not_manifold(moved):
+    block = bent_block(moved)
+    edge = block.tagged_facets[block.facet_tags == 7][0, :2]
+    points = np.concatenate([block.points, [[0.0, 9.0, 0.0], [0.0, 9.0, 1.0]]])
+    cell = np.append(edge, block.n_points + np.arange(2))
+    mesh = repair_mesh(SimplexMesh(points, np.concatenate([block.cells, [cell]]))).mesh
+    assert mesh.boundary().mesh.facet_cell_counts.max() == 4
+    assert folded_cells(mesh).any() == (moved > 0.0)
 
 
 def check(new, mesh, rel):

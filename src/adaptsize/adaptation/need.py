@@ -17,6 +17,7 @@ from adaptsize.background.partitioned import local_mesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import NeedOptions, checked, with_options
+from adaptsize.quality.by_place import BAND
 from adaptsize.quality.conformity import SizeLike, nodal_metric
 from adaptsize.quality.elements import folded_cells, minimum_angles
 from adaptsize.sizes.budget import calibration, count_elements
@@ -168,7 +169,7 @@ def needs_remeshing(
     share = present.shares[0]
     text = f"needed: {'; '.join(reasons)}" if reasons else f"not needed: {share:.0%} is there"
     severity = misses.severity
-    worst = np.argsort(-severity, kind="stable")[: np.count_nonzero(severity > tuning.BAND)]
+    worst = np.argsort(-severity, kind="stable")[: np.count_nonzero(severity > BAND[1])]
     return RemeshingNeed(
         bool(reasons), text, *present.shares, present.n_cells, predicted,
         worst.astype(np.int32), _places(mesh, misses, worst),
@@ -261,7 +262,7 @@ def present_of(mesh: AnyMesh, requested: Requested) -> Present:
         pieces = pieces_of(whole.points, whole.edges, requested)
         longest, pieces = float(pieces.max()), pieces[counted]
         weight = np.maximum(pieces, 1.0) ** (1 if isinstance(requested, Metric) else mesh.cell_dim)
-        off = [np.ones_like(pieces, bool), pieces > tuning.BAND, pieces < 1.0 / tuning.BAND]
+        off = [np.ones_like(pieces, bool), pieces > BAND[1], pieces < 1.0 / BAND[1]]
         weights = np.array([weight[which].sum() for which in off])
     ranks, n_cells = mesh.ranks, len(mesh.cells)
     total = ranks.allreduce(weights, "sum")

@@ -70,7 +70,8 @@ def make_mesh(
 
     sizes, d = first.sizes, mesh.cell_dim
     new, count = make(sizes)
-    search: Search[NewMesh] = Search.by_meshes(target or count, d, tuning.ACCEPTED[d])
+    accepted = tuning.ACCEPTED_IN_SPACE if d == 3 else None
+    search: Search[NewMesh] = Search.by_meshes(target or count, d, accepted)
     search.add(sizes.predicted, new, count)
     while elements is not None and (factor := search.factor) is not None:
         if abs(sizes.predicted / elements - 1.0) > tuning.REACHED:

@@ -45,11 +45,11 @@ def intersections_of(
     cells = np.array(new.cells)
     order = along_curve(new.points[new.cells].mean(axis=1)).astype(np.int64)
     neighbours = _neighbours(old)
-    found: dict[int, _Part] = {}
+    found: dict[int, _Overlaps] = {}
 
     def task(first: int, last: int) -> None:
         which = order[first:last]
-        found[first] = _part(locator.tree, neighbours, (points, cells), which, products)
+        found[first] = _overlaps_of(locator.tree, neighbours, (points, cells), which, products)
 
     text = "overlaps of the cells of two meshes"
     workers.in_chunks(task, new.n_cells, tuning.CELLS_AT_ONCE[new.dim], text)
@@ -78,7 +78,7 @@ def _neighbours(mesh: SimplexMesh) -> IntArray:
     return np.where(inside, sums[facets] - rows, -1).astype(np.int32)
 
 
-class _Part(NamedTuple):
+class _Overlaps(NamedTuple):
     """Integrals over the intersections of some new cells, in the rows of the tree."""
 
     counts: LongArray
@@ -91,13 +91,13 @@ class _Part(NamedTuple):
     """The rows of the mixed mass matrix of these nodes."""
 
 
-def _part(
+def _overlaps_of(
     tree: Tree,
     neighbours: IntArray,
     new: tuple[FloatArray, IntArray],
     which: LongArray,
     products: bool,
-) -> _Part:
+) -> _Overlaps:
     """Return the integrals for some new cells."""
     cells = new[1]
     k = cells.shape[1]
@@ -133,7 +133,7 @@ def _part(
         first += reached
     of_cells, common = (np.concatenate(arrays) for arrays in zip(*overlaps, strict=True))
     at, place = np.unique(np.concatenate(numbers), return_inverse=True)
-    return _Part(counts[which], of_cells, common, at, _summed(place, assembled, len(at)))
+    return _Overlaps(counts[which], of_cells, common, at, _summed(place, assembled, len(at)))
 
 
 def _summed(place: LongArray, rows: list[csr_array], n: int) -> csr_array:

@@ -178,10 +178,10 @@ class Projection:
             limited |= more
             base = found - self._inverse * self._gathered(flux, limited)
         if base is not found:
-            base = base + self._inverse * self._limited(base, flux, limited, (low, high))
+            base = base + self._inverse * self._scaled_fluxes(base, flux, limited, (low, high))
         return np.clip(base, low, high)
 
-    def _limited(
+    def _scaled_fluxes(
         self,
         base: FloatArray,
         flux: FloatArray,

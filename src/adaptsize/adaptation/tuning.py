@@ -3,16 +3,16 @@
 Values without a stated effect were not varied.
 """
 
-import math
 from collections.abc import Mapping
 
 # Numbers of elements ------------------------------------------------------------------------------
 
 #: Allowed relative deviation from the requested number of elements.
 BUDGET = 0.15
-#: A mesh within this share of the requested number is accepted, by dimension of the cells.  Within
-#: 5 %, 54 loops of triangles took 62 meshes in place of 54, and 12 of tetrahedra 22 in place of 13.
-ACCEPTED: Mapping[int, float] = {2: 0.05, 3: BUDGET}
+#: The same of a mesh of tetrahedra; one of triangles is accepted within that of
+#: `adaptsize.sizes.search`.  Within 5 %, 54 loops of triangles took 62 meshes in place of 54, and
+#: 12 of tetrahedra 22 in place of 13.
+ACCEPTED_IN_SPACE = BUDGET
 #: The limits allow a requested number if the prediction is this close to it.
 REACHED = 0.05
 #: Accepted relative error of a predicted number of sizes: generators miss it by per cents.
@@ -31,8 +31,6 @@ LARGEST_STEP = 3.0
 #: Predicted cells over present ones from which on a mesh that misses the tolerance is made anew,
 #: although it has the sizes.
 FINER = 1.02
-#: An edge is in the band if neither halving nor doubling it brings it nearer to its size.
-BAND = math.sqrt(2.0)
 #: Edges of more pieces need a new mesh, however few cells they have.
 MOST_PIECES = 3.0
 #: Number of places that are reported, and their distance over the diagonal.

@@ -70,8 +70,8 @@ def resolved(
     g: float | None = None,
     is_proved: bool = True,
     samples: FloatArray | None = None,
-    factor: float = tuning.EDGE_OVER_SIZE,
-    accuracy: float | None = tuning.ACCURACY,
+    factor: float | None = None,
+    accuracy: float | None = None,
     curves: IntArray | None = None,
     max_points: float = np.inf,
 ) -> Resolved:
@@ -102,10 +102,11 @@ def resolved(
         Small sizes between these points may then be missed.
     samples : float64[n, dim], optional
         More points where the size is evaluated, such as the nodes of a background.
-    factor : float
-        Of the rule.
-    accuracy : float
-        Cells on which the sizes are linear up to this share stay larger; with None, none does.
+    factor : float, optional
+        Of the rule; by default `tuning.EDGE_OVER_SIZE`.
+    accuracy : float, optional
+        Cells on which the sizes are linear up to this share stay larger, by default
+        `tuning.NEARLY_LINEAR`; with 0, none does.
     curves : int32[n, 2], optional
         Edges of cells of which the halves are returned.
     max_points : float
@@ -138,6 +139,8 @@ def resolved(
         sampled = "nodes" if has_samples else "edges"
     if samples is not None and sampled == "nodes":
         division.place(samples, np.asarray(size(samples), np.float64))
+    factor = tuning.EDGE_OVER_SIZE if factor is None else factor
+    accuracy = tuning.NEARLY_LINEAR if accuracy is None else accuracy
     rule = _Rule(division, size, g or 0.0, factor, accuracy, sampled)
     is_complete = division.all_within(rule, max_points)
     fine = division.mesh()
@@ -156,7 +159,7 @@ class _Rule:
         size: SizeAt,
         g: float,
         factor: float,
-        accuracy: float | None,
+        accuracy: float,
         sampled: str | None,
     ) -> None:
         self._division, self._size, self._g = division, size, g
@@ -178,7 +181,7 @@ class _Rule:
             found, most = self._sampled(cells, corners, nodal)
             least, off = np.minimum(least, found), np.maximum(off, most)
         is_known = np.isinf(least)
-        if self._accuracy is not None:
+        if self._accuracy > 0.0:
             is_known |= (off <= self._accuracy) & (least >= tuning.HIDDEN * nodal.max(axis=1))
         return np.where(is_known, 0.0, _ratios(corners, self._factor * least))
 

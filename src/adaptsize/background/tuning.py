@@ -9,7 +9,7 @@ numbers of items between two progress reports are not tuned; they are at the hea
 #: Longest edge of a resolved cell over the smallest size in it.
 EDGE_OVER_SIZE = 2.0
 #: Deviation of sizes from linear ones, over the size, up to which cells may be larger, ...
-ACCURACY = 0.05
+NEARLY_LINEAR = 0.05
 #: ... if no size in them can be smaller than this share of those at their corners.
 HIDDEN = 0.5
 #: Rounds of division; each at least halves the longest edges every three rounds.

@@ -130,7 +130,7 @@ class Console:
             bar = stack.enter_context(reporting(on_terminal and not self.quiet))
             steps = Steps(self, count, bar)
             if not (self.quiet or on_terminal):
-                timer = threading.Timer(tuning.PATIENCE, steps.talk)
+                timer = threading.Timer(tuning.SECONDS_BEFORE_LINES, steps.talk)
                 timer.daemon = True
                 stack.callback(timer.cancel)
                 timer.start()

@@ -1,7 +1,7 @@
 """What was tuned in the commands.  Values without a stated effect were not varied."""
 
 #: Steps are printed as lines only from this many seconds on: quick commands print none.
-PATIENCE = 3.0
+SECONDS_BEFORE_LINES = 3.0
 #: Seconds between lines about the same step.
 INTERVAL = 30.0
 #: Bytes for the sizes of a surface, per triangle: 0.8 GB for 600 000 (benchmarks/large_inputs.py).

@@ -99,7 +99,7 @@ class Bounds:
         if bounds.solid is not None:
             sizes = bounds._limited_inside(bounds.solid, request, asked)
         else:
-            sizes = bounds._limited(request, asked, scheme)
+            sizes = bounds._limited_on_background(request, asked, scheme)
         if sizes.roots is not None:
             causes = np.concatenate([asked.cause.ravel(), sizes.cause_at_places])
             cause = np.append(causes, np.int8(NONE))[sizes.roots]
@@ -168,7 +168,9 @@ class Bounds:
             places[kept], np.maximum(sizes[kept], low), of_points[kept],
         )  # fmt: skip
 
-    def _limited(self, request: Request, asked: _Requested, scheme: Scheme | None) -> _Sizes:
+    def _limited_on_background(
+        self, request: Request, asked: _Requested, scheme: Scheme | None
+    ) -> _Sizes:
         """Return the sizes limited on the background."""
         points = None if len(asked.sizes) == 0 else (asked.places, asked.sizes)
         h, info = limit_gradient.with_info(

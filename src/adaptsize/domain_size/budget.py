@@ -24,11 +24,6 @@ from adaptsize.sizes.budget import calibration
 from adaptsize.sizes.prediction import Prediction
 from adaptsize.sizes.search import Search, rounded_up, smallest_tolerance
 
-#: Logarithm of a number over the wanted one that is close enough.
-_CLOSE = math.log1p(tuning.CLOSE)
-#: That of one that is no reason to refuse.
-_NEAR = math.log1p(tuning.NEAR)
-
 
 def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
     """Return the size function of a domain, scaled to a number of elements, with its report.
@@ -53,7 +48,7 @@ def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
     """
     search = _searched(domain, request)
     size = search.best.result
-    if search.miss > _NEAR:
+    if search.miss > math.log1p(tuning.NEAR):
         _refuse(domain, request, report_of(size))
     elif search.miss < -tuning.NEAR and request.goal is not None:
         warn_caller(_shortage(request, report_of(size)), ResolutionWarning)
@@ -81,19 +76,20 @@ def _searched(domain: SizedDomain, request: Request) -> Search[SizeFunction]:
     """
     first = _relaxed(domain, request, 1.0)
     is_kept = bool(np.isfinite(report_of(first).tolerance))
+    close = math.log1p(tuning.CLOSE)
     search: Search[SizeFunction] = Search(
-        1.0, float(first.background.dim), _CLOSE, most=16,
-        below=_CLOSE if request.goal is not None else tuning.UNUSED, is_cap=request.goal is None,
+        1.0, float(first.background.dim), close, most=16,
+        below=close if request.goal is not None else tuning.UNUSED, is_cap=request.goal is None,
         bounds=(1.0 if request.goal is None else 0.0, tuning.FARTHEST if is_kept else np.inf),
         # Where a bound no longer grows, hmin does, and exceeds it in the end; unless it is given.
         patience=3 if _given(request) else 6,
     )  # fmt: skip
     search.add(_load(report_of(first), request), first)
     known: dict[float, SizeFunction] = {}
-    if is_kept and search.miss > _CLOSE:
+    if is_kept and search.miss > close:
         fewest = known[tuning.FARTHEST] = _fully_relaxed(domain, request)
         load = _load(report_of(fewest), request)
-        if np.log(load) > _CLOSE:  # those above by less than a tenth are made as they are
+        if np.log(load) > close:  # those above by less than a tenth are made as they are
             search.add(load, fewest, factor=tuning.FARTHEST)
             return search
     elif request.is_fixed:
@@ -204,11 +200,11 @@ def detail_that_fits(domain: SizedDomain, request: Request) -> float | None:
         request.tolerance * domain.mesh.diameter,
         tuning.LARGEST_DETAIL * domain.mesh.diameter,
     )
-    if request.h0 is not None or not low < high or excess(high) > _CLOSE:
+    if request.h0 is not None or not low < high or excess(high) > math.log1p(tuning.CLOSE):
         return None
     while high > 1.1 * low:
         middle = float(np.sqrt(low * high))
-        low, high = (low, middle) if excess(middle) <= _CLOSE else (middle, high)
+        low, high = (low, middle) if excess(middle) <= math.log1p(tuning.CLOSE) else (middle, high)
     return rounded_up(high)
 
 
@@ -269,7 +265,7 @@ def _fully_relaxed(domain: SizedDomain, request: Request) -> SizeFunction:
 def _relaxed(domain: SizedDomain, request: Request, relaxation: float) -> SizeFunction:
     """Return the sizes for relaxed parameters, with the predicted numbers of a mesh by Mmg."""
     request.report(Stage("sizes"), None)
-    size = domain.limited(replace(request, relaxation=relaxation))
+    size = domain.size_for(replace(request, relaxation=relaxation))
     report, dim = report_of(size), size.background.dim
     found = Prediction(calibration("mmg", dim) * report.n_elements)
     if isinstance(domain, SurfaceDomain):

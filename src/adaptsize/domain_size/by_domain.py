@@ -17,7 +17,7 @@ from adaptsize.domain_size.resolution import with_sources_resolved
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import Separation
-from adaptsize.geometry.walls import Walls
+from adaptsize.geometry.walls import WallTree
 from adaptsize.limiting.problem import Scheme
 from adaptsize.sizes import size_from_curvature, size_from_feature
 from adaptsize.sizes.budget import nodal_measures
@@ -29,7 +29,7 @@ from adaptsize.typing import BoolArray, FloatArray
 class SizedDomain(Protocol):
     """A domain whose size function can be made for several requests."""
 
-    def limited(self, request: Request) -> SizeFunction:
+    def size_for(self, request: Request) -> SizeFunction:
         """Return the limited sizes, with a report on which cause controls them where."""
         ...
 
@@ -43,7 +43,7 @@ class LevelSet:
     _width: FloatArray | None = None
     """Found once: it does not depend on the request."""
 
-    def limited(self, request: Request) -> SizeFunction:
+    def size_for(self, request: Request) -> SizeFunction:
         """Return the limited sizes, with a report on which cause controls them where.
 
         The smallest size by default is one spacing.
@@ -171,7 +171,7 @@ class MeshDomain:
     _width: FloatArray | None = None
     _features: _Features | None = None
 
-    def limited(self, request: Request) -> SizeFunction:
+    def size_for(self, request: Request) -> SizeFunction:
         """Return the limited sizes, with a report on which cause controls them where.
 
         If the mesh is the background, its cells are divided at sources that are smaller; bounds
@@ -214,7 +214,7 @@ class MeshDomain:
         if self._features is None:
             boundary = skin_of(mesh)[0]
             faces = Faces.of(boundary, request.crease_angle)
-            found = Separation(faces, CORNER_ANGLE, Walls.of(faces))
+            found = Separation(faces, CORNER_ANGLE, WallTree.of(faces))
             sampled = found.at_nodes if self.background is None else found.sampled
             self._features = _Features(*sampled(request.report), faces.is_rough, boundary.diameter)
         places, distances, is_rough, diameter = self._features

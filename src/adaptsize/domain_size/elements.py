@@ -42,10 +42,10 @@ from adaptsize.options import (
     options_of,
     with_options,
 )
+from adaptsize.remeshing import tuning as of_remeshing
 from adaptsize.remeshing.attempts import Attempts
 from adaptsize.remeshing.details import remove_details
 from adaptsize.remeshing.driver import check_backend, remeshed
-from adaptsize.remeshing.tuning import MANY_MORE
 from adaptsize.sizes.search import Search, Trial
 from adaptsize.typing import ProgressCallback, Unpack
 
@@ -257,7 +257,9 @@ class Maker:
         report = report_of(size)
         limit: dict[str, Any] = {}
         if self.most is not None or self.is_exact:
-            limit["max_elements"] = max(self.most or 0.0, MANY_MORE * report.n_elements)
+            limit["max_elements"] = max(
+                self.most or 0.0, of_remeshing.MANY_MORE * report.n_elements
+            )
         with checked_before():
             new = remeshed(
                 self.mesh if old is None else old, size, progress=self.progress,
@@ -314,9 +316,7 @@ def reach_number(maker: Maker, goal: tuple[Goal, float], system: tuple[int, int]
     """
     what, requested = goal
     first = maker.meshed(maker.sized(**{what: requested}))
-    meshes = _Meshes(
-        goal, system, Search.by_meshes(requested, first.mesh.cell_dim, tuning.ACCEPTED)
-    )
+    meshes = _Meshes(goal, system, Search.by_meshes(requested, first.mesh.cell_dim))
     meshes.add(first)
     best_before, old = meshes.search.best, maker.mesh
     if meshes.search.factor is not None and old.dim == old.cell_dim == 2:
@@ -354,7 +354,7 @@ class _Meshes:
         before, requested = self.search, self.goal[1]
         cell_dim = before.best.result.mesh.cell_dim
         most = before.most - 1
-        return replace(self, search=Search.by_meshes(requested, cell_dim, tuning.ACCEPTED, most))
+        return replace(self, search=Search.by_meshes(requested, cell_dim, most=most))
 
     def add(self, made: MadeMesh) -> None:
         """Add a mesh."""
@@ -398,6 +398,6 @@ def _number_on(mesh: SimplexMesh, what: Goal, system: tuple[int, int]) -> int:
 
 def without_order(mesh: SimplexMesh, size: SizeFunction) -> SimplexMesh:
     """Return triangles with edges of at most half the size, in a random order, always the same."""
-    mesh = resolved(mesh, size, factor=0.5, accuracy=None, max_points=1e6).mesh
+    mesh = resolved(mesh, size, factor=0.5, accuracy=0.0, max_points=1e6).mesh
     rng = np.random.default_rng(mesh.n_cells)
     return reordered(mesh, rng.permutation(mesh.n_points), rng.permutation(mesh.n_cells))

@@ -48,7 +48,7 @@ class ImplicitDomain:
     """Whether the octree is used as it is."""
     _first_shape: Shape | None = None
 
-    def limited(self, request: Request) -> SizeFunction:
+    def size_for(self, request: Request) -> SizeFunction:
         """Return the limited sizes, with a report on which cause controls them where.
 
         If the request would be relaxed because of the number of elements, the octree is not

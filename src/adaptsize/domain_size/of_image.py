@@ -105,7 +105,7 @@ class ImageDomain:
         """The labels by number."""
         return np.array(self.fields.names, self.mask.labels.dtype)
 
-    def limited(self, request: Request) -> SizeFunction:
+    def size_for(self, request: Request) -> SizeFunction:
         """Return the limited sizes, with a report on which cause controls them where."""
         grid, options = self.mask.grid, request.options
         is_inside = self.smooth != 0

@@ -65,7 +65,7 @@ class SurfaceDomain:
         """The solid, in which sizes grow."""
         return Inside(self.faces, self.overlaps)
 
-    def limited(self, request: Request) -> SizeFunction:
+    def size_for(self, request: Request) -> SizeFunction:
         """Return the limited sizes on a refined copy, with a report.
 
         The bounds are known at points: the width where rays start, in the facets; the separation
@@ -85,11 +85,11 @@ class SurfaceDomain:
             request = replace(request, h0=bound_at_nodes(request.h0, self.mesh)[self.nodes])
         surface = RefinedSurface.of(self, request)
         allowed = tuning.SHARE_ON_SURFACE * request.max_elements
-        max_nodes = float(tuning.MOST_NODES)
+        max_nodes = float(tuning.MOST_NODES_OF_SOURCES)
         if not request.is_fixed:
             max_nodes = min(max_nodes, max(allowed, tuning.FEW_NODES))
         while True:
-            size, mesh = surface.limited(request), surface.mesh
+            size, mesh = surface.size_for(request), surface.mesh
             ratio = mesh.edge_lengths / size.values[mesh.edges].min(axis=1)
             long, room = ratio > 2.0, max_nodes - mesh.n_points
             for power in range(2, 64):

@@ -82,7 +82,7 @@ class RefinedSurface:
             inner_sources(request.sources, solid.mesh, request.limits(solid.mesh.diameter)[1]),
         )
 
-    def limited(self, request: Request) -> SizeFunction:
+    def size_for(self, request: Request) -> SizeFunction:
         """Return the limited sizes, with a report."""
         mesh, faces = self.mesh, self.solid.faces
         inside = self.solid.inside

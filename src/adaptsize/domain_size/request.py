@@ -82,7 +82,7 @@ class Request:
         given = self.options["g"]
         if given is not None:
             return given
-        steeper = np.clip(np.sqrt(0.25 * self._usual), 1.0, tuning.STEEPEST)
+        steeper = np.clip(np.sqrt(0.25 * self._usual), 1.0, tuning.GRADIENT_OVER_DEFAULT)
         return GRADIENT_LIMIT * float(steeper)
 
     @property

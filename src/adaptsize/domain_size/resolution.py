@@ -32,7 +32,9 @@ def with_sources_resolved(mesh: SimplexMesh, request: Request) -> Resolved | Non
     Resolved or None
         None if no cell had to be divided.
     """
-    room = mesh.n_points + min(tuning.MOST_NODES, tuning.SHARE_OF_NODES * request.max_elements)
+    room = mesh.n_points + min(
+        tuning.MOST_NODES_OF_SOURCES, tuning.SHARE_OF_NODES * request.max_elements
+    )
     found = None
     for size, is_proved, factor in _sizes_of(mesh, request):
         start = mesh if found is None else found.mesh

@@ -27,7 +27,7 @@ HMAX_SHARE = 1.0 / 20.0
 HMIN_SHARE = 1.0 / 1000.0
 #: Largest gradient limit over the default, relaxed; decision 39 compares 1 and 2.  Half: 1.6 and
 #: 1.7 times as many in the relaxed ball and ring.  Double: none, as FULLY allows no more.
-STEEPEST = 2.0
+GRADIENT_OVER_DEFAULT = 2.0
 #: Relaxation at which the sizes at boundaries are those of chords within the tolerance, or a
 #: quarter of an element across, and hmax is nearly the diameter.  Half: 1.3, 1.3 and 4.1 times as
 #: many in the relaxed domains.  Double: none.
@@ -45,13 +45,11 @@ NEAR = 0.1
 UNUSED = 0.05
 #: Largest details that are offered to be left out, over the diameter: larger ones are no details.
 LARGEST_DETAIL = 0.1
-#: A mesh with a number of elements within this share of the requested one is accepted.
-ACCEPTED = 0.05
 #: Elements of a mesh over the largest number allowed, up to which it is accepted (decision 39).
 OVER_CAP = 1.1
 #: Nodes that sources may add to a mesh, and their share of the elements allowed.  Before a mesh
 #: generator adapts it, a resolved mesh has a quarter to an eighth of the nodes of the new one.
-MOST_NODES, SHARE_OF_NODES = 400_000, 0.25
+MOST_NODES_OF_SOURCES, SHARE_OF_NODES = 400_000, 0.25
 #: The same of a surface, and how many it may have whatever is allowed: in a second at most.  With a
 #: tenth of 10 000 elements, predicted numbers of parts with rims and text were 20 % too small.
 SHARE_ON_SURFACE, FEW_NODES = 0.1, 20_000

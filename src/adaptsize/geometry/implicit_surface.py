@@ -163,7 +163,7 @@ def largest_curvature(
         steps[turns] = np.maximum(shorter, least_step)
         kappa[turns] = _modulus(frame_at(function, points[turns], steps[turns]))
     least = kappa
-    for share in tuning.SHORTER:
+    for share in tuning.SHARES_OF_STEP_AT_KINK:
         fine = _modulus(frame_at(function, points, share * steps))
         least = np.minimum(least, fine)
     return np.where(fine > tuning.GROWTH_AT_KINK * kappa, 0.0, least)
@@ -258,7 +258,7 @@ def _step_to(function: Implicit, x: FloatArray, at: FloatArray, spacing: FloatAr
     They solve  f(y) = 0  and  x - y parallel to grad f(y)  by Newton's method in the direction of
     the normal and in the tangent plane, there with the curvature in the direction of x.
     """
-    f, gradient, jump = gradient_of(function, at, tuning.STEP * spacing)
+    f, gradient, jump = gradient_of(function, at, tuning.STEP_OF_GRADIENT * spacing)
     steep = np.linalg.norm(gradient, axis=1)
     regular = steep > 0.0
     per_steep = np.where(regular, 1.0 / np.where(regular, steep, 1.0), 0.0)
@@ -291,7 +291,7 @@ def _at_kinks(function: Implicit, x: FloatArray, y0: FloatArray, reach: FloatArr
     around = np.concatenate([np.eye(dim), -np.eye(dim)])
     at = y0[:, None] + reach[:, None, None] * around
     f, gradient = gradient_of(
-        function, at.reshape(-1, dim), tuning.STEP * np.repeat(reach, 2 * dim)
+        function, at.reshape(-1, dim), tuning.STEP_OF_GRADIENT * np.repeat(reach, 2 * dim)
     )[:2]
     steep = np.maximum(np.linalg.norm(gradient, axis=1), 1e-300)
     normals = (gradient / steep[:, None]).reshape(n, 2 * dim, dim)

@@ -8,14 +8,14 @@ from functools import cached_property
 import numpy as np
 
 from adaptsize._kernels import inside as kernels
-from adaptsize._kernels.rays import Walls as Tree
+from adaptsize._kernels.rays import Walls
 from adaptsize._workers import Workers
 from adaptsize.background import SimplexMesh
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import components_of, pairs_of_cells
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.faces import Faces
-from adaptsize.geometry.walls import Walls
+from adaptsize.geometry.walls import WallTree
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 #: Points on the surface are moved inside by this, in units of the longest side of its box: more
@@ -59,9 +59,9 @@ class Inside:
         return np.asarray((np.linalg.norm(total, axis=1) > _SHEET * every)[piece])
 
     @cached_property
-    def walls(self) -> tuple[Tree, BoolArray]:
+    def walls(self) -> tuple[Walls, BoolArray]:
         """The facets in a tree, and which of its rows hide from both sides."""
-        walls = Walls.of(self.faces)
+        walls = WallTree.of(self.faces)
         return walls.tree, self.is_sheet[walls.order]
 
     @cached_property

@@ -16,10 +16,9 @@ from itertools import pairwise
 import numpy as np
 
 from adaptsize._checks import place_text
-from adaptsize.background import SimplexMesh
+from adaptsize.background import SimplexMesh, tuning
 from adaptsize.background.merging import first_at_place
 from adaptsize.background.topology import components_of, have_different_nodes, unique_rows
-from adaptsize.background.tuning import SHARE_OF_EDGE
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 #: A triangle is flat if its height is at most this times the distance within which points are
@@ -142,7 +141,7 @@ def _join_twins(points: FloatArray, found: RepairedTriangles) -> float:
     shortest = float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).min())
     nodes = np.unique(edges)
     near = np.arange(len(points))
-    within = min(_ON_EDGE * mesh.diagonal, SHARE_OF_EDGE * shortest)
+    within = min(_ON_EDGE * mesh.diagonal, tuning.SHARE_OF_EDGE * shortest)
     near[nodes] = nodes[first_at_place(points[nodes], within)]
     number = unique_rows(near[edges].astype(np.int32), len(points))[1]
     joined = near[edges[np.bincount(number)[number] > 1]]

@@ -19,7 +19,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import tree_over
 from adaptsize.background.topology import rows_among
 from adaptsize.geometry.faces import ANGLE_SLACK, Faces, Lists, sorted_by_place
-from adaptsize.geometry.walls import Walls
+from adaptsize.geometry.walls import WallTree
 from adaptsize.geometry.width import check_boundary
 from adaptsize.typing import FloatArray, IndexArray, IntArray, ProgressCallback
 
@@ -121,7 +121,7 @@ def boundary_separation(
     """
     check_boundary(boundary)
     faces = Faces.of(boundary, as_angle("crease_angle", crease_angle))
-    separation = Separation(faces, as_angle("corner_angle", corner_angle), Walls.of(faces))
+    separation = Separation(faces, as_angle("corner_angle", corner_angle), WallTree.of(faces))
     with reporting(progress) as report:
         return separation.sampled(report)
 
@@ -135,12 +135,12 @@ class Separation:
     faces : Faces
     corner_angle : float
         Degrees.
-    walls : Walls
+    walls : WallTree
     """
 
     faces: Faces
     corner_angle: float
-    walls: Walls
+    walls: WallTree
 
     def at_nodes(self, report: ProgressCallback) -> BoundarySeparation:
         """Return the nodes of all features, and the separations there."""

@@ -14,6 +14,7 @@ from adaptsize.background.location import parts_of
 from adaptsize.background.merging import first_at_place
 from adaptsize.background.simplex import cut_out
 from adaptsize.background.topology import components_of
+from adaptsize.geometry import tuning
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.distance.orientation import MERGE_SHARE, is_cycle, merged_cells, oriented
 from adaptsize.geometry.distance.winding import WindingNumber
@@ -25,30 +26,14 @@ from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 #: Distances up to this times the diagonal are contacts.  It is above the rounding of the single
 #: precision of STL files.
 SLACK = 1e-6
-#: Winding numbers are found at this distance from a facet, in slacks.
-_AWAY = 2.0
 #: Room for the parts of one facet.
 _MOST_PARTS = 4096
-#: A share of the area of the facets below which what is found on them does not count.  In a public
-#: part, slivers that are folded by rounding have 4e-8; the tips of antlers that cross have 2e-6.
-_NEGLIGIBLE = 1e-6
-#: Connected facets that meet no others have the same winding numbers, unless the share of the area
-#: with other ones is larger than this.
-_MINORITY = 1e-3
 #: Parts of unions are joined within this times the diagonal.  Their corners are computed twice, and
 #: differ by rounding where facets meet at small angles.
 _JOIN = 1e-7
-#: The parts of a union leave gaps if the sum of their normals times areas is larger than this times
-#: their area.  Parts that are lost by rounding give up to 1e-5.
-_MISFIT = 1e-4
 #: Volumes of a union before and after its parts are joined differ by less than this times area and
 #: diagonal.
 _SAME = 1e-7
-#: Of a surface with holes, winding numbers above this are inside: beside an open sheet, the number
-#: is close to one half.
-_INSIDE_OPEN = 0.55
-#: In the opening of a surface, the absolute winding number is between these.
-OPENING = (0.25, 0.75)
 
 
 class Sides(NamedTuple):
@@ -88,7 +73,7 @@ class Sides(NamedTuple):
 
     def _matters(self, which: BoolArray) -> BoolArray:
         """Return which parts these are, none if they have hardly any area: folds of slivers."""
-        is_small = self.area[which].sum() <= _NEGLIGIBLE * self.area.sum()
+        is_small = self.area[which].sum() <= tuning.NEGLIGIBLE_AREA * self.area.sum()
         return np.zeros_like(which) if is_small else which
 
     def skin(self) -> tuple[FloatArray, IndexArray]:
@@ -169,7 +154,7 @@ class Solid:
         """
         skin = self._parts
         total = 0.5 * facet_normals(skin.points[skin.cells]).sum(axis=0)
-        if not self.is_closed or np.abs(total).max() > _MISFIT * float(skin.measures.sum()):
+        if not self.is_closed or np.abs(total).max() > tuning.GAP * float(skin.measures.sum()):
             return np.nan
         return abs(float(cone_measures(skin, skin.points.mean(axis=0)).sum()))
 
@@ -251,7 +236,7 @@ class Solid:
         if self.is_closed:
             return np.zeros(len(points), np.bool_)
         number = np.abs(self.winding(points))
-        return np.asarray((number > OPENING[0]) & (number < OPENING[1]))
+        return np.asarray((number > tuning.OPENING[0]) & (number < tuning.OPENING[1]))
 
     @cached_property
     def cells(self) -> IntArray:
@@ -295,7 +280,7 @@ def sides_of(surface: SimplexMesh, winding: WindingNumber, *, is_closed: bool = 
     part = np.concatenate([np.arange(len(whole)), len(whole) + part])
     normals = facet_normals(corners)
     normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
-    away = _AWAY * SLACK * surface.diagonal * normals[owner]
+    away = tuning.BESIDE_FACET * SLACK * surface.diagonal * normals[owner]
     spans = 0.5 * np.linalg.norm(facet_normals(triangles), axis=1)
     area = np.asarray(np.bincount(part, spans, len(owner)), np.float64)
     place = _places_without_jump(surface, met, owner, len(whole)) if is_closed else None
@@ -311,7 +296,7 @@ def sides_of(surface: SimplexMesh, winding: WindingNumber, *, is_closed: bool = 
         front, back = _of_most(sides, place, area).T
     repeated = np.zeros(len(owner), np.bool_)
     repeated[_repeated(surface, contacts, owner, centre)] = True
-    least = 0.5 if is_closed else _INSIDE_OPEN
+    least = 0.5 if is_closed else 0.5 + tuning.WINDING_ERROR
     return Sides(owner, front, back, area, repeated, centre, triangles, part, least)
 
 
@@ -345,7 +330,7 @@ def _of_most(sides: FloatArray, place: IndexArray, area: FloatArray) -> FloatArr
     most = order[last][np.cumsum(np.append(False, last[:-1]))]
     of_row = np.empty(len(rows), np.intp)
     of_row[order] = most
-    few = sums <= _MINORITY * sums[of_row]
+    few = sums <= tuning.MINORITY * sums[of_row]
     return rows[np.where(few, of_row, np.arange(len(rows)))[number], 1:]
 
 

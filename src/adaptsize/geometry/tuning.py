@@ -20,12 +20,12 @@ BESIDE_EDGE = 1.0 / 24.0
 #: Half and double: none.
 LONG_FACET = 0.27
 #: Walls do not count if they are steeper to the ray than this, radians.  Not measured.
-STEEPEST = math.radians(75.0)
+STEEPEST_WALL = math.radians(75.0)
 
 # The zero level of a function.
 
 #: Steps of differences, in spacings: of first derivatives, ...  Half and double: none.
-STEP = 1e-3
+STEP_OF_GRADIENT = 1e-3
 #: ... and of second derivatives.  Half and double: none.
 STEP_OF_CURVATURE = 3e-2
 #: Steps of first derivatives over those of second ones, for curvatures.  Half and double: 2 %
@@ -42,7 +42,7 @@ MOST_CHANGES = 8
 TOO_FAR = 1.5
 #: The curvature is evaluated again with these shares of the step.  At a kink it grows, by more than
 #: the factor below.  Beside a kink it falls.  Not measured.
-SHORTER = (0.25, 0.0625)
+SHARES_OF_STEP_AT_KINK = (0.25, 0.0625)
 GROWTH_AT_KINK = 2.0
 #: Iterates farther from the zero level, in spacings and in steps along it, first return to it.
 #: Half and double: none.
@@ -81,8 +81,9 @@ ARRIVING = 0.998
 # Winding numbers, sheets and images.  None of these was measured.
 
 #: Parts of a surface are expanded as a whole beyond this number of their radii.
-FAR = 1.5
-#: Winding numbers are as exact as this: next to an open sheet they are close to a half.
+FAR_IN_RADII = 1.5
+#: Winding numbers are as exact as this: next to an open sheet they are close to a half.  Of a
+#: surface with holes, numbers above a half and this are inside.
 WINDING_ERROR = 0.05
 #: A piece is a sheet, not a closed surface with holes, if the norm of the sum of its normals times
 #: areas is above this share of its area.
@@ -104,3 +105,19 @@ LEAST_TURN = 20.0
 NEAR_CORNER = 12.0
 #: A path along nodes is longer than a straight edge by up to 8 per cent, plus its ends.
 DETOUR = 1.15
+
+# The solid that a surface encloses.  Half and double were not measured.
+
+#: Winding numbers are found at this distance from a facet, in the slack of contacts.
+BESIDE_FACET = 2.0
+#: A share of the area of the facets below which what is found on them does not count.  In a public
+#: part, slivers that are folded by rounding have 4e-8; the tips of antlers that cross have 2e-6.
+NEGLIGIBLE_AREA = 1e-6
+#: Connected facets that meet no others have the same winding numbers, unless the share of the area
+#: with other ones is larger than this.
+MINORITY = 1e-3
+#: The parts of a union leave gaps if the sum of their normals times areas is larger than this times
+#: their area.  Parts that are lost by rounding give up to 1e-5.
+GAP = 1e-4
+#: In the opening of a surface, the absolute winding number is between these.
+OPENING = (0.25, 0.75)

@@ -15,7 +15,7 @@ from adaptsize.typing import FloatArray, LongArray
 SLACK = 1e-9
 
 
-class Walls(NamedTuple):
+class WallTree(NamedTuple):
     """The facets of a boundary in a tree.
 
     Parameters
@@ -29,7 +29,7 @@ class Walls(NamedTuple):
     tree: kernels.Walls
 
     @classmethod
-    def of(cls, faces: Faces) -> Walls:
+    def of(cls, faces: Faces) -> WallTree:
         """Return the walls of a boundary in its frame."""
         tree, order = tree_over(faces.frame.of(faces.mesh.points), faces.mesh.cells)
         facets = _facets(faces.corners[order], faces.normals[order])

@@ -22,7 +22,7 @@ from adaptsize.background.topology import components_of, pairs_of_cells
 from adaptsize.geometry import tuning
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.faces import ANGLE_SLACK, Faces
-from adaptsize.geometry.walls import SLACK, Walls
+from adaptsize.geometry.walls import SLACK, WallTree
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, ProgressCallback
 
 
@@ -133,9 +133,9 @@ class Width:
     crosses_itself: bool = False
 
     @cached_property
-    def walls(self) -> Walls:
+    def walls(self) -> WallTree:
         """The facets in a tree."""
-        return Walls.of(self.faces)
+        return WallTree.of(self.faces)
 
     @cached_property
     def _pieces(self) -> IndexArray:
@@ -150,7 +150,7 @@ class Width:
         faces, mesh, piece, order = self.faces, self.faces.mesh, self._pieces, self.walls.order
         has_rim = np.zeros(mesh.n_cells, np.bool_)
         has_rim[piece[(mesh.facet_cell_counts[mesh.cell_facets] == 1).any(axis=1)]] = True
-        angles = [tuning.STEEPEST + ANGLE_SLACK, math.radians(self.corner_angle) - ANGLE_SLACK]
+        angles = [tuning.STEEPEST_WALL + ANGLE_SLACK, math.radians(self.corner_angle) - ANGLE_SLACK]
         limits = np.cos(np.maximum(angles, 0.0))
         meets = (faces.meets.first, faces.meets.items)
         return kernels.Rule(has_rim[piece][order], faces.face[order], meets, limits)

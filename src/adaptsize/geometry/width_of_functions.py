@@ -53,7 +53,7 @@ def width_within(
     radii = reach * facing / (1.0 + facing)
     middles, both = starts + radii[:, None] * directions, np.stack([-directions, normals], axis=1)
     fronts = Fronts(middles, radii, both, np.empty((len(at), 2), np.int64))
-    counts = facing >= math.cos(tuning.STEEPEST)
+    counts = facing >= math.cos(tuning.STEEPEST_WALL)
     fronts, at, reach = fronts.taken(counts), at[counts], reach[counts]
     # Closest points are known to this distance, also at corners.
     corner = meet_at_corner(boundary.distance, 1e-5 * extent, fronts, CORNER_ANGLE)[0]

@@ -127,7 +127,7 @@ def march_mesh(problem: Problem, *, along_edges: bool = False) -> Solution:
     # Along edges every node is accepted once, in order, and sizes are minima of finitely many sums.
     keep: float
     most: float
-    keep, most, window = KEEP, tuning.PATIENCE * n + CHUNK, np.inf
+    keep, most, window = KEEP, tuning.ACCEPTANCES_PER_NODE * n + CHUNK, np.inf
     if along_edges:
         keep, most = 1.0, np.inf
     else:

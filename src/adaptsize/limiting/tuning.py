@@ -13,7 +13,7 @@ the head of their files.
 KEEP_ROUGHLY = 1.0 - 1e-3
 #: Acceptances per node after which dependencies between nodes count as cyclic.  Meshes of mesh
 #: generators need 1.0 to 1.2; obtuse slivers cause cycles.
-PATIENCE = 8
+ACCEPTANCES_PER_NODE = 8
 #: Most steps of policy iteration.
 POLICY_STEPS = 200
 #: Width of a window of meshes in parts, in edges: nodes accepted too early are accepted again, and

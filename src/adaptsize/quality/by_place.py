@@ -17,10 +17,9 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_sizes_at, place_text
 from adaptsize._size_function import SizeFunction
-from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background import CartesianGrid, SimplexMesh, tuning
 from adaptsize.background.bisection import resolved
 from adaptsize.background.interpolation import places_of
-from adaptsize.background.tuning import EDGE_OVER_SIZE
 from adaptsize.metrics import Metric
 from adaptsize.ranks import Communicator, SingleRank
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE
@@ -336,7 +335,7 @@ def _linear_parts(mesh: SimplexMesh, h: FloatArray, max_parts: float) -> _Parts:
         low, high = sizes.argmin(axis=1), sizes.argmax(axis=1)
         rows = np.arange(len(cells))
         least, largest = sizes[rows, low], sizes[rows, high]
-        split = (largest > _ABOUT_THE_SAME * least) & (longest > EDGE_OVER_SIZE * least)
+        split = (largest > _ABOUT_THE_SAME * least) & (longest > tuning.EDGE_OVER_SIZE * least)
         room -= int(split.sum())
         if room < 0:
             split[:] = False
@@ -397,7 +396,7 @@ def _metric_parts(
         rise = np.abs(density[:, pairs[:, 1]] - density[:, pairs[:, 0]])
         varies = rise.max(axis=1) > k * np.log(_ABOUT_THE_SAME)
         is_off = np.abs(here - density.mean(axis=1)) > k * np.log(_ABOUT_THE_SAME)
-        split = (varies | is_off) & (lengths.max(axis=1) > EDGE_OVER_SIZE)
+        split = (varies | is_off) & (lengths.max(axis=1) > tuning.EDGE_OVER_SIZE)
         room -= int(split.sum())
         if room < 0:
             split[:] = False
@@ -458,14 +457,14 @@ def _is_known(
                 reach[:, v] = np.maximum(reach[:, v], lengths[:, column])
         with np.errstate(invalid="ignore"):
             least = (corners - g * reach).max(axis=1)
-        return np.asarray(longest <= EDGE_OVER_SIZE * least)
+        return np.asarray(longest <= tuning.EDGE_OVER_SIZE * least)
     least = corners.min(axis=1)
     least = np.minimum(least, at(mesh.points[mesh.cells].mean(axis=1)))
     if samples is not None and len(samples):
         cells, _, away = mesh.locator.nearest(samples)
         near = away <= 1e-9 * mesh.diagonal
         np.minimum.at(least, cells[near], at(samples[near]))
-    return np.asarray(longest <= EDGE_OVER_SIZE * least)
+    return np.asarray(longest <= tuning.EDGE_OVER_SIZE * least)
 
 
 def _function_of(size: object) -> _SizeAt | None:

@@ -24,15 +24,11 @@ from adaptsize.quality.boundary import (
 )
 from adaptsize.quality.certificate import NEAR, Demand, MeshCheck, checked_mesh, size_demands
 from adaptsize.quality.elements import minimum_angles
+from adaptsize.remeshing import tuning
 from adaptsize.remeshing.protocol import MeshingProblem
 from adaptsize.remeshing.sizing import Size
 from adaptsize.typing import FloatArray
 
-#: Cells with a smaller dihedral angle, in degrees, are flat.
-LEAST_ANGLE = 2.0
-#: Distances of a boundary over the tolerance that are warned of.  Mmg on a first volume by fTetWild
-#: reaches 4 times the tolerance, everything else less.
-_FAR = 4.0
 #: Demands on the cells, and on the domain.
 _SOUND = frozenset({"cells", "facets", "overlaps"})
 _DOMAIN = frozenset({"boundary", "interface", "tags", "regions", "measure", "topology"})
@@ -67,7 +63,7 @@ class Verdict:
         found = missed & (_SOUND | {"topology"})
         if self.is_off:
             found.add("boundary")
-        if self.least_angle < LEAST_ANGLE:
+        if self.least_angle < tuning.LEAST_DIHEDRAL:
             found.add("angles")
         return frozenset(found)
 
@@ -93,7 +89,7 @@ class Verdict:
             len(missed & _SOUND),
             len(missed & _DOMAIN),
             away,
-            self.least_angle < LEAST_ANGLE,
+            self.least_angle < tuning.LEAST_DIHEDRAL,
             len(missed - _SOUND - _DOMAIN),
             sum(not demand.is_met for demand in demands),
             -self.least_angle,
@@ -103,7 +99,7 @@ class Verdict:
     def text(self) -> str:
         """The demands that are not met, with figures, and flat cells."""
         texts = [f"{demand.name} {demand.text}" for demand in self.check.failures]
-        if self.least_angle < LEAST_ANGLE:
+        if self.least_angle < tuning.LEAST_DIHEDRAL:
             texts.append(f"least angle {self.least_angle:.2g} degrees")
         return ", ".join(texts)
 
@@ -156,7 +152,7 @@ def _is_off(new: SimplexMesh, old: SimplexMesh, allowed: float, solid: Solid | N
         return False
     if _farthest(skin.points, old_skin, (1.0 + NEAR) * allowed, solid=solid)[0] > 0.0:
         return True
-    return _farthest(old_skin.points, skin, _FAR * allowed, new)[0] > 0.0
+    return _farthest(old_skin.points, skin, tuning.FARTHEST_BOUNDARY * allowed, new)[0] > 0.0
 
 
 def refuse_other_domain(new: SimplexMesh, problem: MeshingProblem, backend: str) -> None:
@@ -170,9 +166,7 @@ def refuse_other_domain(new: SimplexMesh, problem: MeshingProblem, backend: str)
         If the bounding box, the boundary or the volume is far from the given one.
     """
     old = problem.mesh
-    # A boundary farther away than this, over the diagonal, is another one.  Coarse sizes and cut
-    # corners give less.
-    far = max(0.05 * old.diagonal, 10.0 * problem.tolerance)
+    far = max(tuning.OTHER_BOUNDARY * old.diagonal, tuning.MOST_TOLERANCES * problem.tolerance)
     ends = np.stack([[mesh.points.min(axis=0), mesh.points.max(axis=0)] for mesh in (new, old)])
     off = {"bounding box": float(np.abs(ends[0] - ends[1]).max())}
     old_skin, skin = skin_of(old)[0], skin_of(new)[0]
@@ -189,8 +183,8 @@ def refuse_other_domain(new: SimplexMesh, problem: MeshingProblem, backend: str)
             )
     if old_skin.is_closed and old.cell_dim == new.cell_dim == new.dim:
         change = float(new.measures.sum() / old.measures.sum() - 1.0)
-        # Volume or area: a quarter, or what a boundary moved by the tolerance changes.
-        allowed = max(0.25, problem.tolerance * old_skin.measures.sum() / old.measures.sum())
+        moved = problem.tolerance * old_skin.measures.sum() / old.measures.sum()
+        allowed = max(tuning.OTHER_MEASURE, moved)
         if abs(change) > allowed:
             raise BackendError(
                 f"{backend} returned a mesh of another domain: its measure differs by {change:+.0%}"
@@ -253,7 +247,7 @@ def warn_of_deviation(
     old_skin, skin = skin_of(old)[0] if solid is None else solid.skin, skin_of(new)[0]
     if solid is None and not old_skin.is_closed:
         return
-    far = _FAR * tolerance
+    far = tuning.FARTHEST_BOUNDARY * tolerance
     off = {
         "the mesh misses part of the domain: its boundary is": _farthest(
             old_skin.points, skin, far, new

@@ -12,16 +12,12 @@ from adaptsize._checks import place_text
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import BackendError, BackendTimeoutError
 from adaptsize.quality.certificate import MeshCheck
+from adaptsize.remeshing import tuning
 from adaptsize.remeshing.acceptance import Verdict
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.planning import Attempt
 
 _LOGGER = logging.getLogger("adaptsize.remeshing")
-#: Elapsed time of an attempt over its processor time at most.  The latter limits attempts where the
-#: system can do that, so that a busy machine makes the same mesh.
-_PATIENCE = 3.0
-#: Share of the time left that an attempt gets while others may follow.
-_SHARE = 2.0 / 3.0
 #: Length of a failure in the message about all attempts.
 _LONGEST = 120
 
@@ -134,8 +130,10 @@ class Budget:
         """
         if is_last and self.timeout is not None:
             return self.left, float("inf")
-        useful = _PATIENCE * attempt.seconds
-        return min(useful, self.left if is_last else _SHARE * self.left), attempt.seconds
+        useful = tuning.ELAPSED_OVER_PROCESSOR * attempt.seconds
+        return min(
+            useful, self.left if is_last else tuning.SHARE_OF_TIME * self.left
+        ), attempt.seconds
 
 
 def best_of(

@@ -41,22 +41,14 @@ from adaptsize.background.simplex import cut_out, facets_with_normals
 from adaptsize.background.topology import places_among, regions_beside
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.creases import feature_facets, normals_of
+from adaptsize.remeshing import tuning
 from adaptsize.remeshing.preparation import facet_numbers
 from adaptsize.remeshing.protocol import NO_TAG
 from adaptsize.remeshing.sizing import Size
-from adaptsize.remeshing.tuning import RIDGE_ANGLE
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongArray
 
-#: Angles in degrees below which cells are improved, by the kind of the mesh: the dihedral angles of
-#: tetrahedra and the angles of triangles.
-GOAL = {TETRAHEDRA: 20.0, SURFACE: 25.0, PLANE: 25.0}
-#: Angles below which sharp edges may be cut off.  With larger ones, edges of boxes lost what a
-#: later loop then missed, for cells that were no worse than usual.
-_LAST_GOAL = {TETRAHEDRA: 10.0, SURFACE: 10.0}
-#: Angle in degrees by which a feature edge turns at a corner.
-_CORNER = 40.0
-#: Cells that are examined at most, over the number of bad ones.
-_ATTEMPTS = 40
+#: The kinds of meshes in `tuning`.
+_NAMES = {TETRAHEDRA: "tetrahedra", SURFACE: "surface", PLANE: "plane triangles"}
 
 
 def repaired(
@@ -81,13 +73,13 @@ def repaired(
         With the same regions and tags; ``mesh`` itself if nothing has changed.  No cell is worse
         than the worst one before.
     """
-    kind = _kind_of(mesh)
-    if not (angles_of(mesh) < GOAL[kind]).any():
+    kind = _NAMES[_kind_of(mesh)]
+    if not (angles_of(mesh) < tuning.GOAL[kind]).any():
         return mesh
     sizes = _lengths_around(mesh) if size is None else size(mesh.points)
-    mesh, sizes = _improved(mesh, given, tolerance, sizes, GOAL[kind], keep_sharp=True)
-    if kind in _LAST_GOAL and (angles_of(mesh) < _LAST_GOAL[kind]).any():
-        goal = _LAST_GOAL[kind]
+    mesh, sizes = _improved(mesh, given, tolerance, sizes, tuning.GOAL[kind], keep_sharp=True)
+    if kind in tuning.LAST_GOAL and (angles_of(mesh) < tuning.LAST_GOAL[kind]).any():
+        goal = tuning.LAST_GOAL[kind]
         mesh, sizes = _improved(mesh, given, tolerance, sizes, goal, keep_sharp=False)
     return mesh
 
@@ -165,7 +157,7 @@ def _skin_of(mesh: SimplexMesh, *, keep_sharp: bool) -> _Skin:
         )
         is_line |= lowest != highest
     if keep_sharp:
-        angle = math.radians(RIDGE_ANGLE["surface"])
+        angle = math.radians(tuning.RIDGE_ANGLE["surface"])
         is_line |= feature_facets(surface, normals_of(surface), angle)
     return _Skin(facets, keys, surface.edges[is_line], edge_tags[is_line])
 
@@ -215,7 +207,7 @@ def _corners_of(points: FloatArray, lines: IntArray, tags: LongArray) -> BoolArr
     np.add.at(arms, lines[:, 0], along)
     np.add.at(arms, lines[:, 1], -along)
     # Half of the sum of the unit vectors to both neighbours is the sine of half of the turn.
-    turns = 0.5 * np.linalg.norm(arms, axis=1) > math.sin(0.5 * math.radians(_CORNER))
+    turns = 0.5 * np.linalg.norm(arms, axis=1) > math.sin(0.5 * math.radians(tuning.TURN_AT_CORNER))
     least, most = np.full(len(points), NO_TAG), np.full(len(points), -NO_TAG)
     np.minimum.at(least, lines, tags[:, None])
     np.maximum.at(most, lines, tags[:, None])
@@ -361,11 +353,13 @@ def _compared_normals(given: Given, corners: FloatArray, nearest: IndexArray) ->
     normal, new = (_unit(facet_normals(x)) for x in (given.points[given.cells], corners))
     cosine = np.einsum("ij,ij->i", new, normal[nearest])
     label = given.about[:, 0].astype(np.int64)
-    group, clear, n_groups = label[nearest], np.abs(cosine) > 0.5, int(label.max()) + 1
+    group, n_groups = label[nearest], int(label.max()) + 1
+    clear = np.abs(cosine) > tuning.CLEAR_COSINE
     same = np.bincount(group[clear & (cosine > 0.0)], minlength=n_groups)
     opposite = np.bincount(group[clear & (cosine < 0.0)], minlength=n_groups)
     total = np.maximum(same + opposite, 1)
-    sign = np.where(same > 0.95 * total, 1.0, np.where(opposite > 0.95 * total, -1.0, 0.0))
+    least = tuning.AGREEING * total
+    sign = np.where(same > least, 1.0, np.where(opposite > least, -1.0, 0.0))
     return np.asarray(normal * sign[label][:, None])
 
 
@@ -395,7 +389,8 @@ def _improved(
     follower = _Follower(in_space(given.points * scale), points, tolerance * scale)
     local, tags = local_mesh(mesh, given, follower, sizes * scale, goal, keep_sharp=keep_sharp)
     counts = np.zeros(7, np.int64)
-    repair(local, mesh.n_cells, new_work(mesh.n_points, len(local.angle)), _ATTEMPTS, counts)
+    work = new_work(mesh.n_points, len(local.angle))
+    repair(local, mesh.n_cells, work, tuning.CELLS_PER_BAD_CELL, counts)
     if not counts[1:].any():
         return mesh, sizes
     new, nodes = _result(mesh, local, tags, scale)

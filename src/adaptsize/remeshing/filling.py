@@ -22,7 +22,7 @@ from adaptsize.remeshing.preparation import as_problem, number_regions, restore
 from adaptsize.remeshing.protocol import Arrays, Backend, Facets, MeshingProblem
 from adaptsize.remeshing.registry import available_backends
 from adaptsize.remeshing.sizing import Size
-from adaptsize.remeshing.surface import THINNEST, refine_surface, remove_slivers, sliver_height
+from adaptsize.remeshing.surface import refine_surface, remove_slivers, sliver_height
 from adaptsize.sizes import predict
 from adaptsize.typing import IntArray
 
@@ -97,7 +97,7 @@ class Filling:
     def _in_adapted_surface(self, problem: MeshingProblem, run: IsolatedRunner) -> MeshingProblem:
         """Return the request to adapt what Netgen makes of a surface of the requested sizes."""
         size, tolerance = problem.sizes, problem.tolerance
-        surface, ridges = self._with_short_edges(problem, THINNEST[0])
+        surface, ridges = self._with_short_edges(problem, tuning.THINNEST[0])
         surface, ridges = adapt_surface(surface, ridges, size, tolerance, run)
         # Where feature edges meet at small angles, Mmg makes edges much shorter than the size.
         # Those shorter than this share of the tolerance are removed.
@@ -112,12 +112,12 @@ class Filling:
 
         If it cannot be filled without its slivers, only the thinner ones are removed.
         """
-        for thinnest in THINNEST:
+        for thinnest in tuning.THINNEST:
             surface, ridges = self._with_short_edges(problem, thinnest)
             try:
                 raw = netgen.fill(surface, run)
             except BackendError:
-                if thinnest == THINNEST[-1]:
+                if thinnest == tuning.THINNEST[-1]:
                     raise
             else:
                 break

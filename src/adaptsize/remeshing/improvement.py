@@ -20,6 +20,7 @@ from adaptsize.background.splitting import bisect_edges
 from adaptsize.background.topology import marked, places_among, regions_beside
 from adaptsize.quality.boundary import FarPlaces, farthest_places
 from adaptsize.quality.elements import minimum_angles
+from adaptsize.remeshing import tuning
 from adaptsize.remeshing.boundary_repair import repaired
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.straight_edges import StraightEdges
@@ -27,33 +28,6 @@ from adaptsize.remeshing.surface import facets_of
 from adaptsize.remeshing.taken_back import take_back, worst_of_nodes
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
-#: What is farther away than this share of the tolerance is brought nearer, and the repair that
-#: follows keeps to it.  The rest is for the places between those that the repair looks at.
-_AIM = 0.9
-#: Steps before a repair at most, and how many of them in a row may bring nothing nearer.  Without
-#: any, a scan, a union of bodies and a CAD part stayed 1.18, 1.25 and 1.76 tolerances away.
-_ROUNDS = 10
-_PATIENCE = 2
-#: Nodes farther from the old surface than this share of the tolerance are projected, unless a cell
-#: becomes worse than the least quality.
-_FAR = 0.5
-_LEAST = 0.2
-#: The same in later rounds, after which the worst cells are repaired again: the next one once a
-#: round brings nothing nearer.  On a scan and on a CAD part, single edges stayed 1.7 and 1.9
-#: tolerances away with the first only.
-_LATER = (0.05, 0.01, 0.002)
-#: Later rounds at most.
-_MOST = 12
-#: A round that leaves smaller angles than this, in degrees, and than before, is not kept.
-_FLAT = 10.0
-#: Facets are not divided if more than this share of them is beyond the tolerance.
-_FEW = 0.3
-#: A target with more than this weight at a corner of a facet moves that, and one with less than
-#: this weight opposite to an edge divides that; others divide the longest edge.  Each is served in
-#: that way that brings most nearer.
-_TRIES = ((0.85, 0.15), (0.6, 0.15))
-#: Nothing is changed again in this many lengths of a cell around one that has become flat.
-_AROUND = 1.5
 #: Of coordinates and of corners, in the keys of facets.
 _FACTORS = ((0.7548776662, 0.5698402910, 1.3247179572), (1.0, 1.6180339887, 2.6180339887))
 
@@ -86,16 +60,16 @@ def improved(
     distance = _nearest(old, mesh.points[nodes])[1]
     # With more nodes beyond the tolerance, the generator has made another surface, which projection
     # would only hide.
-    if mesh.dim == 2 or 0.0 < (distance > tolerance).mean() <= 0.2:
+    if mesh.dim == 2 or 0.0 < (distance > tolerance).mean() <= tuning.MOST_NODES_BEYOND:
         points = mesh.points.copy()
-        _pull(points, mesh.cells, nodes[distance > _FAR * tolerance], old)
+        _pull(points, mesh.cells, nodes[distance > tuning.OFF_BOUNDARY * tolerance], old)
         mesh = mesh.moved(points)
 
     def made(mesh: SimplexMesh, far: _Far, least: float, spoiled: _Balls) -> SimplexMesh:
         divided = _divided(mesh, old, far, tolerance, lines, least, spoiled)
-        if divided is mesh and least < _LEAST:
+        if divided is mesh and least < tuning.LEAST_QUALITY:
             return mesh
-        return repaired(divided, given, _AIM * tolerance, size)
+        return repaired(divided, given, tuning.AIM * tolerance, size)
 
     return _in_rounds(mesh, old, tolerance, made)
 
@@ -117,7 +91,7 @@ class _Balls(NamedTuple):
         corners = mesh.points[mesh.cells[cells]]
         centres = corners.mean(axis=1)
         away = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1, initial=0.0)
-        return cls(centres, 2.0 * _AROUND * away)
+        return cls(centres, 2.0 * tuning.AROUND_FLAT * away)
 
     def contain(self, points: FloatArray) -> BoolArray:
         """Return which points are in a ball."""
@@ -192,7 +166,7 @@ class _Far(NamedTuple):
     def are_few(self, limit: float) -> bool:
         """Return whether some places are beyond a limit, but few of the new facets."""
         share = float((self.new.distance > limit).mean())
-        return self.beyond(limit) > 0.0 and share <= _FEW
+        return self.beyond(limit) > 0.0 and share <= tuning.MOST_FACETS_BEYOND
 
 
 def _keys_of(surface: SimplexMesh) -> FloatArray:
@@ -205,7 +179,7 @@ def _keys_of(surface: SimplexMesh) -> FloatArray:
 class _Targets(NamedTuple):
     """Where nodes are wanted: the places, the facets nearest to these, and the weights there.
 
-    ``shares``: how they are served, see `_TRIES`.
+    ``shares``: how they are served, see `tuning.WEIGHTS_OF_CORNERS`.
     """
 
     there: FloatArray
@@ -241,11 +215,16 @@ def _in_rounds(
     ``made`` returns a better mesh for a mesh, what is far of it, a least quality of new cells, and
     places to leave as they are.  These are where a round has spoiled cells, which is not kept.
     """
-    limit = _AIM * tolerance
-    best = made(mesh, far := _Far.of(mesh, old, limit), _LEAST, spoiled := _Balls.none(mesh.dim))
+    limit = tuning.AIM * tolerance
+    best = made(
+        mesh,
+        far := _Far.of(mesh, old, limit),
+        tuning.LEAST_QUALITY,
+        spoiled := _Balls.none(mesh.dim),
+    )
     far = far.after(best, old, limit)
-    later = list(_LATER)
-    for _ in range(_MOST):
+    later = list(tuning.LATER_QUALITIES)
+    for _ in range(tuning.MOST_LATER_ROUNDS):
         # Many are far where the sizes are coarse: nothing is divided there.
         if not later or not far.are_few(tolerance):
             break
@@ -253,7 +232,7 @@ def _in_rounds(
         if mesh is best:
             del later[0]
             continue
-        flat = minimum_angles(mesh) < min(_FLAT, minimum_angles(best).min())
+        flat = minimum_angles(mesh) < min(tuning.FLAT_ANGLE, minimum_angles(best).min())
         if flat.any():
             spoiled = spoiled.and_also(_Balls.around(mesh, flat))
             continue
@@ -291,10 +270,10 @@ def _divided(
     that these miss; nodes are moved there.  ``least`` is the least quality of cells.  A step may
     bring the mesh farther away: where facets meet at an edge, one node alone may do so.
     """
-    limit, waited = _AIM * tolerance, 0
+    limit, waited = tuning.AIM * tolerance, 0
     best = now = _Step(mesh, far, np.empty(0))
-    for _ in range(_ROUNDS):
-        if waited > _PATIENCE or not now.far.are_few(tolerance):
+    for _ in range(tuning.STEPS_BEFORE_REPAIR):
+        if waited > tuning.STEPS_IN_VAIN or not now.far.are_few(tolerance):
             break
         targets = _targets(now.far, old, limit, spoiled)
         steps = _steps(now, old, limit, lines, least, targets)
@@ -315,14 +294,17 @@ def _steps(
     targets: _Targets,
 ) -> list[_Step]:
     """Return the meshes with all targets served in one way, and each in the way best for it."""
-    tried = [_step(now, old, limit, lines, least, targets.served_by(shares)) for shares in _TRIES]
+    tried = [
+        _step(now, old, limit, lines, least, targets.served_by(shares))
+        for shares in tuning.WEIGHTS_OF_CORNERS
+    ]
     gains = np.array([one.gain for one in tried])
     way, gain = gains.argmax(axis=0), gains.max(axis=0, initial=-np.inf)
     order = np.argsort(-gain, kind="stable")
     order = order[gain[order] > 0.0]
     is_new = not any((one[np.isfinite(one)] > 0.0).all() for one in gains[np.unique(way[order])])
     if len(order) and is_new:
-        mixed = targets.served_by(np.array(_TRIES)[way]).some(order)
+        mixed = targets.served_by(np.array(tuning.WEIGHTS_OF_CORNERS)[way]).some(order)
         tried.append(_step(now, old, limit, lines, least, mixed))
     return [step for step in tried if step.mesh is not now.mesh]
 
@@ -438,12 +420,14 @@ def _edges_at(surface: SimplexMesh, targets: _Targets, is_on_line: BoolArray) ->
 
 
 def _with_nodes(
-    mesh: SimplexMesh, edges: IntArray, there: FloatArray, least: float = _LEAST
+    mesh: SimplexMesh, edges: IntArray, there: FloatArray, least: float | None = None
 ) -> SimplexMesh:
     """Return the mesh with some of the edges divided, with nodes at the given points.
 
-    An edge is not divided if a node there, even halfway, would spoil cells.
+    An edge is not divided if a node there, even halfway, would spoil cells: their quality falls
+    below ``least``, by default `tuning.LEAST_QUALITY`.
     """
+    least = tuning.LEAST_QUALITY if least is None else least
     if not len(edges):
         return mesh
     near = marked(edges, mesh.n_points)[mesh.cells].sum(axis=1) > 1
@@ -483,7 +467,7 @@ def _bisected(mesh: SimplexMesh, edges: IntArray) -> tuple[SimplexMesh, IndexArr
 
 def _pull(points: FloatArray, cells: IntArray, nodes: IntArray, old: SimplexMesh) -> None:
     """Move nodes onto a surface, or halfway.  Changes ``points``."""
-    _move(points, cells, nodes, _nearest(old, points[nodes])[0], _LEAST)
+    _move(points, cells, nodes, _nearest(old, points[nodes])[0], tuning.LEAST_QUALITY)
 
 
 def _move(

@@ -21,7 +21,7 @@ from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions
 from adaptsize.quality.connections import refuse_repeated_cells
-from adaptsize.quality.elements import refuse_folded
+from adaptsize.quality.elements import folded_cells, refuse_folded
 from adaptsize.remeshing import netgen, tuning
 from adaptsize.remeshing.acceptance import (
     Judge,
@@ -54,7 +54,7 @@ from adaptsize.remeshing.sizing import (
     metric_on,
 )
 from adaptsize.remeshing.surface_checks import warn_of_surface
-from adaptsize.remeshing.through_surface import has_folded_cells, refilled
+from adaptsize.remeshing.through_surface import refilled
 from adaptsize.sizes import Enclosed, predict
 from adaptsize.typing import FloatArray, IntArray
 
@@ -186,7 +186,8 @@ class Job:
             can_fill=solid is not None and netgen.can_fill(requests.mesh),
             is_closed=solid is not None and solid.is_closed,
             is_crossed=self.is_crossed,
-            is_folded=requests.task == "tetrahedra" and has_folded_cells(requests.mesh),
+            # Mmg fails on these, or does not end.
+            is_folded=requests.task == "tetrahedra" and bool(folded_cells(requests.mesh).any()),
         )  # fmt: skip
 
     @property

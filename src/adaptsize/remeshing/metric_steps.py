@@ -79,7 +79,7 @@ def is_far(problem: MeshingProblem) -> bool:
         return False
     base = problem.mesh if problem.metric_mesh is None else problem.metric_mesh
     least = float(problem.metric(base.points).sizes.min())
-    return float(problem.mesh.edge_lengths.mean()) > tuning.FAR * least
+    return float(problem.mesh.edge_lengths.mean()) > tuning.EDGE_OVER_LEAST_SIZE * least
 
 
 def first_mesh(problem: MeshingProblem) -> Arrays:
@@ -119,7 +119,7 @@ def _floors(problem: MeshingProblem) -> tuple[FloatArray, float]:
     last = max(last, tuning.FINEST[problem.task] * float(np.ptp(base.points, axis=0).max()))
     if first <= last:
         return np.array([last]), largest
-    count = int(np.ceil(np.log(first / last) / np.log(tuning.STEP)))
+    count = int(np.ceil(np.log(first / last) / np.log(tuning.FACTOR_OF_STEP)))
     return first * (last / first) ** (np.arange(1, count + 1) / count), largest
 
 

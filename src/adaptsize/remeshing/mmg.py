@@ -85,7 +85,9 @@ class MmgBackend(Backend):
         if not problem.is_adapted:
             return adapted(problem, hausd, run)
         # From a first volume with a surface of the requested sizes, edges come out shorter by 1.06.
-        return adapted(problem, [tuning.HAUSD_OF_ADAPTED] * (most - 1), run, factor=tuning.SHORTER)
+        return adapted(
+            problem, [tuning.HAUSD_OF_ADAPTED] * (most - 1), run, factor=tuning.FACTOR_OF_ADAPTED
+        )
 
 
 def adapted(
@@ -94,7 +96,7 @@ def adapted(
     run: IsolatedRunner,
     *,
     factor: float = 1.0,
-    largest: float = tuning.CORRECTION,
+    largest: float | None = None,
     text: Stage = _ADAPTING,
 ) -> Arrays:
     """Return the best of several runs of Mmg, each on the result of the one before.
@@ -110,8 +112,8 @@ def adapted(
     factor : float
         Of the sizes in the first run.  In later ones, the median of the edges over the sizes
         corrects it.
-    largest : float
-        Limit of this factor.
+    largest : float, optional
+        Limit of this factor; by default `tuning.CORRECTION`.
     text : Stage
         For progress reports.
 
@@ -120,6 +122,7 @@ def adapted(
     BackendError
         If the first run fails.
     """
+    largest = tuning.CORRECTION if largest is None else largest
     made, options = job_of(problem)
     best, best_share, elements = made, -1.0, None
     for times in [] if is_far(problem) else hausd:

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
+from adaptsize.remeshing import tuning
 from adaptsize.remeshing.protocol import Task
 
 #: What fills a surface before another generator adapts the tetrahedra.  The last one takes the
@@ -20,13 +21,6 @@ FirstVolume: TypeAlias = Literal[
 #: Faults of a mesh that another route may cure, see `adaptsize.remeshing.acceptance`.
 CURABLE = frozenset({"cells", "facets", "overlaps", "boundary", "topology", "angles"})
 _UNSOUND = frozenset({"cells", "facets", "overlaps"})
-#: Tolerances that are passed to a generator if a mesh must meet all demands, over the allowed one.
-#: Generators keep a smaller tolerance than the one they are given, at most 2.2 times.
-_SMALLER, _SMALLEST = 0.4, 0.15
-#: If fTetWild fails, it is run again with this times the tolerance.  On two cubes that overlap it
-#: crashed in each run at .02 of the diagonal, and not at .005.  A larger tolerance than this, over
-#: the diagonal, is the likely cause of a failure, and so is a quarter of it.
-_AFTER_FAILURE, _ABSURD = 0.25, 0.1
 _OTHERWISE = "the mesh so far has faults, or there is none; fTetWild alone keeps the tolerance"
 
 
@@ -139,9 +133,15 @@ def plan(known: Known, *, strict: bool = False) -> list[Attempt]:
     return list(_strict(known, usual)) if strict else usual
 
 
+def _seconds(rates: tuple[float, float, float], n_cells: float, n_given: float) -> float:
+    """Return processor seconds: a start, and a rate for each requested and each given cell."""
+    start, per_cell, per_given = rates
+    return start + per_cell * n_cells + per_given * n_given
+
+
 def _alone(known: Known, reason: str, cures: frozenset[str]) -> Iterator[Attempt]:
     """Yield an attempt for each generator."""
-    seconds = 60.0 + 2e-3 * (known.n_cells + known.n_given)
+    seconds = _seconds(tuning.SECONDS_ALONE, known.n_cells, known.n_given)
     for name in known.generators:
         is_first = name == known.generators[0]
         why = reason if is_first else "another generator, if the others fail"
@@ -178,8 +178,8 @@ def _in_surface(known: Known) -> Iterator[Attempt]:
     open boxes, Mmg made cells that overlap.
     """
     name, *others = known.generators
-    # On closed parts, adapting a first volume needed a fifth of that.
-    first = Attempt(name, "", 10.0 + 1e-3 * max(known.n_cells, known.n_given))
+    start, each = tuning.SECONDS_IN_SURFACE
+    first = Attempt(name, "", start + each * max(known.n_cells, known.n_given))
     can_fill = known.can_fill and not known.is_crossed
     if can_fill:
         why = "the surface is closed and does not cross itself"
@@ -196,7 +196,7 @@ def _in_surface(known: Known) -> Iterator[Attempt]:
         why = "Netgen is not installed, or the surface cannot be oriented"
     yield from _by_tetwild(known, why)
     why = "fTetWild alone has failed, or cells overlap or are flat"
-    seconds = 40.0 + 1e-3 * (known.n_cells + known.n_given)
+    seconds = _seconds(tuning.SECONDS_IN_TETWILD, known.n_cells, known.n_given)
     cures = CURABLE - {"boundary"}
     yield replace(first, first="tetwild", seconds=seconds, reason=why, cures=cures)
     rest = replace(known, generators=tuple(other for other in others if other != "tetwild"))
@@ -204,13 +204,12 @@ def _in_surface(known: Known) -> Iterator[Attempt]:
 
 
 def _by_tetwild(known: Known, reason: str) -> Iterator[Attempt]:
-    # On pairs of bodies with 15 000 cells, it needed a sixth of that.
-    seconds = 40.0 + 2.5e-3 * known.n_cells + 1e-3 * known.n_given
+    seconds = _seconds(tuning.SECONDS_OF_TETWILD, known.n_cells, known.n_given)
     alone = Attempt("tetwild", reason, seconds)
     yield alone
-    if known.tolerance <= _ABSURD:
+    if known.tolerance <= tuning.ABSURD_TOLERANCE:
         why = "fTetWild may crash at one tolerance and not at another"
-        yield replace(alone, reason=why, factor=_AFTER_FAILURE, cures=frozenset())
+        yield replace(alone, reason=why, factor=tuning.TOLERANCE_AFTER_FAILURE, cures=frozenset())
 
 
 def _strict(known: Known, usual: list[Attempt]) -> Iterator[Attempt]:
@@ -224,5 +223,7 @@ def _strict(known: Known, usual: list[Attempt]) -> Iterator[Attempt]:
             continue
         done.add(name)
         first = next(one for one in usual if one.backend == name)
-        yield replace(first, factor=_SMALLER, reason=why, cures=CURABLE)
-    yield replace(usual[0], factor=_SMALLEST, reason=f"{why}, and takes long", cures=CURABLE)
+        yield replace(first, factor=tuning.SMALLER_TOLERANCE, reason=why, cures=CURABLE)
+    yield replace(
+        usual[0], factor=tuning.SMALLEST_TOLERANCE, reason=f"{why}, and takes long", cures=CURABLE
+    )

@@ -114,8 +114,8 @@ def _resolved(
         g=sizes.g if own_g is None else own_g,
         is_proved=own_g is not None,
         samples=known,
-        factor=tuning.EDGE_OVER_SIZE,
+        factor=tuning.EDGE_OVER_SIZE_FOR_GENERATORS,
         curves=ridges,
-        max_points=tuning.MOST_NODES,
+        max_points=tuning.MOST_NODES_FOR_GENERATORS,
     )
     return fine.mesh, fine.curves

@@ -27,19 +27,14 @@ from adaptsize.background.topology import (
 )
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.creases import folds_of, normals_of, sharp_facets
+from adaptsize.remeshing import tuning
 from adaptsize.remeshing.preparation import collect_facets, number_regions
 from adaptsize.remeshing.sizing import Size, once_per_point
-from adaptsize.remeshing.tuning import RIDGE_ANGLE
 from adaptsize.typing import BoolArray, FloatArray, IntArray
-
-#: Triangles of less height than these shares of the tolerance are removed, in two attempts.
-THINNEST = (0.2, 0.02)
-#: Angle above which an edge is a feature edge, for Mmg, too; in radians.
-_FEATURE_ANGLE = math.radians(RIDGE_ANGLE["surface"])
 
 
 def refine_surface(
-    mesh: SimplexMesh, size: Size, tolerance: float, thinnest: float = THINNEST[0]
+    mesh: SimplexMesh, size: Size, tolerance: float, thinnest: float | None = None
 ) -> tuple[SimplexMesh, IntArray]:
     """Return nearly the same surface with shorter edges, and those that must not be rounded.
 
@@ -53,8 +48,9 @@ def refine_surface(
     size : callable
     tolerance : float
         Allowed distance from the surface, in the unit of the coordinates.
-    thinnest : float
-        Triangles of less height than this share of the tolerance are removed.
+    thinnest : float, optional
+        Triangles of less height than this share of the tolerance are removed; by default the first
+        of `tuning.THINNEST`.
 
     Returns
     -------
@@ -63,18 +59,19 @@ def refine_surface(
     int32[n, 2]
         Edges that must not be rounded, rows sorted.
     """
+    thinnest = tuning.THINNEST[0] if thinnest is None else thinnest
     size = once_per_point(size)
     height = sliver_height(mesh, size, thinnest * tolerance)
     mesh, _ = _without_slivers(mesh, height)
     mesh = _with_better_facets(mesh)
     # Mmg makes cells too small beside ridges that are closer than the sizes, so that they are few.
     bent, bulges = _bulges(mesh)
-    kept = bent[bulges > 0.5 * tolerance]
+    kept = bent[bulges > tuning.BULGE_AT_RIDGE * tolerance]
     while True:
         middles = mesh.points[mesh.edges].mean(axis=1)
-        # Edges are divided until they are four sizes long, or there are too many triangles.
-        long = mesh.edge_lengths > 4.0 * size(middles)
-        if not long.any() or mesh.n_cells + 2 * int(long.sum()) > 400_000:
+        # Edges are divided until they are short enough, or there are too many triangles.
+        long = mesh.edge_lengths > tuning.EDGE_OVER_SIZE_ON_SURFACE * size(middles)
+        if not long.any() or mesh.n_cells + 2 * int(long.sum()) > tuning.MOST_TRIANGLES:
             return mesh, _ridges(mesh, kept, size)
         split = split_edges(mesh, long)
         kept = halved_edges(kept, mesh.edges[split.split_edges], mesh.n_points)[0]
@@ -111,12 +108,13 @@ def refine_facets(mesh: SimplexMesh, size: Size, tolerance: float) -> tuple[Simp
     bent, bulges = _bulges(surface)
     # Where single edges of a smooth surface are ridges, Mmg makes cells too small beside their
     # ends.  If most edges need not be ridges, the others are only if they must.
-    most = np.count_nonzero(bulges > 0.25 * tolerance) > 0.5 * len(bent)
-    kept = bent[bulges > (0.25 if most else 0.5) * tolerance]
+    low = tuning.BULGE_IF_MOST_ARE_RIDGES
+    most = np.count_nonzero(bulges > low * tolerance) > 0.5 * len(bent)
+    kept = bent[bulges > (low if most else tuning.BULGE_AT_RIDGE) * tolerance]
     while mesh.cell_dim == 3:
         beside = np.isin(surface.cells, kept).any(axis=1)
         long = are_among(mesh.edges, edges_of(surface.cells[beside], mesh.n_points))
-        long[long] = mesh.edge_lengths[long] > 2.0 * size(
+        long[long] = mesh.edge_lengths[long] > tuning.EDGE_OVER_SIZE_AT_RIDGE * size(
             mesh.points[mesh.edges[long]].mean(axis=1)
         )
         if not long.any():
@@ -144,7 +142,7 @@ def sliver_height(mesh: SimplexMesh, size: Size, height: float) -> float:
 
     Where the tolerance is larger than a thin plate, its sides must not be joined.
     """
-    return min(height, 0.1 * float(size(mesh.points).min()))
+    return min(height, tuning.SLIVER_OVER_SIZE * float(size(mesh.points).min()))
 
 
 def _without_slivers(mesh: SimplexMesh, height: float) -> tuple[SimplexMesh, IntArray]:
@@ -157,9 +155,14 @@ def _without_slivers(mesh: SimplexMesh, height: float) -> tuple[SimplexMesh, Int
     return replace(thicker, tagged_facets=tagged, facet_tags=np.ones(len(tagged), int)), new_node
 
 
+def _feature_angle() -> float:
+    """Return the angle above which an edge is a feature edge, for Mmg, too; in radians."""
+    return math.radians(tuning.RIDGE_ANGLE["surface"])
+
+
 def _with_better_facets(mesh: SimplexMesh) -> SimplexMesh:
     """Flip edges in flat facets."""
-    folds = folds_of(mesh, _FEATURE_ANGLE)
+    folds = folds_of(mesh, _feature_angle())
     return flip_edges(mesh, np.concatenate([folds.bent, folds.sharp]))
 
 
@@ -169,7 +172,7 @@ def _bulges(mesh: SimplexMesh) -> tuple[IntArray, FloatArray]:
     A smooth surface through the corners of a triangle of height l bulges by about l a / 8 if its
     normal turns by the angle a on the way to the next triangle.
     """
-    bent = are_among(mesh.edges, folds_of(mesh, _FEATURE_ANGLE).bent)
+    bent = are_among(mesh.edges, folds_of(mesh, _feature_angle()).bent)
     normals = normals_of(mesh)
     one, other = normals.facet_cells[bent].T
     sine = np.linalg.norm(np.cross(normals.normals[one], normals.normals[other]), axis=1)
@@ -182,21 +185,16 @@ def _ridges(mesh: SimplexMesh, kept: IntArray, size: Size) -> IntArray:
 
     Between two ridges much closer than the size, all tetrahedra are flat.
     """
-    sharp = sharp_facets(mesh, normals_of(mesh), _FEATURE_ANGLE)
+    sharp = sharp_facets(mesh, normals_of(mesh), _feature_angle())
     kept_now = are_among(mesh.edges, kept) & ~sharp
     on_ridge = marked(mesh.edges[sharp | kept_now], mesh.n_points)
     height = 2.0 * mesh.measures[:, None] / mesh.edge_lengths[mesh.cell_facets]
     beside = np.flatnonzero(kept_now[mesh.cell_facets].any(axis=1))
     centroids = mesh.points[mesh.cells[beside]].mean(axis=1)
-    # Ridges closer than this share of the size are too close for good cells between them.
-    narrow = height[beside] < 0.3 * size(centroids)[:, None]
+    narrow = height[beside] < tuning.BETWEEN_RIDGES * size(centroids)[:, None]
     near = mesh.cell_facets[beside][narrow & on_ridge[mesh.cells[beside]]]
     crowded = marked(near, len(mesh.edges))
     return mesh.edges[sharp | (kept_now & ~crowded)]
-
-
-#: Triangles that keep their height may turn by no more than the angle of this cosine.
-_LEAST_COSINE = 0.5
 
 
 def remove_slivers(mesh: SimplexMesh, height: float) -> tuple[SimplexMesh, IntArray]:
@@ -288,7 +286,7 @@ def _with_flipped_caps(mesh: SimplexMesh, height: float) -> SimplexMesh:
         for side in (0, 1):
             matters = _heights(corners[cells[:, side]]) >= height
             cosine = np.einsum("ij,ij->i", normal, before[cells[:, side]])
-            good &= ~matters | (cosine > _LEAST_COSINE)
+            good &= ~matters | (cosine > tuning.LEAST_COSINE)
     good &= ~are_among(np.sort(np.column_stack([c, d]), axis=1), mesh.edges)
     numbers = np.flatnonzero(good)
     rank = np.arange(len(numbers))
@@ -354,7 +352,7 @@ def _keeps_orientation(mesh: SimplexMesh, ends: IntArray, length: float) -> Bool
         moved[:, k] = mesh.points[ends[edge, 0]]
         cosine = np.einsum("ij,ij->i", _normals(corners), _normals(moved))
         matters = _heights(corners) > length
-        good[edge[matters & (cosine < _LEAST_COSINE)]] = False
+        good[edge[matters & (cosine < tuning.LEAST_COSINE)]] = False
     return good
 
 

@@ -9,16 +9,13 @@ from adaptsize.background.simplex import cut_out
 from adaptsize.background.topology import compacted, places_among
 from adaptsize.errors import BackendError
 from adaptsize.geometry.distance.orientation import oriented
-from adaptsize.geometry.enclosed import enclosed_measure, is_oriented
+from adaptsize.geometry.enclosed import is_oriented
 from adaptsize.remeshing import netgen
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.preparation import as_problem, restore
 from adaptsize.remeshing.protocol import NO_TAG, MeshingProblem
 from adaptsize.remeshing.registry import available_backends
 from adaptsize.typing import FloatArray, IntArray
-
-#: Relative error of sums of volumes.
-_ROUNDING = 1e-9
 
 
 def refilled(problem: MeshingProblem, run: IsolatedRunner) -> SimplexMesh:
@@ -98,15 +95,3 @@ def _filled_regions(problem: MeshingProblem, run: IsolatedRunner) -> MeshingProb
         metric=problem.metric,
         ridges=place[problem.ridges],
     )
-
-
-def has_folded_cells(mesh: SimplexMesh) -> bool:
-    """Return whether tetrahedra, all with positive volumes, fill more than their boundary encloses.
-
-    Then some are turned inside out in the given mesh, or overlap, and Mmg fails or does not end.
-    """
-    skin = mesh.boundary().mesh
-    if not is_oriented(skin):
-        skin = oriented(skin)
-    enclosed = enclosed_measure(skin)
-    return bool(mesh.measures.sum() > (1.0 + _ROUNDING) * enclosed)

@@ -5,8 +5,8 @@ whose sizes grow off a point, 757 cells, 97 % of the edges in the band, 1.95 tol
 boundary; a ring filled with tetrahedra, 10 018 cells, 94 %; the tetrahedra of a ball whose sizes
 grow along it, 4 081 cells, 72 %, .69 tolerances (``benchmarks/tuning_of_remeshing.py``).  Where an
 effect is stated, the meshes that are not named stay the same.  Values without a stated effect were
-not varied.  The values of `improvement`, `boundary_repair`,
-`surface`, `acceptance`, `attempts`, `planning` and `preparation` are still in these files.
+not varied.  Those of `distmesh` are in a file of its own.  Tolerances for rounding stand at the
+head of the files that need them.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from collections.abc import Mapping
 
 #: Ridge angle in degrees, by task.  20 keeps the area of plane domains.  30 detects the shallow
 #: feature edges of parts, which Mmg's default of 45 rounds off, and not the facets of coarse
-#: surfaces.  Half: .97 times as many cells in the ball, .97 tolerances off.  Double: none, as
+#: surfaces.  Half: .97 times as many cells in the ball, .84 tolerances off.  Double: none, as
 #: these meshes have no feature edges.
 RIDGE_ANGLE: Mapping[str, float] = {
     "tetrahedra": 30.0,
@@ -42,7 +42,7 @@ HAUSD_ON_SURFACE = (2.0, 1.6)
 #: Factor of the sizes in the first run on a volume whose surface has the requested sizes: edges
 #: come out shorter by this.  Half: 1.18 times as many cells in the ring, 92 % in the band.  Double:
 #: .91 times as many.
-SHORTER = 1.06
+FACTOR_OF_ADAPTED = 1.06
 #: Runs of Mmg at most.  It reads sizes at the nodes of its input: if that is coarse, they are read
 #: again on the new mesh.  Half and double: none.
 TURNS = 3
@@ -52,7 +52,7 @@ TURNS_WITH_METRIC = 6
 #: none.  Double, which is never reached: 98 % in the band of the disc.
 GOOD_SHARE = 0.9
 #: Largest factor by which the sizes of the next run are corrected.  Mmg does not change edges
-#: within sqrt 2 of the requested length, which may shift their median.
+#: within sqrt 2 of the requested length, which may shift their median.  Half and double: none.
 CORRECTION = 1.1
 #: The same between the two runs on a surface: the first, on triangles of all shapes, makes too
 #: many, and the more the smaller its ``hausd``.  Half and double: none.
@@ -74,12 +74,12 @@ SAMPLE = 20_000
 MISSING = 0.2
 #: Factor between the least sizes of two steps, at most.  With it, all of 12 layers in the plane
 #: that begin with 1e-3 to 1e-5 of the domain were made.
-STEP = 10.0
+FACTOR_OF_STEP = 10.0
 #: Runs of one step, the second only if the first does not serve it.  Steps end if it is no better,
 #: and more than this share is missing: the next ones find nothing to build on.
 TURNS_OF_STEP, LOST = 2, 0.5
 #: Edges of tetrahedra over the least size beyond which steps come first.
-FAR = 1000.0
+EDGE_OVER_LEAST_SIZE = 1000.0
 #: Least sizes over the extent of the domain that steps reach.  In the plane, Mmg removes cells that
 #: are thinner again, whatever their length.  In space and on surfaces no such limit has been met:
 #: least sizes of 1e-4 were reached, and the number only ends the steps.
@@ -89,11 +89,11 @@ FINEST: Mapping[str, float] = {"plane triangles": 1e-5, "tetrahedra": 1e-7, "sur
 
 #: Nodes up to which a mesh is divided for a generator.  It then has about a quarter of the nodes of
 #: the new mesh in the plane and an eighth in space, so that this is enough for millions.
-MOST_NODES = 500_000
+MOST_NODES_FOR_GENERATORS = 500_000
 #: Longest edge of cells over the size where this is not linear, as at a source.  Of 16 points and
 #: curves in the plane and in space, 2 served 73 % of the requested elements, 1 served 92 %.  Half:
 #: none.
-EDGE_OVER_SIZE = 1.0
+EDGE_OVER_SIZE_FOR_GENERATORS = 1.0
 #: Nodes of a first volume, above which it is not divided further.
 MOST_NODES_OF_VOLUME = 1_000_000
 #: Sizes may rise along an edge by g times its length and this share.
@@ -167,9 +167,109 @@ NO_VOLUME = 1e-6
 
 #: Nodes are on a line if they are closer to it than this times the diagonal.
 ON_LINE = 1e-9
-#: Least quality of a cell around a node that is moved, unless it was lower before.
+#: Least quality of a cell around a node that is moved, or new, unless it was lower before.
 LEAST_QUALITY = 0.2
 #: Rounds in which single moves are taken back, before all are.
 ROUNDS_OF_TAKING_BACK = 8
-#: Moved triangles in space may turn by no more than the angle of this cosine.
+#: Triangles in space that are moved, or that keep their height beside one that is removed, may turn
+#: by no more than the angle of this cosine.
 LEAST_COSINE = 0.5
+
+# Surfaces for generators --------------------------------------------------------------------------
+
+#: Triangles of less height than these shares of the tolerance are removed, in two attempts; with
+#: less height than the third share of the smallest size, where that is lower.
+THINNEST, SLIVER_OVER_SIZE = (0.2, 0.02), 0.1
+#: Edges are ridges where a smooth surface would bulge by more than this share of the tolerance;
+#: than the second, if more than half of the bent edges would then be ridges.
+BULGE_AT_RIDGE, BULGE_IF_MOST_ARE_RIDGES = 0.5, 0.25
+#: Edges of a surface over the size, and of facets beside ridges, up to which they are not divided.
+EDGE_OVER_SIZE_ON_SURFACE, EDGE_OVER_SIZE_AT_RIDGE = 4.0, 2.0
+#: Triangles of a surface at most, by division.
+MOST_TRIANGLES = 400_000
+#: Ridges closer than this share of the size are too close for good cells between them.
+BETWEEN_RIDGES = 0.3
+
+# Nodes and edges that left the boundary -----------------------------------------------------------
+
+#: What is farther away than this share of the tolerance is brought nearer, and the repair that
+#: follows keeps to it.  The rest is for the places between those that the repair looks at.
+AIM = 0.9
+#: Steps before a repair at most, and how many of them in a row may bring nothing nearer.  Without
+#: any, a scan, a union of bodies and a CAD part stayed 1.18, 1.25 and 1.76 tolerances away.
+STEPS_BEFORE_REPAIR, STEPS_IN_VAIN = 10, 2
+#: Nodes farther from the old surface than this share of the tolerance are projected, unless a cell
+#: becomes worse than the least quality.
+OFF_BOUNDARY = 0.5
+#: With a larger share of the nodes beyond the tolerance, the generator has made another surface.
+MOST_NODES_BEYOND = 0.2
+#: The least quality in later rounds, after which the worst cells are repaired again: the next one
+#: once a round brings nothing nearer.  On a scan and on a CAD part, single edges stayed 1.7 and 1.9
+#: tolerances away with `LEAST_QUALITY` only.
+LATER_QUALITIES = (0.05, 0.01, 0.002)
+#: Later rounds at most.
+MOST_LATER_ROUNDS = 12
+#: A round that leaves smaller angles than this, in degrees, and than before, is not kept.
+FLAT_ANGLE = 10.0
+#: Facets are not divided if more than this share of them is beyond the tolerance.
+MOST_FACETS_BEYOND = 0.3
+#: A target with more than this weight at a corner of a facet moves that, and one with less than
+#: this weight opposite to an edge divides that; others divide the longest edge.  Each is served in
+#: that way that brings most nearer.
+WEIGHTS_OF_CORNERS = ((0.85, 0.15), (0.6, 0.15))
+#: Nothing is changed again in this many lengths of a cell around one that has become flat.
+AROUND_FLAT = 1.5
+
+# Repair of the worst cells ------------------------------------------------------------------------
+
+#: Angles in degrees below which cells are improved, by the kind of the mesh: the dihedral angles of
+#: tetrahedra and the angles of triangles.
+GOAL: Mapping[str, float] = {"tetrahedra": 20.0, "surface": 25.0, "plane triangles": 25.0}
+#: Angles below which sharp edges may be cut off.  With larger ones, edges of boxes lost what a
+#: later loop then missed, for cells that were no worse than usual.
+LAST_GOAL: Mapping[str, float] = {"tetrahedra": 10.0, "surface": 10.0}
+#: Angle in degrees by which a feature edge turns at a corner.
+TURN_AT_CORNER = 40.0
+#: Cells that are examined at most, over the number of bad ones.
+CELLS_PER_BAD_CELL = 40
+#: Given facets have the direction of new ones if this share agrees, of those whose normals are
+#: parallel up to the angle of this cosine.
+AGREEING, CLEAR_COSINE = 0.95, 0.5
+
+# Acceptance ---------------------------------------------------------------------------------------
+
+#: Cells with a smaller dihedral angle, in degrees, are flat.
+LEAST_DIHEDRAL = 2.0
+#: Distances of a boundary over the tolerance that are warned of.  Mmg on a first volume by fTetWild
+#: reaches 4 times the tolerance, everything else less.
+FARTHEST_BOUNDARY = 4.0
+#: A boundary farther away than this share of the diagonal and than so many tolerances is another
+#: one.  Coarse sizes and cut corners give less.
+OTHER_BOUNDARY, MOST_TOLERANCES = 0.05, 10.0
+#: A domain whose area or volume differs by more than this share is another one, unless a boundary
+#: moved by the tolerance changes it by more.
+OTHER_MEASURE = 0.25
+
+# Attempts and their limits ------------------------------------------------------------------------
+
+#: Elapsed time of an attempt over its processor time at most.  The latter limits attempts where the
+#: system can do that, so that a busy machine makes the same mesh.
+ELAPSED_OVER_PROCESSOR = 3.0
+#: Share of the time left that an attempt gets while others may follow.
+SHARE_OF_TIME = 2.0 / 3.0
+#: Processor seconds of a generator by itself: to start with, for each requested cell, and for each
+#: given one.
+SECONDS_ALONE = (60.0, 2e-3, 2e-3)
+#: The same of a first volume that is adapted: to start with, and for each cell, requested or given,
+#: whichever are more.  On closed parts, that needed a fifth.
+SECONDS_IN_SURFACE = (10.0, 1e-3)
+#: The same of a first volume by fTetWild, and of fTetWild alone.  On pairs of bodies with 15 000
+#: cells, the latter needed a sixth of that.
+SECONDS_IN_TETWILD, SECONDS_OF_TETWILD = (40.0, 1e-3, 1e-3), (40.0, 2.5e-3, 1e-3)
+#: Tolerances that are passed to a generator if a mesh must meet all demands, over the allowed one.
+#: Generators keep a smaller tolerance than the one they are given, at most 2.2 times.
+SMALLER_TOLERANCE, SMALLEST_TOLERANCE = 0.4, 0.15
+#: If fTetWild fails, it is run again with this times the tolerance.  On two cubes that overlap it
+#: crashed in each run at .02 of the diagonal, and not at .005.  A larger tolerance than the second,
+#: over the diagonal, is the likely cause of a failure, and so is a quarter of it.
+TOLERANCE_AFTER_FAILURE, ABSURD_TOLERANCE = 0.25, 0.1

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from adaptsize._checks import place_text
 from adaptsize._messages import Message
+from adaptsize.reporting import tuning
 
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
     from adaptsize.quality.conformity import Conformity, SizeLike
 
 
-#: Cells with smaller angles, in degrees, draw a warning.
-_SHARP = 10.0
 #: What helps where a demand of `check_mesh` is missed.
 _ADVICE = {
     "cells": Message("{strict:True} tries other generators"),
@@ -137,16 +136,20 @@ class Outcome:
 
     def warnings(self) -> list[str]:
         """Return one line for each value that is out of bounds."""
+        from adaptsize.quality.certificate import NEAR
+
         found, lines = self.conformity, list(self.unserved)
         for demand in self.check.failures:
             worst = f", the worst at {place_text(demand.places[0].point)}" if demand.places else ""
             advice = _ADVICE[demand.name]
-            if demand.name == "served" and (found.too_coarse or 0.0) < 0.1:  # too fine
+            if (
+                demand.name == "served" and (found.too_coarse or 0.0) < tuning.TOO_COARSE
+            ):  # too fine
                 advice = _ADVICE["edges"]
             if demand.status == "near":
-                advice = "near, which is accepted up to 10 % beyond the limit"
+                advice = f"near, which is accepted up to {100.0 * NEAR:g} % beyond the limit"
             lines.append(Message("{}: {}{}; {}", demand.name, demand.text, worst, advice))
-        if self.excess is not None and abs(self.excess) > 0.25 and not self.requested:
+        if self.excess is not None and abs(self.excess) > tuning.EXCESS and not self.requested:
             lines.append(
                 f"{found.n_cells} {self.kind} are {abs(self.excess):.0%} "
                 f"{'more' if self.excess > 0.0 else 'fewer'} than predicted"
@@ -154,11 +157,11 @@ class Outcome:
         if self.sharp[0]:
             n, place = self.sharp
             lines.append(
-                f"{n} cell{'s have' if n > 1 else ' has'} an angle below {_SHARP:g} degrees, the "
-                f"worst, {found.angle_min:.2g}, at {place_text(place)}; smaller sizes there"
+                f"{n} cell{'s have' if n > 1 else ' has'} an angle below {tuning.SHARP:g} degrees, "
+                f"the worst, {found.angle_min:.2g}, at {place_text(place)}; smaller sizes there"
                 f"{', or the backend tetwild,' if found.cell_dim == 3 else ''} may help"
             )
-        most = 0.02 if self.expected is None else 0.01
+        most = tuning.CHANGE_OF_IMAGE if self.expected is None else tuning.CHANGE
         if self.change is not None and abs(self.change) > most:
             lines.append(f"the {self._measure} has changed by {self.change:+.1%}")
         of_regions = self.regions if self.expected is None and len(self.regions) > 1 else {}
@@ -247,7 +250,7 @@ def sharp_cells(mesh: SimplexMesh) -> tuple[int, tuple[float, ...]]:
     angles = minimum_angles(mesh)
     worst = int(angles.argmin())
     place = tuple(mesh.points[mesh.cells[worst]].mean(axis=0).tolist())
-    return int((angles < _SHARP).sum()), place
+    return int((angles < tuning.SHARP).sum()), place
 
 
 def outcome_of_image(mesh: SimplexMesh, image: Image, options: ImageOptions) -> Outcome:

@@ -22,7 +22,7 @@ from adaptsize.sizes.budget import (
 )
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.recovery import as_nodal_field, second_derivatives
-from adaptsize.sizes.search import ACCURACY, scale_to
+from adaptsize.sizes.search import ACCURACY_OF_SCALE, scale_to
 from adaptsize.typing import FloatArray, Unpack
 
 #: Applies all limits to nodal sizes.
@@ -128,7 +128,7 @@ def scaled_by_error(
     order: float,
     given: ErrorOptions,
     finish: Finish,
-    accuracy: float = ACCURACY,
+    accuracy: float = ACCURACY_OF_SCALE,
     *,
     goals: Sequence[float] | None = None,
 ) -> FloatArray:

@@ -37,8 +37,11 @@ _LARGEST_TOLERANCE = 0.05
 _ENOUGH = math.log1p(0.02)
 #: Bound on the logarithm of a scale whose bound is not known.
 _FARTHEST = 40.0
+#: A mesh with a number within this share of the requested one is accepted, except for
+#: tetrahedra in loops of adaptation.
+ACCEPTED = 0.05
 #: Tolerance of the logarithms of the scale, and of the value unless another one is given.
-ACCURACY = 2e-4
+ACCURACY_OF_SCALE = 2e-4
 
 
 @dataclass(frozen=True)
@@ -107,8 +110,11 @@ class Search(Generic[T]):
         self._next: float | None = 0.0
 
     @classmethod
-    def by_meshes(cls, wanted: float, cell_dim: int, accepted: float, most: int = 3) -> Search[T]:
+    def by_meshes(
+        cls, wanted: float, cell_dim: int, accepted: float | None = None, most: int = 3
+    ) -> Search[T]:
         """Return the search for a number that meshes have, within a share of the wanted one."""
+        accepted = ACCEPTED if accepted is None else accepted
         above, below = math.log1p(accepted), -math.log1p(-accepted)
         return cls(wanted, float(cell_dim), above, below, most=most, trust=_TRUST)
 
@@ -231,7 +237,7 @@ def scale_to(
     value: Callable[[T], float],
     start: float,
     order: float,
-    accuracy: float = ACCURACY,
+    accuracy: float = ACCURACY_OF_SCALE,
     *,
     bounds: tuple[float, float] = (0.0, math.inf),
     most: int = 60,
@@ -265,7 +271,7 @@ def scale_to(
     low, high = bounds
     far = math.exp(_FARTHEST)
     search: Search[T] = Search(
-        wanted, order, accuracy, most=most, start=start, reach=3.0, resolution=ACCURACY,
+        wanted, order, accuracy, most=most, start=start, reach=3.0, resolution=ACCURACY_OF_SCALE,
         bounds=(low or start / far, high if math.isfinite(high) else start * far),
     )  # fmt: skip
     while (factor := search.factor) is not None:

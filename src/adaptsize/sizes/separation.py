@@ -11,7 +11,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import Separation
-from adaptsize.geometry.walls import Walls
+from adaptsize.geometry.walls import WallTree
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.feature import own_boundary
 from adaptsize.typing import FloatArray, ProgressCallback
@@ -90,7 +90,7 @@ def size_from_separation(
     share = as_number("tolerance", tolerance, lower=0.0)
     boundary, nodes = own_boundary(background)
     faces = Faces.of(boundary, angles[0])
-    separation = Separation(faces, angles[1], Walls.of(faces))
+    separation = Separation(faces, angles[1], WallTree.of(faces))
     at_boundary = np.full(boundary.n_points, np.inf)
     with reporting(progress) as report:
         at_boundary[separation.nodes.node] = separation.at_nodes(report).distances

@@ -52,7 +52,7 @@ class WindingNumber:
 
         def task(first: int, last: int) -> None:
             stack, own = new_stack().box, numbers[first:last]
-            wind(self._tree, self._moments, tuning.FAR, queries[first:last], stack, own)
+            wind(self._tree, self._moments, tuning.FAR_IN_RADII, queries[first:last], stack, own)
 
         in_all_threads(task, n, _CHUNK, "sign", report or silent)
         return numbers

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from adaptsize.background import SimplexMesh
 from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
 from adaptsize.geometry.convexity import is_convex
-from adaptsize.limiting.exact.components import Piece
+from adaptsize.limiting.exact.components import ComponentPiece
 from adaptsize.ranks import Ids, rows_among
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -29,7 +29,7 @@ class Skeleton(NamedTuple):
     """Facets, in the order of the whole mesh."""
     convex: bool
 
-    def with_cells(self, piece: Piece, marked: IntArray) -> tuple[Skeleton, SimplexMesh]:
+    def with_cells(self, piece: ComponentPiece, marked: IntArray) -> tuple[Skeleton, SimplexMesh]:
         """Return the skeleton with all cells at marked nodes, and these as a mesh; collective."""
         mesh = piece.mesh
         cells = np.empty((0, mesh.dim + 1), np.int64)
@@ -52,7 +52,7 @@ class Skeleton(NamedTuple):
         return wider, SimplexMesh(points, cells)
 
 
-def find_skeleton(piece: Piece, threads: int) -> Skeleton | None:
+def find_skeleton(piece: ComponentPiece, threads: int) -> Skeleton | None:
     """Return the boundary of a component; two exchanges.
 
     Returns None if any cell has no measure, or if cells overlap at a facet.
@@ -79,7 +79,7 @@ def find_skeleton(piece: Piece, threads: int) -> Skeleton | None:
     return Skeleton(numbers, points, boundary, is_convex(points, boundary))
 
 
-def _statuses(piece: Piece, facets: Ids) -> npt.NDArray[np.int8]:
+def _statuses(piece: ComponentPiece, facets: Ids) -> npt.NDArray[np.int8]:
     """Return whether facets all of whose nodes are shared are walls of the whole; two exchanges.
 
     Each facet is compared on one rank with the same facet of other ranks.

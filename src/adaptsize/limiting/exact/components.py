@@ -19,7 +19,7 @@ OUTSIDE = 1e-7
 _TOUCHING = 1e-9
 
 
-class Piece(NamedTuple):
+class ComponentPiece(NamedTuple):
     """The part of one component on this rank, nodes in the order of the whole mesh.
 
     Methods then see nodes, edges and facets in the same order as in the whole mesh, and round
@@ -98,19 +98,21 @@ def _find_components(part: PartitionedMesh) -> Components:
     return Components(part.shared.merge(number, np.maximum), int(of_label.max(initial=-1)) + 1)
 
 
-def piece_of(part: PartitionedMesh, component: int) -> Piece:
+def piece_of(part: PartitionedMesh, component: int) -> ComponentPiece:
     """Return the part of a component on this rank."""
     return part.once(f"_piece_{component}", lambda: _find_piece(part, component))
 
 
-def _find_piece(part: PartitionedMesh, component: int) -> Piece:
+def _find_piece(part: PartitionedMesh, component: int) -> ComponentPiece:
     number = components_of(part).number
     own = np.flatnonzero(number[part.cells[:, 0]] == component)
     if part.mesh is None or len(own) == 0:
         corners = np.vstack([np.zeros(part.dim), np.eye(part.dim)])
         simplex = SimplexMesh(corners, np.arange(part.dim + 1)[None])
         none = np.empty(0, np.int32)
-        return Piece(part.ranks, simplex, part.global_ids[:0], none, [none] * part.ranks.size)
+        return ComponentPiece(
+            part.ranks, simplex, part.global_ids[:0], none, [none] * part.ranks.size
+        )
     nodes = np.flatnonzero(number == component)
     nodes = nodes[np.argsort(part.global_ids[nodes])]
     mesh, ids = part.mesh, part.global_ids[nodes]
@@ -118,7 +120,7 @@ def _find_piece(part: PartitionedMesh, component: int) -> Piece:
     if not np.array_equal(nodes, np.arange(part.n_points)):
         mesh = SimplexMesh(mesh.points[nodes], local[mesh.cells[own]])
     shared = [local[held][local[held] >= 0] for held in part.shared.nodes]
-    return Piece(part.ranks, mesh, ids, nodes.astype(np.int32), shared)
+    return ComponentPiece(part.ranks, mesh, ids, nodes.astype(np.int32), shared)
 
 
 def moved_inside(domain: AnyMesh, given: PointBounds) -> PointBounds:

@@ -23,7 +23,7 @@ from adaptsize.geometry.plane_boundary import plane_boundary
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.boundary_of_parts import Skeleton, find_skeleton
 from adaptsize.limiting.exact.candidates import Component, margin_for
-from adaptsize.limiting.exact.components import Piece, piece_of
+from adaptsize.limiting.exact.components import ComponentPiece, piece_of
 from adaptsize.limiting.exact.exchange import exchange_rows, of_this_rank, reach_of
 from adaptsize.limiting.exact.field import (
     ComponentSolution,
@@ -98,7 +98,7 @@ def solve_piece(part: PartitionedMesh, number: int, component: Component) -> Com
 
 
 def _with_others(
-    piece: Piece, component: Component, plane: Plane | None, skeleton: Skeleton
+    piece: ComponentPiece, component: Component, plane: Plane | None, skeleton: Skeleton
 ) -> ComponentSolution:
     """Return the sizes in a convex domain (no ``plane``) or in the plane; one exchange."""
     mesh, boundary = component.mesh, skeleton.boundary
@@ -120,7 +120,7 @@ def _with_others(
     return replace(found, h=found.h[: len(piece.nodes)])
 
 
-def _plane_on(piece: Piece, skeleton: Skeleton) -> Plane:
+def _plane_on(piece: ComponentPiece, skeleton: Skeleton) -> Plane:
     """Return walls and corners, the same on all ranks, with the rows of local nodes."""
     counts = [np.bincount(ends, minlength=len(skeleton.ids)) for ends in skeleton.boundary.facets.T]
     irregular = np.flatnonzero((counts[0] != 1) | (counts[1] != 1)).astype(np.int32)
@@ -146,13 +146,13 @@ def _merge_corners(
     lowered[:] = np.array([own[2] for own in every])[best]
 
 
-def _local_facets(piece: Piece, skeleton: Skeleton) -> IntArray:
+def _local_facets(piece: ComponentPiece, skeleton: Skeleton) -> IntArray:
     """Return the facets of the boundary both of whose nodes are on this rank, as local nodes."""
     facets = rows_among(skeleton.ids, piece.ids)[skeleton.boundary.facets]
     return facets[(facets >= 0).all(axis=1)]
 
 
-def _merge_rows(piece: Piece, rows: IntArray) -> IntArray:
+def _merge_rows(piece: ComponentPiece, rows: IntArray) -> IntArray:
     """Return edges and faces with those that other ranks list at shared nodes; one exchange."""
     padded = np.append(piece.ids, -1)
     sent = []
@@ -176,7 +176,7 @@ class Body(NamedTuple):
     solid: Solid
 
 
-def find_body(piece: Piece, skeleton: Skeleton) -> Body:
+def find_body(piece: ComponentPiece, skeleton: Skeleton) -> Body:
     """Return the boundary with the cells at it, and the reflex edges; collective."""
     everywhere = np.arange(len(skeleton.ids), dtype=np.int32)
     wider, near = skeleton.with_cells(piece, everywhere)
@@ -191,7 +191,7 @@ def find_body(piece: Piece, skeleton: Skeleton) -> Body:
 
 
 def solve_body(
-    part: PartitionedMesh, piece: Piece, body: Body, component: Component
+    part: PartitionedMesh, piece: ComponentPiece, body: Body, component: Component
 ) -> ComponentSolution:
     """Return the limited sizes at the nodes of a piece, without sources; collective.
 
@@ -209,7 +209,7 @@ class PartOfSolid(WholeSolid):
     """What one rank knows of a solid; all methods but `known` and `own` are collective."""
 
     def __init__(
-        self, part: PartitionedMesh, piece: Piece, body: Body, component: Component
+        self, part: PartitionedMesh, piece: ComponentPiece, body: Body, component: Component
     ) -> None:
         points = piece.mesh.points if piece.is_empty else body.solid.points[body.own]
         super().__init__(component, body.solid, points)
@@ -295,7 +295,9 @@ class PartOfSolid(WholeSolid):
         return lowered
 
 
-def _bounds(piece: Piece, body: Body, component: Component) -> tuple[FloatArray, FloatArray]:
+def _bounds(
+    piece: ComponentPiece, body: Body, component: Component
+) -> tuple[FloatArray, FloatArray]:
     """Return the bounds at the nodes of the body, and what sources must undercut to matter.
 
     The latter are sizes that grow along the edges of the own cells, at the own nodes and at the

@@ -29,7 +29,7 @@ from adaptsize.limiting.exact.candidates import (
 )
 from adaptsize.limiting.exact.components import (
     OUTSIDE,
-    Piece,
+    ComponentPiece,
     components_of,
     is_connected,
     moved_inside,
@@ -279,7 +279,7 @@ class Exact(Scheme):
         return replace(solution, h=h, unfinished=unfinished, parts=parts, n_proved=max(0, n_proved))
 
 
-def _of_piece(piece: Piece, part: PartitionedMesh, cells: IntArray) -> IntArray:
+def _of_piece(piece: ComponentPiece, part: PartitionedMesh, cells: IntArray) -> IntArray:
     """Return the cells, given by nodes of the part, that are in a piece, by its nodes."""
     own = places_among(piece.nodes, part.n_points)[cells]
     return read_only(np.ascontiguousarray(own[own[:, 0] >= 0]))

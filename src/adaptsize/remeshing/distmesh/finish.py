@@ -7,18 +7,12 @@ from adaptsize._kernels.smoothing import smooth_nodes
 from adaptsize._kernels.swapping import MOST_AROUND, Tetrahedra, new_work, swap
 from adaptsize.background.topology import marked, rings
 from adaptsize.geometry.boundary import facet_normals
+from adaptsize.remeshing.distmesh import tuning
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, Skin
 from adaptsize.remeshing.distmesh.relaxation import ON_BOUNDARY, triangulate
 from adaptsize.remeshing.taken_back import quality_of, take_back, worst_of_nodes
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
-#: Rounds of triangulation and projection.  Two are usually enough.
-_ROUNDS = 8
-#: Cells of lower quality are improved with their neighbours.
-_FLAT = 0.25
-#: Cells of lower quality are improved.
-_BAD = {2: 0.6, 3: 0.45}
-_PASSES = 12
 #: Tolerance of the projection of boundary nodes, in sizes.
 TOLERANCE = 1e-6
 
@@ -36,8 +30,8 @@ def finish(
         The first ``n_fixed`` stay where they are.
     """
     points = points.copy()
-    for k in range(_ROUNDS):
-        report("fitting the boundary", k / _ROUNDS)
+    for k in range(tuning.ROUNDS_OF_FITTING):
+        report("fitting the boundary", k / tuning.ROUNDS_OF_FITTING)
         h = domain.size(points)
         cells = triangulate(domain, points, h)
         regions = domain.regions(points, cells)
@@ -46,7 +40,11 @@ def finish(
         at = at[at >= n_fixed]
         done = domain.adjust(points, cells, regions)
         there = domain.project(
-            points[at], h[at], tolerance=TOLERANCE, max_steps=20, walls=skin.walls_of(at)
+            points[at],
+            h[at],
+            tolerance=TOLERANCE,
+            max_steps=tuning.STEPS_OF_PROJECTION,
+            walls=skin.walls_of(at),
         )
         near = np.linalg.norm(there - points[at], axis=1) <= ON_BOUNDARY * h[at]
         before = points.copy()
@@ -54,7 +52,7 @@ def finish(
         if near.all() and done:
             break
     else:  # only nodes whose cells keep their quality are moved
-        take_back(points, cells, before, at, np.full(len(points), 0.5 * _FLAT))
+        take_back(points, cells, before, at, np.full(len(points), 0.5 * tuning.FLAT))
     if len(cells) == 0:
         raise ValueError(
             "size must be small enough for the domain, got sizes for which no cell fits into it"
@@ -75,26 +73,25 @@ def improved(
     dim = points.shape[1]
     points, (cells, regions) = points.copy(), mesh
     best, wider = (-1.0, 0), 0
-    for k in range(_PASSES):
-        report("improving cells", k / _PASSES)
+    for k in range(tuning.PASSES):
+        report("improving cells", k / tuning.PASSES)
         if dim == 3:
             cells, regions = _swapped_in_regions(points, cells, regions)
         quality = quality_of(points, cells)
-        bad = quality < _BAD[dim]
+        bad = quality < tuning.BAD[dim]
         state = (round(float(quality.min()), 2), -int(bad.sum()))
         if state <= best:
             wider += 1
-            bad = quality < _FLAT
+            bad = quality < tuning.FLAT
         best = max(state, best)
         # Layers of neighbours that are moved too if nothing else helps.
-        if not bad.any() or wider > 3:
+        if not bad.any() or wider > tuning.MOST_LAYERS:
             break
         nodes = np.unique(cells[bad])
         for _ in range(wider):  # the neighbours must move too
             nodes = np.unique(cells[np.isin(cells, nodes).any(axis=1)])
-        # Steps of the search begin at a fifth of the size.
         skin = domain.skin(points, cells, regions)
-        steps = (1 + wider) * 0.2 * h
+        steps = (1 + wider) * tuning.FIRST_STEP * h
         _move_nodes(domain, points, cells, skin, h, nodes[nodes >= n_fixed], steps)
     return points, cells, regions
 
@@ -112,9 +109,9 @@ def _swapped_in_regions(
 def swapped(points: FloatArray, cells: IntArray) -> IntArray:
     """Return tetrahedra with edges and faces swapped until no swap improves the quality."""
     work = new_work()
-    for _ in range(10):
+    for _ in range(tuning.ROUNDS_OF_SWAPPING):
         quality = quality_of(points, cells)
-        bad = np.flatnonzero(quality < _BAD[3])
+        bad = np.flatnonzero(quality < tuning.BAD[3])
         bad = bad[np.argsort(quality[bad])]
         ring_ptr, ring = rings(cells, len(points))
         removed = np.zeros(len(cells), np.bool_)
@@ -147,7 +144,11 @@ def _move_nodes(
     at = np.setdiff1d(at, sharp)
     at = at[(points[at] != old[at]).any(axis=1)]
     points[at] = domain.project(
-        points[at], h[at], tolerance=TOLERANCE, max_steps=20, walls=skin.walls_of(at)
+        points[at],
+        h[at],
+        tolerance=TOLERANCE,
+        max_steps=tuning.STEPS_OF_PROJECTION,
+        walls=skin.walls_of(at),
     )
     take_back(points, cells, old, at, before)
 
@@ -157,6 +158,4 @@ def _is_crease(points: FloatArray, skin: IntArray, normals: FloatArray) -> BoolA
     across = facet_normals(points[skin])
     across /= np.linalg.norm(across, axis=1)[:, None]
     cosine = np.abs(np.einsum("ij,ikj->ik", across, normals[skin]))
-    # Cosine of the angle between a facet and the boundary above which a node is at no edge or
-    # corner.
-    return marked(skin[cosine < 0.8], len(points))
+    return marked(skin[cosine < tuning.SMOOTH_COSINE], len(points))

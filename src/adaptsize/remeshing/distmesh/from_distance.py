@@ -15,10 +15,11 @@ from adaptsize.background.octree import as_box
 from adaptsize.background.simplex import cut_out
 from adaptsize.background.topology import places_among
 from adaptsize.options import DistanceOptions, checked, with_options
+from adaptsize.remeshing.distmesh import tuning
 from adaptsize.remeshing.distmesh.finish import finish
 from adaptsize.remeshing.distmesh.implicit_domain import Field, ImplicitDomain, grid_of
 from adaptsize.remeshing.distmesh.nodes import far_from
-from adaptsize.remeshing.distmesh.rejection import ELEMENTS_PER_NODE, sample
+from adaptsize.remeshing.distmesh.rejection import sample
 from adaptsize.remeshing.distmesh.relaxation import relax
 from adaptsize.remeshing.distmesh.report import SmoothingReport, describe, warn_of_faults
 from adaptsize.typing import FloatArray, ProgressCallback, Unpack
@@ -179,7 +180,7 @@ def mesh_of_domain(
         np.concatenate([fixed, far_from(domain, fixed, sampling.points)]),
         n_fixed=len(fixed),
         max_iter=max_iter,
-        max_nodes=1.5 * max_elements / ELEMENTS_PER_NODE[domain.dim],
+        max_nodes=tuning.ROOM * max_elements / tuning.ELEMENTS_PER_NODE[domain.dim],
         report=report,
     )
     points, cells, regions = finish(domain, relaxed.points, n_fixed=relaxed.n_fixed, report=report)
@@ -192,13 +193,12 @@ def mesh_of_domain(
 def _refuse_cut(domain: ImplicitDomain) -> None:
     """Raise a ValueError if the domain extends beyond the box."""
     extent = domain.upper - domain.lower
-    counts = np.maximum(2, np.ceil(40 * extent / extent.max()).astype(int) + 1)
+    counts = np.maximum(2, np.ceil(tuning.SAMPLES_OF_BOX * extent / extent.max()).astype(int) + 1)
     grid = grid_of(domain.lower, domain.upper, counts).reshape(-1, domain.dim)
     skin = grid[((grid == domain.lower) | (grid == domain.upper)).any(axis=1)]
     depth = domain.depth(domain.given(skin))
     deep = depth > 0.0
-    # Allowed depth of the domain at the faces of the box, in sizes.
-    deep[deep] = depth[deep] > 0.5 * domain.size(skin[deep])
+    deep[deep] = depth[deep] > tuning.DEPTH_AT_BOX * domain.size(skin[deep])
     if deep.any():
         first = skin[int(np.argmax(np.where(deep, depth, -np.inf)))]
         raise ValueError(
@@ -215,8 +215,7 @@ def _as_fixed(points: npt.ArrayLike | None, domain: ImplicitDomain) -> FloatArra
     depth = domain.depth(domain.phi(fixed))
     h = domain.size(fixed)
     # On the boundary the size may be unknown.  The size inside is used then.
-    # Allowed distance of a fixed point from the domain, in sizes.
-    outside = (depth < 0.0) & ~(depth >= -0.01 * h)
+    outside = (depth < 0.0) & ~(depth >= -tuning.FIXED_OUTSIDE * h)
     refuse_where("fixed_points", outside, depth, "must lie in the domain (depths are given)")
     _, first = np.unique(fixed, axis=0, return_index=True)
     double = np.setdiff1d(np.arange(len(fixed)), first)

@@ -10,17 +10,14 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, refuse_where
 from adaptsize.background.topology import facets_of, marked
+from adaptsize.remeshing.distmesh import tuning
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 #: A function of points, float64[n, dim], with one value per point.
 Field: TypeAlias = Callable[[FloatArray], Any]
 
-#: Samples along the longest side of the box.  Narrower parts are found by the slope of phi.
-FIRST = {2: 48, 3: 20}
 #: Steps of a difference quotient, in sizes: far above rounding, far below any detail.
 _STEP = 1e-4
-#: Gradients shorter than this times the steepest slope are not used to locate the boundary.
-_FLAT = 1e-3
 
 
 class Skin(NamedTuple):
@@ -120,7 +117,7 @@ class ImplicitDomain:
         the samples it may be steeper.
         """
         extent = self.upper - self.lower
-        most = FIRST[self.dim] * extent / extent.max()
+        most = tuning.FIRST[self.dim] * extent / extent.max()
         counts = np.maximum(3, np.ceil(most).astype(int) + 1)
         grid = grid_of(self.lower, self.upper, counts)
         phi = self.given(grid.reshape(-1, self.dim)).reshape(counts)
@@ -128,7 +125,7 @@ class ImplicitDomain:
         for d in range(self.dim):
             rise = np.diff(phi, axis=d) / (extent[d] / (counts[d] - 1))
             square += rise[tuple(slice(0, n - 1) for n in phi.shape)] ** 2
-        return 1.1 * float(np.sqrt(square.max())) or 1.0
+        return tuning.STEEPER * float(np.sqrt(square.max())) or 1.0
 
     def depth(self, phi: FloatArray) -> FloatArray:
         """Return a lower bound on how deep inside points are (if ``slope`` is one)."""
@@ -141,8 +138,7 @@ class ImplicitDomain:
         edge of the domain, forward steps along all axes may lead inside along the other face.
         """
         gradient = self._differences(points, phi, _STEP * h)
-        # A gradient that is too short by this factor would overshoot by 10 of the steps above.
-        shallow = np.flatnonzero(np.linalg.norm(gradient, axis=1) < 0.1 * self.slope)
+        shallow = np.flatnonzero(np.linalg.norm(gradient, axis=1) < tuning.SHALLOW * self.slope)
         back = self._differences(points[shallow], phi[shallow], -_STEP * h[shallow])
         steeper = np.linalg.norm(back, axis=1) > np.linalg.norm(gradient[shallow], axis=1)
         gradient[shallow[steeper]] = back[steeper]
@@ -162,7 +158,7 @@ class ImplicitDomain:
         """Return estimates of how deep inside points are: of first order, -phi / |grad phi|."""
         phi = self.phi(points)
         slope = np.linalg.norm(self.gradient(points, phi, h), axis=1)
-        return np.asarray(-phi / np.clip(slope, _FLAT * self.slope, self.slope))
+        return np.asarray(-phi / np.clip(slope, tuning.FLAT_GRADIENT * self.slope, self.slope))
 
     def regions(self, points: FloatArray, cells: IntArray) -> IntArray:
         """Return the number of the region of each cell."""
@@ -203,7 +199,7 @@ class ImplicitDomain:
         """Return the moves to the zero of the linearised phi, none longer than ``h``."""
         gradient = self.gradient(points, phi, h)
         square = np.einsum("ij,ij->i", gradient, gradient)
-        safe = square > (_FLAT * self.slope) ** 2
+        safe = square > (tuning.FLAT_GRADIENT * self.slope) ** 2
         factor = np.divide(-phi, square, out=np.zeros_like(phi), where=safe)
         move = factor[:, None] * gradient
         length = np.linalg.norm(move, axis=1)

@@ -10,17 +10,9 @@ import numpy as np
 from adaptsize.background.topology import facets_of, marked
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.labels import Nearest
+from adaptsize.remeshing.distmesh import tuning
 from adaptsize.remeshing.distmesh.implicit_domain import Field, ImplicitDomain, Skin
 from adaptsize.typing import BoolArray, FloatArray, IntArray
-
-#: A node this far from its interfaces is not moved onto all of them, in sizes.
-_REACH = 0.5
-#: Interfaces whose normals are closer than this are treated as one, in singular values.
-_PARALLEL = 0.2
-#: No label is shifted by more than this in one step, and in all, in pixels.
-_STEP, _MOST = 1.0, 4.0
-#: Measures are adjusted until they are this close, relative.
-_CLOSE = 2e-3
 
 
 class Fields(Protocol):
@@ -165,7 +157,8 @@ class LabelledDomain(ImplicitDomain):
             walls[many] = self._without_farthest(points[many], walls[many])
         while len(left):
             there = self._meeting(points[left], walls[left], h[left], tolerance, max_steps)
-            far = np.linalg.norm(there - points[left], axis=1) > _REACH * h[left]
+            way = np.linalg.norm(there - points[left], axis=1)
+            far = way > tuning.REACH_OF_INTERFACES * h[left]
             far &= (walls[left] >= 0).sum(axis=1) > 2
             moved[left[~far]] = there[~far]
             left = left[far]
@@ -233,13 +226,13 @@ class LabelledDomain(ImplicitDomain):
         slopes = np.where(is_plane[..., None] | pinned[:, None], 0.0, slopes)
         square = np.einsum("nkd,nkd->nk", slopes, slopes)
         length = np.sqrt(square)
-        safe = length > 0.05 / self.fields.pixel
+        safe = length > tuning.SAFE_SLOPE / self.fields.pixel
         unit = slopes / np.where(safe, length, np.inf)[..., None]
         away = np.where(safe, values / np.where(safe, length, 1.0), 0.0)
         several = safe.sum(axis=1) > 1
         move -= np.where(several[:, None], 0.0, (away[..., None] * unit).sum(axis=1))
         if several.any():
-            inverse = np.linalg.pinv(unit[several], rcond=_PARALLEL)
+            inverse = np.linalg.pinv(unit[several], rcond=tuning.PARALLEL)
             move[several] -= np.einsum("ndk,nk->nd", inverse, away[several])
         return np.asarray(move)
 
@@ -299,14 +292,14 @@ class LabelledDomain(ImplicitDomain):
         wanted = np.array([self.measures.get(name, 0.0) for name in names])
         short = wanted - made
         inner = np.arange(len(names)) != outside
-        if (np.abs(short) <= _CLOSE * wanted)[inner].all():
+        if (np.abs(short) <= tuning.CLOSE * wanted)[inner].all():
             return True
         facets, sides = self._facets(points, cells, regions)
         between = sides[:, 1] < len(names)
         facets, (a, b) = facets[between], sides[between].T
         centres = points[facets].mean(axis=1)
         slope = self.fields.values(a, centres)[1] - self.fields.values(b, centres)[1]
-        steep = np.maximum(np.linalg.norm(slope, axis=1), 0.5 / self.fields.pixel)
+        steep = np.maximum(np.linalg.norm(slope, axis=1), tuning.LEAST_SLOPE / self.fields.pixel)
         areas = np.linalg.norm(facet_normals(points[facets]), axis=1) / (self.dim - 1)
         rate = areas / steep
         matrix = np.zeros((len(names), len(names)))
@@ -315,8 +308,9 @@ class LabelledDomain(ImplicitDomain):
             np.add.at(matrix, (one, other), -rate)
         step = np.zeros(len(names))
         solved = np.linalg.lstsq(matrix[np.ix_(inner, inner)], short[inner], rcond=1e-9)[0]
-        step[inner] = np.clip(solved, -_STEP, _STEP)
-        self.fields.shifts[:] = np.clip(self.fields.shifts + step, -_MOST, _MOST)
+        step[inner] = np.clip(solved, -tuning.LABEL_STEP, tuning.LABEL_STEP)
+        most = tuning.MOST_LABEL_SHIFT
+        self.fields.shifts[:] = np.clip(self.fields.shifts + step, -most, most)
         return False
 
 

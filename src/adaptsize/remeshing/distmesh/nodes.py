@@ -4,16 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptsize.remeshing.distmesh import tuning
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, Skin
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongArray
-
-#: Edges shorter or longer than this lose a node or get one at their midpoint, in sizes.
-_TOO_SHORT, _TOO_LONG = 0.6, 1.55
-#: A point of the domain this far from all nodes gets a node, in sizes.  In the ideal lattices
-#: no point is further away than 0.61.
-_TOO_FAR = 0.85
-#: Edges between boundary nodes run along the boundary if their middle is this near, in lengths.
-_ALONG = 0.2
 
 
 class Triangulation(NamedTuple):
@@ -40,8 +33,8 @@ def adapted(
     to_wall = domain.to_walls(middles, depth)
     both = on_boundary[i[candidates]] & on_boundary[j[candidates]]
     # Edges across a narrow part are short because the part is narrow.
-    across = both & (to_wall > _ALONG * length)
-    inside = depth > -_ALONG * length
+    across = both & (to_wall > tuning.ALONG * length)
+    inside = depth > -tuning.ALONG * length
     removed = _chosen(edges[short[~across[: len(short)]]], on_boundary, n_fixed)
     is_new = inside[len(short) :]
     new = spread(middles[len(short) :][is_new], h[i[long[is_new]]], 1.0)
@@ -56,10 +49,10 @@ def _short_and_long(ratio: FloatArray, n_points: int, dim: int) -> tuple[IndexAr
     """
     order = np.argsort(ratio)
     sorted_ratio = ratio[order]
-    n_short = int(np.searchsorted(sorted_ratio, _TOO_SHORT))
-    n_long = len(ratio) - int(np.searchsorted(sorted_ratio, _TOO_LONG))
+    n_short = int(np.searchsorted(sorted_ratio, tuning.TOO_SHORT))
+    n_long = len(ratio) - int(np.searchsorted(sorted_ratio, tuning.TOO_LONG))
     surplus = n_points * (float(np.median(ratio)) ** dim - 1.0)
-    limits = np.searchsorted(sorted_ratio, [0.85, 1.15])
+    limits = np.searchsorted(sorted_ratio, tuning.SHORT_AND_LONG)
     n_short = max(n_short, min(int(-surplus), int(limits[0])))
     n_long = max(n_long, min(int(surplus), len(ratio) - int(limits[1])))
     return order[:n_short], order[::-1][:n_long]
@@ -88,8 +81,8 @@ def uncovered(domain: ImplicitDomain, points: FloatArray) -> FloatArray:
     probes = domain.probes
     assert probes is not None
     h = domain.size(probes)
-    far = cKDTree(points).query(probes)[0] > _TOO_FAR * h
-    new = spread(probes[far], h[far], _TOO_FAR)
+    far = cKDTree(points).query(probes)[0] > tuning.TOO_FAR * h
+    new = spread(probes[far], h[far], tuning.TOO_FAR)
     return np.concatenate([points, new])
 
 
@@ -111,14 +104,9 @@ def far_from(domain: ImplicitDomain, fixed: FloatArray, points: FloatArray) -> F
     """Return the points that are not too near to the fixed ones."""
     from scipy.spatial import cKDTree
 
-    return np.asarray(points[cKDTree(fixed).query(points)[0] > _TOO_SHORT * domain.size(points)])
-
-
-#: A node this near to a corner is moved there; a node still nearer counts as there, in sizes.
-_BRING = 0.5
-#: Tangents are recomputed at this share of the distance from the corner.
-_NEARER = 0.2
-_ROUNDS = 3
+    return np.asarray(
+        points[cKDTree(fixed).query(points)[0] > tuning.TOO_SHORT * domain.size(points)]
+    )
 
 
 def with_corners(
@@ -144,14 +132,14 @@ def with_corners(
     from scipy.spatial import cKDTree
 
     corners, sizes = _between(domain, points, h, skin_edges)
-    corners = spread(corners, sizes, _BRING)
+    corners = spread(corners, sizes, tuning.NEAR_CORNER)
     way, node = cKDTree(points).query(corners)
-    near = way < _BRING * h[node]
+    near = way < tuning.NEAR_CORNER * h[node]
     free = near & (node >= n_fixed)
     used, first = np.unique(node[free], return_index=True)
     moved, new = corners[free][first], corners[~near]
     if domain.dim == 3:
-        if len(new) == 0 and (way < 1e-4 * h[node])[free].all():
+        if len(new) == 0 and (way < tuning.AT_CORNER * h[node])[free].all():
             return None, n_fixed
         points = points.copy()
         points[used] = moved
@@ -169,17 +157,21 @@ def _between(
     """Return where the tangents at two neighbours meet on the boundary, and sizes there."""
     a, b = points[pairs[:, 0]], points[pairs[:, 1]]
     size = 0.5 * (h[pairs[:, 0]] + h[pairs[:, 1]])
-    for turn in range(_ROUNDS):
+    for turn in range(tuning.ROUNDS_OF_TANGENTS):
         corner, good = _meeting(domain, a, b, size)
         a, b, size, corner = a[good], b[good], size[good], corner[good]
-        if turn < _ROUNDS - 1 and len(a):
+        if turn < tuning.ROUNDS_OF_TANGENTS - 1 and len(a):
             both = np.concatenate(
-                [corner + _NEARER * (a - corner), corner + _NEARER * (b - corner)]
+                [
+                    corner + tuning.NEARER_CORNER * (a - corner),
+                    corner + tuning.NEARER_CORNER * (b - corner),
+                ]
             )
-            both = domain.project(both, np.tile(size, 2), tolerance=1e-6, max_steps=5)
+            both = domain.project(
+                both, np.tile(size, 2), tolerance=1e-6, max_steps=tuning.STEPS_BESIDE_CORNER
+            )
             a, b = both[: len(a)], both[len(a) :]
-    # The tangents meet this near to the boundary, in sizes.
-    on_it = np.abs(domain.depths(corner, size)) < 0.02 * size
+    on_it = np.abs(domain.depths(corner, size)) < tuning.CORNER_OFF_BOUNDARY * size
     return corner[on_it], size[on_it]
 
 
@@ -190,8 +182,7 @@ def _meeting(
     u, v = domain.normals(a, size), domain.normals(b, size)
     middle = 0.5 * (a + b)
     cosine = np.einsum("ij,ij->i", u, v)
-    # Cosine of the least angle between the normals beside a corner (40 degrees).
-    sharp = np.abs(cosine) < 0.77
+    sharp = np.abs(cosine) < tuning.CORNER_COSINE
     # middle + p u + q v lies on both tangents.
     along_u = np.einsum("ij,ij->i", u, a - middle)
     along_v = np.einsum("ij,ij->i", v, b - middle)

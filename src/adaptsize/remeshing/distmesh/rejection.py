@@ -20,7 +20,8 @@ import numpy as np
 
 from adaptsize._messages import Message
 from adaptsize.errors import TooManyElementsError
-from adaptsize.remeshing.distmesh.implicit_domain import FIRST, ImplicitDomain, grid_of
+from adaptsize.remeshing.distmesh import tuning
+from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, grid_of
 from adaptsize.typing import BoolArray, FloatArray, LongArray
 
 #: Edges of a box that holds two points of a lattice whose mean edge is 1.  In space the
@@ -28,10 +29,6 @@ from adaptsize.typing import BoolArray, FloatArray, LongArray
 _BOX = {2: np.array([1.0, math.sqrt(3.0)]), 3: np.full(3, 7.0 / (3.0 + 2.0 * math.sqrt(3.0)))}
 #: Positions of the two points in their box.
 _PLACES = (0.25, 0.75)
-#: Sub-samples of a box at the boundary along each axis.
-_SUBSAMPLES = {2: 5, 3: 4}
-#: Elements per node.
-ELEMENTS_PER_NODE = {2: 2.0, 3: 5.5}
 _MAX_LEVEL = 40
 
 
@@ -82,7 +79,7 @@ def sample(domain: ImplicitDomain, rng: np.random.Generator, *, max_elements: fl
     """
     boxes = _root(domain)
     coarsest = boxes.spacing
-    limit = max_elements / ELEMENTS_PER_NODE[domain.dim]
+    limit = max_elements / tuning.ELEMENTS_PER_NODE[domain.dim]
     points, probes = [], []
     measure, expected = 0.0, 0.0
     for level in range(_MAX_LEVEL + 1):
@@ -125,7 +122,7 @@ def _root(domain: ImplicitDomain) -> _Boxes:
     The smallest size found is the spacing of some level, so a constant size gives the lattice.
     """
     extent = domain.upper - domain.lower
-    first = float(extent.max()) / FIRST[domain.dim]
+    first = float(extent.max()) / tuning.FIRST[domain.dim]
     counts = np.maximum(3, np.ceil(extent / first).astype(int))
     grid = grid_of(domain.lower, domain.upper, counts).reshape(-1, domain.dim)
     h = domain.size(grid[domain.phi(grid) < 0.0])
@@ -179,7 +176,7 @@ def _probe(
     edges, centres = leaves.edges, leaves.at(0.5)
     phi = domain.phi(centres)
     crossed = np.abs(phi) <= domain.slope * 0.5 * float(np.linalg.norm(edges))
-    n = _SUBSAMPLES[domain.dim]
+    n = tuning.SUBSAMPLES[domain.dim]
     offsets = grid_of(-0.5 * edges, 0.5 * edges, [n + 1] * domain.dim)
     offsets = offsets[(slice(0, n),) * domain.dim].reshape(-1, domain.dim) + 0.5 * edges / n
     # Jittered: a boundary parallel to the boxes could be off by a whole sub-sample otherwise.

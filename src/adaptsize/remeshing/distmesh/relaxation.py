@@ -23,20 +23,13 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize.background.topology import edges_of
+from adaptsize.remeshing.distmesh import tuning
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, Skin
 from adaptsize.remeshing.distmesh.nodes import Triangulation, adapted, uncovered, with_corners
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
-#: Target lengths are scaled up by this factor.  The pressure drives nodes to the boundary.
-_PRESSURE = {2: 1.15, 3: 1.1}
-#: No node moves further in one step, in sizes.
-_LONGEST = 0.25
-#: Nodes are added and removed in every tenth of the first steps.
-_ADAPT_EVERY, _ADAPT_UNTIL = 10, 60
 #: A node this near to the boundary is on it, in sizes.
 ON_BOUNDARY = 1e-3
-#: Cells this deep in the domain at least are part of it, in sizes.
-_INSIDE = 0.05
 
 
 class Relaxed(NamedTuple):
@@ -86,9 +79,9 @@ def _are_inside(
     centroids, wanted = corners[unsure].mean(axis=1), h[cells[unsure]].mean(axis=1)
     depth = domain.depth(domain.phi(centroids))
     # The slope is only a bound.  Where it is not sharp enough, the gradient is used.
-    near = (depth > 0.0) & (depth <= _INSIDE * wanted)
+    near = (depth > 0.0) & (depth <= tuning.INSIDE * wanted)
     depth[near] = domain.depths(centroids[near], wanted[near])
-    inside[unsure] = depth > _INSIDE * wanted
+    inside[unsure] = depth > tuning.INSIDE * wanted
     return np.asarray(inside)
 
 
@@ -103,7 +96,7 @@ def relax(
 ) -> Relaxed:
     """Return the smoothed nodes, some added and some removed.  The first ``n_fixed`` are fixed."""
     points = uncovered(domain, points)
-    adapt_until = min(_ADAPT_UNTIL, max_iter // 2)
+    adapt_until = min(tuning.ADAPT_UNTIL, max_iter // 2)
     known: Triangulation | None = None
     seeks_corners = domain.may_have_corners
     count, k, mean, converged = 0, 0, np.inf, False
@@ -111,33 +104,34 @@ def relax(
         report("moving nodes", k / max_iter)
         h, n = domain.size(points), len(points)
         way = 0.0 if known is None else np.linalg.norm(points - known.points, axis=1) / h
-        if known is None or np.quantile(way, 0.99) > 0.1:  # 1 % of the nodes moved so many sizes
+        if known is None or np.quantile(way, 1.0 - tuning.MOVED_SHARE) > tuning.MOVED:
             cells = triangulate(domain, points, h)
             known = Triangulation(points, edges_of(cells, n), domain.skin(points, cells))
             count += 1
         changed = None
-        if k % _ADAPT_EVERY == 0 and k <= adapt_until:
+        if k % tuning.ADAPT_EVERY == 0 and k <= adapt_until:
             changed = adapted(domain, points, h, known, n_fixed)
             if changed is not None and len(changed) > max_nodes:
                 changed = None
-        elif k % _ADAPT_EVERY == _ADAPT_EVERY // 2 and k > _ADAPT_EVERY and seeks_corners:
+        elif (
+            k % tuning.ADAPT_EVERY == tuning.ADAPT_EVERY // 2
+            and k > tuning.ADAPT_EVERY
+            and seeks_corners
+        ):
             skin_edges = edges_of(known.skin.facets, n)
             changed, n_fixed = with_corners(domain, points, h, skin_edges, n_fixed)
         if changed is not None:
             points, known = changed, None
             continue
-        # Steps are shortened by this factor from then on: where several triangulations are as good,
-        # nodes would swing between them for ever.
-        shortened = 0.985 ** max(0, k - _ADAPT_UNTIL)
+        shortened = tuning.SHORTENING ** max(0, k - tuning.ADAPT_UNTIL)
         move = shortened * _forces(points, known.edges, h)
         move[:n_fixed] = 0.0
         moved = _put_back(domain, points + move, h, known.skin, n_fixed)
         mean = float((np.linalg.norm(moved - points, axis=1) / h).mean()) / shortened
         points = moved
-        # Mean displacement per step at which the nodes have converged, in sizes.
-        converged = mean < 2.5e-3
-        # Convergence is tested only after this step, when the rules above have been applied.
-        if converged and k >= 36:
+        converged = mean < tuning.CONVERGED
+        # Only when the rules above have been applied.
+        if converged and k >= tuning.FEWEST_STEPS:
             break
     return Relaxed(points, n_fixed, k, count, mean, converged)
 
@@ -150,20 +144,18 @@ def _forces(points: FloatArray, edges: IntArray, h: FloatArray) -> FloatArray:
     length = np.linalg.norm(edge, axis=1)
     wanted = 0.5 * (h[i] + h[j])
     # The number of nodes determines the mean edge length.
-    scale = np.clip(np.median(length / wanted), 0.9, 1.15)
-    excess = np.maximum(_PRESSURE[dim] * scale * wanted - length, 0.0)
+    scale = np.clip(np.median(length / wanted), *tuning.SCALES)
+    excess = np.maximum(tuning.PRESSURE[dim] * scale * wanted - length, 0.0)
     force = excess / np.maximum(length, 1e-12 * wanted)
     move = np.empty((n, dim))
     for d in range(dim):
         along = force * edge[:, d]
         move[:, d] = np.bincount(i, along, n) - np.bincount(j, along, n)
     n_neighbours = np.bincount(edges.ravel(), minlength=n)
-    # Length of a step, in forces over the number of neighbours: below 2 neighbours that are pushed
-    # against each other along one edge do not pass the place where the force ends.
-    move *= (1.5 / np.maximum(n_neighbours, 1))[:, None]
+    move *= (tuning.STEP_PER_FORCE / np.maximum(n_neighbours, 1))[:, None]
     way = np.linalg.norm(move, axis=1)
-    far = way > _LONGEST * h
-    move[far] *= (_LONGEST * h[far] / way[far])[:, None]
+    far = way > tuning.LONGEST_STEP * h
+    move[far] *= (tuning.LONGEST_STEP * h[far] / way[far])[:, None]
     return move
 
 
@@ -176,8 +168,12 @@ def _put_back(
     moving[:n_fixed] = False
     at = np.flatnonzero(moving)
     there = domain.project(
-        points[at], h[at], tolerance=ON_BOUNDARY, max_steps=2, walls=skin.walls_of(at)
+        points[at],
+        h[at],
+        tolerance=ON_BOUNDARY,
+        max_steps=tuning.STEPS_BACK,
+        walls=skin.walls_of(at),
     )
-    near = np.linalg.norm(there - points[at], axis=1) < 0.5 * h[at]
+    near = np.linalg.norm(there - points[at], axis=1) < tuning.REACH_OF_BOUNDARY * h[at]
     points[at] = np.where((outside[at] | near)[:, None], there, points[at])
     return points

@@ -14,14 +14,12 @@ from adaptsize.errors import ConvergenceWarning, ResolutionWarning
 from adaptsize.quality import size_conformity
 from adaptsize.quality.conformity import Conformity
 from adaptsize.quality.elements import minimum_angles
+from adaptsize.remeshing.distmesh import tuning
 from adaptsize.remeshing.distmesh.finish import TOLERANCE
 from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
 from adaptsize.remeshing.distmesh.rejection import Sampling
 from adaptsize.remeshing.distmesh.relaxation import Relaxed
 from adaptsize.typing import IntArray
-
-#: Cells with an angle (dihedral angle) smaller than this are slivers, degrees.
-SLIVER_ANGLE = 10.0
 
 
 @dataclass(frozen=True)
@@ -80,7 +78,7 @@ class SmoothingReport:
         return "\n".join(
             [
                 str(self.conformity),
-                f"{self.n_slivers} slivers (below {SLIVER_ANGLE:g} deg), "
+                f"{self.n_slivers} slivers (below {tuning.SLIVER_ANGLE:g} deg), "
                 f"{self.n_components} component(s), measure {self.measure:.6g} of about "
                 f"{self.domain_measure:.6g}, {self.n_uncovered} samples of the domain uncovered",
                 f"boundary nodes within {self.boundary_residual:.2g} sizes, facets within "
@@ -111,8 +109,9 @@ def describe(
     centres = skin.points[skin.cells].mean(axis=1)
     h = domain.size(centres)
     gap = np.linalg.norm(domain.newton_steps(centres, domain.phi(centres), h), axis=1) / h
-    # A sample point without a node within this distance is not covered, in sizes.
-    far = cKDTree(mesh.points).query(sampling.probes)[0] > 1.1 * domain.size(sampling.probes)
+    far = cKDTree(mesh.points).query(sampling.probes)[0] > tuning.UNCOVERED * domain.size(
+        sampling.probes
+    )
     # Components have no facet in common.
     links = topology.pairs_of_cells(mesh, mesh.facet_cell_counts == 2) // mesh.cells.shape[1]
     component = topology.components_of(links, mesh.n_cells)
@@ -122,7 +121,7 @@ def describe(
         converged=relaxed.converged,
         last_move=relaxed.last_move,
         conformity=size_conformity(mesh, domain.size),
-        n_slivers=int(np.count_nonzero(minimum_angles(mesh) < SLIVER_ANGLE)),
+        n_slivers=int(np.count_nonzero(minimum_angles(mesh) < tuning.SLIVER_ANGLE)),
         measure=float(mesh.measures.sum()),
         domain_measure=sampling.measure,
         boundary_residual=float(residual.max(initial=0.0)),
@@ -144,8 +143,7 @@ def _n_broken(mesh: SimplexMesh, component: npt.NDArray[np.integer], domain: Imp
     part[mesh.cells] = component[:, None]
     edges = topology.edges_of(Delaunay(mesh.points).simplices.astype(np.int32), mesh.n_points)
     a, b = mesh.points[edges].transpose(1, 0, 2)
-    # Nodes of different components this near are checked for a connection, in sizes.
-    near = np.linalg.norm(a - b, axis=1) < 1.6 * domain.size(0.5 * (a + b))
+    near = np.linalg.norm(a - b, axis=1) < tuning.NEAR_COMPONENTS * domain.size(0.5 * (a + b))
     pairs = near & (part[edges[:, 0]] != part[edges[:, 1]])
     a, b = a[pairs], b[pairs]
     visible = np.ones(len(a), np.bool_)
@@ -156,7 +154,7 @@ def _n_broken(mesh: SimplexMesh, component: npt.NDArray[np.integer], domain: Imp
 
 def warn_of_faults(report: SmoothingReport) -> None:
     """Warn of a mesh that has not converged or does not resolve its domain."""
-    if not report.converged and report.last_move > 0.03:
+    if not report.converged and report.last_move > tuning.STILL_MOVING:
         warn_caller(
             Message(
                 "nodes still moved by {:.2g} sizes per step after {} steps; raise {max_iter}, or "
@@ -174,16 +172,14 @@ def warn_of_faults(report: SmoothingReport) -> None:
             f"{report.n_broken} places), which is narrow there"
         )
     share = report.measure / report.domain_measure
-    # Share of the domain's measure that the mesh may miss or have in excess.  Tetrahedra with edges
-    # of 0.6 radii miss 6 % of a ball.
-    if abs(share - 1.0) > 0.1:
+    if abs(share - 1.0) > tuning.MEASURE_OFF:
         faults.append(f"its measure is {share:.1%} of that of the domain")
     if report.n_slivers:
         faults.append(
             f"it has {report.n_slivers} slivers, smallest angle "
             f"{report.conformity.angle_min:.2g} degrees"
         )
-    if report.boundary_residual > 0.05:
+    if report.boundary_residual > tuning.RESIDUAL:
         faults.append(
             f"its boundary nodes are up to {report.boundary_residual:.2g} sizes from the boundary "
             "of the domain (inf: distance has no slope there)"
