@@ -52,7 +52,7 @@ def finish(
         if near.all() and done:
             break
     else:  # only nodes whose cells keep their quality are moved
-        take_back(points, cells, before, at, np.full(len(points), 0.5 * tuning.FLAT))
+        take_back(points, cells, before, at, np.full(len(points), 0.5 * tuning.FLAT_CELL))
     if len(cells) == 0:
         raise ValueError(
             "size must be small enough for the domain, got sizes for which no cell fits into it"
@@ -73,8 +73,8 @@ def improved(
     dim = points.shape[1]
     points, (cells, regions) = points.copy(), mesh
     best, wider = (-1.0, 0), 0
-    for k in range(tuning.PASSES):
-        report("improving cells", k / tuning.PASSES)
+    for k in range(tuning.PASSES_OF_IMPROVEMENT):
+        report("improving cells", k / tuning.PASSES_OF_IMPROVEMENT)
         if dim == 3:
             cells, regions = _swapped_in_regions(points, cells, regions)
         quality = quality_of(points, cells)
@@ -82,7 +82,7 @@ def improved(
         state = (round(float(quality.min()), 2), -int(bad.sum()))
         if state <= best:
             wider += 1
-            bad = quality < tuning.FLAT
+            bad = quality < tuning.FLAT_CELL
         best = max(state, best)
         # Layers of neighbours that are moved too if nothing else helps.
         if not bad.any() or wider > tuning.MOST_LAYERS:

@@ -180,7 +180,7 @@ def mesh_of_domain(
         np.concatenate([fixed, far_from(domain, fixed, sampling.points)]),
         n_fixed=len(fixed),
         max_iter=max_iter,
-        max_nodes=tuning.ROOM * max_elements / tuning.ELEMENTS_PER_NODE[domain.dim],
+        max_nodes=tuning.NODES_OVER_ALLOWED * max_elements / tuning.ELEMENTS_PER_NODE[domain.dim],
         report=report,
     )
     points, cells, regions = finish(domain, relaxed.points, n_fixed=relaxed.n_fixed, report=report)

@@ -292,7 +292,7 @@ class LabelledDomain(ImplicitDomain):
         wanted = np.array([self.measures.get(name, 0.0) for name in names])
         short = wanted - made
         inner = np.arange(len(names)) != outside
-        if (np.abs(short) <= tuning.CLOSE * wanted)[inner].all():
+        if (np.abs(short) <= tuning.CLOSE_MEASURE * wanted)[inner].all():
             return True
         facets, sides = self._facets(points, cells, regions)
         between = sides[:, 1] < len(names)

@@ -81,8 +81,8 @@ def uncovered(domain: ImplicitDomain, points: FloatArray) -> FloatArray:
     probes = domain.probes
     assert probes is not None
     h = domain.size(probes)
-    far = cKDTree(points).query(probes)[0] > tuning.TOO_FAR * h
-    new = spread(probes[far], h[far], tuning.TOO_FAR)
+    far = cKDTree(points).query(probes)[0] > tuning.FAR_FROM_NODES * h
+    new = spread(probes[far], h[far], tuning.FAR_FROM_NODES)
     return np.concatenate([points, new])
 
 
@@ -132,9 +132,9 @@ def with_corners(
     from scipy.spatial import cKDTree
 
     corners, sizes = _between(domain, points, h, skin_edges)
-    corners = spread(corners, sizes, tuning.NEAR_CORNER)
+    corners = spread(corners, sizes, tuning.BRING_TO_CORNER)
     way, node = cKDTree(points).query(corners)
-    near = way < tuning.NEAR_CORNER * h[node]
+    near = way < tuning.BRING_TO_CORNER * h[node]
     free = near & (node >= n_fixed)
     used, first = np.unique(node[free], return_index=True)
     moved, new = corners[free][first], corners[~near]

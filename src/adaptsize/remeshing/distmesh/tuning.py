@@ -20,7 +20,7 @@ SHALLOW = 0.1
 SUBSAMPLES: Mapping[int, int] = {2: 5, 3: 4}
 #: Elements per node, and nodes at most over those of the elements allowed.
 ELEMENTS_PER_NODE: Mapping[int, float] = {2: 2.0, 3: 5.5}
-ROOM = 1.5
+NODES_OVER_ALLOWED = 1.5
 #: Intervals along the longest side of the box where its faces are sampled, and the allowed depth of
 #: the domain there.
 SAMPLES_OF_BOX, DEPTH_AT_BOX = 40, 0.5
@@ -62,11 +62,11 @@ TOO_SHORT, TOO_LONG = 0.6, 1.55
 SHORT_AND_LONG = (0.85, 1.15)
 #: A point of the domain this far from all nodes gets a node.  In the ideal lattices no point is
 #: further away than 0.61.
-TOO_FAR = 0.85
+FAR_FROM_NODES = 0.85
 #: Edges between boundary nodes run along the boundary if their middle is this near, in lengths.
 ALONG = 0.2
 #: A node this near to a corner is moved there; a node still nearer counts as there.
-NEAR_CORNER, AT_CORNER = 0.5, 1e-4
+BRING_TO_CORNER, AT_CORNER = 0.5, 1e-4
 #: Tangents are recomputed at this share of the distance from the corner, in so many rounds, at
 #: points that are projected in so many Newton steps.
 NEARER_CORNER, ROUNDS_OF_TANGENTS, STEPS_BESIDE_CORNER = 0.2, 3, 5
@@ -80,11 +80,11 @@ CORNER_COSINE = 0.77
 #: Rounds of triangulation and projection, of two usually needed; Newton steps of a projection.
 ROUNDS_OF_FITTING, STEPS_OF_PROJECTION = 8, 20
 #: Cells of lower quality are improved with their neighbours.
-FLAT = 0.25
+FLAT_CELL = 0.25
 #: Cells of lower quality are improved.
 BAD: Mapping[int, float] = {2: 0.6, 3: 0.45}
 #: Passes of improvement, and rounds of swaps in each.
-PASSES, ROUNDS_OF_SWAPPING = 12, 10
+PASSES_OF_IMPROVEMENT, ROUNDS_OF_SWAPPING = 12, 10
 #: Layers of neighbours that are moved, too, if nothing else helps; the first step of a move.
 MOST_LAYERS, FIRST_STEP = 3, 0.2
 #: Cosine of the angle between a facet and the boundary above which a node is at no edge or corner.
@@ -99,7 +99,7 @@ PARALLEL = 0.2
 #: No label is shifted by more than this in one step, and in all, in pixels.
 LABEL_STEP, MOST_LABEL_SHIFT = 1.0, 4.0
 #: Measures are adjusted until they are this close, relative.
-CLOSE = 2e-3
+CLOSE_MEASURE = 2e-3
 #: Differences of fields with less slope than this per pixel give no direction; for the shift of an
 #: interface, the slope is at least the second.
 SAFE_SLOPE, LEAST_SLOPE = 0.05, 0.5
