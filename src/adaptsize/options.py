@@ -576,8 +576,7 @@ class AdaptOptions(
     """Adaptation.
 
     tolerance
-        Target for the total error, the root of the sum of the squares; of several states, of each.
-        A cycle reduces the error by a factor of at most 3.
+        Target for the error, root of the sum of squares; a cycle reduces it by at most 3.
     order
         The error is proportional to this power of the size.  See `size_from_error`.
     g
