@@ -246,7 +246,10 @@ def test_what_is_not_taken_is_refused_in_words():
         transfer_fields(mesh, mesh, fields={"u": ElementField(good, order=1, continuous=False)})
     refused(taken + r".*got shape \(5,\)$", np.zeros(5))
     refused(r"must have 289 rows, got shape \(81,\)", ElementField(np.zeros(81), 2))
-    refused("order of .* must be", ElementField(np.zeros(81), 3))
+    with pytest.raises(ValueError, match="order must be at most 2, got 3"):
+        ElementField(np.zeros(81), 3)
+    with pytest.raises(ValueError, match="log must be False if values is a function"):
+        ElementField(lambda x: x, log=True)
     refused("must be finite", ElementField(np.full(81, np.nan)))
     refused(
         "weights of .* must be positive",

@@ -171,8 +171,6 @@ def adapt(
 
     Examples
     --------
-    A mesh that is refined at the origin (with Mmg installed):
-
     >>> import numpy as np
     >>> from adaptsize import CartesianGrid
     >>> mesh = CartesianGrid([0, 0], 0.125, (9, 9)).mesh

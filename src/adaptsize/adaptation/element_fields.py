@@ -75,6 +75,12 @@ class ElementField:
     continuous: bool = True
     log: bool = False
 
+    def __post_init__(self) -> None:
+        as_whole_number("order", self.order, lower=0, upper=2)
+        as_flag("continuous", self.continuous)
+        if as_flag("log", self.log) and callable(self.values):
+            raise ValueError("log must be False if values is a function")
+
     @staticmethod
     def nodes(mesh: SimplexMesh, order: int, *, continuous: bool = True) -> FloatArray:
         """Return the nodes of the elements of a mesh, in the order of ``values``.
@@ -173,15 +179,12 @@ class _OfElements:
     def __init__(self, name: str, given: Any, mesh: SimplexMesh) -> None:
         self._given, self._mesh = given, mesh
         field = given if isinstance(given, ElementField) else ElementField(given)
-        self.order = as_whole_number(f"order of {name}", field.order, lower=0, upper=2)
-        self.continuous = as_flag(f"continuous of {name}", field.continuous) and self.order > 0
-        self.log = as_flag(f"log of {name}", field.log)
+        self.order, self.log = int(field.order), bool(field.log)
+        self.continuous = bool(field.continuous) and self.order > 0
         space = self._space(mesh)
         self.how = f"projected ({'P' if self.continuous else 'DG'}{self.order})"
         self.kind = "a function" if callable(field.values) else "a field of finite elements"
         if callable(field.values):
-            if self.log:
-                raise ValueError(f"log of {name} must be False for a function")
             self._function: Callable[[FloatArray], npt.ArrayLike] | None = field.values
             self._name = name
             return
