@@ -1,13 +1,18 @@
 """Sizes and meshes with a given number of elements."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from distance_shapes import ball
 from meshes import random_sphere
 
 from adaptsize import SimplexMesh, remesh_to_elements, size_function
-from adaptsize.domain_size.elements import Listener, MadeMesh, reach_number
-from adaptsize.errors import ResolutionWarning
+from adaptsize.domain_size.elements import Listener, MadeMesh, reach_number, within_cap
+from adaptsize.errors import BackendError, ResolutionWarning
+from adaptsize.quality.certificate import Demand, MeshCheck
+from adaptsize.remeshing.acceptance import Verdict
+from adaptsize.remeshing.attempts import Attempts, Best
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 LINE = SimplexMesh([[0, 0], [1, 0]], [[0, 1]])  # not refined
@@ -88,6 +93,52 @@ class Generator:
             points = np.column_stack([np.arange(n + 2.0), np.arange(n + 2.0) % 2])
             cells = np.column_stack([np.arange(n), np.arange(1, n + 1), np.arange(2, n + 2)])
         return MadeMesh(SimplexMesh(points, cells), size)
+
+
+class CappedGenerator(Generator):
+    """Makes too many cells, as far from the boundary as is told, and may fail for fewer."""
+
+    def __init__(self, ratio, away=0.0, *, fails=False):
+        super().__init__(ratio)
+        self.away, self.fails, self.made = away, fails, 0
+
+    def nearest_sized(self, most, ratio):
+        size = size_function(SQUARE, elements=most / ratio)
+        report = replace(size.report, n_elements=ratio * size.report.n_elements)
+        return replace(size, report=report)
+
+    def meshed(self, size, old=None):
+        self.made += 1
+        if self.made > 1:
+            size = replace(size, report=replace(size.report, n_elements=1000.0 / self.ratio))
+            if self.fails:
+                raise BackendError("it failed")
+        demand = Demand("boundary", "missed", "", self.away, 1e-3)
+        best = Best(LINE, Verdict(MeshCheck((demand,)), 20.0, False), "", "")
+        found = Attempts((), best, is_cut_short=False)
+        return super().meshed(size)._replace(attempts=found)
+
+
+@pytest.mark.parametrize(("away", "meshes"), [(3.9e-3, 2), (4.1e-3, 1)])
+def test_no_second_mesh_under_a_cap_where_the_boundary_is_far_away(away, meshes):
+    generator = CappedGenerator(1.3, away)
+    generator.sized = lambda: size_function(SQUARE, elements=1000)
+    made = within_cap(generator, 1000.0)
+    assert generator.made == meshes
+    assert made.mesh.n_cells == pytest.approx(1000 if meshes == 2 else 1300, rel=0.05)
+    if meshes == 2:
+        assert made.excess is None
+        assert "more than max_elements = 1000" in str(generator.messages[0])
+    else:
+        assert "none is made for fewer, since the boundary is too far away" in str(made.excess)
+
+
+def test_the_first_mesh_is_kept_if_the_second_fails():
+    generator = CappedGenerator(1.3, fails=True)
+    generator.sized = lambda: size_function(SQUARE, elements=1000)
+    made = within_cap(generator, 1000.0)
+    assert made.mesh.n_cells > 1100
+    assert "more than max_elements = 1000, and for fewer: it failed" in str(made.excess)
 
 
 @pytest.mark.parametrize(("ratio", "meshes"), [(1.03, 1), (1.1, 2), (1.3, 2), (0.5, 2)])

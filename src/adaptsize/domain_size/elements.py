@@ -166,6 +166,18 @@ class MadeMesh(NamedTuple):
     excess: Message | None = None
     """Why the mesh has more elements than allowed; None if it has not."""
 
+    @property
+    def is_off(self) -> bool:
+        """Whether the boundary is so far away that the generator has made another surface."""
+        check = None if self.attempts is None else self.attempts.check
+        return check is not None and any(
+            demand.name == "boundary"
+            and demand.value is not None
+            and demand.limit is not None
+            and demand.value > of_remeshing.FARTHEST_BOUNDARY * demand.limit
+            for demand in check.missed
+        )
+
 
 def mesh_with_sizes(
     mesh: SimplexMesh,
@@ -272,12 +284,19 @@ def within_cap(maker: Maker, most: float | None) -> MadeMesh:
     """Return a mesh with at most a given number of elements, up to 10 %, or one with few more.
 
     If the first has more, a second mesh is made for fewer, where the boundary allows; of both, the
-    one with fewer elements is returned.
+    one with fewer elements is returned.  None is made if the boundary of the first is far away:
+    coarser sizes bring it no nearer.
     """
     made = maker.meshed(maker.sized())
     count, predicted = made.mesh.n_cells, report_of(made.size).n_elements
     if most is None or count <= tuning.OVER_CAP * most:
         return made
+    if made.is_off:
+        text = (
+            "the mesh has {} elements, more than {max_elements} = {:.6g}; none is made for fewer, "
+            "since the boundary is too far away"
+        )
+        return made._replace(excess=Message(text, count, most))
     text = "{} elements where {:.0f} were predicted, more than {max_elements} = {:.6g}"
     maker.listener.say(Message(text, count, predicted, most))
     size = maker.nearest_sized(most, count / predicted)
