@@ -54,20 +54,20 @@ def test_any_number_of_threads_gives_the_same_bit_for_bit(surface, monkeypatch):
 
 
 def test_threads_are_started_once_and_by_no_task():
-    names, inner = set(), set()
+    threads, inner = set(), set()
 
     def note(first, last):
-        inner.add(threading.current_thread().name)
+        inner.add(threading.current_thread())
 
     def task(first, last):
-        names.add(threading.current_thread().name)
+        threads.add(threading.current_thread())
         time.sleep(0.001)
         Workers(3).in_chunks(note, 2, 1)
 
     for _ in range(3):
         Workers(3).in_chunks(task, 30, 1)
-    assert inner == names
-    assert len(names) <= 3
+    assert inner == threads
+    assert len(threads) <= 3
 
 
 def test_nothing_goes_on_after_an_exception():

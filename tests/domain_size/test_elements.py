@@ -8,7 +8,7 @@ from distance_shapes import ball
 from meshes import random_sphere
 
 from adaptsize import SimplexMesh, remesh_to_elements, size_function
-from adaptsize.domain_size.elements import Listener, MadeMesh, reach_number, within_cap
+from adaptsize.domain_size.elements import Listener, MadeMesh, Maker, reach_number, within_cap
 from adaptsize.errors import BackendError, ResolutionWarning
 from adaptsize.quality.certificate import Demand, MeshCheck
 from adaptsize.remeshing.acceptance import Verdict
@@ -131,6 +131,27 @@ def test_no_second_mesh_under_a_cap_where_the_boundary_is_far_away(away, meshes)
         assert "more than max_elements = 1000" in str(generator.messages[0])
     else:
         assert "none is made for fewer, since the boundary is too far away" in str(made.excess)
+
+
+def test_no_second_mesh_when_the_time_is_over():
+    generator = CappedGenerator(1.3)
+    generator.sized = lambda: size_function(SQUARE, elements=1000)
+    meshed = generator.meshed
+
+    def in_time(size):
+        made = meshed(size)
+        return made._replace(attempts=replace(made.attempts, is_cut_short=True))
+
+    generator.meshed = in_time
+    made = within_cap(generator, 1000.0)
+    assert generator.made == 1
+    assert "none is made for fewer, since the time is over" in str(made.excess)
+
+
+def test_a_very_small_cap_is_no_error():
+    maker = Maker.of(SQUARE, {"max_elements": 3.0}, Listener(), None, is_exact=False)
+    size = maker.nearest_sized(3.0, 100.0)
+    assert np.isfinite(size.report.n_elements)
 
 
 def test_the_first_mesh_is_kept_if_the_second_fails():

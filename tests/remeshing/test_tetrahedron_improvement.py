@@ -18,8 +18,8 @@ from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing.improvement import _Balls as Balls
 from adaptsize.remeshing.improvement import _Far as Far
 from adaptsize.remeshing.improvement import _in_rounds as in_rounds
+from adaptsize.remeshing.improvement import _keys_of, improved
 from adaptsize.remeshing.improvement import _with_nodes as with_nodes
-from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.surface import facets_of
 
 
@@ -252,3 +252,13 @@ def test_lines_between_tags_of_a_surface_stay_where_facets_are_divided():
     lowest, highest = regions_beside(new.cell_facets, new.cell_tags, len(new.facets))
     border = new.points[np.unique(new.facets[lowest != highest])]
     np.testing.assert_allclose(border[:, 0], 0.4, atol=1e-9)
+
+
+def test_facets_of_regular_grids_have_keys_of_their_own():
+    skin = block(6).boundary().mesh
+    i, j = np.divmod(np.arange(49), 7)
+    slope = np.column_stack([i, j, 6 - i]) / 6.0  # x + z is constant
+    corners = (np.arange(36) // 6 * 7 + np.arange(36) % 6)[:, None]
+    tilted = ads.SimplexMesh(slope, corners + np.array([[0, 1, 7]]))
+    for surface in (skin, tilted):
+        assert len(np.unique(_keys_of(surface))) == surface.n_cells

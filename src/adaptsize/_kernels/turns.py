@@ -96,7 +96,8 @@ def one_after_the_other(dispatcher: Any, files: Any, index: Any) -> None:
         loaded = load(signature, target)
         if loaded is None:
             take(path)
-            loaded = load(signature, target)  # another process may have compiled it
+            with given_on_failure(path):
+                loaded = load(signature, target)  # another process may have compiled it
             if loaded is not None:
                 give(path)
         return loaded

@@ -120,6 +120,7 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         repaired = repair_mesh(mesh).mesh
         check = None if made.attempts is None else made.attempts.check
         outcome = outcome_of_remeshing(new, repaired, size, allowed, given.get("elements"), check)
+        outcome = replace(outcome, over_cap=made.excess)
         files.draw(console, "size", plot, new)
         files.write_report(console, page, file, new, size, outcome, outcome.check)
     console.record(size=as_dict(report))
@@ -137,11 +138,6 @@ def _printed(
         nodes = f"{'nodes':10}{new.n_points}, {given['nodes']:.0f} requested ({off})"
         lines.insert(0, nodes)
     code, attempts = print_outcome(console, outcome, *lines), made.attempts
-    if made.excess is not None:
-        console.warn(made.excess)
-        if console.quiet:
-            print_message(f"error: {made.excess}")
-        code = max(code, 1)
     if attempts is None:
         return code
     console.record(attempts=attempts.as_list())

@@ -185,7 +185,9 @@ def print_outcome(console: Console, outcome: Outcome, *lines: str) -> int:
     if console.quiet and outcome.check.missed:
         names = ", ".join(demand.name for demand in outcome.check.missed)
         print_message(f"error: the mesh does not pass adaptsize check: {names}")
-    return exit_code(outcome.check)
+    if console.quiet and outcome.over_cap is not None:
+        print_message(f"error: {outcome.over_cap}")
+    return int(outcome.status == "missed")
 
 
 def exit_code(check: MeshCheck) -> int:

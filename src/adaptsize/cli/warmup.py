@@ -9,7 +9,6 @@ import multiprocessing
 import os
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 import warnings
@@ -58,7 +57,7 @@ def _start_another() -> None:
     program = _children.isolated(f"from {__name__} import compile_last; compile_last()")
     nothing = subprocess.DEVNULL
     try:
-        child = _children.start(program, tempfile.gettempdir(), stdout=nothing, stderr=nothing)
+        child = _children.start(program, os.getcwd(), stdout=nothing, stderr=nothing)
     except OSError:  # no memory, or no more processes
         return
     atexit.register(_end, child)
@@ -80,6 +79,8 @@ def compile_last() -> None:
     warnings.simplefilter("ignore")
     for task in _LAST:
         task()
+    # Without a shutdown of the interpreter, which would abort: the thread holds the standard input.
+    os._exit(0)
 
 
 @command()

@@ -29,8 +29,9 @@ def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
     """Return the size function of a domain, scaled to a number of elements, with its report.
 
     Parameters that the request leaves open are relaxed until the predicted number of elements
-    is at most about ``max_elements`` and the matrix fits in ``max_memory``, or changed until the
-    number of elements, nodes or unknowns is the requested one.  The tolerance is not changed.
+    is at most ``max_elements`` and the matrix fits in ``max_memory``, up to 10 % where the boundary
+    needs that, or changed until the number of elements, nodes or unknowns is the requested one.
+    The tolerance is not changed.
 
     Raises
     ------

@@ -167,6 +167,11 @@ class MadeMesh(NamedTuple):
     """Why the mesh has more elements than allowed; None if it has not."""
 
     @property
+    def is_cut_short(self) -> bool:
+        """Whether the time was over before a mesh was accepted."""
+        return self.attempts is not None and self.attempts.is_cut_short
+
+    @property
     def is_off(self) -> bool:
         """Whether the boundary is so far away that the generator has made another surface."""
         check = None if self.attempts is None else self.attempts.check
@@ -251,7 +256,7 @@ class Maker:
 
         Their predicted numbers are multiplied by what a mesh has made of those predicted for it.
         """
-        given = {**self.for_sizes, "max_elements": max_elements / ratio}
+        given = {**self.for_sizes, "max_elements": max(max_elements / ratio, 1.0)}
         size = nearest_size_function(self.mesh, progress=self.progress, **given)
         report = report_of(size)
         report = replace(
@@ -284,19 +289,20 @@ def within_cap(maker: Maker, most: float | None) -> MadeMesh:
     """Return a mesh with at most a given number of elements, up to 10 %, or one with few more.
 
     If the first has more, a second mesh is made for fewer, where the boundary allows; of both, the
-    one with fewer elements is returned.  None is made if the boundary of the first is far away:
-    coarser sizes bring it no nearer.
+    one with fewer elements is returned.  None is made if the time is over, or if the boundary of
+    the first is far away: coarser sizes bring it no nearer.
     """
     made = maker.meshed(maker.sized())
     count, predicted = made.mesh.n_cells, report_of(made.size).n_elements
     if most is None or count <= tuning.OVER_CAP * most:
         return made
-    if made.is_off:
+    if made.is_off or made.is_cut_short:
         text = (
             "the mesh has {} elements, more than {max_elements} = {:.6g}; none is made for fewer, "
-            "since the boundary is too far away"
+            "since {}"
         )
-        return made._replace(excess=Message(text, count, most))
+        reason = "the time is over" if made.is_cut_short else "the boundary is too far away"
+        return made._replace(excess=Message(text, count, most, reason))
     text = "{} elements where {:.0f} were predicted, more than {max_elements} = {:.6g}"
     maker.listener.say(Message(text, count, predicted, most))
     size = maker.nearest_sized(most, count / predicted)

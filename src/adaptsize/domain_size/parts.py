@@ -16,7 +16,6 @@ from adaptsize.domain_size.named_parts import parts_of
 from adaptsize.domain_size.reports import report_of
 from adaptsize.domain_size.request import chords_of
 from adaptsize.sizes.budget import mean_density
-from adaptsize.sizes.curvature import CHORDS
 from adaptsize.typing import FloatArray
 
 
@@ -85,7 +84,7 @@ def parts(size: SizeFunction, *, speed: float = 1.0) -> tuple[Part, ...]:
             Part(
                 part.kind, part.tag, part.name, float(part.measures.sum()),
                 least.get("width", np.nan), least.get("separation", np.nan), radius, smallest,
-                smallest**2 / (CHORDS * radius), share, smallest / speed,
+                smallest**2 / (chords_of(report.relaxation) * radius), share, smallest / speed,
             )
         )  # fmt: skip
     return tuple(found)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import cut_out
@@ -28,8 +29,9 @@ from adaptsize.remeshing.surface import facets_of
 from adaptsize.remeshing.taken_back import take_back, worst_of_nodes
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
-#: Of coordinates and of corners, in the keys of facets.
-_FACTORS = ((0.7548776662, 0.5698402910, 1.3247179572), (1.0, 1.6180339887, 2.6180339887))
+#: Of coordinates and of corners, in the keys of facets.  No sum of products of these with whole
+#: numbers is zero, so that facets of regular grids have keys of their own.
+_FACTORS = np.sqrt([[2.0, 3.0, 5.0], [7.0, 11.0, 13.0]])
 
 
 def improved(
@@ -95,8 +97,11 @@ class _Balls(NamedTuple):
 
     def contain(self, points: FloatArray) -> BoolArray:
         """Return which points are in a ball."""
-        away = np.linalg.norm(points[:, None] - self.centres, axis=2)
-        return np.asarray((away < self.radii).any(axis=1))
+        found = np.zeros(len(points), np.bool_)
+        if len(points) and len(self.centres):
+            for inside in cKDTree(points).query_ball_point(self.centres, self.radii):
+                found[inside] = True
+        return found
 
     def and_also(self, other: "_Balls") -> "_Balls":
         """Return both."""

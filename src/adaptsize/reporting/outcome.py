@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.background.image import Image
     from adaptsize.options import ImageOptions
-    from adaptsize.quality.certificate import MeshCheck
+    from adaptsize.quality.certificate import MeshCheck, Status
     from adaptsize.quality.conformity import Conformity, SizeLike
 
 
@@ -65,6 +65,13 @@ class Outcome:
 
     unserved: tuple[str, ...] = ()
     """A line for each request of which too much is missing."""
+    over_cap: Message | None = None
+    """Why the mesh has more elements than allowed; None if it has not."""
+
+    @property
+    def status(self) -> Status:
+        """The status of the check, or missed if there are more elements than allowed."""
+        return self.check.status if self.over_cap is None else "missed"
 
     @property
     def excess(self) -> float | None:
@@ -89,7 +96,7 @@ class Outcome:
         else:
             result["n_pinched"] = self.pinched[0]
         result["n_sharp"] = self.sharp[0]
-        result["status"] = self.check.status
+        result["status"] = self.status
         result["demands"] = [demand.as_dict() for demand in self.check.demands]
         result["regions"] = {
             tag: {"measure": measure, "change": change}
@@ -138,7 +145,9 @@ class Outcome:
         """Return one line for each value that is out of bounds."""
         from adaptsize.quality.certificate import NEAR
 
-        found, lines = self.conformity, list(self.unserved)
+        found, lines = self.conformity, list[str | Message](self.unserved)
+        if self.over_cap is not None:
+            lines.append(self.over_cap)
         for demand in self.check.failures:
             worst = f", the worst at {place_text(demand.places[0].point)}" if demand.places else ""
             advice = _ADVICE[demand.name]
