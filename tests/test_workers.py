@@ -87,6 +87,32 @@ def test_nothing_goes_on_after_an_exception():
     assert len(begun) == count
 
 
+def test_no_chunk_runs_on_after_several_interrupts(monkeypatch):
+    from adaptsize import _workers
+
+    running, times = set(), []
+    really_wait = _workers.wait
+
+    def interrupted(futures):
+        times.append(len(running))
+        if len(times) < 3:
+            raise KeyboardInterrupt
+        return really_wait(futures)
+
+    def task(first, last):
+        running.add(first)
+        time.sleep(0.05)
+        running.remove(first)
+        if first == 0:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(_workers, "wait", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        Workers(3).in_chunks(task, 30, 1)
+    assert len(times) == 3
+    assert not running
+
+
 def test_few_items_are_left_to_the_calling_thread(monkeypatch):
     monkeypatch.setattr(numba, "get_num_threads", lambda: 8)
     names = []

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, as_completed, wait
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed, wait
 from functools import cache
 from typing import NamedTuple
 
@@ -84,8 +84,23 @@ class Workers(NamedTuple):
         except BaseException:
             for chunk_left in waiting:
                 chunk_left.cancel()
-            wait(waiting)
+            _wait_through_signals(waiting)
             raise
+
+
+def _wait_through_signals(begun: Sequence[Future[object]]) -> None:
+    """Wait for chunks that have begun, some milliseconds.
+
+    A second signal takes effect after them: at the end of the interpreter no kernel may run.
+    """
+    interrupted = None
+    while not all(one.done() for one in begun):
+        try:
+            wait(begun)
+        except BaseException as error:
+            interrupted = error
+    if interrupted is not None:
+        raise interrupted
 
 
 def in_all_threads(
