@@ -136,7 +136,19 @@ class ElementField:
         QuadratureField
             With ``values``, ``points``, ``weights`` and ``log``.
         """
-        return QuadratureField(values, points, weights, log)
+        places = as_values("points", points)
+        if places.ndim != 2 or len(places) == 0:
+            raise ValueError(f"points must have shape (n, dim), got {places.shape}")
+        rule = as_values("weights", weights, (len(places),))
+        refuse_where("weights", rule <= 0.0, rule, "must be positive")
+        data = as_plain_array("values", values)
+        if data.dtype.kind not in "biufc" or data.ndim < 2 or data.shape[1] != len(places):
+            raise ValueError(
+                f"values must be numbers of shape (n_cells, {len(places)}, ...), got "
+                f"{describe(values)}"
+            )
+        kind = np.complex128 if data.dtype.kind == "c" else np.float64
+        return QuadratureField(data.astype(kind), places, rule, as_flag("log", log))
 
 
 @dataclass(frozen=True, eq=False)
