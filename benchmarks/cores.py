@@ -4,7 +4,7 @@
 
 Each problem runs in a fresh process for each number of threads: once to compile, then three times,
 of which the fastest counts.  Printed are wall seconds, and the serial share: the processor time
-outside of the chunks that threads share, over all.  It tells what many cores could give at most
+outside of the chunks that threads share, over all.  It bounds what many cores can gain
 (Amdahl's law), also where other work keeps the cores busy.  ``--size`` multiplies the number of
 nodes.
 """

@@ -96,7 +96,7 @@ class Generator:
 
 
 class CappedGenerator(Generator):
-    """Makes too many cells, as far from the boundary as is told, and may fail for fewer."""
+    """Makes too many cells at a given distance from the boundary, and may fail for fewer."""
 
     def __init__(self, ratio, away=0.0, *, fails=False):
         super().__init__(ratio)

@@ -149,7 +149,7 @@ def _log(text: str) -> None:
 
 @dataclass(frozen=True)
 class Listener:
-    """What is told to the user before a mesh is made."""
+    """Functions that are called before a mesh is made, to inform the user."""
 
     say: Callable[[str], object] = _log
     """Takes a text: why another mesh is made."""
