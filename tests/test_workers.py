@@ -1,13 +1,17 @@
 """Queries by several threads: the same results bit for bit, and no work after an exception."""
 
+import math
+import os
 import threading
 import time
+import weakref
 
 import numba
 import numpy as np
 import pytest
 
 import adaptsize as ads
+from adaptsize import _workers
 from adaptsize._workers import Workers, in_all_threads
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.separation import boundary_separation
@@ -118,3 +122,74 @@ def test_few_items_are_left_to_the_calling_thread(monkeypatch):
     names = []
     in_all_threads(lambda *_: names.append(threading.current_thread().name), 100, 100)
     assert names == [threading.current_thread().name]
+
+
+def test_a_pool_with_another_number_of_threads_ends_the_last_one():
+    threads = {2: set(), 3: set()}
+    for n, found in threads.items():
+        Workers(n).in_chunks(
+            lambda _first, _last, found=found: found.add(weakref.ref(threading.current_thread())),
+            40,
+            1,
+        )
+    until = time.monotonic() + 60.0
+    while any(one() is not None and one().is_alive() for one in threads[2]):
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    assert any(one().is_alive() for one in threads[3])
+
+
+@pytest.fixture
+def control_group(tmp_path):
+    """Return a function that writes quotas of nested groups, and says what is read."""
+
+    def read(own, quotas, said="0::{}"):
+        groups, mounted = tmp_path / "cgroup", tmp_path / "mounted"
+        groups.write_text("9:name=systemd:/\n" + said.format(own) + "\n")
+        for folder, text in quotas.items():
+            (mounted / folder).mkdir(parents=True, exist_ok=True)
+            (mounted / folder / "cpu.max").write_text(text)
+        return _workers._quota(groups, mounted)
+
+    return read
+
+
+@pytest.mark.parametrize(
+    ("own", "quotas", "cores"),
+    [
+        ("/", {".": "200000 100000\n"}, 2.0),  # as a container sees its own group
+        ("/pod/one", {"pod": "150000 100000\n", "pod/one": "max 100000\n"}, 1.5),
+        ("/pod/one", {"pod": "800000 100000\n", "pod/one": "50000 100000\n"}, 0.5),
+        ("/pod/one", {".": "300000 100000\n"}, 3.0),  # the group of a host that is not mounted
+        ("/pod", {"pod": "max 100000\n"}, math.inf),
+        ("/pod", {"pod": "nonsense\n"}, math.inf),
+        ("/pod", {"pod": "1 0\n"}, math.inf),
+    ],
+)
+def test_the_quota_is_the_least_one_of_the_groups_around_a_process(
+    control_group, own, quotas, cores
+):
+    assert control_group(own, quotas) == cores
+
+
+def test_systems_without_control_groups_have_no_quota(control_group, tmp_path):
+    assert control_group("/", {}, said="4:memory:{}") == math.inf
+    assert _workers._quota(tmp_path / "missing", tmp_path) == math.inf
+
+
+def test_threads_are_as_many_as_cores_unless_somebody_asked_for_more(monkeypatch):
+    monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(64), raising=False)
+    monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", 64)
+    monkeypatch.setattr(numba, "get_num_threads", lambda: 64)
+    monkeypatch.setattr(_workers, "_quota", lambda *_: 1.5)
+    _workers.cores.cache_clear()
+    try:
+        assert Workers.of(None).threads == 2
+        monkeypatch.setattr(numba, "get_num_threads", lambda: 8)
+        assert Workers.of(None).threads == 8
+        monkeypatch.setattr(numba, "get_num_threads", lambda: 64)
+        monkeypatch.setenv("NUMBA_NUM_THREADS", "64")
+        assert Workers.of(None).threads == 64
+    finally:
+        _workers.cores.cache_clear()

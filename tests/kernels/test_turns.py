@@ -1,5 +1,6 @@
 """Processes with the same cache compile a kernel one after the other."""
 
+import errno
 import os
 import subprocess
 import sys
@@ -100,4 +101,16 @@ def test_a_folder_that_cannot_be_written_to_is_no_obstacle(tmp_path):
     file = tmp_path / "file"
     file.touch()
     turns.take(str(file / "kernel.nbi"))
+    assert not turns._held
+
+
+def test_a_file_system_that_refuses_locks_is_no_obstacle(tmp_path, monkeypatch):
+    import fcntl
+
+    def refuse(*_):
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(fcntl, "lockf", refuse)
+    monkeypatch.setattr(turns.time, "sleep", lambda _: pytest.fail("waits"))
+    turns.take(str(tmp_path / "kernel.nbi"))
     assert not turns._held

@@ -5,6 +5,7 @@ save the same kernel for different types at the same time may use one file name 
 """
 
 import contextlib
+import errno
 import os
 import sys
 import time
@@ -15,6 +16,8 @@ from typing import Any
 #: Seconds between looks for whether another process is done, and seconds to wait in all.
 _PAUSE = 0.02
 _PATIENCE = 120.0
+#: Errors of a lock that another process has; systems differ.
+_ANOTHER_HAS_IT = (errno.EAGAIN, errno.EACCES)
 
 #: By folder, a file whose bytes stand for kernels.  A process gives up its locks when it closes it.
 _files: dict[str, int] = {}
@@ -38,7 +41,9 @@ def take(index: str) -> None:
         while time.monotonic() < until:
             try:
                 fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
-            except (BlockingIOError, PermissionError):
+            except OSError as error:
+                if error.errno not in _ANOTHER_HAS_IT:  # locks that this file system lacks
+                    raise
                 time.sleep(_PAUSE)
             else:
                 _held[index] = file, byte

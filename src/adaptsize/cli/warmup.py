@@ -17,6 +17,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
 
 from adaptsize import _children
+from adaptsize._workers import cores
 from adaptsize.cli.console import Console
 from adaptsize.cli.options import command
 
@@ -50,9 +51,7 @@ def announce_compilation(console: Console, name: str | None) -> None:
 
 def _start_another() -> None:
     """Start a process that compiles, and ends with this one, if there is a core for it."""
-    affinity = getattr(os, "sched_getaffinity", None)
-    cores = len(affinity(0)) if affinity else os.cpu_count() or 1
-    if cores < 2 or sys.platform == "win32":  # which has no locks of files as here
+    if cores() < 2 or sys.platform == "win32":  # which has no locks of files as here
         return
     program = _children.isolated(f"from {__name__} import compile_last; compile_last()")
     nothing = subprocess.DEVNULL
@@ -92,7 +91,7 @@ def warmup(console: Console) -> int:
     were compiled, for how long, and the folder of the cache.
     """
     functions, folders = 0, set()
-    workers = min(len(_TASKS), os.cpu_count() or 1)
+    workers = min(len(_TASKS), cores())
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=context) as pool:
         waiting = {pool.submit(_run, name): name for name in _TASKS}
