@@ -23,6 +23,7 @@ from adaptsize._messages import Message
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation._fields import Arrays, as_fields, methods_of
+from adaptsize.adaptation.bisected import BISECTION, divide_cells
 from adaptsize.adaptation.boundary_moves import (
     ProjectionLike,
     Projections,
@@ -67,7 +68,7 @@ from adaptsize.options import AdaptOptions, checked, options_of, with_options
 from adaptsize.quality.conformity import Conformity, nodal_metric, size_conformity
 from adaptsize.quality.elements import refuse_folded
 from adaptsize.remeshing.protocol import TASKS, Task
-from adaptsize.remeshing.registry import choose_backend
+from adaptsize.remeshing.registry import available_backends, choose_backend
 from adaptsize.sizes.budget import calibration, elements_with_nodes
 from adaptsize.sizes.error import as_indicator
 from adaptsize.typing import FloatArray, ProgressCallback, Unpack
@@ -197,17 +198,24 @@ def adapt(
     tolerance = given["boundary_tolerance"]
     with reporting(progress if ranks.rank == 0 else None) as report:
         report("sizes", None)
-        request = request.within(mesh, tolerance, first)
+        # Parts of facets are as far from a curved boundary as the facets, unless they are moved.
+        is_faceted = cycle.generator == BISECTION and cycle.project is None
+        request = request.within(mesh, math.inf if is_faceted else tolerance, first)
         sizes = request.next(mesh, calibration(cycle.generator, mesh.cell_dim))
         refuse_too_few(mesh, sizes, request, first)
         decision = decide(mesh, sizes, request)
         made = NewMesh(mesh, sizes, cycle.generator)
-        if decision.remesh:
+        if decision.remesh and cycle.generator == BISECTION:
+            assert isinstance(mesh, SimplexMesh)
+            made = divide_cells(mesh, made, request)
+            if made.divided is None:
+                decision = decision.without_division()
+        elif decision.remesh:
             made = make_mesh(mesh, made, request, report)
-            if cycle.project is not None:
-                assert isinstance(made.mesh, SimplexMesh)
-                moved, moves = move_to_boundary(made.mesh, cycle.project, given["corner_angle"])
-                made = replace(made, mesh=moved, moves=moves)
+        if decision.remesh and cycle.project is not None:
+            assert isinstance(made.mesh, SimplexMesh)
+            moved, moves = move_to_boundary(made.mesh, cycle.project, given["corner_angle"])
+            made = replace(made, mesh=moved, moves=moves)
         result = _result(mesh, request, decision, made, cycle, report)
     result = _with_original(result, mesh, first)
     allowed = tolerance * mesh.diagonal if project is None else math.inf
@@ -298,7 +306,7 @@ def _checked(
             refuse_folded(mesh)
         is_metric = is_metric or nodal_metric(mesh, h0, finite=False) is not None
         projections = as_projections(project, mesh)
-        if by_cell and given["conservative"]:
+        if by_cell and given["conservative"] and backend != BISECTION:
             FieldTransfer(mesh, mesh).refuse_surfaces()
     if given["elements"] is not None and given["nodes"] is not None:
         raise OptionError(Message("{elements} and {nodes} exclude each other: omit one"))
@@ -313,8 +321,18 @@ def _checked(
         bound = None if h0 is None else as_bound(cast("BoundLike", h0), mesh)
         request = SizeRequest(options=given, indicator=eta, h0=bound)
         check_goal(request)
-    generator = choose_backend(backend, task, keep_facets=False, metric=is_metric).name
+    generator = _generator(backend, task, is_metric=is_metric)
     return _Checked(request, bound, generator, nodal, by_cell, projections)
+
+
+def _generator(backend: str, task: Task, *, is_metric: bool) -> str:
+    """Return the name of what makes the new mesh."""
+    one_of("backend", backend, ("auto", *available_backends(), BISECTION))
+    if backend != BISECTION:
+        return choose_backend(backend, task, keep_facets=False, metric=is_metric).name
+    if is_metric:
+        raise ValueError("backend 'bisection' cannot follow a metric; use 'mmg'")
+    return BISECTION
 
 
 def _states(indicator: npt.ArrayLike, mesh: AnyMesh) -> FloatArray:
@@ -360,7 +378,7 @@ def _result(
     magnitudes: dict[str, float] = {}
     if decision.remesh:
         moved, moved_by_cell = transferred(
-            old, new, fields.nodal, by_cell, request.options, progress
+            old, new, fields.nodal, by_cell, request.options, progress, made.divided
         )
         methods = methods_of(request.options["method"], nodal, old)
         for name, values in nodal.items():

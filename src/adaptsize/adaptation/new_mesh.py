@@ -2,12 +2,14 @@
 
 import warnings
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from adaptsize.adaptation import tuning
 from adaptsize.adaptation.boundary_moves import BoundaryMoves
 from adaptsize.adaptation.next_sizes import CycleRequest, NextSizes
 from adaptsize.adaptation.report import boundary_distance, numbers_of
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
+from adaptsize.background.bisection import Resolved
 from adaptsize.errors import BoundaryWarning
 from adaptsize.options import RemeshOptions
 from adaptsize.remeshing import remesh
@@ -25,6 +27,8 @@ class NewMesh:
     n_meshes: int = 0
     boundary_distance: float = 0.0
     moves: BoundaryMoves | None = None
+    divided: Resolved | None = None
+    """How the cells of the old mesh were bisected, if they were."""
 
 
 def _without_data(mesh: AnyMesh) -> AnyMesh:
@@ -45,7 +49,9 @@ def make_mesh(
     """Return a mesh with the sizes of ``first``.
 
     If it misses the requested number of elements or nodes, others are made, at most three, and the
-    one closest to the request is returned.  Collective.
+    one closest to the request is returned.  A generator leaves edges that are nearly as long as
+    their sizes: a mesh that gains too little towards a tolerance is made anew for the predicted
+    number.  Collective.
     """
     given = request.options
     options: RemeshOptions = {
@@ -57,30 +63,56 @@ def make_mesh(
         "how": given["how"],
         "rounds": given["rounds"],
     }
-    elements, nodes = given["elements"], given["nodes"]
-    bare = _without_data(mesh)
-    target = elements if nodes is None else nodes
+    bare, d = _without_data(mesh), mesh.cell_dim
 
-    def make(sizes: NextSizes) -> tuple[NewMesh, int]:
+    def make(sizes: NextSizes) -> NewMesh:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", BoundaryWarning)  # the caller measures the distance
             new = remesh(bare, sizes.requested(mesh), progress=report, **options)
-        n_points, n_cells = numbers_of(new)
-        return replace(first, mesh=new, sizes=sizes), n_cells if nodes is None else n_points
+        return replace(first, mesh=new, sizes=sizes)
 
-    sizes, d = first.sizes, mesh.cell_dim
-    new, count = make(sizes)
+    sizes = first.sizes
+    new = make(sizes)
+    goal = _goal(mesh, new, request)
     accepted = tuning.ACCEPTED_IN_SPACE if d == 3 else None
-    search: Search[NewMesh] = Search.by_meshes(target or count, d, accepted)
-    search.add(sizes.predicted, new, count)
-    while elements is not None and (factor := search.factor) is not None:
-        if abs(sizes.predicted / elements - 1.0) > tuning.REACHED:
-            break
+    search: Search[NewMesh] = Search.by_meshes(goal.number, d, accepted)
+    search.add(sizes.predicted, new, goal.of(new))
+    while (factor := search.factor) is not None and _is_near(sizes.predicted, goal.cells):
         simplices = first.sizes.simplices * factor**-d
-        sizes = request.next(mesh, elements / simplices)
-        new, count = make(sizes)
+        sizes = request.for_number(mesh, simplices, goal.cells / simplices)
         share = sizes.simplices / first.sizes.simplices
-        search.add(first.sizes.predicted * share, new, count, factor=share ** (-1.0 / d))
+        new = make(sizes)
+        search.add(first.sizes.predicted * share, new, goal.of(new), factor=share ** (-1.0 / d))
     best = search.best.result
     distance = boundary_distance(mesh, best.mesh)
     return replace(best, n_meshes=len(search.trials), boundary_distance=distance)
+
+
+class _Goal(NamedTuple):
+    """The number of cells or nodes that a mesh should have."""
+
+    number: float
+    cells: float
+    """The number of cells to be predicted for it."""
+    by_nodes: bool = False
+
+    def of(self, made: NewMesh) -> int:
+        """Return the number that a mesh has."""
+        n_points, n_cells = numbers_of(made.mesh)
+        return n_points if self.by_nodes else n_cells
+
+
+def _goal(mesh: AnyMesh, new: NewMesh, request: CycleRequest) -> _Goal:
+    """Return the number that is wanted: that of the first new mesh if it can stay as it is."""
+    predicted = new.sizes.predicted
+    elements, nodes = request.options["elements"], request.options["nodes"]
+    if elements is not None and _is_near(predicted, elements):
+        return _Goal(elements, elements) if nodes is None else _Goal(nodes, elements, by_nodes=True)
+    # Otherwise limits do not allow the number, or the tolerance needs fewer elements.
+    before, after = numbers_of(mesh)[1], numbers_of(new.mesh)[1]
+    gains_little = after - before < tuning.GAINED * (predicted - before)
+    return _Goal(predicted if request.is_missed and gains_little else after, predicted)
+
+
+def _is_near(predicted: float, elements: float) -> bool:
+    return abs(predicted / elements - 1.0) <= tuning.REACHED

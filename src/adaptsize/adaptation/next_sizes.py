@@ -29,7 +29,8 @@ from adaptsize.errors import OptionError
 from adaptsize.limiting import limit_gradient
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, ErrorOptions
-from adaptsize.sizes.budget import count_elements
+from adaptsize.quality.by_place import BAND
+from adaptsize.sizes.budget import count_elements, present_sizes
 from adaptsize.sizes.combine import minimum
 from adaptsize.sizes.curvature import radius_at_curves, size_of_chords
 from adaptsize.sizes.error import scaled_by_error
@@ -56,11 +57,22 @@ class CycleRequest:
         return None if self.error is None else self.options["tolerance"]
 
     @property
+    def is_missed(self) -> bool:
+        """Whether the error on the present mesh is above the tolerance."""
+        return self.error is not None and self.tolerance is not None and self.error > self.tolerance
+
+    @property
+    def largest_step(self) -> float:
+        """Largest factor by which the error is to fall in one cycle."""
+        exponent = tuning.REFINED_ON_AVERAGE * self.options["order"]
+        return min(tuning.LARGEST_STEP, float(self.options["max_refine"] ** exponent))
+
+    @property
     def approaches(self) -> bool:
         """Whether the tolerance is too far for one cycle."""
         if self.tolerance is None or self.error is None:
             return False
-        return self.error > tuning.LARGEST_STEP * tuning.BELOW_TOLERANCE * self.tolerance
+        return self.error > self.largest_step * tuning.BELOW_TOLERANCE * self.tolerance
 
     def within(
         self, mesh: Any, tolerance: float, original: SimplexMesh | None = None
@@ -91,6 +103,10 @@ class CycleRequest:
         """Return the sizes for a number of regular simplices."""
         raise NotImplementedError
 
+    def error_left(self, mesh: AnyMesh, sizes: Requested) -> float:
+        """Return the share of the error that is left if cells that are too long are divided."""
+        raise NotImplementedError
+
     def next(self, mesh: AnyMesh, factor: float) -> NextSizes:
         """Return the sizes for a generator that makes ``factor`` cells per predicted cell.
 
@@ -99,16 +115,11 @@ class CycleRequest:
         ValueError
             If the sizes are not finite where there are cells, or an option is out of range.
         """
-        sizes = self._for_goal(mesh, factor)
+        return _checked(mesh, self._for_goal(mesh, factor), factor)
 
-        def refuse_free() -> None:
-            h = smallest(sizes)
-            text = "must be finite after limiting, in each component of the mesh: pass {hmax}"
-            refuse_where("sizes", mesh.in_a_cell & np.isinf(h), h, Message(text))
-
-        mesh.ranks.agree(refuse_free)
-        simplices = count_simplices(mesh, sizes)
-        return NextSizes(sizes, factor * simplices, simplices)
+    def for_number(self, mesh: AnyMesh, number: float, factor: float) -> NextSizes:
+        """Return the sizes for a number of regular simplices; see `next`."""
+        return _checked(mesh, self.of_number(mesh, max(number, 1.0)), factor)
 
     def _for_goal(self, mesh: AnyMesh, factor: float) -> Requested:
         """Return the sizes for the tolerance, or those for the number if it allows no more."""
@@ -118,6 +129,19 @@ class CycleRequest:
             if target is None or factor * count_simplices(mesh, sizes) <= target:
                 return sizes
         return self.of_number(mesh, max(target / factor, 1.0))
+
+
+def _checked(mesh: AnyMesh, sizes: Requested, factor: float) -> NextSizes:
+    """Return sizes that are finite where there are cells, with the numbers of cells."""
+
+    def refuse_free() -> None:
+        h = smallest(sizes)
+        text = "must be finite after limiting, in each component of the mesh: pass {hmax}"
+        refuse_where("sizes", mesh.in_a_cell & np.isinf(h), h, Message(text))
+
+    mesh.ranks.agree(refuse_free)
+    simplices = count_simplices(mesh, sizes)
+    return NextSizes(sizes, factor * simplices, simplices)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,6 +175,16 @@ class SizeRequest(CycleRequest):
         squares = mesh.ranks.allreduce((self.indicator**2).sum(axis=1), "sum")
         return [math.sqrt(square) for square in squares.tolist()]
 
+    def error_left(self, mesh: AnyMesh, sizes: Requested) -> float:
+        """Return the share of the error that is left if cells that are too long are divided."""
+        if self.indicator is None:
+            return 1.0
+        ratio = smallest(sizes)[mesh.cells].mean(axis=1) / present_sizes(mesh)
+        left = np.where(ratio < BAND[0], ratio, 1.0) ** self.options["order"]
+        after = replace(self, indicator=self.indicator * left)._errors(mesh)
+        shares = zip(after, self._errors(mesh), strict=True)
+        return min((share / error for share, error in shares if error > 0.0), default=1.0)
+
     def for_boundary(self) -> SizeRequest:
         """Return the request that only curved boundaries bound, and not ``hmax`` either."""
         options: AdaptOptions = {**self.options, "hmax": None}
@@ -175,7 +209,7 @@ class SizeRequest(CycleRequest):
             return self._finished(mesh, self._requested(mesh))
         assert self.options["tolerance"] is not None
         goal = tuning.BELOW_TOLERANCE * self.options["tolerance"]
-        goals = [max(goal, error / tuning.LARGEST_STEP) for error in self._errors(mesh)]
+        goals = [max(goal, error / self.largest_step) for error in self._errors(mesh)]
         return self._from_error(mesh, self.indicator, {"tolerance": goal}, goals)
 
     def of_number(self, mesh: AnyMesh, number: float) -> FloatArray:
@@ -254,6 +288,11 @@ class Decision(NamedTuple):
     too_long: float
     too_short: float
 
+    def without_division(self) -> Decision:
+        """Return the decision if no cell is to be bisected."""
+        reason = "not remeshed: no cell is larger than its size, and bisection does not coarsen"
+        return self._replace(remesh=False, converged=False, reason=reason)
+
 
 def as_bound(h0: BoundLike, mesh: AnyMesh) -> FloatArray:
     """Return upper bounds at the nodes of the mesh."""
@@ -297,19 +336,21 @@ def decide(mesh: AnyMesh, found: NextSizes, request: CycleRequest) -> Decision:
     present = present_of(mesh, found.at_nodes)
     shares = present.shares
     error, tolerance = request.error, request.tolerance
-    within = tolerance is not None and error is not None and error <= tolerance
+    within = tolerance is not None and error is not None and not request.is_missed
     if within and not request.options["coarsen_converged"]:
         reason = f"estimated error {error:.3g} is within the tolerance {tolerance:.3g}"
         return Decision(False, True, reason, *shares)
     ratio = found.predicted / present.n_cells
     same = present.has_sizes(found.predicted, request.options["enough"])
-    finer = tolerance is not None and not within and ratio > tuning.FINER
+    finer = request.is_missed and (
+        ratio > tuning.FINER or request.error_left(mesh, found.at_nodes) < 1.0 / tuning.FINER
+    )
     if not same or finer:
         reason = f"remeshed: {present.reason}"
         if request.approaches:
             reason += (
                 f"; this cycle approaches the tolerance {tolerance:.3g} by a factor of at "
-                f"most {tuning.LARGEST_STEP:g} in the error {error:.3g}"
+                f"most {request.largest_step:.3g} in the error {error:.3g}"
             )
         return Decision(True, False, reason, *shares)
     reason = f"not remeshed: the old mesh already has {shares[0]:.0%} of the next mesh"

@@ -22,7 +22,9 @@ from adaptsize.adaptation.element_fields import (
     methods_of_arrays,
 )
 from adaptsize.adaptation.field_transfer import FieldTransfer, check_kinds
+from adaptsize.adaptation.nested import NestedTransfer
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
+from adaptsize.background.bisection import Resolved
 from adaptsize.background.migration import joined_pieces, send_cells
 from adaptsize.background.requests import (
     boxes_around,
@@ -156,17 +158,24 @@ def transferred(
     by_cell: Arrays,
     given: Mapping[str, Any],
     progress: ProgressCallback | bool | None,
+    divided: Resolved | None = None,
 ) -> TransferredFields:
-    """Return checked fields on the new mesh; ``given`` has the options of `transfer_fields`."""
+    """Return checked fields on the new mesh; ``given`` has the options of `transfer_fields`.
+
+    ``divided`` says how the cells of the old mesh were bisected, if they were.
+    """
     nodal = fields.arrays
     method, how = methods_of(given["method"], nodal, old), {"conservative": given["conservative"]}
     if isinstance(old, PartitionedMesh):
         assert isinstance(new, PartitionedMesh)
         return _transferred_in_parts(old, new, nodal, by_cell, method, how)
     assert isinstance(new, SimplexMesh)
-    transfer = FieldTransfer(old, new, progress=progress)
-    if by_cell and given["conservative"]:
-        transfer.refuse_surfaces()
+    if divided is not None:
+        transfer: FieldTransfer = NestedTransfer(old, divided, progress=progress)
+    else:
+        transfer = FieldTransfer(old, new, progress=progress)
+        if by_cell and given["conservative"]:
+            transfer.refuse_surfaces()
     how["keep_integral"] = given["keep_integral"]
     found = {name: transfer.nodal(values, method=method[name]) for name, values in nodal.items()}
     return TransferredFields(

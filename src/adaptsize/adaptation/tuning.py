@@ -28,9 +28,16 @@ BELOW_TOLERANCE = 0.95
 #: mesh does not resolve a front, its error says little of the cells that are needed: from 32 cells,
 #: a loop for one of 16 000 made 126 000 on the way, and 21 000 in all cycles with 3, 31 000 with 2.
 LARGEST_STEP = 3.0
-#: Predicted cells over present ones from which on a mesh that misses the tolerance is made anew,
-#: although it has the sizes.
+#: Exponent of the largest refinement by which sizes may fall on average.  The rest of it is for the
+#: cells with the largest errors: with none left, all others pay for a singular point.
+REFINED_ON_AVERAGE = 0.8
+#: Predicted cells over present ones, or the error over the one to be expected, from which on a
+#: mesh that misses the tolerance is made anew, although it has the sizes.
 FINER = 1.02
+#: A mesh that gains less than this share of the cells that the tolerance needs is made anew for
+#: their number: on an L-shape, where Mmg leaves edges that are nearly as long as their sizes, the
+#: loop of tests/adaptation/test_stopping.py needs 6 cycles in place of 32.
+GAINED = 0.5
 #: Edges of more pieces need a new mesh, however few cells they have.
 MOST_PIECES = 3.0
 #: Number of places that are reported, and their distance over the diagonal.
@@ -42,6 +49,13 @@ MOST_ASPECT_OF_CURVATURE = 100.0
 #: once; on a ball of 300 surface nodes, that of metrics falls from 7 200 on 1 300 cells to 3 500 on
 #: 24 000.
 SETTLED, MOST_CELLS = 0.02, 100_000
+
+# Bisection ----------------------------------------------------------------------------------------
+
+#: Longest edge of a bisected cell over its size.  Edges are then as long as the size in the mean.
+LONGEST_OVER_SIZE = 1.5
+#: Largest number of meshes that are tried for a number of elements.
+MOST_DIVISIONS = 12
 
 # Moves to the boundary ----------------------------------------------------------------------------
 

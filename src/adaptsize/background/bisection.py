@@ -43,16 +43,20 @@ class Resolved(NamedTuple):
     curves: IntArray
     is_complete: bool
 
-    def extended(self, nodal: FloatArray) -> FloatArray:
+    def extended(self, nodal: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return nodal values of the old mesh on this one: new nodes get the mean of the ends.
 
         So they stay linear in the old cells; inf where one of the ends is inf.
         """
-        known = len(nodal)
-        values = longer(nodal, self.mesh.n_points)
+        return _extended(nodal, self.node_parents)
+
+    def first_ends(self) -> IndexArray:
+        """Return an old node for each node: the first end of its edge, or that of this end."""
+        known = self.mesh.n_points - len(self.node_parents)
+        found = np.arange(self.mesh.n_points)
         for new in _generations(self.node_parents, known):
-            values[known + new] = values[self.node_parents[new]].mean(axis=1)
-        return values
+            found[known + new] = found[self.node_parents[new, 0]]
+        return found
 
     def after(self, before: Resolved) -> Resolved:
         """Return what became of a mesh that was divided to ``before``, and that to this one."""
@@ -150,6 +154,50 @@ def resolved(
     return Resolved(fine, division.owner, division.node_parents, halves, is_complete)
 
 
+def bisected(
+    mesh: SimplexMesh, h: FloatArray, factor: float, max_cells: float = np.inf
+) -> Resolved:
+    """Return a mesh bisected until no longest edge is above ``factor`` times the size in its cell.
+
+    Parameters
+    ----------
+    mesh : SimplexMesh
+        Segments, triangles or tetrahedra.
+    h : float64[n_points]
+        Sizes at the nodes, finite and positive; linear in the cells of this mesh.  That of a
+        part of a cell is the mean at its corners.
+    factor : float
+    max_cells : float
+        Division ends when there are about so many cells.
+
+    Returns
+    -------
+    Resolved
+        See `resolved` for the parts of cells.
+    """
+    division = _Division(mesh)
+    # Division adds as many nodes as it divides edges, each with at least one cell.
+    most = mesh.n_points + max_cells - mesh.n_cells
+    is_complete = division.all_within(_NodalRule(division, h, factor), most)
+    nothing = np.empty((0, 2), np.int32)
+    return Resolved(division.mesh(), division.owner, division.node_parents, nothing, is_complete)
+
+
+class _NodalRule:
+    """The longest edge of cells over a multiple of the mean size at their corners."""
+
+    def __init__(self, division: _Division, h: FloatArray, factor: float) -> None:
+        self._division, self._nodal, self._factor = division, h, factor
+
+    def __call__(self, cells: IndexArray) -> FloatArray:
+        division, known = self._division, len(self._nodal)
+        ends = division.ends[known:]
+        self._nodal = _extended(self._nodal, ends)
+        corners = division.cells[cells]
+        mean = self._nodal[corners].mean(axis=1)
+        return _ratios(division.points[corners], self._factor * mean)
+
+
 class _Rule:
     """The longest edge of cells over the largest one that a function of points allows."""
 
@@ -202,6 +250,15 @@ class _Rule:
         with np.errstate(invalid="ignore"):
             off = np.abs(nodal[:, pairs].mean(axis=2) - between) / between
         return np.minimum(least, between.min(axis=1)), np.nan_to_num(off).max(axis=1)
+
+
+def _extended(nodal: npt.NDArray[Any], parents: IntArray) -> npt.NDArray[Any]:
+    """Return nodal values followed by those of new nodes in the middles of edges."""
+    known = len(nodal)
+    values = longer(nodal, known + len(parents))
+    for new in _generations(parents, known):
+        values[known + new] = values[parents[new]].mean(axis=1)
+    return values
 
 
 def _generations(parents: IntArray, first: int) -> list[IndexArray]:
