@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Iterable
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,8 @@ import numpy.typing as npt
 from adaptsize._messages import Message
 from adaptsize.errors import InputWarning, OptionError
 from adaptsize.typing import FloatArray, IntArray
+
+T = TypeVar("T")
 
 #: Squares of gradients times four lengths must stay in the range of float64.  The squares of
 #: flatter ones would underflow; their effect on sizes is below rounding.
@@ -256,8 +258,19 @@ def check_range(name: str, points: FloatArray) -> None:
 
 def check_type(name: str, value: object, *kinds: type) -> None:
     """Raise a ValueError if ``value`` is not an instance of one of these classes."""
-    if isinstance(value, kinds):
-        return
+    if not isinstance(value, kinds):
+        raise _refusal_of_type(name, value, kinds)
+
+
+def of_type(name: str, value: object, kind: type[T]) -> T:
+    """Return ``value`` if it is an instance of a class, else raise a ValueError."""
+    if not isinstance(value, kind):
+        raise _refusal_of_type(name, value, (kind,))
+    return value
+
+
+def _refusal_of_type(name: str, value: object, kinds: tuple[type, ...]) -> ValueError:
+    """Return the error for a value of another class."""
     named = [f"{'an' if kind.__name__[0] in 'AEIO' else 'a'} {kind.__name__}" for kind in kinds]
     wanted = " or ".join([", ".join(named[:-1]), named[-1]] if named[:-1] else named)
     takes_mesh = any(kind.__name__ == "SimplexMesh" for kind in kinds)
@@ -265,7 +278,7 @@ def check_type(name: str, value: object, *kinds: type) -> None:
     hint = "; read(path) gives one" if takes_mesh and is_path else ""
     if takes_mesh and type(value).__name__ == "Image":
         hint = "; mesh_image(image) gives one"
-    raise ValueError(f"{name} must be {wanted}, got {describe(value)}{hint}")
+    return ValueError(f"{name} must be {wanted}, got {describe(value)}{hint}")
 
 
 def check_function(name: str, value: object, of: str) -> None:

@@ -28,7 +28,7 @@ def pair(dim, n=None):
 
 
 def mixed(old, new):
-    return intersections_of(old, new, Workers(1), products=True).products
+    return intersections_of(old, new, Workers(1)).products
 
 
 def coordinates(corners, x):

@@ -1,4 +1,4 @@
-"""Fields with one row per node or cell: checks, and a view as columns."""
+"""Fields with one row per node or cell: checks, a view as columns, and logarithms."""
 
 from collections.abc import Mapping
 from typing import Any, TypeAlias, get_args
@@ -80,3 +80,28 @@ def from_columns(columns: FloatArray, field: npt.NDArray[Any]) -> npt.NDArray[An
         else columns.astype(field.dtype, copy=False)
     )
     return typed.reshape((len(columns), *field.shape[1:]))
+
+
+def logarithms(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the logarithms of symmetric positive definite matrices."""
+    is_square = values.ndim > 2 and values.shape[-1] == values.shape[-2]
+    if not is_square or values.dtype.kind != "f":
+        raise ValueError(
+            f"{name} must have real matrices for log, shape (..., d, d), got {values.dtype} of "
+            f"shape {values.shape}"
+        )
+    size = np.abs(values).max(initial=0.0)
+    skew = np.abs(values - np.swapaxes(values, -1, -2)).max(axis=(-1, -2))
+    refuse_where(name, skew > 1e-9 * size, values, "must be symmetric for log")
+    eigenvalues, vectors = np.linalg.eigh(values)
+    lowest = eigenvalues[..., 0]
+    refuse_where(name, lowest <= 0.0, values, "must be positive definite for log")
+    return np.asarray((vectors * np.log(eigenvalues)[..., None, :]) @ np.swapaxes(vectors, -1, -2))
+
+
+def exponentials(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the exponentials of symmetric matrices."""
+    values = 0.5 * (values + np.swapaxes(values, -1, -2))
+    eigenvalues, vectors = np.linalg.eigh(values)
+    made = (vectors * np.exp(eigenvalues)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    return np.asarray(0.5 * (made + np.swapaxes(made, -1, -2)))

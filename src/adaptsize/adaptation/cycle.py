@@ -17,6 +17,7 @@ from adaptsize._checks import (
     check_type,
     describe,
     one_of,
+    refusal,
     refuse_where,
 )
 from adaptsize._messages import Message
@@ -24,6 +25,7 @@ from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation._fields import Arrays, as_fields, methods_of
 from adaptsize.adaptation.bisected import BISECTION, divide_cells
+from adaptsize.adaptation.between_meshes import refuse_surfaces
 from adaptsize.adaptation.boundary_moves import (
     ProjectionLike,
     Projections,
@@ -36,19 +38,18 @@ from adaptsize.adaptation.element_fields import (
     as_nodal_fields,
     methods_of_arrays,
 )
-from adaptsize.adaptation.field_transfer import FieldTransfer, integral
 from adaptsize.adaptation.need import smallest
 from adaptsize.adaptation.new_mesh import NewMesh, make_mesh
+from adaptsize.adaptation.next_fields import NextFields, kept_fields, moved_fields
 from adaptsize.adaptation.next_metric import as_anisotropic, metric_request
 from adaptsize.adaptation.next_sizes import (
     BoundLike,
     CycleRequest,
     Decision,
     NextSizes,
-    SizeRequest,
     as_bound,
-    check_goal,
     decide,
+    size_request,
 )
 from adaptsize.adaptation.report import (
     AdaptReport,
@@ -58,7 +59,6 @@ from adaptsize.adaptation.report import (
     total_measure,
     wide_parts,
 )
-from adaptsize.adaptation.transfer import transferred
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh, interpolate
 from adaptsize.background.migration import whole_boundary
 from adaptsize.background.simplex import as_mesh
@@ -74,11 +74,10 @@ from adaptsize.sizes.error import as_indicator
 from adaptsize.typing import FloatArray, ProgressCallback, Unpack
 
 Fields: TypeAlias = Mapping[str, Any]
+_Qualities: TypeAlias = tuple[Conformity, Conformity]
 #: The result for a mesh, which is whole or in parts.
 AnyResult: TypeAlias = "AdaptResult[AnyMesh, SizeFunction | FloatArray]"
 
-
-_HOW = {"interpolate": "interpolated", "project": "projected", "bounded": "projected in bounds"}
 
 _OF_WHOLE_MESHES = ("corner_angle", "keep_integral", "anisotropic", "norm", "max_aspect")
 
@@ -188,8 +187,7 @@ def adapt(
     first = ranks.agree(lambda: _original(mesh, original, project is None))
     request = cycle.request
     given = request.options
-    eta = getattr(request, "indicator", None)
-    ranks.require_equal(indicator=None if eta is None else len(eta), h0=h0 is None, **given)
+    ranks.require_equal(indicator=request.n_states, h0=h0 is None, **given)
     if isinstance(mesh, PartitionedMesh) and cycle.bound is not None:
         mesh.require_equal_values("h0", cycle.bound)
     if given["nodes"] is not None:
@@ -205,15 +203,17 @@ def adapt(
         refuse_too_few(mesh, sizes, request, first)
         decision = decide(mesh, sizes, request)
         made = NewMesh(mesh, sizes, cycle.generator)
-        if decision.remesh and cycle.generator == BISECTION:
-            assert isinstance(mesh, SimplexMesh)
+        if decision.remesh and cycle.generator == BISECTION and isinstance(mesh, SimplexMesh):
             made = divide_cells(mesh, made, request)
             if made.divided is None:
                 decision = decision.without_division()
         elif decision.remesh:
             made = make_mesh(mesh, made, request, report)
-        if decision.remesh and cycle.project is not None:
-            assert isinstance(made.mesh, SimplexMesh)
+        if (
+            cycle.project is not None
+            and made.mesh is not mesh
+            and isinstance(made.mesh, SimplexMesh)
+        ):
             moved, moves = move_to_boundary(made.mesh, cycle.project, given["corner_angle"])
             made = replace(made, mesh=moved, moves=moves)
         result = _result(mesh, request, decision, made, cycle, report)
@@ -224,18 +224,13 @@ def adapt(
     return result
 
 
-#: Where a mesh keeps the first mesh of its loop.
-ORIGINAL = "_original_of_loop"
-
-
 def _original(mesh: AnyMesh, original: SimplexMesh | None, is_faceted: bool) -> SimplexMesh | None:
     """Return the first mesh of the loop, if it is not this one; of parts, its boundary.
 
     If nodes are moved to the true boundary, the domain is not the one with the first facets.
     """
     if original is None:
-        known: SimplexMesh | None = vars(mesh).get(ORIGINAL)
-        return known if is_faceted else None
+        return mesh.original if is_faceted else None
     check_type("original", original, SimplexMesh)
     in_parts = isinstance(mesh, PartitionedMesh)
     kinds = {(mesh.cell_dim, 3), (2, 3)} if in_parts else {(mesh.cell_dim, 3)}
@@ -257,7 +252,7 @@ def _with_original(result: AnyResult, mesh: AnyMesh, first: SimplexMesh | None) 
     if first is None:
         first = whole_boundary(mesh).mesh if isinstance(mesh, PartitionedMesh) else mesh
     if result.mesh is not mesh and result.mesh is not first:  # the caller's mesh is not changed
-        vars(result.mesh)[ORIGINAL] = first
+        result = replace(result, mesh=result.mesh.with_original(first))
     return replace(result, original=first)
 
 
@@ -292,14 +287,7 @@ def _checked(
     is_metric = as_anisotropic(given["anisotropic"]) is not False
     bound, backend, projections = None, given["backend"], None
     if isinstance(mesh, PartitionedMesh):
-        for name in _OF_WHOLE_MESHES:
-            if given[name] != options_of(AdaptOptions)[name].default:  # type: ignore[literal-required]
-                raise ValueError(f"{name} is not available for meshes in parts")
-        if project is not None:
-            raise ValueError("project is not available for meshes in parts")
-        if isinstance(h0, Metric | MetricFunction):
-            raise ValueError("h0 must be sizes on several ranks, got a metric")
-        one_of("backend", backend, ("auto", "mmg"))
+        _refuse_in_parts(project, h0, given)
         backend = "mmg"
     else:
         if mesh.dim == 2:
@@ -307,20 +295,18 @@ def _checked(
         is_metric = is_metric or nodal_metric(mesh, h0, finite=False) is not None
         projections = as_projections(project, mesh)
         if by_cell and given["conservative"] and backend != BISECTION:
-            FieldTransfer(mesh, mesh).refuse_surfaces()
+            refuse_surfaces(mesh)
     if given["elements"] is not None and given["nodes"] is not None:
         raise OptionError(Message("{elements} and {nodes} exclude each other: omit one"))
     request: CycleRequest
-    if is_metric:
-        assert isinstance(mesh, SimplexMesh)
+    if is_metric and isinstance(mesh, SimplexMesh):
         if indicator is not None:
             raise ValueError("indicator must be None with a metric: its sizes have no direction")
         request = metric_request(mesh, h0, nodal.arrays, given)
     else:
         eta = None if indicator is None else _states(indicator, mesh)
         bound = None if h0 is None else as_bound(cast("BoundLike", h0), mesh)
-        request = SizeRequest(options=given, indicator=eta, h0=bound)
-        check_goal(request)
+        request = size_request(given, eta, bound)
     generator = _generator(backend, task, is_metric=is_metric)
     return _Checked(request, bound, generator, nodal, by_cell, projections)
 
@@ -331,8 +317,24 @@ def _generator(backend: str, task: Task, *, is_metric: bool) -> str:
     if backend != BISECTION:
         return choose_backend(backend, task, keep_facets=False, metric=is_metric).name
     if is_metric:
-        raise ValueError("backend 'bisection' cannot follow a metric; use 'mmg'")
+        raise refusal("backend", "'bisection' cannot follow a metric; use 'mmg'")
     return BISECTION
+
+
+def _refuse_in_parts(
+    project: ProjectionLike | None,
+    h0: BoundLike | Metric | MetricFunction | None,
+    given: AdaptOptions,
+) -> None:
+    """Raise a ValueError for what is not available for meshes in parts."""
+    for name in _OF_WHOLE_MESHES:
+        if given[name] != options_of(AdaptOptions)[name].default:  # type: ignore[literal-required]
+            raise ValueError(f"{name} is not available for meshes in parts")
+    if project is not None:
+        raise ValueError("project is not available for meshes in parts")
+    if isinstance(h0, Metric | MetricFunction):
+        raise ValueError("h0 must be sizes on several ranks, got a metric")
+    one_of("backend", given["backend"], ("auto", "mmg"))
 
 
 def _states(indicator: npt.ArrayLike, mesh: AnyMesh) -> FloatArray:
@@ -370,51 +372,39 @@ def _result(
     progress: ProgressCallback,
 ) -> AnyResult:
     """Return fields on the new mesh, and the report; collective."""
-    sizes, new, by_cell = made.sizes, made.mesh, fields.by_cell
-    names, nodal = [*fields.nodal.arrays, *fields.nodal.elements], fields.nodal.arrays
-    on_mesh = None if decision.remesh else fields.nodal.kept(names)
-    how: dict[str, str] = {}
-    integrals: dict[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]] = {}
-    magnitudes: dict[str, float] = {}
+    sizes, new = made.sizes, made.mesh
     if decision.remesh:
-        moved, moved_by_cell = transferred(
-            old, new, fields.nodal, by_cell, request.options, progress, made.divided
+        moved = moved_fields(
+            old, new, fields.nodal, fields.by_cell, request.options, progress, made.divided
         )
-        methods = methods_of(request.options["method"], nodal, old)
-        for name, values in nodal.items():
-            how[name] = "nearest node"
-            if values.dtype.kind not in "biu":
-                how[name] = _HOW[methods[name]]
-                integrals[name] = (
-                    integral(old, values, nodal=True), integral(new, moved[name], nodal=True)
-                )  # fmt: skip
-                size = integral(old, np.abs(values), nodal=True)
-                magnitudes[name] = float(size.max(initial=0.0))
-        for name, values in by_cell.items():
-            how[name] = "value at the centroid"
-            if values.dtype.kind not in "biu":
-                how[name] = "conservative" if request.options["conservative"] else how[name]
-                integrals[name] = integral(old, values), integral(new, moved_by_cell[name])
-                magnitudes[name] = float(integral(old, np.abs(values)).max(initial=0.0))
-        for name, field in fields.nodal.elements.items():
-            assert isinstance(old, SimplexMesh)
-            assert isinstance(new, SimplexMesh)
-            before, magnitudes[name] = field.before(old)
-            how[name], integrals[name] = field.how, (before, field.integral(moved[name], new))
-        on_mesh, by_cell = moved, moved_by_cell
-        if isinstance(new, SimplexMesh):
-            arrays = {name: moved[name] for name in nodal}
-            new = new.with_data(point_data=arrays, cell_data=by_cell)
-    assert on_mesh is not None
-    qualities: Callable[[], Any] = partial(_qualities, old, new, sizes)
+    else:
+        moved = kept_fields(fields.nodal, fields.by_cell)
+    if decision.remesh and isinstance(new, SimplexMesh):
+        arrays = {name: moved.nodal[name] for name in fields.nodal.arrays}
+        new = new.with_data(point_data=arrays, cell_data=moved.by_cell)
+    h, requested = smallest(sizes.at_nodes), sizes.requested(old)
+    return AdaptResult(
+        new, SizeFunction(old, h) if isinstance(old, SimplexMesh) else h,
+        moved.nodal, moved.by_cell,
+        decision.remesh, decision.converged, decision.reason,
+        _report(old, request, decision, replace(made, mesh=new), moved),
+        requested if isinstance(requested, MetricFunction) else None,
+    )  # fmt: skip
+
+
+def _report(
+    old: AnyMesh, request: CycleRequest, decision: Decision, made: NewMesh, moved: NextFields
+) -> AdaptReport:
+    """Return the report; collective."""
+    sizes, new = made.sizes, made.mesh
+    qualities: Callable[[], _Qualities] = partial(_qualities, old, new, sizes)
     if isinstance(old, PartitionedMesh):  # collective, and the report stays without the meshes
-        qualities = partial(tuple, qualities())
+        qualities = partial(_known, qualities())
     before_tags = tags_of(old)
     lost = sorted(before_tags - tags_of(new))
-    h = smallest(sizes.at_nodes)
-    dropped = sorted(wide_parts(old, h, lost))
+    dropped = sorted(wide_parts(old, smallest(sizes.at_nodes), lost))
     (n_points, n_cells), (new_points, new_cells) = numbers_of(old), numbers_of(new)
-    report = AdaptReport(
+    return AdaptReport(
         cell_dim=old.cell_dim, n_points_before=n_points, n_points_after=new_points,
         n_cells_before=n_cells, n_cells_after=new_cells,
         backend=made.backend, n_meshes=made.n_meshes,
@@ -428,22 +418,21 @@ def _result(
         lost_tags=tuple(f"{kind} tag {tag}" for kind, tag in lost),
         dropped_tags=tuple(f"{kind} tag {tag}" for kind, tag in dropped),
         kept_tags=bool(before_tags),
-        transferred=how, integrals=integrals, magnitudes=magnitudes,
-    )  # fmt: skip
-    requested = sizes.requested(old)
-    return AdaptResult(
-        new, SizeFunction(old, h) if isinstance(old, SimplexMesh) else h, on_mesh, by_cell,
-        decision.remesh, decision.converged, decision.reason, report,
-        requested if isinstance(requested, MetricFunction) else None,
+        transferred=moved.how, integrals=moved.integrals, magnitudes=moved.magnitudes,
     )  # fmt: skip
 
 
-def _qualities(old: AnyMesh, new: AnyMesh, sizes: NextSizes) -> tuple[Conformity, Conformity]:
+def _known(both: _Qualities) -> _Qualities:
+    """Return what is known already."""
+    return both
+
+
+def _qualities(old: AnyMesh, new: AnyMesh, sizes: NextSizes) -> _Qualities:
     """Return how closely the old and the new mesh follow the sizes; collective."""
-    requested: Any = sizes.requested(old)
-    before = size_conformity(old, cast(Any, sizes.at_nodes))
+    before = size_conformity(old, sizes.at_nodes)
     if new is old:
         return before, before
-    if isinstance(new, PartitionedMesh):
+    requested = sizes.requested(old)
+    if isinstance(requested, np.ndarray):  # at the nodes of a mesh in parts
         requested = interpolate(old, requested, new.points)
     return before, size_conformity(new, requested)

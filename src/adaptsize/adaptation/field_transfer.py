@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,18 +9,12 @@ import numpy.typing as npt
 from scipy.sparse import csr_array
 
 from adaptsize._checks import as_flag, check_type, describe
-from adaptsize._kernels.interpolate import combine
-from adaptsize._progress import reporting
-from adaptsize._workers import Workers
-from adaptsize.adaptation import tuning
 from adaptsize.adaptation._fields import as_columns, as_field, as_method, from_columns
-from adaptsize.adaptation.overlaps import Intersections, intersections_of
-from adaptsize.adaptation.projection import Projection, sums_over
+from adaptsize.adaptation.between_meshes import BetweenMeshes, refuse_surfaces
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
-from adaptsize.background.partitioned import local_mesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.sizes.budget import nodal_measures
-from adaptsize.typing import FloatArray, IntArray, NodalMethod, ProgressCallback
+from adaptsize.typing import FloatArray, NodalMethod, ProgressCallback
 
 
 def integral(mesh: AnyMesh, values: npt.NDArray[Any], *, nodal: bool = False) -> npt.NDArray[Any]:
@@ -39,7 +32,12 @@ def check_kinds(old: AnyMesh, new: AnyMesh) -> None:
                 f"{name} must be a SimplexMesh of triangles or tetrahedra, got {describe(mesh)}"
             )
     if type(old) is not type(new) or (old.dim, old.cell_dim) != (new.dim, new.cell_dim):
-        raise ValueError(f"old and new must be meshes of one kind, got {old!r} and {new!r}")
+        raise refusal_of_kinds(old, new)
+
+
+def refusal_of_kinds(old: AnyMesh, new: AnyMesh) -> ValueError:
+    """Return the error for two meshes of different kinds."""
+    return ValueError(f"old and new must be meshes of one kind, got {old!r} and {new!r}")
 
 
 class FieldTransfer:
@@ -114,17 +112,8 @@ class FieldTransfer:
         old, new = as_mesh("old", old), as_mesh("new", new)
         check_kinds(old, new)
         self.old = old
-        self.new: Any = new
-        self._progress = progress
-        self._threads: int | None = None
-
-    def refuse_surfaces(self) -> None:
-        """Raise a ValueError if the cells do not have the dimension of the space."""
-        if self.old.cell_dim != self.old.dim:
-            raise ValueError(
-                "conservative must be False for triangles in space: two triangulations of a "
-                f"curved surface do not overlap, got {self.old!r}"
-            )
+        self.new = new
+        self._between = BetweenMeshes(old, new, None, progress)
 
     def nodal(
         self, values: npt.ArrayLike, *, method: NodalMethod | None = None
@@ -172,30 +161,7 @@ class FieldTransfer:
         """
         field = as_field("values", values, self.old.n_points)
         method = as_method("method", method, self.old)
-        if method == "interpolate" or field.dtype.kind in "biu":
-            return self._interpolated(field)
-        return self._projected(field, bounded=method == "bounded")
-
-    def _interpolated(self, field: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        cells, weights, _ = self._located
-        nodes = self.old.cells[cells]
-        if field.dtype.kind in "biu":
-            return np.asarray(field[nodes[np.arange(len(nodes)), weights.argmax(axis=1)]])
-        start = np.arange(len(nodes) + 1, dtype=np.int64) * nodes.shape[1]
-        return _combined(start, nodes.ravel(), weights.ravel(), field)
-
-    def _projected(self, field: npt.NDArray[Any], *, bounded: bool) -> npt.NDArray[Any]:
-        new = self.new
-        products = self._with_products.products
-        assert products is not None
-        columns = np.array(as_columns(field))
-        n_bounded = columns.shape[1] if bounded else 0
-        found = Projection(new.cells, new.measures, new.shared, new.n_points).field(
-            sums_over(products, columns, n_bounded),
-            lambda: as_columns(self._interpolated(field)),
-            n_bounded,
-        )
-        return from_columns(found, field)
+        return self._between.at_nodes(field, method)
 
     def cells(
         self, values: npt.ArrayLike, *, conservative: bool = True, keep_integral: bool = False
@@ -234,17 +200,11 @@ class FieldTransfer:
         conservative = as_flag("conservative", conservative)
         keep_integral = as_flag("keep_integral", keep_integral)
         if field.dtype.kind in "biu":
-            return np.asarray(field[self._holders[0]])
-        if not conservative:
-            return field[self._holders[0]]
-        self.refuse_surfaces()
-        overlap = self.overlap
-        inside = np.where(self.coverage > tuning.OUTSIDE, 1.0, 0.0)
-        weights = overlap.data * np.repeat(inside, np.diff(overlap.indptr))
-        made = _combined(overlap.indptr, overlap.indices, weights, field, field[self._holders[0]])
-        if keep_integral:
-            return self._with_integral(made, field)
-        return made
+            conservative = False
+        if conservative:
+            refuse_surfaces(self.old)
+        made = self._between.in_cells(field, conservative=conservative)
+        return self._with_integral(made, field) if conservative and keep_integral else made
 
     def integrals(
         self, old_values: npt.NDArray[Any], new_values: npt.NDArray[Any], *, nodal: bool = False
@@ -272,21 +232,24 @@ class FieldTransfer:
             found.append(integral(mesh, as_field(name, values, n), nodal=nodal))
         return found[0], found[1]
 
-    @cached_property
+    @property
     def coverage(self) -> FloatArray:
-        """Share of each new cell that lies in the old mesh, float64[n_cells]; 1 to rounding."""
-        measures = self.new.measures
-        inside = np.asarray(self.overlap.sum(axis=1)).ravel()
-        return np.asarray(
-            np.divide(inside, measures, out=np.zeros_like(inside), where=measures > 0.0)
-        )
+        """Share of each new cell that lies in the old mesh, float64[n_cells]; 1 to rounding.
 
-    @cached_property
+        Raises
+        ------
+        ValueError
+            For triangles in space.
+        """
+        refuse_surfaces(self.old)
+        return self._between.coverage
+
+    @property
     def distances(self) -> FloatArray:
         """Distance of each new node to the old mesh, float64[n_points], 0 inside."""
-        return self._located[2]
+        return self._between.located[2]
 
-    @cached_property
+    @property
     def overlap(self) -> csr_array:
         """Measures of the overlaps, sparse [n_cells of the new mesh, n_cells of the old one].
 
@@ -295,58 +258,8 @@ class FieldTransfer:
         ValueError
             For triangles in space.
         """
-        self.refuse_surfaces()
-        if "_with_products" in self.__dict__:
-            return self._with_products.measures
-        with reporting(self._progress) as report:
-            return intersections_of(self.old, self.new, Workers.of(self._threads, report)).measures
-
-    @cached_property
-    def _with_products(self) -> Intersections:
-        with reporting(self._progress) as report:
-            return intersections_of(
-                self.old, self.new, Workers.of(self._threads, report), products=True
-            )
-
-    @cached_property
-    def _located(self) -> tuple[IntArray, FloatArray, FloatArray]:
-        cells, weights, distances = self.old.locator.nearest(self.new.points)
-        if _has_slits(self.old):
-            mesh = local_mesh(self.new)
-            assert mesh is not None
-            nodes = mesh.boundary().nodes
-            cells, weights = cells.copy(), weights.copy()
-            cells[nodes], weights[nodes] = self._on_their_side(nodes)
-        return cells, weights, distances
-
-    def _on_their_side(self, nodes: IntArray) -> tuple[IntArray, FloatArray]:
-        """Return old cells and weights for new nodes, on their side of a slit.
-
-        Where two old nodes coincide, the location is ambiguous.  A point slightly inside a new
-        cell at the node determines the side.
-        """
-        old, new = self.old, self.new
-        one_cell = np.zeros(new.n_points, np.intp)
-        one_cell[new.cells] = np.arange(new.n_cells)[:, None]
-        points = new.points[nodes]
-        inside = new.points[new.cells[one_cell[nodes]]].mean(axis=1)
-        cells, weights, _ = old.locator.nearest(points + tuning.ASIDE * (inside - points))
-        # Weights of the node itself in that cell, which it may miss by rounding.
-        corners = old.points[old.cells[cells]]
-        edges = (corners[:, 1:] - corners[:, :1]).swapaxes(1, 2)
-        valid = np.abs(np.linalg.det(edges)) > 0.0
-        found = np.linalg.solve(edges[valid], (points - corners[:, 0])[valid][..., None])[..., 0]
-        found = np.column_stack([1.0 - found.sum(axis=1), found])
-        near = np.abs(found - weights[valid]).max(axis=1) <= tuning.SAME_CELL
-        found = np.clip(found, 0.0, 1.0)
-        kept = np.flatnonzero(valid)[near]
-        weights[kept] = found[near] / found[near].sum(axis=1, keepdims=True)
-        return cells, weights
-
-    @cached_property
-    def _holders(self) -> tuple[IntArray, FloatArray, FloatArray]:
-        """The old cells that contain the centroids of the new ones, or are nearest to them."""
-        return self.old.locator.nearest(self.new.points[self.new.cells].mean(axis=1))
+        refuse_surfaces(self.old)
+        return self._between.overlap
 
     def _with_integral(self, made: npt.NDArray[Any], field: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return values corrected, near the boundary first, to the integral of the old field."""
@@ -366,29 +279,3 @@ class FieldTransfer:
                     new[:, j] += min(missing / total, 1.0) * room
             np.clip(new[:, j], low, high, out=new[:, j])
         return from_columns(new, made)
-
-
-def _has_slits(mesh: SimplexMesh) -> bool:
-    """Return whether nodes of the boundary coincide: the two faces of a crack."""
-    if mesh.cell_dim != mesh.dim:
-        return False
-    points = mesh.boundary().mesh.points
-    return len(np.unique(points, axis=0)) < len(points)
-
-
-def _combined(
-    start: npt.NDArray[Any],
-    found: npt.NDArray[Any],
-    weights: FloatArray,
-    field: npt.NDArray[Any],
-    otherwise: npt.NDArray[Any] | None = None,
-) -> npt.NDArray[Any]:
-    """Return weighted means of rows of a field; ``otherwise`` where all weights are zero."""
-    columns = np.array(as_columns(field))
-    result = np.zeros((len(start) - 1, columns.shape[1]))
-    if otherwise is not None:
-        result[:] = as_columns(otherwise)
-    combine(
-        np.array(start, np.int64), np.array(found, np.int32), np.array(weights), columns, result
-    )
-    return from_columns(result, field)

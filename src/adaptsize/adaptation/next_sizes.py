@@ -52,6 +52,11 @@ class CycleRequest:
     """Estimated error on the present mesh; None if it is not known."""
 
     @property
+    def n_states(self) -> int | None:
+        """Number of states of which there are error indicators; None without these."""
+        return None
+
+    @property
     def tolerance(self) -> float | None:
         """Target for this error."""
         return None if self.error is None else self.options["tolerance"]
@@ -73,6 +78,10 @@ class CycleRequest:
         if self.tolerance is None or self.error is None:
             return False
         return self.error > self.largest_step * tuning.BELOW_TOLERANCE * self.tolerance
+
+    def error_left(self, mesh: AnyMesh, sizes: Requested) -> float:
+        """Return the share of the error that is left if cells that are too long are divided."""
+        return 1.0
 
     def within(
         self, mesh: Any, tolerance: float, original: SimplexMesh | None = None
@@ -101,10 +110,6 @@ class CycleRequest:
 
     def of_number(self, mesh: Any, number: float) -> Requested:
         """Return the sizes for a number of regular simplices."""
-        raise NotImplementedError
-
-    def error_left(self, mesh: AnyMesh, sizes: Requested) -> float:
-        """Return the share of the error that is left if cells that are too long are divided."""
         raise NotImplementedError
 
     def next(self, mesh: AnyMesh, factor: float) -> NextSizes:
@@ -148,9 +153,8 @@ def _checked(mesh: AnyMesh, sizes: Requested, factor: float) -> NextSizes:
 class SizeRequest(CycleRequest):
     """A request of sizes that do not depend on the direction."""
 
-    indicator: FloatArray | None
-    """float64[states, n_cells]"""
     h0: FloatArray | None
+    """Upper bounds at the nodes; None if there are none."""
     chords: FloatArray | None = None
     """Largest sizes that leave curved boundaries within the tolerance of the generator."""
 
@@ -160,88 +164,16 @@ class SizeRequest(CycleRequest):
         g = self.options["g"]
         return GRADIENT_LIMIT if isinstance(g, str) else g
 
-    def within(
-        self, mesh: AnyMesh, tolerance: float, original: SimplexMesh | None = None
-    ) -> SizeRequest:
-        """Return the request with the error, and a bound that leaves curves within a tolerance."""
-        error = None
-        if self.indicator is not None:
-            error = max(self._errors(mesh))
-        return replace(self, error=error, chords=bound_by_tolerance(mesh, tolerance, original))
-
-    def _errors(self, mesh: AnyMesh) -> list[float]:
-        """Return the estimated error of each state; collective."""
-        assert self.indicator is not None
-        squares = mesh.ranks.allreduce((self.indicator**2).sum(axis=1), "sum")
-        return [math.sqrt(square) for square in squares.tolist()]
-
-    def error_left(self, mesh: AnyMesh, sizes: Requested) -> float:
-        """Return the share of the error that is left if cells that are too long are divided."""
-        if self.indicator is None:
-            return 1.0
-        ratio = smallest(sizes)[mesh.cells].mean(axis=1) / present_sizes(mesh)
-        left = np.where(ratio < BAND[0], ratio, 1.0) ** self.options["order"]
-        after = replace(self, indicator=self.indicator * left)._errors(mesh)
-        shares = zip(after, self._errors(mesh), strict=True)
-        return min((share / error for share, error in shares if error > 0.0), default=1.0)
-
-    def for_boundary(self) -> SizeRequest:
+    def for_boundary(self) -> BoundRequest:
         """Return the request that only curved boundaries bound, and not ``hmax`` either."""
         options: AdaptOptions = {**self.options, "hmax": None}
-        return replace(self, options=options, indicator=None, h0=None)
+        return BoundRequest(options=options, h0=None, chords=self.chords)
 
     def at_curves(self, mesh: SimplexMesh) -> BoolArray:
         """Return the nodes at which curved boundaries bound the sizes."""
         if self.chords is None:
             return np.zeros(mesh.n_points, np.bool_)
         return np.asarray(np.isfinite(self.chords))
-
-    def simplices(self, mesh: SimplexMesh) -> float:
-        """Return the number of regular simplices of the requested sizes, also between the nodes."""
-        if self.g is None or mesh.cell_dim < mesh.dim:
-            return super().simplices(mesh)
-        h, info = limit_gradient.with_info(mesh, self._held(self._requested(mesh)), self.g)
-        return predict(mesh, SizeFunction(mesh, h, sources=info.sources)).cells
-
-    def without_number(self, mesh: AnyMesh) -> FloatArray:
-        """Return the sizes for the tolerance, or those that are requested."""
-        if self.indicator is None:
-            return self._finished(mesh, self._requested(mesh))
-        assert self.options["tolerance"] is not None
-        goal = tuning.BELOW_TOLERANCE * self.options["tolerance"]
-        goals = [max(goal, error / self.largest_step) for error in self._errors(mesh)]
-        return self._from_error(mesh, self.indicator, {"tolerance": goal}, goals)
-
-    def of_number(self, mesh: AnyMesh, number: float) -> FloatArray:
-        """Return the sizes for a number of regular simplices."""
-        if self.indicator is not None:
-            return self._from_error(mesh, self.indicator, {"elements": number})
-        assert self.h0 is not None
-        bound, d = self.h0, mesh.cell_dim
-        start = count_elements(mesh, self._finished(mesh, bound))
-        first = (start / number) ** (1.0 / d) if start > 0.0 else 1.0
-        return scale_to(
-            number, lambda s: self._finished(mesh, s * bound), partial(count_elements, mesh),
-            first, d, tuning.ACCURACY,
-        )  # fmt: skip
-
-    def _requested(self, mesh: AnyMesh) -> FloatArray:
-        """Return the sizes that are given, inf where there are none."""
-        return np.full(mesh.n_points, np.inf) if self.h0 is None else self.h0
-
-    def _from_error(
-        self,
-        mesh: AnyMesh,
-        indicator: FloatArray,
-        goal: ErrorOptions,
-        goals: list[float] | None = None,
-    ) -> FloatArray:
-        given: ErrorOptions = {
-            "tolerance": None, "elements": None, "max_refine": self.options["max_refine"],
-            "max_coarsen": self.options["max_coarsen"], "backend": None, **goal,
-        }  # fmt: skip
-        finish, order = partial(self._finished, mesh), self.options["order"]
-        return scaled_by_error(mesh, indicator, order, given, finish, tuning.ACCURACY, goals=goals)
 
     def _finished(self, mesh: AnyMesh, h: FloatArray) -> FloatArray:
         """Apply bounds and limits."""
@@ -250,9 +182,102 @@ class SizeRequest(CycleRequest):
 
     def _held(self, h: FloatArray) -> FloatArray:
         """Apply bounds."""
-        further = [None if self.indicator is None else self.h0, self.chords]
-        bounds = [bound for bound in further if bound is not None]
+        bounds = [bound for bound in (self.h0, self.chords) if bound is not None]
         return minimum(h, *bounds, hmin=self.options["hmin"], hmax=self.options["hmax"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoundRequest(SizeRequest):
+    """A request of the largest sizes within bounds."""
+
+    def within(
+        self, mesh: AnyMesh, tolerance: float, original: SimplexMesh | None = None
+    ) -> BoundRequest:
+        """Return the request with a bound that leaves curves within a tolerance."""
+        return replace(self, chords=bound_by_tolerance(mesh, tolerance, original))
+
+    def simplices(self, mesh: SimplexMesh) -> float:
+        """Return the number of regular simplices of the requested sizes, also between the nodes."""
+        if self.g is None or mesh.cell_dim < mesh.dim:
+            return super().simplices(mesh)
+        h, info = limit_gradient.with_info(mesh, self._held(_free(mesh)), self.g)
+        return predict(mesh, SizeFunction(mesh, h, sources=info.sources)).cells
+
+    def without_number(self, mesh: AnyMesh) -> FloatArray:
+        """Return the sizes that are requested."""
+        return self._finished(mesh, _free(mesh))
+
+    def of_number(self, mesh: AnyMesh, number: float) -> FloatArray:
+        """Return the sizes for a number of regular simplices: the bounds are scaled."""
+        bound, d = _free(mesh) if self.h0 is None else self.h0, mesh.cell_dim
+        scaled = replace(self, h0=None)
+        start = count_elements(mesh, scaled._finished(mesh, bound))
+        first = (start / number) ** (1.0 / d) if start > 0.0 else 1.0
+        return scale_to(
+            number, lambda s: scaled._finished(mesh, s * bound), partial(count_elements, mesh),
+            first, d, tuning.ACCURACY,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorRequest(SizeRequest):
+    """A request of sizes from errors."""
+
+    indicator: FloatArray
+    """float64[states, n_cells]"""
+
+    @property
+    def n_states(self) -> int:
+        """Number of states of which there are indicators."""
+        return len(self.indicator)
+
+    def within(
+        self, mesh: AnyMesh, tolerance: float, original: SimplexMesh | None = None
+    ) -> ErrorRequest:
+        """Return the request with the error, and a bound that leaves curves within a tolerance."""
+        chords = bound_by_tolerance(mesh, tolerance, original)
+        return replace(self, error=max(self._errors(mesh)), chords=chords)
+
+    def _errors(self, mesh: AnyMesh, left: FloatArray | float = 1.0) -> list[float]:
+        """Return the estimated error of each state, with a share left in each cell; collective."""
+        squares = mesh.ranks.allreduce(((left * self.indicator) ** 2).sum(axis=1), "sum")
+        return [math.sqrt(square) for square in squares.tolist()]
+
+    def error_left(self, mesh: AnyMesh, sizes: Requested) -> float:
+        """Return the share of the error that is left if cells that are too long are divided."""
+        ratio = smallest(sizes)[mesh.cells].mean(axis=1) / present_sizes(mesh)
+        after = self._errors(mesh, np.where(ratio < BAND[0], ratio, 1.0) ** self.options["order"])
+        shares = zip(after, self._errors(mesh), strict=True)
+        return min((share / error for share, error in shares if error > 0.0), default=1.0)
+
+    def without_number(self, mesh: AnyMesh) -> FloatArray:
+        """Return the sizes for the tolerance."""
+        tolerance = self.options["tolerance"]
+        assert tolerance is not None, "without a number, there is a tolerance (`size_request`)"
+        goal = tuning.BELOW_TOLERANCE * tolerance
+        goals = [max(goal, error / self.largest_step) for error in self._errors(mesh)]
+        return self._from_error(mesh, {"tolerance": goal}, goals)
+
+    def of_number(self, mesh: AnyMesh, number: float) -> FloatArray:
+        """Return the sizes for a number of regular simplices."""
+        return self._from_error(mesh, {"elements": number})
+
+    def _from_error(
+        self, mesh: AnyMesh, goal: ErrorOptions, goals: list[float] | None = None
+    ) -> FloatArray:
+        given: ErrorOptions = {
+            "tolerance": None, "elements": None, "max_refine": self.options["max_refine"],
+            "max_coarsen": self.options["max_coarsen"], "backend": None, **goal,
+        }  # fmt: skip
+        return scaled_by_error(
+            mesh, self.indicator, self.options["order"], given, partial(self._finished, mesh),
+            tuning.ACCURACY, goals=goals,
+        )  # fmt: skip
+
+
+def _free(mesh: AnyMesh) -> FloatArray:
+    """Return sizes that request nothing."""
+    return np.full(mesh.n_points, np.inf)
 
 
 class NextSizes(NamedTuple):
@@ -318,17 +343,22 @@ def bound_by_tolerance(
     return size_of_chords(radius, allowed)
 
 
-def check_goal(request: SizeRequest) -> None:
-    """Raise a ValueError if the request is incomplete or contradictory."""
-    options, tolerance = request.options, request.options["tolerance"]
-    if request.indicator is None and request.h0 is None:
+def size_request(
+    options: AdaptOptions, indicator: FloatArray | None, h0: FloatArray | None
+) -> SizeRequest:
+    """Return a request; raise a ValueError if it is incomplete or contradictory."""
+    tolerance = options["tolerance"]
+    if indicator is None and h0 is None:
         raise ValueError("indicator or h0 must be given, got neither")
-    if request.indicator is None and tolerance is not None:
+    if indicator is None and tolerance is not None:
         raise refusal("tolerance", "needs an indicator, got None")
     goals = (tolerance, options["elements"], options["nodes"])
-    if request.indicator is not None and goals == (None, None, None):
+    if indicator is not None and goals == (None, None, None):
         raise OptionError(Message("an indicator needs {tolerance} or {elements}, got neither"))
     as_limits(options["hmin"], options["hmax"], allow_inf=True)
+    if indicator is None:
+        return BoundRequest(options=options, h0=h0)
+    return ErrorRequest(options=options, h0=h0, indicator=indicator)
 
 
 def decide(mesh: AnyMesh, found: NextSizes, request: CycleRequest) -> Decision:
@@ -336,7 +366,7 @@ def decide(mesh: AnyMesh, found: NextSizes, request: CycleRequest) -> Decision:
     present = present_of(mesh, found.at_nodes)
     shares = present.shares
     error, tolerance = request.error, request.tolerance
-    within = tolerance is not None and error is not None and not request.is_missed
+    within = tolerance is not None and not request.is_missed
     if within and not request.options["coarsen_converged"]:
         reason = f"estimated error {error:.3g} is within the tolerance {tolerance:.3g}"
         return Decision(False, True, reason, *shares)

@@ -1,5 +1,7 @@
 """Intersections of the cells of two meshes: their measures, and products of linear functions."""
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np
@@ -21,52 +23,76 @@ class Intersections(NamedTuple):
 
     measures: csr_array
     """Sparse [n_cells of the new mesh, n_cells of the old one]."""
-    products: csr_array | None
+    products: csr_array
     r"""The mixed mass matrix, sparse [n_points of the new mesh, n_points of the old one].
 
     Its entries are the integrals of :math:`\phi_i \psi_j` over the common domain, where
     :math:`\phi_i` and :math:`\psi_j` are the hat functions of the two meshes.  They are exact to
-    rounding.  None if it was not requested.
+    rounding.
     """
 
 
-def intersections_of(
-    old: SimplexMesh, new: AnyMesh, workers: Workers, *, products: bool = False
-) -> Intersections:
+def measures_of_overlaps(old: SimplexMesh, new: AnyMesh, workers: Workers) -> csr_array:
+    """Return the measures of the intersections alone, see `intersections_of`."""
+    order = _order_of(new)
+    return _measures(old, order, _in_chunks(old, new, order, workers, products=False))
+
+
+def intersections_of(old: SimplexMesh, new: AnyMesh, workers: Workers) -> Intersections:
     """Return integrals over the intersections of the cells of a mesh and of those of this rank.
 
     The result does not depend on the number of threads, to the last bit.
     """
+    order = _order_of(new)
+    parts = _in_chunks(old, new, order, workers, products=True)
+    shape = (new.n_points, old.n_points)
+    if not parts:
+        return Intersections(_measures(old, order, parts), csr_array(shape))
+    numbers = np.concatenate([part.numbers for part in parts])
+    mixed = _summed(numbers, [part.rows for part in parts], new.n_points)
+    values, nodes = mixed.data * _unit(old), old.locator.node_of_point[mixed.indices]
+    products = csr_array((values, nodes, mixed.indptr), shape=shape)
+    return Intersections(_measures(old, order, parts), products)
+
+
+def _order_of(new: AnyMesh) -> LongArray:
+    """Return the new cells in an order such that those one after the other are near each other."""
+    return along_curve(new.points[new.cells].mean(axis=1)).astype(np.int64)
+
+
+def _unit(old: SimplexMesh) -> float:
+    """Return the measure that is 1 in the coordinates of the tree."""
+    return float(old.locator.scale**-old.dim)
+
+
+def _in_chunks(
+    old: SimplexMesh, new: AnyMesh, order: LongArray, workers: Workers, *, products: bool
+) -> list[_Overlaps]:
+    """Return the integrals for all new cells in a given order, for many at a time."""
     if new.n_cells == 0:
-        none = [csr_array((rows, n)) for rows, n in ((0, old.n_cells), (0, old.n_points))]
-        return Intersections(none[0], none[1] if products else None)
-    locator = old.locator
-    points = in_space(new.points * locator.scale)
-    cells = np.array(new.cells)
-    order = along_curve(new.points[new.cells].mean(axis=1)).astype(np.int64)
+        return []
+    points, cells = in_space(new.points * old.locator.scale), np.array(new.cells)
     neighbours = _neighbours(old)
     found: dict[int, _Overlaps] = {}
 
     def task(first: int, last: int) -> None:
         which = order[first:last]
-        found[first] = _overlaps_of(locator.tree, neighbours, (points, cells), which, products)
+        found[first] = _overlaps_of(old.locator.tree, neighbours, (points, cells), which, products)
 
     text = "overlaps of the cells of two meshes"
     workers.in_chunks(task, new.n_cells, tuning.CELLS_AT_ONCE[new.dim], text)
-    parts = [found[first] for first in sorted(found)]
-    unit = locator.scale**-new.dim
+    return [found[first] for first in sorted(found)]
+
+
+def _measures(old: SimplexMesh, order: LongArray, parts: list[_Overlaps]) -> csr_array:
+    """Return the measures in the order of the cells."""
+    shape = (len(order), old.n_cells)
+    if not parts:
+        return csr_array(shape)
     start = np.concatenate([[0], *(part.counts for part in parts)]).cumsum()
-    old_cells = locator.cell_of_row[np.concatenate([part.found for part in parts])]
-    common = np.concatenate([part.measures for part in parts]) * unit
-    in_order = csr_array((common, old_cells, start), shape=(new.n_cells, old.n_cells))
-    measures = in_order[np.argsort(order)]
-    if not products:
-        return Intersections(measures, None)
-    numbers = np.concatenate([part.numbers for part in parts])
-    mixed = _summed(numbers, [part.rows for part in parts], new.n_points)
-    nodes = locator.node_of_point[mixed.indices]
-    shape = (new.n_points, old.n_points)
-    return Intersections(measures, csr_array((mixed.data * unit, nodes, mixed.indptr), shape=shape))
+    old_cells = old.locator.cell_of_row[np.concatenate([part.found for part in parts])]
+    common = np.concatenate([part.measures for part in parts]) * _unit(old)
+    return csr_array((common, old_cells, start), shape=shape)[np.argsort(order)]
 
 
 def _neighbours(mesh: SimplexMesh) -> IntArray:

@@ -11,7 +11,6 @@ import numpy as np
 from adaptsize._kernels.clipping import new_clipping
 from adaptsize._kernels.pieces import fill_pieces
 from adaptsize.adaptation.field_transfer import FieldTransfer
-from adaptsize.background import SimplexMesh
 from adaptsize.background.location import in_space
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -129,7 +128,7 @@ def some_cells(rule: Rule, which: IntArray) -> Iterator[IntArray]:
 
 def points_of_cells(transfer: FieldTransfer, degree: int, cells: IntArray) -> Iterator[Points]:
     """Return points of quadrature in some new cells, and the nearest places in old cells."""
-    new: SimplexMesh = transfer.new
+    new = transfer.new
     rule = rule_of(new.dim, degree)
     for which in some_cells(rule, cells):
         places = np.broadcast_to(rule.places, (len(which), *rule.places.shape))

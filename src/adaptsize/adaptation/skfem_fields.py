@@ -12,7 +12,7 @@ import numpy.typing as npt
 from adaptsize._checks import describe
 from adaptsize.adaptation._fields import as_columns, as_field, from_columns
 from adaptsize.adaptation.field_transfer import FieldTransfer
-from adaptsize.adaptation.spaces import Moving, ToProject, magnitude_of
+from adaptsize.adaptation.spaces import Made, Moving, ToProject, magnitude_of
 from adaptsize.background import SimplexMesh
 from adaptsize.typing import FloatArray, IntArray
 
@@ -46,12 +46,16 @@ class SkfemSpace:
 
     def values(self, held: npt.NDArray[Any], cells: IntArray, places: FloatArray) -> FloatArray:
         """Return the values of a function, float64[p, q, c], its components and columns last."""
-        total: Any = 0.0
-        for i, function in enumerate(self._functions(cells, places)):
+        functions = self._functions(cells, places)
+        n_parts = int(np.prod(functions[0].shape[:-2]))
+        total = np.zeros(
+            (*places.shape[:2], n_parts, held.shape[1]), np.result_type(held, np.float64)
+        )
+        for i, function in enumerate(functions):
             own = held[self.basis.element_dofs[i, cells]]  # p, columns
             values = np.moveaxis(function.reshape(-1, *function.shape[-2:]), 0, 2)
-            total = total + values[..., None] * own[:, None, None, :]
-        return np.asarray(total.reshape(*places.shape[:2], -1))
+            total += values[..., None] * own[:, None, None, :]
+        return total.reshape(*places.shape[:2], -1)
 
     def load(self, cells: IntArray, places: FloatArray, values: FloatArray) -> FloatArray:
         """Return the sums of values times the functions of the space, float64[n, columns]."""
@@ -150,7 +154,7 @@ class OfSkfem:
         """Return the given basis and function."""
         return self._given
 
-    def on(self, transfer: FieldTransfer) -> Moving:
+    def on(self, transfer: FieldTransfer) -> Moving | Made:
         """Return what is to be projected, and a function for a basis and coefficients."""
         import skfem
 
@@ -164,8 +168,7 @@ class OfSkfem:
         new, x = SkfemSpace(self._name, basis, transfer.new), self.values
         columns = as_columns(x[:, None])
 
-        def made(found: FloatArray | None) -> Any:
-            assert found is not None
+        def made(found: FloatArray) -> tuple[Any, npt.NDArray[Any]]:
             return basis, from_columns(found, x)
 
         return Moving(ToProject(self._space, new, columns), made)

@@ -58,10 +58,39 @@ class ToProject(NamedTuple):
 class Moving(NamedTuple):
     """A field on its way to another mesh."""
 
-    task: ToProject | None
-    """None if nothing is to be projected."""
-    made: Callable[[FloatArray | None], Any]
+    task: ToProject
+    made: Callable[[FloatArray], Any]
     """Takes the coefficients of the projection, and returns the field on the new mesh."""
+
+
+class Made(NamedTuple):
+    """A field that is on the new mesh without a projection from the old one."""
+
+    field: Any
+
+
+class Checked(Protocol):
+    """A checked field of finite elements on the old mesh."""
+
+    how: str
+    """How it is transferred."""
+    kind: str
+    """What it is, for messages."""
+
+    def kept(self) -> Any:
+        """Return the field on the old mesh, as the caller gave it."""
+
+    def on(self, transfer: FieldTransfer) -> Moving | Made:
+        """Return what is to be projected, or the field on the new mesh if that is known."""
+
+    def integral(self, made: Any, mesh: SimplexMesh) -> npt.NDArray[Any]:
+        """Return the integral of a field of this kind on a mesh."""
+
+    def before(self, mesh: SimplexMesh) -> tuple[npt.NDArray[Any], float]:
+        """Return the integral on the old mesh, and that of the absolute value.
+
+        The latter is the largest of all components.
+        """
 
 
 def projected(transfer: FieldTransfer, fields: Sequence[ToProject]) -> list[FloatArray]:
@@ -73,7 +102,7 @@ def projected(transfer: FieldTransfer, fields: Sequence[ToProject]) -> list[Floa
     if not fields:
         return []
     # Those of the same spaces are columns of one.
-    groups: dict[Any, list[ToProject]] = {}
+    groups: dict[tuple[Hashable, Hashable], list[ToProject]] = {}
     for field in fields:
         groups.setdefault((field.old.key, field.new.key), []).append(field)
     sums = [
@@ -130,9 +159,9 @@ class _Sums:
 def magnitude_of(space: Space, held: npt.NDArray[Any], mesh: SimplexMesh) -> float:
     """Return the integral of the absolute value of the largest column of coefficients."""
     rule = rule_of(mesh.cell_dim, 2 * space.degree)
-    total: Any = np.zeros(1)
+    parts = []
     for cells in some_cells(rule, np.arange(mesh.n_cells, dtype=np.int32)):
         places = np.broadcast_to(rule.places, (len(cells), *rule.places.shape))
         values = np.abs(space.values(held, cells, places))
-        total = total + np.einsum("pqc,q,p->c", values, rule.weights, mesh.measures[cells])
-    return float(total.max(initial=0.0))
+        parts.append(np.einsum("pqc,q,p->c", values, rule.weights, mesh.measures[cells]))
+    return float(np.max(sum(parts), initial=0.0))

@@ -16,8 +16,8 @@ import numpy.typing as npt
 from adaptsize._checks import as_path, check_type, describe
 from adaptsize._formats.guards import about_file, check_readable, write_whole
 from adaptsize.adaptation._fields import as_fields
-from adaptsize.adaptation.cycle import ORIGINAL
-from adaptsize.adaptation.element_fields import ElementField, QuadratureField, as_nodal_fields
+from adaptsize.adaptation.element_fields import as_nodal_fields
+from adaptsize.adaptation.given_fields import ElementField, QuadratureField
 from adaptsize.background import SimplexMesh
 from adaptsize.errors import MeshFileError
 
@@ -64,9 +64,8 @@ class LoopState:
         check_type("mesh", mesh, SimplexMesh)
         checked = as_nodal_fields(self.fields, mesh)
         content: dict[str, Any] = {"layout": np.array(_LAYOUT), **_of_mesh("mesh", mesh)}
-        first = vars(mesh).get(ORIGINAL)
-        if first is not None:
-            content |= _of_mesh("original", first)
+        if mesh.original is not None:
+            content |= _of_mesh("original", mesh.original)
         for name, array in checked.arrays.items():
             content[f"fields/array/{name}"] = array
         for name in checked.elements:
@@ -108,7 +107,7 @@ class LoopState:
                 raise ValueError("another layout")
             mesh = _mesh_of("mesh", content)
             if "original/points" in content:
-                vars(mesh)[ORIGINAL] = _mesh_of("original", content)
+                mesh = mesh.with_original(_mesh_of("original", content))
             found = _parts(content, "fields/array/")
             for kind, make in _KINDS.items():
                 parts = _parts(content, f"fields/{kind}/")

@@ -16,13 +16,13 @@ from adaptsize.adaptation._fields import (
     from_columns,
     methods_of,
 )
+from adaptsize.adaptation.between_meshes import BetweenMeshes, refuse_surfaces
 from adaptsize.adaptation.element_fields import (
     CheckedFields,
     as_nodal_fields,
     methods_of_arrays,
 )
-from adaptsize.adaptation.field_transfer import FieldTransfer, check_kinds
-from adaptsize.adaptation.nested import NestedTransfer
+from adaptsize.adaptation.field_transfer import FieldTransfer, check_kinds, refusal_of_kinds
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.bisection import Resolved
 from adaptsize.background.migration import joined_pieces, send_cells
@@ -162,26 +162,30 @@ def transferred(
 ) -> TransferredFields:
     """Return checked fields on the new mesh; ``given`` has the options of `transfer_fields`.
 
-    ``divided`` says how the cells of the old mesh were bisected, if they were.
+    ``divided`` says how the cells of the old mesh were bisected, if they were.  What is linear or
+    constant in them stays the same function then, whatever the method.
     """
-    nodal = fields.arrays
-    method, how = methods_of(given["method"], nodal, old), {"conservative": given["conservative"]}
-    if isinstance(old, PartitionedMesh):
-        assert isinstance(new, PartitionedMesh)
-        return _transferred_in_parts(old, new, nodal, by_cell, method, how)
-    assert isinstance(new, SimplexMesh)
+    nodal, method = fields.arrays, methods_of(given["method"], fields.arrays, old)
+    conservative, keep_integral = given["conservative"], given["keep_integral"]
+    if by_cell and conservative and divided is None:
+        refuse_surfaces(old)
+    if isinstance(old, PartitionedMesh) and isinstance(new, PartitionedMesh):
+        return _transferred_in_parts(old, new, nodal, by_cell, method, conservative)
+    if not (isinstance(old, SimplexMesh) and isinstance(new, SimplexMesh)):
+        raise refusal_of_kinds(old, new)
+    transfer = FieldTransfer(old, new, progress=progress)
     if divided is not None:
-        transfer: FieldTransfer = NestedTransfer(old, divided, progress=progress)
-    else:
-        transfer = FieldTransfer(old, new, progress=progress)
-        if by_cell and given["conservative"]:
-            transfer.refuse_surfaces()
-    how["keep_integral"] = given["keep_integral"]
+        return TransferredFields(
+            {name: divided.extended(values) for name, values in nodal.items()}
+            | fields.on(transfer),
+            {name: values[divided.parents] for name, values in by_cell.items()},
+        )
     found = {name: transfer.nodal(values, method=method[name]) for name, values in nodal.items()}
-    return TransferredFields(
-        found | fields.on(transfer),
-        {name: transfer.cells(values, **how) for name, values in by_cell.items()},
-    )
+    cells = {
+        name: transfer.cells(values, conservative=conservative, keep_integral=keep_integral)
+        for name, values in by_cell.items()
+    }
+    return TransferredFields(found | fields.on(transfer), cells)
 
 
 def _transferred_in_parts(
@@ -190,18 +194,20 @@ def _transferred_in_parts(
     nodal: Arrays,
     by_cell: Arrays,
     method: dict[str, NodalMethod],
-    how: dict[str, bool],
+    conservative: bool,
 ) -> TransferredFields:
     """Return fields on another mesh in parts; collective."""
     kinds = [
         [(name, array.dtype.kind, array.shape[1:]) for name, array in fields.items()]
         for fields in (nodal, by_cell)
     ]
-    old.ranks.require_equal(fields=kinds[0], cell_fields=kinds[1], method=method, **how)
+    old.ranks.require_equal(
+        fields=kinds[0], cell_fields=kinds[1], method=method, conservative=conservative
+    )
     reach, slack = np.zeros(old.ranks.size), 1e-9 * old.diagonal
     while True:
         near = _cells_near(old, new, (list(nodal.values()), list(by_cell.values())), reach + slack)
-        transfer = _TransferToPart(near, new)
+        transfer = _ToPart(near, new, 1, None)
         away = transfer.farthest(nodal=bool(nodal), by_cell=bool(by_cell))
         farthest = np.array(old.ranks.allgather(away))
         if (farthest <= reach + slack).all():
@@ -212,34 +218,34 @@ def _transferred_in_parts(
     for k, (name, values) in enumerate(nodal.items()):
         field = near.point_data[str(k)]
         if values.dtype.kind in "biu":
-            made[name] = transfer.nodal(field)
+            made[name] = transfer.interpolated(field)
         else:
             of_method[method[name]][name] = field
     for kind, fields in of_method.items():
         if fields:  # all are sent together
             columns = [as_columns(values) for values in fields.values()]
-            found = transfer.nodal(np.hstack(columns), method=kind)
+            found = transfer.at_nodes(np.hstack(columns), kind)
             ends = np.cumsum([part.shape[1] for part in columns])[:-1]
             for (name, values), part in zip(fields.items(), np.split(found, ends, 1), strict=True):
                 made[name] = from_columns(part, values)
-    cells = {name: transfer.cells(near.cell_data[str(k)], **how) for k, name in enumerate(by_cell)}
+    cells = {
+        name: transfer.in_cells(near.cell_data[str(k)], conservative=conservative)
+        for k, name in enumerate(by_cell)
+    }
     return TransferredFields({name: made[name] for name in nodal}, cells)
 
 
-class _TransferToPart(FieldTransfer):
-    """Transfers fields of the old cells near the part of this rank to it; collective."""
-
-    def __init__(self, near: SimplexMesh, part: PartitionedMesh) -> None:
-        self.old, self.new, self._progress, self._threads = near, part, None, 1
+class _ToPart(BetweenMeshes[PartitionedMesh]):
+    """Values of the old cells near the part of this rank, on it; collective."""
 
     def farthest(self, *, nodal: bool, by_cell: bool) -> float:
         """Return the largest distance of a node, or centroid of a cell, from the old cells."""
-        at_nodes = float(self._located[2].max(initial=0.0)) if nodal else 0.0
-        return max(at_nodes, float(self._holders[2].max(initial=0.0))) if by_cell else at_nodes
+        at_nodes = float(self.located[2].max(initial=0.0)) if nodal else 0.0
+        return max(at_nodes, float(self.holders[2].max(initial=0.0))) if by_cell else at_nodes
 
-    def _interpolated(self, field: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    def interpolated(self, field: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return the values that the owners of the nodes find."""
-        made = super()._interpolated(field)
+        made = super().interpolated(field)
         made[~self.new.is_owned] = 0
         merged: npt.NDArray[Any] = self.new.shared.merge(made, np.add)
         return merged
@@ -281,6 +287,4 @@ def _cells_near(
     if old.mesh is not None:
         point_data, cell_data = ({str(k): v for k, v in enumerate(some)} for some in fields)
         mesh = SimplexMesh(old.points, old.cells, point_data=point_data, cell_data=cell_data)
-    near = joined_pieces(send_cells(comm, mesh, old.global_ids, which, rank))[0]
-    assert near is not None
-    return near
+    return joined_pieces(send_cells(comm, mesh, old.global_ids, which, rank))[0]

@@ -46,11 +46,14 @@ class Resolved(NamedTuple):
     def extended(self, nodal: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return nodal values of the old mesh on this one: new nodes get the mean of the ends.
 
-        So they stay linear in the old cells; inf where one of the ends is inf.
+        So they stay linear in the old cells; inf where one of the ends is inf.  Integers and
+        booleans are those of one end.
         """
+        if nodal.dtype.kind in "biu":
+            return np.asarray(nodal[self._first_ends()])
         return _extended(nodal, self.node_parents)
 
-    def first_ends(self) -> IndexArray:
+    def _first_ends(self) -> IndexArray:
         """Return an old node for each node: the first end of its edge, or that of this end."""
         known = self.mesh.n_points - len(self.node_parents)
         found = np.arange(self.mesh.n_points)

@@ -49,8 +49,8 @@ def send_cells(
             chosen = np.zeros(mesh.n_cells, np.int32)
             chosen[which[ranks == rank]] = 1
             cut = cut_part(mesh, chosen, nobody, 1)
-            assert cut.mesh is not None
-            pieces[rank] = Piece(cut.mesh, global_ids[cut.global_ids])
+            if cut.mesh is not None:
+                pieces[rank] = Piece(cut.mesh, global_ids[cut.global_ids])
     return [piece for piece in comm.alltoall(pieces) if piece is not None]
 
 
@@ -126,22 +126,27 @@ def whole_boundary(part: PartitionedMesh) -> WholeBoundary:
 def _find_boundary(part: PartitionedMesh) -> WholeBoundary:
     _, is_outer, _ = _free_facets(part)
     none = np.empty(0, np.int32)
-    own: Any = part.cell_ids[:0], none, np.empty((0, part.dim), np.int32), none
+    cell, opposite = part.cell_ids[:0], none
+    facets, tags = np.empty((0, part.dim), np.int32), none
     if part.mesh is not None:
-        cell, opposite, facets, tags = facets_with_normals(part.mesh, is_outer)
-        tags = np.full(len(cell), -1, np.int32) if tags is None else tags
-        own = part.cell_ids[cell], opposite.astype(np.int32), facets, tags
-    nodes = np.unique(own[2])
-    sent = (*own[:2], part.global_ids[own[2]], own[3], part.global_ids[nodes], part.points[nodes])
-    every = part.ranks.allgather((*sent, None if part.mesh is None else dict(part.mesh.tag_names)))
+        own, corner, facets, given = facets_with_normals(part.mesh, is_outer)
+        cell, opposite = part.cell_ids[own], corner.astype(np.int32)
+        tags = np.full(len(own), -1, np.int32) if given is None else given
+    nodes = np.unique(facets)
+    ids = part.global_ids
+    sent: tuple[npt.NDArray[Any], ...] = (
+        cell, opposite, ids[facets], tags, ids[nodes], part.points[nodes]
+    )  # fmt: skip
+    names = None if part.mesh is None else dict(part.mesh.tag_names)
+    every = part.ranks.allgather((sent, names))
     cell, opposite, facets, tags, ids, points = (
-        np.concatenate([found[column] for found in every]) for column in range(6)
+        np.concatenate([found[0][column] for found in every]) for column in range(6)
     )
     if len(facets) == 0:
         raise ValueError("the mesh is closed: it has no boundary")
     order = np.lexsort([opposite, cell])  # as in the whole mesh
     ids, at = np.unique(ids, return_index=True)
-    names = next((found[6] for found in every if found[6] is not None), None)
+    names = next((found[1] for found in every if found[1] is not None), None)
     mesh = SimplexMesh(
         points[at],
         np.searchsorted(ids, facets[order]),
@@ -228,16 +233,15 @@ def from_pieces(comm: Communicator, pieces: Sequence[Piece]) -> PartitionedMesh:
 
     by_points = bool(comm.allreduce(int(any(p.keys is None for p in pieces)), "max"))
     own = comm.agree(check)
-    mesh, keys = comm.agree(lambda: joined_pieces(own))
-    mesh = with_common_tags(comm, mesh)
+    nothing = None, np.empty(0, np.int64)
+    held, keys = comm.agree(lambda: joined_pieces(own) if own else nothing)
+    mesh = with_common_tags(comm, held)
     ids, owner = number_nodes(comm, keys)
     return PartitionedMesh(mesh, ids, owner, comm)
 
 
-def joined_pieces(pieces: Sequence[Piece]) -> tuple[SimplexMesh | None, Ids]:
-    """Return the pieces of this rank as one mesh, and the keys of its nodes."""
-    if not pieces:
-        return None, np.empty(0, np.int64)
+def joined_pieces(pieces: Sequence[Piece]) -> tuple[SimplexMesh, Ids]:
+    """Return one or more pieces of this rank as one mesh, and the keys of its nodes."""
     meshes = [piece.mesh for piece in pieces]
     every = np.concatenate([piece.keys for piece in pieces if piece.keys is not None])
     keys, number = np.unique(every, return_inverse=True)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_plain_array, check_type
+from adaptsize._checks import as_float_array, as_plain_array, check_type, of_type
 from adaptsize.background.partitioning import joined, parts_of
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.ranks import Communicator, Ids, SharedNodes, as_communicator, find_shared_nodes, kept
@@ -79,6 +80,8 @@ class PartitionedMesh:
     """Number of nodes of the whole mesh."""
     n_global_cells: int
     """Number of cells of the whole mesh."""
+    original: SimplexMesh | None = None
+    """The boundary of the first mesh of the adaptive loop that has made this one, in space."""
 
     def __init__(
         self,
@@ -153,8 +156,7 @@ class PartitionedMesh:
         """
         ranks = as_communicator(comm)
         if ranks.size == 1 and parts is None:
-            check_type("mesh", mesh, SimplexMesh)
-            assert mesh is not None
+            mesh = of_type("mesh", mesh, SimplexMesh)
             return cls(mesh, np.arange(mesh.n_points), np.zeros(mesh.n_points, np.int32), ranks)
         pieces: list[Any] = ranks.agree(
             lambda: [None] * ranks.size if ranks.rank else parts_of(mesh, parts, ranks.size)
@@ -215,6 +217,12 @@ class PartitionedMesh:
     def shared(self) -> SharedNodes:
         """The nodes that other ranks hold too; collective on first use."""
         return find_shared_nodes(self.ranks, self.global_ids, self.owner)
+
+    def with_original(self, original: SimplexMesh | None) -> PartitionedMesh:
+        """Return the same part with another first boundary of its loop."""
+        new = copy(self)
+        object.__setattr__(new, "original", original)  # needed for a frozen dataclass
+        return new
 
     def once(self, name: str, compute: Callable[[], T]) -> T:
         """Return a value that is computed on first use and kept; collective if ``compute`` is."""

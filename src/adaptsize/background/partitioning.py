@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_plain_array, check_type
+from adaptsize._checks import as_plain_array, of_type
 from adaptsize.background._curve import along_curve
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.background.topology import places_among, unique_rows
@@ -26,8 +26,7 @@ class RankPart(NamedTuple):
 
 def parts_of(mesh: SimplexMesh | None, parts: npt.ArrayLike | None, size: int) -> list[RankPart]:
     """Return the parts of a mesh for all ranks."""
-    check_type("mesh", mesh, SimplexMesh)
-    assert mesh is not None
+    mesh = of_type("mesh", mesh, SimplexMesh)
     rank_of = _rank_of_cells(mesh, parts, size)
     n = mesh.n_points
     owner = np.full(n, size, np.int32)

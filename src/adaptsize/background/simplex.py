@@ -136,6 +136,8 @@ class SimplexMesh(ExchangeMethods, QualityMethods, SurfaceMethods, PictureMethod
     tag_names: Mapping[tuple[int, int], str] = field(default_factory=dict)
     point_data: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
     cell_data: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
+    original: SimplexMesh | None = field(default=None, init=False)
+    """The first mesh of the adaptive loop that has made this one, in space; see `adapt`."""
 
     def __init__(
         self,
@@ -341,6 +343,12 @@ class SimplexMesh(ExchangeMethods, QualityMethods, SurfaceMethods, PictureMethod
     def without_data(self) -> SimplexMesh:
         """Return the same mesh without fields; topology is shared."""
         return self._with_fields({}, {})
+
+    def with_original(self, original: SimplexMesh | None) -> SimplexMesh:
+        """Return the same mesh with another first mesh of its loop; topology is shared."""
+        new = self._with_fields(self.point_data, self.cell_data)
+        object.__setattr__(new, "original", original)  # needed for a frozen dataclass
+        return new
 
     def _with_fields(
         self, point_data: Mapping[str, Any], cell_data: Mapping[str, Any]
