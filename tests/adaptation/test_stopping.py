@@ -91,3 +91,25 @@ def test_a_far_tolerance_is_approached_in_steps(generator):
     )
     assert far == pytest.approx(third, rel=1e-9)
     assert near < 0.5 * third
+
+
+def singular_error(mesh):
+    """Return the error of linear elements for the power 2/3 of the distance."""
+    away = np.linalg.norm(mesh.points[mesh.cells].mean(axis=1), axis=1)
+    h = np.sqrt(mesh.measures)
+    return h**2 * (away + h) ** (-4.0 / 3.0)
+
+
+@pytest.mark.parametrize(("max_refine", "most"), [(4.0, 6), (2.0, 9)])
+def test_a_loop_does_not_creep_towards_its_tolerance(max_refine, most):
+    """Mmg leaves edges nearly as long as their sizes; few cells may hold much of the error."""
+    mesh = structured_square(8, half_width=1.0)
+    for cycle in range(20):  # noqa: B007 - it is looked at below
+        result = adapt(mesh, singular_error(mesh), tolerance=0.15, max_refine=max_refine)
+        if not result.remeshed:
+            break
+        mesh = result.mesh
+    assert cycle <= most
+    assert result.converged
+    assert np.linalg.norm(singular_error(mesh)) <= 0.15
+    assert mesh.n_cells < 4500

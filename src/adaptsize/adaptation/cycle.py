@@ -24,8 +24,8 @@ from adaptsize._messages import Message
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation._fields import Arrays, as_fields, methods_of
-from adaptsize.adaptation.bisected import BISECTION, divide_cells
 from adaptsize.adaptation.between_meshes import refuse_surfaces
+from adaptsize.adaptation.bisected import BISECTION, divide_cells
 from adaptsize.adaptation.boundary_moves import (
     ProjectionLike,
     Projections,
