@@ -30,8 +30,8 @@ BELOW_TOLERANCE = 0.95
 LARGEST_STEP = 3.0
 #: Exponent of the largest refinement by which sizes may fall on average.  The rest of it is for the
 #: cells with the largest errors: with none left, all others pay for a singular point.  With
-#: max_refine = 2, the loop for 0.02 there took 8 cycles and 1 CPU s to 3 600 triangles, 12 and 1.2 s
-#: to 3 200 with an exponent of 0.5; without this bound, 390 000 triangles came of bisection for 0.01.
+#: max_refine = 2, the loop for 0.02 there took 8 cycles and 1 CPU s to 3 600 triangles, and with an
+#: exponent of 0.5 12 and 1.2 s to 3 200.  Without this bound, 390 000 came of bisection for 0.01.
 REFINED_ON_AVERAGE = 0.8
 #: Predicted cells over present ones, or the error over the one to be expected, from which on a
 #: mesh that misses the tolerance is made anew, although it has the sizes.
