@@ -88,7 +88,7 @@ class Option:
     numbers, flags and choices are checked where they are used.
     """
 
-    default: Any = None
+    default: object = None
     chosen: str = ""
     """The default in words, if it depends on the other arguments."""
     unit: Literal["", "length", "degrees", "seconds", "pixels"] = ""
