@@ -118,6 +118,5 @@ def _requests(
     request[found >= 0] = number
     names = [""] * len(used)
     for node in np.flatnonzero(found >= 0)[np.unique(number, return_index=True)[1]]:
-        code = cause[report.origin[node]]
-        names[request[node]] = report.causes[code] if code >= 0 else "sizes"
+        names[request[node]] = report.causes[cause[node]]
     return names, request
