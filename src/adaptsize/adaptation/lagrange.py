@@ -16,7 +16,6 @@ from adaptsize.adaptation.projection import semi_iteration
 from adaptsize.background import SimplexMesh
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
-
 #: Relative error of coefficients: below rounding, also in small cells next to large ones.
 _ACCURACY = 1e-18
 

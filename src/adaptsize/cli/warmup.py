@@ -17,8 +17,8 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
 
 from adaptsize import _children
+from adaptsize.cli.command import command
 from adaptsize.cli.console import Console
-from adaptsize.cli.options import command
 
 _said = False
 #: The commands for which a second process compiles.
