@@ -7,6 +7,7 @@ import subprocess
 import sys
 from functools import cached_property
 from pathlib import Path
+from typing import is_typeddict
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from adaptsize import errors
 from adaptsize._checks import warn_caller
 from adaptsize._messages import Message, message_of
 from adaptsize.cli import options as of_commands
-from adaptsize.options import Option, is_typeddict, options_of
+from adaptsize.options import Option, options_of
 
 SOURCES = sorted(Path(ads.__file__).parent.rglob("*.py"))
 FLAGS = {"hmin": "--hmin", "g": "-g", "strict": "--strict", "target": "--target"}

@@ -24,7 +24,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 #: Holds the folders from which an isolated child imports.  It ignores PYTHONPATH.
 _PATH = "ADAPTSIZE_PATH"
@@ -73,6 +73,12 @@ def start(command: list[str], folder: str | Path, **streams: Any) -> "subprocess
     return subprocess.Popen(
         command, cwd=folder, env=env, stdin=subprocess.PIPE, **streams, **own_group
     )
+
+
+def pipe_of(stream: IO[bytes] | None) -> IO[bytes]:
+    """Return the end here of a pipe to a child that was started with it."""
+    assert stream is not None, "the child was started with this pipe"
+    return stream
 
 
 def supervised(folder: Path) -> list[str]:

@@ -38,14 +38,16 @@ def with_info(function: Callable[P, tuple[R_co, I_co]]) -> WithInfo[P, R_co, I_c
         users do not see, this is False where the info is dropped.
     """
     signature = inspect.signature(function)
-    dropped: Any = {"wants_info": False} if "wants_info" in signature.parameters else {}
+    without: Callable[..., tuple[R_co, I_co]] = function
+    if "wants_info" in signature.parameters:
+        without = functools.partial(without, wants_info=False)
     shown = [p for name, p in signature.parameters.items() if name != "wants_info"]
     signature = signature.replace(parameters=shown)
     first = signature.return_annotation.removeprefix("tuple[").split(",")[0]
 
     @functools.wraps(function)
     def result_only(*args: P.args, **kwargs: P.kwargs) -> R_co:
-        return function(*args, **kwargs, **dropped)[0]
+        return without(*args, **kwargs)[0]
 
     @functools.wraps(function)
     def both(*args: P.args, **kwargs: P.kwargs) -> tuple[R_co, I_co]:

@@ -151,7 +151,7 @@ def _comparable(value: object) -> float | str:
     return "an array" if isinstance(value, np.ndarray) else repr(value)
 
 
-def as_communicator(comm: Any) -> Communicator:
+def as_communicator(comm: object) -> Communicator:
     """Return a `Communicator` for one of adaptsize or mpi4py, or for None, a single rank.
 
     Examples

@@ -56,6 +56,15 @@ def test_without_g_sizes_are_looked_at_in_centres_and_corners():
     assert blind.n_leaves == 1
 
 
+@pytest.mark.parametrize("g", [None, 0.0])
+def test_leaves_of_just_the_size_are_not_divided(g):
+    def size(x):
+        return np.full(len(x), 0.125)
+
+    tree = Octree.build([0, 0], [1, 1], refine_to_size(size, factor=2.0, g=g), max_level=10)
+    assert tree.n_leaves == 16
+
+
 def test_parts_of_leaves_are_halved_where_needed():
     def left(centres, sizes):
         return centres[:, 0] < 0.1

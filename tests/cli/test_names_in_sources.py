@@ -6,7 +6,7 @@ from command_line import call
 
 import adaptsize as ads
 from adaptsize import BoundarySource, CartesianGrid, RegionSource, SimplexMesh, size_function
-from adaptsize.cli.options import parse_source
+from adaptsize.cli.sources import parse_source
 from adaptsize.sizes import size_from_sources
 
 PLATE = SimplexMesh(

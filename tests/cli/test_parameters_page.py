@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import adaptsize as ads
-from adaptsize.cli.options import parse_source
+from adaptsize.cli.sources import parse_source
 
 DOCS = Path(__file__).parents[2] / "docs"
 TEXT = (DOCS / "parameters.md").read_text(encoding="utf-8")

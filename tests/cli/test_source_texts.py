@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from adaptsize import SimplexMesh, write
-from adaptsize.cli.options import parse_source
+from adaptsize.cli.sources import parse_source
 
 DATA = Path(__file__).parents[2] / "data"
 POINTS = np.array([[0.5, 0.5], [1.5, 0.5], [1.5, 1.0]])

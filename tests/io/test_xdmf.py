@@ -126,6 +126,29 @@ def test_tags_are_those_of_their_cells_and_facets(tmp_path, dim, seed):
     assert_array_equal(found.facet_tags, facet_tags)
 
 
+def test_what_a_pointer_names_is_taken_from_that_grid(tmp_path):
+    mesh = random_square(15, 5216)
+    values = np.arange(1, 6)
+    file = Writer(tmp_path, NAMESPACES[0])
+    file.mesh(mesh.points, mesh.cells.astype(np.int64))
+    lines = mesh.facets[:5]
+    points = file.include("xpointer(/Xdmf/Domain/Grid[@Name='mesh']/Geometry)")
+    file.grids.append(
+        f'<Grid Name="lines" GridType="Uniform">{points}'
+        f"{file.topology('/lines/topology', lines.astype(np.int64))}</Grid>"
+    )
+    own = file.include("xpointer(/Xdmf/Domain/Grid[@Name='lines']/Topology)")
+    file.grids.append(
+        f'<Grid Name="walls" GridType="Uniform">{points}{own}'
+        '<Attribute Name="walls" AttributeType="Scalar" Center="Cell">'
+        f"{file.item('/walls/values', values)}</Attribute></Grid>"
+    )
+    found = read(file.write())
+    assert_array_equal(found.cells, mesh.cells)
+    assert_array_equal(found.tagged_facets, lines)
+    assert_array_equal(found.facet_tags, values)
+
+
 def test_several_meshes_are_refused(tmp_path):
     mesh = random_square(15, 5215)
     file = Writer(tmp_path, NAMESPACES[0])

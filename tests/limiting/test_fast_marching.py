@@ -20,6 +20,21 @@ def test_distances_from_a_plane_are_exact():
     np.testing.assert_allclose(found, np.broadcast_to(exact[:, None], grid.shape), rtol=1e-12)
 
 
+def test_progress_is_the_share_of_nodes_that_were_reached(monkeypatch):
+    monkeypatch.setattr("adaptsize.background.marching._CHUNK_OF_GRID", 100)
+    grid = CartesianGrid([0.0, 0.0], 0.1, (30, 20))
+    seeds = np.full(grid.shape, np.inf)
+    seeds[0, 0] = 0.0
+    shares = []
+    whole = march_distance(grid, seeds, report=lambda text, share: shares.append(share))
+    *before, last = shares
+    np.testing.assert_allclose(before[:5], np.arange(1, 6) / 6.0)
+    assert last == 1.0
+    assert max(before) <= 1.0
+    monkeypatch.undo()
+    np.testing.assert_array_equal(march_distance(grid, seeds, report=quiet), whole)
+
+
 def test_distances_from_a_point_are_of_first_order():
     error = []
     for n in (20, 40, 80):

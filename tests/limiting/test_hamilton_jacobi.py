@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from backgrounds import square_grid, two_sources
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from adaptsize._progress import silent
 from adaptsize.background import CartesianGrid
@@ -50,6 +50,19 @@ def test_the_solution_does_not_depend_on_the_start(order):
         assert_allclose(h, from_bound, rtol=1e-6)
     assert (h < h0 - 1e-6).mean() > 0.5  # most of it is limited
     assert _solve(grid, h0, 0.3, order, max_iter=3).iterations == 3
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_steps_add_up(order):
+    grid = CartesianGrid([0.0, 0.0], 0.1, (21, 16))
+    h0 = np.random.default_rng(33).uniform(0.1, 2.0, grid.shape)
+    at_once = _solve(grid, h0, 0.3, order, start=h0, max_iter=5).h
+    first = _solve(grid, h0, 0.3, order, start=h0, max_iter=2)
+    assert first.iterations == 2
+    assert not np.array_equal(first.h, h0)
+    then = _solve(grid, h0, 0.3, order, start=first.h, max_iter=3).h
+    assert not np.array_equal(then, first.h)
+    assert_array_equal(then, at_once)
 
 
 def test_progress_is_reported_and_may_stop_the_work():

@@ -30,7 +30,7 @@ def refuse_links(path: Path) -> None:
     for file in filter(h5py.is_hdf5, [path, *files_named_in(path)]):
         with h5py.File(file) as opened:
 
-            def outside(name: str, link: object, opened: Any = opened) -> str | None:
+            def outside(name: str, link: object, opened: h5py.File = opened) -> str | None:
                 item = opened[name] if isinstance(link, h5py.HardLink) else None
                 is_outside = isinstance(link, h5py.ExternalLink)
                 if isinstance(item, h5py.Dataset):
@@ -128,7 +128,7 @@ def read_trimesh(path: Path) -> RawMesh:
 
     if path.suffix.lower() != ".ply":
         return raw_of_trimesh(trimesh.load_scene(path, process=False, skip_materials=True))
-    mesh: Any = trimesh.load_mesh(path, process=False, skip_materials=True, fix_texture=False)
+    mesh = trimesh.load_mesh(path, process=False, skip_materials=True, fix_texture=False)
     if "_ply_raw" not in mesh.metadata:
         raise MeshFileError("holds no faces")
     return _raw_of_ply(np.asarray(mesh.vertices, dtype=np.float64), mesh.metadata["_ply_raw"])

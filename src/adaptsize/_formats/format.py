@@ -101,7 +101,8 @@ class Format:
         self, path: Path, obj: object, fields: Mapping[str, npt.ArrayLike] | None, order: int
     ) -> Callable[[Path], None]:
         """Return the function that writes an object with fields; refuse what cannot be held."""
-        assert self.write is not None
+        if self.write is None:
+            raise ValueError(f"{path.name} has a format that is only read; write .vtu")
         self.check_order(path, order)
         background, nodal = write.parts_of(obj, fields)
         self._check_fields(path, obj, nodal)

@@ -25,7 +25,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from adaptsize._children import how_it_ended, isolated, limits, start
+from adaptsize._children import how_it_ended, isolated, limits, pipe_of, start
 from adaptsize._formats.guards import files_named_in
 from adaptsize.errors import MeshFileError
 
@@ -75,14 +75,13 @@ def read_limited(function: str, path: Path, *arguments: Any) -> Any:
                 streams = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
                 _CHILD = start(isolated(_SERVE), tempfile.gettempdir(), **streams)
             child = _CHILD
-            assert child.stdin is not None
-            assert child.stdout is not None
+            to_child, from_child = pipe_of(child.stdin), pipe_of(child.stdout)
             timer = threading.Timer(_PATIENCE * seconds, child.kill)
             try:
                 timer.start()
-                pickle.dump((job, seconds, memory), child.stdin)
-                child.stdin.flush()
-                result, error = pickle.load(child.stdout)
+                pickle.dump((job, seconds, memory), to_child)
+                to_child.flush()
+                result, error = pickle.load(from_child)
                 break
             except (BrokenPipeError, EOFError, pickle.UnpicklingError):  # it has ended
                 if code := _drop():  # otherwise it was idle for too long

@@ -163,7 +163,9 @@ def _tiff_spacing(file: Any) -> FloatArray:
 def _load_nifti(path: Path, name: str | None) -> Image:
     import nibabel
 
-    file: Any = nibabel.load(path)
+    file = nibabel.load(path)
+    if not isinstance(file, nibabel.spatialimages.SpatialImage):
+        raise MeshFileError("holds no volume")
     values = np.asanyarray(file.dataobj)
     while values.ndim > 3 and values.shape[-1] == 1:
         values = values[..., 0]

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -80,16 +80,11 @@ def as_projections(project: object, mesh: SimplexMesh) -> Projections | None:
     """
     if project is None or callable(project):
         return project
-    good = isinstance(project, Mapping) and len(project) > 0
-    if isinstance(project, Mapping):
-        good &= all(callable(p) for p in project.values())
-        good &= all(isinstance(t, int | np.integer | str) for t in project)
-    if not good:
+    if not isinstance(project, Mapping) or not _is_by_tag(project):
         raise ValueError(
             "project must be a callable that takes and returns points, or a mapping of tags of "
             f"facets, or their names, to callables, got {describe(project)}"
         )
-    assert isinstance(project, Mapping)
     held = set() if mesh.facet_tags is None else set(np.unique(mesh.facet_tags).tolist())
     name_of = {tag: mesh.tag_names.get((mesh.cell_dim - 1, tag)) for tag in sorted(held)}
     found: dict[int, Projection] = {}
@@ -109,6 +104,12 @@ def as_projections(project: object, mesh: SimplexMesh) -> Projections | None:
             )
         found |= dict.fromkeys(tags, projection)
     return found
+
+
+def _is_by_tag(project: Mapping[Any, Any]) -> bool:
+    """Return whether a mapping has a function for one or more tags or names."""
+    are_tags = all(isinstance(tag, int | np.integer | str) for tag in project)
+    return len(project) > 0 and are_tags and all(map(callable, project.values()))
 
 
 def move_to_boundary(

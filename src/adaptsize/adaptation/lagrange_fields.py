@@ -53,8 +53,11 @@ class OfElements:
         return self._given
 
     def on(self, transfer: FieldTransfer) -> Moving | Made:
-        """Return what is to be projected, and a function for the field on the new mesh."""
+        """Return what is to be projected; linear elements are, as nodal fields."""
         old, new = (_space_of(self._given, mesh) for mesh in (transfer.old, transfer.new))
+        if new.continuous and new.degree == 1:
+            at_nodes = transfer.nodal(self._flat, method="project")
+            return Made(self._made(at_nodes, new))
         columns = as_columns(self._flat)
 
         def made(found: FloatArray) -> ElementField:
@@ -62,11 +65,14 @@ class OfElements:
             if len(loose):
                 cells, places, _ = transfer.old.locator.nearest(new.nodes[loose])
                 found[loose] = old.values(columns, cells, places[:, None])[:, 0]
-            own = from_columns(found, self._flat)
-            own = exponentials(own) if self._given.log else own
-            return replace(self._given, values=own.reshape(*new.shape, *own.shape[1:]))
+            return self._made(from_columns(found, self._flat), new)
 
         return Moving(ToProject(old, new, columns), made)
+
+    def _made(self, found: npt.NDArray[Any], new: LagrangeSpace) -> ElementField:
+        """Return the field with values at new nodes."""
+        own = exponentials(found) if self._given.log else found
+        return replace(self._given, values=own.reshape(*new.shape, *own.shape[1:]))
 
     def integral(self, made: ElementField, mesh: SimplexMesh) -> npt.NDArray[Any]:
         """Return the integral of a field on a mesh."""

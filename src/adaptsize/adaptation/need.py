@@ -197,7 +197,7 @@ def smallest(requested: Requested) -> FloatArray:
 def count_simplices(mesh: AnyMesh, requested: Requested) -> float:
     """Return the number of regular simplices of the requested sizes; collective."""
     if isinstance(requested, Metric):
-        assert isinstance(mesh, SimplexMesh)
+        assert isinstance(mesh, SimplexMesh), "metrics are refused for meshes in parts"
         return requested.predicted_elements(mesh)
     return count_elements(mesh, requested)
 

@@ -61,6 +61,44 @@ def sums_over(matrix: csr_array, columns: FloatArray, n_bounded: int = 0) -> Flo
     return np.hstack(parts)
 
 
+def semi_iteration(
+    rest_of: Callable[[FloatArray], FloatArray],
+    start: FloatArray,
+    ends: tuple[float, float],
+    accuracy: float = _ACCURACY,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the solution of M u = b by the Chebyshev semi-iteration [3]_, and the last residual.
+
+    The eigenvalues of a preconditioned mass matrix are between those of its cells [2]_, which are
+    the same for all cells.  So the number of steps is known, without scalar products, and does not
+    depend on the mesh.
+
+    Parameters
+    ----------
+    rest_of : callable
+        Returns the preconditioned residual of columns.
+    start : float64[n, k]
+    ends : tuple of float
+        The smallest and the largest eigenvalue.
+    accuracy : float
+        Share of the error of ``start`` that is left.  That of small cells next to large ones is
+        larger, by up to the square root of the ratio of their measures.
+    """
+    middle, radius = 0.5 * (ends[1] + ends[0]), 0.5 * (ends[1] - ends[0])
+    ratio = middle / radius
+    steps = math.ceil(math.acosh(1.0 / accuracy) / math.acosh(ratio))
+    found = np.array(start, np.float64, order="C")
+    rest = rest_of(found)
+    step = rest / middle
+    rho = 1.0 / ratio
+    for _ in range(steps):
+        found += step
+        rest = rest_of(found)
+        before, rho = rho, 1.0 / (2.0 * ratio - rho)
+        step = rho * before * step + (2.0 * rho / radius) * rest
+    return found, rest
+
+
 class Projection:
     """The projection onto the linear elements of a mesh, or of one part of it.
 
@@ -126,24 +164,11 @@ class Projection:
     def _solved(self, load: FloatArray, start: FloatArray) -> FloatArray:
         r"""Return the solution of M u = b by the Chebyshev semi-iteration [3]_.
 
-        The eigenvalues of the mass matrix, preconditioned by lumping, are those of its cells at
-        the extremes [2]_: 1 / (d + 2) and 1.  So the number of steps is known, without scalar
-        products, and does not depend on the mesh.  The last step is one of the preconditioner,
-        after which the integral is exact.
+        Preconditioned by lumping, the eigenvalues are between 1 / (d + 2) and 1.  The last step is
+        one of the preconditioner, after which the integral is exact.
         """
-        smallest, largest = 1.0 / (self.cells.shape[1] + 1), 1.0
-        middle, radius = 0.5 * (largest + smallest), 0.5 * (largest - smallest)
-        ratio = middle / radius
-        steps = math.ceil(math.acosh(1.0 / _ACCURACY) / math.acosh(ratio))
-        found = np.array(start, np.float64, order="C")
-        rest = self._rest(load, found)
-        step = rest / middle
-        rho = 1.0 / ratio
-        for _ in range(steps):
-            found += step
-            rest = self._rest(load, found)
-            before, rho = rho, 1.0 / (2.0 * ratio - rho)
-            step = rho * before * step + (2.0 * rho / radius) * rest
+        ends = 1.0 / (self.cells.shape[1] + 1), 1.0
+        found, rest = semi_iteration(lambda u: self._rest(load, u), start, ends)
         return np.asarray(found + rest)
 
     def _rest(self, load: FloatArray, found: FloatArray) -> FloatArray:

@@ -46,16 +46,12 @@ class SkfemSpace:
 
     def values(self, held: npt.NDArray[Any], cells: IntArray, places: FloatArray) -> FloatArray:
         """Return the values of a function, float64[p, q, c], its components and columns last."""
-        functions = self._functions(cells, places)
-        n_parts = int(np.prod(functions[0].shape[:-2]))
-        total = np.zeros(
-            (*places.shape[:2], n_parts, held.shape[1]), np.result_type(held, np.float64)
+        terms = (
+            np.moveaxis(function.reshape(-1, *function.shape[-2:]), 0, 2)[..., None]
+            * held[self.basis.element_dofs[i, cells]][:, None, None, :]
+            for i, function in enumerate(self._functions(cells, places))
         )
-        for i, function in enumerate(functions):
-            own = held[self.basis.element_dofs[i, cells]]  # p, columns
-            values = np.moveaxis(function.reshape(-1, *function.shape[-2:]), 0, 2)
-            total += values[..., None] * own[:, None, None, :]
-        return total.reshape(*places.shape[:2], -1)
+        return np.asarray(sum(terms)).reshape(*places.shape[:2], -1)
 
     def load(self, cells: IntArray, places: FloatArray, values: FloatArray) -> FloatArray:
         """Return the sums of values times the functions of the space, float64[n, columns]."""

@@ -70,7 +70,7 @@ def _farthest(points: FloatArray, centre: FloatArray) -> FloatArray:
 def _ball_around(points: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Return the points on the smallest ball around at most dim + 2 points, centre and radius."""
     points = points[np.lexsort(points.T[::-1])]
-    best: tuple[FloatArray, FloatArray, float] | None = None
+    balls: list[tuple[FloatArray, FloatArray, float]] = []
     for count in range(2, points.shape[1] + 2):
         for chosen in itertools.combinations(range(len(points)), count):
             some = points[list(chosen)]
@@ -79,10 +79,9 @@ def _ball_around(points: FloatArray) -> tuple[FloatArray, FloatArray, float]:
                 continue
             radius = float(np.linalg.norm(some - centre, axis=1).max())
             outside = np.linalg.norm(points - centre, axis=1).max() > radius * (1.0 + _SLACK)
-            if not outside and (best is None or radius < best[2]):
-                best = some, centre, radius
-    assert best is not None
-    return best
+            if not outside:
+                balls.append((some, centre, radius))
+    return min(balls, key=lambda ball: ball[2])
 
 
 def _circumcentre(points: FloatArray) -> FloatArray | None:

@@ -139,12 +139,13 @@ def _find_boundary(part: PartitionedMesh) -> WholeBoundary:
     )  # fmt: skip
     names = None if part.mesh is None else dict(part.mesh.tag_names)
     every = part.ranks.allgather((sent, names))
-    cell, opposite, facets, tags, ids, points = (
+    columns: list[npt.NDArray[Any]] = [
         np.concatenate([found[0][column] for found in every]) for column in range(6)
-    )
+    ]
+    _, _, facets, tags, ids, points = columns
     if len(facets) == 0:
         raise ValueError("the mesh is closed: it has no boundary")
-    order = np.lexsort([opposite, cell])  # as in the whole mesh
+    order = np.lexsort([columns[1], columns[0]])  # as in the whole mesh
     ids, at = np.unique(ids, return_index=True)
     names = next((found[1] for found in every if found[1] is not None), None)
     mesh = SimplexMesh(

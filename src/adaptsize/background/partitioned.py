@@ -88,7 +88,7 @@ class PartitionedMesh:
         mesh: SimplexMesh | None,
         global_ids: npt.ArrayLike,
         owner: npt.ArrayLike,
-        comm: Any = None,
+        comm: object = None,
         *,
         cell_ids: npt.ArrayLike | None = None,
     ) -> None:
@@ -135,7 +135,7 @@ class PartitionedMesh:
 
     @classmethod
     def from_serial(
-        cls, mesh: SimplexMesh | None, parts: npt.ArrayLike | None = None, comm: Any = None
+        cls, mesh: SimplexMesh | None, parts: npt.ArrayLike | None = None, comm: object = None
     ) -> PartitionedMesh:
         """Distribute a mesh that is on rank 0; collective.
 

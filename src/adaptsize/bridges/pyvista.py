@@ -29,7 +29,7 @@ from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
     from adaptsize.quality.certificate import MeshCheck
-    from adaptsize.quality.conformity import Conformity
+    from adaptsize.quality.conformity import Conformity, SizeLike
 
 _Method = TypeVar("_Method", bound=Callable[..., Any])
 
@@ -160,7 +160,7 @@ class AdaptsizeAccessor:
         return self._with_sizes(SizeFunction(mesh, values, g=float(g) if grows else None))
 
     @_options_of(domain_size.size_function, remeshing.remesh)
-    def remesh(self, size: Any = None, **options: Any) -> Any:
+    def remesh(self, size: SizeLike | None = None, **options: Any) -> Any:
         """Return a new mesh as ``pyvista.UnstructuredGrid``, with the point data ``h``.
 
         Other point and cell data are transferred, unless a surface is filled.  A warning names
@@ -195,7 +195,7 @@ class AdaptsizeAccessor:
         return _keep(made, size)
 
     @_options_of(size_conformity)
-    def conformity(self, size: Any = None, **options: Any) -> Conformity:
+    def conformity(self, size: SizeLike | None = None, **options: Any) -> Conformity:
         """Return how closely the edges follow ``size``, by default `size_function`.
 
         Parameters

@@ -15,8 +15,9 @@ import typer
 
 from adaptsize._checks import refusal
 from adaptsize._formats.guards import write_whole
+from adaptsize.cli.command import command
 from adaptsize.cli.console import Console
-from adaptsize.cli.options import Given, command, own
+from adaptsize.cli.options import Given, own
 from adaptsize.cli.provenance import TypedCommand, description, read_provenance, sha256, versions
 
 #: The record, as an argument.

@@ -14,6 +14,7 @@ from adaptsize._defaults import GRADIENT_LIMIT, METRIC_GRADIENT_LIMIT, TOLERANCE
 from adaptsize._messages import Message
 from adaptsize.cli import files
 from adaptsize.cli.again import again
+from adaptsize.cli.command import GroupedCommand, command
 from adaptsize.cli.console import Console
 from adaptsize.cli.metric import limit_with_metric
 from adaptsize.cli.options import (
@@ -27,11 +28,9 @@ from adaptsize.cli.options import (
     REPORT,
     SOURCE,
     Given,
-    GroupedCommand,
     Input,
     MeshOutput,
     SizesOutput,
-    command,
     of_library,
     own,
     reading,

@@ -13,6 +13,7 @@ from adaptsize._checks import as_tolerance, count_text, refusal
 from adaptsize._defaults import TOLERANCE
 from adaptsize._messages import Message
 from adaptsize.cli import files, tuning
+from adaptsize.cli.command import command
 from adaptsize.cli.console import Console, plain, print_message
 from adaptsize.cli.metric import remesh_with_metric
 from adaptsize.cli.options import (
@@ -29,7 +30,6 @@ from adaptsize.cli.options import (
     Given,
     Input,
     MeshOutput,
-    command,
     of_library,
     own,
     reading,

@@ -11,6 +11,7 @@ import adaptsize as ads
 from adaptsize._checks import as_number, refusal
 from adaptsize._messages import Message
 from adaptsize.cli import files
+from adaptsize.cli.command import command
 from adaptsize.cli.console import Console, print_message
 from adaptsize.cli.options import (
     FIELD,
@@ -25,7 +26,6 @@ from adaptsize.cli.options import (
     ImageFile,
     MeshOutput,
     SizesOutput,
-    command,
     of_library,
     own,
     reading,

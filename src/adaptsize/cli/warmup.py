@@ -18,8 +18,8 @@ from functools import partial
 
 from adaptsize import _children
 from adaptsize._workers import cores
+from adaptsize.cli.command import command
 from adaptsize.cli.console import Console
-from adaptsize.cli.options import command
 
 _said = False
 #: The commands for which a second process compiles.

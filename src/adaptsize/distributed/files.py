@@ -20,7 +20,7 @@ from adaptsize.io import read, write
 from adaptsize.ranks import Communicator, as_communicator
 
 
-def read_parts(path: str | os.PathLike[str], comm: Any = None) -> PartitionedMesh:
+def read_parts(path: str | os.PathLike[str], comm: object = None) -> PartitionedMesh:
     """Return the mesh in a file, distributed over the ranks; collective.
 
     Parameters

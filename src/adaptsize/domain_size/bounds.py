@@ -96,8 +96,8 @@ class Bounds:
         """
         bounds = self._with_sizes_of_parts(request)._with_low_sources(request)
         asked = bounds._requested(request, scheme)
-        if bounds.solid is not None:
-            sizes = bounds._limited_inside(bounds.solid, request, asked)
+        if bounds.solid is not None and isinstance(bounds.background, SimplexMesh):
+            sizes = bounds._limited_inside(bounds.background, bounds.solid, request, asked)
         else:
             sizes = bounds._limited_on_background(request, asked, scheme)
         if sizes.roots is not None:
@@ -183,13 +183,16 @@ class Bounds:
         return _Sizes(h, roots, asked.places, asked.cause_at_places, info)
 
     def _limited_inside(
-        self, solid: tuple[Inside, FloatArray], request: Request, asked: _Requested
+        self,
+        surface: SimplexMesh,
+        solid: tuple[Inside, FloatArray],
+        request: Request,
+        asked: _Requested,
     ) -> _Sizes:
         """Return the sizes limited inside the solid."""
-        assert isinstance(self.background, SimplexMesh)
         inner = [source.clipped(self.limits[0], np.inf) for source in self.inner]
         grown = limit_inside(
-            self.background, solid, asked.nodal, (asked.places, asked.sizes), inner, request.g,
+            surface, solid, asked.nodal, (asked.places, asked.sizes), inner, request.g,
             Workers.of(None, request.report),
         )  # fmt: skip
         of_inner = asked.names.index("sources") if self.inner else 0

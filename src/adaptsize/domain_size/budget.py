@@ -51,8 +51,8 @@ def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
     size = search.best.result
     if search.miss > math.log1p(tuning.NEAR):
         _refuse(domain, request, report_of(size))
-    elif search.miss < -tuning.NEAR and request.goal is not None:
-        warn_caller(_shortage(request, report_of(size)), ResolutionWarning)
+    elif search.miss < -tuning.NEAR and (goal := request.goal) is not None:
+        warn_caller(_shortage(goal, request, report_of(size)), ResolutionWarning)
     return _ordered(domain, request, size)
 
 
@@ -108,10 +108,9 @@ def _refuse(domain: SizedDomain, request: Request, report: SizeReport) -> None:
     warn_caller(_excess(request, report), ResolutionWarning)
 
 
-def _shortage(request: Request, report: SizeReport) -> Message:
+def _shortage(goal: tuple[Goal, float], request: Request, report: SizeReport) -> Message:
     """Return how many elements the sizes require, fewer than requested, and why."""
-    assert request.goal is not None
-    what, wanted = request.goal
+    what, wanted = goal
     number = predicted_number(report, what, request.system)
     return Message(
         "the sizes require about {} {} instead of {:.6g}: {}",
@@ -171,7 +170,7 @@ def tolerance_that_fits(domain: SizedDomain, request: Request, report: SizeRepor
         return None
 
     def load(tolerance: float) -> float:
-        found = _fully_relaxed(domain, request.with_options(tolerance=tolerance))
+        found = _fully_relaxed(domain, request.with_tolerance(tolerance))
         return _load(report_of(found), request)
 
     return smallest_tolerance(request.tolerance, _load(report, request), load)
@@ -260,7 +259,7 @@ def _fully_relaxed(domain: SizedDomain, request: Request) -> SizeFunction:
 
     They do not depend on the number that is allowed.
     """
-    return _relaxed(domain, request.with_options(max_elements=np.inf), tuning.FARTHEST)
+    return _relaxed(domain, replace(request, max_elements=np.inf), tuning.FARTHEST)
 
 
 def _relaxed(domain: SizedDomain, request: Request, relaxation: float) -> SizeFunction:

@@ -47,6 +47,7 @@ from adaptsize.remeshing.attempts import Attempts
 from adaptsize.remeshing.details import remove_details
 from adaptsize.remeshing.driver import check_backend, remeshed
 from adaptsize.sizes.search import Search, Trial
+from adaptsize.sizes.sources import SourcesLike
 from adaptsize.typing import ProgressCallback, Unpack
 
 _LOGGER = logging.getLogger(__name__)
@@ -75,7 +76,7 @@ def remesh_to_elements(
     *,
     nodes: float | None = None,
     background: AnyBackground | None = None,
-    sources: Any = (),
+    sources: SourcesLike | None = (),
     h0: npt.ArrayLike | Implicit | None = None,
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[RemeshToElementsOptions],

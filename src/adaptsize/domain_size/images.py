@@ -134,9 +134,8 @@ def _labelled(domain: ImageDomain, size: SizeFunction) -> LabelledDomain:
 
 def _with_labels(mesh: SimplexMesh, domain: ImageDomain) -> SimplexMesh:
     """Return a mesh with the labels of the regions instead of their numbers."""
-    if not domain.mask.has_labels:
+    if mesh.cell_tags is None or not domain.mask.has_labels:
         return SimplexMesh(mesh.points, mesh.cells)
-    assert mesh.cell_tags is not None
     tags = np.array(domain.fields.names, np.int32)[mesh.cell_tags]
     return SimplexMesh(mesh.points, mesh.cells, cell_tags=tags)
 

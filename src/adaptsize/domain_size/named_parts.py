@@ -35,7 +35,7 @@ def parts_of(mesh: SimplexMesh) -> list[NamedPart]:
     if mesh.cell_dim < mesh.dim:
         faces = mesh if mesh.cell_tags is not None else _with_tags(mesh)
         return _by_tag("face", mesh, faces, faces.cell_tags)
-    found = [] if mesh.cell_tags is None else _by_tag("region", mesh, mesh, mesh.cell_tags)
+    found = _by_tag("region", mesh, mesh, mesh.cell_tags)
     if mesh.tagged_facets is not None:
         facets = SimplexMesh(mesh.points, mesh.tagged_facets)
         return found + _by_tag("face", mesh, facets, mesh.facet_tags)
@@ -56,9 +56,8 @@ def _with_tags(boundary: SimplexMesh) -> SimplexMesh:
 def _by_tag(
     kind: Literal["region", "face"], mesh: SimplexMesh, cells: SimplexMesh, tags: IntArray | None
 ) -> list[NamedPart]:
-    assert tags is not None
-    found = []
-    for tag in np.unique(tags).tolist():
+    found: list[NamedPart] = []
+    for tag in [] if tags is None else np.unique(tags).tolist():
         own = tags == tag
         name = mesh.tag_names.get((cells.cell_dim, tag), f"{kind} {tag}")
         found.append(NamedPart(kind, tag, name, cells.cells[own], cells.measures[own]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeAlias, cast
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,7 @@ from adaptsize.errors import OptionError
 from adaptsize.options import BudgetOptions, SizeFunctionOptions
 from adaptsize.sizes import PointSource, size_from_sources
 from adaptsize.sizes.curvature import CHORDS, LONGEST_CHORDS, size_of_chords
-from adaptsize.sizes.sources import KNOWN, as_sources
+from adaptsize.sizes.sources import KNOWN, SourcesLike, as_sources
 from adaptsize.typing import FloatArray, ProgressCallback
 
 #: What a mesh may have a requested number of; "dofs" are the unknowns of finite elements.
@@ -36,6 +36,8 @@ class Request:
     """Checked options of `size_function`; those that are None are chosen from the domain."""
 
     options: SizeFunctionOptions
+    max_elements: float
+    """Limit on the number of elements; ``elements`` if that is given."""
     sources: Sequence[Any] = ()
     h0: npt.ArrayLike | Implicit | None = None
     report: ProgressCallback = silent
@@ -50,18 +52,17 @@ class Request:
     def of(
         cls,
         options: SizeFunctionOptions,
-        sources: Any = (),
+        sources: SourcesLike | None = (),
         h0: npt.ArrayLike | Implicit | None = None,
         report: ProgressCallback = silent,
     ) -> Request:
         """Return the request after the checks that concern several options."""
         as_limits(options["hmin"], options["hmax"])
         is_capped = any(options[name] is not None for name in ("max_elements", "max_memory"))
-        options = {**options, "max_elements": largest_number(options)}
         if options["size_of"] is not None:
-            options["size_of"] = as_sizes_of_parts(options["size_of"])
+            options = {**options, "size_of": as_sizes_of_parts(options["size_of"])}
         known = [] if sources is None else as_sources(sources)
-        request = cls(options, known, h0, report, is_capped=is_capped)
+        request = cls(options, largest_number(options), known, h0, report, is_capped=is_capped)
         goal = request.goal
         if request.is_fixed and goal is not None:
             name = Message.name(goal[0])
@@ -72,9 +73,9 @@ class Request:
             raise OptionError(Message(text, name, name))
         return request
 
-    def with_options(self, **options: float) -> Request:
-        """Return the request with other values of some options."""
-        return replace(self, options=cast(SizeFunctionOptions, {**self.options, **options}))
+    def with_tolerance(self, tolerance: float) -> Request:
+        """Return the request with another tolerance."""
+        return replace(self, options={**self.options, "tolerance": tolerance})
 
     @property
     def g(self) -> float:
@@ -104,13 +105,6 @@ class Request:
     def system(self) -> tuple[int, int]:
         """Degree and number of components of finite elements."""
         return self.options["degree"], self.options["components"]
-
-    @property
-    def max_elements(self) -> float:
-        """Limit on the number of elements; ``elements`` if that is given."""
-        most = self.options["max_elements"]
-        assert most is not None
-        return most
 
     @property
     def is_fixed(self) -> bool:

@@ -95,6 +95,7 @@ def solve_on_whole(scheme: Scheme, problem: Problem) -> Solution:
             n_hidden = found.h.size - found.n_proved
             figures["parts"] = []
         found = replace(found, **figures)
-    first: Any = ranks.bcast(found)  # that of rank 0
-    own: Solution = replace(first, h=h, iterations=first.iterations if ranks.rank == 0 else 0)
+    first = ranks.bcast(found)
+    assert first is not None, "rank 0 has the whole mesh and solves on it"
+    own = replace(first, h=h, iterations=first.iterations if ranks.rank == 0 else 0)
     return replace(own, n_proved=len(h) - n_hidden) if isinstance(own, ExactSolution) else own

@@ -73,23 +73,13 @@ class Periodicity:
         if self._has_measure(float(domain.measures.sum())):
             return True
         normals = facet_normals(domain.points[boundary.facets])
-        return all(self._ends_every_line(v, boundary.facets, normals) for v in self.vectors)
+        return all(_ends_every_line(domain, v, boundary.facets, normals) for v in self.vectors)
 
     def _has_measure(self, measure: float) -> bool:
         k, dim = self.vectors.shape
         if k < dim:
             return False
         return bool(abs(abs(np.linalg.det(self.vectors)) - measure) < _EQUAL * measure)
-
-    def _ends_every_line(self, vector: FloatArray, facets: IntArray, normals: FloatArray) -> bool:
-        """Return whether the facets with an image along a vector are all that it crosses."""
-        assert isinstance(self.domain, SimplexMesh)
-        points = self.domain.points
-        start = _pairs_of(points, points + vector, self.domain.diagonal)[:, 0]
-        flux = normals @ vector
-        ends = np.isin(facets, start).all(axis=1)
-        through, crossed = float(np.abs(flux).sum()), float(np.abs(flux[ends]).sum())
-        return abs(crossed - 0.5 * through) < _EQUAL * through
 
     def shifts(self) -> Iterator[FloatArray]:
         """Yield all translations that may bring a point of the cell nearer to another one.
@@ -103,6 +93,18 @@ class Periodicity:
             shift = np.array(steps, dtype=np.float64) @ self.vectors
             if any(steps) and np.linalg.norm(shift) < farthest:
                 yield shift
+
+
+def _ends_every_line(
+    domain: SimplexMesh, vector: FloatArray, facets: IntArray, normals: FloatArray
+) -> bool:
+    """Return whether the facets with an image along a vector are all that it crosses."""
+    points = domain.points
+    start = _pairs_of(points, points + vector, domain.diagonal)[:, 0]
+    flux = normals @ vector
+    ends = np.isin(facets, start).all(axis=1)
+    through, crossed = float(np.abs(flux).sum()), float(np.abs(flux[ends]).sum())
+    return abs(crossed - 0.5 * through) < _EQUAL * through
 
 
 def as_periodicity(domain: SimplexMesh | CartesianGrid, motions: npt.ArrayLike) -> Periodicity:

@@ -160,19 +160,28 @@ def _second_derivatives(
     frames: FloatArray | None,
 ) -> FloatArray:
     """Return second derivatives at the nodes, given or recovered; on surfaces in the tangents."""
-    if (values is None) == (hessian is None):
-        given = "none" if values is None else "both"
-        raise ValueError(f"one of values and hessian must be given, got {given}")
     if mesh.dim == 1 or mesh.cell_dim == 1:
         raise ValueError(f"mesh must consist of triangles or tetrahedra, got {mesh!r}")
-    if values is not None:
-        if frames is None:
-            found = recovered_hessian(mesh, values)
-        else:
-            nodal = as_values("values", values, (mesh.n_points,))
-            found = second_derivatives_of_fits(mesh, nodal, frames)
-        return as_values("second derivatives", found)
-    assert hessian is not None
+    if values is not None and hessian is None:
+        return _recovered(mesh, values, frames)
+    if hessian is not None and values is None:
+        return _given(mesh, hessian, frames)
+    given = "none" if values is None else "both"
+    raise ValueError(f"one of values and hessian must be given, got {given}")
+
+
+def _recovered(mesh: SimplexMesh, values: npt.ArrayLike, frames: FloatArray | None) -> FloatArray:
+    """Return second derivatives from nodal values."""
+    if frames is None:
+        found = recovered_hessian(mesh, values)
+    else:
+        nodal = as_values("values", values, (mesh.n_points,))
+        found = second_derivatives_of_fits(mesh, nodal, frames)
+    return as_values("second derivatives", found)
+
+
+def _given(mesh: SimplexMesh, hessian: npt.ArrayLike, frames: FloatArray | None) -> FloatArray:
+    """Return given second derivatives, on surfaces those in the tangents."""
     second = as_values("hessian", hessian, (mesh.n_points, mesh.dim, mesh.dim))
     refuse_skew("hessian", second)
     if frames is None:

@@ -12,7 +12,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_number, as_path, check_type, describe, one_of
+from adaptsize._checks import (
+    as_float_array,
+    as_number,
+    as_path,
+    check_type,
+    describe,
+    of_type,
+    one_of,
+)
 from adaptsize._formats.guards import write_whole
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
@@ -148,8 +156,11 @@ def plot_mesh(
     values, on_nodes = _values_to_show(mesh, color)
     label, classes = "radius ratio" if color == "quality" else printable(color), color == "region"
     colors = QUALITY if color == "quality" else None if color == "h" else FIELDS
-    look: Any = {"on_nodes": on_nodes, "label": label, "classes": classes, "colors": colors}
-    return _draw(scene_of_mesh(mesh, values, picture["clip"], **look), picture)
+    scene = scene_of_mesh(
+        mesh, values, picture["clip"],
+        on_nodes=on_nodes, label=label, classes=classes, colors=colors,
+    )  # fmt: skip
+    return _draw(scene, picture)
 
 
 @with_options(PictureOptions)
@@ -227,8 +238,7 @@ def plot_metric(
             raise ValueError("metric must be None with a MetricFunction, got both")
         metric, mesh = mesh.metric, mesh.mesh
     mesh = as_mesh("mesh", mesh)
-    check_type("metric", metric, Metric)
-    assert metric is not None
+    metric = of_type("metric", metric, Metric)
     metric.check_mesh(mesh)
     if mesh.dim == 1:
         raise ValueError(f"mesh must be in 2-D or 3-D, got {mesh!r}")
@@ -242,10 +252,11 @@ def plot(shown: SimplexMesh | SizeFunction, **options: Any) -> Picture:
 
     See `SizeFunction.plot`.
     """
-    draw: Any = plot_mesh if isinstance(shown, SimplexMesh) else plot_size
     window = options.get("path") is None and with_vtk.opens_windows()
-    picture: Picture = draw(shown, **{"window": window} | options)
-    return picture
+    given = {"window": window} | options
+    if isinstance(shown, SimplexMesh):
+        return plot_mesh(shown, **given)
+    return plot_size(shown, **given)
 
 
 def _values_to_show(mesh: SimplexMesh, color: str) -> tuple[npt.NDArray[Any], bool]:

@@ -4,7 +4,9 @@ Text and frames are grey, which can be read on white pages and on dark ones.  Ed
 where they are dense, so that the colours of fine regions remain visible.
 """
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +24,9 @@ from matplotlib.figure import Figure
 
 from adaptsize.plot.scene import Scene
 from adaptsize.typing import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.typing import RcKeyType
 
 #: Text, frames and ticks: a contrast of at least 4 on white and on dark pages.
 INK = "#7b8087"
@@ -42,7 +47,7 @@ FIELDS, QUALITY = "YlOrRd", "YlOrRd_r"
 CLASS_COLORS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#F0E442", "#0072B2", "#D55E00")
 CURVES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", INK)
 #: Settings of matplotlib for this style.
-SETTINGS: dict[str, Any] = {
+SETTINGS: dict[RcKeyType, Any] = {
     **dict.fromkeys(
         (
             "text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color",
@@ -100,8 +105,7 @@ def text_size(width: float) -> float:
 def with_bar(image: npt.NDArray[np.uint8], scene: Scene, width: int) -> npt.NDArray[np.uint8]:
     """Return a drawing of a scene with its colour bar to the right, ``width`` pixels wide."""
     height = image.shape[0]
-    settings: Any = SETTINGS | {"font.size": 0.72 * text_size(width)}
-    with rc_context(settings):
+    with rc_context(SETTINGS), rc_context({"font.size": 0.72 * text_size(width)}):
         figure = Figure(figsize=(width / 100.0, height / 100.0), dpi=100.0)
         canvas = FigureCanvasAgg(figure)
         figure.figimage(image)

@@ -249,7 +249,7 @@ def size_conformity(
         ratio = metric.edge_lengths(mesh.points, mesh.edges)
     _refuse_long(ratio)
     found = _conformity(mesh, mesh, ratio, mesh.n_points, boundary_facets(mesh))
-    assert found is not None
+    assert found is not None, "a whole mesh has edges"
     if metric is None:
         found = with_served(found, RequestedElements.of(mesh, size).served(size))
     else:

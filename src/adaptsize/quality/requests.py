@@ -9,8 +9,10 @@ import numpy.typing as npt
 
 from adaptsize._checks import count_text, place_text
 from adaptsize._size_function import SizeFunction
+from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.quality.by_place import BAND, RequestedElements, Served, nodes_near
+from adaptsize.typing import Background
 
 #: Share of the elements of a request that must be there.
 SHARE_SERVED = 0.8
@@ -75,7 +77,7 @@ def unserved(
     too_large = elements.weights[elements.ratios > BAND[1]].sum() * elements.unit
     if too_large < (1.0 - share) * _FEW:
         return []
-    names, request_of_node = _requests(size)
+    names, request_of_node = _requests(size.background, size.report)
     near = nodes_near(size, elements.points[:: elements.together])
     request = np.repeat(request_of_node[near], elements.together)
     count = len(names)
@@ -93,12 +95,11 @@ def unserved(
     return sorted(result, key=lambda one: -one.found.worst.ratio)
 
 
-def _requests(size: SizeFunction) -> tuple[list[str], npt.NDArray[np.int64]]:
+def _requests(
+    background: Background, report: SizeReport
+) -> tuple[list[str], npt.NDArray[np.int64]]:
     """Return the causes of the requests, and the request that controls each node, or -1."""
-    report = size.report
-    assert report is not None
     cause = report.cause.ravel().astype(np.int64)
-    background = size.background
     if report.origin is None or not isinstance(background, SimplexMesh):
         return list(report.causes), cause
     from scipy.sparse import coo_array
@@ -117,6 +118,5 @@ def _requests(size: SizeFunction) -> tuple[list[str], npt.NDArray[np.int64]]:
     request[found >= 0] = number
     names = [""] * len(used)
     for node in np.flatnonzero(found >= 0)[np.unique(number, return_index=True)[1]]:
-        code = cause[report.origin[node]]
-        names[request[node]] = report.causes[code] if code >= 0 else "sizes"
+        names[request[node]] = report.causes[cause[node]]
     return names, request

@@ -172,9 +172,8 @@ def _separating(mesh: SimplexMesh) -> tuple[IntArray, LongArray]:
     regions = np.zeros(mesh.n_cells, np.int32) if mesh.cell_tags is None else mesh.cell_tags
     lowest, highest = regions_beside(mesh.cell_facets, regions, n)
     is_boundary, tags = mesh.facet_cell_counts == 1, np.full(n, NO_TAG)
-    if mesh.tagged_facets is not None:
+    if mesh.tagged_facets is not None and mesh.facet_tags is not None:
         number = facet_numbers(mesh, mesh.tagged_facets)
-        assert mesh.facet_tags is not None
         tags[number[number >= 0]] = mesh.facet_tags[number >= 0]
     chosen = (mesh.facet_cell_counts != 2) | (lowest != highest) | (tags != NO_TAG)
     cell, opposite, facets, _ = facets_with_normals(mesh, chosen)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import NamedTuple, TypeVar, cast
 
 import numpy.typing as npt
 
@@ -34,7 +33,7 @@ from adaptsize.remeshing.registry import choose_backend
 from adaptsize.remeshing.sizing import (
     SizeLike,
 )
-from adaptsize.typing import FloatArray, ProgressCallback, Unpack
+from adaptsize.typing import FloatArray, IntArray, ProgressCallback, Unpack
 
 M = TypeVar("M", SimplexMesh, PartitionedMesh, SimplexMesh | PartitionedMesh)
 
@@ -162,8 +161,18 @@ def remesh(
         if required_facets is not None:
             raise ValueError("required_facets must be None for meshes in parts")
         with reporting(progress if mesh.ranks.rank == 0 else None) as report:
-            one: Any = partial(remesh, **(given | RemeshOptions(backend="mmg")), progress=report)
-            return remesh_parts(mesh, cast(npt.ArrayLike, size), one, given)  # type: ignore
+            of_mmg: RemeshOptions = {**given, "backend": "mmg"}
+
+            def one(
+                whole: SimplexMesh,
+                sizes: FloatArray,
+                required_facets: IntArray | None = None,
+                **changed: Unpack[RemeshOptions],
+            ) -> SimplexMesh:
+                own: RemeshOptions = {**of_mmg, **changed}
+                return remeshed(whole, sizes, required_facets, progress=report, **own).mesh
+
+            return remesh_parts(mesh, cast(npt.ArrayLike, size), one, given)
     return remeshed(mesh, size, required_facets, progress=progress, **options).mesh
 
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.background.bisection import resolved
 from adaptsize.limiting import limit_gradient
@@ -18,7 +17,7 @@ from adaptsize.typing import FloatArray
 
 
 def in_volume(
-    problem: MeshingProblem, size: SizeFunction, frame: Frame, hmax: float
+    problem: MeshingProblem, field: SolidField, frame: Frame, limit: float
 ) -> MeshingProblem:
     """Return the request to adapt a first volume, with sizes that are limited in it.
 
@@ -30,17 +29,14 @@ def in_volume(
     ----------
     problem : MeshingProblem
         Tetrahedra in the surface, in coordinates of their own.
-    size : SizeFunction
-        On the surface, with g.
+    field : SolidField
+        What the sizes on the surface, and sources inside, allow.
     frame : Frame
         Of these coordinates.
-    hmax : float
+    limit : float
         Upper limit of the sizes.
     """
-    field, g = size._field, size.g
-    assert isinstance(field, SolidField)
-    assert g is not None
-    limit = min(hmax, size.hmax)
+    g = field.g
 
     def at_most(points: FloatArray) -> FloatArray:
         return np.full(len(points), limit)

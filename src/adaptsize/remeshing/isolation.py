@@ -24,7 +24,7 @@ from typing import Any, NoReturn
 
 import numpy.typing as npt
 
-from adaptsize._children import how_it_ended, isolated, job_line, start, supervised
+from adaptsize._children import how_it_ended, isolated, job_line, pipe_of, start, supervised
 from adaptsize._progress import Stage
 from adaptsize.errors import BackendError, BackendTimeoutError
 from adaptsize.remeshing.protocol import Arrays, Program
@@ -94,12 +94,12 @@ class IsolatedRunner:
     def _run_child(self, folder: Path, text: Stage, write: Callable[[], list[str]]) -> int:
         with open(folder / "log.txt", "wb") as log:
             child = start(supervised(folder), folder, stdout=log, stderr=subprocess.STDOUT)
-            assert child.stdin is not None
+            pipe = pipe_of(child.stdin)
             try:
                 line = job_line(write(), self.seconds)
                 with contextlib.suppress(BrokenPipeError):  # killed: its exit code says so
-                    child.stdin.write(line)
-                    child.stdin.flush()
+                    pipe.write(line)
+                    pipe.flush()
                 self._wait(child, folder / "log.txt", text)
             finally:  # also on an interrupt
                 code = _end(child)
@@ -166,9 +166,8 @@ def _log_messages(backend: str, log: Path) -> None:
 
 def _end(child: subprocess.Popen[bytes]) -> int:
     """Make the supervisor end the job and itself, and return its exit code."""
-    assert child.stdin is not None
     with contextlib.suppress(BrokenPipeError):
-        child.stdin.close()
+        pipe_of(child.stdin).close()
     try:
         # The supervisor has this long to end a job.
         return child.wait(10.0)

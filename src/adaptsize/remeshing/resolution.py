@@ -94,7 +94,7 @@ def as_request(
         in_volume=(
             None
             if inside is None
-            else partial(in_volume, size=inside, frame=frame, hmax=sizes.hmax)
+            else partial(in_volume, field=inside[0], frame=frame, limit=inside[1])
         ),
     )
 

@@ -11,6 +11,7 @@ from adaptsize._messages import Message
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.bisection import resolved
+from adaptsize.limiting.inside import SolidField
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.remeshing import tuning
 from adaptsize.typing import FloatArray, IntArray
@@ -56,16 +57,18 @@ def as_size(
 
 def in_solid(
     size: SizeLike, mesh: SimplexMesh, g: float | None, hmax: float
-) -> SizeFunction | None:
-    """Return sizes that grow inside the solid of a surface; None if they are given otherwise."""
+) -> tuple[SolidField, float] | None:
+    """Return sizes that grow inside the solid of a surface, and the largest one.
+
+    None if they are given otherwise.
+    """
     if not isinstance(size, SizeFunction):
         if callable(size) or np.ndim(size) == 0:
             return None
         size = SizeFunction(mesh, as_float_array("size", size))
     size = _grown(size, g, hmax)
-    background = size.background
-    is_surface = isinstance(background, SimplexMesh) and background.cell_dim == 2
-    return size if is_surface and background.dim == 3 and size.g is not None else None
+    field = size._field
+    return (field, min(hmax, size.hmax)) if isinstance(field, SolidField) else None
 
 
 def _grown(size: SizeFunction, g: float | None, hmax: float) -> SizeFunction:

@@ -289,13 +289,13 @@ def _percent(change: float) -> str:
 def _predicted(new: SimplexMesh, size: SizeFunction) -> float:
     """Return the predicted number of cells of the kind that was made."""
     from adaptsize.background import SimplexMesh
+    from adaptsize.domain_size.reports import report_of
     from adaptsize.sizes import predict
 
     background = size.background
     if new.cell_dim < new.dim and isinstance(background, SimplexMesh):  # a surface, not a volume
         return predict(background, size.values).cells
-    assert size.report is not None
-    return size.report.n_elements
+    return report_of(size).n_elements
 
 
 def _change(new: SimplexMesh, old: SimplexMesh, check: MeshCheck) -> float | None:

@@ -132,8 +132,12 @@ class Search(Generic[T]):
         self, predicted: float, result: T, made: float | None = None, factor: float | None = None
     ) -> None:
         """Add a trial: of the last ``factor``, or of another one, which the sizes have instead."""
-        assert self._next is not None
-        x = self._next if factor is None else math.log(factor / self.start)
+        if factor is not None:
+            x = math.log(factor / self.start)
+        elif self._next is not None:
+            x = self._next
+        else:
+            raise ValueError("factor must be given after the end of the search")
         trial = Trial(self.start * math.exp(x), predicted, result, made)
         self.trials.append(trial)
         self._x.append(x)

@@ -121,8 +121,8 @@ def _names(mesh: SimplexMesh, kind: _Kind) -> dict[int, str]:
     dim = mesh.cell_dim - (kind == "facet")
     what = "region" if dim == mesh.dim else "face"
     own = _tagged(mesh, kind)[1]
-    assert own is not None
-    return {tag: mesh.tag_names.get((dim, tag), f"{what} {tag}") for tag in np.unique(own).tolist()}
+    tags = [] if own is None else np.unique(own).tolist()
+    return {tag: mesh.tag_names.get((dim, tag), f"{what} {tag}") for tag in tags}
 
 
 def _tagged(mesh: SimplexMesh, kind: _Kind) -> tuple[IntArray | None, IntArray | None]:

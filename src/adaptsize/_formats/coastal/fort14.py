@@ -178,7 +178,7 @@ def _boundaries(mesh: SimplexMesh) -> Iterator[tuple[str, int | None, npt.NDArra
     """
     found = mesh.boundary()
     edges, tags = found.nodes[found.mesh.cells], found.mesh.cell_tags
-    assert tags is not None
+    tags = np.zeros(len(edges), np.int32) if tags is None else tags
     for ring in _rings(edges):
         start = edges[ring, 0]
         x, y = (mesh.points[start] - mesh.points[start[0]]).T

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -35,10 +35,14 @@ _SIMPLER = 0.2
 _LEAST_SHARE = 0.01
 
 
+#: A polygon, several, or those of each name.
+Rings: TypeAlias = npt.ArrayLike | Sequence[npt.ArrayLike] | Mapping[str, npt.ArrayLike]
+
+
 def polygons(
     outer: Any,
-    holes: Any = (),
-    islands: Any = (),
+    holes: Rings = (),
+    islands: Rings = (),
     *,
     box: npt.ArrayLike | None = None,
     least_width: float = 0.0,

@@ -165,16 +165,12 @@ def signed_distance(
             f"tetrahedra, got {background!r}"
         )
     band = as_number("band", band, lower=1.0, allow_inf=True)
-    given: Any = boundary
-    is_array = not (given is None or isinstance(given, SimplexMesh) or callable(given))
-    if is_array:
-        given = as_plain_array("boundary", given)
-    if smoothing is not None and not (is_array and given.dtype == np.bool_):
+    if smoothing is not None and not _is_mask(boundary):
         raise ValueError(
             f"smoothing is for boolean images, got {describe(smoothing)} for {describe(boundary)}"
         )
     with reporting(progress) as report:
-        if given is None:
+        if boundary is None:
             if not isinstance(background, SimplexMesh):
                 raise ValueError(
                     "boundary may be left out for a SimplexMesh only, "
@@ -184,26 +180,41 @@ def signed_distance(
             distance = -surface_distance(background, own.mesh, np.inf, report)
             distance[own.nodes] = 0.0
             return distance
-        if isinstance(given, SimplexMesh):
-            if given.dim != background.dim or given.cell_dim != given.dim - 1:
+        if isinstance(boundary, SimplexMesh):
+            if boundary.dim != background.dim or boundary.cell_dim != boundary.dim - 1:
                 wanted = "triangles in space" if background.dim == 3 else "segments in the plane"
-                raise ValueError(f"boundary must be a mesh of {wanted}, got {given!r}")
-            distance = surface_distance(background, given, band, report)
-            inside = inside_surface(background, given, distance, report)
+                raise ValueError(f"boundary must be a mesh of {wanted}, got {boundary!r}")
+            distance = surface_distance(background, boundary, band, report)
+            inside = inside_surface(background, boundary, distance, report)
             return np.where(inside, -distance, distance)
-        function, values = _as_implicit(background, given, smoothing)
-        return implicit_distance(background, function, values, band, report)
+        if callable(boundary):
+            function, nodal = _of_function(background, boundary)
+        else:
+            function, nodal = _of_array(background, as_plain_array("boundary", boundary), smoothing)
+        return implicit_distance(background, function, nodal, band, report)
 
 
-def _as_implicit(
-    background: AnyBackground, boundary: Any, smoothing: float | None
+def _is_mask(boundary: _Boundary | None) -> bool:
+    """Return whether a boundary is given as a boolean image."""
+    if boundary is None or isinstance(boundary, SimplexMesh) or callable(boundary):
+        return False
+    return as_plain_array("boundary", boundary).dtype == np.bool_
+
+
+def _of_function(
+    background: AnyBackground, boundary: Callable[[FloatArray], npt.ArrayLike]
 ) -> tuple[Implicit, FloatArray]:
-    """Return a function whose zero level is the boundary, and its values at the nodes."""
-    if callable(boundary):
-        function = checked(boundary)
-        if isinstance(background, CartesianGrid):
-            return function, background.sample(function)
-        return function, function(background.points)
+    """Return a checked function, and its values at the nodes."""
+    function = checked(boundary)
+    if isinstance(background, CartesianGrid):
+        return function, background.sample(function)
+    return function, function(background.points)
+
+
+def _of_array(
+    background: AnyBackground, boundary: npt.NDArray[Any], smoothing: float | None
+) -> tuple[Implicit, FloatArray]:
+    """Return a function whose zero level is that of an array, and its values at the nodes."""
     if not isinstance(background, CartesianGrid) or boundary.shape != background.shape:
         raise ValueError(
             "boundary must be a SimplexMesh, a callable or, on a CartesianGrid, an array of the "

@@ -1,7 +1,7 @@
 """A domain given by a distance function: checked values, gradients, projection to its boundary."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple, TypeAlias
 
@@ -46,7 +46,7 @@ class ImplicitDomain:
     requested : callable
         Requested edge lengths in the domain.
     lower, upper : float64[dim]
-    probes : float64[m, dim], optional
+    probes : float64[m, dim], by default none
         Points of the domain.  Where the size is unknown, outside, it is that at the nearest one.
     """
 
@@ -54,7 +54,7 @@ class ImplicitDomain:
     requested: Field
     lower: FloatArray
     upper: FloatArray
-    probes: FloatArray | None = None
+    probes: FloatArray = field(default_factory=lambda: np.empty((0, 1)))
 
     @property
     def may_have_corners(self) -> bool:
@@ -96,7 +96,7 @@ class ImplicitDomain:
             text = "must be finite and positive in the domain"
             refuse_where("size(points)", inside, values, text)
             values[bad] = np.nan
-            if self.probes is not None:
+            if len(self.probes):
                 tree, known = self._known_sizes
                 values[bad] = known[tree.query(points[bad])[1]]
         return values
@@ -106,7 +106,6 @@ class ImplicitDomain:
         """The tree of the probes, and the sizes there."""
         from scipy.spatial import cKDTree
 
-        assert self.probes is not None
         return cKDTree(self.probes), self.size(self.probes)
 
     @cached_property

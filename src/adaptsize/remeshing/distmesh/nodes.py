@@ -79,7 +79,6 @@ def uncovered(domain: ImplicitDomain, points: FloatArray) -> FloatArray:
     from scipy.spatial import cKDTree
 
     probes = domain.probes
-    assert probes is not None
     h = domain.size(probes)
     far = cKDTree(points).query(probes)[0] > tuning.FAR_FROM_NODES * h
     new = spread(probes[far], h[far], tuning.FAR_FROM_NODES)

@@ -150,9 +150,8 @@ def _histogram(
     bounds: Sequence[float] = (),
 ) -> str:  # fmt: skip
     """Return a chart as an element of HTML."""
-    settings: Any = SETTINGS | {"svg.fonttype": "none", "font.size": 10.5}
     file = io.StringIO()
-    with rc_context(settings):
+    with rc_context(SETTINGS), rc_context({"svg.fonttype": "none", "font.size": 10.5}):
         figure = Figure(figsize=(4.8, 2.6), layout="constrained")
         axes = figure.subplots()
         axes.hist(values, ends.tolist(), rwidth=0.85, color=CURVES[0])
