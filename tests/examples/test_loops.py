@@ -33,3 +33,11 @@ def test_meshes_that_follow_a_burner_beat_a_uniform_one_of_as_many_nodes(run):
     # Interpolation loses heat in each of the transfers; what it lost comes back to rounding.
     assert found["heat lost by interpolation"] > 1e-3
     assert found["heat lost, put back"] < 1e-12
+
+
+def test_a_mesh_for_a_number_that_is_wanted_has_it_better_than_one_for_the_energy(run):
+    found = run("plot_goal", targets=(1000, 2000, 4000))
+    assert found["error, for the goal"] < 0.6 * found["error, for the energy"]
+    assert found["error, for the goal"] < 0.1 * found["error, uniform"]
+    assert 1.0 < found["bound, for the goal"] / found["error, for the goal"] < 10.0
+    assert found["order of the error for the goal"] < -0.8
