@@ -16,9 +16,10 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import ordered_by_place, reordered
 from adaptsize.domain_size import tuning
+from adaptsize.domain_size.prescribed import bound_at_nodes
 from adaptsize.domain_size.refined_surface import RefinedSurface
 from adaptsize.domain_size.reports import report_of
-from adaptsize.domain_size.request import Request, bound_at_nodes
+from adaptsize.domain_size.request import Request
 from adaptsize.errors import InputWarning, OpenSurfaceWarning
 from adaptsize.geometry.creases import folds_of, tips_of_cones
 from adaptsize.geometry.faces import Faces
