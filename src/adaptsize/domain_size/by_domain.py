@@ -115,7 +115,7 @@ def limited_on_grid(
     from scipy import ndimage
 
     grid = bounds.background
-    assert isinstance(grid, CartesianGrid)
+    assert isinstance(grid, CartesianGrid), "bounds of images and level sets are on grids"
     around = phi <= float(np.linalg.norm(grid.spacing))  # all corners of the boxes at the boundary
     if grid.active is not None:
         around &= grid.active

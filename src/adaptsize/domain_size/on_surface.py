@@ -107,7 +107,7 @@ class SurfaceDomain:
         Sizes at the nodes are lowered to those that cells around them allow through the solid.
         """
         mesh, report = size.background, report_of(size)
-        assert isinstance(mesh, SimplexMesh)
+        assert isinstance(mesh, SimplexMesh), "sizes of a surface are on a copy of it"
         number = np.arange(mesh.n_points, dtype=np.int32)
         number[: len(self.nodes)] = self.nodes
         place = np.argsort(number)
