@@ -29,7 +29,7 @@ RECORDS = {
     "size_from_sources": "sizes.sources.Source",
     "sizes.predict": "sizes.prediction.Prediction",
     "adapt": "adaptation.report.AdaptResult adaptation.report.AdaptReport",
-    "needs_remeshing": "adaptation.need.RemeshingNeed adaptation.need.Place",
+    "needs_remeshing": "adaptation.need.RemeshingNeed adaptation.need.MissedPlace",
     "transfer_fields": "adaptation.transfer.TransferredFields",
     "limit_gradient": "limiting.info.LimitingInfo limiting.sources.SizeSources "
     "limiting.problem.Scheme",

@@ -7,22 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._causes import CAUSES
 from adaptsize._checks import count_text
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.limiting.info import LimitingInfo
 from adaptsize.typing import FloatArray, IntArray
 
 #: The code of each cause in files: those of a file do not depend on the causes that it has.
-CODES = {
-    "curvature": 0,
-    "width": 1,
-    "separation": 2,
-    "sources": 3,
-    "h0": 4,
-    "size_of": 5,
-    "hmin": 6,
-    "hmax": 7,
-}
+CODES = {cause.name: cause.code for cause in CAUSES}
 #: Cause of nodes outside the domain, and of nodes that no bound reaches.
 NONE = -1
 

@@ -12,7 +12,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import ConvexHull, Delaunay
 
 from adaptsize import Metric, SimplexMesh, adapt
-from adaptsize.adaptation.boundary_moves import as_projections, move_to_boundary
+from adaptsize.adaptation.boundary_maps import as_boundary_maps
+from adaptsize.adaptation.boundary_moves import move_to_boundary
 from adaptsize.adaptation.next_metric import metric_by_tolerance, metric_request
 from adaptsize.adaptation.next_sizes import bound_by_tolerance
 from adaptsize.background.interfaces import interfaces
@@ -357,8 +358,8 @@ def test_projections_are_for_tags_or_names_that_the_mesh_has():
             adapt(tagged, h0=0.2, project={key: to_circle})
     with pytest.raises(ValueError, match=r"project must be a callable .* got {}"):
         adapt(tagged, h0=0.2, project={})
-    assert as_projections({"right": to_circle}, tagged) == {5: to_circle}
-    assert as_projections({6: to_circle, "right": abs}, tagged) == {6: to_circle, 5: abs}
+    assert as_boundary_maps({"right": to_circle}, tagged) == {5: to_circle}
+    assert as_boundary_maps({6: to_circle, "right": abs}, tagged) == {6: to_circle, 5: abs}
 
 
 def test_a_tag_has_one_projection():
@@ -370,7 +371,7 @@ def test_a_tag_has_one_projection():
         with pytest.raises(
             ValueError, match=r"one function for each tag, got two for 1 \('wall'\)"
         ):
-            as_projections(dict.fromkeys(keys, to_circle), tagged)
+            as_boundary_maps(dict.fromkeys(keys, to_circle), tagged)
 
 
 def test_only_projections_for_nodes_that_stay_by_their_kind_are_reported(monkeypatch):

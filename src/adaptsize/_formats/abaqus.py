@@ -58,7 +58,7 @@ _INCLUDE = re.compile(
 
 
 @dataclass
-class _Part:
+class _PartOfFile:
     """What is between the keywords of a part or an instance, or outside of all."""
 
     nodes: list[str] = field(default_factory=list)
@@ -120,8 +120,8 @@ def read(path: Path) -> RawMesh:
     Keywords, types of elements and translations of instances are those of the Abaqus Keywords
     Reference Guide.
     """
-    whole = current = _Part()
-    parts, instances, names = {"": whole}, dict[str, _Part](), dict[str, str]()
+    whole = current = _PartOfFile()
+    parts, instances, names = {"": whole}, dict[str, _PartOfFile](), dict[str, str]()
     skipped = Counter[str]()
     for keyword, options, lines in _keywords_in(_text_of(path, set())):
         is_mesh = keyword in ("NODE", "ELEMENT")
@@ -131,7 +131,7 @@ def read(path: Path) -> RawMesh:
         if named and keyword in ("ELEMENT", "ELSET"):
             names.setdefault(named.upper(), named)
         if keyword == "PART":
-            current = parts.setdefault(options.get("NAME", "").upper(), _Part())
+            current = parts.setdefault(options.get("NAME", "").upper(), _PartOfFile())
         elif keyword == "INSTANCE":
             name = options.get("PART", "")
             if name.upper() not in parts:
@@ -194,7 +194,7 @@ def _keywords_in(text: str) -> Iterator[tuple[str, dict[str, str], list[str]]]:
         yield " ".join(keyword.upper().split()), options, [row for row in lines if row.strip()]
 
 
-def _instance_of(part: _Part, lines: list[str]) -> _Part:
+def _instance_of(part: _PartOfFile, lines: list[str]) -> _PartOfFile:
     if len(lines) > 1:
         raise MeshFileError("has a rotated instance, which cannot be read")
     words, offset = _words_in(lines), np.zeros(3)
@@ -244,7 +244,7 @@ def _items_of(lines: list[str], *, is_range: bool) -> Iterator[Any]:
     yield from (word.strip('"').upper() for word in words if not word.isdigit())
 
 
-def _joined(parts: list[_Part], names: dict[str, str]) -> RawMesh:
+def _joined(parts: list[_PartOfFile], names: dict[str, str]) -> RawMesh:
     """Return the elements of all parts as one mesh, with their surfaces as further cells."""
     points, blocks, tags, n_points, width = [], [], [], 0, 3
     regions = {name for part in parts for name in part.regions}
@@ -286,7 +286,7 @@ def _joined(parts: list[_Part], names: dict[str, str]) -> RawMesh:
 
 def _faces_of(
     lines: list[str],
-    part: _Part,
+    part: _PartOfFile,
     cell_type: str,
     elements: npt.NDArray[np.int64],
     cells: npt.NDArray[np.int64],

@@ -1,7 +1,6 @@
-"""Conversion of the content of a file to a SimplexMesh: choice of cells, tags and fields."""
+"""Conversion of the content of a file to a SimplexMesh: choice of cells and fields."""
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +10,6 @@ import numpy.typing as npt
 from adaptsize._formats.blocks import (
     KINDS,
     TAG_NAMES,
-    UNTAGGED,
     RawMesh,
     Simplices,
     dimension_of,
@@ -21,23 +19,17 @@ from adaptsize._formats.blocks import (
     tag_key,
 )
 from adaptsize._formats.joining import joined_if_most_are_double, means
+from adaptsize._formats.tagging import tagged, unused
 from adaptsize._messages import Message
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import (
-    facets_of,
     have_different_nodes,
-    regions_beside,
-    tags_of_facets,
     unique_rows,
 )
-from adaptsize.errors import MeshFileError, OptionError
+from adaptsize.errors import MeshFileError
 
-#: The largest share of the facets that lie between two regions.
-_SHARE_BETWEEN = 0.3
 #: Differences of third coordinates, over the size of the mesh, that are rounding.
 _ROUNDING = 1e-8
-#: Fields of integers with several values that are no tags: owners in parallel runs.
-_RANKS = re.compile(r"rank|proc|partition|ghost|level|colou?r", re.IGNORECASE)
 
 
 def _wanted_dimension(raw: RawMesh, kind: str | None) -> int:
@@ -77,6 +69,36 @@ def build(
     keep_slits : bool
         Whether nodes at one place stay different if most facets are double.
     """
+    raw, simplices, axes = _cells_of(raw, kind, notes, flatten=flatten, keep_slits=keep_slits)
+    own = tagged(raw, simplices, tags, notes)
+    cell_data = _cell_fields(raw, simplices, own.name)
+    if own.has_none and tags is None:
+        notes.extend(unused(cell_data, simplices.cells, len(raw.points)))
+    cells, facets = simplices.cells, own.facets
+    keep = _kept_nodes(raw, cells, reduced=kind is not None or bool(simplices.notes))
+    if not keep.all():
+        number = np.cumsum(keep) - 1
+        cells = number[cells]
+        facets = None if facets is None else number[facets]
+    mesh = SimplexMesh(
+        raw.points[keep][:, axes],
+        cells,
+        cell_tags=own.cell_tags,
+        tagged_facets=facets,
+        facet_tags=own.facet_tags,
+        tag_names=own.names,
+        point_data={name: values[keep] for name, values in _nodal_fields(raw).items()},
+        cell_data=cell_data,
+    )
+    parent = _parents(simplices)
+    shared = {name: _shares(mesh, parent, name) for name in errors if name in mesh.cell_data}
+    return mesh.with_data(cell_data=shared) if shared else mesh
+
+
+def _cells_of(
+    raw: RawMesh, kind: str | None, notes: list[str], *, flatten: bool, keep_slits: bool
+) -> tuple[RawMesh, Simplices, list[int]]:
+    """Return the cells to take, the mesh that they are of, and the axes of its coordinates."""
     dim = _wanted_dimension(raw, kind)
     simplices = simplices_of(raw, dim)
     if not keep_slits and dim > 1:
@@ -88,45 +110,9 @@ def build(
     if flatten and dim < 3 and len(axes) == 3:
         only_at_0 = raw.is_surface or dim == 1
         axes = _axes(raw.points, simplices.cells, notes, only_at_0=only_at_0)
-    fills_space = dim == len(axes)
-    if fills_space:
+    if dim == len(axes):  # the cells fill the space
         simplices = _without_repeated_cells(simplices, notes)
-    _check_tags(raw, tags)
-    tag_name, cell_tags = _tags(raw, simplices, tags)
-    facets, facet_tags, facet_tag_name = _facets(raw, simplices, notes, tags)
-    notes.extend(_dropped_groups(raw, dim))
-    # Names belong to physical groups, not to geometric entities.
-    named = {dim: tag_name, dim - 1: facet_tag_name}
-    names = {
-        key: name
-        for key, name in raw.tag_names.items()
-        if named.get(key[0], "gmsh:geometrical") not in (None, "gmsh:geometrical")
-    }
-    cell_tags, names = _without_untagged(cell_tags, names, dim)
-    cell_data = _cell_fields(raw, simplices, tag_name)
-    if cell_tags is None and facet_tags is None and tags is None:
-        notes.extend(_unused(cell_data, simplices.cells, len(raw.points)))
-    cells = simplices.cells
-    keep = _kept_nodes(raw, cells, reduced=kind is not None or bool(simplices.notes))
-    if not keep.all():
-        number = np.cumsum(keep) - 1
-        cells = number[cells]
-        facets = None if facets is None else number[facets]
-    points = raw.points[keep][:, axes]
-    point_data = {name: values[keep] for name, values in _nodal_fields(raw).items()}
-    mesh = SimplexMesh(
-        points,
-        cells,
-        cell_tags=cell_tags,
-        tagged_facets=facets,
-        facet_tags=facet_tags,
-        tag_names=names,
-        point_data=point_data,
-        cell_data=cell_data,
-    )
-    parent = _parents(simplices)
-    shared = {name: _shares(mesh, parent, name) for name in errors if name in mesh.cell_data}
-    return mesh.with_data(cell_data=shared) if shared else mesh
+    return raw, simplices, axes
 
 
 def _connected(raw: RawMesh, simplices: Simplices, notes: list[str]) -> RawMesh:
@@ -215,47 +201,6 @@ def _without_repeated_cells(simplices: Simplices, notes: list[str]) -> Simplices
     return Simplices(cells, block, row, simplices.notes)
 
 
-def _dropped_groups(raw: RawMesh, dim: int) -> list[str]:
-    """Return notes on the tagged nodes and segments that a mesh of cells cannot hold."""
-    by_name = {name.lower(): name for name in raw.cell_data}
-    names = (name for name in TAG_NAMES if name in by_name and name != "gmsh:geometrical")
-    fields = [raw.cell_data[by_name[name]] for name in names]
-    notes = []
-    for lower in range(dim - 1):
-        of_dim = [i for i, (name, _) in enumerate(raw.blocks) if dimension_of(name) == lower]
-        tags = np.concatenate([np.zeros(0), *(_first_tags(fields, i) for i in of_dim)])
-        tags = tags[tags != 0]
-        if len(tags):
-            found = np.unique(tags)
-            held = [raw.tag_names.get((lower, int(tag)), f"{tag:g}") for tag in found[:5]]
-            text = ", ".join(held) + ", ..." * (len(found) > 5)
-            notes.append(f"{len(tags)} tagged {('nodes', 'segments')[lower]} dropped ({text})")
-    return notes
-
-
-def _first_tags(
-    fields: Sequence[Sequence[npt.NDArray[Any]]], block: int
-) -> npt.NDArray[np.float64]:
-    """Return the tags of a block in the first field that has some."""
-    for blocks in fields:
-        values = np.asarray(blocks[block])
-        if values.ndim == 1 and values.dtype.kind in "iuf" and values.any():
-            return values.astype(np.float64)
-    return np.zeros(0)
-
-
-def _without_untagged(
-    cell_tags: npt.NDArray[np.int32] | None, names: dict[tuple[int, int], str], dim: int
-) -> tuple[npt.NDArray[np.int32] | None, dict[tuple[int, int], str]]:
-    """Return tags and names without the group for untagged cells."""
-    group = next((key for key, name in names.items() if name == UNTAGGED and key[0] == dim), None)
-    if group is None or cell_tags is None:
-        return cell_tags, names
-    tags = np.where(cell_tags == group[1], 0, cell_tags).astype(np.int32)
-    others = {key: name for key, name in names.items() if key != group}
-    return (tags if tags.any() else None), others
-
-
 def _without_repeated_nodes(simplices: Simplices, notes: list[str]) -> Simplices:
     """Drop cells that contain a node twice.  All changes to cells are appended to ``notes``."""
     good = have_different_nodes(simplices.cells)
@@ -310,84 +255,3 @@ def _nodal_fields(raw: RawMesh) -> dict[str, npt.NDArray[Any]]:
 def _native(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return the array in native byte order.  Legacy VTK files are big-endian."""
     return array.astype(array.dtype.newbyteorder("="), copy=False)
-
-
-def _check_tags(raw: RawMesh, name: str | None) -> None:
-    """Refuse a name of tags that no cell field has; the message lists those of integers."""
-    if name is None or name in raw.cell_data:
-        return
-    listed = [
-        field
-        for field, parts in raw.cell_data.items()
-        if all(np.asarray(part).dtype.kind in "iu" for part in parts)
-    ]
-    found = f"integer cell fields: {', '.join(listed)}" if listed else "it has none of integers"
-    raise OptionError(f"has no cell field {name!r} for tags ({found})", ["tags"])
-
-
-def _unused(
-    cell_data: Mapping[str, npt.NDArray[Any]], cells: npt.NDArray[np.int64], n_points: int
-) -> Iterator[str]:
-    """Yield a note on integer fields that may be tags: cells of a value lie side by side."""
-    candidates = {
-        name: values.reshape(-1)
-        for name, values in cell_data.items()
-        if values.dtype.kind in "iu" and values.size == len(values) and not _RANKS.search(name)
-        if 1 < len(np.unique(values)) <= len(values) / 4
-    }
-    if not candidates:
-        return
-    facets, of_cells = facets_of(cells.astype(np.int32), n_points)
-    names = []
-    for name, values in candidates.items():
-        regions = np.unique(values, return_inverse=True)[1].reshape(-1)
-        low, high = regions_beside(of_cells, regions.astype(np.int32), len(facets))
-        inner = np.bincount(of_cells.ravel(), minlength=len(facets)) > 1
-        if np.count_nonzero((low != high)[inner]) <= _SHARE_BETWEEN * np.count_nonzero(inner):
-            names.append(repr(name))
-    if names:
-        yield (
-            f"no field has a name that is known for tags; the integer fields {', '.join(names)} "
-            "may be some (tags=NAME of read, --tags NAME)"
-        )
-
-
-def _tags(
-    raw: RawMesh, simplices: Simplices, name: str | None
-) -> tuple[str | None, npt.NDArray[np.int32] | None]:
-    """Return the tags of the simplices and the name of their field, the most likely by default."""
-    by_name = {tag_key(found): found for found in reversed([*raw.cell_data])}
-    wanted_names = [name] if name is not None else [by_name.get(key) for key in TAG_NAMES]
-    for wanted in wanted_names:
-        if wanted is None or not len(simplices.cells):
-            continue
-        values = gather(raw.cell_data[wanted], simplices)
-        if values is None or values.size != len(values) or values.dtype.kind not in "iuf":
-            continue
-        values = values.reshape(-1)
-        integer = np.isfinite(values).all() and (values == np.floor(values)).all()
-        if integer and values.any() and np.abs(values).max() < 2**31:
-            return wanted, values.astype(np.int32)
-    return None, None
-
-
-def _facets(
-    raw: RawMesh, simplices: Simplices, notes: list[str], tags_from: str | None
-) -> tuple[npt.NDArray[Any] | None, npt.NDArray[np.int32] | None, str | None]:
-    """Return the tagged cells of one dimension less that are facets, and their tag field."""
-    dim = simplices.cells.shape[1] - 1
-    if not any(dimension_of(t) == dim - 1 and len(c) for t, c in raw.blocks) or dim == 1:
-        return None, None, None
-    found = simplices_of(raw, dim - 1)
-    name, tags = _tags(raw, found, tags_from)
-    if tags is None:
-        return None, None, None
-    n_points = len(raw.points)
-    facets = facets_of(simplices.cells.astype(np.int32), n_points)[0]
-    known = np.ones(len(facets), np.int32)
-    good = tags_of_facets(found.cells.astype(np.int32), facets, known, n_points) == 1
-    if not good.all():
-        notes.append(f"{np.count_nonzero(~good)} tagged facets that bound no cell dropped")
-    if not good.any():
-        return None, None, None
-    return found.cells[good], tags[good], name

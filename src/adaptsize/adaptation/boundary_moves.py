@@ -1,25 +1,18 @@
 """Projection of boundary nodes onto the true boundary, as far as the cells allow."""
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
-from adaptsize._checks import as_float_array, describe, refuse_where
+from adaptsize._checks import as_float_array, refuse_where
 from adaptsize.adaptation import tuning
+from adaptsize.adaptation.boundary_maps import BoundaryMap, BoundaryMaps
 from adaptsize.background import SimplexMesh, topology
 from adaptsize.background.interfaces import interfaces
 from adaptsize.typing import BoolArray, FloatArray, IntArray
-
-#: Takes points near the boundary, float64[n, dim], and returns their projections onto it.
-Projection: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
-ProjectionLike: TypeAlias = Projection | Mapping[int | str, Projection]
-#: A projection for all of the boundary, or for facets by tag.
-Projections: TypeAlias = Projection | Mapping[int, Projection]
 
 #: Where facets meet at an angle, the projected surface is measured at this share of their heights.
 #: A ridge of it turns there by the whole angle, a smooth surface by about this share of it.
@@ -69,51 +62,8 @@ class BoundaryMoves:
         return text
 
 
-def as_projections(project: object, mesh: SimplexMesh) -> Projections | None:
-    """Return a projection, or projections by the tags of facets that the mesh has.
-
-    Raises
-    ------
-    ValueError
-        Unless ``project`` is None, a callable, or maps such tags or their names to callables, each
-        tag to one.
-    """
-    if project is None or callable(project):
-        return project
-    if not isinstance(project, Mapping) or not _is_by_tag(project):
-        raise ValueError(
-            "project must be a callable that takes and returns points, or a mapping of tags of "
-            f"facets, or their names, to callables, got {describe(project)}"
-        )
-    held = set() if mesh.facet_tags is None else set(np.unique(mesh.facet_tags).tolist())
-    name_of = {tag: mesh.tag_names.get((mesh.cell_dim - 1, tag)) for tag in sorted(held)}
-    found: dict[int, Projection] = {}
-    for key, projection in project.items():
-        tags = [tag for tag, name in name_of.items() if key in (tag, name)]
-        if not tags:
-            known = [f"{t} ({n!r})" if n else str(t) for t, n in name_of.items()]
-            raise ValueError(
-                f"project must be for tags of facets of the mesh ({', '.join(known) or 'none'}), "
-                f"got {key!r}"
-            )
-        twice = [tag for tag in tags if tag in found]
-        if twice:
-            raise ValueError(
-                f"project must have one function for each tag, got two for {twice[0]} "
-                f"({name_of[twice[0]]!r}): one by its number and one by its name"
-            )
-        found |= dict.fromkeys(tags, projection)
-    return found
-
-
-def _is_by_tag(project: Mapping[Any, Any]) -> bool:
-    """Return whether a mapping has a function for one or more tags or names."""
-    are_tags = all(isinstance(tag, int | np.integer | str) for tag in project)
-    return len(project) > 0 and are_tags and all(map(callable, project.values()))
-
-
 def move_to_boundary(
-    mesh: SimplexMesh, project: Projections, corner_angle: float
+    mesh: SimplexMesh, project: BoundaryMaps, corner_angle: float
 ) -> tuple[SimplexMesh, BoundaryMoves]:
     """Return the mesh with projected boundary nodes, and a report on the moves.
 
@@ -165,7 +115,7 @@ def move_to_boundary(
     return mesh.moved(mesh.points + share[:, None] * move), report
 
 
-def _projected(projection: Projection, points: FloatArray) -> FloatArray:
+def _projected(projection: BoundaryMap, points: FloatArray) -> FloatArray:
     """Return the checked projections of points."""
     found = as_float_array("project(points)", projection(points.copy()), points.shape)
     refuse_where("project(points)", ~np.isfinite(found), found, "must be finite")
@@ -173,8 +123,8 @@ def _projected(projection: Projection, points: FloatArray) -> FloatArray:
 
 
 def _facets_to_move(
-    mesh: SimplexMesh, project: Projections
-) -> tuple[IntArray, npt.NDArray[np.int64], list[Projection]]:
+    mesh: SimplexMesh, project: BoundaryMaps
+) -> tuple[IntArray, npt.NDArray[np.int64], list[BoundaryMap]]:
     """Return facets, the number of the projection of each (-1: none), and the projections."""
     if mesh.cell_dim < mesh.dim and callable(project):
         return mesh.cells, np.zeros(mesh.n_cells, np.int64), [project]
@@ -207,7 +157,7 @@ def _between_kinds(n: int, facets: IntArray, kind: npt.NDArray[np.int64]) -> Boo
 def _corners(
     mesh: SimplexMesh,
     moved: tuple[IntArray, npt.NDArray[np.int64]],
-    projections: list[Projection],
+    projections: list[BoundaryMap],
     angle: float,
 ) -> BoolArray:
     """Return which nodes lie where two facets meet at an angle, or more than two meet.

@@ -26,12 +26,12 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation._fields import Arrays, as_fields, methods_of
 from adaptsize.adaptation.between_meshes import refuse_surfaces
 from adaptsize.adaptation.bisected import BISECTION, divide_cells
-from adaptsize.adaptation.boundary_moves import (
-    ProjectionLike,
-    Projections,
-    as_projections,
-    move_to_boundary,
+from adaptsize.adaptation.boundary_maps import (
+    BoundaryMapLike,
+    BoundaryMaps,
+    as_boundary_maps,
 )
+from adaptsize.adaptation.boundary_moves import move_to_boundary
 from adaptsize.adaptation.boundary_need import refuse_too_few
 from adaptsize.adaptation.element_fields import (
     CheckedFields,
@@ -90,7 +90,7 @@ def adapt(
     h0: BoundLike | Metric | MetricFunction | None = None,
     fields: Fields | None = None,
     cell_fields: Fields | None = None,
-    project: ProjectionLike | None = None,
+    project: BoundaryMapLike | None = None,
     original: SimplexMesh | None = None,
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[AdaptOptions],
@@ -120,7 +120,7 @@ def adapt(
     h0: BoundLike | Metric | MetricFunction | None = None,
     fields: Fields | None = None,
     cell_fields: Fields | None = None,
-    project: ProjectionLike | None = None,
+    project: BoundaryMapLike | None = None,
     original: SimplexMesh | None = None,
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[AdaptOptions],
@@ -264,7 +264,7 @@ class _Checked(NamedTuple):
     generator: str
     nodal: CheckedFields
     by_cell: Arrays
-    project: Projections | None
+    project: BoundaryMaps | None
 
 
 def _checked(
@@ -272,7 +272,7 @@ def _checked(
     indicator: npt.ArrayLike | None,
     h0: BoundLike | Metric | MetricFunction | None,
     fields: tuple[Fields | None, Fields | None],
-    project: ProjectionLike | None,
+    project: BoundaryMapLike | None,
     options: AdaptOptions,
 ) -> _Checked:
     """Return the checked arguments of this rank."""
@@ -293,7 +293,7 @@ def _checked(
         if mesh.dim == 2:
             refuse_folded(mesh)
         is_metric = is_metric or nodal_metric(mesh, h0, finite=False) is not None
-        projections = as_projections(project, mesh)
+        projections = as_boundary_maps(project, mesh)
         if by_cell and given["conservative"] and backend != BISECTION:
             refuse_surfaces(mesh)
     if given["elements"] is not None and given["nodes"] is not None:
@@ -322,7 +322,7 @@ def _generator(backend: str, task: Task, *, is_metric: bool) -> str:
 
 
 def _refuse_in_parts(
-    project: ProjectionLike | None,
+    project: BoundaryMapLike | None,
     h0: BoundLike | Metric | MetricFunction | None,
     given: AdaptOptions,
 ) -> None:

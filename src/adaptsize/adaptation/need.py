@@ -27,7 +27,7 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray, Unpack
 Requested: TypeAlias = FloatArray | Metric
 
 
-class Place(NamedTuple):
+class MissedPlace(NamedTuple):
     """A place where a mesh differs from the requested sizes."""
 
     severity: float
@@ -59,7 +59,7 @@ class RemeshingNeed:
     cells : int32[n]
         Cells, of this rank, with an edge out of the band, an angle that is too small, or that
         overlap a neighbour; the worst first.
-    places : tuple of Place
+    places : tuple of MissedPlace
         At most five places of the worst cells, a tenth of the diagonal apart.
     """
 
@@ -71,7 +71,7 @@ class RemeshingNeed:
     n_cells: int
     predicted_cells: float
     cells: IntArray
-    places: tuple[Place, ...]
+    places: tuple[MissedPlace, ...]
 
     def __bool__(self) -> bool:
         """Return whether a new mesh is needed."""
@@ -316,18 +316,18 @@ def _misses_of(mesh: AnyMesh, requested: Requested, least_angle: float) -> _Miss
     return _Misses(longest, shortest, angles, folded, severity)
 
 
-def _places(mesh: AnyMesh, misses: _Misses, worst: npt.NDArray[np.intp]) -> tuple[Place, ...]:
+def _places(mesh: AnyMesh, misses: _Misses, worst: npt.NDArray[np.intp]) -> tuple[MissedPlace, ...]:
     """Return places of the worst cells that are apart from each other; collective."""
     severity, free = misses.severity[worst], np.ones(len(worst), np.bool_)
     centroids = mesh.points[mesh.cells[worst]].mean(axis=1)
     distance = tuning.APART * mesh.diagonal
-    places: list[Place] = []
+    places: list[MissedPlace] = []
     while len(places) < tuning.N_PLACES:
         own = None
         if free.any():
             row = int(free.argmax())
             point = tuple(centroids[row].tolist())
-            own = Place(float(severity[row]), point, misses.reason(worst[row]))
+            own = MissedPlace(float(severity[row]), point, misses.reason(worst[row]))
         every = [place for place in mesh.ranks.allgather(own) if place is not None]
         if not every:
             break

@@ -9,11 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._causes import CURVATURE, HMAX, HMIN, SEPARATION, SIZE_OF, SOURCES, Cause
 from adaptsize._size_report import NONE, SizeReport, measure_dim
 from adaptsize._workers import Workers
 from adaptsize.background import AnyBackground, SimplexMesh
 from adaptsize.domain_size.named_parts import sizes_of_parts
-from adaptsize.domain_size.request import PointBounds, Request
+from adaptsize.domain_size.prescribed import PointBounds
+from adaptsize.domain_size.request import Request
 from adaptsize.geometry.inside import Inside
 from adaptsize.limiting import limit_gradient
 from adaptsize.limiting.info import LimitingInfo
@@ -36,8 +38,8 @@ class LimitedBounds(NamedTuple):
 class _Requested(NamedTuple):
     """The least bound at each node, and bounds between the nodes, each with its cause."""
 
-    names: tuple[str, ...]
-    """Of the causes; the last two are the limits, hmin and hmax."""
+    causes: tuple[Cause, ...]
+    """The last two are the limits, hmin and hmax."""
     nodal: FloatArray
     cause: npt.NDArray[np.int8]
     """Of the nodal shape."""
@@ -63,7 +65,7 @@ class Bounds:
     """Upper bounds on the size by their causes, at the nodes of a background and between them."""
 
     background: AnyBackground
-    nodal: dict[str, FloatArray]
+    nodal: dict[Cause, FloatArray]
     """Of the nodal shape; inf where there is no bound."""
     limits: tuple[float, float]
     """The smallest and the largest size, finite."""
@@ -104,11 +106,11 @@ class Bounds:
             causes = np.concatenate([asked.cause.ravel(), sizes.cause_at_places])
             cause = np.append(causes, np.int8(NONE))[sizes.roots]
         else:
-            constant = asked.names.index("hmax")
+            constant = asked.causes.index(HMAX)
             cause = _by_separate_runs(
                 bounds.background, asked.nodal, asked.cause, constant, request.g
             )
-        report, origin = bounds._report(request, asked.names, cause, sizes.h), None
+        report, origin = bounds._report(request, asked.causes, cause, sizes.h), None
         if sizes.roots is not None and isinstance(bounds.background, SimplexMesh):
             origin = bounds._origin(sizes.roots.ravel(), cause.ravel(), sizes.places)
         report = replace(report, info=sizes.info, origin=origin)
@@ -120,9 +122,9 @@ class Bounds:
 
     def _with_low_sources(self, request: Request) -> Bounds:
         """Return the bounds with the default hmin lowered to the sizes of functions."""
-        if "sources" not in self.nodal:
+        if SOURCES not in self.nodal:
             return self
-        return replace(self, limits=request.not_raised(self.limits, self.nodal["sources"]))
+        return replace(self, limits=request.not_raised(self.limits, self.nodal[SOURCES]))
 
     def _between_nodes(self, request: Request, scheme: Scheme | None) -> tuple[Bounds, PointBounds]:
         """Return the bounds that the scheme applies at places between the nodes.
@@ -135,9 +137,9 @@ class Bounds:
             return self, self.points
         if scheme is not None and "point_sources" not in scheme.optional:
             nodal = dict(self.nodal)
-            for name, places, sizes in self.points:
+            for cause, places, sizes in self.points:
                 found = size_from_sources(background, [PointSource(places, sizes)], g=request.g)
-                nodal[name] = np.minimum(nodal.get(name, np.inf), found)
+                nodal[cause] = np.minimum(nodal.get(cause, np.inf), found)
             return replace(self, nodal=nodal), ()
         if measure_dim(background) < background.dim:
             return self, ()  # point sources act at the nodes around them
@@ -147,24 +149,24 @@ class Bounds:
         """Return the least bounds with their causes, within the smallest and the largest size."""
         bounds, points = self._between_nodes(request, scheme)
         shape, dim, (low, high) = bounds.background.nodal_shape, bounds.background.dim, self.limits
-        given = [*bounds.nodal, *(name for name, _, _ in points), *["sources"] * bool(self.inner)]
-        names = (*dict.fromkeys(given), "hmin", "hmax")
+        given = [*bounds.nodal, *(own for own, _, _ in points), *[SOURCES] * bool(self.inner)]
+        causes = (*dict.fromkeys(given), HMIN, HMAX)
         nodal = np.full(shape, high)
-        cause = np.full(shape, len(names) - 1, dtype=np.int8)
-        for name, bound in bounds.nodal.items():
+        cause = np.full(shape, len(causes) - 1, dtype=np.int8)
+        for own, bound in bounds.nodal.items():
             smaller = bound < nodal
-            nodal[smaller], cause[smaller] = bound[smaller], names.index(name)
-        cause[nodal < low] = len(names) - 2
+            nodal[smaller], cause[smaller] = bound[smaller], causes.index(own)
+        cause[nodal < low] = len(causes) - 2
         places = np.concatenate([np.empty((0, dim)), *(at for _, at, _ in points)])
         sizes = np.concatenate([np.empty(0), *(size for _, _, size in points)])
         of_points = np.repeat(
-            np.array([names.index(name) for name, _, _ in points], np.int8),
+            np.array([causes.index(own) for own, _, _ in points], np.int8),
             np.array([len(size) for _, _, size in points], np.intp),
         )
-        of_points[sizes < low] = len(names) - 2
+        of_points[sizes < low] = len(causes) - 2
         kept = sizes < high  # others bound nothing
         return _Requested(
-            names, np.maximum(nodal, low), cause,
+            causes, np.maximum(nodal, low), cause,
             places[kept], np.maximum(sizes[kept], low), of_points[kept],
         )  # fmt: skip
 
@@ -195,7 +197,7 @@ class Bounds:
             surface, solid, asked.nodal, (asked.places, asked.sizes), inner, request.g,
             Workers.of(None, request.report),
         )  # fmt: skip
-        of_inner = asked.names.index("sources") if self.inner else 0
+        of_inner = asked.causes.index(SOURCES) if self.inner else 0
         more = np.full(len(grown.places) - len(asked.places), of_inner, np.int8)
         causes = np.append(asked.cause_at_places, more)
         return _Sizes(grown.h, grown.roots, grown.places, causes, aims=grown.aims)
@@ -207,14 +209,14 @@ class Bounds:
         sizes = sizes_of_parts(self.background, size_of)
         own = np.isfinite(sizes)
         nodal = {
-            name: bound if name in ("sources", "h0") else np.where(own, np.inf, bound)
-            for name, bound in self.nodal.items()
+            cause: np.where(own, np.inf, bound) if cause.is_of_shape else bound
+            for cause, bound in self.nodal.items()
         }
         tree, points = cKDTree(self.background.points), []
-        for name, places, bound in self.points:
+        for cause, places, bound in self.points:
             kept = ~own[tree.query(places)[1]]
-            points.append((name, places[kept], bound[kept]))
-        return replace(self, nodal=nodal | {"size_of": sizes}, points=points)
+            points.append((cause, places[kept], bound[kept]))
+        return replace(self, nodal=nodal | {SIZE_OF: sizes}, points=points)
 
     def _origin(
         self, roots: npt.NDArray[Any], cause: npt.NDArray[np.int8], places: FloatArray
@@ -232,7 +234,7 @@ class Bounds:
     def _report(
         self,
         request: Request,
-        names: tuple[str, ...],
+        causes: tuple[Cause, ...],
         cause: npt.NDArray[np.int8],
         h: FloatArray,
     ) -> SizeReport:
@@ -242,7 +244,7 @@ class Bounds:
         cause.flags.writeable = False
         inside = cause != NONE
         k, sizes, measure = cause[inside], h[inside], weights[inside]
-        dim, count = measure_dim(self.background), len(names)
+        dim, count = measure_dim(self.background), len(causes)
         elements = measure / sizes**dim
         domain = np.bincount(k, weights=measure, minlength=count) / max(measure.sum(), 1e-300)
         share = np.bincount(k, weights=elements, minlength=count) / max(elements.sum(), 1e-300)
@@ -252,8 +254,9 @@ class Bounds:
         if self.weights is None and isinstance(self.background, SimplexMesh):
             n_elements = count_elements(self.background, h)  # sizes are linear in cells
         tolerance = np.inf
-        if self.of_chords and "curvature" in self.nodal:
+        if self.of_chords and CURVATURE in self.nodal:
             tolerance = request.tolerance
+        names = tuple(own.name for own in causes)
         return SizeReport(
             background=self.background,
             causes=names,
@@ -262,7 +265,9 @@ class Bounds:
             element_shares=dict(zip(names, share.tolist(), strict=True)),
             smallest=dict(zip(names, least.tolist(), strict=True)),
             largest=float(sizes.max(initial=0.0)),
-            bounds={n: self.nodal.get(n, np.full(cause.shape, np.inf)) for n in names[:-2]},
+            bounds={
+                own.name: self.nodal.get(own, np.full(cause.shape, np.inf)) for own in causes[:-2]
+            },
             info=None,
             g=request.g,
             hmin=self.limits[0],
@@ -272,7 +277,7 @@ class Bounds:
                 request.per_radian_of_chords if self.of_chords else request.per_radian
             ),
             elements_across=request.across,
-            elements_between=request.between(self.is_rough) if "separation" in names else 0.0,
+            elements_between=request.between(self.is_rough) if SEPARATION in causes else 0.0,
             tolerance=tolerance,
             is_rough=self.is_rough,
         )

@@ -13,9 +13,10 @@ from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.domain_size import tuning
 from adaptsize.domain_size.by_domain import MeshDomain, SizedDomain
+from adaptsize.domain_size.goals import Goal
 from adaptsize.domain_size.on_surface import SurfaceDomain, warn_of_outside
 from adaptsize.domain_size.reports import report_of
-from adaptsize.domain_size.request import Goal, Request
+from adaptsize.domain_size.request import Request
 from adaptsize.domain_size.unknowns import as_bytes, system_of
 from adaptsize.errors import OptionError, ResolutionWarning, TooManyElementsError
 from adaptsize.remeshing.details import SurfaceWithDetails

@@ -5,6 +5,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from adaptsize._causes import CURVATURE, H0, SEPARATION, WIDTH, Cause
 from adaptsize._defaults import CORNER_ANGLE
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import AnyBackground, CartesianGrid, SimplexMesh
@@ -12,7 +13,8 @@ from adaptsize.background.enclosing import enclosing_diameter
 from adaptsize.background.interfaces import skin_of
 from adaptsize.domain_size.bounds import Bounds
 from adaptsize.domain_size.on_surface import SurfaceDomain
-from adaptsize.domain_size.request import PointBounds, Request, bound_at_nodes
+from adaptsize.domain_size.prescribed import PointBounds, bound_at_nodes
+from adaptsize.domain_size.request import Request
 from adaptsize.domain_size.resolution import with_sources_resolved
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.faces import Faces
@@ -50,9 +52,9 @@ class LevelSet:
         """
         grid, phi = self.grid, self.phi
         inside = _inside(grid, phi)
-        bounds = {}
+        bounds: dict[Cause, FloatArray] = {}
         if request.per_radian > 0.0:
-            bounds["curvature"] = size_from_curvature(
+            bounds[CURVATURE] = size_from_curvature(
                 grid,
                 phi,
                 elements_per_radian=request.per_radian,
@@ -64,7 +66,7 @@ class LevelSet:
                 self._width = size_from_feature(
                     grid, phi, elements_across=1.0, progress=request.report
                 )
-            bounds["width"] = self._width / request.across
+            bounds[WIDTH] = self._width / request.across
         limits = request.limits(diameter_of(grid, inside), float(grid.spacing.max()))
         return limited_on_grid(phi, Bounds(grid, bounds, limits), request)
 
@@ -113,7 +115,7 @@ def limited_on_grid(
     from scipy import ndimage
 
     grid = bounds.background
-    assert isinstance(grid, CartesianGrid)
+    assert isinstance(grid, CartesianGrid), "bounds of images and level sets are on grids"
     around = phi <= float(np.linalg.norm(grid.spacing))  # all corners of the boxes at the boundary
     if grid.active is not None:
         around &= grid.active
@@ -184,13 +186,13 @@ class MeshDomain:
         if self.background is None:
             bounds.nodal = self._bounds(mesh, None, request)
             if request.h0 is not None and not callable(request.h0):
-                bounds.nodal["h0"] = bound_at_nodes(request.h0, mesh)
+                bounds.nodal[H0] = bound_at_nodes(request.h0, mesh)
             finer = with_sources_resolved(mesh, request)
             if finer is not None:
                 bounds.background = finer.mesh
                 bounds.nodal = {k: finer.extended(bound) for k, bound in bounds.nodal.items()}
             # Sources come before the function or the array that is given as a bound.
-            given = bounds.nodal.pop("h0", None)
+            given = bounds.nodal.pop(H0, None)
             bounds.nodal |= request.external(bounds.background, given)
             bounds.of_chords = True
             return _sized(bounds, request)
@@ -221,24 +223,25 @@ class MeshDomain:
         if request.between(is_rough) == 0.0:
             return [], is_rough
         sizes = request.on_features(distances, diameter, is_rough)
-        return [("separation", places, sizes)], is_rough
+        return [(SEPARATION, places, sizes)], is_rough
 
     def _bounds(
         self, background: AnyBackground, boundary: SimplexMesh | None, request: Request
-    ) -> dict[str, FloatArray]:
-        mesh, angle, bounds = self.mesh, request.crease_angle, {}
+    ) -> dict[Cause, FloatArray]:
+        mesh, angle = self.mesh, request.crease_angle
+        bounds: dict[Cause, FloatArray] = {}
         if boundary is None and request.bounds_curvature:
             if self._radius is None:
                 self._radius = radius_at_curves(mesh, angle)
-            bounds["curvature"] = request.on_curves(self._radius, mesh.diameter)
+            bounds[CURVATURE] = request.on_curves(self._radius, mesh.diameter)
         elif request.per_radian > 0.0:  # not the size on the boundary alone: no tolerance
-            bounds["curvature"] = size_from_curvature(
+            bounds[CURVATURE] = size_from_curvature(
                 background, boundary, elements_per_radian=request.per_radian, crease_angle=angle
             )
         if request.across > 0.0:
             if self._width is None:
                 self._width = self._widths(background, boundary, request)
-            bounds["width"] = self._width / request.across
+            bounds[WIDTH] = self._width / request.across
         return bounds
 
     def _widths(

@@ -18,7 +18,8 @@ from adaptsize.domain_size.budget import nearest_to_budget, within_budget
 from adaptsize.domain_size.by_domain import LevelSet, SizedDomain, mesh_domain
 from adaptsize.domain_size.implicit import ImplicitDomain, octree_around
 from adaptsize.domain_size.of_image import ImageDomain
-from adaptsize.domain_size.request import Implicit, Request
+from adaptsize.domain_size.prescribed import Implicit
+from adaptsize.domain_size.request import Request
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.implicit_surface import checked as checked_function
 from adaptsize.options import SizeFunctionOptions, checked, refuse_unused, with_options

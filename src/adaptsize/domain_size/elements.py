@@ -23,8 +23,9 @@ from adaptsize.background.simplex import as_mesh
 from adaptsize.domain_size import tuning
 from adaptsize.domain_size.budget import predicted_number, what_controls
 from adaptsize.domain_size.complete_size import nearest_size_function, size_function
+from adaptsize.domain_size.goals import Goal, goal_of
+from adaptsize.domain_size.prescribed import Implicit
 from adaptsize.domain_size.reports import report_of
-from adaptsize.domain_size.request import Goal, Implicit, goal_of
 from adaptsize.domain_size.unknowns import unknowns_on
 from adaptsize.errors import (
     BackendError,

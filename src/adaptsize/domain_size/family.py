@@ -16,8 +16,8 @@ from adaptsize.background import AnyBackground, SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.domain_size.complete_size import size_function
 from adaptsize.domain_size.elements import without_order
+from adaptsize.domain_size.prescribed import Implicit
 from adaptsize.domain_size.reports import report_of
-from adaptsize.domain_size.request import Implicit
 from adaptsize.options import (
     BudgetOptions,
     FamilyOptions,

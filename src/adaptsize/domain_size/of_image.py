@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._causes import CURVATURE, SIZE_OF, WIDTH, Cause
 from adaptsize._checks import as_plain_array, refusal
 from adaptsize._progress import silent
 from adaptsize._size_function import SizeFunction
@@ -115,11 +116,11 @@ class ImageDomain:
         least = 2.0 * float(grid.spacing.max())
         limits = request.limits(diameter_of(grid, is_inside), least)
         if options["hmin"] is None and limits[0] < least:  # prescribed sizes do not lower others
-            bounds = {name: np.maximum(bound, least) for name, bound in bounds.items()}
+            bounds = {cause: np.maximum(bound, least) for cause, bound in bounds.items()}
         if options["size_of"]:
             for bound in bounds.values():
                 bound[np.isfinite(of_labels)] = np.inf
-            bounds["size_of"] = of_labels
+            bounds[SIZE_OF] = of_labels
         fixed = replace(request, options={**options, "size_of": None}, sources=sources)
         # In space, bounds in an image are less accurate than fast marching, and the exact method
         # takes longer than all other steps together.
@@ -136,12 +137,12 @@ class ImageDomain:
             return np.full(self.mask.grid.shape, -self.mask.grid.diagonal)
         return -self.fields.pixel * self.fields.distance_to(outside, self.nearest)
 
-    def _bounds(self, request: Request) -> dict[str, FloatArray]:
+    def _bounds(self, request: Request) -> dict[Cause, FloatArray]:
         """Return the bounds from the shapes of the labels."""
-        bounds: dict[str, FloatArray] = {}
+        bounds: dict[Cause, FloatArray] = {}
         shape = self.mask.grid.shape
         if request.per_radian > 0.0:
-            curvature = bounds["curvature"] = np.full(shape, np.inf)
+            curvature = bounds[CURVATURE] = np.full(shape, np.inf)
             smooth = self.nearest.third > _BESIDE
             for part, grid, phi, _ in self._each(request.report):
                 found = size_from_curvature(
@@ -155,7 +156,7 @@ class ImageDomain:
                 lower = smooth[part] & (found < curvature[part])
                 curvature[part] = np.where(lower, found, curvature[part])
         if request.across > 0.0:
-            width = bounds["width"] = np.full(shape, np.inf)
+            width = bounds[WIDTH] = np.full(shape, np.inf)
             for part, _, _, own in self._each(request.report):
                 width[part] = np.minimum(width[part], own / request.across)
         return bounds

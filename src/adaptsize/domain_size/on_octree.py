@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptsize._causes import CURVATURE, WIDTH, Cause
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import NONE, SizeReport
 from adaptsize.background import Octree, SimplexMesh
@@ -92,12 +93,12 @@ def limited_on_octree(
 ) -> tuple[FloatArray, SizeReport]:
     """Return the limited sizes at the nodes of the inner cells, and the report on the octree."""
     inner = shape.inner
-    bounds = {}
+    bounds: dict[Cause, FloatArray] = {}
     if request.per_radian > 0.0:
-        bounds["curvature"] = _size_of_curvature(shape, request.per_radian, request.g)
+        bounds[CURVATURE] = _size_of_curvature(shape, request.per_radian, request.g)
     if request.across > 0.0:
-        bounds["width"] = shape.width[inner.nodes] / request.across
-    bounds |= {name: h[inner.nodes] for name, h in request.external(shape.tree).items()}
+        bounds[WIDTH] = shape.width[inner.nodes] / request.across
+    bounds |= {cause: h[inner.nodes] for cause, h in request.external(shape.tree).items()}
     weights = _measures_inside(inner.mesh, -shape.nodes.depth[inner.nodes])
     h, report, _ = Bounds(inner.mesh, bounds, limits, weights).limited(request)
     h = _extrapolated(inner, h, request.g)

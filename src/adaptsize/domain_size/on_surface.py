@@ -16,9 +16,10 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import ordered_by_place, reordered
 from adaptsize.domain_size import tuning
+from adaptsize.domain_size.prescribed import bound_at_nodes
 from adaptsize.domain_size.refined_surface import RefinedSurface
 from adaptsize.domain_size.reports import report_of
-from adaptsize.domain_size.request import Request, bound_at_nodes
+from adaptsize.domain_size.request import Request
 from adaptsize.errors import InputWarning, OpenSurfaceWarning
 from adaptsize.geometry.creases import folds_of, tips_of_cones
 from adaptsize.geometry.faces import Faces
@@ -106,7 +107,7 @@ class SurfaceDomain:
         Sizes at the nodes are lowered to those that cells around them allow through the solid.
         """
         mesh, report = size.background, report_of(size)
-        assert isinstance(mesh, SimplexMesh)
+        assert isinstance(mesh, SimplexMesh), "sizes of a surface are on a copy of it"
         number = np.arange(mesh.n_points, dtype=np.int32)
         number[: len(self.nodes)] = self.nodes
         place = np.argsort(number)

@@ -13,8 +13,8 @@ from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
 from adaptsize.domain_size.named_parts import parts_of
+from adaptsize.domain_size.parameters import chords_of
 from adaptsize.domain_size.reports import report_of
-from adaptsize.domain_size.request import chords_of
 from adaptsize.sizes.budget import mean_density
 from adaptsize.typing import FloatArray
 

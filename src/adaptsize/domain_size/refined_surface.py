@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from adaptsize._causes import WIDTH, Cause
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.background.splitting import SplitMesh, halved_edges, split_edges
 from adaptsize.background.topology import marked, rows_among
 from adaptsize.domain_size.bounds import Bounds
-from adaptsize.domain_size.request import PointBounds, Request
-from adaptsize.domain_size.surface_bounds import BOUNDS, BY_NAME
+from adaptsize.domain_size.prescribed import PointBounds
+from adaptsize.domain_size.request import Request
+from adaptsize.domain_size.surface_bounds import BOUNDS, BY_CAUSE
 from adaptsize.geometry import tuning
 from adaptsize.limiting.inside import InnerSizes, InnerSource
 from adaptsize.sizes.inside import at_nodes_only, inner_sources
@@ -52,8 +54,8 @@ class RefinedSurface:
     mesh: SimplexMesh
     owner: IndexArray
     """The facet of the given surface of which each triangle is a part."""
-    nodal: dict[str, FloatArray]
-    """The measures of `BOUNDS` at the nodes, by their names."""
+    nodal: dict[Cause, FloatArray]
+    """The measures of `BOUNDS` at the nodes, by their causes."""
     in_facets: PointBounds
     """Widths at points in the facets of the given surface."""
     features: _Marked
@@ -65,12 +67,12 @@ class RefinedSurface:
     def of(cls, solid: SurfaceDomain, request: Request) -> RefinedSurface:
         """Return the surface as it is given."""
         faces = solid.faces
-        first = {bound.name: bound.first(solid, request) for bound in BOUNDS}
-        nodal = {name: measure for name, measure in first.items() if measure is not None}
+        first = {bound.cause: bound.first(solid, request) for bound in BOUNDS}
+        nodal = {cause: measure for cause, measure in first.items() if measure is not None}
         in_facets: PointBounds = []
-        if "width" in nodal:
+        if WIDTH in nodal:
             _, places, widths = solid.first_samples
-            in_facets = [("width", places, widths)]
+            in_facets = [(WIDTH, places, widths)]
         return cls(
             solid,
             faces.mesh,
@@ -89,12 +91,12 @@ class RefinedSurface:
         normals = inside.normals_of_parts(mesh, self.owner)
         at_nodes = request.from_sources(mesh, at_nodes_only(request.sources))
         bounds = {
-            name: BY_NAME[name].sizes(measure, self.solid, request)
-            for name, measure in self.nodal.items()
+            cause: BY_CAUSE[cause].sizes(measure, self.solid, request)
+            for cause, measure in self.nodal.items()
         }
         points = [
-            (name, at, BY_NAME[name].sizes(width, self.solid, request))
-            for name, at, width in self.in_facets
+            (cause, at, BY_CAUSE[cause].sizes(width, self.solid, request))
+            for cause, at, width in self.in_facets
         ]
         every = Bounds(
             mesh,
@@ -117,13 +119,13 @@ class RefinedSurface:
         mesh, owner = split.mesh, self.owner[split.parents]
         parents = self.mesh.edges[split.split_edges]
         nodal = {}
-        for name, measure in self.nodal.items():
-            nodal[name] = np.full(mesh.n_points, np.inf)
-            nodal[name][: len(measure)] = measure
-            BY_NAME[name].at_new(self, split, nodal[name], request)
+        for cause, measure in self.nodal.items():
+            nodal[cause] = np.full(mesh.n_points, np.inf)
+            nodal[cause][: len(measure)] = measure
+            BY_CAUSE[cause].at_new(self, split, nodal[cause], request)
         in_facets = list(self.in_facets)
-        if "width" in nodal:
-            in_facets.append(self._in_new_facets(split, owner, nodal["width"], request))
+        if WIDTH in nodal:
+            in_facets.append(self._in_new_facets(split, owner, nodal[WIDTH], request))
         return RefinedSurface(
             self.solid,
             mesh,
@@ -137,7 +139,7 @@ class RefinedSurface:
 
     def _in_new_facets(
         self, split: SplitMesh, owner: IndexArray, widths: FloatArray, request: Request
-    ) -> tuple[str, FloatArray, FloatArray]:
+    ) -> tuple[Cause, FloatArray, FloatArray]:
         """Return the widths at the centroids of new triangles with a node where none counts.
 
         At the end of a narrow part, the rays from nodes may leave through the end.
@@ -149,7 +151,7 @@ class RefinedSurface:
         places = self.solid.faces.frame.of(middles)
         found = self.solid.widths(places, owner[chosen], request.report)
         counts = np.isfinite(found)
-        return "width", middles[counts], found[counts]
+        return WIDTH, middles[counts], found[counts]
 
     def starts(self, split: SplitMesh) -> tuple[IndexArray, FloatArray, IndexArray]:
         """Return new nodes, points in the frame where rays for them start, and their facets.

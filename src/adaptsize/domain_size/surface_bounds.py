@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from adaptsize.domain_size.request import Request, bound_at_nodes
+from adaptsize._causes import CURVATURE, H0, SEPARATION, WIDTH, Cause
+from adaptsize.domain_size.prescribed import bound_at_nodes
+from adaptsize.domain_size.request import Request
 from adaptsize.geometry.separation import FeaturePoints
 from adaptsize.typing import FloatArray, IndexArray, IntArray
 
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 class SurfaceBound(ABC):
     """One cause of small sizes on a surface."""
 
-    name: ClassVar[str]
+    cause: ClassVar[Cause]
 
     @abstractmethod
     def first(self, solid: SurfaceDomain, request: Request) -> FloatArray | None:
@@ -62,7 +64,7 @@ def _means_along_bends(
 class Curvature(SurfaceBound):
     """Radii of the surface and of its feature edges."""
 
-    name = "curvature"
+    cause = CURVATURE
 
     def first(self, solid: SurfaceDomain, request: Request) -> FloatArray | None:
         """Return the radii, if curved boundaries are resolved."""
@@ -88,7 +90,7 @@ class FeatureSeparation(SurfaceBound):
     Where bodies overlap, their features cross each other, and are no features of the union.
     """
 
-    name = "separation"
+    cause = SEPARATION
 
     def first(self, solid: SurfaceDomain, request: Request) -> FloatArray | None:
         """Return the distances, if close features are resolved."""
@@ -116,7 +118,7 @@ class FeatureSeparation(SurfaceBound):
 class LocalWidth(SurfaceBound):
     """Widths of the solid, also at points in the facets (`RefinedSurface.in_facets`)."""
 
-    name = "width"
+    cause = WIDTH
 
     def first(self, solid: SurfaceDomain, request: Request) -> FloatArray | None:
         """Return the widths, if narrow parts are resolved."""
@@ -146,7 +148,7 @@ class LocalWidth(SurfaceBound):
 class GivenSizes(SurfaceBound):
     """The sizes h0 of the request."""
 
-    name = "h0"
+    cause = H0
 
     def first(self, solid: SurfaceDomain, request: Request) -> FloatArray | None:
         """Return them, if there are any."""
@@ -165,4 +167,4 @@ class GivenSizes(SurfaceBound):
 
 #: In the order of the report: where two bounds are equal, the first one is the cause.
 BOUNDS: Sequence[SurfaceBound] = (Curvature(), FeatureSeparation(), LocalWidth(), GivenSizes())
-BY_NAME = {bound.name: bound for bound in BOUNDS}
+BY_CAUSE = {bound.cause: bound for bound in BOUNDS}

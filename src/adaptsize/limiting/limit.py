@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -39,7 +40,7 @@ from adaptsize.limiting.problem import (
     TooManyCorners,
     as_nodal_sizes,
 )
-from adaptsize.ranks import SingleRank
+from adaptsize.ranks import Communicator, SingleRank
 from adaptsize.typing import BoolArray, FloatArray, GradientLimit, ProgressCallback
 
 SCHEMES: dict[str, type[Scheme]] = {
@@ -227,60 +228,84 @@ def limit_gradient(
     of_place, of_size = factors_of(g)
 
     def check() -> tuple[Problem, Scheme | None]:
-        if isinstance(method, Scheme):
-            scheme: Scheme | None = method
-        else:
-            name = one_of("method", method, ("auto", *SCHEMES))
-            scheme = None if name == "auto" else SCHEMES[name]()
+        scheme = _as_scheme(method)
         if periodic is not None and (initial is not None or getattr(scheme, "order", 1) != 1):
             raise ValueError("periodic cannot be combined with initial, or with order=2")
         return _checked(background, h0, of_place, initial, point_sources, periodic), scheme
 
-    given, scheme = ranks.agree(check)
-    bound, slope, extra = given.h0, given.slope, given.point_sources
+    given, chosen = ranks.agree(check)
+    slope = given.slope
     if isinstance(background, PartitionedMesh):
         require_equal_arguments(
-            background, bound, (of_place, of_size), extra, method=scheme, with_info=wants_info
-        )
+            background, given.h0, (of_place, of_size), given.point_sources,
+            method=chosen, with_info=wants_info,
+        )  # fmt: skip
         slope = slope_of_parts(background, of_place, slope)
-    bounds = bound if extra is None else np.concatenate([bound.ravel(), extra.sizes])
-    least = ranks.allreduce(float(bounds.min(initial=np.inf)), "min")
-    if least == np.inf:
-        raise ValueError("h0 must be finite at one node at least, got inf at all of them")
-    transform = None
-    if of_size is not None:
-        largest = float(bounds.max(where=np.isfinite(bounds), initial=0.0))
-        ends = least, ranks.allreduce(largest, "max")
-        if isinstance(background, PartitionedMesh):
-            require_equal_functions(background, of_size, *ends)
-        transform = ranks.agree(lambda: SizeTransform(of_size, *ends))
+    transform = _transform_of(background, ranks, given, of_size)
     with reporting(progress) as report:
         problem = replace(
             given if transform is None else _transformed(given, transform),
             slope=slope,
             report=report,
-            at_any_price=scheme is not None,
+            at_any_price=chosen is not None,
         )
-        scheme = _automatic(problem) if scheme is None else scheme
-        _refuse_unsupported(scheme, problem)
-        try:
-            try:
-                solution = scheme.solve(problem)
-            except TooManyCorners:  # on all ranks
-                scheme = FastMarching()
-                solution = scheme.solve(with_points_at_nodes(problem))
-        except NeedsWholeMesh:  # on all ranks
-            solution = solve_on_whole(scheme, problem)
+        scheme, solution = _solved(problem, chosen)
     h = solution.h
     if transform is not None:
         h = ranks.agree(lambda: transform.backward(solution.h))
-    h = np.minimum(h, bound)  # the transformation rounds
+    h = np.minimum(h, given.h0)  # the transformation rounds
     _warn_of(solution, problem.domain, h)
     problem = replace(problem, report=silent, initial=None)
     info = LimitingInfo(scheme, problem, solution, background, transform)
     if wants_info and isinstance(background, PartitionedMesh):
         info = info.completed()
     return h, info
+
+
+def _as_scheme(method: Scheme | str) -> Scheme | None:
+    """Return the scheme that is meant; None if it is to be chosen."""
+    if isinstance(method, Scheme):
+        return method
+    name = one_of("method", method, ("auto", *SCHEMES))
+    return None if name == "auto" else SCHEMES[name]()
+
+
+def _transform_of(
+    background: AnyMesh | CartesianGrid | Octree,
+    ranks: Communicator,
+    given: Problem,
+    of_size: Callable[[FloatArray], npt.ArrayLike] | None,
+) -> SizeTransform | None:
+    """Return the variable in which the limit is 1; None if it does not depend on the size.
+
+    Refuse bounds that are inf everywhere.  Collective.
+    """
+    extra = given.point_sources
+    bounds = given.h0 if extra is None else np.concatenate([given.h0.ravel(), extra.sizes])
+    least = ranks.allreduce(float(bounds.min(initial=np.inf)), "min")
+    if least == np.inf:
+        raise ValueError("h0 must be finite at one node at least, got inf at all of them")
+    if of_size is None:
+        return None
+    largest = float(bounds.max(where=np.isfinite(bounds), initial=0.0))
+    ends = least, ranks.allreduce(largest, "max")
+    if isinstance(background, PartitionedMesh):
+        require_equal_functions(background, of_size, *ends)
+    return ranks.agree(lambda: SizeTransform(of_size, *ends))
+
+
+def _solved(problem: Problem, chosen: Scheme | None) -> tuple[Scheme, Solution]:
+    """Return the scheme that solves a problem, the given one or the best, and its solution."""
+    scheme = _automatic(problem) if chosen is None else chosen
+    _refuse_unsupported(scheme, problem)
+    try:
+        try:
+            return scheme, scheme.solve(problem)
+        except TooManyCorners:  # on all ranks
+            scheme = FastMarching()
+            return scheme, scheme.solve(with_points_at_nodes(problem))
+    except NeedsWholeMesh:  # on all ranks
+        return scheme, solve_on_whole(scheme, problem)
 
 
 def _warn_of(solution: Solution, domain: AnyMesh | CartesianGrid, h: FloatArray) -> None:

@@ -1,5 +1,6 @@
 """Upper bounds on the size, one nodal array per cause; inf where there is no bound."""
 
+from adaptsize.sizes.by_sources import size_from_sources
 from adaptsize.sizes.curvature import size_from_curvature
 from adaptsize.sizes.error import size_from_error, size_from_hessian
 from adaptsize.sizes.feature import size_from_feature
@@ -13,7 +14,6 @@ from adaptsize.sizes.sources import (
     CurveSource,
     PointSource,
     RegionSource,
-    size_from_sources,
 )
 
 __all__ = [
