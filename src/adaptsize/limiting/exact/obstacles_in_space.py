@@ -208,8 +208,8 @@ def find_reflex_edges(
     nodes = nodes[along_curve(points[nodes])]
     number = np.zeros(len(points), np.int32)
     number[nodes] = np.arange(len(nodes))
-    pairs = np.unique(np.column_stack([number[ends].ravel(), np.repeat(chain, 2)]), axis=0)
-    corner, edge = np.ascontiguousarray(pairs.T.astype(np.int32))
+    pairs = number[ends].ravel().astype(np.int64) * max(1, n_edges) + np.repeat(chain, 2)
+    corner, edge = (a.astype(np.int32) for a in np.divmod(np.unique(pairs), max(1, n_edges)))
     place = np.einsum("pa,pa->p", points[nodes[corner]] - edges.start[edge], along[edge])
     order = np.lexsort((place, edge))
     same = np.flatnonzero(edge[order[1:]] == edge[order[:-1]])

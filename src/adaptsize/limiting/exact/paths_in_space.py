@@ -146,7 +146,6 @@ def _solve(
                 array[:] = old
     if propagated:
         known.need_all_cells()
-        network.lower(hidden, network.sources(), field, workers)
         propagate_paths(known, network, field, proved)
     sizes = np.maximum(np.minimum(field.sizes, upper), lower)
     h = spread(np.where(sizes <= nearly, lower, sizes))
