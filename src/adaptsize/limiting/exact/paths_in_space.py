@@ -146,6 +146,8 @@ def _solve(
                 array[:] = old
     if propagated:
         known.need_all_cells()
+        if network.n_sources > 1:  # else it is known to be hidden from these nodes
+            network.lower(hidden, network.sources(), field, workers)
         propagate_paths(known, network, field, proved)
     sizes = np.maximum(np.minimum(field.sizes, upper), lower)
     h = spread(np.where(sizes <= nearly, lower, sizes))
