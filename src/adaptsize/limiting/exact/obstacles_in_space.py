@@ -6,18 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptsize._kernels.space_network import GRAZING
 from adaptsize._kernels.space_paths import Edges
 from adaptsize._kernels.space_sight import Sight, Stars, Walls
 from adaptsize.background._curve import along_curve, boxes_over
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import components_of, places_among
 from adaptsize.geometry.boundary import facet_normals
-from adaptsize.geometry.convexity import Ridges
+from adaptsize.geometry.convexity import Ridges, cross
 from adaptsize.geometry.flat_faces import diagonal_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray
-
-# Angles between a path and the faces of an edge below this are zero.
-GRAZING = 1e-9
 
 # Distances below this share of the diagonal are zero.
 _SLACK = 1e-11
@@ -37,8 +35,8 @@ def build_sight(points: FloatArray, cells: IntArray, facets: IntArray) -> Sight:
     triangles = [
         corners[:, 0],
         normals / area,
-        np.cross(corners[:, 2] - corners[:, 0], normals) / area**2,
-        np.cross(normals, corners[:, 1] - corners[:, 0]) / area**2,
+        cross(corners[:, 2] - corners[:, 0], normals) / area**2,
+        cross(normals, corners[:, 1] - corners[:, 0]) / area**2,
         # The normal of a sliver is uncertain, and so is the side on which a distant point lies.
         np.maximum(slack, 4.0 * rounding * diagonal / heights),
         np.minimum(slack / heights, 1e-3),
@@ -69,7 +67,7 @@ def _stars_at(points: FloatArray, cells: IntArray, nodes: IntArray) -> Stars:
     rows = places_among(nodes, len(points))
     cells = cells[(rows[cells] >= 0).any(axis=1)]
     edges = points[cells[:, 1:]] - points[cells[:, :1]]
-    volume = np.einsum("ij,ij->i", edges[:, 0], np.cross(edges[:, 1], edges[:, 2]))
+    volume = np.einsum("ij,ij->i", edges[:, 0], cross(edges[:, 1], edges[:, 2]))
     longest = np.abs(edges).max(axis=(1, 2), initial=0.0)
     flat = np.abs(volume) <= _NO_VOLUME * longest**3
     turned = volume < 0.0
@@ -165,7 +163,7 @@ def _chains_of(points: FloatArray, ridges: _Ridges, slack: float) -> IntArray:
     pairs = number[passed][order].reshape(-1, 2)
     along = points[ends[:, 1]] - points[ends[:, 0]]
     along /= np.linalg.norm(along, axis=1)[:, None]
-    turn = np.linalg.norm(np.cross(along[pairs[:, 0]], along[pairs[:, 1]]), axis=1)
+    turn = np.linalg.norm(cross(along[pairs[:, 0]], along[pairs[:, 1]]), axis=1)
     chain = components_of(pairs[turn < GRAZING], len(ends))
     # Chains that are not straight are split into their edges.
     first = np.zeros(chain.max(initial=-1) + 1, np.int64)
