@@ -15,7 +15,7 @@ def _is_earlier(by, along, other, before):
 
 @lean
 def _explain(at, by, along, via, least, wave, last):
-    """Let node ``by`` explain the size at ``at``, if it does so best; return the end of ``wave``."""
+    """Let a node explain the size at another one if it does so best; return the end of ``wave``."""
     if via[at] < 0:
         wave[last] = at
         last += 1

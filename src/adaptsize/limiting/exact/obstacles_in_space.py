@@ -8,12 +8,12 @@ import numpy as np
 
 from adaptsize._kernels.space_network import GRAZING
 from adaptsize._kernels.space_paths import Edges
-from adaptsize._kernels.space_sight import Sight, Stars, Walls
+from adaptsize._kernels.space_sight import Sight, Stars, Walls, fill_stars
 from adaptsize.background._curve import along_curve, boxes_over
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import components_of, places_among
 from adaptsize.geometry.boundary import facet_normals
-from adaptsize.geometry.convexity import Ridges, cross
+from adaptsize.geometry.convexity import Ridges, cross, norms
 from adaptsize.geometry.flat_faces import diagonal_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -41,7 +41,10 @@ def build_sight(points: FloatArray, cells: IntArray, facets: IntArray) -> Sight:
         np.maximum(slack, 4.0 * rounding * diagonal / heights),
         np.minimum(slack / heights, 1e-3),
     ]
-    boxes = boxes_over(corners.min(axis=1), corners.max(axis=1), np.zeros(len(order)))
+    lower, upper = (
+        f(f(corners[:, 0], corners[:, 1]), corners[:, 2]) for f in (np.minimum, np.maximum)
+    )
+    boxes = boxes_over(lower, upper, np.zeros(len(order)))
     walls = Walls(np.column_stack(triangles), boxes, slack)
     return Sight(walls, _stars_at(points, cells, np.unique(facets)))
 
@@ -55,8 +58,9 @@ def _facets_of(
     """
     corners = points[facets]
     normals = facet_normals(corners)
-    areas = np.linalg.norm(normals, axis=1)
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    areas = norms(normals)
+    a, b, c = (norms(corners[:, v] - corners[:, v - 1]) for v in range(3))
+    longest = np.maximum(np.maximum(a, b), c)
     heights = np.divide(areas, longest, out=np.zeros_like(areas), where=longest > 0.0)
     rounding = float(np.finfo(float).eps * np.abs(corners).max())
     return normals, areas, heights, diagonal_of(points, facets), rounding
@@ -65,23 +69,11 @@ def _facets_of(
 def _stars_at(points: FloatArray, cells: IntArray, nodes: IntArray) -> Stars:
     """Return the cells with a volume at boundary nodes."""
     rows = places_among(nodes, len(points))
-    cells = cells[(rows[cells] >= 0).any(axis=1)]
-    edges = points[cells[:, 1:]] - points[cells[:, :1]]
-    volume = np.einsum("ij,ij->i", edges[:, 0], cross(edges[:, 1], edges[:, 2]))
-    longest = np.abs(edges).max(axis=(1, 2), initial=0.0)
-    flat = np.abs(volume) <= _NO_VOLUME * longest**3
-    turned = volume < 0.0
-    cells[turned, 2:] = cells[turned, 3:1:-1]
-    cells = cells[~flat]
-    # Even permutations: seen from the first vertex, the three others are right-handed.
-    around = [[0, 1, 2, 3], [1, 0, 3, 2], [2, 0, 1, 3], [3, 0, 2, 1]]
-    star = np.concatenate([cells[:, order] for order in around])
-    star = star[rows[star[:, 0]] >= 0]
-    row = rows[star[:, 0]]
-    star = star[np.argsort(row, kind="stable"), 1:]
-    first = np.zeros(len(nodes) + 1, np.int32)
-    first[1:] = np.cumsum(np.bincount(row, minlength=len(nodes)))
-    return Stars(read_only(points), rows, first, np.ascontiguousarray(star))
+    first = np.empty(len(nodes) + 1, np.int32)
+    star = np.empty((int(np.count_nonzero(rows[cells] >= 0)), 3), np.int32)
+    points = read_only(points)
+    fill_stars(points, read_only(cells), rows, _NO_VOLUME, first, star)
+    return Stars(points, rows, first, star)
 
 
 class _Ridges(NamedTuple):
@@ -131,13 +123,13 @@ def _turns_at(ridges: Ridges, points: FloatArray, facets: IntArray) -> _Ridges:
     is_odd = ~regular | thin[sides].any(axis=1)
 
     along = points[edges[:, 1]] - points[edges[:, 0]]
-    along /= np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
+    along /= np.maximum(norms(along), 1e-300)[:, None]
     to_apex = points[apex] - points[edges[:, :1]]
     in_face = to_apex - np.einsum("rsa,ra->rs", to_apex, along)[:, :, None] * along[:, None]
     in_face /= np.maximum(np.linalg.norm(in_face, axis=2), 1e-300)[:, :, None]
     normal = units[sides]
     rise = np.einsum("ra,ra->r", normal[:, 0], to_apex[:, 1])
-    reach = np.linalg.norm(to_apex[:, 1], axis=1)
+    reach = norms(to_apex[:, 1])
     height = np.maximum(heights[sides[:, 0]], 1e-300)
     nil = 16.0 * rounding * (1.0 + reach / height)
     is_crack = (np.abs(rise) <= nil) & (np.einsum("ra,ra->r", normal[:, 0], normal[:, 1]) < 0.0)

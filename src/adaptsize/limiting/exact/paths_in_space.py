@@ -181,11 +181,12 @@ def _solve_hidden(
         new = network.extend(np.concatenate([fresh, bases]), field)
         if len(network.paths.base) > most:
             return False, True
-        before = field.sizes[waiting]
-        network.lower(waiting, network.choice(np.concatenate([bases, new])), field, workers)
-        fallen = before - field.sizes[waiting]
-        changed = order[fallen > EQUAL * np.abs(before)]
-        fresh = network.seen(new, workers)
+        changed = order[:0]
+        if len(waiting):
+            before = field.sizes[waiting]
+            network.lower(waiting, network.choice(np.concatenate([bases, new])), field, workers)
+            changed = order[before - field.sizes[waiting] > EQUAL * np.abs(before)]
+        fresh = network.seen(new, workers) if len(new) else new
     rest = hidden[~np.isin(hidden, reflex_nodes)]
     network.lower(rest, network.alive(), field, workers)
     return len(changed) == 0 and len(fresh) == 0, False
