@@ -11,7 +11,6 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.geometry.boundary import FlatBoundary
-from adaptsize.geometry.convexity import count_corners
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.candidates import (
     EQUAL,
@@ -29,7 +28,7 @@ from adaptsize.limiting.exact.field import (
     Points,
     node_entries,
 )
-from adaptsize.limiting.exact.kept import plane_in, solid_in
+from adaptsize.limiting.exact.kept import corners_in, ground_in, plane_in, solid_in
 from adaptsize.limiting.exact.obstacles_in_plane import (
     Plane,
     along_walls,
@@ -71,7 +70,7 @@ def solve_on_mesh(component: Component, boundary: FlatBoundary, convex: bool) ->
         found, start = solve_in_solid(WholeSolid(component, solid))
         _name_all(component, found, start)
         return found
-    n_corners = count_corners(mesh.points, boundary)
+    n_corners = corners_in(mesh, boundary)
     if favours_expansion(n_corners, mesh.n_points):
         too_many = has_many_corners(n_corners, mesh.n_points)
         expanded = _solve_by_expansion(component, boundary, too_many)
@@ -102,7 +101,8 @@ def _solve_by_expansion(
     def is_lost(h: FloatArray) -> bool:
         return steep is not None and len(sources_on_cells(component, steep, h).nodes) > 0
 
-    expanded = expand_from_points(component, boundary, nodes, is_lost)
+    ground = ground_in(component.mesh, boundary)
+    expanded = None if ground is None else expand_from_points(component, ground, nodes, is_lost)
     if expanded is None:
         return None
     mesh, extra = component.mesh, component.extra
