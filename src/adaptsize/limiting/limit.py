@@ -39,8 +39,14 @@ from adaptsize.limiting.problem import (
     TooManyCorners,
     as_nodal_sizes,
 )
-from adaptsize.ranks import SingleRank
-from adaptsize.typing import BoolArray, FloatArray, GradientLimit, ProgressCallback
+from adaptsize.ranks import Communicator, SingleRank
+from adaptsize.typing import (
+    BoolArray,
+    FloatArray,
+    GradientLimit,
+    GradientOfSize,
+    ProgressCallback,
+)
 
 SCHEMES: dict[str, type[Scheme]] = {
     scheme.name: scheme
@@ -223,58 +229,29 @@ def limit_gradient(
            [0.4  , 0.35 , 0.2  ]])
     """
     background = as_own(background)
-    ranks = background.ranks if isinstance(background, PartitionedMesh) else SingleRank()
     of_place, of_size = factors_of(g)
 
     def check() -> tuple[Problem, Scheme | None]:
-        if isinstance(method, Scheme):
-            scheme: Scheme | None = method
-        else:
-            name = one_of("method", method, ("auto", *SCHEMES))
-            scheme = None if name == "auto" else SCHEMES[name]()
+        scheme = _scheme_of(method)
         if periodic is not None and (initial is not None or getattr(scheme, "order", 1) != 1):
             raise ValueError("periodic cannot be combined with initial, or with order=2")
         return _checked(background, h0, of_place, initial, point_sources, periodic), scheme
 
-    given, scheme = ranks.agree(check)
-    bound, slope, extra = given.h0, given.slope, given.point_sources
+    given, scheme = _ranks_of(background).agree(check)
     if isinstance(background, PartitionedMesh):
-        require_equal_arguments(
-            background, bound, (of_place, of_size), extra, method=scheme, with_info=wants_info
-        )
-        slope = slope_of_parts(background, of_place, slope)
-    bounds = bound if extra is None else np.concatenate([bound.ravel(), extra.sizes])
-    least = ranks.allreduce(float(bounds.min(initial=np.inf)), "min")
-    if least == np.inf:
-        raise ValueError("h0 must be finite at one node at least, got inf at all of them")
-    transform = None
-    if of_size is not None:
-        largest = float(bounds.max(where=np.isfinite(bounds), initial=0.0))
-        ends = least, ranks.allreduce(largest, "max")
-        if isinstance(background, PartitionedMesh):
-            require_equal_functions(background, of_size, *ends)
-        transform = ranks.agree(lambda: SizeTransform(of_size, *ends))
+        given = _equal_on_ranks(given, (of_place, of_size), method=scheme, with_info=wants_info)
+    transform = _transform_of(given, of_size)
     with reporting(progress) as report:
         problem = replace(
             given if transform is None else _transformed(given, transform),
-            slope=slope,
             report=report,
             at_any_price=scheme is not None,
         )
-        scheme = _automatic(problem) if scheme is None else scheme
-        _refuse_unsupported(scheme, problem)
-        try:
-            try:
-                solution = scheme.solve(problem)
-            except TooManyCorners:  # on all ranks
-                scheme = FastMarching()
-                solution = scheme.solve(with_points_at_nodes(problem))
-        except NeedsWholeMesh:  # on all ranks
-            solution = solve_on_whole(scheme, problem)
+        scheme, solution = _solved(problem, scheme)
     h = solution.h
     if transform is not None:
-        h = ranks.agree(lambda: transform.backward(solution.h))
-    h = np.minimum(h, bound)  # the transformation rounds
+        h = _ranks_of(background).agree(lambda: transform.backward(solution.h))
+    h = np.minimum(h, given.h0)  # the transformation rounds
     _warn_of(solution, problem.domain, h)
     problem = replace(problem, report=silent, initial=None)
     info = LimitingInfo(scheme, problem, solution, background, transform)
@@ -283,9 +260,64 @@ def limit_gradient(
     return h, info
 
 
+def _ranks_of(domain: AnyMesh | CartesianGrid | Octree) -> Communicator:
+    """Return the ranks that share a domain."""
+    return domain.ranks if isinstance(domain, PartitionedMesh) else SingleRank()
+
+
+def _scheme_of(method: Scheme | str) -> Scheme | None:
+    """Return the scheme of a method; None stands for the one that suits the problem."""
+    if isinstance(method, Scheme):
+        return method
+    name = one_of("method", method, ("auto", *SCHEMES))
+    return None if name == "auto" else SCHEMES[name]()
+
+
+def _equal_on_ranks(
+    given: Problem, g: tuple[npt.ArrayLike, GradientOfSize | None], **others: object
+) -> Problem:
+    """Return a problem on a mesh in parts whose ranks agree, with the limit there; collective."""
+    part = given.part
+    require_equal_arguments(part, given.h0, g, given.point_sources, **others)
+    return replace(given, slope=slope_of_parts(part, g[0], given.slope))
+
+
+def _transform_of(given: Problem, of_size: GradientOfSize | None) -> SizeTransform | None:
+    """Return the change of variable for g(h), None for a limit that does not depend on the size.
+
+    Collective.  Raises a ValueError if no bound is finite.
+    """
+    domain, ranks, extra = given.domain, _ranks_of(given.domain), given.point_sources
+    bounds = given.h0 if extra is None else np.concatenate([given.h0.ravel(), extra.sizes])
+    least = ranks.allreduce(float(bounds.min(initial=np.inf)), "min")
+    if least == np.inf:
+        raise ValueError("h0 must be finite at one node at least, got inf at all of them")
+    if of_size is None:
+        return None
+    largest = float(bounds.max(where=np.isfinite(bounds), initial=0.0))
+    ends = least, ranks.allreduce(largest, "max")
+    if isinstance(domain, PartitionedMesh):
+        require_equal_functions(domain, of_size, *ends)
+    return ranks.agree(lambda: SizeTransform(of_size, *ends))
+
+
+def _solved(problem: Problem, scheme: Scheme | None) -> tuple[Scheme, Solution]:
+    """Return the solution by a scheme, or by that which suits the problem, and this one."""
+    scheme = _automatic(problem) if scheme is None else scheme
+    _refuse_unsupported(scheme, problem)
+    try:
+        try:
+            return scheme, scheme.solve(problem)
+        except TooManyCorners:  # on all ranks
+            scheme, problem = FastMarching(), with_points_at_nodes(problem)
+            return scheme, scheme.solve(problem)
+    except NeedsWholeMesh:  # on all ranks
+        return scheme, solve_on_whole(scheme, problem)
+
+
 def _warn_of(solution: Solution, domain: AnyMesh | CartesianGrid, h: FloatArray) -> None:
     """Warn if a scheme did not converge, or nodes of cells, or active ones, get inf; collective."""
-    ranks = getattr(domain, "ranks", SingleRank())
+    ranks = _ranks_of(domain)
     if solution.unfinished and ranks.rank == 0:
         warn_caller(solution.unfinished, ConvergenceWarning)
     counted, total = np.ones(h.shape, np.bool_), domain.n_points
