@@ -95,7 +95,8 @@ def limit_gradient(
         * one number,
         * one number per node; on meshes the mean is taken in each cell,
         * on meshes, one number per cell, as is needed for a limit that jumps; an array of
-          ``n_points`` entries, in parts on all ranks, is always read as per node,
+          ``n_points`` entries, in parts on all ranks, is always read as per node, also on closed
+          polylines, which have as many cells as nodes,
         * a function ``g(h)`` that takes an array of sizes and returns positive bounded
           limits,
         * a pair ``(a, b)`` for the product a(x) b(h).

@@ -11,6 +11,7 @@ from shapes import joined, moved
 from surface_oracle import distances, limited
 
 from adaptsize import CartesianGrid, SimplexMesh, SizeFunction, limit_gradient
+from adaptsize._kernels import surface_windows
 from adaptsize.limiting import Exact, tuning
 
 G = 0.3
@@ -580,6 +581,26 @@ def test_beyond_a_number_of_windows_sizes_are_of_paths_and_the_certificate_holds
         assert_allclose(h[settled], exact[settled], rtol=1e-13)
         roots = info.sources.roots()
         assert set(roots) == {3, 700}
+
+
+@pytest.mark.parametrize("is_wave", [False, True])
+def test_the_least_size_in_a_window_is_that_of_its_points(is_wave, monkeypatch):
+    # It orders windows, which changes no size but their number.  Kernels are called as Python.
+    size_at, least_in = (
+        getattr(kernel, "py_func", kernel)
+        for kernel in (surface_windows._size_at, surface_windows._least_in)
+    )
+    monkeypatch.setattr(surface_windows, "_size_at", size_at)
+    rng = np.random.default_rng(2663)
+    for _ in range(20):
+        first, last = np.sort(rng.uniform(0.0, 1.0, 2))
+        angle = rng.uniform(0.1, 3.0)
+        place = np.cos(angle), np.sin(angle)  # of a root, or of one from which waves come
+        found = least_in((first, last), (*place, 0.3), is_wave)
+        x = np.linspace(first, last, 2001)
+        sizes = 0.3 + (-place[0] * x if is_wave else np.hypot(x - place[0], place[1]))
+        assert_allclose(found, sizes.min(), atol=1e-6)
+        assert found <= sizes.min() + 1e-15
 
 
 def test_the_certificate_holds_where_edges_are_roots(monkeypatch):

@@ -44,6 +44,9 @@ from adaptsize.limiting.problem import NeedsWholeMesh, PointBounds, Problem, Sch
 from adaptsize.options import Option
 from adaptsize.typing import FloatArray, IntArray
 
+# Fewer nodes than this are sorted in less time than a thread takes to start, some .1 ms.
+_MANY = 10_000
+
 
 @dataclass(frozen=True)
 class Exact(Scheme):
@@ -262,10 +265,10 @@ def _prepared(component: Component) -> tuple[Component, tuple[FlatBoundary, bool
 
     With the boundary, whether the mesh is convex.
 
-    With several threads, the boundary is computed at the same time.
+    With several threads and many nodes, the boundary is computed at the same time.
     """
     mesh = component.mesh
-    if component.workers.threads == 1:
+    if component.workers.threads == 1 or mesh.n_points < _MANY:
         component = component._replace(
             order=along_curve(mesh.points), meet=have_neighbours(mesh.cells, component.h0)
         )
