@@ -74,3 +74,23 @@ def test_the_second_order_pass_sorts_sizes_whose_range_has_no_inverse():
     h = limit_gradient(grid, h0, 1e-310, method=FastMarching(order=2))
     assert (h[:4] == 1e-310).all()
     assert (h[5:] == 1.5e-310).all()
+
+
+def test_order_two_is_not_monotone():
+    # The documentation says so; of order 1 it is.
+    grid = CartesianGrid([0.0, 0.0], 0.125, (9, 9))
+    rise = np.zeros(2)
+    for seed in range(40, 55):
+        rng = np.random.default_rng(seed)
+        h0 = np.where(rng.random(grid.shape) < 0.15, rng.uniform(0.05, 0.3, grid.shape), np.inf)
+        h0[0, 0] = 0.1
+        node = tuple(rng.integers(0, 9, 2))
+        for order in (1, 2):
+            scheme = FastMarching(order=order)
+            h = limit_gradient(grid, h0, 0.5, method=scheme)
+            lower = h0.copy()
+            lower[node] = 0.98 * h[node]
+            more = limit_gradient(grid, lower, 0.5, method=scheme)
+            rise[order - 1] = max(rise[order - 1], (more / h - 1.0).max())
+    assert rise[0] < 1e-14
+    assert 1e-3 < rise[1] < 1e-2

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
+from adaptsize._kernels.exact import BLOCK
 from adaptsize._kernels.exact_space import try_path
 from adaptsize._kernels.heap import Heap, pop, push_or_decrease
 
@@ -41,6 +42,10 @@ class Relay(NamedTuple):
         In/Out: nodes whose path is to be propagated.
     stamp : int32[n]
         Scratch, all -1.
+    hidden : int32[n, 2]
+        Scratch, all -1: the paths that have been found hidden from each node last.
+    near : int64[k]
+        Scratch for the nodes beside one.
     """
 
     cells: np.ndarray
@@ -55,6 +60,8 @@ class Relay(NamedTuple):
     origin: np.ndarray
     heap: Heap
     stamp: np.ndarray
+    hidden: np.ndarray
+    near: np.ndarray
 
 
 @lean
@@ -64,7 +71,7 @@ def _add_base(relay, paths, points, field, x, g):
     relay.used[1] += 1
     square = 0.0
     for d in range(3):
-        bases.table[new, d] = field.last[x, d]
+        bases.table[new, d] = bases.table[new, 3 + d] = bases.table[new, 6 + d] = field.last[x, d]
         square += (field.last[x, d] - points[x, d]) ** 2
     bases.table[new, 9] = field.sizes[x] - g * math.sqrt(square)
     bases.table[new, 10] = bases.table[new, 11] = math.inf
@@ -127,32 +134,77 @@ def _offers_of(relay, paths, points, field, x, g, slack, offers):
     return n
 
 
+@lean
+def _waiting_around(relay, points, field, x, g, count):
+    """List the nodes beside x that wait for paths which it may lower; return their number."""
+    n, size = 0, field.sizes[x]
+    for r in range(relay.ring_ptr[x], relay.ring_ptr[x + 1]):
+        for v in range(4):
+            y = np.int64(relay.cells[relay.ring[r], v])
+            if not relay.waits[y] or relay.stamp[y] == count or y == x:
+                continue
+            relay.stamp[y] = count
+            square = 0.0
+            for d in range(3):
+                square += (points[y, d] - points[x, d]) ** 2
+            # By the triangle inequality no path over x allows y less than this.
+            if size - g * math.sqrt(square) < field.sizes[y]:
+                relay.near[n] = y
+                n += 1
+    return n
+
+
+@lean
+def _put_near(relay, points, field, w, start, count, block):
+    """Put nodes beside one into a block; those from which path w is known to be hidden get -inf."""
+    for i in range(count):
+        y = relay.near[start + i]
+        for d in range(3):
+            block.bends[0, d, i] = points[y, d]
+        block.path[i], block.nodes[0, i] = -1, y
+        is_hidden = relay.hidden[y, 0] == w or relay.hidden[y, 1] == w
+        block.sizes[i] = -math.inf if is_hidden else field.sizes[y]
+
+
+@lean
+def _remember_hidden(relay, field, w, start, count, block):
+    """Remember where path w, just tried, would be shorter but is hidden; restore the sizes."""
+    for i in range(count):
+        y = relay.near[start + i]
+        if block.path[i] == w:
+            continue
+        if block.sizes[i] > block.values[i]:
+            relay.hidden[y, 1] = relay.hidden[y, 0]
+            relay.hidden[y, 0] = w
+        block.sizes[i] = field.sizes[y]
+
+
 @lean_kernel
 def propagate(relay, paths, field, sight, g, faces, block):
     """Hand paths on until no size is lowered any more (In/Out: relay, paths, field).
 
     ``faces``: None if all bases are nodes, as in `lower_by_paths`.
     """
-    points, waits, stamp, offers = sight.stars.points, relay.waits, relay.stamp, block.queue
-    count, one = 0, np.int64(1)
+    points, offers = sight.stars.points, block.queue
+    count = 0
     while relay.heap.size[0] > 0:
         x = pop(relay.heap)
-        n = _offers_of(relay, paths, points, field, x, g, sight.walls.slack, offers)
         count += 1
-        for r in range(relay.ring_ptr[x], relay.ring_ptr[x + 1]):
-            for v in range(4):
-                y = np.int64(relay.cells[relay.ring[r], v])
-                if not waits[y] or stamp[y] == count or y == x:
-                    continue
-                stamp[y] = count
-                for d in range(3):
-                    block.bends[0, d, 0] = points[y, d]
-                block.sizes[0], block.path[0], block.nodes[0, 0] = field.sizes[y], -1, y
-                for k in range(n):
-                    if offers[k] != field.path[y]:
-                        try_path(paths, offers[k], one, sight, g, faces, block)
-                if block.sizes[0] < field.sizes[y]:
-                    field.sizes[y], field.path[y] = block.sizes[0], block.path[0]
+        beside = _waiting_around(relay, points, field, x, g, count)
+        if beside == 0:
+            continue
+        n = _offers_of(relay, paths, points, field, x, g, sight.walls.slack, offers)
+        for start in range(0, beside, BLOCK):
+            here = min(BLOCK, beside - start)
+            _put_near(relay, points, field, offers[0], start, here, block)
+            for k in range(n):
+                try_path(paths, offers[k], here, sight, g, faces, block)
+                if k == 0:  # all nodes around offer the same one
+                    _remember_hidden(relay, field, offers[0], start, here, block)
+            for i in range(here):
+                y = relay.near[start + i]
+                if block.sizes[i] < field.sizes[y]:
+                    field.sizes[y], field.path[y] = block.sizes[i], block.path[i]
                     for d in range(3):
-                        field.last[y, d] = block.last[d, 0]
+                        field.last[y, d] = block.last[d, i]
                     push_or_decrease(relay.heap, y, field.sizes[y])

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.compiling import lean
+from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.local_updates import SPACE
 from adaptsize._kernels.trees import items_of_leaf, leaf_in_shaft, set_shaft
 from adaptsize._kernels.vectors import between, cross, dot
@@ -61,6 +61,53 @@ class Stars(NamedTuple):
     rows: np.ndarray
     first: np.ndarray
     star: np.ndarray
+
+
+@lean_kernel
+def fill_stars(points, cells, rows, least, first, star):
+    """Fill the cells with a volume at nodes of the boundary, as in `Stars`.
+
+    Parameters
+    ----------
+    points : float64[n, 3]
+    cells : int32[m, 4]
+    rows : int32[n]
+    least : float64
+        Cells with a smaller ratio of volume to the cube of the longest edge have no volume.
+    first : int32[n_rows + 1]
+        Out.
+    star : int32[s, 3]
+        Out: room for all cells.
+    """
+    first[:] = 0
+    for step in range(2):  # count, then fill: first[row] is where the next cell of row - 1 goes
+        for t in range(cells.shape[0]):
+            a, b, c, d = cells[t, 0], cells[t, 1], cells[t, 2], cells[t, 3]
+            if max(rows[a], rows[b], rows[c], rows[d]) < 0:
+                continue
+            p, q, r = between(points, a, b), between(points, a, c), between(points, a, d)
+            volume, longest = dot(p, cross(q, r)), 0.0
+            for k in range(3):
+                longest = max(longest, abs(p[k]), abs(q[k]), abs(r[k]))
+            if abs(volume) <= least * longest**3:
+                continue
+            if volume < 0.0:
+                c, d = d, c
+            # Even permutations: seen from the first node, the three others are right-handed.
+            for node, i, j, k in ((a, b, c, d), (b, a, d, c), (c, a, b, d), (d, a, c, b)):
+                row = rows[node]
+                if row < 0:
+                    continue
+                if step == 0:
+                    if row + 2 < first.shape[0]:
+                        first[row + 2] += 1
+                    continue
+                place = first[row + 1]
+                first[row + 1] += 1
+                star[place, 0], star[place, 1], star[place, 2] = i, j, k
+        if step == 0:
+            for row in range(2, first.shape[0]):
+                first[row] += first[row - 1]
 
 
 class Sight(NamedTuple):

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.compiling import generated, inner, lean
+from adaptsize._kernels.compiling import generated, inner, lean, lean_kernel
 from adaptsize._kernels.vectors import triple
 
 #: Items of a leaf.
@@ -54,6 +54,40 @@ class Stack(NamedTuple):
 
     box: np.ndarray
     bound: np.ndarray
+
+
+@lean_kernel
+def fill_boxes(lower, upper, value, boxes):
+    """Fill the boxes of a tree over items sorted along a curve.
+
+    Parameters
+    ----------
+    lower, upper : float64[m, dim]
+        Boxes around the items.
+    value : float64[m]
+        Least values in the items.
+    boxes : float64[2 * n_leaves, 2 * dim + 1]
+        Out.
+    """
+    (m, dim), n_leaves = lower.shape, boxes.shape[0] // 2
+    boxes[0] = 0.0
+    boxes[0, 2 * dim] = math.inf
+    for b in range(2 * n_leaves - 1, 0, -1):
+        for d in range(dim):
+            boxes[b, d], boxes[b, dim + d] = math.inf, -math.inf
+        boxes[b, 2 * dim] = math.inf
+        if b < n_leaves:
+            for child in range(2 * b, 2 * b + 2):
+                for d in range(dim):
+                    boxes[b, d] = min(boxes[b, d], boxes[child, d])
+                    boxes[b, dim + d] = max(boxes[b, dim + d], boxes[child, dim + d])
+                boxes[b, 2 * dim] = min(boxes[b, 2 * dim], boxes[child, 2 * dim])
+            continue
+        for k in range((b - n_leaves) * LEAF, min(m, (b - n_leaves + 1) * LEAF)):
+            for d in range(dim):
+                boxes[b, d] = min(boxes[b, d], lower[k, d])
+                boxes[b, dim + d] = max(boxes[b, dim + d], upper[k, d])
+            boxes[b, 2 * dim] = min(boxes[b, 2 * dim], value[k])
 
 
 def new_stack() -> Stack:

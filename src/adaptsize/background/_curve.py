@@ -5,7 +5,7 @@ from functools import cache, reduce
 import numpy as np
 
 from adaptsize._kernels.ordering import BITS, DIGIT, Curve, sort_along_curve, sort_for_tree
-from adaptsize._kernels.trees import LEAF, Tree
+from adaptsize._kernels.trees import LEAF, Tree, fill_boxes
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.typing import FloatArray, IntArray, LongArray
 
@@ -85,16 +85,5 @@ def boxes_over(lower: FloatArray, upper: FloatArray, value: FloatArray) -> Float
     while n_leaves * LEAF < m:
         n_leaves *= 2
     boxes = np.empty((2 * n_leaves, 2 * dim + 1))
-    boxes[0] = 0.0
-    boxes[0, -1] = np.inf
-    for column in range(2 * dim + 1):
-        items = [*lower.T, *upper.T, value][column]
-        is_upper = dim <= column < 2 * dim
-        merge = np.maximum if is_upper else np.minimum
-        level = np.full(n_leaves * LEAF, -np.inf if is_upper else np.inf)
-        level[:m] = items
-        while len(level) > 1:
-            level = merge(level[::2], level[1::2])
-            if len(level) <= n_leaves:
-                boxes[len(level) : 2 * len(level), column] = level
+    fill_boxes(*(read_only(np.ascontiguousarray(array)) for array in (lower, upper, value)), boxes)
     return boxes

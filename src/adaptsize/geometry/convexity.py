@@ -35,7 +35,7 @@ def is_convex(points: FloatArray, boundary: FlatBoundary) -> bool:
         return abs(float(angles.sum()) - 2.0 * np.pi) < 1e-3
     corners = points[boundary.facets]
     a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
-    volume = np.einsum("ij,ij->i", a, _cross(b, c))
+    volume = np.einsum("ij,ij->i", a, cross(b, c))
     la, lb, lc = map(norms, (a, b, c))
     mixed = (
         la * lb * lc
@@ -96,14 +96,14 @@ def turns_of(points: FloatArray, boundary: FlatBoundary) -> FloatArray:
     Positive where the domain is convex, nan where not two facets meet.
     """
     corners = points[boundary.facets]
-    normals = _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = norms(normals)
     ridges = ridges_of(boundary.facets, len(points))
     has_area = (areas > 0.0)[:, None]
     units = np.divide(normals, areas[:, None], out=np.zeros_like(normals), where=has_area)
     normal, other = np.moveaxis(units[ridges.facets], 1, 0)
     rise = np.einsum("ij,ij->i", normal, points[ridges.apex[:, 1]] - points[ridges.ends[:, 0]])
-    sine = norms(_cross(normal, other))
+    sine = norms(cross(normal, other))
     cosine = np.einsum("ij,ij->i", normal, other)
     angles = np.arctan2(sine, cosine)
     angles = np.where(rise > 0.0, -angles, angles)
@@ -114,7 +114,7 @@ def turns_of(points: FloatArray, boundary: FlatBoundary) -> FloatArray:
     return np.where(bad, np.nan, angles)
 
 
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return cross products of rows, in half the time of numpy's."""
     columns = [a[:, i - 2] * b[:, i - 1] - a[:, i - 1] * b[:, i - 2] for i in range(3)]
     return np.stack(columns, axis=1)

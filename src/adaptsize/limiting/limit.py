@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -41,7 +40,13 @@ from adaptsize.limiting.problem import (
     as_nodal_sizes,
 )
 from adaptsize.ranks import Communicator, SingleRank
-from adaptsize.typing import BoolArray, FloatArray, GradientLimit, ProgressCallback
+from adaptsize.typing import (
+    BoolArray,
+    FloatArray,
+    GradientLimit,
+    GradientOfSize,
+    ProgressCallback,
+)
 
 SCHEMES: dict[str, type[Scheme]] = {
     scheme.name: scheme
@@ -90,7 +95,8 @@ def limit_gradient(
         * one number,
         * one number per node; on meshes the mean is taken in each cell,
         * on meshes, one number per cell, as is needed for a limit that jumps; an array of
-          ``n_points`` entries, in parts on all ranks, is always read as per node,
+          ``n_points`` entries, in parts on all ranks, is always read as per node, also on closed
+          polylines, which have as many cells as nodes,
         * a function ``g(h)`` that takes an array of sizes and returns positive bounded
           limits,
         * a pair ``(a, b)`` for the product a(x) b(h).
@@ -224,35 +230,28 @@ def limit_gradient(
            [0.4  , 0.35 , 0.2  ]])
     """
     background = as_own(background)
-    ranks = background.ranks if isinstance(background, PartitionedMesh) else SingleRank()
     of_place, of_size = factors_of(g)
 
     def check() -> tuple[Problem, Scheme | None]:
-        scheme = _as_scheme(method)
+        scheme = _scheme_of(method)
         if periodic is not None and (initial is not None or getattr(scheme, "order", 1) != 1):
             raise ValueError("periodic cannot be combined with initial, or with order=2")
         return _checked(background, h0, of_place, initial, point_sources, periodic), scheme
 
-    given, chosen = ranks.agree(check)
-    slope = given.slope
+    given, scheme = _ranks_of(background).agree(check)
     if isinstance(background, PartitionedMesh):
-        require_equal_arguments(
-            background, given.h0, (of_place, of_size), given.point_sources,
-            method=chosen, with_info=wants_info,
-        )  # fmt: skip
-        slope = slope_of_parts(background, of_place, slope)
-    transform = _transform_of(background, ranks, given, of_size)
+        given = _equal_on_ranks(given, (of_place, of_size), method=scheme, with_info=wants_info)
+    transform = _transform_of(given, of_size)
     with reporting(progress) as report:
         problem = replace(
             given if transform is None else _transformed(given, transform),
-            slope=slope,
             report=report,
-            at_any_price=chosen is not None,
+            at_any_price=scheme is not None,
         )
-        scheme, solution = _solved(problem, chosen)
+        scheme, solution = _solved(problem, scheme)
     h = solution.h
     if transform is not None:
-        h = ranks.agree(lambda: transform.backward(solution.h))
+        h = _ranks_of(background).agree(lambda: transform.backward(solution.h))
     h = np.minimum(h, given.h0)  # the transformation rounds
     _warn_of(solution, problem.domain, h)
     problem = replace(problem, report=silent, initial=None)
@@ -262,25 +261,34 @@ def limit_gradient(
     return h, info
 
 
-def _as_scheme(method: Scheme | str) -> Scheme | None:
-    """Return the scheme that is meant; None if it is to be chosen."""
+def _ranks_of(domain: AnyMesh | CartesianGrid | Octree) -> Communicator:
+    """Return the ranks that share a domain."""
+    return domain.ranks if isinstance(domain, PartitionedMesh) else SingleRank()
+
+
+def _scheme_of(method: Scheme | str) -> Scheme | None:
+    """Return the scheme of a method; None stands for the one that suits the problem."""
     if isinstance(method, Scheme):
         return method
     name = one_of("method", method, ("auto", *SCHEMES))
     return None if name == "auto" else SCHEMES[name]()
 
 
-def _transform_of(
-    background: AnyMesh | CartesianGrid | Octree,
-    ranks: Communicator,
-    given: Problem,
-    of_size: Callable[[FloatArray], npt.ArrayLike] | None,
-) -> SizeTransform | None:
-    """Return the variable in which the limit is 1; None if it does not depend on the size.
+def _equal_on_ranks(
+    given: Problem, g: tuple[npt.ArrayLike, GradientOfSize | None], **others: object
+) -> Problem:
+    """Return a problem on a mesh in parts whose ranks agree, with the limit there; collective."""
+    part = given.part
+    require_equal_arguments(part, given.h0, g, given.point_sources, **others)
+    return replace(given, slope=slope_of_parts(part, g[0], given.slope))
 
-    Refuse bounds that are inf everywhere.  Collective.
+
+def _transform_of(given: Problem, of_size: GradientOfSize | None) -> SizeTransform | None:
+    """Return the change of variable for g(h), None for a limit that does not depend on the size.
+
+    Collective.  Raises a ValueError if no bound is finite.
     """
-    extra = given.point_sources
+    domain, ranks, extra = given.domain, _ranks_of(given.domain), given.point_sources
     bounds = given.h0 if extra is None else np.concatenate([given.h0.ravel(), extra.sizes])
     least = ranks.allreduce(float(bounds.min(initial=np.inf)), "min")
     if least == np.inf:
@@ -289,28 +297,28 @@ def _transform_of(
         return None
     largest = float(bounds.max(where=np.isfinite(bounds), initial=0.0))
     ends = least, ranks.allreduce(largest, "max")
-    if isinstance(background, PartitionedMesh):
-        require_equal_functions(background, of_size, *ends)
+    if isinstance(domain, PartitionedMesh):
+        require_equal_functions(domain, of_size, *ends)
     return ranks.agree(lambda: SizeTransform(of_size, *ends))
 
 
-def _solved(problem: Problem, chosen: Scheme | None) -> tuple[Scheme, Solution]:
-    """Return the scheme that solves a problem, the given one or the best, and its solution."""
-    scheme = _automatic(problem) if chosen is None else chosen
+def _solved(problem: Problem, scheme: Scheme | None) -> tuple[Scheme, Solution]:
+    """Return the solution by a scheme, or by that which suits the problem, and this one."""
+    scheme = _automatic(problem) if scheme is None else scheme
     _refuse_unsupported(scheme, problem)
     try:
         try:
             return scheme, scheme.solve(problem)
         except TooManyCorners:  # on all ranks
-            scheme = FastMarching()
-            return scheme, scheme.solve(with_points_at_nodes(problem))
+            scheme, problem = FastMarching(), with_points_at_nodes(problem)
+            return scheme, scheme.solve(problem)
     except NeedsWholeMesh:  # on all ranks
         return scheme, solve_on_whole(scheme, problem)
 
 
 def _warn_of(solution: Solution, domain: AnyMesh | CartesianGrid, h: FloatArray) -> None:
     """Warn if a scheme did not converge, or nodes of cells, or active ones, get inf; collective."""
-    ranks = getattr(domain, "ranks", SingleRank())
+    ranks = _ranks_of(domain)
     if solution.unfinished and ranks.rank == 0:
         warn_caller(solution.unfinished, ConvergenceWarning)
     counted, total = np.ones(h.shape, np.bool_), domain.n_points

@@ -14,7 +14,7 @@ from adaptsize.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from adaptsize.limiting.exact import ExactSolution
-    from adaptsize.limiting.exact.scheme import SolvedComponent
+    from adaptsize.limiting.exact.solution import SolvedComponent
     from adaptsize.limiting.gradient_limit import SizeTransform
 
 # Points per batch; Ctrl-C takes effect between batches.

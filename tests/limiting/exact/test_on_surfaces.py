@@ -11,6 +11,7 @@ from shapes import joined, moved
 from surface_oracle import distances, limited
 
 from adaptsize import CartesianGrid, SimplexMesh, SizeFunction, limit_gradient
+from adaptsize._kernels import surface_windows
 from adaptsize.limiting import Exact, tuning
 
 G = 0.3
@@ -58,10 +59,26 @@ def bent(points, slant=1.2, width=7.0):
     return np.column_stack([x * np.cos(slant), y, zigzag * np.sin(slant)])
 
 
+def pierced(mesh, every):
+    """Return a plane mesh with small triangular holes in some of its triangles.
+
+    Behind a hole, rays of one root pass through two parts of an edge.
+    """
+    outer = mesh.cells[::every]
+    corners = mesh.points[outer]
+    inner = corners.mean(axis=1, keepdims=True) + 0.1 * (corners - corners.mean(axis=1)[:, None])
+    own = mesh.n_points + np.arange(outer.size).reshape(-1, 3)
+    around = [np.column_stack([outer[:, v - 1], outer[:, v], own[:, v]]) for v in range(3)]
+    around += [np.column_stack([outer[:, v - 1], own[:, v], own[:, v - 1]]) for v in range(3)]
+    cells = np.concatenate([np.delete(mesh.cells, np.s_[::every], axis=0), *around])
+    return SimplexMesh(np.concatenate([mesh.points, inner.reshape(-1, 2)]), cells)
+
+
 FLAT = {
     "square": lambda: jittered_square(15, 2602, half_width=5.0),
     "slit": lambda: slit_square(500)[0],
     "holes": lambda: holes(9, 5, 12)[0],
+    "pierced": lambda: pierced(jittered_square(12, 2602, half_width=5.0), 5),
 }
 
 
@@ -564,6 +581,41 @@ def test_beyond_a_number_of_windows_sizes_are_of_paths_and_the_certificate_holds
         assert_allclose(h[settled], exact[settled], rtol=1e-13)
         roots = info.sources.roots()
         assert set(roots) == {3, 700}
+
+
+@pytest.mark.parametrize("is_wave", [False, True])
+def test_the_least_size_in_a_window_is_that_of_its_points(is_wave, monkeypatch):
+    # It orders windows, which changes no size but their number.  Kernels are called as Python.
+    size_at, least_in = (
+        getattr(kernel, "py_func", kernel)
+        for kernel in (surface_windows._size_at, surface_windows._least_in)
+    )
+    monkeypatch.setattr(surface_windows, "_size_at", size_at)
+    rng = np.random.default_rng(2663)
+    for _ in range(20):
+        first, last = np.sort(rng.uniform(0.0, 1.0, 2))
+        angle = rng.uniform(0.1, 3.0)
+        place = np.cos(angle), np.sin(angle)  # of a root, or of one from which waves come
+        found = least_in((first, last), (*place, 0.3), is_wave)
+        x = np.linspace(first, last, 2001)
+        sizes = 0.3 + (-place[0] * x if is_wave else np.hypot(x - place[0], place[1]))
+        assert_allclose(found, sizes.min(), atol=1e-6)
+        assert found <= sizes.min() + 1e-15
+
+
+def test_the_certificate_holds_where_edges_are_roots(monkeypatch):
+    mesh = random_sphere(400, 2661)
+    h0 = some_bounds(mesh, 2662, 0.3)
+    h0[mesh.cells[::9]] = 0.3 * mesh.diagonal * np.linspace(0.1, 1.0, len(mesh.cells[::9]))[:, None]
+    exact = limit_gradient(mesh, h0, G)
+    monkeypatch.setattr(tuning, "LEAST_WINDOWS", 0)
+    monkeypatch.setattr(tuning, "WINDOWS_PER_NODE", 0)
+    for narrow in (0.4, 0.9, 2.0):
+        monkeypatch.setattr(tuning, "NARROW", narrow)
+        h, info = limit_gradient.with_info(mesh, h0, G)
+        assert (h >= exact * (1.0 - 1e-13)).all()
+        settled = np.argsort(exact)[: info.n_proved]
+        assert_allclose(h[settled], exact[settled], rtol=1e-12)
 
 
 def test_the_number_of_windows_does_not_depend_on_the_thickness_of_slivers():

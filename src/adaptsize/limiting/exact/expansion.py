@@ -26,6 +26,35 @@ _VERY_LOW = -1e300
 _SLACK = 16.0
 
 
+class Ground(NamedTuple):
+    """What triangular expansion needs to know of a mesh in the plane."""
+
+    triangles: kernels.Triangles
+    nodes: IntArray
+    """int32[c]: those at which paths may bend."""
+    table: FloatArray
+    """float64[c, COLUMNS]: as entries; without sizes."""
+    walls: FloatArray
+    """float64[c, 5]: their walls, as in `exact_plane.solve_corners`."""
+    slack: float
+    """Distance from a line below which a point is on it."""
+
+
+def ground_of(mesh: SimplexMesh, boundary: FlatBoundary) -> Ground | None:
+    """Return what expansion needs, or None if cells overlap along an edge or have no measure."""
+    if boundary.has_flat or not boundary.is_simple:
+        return None
+    n, m = mesh.n_points, mesh.n_cells
+    scratch = np.empty(n, np.int32), np.empty(3 * m, np.int32)
+    triangles = kernels.Triangles(
+        mesh.points, mesh.cells.copy(), np.empty(3 * m, np.int32), *mesh.rings
+    )
+    if not kernels.connect(triangles, *scratch):
+        return None
+    slack = _SLACK * float(np.finfo(float).eps * np.abs(mesh.points).max())
+    return Ground(triangles, *_corners(mesh.points, boundary.facets), slack)
+
+
 class Expanded(NamedTuple):
     """Sizes in the plane, and where their paths come from.
 
@@ -42,7 +71,7 @@ class Expanded(NamedTuple):
 
 def expand_from_points(
     component: Component,
-    boundary: FlatBoundary,
+    ground: Ground,
     sources: IntArray,
     is_lost: Callable[[FloatArray], bool],
 ) -> Expanded | None:
@@ -53,7 +82,7 @@ def expand_from_points(
     Parameters
     ----------
     component : Component
-    boundary : FlatBoundary
+    ground : Ground
     sources : int32[k]
         The nodes that may be sources.
     is_lost : callable
@@ -62,18 +91,10 @@ def expand_from_points(
     Returns
     -------
     Expanded or None
-        None if all was in vain, or if cells overlap along an edge or have no measure.
+        None if all was in vain.
     """
-    mesh, h0 = component.mesh, component.h0
-    if boundary.has_flat or not boundary.is_simple:
-        return None
-    cells = mesh.cells.copy()
+    mesh, h0, triangles, slack = component.mesh, component.h0, ground.triangles, ground.slack
     n, m = mesh.n_points, mesh.n_cells
-    scratch = np.empty(n, np.int32), np.empty(3 * m, np.int32)
-    triangles = kernels.Triangles(mesh.points, cells, np.empty(3 * m, np.int32), *mesh.rings)
-    if not kernels.connect(triangles, *scratch):
-        return None
-    slack = _SLACK * float(np.finfo(float).eps * np.abs(mesh.points).max())
     size = h0.copy()
     if component.extra is not None:
         triangles = _with_points(triangles, mesh, component.extra, slack)
@@ -81,15 +102,13 @@ def expand_from_points(
         between = np.arange(n, len(size), dtype=np.int32)
         sources = np.concatenate([sources, between])
     n_windows = n + m // 2 + 2 * int(np.diff(triangles.ring_ptr).max())
-    nodes, table, walls = _corners(mesh.points, boundary.facets)
-    corner = places_among(nodes, len(size))
     front = kernels.Front(
         size,
         np.full(len(size), -1, np.int32),
-        corner,
-        table,
-        walls,
-        np.zeros((len(nodes), 2)),
+        places_among(ground.nodes, len(size)),
+        ground.table.copy(),
+        ground.walls,
+        np.zeros((len(ground.nodes), 2)),
         new_heap(len(size)),
         np.empty(n_windows, np.int32),
         np.empty((n_windows, 4)),

@@ -7,12 +7,15 @@ import numpy as np
 
 from adaptsize.background import SimplexMesh
 from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
-from adaptsize.geometry.convexity import is_convex
+from adaptsize.geometry.convexity import count_corners, is_convex
 from adaptsize.geometry.plane_boundary import plane_boundary
+from adaptsize.limiting.exact.expansion import Ground, ground_of
 from adaptsize.limiting.exact.obstacles_in_plane import Plane, plane_of
 from adaptsize.limiting.exact.solid import Solid, solid_of
 
 _BOUNDARIES: WeakKeyDictionary[SimplexMesh, tuple[FlatBoundary, bool]] = WeakKeyDictionary()
+_CORNERS: WeakKeyDictionary[SimplexMesh, int] = WeakKeyDictionary()
+_GROUNDS: WeakKeyDictionary[SimplexMesh, Ground | None] = WeakKeyDictionary()
 _PLANES: WeakKeyDictionary[SimplexMesh, Plane] = WeakKeyDictionary()
 _SOLIDS: WeakKeyDictionary[SimplexMesh, Solid] = WeakKeyDictionary()
 
@@ -24,6 +27,21 @@ def boundary_of(mesh: SimplexMesh, threads: int) -> tuple[FlatBoundary, bool]:
         boundary = flat_boundary(mesh, threads)
         known = _BOUNDARIES[mesh] = boundary, is_convex(mesh.points, boundary)
     return known
+
+
+def corners_in(mesh: SimplexMesh, boundary: FlatBoundary) -> int:
+    """Return the number of corners of a mesh in the plane."""
+    known = _CORNERS.get(mesh)
+    if known is None:
+        known = _CORNERS[mesh] = count_corners(mesh.points, boundary)
+    return known
+
+
+def ground_in(mesh: SimplexMesh, boundary: FlatBoundary) -> Ground | None:
+    """Return what expansion needs to know of a mesh in the plane, None if it does not apply."""
+    if mesh not in _GROUNDS:
+        _GROUNDS[mesh] = ground_of(mesh, boundary)
+    return _GROUNDS[mesh]
 
 
 def plane_in(mesh: SimplexMesh, boundary: FlatBoundary) -> Plane:

@@ -10,21 +10,15 @@ import numpy.typing as npt
 
 from adaptsize._kernels import exact_space as kernels
 from adaptsize._kernels.exact import BLOCK
+from adaptsize._kernels.space_network import bound_paths, extend_paths
 from adaptsize._kernels.space_paths import LONGEST, Bases, Choice, Field, Paths, new_block
 from adaptsize._kernels.space_sight import Sight
 from adaptsize._workers import Workers
 from adaptsize.background._curve import along_curve, boxes_over
 from adaptsize.background._mesh_arrays import read_only
-from adaptsize.limiting.exact.candidates import (
-    EQUAL,
-)
-from adaptsize.limiting.exact.field import (
-    node_table,
-)
-from adaptsize.limiting.exact.obstacles_in_space import (
-    GRAZING,
-    ReflexEdges,
-)
+from adaptsize.limiting.exact.candidates import EQUAL
+from adaptsize.limiting.exact.field import node_table
+from adaptsize.limiting.exact.obstacles_in_space import ReflexEdges
 from adaptsize.limiting.exact.solid import Solid
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -50,20 +44,12 @@ class Network:
 
     def choice(self, which: IntArray) -> Choice:
         """Return some of the paths, with a tree over them."""
-        paths, edges, bases = self.paths, self.paths.edges, self.paths.bases
-        base, edge = paths.base[which], paths.edge[which]
-        bent = edge >= 0
-        places = bases.table[base, :9].reshape(-1, 3, 3)
-        lower, upper = places.min(axis=1), places.max(axis=1)
-        value = bases.table[base, 9:].min(axis=1)
-        e, w = edge[bent], which[bent]
-        ends = edges.start[e] + paths.part[w].T[:, :, None] * edges.along[e]
-        lower[bent], upper[bent] = ends.min(axis=0), ends.max(axis=0)
-        beyond = paths.image[w, 0] - np.clip(paths.image[w, 0], *paths.part[w].T)
-        value[bent] = paths.offset[w] + self.g * np.hypot(beyond, paths.image[w, 1])
-        order = along_curve(0.5 * (lower + upper))
-        boxes = boxes_over(lower[order], upper[order], value[order])
-        return Choice(which[order].astype(np.int32), boxes)
+        which = which.astype(np.int32)
+        lower, upper, middle = (np.empty((len(which), 3)) for _ in range(3))
+        value = np.empty(len(which))
+        bound_paths(self.paths, which, self.g, lower, upper, middle, value)
+        order = along_curve(middle)
+        return Choice(which[order], boxes_over(lower[order], upper[order], value[order]))
 
     def sources(self) -> Choice:
         """Return the straight paths from the sources."""
@@ -225,52 +211,19 @@ class Network:
         self, edge: IntArray, parent: IntArray, base: IntArray, part: FloatArray
     ) -> tuple[Paths, BoolArray]:
         """Return paths from bases, extended over edges, and whether these may be shortest."""
-        paths, edges = self.paths, self.reflex_edges.edges
-        straight = paths.edge[parent] < 0
-        along, normals, start = edges.along[edge], edges.normals[edge], edges.start[edge]
-        middle = start + part.mean(axis=1)[:, None] * along
+        edges, k, straight = self.paths.edges, len(edge), self.paths.edge[parent] < 0
+        middle = edges.start[edge] + part.mean(axis=1)[:, None] * edges.along[edge]
         foot, size, _ = self._starts(base, middle)
-        several = paths.bases.counts[base] > 1
-        offset = np.where(
-            straight, size - 2.0 * self.g * self._extent(base, foot), paths.offset[parent]
-        )
-        last = paths.edge[parent]
-        volume = np.einsum(
-            "ra,ra->r", np.cross(edges.along[last], along), start - edges.start[last]
-        )
-        skew = paths.skew[parent] | several
-        skew |= ~straight & (np.abs(volume) > self.sight.walls.slack)
-
-        origin = np.where(straight[:, None], foot, self._turned(parent, middle))
-        away = origin - start
-        place = np.einsum("ra,ra->r", away, along)
-        image = np.column_stack([place, np.linalg.norm(away - place[:, None] * along, axis=1)])
-        # The previous piece starts at one point, or at any point of a part of an edge.
-        before = edges.start[last] + paths.part[parent].T[:, :, None] * edges.along[last]
-        ends = np.where(straight[:, None], foot, before)
-        ahead = start - ends
-        ahead -= np.einsum("sra,ra->sr", ahead, along)[:, :, None] * along
-        far = np.linalg.norm(ahead, axis=2)
-        ahead /= np.maximum(far, 1e-300)[:, :, None]
-        nil = far <= 10.0 * self.sight.walls.slack
-        ahead = np.where(nil[:, :, None], ahead[::-1], ahead)
-        over = np.einsum("rfa,sra->srf", normals, ahead)
-        # If the outside lies straight ahead, a path that bends here is not shortest.
-        ok = (over.min(axis=2) <= GRAZING).any(axis=0) & ~nil.all(axis=0)
-        side = over.argmin(axis=2)
-        sector = np.empty((len(edge), 9))
-        sector[:, :3] = np.where(
-            (side[0] == side[1])[:, None], normals[np.arange(len(edge)), side[0]], 0.0
-        )
-        for end in range(2):
-            sideways = np.cross(ahead[end], along)
-            turned = np.einsum("ra,ra->r", sideways, self.reflex_edges.obstacles[edge]) < 0.0
-            sector[:, 3 + 3 * end : 6 + 3 * end] = np.where(turned[:, None], -sideways, sideways)
-        sector[several] = 0.0  # it may start elsewhere on its edge or face
-        ok |= several
+        if self.faces:
+            size = np.where(straight, size - 2.0 * self.g * self._extent(base, foot), size)
+        found = np.empty((k, 2)), np.empty(k), np.empty((k, 9)), *np.empty((2, k), np.bool_)
+        given = edge, parent, base, part
+        slack = self.sight.walls.slack
+        extend_paths(self.paths, self.reflex_edges.obstacles, given, (foot, size), slack, found)
+        image, offset, sector, skew, ok = found
         ok &= self.depth[parent] < LONGEST
         columns = (base, parent, edge, image, offset, sector, skew, part)
-        return Paths(paths.bases, edges, *columns), ok
+        return Paths(self.paths.bases, edges, *columns), ok
 
     def _starts(self, base: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
         """Return the points of bases from which paths to points x are straight.
@@ -296,17 +249,6 @@ class Network:
         away = bases.table[base, :9].reshape(-1, 3, 3) - start[:, None]
         extent: FloatArray = np.linalg.norm(away, axis=2).max(axis=1)
         return np.where(bases.counts[base] > 1, extent, 0.0)
-
-    def _turned(self, path: IntArray, x: FloatArray) -> FloatArray:
-        """Return the bases of paths, rotated about their last edges to opposite points x."""
-        e = self.paths.edge[path]
-        start, along = self.paths.edges.start[e], self.paths.edges.along[e]
-        across = x - start
-        across -= np.einsum("ra,ra->r", across, along)[:, None] * along
-        across /= np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
-        f, r = self.paths.image[path].T
-        turned: FloatArray = start + f[:, None] * along - r[:, None] * across
-        return turned
 
 
 def _below(

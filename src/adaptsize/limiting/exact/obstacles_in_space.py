@@ -6,18 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptsize._kernels.space_network import GRAZING
 from adaptsize._kernels.space_paths import Edges
-from adaptsize._kernels.space_sight import Sight, Stars, Walls
+from adaptsize._kernels.space_sight import Sight, Stars, Walls, fill_stars
 from adaptsize.background._curve import along_curve, boxes_over
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import components_of, places_among
 from adaptsize.geometry.boundary import facet_normals
-from adaptsize.geometry.convexity import Ridges
+from adaptsize.geometry.convexity import Ridges, cross, norms
 from adaptsize.geometry.flat_faces import diagonal_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray
-
-# Angles between a path and the faces of an edge below this are zero.
-GRAZING = 1e-9
 
 # Distances below this share of the diagonal are zero.
 _SLACK = 1e-11
@@ -37,13 +35,16 @@ def build_sight(points: FloatArray, cells: IntArray, facets: IntArray) -> Sight:
     triangles = [
         corners[:, 0],
         normals / area,
-        np.cross(corners[:, 2] - corners[:, 0], normals) / area**2,
-        np.cross(normals, corners[:, 1] - corners[:, 0]) / area**2,
+        cross(corners[:, 2] - corners[:, 0], normals) / area**2,
+        cross(normals, corners[:, 1] - corners[:, 0]) / area**2,
         # The normal of a sliver is uncertain, and so is the side on which a distant point lies.
         np.maximum(slack, 4.0 * rounding * diagonal / heights),
         np.minimum(slack / heights, 1e-3),
     ]
-    boxes = boxes_over(corners.min(axis=1), corners.max(axis=1), np.zeros(len(order)))
+    lower, upper = (
+        f(f(corners[:, 0], corners[:, 1]), corners[:, 2]) for f in (np.minimum, np.maximum)
+    )
+    boxes = boxes_over(lower, upper, np.zeros(len(order)))
     walls = Walls(np.column_stack(triangles), boxes, slack)
     return Sight(walls, _stars_at(points, cells, np.unique(facets)))
 
@@ -57,8 +58,9 @@ def _facets_of(
     """
     corners = points[facets]
     normals = facet_normals(corners)
-    areas = np.linalg.norm(normals, axis=1)
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    areas = norms(normals)
+    a, b, c = (norms(corners[:, v] - corners[:, v - 1]) for v in range(3))
+    longest = np.maximum(np.maximum(a, b), c)
     heights = np.divide(areas, longest, out=np.zeros_like(areas), where=longest > 0.0)
     rounding = float(np.finfo(float).eps * np.abs(corners).max())
     return normals, areas, heights, diagonal_of(points, facets), rounding
@@ -67,23 +69,11 @@ def _facets_of(
 def _stars_at(points: FloatArray, cells: IntArray, nodes: IntArray) -> Stars:
     """Return the cells with a volume at boundary nodes."""
     rows = places_among(nodes, len(points))
-    cells = cells[(rows[cells] >= 0).any(axis=1)]
-    edges = points[cells[:, 1:]] - points[cells[:, :1]]
-    volume = np.einsum("ij,ij->i", edges[:, 0], np.cross(edges[:, 1], edges[:, 2]))
-    longest = np.abs(edges).max(axis=(1, 2), initial=0.0)
-    flat = np.abs(volume) <= _NO_VOLUME * longest**3
-    turned = volume < 0.0
-    cells[turned, 2:] = cells[turned, 3:1:-1]
-    cells = cells[~flat]
-    # Even permutations: seen from the first vertex, the three others are right-handed.
-    around = [[0, 1, 2, 3], [1, 0, 3, 2], [2, 0, 1, 3], [3, 0, 2, 1]]
-    star = np.concatenate([cells[:, order] for order in around])
-    star = star[rows[star[:, 0]] >= 0]
-    row = rows[star[:, 0]]
-    star = star[np.argsort(row, kind="stable"), 1:]
-    first = np.zeros(len(nodes) + 1, np.int32)
-    first[1:] = np.cumsum(np.bincount(row, minlength=len(nodes)))
-    return Stars(read_only(points), rows, first, np.ascontiguousarray(star))
+    first = np.empty(len(nodes) + 1, np.int32)
+    star = np.empty((int(np.count_nonzero(rows[cells] >= 0)), 3), np.int32)
+    points = read_only(points)
+    fill_stars(points, read_only(cells), rows, _NO_VOLUME, first, star)
+    return Stars(points, rows, first, star)
 
 
 class _Ridges(NamedTuple):
@@ -133,13 +123,13 @@ def _turns_at(ridges: Ridges, points: FloatArray, facets: IntArray) -> _Ridges:
     is_odd = ~regular | thin[sides].any(axis=1)
 
     along = points[edges[:, 1]] - points[edges[:, 0]]
-    along /= np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
+    along /= np.maximum(norms(along), 1e-300)[:, None]
     to_apex = points[apex] - points[edges[:, :1]]
     in_face = to_apex - np.einsum("rsa,ra->rs", to_apex, along)[:, :, None] * along[:, None]
     in_face /= np.maximum(np.linalg.norm(in_face, axis=2), 1e-300)[:, :, None]
     normal = units[sides]
     rise = np.einsum("ra,ra->r", normal[:, 0], to_apex[:, 1])
-    reach = np.linalg.norm(to_apex[:, 1], axis=1)
+    reach = norms(to_apex[:, 1])
     height = np.maximum(heights[sides[:, 0]], 1e-300)
     nil = 16.0 * rounding * (1.0 + reach / height)
     is_crack = (np.abs(rise) <= nil) & (np.einsum("ra,ra->r", normal[:, 0], normal[:, 1]) < 0.0)
@@ -165,7 +155,7 @@ def _chains_of(points: FloatArray, ridges: _Ridges, slack: float) -> IntArray:
     pairs = number[passed][order].reshape(-1, 2)
     along = points[ends[:, 1]] - points[ends[:, 0]]
     along /= np.linalg.norm(along, axis=1)[:, None]
-    turn = np.linalg.norm(np.cross(along[pairs[:, 0]], along[pairs[:, 1]]), axis=1)
+    turn = np.linalg.norm(cross(along[pairs[:, 0]], along[pairs[:, 1]]), axis=1)
     chain = components_of(pairs[turn < GRAZING], len(ends))
     # Chains that are not straight are split into their edges.
     first = np.zeros(chain.max(initial=-1) + 1, np.int64)
@@ -208,8 +198,8 @@ def find_reflex_edges(
     nodes = nodes[along_curve(points[nodes])]
     number = np.zeros(len(points), np.int32)
     number[nodes] = np.arange(len(nodes))
-    pairs = np.unique(np.column_stack([number[ends].ravel(), np.repeat(chain, 2)]), axis=0)
-    corner, edge = np.ascontiguousarray(pairs.T.astype(np.int32))
+    pairs = number[ends].ravel().astype(np.int64) * max(1, n_edges) + np.repeat(chain, 2)
+    corner, edge = (a.astype(np.int32) for a in np.divmod(np.unique(pairs), max(1, n_edges)))
     place = np.einsum("pa,pa->p", points[nodes[corner]] - edges.start[edge], along[edge])
     order = np.lexsort((place, edge))
     same = np.flatnonzero(edge[order[1:]] == edge[order[:-1]])

@@ -34,10 +34,11 @@ def propagate_paths(known: WholeSolid, network: Network, field: Field, proved: B
     beside = np.zeros(n, np.bool_)
     beside[mesh.cells[~proved[mesh.cells].all(axis=1)]] = True
     seeds = np.flatnonzero((beside | ~proved) & (field.path >= 0) & np.isfinite(field.sizes))
-    pairs = np.column_stack([reflex.pieces.nodes.ravel(), np.repeat(reflex.pieces.edge, 2)])
-    both = np.unique(pairs, axis=0)
-    first = np.concatenate([[0], np.cumsum(np.bincount(both[:, 0], minlength=k))])
-    room = 4 * len(both) + 16
+    n_edges = max(1, len(reflex.edges.length))
+    pairs = reflex.pieces.nodes.ravel().astype(np.int64) * n_edges
+    at_node, edges = np.divmod(np.unique(pairs + np.repeat(reflex.pieces.edge, 2)), n_edges)
+    first = np.concatenate([[0], np.cumsum(np.bincount(at_node, minlength=k))])
+    room = 4 * len(edges) + 16
     more = Bases(*(_with_room(array, room) for array in paths.bases))
     longer = Paths(more, paths.edges, *(_with_room(array, room) for array in paths[2:]))
     relay = Relay(
@@ -46,12 +47,14 @@ def propagate_paths(known: WholeSolid, network: Network, field: Field, proved: B
         ~proved,
         places_among(reflex.nodes, n),
         first.astype(np.int32),
-        both[:, 1].astype(np.int32),
+        edges.astype(np.int32),
         m,
         np.array([len(paths.base), len(paths.bases.counts)]),
         _with_room(network.origin, room),
         new_heap(n),
         np.full(n, -1, np.int32),
+        np.full((n, 2), -1, np.int32),
+        np.empty(3 * int(np.diff(mesh.rings[0]).max()), np.int64),
     )
     push_all(relay.heap, seeds, field.sizes)
     propagate(relay, longer, field, network.sight, network.g, network.faces, new_block())
@@ -60,5 +63,7 @@ def propagate_paths(known: WholeSolid, network: Network, field: Field, proved: B
 
 
 def _with_room(array: npt.NDArray[Any], room: int) -> npt.NDArray[Any]:
-    """Return a longer copy of an array."""
-    return np.concatenate([array, np.zeros((room, *array.shape[1:]), array.dtype)])
+    """Return a longer copy of an array; the new rows are not written."""
+    longer = np.empty((len(array) + room, *array.shape[1:]), array.dtype)
+    longer[: len(array)] = array
+    return longer

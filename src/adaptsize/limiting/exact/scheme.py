@@ -1,14 +1,12 @@
 """The exact method: components, lines, meshes, surfaces, grids and periodic cells."""
 
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
-from typing import Annotated, ClassVar, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from adaptsize._kernels.exact_candidates import have_neighbours
-from adaptsize._kernels.ordering import fill_tiles
 from adaptsize._kernels.topology import mark_nodes
 from adaptsize._workers import Workers
 from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
@@ -19,14 +17,7 @@ from adaptsize.background.topology import places_among
 from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.limiting.edge_based import EdgeBased
 from adaptsize.limiting.exact.boxes import all_tetrahedra, linear_on_boxes
-from adaptsize.limiting.exact.candidates import (
-    EQUAL,
-    Component,
-    ConvexNodes,
-    Extra,
-    entries_of_nodes,
-    margin_for,
-)
+from adaptsize.limiting.exact.candidates import EQUAL, Component, ConvexNodes, Extra
 from adaptsize.limiting.exact.components import (
     OUTSIDE,
     ComponentPiece,
@@ -36,53 +27,25 @@ from adaptsize.limiting.exact.components import (
     piece_of,
     points_in_components,
 )
-from adaptsize.limiting.exact.field import (
-    ComponentSolution,
-    Entries,
-    ExactField,
-    Points,
-    field_of_nodes,
-    node_entries,
-    sorted_entries,
-)
+from adaptsize.limiting.exact.convex import solve_convex, with_images
+from adaptsize.limiting.exact.field import ComponentSolution, ExactField, node_entries
 from adaptsize.limiting.exact.in_parts import solve_piece
 from adaptsize.limiting.exact.kept import boundary_of
 from adaptsize.limiting.exact.on_surface import limit_on_surface
+from adaptsize.limiting.exact.solution import (
+    UNFINISHED,
+    ExactSolution,
+    SolvedComponent,
+    as_solution,
+)
 from adaptsize.limiting.exact.solve import solve_on_mesh
 from adaptsize.limiting.periodic import Periodicity
-from adaptsize.limiting.problem import NeedsWholeMesh, PointBounds, Problem, Scheme, Solution
+from adaptsize.limiting.problem import NeedsWholeMesh, PointBounds, Problem, Scheme
 from adaptsize.options import Option
 from adaptsize.typing import FloatArray, IntArray
 
-# Nodes of a tile of a grid, which is a block of the kernels.
-_TILES = {1: (32, 1, 1), 2: (4, 8, 1), 3: (4, 4, 2)}
-
-UNFINISHED = (
-    "the exact method stopped its search for paths over reflex edges with sizes still falling: "
-    "some sizes are larger than the shortest paths allow"
-)
-
-
-class SolvedComponent(NamedTuple):
-    """A component of the domain and its solution."""
-
-    nodes: IntArray | slice
-    """Its nodes in the background."""
-    found: ComponentSolution
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ExactSolution(Solution):
-    """Limited sizes, their sources, and which sizes are proved exact."""
-
-    parts: list[SolvedComponent] = field(default_factory=list)
-    """Components with a bound."""
-    n_proved: int
-    """Number of nodes whose size is proved exact."""
-    largest_gap: float
-    """Largest difference between a size that is not proved exact and its lower bound."""
-    propagated: bool = False
-    """Whether paths over the edges of a solid were propagated from node to node."""
+# Fewer nodes than this are sorted in less time than a thread takes to start, some .1 ms.
+_MANY = 10_000
 
 
 @dataclass(frozen=True)
@@ -127,38 +90,50 @@ class Exact(Scheme):
     def solve(self, problem: Problem) -> ExactSolution:
         """Solve a problem; ``iterations`` is the number of sources."""
         domain = problem.domain
-        h0, periodic = problem.h0, problem.periodic
-        if periodic is not None:
-            if not periodic.is_convex:
-                raise ValueError(
-                    "periodic with method='exact' needs a convex cell whose images complete it to "
-                    "a convex domain; use method='fast-marching'"
-                )
-            solution = self.solve(replace(problem, periodic=None))
-            return _with_images(solution, periodic, Workers.of(self.threads, problem.report))
-        if not isinstance(domain, CartesianGrid) and domain.cell_dim < domain.dim:
+        if problem.periodic is not None:
+            return self._periodic(problem.periodic, problem)
+        if isinstance(domain, CartesianGrid):
+            return self._on_grid(domain, problem)
+        if domain.cell_dim < domain.dim:
             return self._on_surface(domain, problem)
         if isinstance(domain, PartitionedMesh):
             return replace(self._by_components(domain, problem), parts=[])
-        if isinstance(domain, CartesianGrid):
-            if domain.active is not None:
-                return self._on_active(domain, problem)
-            if self.face_sources and domain.dim > 1 and _meet(h0):
-                return self._on_grid_mesh(domain, problem)
-        elif domain.dim == 1:
-            return self._by_components(PartitionedMesh.from_serial(domain), problem)
-        extra = _inside(domain, problem.point_sources)
-        if isinstance(domain, CartesianGrid):
-            g, workers = problem.slope.number(self.name), Workers.of(self.threads, problem.report)
-            nodes = ConvexNodes(domain, h0.ravel(), g, workers, extra)
-            return as_solution(h0, [SolvedComponent(slice(None), _on_convex_nodes(nodes))])
-        component = self._component(problem, domain, h0)._replace(extra=extra)
-        component, (boundary, convex), all_used = _prepared(component)
-        if not (all_used and (convex or is_connected(domain))):
-            return self._by_components(PartitionedMesh.from_serial(domain), problem)
-        return as_solution(
-            h0, [SolvedComponent(slice(None), solve_on_mesh(component, boundary, convex))]
-        )
+        return self._on_mesh(domain, problem)
+
+    def _periodic(self, cell: Periodicity, problem: Problem) -> ExactSolution:
+        """Solve on a cell, then with the images of its sources."""
+        if not cell.is_convex:
+            raise ValueError(
+                "periodic with method='exact' needs a convex cell whose images complete it to "
+                "a convex domain; use method='fast-marching'"
+            )
+        solution = self.solve(replace(problem, periodic=None))
+        return with_images(solution, cell, self._workers(problem))
+
+    def _on_grid(self, grid: CartesianGrid, problem: Problem) -> ExactSolution:
+        """Solve on a grid, by its boxes where h0 is linear on them."""
+        if grid.active is not None:
+            return self._on_active(grid, problem)
+        if self.face_sources and grid.dim > 1 and _meet(problem.h0):
+            return self._on_grid_mesh(grid, problem)
+        g, extra = problem.slope.number(self.name), _inside(grid, problem.point_sources)
+        nodes = ConvexNodes(grid, problem.h0.ravel(), g, self._workers(problem), extra)
+        return as_solution(problem.h0, [SolvedComponent(slice(None), solve_convex(nodes))])
+
+    def _on_mesh(self, mesh: SimplexMesh, problem: Problem) -> ExactSolution:
+        """Solve on a mesh, as a whole if it is one component without further nodes."""
+        if mesh.dim > 1:
+            component = self._component(problem, mesh, problem.h0)
+            component = component._replace(extra=_inside(mesh, problem.point_sources))
+            component, (boundary, convex), all_used = _prepared(component)
+            if all_used and (convex or is_connected(mesh)):
+                found = solve_on_mesh(component, boundary, convex)
+                return as_solution(problem.h0, [SolvedComponent(slice(None), found)])
+        return self._by_components(PartitionedMesh.from_serial(mesh), problem)
+
+    def _workers(self, problem: Problem) -> Workers:
+        """Return the threads for a problem in one process."""
+        return Workers.of(self.threads, problem.report)
 
     def _on_surface(self, domain: AnyMesh, problem: Problem) -> ExactSolution:
         """Solve on triangles in space."""
@@ -220,7 +195,7 @@ class Exact(Scheme):
             if ranks.size > 1:
                 found = solve_piece(part, number, component)
             elif part.dim == 1:  # an interval; folds change nothing
-                found = _on_convex_nodes(ConvexNodes.of(component.with_margin()))
+                found = solve_convex(ConvexNodes.of(component.with_margin()))
             else:
                 boundary, convex = boundary_of(piece.mesh, component.workers.threads)
                 found = solve_on_mesh(component, boundary, convex)
@@ -231,8 +206,8 @@ class Exact(Scheme):
 
     def _component(self, problem: Problem, mesh: SimplexMesh, h0: FloatArray) -> Component:
         """Return the problem on a mesh with given bounds."""
-        workers = Workers.of(self.threads, problem.report)
         g, price = problem.slope.number(self.name), problem.at_any_price
+        workers = self._workers(problem)
         return Component(mesh, h0, g, self.face_sources, workers, at_any_price=price)
 
     def _on_grid_mesh(self, grid: CartesianGrid, problem: Problem) -> ExactSolution:
@@ -290,10 +265,10 @@ def _prepared(component: Component) -> tuple[Component, tuple[FlatBoundary, bool
 
     With the boundary, whether the mesh is convex.
 
-    With several threads, the boundary is computed at the same time.
+    With several threads and many nodes, the boundary is computed at the same time.
     """
     mesh = component.mesh
-    if component.workers.threads == 1:
+    if component.workers.threads == 1 or mesh.n_points < _MANY:
         component = component._replace(
             order=along_curve(mesh.points), meet=have_neighbours(mesh.cells, component.h0)
         )
@@ -319,63 +294,6 @@ def _inside(background: SimplexMesh | CartesianGrid, given: PointBounds | None) 
     return Extra.of(given, np.flatnonzero(inside).astype(np.int32), background.n_points)
 
 
-def as_solution(h0: FloatArray, parts: list[SolvedComponent]) -> ExactSolution:
-    """Return the solution composed of those of the components; elsewhere bounds are kept."""
-    flat = h0.ravel().copy()
-    n_hidden, gap, n_entries = 0, 0.0, 0
-    for nodes, found in parts:
-        flat[nodes] = found.h
-        n_entries += len(found.field.nodes)
-        if found.proved is not None and found.lower is not None:
-            hidden = ~found.proved
-            n_hidden += int(np.count_nonzero(hidden))
-            gap = max(gap, float((found.h - found.lower)[hidden].max(initial=0.0)))
-    h, n_proved, unfinished = flat.reshape(h0.shape), flat.size - n_hidden, ""
-    if not all(found.finished for _, found in parts):
-        unfinished = UNFINISHED
-    return ExactSolution(
-        h,
-        n_entries,
-        0.0,
-        unfinished,
-        parts=parts,
-        n_proved=n_proved,
-        largest_gap=gap,
-        propagated=any(found.propagated for _, found in parts),
-    )
-
-
-def _on_convex_nodes(nodes: ConvexNodes) -> ComponentSolution:
-    """Solve for bounds at the nodes of a convex domain."""
-    h0, workers = nodes.h0, nodes.workers
-    entries = entries_of_nodes(nodes, np.flatnonzero(np.isfinite(h0)).astype(np.int32))
-    exact = field_of_nodes(entries, nodes.g, nodes.margin, workers.part(0.0, 0.1))
-    h, source = h0.copy(), np.full(len(h0), -1, np.int32)
-    for first, points in _slabs_of(nodes.domain):
-        last = first + len(points.places)
-        part = workers.part(0.1 + 0.9 * first / len(h), 0.1 + 0.9 * last / len(h))
-        exact.lower_by_last(points, h[first:last], source[first:last], part)
-    return ComponentSolution(h, source, exact)
-
-
-def _slabs_of(domain: SimplexMesh | CartesianGrid) -> Iterator[tuple[int, Points]]:
-    """Yield the nodes in blocks: all nodes of a mesh, a million at a time of a grid."""
-    if not isinstance(domain, CartesianGrid):
-        order = along_curve(domain.points)
-        if domain.dim == 1:
-            order = np.argsort(domain.points[:, 0], kind="stable").astype(np.int32)
-        yield 0, Points(domain.points, order)
-        return
-    order, first = np.empty(0, np.int32), 0
-    for slab, places in domain.slabs():
-        shape = (slab.stop - slab.start, *domain.shape[1:])
-        if len(order) != len(places):
-            order = np.empty(len(places), np.int32)
-            fill_tiles((*shape, 1, 1)[:3], _TILES[domain.dim], order)
-        yield first, Points(places, order)
-        first += len(places)
-
-
 def _meet(h0: FloatArray) -> bool:
     """Return whether two corners of any box of a grid have bounds."""
     finite = np.isfinite(h0)
@@ -386,95 +304,3 @@ def _meet(h0: FloatArray) -> bool:
         n = finite.shape[axis]
         finite = finite.take(range(n - 1), axis) + finite.take(range(1, n), axis)
     return bool((finite > 1).any())
-
-
-def _with_images(
-    solution: ExactSolution, periodicity: Periodicity, workers: Workers
-) -> ExactSolution:
-    r"""Return the exact solution of a periodic domain from that of its cell.
-
-    Both the cell and the domain are convex, so that distances are straight and
-
-    .. math:: h(x) = \min_L \min_y h_0(y) + g \, |x - y - L|
-
-    with all translations L of the lattice.  Sources that another one in the cell makes unnecessary
-    are unnecessary everywhere, so only images of the others are added.
-    """
-    (part,) = solution.parts
-    found = part.found
-    images = _images(found, periodicity)
-    if images is None:
-        return solution
-    field = ExactField(found.field.g, None, found.field.linear, [*found.field.groups, images])
-    h, source = found.h.copy(), found.source.copy()
-    for first, points in _slabs_of(periodicity.domain):
-        span = slice(first, first + len(points.places))
-        field.lower_by_last(points, h[span], source[span], workers)
-    h = periodicity.least(h)  # rounding may differ between paired nodes
-    return as_solution(
-        solution.h, [SolvedComponent(slice(None), ComponentSolution(h, source, field))]
-    )
-
-
-def _images(found: ComponentSolution, periodicity: Periodicity) -> Entries | None:
-    """Return the images of sources that may lower a size in the cell."""
-    every = Entries(found.field.table, np.empty(0), found.field.nodes)
-    nodes, places, sizes = every.nodes, every.places, every.sizes
-    if len(nodes) == 0:
-        return None
-    box = np.stack([places.min(axis=1), places.max(axis=1)])
-    least, largest, g = sizes.min(axis=1), float(found.h.max()), found.field.g
-    domain = periodicity.domain
-    if isinstance(domain, CartesianGrid):
-        lower, upper = domain.lower, domain.upper
-    else:
-        lower, upper = domain.points.min(axis=0), domain.points.max(axis=0)
-    tables, named = [], []
-    for shift in periodicity.shifts():
-        gap = np.maximum(0.0, np.maximum(box[0] + shift - upper, lower - box[1] - shift))
-        reach = least + g * np.linalg.norm(gap, axis=1) < largest
-        if reach.any():
-            moved = (places[reach] + shift).reshape(int(reach.sum()), -1)
-            tables.append(np.concatenate([moved, sizes[reach]], axis=1))
-            named.append(nodes[reach])
-    return sorted_entries(np.concatenate(tables), np.concatenate(named)) if tables else None
-
-
-def limit_points(
-    points: FloatArray,
-    bounds: FloatArray,
-    n: int,
-    g: float,
-    workers: Workers,
-    radius: float | None = None,
-) -> ComponentSolution:
-    r"""Return :math:`\min_j b_j + g |x_i - x_j|` at the first n points, and the j of each.
-
-    Parameters
-    ----------
-    points : float64[m, dim]
-        dim 2 or 3.
-    bounds : float64[m]
-        inf where there is none.
-    n : int
-        Sizes are returned at so many points.
-    g : float
-    workers : Workers
-    radius : float, optional
-        Radius of a sphere around 0 on which the points lie, and along which distances run.
-
-    Returns
-    -------
-    ComponentSolution
-        Sizes, bit by bit the same in any order of the points, and ``named``: each j, or i where no
-        bound reaches.
-    """
-    margin = 0.0
-    if radius is None:
-        margin = margin_for(float(bounds.min()), g, float(np.linalg.norm(np.ptp(points, axis=0))))
-    nodes = np.flatnonzero(np.isfinite(bounds)).astype(np.int32)
-    entries = node_entries(points[nodes], bounds[nodes], nodes)
-    field = field_of_nodes(entries, g, margin, workers, radius)
-    wanted = Points(points[:n], along_curve(points[:n]))
-    h, source = field.lowered(wanted, bounds[:n], workers)
-    return ComponentSolution(h, source, field)

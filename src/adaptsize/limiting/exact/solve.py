@@ -6,10 +6,11 @@ from functools import partial
 import numpy as np
 
 from adaptsize._kernels import exact_candidates as candidates
+from adaptsize._kernels.origins import name_along_edges
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.geometry.boundary import FlatBoundary
-from adaptsize.geometry.convexity import count_corners
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.candidates import (
     EQUAL,
@@ -27,7 +28,7 @@ from adaptsize.limiting.exact.field import (
     Points,
     node_entries,
 )
-from adaptsize.limiting.exact.kept import plane_in, solid_in
+from adaptsize.limiting.exact.kept import corners_in, ground_in, plane_in, solid_in
 from adaptsize.limiting.exact.obstacles_in_plane import (
     Plane,
     along_walls,
@@ -69,7 +70,7 @@ def solve_on_mesh(component: Component, boundary: FlatBoundary, convex: bool) ->
         found, start = solve_in_solid(WholeSolid(component, solid))
         _name_all(component, found, start)
         return found
-    n_corners = count_corners(mesh.points, boundary)
+    n_corners = corners_in(mesh, boundary)
     if favours_expansion(n_corners, mesh.n_points):
         too_many = has_many_corners(n_corners, mesh.n_points)
         expanded = _solve_by_expansion(component, boundary, too_many)
@@ -100,7 +101,8 @@ def _solve_by_expansion(
     def is_lost(h: FloatArray) -> bool:
         return steep is not None and len(sources_on_cells(component, steep, h).nodes) > 0
 
-    expanded = expand_from_points(component, boundary, nodes, is_lost)
+    ground = ground_in(component.mesh, boundary)
+    expanded = None if ground is None else expand_from_points(component, ground, nodes, is_lost)
     if expanded is None:
         return None
     mesh, extra = component.mesh, component.extra
@@ -193,68 +195,13 @@ def _name_all(component: Component, found: ComponentSolution, start: IntArray) -
         bend = np.full(mesh.points.shape, np.nan)
     known: BoolArray = (found.source >= 0) | (h >= component.h0)
     if not known.all():
-        _complete(mesh, (h, component.g), start, (named, bend), known)
+        n = len(h)
+        scratch = tuple(np.empty(n, np.int32) for _ in range(4))
+        given = (read_only(mesh.points), read_only(mesh.cells), *mesh.rings)
+        name_along_edges(
+            given, (h, component.g, TIE), start, known, (named, bend), (*scratch, np.empty(n))
+        )
         found.nodes, found.bend = named, bend
-
-
-def _complete(
-    mesh: SimplexMesh,
-    sizes: tuple[FloatArray, float],
-    start: IntArray,
-    found: tuple[IntArray, FloatArray],
-    known: BoolArray,
-) -> None:
-    """Name the sources of nodes that are not known, and the last bends of their paths.
-
-    A node takes the source of the node where its path starts, else that of the neighbour that
-    allows the smallest size, of these the one of the smallest number.  This is repeated, beginning
-    with the nodes of known sources.
-
-    Parameters
-    ----------
-    mesh : SimplexMesh
-    sizes : tuple of float64[n], float
-        Limited sizes, and g.
-    start : int32[n]
-        The node where the known part of the path starts; -1 if the source is known, or if the path
-        runs along edges.
-    found : tuple of int32[n, dim], float64[n, dim]
-        In/Out: the nodes of the source, first that of a node that is its own; the last bend, nan if
-        the path is straight.
-    known : bool[n]
-        In/Out.
-    """
-    pairs, (nodes, bend) = _paths_into(mesh, sizes, start, known), found
-    keeps_bend = (start >= 0) & np.isfinite(bend[:, 0])
-    while True:
-        usable = np.flatnonzero(~known[pairs[:, 0]] & known[pairs[:, 1]])
-        usable = usable[np.unique(pairs[usable, 0], return_index=True)[1]]
-        if len(usable) == 0:
-            return
-        at, by = pairs[usable].T
-        bends = nodes[by, 0] != by  # else the path from the source is straight
-        last = np.where(bends[:, None], mesh.points[by], bend[by])
-        bend[at] = np.where(keeps_bend[at, None], bend[at], last)
-        nodes[at], known[at] = nodes[by], True
-
-
-def _paths_into(
-    mesh: SimplexMesh, sizes: tuple[FloatArray, float], start: IntArray, known: BoolArray
-) -> IntArray:
-    """Return pairs of a node and one that its path may come from.
-
-    They are ordered by the first node, then by the size that this allows, then by the second.
-    """
-    h, g = sizes
-    pairs = np.concatenate([mesh.edges, mesh.edges[:, ::-1]])
-    pairs = pairs[~known[pairs[:, 0]] & (start[pairs[:, 0]] < 0)]
-    length = np.linalg.norm(mesh.points[pairs[:, 0]] - mesh.points[pairs[:, 1]], axis=1)
-    along = h[pairs[:, 1]] + g * length
-    tight = along <= h[pairs[:, 0]] * (1.0 + TIE)
-    started = np.flatnonzero(~known & (start >= 0)).astype(np.int32)
-    pairs = np.concatenate([pairs[tight], np.column_stack([started, start[started]])])
-    along = np.append(along[tight], h[started])
-    return pairs[np.lexsort((pairs[:, 1], along, pairs[:, 0]))]
 
 
 def _level(component: Component) -> ComponentSolution:
