@@ -207,7 +207,7 @@ def test_tags_of_facets_that_vanish_or_change_their_place_are_noticed(scale):
     swapped = replace(old, facet_tags=np.where(old.facet_tags == 6, 6, 9 - old.facet_tags))
     (failure,) = check_mesh(swapped, original=old).failures
     assert failure.value == pytest.approx(1.0 / np.sqrt(3.0))
-    assert failure.text.startswith("3; 4 within 0.577 of the diagonal")
+    assert failure.text.startswith(f"3; 4 within {scale:.3g} (0.577 of the diagonal)")
     assert failure.places[0].value == pytest.approx(scale)
 
 

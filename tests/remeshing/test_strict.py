@@ -44,7 +44,9 @@ def test_a_smaller_tolerance_is_tried_before_giving_up(sloppy):
     assert sloppy.calls == pytest.approx([1e-2, 4e-3, 1.5e-3])
     assert check_mesh(mesh, original=CUBE, tolerance=1e-2).is_met
     message = str(seen[0].message)
-    assert "fake: boundary within 0.03 of the diagonal, 0.01 allowed" in message
+    lengths = [f"{share * CUBE.diagonal:.3g}" for share in (0.03, 0.01)]
+    figures = "within {} (0.03 of the diagonal), {} (0.01) allowed".format(*lengths)
+    assert f"fake: boundary {figures}" in message
     assert seen[0].filename == __file__
 
 

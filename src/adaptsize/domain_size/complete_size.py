@@ -7,6 +7,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy.typing as npt
 
+from adaptsize._calls import recorded
 from adaptsize._checks import as_float_array, as_plain_array, check_type, describe, refusal
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
@@ -30,6 +31,7 @@ Domain: TypeAlias = (
 )
 
 
+@recorded("size_function")
 @with_options(SizeFunctionOptions)
 def size_function(
     domain: Domain,

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._calls import recorded
 from adaptsize._checks import warn_caller
 from adaptsize._defaults import TOLERANCE
 from adaptsize._messages import Message, message_of
@@ -68,6 +69,7 @@ class MeshOfElements(NamedTuple):
         return report_of(self.size)
 
 
+@recorded("remesh_to_elements", "mesh", "size")
 @with_options(RemeshToElementsOptions)
 def remesh_to_elements(
     mesh: SimplexMesh,

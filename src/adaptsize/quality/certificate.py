@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from adaptsize._checks import as_number, as_tolerance, place_text
+from adaptsize._checks import as_number, as_tolerance, length_text, place_text
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import skin_of
 from adaptsize.background.simplex import as_mesh
@@ -427,7 +427,8 @@ def _near(name: str, away: list[Distances], allowed: float, diagonal: float, cou
     points = np.concatenate([found.points for found in away])
     distance = np.concatenate([found.distance for found in away])
     largest = float(distance.max())
-    text = f"within {largest / diagonal:.3g} of the diagonal, {allowed / diagonal:.3g} allowed"
+    limit = f"{allowed:.3g} ({allowed / diagonal:.3g}) allowed"
+    text = f"within {length_text(largest, diagonal)}, {limit}"
     bad = np.flatnonzero(distance > allowed * (1.0 + _ROUNDING))
     worst = bad[np.argsort(-distance[bad])][:count]
     places = _places(points[worst], distance[worst], count)

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from adaptsize._checks import place_text, warn_caller
+from adaptsize._checks import length_text, place_text, warn_caller
 from adaptsize._messages import Message
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import skin_of
@@ -178,8 +178,8 @@ def refuse_other_domain(new: SimplexMesh, problem: MeshingProblem, backend: str)
         if distance > far:
             raise BackendError(
                 f"{backend} returned a mesh of another domain: its {what} is off by "
-                f"{distance / old.diagonal:.2g} of the diagonal, at most "
-                f"{far / old.diagonal:.2g} is accepted"
+                f"{length_text(distance, old.diagonal)}, at most "
+                f"{length_text(far, old.diagonal)} is accepted"
             )
     if old_skin.is_closed and old.cell_dim == new.cell_dim == new.dim:
         change = float(new.measures.sum() / old.measures.sum() - 1.0)

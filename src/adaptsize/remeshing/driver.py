@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy.typing as npt
 
+from adaptsize._calls import recorded
 from adaptsize._checks import warn_caller
 from adaptsize._progress import reporting
 from adaptsize.background import PartitionedMesh, SimplexMesh
@@ -39,6 +40,7 @@ from adaptsize.typing import FloatArray, ProgressCallback, Unpack
 M = TypeVar("M", SimplexMesh, PartitionedMesh, SimplexMesh | PartitionedMesh)
 
 
+@recorded("remesh")
 @with_options(RemeshOptions)
 def remesh(
     mesh: M,

@@ -34,6 +34,10 @@ _ADVICE = {
 }
 
 
+#: Demands on distances, which are rows of the summary.
+_DISTANCES = ("boundary", "interface")
+
+
 def kind_of(mesh: SimplexMesh) -> str:
     """Return the name of the cells of a mesh."""
     return ("segments", "triangles", "tetrahedra")[mesh.cell_dim - 1]
@@ -118,11 +122,7 @@ class Outcome:
             *([] if found.served is None else [("served", found.service)]),
             ("angles", f"{angles}, 1 % below {found.angle_p01:.1f}"),
         ]
-        for name in ("boundary", "interface"):
-            distance = self.check.distance(name)
-            if distance is not None:
-                text = f"{distance:.2g} of the diagonal from the old one"
-                rows.append((name, f"{text}, tolerance {self.tolerance:.2g}"))
+        rows += [(d.name, d.text) for d in self.check.demands if d.name in _DISTANCES]
         several = self.regions if len(self.regions) > 1 else {}
         for tag, (measure, change) in several.items():
             rows.append(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._calls import recorded
 from adaptsize._checks import as_number, as_points, describe, place_text, refusal, warn_caller
 from adaptsize._formats.coastal.outlines import (
     Line,
@@ -35,6 +36,7 @@ _SIMPLER = 0.2
 _LEAST_SHARE = 0.01
 
 
+@recorded("polygons", reads=True)
 def polygons(
     outer: Any,
     holes: Any = (),

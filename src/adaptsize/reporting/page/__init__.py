@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 import adaptsize
+from adaptsize import _calls
 from adaptsize._checks import as_path, as_tolerance, check_type
 from adaptsize._formats.guards import write_whole
 from adaptsize._formats.text import write_text
@@ -72,7 +73,8 @@ def report(
         Names of steps and the seconds they took, for the table.
     about : mapping of str to str, optional
         Where the mesh comes from, such as the input, the command and the generator.  It is printed
-        at the head of the page, above the date and the version.
+        at the head of the page, below the calls that made the mesh and above the date and the
+        version.
 
     Raises
     ------
@@ -113,8 +115,16 @@ def report(
         check = check_mesh(mesh, original=original, size=size, tolerance=tolerance)
         if size is not None:
             outcome = Outcome(kind_of(mesh), size_conformity(mesh, size), check)
-    head = {"title": title, "times": times, "about": about or {}}
+    head = {"title": title, "times": times, "about": {**_calls_of(mesh), **(about or {})}}
     write_page(target, mesh, size, outcome, check, head)
+
+
+def _calls_of(mesh: SimplexMesh) -> dict[str, str]:
+    """Return the calls that made a mesh, for the head of its page, as far as they are known."""
+    origin = _calls.origin_of(mesh)
+    if origin is None:
+        return {}
+    return {"made by": ", ".join(map(_calls.text_of, _calls.as_steps(origin.call)))}
 
 
 def write_page(
