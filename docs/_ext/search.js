@@ -20,6 +20,6 @@ page.queries = queries;
 const found = vm.runInContext(
   `queries.map((query) => {
      const results = Search._performSearch(...Search._parseQuery(query)); // the best one comes last
-     return [...new Set(results.reverse().map((result) => result[0]))].slice(0, 4);
+     return [...new Set(results.reverse().map((result) => result[0]))].slice(0, 3);
    })`, page);
 process.stdout.write(JSON.stringify(found));

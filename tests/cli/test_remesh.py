@@ -304,7 +304,7 @@ def test_check_takes_the_tolerance_with_which_a_mesh_was_made(capsys, tmp_path, 
     assert call(*check) == 0
     printed = capsys.readouterr()
     assert "curved.vtu on 20" in printed.err
-    assert f"{tolerance:.3g} allowed" in printed.out
+    assert f"({tolerance:.3g}) allowed" in printed.out
     assert call(*check, "--tolerance", "1e-4") == 1
     record = read_record(output)
     assert record["tolerance"] == tolerance

@@ -221,7 +221,7 @@ def test_tags_of_a_surface_are_compared_with_those_of_the_boundary_of_its_volume
     assert failure.text == "1 of 3 missing: 8"
     surface = replace(skin, cell_tags=np.where(left, 4, 5))
     (failure,) = check_mesh(volume, original=surface).failures
-    assert failure.text.startswith("2; 5 within 0.577")
+    assert failure.text.startswith("2; 5 within 1 (0.577 of the diagonal)")
     check = check_mesh(CUBE, original=surface)
     assert check.is_met
     assert check.notes == ("tags of the surface are not compared: the mesh has none",)

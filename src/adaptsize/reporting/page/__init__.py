@@ -27,7 +27,8 @@ from adaptsize.quality.certificate import MeshCheck
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.reporting.outcome import Outcome, kind_of, outcome_of_remeshing
 
-_SCENE = """<div class="tools"><select id="scenes" aria-label="what to show"></select>
+#: What `viewer.js` works on.
+SCENE = """<div class="tools"><select id="scenes" aria-label="what to show"></select>
 <label><input type="checkbox" id="edges" checked> edges</label>
 <button id="whole">whole mesh</button>
 <span>Drag to turn, shift and drag to move, scroll to zoom, click for values.</span></div>
@@ -160,7 +161,7 @@ def write_page(
         f'<h1>{heading}</h1><div class="head">{_table(origin)}</div>',
         *(f'<p class="warning">{escape(text)}</p>' for text in warnings),
         "<h2>Mesh</h2>",
-        _SCENE,
+        SCENE,
         "<h2>Summary</h2>",
         _table(_rows(mesh, outcome, None if size is None else size.report, head["times"])),
         '<h2>Edge lengths and angles</h2><div class="charts">',

@@ -120,7 +120,7 @@ def _coloured(scene: Scene) -> dict[str, Any]:
         "colours": [to_hex(colour) for colour in mapped.cmap(np.linspace(0.0, 1.0, 12))],
         "low": low,
         "high": high,
-        "logarithmic": scene.is_logarithmic,
+        "logarithmic": bool(scene.is_logarithmic),
     }
 
 
