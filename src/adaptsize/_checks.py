@@ -164,7 +164,7 @@ def as_number(
     """Return a float with ``value >= lower``, or ``> lower`` if ``strict``, and ``<= upper``.
 
     Positive numbers but inf are ``within`` a range, so that they can be squared and divided by.
-    An angle in ``unit`` degrees that looks like one in radians draws a warning.
+    An angle in ``unit`` degrees that looks like one in radians causes a warning.
     """
     try:
         if isinstance(value, str | bytes) or np.iscomplexobj(value) or value is np.ma.masked:

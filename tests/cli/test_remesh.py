@@ -210,7 +210,7 @@ def test_what_is_out_of_bounds_is_a_warning(mesh, size, predicted, change, warne
         (1.2, "missed", "smaller sizes or --strict keep it closer"),
     ],
 )
-def test_a_demand_that_is_near_is_said_and_accepted(capsys, move, status, text):
+def test_a_requirement_that_is_near_is_said_and_accepted(capsys, move, status, text):
     cube = block(2)
     tolerance = 0.01
     moved = cube.moved(cube.points + np.array([move * tolerance * cube.diagonal, 0.0, 0.0]))
@@ -229,7 +229,7 @@ def test_a_demand_that_is_near_is_said_and_accepted(capsys, move, status, text):
         assert re.search(f"warning: boundary: {re.escape(figures)}, {place}; {text}$", lines[0])
     values = found.as_dict()
     assert values["status"] == status
-    assert next(d for d in values["demands"] if d["name"] == "boundary")["status"] == status
+    assert next(d for d in values["requirements"] if d["name"] == "boundary")["status"] == status
 
 
 def test_the_report_says_which_requested_elements_are_missing():
@@ -246,7 +246,7 @@ def test_the_report_says_which_requested_elements_are_missing():
     # The nodal sizes know little of the box: there is hardly a node in it.
     coarse = coarse.with_data(point_data={"h": size(coarse.points)})
     outcome = outcome_of_remeshing(coarse, SQUARE, size, 1e-3)
-    assert "served" in [demand.name for demand in outcome.check.failures]
+    assert "served" in [requirement.name for requirement in outcome.check.failures]
     values = outcome.as_dict()
     assert values["served"] < 0.5 < values["too_coarse"]
     assert values["worst"]["cause"] == "sources"
@@ -437,5 +437,8 @@ def test_details_are_removed_and_listed(capsys, tmp_path, no_generator):
     call("check", path.with_name("new.vtu"), "--original", path, "--json")
     printed = capsys.readouterr()
     assert "removed 1 cavities" in printed.err
-    demands = {demand["name"]: demand["is_met"] for demand in json.loads(printed.out)["demands"]}
-    assert demands["boundary"]
+    requirements = {
+        requirement["name"]: requirement["is_met"]
+        for requirement in json.loads(printed.out)["requirements"]
+    }
+    assert requirements["boundary"]

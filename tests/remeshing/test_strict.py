@@ -1,4 +1,4 @@
-"""``remesh(strict=True)``: the demands are met, or an error lists what was tried."""
+"""``remesh(strict=True)``: the requirements are met, or an error lists what was tried."""
 
 import numpy as np
 import pytest
@@ -51,10 +51,10 @@ def test_a_smaller_tolerance_is_tried_before_giving_up(sloppy):
 
 
 def test_an_error_lists_what_was_tried_and_the_worst_places(sloppy):
-    with pytest.raises(MeshingError, match="no mesh meets the demands") as caught:
+    with pytest.raises(MeshingError, match="no mesh meets the requirements") as caught:
         sloppy(tolerance=1e-2, size=0.1, strict=True)
     message = str(caught.value)
     assert message.count("fake") == 3
     assert "edges 0.0% within a factor sqrt 2 of the size, 80% required" in message
     assert "worst places of the best: edges at (" in message
-    assert [demand.name for demand in caught.value.check.failures] == ["edges", "served"]
+    assert [requirement.name for requirement in caught.value.check.failures] == ["edges", "served"]

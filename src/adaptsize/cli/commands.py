@@ -139,8 +139,8 @@ def info(console: Console, file: Input, given: Given) -> int:
 def check(console: Console, file: Input, given: Given) -> int:
     """Check a mesh: validity, domain, conformity with its sizes.
 
-    The exit code is 1 if a demand is missed by more than 10 % of its limit.  The worst places are
-    listed.  The tolerance is that with which remesh made the mesh, unless another one is given.
+    The exit code is 1 if a requirement is missed by more than 10 % of its limit.  The worst places
+    are listed.  The tolerance is that with which remesh made the mesh, unless another one is given.
     """
     from adaptsize.remeshing.preparation import repair_mesh
     from adaptsize.reporting.outcome import Outcome, conformity_beside, kind_of

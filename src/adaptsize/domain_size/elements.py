@@ -178,11 +178,11 @@ class MadeMesh(NamedTuple):
         """Whether the boundary is so far away that the generator has made another surface."""
         check = None if self.attempts is None else self.attempts.check
         return check is not None and any(
-            demand.name == "boundary"
-            and demand.value is not None
-            and demand.limit is not None
-            and demand.value > of_remeshing.FARTHEST_BOUNDARY * demand.limit
-            for demand in check.missed
+            requirement.name == "boundary"
+            and requirement.value is not None
+            and requirement.limit is not None
+            and requirement.value > of_remeshing.FARTHEST_BOUNDARY * requirement.limit
+            for requirement in check.missed
         )
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from adaptsize.quality.conformity import Conformity, SizeLike
 
 
-#: What helps where a demand of `check_mesh` is missed.
+#: What helps where a requirement of `check_mesh` is missed.
 _ADVICE = {
     "cells": Message("{strict:True} tries other generators"),
     "facets": Message("{strict:True} tries other generators"),
@@ -34,7 +34,7 @@ _ADVICE = {
 }
 
 
-#: Demands on distances, which are rows of the summary.
+#: Requirements on distances, which are rows of the summary.
 _DISTANCES = ("boundary", "interface")
 
 
@@ -50,7 +50,7 @@ class Outcome:
     kind: str
     conformity: Conformity
     check: MeshCheck
-    """The demands of `check_mesh`, which warnings report if they are not met."""
+    """The requirements of `check_mesh`, which warnings report if they are not met."""
     expected: float | None = None
     """Number of cells that is predicted, or requested."""
     requested: bool = False
@@ -101,7 +101,7 @@ class Outcome:
             result["n_pinched"] = self.pinched[0]
         result["n_sharp"] = self.sharp[0]
         result["status"] = self.status
-        result["demands"] = [demand.as_dict() for demand in self.check.demands]
+        result["requirements"] = [requirement.as_dict() for requirement in self.check.requirements]
         result["regions"] = {
             tag: {"measure": measure, "change": change}
             for tag, (measure, change) in self.regions.items()
@@ -122,7 +122,7 @@ class Outcome:
             *([] if found.served is None else [("served", found.service)]),
             ("angles", f"{angles}, 1 % below {found.angle_p01:.1f}"),
         ]
-        rows += [(d.name, d.text) for d in self.check.demands if d.name in _DISTANCES]
+        rows += [(d.name, d.text) for d in self.check.requirements if d.name in _DISTANCES]
         several = self.regions if len(self.regions) > 1 else {}
         for tag, (measure, change) in several.items():
             rows.append(
@@ -148,16 +148,20 @@ class Outcome:
         found, lines = self.conformity, list[str | Message](self.unserved)
         if self.over_cap is not None:
             lines.append(self.over_cap)
-        for demand in self.check.failures:
-            worst = f", the worst at {place_text(demand.places[0].point)}" if demand.places else ""
-            advice = _ADVICE[demand.name]
+        for requirement in self.check.failures:
+            worst = (
+                f", the worst at {place_text(requirement.places[0].point)}"
+                if requirement.places
+                else ""
+            )
+            advice = _ADVICE[requirement.name]
             if (
-                demand.name == "served" and (found.too_coarse or 0.0) < tuning.TOO_COARSE
+                requirement.name == "served" and (found.too_coarse or 0.0) < tuning.TOO_COARSE
             ):  # too fine
                 advice = _ADVICE["edges"]
-            if demand.status == "near":
+            if requirement.status == "near":
                 advice = f"near, which is accepted up to {100.0 * NEAR:g} % beyond the limit"
-            lines.append(Message("{}: {}{}; {}", demand.name, demand.text, worst, advice))
+            lines.append(Message("{}: {}{}; {}", requirement.name, requirement.text, worst, advice))
         if self.excess is not None and abs(self.excess) > tuning.EXCESS and not self.requested:
             lines.append(
                 f"{found.n_cells} {self.kind} are {abs(self.excess):.0%} "
@@ -207,7 +211,7 @@ def outcome_of_remeshing(
     from adaptsize.quality import check_mesh
     from adaptsize.quality.boundary import region_measures
     from adaptsize.quality.by_place import RequestedElements
-    from adaptsize.quality.certificate import edges_demand, of_domain, served_demand
+    from adaptsize.quality.certificate import edges_requirement, of_domain, served_requirement
     from adaptsize.quality.conformity import with_served
     from adaptsize.quality.requests import unserved
 
@@ -217,8 +221,8 @@ def outcome_of_remeshing(
     if check is None:
         check = check_mesh(new, original=old, tolerance=tolerance)
     elements_there = RequestedElements.of(new, size)
-    of_sizes = edges_demand(new, sizes), *served_demand(elements_there)
-    check = replace(check, demands=(*of_domain(check), *of_sizes))
+    of_sizes = edges_requirement(new, sizes), *served_requirement(elements_there)
+    check = replace(check, requirements=(*of_domain(check), *of_sizes))
     found = with_served(conformity_beside(check, new, sizes, old), elements_there.served(size))
     same_kind = old.cell_dim == new.cell_dim
     was, made = (region_measures(mesh) if same_kind else {} for mesh in (old, new))
@@ -305,7 +309,9 @@ def _change(new: SimplexMesh, old: SimplexMesh, check: MeshCheck) -> float | Non
     if old.cell_dim == new.cell_dim:
         before = old.measures.sum()
     else:
-        found = [demand.value for demand in check.demands if demand.name == "measure"]
+        found = [
+            requirement.value for requirement in check.requirements if requirement.name == "measure"
+        ]
         if found:
             return found[0]
         before = Solid(old).volume

@@ -209,13 +209,13 @@ def _table(rows: Sequence[tuple[str, str]]) -> str:
 def _checks(check: MeshCheck) -> str:
     """Return the table of checks, with the worst places below those that are not met."""
     rows = []
-    for demand in check.demands:
+    for requirement in check.requirements:
         missed = '<span class="failed">missed</span>'
-        state = missed if demand.status == "missed" else demand.status
+        state = missed if requirement.status == "missed" else requirement.status
         rows.append(
-            f"<tr><th>{escape(demand.name)}</th><td>{state}</td><td>{escape(demand.text)}</td></tr>"
+            f"<tr><th>{escape(requirement.name)}</th><td>{state}</td><td>{escape(requirement.text)}</td></tr>"
         )
-        rows += [_place(place.point, f"{place.value:.4g}") for place in demand.places]
+        rows += [_place(place.point, f"{place.value:.4g}") for place in requirement.places]
     rows += [f"<tr><th>note</th><td></td><td>{escape(note)}</td></tr>" for note in check.notes]
     return f'<div class="scroll"><table>{"".join(rows)}</table></div>'
 
