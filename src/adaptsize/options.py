@@ -10,9 +10,7 @@ import inspect
 import os
 import re
 import textwrap
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from difflib import get_close_matches
@@ -42,6 +40,7 @@ from adaptsize._checks import (
     one_of,
     refusal,
     warn_caller,
+    were_checked,
 )
 from adaptsize._defaults import (
     CORNER_ANGLE,
@@ -64,19 +63,6 @@ R = TypeVar("R")
 _WIDTH = 100  # of a docstring
 #: Gradient limits from this on look like percentages.
 _PERCENTAGE = 10.0
-
-#: Whether values come from options that were checked before, so that no warning is repeated.
-_WAS_CHECKED: ContextVar[bool] = ContextVar("_WAS_CHECKED", default=False)
-
-
-@contextmanager
-def checked_before() -> Iterator[None]:
-    """Pass on options that were checked: what is unusual in them was warned of, or is derived."""
-    token = _WAS_CHECKED.set(True)
-    try:
-        yield
-    finally:
-        _WAS_CHECKED.reset(token)
 
 
 @dataclass(frozen=True)
@@ -164,7 +150,7 @@ class Option:
                 self.name, value, lower=self.lower, strict=self.above, allow_inf=self.inf,
                 upper=self.upper, unit=unit,
             )  # fmt: skip
-        if not _WAS_CHECKED.get():
+        if not were_checked():
             self._warn_of(value)
         return value
 
@@ -787,6 +773,8 @@ ENTRANCES: Mapping[str, type] = {
     "mesh_from_distance": DistanceOptions,
     "adapt": AdaptOptions,
 }
+#: Arguments of `remesh_to_elements` that other functions have as options.
+_ARGUMENTS = {"remesh_to_elements": ("elements", "nodes")}
 #: Values that request nothing, so that they may be given where an option is not implemented.
 _OFF = {"elements_between": 0.0, "tolerance": float("inf")}
 
@@ -799,7 +787,13 @@ def entrances_with(name: str, entrances: Mapping[str, type]) -> str:
     >>> entrances_with("spacing", ENTRANCES)
     'size_function and mesh_image'
     """
-    return joined([title for title, record in entrances.items() if name in options_of(record)])
+    return joined(
+        [
+            title
+            for title, record in entrances.items()
+            if name in (*options_of(record), *_ARGUMENTS.get(title, ()))
+        ]
+    )
 
 
 def joined(names: Sequence[str]) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._calls import recorded
-from adaptsize._checks import warn_caller
+from adaptsize._checks import checked_before, warn_caller
 from adaptsize._defaults import TOLERANCE
 from adaptsize._messages import Message, message_of
 from adaptsize._size_function import SizeFunction
@@ -39,7 +39,6 @@ from adaptsize.options import (
     MeshOptions,
     RemeshToElementsOptions,
     checked,
-    checked_before,
     options_of,
     with_options,
 )
