@@ -37,11 +37,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _gallery import DATA, run, save_panels, save_scenes
+from _gallery import DATA, run, save_panels
 
 import adaptsize as ads
 from adaptsize.plot import plot_mesh, plot_size
-from adaptsize.plot.scene import scene_of_mesh
 
 ELEMENTS_PER_RADIAN = 3.0
 #: Over the diagonal: more than the noise of the scan, which the mesh should not follow.
@@ -74,11 +73,6 @@ def main(
     size = ads.SizeFunction(grid, h)
     mesh = ads.remesh(scan, size, hmax=hmax, tolerance=TOLERANCE)
     draw(output_dir / "scan.png", mesh, size, width)
-    scenes = {
-        name: scene_of_mesh(mesh, size(mesh.points), clip, on_nodes=True, label="size h")
-        for name, clip in (("size h", None), ("size h, split view", "y"))
-    }
-    save_scenes(output_dir / "scan.scenes.json", scenes)
     conformity = ads.size_conformity(mesh, size, surface=scan)
     inside = phi < 0.0
     assert conformity.boundary_edges is not None

@@ -67,6 +67,8 @@ class Outcome:
     """Number of edges (nodes, in the plane) of the boundary in more than two of its facets, and the
     place of one."""
 
+    names: dict[int, str] = field(default_factory=dict)
+    """Names of the regions that have one."""
     unserved: tuple[str, ...] = ()
     """A line for each request of which too much is missing."""
     over_cap: Message | None = None
@@ -126,7 +128,10 @@ class Outcome:
         several = self.regions if len(self.regions) > 1 else {}
         for tag, (measure, change) in several.items():
             rows.append(
-                (f"region {tag}", f"{self._measure} {measure:.6g}, changed by {_percent(change)}")
+                (
+                    f"region {self._named(tag)}",
+                    f"{self._measure} {measure:.6g}, changed by {_percent(change)}",
+                )
             )
         if self.change is not None:
             rows.append((self._measure, f"changed by {_percent(self.change)}"))
@@ -136,6 +141,10 @@ class Outcome:
         """Return one line per topic."""
         width = max(10, 1 + max(len(name) for name, _ in self.rows))
         return "\n".join(f"{name:{width}}{text}" for name, text in self.rows)
+
+    def _named(self, tag: int) -> str:
+        """Return a tag, and its name if it has one."""
+        return f'{tag} "{self.names[tag]}"' if tag in self.names else str(tag)
 
     @property
     def _measure(self) -> str:
@@ -180,7 +189,9 @@ class Outcome:
         of_regions = self.regions if self.expected is None and len(self.regions) > 1 else {}
         changes = {tag: change for tag, (_, change) in of_regions.items() if abs(change) > most}
         if changes:  # of other meshes, check compares the regions
-            listed = ", ".join(f"{tag} ({change:+.1%})" for tag, change in changes.items())
+            listed = ", ".join(
+                f"{self._named(tag)} ({change:+.1%})" for tag, change in changes.items()
+            )
             text = (
                 "the {} of these regions has changed: {}; less smoothing keeps thinner parts, and "
                 "smaller sizes ({size_of}) resolve them"
@@ -236,6 +247,7 @@ def outcome_of_remeshing(
         _change(new, old, check),
         {tag: (made[tag], made[tag] / was[tag] - 1.0) for tag in was if tag in made},
         sharp_cells(new),
+        names=names_of_regions(new),
         unserved=tuple(str(one) for one in unserved(elements_there, size)),
     )
 
@@ -254,6 +266,11 @@ def conformity_beside(
     if original is None or away is None:
         return found
     return replace(found, hausdorff=away * original.diagonal, hausdorff_relative=away)
+
+
+def names_of_regions(mesh: SimplexMesh) -> dict[int, str]:
+    """Return the names of the regions that have one."""
+    return {tag: name for (dim, tag), name in mesh.tag_names.items() if dim == mesh.cell_dim}
 
 
 def sharp_cells(mesh: SimplexMesh) -> tuple[int, tuple[float, ...]]:
@@ -282,6 +299,7 @@ def outcome_of_image(mesh: SimplexMesh, image: Image, options: ImageOptions) -> 
         change=float(mesh.measures.sum() / sum(was.values()) - 1.0),
         regions={k: (made.get(k, 0.0), made.get(k, 0.0) / was[k] - 1.0) for k in was if made},
         sharp=sharp_cells(mesh),
+        names=names_of_regions(mesh),
         pinched=(len(pinched), tuple(skin.points[pinched[:1]].mean(axis=1).ravel().tolist())),
     )
 

@@ -27,6 +27,8 @@ from adaptsize.quality.certificate import MeshCheck
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.reporting.outcome import Outcome, kind_of, outcome_of_remeshing
 
+#: Regions, and faces, that are listed.
+_MOST_PARTS = 60
 #: What `viewer.js` works on.
 SCENE = """<div class="tools"><select id="scenes" aria-label="what to show"></select>
 <label><input type="checkbox" id="edges" checked> edges</label>
@@ -51,7 +53,8 @@ def report(
 
     The page is one HTML file without references to the network.  It shows the mesh as a
     scene that can be turned, whole and cut open, with the sizes, the quality, the edge length
-    over the size, the regions, and what controls the sizes.  Below are histograms of edge lengths
+    over the size, the regions, the tagged faces, and what controls the sizes.  Below are a table of
+    regions and faces with their names and colours, histograms of edge lengths
     over sizes and of angles, the comparison with the request, and the checks.  A click on one of
     the worst places shows it in the mesh.
 
@@ -164,6 +167,7 @@ def write_page(
         SCENE,
         "<h2>Summary</h2>",
         _table(_rows(mesh, outcome, None if size is None else size.report, head["times"])),
+        *_parts(mesh),
         '<h2>Edge lengths and angles</h2><div class="charts">',
         *(f"<figure>{chart}</figure>" for chart in charts),
         "</div><h2>Cells with the smallest angles</h2>",
@@ -199,6 +203,34 @@ def _rows(
         parts = ", ".join(f"{name} {seconds:.1f}" for name, seconds in times)
         rows.append(("time", f"{sum(seconds for _, seconds in times):.1f} s: {parts}"))
     return rows
+
+
+def _parts(mesh: SimplexMesh) -> list[str]:
+    """Return the table of regions and tagged facets: name, colour in the scene, number, measure."""
+    from adaptsize.reporting.page.scenes import colours_of_tags, faces_of
+
+    rows: list[str] = []
+    measures = ("length", "area", "volume")
+    for kind, part in (("region", mesh), ("face", faces_of(mesh))):
+        if part is None or part.cell_tags is None:
+            continue
+        colours = colours_of_tags(part.cell_tags)
+        for tag in list(colours)[:_MOST_PARTS]:
+            cells = part.cell_tags == tag
+            name = part.tag_names.get((part.cell_dim, tag), "")
+            size = f"{measures[part.cell_dim - 1]} {part.measures[cells].sum():.6g}"
+            swatch = f'<span class="swatch" style="background: {colours[tag]}"></span>'
+            rows.append(
+                f"<tr><th>{kind} {tag}</th><td>{swatch} {escape(name)}</td>"
+                f'<td class="number">{int(cells.sum())} {kind_of(part)}</td>'
+                f'<td class="number">{size}</td></tr>'
+            )
+        if len(colours) > _MOST_PARTS:
+            rows.append(f"<tr><td></td><td>{len(colours) - _MOST_PARTS} more</td></tr>")
+    if not rows:
+        return []
+    table = f'<div class="scroll"><table>{"".join(rows)}</table></div>'
+    return ["<h2>Regions and faces</h2>", table]
 
 
 def _table(rows: Sequence[tuple[str, str]]) -> str:
