@@ -48,7 +48,7 @@ def main(
     conformity = ads.size_conformity(new, h, surface=surface)
     path = output_dir / "bracket.png"
     save_image_thumbnail(path, plot_size(new, h, path=path, label="mesh size h, mm", width=width))
-    shown = ("size h, cut open", "size h", "quality (radius ratio), cut open")
+    shown = ("size h, cut open", "size h")
     scenes = scenes_of_mesh(new, size)
     save_scenes(output_dir / "bracket.scenes.json", {name: scenes[name] for name in shown})
     ads.write(output_dir / "bracket.vtu", new, fields={"h": h})
