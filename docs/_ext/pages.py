@@ -81,6 +81,7 @@ WITHOUT_SEARCH = ("decisions/", "measurements/", "results/", "project/", "ugawg"
 # What readers search for, and the pages that answer; entries of the index count most in a search.
 SEARCHED = {
     "citations": "citation, cite, BibTeX",
+    "command-line": "reproduce, provenance",
     "distributed": "MPI, parallel",
     "files": "shapefile, GeoJSON, second order elements, quadratic elements",
     "generators": "TetGen",
