@@ -12,7 +12,7 @@ import inspect
 import math
 import os
 import weakref
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -23,6 +23,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 #: Longer arrays and lists are not stored.
 LONGEST = 1000
+#: Calls at each end of a long list that a page or a message shows.
+_SHOWN = 6
 #: Arguments on which no result depends.
 _IGNORED = ("progress", "wants_info")
 
@@ -192,54 +194,55 @@ def _kind_of(value: Any) -> str:
     return f"a {type(value).__name__} that no recorded call returned"
 
 
+def _results_in(value: Any) -> Iterator[Result]:
+    """Yield the results of other calls in an argument."""
+    if isinstance(value, Result):
+        yield value
+    elif isinstance(value, list | dict):
+        for one in value.values() if isinstance(value, dict) else value:
+            yield from _results_in(one)
+
+
+def in_order(last: Call) -> list[Call]:
+    """Return the calls that led to the last one, each after those whose results it used."""
+    order: dict[Call, None] = {}
+    waiting = [last]  # not by recursion: loops make long chains
+    while waiting:
+        call = waiting[-1]
+        needed = [one.call for value in call.arguments.values() for one in _results_in(value)]
+        missing = [one for one in needed if one not in order]
+        if missing:
+            waiting += reversed(missing)
+        else:
+            order[waiting.pop()] = None
+    return list(order)
+
+
 def as_steps(last: Call) -> list[dict[str, Any]]:
     """Return the calls that led to the last one in their order, as values of JSON."""
-    order: dict[Call, int] = {}
-    steps: list[dict[str, Any]] = []
-
-    def add(call: Call) -> int:
-        if call not in order:
-            held = {name: encoded(value) for name, value in call.arguments.items()}
-            order[call] = len(steps)
-            steps.append({"function": call.function, "arguments": held})
-        return order[call]
+    numbers = {call: number for number, call in enumerate(in_order(last))}
 
     def encoded(value: Any) -> Any:
         if isinstance(value, Result):
-            return {"call": add(value.call), "part": list(value.part)}
+            return {"call": numbers[value.call], "part": list(value.part)}
         if isinstance(value, Unknown):
             return {"unknown": value.text}
         if isinstance(value, list):
             return [encoded(one) for one in value]
         return {k: encoded(v) for k, v in value.items()} if isinstance(value, dict) else value
 
-    add(last)
-    return steps
+    return [
+        {
+            "function": call.function,
+            "arguments": {name: encoded(value) for name, value in call.arguments.items()},
+        }
+        for call in numbers
+    ]
 
 
 def files_of(last: Call) -> dict[str, tuple[int, int]]:
     """Return size and time of change of the files that led to a call, by their paths."""
-    found: dict[str, tuple[int, int]] = {}
-    seen: set[Call] = set()
-
-    def visit(value: Any) -> None:
-        match value:
-            case Result():
-                visit(value.call)
-            case Call() if value not in seen:
-                seen.add(value)
-                for one in value.arguments.values():
-                    visit(one)
-                found.update(value.files)
-            case list():
-                for one in value:
-                    visit(one)
-            case dict():
-                for one in value.values():
-                    visit(one)
-
-    visit(last)
-    return found
+    return {name: state for call in in_order(last) for name, state in call.files.items()}
 
 
 def unknowns_of(steps: list[dict[str, Any]]) -> list[str]:
@@ -260,6 +263,14 @@ def unknowns_of(steps: list[dict[str, Any]]) -> list[str]:
         for name, value in step["arguments"].items():
             look(value, f"{name} of {step['function']}")
     return lines
+
+
+def text_of_steps(steps: Sequence[Mapping[str, Any]]) -> str:
+    """Return steps as a reader would write them: of long loops the first and the last ones."""
+    texts = [text_of(step) for step in steps]
+    if len(texts) > 2 * _SHOWN:
+        texts[_SHOWN:-_SHOWN] = [f"... ({len(texts) - 2 * _SHOWN} more) ..."]
+    return ", ".join(texts)
 
 
 def text_of(step: Mapping[str, Any]) -> str:
@@ -318,6 +329,8 @@ def repeated(steps: list[dict[str, Any]], paths: Mapping[str, str]) -> Any:
         raise UnknownError(f"{stored} is no stored value")
 
     for step in steps:
+        if step["function"] == "write" and step is not steps[-1]:
+            raise UnknownError("only the last step may write a file")
         arguments = {name: value_of(one) for name, one in step["arguments"].items()}
         made.append(_function_of(step["function"])(**arguments))
     return made[-1]

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from adaptsize import __version__
-from adaptsize._calls import Call, as_steps, files_of, state_of, text_of, unknowns_of
+from adaptsize._calls import Call, as_steps, files_of, state_of, text_of_steps, unknowns_of
 from adaptsize._formats.guards import write_whole
 from adaptsize._formats.text import write_text
 
@@ -81,7 +81,7 @@ def record_calls(path: Path, last: Call, **more: Any) -> list[str]:
         file = Path(name)
         inputs[name] = sha256(file) if state_of(file).get(name) == state else None
         if inputs[name] is None:
-            unknown.append(f"{name} has changed since it was read")
+            unknown.append(f"{name} is missing, or has changed since it was read")
     unknown += unknowns_of(steps)
     write_record(path, facts_of(path, inputs) | {"calls": steps, "unknown": unknown} | more)
     return unknown
@@ -127,5 +127,5 @@ def description(record: Mapping[str, Any]) -> str:
 def how_made(record: Mapping[str, Any]) -> str:
     """Return the command or the calls that made a file, in one line; empty if unknown."""
     if "calls" in record:
-        return ", ".join(map(text_of, record["calls"]))
+        return text_of_steps(record["calls"])
     return " ".join(["adaptsize", *record["command"]]) if "command" in record else ""

@@ -131,7 +131,7 @@ def test_meshes_from_elsewhere_and_files_that_have_changed_are_said(folder):
     with pytest.warns(InputWarning, match="obj of write is a SimplexMesh that no recorded call"):
         ads.write("made.vtu", own, record=True)
     shutil.copy("slit.vtu", "curved.vtu")
-    with pytest.warns(InputWarning, match=r"curved\.vtu has changed since it was read"):
+    with pytest.warns(InputWarning, match=r"curved\.vtu is missing, or has changed since"):
         ads.write("made.vtu", mesh, record=True)
 
 
@@ -170,3 +170,16 @@ def test_fields_may_be_functions_of_the_points(folder):
     np.testing.assert_array_equal(ads.read("made.vtu").point_data["x"], mesh.points[:, 0])
     with pytest.raises(ValueError, match="fields may be functions for meshes"):
         ads.write("made.vti", ads.CartesianGrid([0, 0], 1.0, (3, 3)), fields={"x": len})
+
+
+def test_long_chains_are_stored_in_order_and_only_the_last_step_writes(folder):
+    mesh = ads.read("curved.vtu")
+    for _ in range(2000):
+        mesh = mesh.without_data()
+    ads.write("made.vtu", mesh, record=True)
+    steps = read_record(Path("made.vtu"))["calls"]
+    assert [step["function"] for step in steps[:2]] == ["read", "SimplexMesh.without_data"]
+    assert [step["arguments"]["self"]["call"] for step in steps[1:-1]] == [*range(2000)]
+    assert len(_calls.text_of_steps(steps)) < 1000
+    with pytest.raises(_calls.UnknownError, match="only the last step may write"):
+        _calls.repeated([steps[0], {"function": "write", "arguments": {}}, steps[1]], {})

@@ -128,7 +128,7 @@ def _calls_of(mesh: SimplexMesh) -> dict[str, str]:
     origin = _calls.origin_of(mesh)
     if origin is None:
         return {}
-    return {"made by": ", ".join(map(_calls.text_of, _calls.as_steps(origin.call)))}
+    return {"made by": _calls.text_of_steps(_calls.as_steps(origin.call))}
 
 
 def write_page(
