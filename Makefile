@@ -60,6 +60,7 @@ docs:
 # Run the examples and put their pictures into docs/figures.
 gallery:
 	$(PYTHON) docs/_ext/refresh_pictures.py $(NAMES)
+	$(if $(NAMES),,$(PYTHON) docs/_ext/make_growth.py)
 
 examples:
 	set -e; for script in examples/*.py; do [ -e "$$script" ] || continue; $(PYTHON) "$$script"; done

@@ -448,18 +448,18 @@ def _is_in_opening(surface, places, steps):
 
 
 def missed(found, cap=None, distance=_DISTANCE):
-    """Return the names of the demands that a mesh does not meet."""
+    """Return the names of the requirements that a mesh does not meet."""
     too_far = found["H"] is None or found["H"] > distance
     change = found["volume_change"]
     off = change is None or abs(change) > found["volume_allowed"]
-    demands = {
+    requirements = {
         "distance": too_far,
         "volume": off,
         "boundary": found["edges_not_manifold"] > found["odd_edges_of_part"],
         "cells": found.get("inverted", 0) > 0 or found["overlap"] > _OVERLAP,
         "number": cap is not None and found["cells"] > _NUMBER * cap,
     }
-    return [name for name, is_missed in demands.items() if is_missed]
+    return [name for name, is_missed in requirements.items() if is_missed]
 
 
 def is_true(code, found, cap=None):

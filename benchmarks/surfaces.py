@@ -9,9 +9,9 @@ surfaces are those of `_nasty_surfaces`, and the table has a line per defect.
 
 An outcome is of one of five kinds:
 
-kept      a mesh without inverted cells that meets the demands of `check_mesh` on the boundary, the
-          volume and the topology
-warned    a mesh without inverted cells that misses such a demand, with a warning about the surface
+kept      a mesh without inverted cells that meets the requirements of `check_mesh` on the boundary,
+          the volume and the topology
+warned    a mesh without inverted cells that misses one of these, with a warning about the surface
 deviates  the same without a warning
 refused   an error of one line
 failed    anything else: a crash, a limit of time or memory, an unclear error, inverted cells
@@ -78,7 +78,7 @@ COLUMNS += ("boundary", "interface", "CPU s", *STEPS.values(), "MB", "kind", "ou
 SUFFIXES = {".stl", ".off", ".obj", ".ply", ".vtk", ".vtu", ".msh", ".mesh", ".meshb"}
 #: The wall time of a case is limited to this many times its processor time.
 PATIENCE = 20.0
-#: Demands of `check_mesh` about the domain.
+#: Requirements of `check_mesh` about the domain.
 OF_DISTANCE = "boundary", "interface", "tags"
 OF_DOMAIN = ("boundary", "measure", "topology")
 
@@ -135,14 +135,18 @@ def outcome_of(file, arguments):
         "band": round(found.edges.share_in_band, 3),
         "least": round(found.angle_min, 1),
         "quality": float(made.radius_ratios().min()),
-        **{d.name: d.value / d.limit for d in check.demands if d.name in OF_DISTANCE and d.limit},
+        **{
+            d.name: d.value / d.limit
+            for d in check.requirements
+            if d.name in OF_DISTANCE and d.limit
+        },
         **{step: round(clock.seconds[step], 1) for step in STEPS.values()},
     }
     odd = [w for w in warned if not issubclass(w.category, UserWarning)]
     if odd or found.n_inverted:
         text = f"{odd[0].category.__name__}: {odd[0].message}" if odd else "inverted cells"
         return row | {"kind": "failed", "outcome": text}
-    missed = [demand.name for demand in check.failures if demand.name in OF_DOMAIN]
+    missed = [requirement.name for requirement in check.failures if requirement.name in OF_DOMAIN]
     said = "; ".join(sorted({str(w.message).splitlines()[0][:100] for w in warned}))
     parts = [f"other {', '.join(missed)}"] if missed else []
     parts += [f"warned: {said}"] if said else []

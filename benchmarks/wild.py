@@ -14,7 +14,7 @@ use, ``--patience`` lets it go on until then.
 The outcomes are kept in FILE.jsonl, one line per run.  A second run skips what is there, so that an
 interrupted run can be resumed.  FILE is the table, in markdown, with a summary per cap.
 
-*Exit*: the code, and whether it agrees with the measures: 0 needs a mesh that meets all demands,
+*Exit*: the code, and whether it agrees with the measures: 0 needs a mesh that meets all of them
 with 10 % more than the tolerance; 1 needs one that misses some, or no mesh.  *H*: the larger
 distance, over the tolerance.  *Least*: dihedral angle in degrees, and the number of cells below 8,
 10 and 15.  *Volume*: change in percent.  *Odd*: edges of the boundary that are not in two facets,

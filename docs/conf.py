@@ -28,6 +28,7 @@ extensions = [
     "formulas",
     "names",
     "pages",
+    "scenes",
     "unbroken",
 ]
 exclude_patterns = ["_build"]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
+    from adaptsize.plot.scene import Scene
+
 DATA = Path(__file__).parent.parent / "data"
 OUTPUT = Path(__file__).parent / "output"
 
@@ -31,6 +34,7 @@ Image = npt.NDArray[np.uint8]
 __all__ = [
     "CURVES", "DATA", "FIELDS", "INK", "QUALITY", "draw_mesh", "drawing", "has_mmg",
     "jittered_rectangle", "node_at", "run", "save_drawing", "save_image_thumbnail", "save_panels",
+    "save_scenes",
 ]  # fmt: skip
 
 
@@ -104,6 +108,16 @@ def save_image_thumbnail(path: Path, image: Image) -> None:
     figure, (panel,) = drawing(1, 1, width)
     panel.imshow(image[:, :right])
     save_thumbnail(path, figure, panel)
+
+
+def save_scenes(path: Path, scenes: Mapping[str, Scene]) -> None:
+    """Write scenes that readers can turn on the page of an example, about 10 bytes per triangle.
+
+    Those of `report` are ``scenes_of_mesh(mesh, size)``.
+    """
+    from adaptsize.reporting.page.scenes import data_of
+
+    path.write_text(json.dumps(data_of(scenes)), encoding="utf-8")
 
 
 def drawing(

@@ -23,10 +23,11 @@ ads.plot.plot_size(new, size, label="mesh size h, mm", path="bracket.png")
 
 from pathlib import Path
 
-from _gallery import DATA, run, save_image_thumbnail
+from _gallery import DATA, run, save_image_thumbnail, save_scenes
 
 import adaptsize as ads
 from adaptsize.plot import plot_size
+from adaptsize.reporting.page.scenes import scenes_of_mesh
 
 
 def main(
@@ -47,6 +48,9 @@ def main(
     conformity = ads.size_conformity(new, h, surface=surface)
     path = output_dir / "bracket.png"
     save_image_thumbnail(path, plot_size(new, h, path=path, label="mesh size h, mm", width=width))
+    shown = ("size h, cut open", "size h")
+    scenes = scenes_of_mesh(new, size)
+    save_scenes(output_dir / "bracket.scenes.json", {name: scenes[name] for name in shown})
     ads.write(output_dir / "bracket.vtu", new, fields={"h": h})
     return {
         "tetrahedra": new.n_cells,

@@ -22,10 +22,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from _gallery import DATA, run, save_panels
+from _gallery import DATA, run, save_panels, save_scenes
 
 import adaptsize as ads
 from adaptsize.plot import plot_mesh, plot_size
+from adaptsize.plot.scene import scene_of_mesh
 
 
 def main(output_dir: Path, *, width: int = 420) -> dict[str, float]:
@@ -49,6 +50,15 @@ def main(output_dir: Path, *, width: int = 420) -> dict[str, float]:
             f"{title}: smallest size": cost.time_step,
         }
     save_panels(output_dir / "cost.png", panels, thumb=0)
+    scenes = {
+        f"{title}, mm": scene_of_mesh(
+            part, shown(part.points), None, on_nodes=True, label="size, mm", color_range=scale
+        )
+        for title, shown in (("sizes from the shape", size), ("2.5 mm on the rib", freed))
+    }
+    values = colored.cell_data[label]
+    scenes = {label: scene_of_mesh(part, values, None, on_nodes=False, label=label), **scenes}
+    save_scenes(output_dir / "cost.scenes.json", scenes)
     return found
 
 

@@ -42,7 +42,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import drawing, run, save_drawing
+from _gallery import drawing, run, save_drawing, save_scenes
 from scipy.sparse import diags_array
 from scipy.sparse.linalg import cg
 from skfem import Basis, BilinearForm, ElementTetP1, Functional, LinearForm, MeshTet, condense
@@ -50,6 +50,7 @@ from skfem.helpers import dot, grad
 
 import adaptsize as ads
 from adaptsize.plot import plot_size
+from adaptsize.plot.scene import scene_of_mesh
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -86,6 +87,14 @@ def main(
         "fTetWild": adapted(start, "tetwild", tetwild_targets),
     }
     draw(output_dir / "fichera.png", loops, width)
+    mesh = loops["Mmg"][min(3, len(targets))].mesh
+    scenes = {
+        f"edge length, {name}": scene_of_mesh(
+            mesh, edges_at_nodes(mesh), clip, on_nodes=True, label="edge length"
+        )
+        for name, clip in (("from outside", None), ("behind x = 0", "x"))
+    }
+    save_scenes(output_dir / "fichera.scenes.json", scenes)
     return {
         key: value for name, cycles in loops.items() for key, value in summary(name, cycles).items()
     }

@@ -38,10 +38,11 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from _gallery import drawing, run, save_drawing
+from _gallery import drawing, run, save_drawing, save_scenes
 
 import adaptsize as ads
 from adaptsize.limiting import Exact
+from adaptsize.plot.scene import scene_of_mesh
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -61,10 +62,34 @@ def main(output_dir: Path, *, spacing: float = 1.0, width: int = 900) -> dict[st
     degree = np.deg2rad(RADIUS)  # in km
     on_map = ads.limit_gradient(grid, h0, G * degree, method=Exact(face_sources=False))
     draw(output_dir / "great_circles.png", grid, h, on_map, width)
+    every = max(1, round(3.0 / spacing))
+    globe = on_globe(grid, every)
+    scenes = {
+        f"size h, km, along {way}": scene_of_mesh(
+            globe,
+            sizes[::every, ::every].ravel(),
+            None,
+            on_nodes=True,
+            label="size h, km",
+            color_range=(LEAST, MOST),
+        )
+        for way, sizes in (("great circles", h), ("straight lines on the map", on_map))
+    }
+    save_scenes(output_dir / "great_circles.scenes.json", scenes)
     return {
         "largest ratio of sizes on the map and on the sphere": float((on_map / h).max()),
         "smallest ratio": float((on_map / h).min()),
     }
+
+
+def on_globe(grid: ads.CartesianGrid, every: int) -> ads.SimplexMesh:
+    """Return the triangles between every n-th node of the grid, on the sphere."""
+    counts = [len(range(0, n, every)) for n in grid.shape]
+    plane = ads.CartesianGrid(grid.origin, every * grid.spacing, counts).mesh
+    longitude, latitude = np.deg2rad(plane.points.T)
+    ring = np.cos(latitude)
+    places = np.array([ring * np.cos(longitude), ring * np.sin(longitude), np.sin(latitude)])
+    return ads.SimplexMesh(RADIUS * places.T, plane.cells)
 
 
 def draw(

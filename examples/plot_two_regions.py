@@ -29,10 +29,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from _gallery import DATA, run, save_panels
+from _gallery import DATA, run, save_panels, save_scenes
 
 import adaptsize as ads
 from adaptsize.plot import plot_mesh, plot_size
+from adaptsize.reporting.page.scenes import scenes_of_mesh
 
 G = 0.3
 
@@ -61,6 +62,7 @@ def main(
             (f"sizes\n{new.n_cells} tetrahedra", plot_size(new, size, width=width)),
         ],
     )
+    save_scenes(output_dir / "two_regions.scenes.json", scenes_of_mesh(new, size))
     return found
 
 

@@ -24,11 +24,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _gallery import DATA, run, save_panels
+from _gallery import DATA, run, save_panels, save_scenes
 
 import adaptsize as ads
 from adaptsize.errors import ResolutionWarning
 from adaptsize.plot import plot_causes, plot_mesh, plot_size
+from adaptsize.reporting.page.scenes import scenes_of_mesh
 
 
 def main(
@@ -54,6 +55,8 @@ def main(
         ("quality of the tetrahedra", plot_mesh(mesh, color="quality", width=width)),
     ]
     save_panels(output_dir / "volume.png", panels, columns=2, thumb=2)
+    scenes = scenes_of_mesh(mesh, ads.SizeFunction(mesh, mesh.point_data["h"]))
+    save_scenes(output_dir / "volume.scenes.json", scenes)
     voxel = float(np.prod(image.spacing))
     volumes = {
         f"volume of region {k} over that of its voxels": float(

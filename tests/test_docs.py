@@ -249,9 +249,35 @@ def test_every_figure_of_the_paper_is_answered(extension):
     assert answered == set(extension.FIGURES)
 
 
-def test_pictures_are_small():
-    large = {p.name: p.stat().st_size for p in DOCS.glob("figures/*") if p.stat().st_size > 200_000}
-    assert large == {}
+def test_pictures_are_small_and_scenes_too(extension):
+    """Scenes are loaded only by readers who open them."""
+    most = {p: 300_000 if p.name.endswith(extension.SCENES) else 200_000 for p in _figures()}
+    assert [p.name for p, size in most.items() if p.stat().st_size > size] == []
+
+
+def test_six_examples_have_scenes_and_each_has_its_example(extension):
+    examples = extension.read_examples(ROOT / "examples")
+    written = {name for example in examples for name in example.scenes}
+    assert written == {p.name for p in _figures() if p.name.endswith(extension.SCENES)}
+    assert len(written) == 6
+    (page,) = (extension.page_of(e) for e in examples if e.name == "plot_cost")
+    assert 'src="../_static/scenes/cost.html" loading="lazy" title="What each face' in page
+
+
+def _figures():
+    return [*DOCS.glob("figures/*")]
+
+
+def test_the_animation_plays_once_and_has_a_picture_without_motion():
+    image = pytest.importorskip("PIL.Image", reason="opens a picture")
+    with image.open(DOCS / "_static" / "growth.webp") as growth:
+        assert growth.n_frames > 20
+        assert growth.info["loop"] == 1
+    assert (DOCS / "_static" / "growth.webp").stat().st_size < 300_000
+    page = (DOCS / "size-functions.md").read_text(encoding="utf-8")
+    still = '<source media="(prefers-reduced-motion: reduce)" srcset="_static/growth.png">'
+    assert still in page
+    assert (DOCS / "_static" / "growth.png").is_file()
 
 
 def test_every_decision_is_listed():

@@ -7,6 +7,9 @@ is installed, it opens the pages without network, one after the other in one pro
 log no error, and at the widths of a phone, a small window and a large one nothing may be wider than
 the page.  Links need a text, pictures a description, headings their order, and lines of code end
 before they must be scrolled far (`layout.js`).
+
+Where Node.js is installed, the search of the site must find a page that answers each of some
+queries, as the first or the second one (`search.js`).
 """
 
 import json
@@ -26,6 +29,47 @@ CODE = re.compile(r"<(pre|code|script|style|annotation)\b.*?</\1>", re.DOTALL)
 OPENED_OF_REFERENCE = 10
 WIDTHS = [1500, 1400, 1000, 400]
 LONGEST_LINE = 100
+#: What users search for, and pages that answer.
+QUERIES = {
+    "step file": "tutorials/cad",
+    "citation": "citations",
+    "units": "troubleshooting",
+    "growth rate": "limiting",
+    "boundary layer": "gallery/plot_boundary_layer anisotropic-meshes",
+    "stl": "how-to/stl",
+    "gmsh": "how-to/export how-to/my-solver",
+    "abaqus": "how-to/my-solver",
+    "calculix": "how-to/my-solver",
+    "fenics": "how-to/dolfinx",
+    "dolfinx": "how-to/dolfinx",
+    "scikit-fem": "solvers how-to/fem-loop",
+    "pyvista": "how-to/export solvers",
+    "paraview": "how-to/my-solver files",
+    "jupyter notebook": "solvers",
+    "install": "install",
+    "mmg": "remeshing generators",
+    "tetgen": "generators comparison",
+    "openfoam": "how-to/my-solver",
+    "periodic": "tutorials/photonics",
+    "anisotropic": "anisotropic anisotropic-meshes",
+    "curvature": "sizes",
+    "adaptive refinement": "adaptive-loops adaptation",
+    "error estimator": "adaptation",
+    "medical image": "how-to/image tutorials/vessels",
+    "nifti": "how-to/image",
+    "shapefile": "files tutorials/coast",
+    "coastline": "tutorials/coast",
+    "number of elements": "parameters",
+    "mesh quality": "remeshing",
+    "close holes": "how-to/repair",
+    "self-intersection": "how-to/repair",
+    "thin walls": "width",
+    "mpi": "distributed",
+    "out of memory": "troubleshooting",
+    "sizing field": "glossary size-functions",
+    "mesh convergence": "mesh-families",
+    "second order elements": "files how-to/export",
+}
 OPTIONS = [
     "--headless",
     "--no-sandbox",
@@ -58,6 +102,11 @@ def main(site: Path) -> int:
         print("no Chromium: pages are not opened")
     else:
         found += problems_in_browser(browser, opened, site)
+    node = shutil.which("node")
+    if node is None:
+        print("no Node.js: the search is not tried")
+    else:
+        found += problems_of_search(node, site)
     print(*found, sep="\n")
     how = f", {len(opened)} opened" if browser else ""
     print(f"{len(pages)} pages checked{how}: {len(found)} problems")
@@ -72,6 +121,19 @@ def problems_of(page: Path, site: Path) -> list[str]:
     lines = [f"{name}: fetches {tag[:120]}" for tag in fetched]
     tex = LEFT_AS_TEX.search(CODE.sub("", text))
     return [*lines, f"{name}: has TeX {tex[0]!r}"] if tex else lines
+
+
+def problems_of_search(node: str, site: Path) -> list[str]:
+    """Return one line for each query whose answer is not among the first two pages."""
+    script = Path(__file__).with_name("search.js")
+    words = [node, str(script), str(site), *QUERIES]
+    done = subprocess.run(words, stdout=subprocess.PIPE, text=True, timeout=120, check=True)
+    pages = zip(QUERIES.items(), json.loads(done.stdout), strict=True)
+    return [
+        f"search for {query!r} finds {', '.join(found) or 'nothing'}, not {answers}"
+        for (query, answers), found in pages
+        if not set(answers.split()) & set(found[:2])
+    ]
 
 
 def problems_in_browser(browser: str, pages: list[Path], site: Path) -> list[str]:

@@ -51,6 +51,8 @@ SUBJECTS = {
         "plot_euler_anisotropic",
     ],
 }  # fmt: skip
+#: Suffix of files with scenes for the viewer of `report`.
+SCENES = ".scenes.json"
 ELSEWHERE = {2: "[how the medial axis is found](../width.md#the-medial-axis-of-the-paper)"}
 
 
@@ -64,6 +66,7 @@ class Example:
     text: str
     code: str
     pictures: tuple[str, ...]
+    scenes: tuple[str, ...]
     figures: tuple[int, ...]
     first_line_of_code: int
 
@@ -101,8 +104,9 @@ def read_example(path: Path) -> Example:
         caption=" ".join(caption.split()),
         text=text,
         code=code,
-        pictures=tuple(dict.fromkeys(_pictures(tree)))
+        pictures=tuple(dict.fromkeys(_written(tree, ".png")))
         or (f"{path.stem.removeprefix('plot_')}.png",),
+        scenes=tuple(dict.fromkeys(_written(tree, SCENES))),
         figures=tuple(figures),
         first_line_of_code=tree.body[1].lineno,
     )
@@ -124,9 +128,23 @@ def missing_pictures(examples: Sequence[Example], figures: Path) -> list[str]:
     return [
         f"{example.path.name} writes {picture}, which is not in {figures.name}: make gallery"
         for example in examples
-        for picture in (*example.pictures, example.thumbnail)
+        for picture in (*example.pictures, example.thumbnail, *example.scenes)
         if not (figures / picture).is_file()
     ]
+
+
+def scene_page(name: str) -> str:
+    """Return the name of the page with scenes from a file in ``figures``."""
+    return name.removesuffix(SCENES) + ".html"
+
+
+def _viewer(example: Example, name: str) -> str:
+    """Return what opens scenes in the page; they are loaded when they are opened."""
+    return (
+        f'<details class="turned"><summary>Turn this in 3-D</summary>'
+        f'<iframe src="../_static/scenes/{scene_page(name)}" loading="lazy" '
+        f'title="{example.title}: a scene that can be turned"></iframe></details>'
+    )
 
 
 def page_of(example: Example) -> str:
@@ -143,6 +161,7 @@ def page_of(example: Example) -> str:
     parts = [
         f"# {example.title}",
         *pictures,
+        *(_viewer(example, name) for name in example.scenes),
         f":::{{container}} caption\n{example.caption}\n:::",
         example.text,
         "## The essential lines",
@@ -224,11 +243,11 @@ def _card(example: Example) -> str:
     )
 
 
-def _pictures(tree: ast.Module) -> Iterator[str]:
-    """Yield the names in ``output_dir / "name.png"``."""
+def _written(tree: ast.Module, suffix: str) -> Iterator[str]:
+    """Yield the names in ``output_dir / "name.png"``, for a suffix."""
     for node in ast.walk(tree):
         match node:
             case ast.BinOp(
                 left=ast.Name(id="output_dir"), op=ast.Div(), right=ast.Constant(value=str(name))
-            ) if name.endswith(".png"):
+            ) if name.endswith(suffix):
                 yield name

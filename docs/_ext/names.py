@@ -38,7 +38,7 @@ RECORDS = {
     "SizeFunction": "domain_size.cost.Cost domain_size.cost.SmallPlace domain_size.parts.Part",
     "remesh_to_elements": "domain_size.elements.MeshOfElements",
     "mesh_family": "domain_size.family.MeshFamily domain_size.family.Convergence",
-    "check_mesh": "quality.certificate.MeshCheck quality.certificate.Demand "
+    "check_mesh": "quality.certificate.MeshCheck quality.certificate.Requirement "
     "quality.certificate.Place",
     "size_conformity": "quality.conformity.Conformity quality.conformity.RatioStatistics "
     "quality.elements.MetricQuality quality.by_place.WorstPlace",

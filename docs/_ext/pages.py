@@ -81,15 +81,24 @@ WITHOUT_SEARCH = ("decisions/", "measurements/", "results/", "project/", "ugawg"
 # What readers search for, and the pages that answer; entries of the index count most in a search.
 SEARCHED = {
     "citations": "citation, cite, BibTeX",
-    "files": "shapefile, GeoJSON",
+    "command-line": "reproduce, provenance",
+    "distributed": "MPI, parallel",
+    "files": "shapefile, GeoJSON, second order elements, quadratic elements",
+    "generators": "TetGen",
     "glossary": "sizing field, mesh size field, background mesh, hgrad, hausd",
+    "how-to/dolfinx": "FEniCS",
+    "how-to/image": "medical image, segmentation",
+    "how-to/repair": "close holes, self-intersection, watertight",
     "limiting": "growth rate, gradation, gradient limit",
-    "mesh-families": "convergence study, grid convergence index",
-    "parameters": "elements_across, elements_per_radian, elements_between",
+    "mesh-families": "convergence study, mesh convergence, grid convergence index",
+    "parameters": "elements_across, elements_per_radian, elements_between, number of elements",
+    "remeshing": "mesh quality",
     "sizes": "curvature",
     "solvers": "Jupyter, notebook",
-    "troubleshooting": "timeout, memory, units",
+    "troubleshooting": "timeout, out of memory, units",
     "tutorials/cad": "STEP file, IGES, BREP",
+    "tutorials/coast": "coastline",
+    "width": "thin walls",
 }
 LINK = re.compile(r"\]\((?!https?:|#|mailto:)([^)#\s]+)(#[^)\s]*)?\)")
 

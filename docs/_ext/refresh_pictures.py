@@ -6,6 +6,7 @@ Takes about ten minutes for all; names such as plot_slit choose some.  Needs ada
 program pngquant, which reduces pictures to 256 colours.
 """
 
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -35,6 +36,8 @@ def put(example: gallery.Example, folder: Path) -> None:
     for picture in (*example.pictures, example.thumbnail):
         size = shrink(folder / picture, FIGURES / picture)
         print(f"{picture}: {size / 1000:.0f} kB", flush=True)
+    for name in example.scenes:
+        shutil.copy(folder / name, FIGURES / name)
 
 
 def shrink(source: Path, target: Path) -> int:

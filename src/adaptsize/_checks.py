@@ -7,7 +7,9 @@ value and, for an array, the first bad index.
 import os
 import sys
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from types import FrameType
 from typing import Any, TypeVar
@@ -27,6 +29,8 @@ STEEPEST, FLATTEST = 1e30, 1e-30
 #: Products of four lengths and two such gradients must stay in the range of float64.
 FARTHEST = 1e60
 NEAREST = 1e-60
+#: Whether values come from options that were checked before, so that no warning is repeated.
+_WAS_CHECKED: ContextVar[bool] = ContextVar("_WAS_CHECKED", default=False)
 
 
 def as_plain_array(name: str, value: npt.ArrayLike) -> npt.NDArray[Any]:
@@ -166,7 +170,7 @@ def as_number(
     """Return a float with ``value >= lower``, or ``> lower`` if ``strict``, and ``<= upper``.
 
     Positive numbers but inf are ``within`` a range, so that they can be squared and divided by.
-    An angle in ``unit`` degrees that looks like one in radians draws a warning.
+    An angle in ``unit`` degrees that looks like one in radians causes a warning.
     """
     try:
         if isinstance(value, str | bytes) or np.iscomplexobj(value) or value is np.ma.masked:
@@ -182,7 +186,7 @@ def as_number(
     if upper is not None and number > upper:
         raise refusal(name, f"must be at most {upper:g}{unit and ' '}{unit}, got {number:g}")
     # Angles of edges are hardly smaller than 3 degrees: this looks like radians.
-    if unit == "degrees" and 0.0 < number <= 3.2:
+    if unit == "degrees" and 0.0 < number <= 3.2 and not were_checked():
         text = f"is in degrees, got {number:g}; if this is in radians, pass "
         warn_caller(Message.about(name, f"{text}{np.degrees(number):.4g}"), InputWarning)
     least, most = within
@@ -351,6 +355,21 @@ def describe(value: object) -> str:
 _BETWEEN = ("contextlib", "functools", "concurrent", "threading")
 
 
+@contextmanager
+def checked_before() -> Iterator[None]:
+    """Pass on options that were checked: what is unusual in them was warned of, or is derived."""
+    token = _WAS_CHECKED.set(True)
+    try:
+        yield
+    finally:
+        _WAS_CHECKED.reset(token)
+
+
+def were_checked() -> bool:
+    """Return whether options come from a function that has checked them."""
+    return _WAS_CHECKED.get()
+
+
 def warn_caller(text: str, category: type[Warning]) -> None:
     """Issue a warning for the line outside of this package from which it was called.
 
@@ -383,6 +402,17 @@ def count_text(number: float) -> str:
     '11000'
     """
     return f"{float(f'{number:.2g}'):.0f}"
+
+
+def length_text(length: float, diagonal: float) -> str:
+    """Return a length in the unit of the coordinates, and its share of a diagonal, for a message.
+
+    Examples
+    --------
+    >>> length_text(0.5, 1000.0)
+    '0.5 (0.0005 of the diagonal)'
+    """
+    return f"{length:.3g} ({length / diagonal:.3g} of the diagonal)"
 
 
 def place_text(point: Iterable[float], digits: int = 6) -> str:

@@ -60,7 +60,7 @@ class BackendTimeoutError(BackendError):
 
 
 class MeshingError(BackendError):
-    """No mesh met the demands of ``remesh(..., strict=True)``.
+    """No mesh met the requirements of ``remesh(..., strict=True)``.
 
     ``check`` is the `MeshCheck` of the last mesh, or None if there was none.
     """

@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy.typing as npt
 
-from adaptsize._checks import as_flag, as_path, as_whole_number, check_type, one_of, warn_caller
+from adaptsize._calls import recorded
+from adaptsize._checks import (
+    as_flag,
+    as_path,
+    as_whole_number,
+    check_type,
+    describe,
+    one_of,
+    warn_caller,
+)
+from adaptsize._defaults import TOLERANCE
 from adaptsize._formats import assembly, formats, sizes, writers
 from adaptsize._formats.blocks import KINDS
 from adaptsize._formats.guards import about_file, check_readable, is_special, write_whole
@@ -38,6 +48,7 @@ def __getattr__(name: str) -> Any:
     return polygons
 
 
+@recorded("read", reads=True)
 def read(
     path: str | os.PathLike[str],
     *,
@@ -179,6 +190,7 @@ def write(
     fields: Mapping[str, npt.ArrayLike] | None = None,
     file_format: str | None = None,
     order: Literal[1, 2] = 1,
+    record: bool = False,
 ) -> None:
     """Write a mesh, grid, octree or size function to a file.
 
@@ -194,9 +206,10 @@ def write(
         A size function is written as its background with the nodal field ``h``.  Where it grows
         off a surface or a line, the constant nodal fields ``h.g`` and ``h.hmax`` record it.  An
         octree is written as its ``mesh``, and so is a grid, except to ``.vti``.
-    fields : mapping of str to array_like, optional
-        Nodal fields, one row per node (for a grid: of its shape).  They are written besides the
-        fields of the mesh and replace fields of the same name.
+    fields : mapping of str to array_like or callable, optional
+        Nodal fields, one row per node (for a grid: of its shape), or functions of the points of
+        a mesh, such as a SizeFunction.  They are written besides the fields of the mesh and replace
+        fields of the same name.
     file_format : str, optional
         ``"vti"`` (grids only), ``"vtu"``, ``"vtk"``, ``"xdmf"`` (text, self-contained),
         ``"gmsh"`` (version 2.2), ``"medit"``, ``"ply"``, ``"stl"`` (binary), ``"obj"``,
@@ -208,6 +221,10 @@ def write(
         Order of the cells.  2 adds a node in the middle of each edge, after the others; edges stay
         straight, and nodal fields have the mean of both ends there.  For ``.vtu``, ``.vtk``,
         ``.vtkhdf``, ``.msh``, ``.inp`` and ``.bdf``.
+    record : bool
+        Also write ``NAME.json``: the files read, with their SHA-256, the calls that made ``obj``,
+        with their options, and the versions of packages.  ``adaptsize again NAME.json`` makes the
+        file again.
 
     Raises
     ------
@@ -217,6 +234,12 @@ def write(
         finite.
     MeshFileError
         If the file cannot be written.
+
+    Warns
+    -----
+    InputWarning
+        If the file cannot be made again from its record, because an argument was a function, an
+        array of more than 1000 numbers, or a mesh from elsewhere.  The record says which.
 
     Notes
     -----
@@ -246,7 +269,12 @@ def write(
     """
     # Resolve links, except to pipes: /dev/stdout may lead to one, which has no path.
     path = as_path("path", path)
+    record = as_flag("record", record)
+    if record and is_special(path):
+        raise ValueError(f"record must be False for a device or a pipe, got {os.fspath(path)!r}")
     target = Path(os.path.realpath(path)) if not is_special(path) else path
+    given = {"path": path, "obj": obj, "fields": fields, "file_format": file_format, "order": order}
+    fields = _evaluated(obj, fields)
     chosen = formats.format_of(path, file_format)
     write_to = chosen.writer_of(
         path, obj, fields, as_whole_number("order", order, lower=1, upper=2)
@@ -255,8 +283,38 @@ def write(
         write_whole(target, write_to)
     except (MeshFileError, OSError) as error:
         raise about_file(path, error) from error
+    if record:
+        _record(path, given)
 
 
+def _evaluated(obj: Any, fields: Any) -> Any:
+    """Return nodal fields with the values of those that are functions."""
+    if not (isinstance(fields, Mapping) and any(map(callable, fields.values()))):
+        return fields
+    mesh = writers.parts_of(obj, None)[0]
+    if not isinstance(mesh, SimplexMesh):
+        raise ValueError(f"fields may be functions for meshes, got them for {describe(obj)}")
+    return {
+        name: value(mesh.points) if callable(value) else value for name, value in fields.items()
+    }
+
+
+def _record(path: Path, given: Mapping[str, Any]) -> None:
+    """Write the record of a file, and warn if it cannot be made again from that."""
+    from adaptsize import _calls, _records
+
+    call = _calls.Call("write", {name: _calls.describe_value(one) for name, one in given.items()})
+    mesh, origin = writers.parts_of(given["obj"], None)[0], _calls.origin_of(given["obj"])
+    counts = {"n_points": mesh.n_points, "n_cells": mesh.n_cells}
+    if origin is not None and origin.call.function in ("remesh", "remesh_to_elements"):
+        counts["tolerance"] = origin.call.arguments.get("tolerance", TOLERANCE)
+    unknown = _records.record_calls(path, call, **counts)
+    if unknown:
+        text = f"{path}.json: the file cannot be made again from it: {'; '.join(unknown)}"
+        warn_caller(text, InputWarning)
+
+
+@recorded("read_size", reads=True)
 def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
     """Return the size function in a file: a nodal field on a grid or on a mesh.
 
@@ -319,6 +377,7 @@ def read_size(path: str | os.PathLike[str], *, name: str = "h") -> SizeFunction:
         raise about_file(file, MeshFileError(f"{name}: {error}")) from error
 
 
+@recorded("read_metric", reads=True)
 def read_metric(path: str | os.PathLike[str], *, name: str = "metric") -> Metric:
     """Return the metric in a file: a nodal field of matrices, or Mmg's ``.sol``.
 
@@ -366,6 +425,7 @@ def read_metric(path: str | os.PathLike[str], *, name: str = "metric") -> Metric
         raise about_file(file, error) from error
 
 
+@recorded("read_image", reads=True)
 def read_image(path: str | os.PathLike[str], *, name: str | None = None) -> Image:
     """Return the picture or volume in a file, axis 0 along x.
 

@@ -100,7 +100,7 @@ class Communicator(ABC):
         return self.allgather(value if self.rank == root else None)[root]  # type: ignore[return-value]
 
     def agree(self, task: Callable[[], T]) -> T:
-        """Run a task without communication; if it fails on any rank, raise on all ranks alike.
+        """Run a task without communication; if it fails on any rank, raise on all ranks.
 
         The exception is that of the first rank on which the task failed.  It names the rank if
         there are several.

@@ -9,7 +9,7 @@ import pytest
 from command_line import call
 
 from adaptsize import read
-from adaptsize.cli.provenance import read_provenance
+from adaptsize._records import read_record
 
 DATA = Path(__file__).parents[2] / "data"
 
@@ -40,7 +40,7 @@ def test_a_file_is_made_again_bit_for_bit(name, suffix, folder, capsys):
         pytest.importorskip("mmgpy")
     output = f"made{suffix}"
     assert call(*COMMANDS[name], "-o", output) == 0
-    record = read_provenance(Path(output))
+    record = read_record(Path(output))
     assert set(record["inputs"]) == {
         word
         for word in ("curved.vtu", "slit.vtu", "line.txt", "part.toml")

@@ -7,6 +7,7 @@ from command_line import call
 
 import adaptsize as ads
 from adaptsize.cli.commands import app
+from adaptsize.errors import InputWarning
 from adaptsize.options import DOMAINS, ENTRANCES, SizeFunctionOptions, options_of
 
 COMMANDS = typer.main.get_command(app).commands
@@ -73,6 +74,14 @@ def test_a_command_offers_all_options_of_its_function_and_no_others(name):
 def test_an_option_of_other_functions_is_refused_with_these():
     with pytest.raises(TypeError, match=r"'spacing': it is of size_function and mesh_image$"):
         ads.remesh(GIVEN["meshes"][0], 0.3, spacing=1)
+    with pytest.raises(TypeError, match=r"'elements': it is of .*remesh_to_elements"):
+        ads.remesh(GIVEN["meshes"][0], 0.3, elements=10)
+
+
+def test_an_angle_in_radians_causes_one_warning():
+    with pytest.warns(InputWarning, match="crease_angle is in degrees, got 0.7") as seen:
+        ads.size_function(GIVEN["meshes"][0], crease_angle=0.7)
+    assert len(seen) == 1
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,7 @@ def test_fields_that_give_the_sizes_are_not_fields_of_the_solution(tmp_path):
     new = remeshed(tmp_path, plane(bound=np.full(5, 0.4)), "--field", "bound")
     assert set(new.point_data) == {"u", "flow", "h"}
     matrices = np.tile(np.eye(2).ravel() / 0.3**2, (5, 1))
-    new = remeshed(tmp_path, plane(demand=matrices), "--metric", "demand")
+    new = remeshed(tmp_path, plane(requirement=matrices), "--metric", "requirement")
     assert set(new.point_data) == {"u", "flow", "metric", "metric.lengths"}
     assert set(new.cell_data) == {"heat", "owner_rank"}
 

@@ -23,13 +23,13 @@ def slanted(mesh):
 def square(tmp_path):
     mesh = ads.SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     metric = slanted(mesh)
-    fields = {"demand": metric.matrices.reshape(4, 4), "h0": np.ones(4)}
+    fields = {"requirement": metric.matrices.reshape(4, 4), "h0": np.ones(4)}
     ads.write(tmp_path / "square.vtu", mesh, fields=fields)
-    ads.write(tmp_path / "demand.sol", MetricFunction(mesh, metric))
+    ads.write(tmp_path / "requirement.sol", MetricFunction(mesh, metric))
     return tmp_path / "square.vtu"
 
 
-@pytest.mark.parametrize("given", ["demand", "demand.sol"])
+@pytest.mark.parametrize("given", ["requirement", "requirement.sol"])
 def test_limit_writes_the_limited_metric(capsys, square, given):
     output = square.with_name("limited.vtu")
     source = square.with_name(given) if given.endswith(".sol") else given
@@ -37,7 +37,7 @@ def test_limit_writes_the_limited_metric(capsys, square, given):
     printed = capsys.readouterr()
     assert "3 of 4 nodes lowered" in printed.out
     assert "Metric(4 nodes in 2-D, sizes 0.1 to 0.924" in printed.out
-    assert "fields demand, h0, metric, metric.lengths" in printed.out
+    assert "fields requirement, h0, metric, metric.lengths" in printed.out
     mesh = ads.read(square)
     expected = limit_metric(mesh, slanted(mesh), 0.3)
     found = ads.read_metric(output)
@@ -50,7 +50,7 @@ def test_limit_writes_the_limited_metric(capsys, square, given):
 )
 def test_remesh_follows_the_metric(capsys, square, name, given, g):
     output = square.with_name(name)
-    words = ["--metric", "demand", *given, "--hmax", "0.4", "-o", output, "--json"]
+    words = ["--metric", "requirement", *given, "--hmax", "0.4", "-o", output, "--json"]
     assert call("remesh", square, *words) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["g"] == g
@@ -65,17 +65,33 @@ def test_remesh_follows_the_metric(capsys, square, name, given, g):
     ("command", "words", "message"),
     [
         ("limit", [], "--field or --metric must be given, got neither"),
-        ("limit", ["--metric", "demand", "--field", "h0"], "must be given, got both"),
+        ("limit", ["--metric", "requirement", "--field", "h0"], "must be given, got both"),
         (
             "limit",
             ["--metric", "none"],
-            "--metric must be a nodal field of the mesh (demand, h0), got 'none'",
+            "--metric must be a nodal field of the mesh (requirement, h0), got 'none'",
         ),
         ("limit", ["--metric", "missing.sol"], "missing.sol: No such file"),
-        ("limit", ["--metric", "demand", "--method", "exact"], "--metric does not go with --me"),
-        ("remesh", ["--metric", "demand", "--field", "h0"], "--metric does not go with --field"),
-        ("remesh", ["--metric", "demand", "--nodes", "9"], "--metric does not go with --nodes"),
-        ("limit", ["--metric", "demand", "-o", "a.jig.msh"], "cannot hold a metric; write .vtu"),
+        (
+            "limit",
+            ["--metric", "requirement", "--method", "exact"],
+            "--metric does not go with --me",
+        ),
+        (
+            "remesh",
+            ["--metric", "requirement", "--field", "h0"],
+            "--metric does not go with --field",
+        ),
+        (
+            "remesh",
+            ["--metric", "requirement", "--nodes", "9"],
+            "--metric does not go with --nodes",
+        ),
+        (
+            "limit",
+            ["--metric", "requirement", "-o", "a.jig.msh"],
+            "cannot hold a metric; write .vtu",
+        ),
     ],
 )
 def test_what_makes_no_sense_is_one_line(refused, square, command, words, message):

@@ -15,9 +15,10 @@ from shapes import CORNERS as UNIT
 from shapes import CUBE_CELLS, block
 
 from adaptsize import BoxSource, SimplexMesh, read, remesh, size_function, write
+from adaptsize._checks import length_text
+from adaptsize._records import read_record, write_record
 from adaptsize.background.bisection import resolved
 from adaptsize.cli.console import Console
-from adaptsize.cli.provenance import read_provenance, write_provenance
 from adaptsize.cli.size import print_outcome
 from adaptsize.errors import InputWarning
 from adaptsize.quality import check_mesh, size_conformity
@@ -209,7 +210,7 @@ def test_what_is_out_of_bounds_is_a_warning(mesh, size, predicted, change, warne
         (1.2, "missed", "smaller sizes or --strict keep it closer"),
     ],
 )
-def test_a_demand_that_is_near_is_said_and_accepted(capsys, move, status, text):
+def test_a_requirement_that_is_near_is_said_and_accepted(capsys, move, status, text):
     cube = block(2)
     tolerance = 0.01
     moved = cube.moved(cube.points + np.array([move * tolerance * cube.diagonal, 0.0, 0.0]))
@@ -223,11 +224,12 @@ def test_a_demand_that_is_near_is_said_and_accepted(capsys, move, status, text):
         assert lines == []
     else:
         place = r"the worst at \(.*\)"
-        figures = f"within {move * tolerance:.3g} of the diagonal, 0.01 allowed"
-        assert re.search(f"warning: boundary: {figures}, {place}; {text}$", lines[0])
+        length = length_text(move * tolerance * cube.diagonal, cube.diagonal)
+        figures = f"within {length}, {0.01 * cube.diagonal:.3g} (0.01) allowed"
+        assert re.search(f"warning: boundary: {re.escape(figures)}, {place}; {text}$", lines[0])
     values = found.as_dict()
     assert values["status"] == status
-    assert next(d for d in values["demands"] if d["name"] == "boundary")["status"] == status
+    assert next(d for d in values["requirements"] if d["name"] == "boundary")["status"] == status
 
 
 def test_the_report_says_which_requested_elements_are_missing():
@@ -244,7 +246,7 @@ def test_the_report_says_which_requested_elements_are_missing():
     # The nodal sizes know little of the box: there is hardly a node in it.
     coarse = coarse.with_data(point_data={"h": size(coarse.points)})
     outcome = outcome_of_remeshing(coarse, SQUARE, size, 1e-3)
-    assert "served" in [demand.name for demand in outcome.check.failures]
+    assert "served" in [requirement.name for requirement in outcome.check.failures]
     values = outcome.as_dict()
     assert values["served"] < 0.5 < values["too_coarse"]
     assert values["worst"]["cause"] == "sources"
@@ -302,9 +304,9 @@ def test_check_takes_the_tolerance_with_which_a_mesh_was_made(capsys, tmp_path, 
     assert call(*check) == 0
     printed = capsys.readouterr()
     assert "curved.vtu on 20" in printed.err
-    assert f"{tolerance:.3g} allowed" in printed.out
+    assert f"({tolerance:.3g}) allowed" in printed.out
     assert call(*check, "--tolerance", "1e-4") == 1
-    record = read_provenance(output)
+    record = read_record(output)
     assert record["tolerance"] == tolerance
     assert record["options"] == {"tolerance": "0.002"}
     assert record["n_cells"] == read(output).n_cells
@@ -313,14 +315,14 @@ def test_check_takes_the_tolerance_with_which_a_mesh_was_made(capsys, tmp_path, 
 def test_a_record_of_another_mesh_counts_for_nothing(capsys, tmp_path):
     path = tmp_path / "mesh.vtu"
     write(path, SQUARE)
-    assert read_provenance(path) == {}
-    write_provenance(path, {"tolerance": 0.5, "n_cells": 7, "input": "größe"})
-    assert read_provenance(path)["input"] == "größe"
+    assert read_record(path) == {}
+    write_record(path, {"tolerance": 0.5, "n_cells": 7, "input": "größe"})
+    assert read_record(path)["input"] == "größe"
     assert call("check", path, "--original", path) == 0
     assert "made by" not in capsys.readouterr().err
     for damage in ("[1]", '{"tolerance": 0'):
         (tmp_path / "mesh.vtu.json").write_text(damage)
-        assert read_provenance(path) == {}
+        assert read_record(path) == {}
 
 
 def test_an_open_surface_is_reported(capsys, open_box, no_generator):
@@ -383,7 +385,8 @@ def test_a_tolerance_that_looks_like_a_length_is_a_warning(capsys, box, no_gener
     words = ["remesh", box, "-o", box.with_name("o.vtu"), "--tolerance"]
     call(*words, "0.5")
     text = "adaptsize: warning: --tolerance = 0.5 is a share of the diagonal, not a length"
-    assert text in capsys.readouterr().err
+    moves = f"the boundary may move by {0.5 * read(box).diagonal:.3g}"
+    assert f"{text}: {moves}" in capsys.readouterr().err
     call(*words, "0.05")
     assert "not a length" not in capsys.readouterr().err
 
@@ -434,5 +437,8 @@ def test_details_are_removed_and_listed(capsys, tmp_path, no_generator):
     call("check", path.with_name("new.vtu"), "--original", path, "--json")
     printed = capsys.readouterr()
     assert "removed 1 cavities" in printed.err
-    demands = {demand["name"]: demand["is_met"] for demand in json.loads(printed.out)["demands"]}
-    assert demands["boundary"]
+    requirements = {
+        requirement["name"]: requirement["is_met"]
+        for requirement in json.loads(printed.out)["requirements"]
+    }
+    assert requirements["boundary"]

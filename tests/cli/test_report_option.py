@@ -17,7 +17,7 @@ from adaptsize import CartesianGrid, write
         (["image", "disc.npy", "-o", "o.vtu"], "area"),
         (
             ["adapt", "plate.vtu", "--field", "u", "--elements", "60", "-o", "o.vtu"],
-            "of the diagonal from",
+            "of the diagonal)",
         ),
     ],
 )

@@ -10,7 +10,7 @@ from meshes import random_sphere
 from adaptsize import SimplexMesh, remesh_to_elements, size_function
 from adaptsize.domain_size.elements import Listener, MadeMesh, Maker, reach_number, within_cap
 from adaptsize.errors import BackendError, ResolutionWarning
-from adaptsize.quality.certificate import Demand, MeshCheck
+from adaptsize.quality.certificate import MeshCheck, Requirement
 from adaptsize.remeshing.acceptance import Verdict
 from adaptsize.remeshing.attempts import Attempts, Best
 
@@ -113,8 +113,8 @@ class CappedGenerator(Generator):
             size = replace(size, report=replace(size.report, n_elements=1000.0 / self.ratio))
             if self.fails:
                 raise BackendError("it failed")
-        demand = Demand("boundary", "missed", "", self.away, 1e-3)
-        best = Best(LINE, Verdict(MeshCheck((demand,)), 20.0, False), "", "")
+        requirement = Requirement("boundary", "missed", "", self.away, 1e-3)
+        best = Best(LINE, Verdict(MeshCheck((requirement,)), 20.0, False), "", "")
         found = Attempts((), best, is_cut_short=False)
         return super().meshed(size)._replace(attempts=found)
 

@@ -154,7 +154,7 @@ def test_elements_that_were_not_made_are_missed(kind):
     assert found.worst.edge > 2.0
     assert found.worst.cause == ("sources" if kind == "sources" else None)
     check = check_mesh(coarse, size=size)
-    assert [demand.name for demand in check.failures] == ["served"]
+    assert [requirement.name for requirement in check.failures] == ["served"]
     places = np.array([place.point for place in check.failures[0].places])
     assert (box_distance(places, LOWER, UPPER) < 10.0).all()
     assert "% too coarse, 80% required" in check.failures[0].text

@@ -149,7 +149,7 @@ def test_the_tolerance_is_the_limit_of_the_check_and_of_the_acceptance(factor, s
     box = ads.CartesianGrid([0.0] * 3, 0.25, (5, 5, 5)).mesh
     tolerance = 0.01
     moved = box.moved(box.points + factor * tolerance * box.diagonal * np.eye(3)[0])
-    found = ads.check_mesh(moved, original=box, tolerance=tolerance).demands
-    accepted = Judge(box, None, None, tolerance)(moved).check.demands
-    for demands in (found, accepted):
-        assert {one.name: one.status for one in demands}["boundary"] == status
+    found = ads.check_mesh(moved, original=box, tolerance=tolerance).requirements
+    accepted = Judge(box, None, None, tolerance)(moved).check.requirements
+    for requirements in (found, accepted):
+        assert {one.name: one.status for one in requirements}["boundary"] == status

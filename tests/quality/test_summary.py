@@ -60,6 +60,6 @@ def test_degenerate_cells_are_those_that_a_check_refuses(place, dim):
     thin = inner + 1e-6 * normal
     points = np.vstack([flat, inner, flat, thin]) @ turn + place
     mesh = SimplexMesh(points, np.arange(2 * dim + 2).reshape(2, dim + 1))
-    cells = next(d for d in check_mesh(mesh).demands if d.name == "cells")
+    cells = next(d for d in check_mesh(mesh).requirements if d.name == "cells")
     assert summarize(mesh).n_degenerate_cells == 1
     assert cells.text.startswith("1 of 2 inverted or flat") or dim == 3

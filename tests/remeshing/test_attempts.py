@@ -17,7 +17,7 @@ from adaptsize.errors import (
     MeshingError,
     ResolutionWarning,
 )
-from adaptsize.quality.certificate import Demand, MeshCheck
+from adaptsize.quality.certificate import MeshCheck, Requirement
 from adaptsize.remeshing import register_backend, registry, remesh
 from adaptsize.remeshing.acceptance import Judge, Verdict
 from adaptsize.remeshing.attempts import Budget, Candidate, best_of
@@ -74,8 +74,8 @@ class Fakes:
     def judge(self, mesh):
         value = self.meshes[id(mesh)][1]
         status = "met" if value <= 1.0 else "near" if value <= 1.1 else "missed"
-        demand = Demand("boundary", status, f"{value}", 1e-3 * value, 1e-3)
-        return Verdict(MeshCheck((demand,)), self.angles.get(value, 20.0), status == "missed")
+        requirement = Requirement("boundary", status, f"{value}", 1e-3 * value, 1e-3)
+        return Verdict(MeshCheck((requirement,)), self.angles.get(value, 20.0), status == "missed")
 
     def run(self, *, timeout=None, strict=False, **options):
         runner = IsolatedRunner("none", None, None, lambda *_: None)
@@ -125,7 +125,7 @@ def test_near_is_accepted_but_not_by_strict():
     strict = Fakes(**stories).run(strict=True)
     assert statuses(strict) == [("near", "near"), ("met", "met")]
     assert strict.best.route == "met"
-    flat = Fakes(near=(1.0, 1.05), flat=(1.0, 0.9))  # flat cells are no demand
+    flat = Fakes(near=(1.0, 1.05), flat=(1.0, 0.9))  # flat cells are no requirement
     flat.angles = {0.9: 1.0}
     assert flat.run(strict=True).best.route == "flat"
     only = Fakes(near=(1.0, 1.05)).run(strict=True)
@@ -224,12 +224,12 @@ def test_an_interrupt_ends_all_attempts():
 
 
 def check_of(**values):
-    """Return a check with boundaries and shares over their limits, and demands that are missed."""
-    demands = []
+    """Return a check with boundaries and shares over their limits, and missed requirements."""
+    requirements = []
     for name, value in values.items():
         status = "met" if value <= 1.0 else "near" if value <= 1.1 else "missed"
-        demands.append(Demand(name, status, "", 1e-3 * value, 1e-3))
-    return MeshCheck(tuple(demands))
+        requirements.append(Requirement(name, status, "", 1e-3 * value, 1e-3))
+    return MeshCheck(tuple(requirements))
 
 
 #: From the best to the worst.
@@ -266,7 +266,7 @@ def test_coarse_sizes_that_cut_corners_of_a_boundary_are_no_fault_of_a_generator
 
     round_, made = disc(400), disc(round(2.0 * np.pi / size), 1.0 + off)
     verdict = Judge(round_, None, None, 1e-2)(made)
-    missed = [demand.name for demand in verdict.check.missed]
+    missed = [requirement.name for requirement in verdict.check.missed]
     assert ("boundary" in missed) == (size > 0.5 or off > 0.0)
     assert ("boundary" in verdict.faults) == (off > 0.0)
 
@@ -358,14 +358,14 @@ def test_if_all_generators_fail_the_error_lists_them(fakes):
     assert not isinstance(caught.value, BackendTimeoutError)
 
 
-def test_strict_prepares_once_and_accepts_only_what_meets_all_demands(fakes):
+def test_strict_prepares_once_and_accepts_only_what_meets_all_requirements(fakes):
     fakes(bad=TWICE, good=COPY)
     with pytest.warns(ResolutionWarning, match="made by good after bad, bad with 0.4 x tolerance"):
         made = remeshed(CUBE, 0.55, strict=True)
     assert [one.status for one in made.attempts.tried] == ["missed", "missed", "met"]
-    with pytest.raises(MeshingError, match="no mesh meets the demands; tried ") as caught:
+    with pytest.raises(MeshingError, match="no mesh meets the requirements; tried ") as caught:
         remesh(CUBE, 0.1, strict=True)
-    assert [demand.name for demand in caught.value.check.failures] == ["edges", "served"]
+    assert [requirement.name for requirement in caught.value.check.failures] == ["edges", "served"]
 
 
 def test_a_mesh_holds_nothing_of_its_attempts(fakes):

@@ -191,8 +191,8 @@ def test_nothing_is_left_when_the_caller_is_killed(forked_caller, tmp_path, numb
         ("not_finite", "not finite"),
         ("one_inverted", "1 inverted or flat cells"),
         ("one_far_away", "another domain: its bounding box is off by"),
-        ("one_of_all", "another domain: its boundary is off by 0.33 of"),
-        ("without_first_cells", "another domain: its bounding box is off by 0.29 of"),
+        ("one_of_all", r"another domain: its boundary is off by [\d.]+ \(0\.33\d* of"),
+        ("without_first_cells", r"another domain: its bounding box is off by [\d.]+ \(0\.2\d* of"),
         ("doubled", r"another domain: its measure differs by \+100%"),
     ],
 )

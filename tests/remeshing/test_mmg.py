@@ -98,7 +98,7 @@ def test_a_polygon_is_rounded_by_no_more_than_twice_the_tolerance(n_sides, size)
     fan = np.column_stack([np.zeros(n_sides, int), 1 + first, 1 + (first + 1) % n_sides])
     mesh = SimplexMesh(points, fan)
     check = check_mesh(remesh(mesh, size), original=mesh, tolerance=2e-3)
-    assert [demand.text for demand in check.demands if not demand.is_met] == []
+    assert [requirement.text for requirement in check.requirements if not requirement.is_met] == []
 
 
 @pytest.mark.parametrize(("target", "h"), [("triangles", 0.3), ("tetrahedra", 0.6)])

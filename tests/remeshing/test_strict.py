@@ -1,4 +1,4 @@
-"""``remesh(strict=True)``: the demands are met, or an error lists what was tried."""
+"""``remesh(strict=True)``: the requirements are met, or an error lists what was tried."""
 
 import numpy as np
 import pytest
@@ -44,15 +44,17 @@ def test_a_smaller_tolerance_is_tried_before_giving_up(sloppy):
     assert sloppy.calls == pytest.approx([1e-2, 4e-3, 1.5e-3])
     assert check_mesh(mesh, original=CUBE, tolerance=1e-2).is_met
     message = str(seen[0].message)
-    assert "fake: boundary within 0.03 of the diagonal, 0.01 allowed" in message
+    lengths = [f"{share * CUBE.diagonal:.3g}" for share in (0.03, 0.01)]
+    figures = "within {} (0.03 of the diagonal), {} (0.01) allowed".format(*lengths)
+    assert f"fake: boundary {figures}" in message
     assert seen[0].filename == __file__
 
 
 def test_an_error_lists_what_was_tried_and_the_worst_places(sloppy):
-    with pytest.raises(MeshingError, match="no mesh meets the demands") as caught:
+    with pytest.raises(MeshingError, match="no mesh meets the requirements") as caught:
         sloppy(tolerance=1e-2, size=0.1, strict=True)
     message = str(caught.value)
     assert message.count("fake") == 3
     assert "edges 0.0% within a factor sqrt 2 of the size, 80% required" in message
     assert "worst places of the best: edges at (" in message
-    assert [demand.name for demand in caught.value.check.failures] == ["edges", "served"]
+    assert [requirement.name for requirement in caught.value.check.failures] == ["edges", "served"]

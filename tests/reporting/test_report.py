@@ -127,3 +127,40 @@ def test_a_browser_without_network_draws_the_page(square, tmp_path):
     assert [line for line in logged if "error" in line.lower()] == []
     drawn = np.asarray(Image.open(picture).convert("RGB")).reshape(-1, 3)
     assert len(np.unique(drawn, axis=0)) > 500  # the colours of the sizes, which are drawn
+
+
+def test_regions_and_faces_are_listed_by_name_in_the_colours_of_their_scenes(tmp_path):
+    regions = 3 + (CUBE.points[CUBE.cells].mean(axis=1)[:, 0] > 0.5)
+    skin = CUBE.facets[CUBE.facet_cell_counts == 1]
+    left = (CUBE.points[skin][:, :, 0] == 0.0).all(axis=1)
+    mesh = replace(
+        CUBE,
+        cell_tags=regions,
+        tagged_facets=skin,
+        facet_tags=np.where(left, 5, 9),
+        tag_names={(3, 4): "steel", (2, 5): "inlet <1>"},
+    )
+    report(tmp_path / "x.html", mesh)
+    text = (tmp_path / "x.html").read_text(encoding="utf-8")
+    row = r"<tr><th>(region|face) (\d)</th><td><span[^>]*background: (#\w+)\"></span> ([^<]*)</td>"
+    rows = re.findall(row, text)
+    colours = {f"{kind} {tag}": colour for kind, tag, colour, _ in rows}
+    assert [name for *_, name in rows] == ["", "steel", "inlet &lt;1&gt;", ""]
+    assert text.count("volume 0.5<") == 2
+    assert "area 1<" in text
+    scenes = scenes_of_mesh(mesh, None)
+    for label in ("region, cut open", "region", "face"):
+        scene = scenes[label]
+        found = data_of({label: scene})["scenes"][0]
+        for place, tag in enumerate(scene.names):
+            kind = label.partition(",")[0]
+            assert found["colours"][place] == colours[f"{kind} {tag:.0f}"]
+
+
+def test_a_region_has_one_colour_also_where_others_are_hidden():
+    inner = (np.abs(CUBE.points[CUBE.cells].mean(axis=1) - 0.5) < 0.25).all(axis=1)
+    mesh = replace(CUBE, cell_tags=np.where(inner, 1, 2))  # region 1 is inside
+    scenes = scenes_of_mesh(mesh, None)
+    data = data_of({name: scenes[name] for name in ("region", "region, cut open")})
+    ticks = [[label for _, label in scene["ticks"]] for scene in data["scenes"]]
+    assert ticks == [["1", "2"], ["1", "2"]]

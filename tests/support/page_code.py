@@ -88,7 +88,7 @@ def run_line(line):
         return
     program, *arguments = shlex.split(line)
     if program == "adaptsize":
-        # Meshes of coarse parts may miss a demand of check.
+        # Meshes of coarse parts may miss a requirement of check.
         allowed = (0, 1) if arguments[0] in ("check", "image", "remesh") else (0,)
         assert run_command_line(arguments) in allowed, line
     else:

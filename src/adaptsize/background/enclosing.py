@@ -25,7 +25,7 @@ def enclosing_diameter(points: FloatArray) -> float:
     Returns
     -------
     float
-        Bit by bit the same in any order of the points; under rotations the same to rounding.
+        Bit for bit the same in any order of the points; under rotations the same to rounding.
 
     Notes
     -----

@@ -185,7 +185,7 @@ def _near_pairs(points: FloatArray) -> IndexArray | None:
 def ordered_by_place(mesh: SimplexMesh) -> tuple[SimplexMesh, IndexArray]:
     """Return a mesh with its nodes sorted by their coordinates, and its cells by their nodes.
 
-    What is computed from it is the same for any order of nodes and cells, bit by bit, unless nodes
+    What is computed from it is the same for any order of nodes and cells, bit for bit, unless nodes
     coincide.  Data are dropped.
 
     Returns

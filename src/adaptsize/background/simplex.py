@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._calls import recorded
 from adaptsize._checks import as_nodes, check_type
 from adaptsize._kernels.simplex import fill_measures
 from adaptsize._kernels.topology import mark_nodes
@@ -340,6 +341,7 @@ class SimplexMesh(ExchangeMethods, QualityMethods, SurfaceMethods, PictureMethod
             {**self.cell_data, **arrays.as_mapping("cell_data", cell_data)},
         )
 
+    @recorded("SimplexMesh.without_data")
     def without_data(self) -> SimplexMesh:
         """Return the same mesh without fields; topology is shared."""
         return self._with_fields({}, {})

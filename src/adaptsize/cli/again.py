@@ -13,18 +13,20 @@ from typing import Annotated, Any
 
 import typer
 
+from adaptsize import _calls
 from adaptsize._checks import refusal
 from adaptsize._formats.guards import write_whole
+from adaptsize._records import description, read_record, sha256, versions
 from adaptsize.cli.command import command
 from adaptsize.cli.console import Console
 from adaptsize.cli.options import Given, own
-from adaptsize.cli.provenance import TypedCommand, description, read_provenance, sha256, versions
+from adaptsize.cli.provenance import TypedCommand
 
 #: The record, as an argument.
 Record = Annotated[
     Path, typer.Argument(metavar="NAME.json", help="The record beside a file, or that file.")
 ]
-_KEYS = {"command", "inputs", "sha256", "version", "input", "date"}
+_KEYS = {"inputs", "sha256", "version", "input", "date", "folder"}
 
 
 @command(own("Output", "output", Path, "Keep the new file under this name.", short="-o"))
@@ -34,19 +36,23 @@ def again(console: Console, file: Record, given: Given) -> int:
     Inputs must be what they were.  The exit code is 1 if the new file differs.
     """
     made = file.with_suffix("") if file.suffix == ".json" else file
-    record, output = read_provenance(made), given.get("output")
-    if not record.keys() >= _KEYS:
+    record, output = read_record(made), given.get("output")
+    if not record.keys() >= _KEYS or not record.keys() & {"command", "calls"}:
         raise ValueError(f"{file}: there is no record of adaptsize beside {made.name}")
     if output is not None and output.exists():
         raise refusal("output", f"must be a new file, {output} exists")
     if output is not None and not output.parent.is_dir():
         raise ValueError(f"{output}: there is no directory {output.parent}")
-    request = TypedCommand(tuple(record["command"]), record["inputs"])
-    words = request.at(_folder_with(request, record))
+    folder_of_inputs = _folder_with(record)
     console.say(f"{made.name}: {description(record)}")
     with tempfile.TemporaryDirectory() as folder:
         new = Path(folder) / made.name
-        _run([*words, "-o", str(Path(folder) / _name_of_output(request, made))], console)
+        if "calls" in record:
+            _call(record, folder_of_inputs, new)
+        else:
+            request = TypedCommand(tuple(record["command"]), record["inputs"])
+            words = request.at(folder_of_inputs)
+            _run([*words, "-o", str(Path(folder) / _name_of_output(request, made))], console)
         if not new.is_file():
             raise ValueError(f"{file}: the command has not written {made.name}")
         is_same = sha256(new) == record["sha256"]
@@ -62,19 +68,29 @@ def again(console: Console, file: Record, given: Given) -> int:
     return 1
 
 
-def _folder_with(request: TypedCommand, record: Mapping[str, Any]) -> Path:
+def _folder_with(record: Mapping[str, Any]) -> Path:
     """Return the folder in which all inputs are what they were: this one, or that of the record."""
+    if record.get("unknown"):
+        raise ValueError(f"the record does not hold all: {'; '.join(record['unknown'])}")
     faults = []
-    for folder in (Path(), Path(record.get("folder", "."))):
+    for folder in (Path(), Path(record["folder"])):
         wrong = [
             f"{path} is {'not what it was' if (folder / path).is_file() else 'missing'}"
-            for path, known in request.inputs.items()
+            for path, known in record["inputs"].items()
             if not (folder / path).is_file() or sha256(folder / path) != known
         ]
         if not wrong:
             return folder
         faults.append(wrong[0])
     raise ValueError(f"the inputs must be those of the record: {faults[0]}")
+
+
+def _call(record: Mapping[str, Any], folder: Path, new: Path) -> None:
+    """Make the calls of a record of Python code, with inputs from a folder; write the new file."""
+    steps = [*record["calls"]]
+    last = {**steps[-1]["arguments"], "path": str(new)}
+    steps[-1] = {**steps[-1], "arguments": last}
+    _calls.repeated(steps, {path: str(folder / path) for path in record["inputs"]})
 
 
 def _name_of_output(request: TypedCommand, made: Path) -> str:

@@ -12,6 +12,7 @@ import adaptsize as ads
 from adaptsize._checks import refusal
 from adaptsize._defaults import GRADIENT_LIMIT, METRIC_GRADIENT_LIMIT, TOLERANCE
 from adaptsize._messages import Message
+from adaptsize._records import description, how_made, read_record
 from adaptsize.cli import files
 from adaptsize.cli.again import again
 from adaptsize.cli.command import GroupedCommand, command
@@ -35,7 +36,6 @@ from adaptsize.cli.options import (
     own,
     reading,
 )
-from adaptsize.cli.provenance import description, read_provenance
 from adaptsize.cli.remesh import remesh
 from adaptsize.cli.size import exit_code, image, size
 from adaptsize.cli.warmup import announce_compilation, warmup
@@ -108,10 +108,14 @@ def info(console: Console, file: Input, given: Given) -> int:
         steps.begin("checks")
         summary = summarize(mesh)
     not_joined = [str(found) for found in unconnected(mesh)]
-    made = read_provenance(file)
+    made = read_record(file)
     if made.get("program") == "adaptsize":
         console.record(made=made)
         console.say(description(made))
+        if how_made(made):
+            console.say(f"by {how_made(made)}")
+        for text in made.get("unknown", []):
+            console.say(f"it cannot be made again: {text}")
     console.record(**summary.as_dict(), not_joined=not_joined)
     console.print(summary)
     if faces:
@@ -134,8 +138,8 @@ def info(console: Console, file: Input, given: Given) -> int:
 def check(console: Console, file: Input, given: Given) -> int:
     """Check a mesh: validity, domain, conformity with its sizes.
 
-    The exit code is 1 if a demand is missed by more than 10 % of its limit.  The worst places are
-    listed.  The tolerance is that with which remesh made the mesh, unless another one is given.
+    The exit code is 1 if a requirement is missed by more than 10 % of its limit.  The worst places
+    are listed.  The tolerance is that with which remesh made the mesh, unless another one is given.
     """
     from adaptsize.remeshing.preparation import repair_mesh
     from adaptsize.reporting.outcome import Outcome, conformity_beside, kind_of
@@ -147,7 +151,7 @@ def check(console: Console, file: Input, given: Given) -> int:
     with console.steps(2) as steps:
         steps.begin("reading")
         mesh = files.read_mesh(file, **reading(given))
-        made = read_provenance(file)
+        made = read_record(file)
         if made.get("n_cells") == mesh.n_cells and isinstance(made.get("tolerance"), float):
             options = {"tolerance": made["tolerance"]} | options
             console.say(f"{description(made)} with the tolerance {made['tolerance']:.3g}")

@@ -16,9 +16,10 @@ from adaptsize._checks import refusal
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._messages import Message
 from adaptsize._progress import Stage
+from adaptsize._records import description, how_made, read_record, write_record
 from adaptsize.cli import tuning
 from adaptsize.cli.console import Console
-from adaptsize.cli.provenance import provenance_of, write_provenance
+from adaptsize.cli.provenance import provenance_of
 from adaptsize.errors import OptionError
 from adaptsize.reporting.outcome import kind_of
 
@@ -236,7 +237,7 @@ def write_result(
             console.wrote(**_contents(target, what, fields or ()), **of_order)
             if console.request is not None:
                 more = dict(record or {})
-                write_provenance(target, provenance_of(target, console.request) | more)
+                write_record(target, provenance_of(target, console.request) | more)
     if isinstance(result, ads.SimplexMesh) and "cell fields" not in format_of(path).holds:
         for name in result.cell_data:
             console.say(f"{path.name} holds no cell fields: {name} is not written")
@@ -311,11 +312,19 @@ def write_report(
 
     stages = [name for name, _ in console.times if isinstance(name, Stage)]
     generators = " and ".join(dict.fromkeys(s.generator for s in stages if s.generator))
-    about = {"input": str(file), "command": console.typed}
+    about = {"input": str(file), **about_record(file), "command": console.typed}
     about |= {"generator": generators} if generators else {}
     head = {"title": None, "times": console.times, "about": about}
     write_page(page, mesh, size, outcome, check, head)
     console.say(f"report: {page}")
+
+
+def about_record(file: Path) -> dict[str, str]:
+    """Return what made a file, for the head of a page, if there is a record of it."""
+    made = read_record(file)
+    if made.get("program") != "adaptsize":
+        return {}
+    return {"input made by": f"{how_made(made)} ({description(made)})"}
 
 
 def announce_sizes(console: Console, mesh: SimplexMesh) -> None:

@@ -1,24 +1,14 @@
-"""What a file was made with, in ``NAME.json`` beside it: to look it up, and to make it again."""
+"""The command that made a file, for the record beside it."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import platform
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from datetime import datetime, timezone
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from adaptsize import __version__
-from adaptsize._formats.guards import write_whole
-from adaptsize._formats.text import write_text
+from adaptsize._records import facts_of, sha256
 from adaptsize.options import Option
-
-#: Packages on which a result may depend.
-_PACKAGES = ("numpy", "scipy", "numba", "mmgpy", "netgen-mesher", "pytetwild", "gmsh")
 
 
 @dataclass(frozen=True)
@@ -72,73 +62,9 @@ def _files_in(name: str, text: str) -> Iterable[Path]:
         yield Path(text)
 
 
-def sha256(path: Path) -> str:
-    """Return the SHA-256 of a file, in hexadecimal digits."""
-    found = hashlib.sha256()
-    with path.open("rb") as stream:
-        while part := stream.read(2**20):
-            found.update(part)
-    return found.hexdigest()
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages on which results may depend."""
-    found = {"python": platform.python_version()}
-    for name in _PACKAGES:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
-
-
 def provenance_of(path: Path, request: TypedCommand) -> dict[str, Any]:
     """Return what is stored beside a file that a command has written, plain values."""
-    return {
-        "program": "adaptsize",
-        "version": __version__,
-        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+    return facts_of(path, request.inputs) | {
         "command": list(request.words),
-        "folder": str(Path.cwd()),
         "input": request.words[1],
-        "inputs": request.inputs,
-        "versions": versions(),
-        "system": platform.platform(),
-        "sha256": sha256(path),
     }
-
-
-def write_provenance(path: Path, record: Mapping[str, Any]) -> None:
-    """Store what a file was made with, plain values, in ``NAME.json`` beside it.
-
-    Examples
-    --------
-    >>> from tempfile import TemporaryDirectory
-    >>> with TemporaryDirectory() as folder:
-    ...     path = Path(folder) / "part.stl"
-    ...     write_provenance(path, {"tolerance": 0.001})
-    ...     (sorted(p.name for p in path.parent.iterdir()), read_provenance(path))
-    (['part.stl.json'], {'tolerance': 0.001})
-    """
-    text = json.dumps(record, allow_nan=False)
-    write_whole(record_beside(path), lambda target: write_text(target, text, "\n"))
-
-
-def read_provenance(path: Path) -> dict[str, Any]:
-    """Return what `write_provenance` stored beside a file; empty if there is nothing."""
-    try:
-        found = json.loads(record_beside(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError):  # also of another program
-        return {}
-    return found if isinstance(found, dict) else {}
-
-
-def record_beside(path: Path) -> Path:
-    """Return the file with the record of another one."""
-    return path.with_name(f"{path.name}.json")
-
-
-def description(record: Mapping[str, Any]) -> str:
-    """Return in words what made a file."""
-    version, made_from, date = (record.get(name) for name in ("version", "input", "date"))
-    return f"made by adaptsize {version} from {made_from} on {date}"

@@ -170,11 +170,12 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> tuple[Sim
     """
     from adaptsize.remeshing.driver import check_backend
 
-    tolerance = _tolerance(console, given)
+    tolerance = as_tolerance("tolerance", given.get("tolerance", TOLERANCE))
     # Half of the tolerance is for the mesh generator.
     mesh = files.read_mesh(file, 0.5 * tolerance, **reading(given))
     if files.is_of_polygons(file):
         console.say("the lines are simplified within half of the tolerance")
+    _doubt_tolerance(console, tolerance, mesh)
     target = _target(console, output, mesh, given)
     check_backend(mesh, target, given.get("backend", "auto"))
     is_filled = mesh.cell_dim < mesh.dim and target != "triangles"
@@ -193,16 +194,14 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> tuple[Sim
     return mesh, target
 
 
-def _tolerance(console: Console, given: Given) -> float:
-    """Return the tolerance, with a warning if it looks like a length."""
-    tolerance = as_tolerance("tolerance", given.get("tolerance", TOLERANCE))
+def _doubt_tolerance(console: Console, tolerance: float, mesh: SimplexMesh) -> None:
+    """Warn of a tolerance that looks like a length."""
     if tolerance >= tuning.LOOSE:
         text = (
-            f"= {tolerance:g} is a share of the diagonal, not a length: the boundary may move so "
-            "far, and check accepts it"
+            f"= {tolerance:g} is a share of the diagonal, not a length: the boundary may move by "
+            f"{tolerance * mesh.diagonal:.3g}, and check accepts it"
         )
         console.warn(Message.about("tolerance", text))
-    return tolerance
 
 
 def _target(console: Console, output: Path, mesh: SimplexMesh, given: Given) -> str:

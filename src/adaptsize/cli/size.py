@@ -183,7 +183,7 @@ def print_outcome(console: Console, outcome: Outcome, *lines: str) -> int:
     for text in outcome.warnings():
         console.warn(text)
     if console.quiet and outcome.check.missed:
-        names = ", ".join(demand.name for demand in outcome.check.missed)
+        names = ", ".join(requirement.name for requirement in outcome.check.missed)
         print_message(f"error: the mesh does not pass adaptsize check: {names}")
     if console.quiet and outcome.over_cap is not None:
         print_message(f"error: {outcome.over_cap}")
@@ -191,7 +191,7 @@ def print_outcome(console: Console, outcome: Outcome, *lines: str) -> int:
 
 
 def exit_code(check: MeshCheck) -> int:
-    """Return 1 if a demand is missed, and 0 if all are met or near."""
+    """Return 1 if a requirement is missed, and 0 if all are met or near."""
     return int(check.status == "missed")
 
 

@@ -40,7 +40,7 @@ def read_parts(path: str | os.PathLike[str], comm: object = None) -> Partitioned
     Raises
     ------
     ValueError
-        On all ranks alike.  The message has the number of the first rank that failed.
+        On every rank.  The message has the number of the first rank that failed.
     """
     ranks, file = as_communicator(comm), as_path("path", path)
     if file.suffix.lower() in (".pvtu", ".vtkhdf"):
@@ -92,7 +92,7 @@ def write_parts(
     Raises
     ------
     ValueError
-        On all ranks alike, as for `write`.  An existing file is then unchanged.
+        On every rank, as for `write`.  An existing file is then unchanged.
     """
     file = as_path("path", path)
     check_type("part", part, PartitionedMesh)

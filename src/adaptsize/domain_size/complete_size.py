@@ -7,7 +7,15 @@ from typing import Any, Literal, TypeAlias
 
 import numpy.typing as npt
 
-from adaptsize._checks import as_float_array, as_plain_array, check_type, describe, refusal
+from adaptsize._calls import recorded
+from adaptsize._checks import (
+    as_float_array,
+    as_plain_array,
+    check_type,
+    checked_before,
+    describe,
+    refusal,
+)
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import AnyBackground, CartesianGrid, Octree, SimplexMesh
@@ -31,6 +39,7 @@ Domain: TypeAlias = (
 )
 
 
+@recorded("size_function")
 @with_options(SizeFunctionOptions)
 def size_function(
     domain: Domain,
@@ -142,7 +151,8 @@ def _sizes(
         request = Request.of(given, sources, h0, report)
         domain = as_own(domain)
         refuse_unused(_kind_of(domain), options, " ".join(describe(domain).split()))
-        return find(_as_domain(domain, background, box, request), request)
+        with checked_before():
+            return find(_as_domain(domain, background, box, request), request)
 
 
 def _kind_of(domain: object) -> str:

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import warn_caller
+from adaptsize._calls import recorded
+from adaptsize._checks import checked_before, warn_caller
 from adaptsize._defaults import TOLERANCE
 from adaptsize._messages import Message, message_of
 from adaptsize._size_function import SizeFunction
@@ -39,7 +40,6 @@ from adaptsize.options import (
     MeshOptions,
     RemeshToElementsOptions,
     checked,
-    checked_before,
     options_of,
     with_options,
 )
@@ -70,6 +70,7 @@ class MeshOfElements(NamedTuple):
         return report_of(self.size)
 
 
+@recorded("remesh_to_elements", "mesh", "size")
 @with_options(RemeshToElementsOptions)
 def remesh_to_elements(
     mesh: SimplexMesh,
@@ -178,11 +179,11 @@ class MadeMesh(NamedTuple):
         """Whether the boundary is so far away that the generator has made another surface."""
         check = None if self.attempts is None else self.attempts.check
         return check is not None and any(
-            demand.name == "boundary"
-            and demand.value is not None
-            and demand.limit is not None
-            and demand.value > of_remeshing.FARTHEST_BOUNDARY * demand.limit
-            for demand in check.missed
+            requirement.name == "boundary"
+            and requirement.value is not None
+            and requirement.limit is not None
+            and requirement.value > of_remeshing.FARTHEST_BOUNDARY * requirement.limit
+            for requirement in check.missed
         )
 
 

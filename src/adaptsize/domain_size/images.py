@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._calls import recorded
 from adaptsize._checks import check_type
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
@@ -34,6 +35,7 @@ from adaptsize.sizes.sources import SourcesLike
 from adaptsize.typing import FloatArray, LongArray, ProgressCallback, Unpack
 
 
+@recorded("mesh_image")
 @with_options(ImageMeshOptions)
 def mesh_image(
     image: Image | npt.ArrayLike,

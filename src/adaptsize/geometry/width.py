@@ -81,7 +81,7 @@ def boundary_width(
     ends where it leaves the last one.  Facets inside of another body have no width.  Walls of
     bodies that touch are walls, and so are open sheets, from both sides.
 
-    The result does not depend on the order of nodes and facets, bit by bit, and on the position,
+    The result does not depend on the order of nodes and facets, bit for bit, and on the position,
     orientation and unit of the boundary only by rounding.  A ray takes O(log n), 2 to 5
     microseconds.
 

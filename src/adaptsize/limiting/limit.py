@@ -190,7 +190,7 @@ def limit_gradient(
     cell and images make up a convex domain, the exact method adds the images of the sources,
     and the result is exact to rounding.  Elsewhere fast marching identifies the nodes.
 
-    *Meshes in parts.*  The result is that on the whole mesh, for any partition: equal bit by bit
+    *Meshes in parts.*  The result is that on the whole mesh, for any partition: equal bit for bit
     with the exact method and along edges, and to 1e-12 with fast marching of first order.  There
     are no other schemes, no ``initial`` and no ``periodic``.  Ranks that share a node must give it
     the same bound; `PartitionedMesh.minimum` makes them agree.  Functions g, ``method`` and

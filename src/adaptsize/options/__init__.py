@@ -29,7 +29,7 @@ from adaptsize.options.meshes import (
     RemeshOptions,
     RemeshToElementsOptions,
 )
-from adaptsize.options.option import Option, checked_before
+from adaptsize.options.option import Option
 from adaptsize.options.pictures import PictureOptions, ScaledPictureOptions
 from adaptsize.options.records import check_fields, options_of
 from adaptsize.options.signatures import with_options
@@ -90,7 +90,6 @@ __all__ = [
     "TransferOptions",
     "check_fields",
     "checked",
-    "checked_before",
     "entrances_with",
     "joined",
     "options_of",

@@ -36,6 +36,8 @@ ENTRANCES: Mapping[str, type] = {
     "mesh_from_distance": DistanceOptions,
     "adapt": AdaptOptions,
 }
+#: Arguments of `remesh_to_elements` that other functions have as options.
+_ARGUMENTS = {"remesh_to_elements": ("elements", "nodes")}
 
 
 def entrances_with(name: str, entrances: Mapping[str, type]) -> str:
@@ -46,7 +48,13 @@ def entrances_with(name: str, entrances: Mapping[str, type]) -> str:
     >>> entrances_with("spacing", ENTRANCES)
     'size_function and mesh_image'
     """
-    return joined([title for title, record in entrances.items() if name in options_of(record)])
+    return joined(
+        [
+            title
+            for title, record in entrances.items()
+            if name in (*options_of(record), *_ARGUMENTS.get(title, ()))
+        ]
+    )
 
 
 def joined(names: Sequence[str]) -> str:

@@ -46,7 +46,7 @@ class MeshOptions(GeneratorOptions, total=False):
         Made of a surface: auto, tetrahedra or triangles.  "auto" fills it with tetrahedra, unless
         it lies in a plane.
     strict
-        Whether the mesh must meet all demands of `check_mesh`.  If it does not, smaller
+        Whether the mesh must meet all requirements of `check_mesh`.  If it does not, smaller
         tolerances and other generators are tried.
     """
 

@@ -1,32 +1,23 @@
 """The declaration of an option: default, range, unit and text, and the check of a value."""
 
 import inspect
-from collections.abc import Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any, Literal, get_args, get_origin
 
-from adaptsize._checks import as_flag, as_number, as_slope, as_whole_number, one_of, warn_caller
+from adaptsize._checks import (
+    as_flag,
+    as_number,
+    as_slope,
+    as_whole_number,
+    one_of,
+    warn_caller,
+    were_checked,
+)
 from adaptsize._messages import Message
 from adaptsize.errors import InputWarning
 
 #: Gradient limits from this on look like percentages.
 _PERCENTAGE = 10.0
-
-
-#: Whether values come from options that were checked before, so that no warning is repeated.
-_WAS_CHECKED: ContextVar[bool] = ContextVar("_WAS_CHECKED", default=False)
-
-
-@contextmanager
-def checked_before() -> Iterator[None]:
-    """Pass on options that were checked: what is unusual in them was warned of, or is derived."""
-    token = _WAS_CHECKED.set(True)
-    try:
-        yield
-    finally:
-        _WAS_CHECKED.reset(token)
 
 
 @dataclass(frozen=True)
@@ -114,7 +105,7 @@ class Option:
                 self.name, value, lower=self.lower, strict=self.above, allow_inf=self.inf,
                 upper=self.upper, unit=unit,
             )  # fmt: skip
-        if not _WAS_CHECKED.get():
+        if not were_checked():
             self._warn_of(value)
         return value
 

@@ -43,6 +43,8 @@ class Scene:
         Whether values are categories (tags), not quantities.
     class_names : mapping of int to str
         Names of classes.  The others are labelled by number.
+    tags : tuple of int
+        All classes, also those that are hidden; by default those shown.
     plain : bool
         Whether edges are not drawn.
     color_range : tuple of float, optional
@@ -59,6 +61,7 @@ class Scene:
     label: str = ""
     classes: bool = False
     class_names: Mapping[int, str] = field(default_factory=dict)
+    tags: tuple[int, ...] = ()
     plain: bool = False
     color_range: tuple[float, float] | None = None
     colors: str | None = None
@@ -89,7 +92,9 @@ class Scene:
 
     @property
     def names(self) -> FloatArray:
-        """The distinct values in ascending order: the classes."""
+        """The classes in ascending order: ``tags``, or the distinct values."""
+        if self.tags:
+            return np.array(self.tags, np.float64)
         return np.unique(self.values[np.isfinite(self.values)])
 
     @property

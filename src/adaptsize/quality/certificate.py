@@ -1,4 +1,4 @@
-"""Demands that a mesh must meet: which are met, nearly met or missed, and where."""
+"""Requirements that a mesh must meet: which are met, nearly met or missed, and where."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from adaptsize._checks import as_number, as_tolerance, place_text
+from adaptsize._checks import as_number, as_tolerance, length_text, place_text
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import skin_of
 from adaptsize.background.simplex import as_mesh
@@ -42,13 +42,13 @@ _ROUNDING = 1e-9
 #: A closed surface that encloses less than this times a power of the diagonal is a flat bag.
 _NO_VOLUME = 1e-12
 
-#: Whether a demand is met, is beyond its limit by at most 10 % of that, or is missed.
+#: Whether a requirement is met, is beyond its limit by at most 10 % of that, or is missed.
 Status: TypeAlias = Literal["met", "near", "missed"]
 
 
 @dataclass(frozen=True)
 class Place:
-    """A place where a mesh does not meet a demand."""
+    """A place where a mesh does not meet a requirement."""
 
     point: tuple[float, ...]
     value: float
@@ -56,7 +56,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Demand:
+class Requirement:
     """One property that a mesh must have.
 
     Attributes
@@ -71,9 +71,9 @@ class Demand:
     value, limit : float or None
         The figure and its limit: distances over the diagonal of ``"boundary"``, ``"interface"`` and
         ``"tags"``; relative changes of ``"measure"`` and ``"regions"``; shares of ``"edges"`` and
-        ``"served"``, which must be at least the limit.  None for other demands.
+        ``"served"``, which must be at least the limit.  None for other requirements.
     places : tuple of Place
-        The worst places, the worst first.  Empty if the demand is met or concerns no place.
+        The worst places, the worst first.  Empty if the requirement is met or concerns no place.
     """
 
     name: str
@@ -95,58 +95,61 @@ class Demand:
 
 @dataclass(frozen=True)
 class MeshCheck:
-    """Which demands a mesh meets.
+    """Which requirements a mesh meets.
 
     Attributes
     ----------
-    demands : tuple of Demand
+    requirements : tuple of Requirement
     notes : tuple of str
         What was not compared, and why.
     """
 
-    demands: tuple[Demand, ...]
+    requirements: tuple[Requirement, ...]
     notes: tuple[str, ...] = ()
 
     @property
     def is_met(self) -> bool:
-        """Whether all demands are met."""
+        """Whether all requirements are met."""
         return not self.failures
 
     @property
     def status(self) -> Status:
-        """The worst status of a demand.  The commands exit with 1 if it is ``"missed"``."""
+        """The worst status of a requirement.  The commands exit with 1 if it is ``"missed"``."""
         if self.missed:
             return "missed"
         return "near" if self.failures else "met"
 
     @property
-    def failures(self) -> tuple[Demand, ...]:
-        """The demands that are not met: near or missed."""
-        return tuple(demand for demand in self.demands if not demand.is_met)
+    def failures(self) -> tuple[Requirement, ...]:
+        """The requirements that are not met: near or missed."""
+        return tuple(requirement for requirement in self.requirements if not requirement.is_met)
 
     @property
-    def missed(self) -> tuple[Demand, ...]:
-        """The demands that are missed."""
-        return tuple(demand for demand in self.demands if demand.status == "missed")
+    def missed(self) -> tuple[Requirement, ...]:
+        """The requirements that are missed."""
+        return tuple(
+            requirement for requirement in self.requirements if requirement.status == "missed"
+        )
 
     def distance(self, name: str) -> float | None:
         """Return the distance of ``"boundary"``, ``"interface"`` or ``"tags"``; None if unknown."""
-        return next((one.value for one in self.demands if one.name == name), None)
+        return next((one.value for one in self.requirements if one.name == name), None)
 
     def as_dict(self) -> dict[str, Any]:
         """Return dictionaries and lists of plain values, suitable for JSON."""
-        demands = [demand.as_dict() for demand in self.demands]
+        requirements = [requirement.as_dict() for requirement in self.requirements]
         return {
-            "is_met": self.is_met, "status": self.status, "demands": demands, "notes": self.notes,
+            "is_met": self.is_met, "status": self.status, "requirements": requirements,
+            "notes": self.notes,
         }  # fmt: skip
 
     def __str__(self) -> str:
-        """Return one line per demand, and the worst places."""
+        """Return one line per requirement, and the worst places."""
         shown = {"met": "met", "near": "near", "missed": "MISSED"}
         lines = []
-        for demand in self.demands:
-            lines.append(f"{demand.name:9} {shown[demand.status]:7} {demand.text}")
-            for place in demand.places:
+        for requirement in self.requirements:
+            lines.append(f"{requirement.name:9} {shown[requirement.status]:7} {requirement.text}")
+            for place in requirement.places:
                 lines.append(f"{'':18}{place.value:.4g} at {place_text(place.point)}")
         lines += [f"{'note':17} {note}" for note in self.notes]
         return "\n".join(lines)
@@ -180,7 +183,7 @@ def check_mesh(
     share_served : float
         Required share of the requested elements that are served, see `size_conformity`.
     n_places : int
-        Number of worst places to list for each demand that is not met.
+        Number of worst places to list for each requirement that is not met.
 
     Returns
     -------
@@ -195,9 +198,9 @@ def check_mesh(
     -----
     A figure beyond its limit by at most 10 % of the limit is *near*, and *missed* beyond that: of
     distances and changes of volumes above 1.1 times what is allowed, of shares below .9 times what
-    is required.  The first three demands, missing tags, and the topology are met or missed.
+    is required.  The first three requirements, missing tags, and the topology are met or missed.
 
-    The demands are:
+    The requirements are:
 
     - *cells*: none is inverted or flat, and none has the same nodes as another.
     - *facets*: each facet of a volume mesh or a plane mesh belongs to one or two cells.
@@ -236,7 +239,7 @@ def check_mesh(
     >>> square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     >>> half = SimplexMesh(square.points, square.cells[:1])
     >>> check = check_mesh(half, original=square)
-    >>> check.is_met, [demand.name for demand in check.failures]
+    >>> check.is_met, [requirement.name for requirement in check.failures]
     (False, ['boundary', 'measure'])
     """
     mesh = as_mesh("mesh", mesh)
@@ -276,20 +279,20 @@ def checked_mesh(
 
     So that several meshes of the same surface can be compared with it.
     """
-    demands, notes = [_cells(mesh, count)], list[str]()
+    requirements, notes = [_cells(mesh, count)], list[str]()
     if mesh.cell_dim == mesh.dim:
-        demands.append(_facets(mesh, count))
+        requirements.append(_facets(mesh, count))
         notes += [str(found) for found in unconnected(mesh)]
     if mesh.cell_dim == 3:
-        demands.append(_overlaps(mesh))
+        requirements.append(_overlaps(mesh))
     if original is not None:
-        demands += _same_domain(mesh, original, tolerance, count, notes, solid)
+        requirements += _same_domain(mesh, original, tolerance, count, notes, solid)
     if size is not None:
-        demands += size_demands(mesh, size, share_in_band, share_served, count)
-    return MeshCheck(tuple(demands), tuple(notes))
+        requirements += size_requirements(mesh, size, share_in_band, share_served, count)
+    return MeshCheck(tuple(requirements), tuple(notes))
 
 
-def _cells(mesh: SimplexMesh, count: int) -> Demand:
+def _cells(mesh: SimplexMesh, count: int) -> Requirement:
     again = repeated_cells(mesh)[:, 0]
     measures = mesh.signed_measures if mesh.cell_dim == mesh.dim else mesh.measures
     bad = np.flatnonzero(inverted_cells(mesh))
@@ -300,22 +303,22 @@ def _cells(mesh: SimplexMesh, count: int) -> Demand:
     worst = bad[np.argsort(measures[bad])]
     centroids = mesh.points[mesh.cells[worst[:count]]].mean(axis=1)
     places = _places(centroids, measures[worst], count)
-    return Demand("cells", _none(len(bad)), text, places=places)
+    return Requirement("cells", _none(len(bad)), text, places=places)
 
 
-def _facets(mesh: SimplexMesh, count: int) -> Demand:
+def _facets(mesh: SimplexMesh, count: int) -> Requirement:
     bad = np.flatnonzero(mesh.facet_cell_counts > 2)
     text = f"{len(bad)} of {len(mesh.facets)} in more than two cells"
     centres = mesh.points[mesh.facets[bad[:count]]].mean(axis=1)
     counts = mesh.facet_cell_counts[bad].astype(np.float64)
-    return Demand("facets", _none(len(bad)), text, places=_places(centres, counts, count))
+    return Requirement("facets", _none(len(bad)), text, places=_places(centres, counts, count))
 
 
-def _overlaps(mesh: SimplexMesh) -> Demand:
+def _overlaps(mesh: SimplexMesh) -> Requirement:
     found = overlapping_cells(mesh)
     if found is None:
-        return Demand("overlaps", "met", "no point in two cells")
-    return Demand("overlaps", "missed", str(found), places=(Place(found.place, found.volume),))
+        return Requirement("overlaps", "met", "no point in two cells")
+    return Requirement("overlaps", "missed", str(found), places=(Place(found.place, found.volume),))
 
 
 def _none(count: int) -> Status:
@@ -343,8 +346,8 @@ def _same_domain(
     count: int,
     notes: list[str],
     solid: Solid | None,
-) -> Iterator[Demand]:
-    """Yield the demands that compare two domains.  What cannot be compared goes to the notes."""
+) -> Iterator[Requirement]:
+    """Yield the requirements that compare two domains; notes say what cannot be compared."""
     skin, old = skin_of(mesh)[0], skin_of(original)[0]
     is_closed, enclosed = old.is_closed, np.nan
     if mesh.cell_dim == 3 and original.cell_dim == 2:
@@ -404,14 +407,14 @@ def _tags(
     diagonal: float,
     count: int,
     notes: list[str],
-) -> Iterator[Demand]:
-    """Yield the demand on tagged facets, and on tagged triangles of a surface."""
+) -> Iterator[Requirement]:
+    """Yield the requirement on tagged facets, and on tagged triangles of a surface."""
     common, missing, has_no_faces = tagged_parts(mesh, original)
     if has_no_faces:
         notes.append("tags of the surface are not compared: the mesh has none")
     if missing:
         text = f"{len(missing)} of {len(missing) + len(common)} missing: {', '.join(missing)}"
-        yield Demand("tags", "missed", text)
+        yield Requirement("tags", "missed", text)
     elif common:
         away = {
             tag: [distances_from(old, new), distances_from(new, old)]
@@ -419,29 +422,32 @@ def _tags(
         }
         worst = max(away, key=lambda tag: max(found.largest for found in away[tag]))
         samples = [found for pair in away.values() for found in pair]
-        demand = _near("tags", samples, allowed, diagonal, count)
-        yield replace(demand, text=f"{len(away)}; {worst} {demand.text}")
+        requirement = _near("tags", samples, allowed, diagonal, count)
+        yield replace(requirement, text=f"{len(away)}; {worst} {requirement.text}")
 
 
-def _near(name: str, away: list[Distances], allowed: float, diagonal: float, count: int) -> Demand:
+def _near(
+    name: str, away: list[Distances], allowed: float, diagonal: float, count: int
+) -> Requirement:
     points = np.concatenate([found.points for found in away])
     distance = np.concatenate([found.distance for found in away])
     largest = float(distance.max())
-    text = f"within {largest / diagonal:.3g} of the diagonal, {allowed / diagonal:.3g} allowed"
+    limit = f"{allowed:.3g} ({allowed / diagonal:.3g}) allowed"
+    text = f"within {length_text(largest, diagonal)}, {limit}"
     bad = np.flatnonzero(distance > allowed * (1.0 + _ROUNDING))
     worst = bad[np.argsort(-distance[bad])][:count]
     places = _places(points[worst], distance[worst], count)
     status: Status = "met"
     if len(bad):
         status = "near" if largest <= (1.0 + NEAR) * allowed else "missed"
-    return Demand(name, status, text, largest / diagonal, allowed / diagonal, places)
+    return Requirement(name, status, text, largest / diagonal, allowed / diagonal, places)
 
 
-def _regions(mesh: SimplexMesh, original: SimplexMesh, allowed: float) -> Demand:
+def _regions(mesh: SimplexMesh, original: SimplexMesh, allowed: float) -> Requirement:
     new, old = region_measures(mesh), region_measures(original)
     if new.keys() != old.keys():
         texts = [", ".join(map(str, found)) or "none" for found in (new, old)]
-        return Demand("regions", "missed", "; original: ".join(texts))
+        return Requirement("regions", "missed", "; original: ".join(texts))
     changes = {}
     for tag, measure in old.items():
         region = SimplexMesh(original.points, original.cells[original.cell_tags == tag])
@@ -450,35 +456,35 @@ def _regions(mesh: SimplexMesh, original: SimplexMesh, allowed: float) -> Demand
     worst = max(changes, key=lambda tag: abs(changes[tag][0]) / (changes[tag][1] + _ROUNDING))
     change, most = changes[worst]
     text = f"{len(old)}; {worst} {_changed(change, most)}"
-    return Demand("regions", _at_most(abs(change), most), text, change, most)
+    return Requirement("regions", _at_most(abs(change), most), text, change, most)
 
 
 def _changed(change: float, allowed: float) -> str:
     return f"changed by {100.0 * change:+.3g}%, {100.0 * allowed:.3g}% allowed"
 
 
-def _measure(mesh: SimplexMesh, new: Topology | None, old: float, explained: float) -> Demand:
-    """Return the demand on the volume or area, of which the tolerance explains a change."""
+def _measure(mesh: SimplexMesh, new: Topology | None, old: float, explained: float) -> Requirement:
+    """Return the requirement on the volume or area, of which the tolerance explains a change."""
     if mesh.cell_dim == mesh.dim:
         measure = float(mesh.measures.sum())
     else:
         measure = float("nan") if new is None else new.enclosed
     change, most = measure / old - 1.0, max(VOLUME_CHANGE, explained / old)
     text = _changed(change, most) + (" by the tolerance" if most > VOLUME_CHANGE else "")
-    return Demand("measure", _at_most(abs(change), most), text, change, most)
+    return Requirement("measure", _at_most(abs(change), most), text, change, most)
 
 
-def _topology(new: Topology | None, old: Topology) -> Demand:
+def _topology(new: Topology | None, old: Topology) -> Requirement:
     if new is None:
-        return Demand("topology", "missed", f"boundary is no closed manifold; original: {old}")
+        return Requirement("topology", "missed", f"boundary is no closed manifold; original: {old}")
     is_same = new[:2] == old[:2]
-    return Demand("topology", "met" if is_same else "missed", f"{new}; original: {old}")
+    return Requirement("topology", "met" if is_same else "missed", f"{new}; original: {old}")
 
 
-def edges_demand(
+def edges_requirement(
     mesh: SimplexMesh, size: SizeLike, share: float = SHARE_IN_BAND, count: int = 5
-) -> Demand:
-    """Return the demand on the lengths of edges."""
+) -> Requirement:
+    """Return the requirement on the lengths of edges."""
     ratio = edge_ratios(mesh, size)
     known = np.flatnonzero(~np.isnan(ratio))
     in_band = is_in_band(ratio[known])
@@ -486,34 +492,38 @@ def edges_demand(
     text = f"{found:.1%} within a factor sqrt 2 of the size, {share:.0%} required"
     status = _at_least(found, share)
     if status == "met":
-        return Demand("edges", status, text, found, share)
+        return Requirement("edges", status, text, found, share)
     with np.errstate(divide="ignore"):  # edges between coincident nodes are the worst
         worst = known[np.argsort(-np.abs(np.log(ratio[known])))][:count]
     middles = mesh.points[mesh.edges[worst]].mean(axis=1)
-    return Demand("edges", status, text, found, share, _places(middles, ratio[worst], count))
+    return Requirement("edges", status, text, found, share, _places(middles, ratio[worst], count))
 
 
-def of_domain(check: MeshCheck) -> tuple[Demand, ...]:
-    """Return the demands but for those on the sizes."""
-    return tuple(demand for demand in check.demands if demand.name not in ("edges", "served"))
+def of_domain(check: MeshCheck) -> tuple[Requirement, ...]:
+    """Return the requirements but for those on the sizes."""
+    return tuple(
+        requirement
+        for requirement in check.requirements
+        if requirement.name not in ("edges", "served")
+    )
 
 
-def size_demands(
+def size_requirements(
     mesh: SimplexMesh,
     size: SizeLike,
     share_in_band: float = SHARE_IN_BAND,
     share_served: float = SHARE_SERVED,
     count: int = 5,
-) -> Iterator[Demand]:
-    """Yield the demands on the sizes."""
-    yield edges_demand(mesh, size, share_in_band, count)
-    yield from served_demand(RequestedElements.of(mesh, size), share_served, count)
+) -> Iterator[Requirement]:
+    """Yield the requirements on the sizes."""
+    yield edges_requirement(mesh, size, share_in_band, count)
+    yield from served_requirement(RequestedElements.of(mesh, size), share_served, count)
 
 
-def served_demand(
+def served_requirement(
     elements: RequestedElements, share: float = SHARE_SERVED, count: int = 5
-) -> Iterator[Demand]:
-    """Yield the demand on the requested elements, unless none is requested."""
+) -> Iterator[Requirement]:
+    """Yield the requirement on the requested elements, unless none is requested."""
     found = elements.served()
     if found is None:
         return
@@ -523,7 +533,7 @@ def served_demand(
     )
     status = _at_least(found.served, share)
     if status == "met":
-        yield Demand("served", status, text, found.served, share)
+        yield Requirement("served", status, text, found.served, share)
         return
     ratios = elements.ratios
     off = np.where(elements.weights > 0.0, np.abs(np.log(np.maximum(ratios, 1e-300))), 0.0)
@@ -531,7 +541,7 @@ def served_demand(
     cells = elements.cells[worst]
     worst = worst[np.sort(np.unique(cells, return_index=True)[1])][:count]  # one of each cell
     places = _places(elements.points[worst], ratios[worst], count)
-    yield Demand("served", status, text, found.served, share, places)
+    yield Requirement("served", status, text, found.served, share, places)
 
 
 def _places(points: FloatArray, values: FloatArray, count: int) -> tuple[Place, ...]:

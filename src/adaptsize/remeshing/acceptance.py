@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from adaptsize._checks import place_text, warn_caller
+from adaptsize._checks import length_text, place_text, warn_caller
 from adaptsize._messages import Message
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import skin_of
@@ -22,14 +22,20 @@ from adaptsize.quality.boundary import (
     tagged_parts,
     topology_of,
 )
-from adaptsize.quality.certificate import NEAR, Demand, MeshCheck, checked_mesh, size_demands
+from adaptsize.quality.certificate import (
+    NEAR,
+    MeshCheck,
+    Requirement,
+    checked_mesh,
+    size_requirements,
+)
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing.protocol import MeshingProblem
 from adaptsize.remeshing.sizing import Size
 from adaptsize.typing import FloatArray
 
-#: Demands on the cells, and on the domain.
+#: Requirements on the cells, and on the domain.
 _SOUND = frozenset({"cells", "facets", "overlaps"})
 _DOMAIN = frozenset({"boundary", "interface", "tags", "regions", "measure", "topology"})
 
@@ -47,19 +53,19 @@ class Verdict:
         Whether nodes of the boundary are off the given one, or a part of that is lost.  Coarse
         sizes alone, whose edges cut corners of the boundary, do not count: no generator helps.
     sizes : callable
-        Returns the demands on the sizes that are not in ``check``.  They take three times as long,
-        and matter only for the rank.
+        Returns the requirements on the sizes that are not in ``check``.  They take three times as
+        long, and matter only for the rank.
     """
 
     check: MeshCheck
     least_angle: float
     is_off: bool
-    sizes: Callable[[], tuple[Demand, ...]] = tuple
+    sizes: Callable[[], tuple[Requirement, ...]] = tuple
 
     @property
     def faults(self) -> frozenset[str]:
         """What another generator may do better, whatever the sizes."""
-        missed = {demand.name for demand in self.check.missed}
+        missed = {requirement.name for requirement in self.check.missed}
         found = missed & (_SOUND | {"topology"})
         if self.is_off:
             found.add("boundary")
@@ -76,29 +82,31 @@ class Verdict:
     def rank(self) -> tuple[float, ...]:
         """A better mesh has a smaller one.
 
-        First come sound cells, then the demands on the domain, the distance of the boundary by
-        factors of two, flat cells, the sizes, demands that are near, and the least angle.
+        First come sound cells, then the requirements on the domain, the distance of the boundary by
+        factors of two, flat cells, the sizes, requirements that are near, and the least angle.
         """
-        demands = [*self.check.demands, *self.sizes()]
-        missed = {demand.name for demand in demands if demand.status == "missed"}
+        requirements = [*self.check.requirements, *self.sizes()]
+        missed = {
+            requirement.name for requirement in requirements if requirement.status == "missed"
+        }
         away = 0.0
-        for demand in self.check.missed:
-            if demand.name == "boundary" and demand.value and demand.limit:
-                away = math.floor(math.log2(demand.value / demand.limit))
+        for requirement in self.check.missed:
+            if requirement.name == "boundary" and requirement.value and requirement.limit:
+                away = math.floor(math.log2(requirement.value / requirement.limit))
         return (
             len(missed & _SOUND),
             len(missed & _DOMAIN),
             away,
             self.least_angle < tuning.LEAST_DIHEDRAL,
             len(missed - _SOUND - _DOMAIN),
-            sum(not demand.is_met for demand in demands),
+            sum(not requirement.is_met for requirement in requirements),
             -self.least_angle,
         )
 
     @property
     def text(self) -> str:
-        """The demands that are not met, with figures, and flat cells."""
-        texts = [f"{demand.name} {demand.text}" for demand in self.check.failures]
+        """The requirements that are not met, with figures, and flat cells."""
+        texts = [f"{requirement.name} {requirement.text}" for requirement in self.check.failures]
         if self.least_angle < tuning.LEAST_DIHEDRAL:
             texts.append(f"least angle {self.least_angle:.2g} degrees")
         return ", ".join(texts)
@@ -134,12 +142,12 @@ class Judge:
         if not self.strict:
             size, later = None, self.size
 
-        def sizes() -> tuple[Demand, ...]:
-            return () if later is None else tuple(size_demands(new, later))
+        def sizes() -> tuple[Requirement, ...]:
+            return () if later is None else tuple(size_requirements(new, later))
 
         check = checked_mesh(new, self.old, size, self.tolerance, solid=self.solid)
         allowed = self.tolerance * self.old.diagonal
-        is_off = any(demand.name == "boundary" for demand in check.missed) and _is_off(
+        is_off = any(requirement.name == "boundary" for requirement in check.missed) and _is_off(
             new, self.old, allowed, self.solid
         )
         return Verdict(check, float(minimum_angles(new).min()), is_off, sizes)
@@ -178,8 +186,8 @@ def refuse_other_domain(new: SimplexMesh, problem: MeshingProblem, backend: str)
         if distance > far:
             raise BackendError(
                 f"{backend} returned a mesh of another domain: its {what} is off by "
-                f"{distance / old.diagonal:.2g} of the diagonal, at most "
-                f"{far / old.diagonal:.2g} is accepted"
+                f"{length_text(distance, old.diagonal)}, at most "
+                f"{length_text(far, old.diagonal)} is accepted"
             )
     if old_skin.is_closed and old.cell_dim == new.cell_dim == new.dim:
         change = float(new.measures.sum() / old.measures.sum() - 1.0)

@@ -149,7 +149,7 @@ def best_of(
     """Return the best mesh of several attempts, which end once a mesh is accepted.
 
     The failure of a generator is an attempt, too.  A mesh is accepted if it has no fault that the
-    attempts left may cure; with ``strict``, if it meets all demands.
+    attempts left may cure; with ``strict``, if it meets all requirements.
 
     Parameters
     ----------
@@ -270,9 +270,9 @@ def _record(
 
 
 def worst_places(verdict: Verdict) -> str:
-    """Return the worst place of each demand that is not met."""
+    """Return the worst place of each requirement that is not met."""
     return ", ".join(
-        f"{demand.name} at {place_text(demand.places[0].point)}"
-        for demand in verdict.check.failures
-        if demand.places
+        f"{requirement.name} at {place_text(requirement.places[0].point)}"
+        for requirement in verdict.check.failures
+        if requirement.places
     )

@@ -7,6 +7,7 @@ import time
 from importlib.util import find_spec
 from pathlib import Path
 
+from adaptsize._calls import recorded
 from adaptsize._checks import as_number, as_path
 from adaptsize._progress import Stage, reporting
 from adaptsize.background import SimplexMesh
@@ -23,6 +24,7 @@ def is_cad_file(path: str | os.PathLike[str]) -> bool:
     return Path(path).suffix.lower() in SUFFIXES
 
 
+@recorded("read_cad", reads=True)
 def read_cad(
     path: str | os.PathLike[str],
     *,

@@ -7,6 +7,7 @@ from typing import NamedTuple, TypeVar, cast
 
 import numpy.typing as npt
 
+from adaptsize._calls import recorded
 from adaptsize._checks import warn_caller
 from adaptsize._progress import reporting
 from adaptsize.background import PartitionedMesh, SimplexMesh
@@ -38,6 +39,7 @@ from adaptsize.typing import FloatArray, IntArray, ProgressCallback, Unpack
 M = TypeVar("M", SimplexMesh, PartitionedMesh, SimplexMesh | PartitionedMesh)
 
 
+@recorded("remesh")
 @with_options(RemeshOptions)
 def remesh(
     mesh: M,
@@ -88,7 +90,7 @@ def remesh(
     BackendError
         If no generator made a mesh.  The message lists what was tried, with the last lines of
         output.  BackendTimeoutError if they were stopped at their limits of time, MeshingError if
-        ``strict`` and no mesh meets the demands.
+        ``strict`` and no mesh meets the requirements.
 
     Warns
     -----
@@ -110,7 +112,7 @@ def remesh(
         requests were made, because the cells there are too large.  If the first layer on a wall
         has not the height that a metric requests.  If edges of a plane boundary are shorter than an
         eighth of their size, because it has smaller details.
-        If ``strict`` and the first mesh did not meet the demands, with what was tried.  If Mmg
+        If ``strict`` and the first mesh did not meet the requirements, with what was tried.  If Mmg
         fails or takes too long inside a surface: the tetrahedra are then those that Netgen fills it
         with.  If ``timeout`` was reached: the mesh is the best one so far.
 
@@ -216,7 +218,7 @@ def _accepted(found: Attempts, task: Task, given: RemeshOptions) -> Best:
         If there is no mesh, or cells of one that fills a surface overlap.
         BackendTimeoutError if the time was over before there was one.
     MeshingError
-        If ``strict`` and the mesh does not meet all demands.
+        If ``strict`` and the mesh does not meet all requirements.
     """
     best, timeout = found.best, given["timeout"]
     if best is None:
@@ -230,7 +232,7 @@ def _accepted(found: Attempts, task: Task, given: RemeshOptions) -> Best:
     if given["strict"]:
         assert verdict is not None
         if not verdict.check.is_met:
-            text = f"no mesh meets the demands; tried {found.failures()}"
+            text = f"no mesh meets the requirements; tried {found.failures()}"
             places = worst_places(verdict)
             if places:
                 text += f"; worst places of the best: {places}"

@@ -108,7 +108,7 @@ def plan(known: Known, *, strict: bool = False) -> list[Attempt]:
     ----------
     known : Known
     strict : bool
-        Whether the mesh must meet all demands: then smaller tolerances follow.
+        Whether the mesh must meet all requirements: then smaller tolerances follow.
 
     Examples
     --------

@@ -266,7 +266,8 @@ SECONDS_IN_SURFACE = (10.0, 1e-3)
 #: The same of a first volume by fTetWild, and of fTetWild alone.  On pairs of bodies with 15 000
 #: cells, the latter needed a sixth of that.
 SECONDS_IN_TETWILD, SECONDS_OF_TETWILD = (40.0, 1e-3, 1e-3), (40.0, 2.5e-3, 1e-3)
-#: Tolerances that are passed to a generator if a mesh must meet all demands, over the allowed one.
+#: Tolerances that are passed to a generator if a mesh must meet all requirements, over the
+#: allowed one.
 #: Generators keep a smaller tolerance than the one they are given, at most 2.2 times.
 SMALLER_TOLERANCE, SMALLEST_TOLERANCE = 0.4, 0.15
 #: If fTetWild fails, it is run again with this times the tolerance.  On two cubes that overlap it

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from adaptsize.quality.conformity import Conformity, SizeLike
 
 
-#: What helps where a demand of `check_mesh` is missed.
+#: What helps where a requirement of `check_mesh` is missed.
 _ADVICE = {
     "cells": Message("{strict:True} tries other generators"),
     "facets": Message("{strict:True} tries other generators"),
@@ -34,6 +34,10 @@ _ADVICE = {
 }
 
 
+#: Requirements on distances, which are rows of the summary.
+_DISTANCES = ("boundary", "interface")
+
+
 def kind_of(mesh: SimplexMesh) -> str:
     """Return the name of the cells of a mesh."""
     return ("segments", "triangles", "tetrahedra")[mesh.cell_dim - 1]
@@ -46,7 +50,7 @@ class Outcome:
     kind: str
     conformity: Conformity
     check: MeshCheck
-    """The demands of `check_mesh`, which warnings report if they are not met."""
+    """The requirements of `check_mesh`, which warnings report if they are not met."""
     expected: float | None = None
     """Number of cells that is predicted, or requested."""
     requested: bool = False
@@ -63,6 +67,8 @@ class Outcome:
     """Number of edges (nodes, in the plane) of the boundary in more than two of its facets, and the
     place of one."""
 
+    names: dict[int, str] = field(default_factory=dict)
+    """Names of the regions that have one."""
     unserved: tuple[str, ...] = ()
     """A line for each request of which too much is missing."""
     over_cap: Message | None = None
@@ -97,7 +103,7 @@ class Outcome:
             result["n_pinched"] = self.pinched[0]
         result["n_sharp"] = self.sharp[0]
         result["status"] = self.status
-        result["demands"] = [demand.as_dict() for demand in self.check.demands]
+        result["requirements"] = [requirement.as_dict() for requirement in self.check.requirements]
         result["regions"] = {
             tag: {"measure": measure, "change": change}
             for tag, (measure, change) in self.regions.items()
@@ -118,15 +124,14 @@ class Outcome:
             *([] if found.served is None else [("served", found.service)]),
             ("angles", f"{angles}, 1 % below {found.angle_p01:.1f}"),
         ]
-        for name in ("boundary", "interface"):
-            distance = self.check.distance(name)
-            if distance is not None:
-                text = f"{distance:.2g} of the diagonal from the old one"
-                rows.append((name, f"{text}, tolerance {self.tolerance:.2g}"))
+        rows += [(d.name, d.text) for d in self.check.requirements if d.name in _DISTANCES]
         several = self.regions if len(self.regions) > 1 else {}
         for tag, (measure, change) in several.items():
             rows.append(
-                (f"region {tag}", f"{self._measure} {measure:.6g}, changed by {_percent(change)}")
+                (
+                    f"region {self._named(tag)}",
+                    f"{self._measure} {measure:.6g}, changed by {_percent(change)}",
+                )
             )
         if self.change is not None:
             rows.append((self._measure, f"changed by {_percent(self.change)}"))
@@ -136,6 +141,10 @@ class Outcome:
         """Return one line per topic."""
         width = max(10, 1 + max(len(name) for name, _ in self.rows))
         return "\n".join(f"{name:{width}}{text}" for name, text in self.rows)
+
+    def _named(self, tag: int) -> str:
+        """Return a tag, and its name if it has one."""
+        return f'{tag} "{self.names[tag]}"' if tag in self.names else str(tag)
 
     @property
     def _measure(self) -> str:
@@ -148,16 +157,20 @@ class Outcome:
         found, lines = self.conformity, list[str | Message](self.unserved)
         if self.over_cap is not None:
             lines.append(self.over_cap)
-        for demand in self.check.failures:
-            worst = f", the worst at {place_text(demand.places[0].point)}" if demand.places else ""
-            advice = _ADVICE[demand.name]
+        for requirement in self.check.failures:
+            worst = (
+                f", the worst at {place_text(requirement.places[0].point)}"
+                if requirement.places
+                else ""
+            )
+            advice = _ADVICE[requirement.name]
             if (
-                demand.name == "served" and (found.too_coarse or 0.0) < tuning.TOO_COARSE
+                requirement.name == "served" and (found.too_coarse or 0.0) < tuning.TOO_COARSE
             ):  # too fine
                 advice = _ADVICE["edges"]
-            if demand.status == "near":
+            if requirement.status == "near":
                 advice = f"near, which is accepted up to {100.0 * NEAR:g} % beyond the limit"
-            lines.append(Message("{}: {}{}; {}", demand.name, demand.text, worst, advice))
+            lines.append(Message("{}: {}{}; {}", requirement.name, requirement.text, worst, advice))
         if self.excess is not None and abs(self.excess) > tuning.EXCESS and not self.requested:
             lines.append(
                 f"{found.n_cells} {self.kind} are {abs(self.excess):.0%} "
@@ -176,7 +189,9 @@ class Outcome:
         of_regions = self.regions if self.expected is None and len(self.regions) > 1 else {}
         changes = {tag: change for tag, (_, change) in of_regions.items() if abs(change) > most}
         if changes:  # of other meshes, check compares the regions
-            listed = ", ".join(f"{tag} ({change:+.1%})" for tag, change in changes.items())
+            listed = ", ".join(
+                f"{self._named(tag)} ({change:+.1%})" for tag, change in changes.items()
+            )
             text = (
                 "the {} of these regions has changed: {}; less smoothing keeps thinner parts, and "
                 "smaller sizes ({size_of}) resolve them"
@@ -207,7 +222,7 @@ def outcome_of_remeshing(
     from adaptsize.quality import check_mesh
     from adaptsize.quality.boundary import region_measures
     from adaptsize.quality.by_place import RequestedElements
-    from adaptsize.quality.certificate import edges_demand, of_domain, served_demand
+    from adaptsize.quality.certificate import edges_requirement, of_domain, served_requirement
     from adaptsize.quality.conformity import with_served
     from adaptsize.quality.requests import unserved
 
@@ -217,8 +232,8 @@ def outcome_of_remeshing(
     if check is None:
         check = check_mesh(new, original=old, tolerance=tolerance)
     elements_there = RequestedElements.of(new, size)
-    of_sizes = edges_demand(new, sizes), *served_demand(elements_there)
-    check = replace(check, demands=(*of_domain(check), *of_sizes))
+    of_sizes = edges_requirement(new, sizes), *served_requirement(elements_there)
+    check = replace(check, requirements=(*of_domain(check), *of_sizes))
     found = with_served(conformity_beside(check, new, sizes, old), elements_there.served(size))
     same_kind = old.cell_dim == new.cell_dim
     was, made = (region_measures(mesh) if same_kind else {} for mesh in (old, new))
@@ -232,6 +247,7 @@ def outcome_of_remeshing(
         _change(new, old, check),
         {tag: (made[tag], made[tag] / was[tag] - 1.0) for tag in was if tag in made},
         sharp_cells(new),
+        names=names_of_regions(new),
         unserved=tuple(str(one) for one in unserved(elements_there, size)),
     )
 
@@ -250,6 +266,11 @@ def conformity_beside(
     if original is None or away is None:
         return found
     return replace(found, hausdorff=away * original.diagonal, hausdorff_relative=away)
+
+
+def names_of_regions(mesh: SimplexMesh) -> dict[int, str]:
+    """Return the names of the regions that have one."""
+    return {tag: name for (dim, tag), name in mesh.tag_names.items() if dim == mesh.cell_dim}
 
 
 def sharp_cells(mesh: SimplexMesh) -> tuple[int, tuple[float, ...]]:
@@ -278,6 +299,7 @@ def outcome_of_image(mesh: SimplexMesh, image: Image, options: ImageOptions) -> 
         change=float(mesh.measures.sum() / sum(was.values()) - 1.0),
         regions={k: (made.get(k, 0.0), made.get(k, 0.0) / was[k] - 1.0) for k in was if made},
         sharp=sharp_cells(mesh),
+        names=names_of_regions(mesh),
         pinched=(len(pinched), tuple(skin.points[pinched[:1]].mean(axis=1).ravel().tolist())),
     )
 
@@ -305,7 +327,9 @@ def _change(new: SimplexMesh, old: SimplexMesh, check: MeshCheck) -> float | Non
     if old.cell_dim == new.cell_dim:
         before = old.measures.sum()
     else:
-        found = [demand.value for demand in check.demands if demand.name == "measure"]
+        found = [
+            requirement.value for requirement in check.requirements if requirement.name == "measure"
+        ]
         if found:
             return found[0]
         before = Solid(old).volume

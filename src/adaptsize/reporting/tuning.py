@@ -1,6 +1,6 @@
 """What was tuned in reports on new meshes.  None of these was varied."""
 
-#: Cells with smaller angles, in degrees, draw a warning.
+#: Cells with smaller angles, in degrees, are warned of.
 SHARP = 10.0
 #: Relative difference from the predicted number of cells that is warned of.
 EXCESS = 0.25

@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._calls import recorded
 from adaptsize._checks import as_number, as_points, describe, place_text, refusal, warn_caller
 from adaptsize._formats.coastal.outlines import (
     Line,
@@ -39,6 +40,7 @@ _LEAST_SHARE = 0.01
 Rings: TypeAlias = npt.ArrayLike | Sequence[npt.ArrayLike] | Mapping[str, npt.ArrayLike]
 
 
+@recorded("polygons", reads=True)
 def polygons(
     outer: Any,
     holes: Rings = (),

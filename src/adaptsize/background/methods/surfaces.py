@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from adaptsize._calls import recorded
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize.background.methods.group import MeshMethods
 from adaptsize.typing import IntArray
@@ -52,6 +53,7 @@ class SurfaceMethods(MeshMethods):
 
         return crease_edges(self._mesh, crease_angle=crease_angle)
 
+    @recorded("SimplexMesh.tag_faces")
     def tag_faces(self, angle: float = 40.0) -> SimplexMesh:
         """Return a surface with a tag for each face; faces are separated by feature edges.
 
@@ -180,6 +182,7 @@ class SurfaceMethods(MeshMethods):
 
         return overlapping_bodies(self._mesh)
 
+    @recorded("SimplexMesh.close_holes")
     def close_holes(self) -> SimplexMesh:
         """Return a surface whose holes are closed by triangles between the nodes of their edges.
 

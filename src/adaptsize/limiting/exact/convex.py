@@ -135,7 +135,7 @@ def limit_points(
     Returns
     -------
     ComponentSolution
-        Sizes, bit by bit the same in any order of the points, and ``named``: each j, or i where no
+        Sizes, bit for bit the same in any order of the points, and ``named``: each j, or i where no
         bound reaches.
     """
     margin = 0.0

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._calls import recorded
 from adaptsize._checks import as_near_points, as_number, as_whole_number, place_text, refuse_where
 from adaptsize._progress import Stage, reporting
 from adaptsize._with_info import with_info
@@ -26,6 +27,7 @@ from adaptsize.typing import FloatArray, ProgressCallback, Unpack
 
 
 @with_info
+@recorded("mesh_from_distance")
 @with_options(DistanceOptions)
 def mesh_from_distance(
     distance: Field,

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 import adaptsize
+from adaptsize import _calls
 from adaptsize._checks import as_path, as_tolerance, check_type
 from adaptsize._formats.guards import write_whole
 from adaptsize._formats.text import write_text
@@ -26,7 +27,10 @@ from adaptsize.quality.certificate import MeshCheck
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.reporting.outcome import Outcome, kind_of, outcome_of_remeshing
 
-_SCENE = """<div class="tools"><select id="scenes" aria-label="what to show"></select>
+#: Regions, and faces, that are listed.
+_MOST_PARTS = 60
+#: What `viewer.js` works on.
+SCENE = """<div class="tools"><select id="scenes" aria-label="what to show"></select>
 <label><input type="checkbox" id="edges" checked> edges</label>
 <button id="whole">whole mesh</button>
 <span>Drag to turn, shift and drag to move, scroll to zoom, click for values.</span></div>
@@ -49,7 +53,8 @@ def report(
 
     The page is one HTML file without references to the network.  It shows the mesh as a
     scene that can be turned, whole and cut open, with the sizes, the quality, the edge length
-    over the size, the regions, and what controls the sizes.  Below are histograms of edge lengths
+    over the size, the regions, the tagged faces, and what controls the sizes.  Below are a table of
+    regions and faces with their names and colours, histograms of edge lengths
     over sizes and of angles, the comparison with the request, and the checks.  A click on one of
     the worst places shows it in the mesh.
 
@@ -72,7 +77,8 @@ def report(
         Names of steps and the seconds they took, for the table.
     about : mapping of str to str, optional
         Where the mesh comes from, such as the input, the command and the generator.  It is printed
-        at the head of the page, above the date and the version.
+        at the head of the page, below the calls that made the mesh and above the date and the
+        version.
 
     Raises
     ------
@@ -113,8 +119,16 @@ def report(
         check = check_mesh(mesh, original=original, size=size, tolerance=tolerance)
         if size is not None:
             outcome = Outcome(kind_of(mesh), size_conformity(mesh, size), check)
-    head = {"title": title, "times": times, "about": about or {}}
+    head = {"title": title, "times": times, "about": {**_calls_of(mesh), **(about or {})}}
     write_page(target, mesh, size, outcome, check, head)
+
+
+def _calls_of(mesh: SimplexMesh) -> dict[str, str]:
+    """Return the calls that made a mesh, for the head of its page, as far as they are known."""
+    origin = _calls.origin_of(mesh)
+    if origin is None:
+        return {}
+    return {"made by": _calls.text_of_steps(_calls.as_steps(origin.call))}
 
 
 def write_page(
@@ -150,9 +164,10 @@ def write_page(
         f'<h1>{heading}</h1><div class="head">{_table(origin)}</div>',
         *(f'<p class="warning">{escape(text)}</p>' for text in warnings),
         "<h2>Mesh</h2>",
-        _SCENE,
+        SCENE,
         "<h2>Summary</h2>",
         _table(_rows(mesh, outcome, None if size is None else size.report, head["times"])),
+        *_parts(mesh),
         '<h2>Edge lengths and angles</h2><div class="charts">',
         *(f"<figure>{chart}</figure>" for chart in charts),
         "</div><h2>Cells with the smallest angles</h2>",
@@ -190,6 +205,34 @@ def _rows(
     return rows
 
 
+def _parts(mesh: SimplexMesh) -> list[str]:
+    """Return the table of regions and tagged facets: name, colour in the scene, number, measure."""
+    from adaptsize.reporting.page.scenes import colours_of_tags, faces_of
+
+    rows: list[str] = []
+    measures = ("length", "area", "volume")
+    for kind, part in (("region", mesh), ("face", faces_of(mesh))):
+        if part is None or part.cell_tags is None:
+            continue
+        colours = colours_of_tags(part.cell_tags)
+        for tag in list(colours)[:_MOST_PARTS]:
+            cells = part.cell_tags == tag
+            name = part.tag_names.get((part.cell_dim, tag), "")
+            size = f"{measures[part.cell_dim - 1]} {part.measures[cells].sum():.6g}"
+            swatch = f'<span class="swatch" style="background: {colours[tag]}"></span>'
+            rows.append(
+                f"<tr><th>{kind} {tag}</th><td>{swatch} {escape(name)}</td>"
+                f'<td class="number">{int(cells.sum())} {kind_of(part)}</td>'
+                f'<td class="number">{size}</td></tr>'
+            )
+        if len(colours) > _MOST_PARTS:
+            rows.append(f"<tr><td></td><td>{len(colours) - _MOST_PARTS} more</td></tr>")
+    if not rows:
+        return []
+    table = f'<div class="scroll"><table>{"".join(rows)}</table></div>'
+    return ["<h2>Regions and faces</h2>", table]
+
+
 def _table(rows: Sequence[tuple[str, str]]) -> str:
     body = "".join(f"<tr><th>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in rows)
     return f'<div class="scroll"><table>{body}</table></div>'
@@ -198,13 +241,13 @@ def _table(rows: Sequence[tuple[str, str]]) -> str:
 def _checks(check: MeshCheck) -> str:
     """Return the table of checks, with the worst places below those that are not met."""
     rows = []
-    for demand in check.demands:
+    for requirement in check.requirements:
         missed = '<span class="failed">missed</span>'
-        state = missed if demand.status == "missed" else demand.status
+        state = missed if requirement.status == "missed" else requirement.status
         rows.append(
-            f"<tr><th>{escape(demand.name)}</th><td>{state}</td><td>{escape(demand.text)}</td></tr>"
+            f"<tr><th>{escape(requirement.name)}</th><td>{state}</td><td>{escape(requirement.text)}</td></tr>"
         )
-        rows += [_place(place.point, f"{place.value:.4g}") for place in demand.places]
+        rows += [_place(place.point, f"{place.value:.4g}") for place in requirement.places]
     rows += [f"<tr><th>note</th><td></td><td>{escape(note)}</td></tr>" for note in check.notes]
     return f'<div class="scroll"><table>{"".join(rows)}</table></div>'
 

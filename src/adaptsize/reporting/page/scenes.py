@@ -40,16 +40,42 @@ def scenes_of_mesh(mesh: SimplexMesh, size: SizeFunction | None) -> dict[str, Sc
             on_nodes=on_nodes,
             label=label,
             classes=label == "region",
+            tags=tuple(colours_of_tags(values)) if label == "region" else (),
             colors=colors,
         )
         for label, (values, on_nodes, colors) in shown.items()
         for suffix, clip in clips.items()
     }
+    faces = faces_of(mesh)
+    if faces is not None and faces.cell_tags is not None and mesh.cell_dim == 3:
+        scenes["face"] = scene_of_mesh(
+            faces,
+            faces.cell_tags,
+            None,
+            on_nodes=False,
+            label="face",
+            classes=True,
+            tags=tuple(colours_of_tags(faces.cell_tags)),
+        )
     report = None if size is None else size.report
     background = None if report is None else report.background
     if report is not None and isinstance(background, SimplexMesh) and background.cell_dim > 1:
         scenes["what controls the size"] = scene_of_causes(report, None)
     return scenes
+
+
+def faces_of(mesh: SimplexMesh) -> SimplexMesh | None:
+    """Return the tagged facets as a mesh whose regions they are, or None."""
+    if mesh.tagged_facets is None or mesh.facet_tags is None or len(mesh.tagged_facets) == 0:
+        return None
+    return SimplexMesh(
+        mesh.points, mesh.tagged_facets, cell_tags=mesh.facet_tags, tag_names=mesh.tag_names
+    )
+
+
+def colours_of_tags(tags: npt.NDArray[Any]) -> dict[int, str]:
+    """Return the colour of each tag in the scenes."""
+    return {int(tag): CLASS_COLORS[k % len(CLASS_COLORS)] for k, tag in enumerate(np.unique(tags))}
 
 
 def _ratios_at_nodes(mesh: SimplexMesh, size: SizeFunction) -> FloatArray:
@@ -120,7 +146,7 @@ def _coloured(scene: Scene) -> dict[str, Any]:
         "colours": [to_hex(colour) for colour in mapped.cmap(np.linspace(0.0, 1.0, 12))],
         "low": low,
         "high": high,
-        "logarithmic": scene.is_logarithmic,
+        "logarithmic": bool(scene.is_logarithmic),
     }
 
 

@@ -82,7 +82,7 @@
   gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
   gl.enable(gl.DEPTH_TEST);
 
-  let scene, geometry, marked = null;
+  let scene, geometry, marked = null, chosen = false; // whether a reader has chosen the view
   const view = { turn: Math.atan2(-1, 0.75), rise: Math.asin(0.8 / Math.hypot(0.75, 1, 0.8)), focus: [0, 0, 0], tall: 1 };
   const axes = () => {
     if (geometry.flat) return [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
@@ -92,6 +92,7 @@
   const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 
   function fit() {
+    chosen = false;
     const [right, up] = axes(), low = [Infinity, Infinity], high = [-Infinity, -Infinity];
     for (let k = 0; k < geometry.corners.length; k += 3) {
       const p = geometry.corners.subarray(k, k + 3);
@@ -100,13 +101,13 @@
         high[d] = Math.max(high[d], x);
       });
     }
-    const aspect = box.clientWidth / box.clientHeight;
+    const aspect = canvas.clientWidth / canvas.clientHeight;
     view.tall = 1.06 * Math.max(high[1] - low[1], (high[0] - low[0]) / aspect) || 1;
     view.focus = right.map((r, d) => (r * (low[0] + high[0]) + up[d] * (low[1] + high[1])) / 2);
   }
 
   function draw() {
-    const ratio = window.devicePixelRatio || 1, width = box.clientWidth, height = box.clientHeight;
+    const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
     canvas.width = width * ratio;
     canvas.height = height * ratio;
     gl.viewport(0, 0, canvas.width, canvas.height);
@@ -133,17 +134,17 @@
   const frame = () => requestAnimationFrame(draw);
 
   // Where a point is in the box, in pixels; what moves by a pixel.
-  const unit = () => view.tall / box.clientHeight;
+  const unit = () => view.tall / canvas.clientHeight;
   function pixel(p) {
     const [right, up] = axes(), off = p.map((x, d) => x - view.focus[d]);
-    return [box.clientWidth / 2 + dot(right, off) / unit(), box.clientHeight / 2 - dot(up, off) / unit()];
+    return [canvas.clientWidth / 2 + dot(right, off) / unit(), canvas.clientHeight / 2 - dot(up, off) / unit()];
   }
   function pan(x, y) {
     const [right, up] = axes();
     view.focus = view.focus.map((f, d) => f - right[d] * x * unit() + up[d] * y * unit());
   }
-  function zoom(factor, x = box.clientWidth / 2, y = box.clientHeight / 2) {
-    const [dx, dy] = [x - box.clientWidth / 2, y - box.clientHeight / 2];
+  function zoom(factor, x = canvas.clientWidth / 2, y = canvas.clientHeight / 2) {
+    const [dx, dy] = [x - canvas.clientWidth / 2, y - canvas.clientHeight / 2];
     pan(-dx, -dy);
     view.tall *= factor;
     pan(dx, dy);
@@ -188,8 +189,8 @@
   // The triangle under a place of the box: the nearest one to the viewer whose projection has it.
   function pick(x, y) {
     const [right, up, eye] = axes();
-    const u = dot(right, view.focus) + (x - box.clientWidth / 2) * unit();
-    const v = dot(up, view.focus) - (y - box.clientHeight / 2) * unit();
+    const u = dot(right, view.focus) + (x - canvas.clientWidth / 2) * unit();
+    const v = dot(up, view.focus) - (y - canvas.clientHeight / 2) * unit();
     let best = null, nearest = -Infinity;
     for (let k = 0; k < geometry.corners.length; k += 9) {
       const c = [0, 3, 6].map((i) => geometry.corners.subarray(k + i, k + i + 3));
@@ -230,6 +231,7 @@
   canvas.addEventListener("pointermove", (e) => {
     const before = fingers.get(e.pointerId);
     if (!before) return;
+    chosen = true;
     const [x, y] = [e.offsetX - before[0], e.offsetY - before[1]];
     const other = [...fingers.entries()].find(([id]) => id !== e.pointerId)?.[1];
     moved += Math.abs(x) + Math.abs(y);
@@ -250,6 +252,7 @@
   canvas.addEventListener("contextmenu", (e) => e.preventDefault());
   canvas.addEventListener("wheel", (e) => {
     e.preventDefault();
+    chosen = true;
     zoom(1.0015 ** e.deltaY, e.offsetX, e.offsetY);
     frame();
   }, { passive: false });
@@ -258,12 +261,14 @@
     if (move) (e.shiftKey ? pan : rotate)(...move);
     else if ("+-".includes(e.key)) zoom(e.key === "+" ? 0.8 : 1.25);
     else return;
+    chosen = true;
     e.preventDefault();
     frame();
   });
   for (const button of document.querySelectorAll("button[data-at]"))
     button.addEventListener("click", () => {
       marked = JSON.parse(button.dataset.at);
+      chosen = true;
       while (marked.length < 3) marked.push(0);
       view.focus = marked.map((p, d) => p - geometry.middle[d]);
       view.tall = Math.min(view.tall, 0.12 * Math.hypot(...geometry.size));
@@ -278,6 +283,9 @@
   });
   document.getElementById("edges").addEventListener("change", frame);
   list.addEventListener("change", () => choose(list.selectedIndex));
-  new ResizeObserver(frame).observe(box);
   choose(0);
+  new ResizeObserver(() => {
+    if (!chosen) fit();
+    frame();
+  }).observe(box);
 })();
