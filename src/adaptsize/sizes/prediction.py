@@ -97,7 +97,7 @@ class Enclosed:
         self.surface = surface
         self._n_points = as_whole_number("n_points", n_points, lower=1, upper=10**7)
         solid = Solid(surface)
-        self._winding = solid.winding
+        self._solid = solid
         # Only a closed surface has the same winding number in all of a cube that it leaves alone.
         self._is_closed = solid.is_closed
         self._middle, self._axes = _principal_axes(surface)
@@ -179,7 +179,7 @@ class Enclosed:
         """Return the cubes that are not outside; ``are_inside``: which are known to be inside."""
         points = self._from_own(corners + sides[:, None] * self._random.random(corners.shape))
         counts, rest = are_inside.copy(), np.flatnonzero(~are_inside)
-        counts[rest] = self._winding.contains(points[rest])
+        counts[rest] = self._solid.contains(points[rest])
         at_surface = ~are_inside
         if self._is_closed:
             centres = self._from_own(corners[rest] + 0.5 * sides[rest, None])
