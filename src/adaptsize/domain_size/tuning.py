@@ -53,7 +53,7 @@ MOST_NODES_OF_SOURCES, SHARE_OF_NODES = 400_000, 0.25
 #: The same of a surface, and how many it may have whatever is allowed: in a second at most.  With a
 #: tenth of 10 000 elements, predicted numbers of parts with rims and text were 20 % too small.
 SHARE_ON_SURFACE, FEW_NODES = 0.1, 20_000
-#: Halving the edges of a surface ends after more than so many passes without a lower ratio of an edge
-#: to its size, by at least the second number, if fewer edges than the third share are too long.  On a
-#: public part, edges of slivers were halved in turn without an end.
+#: Halving edges of a surface ends after more than so many passes that lower the largest ratio of
+#: an edge to its size by less than the second number, if fewer edges than the third share are too
+#: long.  On a public part, edges of slivers were halved in turn without an end.
 PASSES_IN_VAIN, LESS, FEW_LONG = 4, 0.05, 0.01
