@@ -19,6 +19,7 @@ from adaptsize.domain_size import tuning
 from adaptsize.domain_size.refined_surface import RefinedSurface
 from adaptsize.domain_size.reports import report_of
 from adaptsize.domain_size.request import Request, bound_at_nodes
+from adaptsize.domain_size.thin_parts import ThinParts
 from adaptsize.errors import InputWarning, OpenSurfaceWarning
 from adaptsize.geometry.creases import folds_of, tips_of_cones
 from adaptsize.geometry.faces import Faces
@@ -59,6 +60,11 @@ class SurfaceDomain:
     def enclosed(self) -> Enclosed:
         """The solid, to predict the number of elements in it."""
         return Enclosed(self.mesh)
+
+    @cached_property
+    def thin_parts(self) -> ThinParts:
+        """Its thin walls and narrow faces."""
+        return ThinParts(self.faces, self.width)
 
     @cached_property
     def inside(self) -> Inside:

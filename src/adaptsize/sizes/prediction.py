@@ -253,8 +253,7 @@ def predict(
     domain = as_mesh("domain", domain, PartitionedMesh, Enclosed)
     if isinstance(domain, Enclosed):
         check_function("size", size, "points")
-        at, maker = cast(SizeAt, size), "mmg inside" if backend == "mmg" else backend
-        found = _predicted(3, domain._volume_integral(at), domain._area_integral(at), maker)
+        found = integrated(domain, cast(SizeAt, size), backend)
         cells = max(found.cells, found.facets)  # in a layer thinner than the sizes
         return Prediction(cells, found.facets, nodes_of(3, cells, found.facets))
     d = domain.cell_dim
@@ -272,6 +271,12 @@ def predict(
         skin = domain.boundary()
         facets = count_elements(skin.mesh, h[skin.nodes]) / ELEMENTS_PER_MEASURE[d - 1]
     return _predicted(d, inner, facets, backend)
+
+
+def integrated(domain: Enclosed, size: SizeAt, backend: str | None) -> Prediction:
+    """Return the numbers of regular cells and facets, also if these are fewer than the layers."""
+    maker = "mmg inside" if backend == "mmg" else backend
+    return _predicted(3, domain._volume_integral(size), domain._area_integral(size), maker)
 
 
 def _has_facets(mesh: SimplexMesh) -> bool:
