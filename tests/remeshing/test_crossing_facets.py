@@ -1,12 +1,14 @@
 """Surfaces whose facets cross, and whose union could not be made exactly."""
 
+import warnings
+
 import numpy as np
 import pytest
 from meshes import random_sphere
 from shapes import CORNERS, CUBE_CELLS, joined, moved
 
-from adaptsize import SimplexMesh
-from adaptsize.errors import OpenSurfaceWarning
+from adaptsize import CartesianGrid, SimplexMesh
+from adaptsize.errors import BackendTimeoutError, OpenSurfaceWarning
 from adaptsize.geometry.solid import Solid
 from adaptsize.quality.boundary import overlapping_cells
 from adaptsize.remeshing.driver import remeshed
@@ -67,3 +69,24 @@ def test_other_surfaces_are_filled_as_before(monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         remeshed(random_sphere(60, 5), 0.5, backend="tetwild")
     assert given == [True]
+
+
+@pytest.mark.usefixtures("unjoined")
+def test_fills_without_sizes_where_they_take_too_long(monkeypatch):
+    given = []
+    fine = CartesianGrid([0.0] * 3, 0.5, (3, 3, 3)).mesh
+
+    def slow(run, job, text, arrays, options):
+        given.append("sizes" in arrays)
+        if given == [True]:
+            raise BackendTimeoutError("it took too long")
+        return {"points": arrays["points"].min(axis=0) + 0.3 * fine.points, "cells": fine.cells}
+
+    monkeypatch.setattr(IsolatedRunner, "__call__", slow)
+    monkeypatch.setattr("adaptsize.remeshing.preparation.refuse_other_domain", lambda *_: None)
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        made = remeshed(joined(CUBE, moved(CUBE, [0.5, 0.2, 0.3])), 0.5)
+    assert given == [True, False]
+    assert made.attempts.best.route == "tetwild without sizes"
+    assert any("not adapted to the sizes" in str(one.message) for one in found)

@@ -31,7 +31,7 @@ from adaptsize.remeshing.acceptance import (
 )
 from adaptsize.remeshing.attempts import Attempts, Budget, Candidate, best_of
 from adaptsize.remeshing.delivery import warn_of_unconnected
-from adaptsize.remeshing.filling import FILLS_MORE, Filling, improved_soundly
+from adaptsize.remeshing.filling import FILLS_MORE, NOT_ADAPTED, Filling, improved_soundly
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.planning import Attempt, Known, plan
@@ -226,7 +226,8 @@ class Job:
         """Yield the mesh of one generator, improved unless it has a metric or required facets."""
         problem = self.requests.to(attempt.backend, attempt.factor)
         if attempt.first is None:
-            new = restore(backend.solve(problem, run), problem, backend.name)
+            asked = problem if attempt.is_sized else replace(problem, size=None)
+            new = restore(backend.solve(asked, run), problem, backend.name)
         else:
             new = refilled(problem, run)
 
@@ -237,7 +238,8 @@ class Job:
                 return improved_soundly(new, self.filling.surface, problem.tolerance, problem.size)
             return improved(new, problem.mesh, problem.tolerance, problem.size)
 
-        yield Candidate(finish, self._note_on(new.n_cells))
+        note = self._note_on(new.n_cells) if attempt.is_sized else NOT_ADAPTED
+        yield Candidate(finish, note)
 
     def _note_on(self, n_cells: int) -> str:
         """Return a note if an open surface was filled by many more cells than predicted."""

@@ -82,6 +82,8 @@ class Attempt:
     cures : frozenset of str
         Faults of the best mesh so far for which this is tried.  If it is empty, this is tried only
         while there is no mesh, also if the same route has failed with another tolerance.
+    is_sized : bool
+        Whether the generator gets the sizes.
     """
 
     backend: str
@@ -90,10 +92,13 @@ class Attempt:
     first: FirstVolume | None = None
     factor: float = 1.0
     cures: frozenset[str] = CURABLE
+    is_sized: bool = True
 
     @property
     def route(self) -> str:
         """The generators in words."""
+        if not self.is_sized:
+            return f"{self.backend} without sizes"
         return self.backend if self.first is None else f"{self.first}, then {self.backend}"
 
     def __str__(self) -> str:
@@ -198,10 +203,14 @@ def _in_surface(known: Known) -> Iterator[Attempt]:
         why = "Netgen is not installed, or the surface cannot be oriented"
     yield from _by_tetwild(known, why)
     seconds = _seconds(tuning.SECONDS_IN_TETWILD, known.n_cells, known.n_given)
-    why, cures = "fTetWild alone has failed, or cells overlap or are flat", CURABLE - {"boundary"}
     if known.is_crossed:
-        why, cures = "fTetWild alone has failed", frozenset()
-    yield replace(first, first="tetwild", seconds=seconds, reason=why, cures=cures)
+        why = "fTetWild is quicker without sizes where facets nearly coincide"
+        none: frozenset[str] = frozenset()
+        yield Attempt("tetwild", why, seconds, cures=none, is_sized=False)
+    else:
+        why = "fTetWild alone has failed, or cells overlap or are flat"
+        cures = CURABLE - {"boundary"}
+        yield replace(first, first="tetwild", seconds=seconds, reason=why, cures=cures)
     rest = replace(known, generators=tuple(other for other in others if other != "tetwild"))
     yield from _alone(rest, "another generator, if the others fail", frozenset())
 
