@@ -46,7 +46,7 @@ USAGE = {
     "adapt plane.vtu -o o.vtu --field h0 --elements 9 --nodes 9": "--elements and --nodes excl",
     "adapt plane.vtu -o o.vtu --field h0": "--elements, --nodes or --tolerance must be given",
     "size plane.vtu -o o.vtu --dofs 99 --max-memory 1GB": "--dofs and --max-memory exclude each",
-    "size plane.vtu -o o.vtu --elements 9 --max-elements 8": "--elements must be at most --max-el",
+    "size plane.vtu -o o.vtu --elements 9 --max-elements 8": "--elements and --max-elements ex",
     "size plane.vtu -o o.vtu --max-memory much": "--max-memory must be a text such as",
     "size plane.vtu -o o.vtu -K 3 --elements-across 1 --hmin 0.1 --hmax 0.2 --nodes 9": (
         "--nodes changes the parameters that are not given, but --elements-per-radian, "

@@ -1,5 +1,6 @@
 """Sizes and meshes with a given number of elements."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -8,11 +9,22 @@ from distance_shapes import ball
 from meshes import random_sphere
 
 from adaptsize import SimplexMesh, remesh_to_elements, size_function
-from adaptsize.domain_size.elements import Listener, MadeMesh, Maker, reach_number, within_cap
+from adaptsize.domain_size.elements import (
+    Cap,
+    Listener,
+    MadeMesh,
+    Maker,
+    Stopwatch,
+    mesh_with_sizes,
+    reach_number,
+    within_cap,
+)
+from adaptsize.domain_size.unknowns import memory_on
 from adaptsize.errors import BackendError, ResolutionWarning
 from adaptsize.quality.certificate import MeshCheck, Requirement
 from adaptsize.remeshing.acceptance import Verdict
 from adaptsize.remeshing.attempts import Attempts, Best
+from adaptsize.remeshing.driver import Remeshed
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 LINE = SimplexMesh([[0, 0], [1, 0]], [[0, 1]])  # not refined
@@ -56,7 +68,8 @@ def test_a_number_that_the_given_sizes_forbid_is_reported_with_the_bound():
     [
         ({"nodes": 9, "elements": 9}, "nodes and elements exclude each other"),
         ({"nodes": 9, "max_elements": 9}, "nodes and max_elements exclude each other"),
-        ({"elements": 1000, "max_elements": 999}, "elements must be at most max_elements = 999"),
+        ({"elements": 9, "max_elements": 9}, "elements and max_elements exclude each other"),
+        ({"elements": 9, "max_memory": "1GB"}, "elements and max_memory exclude each other"),
         (
             {"elements": 9, "elements_per_radian": 1, "elements_across": 1, "hmin": 1, "hmax": 2},
             "all given: omit one of them, or elements",
@@ -77,6 +90,7 @@ class Generator:
     def __init__(self, ratio, power=1.0):
         self.ratio, self.power, self.wanted = ratio, power, []
         self.mesh, self.listener, self.messages = LINE, Listener(self._said), []
+        self.time = Stopwatch(None)
 
     def _said(self, text):
         self.messages.append(text)
@@ -102,8 +116,8 @@ class CappedGenerator(Generator):
         super().__init__(ratio)
         self.away, self.fails, self.made = away, fails, 0
 
-    def nearest_sized(self, most, ratio):
-        size = size_function(SQUARE, elements=most / ratio)
+    def nearest_sized(self, cap, ratio):
+        size = size_function(SQUARE, elements=(cap.elements or 1000.0) / ratio)
         report = replace(size.report, n_elements=ratio * size.report.n_elements)
         return replace(size, report=report)
 
@@ -123,7 +137,7 @@ class CappedGenerator(Generator):
 def test_no_second_mesh_under_a_cap_where_the_boundary_is_far_away(away, meshes):
     generator = CappedGenerator(1.3, away)
     generator.sized = lambda: size_function(SQUARE, elements=1000)
-    made = within_cap(generator, 1000.0)
+    made = within_cap(generator, Cap(1000.0))
     assert generator.made == meshes
     assert made.mesh.n_cells == pytest.approx(1000 if meshes == 2 else 1300, rel=0.05)
     if meshes == 2:
@@ -143,21 +157,96 @@ def test_no_second_mesh_when_the_time_is_over():
         return made._replace(attempts=replace(made.attempts, is_cut_short=True))
 
     generator.meshed = in_time
-    made = within_cap(generator, 1000.0)
+    made = within_cap(generator, Cap(1000.0))
     assert generator.made == 1
     assert "none is made for fewer, since the time is over" in str(made.excess)
 
 
+def test_a_time_limit_is_one_for_all_meshes(monkeypatch):
+    now, given = [100.0], []
+    maker = Maker.of(SQUARE, {"timeout": 9.0}, Listener(), None, is_exact=False)
+    maker = replace(maker, time=Stopwatch(9.0, clock=lambda: now[0]))
+
+    def slow(mesh, size, timeout, **options):
+        given.append(timeout)
+        now[0] += 4.0
+        return Remeshed(mesh, Attempts((), None, is_cut_short=False))
+
+    monkeypatch.setattr("adaptsize.domain_size.elements.remeshed", slow)
+    for _ in range(4):
+        maker.meshed(maker.sized())
+    assert given[:3] == [9.0, 5.0, 1.0]
+    assert 0.0 < given[3] < 1e-300
+
+    generator = CappedGenerator(1.3)
+    generator.sized = lambda: size_function(SQUARE, elements=1000)
+    generator.time = Stopwatch(0.0, clock=lambda: 5.0)
+    made = within_cap(generator, Cap(1000.0))
+    assert generator.made == 1
+    assert "since the time is over" in str(made.excess)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.3])
+def test_only_warnings_of_the_mesh_that_is_returned_are_issued(monkeypatch, ratio):
+    sizes = iter([round(ratio * 1000), 900])
+
+    def warning(mesh, size, **options):
+        count = next(sizes)
+        warnings.warn(f"of {count} cells", ResolutionWarning, stacklevel=1)
+        points = np.column_stack([np.arange(count + 2.0), np.arange(count + 2.0) % 2])
+        cells = np.arange(count)[:, None] + [0, 1, 2]
+        return Remeshed(SimplexMesh(points, cells), Attempts((), None, is_cut_short=False))
+
+    monkeypatch.setattr("adaptsize.domain_size.elements.remeshed", warning)
+    request = {"max_elements": 1000, "hmin": 1e-3}
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        made = mesh_with_sizes(SQUARE, request, progress=None)
+    assert [str(one.message) for one in found] == [f"of {made.mesh.n_cells} cells"]
+
+
+def test_a_failure_is_told_with_the_warnings_before_it(monkeypatch):
+    def failing(mesh, size, **options):
+        warnings.warn("this is why", ResolutionWarning, stacklevel=1)
+        raise BackendError("it failed")
+
+    monkeypatch.setattr("adaptsize.domain_size.elements.remeshed", failing)
+    with (
+        pytest.warns(ResolutionWarning, match="this is why"),
+        pytest.raises(BackendError, match="it failed"),
+    ):
+        mesh_with_sizes(SQUARE, {}, progress=None)
+
+
+def test_the_memory_of_the_mesh_made_is_compared_with_a_cap():
+    generator = CappedGenerator(1.3)
+    generator.sized = lambda: size_function(SQUARE, elements=1000)
+    mesh = generator.meshed(generator.sized()).mesh
+    generator.made = 0
+    need = memory_on(mesh, 1, 1)
+    # CSR: 8 bytes and an index of 4 for each pair of nodes in a cell.
+    pairs = np.unique(np.sort(mesh.cells[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)), axis=0)
+    assert need == 12 * (mesh.n_points + 2 * len(pairs)) + 4 * (mesh.n_points + 1)
+    cap = Cap(None, f"{need / 1.05:.0f}B")
+    assert within_cap(generator, cap).mesh.n_cells == mesh.n_cells
+    assert generator.made == 1
+    generator.made = 0
+    made = within_cap(generator, Cap(None, f"{need / 1.2:.0f}B"))
+    assert generator.made == 2
+    assert made.excess is None
+    assert "GB for the matrix, more than max_memory" in str(generator.messages[-1])
+
+
 def test_a_very_small_cap_is_no_error():
     maker = Maker.of(SQUARE, {"max_elements": 3.0}, Listener(), None, is_exact=False)
-    size = maker.nearest_sized(3.0, 100.0)
+    size = maker.nearest_sized(Cap(3.0), 100.0)
     assert np.isfinite(size.report.n_elements)
 
 
 def test_the_first_mesh_is_kept_if_the_second_fails():
     generator = CappedGenerator(1.3, fails=True)
     generator.sized = lambda: size_function(SQUARE, elements=1000)
-    made = within_cap(generator, 1000.0)
+    made = within_cap(generator, Cap(1000.0))
     assert made.mesh.n_cells > 1100
     assert "more than max_elements = 1000, and for fewer: it failed" in str(made.excess)
 

@@ -9,7 +9,12 @@ from solids import cylinder
 
 from adaptsize import BoxSource, SimplexMesh, SizeFunction, size_function
 from adaptsize.background.splitting import split_edges
+from adaptsize.domain_size import tuning
+from adaptsize.domain_size.on_surface import SurfaceDomain
+from adaptsize.domain_size.refined_surface import RefinedSurface
+from adaptsize.domain_size.request import Request
 from adaptsize.errors import TooManyElementsError
+from adaptsize.options import SizeFunctionOptions, checked
 
 # --- splitting edges --------------------------------------------------------------
 
@@ -134,3 +139,27 @@ def test_sizes_on_a_cone_fall_to_its_tip():
     radius = rho * np.hypot(1.0, height) / height
     expected = np.minimum(radius / 4.0, np.sqrt(6e-3 * cone.diameter * radius))
     assert_allclose(size(rho[:, None] * ring[3] + z * [0.0, 0.0, 1.0]), expected, rtol=0.2)
+
+
+def test_halving_ends_where_it_makes_no_edge_shorter(monkeypatch):
+    # As between slivers, where each half leaves an edge as long as the one before.
+    mesh = random_sphere(400, 7)
+    passes = []
+
+    class Vain:
+        def __init__(self):
+            self.mesh = mesh
+
+        def size_for(self, request):
+            sizes = np.full(mesh.n_points, 0.5 * mesh.edge_lengths.max())
+            sizes[mesh.edges[mesh.edge_lengths.argmax()]] *= 0.9
+            return SizeFunction(mesh, sizes)
+
+        def split(self, long, request):
+            passes.append(int(long.sum()))
+            return self
+
+    monkeypatch.setattr(RefinedSurface, "of", lambda domain, request: Vain())
+    domain = SurfaceDomain.of(mesh, 40.0)
+    domain.size_for(Request.of(checked(SizeFunctionOptions, {})))
+    assert passes == [1] * (tuning.PASSES_IN_VAIN + 1)

@@ -313,3 +313,33 @@ def test_no_volume_is_given_if_parts_of_a_union_leave_gaps(monkeypatch):
     solid = Solid(both)
     assert np.isnan(solid.volume)
     assert not solid.skin.is_closed
+
+
+def test_what_is_turned_inside_out_beside_a_solid_is_none():
+    # A prism over two triangles that meet where two sides of one line cross, as in a bow tie.
+    line = np.array([[-1.0, -1.0], [2.0, 2.0], [2.0, -2.0], [-1.0, 1.0]])
+    points = np.concatenate([np.column_stack([line, np.full(4, z)]) for z in (0.0, 1.0)])
+    i, j = np.arange(4), np.roll(np.arange(4), -1)
+    ends = np.array([[0, 1, 2], [0, 2, 3]])
+    sides = np.concatenate([np.column_stack([j, i, i + 4]), np.column_stack([j, i + 4, j + 4])])
+    surface = SimplexMesh(points, np.concatenate([ends, ends[:, ::-1] + 4, sides]))
+    solid = Solid(surface)
+    places = np.array([[1.0, 0.1, 0.5], [-0.7, 0.1, 0.5], [0.0, 1.5, 0.5]])
+    assert np.rint(solid.winding(places)).tolist() == [1, -1, 0]
+    assert solid.contains(places).tolist() == [True, False, False]
+    assert solid.volume == pytest.approx(4.0)
+    inside_out = SimplexMesh(points, surface.cells[:, ::-1])
+    assert Solid(inside_out).contains(places).tolist() == [True, False, False]
+
+
+@pytest.mark.parametrize(("gap", "is_crack"), [(1e-6, True), (1e-3, False)])
+def test_walls_of_cracks_do_not_bound_a_union_that_could_not_be_made(monkeypatch, gap, is_crack):
+    crossing = box((0.2, 0.2, 0.9), (0.8, 0.8, 1.5))
+    beside = box((1.0 + gap, 0.0, 0.0), (2.0, 1.0, 1.0))
+    skin = Sides.skin
+    monkeypatch.setattr(Sides, "skin", lambda self: tuple(rows[1:] for rows in skin(self)))
+    solid = Solid(joined([UNIT, crossing, beside]))
+    middles = solid.skin.points[solid.skin.cells].mean(axis=1)
+    walls = np.abs(middles[:, 0] - 1.0) < 2.0 * gap
+    assert not solid.skin.is_closed
+    assert walls.any() != is_crack

@@ -12,6 +12,7 @@ SURFACE = Known(
 )  # fmt: skip
 ADAPTED, GIVEN = "netgen on the adapted surface, then mmg", "netgen, then mmg"
 ALONE, AGAIN, ON_TETWILD = "tetwild", "tetwild with 0.25 x tolerance", "tetwild, then mmg"
+UNSIZED = "tetwild without sizes"
 
 
 def names(known, **options):
@@ -22,7 +23,7 @@ def names(known, **options):
     ("known", "expected", "reason"),
     [
         ({}, [ADAPTED, GIVEN, ALONE, AGAIN, ON_TETWILD], "closed and does not cross itself"),
-        ({"is_crossed": True}, [ALONE, AGAIN, ON_TETWILD], "cross others: fTetWild makes the"),
+        ({"is_crossed": True}, [ALONE, AGAIN, UNSIZED], "cross others: fTetWild makes the"),
         ({"can_fill": False}, [ALONE, AGAIN, ON_TETWILD], "Netgen is not installed, or"),
         (
             {"can_fill": False, "is_closed": False},
@@ -30,7 +31,7 @@ def names(known, **options):
             "the surface is open: fTetWild decides",
         ),
         ({"generators": ("tetwild",), "needs_volume": False}, [ALONE, AGAIN], "without a first"),
-        ({"tolerance": 0.2, "is_crossed": True}, [ALONE, ON_TETWILD], "fTetWild makes the union"),
+        ({"tolerance": 0.2, "is_crossed": True}, [ALONE, UNSIZED], "fTetWild makes the union"),
         (
             {"generators": ("mmg", "tetwild", "mine")},
             [ADAPTED, GIVEN, ALONE, AGAIN, ON_TETWILD, "mine"],

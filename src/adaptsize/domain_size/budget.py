@@ -22,7 +22,7 @@ from adaptsize.errors import OptionError, ResolutionWarning, TooManyElementsErro
 from adaptsize.remeshing.details import SurfaceWithDetails
 from adaptsize.sizes import predict
 from adaptsize.sizes.budget import calibration
-from adaptsize.sizes.prediction import Prediction
+from adaptsize.sizes.prediction import Prediction, integrated
 from adaptsize.sizes.search import Search, rounded_up, smallest_tolerance
 
 
@@ -270,7 +270,7 @@ def _relaxed(domain: SizedDomain, request: Request, relaxation: float) -> SizeFu
     report, dim = report_of(size), size.background.dim
     found = Prediction(calibration("mmg", dim) * report.n_elements)
     if isinstance(domain, SurfaceDomain):
-        found = predict(domain.enclosed, size, backend="mmg")
+        found = domain.thin_parts.added_to(integrated(domain.enclosed, size, "mmg"), size)
     elif isinstance(domain, MeshDomain) and isinstance(size.background, SimplexMesh):
         mesh = domain.mesh
         if mesh.cell_dim >= mesh.dim - 1:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+import time
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,7 +29,7 @@ from adaptsize.domain_size.complete_size import nearest_size_function, size_func
 from adaptsize.domain_size.goals import Goal, goal_of
 from adaptsize.domain_size.prescribed import Implicit
 from adaptsize.domain_size.reports import report_of
-from adaptsize.domain_size.unknowns import unknowns_on
+from adaptsize.domain_size.unknowns import as_bytes, memory_on, unknowns_on
 from adaptsize.errors import (
     BackendError,
     OptionError,
@@ -168,6 +170,8 @@ class MadeMesh(NamedTuple):
     attempts: Attempts | None = None
     excess: Message | None = None
     """Why the mesh has more elements than allowed; None if it has not."""
+    warned: Sequence[warnings.WarningMessage] = ()
+    """The warnings of this mesh, which are issued if it is returned."""
 
     @property
     def is_cut_short(self) -> bool:
@@ -209,9 +213,61 @@ def mesh_with_sizes(
     budget = checked(BudgetOptions, numbers)
     goal = goal_of(budget)
     maker = Maker.of(mesh, request, listener or Listener(), progress, is_exact=goal is not None)
+    system = budget["degree"], budget["components"]
     if goal is None:
-        return within_cap(maker, budget["max_elements"])
-    return reach_number(maker, goal, (budget["degree"], budget["components"]))
+        made = within_cap(maker, Cap(budget["max_elements"], budget["max_memory"], system))
+    else:
+        made = reach_number(maker, goal, system)
+    issue(made.warned)
+    return made
+
+
+def issue(held: Sequence[warnings.WarningMessage]) -> None:
+    """Issue warnings that were held back."""
+    for one in held:
+        warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
+
+
+@dataclass(frozen=True)
+class Cap:
+    """What a mesh may have at most: elements, and memory of the matrix of a system on it."""
+
+    elements: float | None
+    memory: str | None = None
+    system: tuple[int, int] = (1, 1)
+
+    def load(self, mesh: SimplexMesh) -> float:
+        """Return the elements or the memory over the allowed one, whichever is more; 0 without."""
+        loads = [0.0] if self.elements is None else [mesh.n_cells / self.elements]
+        if self.memory is not None:
+            loads.append(memory_on(mesh, *self.system) / as_bytes(self.memory))
+        return max(loads)
+
+    def said_of(self, mesh: SimplexMesh) -> Message:
+        """Return what a mesh has, and the number that it exceeds."""
+        if self.elements is not None and mesh.n_cells / self.elements >= self.load(mesh):
+            text = "{} elements, more than {max_elements} = {:.6g}"
+            return Message(text, mesh.n_cells, self.elements)
+        need = f"{memory_on(mesh, *self.system) / 1e9:.2g} GB for the matrix"
+        return Message("{}, more than {max_memory} = {}", need, self.memory)
+
+
+@dataclass
+class Stopwatch:
+    """The time that all meshes of a request have together; it begins with the first."""
+
+    limit: float | None
+    clock: Callable[[], float] = time.monotonic
+    end: float | None = None
+
+    @property
+    def left(self) -> float | None:
+        """Seconds that are left, None without a limit."""
+        if self.limit is None:
+            return None
+        if self.end is None:
+            self.end = self.clock() + self.limit
+        return self.end - self.clock()
 
 
 @dataclass(frozen=True)
@@ -229,6 +285,7 @@ class Maker:
     """Whether a number of elements is requested."""
     listener: Listener
     progress: ProgressCallback | bool | None
+    time: Stopwatch = field(default_factory=lambda: Stopwatch(None))
 
     @classmethod
     def of(
@@ -246,7 +303,10 @@ class Maker:
         for_sizes = {name: value for name, value in request.items() if name not in apart}
         for_mesh["tolerance"] = request.get("tolerance") or TOLERANCE
         most = request.get("max_elements")
-        return cls(mesh, for_sizes, for_mesh, most, is_exact, listener, progress)
+        return cls(
+            mesh, for_sizes, for_mesh, most, is_exact, listener, progress,
+            Stopwatch(for_mesh.get("timeout")),
+        )  # fmt: skip
 
     def sized(self, **number: float) -> SizeFunction:
         """Return the sizes for another number than the one in the request, or for that."""
@@ -254,12 +314,16 @@ class Maker:
             size_function(self.mesh, progress=self.progress, **{**self.for_sizes, **number})
         )
 
-    def nearest_sized(self, max_elements: float, ratio: float) -> SizeFunction:
-        """Return the sizes with at most so many elements, or the fewest that are possible.
+    def nearest_sized(self, cap: Cap, ratio: float) -> SizeFunction:
+        """Return the sizes within a cap, or the nearest that are possible.
 
         Their predicted numbers are multiplied by what a mesh has made of those predicted for it.
         """
-        given = {**self.for_sizes, "max_elements": max(max_elements / ratio, 1.0)}
+        given = dict(self.for_sizes)
+        if cap.elements is not None:
+            given["max_elements"] = max(cap.elements / ratio, 1.0)
+        if cap.memory is not None:
+            given["max_memory"] = f"{as_bytes(cap.memory) / ratio:.0f}B"
         size = nearest_size_function(self.mesh, progress=self.progress, **given)
         report = report_of(size)
         report = replace(
@@ -280,48 +344,54 @@ class Maker:
             limit["max_elements"] = max(
                 self.most or 0.0, of_remeshing.MANY_MORE * report.n_elements
             )
-        with checked_before():
-            new = remeshed(
-                self.mesh if old is None else old, size, progress=self.progress,
-                g=report.g, hmax=report.hmax, **self.for_mesh, **limit,
-            )  # fmt: skip
-        return MadeMesh(new.mesh, size, new.attempts)
+        left = self.time.left
+        if left is not None:
+            limit["timeout"] = max(left, np.finfo(float).tiny)
+        held: Sequence[warnings.WarningMessage] = ()
+        try:
+            with checked_before(), warnings.catch_warnings(record=True) as held:
+                warnings.simplefilter("always")
+                new = remeshed(
+                    self.mesh if old is None else old, size, progress=self.progress,
+                    g=report.g, hmax=report.hmax, **{**self.for_mesh, **limit},
+                )  # fmt: skip
+        except Exception:
+            issue(held)  # they may say why it has failed
+            raise
+        return MadeMesh(new.mesh, size, new.attempts, warned=held)
 
 
-def within_cap(maker: Maker, most: float | None) -> MadeMesh:
-    """Return a mesh with at most a given number of elements, up to 10 %, or one with few more.
+def within_cap(maker: Maker, cap: Cap) -> MadeMesh:
+    """Return a mesh within a cap, up to 10 %, or one that exceeds it by little.
 
     If the first has more, a second mesh is made for fewer, where the boundary allows; of both, the
     one with fewer elements is returned.  None is made if the time is over, or if the boundary of
     the first is far away: coarser sizes bring it no nearer.
     """
     made = maker.meshed(maker.sized())
-    count, predicted = made.mesh.n_cells, report_of(made.size).n_elements
-    if most is None or count <= tuning.OVER_CAP * most:
+    if cap.load(made.mesh) <= tuning.OVER_CAP:
         return made
-    if made.is_off or made.is_cut_short:
-        text = (
-            "the mesh has {} elements, more than {max_elements} = {:.6g}; none is made for fewer, "
-            "since {}"
-        )
-        reason = "the time is over" if made.is_cut_short else "the boundary is too far away"
-        return made._replace(excess=Message(text, count, most, reason))
-    text = "{} elements where {:.0f} were predicted, more than {max_elements} = {:.6g}"
-    maker.listener.say(Message(text, count, predicted, most))
-    size = maker.nearest_sized(most, count / predicted)
+    count, predicted = made.mesh.n_cells, report_of(made.size).n_elements
+    first = Message("the mesh has {}", cap.said_of(made.mesh))
+    if made.is_off or made.is_cut_short or not (maker.time.left is None or maker.time.left > 0.0):
+        reason = "the boundary is too far away" if made.is_off else "the time is over"
+        text = "{}; none is made for fewer, since {}"
+        return made._replace(excess=Message(text, first, reason))
+    text = "{}, where {:.0f} elements were predicted"
+    maker.listener.say(Message(text, first, predicted))
+    size = maker.nearest_sized(cap, count / predicted)
     if report_of(size).n_elements > (1.0 - tuning.UNUSED) * count:
-        text = "the mesh has {} elements, more than {max_elements} = {:.6g}: {}"
-        return made._replace(excess=Message(text, count, most, what_controls(report_of(size))))
+        return made._replace(excess=Message("{}: {}", first, what_controls(report_of(size))))
     try:
-        second = maker.meshed(size)
+        with warnings.catch_warnings(record=True):  # of a mesh that is not written
+            second = maker.meshed(size)
     except BackendError as error:
-        text = "the mesh has {} elements, more than {max_elements} = {:.6g}, and for fewer: {}"
-        return made._replace(excess=Message(text, count, most, message_of(error)))
-    if second.mesh.n_cells <= tuning.OVER_CAP * most:
+        return made._replace(excess=Message("{}, and for fewer: {}", first, message_of(error)))
+    if cap.load(second.mesh) <= tuning.OVER_CAP:
         return second
-    text = "the meshes had {} and {} elements, more than {max_elements} = {:.6g}: {}"
-    excess = Message(text, count, second.mesh.n_cells, most, what_controls(report_of(size)))
-    return min(made, second, key=lambda one: one.mesh.n_cells)._replace(excess=excess)
+    text = "{}, and for fewer {} elements: {}"
+    excess = Message(text, first, second.mesh.n_cells, what_controls(report_of(size)))
+    return min(made, second, key=lambda one: cap.load(one.mesh))._replace(excess=excess)
 
 
 def reach_number(maker: Maker, goal: tuple[Goal, float], system: tuple[int, int]) -> MadeMesh:

@@ -36,15 +36,10 @@ def largest_number(options: BudgetOptions) -> float:
     goal, memory = goal_of(options), options["max_memory"]
     if memory is not None:
         as_bytes(memory)
-    if goal is not None and goal[0] != "elements":
+    if goal is not None:
         if most is not None or memory is not None:
-            other = "max_memory" if most is None else "max_elements"
-            raise _exclusive(goal[0], other)
-        return np.inf
-    if elements is None:
-        default = MAX_ELEMENTS if memory is None else np.inf
-        return default if most is None else most
-    if most is not None and elements > most:
-        text = "{elements} must be at most {max_elements} = {:.6g}, got {:.6g}; omit {max_elements}"
-        raise OptionError(Message(text, most, elements))
-    return elements
+            raise _exclusive(goal[0], "max_memory" if most is None else "max_elements")
+        return np.inf if elements is None else elements
+    if most is not None:
+        return most
+    return MAX_ELEMENTS if memory is None else np.inf

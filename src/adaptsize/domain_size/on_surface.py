@@ -20,6 +20,7 @@ from adaptsize.domain_size.prescribed import bound_at_nodes
 from adaptsize.domain_size.refined_surface import RefinedSurface
 from adaptsize.domain_size.reports import report_of
 from adaptsize.domain_size.request import Request
+from adaptsize.domain_size.thin_parts import ThinParts
 from adaptsize.errors import InputWarning, OpenSurfaceWarning
 from adaptsize.geometry.creases import folds_of, tips_of_cones
 from adaptsize.geometry.faces import Faces
@@ -62,6 +63,11 @@ class SurfaceDomain:
         return Enclosed(self.mesh)
 
     @cached_property
+    def thin_parts(self) -> ThinParts:
+        """Its thin walls and narrow faces."""
+        return ThinParts(self.faces, self.width)
+
+    @cached_property
     def inside(self) -> Inside:
         """The solid, in which sizes grow."""
         return Inside(self.faces, self.overlaps)
@@ -80,7 +86,8 @@ class SurfaceDomain:
         where these are above 20 000: a single layer of tetrahedra has about 4.5 per node of it,
         and a thicker solid more than 10.
         A surface with more nodes consists of slivers much narrower than the size, where no finer
-        background is needed.
+        background is needed.  Between two long edges of slivers, halving one makes
+        the other the longer one for ever: this ends once a few edges are no shorter.
         """
         if request.h0 is not None and not callable(request.h0):
             request = replace(request, h0=bound_at_nodes(request.h0, self.mesh)[self.nodes])
@@ -89,6 +96,7 @@ class SurfaceDomain:
         max_nodes = float(tuning.MOST_NODES_OF_SOURCES)
         if not request.is_fixed:
             max_nodes = min(max_nodes, max(allowed, tuning.FEW_NODES))
+        shortest, in_vain = np.inf, 0
         while True:
             size, mesh = surface.size_for(request), surface.mesh
             ratio = mesh.edge_lengths / size.values[mesh.edges].min(axis=1)
@@ -97,7 +105,10 @@ class SurfaceDomain:
                 if np.count_nonzero(long) <= room:
                     break
                 long = ratio > 2.0**power  # the longest ones if not all
-            if not long.any():
+            in_vain = 0 if ratio.max() < (1.0 - tuning.LESS) * shortest else in_vain + 1
+            shortest = min(shortest, float(ratio.max()))
+            is_vain = in_vain > tuning.PASSES_IN_VAIN and long.mean() < tuning.FEW_LONG
+            if is_vain or not long.any():
                 return size
             surface = surface.split(long, request)
 

@@ -53,3 +53,19 @@ MOST_NODES_OF_SOURCES, SHARE_OF_NODES = 400_000, 0.25
 #: The same of a surface, and how many it may have whatever is allowed: in a second at most.  With a
 #: tenth of 10 000 elements, predicted numbers of parts with rims and text were 20 % too small.
 SHARE_ON_SURFACE, FEW_NODES = 0.1, 20_000
+#: Points of a surface at which the cells of thin walls are counted.
+POINTS_ON_WALLS = 2000
+#: Cells of a wall of the width W for each side, area and size h: the least, and a line in W / h; no
+#: more than on another line.  Square sheets with a side of 17 h were made: with W / h of 1/6, 1/3,
+#: 2/3, 1 and 5/3, 1 903, 2 506, 3 746, 3 956 and 5 040 cells.
+IN_WALLS = (3.1, 2.1, 7.0), (4.8, 2.6)
+#: Cells for each size along a side of a narrow face that there are less around its feature edge,
+#: and the largest width of these faces over the size.  Bars of 1/4, 1/2 and 1 h, 75 h long: 542,
+#: 793 and 1 244 cells.
+LESS_AT_EDGE, NARROW_FACE = 0.5, 2.0
+#: Cosine of the largest angle at a corner of a face, of 135 degrees.
+CORNER_COSINE = -0.7
+#: Halving edges of a surface ends after more than so many passes that lower the largest ratio of
+#: an edge to its size by less than the second number, if fewer edges than the third share are too
+#: long.  On a public part, edges of slivers were halved in turn without an end.
+PASSES_IN_VAIN, LESS, FEW_LONG = 4, 0.05, 0.01

@@ -60,7 +60,10 @@ def matrix_of(dim: int, predicted: Prediction, degree: int, components: int) -> 
     The matrix is stored by rows, with the integers that SciPy takes for indices.  All components
     at the nodes of a cell are coupled.
     """
-    simplices = simplices_of(dim, predicted)
+    return _matrix(simplices_of(dim, predicted), degree, components)
+
+
+def _matrix(simplices: Sequence[float], degree: int, components: int) -> tuple[float, float]:
     unknowns = components * unknowns_of(simplices, degree)
     nonzeros = components**2 * nonzeros_of(simplices, degree)
     index = 4.0 if nonzeros < 2.0**31 else 8.0
@@ -75,8 +78,18 @@ def system_of(report: SizeReport, degree: int, components: int) -> tuple[float, 
 
 def unknowns_on(mesh: SimplexMesh, degree: int, components: int) -> float:
     """Return the number of unknowns on a mesh."""
+    return _matrix(simplices_on(mesh), degree, components)[0]
+
+
+def memory_on(mesh: SimplexMesh, degree: int, components: int) -> float:
+    """Return the bytes of the assembled matrix on a mesh."""
+    return _matrix(simplices_on(mesh), degree, components)[1]
+
+
+def simplices_on(mesh: SimplexMesh) -> tuple[float, ...]:
+    """Return the numbers of nodes, edges ... cells of a mesh."""
     inner = {1: [], 2: [len(mesh.edges)], 3: [len(mesh.edges), len(mesh.facets)]}[mesh.cell_dim]
-    return components * unknowns_of([mesh.n_points, *inner, mesh.n_cells], degree)
+    return mesh.n_points, *inner, mesh.n_cells
 
 
 def as_bytes(memory: str) -> float:

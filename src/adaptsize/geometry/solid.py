@@ -54,22 +54,25 @@ class Sides(NamedTuple):
     """float64[m, 3, 3]: triangles that make up the parts."""
     part: IndexArray
     """intp[m]: the part that each belongs to."""
-    least: float = 0.5
-    """Absolute winding number of the solid, at least."""
+    is_closed: bool = True
+    """Whether the surface has no holes, so that winding numbers are integers."""
+
+    def _is_inside(self, numbers: FloatArray) -> BoolArray:
+        return is_inside(numbers, is_closed=self.is_closed)
 
     @property
     def is_lost(self) -> BoolArray:
         """Which parts do not have the solid on exactly one side, or are repeated.
 
-        The solid is where the winding number is above one half in absolute value.
+        See `is_inside`.
         """
-        inside = (np.abs(numbers) > self.least for numbers in (self.front, self.back))
+        inside = (self._is_inside(numbers) for numbers in (self.front, self.back))
         return self._matters(np.equal(*inside) | self.is_repeated)
 
     @property
     def is_inward(self) -> BoolArray:
         """Which other parts have the solid on the side to which the normal points."""
-        return self._matters(~self.is_lost & (np.abs(self.front) > self.least))
+        return self._matters(~self.is_lost & self._is_inside(self.front))
 
     def _matters(self, which: BoolArray) -> BoolArray:
         """Return which parts these are, none if they have hardly any area: folds of slivers."""
@@ -84,8 +87,20 @@ class Sides(NamedTuple):
         return np.where(turned, corners[:, [1, 0, 2]], corners), self.owner[part]
 
 
+def is_inside(numbers: FloatArray, *, is_closed: bool) -> BoolArray:
+    """Return whether winding numbers of a consistently oriented surface are those of its solid.
+
+    If the surface is closed, they are above one half: what is turned inside out beside it, as where
+    offset surfaces cross themselves, is no solid.  The facets of a surface with holes may have
+    either side outside, so that the absolute value counts.
+    """
+    if is_closed:
+        return np.asarray(numbers > 0.5)
+    return np.asarray(np.abs(numbers) > 0.5 + tuning.WINDING_ERROR)
+
+
 class Solid:
-    """The region where the winding number of a surface is above one half in absolute value.
+    """The region where the winding number of a surface is above one half.
 
     For bodies that overlap it is their union.  Facets are oriented first.  Of a surface with holes,
     the winding number is not an integer, and the region is closed by a smooth cap in each hole.
@@ -146,6 +161,10 @@ class Solid:
     def _sides(self) -> Sides:
         return sides_of(self._outline, self.winding, is_closed=self.is_closed)
 
+    def contains(self, points: FloatArray) -> BoolArray:
+        """Return which points are inside of the solid."""
+        return is_inside(self.winding(points), is_closed=self.is_closed)
+
     @cached_property
     def volume(self) -> float:
         """The volume of the solid; nan if the surface is not closed, or too many facets meet.
@@ -205,7 +224,23 @@ class Solid:
         most = _SAME * mesh.diagonal * float(mesh.measures.sum())
         if is_cycle(mesh) and abs(volume - self.volume) <= most:
             return mesh, nodes
+        parts = self._without_cracks(parts)
         return parts, np.full(parts.n_points, -1, np.int32)
+
+    def _without_cracks(self, parts: SimplexMesh) -> SimplexMesh:
+        """Return the parts of the boundary but for the walls of cracks.
+
+        Bodies that touch are apart by the rounding of coordinates in files.
+        """
+        normals = facet_normals(parts.points[parts.cells])
+        lengths = np.linalg.norm(normals, axis=1)[:, None]
+        away = tuning.CRACK * parts.diagonal * normals / np.maximum(lengths, np.finfo(float).tiny)
+        is_wall = self.contains(parts.points[parts.cells].mean(axis=1) + away)
+        if is_wall.all():
+            return parts
+        tags = None if parts.cell_tags is None else parts.cell_tags[~is_wall]
+        cells = parts.cells[~is_wall]
+        return cut_out(parts.points, cells, cell_tags=tags, tag_names=parts.tag_names)[0]
 
     @property
     def skin(self) -> SimplexMesh:
@@ -296,8 +331,7 @@ def sides_of(surface: SimplexMesh, winding: WindingNumber, *, is_closed: bool = 
         front, back = _of_most(sides, place, area).T
     repeated = np.zeros(len(owner), np.bool_)
     repeated[_repeated(surface, contacts, owner, centre)] = True
-    least = 0.5 if is_closed else 0.5 + tuning.WINDING_ERROR
-    return Sides(owner, front, back, area, repeated, centre, triangles, part, least)
+    return Sides(owner, front, back, area, repeated, centre, triangles, part, is_closed)
 
 
 def _places_without_jump(

@@ -110,6 +110,9 @@ DETOUR = 1.15
 
 #: Winding numbers are found at this distance from a facet, in the slack of contacts.
 BESIDE_FACET = 2.0
+#: Gaps narrower than this share of the diagonal are cracks between bodies that touch, where their
+#: union could not be made.  Six digits of coordinates leave such gaps.
+CRACK = 1e-5
 #: A share of the area of the facets below which what is found on them does not count.  In a public
 #: part, slivers that are folded by rounding have 4e-8; the tips of antlers that cross have 2e-6.
 NEGLIGIBLE_AREA = 1e-6

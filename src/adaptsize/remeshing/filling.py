@@ -30,7 +30,7 @@ _STAGE = Stage("adapting the surface", "Mmg")
 FILLS_MORE = (
     "the mesh fills more than the surface encloses; close the surface or increase the sizes"
 )
-_NOT_ADAPTED = "the tetrahedra are those that fill the surface, not adapted to the sizes inside"
+NOT_ADAPTED = "the tetrahedra are those that fill the surface, not adapted to the sizes inside"
 
 
 class Filling:
@@ -85,7 +85,7 @@ class Filling:
             filled = partial(
                 improved_soundly, inner.mesh, self.surface, problem.tolerance, inner.size
             )
-            yield Candidate(filled, _NOT_ADAPTED)
+            yield Candidate(filled, NOT_ADAPTED)
         raw = backend.solve(inner, run)
 
         def finish() -> SimplexMesh:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import cast
 
@@ -31,7 +31,7 @@ from adaptsize.remeshing.acceptance import (
 )
 from adaptsize.remeshing.attempts import Attempts, Budget, Candidate, best_of
 from adaptsize.remeshing.delivery import warn_of_unconnected
-from adaptsize.remeshing.filling import FILLS_MORE, Filling, improved_soundly
+from adaptsize.remeshing.filling import FILLS_MORE, NOT_ADAPTED, Filling, improved_soundly
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.planning import Attempt, Known, plan
@@ -42,7 +42,7 @@ from adaptsize.remeshing.preparation import (
     restore,
     surface_to_fill,
 )
-from adaptsize.remeshing.protocol import TASKS, Backend, MeshingProblem, Task
+from adaptsize.remeshing.protocol import TASKS, Backend, Enclosing, MeshingProblem, Task
 from adaptsize.remeshing.registry import able_backends, available_backends, choose_backend
 from adaptsize.remeshing.resolution import RequestedSizes, as_request
 from adaptsize.remeshing.sizing import (
@@ -93,6 +93,7 @@ def prepared(
             wanted, sizes, mesh, given["g"], given["hmax"], metric, metric_on(size, mesh)
         ),
         given["tolerance"], _required(required_facets, mesh, repaired),
+        _if_crossed(solid, repaired.mesh),
     )  # fmt: skip
     n_cells = _number_of_cells(mesh, size, requests.to(chosen.name, 1.0))
     _refuse_too_many(n_cells, given["max_elements"])
@@ -113,6 +114,8 @@ class Requests:
     """The allowed one, over the diagonal."""
     required: IntArray | None
     """Facets that must not change."""
+    crossed: Solid | None = None
+    """The solid of a surface to be filled whose facets cross; None where others do not cross."""
     _made: dict[tuple[bool, float], MeshingProblem] = field(
         default_factory=dict, init=False, repr=False
     )
@@ -121,10 +124,13 @@ class Requests:
         """Return the request to a generator, with a tolerance over the allowed one."""
         key = backend == "mmg", factor
         if key not in self._made:
-            self._made[key] = as_request(
+            made = as_request(
                 self.task, self.mesh, self.frame, self.sizes, factor * self.tolerance,
                 self.required, is_by_mmg=backend == "mmg",
             )  # fmt: skip
+            if self.crossed is not None:
+                made = replace(made, enclosing=_enclosing(self.crossed, self.frame))
+            self._made[key] = made
         return self._made[key]
 
     @property
@@ -185,25 +191,18 @@ class Job:
             self.given["tolerance"],
             can_fill=solid is not None and netgen.can_fill(requests.mesh),
             is_closed=solid is not None and solid.is_closed,
-            is_crossed=self.is_crossed,
+            is_crossed=requests.crossed is not None,
             # Mmg fails on these, or does not end.
             is_folded=requests.task == "tetrahedra" and bool(folded_cells(requests.mesh).any()),
         )  # fmt: skip
-
-    @property
-    def is_crossed(self) -> bool:
-        """Whether facets of the surface to be filled cross others."""
-        # The boundary of a union replaces bodies that overlap, if it could be made.
-        solid = self.solid
-        return solid is not None and solid.is_divided and self.requests.mesh is not solid.skin
 
     @cached_property
     def filling(self) -> Filling:
         """The routes that begin with a first volume."""
         problem = self.requests.to("tetwild", 1.0)
         surface = problem.mesh
-        if self.solid is not None and self.is_crossed:
-            surface = self.requests.frame.mesh(self.solid.skin)
+        if self.requests.crossed is not None:
+            surface = self.requests.frame.mesh(self.requests.crossed.skin)
         return Filling(problem, surface, self.n_cells, self.given["max_elements"])
 
     def solve(self, attempt: Attempt, run: IsolatedRunner) -> Iterator[Candidate]:
@@ -227,7 +226,8 @@ class Job:
         """Yield the mesh of one generator, improved unless it has a metric or required facets."""
         problem = self.requests.to(attempt.backend, attempt.factor)
         if attempt.first is None:
-            new = restore(backend.solve(problem, run), problem, backend.name)
+            asked = problem if attempt.is_sized else replace(problem, size=None)
+            new = restore(backend.solve(asked, run), problem, backend.name)
         else:
             new = refilled(problem, run)
 
@@ -238,13 +238,27 @@ class Job:
                 return improved_soundly(new, self.filling.surface, problem.tolerance, problem.size)
             return improved(new, problem.mesh, problem.tolerance, problem.size)
 
-        yield Candidate(finish, self._note_on(new.n_cells))
+        note = self._note_on(new.n_cells) if attempt.is_sized else NOT_ADAPTED
+        yield Candidate(finish, note)
 
     def _note_on(self, n_cells: int) -> str:
         """Return a note if an open surface was filled by many more cells than predicted."""
         if self.solid is None or self.solid.is_closed or n_cells <= tuning.MANY_MORE * self.n_cells:
             return ""
         return f"{n_cells} elements instead of the predicted {self.n_cells:.3g}: {FILLS_MORE}"
+
+
+def _if_crossed(solid: Solid | None, mesh: SimplexMesh) -> Solid | None:
+    """Return the solid of a surface if facets cross in what is to be filled."""
+    # The boundary of a union replaces bodies that overlap, if it could be made.
+    if solid is None or not solid.is_divided or mesh is solid.skin:
+        return None
+    return solid
+
+
+def _enclosing(solid: Solid, frame: Frame) -> Enclosing:
+    """Return what a solid tells a generator, in the coordinates of a frame."""
+    return Enclosing(~solid.hidden, lambda points: solid.contains(frame.from_own(points)))
 
 
 def _required(

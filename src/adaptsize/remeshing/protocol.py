@@ -57,6 +57,15 @@ class Facets(NamedTuple):
     """Whether some facets lie inside one region."""
 
 
+class Enclosing(NamedTuple):
+    """What a surface encloses whose facets cross, where a generator alone would not tell."""
+
+    bounding: npt.NDArray[np.bool_]
+    """bool[n_cells]: the facets of which a part bounds the solid."""
+    contains: Callable[[FloatArray], npt.NDArray[np.bool_]]
+    """Returns which points, float64[n, 3], are inside."""
+
+
 #: Marks facets without a tag.  It is outside int32, so it cannot equal a tag.
 NO_TAG = np.int64(2) ** 40
 
@@ -95,6 +104,8 @@ class MeshingProblem:
     in_volume : callable or None
         Takes the request to adapt a first volume in the surface, and returns it with the sizes as
         they grow inside.
+    enclosing : Enclosing or None
+        If facets of a surface to be filled cross, and the boundary of the union is not known.
     """
 
     task: Task
@@ -110,6 +121,7 @@ class MeshingProblem:
     ridges: IntArray = field(default_factory=lambda: np.empty((0, 2), np.int32))
     is_adapted: bool = False
     in_volume: Callable[[MeshingProblem], MeshingProblem] | None = None
+    enclosing: Enclosing | None = None
 
     @property
     def sizes(self) -> Callable[[FloatArray], FloatArray]:

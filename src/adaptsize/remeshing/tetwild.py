@@ -6,12 +6,16 @@ Observed behaviour that is handled here:
 * Outside the background of the field the global length applies.  Therefore the background
   covers a box around the part.
 * Tags are lost, so the caller looks them up in the old mesh.
+* The winding number that separates inside from outside is that of facets moved within the envelope.
+  Where facets cross at small angles, or nearly coincide, it is wrong far from the surface: a public
+  part lost 45 tolerances.  There the number of the given surface decides, and facets inside of the
+  solid are not passed.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +25,7 @@ import numpy.typing as npt
 from adaptsize._progress import Stage
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing.protocol import Arrays, Backend, MeshingProblem, Task
+from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
     from adaptsize.remeshing.isolation import IsolatedRunner
@@ -37,13 +42,16 @@ class TetWildBackend(Backend):
     def solve(self, problem: MeshingProblem, run: IsolatedRunner) -> Arrays:
         """Return tetrahedra, without regions and facets."""
         mesh = problem.mesh
+        enclosing = problem.enclosing
         faces = mesh.cells if problem.task == "surface to tetrahedra" else problem.facets.nodes
+        if enclosing is not None:
+            faces = mesh.cells[enclosing.bounding]
         arrays: dict[str, npt.NDArray[Any]] = {"points": mesh.points, "faces": faces}
         # Edge length over the diagonal if no size is given: fTetWild's default.
         options: dict[str, Any] = {
             "epsilon": problem.tolerance / mesh.diagonal,
             "coarsen": False,
-            "filtered": problem.task == "surface to tetrahedra",
+            "filtered": problem.task == "surface to tetrahedra" and enclosing is None,
             "edge_length": tuning.EDGE_LENGTH * mesh.diagonal,
         }
         if problem.size is not None:
@@ -57,10 +65,24 @@ class TetWildBackend(Backend):
         made = run("adaptsize.remeshing.tetwild:tetrahedralize", stage, arrays, options)
         if options["filtered"]:
             return made
+        if enclosing is not None:
+            is_in = mostly_inside(made["points"][made["cells"]], enclosing.contains)
+            return {**made, "cells": made["cells"][is_in]}
         # Interfaces would disturb the winding number that separates inside from outside.  Instead,
         # the cells whose centroids lie in the old mesh are kept.
         off = mesh.locator.nearest(made["points"][made["cells"]].mean(axis=1))[2]
         return {**made, "cells": made["cells"][off <= 1e-12 * mesh.diagonal]}
+
+
+def mostly_inside(
+    corners: FloatArray, contains: Callable[[FloatArray], npt.NDArray[np.bool_]]
+) -> npt.NDArray[np.bool_]:
+    """Return which tetrahedra, float64[n, 4, 3], have most of some points in them inside."""
+    # The centroid, and points towards the corners and towards the facets.
+    weights = np.concatenate([np.full((1, 4), 0.25), 0.1 + 0.6 * np.eye(4), 0.3 - 0.2 * np.eye(4)])
+    points = np.einsum("kc,ncd->nkd", weights, corners)
+    inside = contains(points.reshape(-1, 3)).reshape(len(corners), len(weights))
+    return np.asarray(2 * inside.sum(axis=1) > len(weights))
 
 
 def tetrahedralize(arrays: Arrays, options: Mapping[str, Any]) -> Arrays:

@@ -97,7 +97,7 @@ class Enclosed:
         self.surface = surface
         self._n_points = as_whole_number("n_points", n_points, lower=1, upper=10**7)
         solid = Solid(surface)
-        self._winding = solid.winding
+        self._solid = solid
         # Only a closed surface has the same winding number in all of a cube that it leaves alone.
         self._is_closed = solid.is_closed
         self._middle, self._axes = _principal_axes(surface)
@@ -179,7 +179,7 @@ class Enclosed:
         """Return the cubes that are not outside; ``are_inside``: which are known to be inside."""
         points = self._from_own(corners + sides[:, None] * self._random.random(corners.shape))
         counts, rest = are_inside.copy(), np.flatnonzero(~are_inside)
-        counts[rest] = self._winding.contains(points[rest])
+        counts[rest] = self._solid.contains(points[rest])
         at_surface = ~are_inside
         if self._is_closed:
             centres = self._from_own(corners[rest] + 0.5 * sides[rest, None])
@@ -253,8 +253,7 @@ def predict(
     domain = as_mesh("domain", domain, PartitionedMesh, Enclosed)
     if isinstance(domain, Enclosed):
         check_function("size", size, "points")
-        at, maker = cast(SizeAt, size), "mmg inside" if backend == "mmg" else backend
-        found = _predicted(3, domain._volume_integral(at), domain._area_integral(at), maker)
+        found = integrated(domain, cast(SizeAt, size), backend)
         cells = max(found.cells, found.facets)  # in a layer thinner than the sizes
         return Prediction(cells, found.facets, nodes_of(3, cells, found.facets))
     d = domain.cell_dim
@@ -272,6 +271,12 @@ def predict(
         skin = domain.boundary()
         facets = count_elements(skin.mesh, h[skin.nodes]) / ELEMENTS_PER_MEASURE[d - 1]
     return _predicted(d, inner, facets, backend)
+
+
+def integrated(domain: Enclosed, size: SizeAt, backend: str | None) -> Prediction:
+    """Return the numbers of regular cells and facets, also if these are fewer than the layers."""
+    maker = "mmg inside" if backend == "mmg" else backend
+    return _predicted(3, domain._volume_integral(size), domain._area_integral(size), maker)
 
 
 def _has_facets(mesh: SimplexMesh) -> bool:
