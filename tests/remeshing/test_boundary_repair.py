@@ -310,7 +310,7 @@ def test_collapses_that_are_allowed_change_no_topology(case):
     follower = boundary_repair._Follower(in_space(mesh.points), in_space(mesh.points), 0.1)
     sizes = np.ones(mesh.n_points)
     local, _ = boundary_repair.local_mesh(mesh, mesh, follower, sizes, 20.0, keep_sharp=False)
-    work = new_work(mesh.n_points, len(local.angle))
+    work = new_work(len(local.points), len(local.angle))
     before, allowed = complexes_of(mesh, mesh.cells, mesh.cell_tags), []
     for i, j in np.concatenate([mesh.edges, mesh.edges[:, ::-1]]).tolist():
         allowed.append(bool(may_vanish_compiled(local, i, j, work)))

@@ -388,13 +388,14 @@ def _improved(
     points, scale = _in_range(mesh)
     follower = _Follower(in_space(given.points * scale), points, tolerance * scale)
     local, tags = local_mesh(mesh, given, follower, sizes * scale, goal, keep_sharp=keep_sharp)
-    counts = np.zeros(7, np.int64)
-    work = new_work(mesh.n_points, len(local.angle))
-    repair(local, mesh.n_cells, work, tuning.CELLS_PER_BAD_CELL, counts)
+    counts = np.zeros(8, np.int64)
+    work = new_work(len(local.points), len(local.angle))
+    limits = (tuning.CELLS_PER_BAD_CELL, tuning.INSERTED_BELOW)
+    repair(local, mesh.n_cells, work, limits, counts)
     if not counts[1:].any():
         return mesh, sizes
     new, nodes = _result(mesh, local, tags, scale)
-    return new, sizes[nodes]
+    return new, local.size[nodes] / scale
 
 
 def local_mesh(
@@ -421,7 +422,11 @@ def local_mesh(
     if kind == TETRAHEDRA:
         parts.append((FACETS, skin.facets, groups.new))
     parts.append((LINES, skin.lines, line_groups.new))
-    cx = new_complex(parts, mesh.n_points)
+    room = 0
+    if kind == TETRAHEDRA:
+        share, some = tuning.ADDED_NODES
+        room = some + int(share * mesh.n_points)
+    cx = new_complex(parts, mesh.n_points + room)
     first_facet = 0 if kind == SURFACE else mesh.n_cells
     first_line = mesh.n_cells + (len(skin.facets) if kind == TETRAHEDRA else 0)
     surface, of_facets = follower.sampled(old.facets, groups, skin.facets, first_facet)
@@ -437,8 +442,11 @@ def local_mesh(
         dict(zip(groups.new.tolist(), skin.keys[:, 0].tolist(), strict=True)),
         {-2 - k: tag for k, tag in enumerate(line_tags.tolist())},
     )
+    n_points = np.array([mesh.n_points])
+    points, sizes = (np.concatenate([x, np.zeros((room, *x.shape[1:]))]) for x in (points, sizes))
+    is_corner = np.append(is_corner, np.zeros(room, np.bool_))
     return LocalMesh(
-        kind, goal, facets, points, sizes, is_corner, cx, surface, curves, samples, angle
+        kind, goal, facets, points, n_points, sizes, is_corner, cx, surface, curves, samples, angle
     ), tags
 
 
@@ -463,7 +471,7 @@ def _result(
         is_solid = local.kind == TETRAHEDRA
         facets, labels = _rows_of(local.cx, FACETS if is_solid else LINES, k - 1)
         found = _looked_up(tags.of_facets if is_solid else tags.of_lines, labels)
-        tagged, number = found != NO_TAG, places_among(nodes, mesh.n_points)
+        tagged, number = found != NO_TAG, places_among(nodes, len(local.points))
         new = replace(new, tagged_facets=number[facets[tagged]], facet_tags=found[tagged])
     return new, nodes
 

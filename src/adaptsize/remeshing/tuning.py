@@ -232,6 +232,9 @@ LAST_GOAL: Mapping[str, float] = {"tetrahedra": 10.0, "surface": 10.0}
 TURN_AT_CORNER = 40.0
 #: Cells that are examined at most, over the number of bad ones.
 CELLS_PER_BAD_CELL = 40
+#: Angle in degrees below which nodes are inserted in tetrahedra that nothing else improves; and
+#: the share of the nodes, and number, that may be added at most.
+INSERTED_BELOW, ADDED_NODES = 16.0, (0.02, 64)
 #: Given facets have the direction of new ones if this share agrees, of those whose normals are
 #: parallel up to the angle of this cosine.
 AGREEING, CLEAR_COSINE = 0.95, 0.5
