@@ -17,7 +17,7 @@ import math
 
 import numpy as np
 
-from adaptsize._kernels.compiling import lean
+from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.complexes import (
     CELLS,
     FACETS,
@@ -613,11 +613,71 @@ def drop_of_insertion(mesh, c, number, least, work):
 def insert(mesh, c, number, x, steps, work):
     """Insert a node at x, as `drop_of_insertion` has found."""
     simplex, n_nodes = simplex_of(mesh, c, number)
+    _insert_in(mesh, simplex, n_nodes, x, steps, work)
+
+
+@lean
+def _insert_in(mesh, simplex, n_nodes, x, steps, work):
     new = new_node(mesh, simplex, n_nodes)
     _put(mesh, new, x)
     mesh.n_points[0] += 1
     _set_cavity(mesh, work.cavity, simplex, n_nodes, new, steps)
     _fill(mesh, simplex, new, work)
+
+
+@lean
+def _simplex_of_facet(mesh, row, number):
+    """Return the nodes of a facet, or of one of its edges, filled up with -1; and their number."""
+    a, b, c, _ = nodes_of(mesh.cx, row)
+    if number == 0:
+        return (a, b, c, NONE), np.int64(3)
+    if number == 1:
+        return (a, b, NONE, NONE), np.int64(2)
+    return ((b, c, NONE, NONE) if number == 2 else (c, a, NONE, NONE)), np.int64(2)
+
+
+@lean_kernel
+def insert_in_facets(mesh, places, corners, least, work):
+    """Insert nodes at given places in facets or their edges, where the angles allow it.
+
+    Parameters
+    ----------
+    mesh : LocalMesh
+        In/Out: tetrahedra.
+    places : float64[n, 3]
+    corners : int64[n, 3]
+        Nodes of the facets.  Places in facets that are no longer there are left out.
+    least : float
+        Least angle of new cells, unless old ones have smaller ones.
+    work : Work
+
+    Returns
+    -------
+    int
+        Number of new nodes.
+    """
+    n_made = 0
+    for p in range(places.shape[0]):
+        a, b, c = corners[p, 0], corners[p, 1], corners[p, 2]
+        row, x = rows_with(mesh.cx, FACETS, a, b, c)[1], (places[p, 0], places[p, 1], places[p, 2])
+        best, chosen, steps = -math.inf, -1, 0
+        for number in range(4 if row >= 0 else 0):
+            simplex, n_nodes = _simplex_of_facet(mesh, row, number)
+            new = new_node(mesh, simplex, n_nodes)
+            if new < 0:
+                return n_made
+            _put(mesh, new, x)
+            score, at = _best_cavity(mesh, work.cavity, simplex, n_nodes, new, least)
+            if score <= best:
+                continue
+            _set_cavity(mesh, work.cavity, simplex, n_nodes, new, at)
+            if _fits(mesh, simplex, new, work):
+                best, chosen, steps = score, number, at
+        if chosen >= 0:
+            simplex, n_nodes = _simplex_of_facet(mesh, row, chosen)
+            _insert_in(mesh, simplex, n_nodes, x, steps, work)
+            n_made += 1
+    return n_made
 
 
 @lean

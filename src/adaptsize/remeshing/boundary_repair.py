@@ -25,6 +25,7 @@ import numpy.typing as npt
 from adaptsize._kernels.boundary_repair import repair
 from adaptsize._kernels.complexes import CELLS, FACETS, LINES, Complex, new_complex
 from adaptsize._kernels.envelope import Given, Samples, find_nearest, list_samples
+from adaptsize._kernels.insertion import insert_in_facets
 from adaptsize._kernels.local_mesh import (
     PLANE,
     SURFACE,
@@ -51,8 +52,29 @@ from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongAr
 _NAMES = {TETRAHEDRA: "tetrahedra", SURFACE: "surface", PLANE: "plane triangles"}
 
 
+class Wanted(NamedTuple):
+    """Places on the given surface where nodes of a boundary are wanted.
+
+    Parameters
+    ----------
+    places : float64[n, 3]
+    facets : int32[n, 3]
+        The facet of the boundary in which each is to be inserted.
+    least : float
+        Least angle of new cells in degrees, unless there are smaller ones around.
+    """
+
+    places: FloatArray
+    facets: IntArray
+    least: float
+
+
 def repaired(
-    mesh: SimplexMesh, given: SimplexMesh, tolerance: float, size: Size | None = None
+    mesh: SimplexMesh,
+    given: SimplexMesh,
+    tolerance: float,
+    size: Size | None = None,
+    wanted: Wanted | None = None,
 ) -> SimplexMesh:
     """Return a mesh with better worst cells, whose boundary is within the tolerance.
 
@@ -66,6 +88,8 @@ def repaired(
         Allowed distance, in the unit of the coordinates.  What is farther away gets no farther.
     size : callable, optional
         Requested lengths of edges at points; those around each node by default.
+    wanted : Wanted, optional
+        Nodes to insert first, in tetrahedra.
 
     Returns
     -------
@@ -73,11 +97,11 @@ def repaired(
         With the same regions and tags; ``mesh`` itself if nothing has changed.  No cell is worse
         than the worst one before.
     """
-    kind = _NAMES[_kind_of(mesh)]
-    if not (angles_of(mesh) < tuning.GOAL[kind]).any():
+    kind, goal = _NAMES[_kind_of(mesh)], tuning.GOAL[_NAMES[_kind_of(mesh)]]
+    if wanted is None and not (angles_of(mesh) < goal).any():
         return mesh
     sizes = _lengths_around(mesh) if size is None else size(mesh.points)
-    mesh, sizes = _improved(mesh, given, tolerance, sizes, tuning.GOAL[kind], keep_sharp=True)
+    mesh, sizes = _improved(mesh, given, tolerance, sizes, goal, keep_sharp=True, wanted=wanted)
     if kind in tuning.LAST_GOAL and (angles_of(mesh) < tuning.LAST_GOAL[kind]).any():
         goal = tuning.LAST_GOAL[kind]
         mesh, sizes = _improved(mesh, given, tolerance, sizes, goal, keep_sharp=False)
@@ -383,6 +407,7 @@ def _improved(
     goal: float,
     *,
     keep_sharp: bool,
+    wanted: Wanted | None = None,
 ) -> tuple[SimplexMesh, FloatArray]:
     """Return the mesh after local operations, and the sizes at its nodes."""
     points, scale = _in_range(mesh)
@@ -390,6 +415,9 @@ def _improved(
     local, tags = local_mesh(mesh, given, follower, sizes * scale, goal, keep_sharp=keep_sharp)
     counts = np.zeros(8, np.int64)
     work = new_work(len(local.points), len(local.angle))
+    if wanted is not None and local.kind == TETRAHEDRA:
+        places, facets = wanted.places * scale, wanted.facets.astype(np.int64)
+        counts[-1] = insert_in_facets(local, places, facets, wanted.least, work)
     limits = (tuning.CELLS_PER_BAD_CELL, tuning.INSERTED_BELOW)
     repair(local, mesh.n_cells, work, limits, counts)
     if not counts[1:].any():

@@ -22,7 +22,7 @@ from adaptsize.background.topology import marked, places_among, regions_beside
 from adaptsize.quality.boundary import FarPlaces, farthest_places
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing import tuning
-from adaptsize.remeshing.boundary_repair import repaired
+from adaptsize.remeshing.boundary_repair import Wanted, repaired
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.straight_edges import StraightEdges
 from adaptsize.remeshing.surface import facets_of
@@ -68,10 +68,16 @@ def improved(
         mesh = mesh.moved(points)
 
     def made(mesh: SimplexMesh, far: _Far, least: float, spoiled: _Balls) -> SimplexMesh:
-        divided = _divided(mesh, old, far, tolerance, lines, least, spoiled)
-        if divided is mesh and least < tuning.LEAST_QUALITY:
-            return mesh
-        return repaired(divided, given, tuning.AIM * tolerance, size)
+        best, limit = (
+            _divided(mesh, old, far, tolerance, lines, least, spoiled),
+            tuning.AIM * tolerance,
+        )
+        wanted = None
+        if least < tuning.LEAST_QUALITY:
+            wanted = _targets(best.far, old, limit, spoiled).wanted(best.far, least)
+            if best.mesh is mesh and not len(wanted.places):
+                return mesh
+        return repaired(best.mesh, given, limit, size, wanted)
 
     return _in_rounds(mesh, old, tolerance, made)
 
@@ -201,6 +207,10 @@ class _Targets(NamedTuple):
         there, cells, weights, shares = self
         return _Targets(there[which], cells[which], weights[which], shares[which])
 
+    def wanted(self, far: "_Far", least: float) -> Wanted:
+        """Return the nodes to insert in facets, for a least quality of cells."""
+        return Wanted(self.there, far.surface.cells[self.cells], tuning.ANGLE_OF_QUALITY * least)
+
     def nearer(self, before: "_Far", after: "_Far", limit: float) -> FloatArray:
         """Return by how much less is beyond a limit around each target than before."""
         corners = before.surface.points[before.surface.cells[self.cells]]
@@ -268,7 +278,7 @@ def _divided(
     lines: StraightEdges,
     least: float,
     spoiled: _Balls,
-) -> SimplexMesh:
+) -> _Step:
     """Return the mesh with nodes of the old surface where it is too far from that.
 
     Edges get a node at the farthest places on facets beside them, and at places of the old surface
@@ -287,7 +297,7 @@ def _divided(
         now, waited = min(steps, key=lambda step: step.far.beyond(limit)), waited + 1
         if now.far.beyond(tolerance) < best.far.beyond(tolerance):
             best, waited = now, 0
-    return best.mesh
+    return best
 
 
 def _steps(
