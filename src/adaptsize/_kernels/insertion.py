@@ -39,6 +39,7 @@ from adaptsize._kernels.envelope import (
     detach_samples,
     distance_of,
     measure_row,
+    nearest_in,
     normal_of,
     projected,
 )
@@ -64,7 +65,7 @@ _SHORTEST = 0.7
 #: Number of simplices of a cell in which a node may be inserted: edges, faces and the cell.
 N_PLACES = 11
 #: Places of the numbers of cells, faces, facets and edges of the rim of a cavity, of facets and
-#: lines that contain the simplex, and of nodes of the simplex, in `Cavity.count`.
+#: lines that contain the simplex, and of nodes of the simplex, in `Cavity.counts`.
 _CELLS, _FACES, _RIM_FACETS, _RIM, _FIRST, _LINE, _NODES = range(7)
 
 
@@ -133,7 +134,7 @@ def _is_same(cx, row, v, other, w):
 @lean
 def _face_like(cx, cavity, row, v):
     """Return the place of a face in the cavity, or -1."""
-    for f in range(cavity.count[_FACES]):
+    for f in range(cavity.counts[_FACES]):
         if _is_same(cx, row, v, cavity.faces[f, 0], cavity.faces[f, 1]):
             return np.int64(f)
     return NONE
@@ -141,16 +142,16 @@ def _face_like(cx, cavity, row, v):
 
 @lean
 def _drop_face(cavity, f):
-    last = cavity.count[_FACES] - 1
+    last = cavity.counts[_FACES] - 1
     cavity.faces[f, 0], cavity.faces[f, 1] = cavity.faces[last, 0], cavity.faces[last, 1]
     cavity.angle[f] = cavity.angle[last]
-    cavity.count[_FACES] = last
+    cavity.counts[_FACES] = last
 
 
 @lean
 def _take_cell(mesh, cavity, row, new):
     """Make a cell part of the cavity; return whether there was room."""
-    cx, count = mesh.cx, cavity.count
+    cx, count = mesh.cx, cavity.counts
     if count[_CELLS] == MOST_IN_CAVITY:
         return False
     cavity.cells[count[_CELLS]] = row
@@ -172,7 +173,7 @@ def _take_cell(mesh, cavity, row, new):
 @lean
 def _drop_facet_face(cx, cavity, row):
     """Remove the face of the cavity that is a facet, if there is one."""
-    for f in range(cavity.count[_FACES]):
+    for f in range(cavity.counts[_FACES]):
         cell, v = cavity.faces[f, 0], cavity.faces[f, 1]
         a, b, c, _ = nodes_of(cx, row)
         if (
@@ -191,7 +192,7 @@ def _take_facet(mesh, cavity, row, simplex):
 
     The edge of the simplex in which the node is inserted is not part of the rim.
     """
-    cx, count = mesh.cx, cavity.count
+    cx, count = mesh.cx, cavity.counts
     if count[_RIM_FACETS] == cavity.facets.shape[0]:
         return False
     cavity.facets[count[_RIM_FACETS]] = row
@@ -222,7 +223,7 @@ def _take_facet(mesh, cavity, row, simplex):
 @lean
 def _begin(mesh, cavity, simplex, n_nodes, new):
     """Begin the cavity with what contains a simplex; return whether there was room."""
-    cx, count, a = mesh.cx, cavity.count, simplex[0]
+    cx, count, a = mesh.cx, cavity.counts, simplex[0]
     count[:] = 0
     count[_NODES] = n_nodes
     corner = first_corner(cx, CELLS, a)
@@ -245,7 +246,7 @@ def _begin(mesh, cavity, simplex, n_nodes, new):
 @lean
 def _touches_rim(cx, cavity, row):
     """Return whether a facet has an edge of the rim, and the same label as the facet there."""
-    for r in range(cavity.count[_RIM]):
+    for r in range(cavity.counts[_RIM]):
         other = cavity.rim[r, 0]
         if cx.about[other, 0] != cx.about[row, 0]:
             continue
@@ -259,10 +260,10 @@ def _touches_rim(cx, cavity, row):
 def _grow(mesh, cavity, simplex, new):
     """Add what is behind the worst new cell; return whether that was possible."""
     cx, worst = mesh.cx, 0
-    for f in range(1, cavity.count[_FACES]):
+    for f in range(1, cavity.counts[_FACES]):
         if cavity.angle[f] < cavity.angle[worst]:
             worst = f
-    if cavity.count[_FACES] == 0 or cavity.angle[worst] >= 1.25 * mesh.goal:
+    if cavity.counts[_FACES] == 0 or cavity.angle[worst] >= 1.25 * mesh.goal:
         return False
     cell, v = np.int64(cavity.faces[worst, 0]), cavity.faces[worst, 1]
     a, b, c, d = nodes_of(cx, cell)
@@ -285,15 +286,15 @@ def _grow(mesh, cavity, simplex, new):
 def _score(mesh, cavity, allowed):
     """Return by how much the penalty falls with the cavity as it is, -inf if it is not valid."""
     before, worst, after, least = 0.0, 180.0, 0.0, 180.0
-    for k in range(cavity.count[_CELLS]):
+    for k in range(cavity.counts[_CELLS]):
         angle = mesh.angle[cavity.cells[k]]
         before += penalty(mesh, angle)
         worst = min(worst, angle)
-    for f in range(cavity.count[_FACES]):
+    for f in range(cavity.counts[_FACES]):
         angle = cavity.angle[f]
         after += penalty(mesh, angle)
         least = min(least, angle)
-    if least <= 0.0 or least < min(worst, allowed) or cavity.count[_FACES] < 3:
+    if least <= 0.0 or least < min(worst, allowed) or cavity.counts[_FACES] < 3:
         return -math.inf
     return before - after
 
@@ -415,13 +416,13 @@ def _lengths_fit(mesh, cavity, new):
     """Return whether no edge at the node is too long or too short."""
     cx, points = mesh.cx, mesh.points
     longest2, shortest2 = 0.0, math.inf
-    for k in range(cavity.count[_CELLS]):
+    for k in range(cavity.counts[_CELLS]):
         nodes = nodes_of(cx, cavity.cells[k])
         for v in range(4):
             for w in range(v):
                 length2 = squared_length(points, nodes[v], nodes[w])
                 longest2, shortest2 = max(longest2, length2), min(shortest2, length2)
-    for f in range(cavity.count[_FACES]):
+    for f in range(cavity.counts[_FACES]):
         nodes = nodes_of(cx, cavity.faces[f, 0])
         for v in range(4):
             if v == cavity.faces[f, 1]:
@@ -441,7 +442,7 @@ def _lengths_fit(mesh, cavity, new):
 def _ends_at(cx, cavity, node):
     """Return how many edges of the rim end at a node."""
     ends = 0
-    for r in range(cavity.count[_RIM]):
+    for r in range(cavity.counts[_RIM]):
         row, v = cavity.rim[r, 0], cavity.rim[r, 1]
         if node in (cx.nodes[row, (v + 1) % 3], cx.nodes[row, (v + 2) % 3]):
             ends += 1
@@ -451,8 +452,8 @@ def _ends_at(cx, cavity, node):
 @lean
 def _rim_is_simple(cx, cavity, simplex):
     """Return whether the rim passes each of its nodes once, and the ends of a divided edge."""
-    is_edge = cavity.count[_NODES] == 2
-    for r in range(cavity.count[_RIM]):
+    is_edge = cavity.counts[_NODES] == 2
+    for r in range(cavity.counts[_RIM]):
         row, v = cavity.rim[r, 0], cavity.rim[r, 1]
         for w in range(3):
             node = np.int64(cx.nodes[row, w])
@@ -460,8 +461,8 @@ def _rim_is_simple(cx, cavity, simplex):
                 continue
             if _ends_at(cx, cavity, node) != 2:
                 return False
-    for k in range(2 if is_edge and cavity.count[_FIRST] > 0 else 0):
-        if _ends_at(cx, cavity, simplex[k]) != cavity.count[_FIRST]:
+    for k in range(2 if is_edge and cavity.counts[_FIRST] > 0 else 0):
+        if _ends_at(cx, cavity, simplex[k]) != cavity.counts[_FIRST]:
             return False
     return True
 
@@ -481,7 +482,7 @@ def _is_sample_kept(mesh, cavity, s, new):
     x = (samples.at[s, 0], samples.at[s, 1], samples.at[s, 2])
     label, reach2 = int(samples.at[s, 3]), samples.at[s, 4]
     for turn in range(2):
-        for r in range(cavity.count[_RIM]):
+        for r in range(cavity.counts[_RIM]):
             row, v = cavity.rim[r, 0], cavity.rim[r, 1]
             if turn == 0:
                 if label >= 0 and cx.about[row, 0] != label:
@@ -495,7 +496,7 @@ def _is_sample_kept(mesh, cavity, s, new):
                 other = corner // 4
                 corner = next_corner(cx, corner)
                 if (label >= 0 and cx.about[other, 0] != label) or _is_listed(
-                    cavity.facets, cavity.count[_RIM_FACETS], other
+                    cavity.facets, cavity.counts[_RIM_FACETS], other
                 ):
                     continue
                 a, b, c, _ = nodes_of(cx, other)
@@ -510,9 +511,13 @@ def _facets_fit(mesh, cavity, new, work):
     cx, points, samples = mesh.cx, mesh.points, mesh.samples
     tolerance2 = samples.tolerance * samples.tolerance
     limit2 = tolerance2
-    for k in range(cavity.count[_RIM_FACETS]):
+    for k in range(cavity.counts[_RIM_FACETS]):
         limit2 = max(limit2, samples.off2[cavity.facets[k]])
-    for r in range(cavity.count[_RIM]):
+    label = cx.about[cavity.facets[0], 0]
+    x = (points[new, 0], points[new, 1], points[new, 2])
+    if nearest_in(mesh.surface, label, x, limit2, work.stack)[0] < 0:
+        return False
+    for r in range(cavity.counts[_RIM]):
         row, v = cavity.rim[r, 0], cavity.rim[r, 1]
         i, j, k, _ = nodes_of(cx, row)
         a, b, c, _ = _with(cx, row, v, new)
@@ -527,7 +532,7 @@ def _facets_fit(mesh, cavity, new, work):
         label = cx.about[row, 0]
         if distance_of(mesh.surface, points, (a, b, c), label, INNER, limit2, work.stack) > 1e300:
             return False
-    for k in range(cavity.count[_RIM_FACETS]):
+    for k in range(cavity.counts[_RIM_FACETS]):
         s = np.int64(samples.chain[cavity.facets[k], 0])
         while s >= 0:
             if not _is_sample_kept(mesh, cavity, s, new):
@@ -563,7 +568,7 @@ def _line_fits(mesh, simplex, new, work):
 def _fits(mesh, simplex, new, work):
     """Return whether all that is required of the insertion holds for the cavity as it is."""
     cavity, cx = work.cavity, mesh.cx
-    count = cavity.count
+    count = cavity.counts
     more = count[_FACES] + count[_RIM] + 2
     if cx.n_free[0] < more or not _lengths_fit(mesh, cavity, new):
         return False
@@ -636,6 +641,18 @@ def _simplex_of_facet(mesh, row, number):
     return ((b, c, NONE, NONE) if number == 2 else (c, a, NONE, NONE)), np.int64(2)
 
 
+@lean
+def _on_line(mesh, simplex, n_nodes, x, work):
+    """Return whether a node at x may be inserted, and where: on the given line if one is divided.
+
+    That must be within the tolerance.
+    """
+    level, label, _ = _level_of(mesh, simplex, n_nodes)
+    if level != LINES:
+        return True, x
+    return _on_level(mesh, level, label, x, mesh.samples.tolerance, work)
+
+
 @lean_kernel
 def insert_in_facets(mesh, places, corners, least, work):
     """Insert nodes at given places in facets or their edges, where the angles allow it.
@@ -659,23 +676,27 @@ def insert_in_facets(mesh, places, corners, least, work):
     n_made = 0
     for p in range(places.shape[0]):
         a, b, c = corners[p, 0], corners[p, 1], corners[p, 2]
-        row, x = rows_with(mesh.cx, FACETS, a, b, c)[1], (places[p, 0], places[p, 1], places[p, 2])
-        best, chosen, steps = -math.inf, -1, 0
+        row = rows_with(mesh.cx, FACETS, a, b, c)[1]
+        wanted = (places[p, 0], places[p, 1], places[p, 2])
+        best, chosen, steps, place = -math.inf, -1, 0, wanted
         for number in range(4 if row >= 0 else 0):
             simplex, n_nodes = _simplex_of_facet(mesh, row, number)
             new = new_node(mesh, simplex, n_nodes)
             if new < 0:
                 return n_made
+            is_near, x = _on_line(mesh, simplex, n_nodes, wanted, work)
+            if not is_near:
+                continue
             _put(mesh, new, x)
             score, at = _best_cavity(mesh, work.cavity, simplex, n_nodes, new, least)
             if score <= best:
                 continue
             _set_cavity(mesh, work.cavity, simplex, n_nodes, new, at)
             if _fits(mesh, simplex, new, work):
-                best, chosen, steps = score, number, at
+                best, chosen, steps, place = score, number, at, x
         if chosen >= 0:
             simplex, n_nodes = _simplex_of_facet(mesh, row, chosen)
-            _insert_in(mesh, simplex, n_nodes, x, steps, work)
+            _insert_in(mesh, simplex, n_nodes, place, steps, work)
             n_made += 1
     return n_made
 
@@ -684,7 +705,7 @@ def insert_in_facets(mesh, places, corners, least, work):
 def _fill(mesh, simplex, new, work):
     """Replace what is in the cavity by what is joined to the node."""
     cavity, cx = work.cavity, mesh.cx
-    count, made = cavity.count, cavity.made
+    count, made = cavity.counts, cavity.made
     n_cells, n_facets = count[_FACES], count[_RIM]
     for f in range(n_cells + n_facets):
         row = cavity.faces[f, 0] if f < n_cells else cavity.rim[f - n_cells, 0]

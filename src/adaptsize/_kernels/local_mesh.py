@@ -93,7 +93,7 @@ class Cavity(NamedTuple):
         The facet of each edge of the rim, and the place of the corner opposite to it.
     made : int64[f + r, 5]
         New cells and facets, and their labels.
-    count : int64[7]
+    counts : int64[7]
         Numbers of these, see `insertion`.
     """
 
@@ -103,7 +103,7 @@ class Cavity(NamedTuple):
     facets: npt.NDArray[np.int64]
     rim: npt.NDArray[np.int64]
     made: npt.NDArray[np.int64]
-    count: npt.NDArray[np.int64]
+    counts: npt.NDArray[np.int64]
 
 
 def _new_cavity() -> Cavity:
@@ -112,7 +112,7 @@ def _new_cavity() -> Cavity:
         cells=np.empty(MOST_IN_CAVITY, np.int64), faces=np.empty((n, 2), np.int64),
         angle=np.empty(n), facets=np.empty(MOST_FACETS_IN_CAVITY, np.int64),
         rim=np.empty((r, 2), np.int64), made=np.empty((n + r, 5), np.int64),
-        count=np.zeros(7, np.int64),
+        counts=np.zeros(7, np.int64),
     )  # fmt: skip
 
 

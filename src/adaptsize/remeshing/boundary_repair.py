@@ -221,7 +221,7 @@ def _skin_of_given(given: SimplexMesh, mesh: SimplexMesh, *, keep_sharp: bool) -
     return skin._replace(keys=keys)
 
 
-def _corners_of(points: FloatArray, lines: IntArray, tags: LongArray) -> BoolArray:
+def corners_of(points: FloatArray, lines: IntArray, tags: LongArray) -> BoolArray:
     """Return the nodes where other than two lines meet, or two of different tags, or they turn."""
     degree = np.bincount(lines.ravel(), minlength=len(points))
     is_corner = (degree != 2) & (degree != 0)
@@ -460,7 +460,7 @@ def local_mesh(
     surface, of_facets = follower.sampled(old.facets, groups, skin.facets, first_facet)
     curves, of_lines = follower.sampled(old.lines, line_groups, skin.lines, first_line)
     samples = _samples([of_facets, of_lines], len(cx.nodes), follower.tolerance)
-    is_corner = _corners_of(points, skin.lines, skin.line_tags)
+    is_corner = corners_of(points, skin.lines, skin.line_tags)
     if len(old.lines) == 0:
         is_corner[skin.lines] = True
     angle = np.empty(len(cx.nodes))

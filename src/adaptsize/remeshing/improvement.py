@@ -18,10 +18,11 @@ from scipy.spatial import cKDTree
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import cut_out
 from adaptsize.background.splitting import bisect_edges
-from adaptsize.background.topology import marked, places_among, regions_beside
+from adaptsize.background.topology import marked, places_among
 from adaptsize.quality.boundary import FarPlaces, farthest_places
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing import tuning
+from adaptsize.remeshing.borders import Borders, OnBorders
 from adaptsize.remeshing.boundary_repair import Wanted, repaired
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.straight_edges import StraightEdges
@@ -55,17 +56,18 @@ def improved(
     SimplexMesh
         With the same regions and tags.
     """
-    lines = StraightEdges(given)
-    mesh = lines.straightened(mesh, tolerance)
-    old, surface = facets_of(given), facets_of(mesh)
-    nodes = np.unique(surface.cells)
+    old = facets_of(given)
+    lines = _Lines(StraightEdges(given), Borders(old))
+    mesh = lines.straight.straightened(mesh, tolerance)
+    nodes = np.unique(facets_of(mesh).cells)
     distance = _nearest(old, mesh.points[nodes])[1]
     # With more nodes beyond the tolerance, the generator has made another surface, which projection
     # would only hide.
     if mesh.dim == 2 or 0.0 < (distance > tolerance).mean() <= tuning.MOST_NODES_BEYOND:
         points = mesh.points.copy()
-        _pull(points, mesh.cells, nodes[distance > tuning.OFF_BOUNDARY * tolerance], old)
+        _pull(points, mesh, nodes[distance > tuning.OFF_BOUNDARY * tolerance], old, lines.borders)
         mesh = mesh.moved(points)
+    mesh = _along_borders(mesh, lines.borders, tuning.AIM * tolerance)
 
     def made(mesh: SimplexMesh, far: _Far, least: float, spoiled: _Balls) -> SimplexMesh:
         best, limit = (
@@ -80,6 +82,13 @@ def improved(
         return repaired(best.mesh, given, limit, size, wanted)
 
     return _in_rounds(mesh, old, tolerance, made)
+
+
+class _Lines(NamedTuple):
+    """Lines of the given mesh: on the straight ones, and on borders, nodes stay."""
+
+    straight: StraightEdges
+    borders: Borders
 
 
 class _Balls(NamedTuple):
@@ -275,7 +284,7 @@ def _divided(
     old: SimplexMesh,
     far: _Far,
     tolerance: float,
-    lines: StraightEdges,
+    lines: _Lines,
     least: float,
     spoiled: _Balls,
 ) -> _Step:
@@ -304,7 +313,7 @@ def _steps(
     now: _Step,
     old: SimplexMesh,
     limit: float,
-    lines: StraightEdges,
+    lines: _Lines,
     least: float,
     targets: _Targets,
 ) -> list[_Step]:
@@ -328,7 +337,7 @@ def _step(
     now: _Step,
     old: SimplexMesh,
     limit: float,
-    lines: StraightEdges,
+    lines: _Lines,
     least: float,
     targets: _Targets,
 ) -> _Step:
@@ -373,7 +382,7 @@ def _with_targets(
     mesh: SimplexMesh,
     surface: SimplexMesh,
     targets: _Targets,
-    lines: StraightEdges,
+    lines: _Lines,
     least: float,
 ) -> tuple[SimplexMesh, BoolArray]:
     """Return the mesh with nodes at targets, or halfway, and for which it has these.
@@ -385,12 +394,12 @@ def _with_targets(
     nodes = surface.cells[cells, weights.argmax(axis=1)]
     edges = surface.cells[cells]
     if surface.cell_dim == 2:
-        edges = _edges_at(surface, targets, lines.are_on(surface))
-    is_taken, is_held = np.zeros(mesh.n_points, np.bool_), _nodes_of_borders(mesh)
-    served = np.zeros(len(there), np.bool_)
+        edges = _edges_at(surface, targets, lines.straight.are_on(surface))
+    there, may = lines.borders.kept_on(surface, np.where(is_corner, nodes, -1), edges, there)
+    is_taken, served = np.zeros(mesh.n_points, np.bool_), np.zeros(len(there), np.bool_)
     for k, cell in enumerate(cells.tolist()):
         ends = nodes[k, None] if is_corner[k] else edges[k]
-        if ends[0] < 0 or is_taken[ends].any() or is_held[ends].all():
+        if ends[0] < 0 or is_taken[ends].any() or not may[k]:
             continue
         served[k] = True
         is_taken[surface.cells[cell]] = True
@@ -401,22 +410,6 @@ def _with_targets(
     if moved.any():
         mesh = mesh.moved(points)
     return _with_nodes(mesh, edges[divided], there[divided], least), served
-
-
-def _nodes_of_borders(mesh: SimplexMesh) -> BoolArray:
-    """Return the nodes of tagged edges of a surface, and between facets of different tags.
-
-    How far these lines move is not measured, so that they stay.  Those of a volume bound its facets
-    and interfaces, which are measured.
-    """
-    held = np.zeros(mesh.n_points, np.bool_)
-    if mesh.cell_dim < mesh.dim:
-        if mesh.cell_tags is not None:
-            lowest, highest = regions_beside(mesh.cell_facets, mesh.cell_tags, len(mesh.facets))
-            held[mesh.facets[lowest != highest]] = True
-        if mesh.tagged_facets is not None:
-            held[mesh.tagged_facets] = True
-    return held
 
 
 def _edges_at(surface: SimplexMesh, targets: _Targets, is_on_line: BoolArray) -> IntArray:
@@ -480,9 +473,33 @@ def _bisected(mesh: SimplexMesh, edges: IntArray) -> tuple[SimplexMesh, IndexArr
     return split.mesh, new, which[split.split_edges]
 
 
-def _pull(points: FloatArray, cells: IntArray, nodes: IntArray, old: SimplexMesh) -> None:
-    """Move nodes onto a surface, or halfway.  Changes ``points``."""
-    _move(points, cells, nodes, _nearest(old, points[nodes])[0], tuning.LEAST_QUALITY)
+def _pull(
+    points: FloatArray, mesh: SimplexMesh, nodes: IntArray, old: SimplexMesh, borders: Borders
+) -> None:
+    """Move nodes onto a surface, those of borders onto its borders, or halfway.
+
+    Changes ``points``.
+    """
+    there, is_on = _nearest(old, points[nodes])[0], OnBorders.of(facets_of(mesh)).is_on[nodes]
+    places, distance = borders.nearest(points[nodes])
+    is_on &= np.isfinite(distance)
+    there[is_on] = places[is_on]
+    _move(points, mesh.cells, nodes, there, tuning.LEAST_QUALITY)
+
+
+def _along_borders(mesh: SimplexMesh, borders: Borders, limit: float) -> SimplexMesh:
+    """Return the mesh with borders near the given ones, along the surface, too.
+
+    Nodes of borders are moved there, and edges are divided, with ever lower least qualities.
+    """
+    for least in (tuning.LEAST_QUALITY, *tuning.LATER_QUALITIES):
+        nodes, there = borders.nodes_off(mesh, limit)
+        if len(nodes):
+            points = mesh.points.copy()
+            _move(points, mesh.cells, nodes, there, least)
+            mesh = mesh.moved(points)
+        mesh = _with_nodes(mesh, *borders.edges_off(mesh, limit), least)
+    return mesh
 
 
 def _move(
