@@ -26,6 +26,8 @@ TETRAHEDRA, SURFACE, PLANE = 0, 1, 2
 #: Angle, in degrees, that a tetrahedron is given if its volume-length measure is 1; so one of a
 #: measure below 0.1 counts as one of less than 20 degrees.
 _SHAPE = 200.0
+#: Square of an area that is none; coordinates are at most 1.
+_NO_AREA2 = 1e-100
 #: Cells of an angle below this times the goal have a penalty.
 _MARGIN = 1.25
 #: Number of nodes of a star, or cells around an edge, up to which operations are examined.
@@ -174,6 +176,8 @@ def tetrahedron_angle(points, a, b, c, d):
         return -1.0
     n_a = (-n_b[0] - n_c[0] - n_d[0], -n_b[1] - n_c[1] - n_d[1], -n_b[2] - n_c[2] - n_d[2])
     a2, b2, c2, d2 = dot(n_a, n_a), dot(n_b, n_b), dot(n_c, n_c), dot(n_d, n_d)
+    if min(a2, b2, c2, d2) < _NO_AREA2:  # a node on an edge, with a volume by rounding
+        return -1.0
     cosine = -min(
         dot(n_a, n_b) / math.sqrt(a2 * b2),
         dot(n_a, n_c) / math.sqrt(a2 * c2),
