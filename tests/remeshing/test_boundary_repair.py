@@ -16,8 +16,8 @@ from adaptsize.background.location import in_space
 from adaptsize.background.splitting import bisect_edges
 from adaptsize.quality.boundary import n_components, overlapping_cells, region_measures
 from adaptsize.quality.elements import minimum_angles
-from adaptsize.remeshing import boundary_repair
-from adaptsize.remeshing.boundary_repair import angles_of, repaired
+from adaptsize.remeshing import boundary_repair, tuning
+from adaptsize.remeshing.boundary_repair import Wanted, angles_of, repaired
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.straight_edges import feature_edges
 from adaptsize.remeshing.surface import facets_of
@@ -310,7 +310,7 @@ def test_collapses_that_are_allowed_change_no_topology(case):
     follower = boundary_repair._Follower(in_space(mesh.points), in_space(mesh.points), 0.1)
     sizes = np.ones(mesh.n_points)
     local, _ = boundary_repair.local_mesh(mesh, mesh, follower, sizes, 20.0, keep_sharp=False)
-    work = new_work(mesh.n_points, len(local.angle))
+    work = new_work(len(local.points), len(local.angle))
     before, allowed = complexes_of(mesh, mesh.cells, mesh.cell_tags), []
     for i, j in np.concatenate([mesh.edges, mesh.edges[:, ::-1]]).tolist():
         allowed.append(bool(may_vanish_compiled(local, i, j, work)))
@@ -333,3 +333,88 @@ def tube(n):
         one, two, three, four = at(i, k), at(i + 1, k), at(i + 1, k + 1), at(i, k + 1)
         cells += [[one, two, three], [one, three, four]]
     return SimplexMesh(points.reshape(-1, 3), cells)
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_nodes_are_inserted_where_nothing_else_helps(seed, monkeypatch):
+    old = positive(*_random_cells(60, seed))
+    tolerance = 1e-3  # the boundary is as good as fixed
+    new = repaired(old, old, tolerance)
+    check_kept(old, new, tolerance)
+    monkeypatch.setattr(tuning, "INSERTED_BELOW", 0.0)
+    without = repaired(old, old, tolerance)
+    assert 4 * (angles_of(new) < 15.0).sum() < (angles_of(without) < 15.0).sum()
+    assert angles_of(new).min() > 11.0 > angles_of(without).min()
+
+
+def with_wanted(mesh, given, tolerance, places, facets):
+    """The mesh with nodes inserted in facets, and next to nothing repaired."""
+    wanted, sizes = Wanted(places, facets, 1.0), np.full(mesh.n_points, 0.05)
+    return boundary_repair._improved(
+        mesh, given, tolerance, sizes, 5.0, keep_sharp=False, wanted=wanted
+    )[0]
+
+
+@pytest.mark.parametrize("seed", [5, 6])
+def test_nodes_inserted_in_facets_change_nothing_else(seed):
+    old, rng = turned(two_region_block(3)), np.random.default_rng(seed)
+    skin = facets_of(old)
+    rows = rng.choice(skin.n_cells, 24, replace=False)
+    weights = rng.dirichlet([4, 4, 4], len(rows))
+    weights[:4, 0], weights[:4, 1:] = 0.0, 0.5  # on edges
+    places = np.einsum("nk,nkd->nd", weights, skin.points[skin.cells[rows]])
+    new = with_wanted(old, old, 1e-3, places, skin.cells[rows])
+    found = [np.linalg.norm(new.points - place, axis=1).min() < 1e-9 for place in places]
+    assert sum(found) >= 22
+    assert new.n_points == old.n_points + sum(found)
+    check_kept(old, new, 1e-3)
+    assert new.measures.sum() == pytest.approx(old.measures.sum(), rel=1e-12)
+    assert angles_of(new).min() > 1.0
+
+
+def above_a_facet(weights, height, has_top):
+    """A block, a place above one of its facets, and its surface with a tiny triangle there."""
+    mesh = block(3)
+    facets = mesh.facets[(mesh.points[mesh.facets][:, :, 2] == 1.0).all(axis=1)]
+    facet = facets[np.abs(mesh.points[facets].mean(axis=1)[:, :2] - 0.5).sum(axis=1).argmin()]
+    place = np.array(weights) @ mesh.points[facet] + [0.0, 0.0, height]
+    skin = mesh.boundary().mesh
+    if has_top:
+        tiny = place + 1e-4 * np.array([[1.0, 0.0, 0.0], [-0.5, 0.8, 0.0], [-0.5, -0.8, 0.0]])
+        cells = np.vstack([skin.cells, skin.n_points + np.arange(3)])
+        skin = SimplexMesh(np.vstack([skin.points, tiny]), cells)
+    return mesh, skin, place[None], facet[None]
+
+
+def sampled_gap(new, given, height):
+    """The distance of nodes, middles and centroids of the new surface from that given, and back.
+
+    Back from the block only.
+    """
+    at = [
+        np.concatenate(
+            [skin.points, *(skin.points[c].mean(axis=1) for c in (skin.edges, skin.cells))]
+        )
+        for skin in (new.boundary().mesh, given)
+    ]
+    flat = at[1][at[1][:, 2] < 1.0 + 0.5 * height]
+    away = given.locator.nearest(at[0])[2].max()
+    return max(away, new.boundary().mesh.locator.nearest(flat)[2].max())
+
+
+@pytest.mark.parametrize(
+    ("weights", "has_top"),
+    [([0.7, 0.15, 0.15], True), ([0.34, 0.33, 0.33], True), ([0.7, 0.15, 0.15], False)],
+)
+def test_a_node_is_inserted_only_if_samples_of_both_surfaces_stay_within_the_tolerance(
+    weights, has_top
+):
+    """Far are the middles of new edges, a sample below the new facets, and the node itself."""
+    height = 0.05
+    mesh, given, place, facet = above_a_facet(weights, height, has_top)
+    high = with_wanted(mesh, given, 1.2 * height, place, facet)
+    assert high.n_points == mesh.n_points + 1
+    gap = sampled_gap(high, given, height)
+    assert 0.49 * height < gap <= height * (1.0 + 1e-9)
+    assert with_wanted(mesh, given, 1.01 * gap, place, facet).n_points == mesh.n_points + 1
+    assert with_wanted(mesh, given, gap / 1.03, place, facet) is mesh

@@ -10,6 +10,7 @@ import numpy as np
 from adaptsize._kernels.compiling import lean, lean_kernel
 from adaptsize._kernels.complexes import CELLS
 from adaptsize._kernels.heap import pop
+from adaptsize._kernels.insertion import N_PLACES, drop_of_insertion, insert
 from adaptsize._kernels.local_mesh import TETRAHEDRA, put_in_queue
 from adaptsize._kernels.ring_changes import (
     drop_of_cell,
@@ -29,7 +30,8 @@ _GAIN = 1e-4
 _ROOM = 32
 #: Kinds of operations.  Each has two numbers: the nodes of an edge, of which the first one vanishes
 #: in a collapse; or a cell, and for a face its opposite corner; or a node.
-COLLAPSE, EDGE, FACE, CELL, FLIP, MOVE = range(1, 7)
+#: An insertion has a cell and the number of one of its edges and faces, see `insertion`.
+COLLAPSE, EDGE, FACE, CELL, FLIP, MOVE, INSERTION = range(1, 8)
 
 
 @lean
@@ -94,9 +96,25 @@ def _apply(mesh, kind, a, b, x, work):
         flip_edge(mesh, a, b, work)
 
 
+@lean
+def _insert_best(mesh, c, work):
+    """Insert the node that reduces the penalty most; return whether there is one."""
+    best, chosen, steps, x = _GAIN, -1, np.int64(0), (0.0, 0.0, 0.0)
+    for number in range(N_PLACES):
+        drop = drop_of_insertion(mesh, c, number, best, work)
+        if drop > best:
+            best, chosen, steps = drop, number, work.choice[0]
+            x = (work.place[0], work.place[1], work.place[2])
+    if chosen >= 0:
+        insert(mesh, c, chosen, x, steps, work)
+    return chosen >= 0
+
+
 @lean_kernel
-def repair(mesh, n_cells, work, share, counts):
+def repair(mesh, n_cells, work, limits, counts):
     """Improve cells until no operation does.
+
+    Nodes are only inserted where nothing else helps.
 
     Parameters
     ----------
@@ -105,14 +123,15 @@ def repair(mesh, n_cells, work, share, counts):
     n_cells : int
         Cells, in the first rows.
     work : Work
-    share : int
-        Number of attempts over that of the cells to improve, beside a thousand.
-    counts : int64[7]
+    limits : tuple of int and float
+        Number of attempts over that of the cells to improve, beside a thousand; and the angle of
+        cells below which nodes are inserted.
+    counts : int64[8]
         Out: number of operations of each kind; of attempts, at 0.
     """
     for row in range(n_cells):
         put_in_queue(mesh, row, work)
-    most = 1000 + share * work.waiting.size[0]
+    most = 1000 + limits[0] * work.waiting.size[0]
     while work.waiting.size[0] > 0 and counts[0] < most and mesh.cx.n_free[0] >= _ROOM:
         c = pop(work.waiting)
         if mesh.cx.about[c, 1] != CELLS or mesh.angle[c] >= mesh.goal:
@@ -132,3 +151,5 @@ def repair(mesh, n_cells, work, share, counts):
             kind, a, b = _operation(mesh, c, chosen)
             counts[kind] += 1
             _apply(mesh, kind, a, b, x, work)
+        elif mesh.kind == TETRAHEDRA and mesh.angle[c] < limits[1] and _insert_best(mesh, c, work):
+            counts[INSERTION] += 1

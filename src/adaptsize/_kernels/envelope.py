@@ -59,7 +59,7 @@ class Samples(NamedTuple):
 
 
 @lean
-def _closest(points, nodes, x):
+def closest_of(points, nodes, x):
     """Return the squared distance of x to a triangle, or a segment if the third node is -1."""
     a, b, c = nodes
     if c < 0:
@@ -99,7 +99,7 @@ def nearest_in(given, label, x, limit2, stack):
         for c in range(*cells_of_leaf(leaf, given.boxes, given.cells.shape[0])):
             if label >= 0 and given.about[c, 0] != label:
                 continue
-            distance2, s, t, u = _closest(given.points, _given_nodes(given, c), x)
+            distance2, s, t, u = closest_of(given.points, _given_nodes(given, c), x)
             if distance2 < best:
                 best, found, weights = distance2, np.int64(c), (s, t, u)
     return found, best, weights
@@ -267,7 +267,7 @@ def closest_at(cx, level, points, a, label, x, gone, enough2):
         if has_node(cx, row, i) and has_node(cx, row, j) and (k < 0 or has_node(cx, row, k)):
             continue
         p, q, r, _ = nodes_of(cx, row)
-        distance2 = _closest(points, (p, q, r), x)[0]
+        distance2 = closest_of(points, (p, q, r), x)[0]
         if distance2 < best:
             best, found = distance2, row
     return found, best

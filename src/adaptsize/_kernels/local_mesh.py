@@ -26,10 +26,14 @@ TETRAHEDRA, SURFACE, PLANE = 0, 1, 2
 #: Angle, in degrees, that a tetrahedron is given if its volume-length measure is 1; so one of a
 #: measure below 0.1 counts as one of less than 20 degrees.
 _SHAPE = 200.0
+#: Square of an area that is none; coordinates are at most 1.
+_NO_AREA2 = 1e-100
 #: Cells of an angle below this times the goal have a penalty.
 _MARGIN = 1.25
 #: Number of nodes of a star, or cells around an edge, up to which operations are examined.
 MOST_NODES, MOST_AROUND = 160, 9
+#: Number of cells, and of facets, that a new node may replace.
+MOST_IN_CAVITY, MOST_FACETS_IN_CAVITY = 64, 24
 
 
 class LocalMesh(NamedTuple):
@@ -43,6 +47,9 @@ class LocalMesh(NamedTuple):
     facets : int
         The level of the facets; of a surface, that of its cells.
     points : float64[n, 3]
+        With room for more.
+    n_points : int64[1]
+        Number of nodes.
     size : float64[n]
         Requested length of edges at the nodes.
     is_corner : bool[n]
@@ -63,6 +70,7 @@ class LocalMesh(NamedTuple):
     goal: float
     facets: np.int64
     points: npt.NDArray[np.float64]
+    n_points: npt.NDArray[np.int64]
     size: npt.NDArray[np.float64]
     is_corner: npt.NDArray[np.bool_]
     cx: Complex
@@ -70,6 +78,44 @@ class LocalMesh(NamedTuple):
     curves: Given
     samples: Samples
     angle: npt.NDArray[np.float64]
+
+
+class Cavity(NamedTuple):
+    """What a new node replaces.
+
+    Parameters
+    ----------
+    cells : int64[MOST_IN_CAVITY]
+    faces : int64[f, 2]
+        The cell of each face, and the place of the corner opposite to it.
+    angle : float64[f]
+        Of the new cells on the faces.
+    facets : int64[MOST_FACETS_IN_CAVITY]
+    rim : int64[r, 2]
+        The facet of each edge of the rim, and the place of the corner opposite to it.
+    made : int64[f + r, 5]
+        New cells and facets, and their labels.
+    counts : int64[7]
+        Numbers of these, see `insertion`.
+    """
+
+    cells: npt.NDArray[np.int64]
+    faces: npt.NDArray[np.int64]
+    angle: npt.NDArray[np.float64]
+    facets: npt.NDArray[np.int64]
+    rim: npt.NDArray[np.int64]
+    made: npt.NDArray[np.int64]
+    counts: npt.NDArray[np.int64]
+
+
+def _new_cavity() -> Cavity:
+    n, r = 2 * MOST_IN_CAVITY + 2, MOST_FACETS_IN_CAVITY + 2
+    return Cavity(
+        cells=np.empty(MOST_IN_CAVITY, np.int64), faces=np.empty((n, 2), np.int64),
+        angle=np.empty(n), facets=np.empty(MOST_FACETS_IN_CAVITY, np.int64),
+        rim=np.empty((r, 2), np.int64), made=np.empty((n + r, 5), np.int64),
+        counts=np.zeros(7, np.int64),
+    )  # fmt: skip
 
 
 class Work(NamedTuple):
@@ -95,6 +141,7 @@ class Work(NamedTuple):
         The best operation.
     place : float64[3]
         New place of its node.
+    cavity : Cavity
     """
 
     stack: Stack
@@ -106,6 +153,7 @@ class Work(NamedTuple):
     made: npt.NDArray[np.int64]
     choice: npt.NDArray[np.int64]
     place: npt.NDArray[np.float64]
+    cavity: Cavity
 
 
 def new_work(n_points: int, room: int) -> Work:
@@ -115,7 +163,7 @@ def new_work(n_points: int, room: int) -> Work:
         stack=new_stack(), waiting=new_heap(room), around=np.empty(MOST_NODES, np.int64),
         stamps=np.zeros((n_points + 1, 2), np.int64), ring=np.empty((n, 6), np.int64),
         best=np.empty((n, n, 2)), made=np.empty((2 * n, 5), np.int64),
-        choice=np.zeros(3, np.int64), place=np.zeros(3),
+        choice=np.zeros(3, np.int64), place=np.zeros(3), cavity=_new_cavity(),
     )  # fmt: skip
 
 
@@ -128,6 +176,8 @@ def tetrahedron_angle(points, a, b, c, d):
         return -1.0
     n_a = (-n_b[0] - n_c[0] - n_d[0], -n_b[1] - n_c[1] - n_d[1], -n_b[2] - n_c[2] - n_d[2])
     a2, b2, c2, d2 = dot(n_a, n_a), dot(n_b, n_b), dot(n_c, n_c), dot(n_d, n_d)
+    if min(a2, b2, c2, d2) < _NO_AREA2:  # a node on an edge, with a volume by rounding
+        return -1.0
     cosine = -min(
         dot(n_a, n_b) / math.sqrt(a2 * b2),
         dot(n_a, n_c) / math.sqrt(a2 * c2),

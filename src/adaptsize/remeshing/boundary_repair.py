@@ -25,6 +25,7 @@ import numpy.typing as npt
 from adaptsize._kernels.boundary_repair import repair
 from adaptsize._kernels.complexes import CELLS, FACETS, LINES, Complex, new_complex
 from adaptsize._kernels.envelope import Given, Samples, find_nearest, list_samples
+from adaptsize._kernels.insertion import insert_in_facets
 from adaptsize._kernels.local_mesh import (
     PLANE,
     SURFACE,
@@ -51,8 +52,29 @@ from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongAr
 _NAMES = {TETRAHEDRA: "tetrahedra", SURFACE: "surface", PLANE: "plane triangles"}
 
 
+class Wanted(NamedTuple):
+    """Places on the given surface where nodes of a boundary are wanted.
+
+    Parameters
+    ----------
+    places : float64[n, 3]
+    facets : int32[n, 3]
+        The facet of the boundary in which each is to be inserted.
+    least : float
+        Least angle of new cells in degrees, unless there are smaller ones around.
+    """
+
+    places: FloatArray
+    facets: IntArray
+    least: float
+
+
 def repaired(
-    mesh: SimplexMesh, given: SimplexMesh, tolerance: float, size: Size | None = None
+    mesh: SimplexMesh,
+    given: SimplexMesh,
+    tolerance: float,
+    size: Size | None = None,
+    wanted: Wanted | None = None,
 ) -> SimplexMesh:
     """Return a mesh with better worst cells, whose boundary is within the tolerance.
 
@@ -66,6 +88,8 @@ def repaired(
         Allowed distance, in the unit of the coordinates.  What is farther away gets no farther.
     size : callable, optional
         Requested lengths of edges at points; those around each node by default.
+    wanted : Wanted, optional
+        Nodes to insert first, in tetrahedra.
 
     Returns
     -------
@@ -73,11 +97,11 @@ def repaired(
         With the same regions and tags; ``mesh`` itself if nothing has changed.  No cell is worse
         than the worst one before.
     """
-    kind = _NAMES[_kind_of(mesh)]
-    if not (angles_of(mesh) < tuning.GOAL[kind]).any():
+    kind, goal = _NAMES[_kind_of(mesh)], tuning.GOAL[_NAMES[_kind_of(mesh)]]
+    if wanted is None and not (angles_of(mesh) < goal).any():
         return mesh
     sizes = _lengths_around(mesh) if size is None else size(mesh.points)
-    mesh, sizes = _improved(mesh, given, tolerance, sizes, tuning.GOAL[kind], keep_sharp=True)
+    mesh, sizes = _improved(mesh, given, tolerance, sizes, goal, keep_sharp=True, wanted=wanted)
     if kind in tuning.LAST_GOAL and (angles_of(mesh) < tuning.LAST_GOAL[kind]).any():
         goal = tuning.LAST_GOAL[kind]
         mesh, sizes = _improved(mesh, given, tolerance, sizes, goal, keep_sharp=False)
@@ -196,7 +220,7 @@ def _skin_of_given(given: SimplexMesh, mesh: SimplexMesh, *, keep_sharp: bool) -
     return skin._replace(keys=keys)
 
 
-def _corners_of(points: FloatArray, lines: IntArray, tags: LongArray) -> BoolArray:
+def corners_of(points: FloatArray, lines: IntArray, tags: LongArray) -> BoolArray:
     """Return the nodes where other than two lines meet, or two of different tags, or they turn."""
     degree = np.bincount(lines.ravel(), minlength=len(points))
     is_corner = (degree != 2) & (degree != 0)
@@ -382,18 +406,23 @@ def _improved(
     goal: float,
     *,
     keep_sharp: bool,
+    wanted: Wanted | None = None,
 ) -> tuple[SimplexMesh, FloatArray]:
     """Return the mesh after local operations, and the sizes at its nodes."""
     points, scale = _in_range(mesh)
     follower = _Follower(in_space(given.points * scale), points, tolerance * scale)
     local, tags = local_mesh(mesh, given, follower, sizes * scale, goal, keep_sharp=keep_sharp)
-    counts = np.zeros(7, np.int64)
-    work = new_work(mesh.n_points, len(local.angle))
-    repair(local, mesh.n_cells, work, tuning.CELLS_PER_BAD_CELL, counts)
+    counts = np.zeros(8, np.int64)
+    work = new_work(len(local.points), len(local.angle))
+    if wanted is not None and local.kind == TETRAHEDRA:
+        places, facets = wanted.places * scale, wanted.facets.astype(np.int64)
+        counts[-1] = insert_in_facets(local, places, facets, wanted.least, work)
+    limits = (tuning.CELLS_PER_BAD_CELL, tuning.INSERTED_BELOW)
+    repair(local, mesh.n_cells, work, limits, counts)
     if not counts[1:].any():
         return mesh, sizes
     new, nodes = _result(mesh, local, tags, scale)
-    return new, sizes[nodes]
+    return new, local.size[nodes] / scale
 
 
 def local_mesh(
@@ -420,13 +449,17 @@ def local_mesh(
     if kind == TETRAHEDRA:
         parts.append((FACETS, skin.facets, groups.new))
     parts.append((LINES, skin.lines, line_groups.new))
-    cx = new_complex(parts, mesh.n_points)
+    room = 0
+    if kind == TETRAHEDRA:
+        share, some = tuning.ADDED_NODES
+        room = some + int(share * mesh.n_points)
+    cx = new_complex(parts, mesh.n_points + room)
     first_facet = 0 if kind == SURFACE else mesh.n_cells
     first_line = mesh.n_cells + (len(skin.facets) if kind == TETRAHEDRA else 0)
     surface, of_facets = follower.sampled(old.facets, groups, skin.facets, first_facet)
     curves, of_lines = follower.sampled(old.lines, line_groups, skin.lines, first_line)
     samples = _samples([of_facets, of_lines], len(cx.nodes), follower.tolerance)
-    is_corner = _corners_of(points, skin.lines, skin.line_tags)
+    is_corner = corners_of(points, skin.lines, skin.line_tags)
     if len(old.lines) == 0:
         is_corner[skin.lines] = True
     angle = np.empty(len(cx.nodes))
@@ -436,8 +469,11 @@ def local_mesh(
         dict(zip(groups.new.tolist(), skin.keys[:, 0].tolist(), strict=True)),
         {-2 - k: tag for k, tag in enumerate(line_tags.tolist())},
     )
+    n_points = np.array([mesh.n_points])
+    points, sizes = (np.concatenate([x, np.zeros((room, *x.shape[1:]))]) for x in (points, sizes))
+    is_corner = np.append(is_corner, np.zeros(room, np.bool_))
     return LocalMesh(
-        kind, goal, facets, points, sizes, is_corner, cx, surface, curves, samples, angle
+        kind, goal, facets, points, n_points, sizes, is_corner, cx, surface, curves, samples, angle
     ), tags
 
 
@@ -462,7 +498,7 @@ def _result(
         is_solid = local.kind == TETRAHEDRA
         facets, labels = _rows_of(local.cx, FACETS if is_solid else LINES, k - 1)
         found = _looked_up(tags.of_facets if is_solid else tags.of_lines, labels)
-        tagged, number = found != NO_TAG, places_among(nodes, mesh.n_points)
+        tagged, number = found != NO_TAG, places_among(nodes, len(local.points))
         new = replace(new, tagged_facets=number[facets[tagged]], facet_tags=found[tagged])
     return new, nodes
 

@@ -18,11 +18,12 @@ from scipy.spatial import cKDTree
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import cut_out
 from adaptsize.background.splitting import bisect_edges
-from adaptsize.background.topology import marked, places_among, regions_beside
+from adaptsize.background.topology import marked, places_among
 from adaptsize.quality.boundary import FarPlaces, farthest_places
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing import tuning
-from adaptsize.remeshing.boundary_repair import repaired
+from adaptsize.remeshing.borders import Borders, OnBorders
+from adaptsize.remeshing.boundary_repair import Wanted, repaired
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.straight_edges import StraightEdges
 from adaptsize.remeshing.surface import facets_of
@@ -55,25 +56,39 @@ def improved(
     SimplexMesh
         With the same regions and tags.
     """
-    lines = StraightEdges(given)
-    mesh = lines.straightened(mesh, tolerance)
-    old, surface = facets_of(given), facets_of(mesh)
-    nodes = np.unique(surface.cells)
+    old = facets_of(given)
+    lines = _Lines(StraightEdges(given), Borders(old))
+    mesh = lines.straight.straightened(mesh, tolerance)
+    nodes = np.unique(facets_of(mesh).cells)
     distance = _nearest(old, mesh.points[nodes])[1]
     # With more nodes beyond the tolerance, the generator has made another surface, which projection
     # would only hide.
     if mesh.dim == 2 or 0.0 < (distance > tolerance).mean() <= tuning.MOST_NODES_BEYOND:
         points = mesh.points.copy()
-        _pull(points, mesh.cells, nodes[distance > tuning.OFF_BOUNDARY * tolerance], old)
+        _pull(points, mesh, nodes[distance > tuning.OFF_BOUNDARY * tolerance], old, lines.borders)
         mesh = mesh.moved(points)
+    mesh = _along_borders(mesh, lines.borders, tuning.AIM * tolerance)
 
     def made(mesh: SimplexMesh, far: _Far, least: float, spoiled: _Balls) -> SimplexMesh:
-        divided = _divided(mesh, old, far, tolerance, lines, least, spoiled)
-        if divided is mesh and least < tuning.LEAST_QUALITY:
-            return mesh
-        return repaired(divided, given, tuning.AIM * tolerance, size)
+        best, limit = (
+            _divided(mesh, old, far, tolerance, lines, least, spoiled),
+            tuning.AIM * tolerance,
+        )
+        wanted = None
+        if least < tuning.LEAST_QUALITY:
+            wanted = _targets(best.far, old, limit, spoiled).wanted(best.far, least)
+            if best.mesh is mesh and not len(wanted.places):
+                return mesh
+        return repaired(best.mesh, given, limit, size, wanted)
 
     return _in_rounds(mesh, old, tolerance, made)
+
+
+class _Lines(NamedTuple):
+    """Lines of the given mesh: on the straight ones, and on borders, nodes stay."""
+
+    straight: StraightEdges
+    borders: Borders
 
 
 class _Balls(NamedTuple):
@@ -201,6 +216,10 @@ class _Targets(NamedTuple):
         there, cells, weights, shares = self
         return _Targets(there[which], cells[which], weights[which], shares[which])
 
+    def wanted(self, far: "_Far", least: float) -> Wanted:
+        """Return the nodes to insert in facets, for a least quality of cells."""
+        return Wanted(self.there, far.surface.cells[self.cells], tuning.ANGLE_OF_QUALITY * least)
+
     def nearer(self, before: "_Far", after: "_Far", limit: float) -> FloatArray:
         """Return by how much less is beyond a limit around each target than before."""
         corners = before.surface.points[before.surface.cells[self.cells]]
@@ -265,10 +284,10 @@ def _divided(
     old: SimplexMesh,
     far: _Far,
     tolerance: float,
-    lines: StraightEdges,
+    lines: _Lines,
     least: float,
     spoiled: _Balls,
-) -> SimplexMesh:
+) -> _Step:
     """Return the mesh with nodes of the old surface where it is too far from that.
 
     Edges get a node at the farthest places on facets beside them, and at places of the old surface
@@ -287,14 +306,14 @@ def _divided(
         now, waited = min(steps, key=lambda step: step.far.beyond(limit)), waited + 1
         if now.far.beyond(tolerance) < best.far.beyond(tolerance):
             best, waited = now, 0
-    return best.mesh
+    return best
 
 
 def _steps(
     now: _Step,
     old: SimplexMesh,
     limit: float,
-    lines: StraightEdges,
+    lines: _Lines,
     least: float,
     targets: _Targets,
 ) -> list[_Step]:
@@ -318,7 +337,7 @@ def _step(
     now: _Step,
     old: SimplexMesh,
     limit: float,
-    lines: StraightEdges,
+    lines: _Lines,
     least: float,
     targets: _Targets,
 ) -> _Step:
@@ -363,7 +382,7 @@ def _with_targets(
     mesh: SimplexMesh,
     surface: SimplexMesh,
     targets: _Targets,
-    lines: StraightEdges,
+    lines: _Lines,
     least: float,
 ) -> tuple[SimplexMesh, BoolArray]:
     """Return the mesh with nodes at targets, or halfway, and for which it has these.
@@ -375,12 +394,12 @@ def _with_targets(
     nodes = surface.cells[cells, weights.argmax(axis=1)]
     edges = surface.cells[cells]
     if surface.cell_dim == 2:
-        edges = _edges_at(surface, targets, lines.are_on(surface))
-    is_taken, is_held = np.zeros(mesh.n_points, np.bool_), _nodes_of_borders(mesh)
-    served = np.zeros(len(there), np.bool_)
+        edges = _edges_at(surface, targets, lines.straight.are_on(surface))
+    there, may = lines.borders.kept_on(surface, np.where(is_corner, nodes, -1), edges, there)
+    is_taken, served = np.zeros(mesh.n_points, np.bool_), np.zeros(len(there), np.bool_)
     for k, cell in enumerate(cells.tolist()):
         ends = nodes[k, None] if is_corner[k] else edges[k]
-        if ends[0] < 0 or is_taken[ends].any() or is_held[ends].all():
+        if ends[0] < 0 or is_taken[ends].any() or not may[k]:
             continue
         served[k] = True
         is_taken[surface.cells[cell]] = True
@@ -391,22 +410,6 @@ def _with_targets(
     if moved.any():
         mesh = mesh.moved(points)
     return _with_nodes(mesh, edges[divided], there[divided], least), served
-
-
-def _nodes_of_borders(mesh: SimplexMesh) -> BoolArray:
-    """Return the nodes of tagged edges of a surface, and between facets of different tags.
-
-    How far these lines move is not measured, so that they stay.  Those of a volume bound its facets
-    and interfaces, which are measured.
-    """
-    held = np.zeros(mesh.n_points, np.bool_)
-    if mesh.cell_dim < mesh.dim:
-        if mesh.cell_tags is not None:
-            lowest, highest = regions_beside(mesh.cell_facets, mesh.cell_tags, len(mesh.facets))
-            held[mesh.facets[lowest != highest]] = True
-        if mesh.tagged_facets is not None:
-            held[mesh.tagged_facets] = True
-    return held
 
 
 def _edges_at(surface: SimplexMesh, targets: _Targets, is_on_line: BoolArray) -> IntArray:
@@ -470,9 +473,33 @@ def _bisected(mesh: SimplexMesh, edges: IntArray) -> tuple[SimplexMesh, IndexArr
     return split.mesh, new, which[split.split_edges]
 
 
-def _pull(points: FloatArray, cells: IntArray, nodes: IntArray, old: SimplexMesh) -> None:
-    """Move nodes onto a surface, or halfway.  Changes ``points``."""
-    _move(points, cells, nodes, _nearest(old, points[nodes])[0], tuning.LEAST_QUALITY)
+def _pull(
+    points: FloatArray, mesh: SimplexMesh, nodes: IntArray, old: SimplexMesh, borders: Borders
+) -> None:
+    """Move nodes onto a surface, those of borders onto its borders, or halfway.
+
+    Changes ``points``.
+    """
+    there, is_on = _nearest(old, points[nodes])[0], OnBorders.of(facets_of(mesh)).is_on[nodes]
+    places, distance = borders.nearest(points[nodes])
+    is_on &= np.isfinite(distance)
+    there[is_on] = places[is_on]
+    _move(points, mesh.cells, nodes, there, tuning.LEAST_QUALITY)
+
+
+def _along_borders(mesh: SimplexMesh, borders: Borders, limit: float) -> SimplexMesh:
+    """Return the mesh with borders near the given ones, along the surface, too.
+
+    Nodes of borders are moved there, and edges are divided, with ever lower least qualities.
+    """
+    for least in (tuning.LEAST_QUALITY, *tuning.LATER_QUALITIES):
+        nodes, there = borders.nodes_off(mesh, limit)
+        if len(nodes):
+            points = mesh.points.copy()
+            _move(points, mesh.cells, nodes, there, least)
+            mesh = mesh.moved(points)
+        mesh = _with_nodes(mesh, *borders.edges_off(mesh, limit), least)
+    return mesh
 
 
 def _move(

@@ -207,6 +207,8 @@ MOST_NODES_BEYOND = 0.2
 #: once a round brings nothing nearer.  On a scan and on a CAD part, single edges stayed 1.7 and 1.9
 #: tolerances away with `LEAST_QUALITY` only.
 LATER_QUALITIES = (0.05, 0.01, 0.002)
+#: Angle in degrees of cells of the quality 1 in these rounds.
+ANGLE_OF_QUALITY = 200.0
 #: Later rounds at most.
 MOST_LATER_ROUNDS = 12
 #: A round that leaves smaller angles than this, in degrees, and than before, is not kept.
@@ -227,11 +229,14 @@ AROUND_FLAT = 1.5
 GOAL: Mapping[str, float] = {"tetrahedra": 20.0, "surface": 25.0, "plane triangles": 25.0}
 #: Angles below which sharp edges may be cut off.  With larger ones, edges of boxes lost what a
 #: later loop then missed, for cells that were no worse than usual.
-LAST_GOAL: Mapping[str, float] = {"tetrahedra": 10.0, "surface": 10.0}
+LAST_GOAL: Mapping[str, float] = {"tetrahedra": 15.5, "surface": 10.0}
 #: Angle in degrees by which a feature edge turns at a corner.
 TURN_AT_CORNER = 40.0
 #: Cells that are examined at most, over the number of bad ones.
 CELLS_PER_BAD_CELL = 40
+#: Angle in degrees below which nodes are inserted in tetrahedra that nothing else improves; and
+#: the share of the nodes, and number, that may be added at most.
+INSERTED_BELOW, ADDED_NODES = 16.0, (0.02, 64)
 #: Given facets have the direction of new ones if this share agrees, of those whose normals are
 #: parallel up to the angle of this cosine.
 AGREEING, CLEAR_COSINE = 0.95, 0.5
