@@ -109,11 +109,6 @@ def square(n: int) -> ads.SimplexMesh:
     return ads.SimplexMesh(m.p.T, m.t.T)
 
 
-def solution(x: FloatArray) -> FloatArray:
-    """Return the four spots at points, float64[2, ...]."""
-    return sum(bump(x, centre, WIDTH) for centre in SPOTS)
-
-
 def bump(x: FloatArray, centre: FloatArray, width: float) -> FloatArray:
     """Return a function that is 1 at the centre and 1 / e at the distance ``width``."""
     away = x - centre.reshape(2, *[1] * (x.ndim - 1))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import adaptsize as ads
-from adaptsize import _workers
+from adaptsize import _cores
 from adaptsize._workers import Workers, in_all_threads
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.separation import boundary_separation
@@ -149,7 +149,7 @@ def control_group(tmp_path):
         for folder, text in quotas.items():
             (mounted / folder).mkdir(parents=True, exist_ok=True)
             (mounted / folder / "cpu.max").write_text(text)
-        return _workers._quota(groups, mounted)
+        return _cores._quota(groups, mounted)
 
     return read
 
@@ -174,7 +174,7 @@ def test_the_quota_is_the_least_one_of_the_groups_around_a_process(
 
 def test_systems_without_control_groups_have_no_quota(control_group, tmp_path):
     assert control_group("/", {}, said="4:memory:{}") == math.inf
-    assert _workers._quota(tmp_path / "missing", tmp_path) == math.inf
+    assert _cores._quota(tmp_path / "missing", tmp_path) == math.inf
 
 
 def test_threads_are_as_many_as_cores_unless_somebody_asked_for_more(monkeypatch):
@@ -182,8 +182,8 @@ def test_threads_are_as_many_as_cores_unless_somebody_asked_for_more(monkeypatch
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(64), raising=False)
     monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", 64)
     monkeypatch.setattr(numba, "get_num_threads", lambda: 64)
-    monkeypatch.setattr(_workers, "_quota", lambda *_: 1.5)
-    _workers.cores.cache_clear()
+    monkeypatch.setattr(_cores, "_quota", lambda *_: 1.5)
+    _cores.cores.cache_clear()
     try:
         assert Workers.of(None).threads == 2
         monkeypatch.setattr(numba, "get_num_threads", lambda: 8)
@@ -192,4 +192,4 @@ def test_threads_are_as_many_as_cores_unless_somebody_asked_for_more(monkeypatch
         monkeypatch.setenv("NUMBA_NUM_THREADS", "64")
         assert Workers.of(None).threads == 64
     finally:
-        _workers.cores.cache_clear()
+        _cores.cores.cache_clear()

@@ -5,17 +5,16 @@ They are started once in a process, which takes longer than many a query.
 
 from __future__ import annotations
 
-import math
 import os
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed, wait
-from functools import cache, lru_cache
-from pathlib import Path
+from functools import lru_cache
 from typing import NamedTuple
 
 import numba
 
+from adaptsize._cores import cores
 from adaptsize._progress import silent
 from adaptsize.typing import ProgressCallback
 
@@ -37,39 +36,6 @@ def _pool_of(threads: int) -> ThreadPoolExecutor:
 
 if hasattr(os, "register_at_fork"):  # a new process has none of the threads
     os.register_at_fork(after_in_child=_pool_of.cache_clear)
-
-
-@cache
-def cores() -> int:
-    """Return the number of cores that this process may use.
-
-    These are the cores of its affinity, and not more than the quota of its control group on Linux
-    (version 2), rounded up: in a container with two of 64 cores, 64 threads would share the two.
-    """
-    affinity = getattr(os, "sched_getaffinity", None)
-    allowed = len(affinity(0)) if affinity else os.cpu_count() or 1
-    quota = _quota(Path("/proc/self/cgroup"), Path("/sys/fs/cgroup"))
-    return allowed if quota >= allowed else max(1, math.ceil(quota))
-
-
-def _quota(groups: Path, mounted: Path) -> float:
-    """Return the least quota of the control group of this process and of those around it."""
-    try:
-        lines = groups.read_text().splitlines()
-    except (OSError, UnicodeDecodeError):  # another system
-        return math.inf
-    own = next((line[3:].lstrip("/") for line in lines if line.startswith("0::")), "")
-    folder = mounted / own
-    least = math.inf
-    for one in [folder, *folder.parents]:
-        try:
-            quota, period = (one / "cpu.max").read_text().split()
-            least = min(least, math.inf if quota == "max" else int(quota) / int(period))
-        except (OSError, ValueError, ZeroDivisionError):  # no such group, or one without a quota
-            pass
-        if one == mounted:
-            break
-    return least
 
 
 def _default_threads() -> int:

@@ -14,7 +14,7 @@ from command_line import call
 from numba.core import event
 
 import adaptsize as ads
-from adaptsize._workers import cores
+from adaptsize._cores import cores
 from adaptsize.cli import entry, warmup
 
 DATA = Path(__file__).parents[2] / "data"

@@ -17,7 +17,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
 
 from adaptsize import _children
-from adaptsize._workers import cores
+from adaptsize._cores import cores
 from adaptsize.cli.command import command
 from adaptsize.cli.console import Console
 
