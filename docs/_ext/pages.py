@@ -162,6 +162,24 @@ def leave_out_of_search(app: Sphinx, env: BuildEnvironment) -> None:
             env.metadata[name]["nosearch"] = ""
 
 
+def keep_index_entries(app: Sphinx) -> list[Any]:
+    """Give the search the entries of pages that are not written again, which Sphinx forgets."""
+    from sphinx.util.index_entries import split_index_msg
+
+    known = getattr(getattr(app.builder, "indexer", None), "_index_entries", None)
+    if known is not None:
+        for name, entries in app.env.domaindata["index"]["entries"].items():
+            if name.startswith(WITHOUT_SEARCH):
+                continue
+            found = {
+                (word, target or "", main)
+                for kind, value, target, main, _ in entries
+                for word in split_index_msg(kind, value)
+            }
+            known.setdefault(name, sorted(found))
+    return []
+
+
 def target_of(link: str, folder: Path, docname: str) -> str:
     """Return where a link of a page that is at home in ``folder`` leads to on the site."""
     path = os.path.normpath(folder / link)
@@ -203,4 +221,5 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("env-get-outdated", read_again)
     app.connect("source-read", mend_page)
     app.connect("env-updated", leave_out_of_search)
+    app.connect("html-collect-pages", keep_index_entries)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
