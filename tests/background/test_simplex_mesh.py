@@ -1,11 +1,13 @@
 """The mesh: what it refuses, what it owns, and its fields."""
 
+import pickle
 import re
 
 import numpy as np
 import pytest
 
 from adaptsize import SimplexMesh
+from adaptsize.distributed import PartitionedMesh
 
 SQUARE = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
 HALVES = [[0, 1, 2], [0, 2, 3]]
@@ -162,3 +164,18 @@ def test_transposed_cells_are_recognized():
         SimplexMesh(
             np.random.default_rng(0).random((9, 2)), np.arange(9).reshape(3, 3).repeat(2, 1)
         )
+
+
+def test_the_first_mesh_of_a_loop_goes_with_fields_and_pickles_but_not_with_other_nodes():
+    first = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+    mesh = SimplexMesh(2.0 * first.points, first.cells, point_data={"u": [1.0, 2.0, 3.0]})
+    later = mesh.with_original(first)
+    assert mesh.original is None
+    assert later.original is first
+    np.testing.assert_array_equal(later.point_data["u"], [1.0, 2.0, 3.0])
+    assert later.with_data(cell_data={"c": [1]}).original is first
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(later)).original.points, first.points)
+    assert later.moved(first.points).original is None
+    part = PartitionedMesh.from_serial(mesh)
+    assert part.with_original(first).original is first
+    assert part.original is None

@@ -21,6 +21,7 @@ from adaptsize import (
     refine_at_boundary,
     size_function,
 )
+from adaptsize._causes import Cause
 from adaptsize.domain_size.bounds import Bounds
 from adaptsize.domain_size.request import Request
 from adaptsize.options import SizeFunctionOptions, checked
@@ -143,7 +144,7 @@ def two_bounds(mesh):
     x = mesh.points[:, 0]
     left = np.where(x < 1e-9, 0.05, np.inf)
     right = np.where(x > 1.0 - 1e-9, 0.1, np.inf)
-    return {"left": left, "right": right}
+    return {Cause("left", 100): left, Cause("right", 101): right}
 
 
 def test_each_cause_controls_what_is_nearer_to_it_and_the_middle_is_free():
