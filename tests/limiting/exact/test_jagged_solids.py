@@ -101,6 +101,19 @@ def test_paths_propagated_are_never_too_small_and_nearly_shortest(monkeypatch):
     assert above.max() < 0.15
 
 
+@pytest.mark.parametrize("node", [46, 69, 138])
+def test_paths_propagated_over_several_edges_bend_between_nodes(node, monkeypatch):
+    mesh = _comb()
+    h0 = np.where(np.arange(mesh.n_points) == node, 0.1, np.inf)
+    monkeypatch.setattr(paths_in_space, "_DEAR", 1e9)
+    h = limit_gradient(mesh, h0, G)
+    monkeypatch.setattr(paths_in_space, "_DEAR", -1)
+    above = limit_gradient(mesh, h0, G) / h - 1.0
+    assert above.min() > -1e-12
+    assert above.max() < 8e-3
+    assert above.mean() < 1e-3
+
+
 def test_the_price_decides_what_the_default_does(monkeypatch):
     comb = _comb()
     h0 = np.where(np.arange(comb.n_points) == 5, 0.1, np.inf)

@@ -30,12 +30,12 @@ _ROUNDS = 200
 # few thousand are usual.  With more than these and so many for each node the search is given up.
 _MOST_PATHS, _PATHS_PER_NODE = 2000, 2
 
-# Paths are propagated where the product of pieces of reflex edges and hidden nodes is larger than
+# Paths are propagated where the product of straight reflex edges and hidden nodes is larger than
 # this number times that of all nodes.  On combs, stairs and bores of 280 to 1 500 nodes the search
 # takes 8 to 94 times as long as fast marching above this, and 2 to 12 times below, but for some of
 # a few hundred nodes (up to 27, 17 ms); propagation takes 2 to 10 times as long everywhere.
 # Fewer nodes than ``_FEW`` count as so many, since a search among them takes milliseconds.
-_DEAR, _FEW = 8, 300
+_DEAR, _FEW = 4, 400
 
 
 def solve_in_solid(known: WholeSolid) -> tuple[ComponentSolution, IntArray]:
@@ -157,7 +157,7 @@ def _solve(
 
 def _is_dear(network: Network, n_hidden: int, n_nodes: int) -> bool:
     """Return whether paths are to be propagated, since the search would take too long."""
-    return len(network.reflex_edges.pieces.edge) * n_hidden > _DEAR * max(n_nodes, _FEW)
+    return len(network.reflex_edges.obstacles) * n_hidden > _DEAR * max(n_nodes, _FEW)
 
 
 def _solve_hidden(
