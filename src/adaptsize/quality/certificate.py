@@ -227,8 +227,9 @@ def check_mesh(
     that are not joined, and nodes in the middle of an edge (hanging nodes).
 
     A surface encloses the union of its bodies: where the winding number is above one half, after
-    facets that contradict their neighbours are flipped.  Facets inside of it are not compared.  The topology is compared if the boundaries are closed manifolds, whose facets
-    do not intersect each other.
+    facets that contradict their neighbours are flipped.  Facets inside of it are not compared.  The
+    topology is compared if the boundaries are closed manifolds, whose facets do not intersect each
+    other.
 
     Examples
     --------
