@@ -389,6 +389,12 @@ def warn_caller(text: str, category: type[Warning]) -> None:
     )
 
 
+def warn_again(held: Iterable[warnings.WarningMessage]) -> None:
+    """Issue warnings that were held back, where they were issued first."""
+    for one in held:
+        warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
+
+
 def _top_module(frame: FrameType) -> str:
     return str(frame.f_globals.get("__name__", "")).partition(".")[0]
 

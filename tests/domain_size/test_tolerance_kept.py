@@ -157,7 +157,7 @@ def test_of_two_meshes_above_a_cap_the_smaller_is_returned_and_said(monkeypatch)
     generator = Generator([1.3, 1.25])
     monkeypatch.setattr(elements, "remeshed", generator)
     made = elements.mesh_with_sizes(SPHERE, {"max_elements": 16_000.0}, progress=None)
-    assert re.match(r"the meshes had 2\d{4} and (19|20)\d{3} elements", str(made.excess))
+    assert re.match(r"the mesh has 2\d{4} .* for fewer (19|20)\d{3} elements", str(made.excess))
     assert made.mesh.n_cells == round(1.25 * generator.wanted[1])
 
 
@@ -186,9 +186,9 @@ def test_a_mesh_above_a_cap_is_kept_if_the_next_cannot_be_made(monkeypatch):
 
 def test_walls_thinner_than_the_tolerance_need_no_more_elements_than_those_as_thick():
     plates = [box(1.0, 1.0, share * np.sqrt(2.0) * 1e-3) for share in (0.2, 0.5, 1.0, 2.0)]
-    needed = [floor_of(plate, 100.0) for plate in plates]
-    assert needed[0] == pytest.approx(needed[2], rel=0.1)
-    assert needed[1] == pytest.approx(needed[2], rel=0.1)
+    needed = [floor_of(plate, 300.0) for plate in plates]
+    assert 0.75 * needed[2] < needed[0] <= 1.02 * needed[2]
+    assert 0.75 * needed[2] < needed[1] <= 1.02 * needed[2]
     assert needed[3] < 0.5 * needed[2]
 
 

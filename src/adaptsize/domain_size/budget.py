@@ -270,7 +270,10 @@ def _relaxed(domain: SizedDomain, request: Request, relaxation: float) -> SizeFu
     report, dim = report_of(size), size.background.dim
     found = Prediction(calibration("mmg", dim) * report.n_elements)
     if isinstance(domain, SurfaceDomain):
-        found = domain.thin_parts.added_to(integrated(domain.enclosed, size, "mmg"), size)
+        if domain.overlaps:  # narrow parts between bodies are inside of their union
+            found = predict(domain.enclosed, size, backend="mmg")
+        else:
+            found = domain.thin_parts.added_to(integrated(domain.enclosed, size, "mmg"), size)
     elif isinstance(domain, MeshDomain) and isinstance(size.background, SimplexMesh):
         mesh = domain.mesh
         if mesh.cell_dim >= mesh.dim - 1:

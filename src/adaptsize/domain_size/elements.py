@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._calls import recorded
-from adaptsize._checks import checked_before, warn_caller
+from adaptsize._checks import checked_before, warn_again, warn_caller
 from adaptsize._defaults import TOLERANCE
 from adaptsize._messages import Message, message_of
 from adaptsize._size_function import SizeFunction
@@ -218,14 +218,8 @@ def mesh_with_sizes(
         made = within_cap(maker, Cap(budget["max_elements"], budget["max_memory"], system))
     else:
         made = reach_number(maker, goal, system)
-    issue(made.warned)
+    warn_again(made.warned)
     return made
-
-
-def issue(held: Sequence[warnings.WarningMessage]) -> None:
-    """Issue warnings that were held back."""
-    for one in held:
-        warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
 
 
 @dataclass(frozen=True)
@@ -356,7 +350,7 @@ class Maker:
                     g=report.g, hmax=report.hmax, **{**self.for_mesh, **limit},
                 )  # fmt: skip
         except Exception:
-            issue(held)  # they may say why it has failed
+            warn_again(held)  # they may say why it has failed
             raise
         return MadeMesh(new.mesh, size, new.attempts, warned=held)
 

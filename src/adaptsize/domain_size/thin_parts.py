@@ -106,7 +106,7 @@ class ThinParts:
         at = [mesh.points[mesh.cells[cells, (v + k) % 3]] for k in range(3)]
         one, other = at[1] - at[0], at[2] - at[0]
         lengths = np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
-        return np.asarray(np.einsum("ij,ij->i", one, other) > tuning.CORNER_OF_FACE * lengths)
+        return np.asarray(np.einsum("ij,ij->i", one, other) > tuning.BLUNTEST_CORNER * lengths)
 
     def _in_strips(self, size: SizeFunction) -> tuple[float, float]:
         """Return the facets that rows of triangles have more, and the cells that they cause."""

@@ -64,7 +64,7 @@ IN_WALLS = (3.1, 2.1, 7.0), (4.8, 2.6)
 #: 793 and 1 244 cells.
 LESS_AT_EDGE, NARROW_FACE = 0.5, 2.0
 #: Cosine of the largest angle at a corner of a face, of 135 degrees.
-CORNER_OF_FACE = -0.7
+BLUNTEST_CORNER = -0.7
 #: Halving edges of a surface ends after more than so many passes that lower the largest ratio of
 #: an edge to its size by less than the second number, if fewer edges than the third share are too
 #: long.  On a public part, edges of slivers were halved in turn without an end.

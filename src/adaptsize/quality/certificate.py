@@ -229,10 +229,10 @@ def check_mesh(
     Notes of the result report cells side by side that are not connected: slits, nodes at one place
     that are not joined, and nodes in the middle of an edge (hanging nodes).
 
-    A surface encloses the union of its bodies: where the winding number is above one half in
-    absolute value, after facets that contradict their neighbours are flipped.  Facets inside of it
-    are not compared.  The topology is compared if the boundaries are closed manifolds, whose facets
-    do not intersect each other.
+    A surface encloses the union of its bodies: where the winding number is above one half, after
+    facets that contradict their neighbours are flipped.  Facets inside of it are not compared.  The
+    topology is compared if the boundaries are closed manifolds, whose facets do not intersect each
+    other.
 
     Examples
     --------

@@ -181,8 +181,7 @@ def _in_surface(known: Known) -> Iterator[Attempt]:
     boundary closer than Mmg on a first volume by fTetWild (.58 to .84 tolerances instead of .87 to
     1.12), with 2 to 14 % fewer cells, as many edges in the band, and in less time.  At the rims of
     open boxes, Mmg made cells that overlap.  Where their union could not be made exactly,
-    facets nearly coincide, and on the tetrahedra of a public part Mmg took 220 s of processor time
-    and ended 45 tolerances away.
+    facets nearly coincide: on the tetrahedra of a public part, Mmg reached its limit of time.
     """
     name, *others = known.generators
     start, each = tuning.SECONDS_IN_SURFACE

@@ -71,8 +71,7 @@ class Enclosed:
     ----------
     surface : SimplexMesh
         Triangles in space, which are oriented first.  The region is where the winding number is
-        above one half in absolute value, so that holes, cracks and overlapping bodies do little
-        harm.
+        above one half, so that holes, cracks and overlapping bodies do little harm.
 
     Notes
     -----
