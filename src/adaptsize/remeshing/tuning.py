@@ -207,7 +207,7 @@ MOST_NODES_BEYOND = 0.2
 #: once a round brings nothing nearer.  On a scan and on a CAD part, single edges stayed 1.7 and 1.9
 #: tolerances away with `LEAST_QUALITY` only.
 LATER_QUALITIES = (0.05, 0.01, 0.002)
-#: Angle in degrees of cells of the quality 1 in these rounds, in which nodes are inserted in facets.
+#: Angle in degrees of cells of the quality 1 in these rounds, where nodes are inserted in facets.
 #: Half and double: not measured.
 ANGLE_OF_QUALITY = 200.0
 #: Later rounds at most.
@@ -229,7 +229,7 @@ AROUND_FLAT = 1.5
 #: tetrahedra and the angles of triangles.
 GOAL: Mapping[str, float] = {"tetrahedra": 20.0, "surface": 25.0, "plane triangles": 25.0}
 #: Angles below which sharp edges may be cut off.  With 10 for tetrahedra, a CAD part kept 25 cells
-#: below 15 degrees and a scan 3; with 15.5, none, and 13 meshes of 11 parts have none.  With larger
+#: below 15 degrees and a scan 3; with 15.5, none, as on 17 meshes of 11 parts.  With larger
 #: ones, edges of boxes lost what a later loop then missed, for cells that were no worse than usual.
 LAST_GOAL: Mapping[str, float] = {"tetrahedra": 15.5, "surface": 10.0}
 #: Angle in degrees by which a feature edge turns at a corner.
