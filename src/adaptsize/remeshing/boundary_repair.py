@@ -11,6 +11,9 @@ removed.  An operation is applied only if
   the old facets of the given surface is within the tolerance of the new ones,
 * no edge becomes longer than sqrt 2 sizes.
 
+Where none of these improves a bad tetrahedron, a node is inserted in it, or in its faces and edges,
+with the best of the cavities around, see `insertion`.
+
 Feature edges are kept as such at first.  Where cells remain bad, sharp edges may be cut off within
 the tolerance.  Edges where regions or facets of different tags meet are always kept.
 """

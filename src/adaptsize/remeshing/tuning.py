@@ -207,7 +207,8 @@ MOST_NODES_BEYOND = 0.2
 #: once a round brings nothing nearer.  On a scan and on a CAD part, single edges stayed 1.7 and 1.9
 #: tolerances away with `LEAST_QUALITY` only.
 LATER_QUALITIES = (0.05, 0.01, 0.002)
-#: Angle in degrees of cells of the quality 1 in these rounds.
+#: Angle in degrees of cells of the quality 1 in these rounds, where nodes are inserted in facets.
+#: Half and double: not measured.
 ANGLE_OF_QUALITY = 200.0
 #: Later rounds at most.
 MOST_LATER_ROUNDS = 12
@@ -227,15 +228,18 @@ AROUND_FLAT = 1.5
 #: Angles in degrees below which cells are improved, by the kind of the mesh: the dihedral angles of
 #: tetrahedra and the angles of triangles.
 GOAL: Mapping[str, float] = {"tetrahedra": 20.0, "surface": 25.0, "plane triangles": 25.0}
-#: Angles below which sharp edges may be cut off.  With larger ones, edges of boxes lost what a
-#: later loop then missed, for cells that were no worse than usual.
+#: Angles below which sharp edges may be cut off.  With 10 for tetrahedra, a CAD part kept 25 cells
+#: below 15 degrees and a scan 3; with 15.5, none, as on 17 meshes of 11 parts.  With larger
+#: ones, edges of boxes lost what a later loop then missed, for cells that were no worse than usual.
 LAST_GOAL: Mapping[str, float] = {"tetrahedra": 15.5, "surface": 10.0}
 #: Angle in degrees by which a feature edge turns at a corner.
 TURN_AT_CORNER = 40.0
 #: Cells that are examined at most, over the number of bad ones.
 CELLS_PER_BAD_CELL = 40
 #: Angle in degrees below which nodes are inserted in tetrahedra that nothing else improves; and
-#: the share of the nodes, and number, that may be added at most.
+#: the share of the nodes, and number, that may be added at most.  With nodes, a CAD part of 41 000
+#: cells has 25 cells below 15 degrees instead of 59 before sharp edges may be cut off, a scan 3
+#: instead of 4.  Up to 20: 20 and 3, with .5 % more cells.  Half and double of the room: none.
 INSERTED_BELOW, ADDED_NODES = 16.0, (0.02, 64)
 #: Given facets have the direction of new ones if this share agrees, of those whose normals are
 #: parallel up to the angle of this cosine.
