@@ -43,8 +43,6 @@ from scipy.sparse.csgraph import connected_components
 #: Where the winding number is compared: so far above and below a facet, over the diagonal.  The
 #: quick version of libigl is of single precision.
 _NEAR, _VERY_NEAR = 1e-6, 1e-9
-#: A crack is a gap thinner than this share of the tolerance.
-_CRACK = 0.1
 #: A corner is looked at a little inside its triangle: so far over the diagonal.
 _INSIDE = 5e-5
 #: Pieces into which facets that belong to the reference in part are divided at once.
@@ -180,12 +178,11 @@ def open_edges(triangles):
     return int(np.count_nonzero(np.bincount(edge.ravel(), np.where(up, 1, -1))))
 
 
-def crosses_one_half(surface, places, owners, gap, steps=((_NEAR, False), (_VERY_NEAR, True))):
+def crosses_one_half(surface, places, owners, steps=((_NEAR, False), (_VERY_NEAR, True))):
     """Return where the winding number is above 1/2 on one side of the facet only.
 
     Each step is a distance, and whether the winding number is exact there.  The next step looks
-    where the last one has found none.  Where the solid begins again within ``gap`` on the other
-    side, there is a crack, which does not count.
+    where the last one has found none.
     """
     points, triangles = surface
     _, normals = areas_and_normals(points, triangles)
@@ -193,23 +190,20 @@ def crosses_one_half(surface, places, owners, gap, steps=((_NEAR, False), (_VERY
     away = np.linalg.norm(centre - places, axis=1)
     share = np.minimum(0.05, _INSIDE / np.maximum(away, 1e-300))
     places = places + share[:, None] * (centre - places)
-    outer = np.zeros(len(places))
+    found = np.zeros(len(places), bool)
     left = np.arange(len(places))
     for near, exact in steps:
         step = near * normals[owners[left]]
         both = np.concatenate([places[left] + step, places[left] - step])
         above, below = np.split(winding_numbers(points, triangles, both, exact) > 0.5, 2)
-        outer[left] = below * 1.0 - above
+        found[left] = above != below
         left = left[above == below]
         if len(left) == 0:
             break
-    found = np.flatnonzero(outer)
-    beyond = places[found] + gap * outer[found, None] * normals[owners[found]]
-    outer[found[winding_numbers(points, triangles, beyond, exact=False) > 0.5]] = 0.0
-    return outer != 0.0
+    return found
 
 
-def facets_of_reference(surface, owners, belongs, finest, gap):
+def facets_of_reference(surface, owners, belongs, finest):
     """Return the facets, and pieces of facets, that belong to the reference.
 
     Facets of which some samples belong to it are divided until their pieces do or do not, or are
@@ -232,9 +226,7 @@ def facets_of_reference(surface, owners, belongs, finest, gap):
         small = (longest <= first) | (len(parts) > _PIECES)
         is_in = np.zeros((len(parts), 4), bool)
         places, owners = seen_at[small].reshape(-1, 3), np.repeat(owner[small], 4)
-        is_in[small] = crosses_one_half(surface, places, owners, gap, ((_NEAR, False),)).reshape(
-            -1, 4
-        )
+        is_in[small] = crosses_one_half(surface, places, owners, ((_NEAR, False),)).reshape(-1, 4)
         mixed = is_in.any(axis=1) & ~is_in.all(axis=1)
         left = ~small | (mixed & (longest > finest) & (len(parts) <= _PIECES))
         kept.append(parts[~left & is_in.any(axis=1)])
@@ -417,12 +409,11 @@ def _of_volume(surface, new, is_closed, grid, rng):
 
 def _of_distance(surface, new, tolerance, count, rng):
     places, owners = samples(*surface, count, rng)
-    gap = _CRACK * tolerance
-    belongs = crosses_one_half(surface, places, owners, gap)
+    belongs = crosses_one_half(surface, places, owners)
     found = {"hidden": 1.0 - float(belongs.mean())}
     reference = surface
     if not belongs.all():
-        reference = facets_of_reference(surface, owners, belongs, tolerance, gap)
+        reference = facets_of_reference(surface, owners, belongs, tolerance)
     far = distances(*new, places[belongs]) / tolerance
     found |= {"from_part": None, "place_from_part": None}
     if len(far) > 0:

@@ -254,14 +254,3 @@ def test_exit_codes_agree_with_the_measures():
     assert is_true(0, good, cap=95)
     assert is_true(1, None) is None
     assert is_true(0, None) is False
-
-
-@pytest.mark.parametrize(("share", "counts"), [(0.02, False), (0.5, True)])
-def test_walls_of_cracks_do_not_count(share, counts):
-    diagonal = np.sqrt(12.0)
-    gap = share * TOLERANCE * diagonal
-    part = together(moved(box(n=2), [0.5, 0.5, 0.5]), moved(box(n=2), [1.5 + gap, 0.5, 0.5]))
-    found = measured(part, cubes(shape=(2, 1, 1)))
-    assert (found["from_part"] > 5.0) == counts
-    assert found["from_mesh"] < 1.0
-    assert ("distance" in missed(found)) == counts
