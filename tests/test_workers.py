@@ -113,7 +113,33 @@ def test_no_chunk_runs_on_after_several_interrupts(monkeypatch):
     monkeypatch.setattr(_workers, "wait", interrupted)
     with pytest.raises(KeyboardInterrupt):
         Workers(3).in_chunks(task, 30, 1)
-    assert len(times) == 3
+    assert len(times) >= 3
+    assert not running
+
+
+def test_no_chunk_runs_on_if_a_second_signal_comes_before_the_first_is_handled(monkeypatch):
+    from adaptsize import _workers
+
+    running, calls = set(), []
+    really_end = _workers._end
+
+    def interrupted(begun):
+        calls.append(len(begun))
+        if len(calls) == 1:  # as at the first line of the function
+            raise KeyboardInterrupt
+        really_end(begun)
+
+    def task(first, last):
+        running.add(first)
+        time.sleep(0.05)
+        running.remove(first)
+        if first == 0:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(_workers, "_end", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        Workers(3).in_chunks(task, 30, 1)
+    assert calls == [30, 30]
     assert not running
 
 

@@ -84,28 +84,33 @@ class Workers(NamedTuple):
                 task(first, last)
                 self.report(text, last / n)
             return
-        pool, waiting = _pool_of(self.threads), []
+        pool = _pool_of(self.threads)
+        begun: list[Future[object]] = []
         try:
-            waiting += [pool.submit(task, *chunk) for chunk in chunks]
-            for count, done in enumerate(as_completed(waiting), 1):
-                done.result()
-                self.report(text, count / len(chunks))
-        except BaseException:
-            for chunk_left in waiting:
-                chunk_left.cancel()
-            _wait_through_signals(waiting)
-            raise
+            try:
+                for chunk in chunks:
+                    begun.append(pool.submit(task, *chunk))
+                for count, done in enumerate(as_completed(begun), 1):
+                    done.result()
+                    self.report(text, count / len(chunks))
+            finally:
+                _end(begun)
+        finally:  # a second signal may come as soon as the first is handled, before `_end` begins
+            _end(begun)
 
 
-def _wait_through_signals(begun: Sequence[Future[object]]) -> None:
-    """Wait for chunks that have begun, some milliseconds.
+def _end(begun: Sequence[Future[object]]) -> None:
+    """Cancel chunks, and wait for those that run, some milliseconds.
 
-    A second signal takes effect after them: at the end of the interpreter no kernel may run.
+    A further signal takes effect after them: at the end of the interpreter no kernel may run.
     """
     interrupted = None
-    while not all(one.done() for one in begun):
+    while True:
         try:
+            for one in begun:
+                one.cancel()
             wait(begun)
+            break
         except BaseException as error:
             interrupted = error
     if interrupted is not None:

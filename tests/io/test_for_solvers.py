@@ -199,6 +199,7 @@ def test_shells_have_sets_but_no_surfaces(tmp_path):
 
 
 def test_the_command_writes_cells_of_order_2(tmp_path, capsys):
+    pytest.importorskip("mmgpy")
     square = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
     write(tmp_path / "a.vtu", square)
     words = ["remesh", tmp_path / "a.vtu", "--hmax", "0.5", "--order", "2", "-o"]

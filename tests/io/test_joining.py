@@ -147,6 +147,7 @@ def test_parts_of_a_cell_share_its_error(tmp_path_factory, seed, dim):
 
 
 def test_the_command_adapt_takes_the_errors_of_quads(tmp_path, capsys):
+    pytest.importorskip("mmgpy")
     points, cells = grid(4, 2, np.random.default_rng(5233))
     write_cells(tmp_path / "a.vtu", points, cells, cell_data={"eta": np.full(16, 0.25)})
     words = ["--field", "eta", "--elements", "60", "-o", tmp_path / "b.vtu"]

@@ -59,6 +59,7 @@ def test_the_sea_is_the_box_without_the_land_and_its_sides_have_names(seed):
 
 
 def test_the_names_of_land_are_kept_and_a_box_of_land_only_is_refused(tmp_path):
+    pytest.importorskip("mmgpy")
     coast = [(-3, -3), (12, -3), (12, 2), (6, 4), (-3, 2)]
     mesh = polygons({"mainland": coast}, islands={"rock": disc(20, (5, 8), 1)}, box=(0, 0, 10, 10))
     assert set(lengths(mesh)) == {"mainland", "rock", "east", "north", "west"}

@@ -48,6 +48,7 @@ def test_a_part_of_trimesh_gets_a_named_mesh_of_a_solver():
 
 
 def test_a_label_image_gets_a_file_of_abaqus(tmp_path):
+    pytest.importorskip("mmgpy")
     labels = np.zeros((24, 24, 24), np.uint8)
     labels[4:20, 4:20, 4:20] = 1
     labels[12:20, 4:20, 4:20] = 2

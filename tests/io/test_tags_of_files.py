@@ -96,6 +96,8 @@ def test_fields_that_are_no_tags_draw_no_warning(tmp_path, kind):
 
 @pytest.mark.parametrize("command", ["info", "remesh"])
 def test_the_command_takes_the_name_of_tags(tmp_path, capsys, command):
+    if command == "remesh":
+        pytest.importorskip("mmgpy")
     mesh = random_square(40, 5223)
     right = (mesh.points[mesh.cells].mean(axis=1)[:, 0] > 0.0).astype(int)
     points = np.pad(mesh.points, ((0, 0), (0, 1)))

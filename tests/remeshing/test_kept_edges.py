@@ -202,4 +202,4 @@ def test_distances_of_tagged_sets_are_measured_in_both_directions():
     assert distances_from(new, old).largest == 0.0
     (failure,) = [one for one in check_mesh(shorter, original=given).failures if one.name == "tags"]
     assert failure.value * given.diagonal == pytest.approx(0.1)
-    assert failure.text.startswith("2; 1 within 0.0707")
+    assert failure.text.startswith("2; 1 within 0.1 (0.0707 of the diagonal)")

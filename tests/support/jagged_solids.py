@@ -205,7 +205,8 @@ def oracle(mesh, h0, g, parts=8):
     finite = np.flatnonzero(np.isfinite(bounds))
     least = bounds[finite].min()
     graph[n, finite] = np.maximum(bounds[finite] - least, 1e-300)
-    links = np.nonzero(np.isfinite(graph))  # a dense graph would lose the shortest ones
+    # A dense graph would lose the shortest links; SciPy takes indices of 32 bits.
+    links = tuple(k.astype(np.int32) for k in np.nonzero(np.isfinite(graph)))
     graph = coo_array((graph[links], links), shape=graph.shape).tocsr()
     far, before = dijkstra(graph, directed=True, indices=n, return_predecessors=True)
     far = least + far[: len(points)]

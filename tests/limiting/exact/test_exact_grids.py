@@ -4,8 +4,8 @@ The domain is the cubical complex of the active nodes: the nodes, edges, faces a
 all corners are active.  In space sizes go along the edges only of faces without a whole box.
 """
 
+import warnings
 from itertools import combinations
-from warnings import catch_warnings
 
 import geodesics
 import numpy as np
@@ -141,7 +141,8 @@ def test_sizes_in_space_do_not_change_if_the_grid_is_mirrored(masked, face_sourc
         grid = CartesianGrid(np.zeros(3), rng.uniform(0.5, 2.0, 3), shape, active=active)
         h0 = np.where(rng.random(shape) < (0.3, 1.0, 0.1)[seed], rng.uniform(0.1, 3, shape), np.inf)
         h0[np.nonzero(np.ones(shape) if active is None else active)[0][0]] = 0.3
-        with catch_warnings(action="ignore"):  # parts without bounds
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # parts without bounds
             h = limit(grid, h0, face_sources=face_sources)
             for axes in MIRRORED[1:]:
                 other = limit(*mirrored(grid, h0, axes), face_sources=face_sources)
