@@ -17,7 +17,7 @@ from adaptsize.background.topology import components_of
 from adaptsize.geometry import tuning
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.distance.orientation import MERGE_SHARE, is_cycle, merged_cells, oriented
-from adaptsize.geometry.distance.winding import WindingNumber
+from adaptsize.geometry.distance.winding import WindingNumber, is_inside
 from adaptsize.geometry.enclosed import cone_measures
 from adaptsize.geometry.repair import repair_triangles
 from adaptsize.geometry.shells import pieces_of, shells_of, surplus_of
@@ -87,18 +87,6 @@ class Sides(NamedTuple):
         return np.where(turned, corners[:, [1, 0, 2]], corners), self.owner[part]
 
 
-def is_inside(numbers: FloatArray, *, is_closed: bool) -> BoolArray:
-    """Return whether winding numbers of a consistently oriented surface are those of its solid.
-
-    If the surface is closed, they are above one half: what is turned inside out beside it, as where
-    offset surfaces cross themselves, is no solid.  The facets of a surface with holes may have
-    either side outside, so that the absolute value counts.
-    """
-    if is_closed:
-        return np.asarray(numbers > 0.5)
-    return np.asarray(np.abs(numbers) > 0.5 + tuning.WINDING_ERROR)
-
-
 class Solid:
     """The region where the winding number of a surface is above one half.
 
@@ -163,7 +151,7 @@ class Solid:
 
     def contains(self, points: FloatArray) -> BoolArray:
         """Return which points are inside of the solid."""
-        return is_inside(self.winding(points), is_closed=self.is_closed)
+        return self.winding.contains(points, is_closed=self.is_closed)
 
     @cached_property
     def volume(self) -> float:

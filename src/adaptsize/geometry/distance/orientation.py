@@ -157,16 +157,9 @@ def _are_sheets(mesh: SimplexMesh, sign: FloatArray, piece: IndexArray) -> BoolA
 
 
 def winding_of(surface: SimplexMesh) -> tuple[WindingNumber, bool]:
-    """Return the winding number of a surface, and whether it is an integer everywhere.
-
-    If the surface is not closed, facets that contradict their neighbours are turned first: they
-    may be the only defect.
-    """
-    is_whole = is_cycle(surface)
-    if not is_whole:
-        surface = oriented(surface)
-        is_whole = is_cycle(surface)
-    return WindingNumber(surface), is_whole
+    """Return the winding number of an oriented surface, and whether it is an integer everywhere."""
+    surface = oriented(surface)
+    return WindingNumber(surface), is_cycle(surface)
 
 
 def is_cycle(surface: SimplexMesh) -> bool:

@@ -141,7 +141,7 @@ def inside_surface(
     label = _connected(background, distance).ravel()
     one_of = np.empty(int(label.max()) + 1, np.int64)
     one_of[label] = np.arange(label.size)
-    inside = winding.contains(places_of(background)(one_of), report)
+    inside = winding.contains(places_of(background)(one_of), report, is_closed=True)
     return np.asarray(inside[label]).reshape(background.nodal_shape)
 
 

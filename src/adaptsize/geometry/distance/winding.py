@@ -57,6 +57,24 @@ class WindingNumber:
         in_all_threads(task, n, _CHUNK, "sign", report or silent)
         return numbers
 
-    def contains(self, points: FloatArray, report: ProgressCallback | None = None) -> BoolArray:
-        """Return whether the absolute winding number of each point exceeds one half."""
-        return np.asarray(np.abs(self(points, report)) > 0.5 + tuning.WINDING_ERROR)
+    def contains(
+        self,
+        points: FloatArray,
+        report: ProgressCallback | None = None,
+        *,
+        is_closed: bool = False,
+    ) -> BoolArray:
+        """Return which points are inside of the solid of an oriented surface, see `is_inside`."""
+        return is_inside(self(points, report), is_closed=is_closed)
+
+
+def is_inside(numbers: FloatArray, *, is_closed: bool) -> BoolArray:
+    """Return whether winding numbers of an oriented surface are those of its solid.
+
+    If the surface is closed, they are above one half: what is turned inside out beside it, as where
+    offset surfaces cross themselves, is no solid.  The facets of a surface with holes may have
+    either side outside, so that the absolute value counts.
+    """
+    if is_closed:
+        return np.asarray(numbers > 0.5)
+    return np.asarray(np.abs(numbers) > 0.5 + tuning.WINDING_ERROR)
