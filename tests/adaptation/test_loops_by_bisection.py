@@ -170,3 +170,55 @@ def singular_error(mesh):
     away = np.linalg.norm(mesh.points[mesh.cells].mean(axis=1), axis=1)
     h = np.sqrt(mesh.measures)
     return h**2 * (away + h) ** (-4.0 / 3.0)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"elements": 5000, "hmin": 0.1},
+        {"elements": 5000, "max_refine": 1.5},
+        {"nodes": 5000, "hmin": 0.1},
+    ],
+)
+def test_a_number_does_not_override_limits(options):
+    mesh = jittered_square(9, SEED, half_width=0.5)
+    result = bisected(mesh, **options)
+    assert result.mesh.n_cells < 700
+    assert not result.report.budget_met
+
+
+def test_no_error_requests_nothing():
+    mesh = jittered_square(9, SEED, half_width=0.5)
+    result = adapt(mesh, np.zeros(mesh.n_cells), elements=500, backend="bisection")
+    assert result.mesh is mesh
+
+
+def test_a_loop_with_the_same_error_everywhere_meets_its_tolerance():
+    mesh = jittered_square(5, SEED, half_width=0.5)
+    for _ in range(20):
+        result = adapt(mesh, mesh.measures, tolerance=0.03, backend="bisection")
+        if not result.remeshed:
+            break
+        mesh = result.mesh
+    assert result.converged
+    assert np.linalg.norm(mesh.measures) <= 0.03
+
+
+@pytest.mark.parametrize("n", [300, 450, 1500])
+def test_a_number_is_met_below_the_largest_one(n):
+    mesh = jittered_square(9, SEED, half_width=0.5)
+    result = bisected(mesh, elements=n, max_elements=n)
+    assert 0.85 * n < result.mesh.n_cells <= n
+
+
+def test_fields_follow_nodes_that_are_moved_to_the_boundary():
+    mesh = disc(1)
+    u = mesh.points @ [1.0, 2.0]
+    result = adapt(
+        mesh, h0=0.12, backend="bisection", project=to_circle, fields={"u": u},
+        method="interpolate",
+    )  # fmt: skip
+    new = result.mesh
+    inside = mesh.locator.nearest(new.points)[2] == 0.0
+    assert np.allclose(result.fields["u"][inside], new.points[inside] @ [1.0, 2.0], atol=1e-12)
+    assert "the same function" not in str(result.report)

@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection
 from scipy.spatial.transform import Rotation
 from shapes import CORNERS, CUBE_CELLS
 
-from adaptsize import CartesianGrid, SimplexMesh
+from adaptsize import CartesianGrid, SimplexMesh, signed_distance
 from adaptsize.background.merging import first_at_place
 from adaptsize.geometry.distance.orientation import is_cycle
 from adaptsize.geometry.enclosed import cone_measures
@@ -343,3 +343,34 @@ def test_walls_of_cracks_do_not_bound_a_union_that_could_not_be_made(monkeypatch
     walls = np.abs(middles[:, 0] - 1.0) < 2.0 * gap
     assert not solid.skin.is_closed
     assert walls.any() != is_crack
+
+
+@pytest.mark.parametrize("move", [(1.0, 1.0, 0.0), (1.0, 0.0, 0.0)], ids=["edge", "face"])
+@pytest.mark.parametrize("merged", [False, True])
+def test_bodies_that_touch_are_solid_whatever_their_orientation(move, merged):
+    cube = CartesianGrid([0.0] * 3, 1.0, (2, 2, 2)).mesh.boundary().mesh
+    points = np.concatenate([cube.points, cube.points + move])
+    cells = np.concatenate([cube.cells, cube.cells[:, ::-1] + cube.n_points])
+    if merged:
+        points, which = np.unique(points, axis=0, return_inverse=True)
+        cells = which.reshape(-1)[cells]
+    solid = Solid(SimplexMesh(points, cells))
+    assert solid.volume == pytest.approx(2.0)
+    middle = np.array([[0.5] * 3, np.add([0.5] * 3, move)])
+    assert solid.contains(middle).all()
+
+
+def test_what_is_turned_inside_out_is_left_out_of_solid_and_distances():
+    """A prism over a quadrilateral that crosses itself."""
+    corners = [[0.0, 0.0], [2.0, 1.0], [2.0, 0.0], [0.0, 1.5]]
+    points = np.array([[*corner, z] for z in (0.0, 1.0) for corner in corners])
+    sides = [[i, (i + 1) % 4, (i + 1) % 4 + 4] for i in range(4)]
+    sides += [[i, (i + 1) % 4 + 4, i + 4] for i in range(4)]
+    ends = [[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7]]
+    surface = SimplexMesh(points, sides + ends)
+    solid, inside = Solid(surface), np.array([[0.3, 0.6, 0.5], [1.8, 0.5, 0.5]])
+    assert solid.contains(inside).sum() == 1
+    grid = CartesianGrid([-0.5] * 3, 0.1, (31, 26, 21))
+    phi = signed_distance(grid, surface)
+    where = np.rint((inside + 0.5) / 0.1).astype(int)
+    assert ((phi[tuple(where.T)] < 0.0) == solid.contains(inside)).all()

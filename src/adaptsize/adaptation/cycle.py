@@ -205,7 +205,7 @@ def adapt(
         made = NewMesh(mesh, sizes, cycle.generator)
         if decision.remesh and cycle.generator == BISECTION and isinstance(mesh, SimplexMesh):
             made = divide_cells(mesh, made, request)
-            if made.divided is None:
+            if made.divided is None:  # no cell is too large
                 decision = decision.without_division()
         elif decision.remesh:
             made = make_mesh(mesh, made, request, report)
@@ -215,7 +215,8 @@ def adapt(
             and isinstance(made.mesh, SimplexMesh)
         ):
             moved, moves = move_to_boundary(made.mesh, cycle.project, given["corner_angle"])
-            made = replace(made, mesh=moved, moves=moves)
+            # Functions on parts of cells change with the nodes: they are transferred.
+            made = replace(made, mesh=moved, moves=moves, divided=None)
         result = _result(mesh, request, decision, made, cycle, report)
     result = _with_original(result, mesh, first)
     allowed = tolerance * mesh.diagonal if project is None else math.inf
@@ -294,7 +295,7 @@ def _checked(
             refuse_folded(mesh)
         is_metric = is_metric or nodal_metric(mesh, h0, finite=False) is not None
         projections = as_boundary_maps(project, mesh)
-        if by_cell and given["conservative"] and backend != BISECTION:
+        if by_cell and given["conservative"] and (backend != BISECTION or project is not None):
             refuse_surfaces(mesh)
     if given["elements"] is not None and given["nodes"] is not None:
         raise OptionError(Message("{elements} and {nodes} exclude each other: omit one"))

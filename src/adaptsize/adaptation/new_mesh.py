@@ -73,7 +73,7 @@ def make_mesh(
 
     sizes = first.sizes
     new = make(sizes)
-    goal = _goal(mesh, new, request)
+    goal = goal_of(mesh, new, request)
     accepted = tuning.ACCEPTED_IN_SPACE if d == 3 else None
     search: Search[NewMesh] = Search.by_meshes(goal.number, d, accepted)
     search.add(sizes.predicted, new, goal.of(new))
@@ -88,7 +88,7 @@ def make_mesh(
     return replace(best, n_meshes=len(search.trials), boundary_distance=distance)
 
 
-class _Goal(NamedTuple):
+class Goal(NamedTuple):
     """The number of cells or nodes that a mesh should have."""
 
     number: float
@@ -102,16 +102,16 @@ class _Goal(NamedTuple):
         return n_points if self.by_nodes else n_cells
 
 
-def _goal(mesh: AnyMesh, new: NewMesh, request: CycleRequest) -> _Goal:
+def goal_of(mesh: AnyMesh, new: NewMesh, request: CycleRequest) -> Goal:
     """Return the number that is wanted: that of the first new mesh if it can stay as it is."""
     predicted = new.sizes.predicted
     elements, nodes = request.options["elements"], request.options["nodes"]
     if elements is not None and _is_near(predicted, elements):
-        return _Goal(elements, elements) if nodes is None else _Goal(nodes, elements, by_nodes=True)
+        return Goal(elements, elements) if nodes is None else Goal(nodes, elements, by_nodes=True)
     # Otherwise limits do not allow the number, or the tolerance needs fewer elements.
     before, after = numbers_of(mesh)[1], numbers_of(new.mesh)[1]
     gains_little = after - before < tuning.GAINED * (predicted - before)
-    return _Goal(predicted if request.is_missed and gains_little else after, predicted)
+    return Goal(predicted if request.is_missed and gains_little else after, predicted)
 
 
 def _is_near(predicted: float, elements: float) -> bool:

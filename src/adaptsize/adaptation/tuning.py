@@ -56,8 +56,9 @@ SETTLED, MOST_CELLS = 0.02, 100_000
 
 #: Longest edge of a bisected cell over its size.  Edges are then as long as the size in the mean.
 LONGEST_OVER_SIZE = 1.5
-#: Largest number of meshes that are tried for a number of elements.
-MOST_DIVISIONS = 12
+#: Largest number of meshes that are tried for a number of elements, and least scale of the sizes:
+#: smaller ones would leave the limits that the sizes keep.
+MOST_DIVISIONS, LEAST_SCALE = 12, 0.8
 
 # Moves to the boundary ----------------------------------------------------------------------------
 

@@ -16,8 +16,14 @@ from adaptsize.background.simplex import cut_out
 from adaptsize.background.topology import components_of
 from adaptsize.geometry import tuning
 from adaptsize.geometry.boundary import facet_normals
-from adaptsize.geometry.distance.orientation import MERGE_SHARE, is_cycle, merged_cells, oriented
-from adaptsize.geometry.distance.winding import WindingNumber, is_inside
+from adaptsize.geometry.distance.orientation import (
+    MERGE_SHARE,
+    is_cycle,
+    merged_cells,
+    oriented,
+    rule_of,
+)
+from adaptsize.geometry.distance.winding import Rule, WindingNumber
 from adaptsize.geometry.enclosed import cone_measures
 from adaptsize.geometry.repair import repair_triangles
 from adaptsize.geometry.shells import pieces_of, shells_of, surplus_of
@@ -54,25 +60,22 @@ class Sides(NamedTuple):
     """float64[m, 3, 3]: triangles that make up the parts."""
     part: IndexArray
     """intp[m]: the part that each belongs to."""
-    is_closed: bool = True
-    """Whether the surface has no holes, so that winding numbers are integers."""
-
-    def _is_inside(self, numbers: FloatArray) -> BoolArray:
-        return is_inside(numbers, is_closed=self.is_closed)
+    rule: Rule
+    """Which winding numbers are those of the solid."""
 
     @property
     def is_lost(self) -> BoolArray:
         """Which parts do not have the solid on exactly one side, or are repeated.
 
-        See `is_inside`.
+        See `Rule`.
         """
-        inside = (self._is_inside(numbers) for numbers in (self.front, self.back))
+        inside = (self.rule.holds_for(numbers) for numbers in (self.front, self.back))
         return self._matters(np.equal(*inside) | self.is_repeated)
 
     @property
     def is_inward(self) -> BoolArray:
         """Which other parts have the solid on the side to which the normal points."""
-        return self._matters(~self.is_lost & self._is_inside(self.front))
+        return self._matters(~self.is_lost & self.rule.holds_for(self.front))
 
     def _matters(self, which: BoolArray) -> BoolArray:
         """Return which parts these are, none if they have hardly any area: folds of slivers."""
@@ -88,7 +91,7 @@ class Sides(NamedTuple):
 
 
 class Solid:
-    """The region where the winding number of a surface is above one half.
+    """The region where the winding number of a surface is above one half, see `Rule`.
 
     For bodies that overlap it is their union.  Facets are oriented first.  Of a surface with holes,
     the winding number is not an integer, and the region is closed by a smooth cap in each hole.
@@ -141,17 +144,18 @@ class Solid:
         if len(rows) < surface.n_cells:
             self._outline = cut_out(self.surface.points, self.surface.cells[rows])[0]
         self._rows = rows
+        self.rule = rule_of(self._outline)
         #: Whether the surface has no holes, so that winding numbers are integers.
-        self.is_closed = is_cycle(self._outline)
+        self.is_closed = self.rule.is_closed
         self.winding = WindingNumber(self._outline)
 
     @cached_property
     def _sides(self) -> Sides:
-        return sides_of(self._outline, self.winding, is_closed=self.is_closed)
+        return sides_of(self._outline, self.winding, self.rule)
 
     def contains(self, points: FloatArray) -> BoolArray:
         """Return which points are inside of the solid."""
-        return self.winding.contains(points, is_closed=self.is_closed)
+        return self.winding.contains(points, rule=self.rule)
 
     @cached_property
     def volume(self) -> float:
@@ -287,7 +291,7 @@ def _conforming(parts: SimplexMesh, known: FloatArray) -> tuple[SimplexMesh, Int
     return mesh, np.where(nodes < n, nodes, -1).astype(np.int32)
 
 
-def sides_of(surface: SimplexMesh, winding: WindingNumber, *, is_closed: bool = True) -> Sides:
+def sides_of(surface: SimplexMesh, winding: WindingNumber, rule: Rule) -> Sides:
     """Return the winding numbers on both sides of the parts of a surface.
 
     If it is closed, they are integers, and the same ones at facets that no others meet.
@@ -306,7 +310,7 @@ def sides_of(surface: SimplexMesh, winding: WindingNumber, *, is_closed: bool = 
     away = tuning.BESIDE_FACET * SLACK * surface.diagonal * normals[owner]
     spans = 0.5 * np.linalg.norm(facet_normals(triangles), axis=1)
     area = np.asarray(np.bincount(part, spans, len(owner)), np.float64)
-    place = _places_without_jump(surface, met, owner, len(whole)) if is_closed else None
+    place = _places_without_jump(surface, met, owner, len(whole)) if rule.is_closed else None
     first = number = np.arange(len(owner))
     if place is not None:
         piece = pieces_of(surface)
@@ -319,7 +323,7 @@ def sides_of(surface: SimplexMesh, winding: WindingNumber, *, is_closed: bool = 
         front, back = _of_most(sides, place, area).T
     repeated = np.zeros(len(owner), np.bool_)
     repeated[_repeated(surface, contacts, owner, centre)] = True
-    return Sides(owner, front, back, area, repeated, centre, triangles, part, is_closed)
+    return Sides(owner, front, back, area, repeated, centre, triangles, part, rule)
 
 
 def _places_without_jump(

@@ -13,7 +13,7 @@ from adaptsize.background.interfaces import interfaces
 from adaptsize.background.location import in_space
 from adaptsize.background.topology import compacted, components_of
 from adaptsize.geometry.distance.orientation import is_cycle
-from adaptsize.geometry.distance.winding import WindingNumber
+from adaptsize.geometry.distance.winding import Rule, WindingNumber
 from adaptsize.geometry.enclosed import cone_measures, enclosed_measure
 from adaptsize.geometry.solid import Solid, sides_of
 from adaptsize.typing import BoolArray, FloatArray
@@ -105,7 +105,7 @@ def overlapping_cells(mesh: SimplexMesh) -> OverlappingCells | None:
     if (mesh.facet_cell_counts > 2).any() or not is_cycle(skin):
         return None
     winding = WindingNumber(skin)
-    sides = sides_of(skin, winding)
+    sides = sides_of(skin, winding, Rule(is_closed=True))
     twice = np.maximum(sides.front, sides.back) > 1.5
     if not twice.any():
         return None

@@ -390,7 +390,8 @@ def doubts(
     overlapping = overlapping_bodies(surface)
     if overlapping is not None:
         text = (
-            "the generator fills their union; join the bodies before meshing to keep what is meant"
+            "the generator fills their union, without parts that are turned inside out; join the "
+            "bodies before meshing to keep what is meant"
         )
         yield "overlapping_bodies", overlapping, f"{overlapping}; {text}"
     solid = Solid(merged_surface(surface)) if solid is None else solid

@@ -15,7 +15,7 @@ from adaptsize._workers import Workers
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
-from adaptsize.geometry.distance.winding import WindingNumber
+from adaptsize.geometry.distance.orientation import winding_of
 from adaptsize.limiting.exact.field import ExactField, Points, entries_at
 from adaptsize.limiting.inside import InnerSource
 from adaptsize.sizes.sources import (
@@ -188,7 +188,8 @@ def sampled(function: SizeOfPoint, surface: SimplexMesh, hmax: float) -> InnerFu
         corners = step * (np.indices((2, 2, 2)).reshape(3, -1).T - 0.5)
         points = (points[coarse][:, None] + corners).reshape(-1, 3)
     at, sizes = np.concatenate(places), np.concatenate(found)
-    inside = WindingNumber(surface).contains(at) if len(at) else np.zeros(0, np.bool_)
+    winding, rule = winding_of(surface)
+    inside = winding.contains(at, rule=rule) if len(at) else np.zeros(0, np.bool_)
     line = InnerLine(at[inside], sizes[inside], np.empty((0, 2), np.int32))
     return InnerFunction(function, line)
 

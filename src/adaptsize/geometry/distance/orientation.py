@@ -7,10 +7,10 @@ from adaptsize.background.merging import first_at_place, place_numbers
 from adaptsize.background.topology import components_of, have_different_nodes, pairs_of_cells
 from adaptsize.geometry import tuning
 from adaptsize.geometry.boundary import facet_normals
-from adaptsize.geometry.distance.winding import WindingNumber
+from adaptsize.geometry.distance.winding import Rule, WindingNumber
 from adaptsize.geometry.enclosed import cone_measures
 from adaptsize.geometry.shells import pieces_of, shells_of, surplus_of
-from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongArray
 
 # Points closer than this, relative to the diagonal, are one point.
 MERGE_SHARE = 1e-9
@@ -156,10 +156,17 @@ def _are_sheets(mesh: SimplexMesh, sign: FloatArray, piece: IndexArray) -> BoolA
     return np.asarray(np.linalg.norm(total, axis=1) > tuning.SHEET * area)
 
 
-def winding_of(surface: SimplexMesh) -> tuple[WindingNumber, bool]:
-    """Return the winding number of an oriented surface, and whether it is an integer everywhere."""
+def winding_of(surface: SimplexMesh) -> tuple[WindingNumber, Rule]:
+    """Return the winding number of an oriented surface, and the rule for its solid."""
     surface = oriented(surface)
-    return WindingNumber(surface), is_cycle(surface)
+    return WindingNumber(surface), rule_of(surface)
+
+
+def rule_of(surface: SimplexMesh) -> Rule:
+    """Return the rule for the solid of an oriented surface."""
+    start, end = _ends_of(surface)
+    is_closed = np.array_equal(start, end)
+    return Rule(is_closed, is_closed and bool((np.diff(start) > 0).all()))
 
 
 def is_cycle(surface: SimplexMesh) -> bool:
@@ -167,13 +174,18 @@ def is_cycle(surface: SimplexMesh) -> bool:
 
     Coincident nodes are identified.
     """
+    return np.array_equal(*_ends_of(surface))
+
+
+def _ends_of(surface: SimplexMesh) -> tuple[LongArray, LongArray]:
+    """Return the edges of the facets, of segments the nodes, in both directions; sorted."""
     cells = same_places(surface.points, surface.cells)[surface.cells].astype(np.int64)
     start, end = cells[:, 0], cells[:, 1]
-    if surface.cell_dim == 2:  # the edges in both directions
+    if surface.cell_dim == 2:
         after = np.roll(cells, -1, axis=1)
         n = surface.n_points
         start, end = cells * n + after, after * n + cells
-    return np.array_equal(np.sort(start, axis=None), np.sort(end, axis=None))
+    return np.sort(start, axis=None), np.sort(end, axis=None)
 
 
 def same_places(points: FloatArray, cells: IntArray) -> IntArray:

@@ -107,10 +107,11 @@ def signed_distance(
     spacing where many facets are equally near, for example at the centre of a sphere.  With
     ``band=inf``, and on other backgrounds, all distances are exact, at 25 times the cost.
 
-    The sign follows from the winding number [1]_, summed over a tree [2]_.  A node is inside if
-    the absolute value of the winding number exceeds one half.  Hence all facets may be oriented
-    inward, and regions that are enclosed twice are inside, but a cavity must be oriented
-    opposite to the surface around it.  Facets whose orientation contradicts that of their
+    The sign follows from the winding number [1]_ of the oriented surface, summed over a tree [2]_.
+    A node is inside if it exceeds one half; its absolute value, if the surface has holes or edges
+    of more than two facets.  Hence all facets may be oriented inward, and regions that are enclosed
+    twice are inside, but a cavity must be oriented opposite to the surface around it, and what is
+    turned inside out is outside.  Facets whose orientation contradicts that of their
     neighbours are flipped.  At a hole, the sign changes across the surface from which the hole
     covers half of all directions; it bulges slightly from the hole.  The distance jumps from
     ``-d`` to ``d`` there, where d is at most the radius of the hole.  An open sheet encloses

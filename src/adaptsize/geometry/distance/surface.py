@@ -135,13 +135,15 @@ def inside_surface(
     If winding numbers are integers, they are evaluated once per group of nodes that no facet can
     separate.
     """
-    winding, is_whole = winding_of(surface)
-    if not is_whole:
-        return winding.contains(background.points, report).reshape(background.nodal_shape)
+    winding, rule = winding_of(surface)
+    if not rule.is_closed:
+        return winding.contains(background.points, report, rule=rule).reshape(
+            background.nodal_shape
+        )
     label = _connected(background, distance).ravel()
     one_of = np.empty(int(label.max()) + 1, np.int64)
     one_of[label] = np.arange(label.size)
-    inside = winding.contains(places_of(background)(one_of), report, is_closed=True)
+    inside = winding.contains(places_of(background)(one_of), report, rule=rule)
     return np.asarray(inside[label]).reshape(background.nodal_shape)
 
 

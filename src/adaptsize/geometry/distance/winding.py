@@ -1,5 +1,9 @@
 """Inside test for surfaces that may be defective, by the generalised winding number."""
 
+from __future__ import annotations
+
+from typing import NamedTuple
+
 import numpy as np
 
 from adaptsize._kernels.trees import new_stack
@@ -14,6 +18,26 @@ from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 # Points per chunk of a thread: some 10 ms.
 _CHUNK = 2048
+
+
+class Rule(NamedTuple):
+    """Which winding numbers of an oriented surface are those of its solid.
+
+    If each edge is in two facets, they are above one half: what is turned inside out beside the
+    solid, as where offset surfaces cross themselves, does not belong to it.  Of other surfaces the
+    absolute value counts: facets beside holes may have either side outside, and bodies that touch
+    along an edge or a face may be oriented differently.
+    """
+
+    is_closed: bool = False
+    """Whether the surface has no holes, so that winding numbers are integers."""
+    is_signed: bool = False
+    """Whether each edge is in two facets, also."""
+
+    def holds_for(self, numbers: FloatArray) -> BoolArray:
+        """Return which winding numbers are those of the solid."""
+        least = 0.5 if self.is_closed else 0.5 + tuning.WINDING_ERROR
+        return np.asarray((numbers if self.is_signed else np.abs(numbers)) > least)
 
 
 class WindingNumber:
@@ -62,19 +86,7 @@ class WindingNumber:
         points: FloatArray,
         report: ProgressCallback | None = None,
         *,
-        is_closed: bool = False,
+        rule: Rule | None = None,
     ) -> BoolArray:
-        """Return which points are inside of the solid of an oriented surface, see `is_inside`."""
-        return is_inside(self(points, report), is_closed=is_closed)
-
-
-def is_inside(numbers: FloatArray, *, is_closed: bool) -> BoolArray:
-    """Return whether winding numbers of an oriented surface are those of its solid.
-
-    If the surface is closed, they are above one half: what is turned inside out beside it, as where
-    offset surfaces cross themselves, is no solid.  The facets of a surface with holes may have
-    either side outside, so that the absolute value counts.
-    """
-    if is_closed:
-        return np.asarray(numbers > 0.5)
-    return np.asarray(np.abs(numbers) > 0.5 + tuning.WINDING_ERROR)
+        """Return which points are inside, by default by the absolute value."""
+        return (Rule() if rule is None else rule).holds_for(self(points, report))
