@@ -117,8 +117,8 @@ def save_scenes(
 ) -> None:
     """Write scenes that readers can turn on the page of an example, about 10 bytes per triangle.
 
-    Those of `report` are ``scenes_of_mesh(mesh, size)``.  ``seen_from`` is the direction in which the
-    viewer is at first.
+    Those of `report` are ``scenes_of_mesh(mesh, size)``.  ``seen_from`` is the direction from
+    which the first view looks at them.
     """
     from adaptsize.reporting.page.scenes import data_of
 

@@ -16,8 +16,8 @@ from sphinx.application import Sphinx
 from adaptsize.reporting.page import SCENE
 
 FIGURES = Path(__file__).parents[1] / "figures"
-STYLE = """body { box-sizing: border-box; display: flex; flex-direction: column; height: 100vh; margin: 0;
-  max-width: none; padding: 0; }
+STYLE = """body { box-sizing: border-box; display: flex; flex-direction: column; height: 100vh;
+  margin: 0; max-width: none; padding: 0; }
 .scene { flex: 1; height: auto; min-height: 0; }
 #note { margin: 0.3rem 0; }"""
 
