@@ -110,14 +110,20 @@ def save_image_thumbnail(path: Path, image: Image) -> None:
     save_thumbnail(path, figure, panel)
 
 
-def save_scenes(path: Path, scenes: Mapping[str, Scene]) -> None:
+def save_scenes(
+    path: Path,
+    scenes: Mapping[str, Scene],
+    seen_from: tuple[float, float, float] | None = None,
+) -> None:
     """Write scenes that readers can turn on the page of an example, about 10 bytes per triangle.
 
-    Those of `report` are ``scenes_of_mesh(mesh, size)``.
+    Those of `report` are ``scenes_of_mesh(mesh, size)``.  ``seen_from`` is the direction from
+    which the first view looks at them.
     """
     from adaptsize.reporting.page.scenes import data_of
 
-    path.write_text(json.dumps(data_of(scenes)), encoding="utf-8")
+    view = {} if seen_from is None else {"seen_from": seen_from}
+    path.write_text(json.dumps(data_of(scenes) | view), encoding="utf-8")
 
 
 def drawing(

@@ -75,7 +75,8 @@ def main(output_dir: Path, *, spacing: float = 1.0, width: int = 900) -> dict[st
         )
         for way, sizes in (("great circles", h), ("straight lines on the map", on_map))
     }
-    save_scenes(output_dir / "great_circles.scenes.json", scenes)
+    # Two of the places, the north pole and the 180th meridian are on this side.
+    save_scenes(output_dir / "great_circles.scenes.json", scenes, seen_from=(-0.75, -0.2, 0.6))
     return {
         "largest ratio of sizes on the map and on the sphere": float((on_map / h).max()),
         "smallest ratio": float((on_map / h).min()),

@@ -30,7 +30,8 @@ from _gallery import CURVES, DATA, draw_mesh, drawing, run, save_drawing
 
 import adaptsize as ads
 from adaptsize.domain_size.of_image import ImageDomain
-from adaptsize.options import ImageOptions, checked
+from adaptsize.options import checked
+from adaptsize.options.sizes import ImageOptions
 from adaptsize.quality import size_conformity
 
 if TYPE_CHECKING:

@@ -1,16 +1,30 @@
 """The records of options: defaults, checks, signatures and docstrings that follow from them."""
 
+import importlib
 import inspect
 import math
 import re
+from typing import is_typeddict
 
 import numpy as np
 import pytest
 
 import adaptsize as ads
-from adaptsize import options as records
+from adaptsize import options
 from adaptsize.errors import InputWarning
-from adaptsize.options import AdaptOptions, RemeshOptions, SizeFunctionOptions, checked, options_of
+from adaptsize.options import (
+    AdaptOptions,
+    RemeshOptions,
+    SizeFunctionOptions,
+    bounds,
+    checked,
+    loops,
+    meshes,
+    options_of,
+    pictures,
+    sizes,
+)
+from adaptsize.options.entrances import ENTRANCES
 
 
 def test_what_is_not_given_has_its_default():
@@ -79,13 +93,22 @@ def test_the_help_of_a_function_with_many_options_fits_on_two_screens(function):
 
 
 def test_every_option_is_a_sentence_with_a_type_and_belongs_to_a_group():
-    classes = [c for c in vars(records).values() if isinstance(c, type) and hasattr(c, "__total__")]
+    modules = (bounds, loops, meshes, pictures, sizes)
+    classes = [c for module in modules for c in vars(module).values() if is_typeddict(c)]
+    assert len(classes) > 20
     for record in classes:
         for name, option in options_of(record).items():
             assert option.text[0].isupper(), name
             assert option.text.endswith("."), name
             assert option.group != "Options", name
             assert all(option.doc), name
+
+
+def test_the_package_exports_the_records_of_public_functions_only():
+    modules = [ads, *(importlib.import_module(f"adaptsize.{name}") for name in ads._SUBMODULES)]
+    public = [getattr(module, name) for module in modules for name in module.__all__]
+    of_functions = {f.__options__.__name__ for f in public if hasattr(f, "__options__")}
+    assert {name for name in options.__all__ if name.endswith("Options")} == of_functions
 
 
 def test_a_growth_ratio_is_another_name_of_the_gradient_limit():
@@ -104,7 +127,7 @@ def test_a_growth_ratio_is_another_name_of_the_gradient_limit():
 def test_the_number_of_elements_has_one_default_for_each_meaning():
     """Parameters are relaxed to one number, and no mesh is made beyond the other."""
     found = {}
-    for record in records.ENTRANCES.values():
+    for record in ENTRANCES.values():
         option = options_of(record).get("max_elements")
         if option is not None:
             found.setdefault(option.text, set()).add((option.default, option.chosen))

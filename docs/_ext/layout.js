@@ -11,6 +11,9 @@ function problems(page) {
     frame.style.width = `${width}px`;
     const excess = page.documentElement.scrollWidth - width;
     if (excess > 1) wrong.push(`is ${excess} pixels too wide for ${width}: ${widest(page, width)}`);
+    // A scene fills the frame that it is shown in.
+    const below = page.URL.includes("/scenes/") ? page.documentElement.scrollHeight - frame.clientHeight : 0;
+    if (below > 1) wrong.push(`is ${below} pixels too tall at a width of ${width}`);
   }
   for (const link of page.querySelectorAll("article a[href]"))
     if (!name(link)) wrong.push(`has a link without text: ${link.getAttribute("href")}`);

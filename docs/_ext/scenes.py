@@ -16,8 +16,10 @@ from sphinx.application import Sphinx
 from adaptsize.reporting.page import SCENE
 
 FIGURES = Path(__file__).parents[1] / "figures"
-STYLE = """body { margin: 0; max-width: none; padding: 0; }
-.scene { height: calc(100vh - 6.5rem); }"""
+STYLE = """body { box-sizing: border-box; display: flex; flex-direction: column; height: 100vh;
+  margin: 0; max-width: none; padding: 0; }
+.scene { flex: 1; height: auto; min-height: 0; }
+#note { margin: 0.3rem 0; }"""
 
 
 def page_of(name: str, data: str) -> str:

@@ -16,7 +16,7 @@ from adaptsize import (
 )
 from adaptsize.adaptation.element_fields import as_nodal_fields
 from adaptsize.adaptation.lagrange import LagrangeSpace
-from adaptsize.adaptation.pieces import common_points, rule_of
+from adaptsize.adaptation.pieces import common_pieces, rule_of
 from adaptsize.distributed import PartitionedMesh
 
 SEED = 52017
@@ -70,7 +70,7 @@ def test_pieces_fill_the_intersections_and_their_places_agree(dim):
     old, new = pair(dim)
     transfer = FieldTransfer(old, new)
     total = np.zeros((new.n_cells, old.n_cells))
-    for at in common_points(transfer, 2):
+    for at in (pieces.points(2) for pieces in common_pieces(transfer)):
         np.add.at(total, (at.cells, at.old_cells), at.weights.sum(axis=1))
         x = at.places @ new.points[new.cells[at.cells]]
         assert_allclose(at.old_places @ old.points[old.cells[at.old_cells]], x, atol=1e-10)

@@ -19,7 +19,8 @@ from adaptsize import (  # noqa: E402
 )
 from adaptsize.bridges.pyvista import AdaptsizeAccessor  # noqa: E402
 from adaptsize.errors import InputWarning  # noqa: E402
-from adaptsize.options import ImageOptions, options_of  # noqa: E402
+from adaptsize.options import options_of  # noqa: E402
+from adaptsize.options.sizes import ImageOptions  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
 

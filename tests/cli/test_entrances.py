@@ -8,7 +8,8 @@ from command_line import call
 import adaptsize as ads
 from adaptsize.cli.commands import app
 from adaptsize.errors import InputWarning
-from adaptsize.options import DOMAINS, ENTRANCES, SizeFunctionOptions, options_of
+from adaptsize.options import SizeFunctionOptions, options_of
+from adaptsize.options.entrances import DOMAINS, ENTRANCES
 
 COMMANDS = typer.main.get_command(app).commands
 #: The function behind each command that makes sizes or meshes.

@@ -1,7 +1,7 @@
-"""Nodal fields as `adapt` and `transfer_fields` take them: arrays, and those of other elements.
+"""The fields that `adapt` and `transfer_fields` take: their checks, and the transfer of them all.
 
-The latter are projected onto the same elements of another mesh, by quadrature that is exact over
-the intersections of the cells.
+A field is an array with a row per node, or one of finite elements, whose kind has a file of its
+own: `lagrange_fields.py`, `quadrature_fields.py`, `skfem_fields.py`.
 """
 
 from __future__ import annotations

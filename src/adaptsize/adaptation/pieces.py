@@ -113,12 +113,6 @@ def common_pieces(transfer: FieldTransfer) -> Iterator[Pieces]:
         first += done
 
 
-def common_points(transfer: FieldTransfer, degree: int) -> Iterator[Points]:
-    """Return points of quadrature in the intersections, for polynomials of a degree."""
-    for pieces in common_pieces(transfer):
-        yield pieces.points(degree)
-
-
 def some_cells(rule: Rule, which: IntArray) -> Iterator[IntArray]:
     """Return cells in parts with a limited number of points of a rule."""
     size = max(_POINTS // len(rule.weights), 1)

@@ -22,7 +22,8 @@ from adaptsize.adaptation.transfer import carry_fields
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.errors import InputWarning
 from adaptsize.limiting import limit_gradient
-from adaptsize.options import MeshSizeOptions, SizeFunctionOptions, options_of
+from adaptsize.options import SizeFunctionOptions, options_of
+from adaptsize.options.sizes import MeshSizeOptions
 from adaptsize.quality.certificate import check_mesh
 from adaptsize.quality.conformity import size_conformity
 from adaptsize.typing import FloatArray

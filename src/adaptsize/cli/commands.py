@@ -44,10 +44,10 @@ from adaptsize.options import (
     AdaptOptions,
     FamilyOptions,
     RemeshOptions,
-    SizeOptions,
     TransferOptions,
     options_of,
 )
+from adaptsize.options.sizes import SizeOptions
 from adaptsize.typing import FloatArray, NodalMethod
 
 if TYPE_CHECKING:

@@ -13,7 +13,8 @@ from adaptsize.cli.console import Console
 from adaptsize.cli.options import Given
 from adaptsize.cli.transfer import with_fields
 from adaptsize.errors import OptionError
-from adaptsize.options import MeshOptions, options_of
+from adaptsize.options import options_of
+from adaptsize.options.meshes import MeshOptions
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh

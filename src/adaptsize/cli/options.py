@@ -11,7 +11,8 @@ from typing import Annotated, Any, Literal, TypeAlias
 import typer
 
 from adaptsize.cli.sources import FORMS
-from adaptsize.options import Option, joined
+from adaptsize.options import Option
+from adaptsize.options.entrances import joined
 
 #: The options that a user gives, by their names.  Nothing changes them.
 Given: TypeAlias = Mapping[str, Any]

@@ -36,7 +36,9 @@ from adaptsize.cli.options import (
 )
 from adaptsize.cli.size import as_dict, bounded, print_outcome
 from adaptsize.cli.transfer import with_fields
-from adaptsize.options import BudgetOptions, MeshOptions, RemeshToElementsOptions, options_of
+from adaptsize.options import RemeshToElementsOptions, options_of
+from adaptsize.options.meshes import MeshOptions
+from adaptsize.options.sizes import BudgetOptions
 
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction

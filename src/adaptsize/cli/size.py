@@ -31,14 +31,9 @@ from adaptsize.cli.options import (
     reading,
 )
 from adaptsize.errors import OptionError
-from adaptsize.options import (
-    ImageMeshOptions,
-    ImageOptions,
-    SizeFunctionOptions,
-    checked,
-    options_of,
-    refuse_unused,
-)
+from adaptsize.options import ImageMeshOptions, SizeFunctionOptions, checked, options_of
+from adaptsize.options.checking import refuse_unused
+from adaptsize.options.sizes import ImageOptions
 
 if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction

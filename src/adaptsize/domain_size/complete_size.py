@@ -30,7 +30,8 @@ from adaptsize.domain_size.prescribed import Implicit
 from adaptsize.domain_size.request import Request
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.geometry.implicit_surface import checked as checked_function
-from adaptsize.options import SizeFunctionOptions, checked, refuse_unused, with_options
+from adaptsize.options import SizeFunctionOptions, checked, with_options
+from adaptsize.options.checking import refuse_unused
 from adaptsize.sizes.sources import SourcesLike
 from adaptsize.typing import ProgressCallback, Unpack
 

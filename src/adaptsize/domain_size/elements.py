@@ -36,15 +36,9 @@ from adaptsize.errors import (
     ResolutionWarning,
     TooManyElementsError,
 )
-from adaptsize.options import (
-    BudgetOptions,
-    DetailOptions,
-    MeshOptions,
-    RemeshToElementsOptions,
-    checked,
-    options_of,
-    with_options,
-)
+from adaptsize.options import RemeshToElementsOptions, checked, options_of, with_options
+from adaptsize.options.meshes import DetailOptions, MeshOptions
+from adaptsize.options.sizes import BudgetOptions
 from adaptsize.remeshing import tuning as of_remeshing
 from adaptsize.remeshing.attempts import Attempts
 from adaptsize.remeshing.details import remove_details

@@ -18,15 +18,9 @@ from adaptsize.domain_size.complete_size import size_function
 from adaptsize.domain_size.elements import without_order
 from adaptsize.domain_size.prescribed import Implicit
 from adaptsize.domain_size.reports import report_of
-from adaptsize.options import (
-    BudgetOptions,
-    FamilyOptions,
-    MeshOptions,
-    SizeOptions,
-    checked,
-    options_of,
-    with_options,
-)
+from adaptsize.options import FamilyOptions, checked, options_of, with_options
+from adaptsize.options.meshes import MeshOptions
+from adaptsize.options.sizes import BudgetOptions, SizeOptions
 from adaptsize.remeshing.driver import check_backend, remesh
 from adaptsize.sizes.sources import SourcesLike
 from adaptsize.typing import FloatArray, ProgressCallback, Unpack

@@ -10,7 +10,7 @@ from adaptsize._defaults import MAX_ELEMENTS
 from adaptsize._messages import Message
 from adaptsize.domain_size.unknowns import as_bytes
 from adaptsize.errors import OptionError
-from adaptsize.options import BudgetOptions
+from adaptsize.options.sizes import BudgetOptions
 
 #: What a mesh may have a requested number of; "dofs" are the unknowns of finite elements.
 Goal: TypeAlias = Literal["elements", "nodes", "dofs"]

@@ -22,12 +22,12 @@ from adaptsize.domain_size.request import Request
 from adaptsize.options import (
     DistanceOptions,
     ImageMeshOptions,
-    ImageOptions,
     SizeFunctionOptions,
     checked,
     options_of,
     with_options,
 )
+from adaptsize.options.sizes import ImageOptions
 from adaptsize.remeshing.distmesh.from_distance import mesh_of_domain
 from adaptsize.remeshing.distmesh.labelled import LabelledDomain, distance_to_outside
 from adaptsize.remeshing.distmesh.report import warn_of_faults

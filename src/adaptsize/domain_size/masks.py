@@ -13,7 +13,7 @@ from adaptsize.background import CartesianGrid
 from adaptsize.background.grid import span_of
 from adaptsize.background.image import Image
 from adaptsize.errors import InputWarning, OptionError
-from adaptsize.options import ImageOptions
+from adaptsize.options.sizes import ImageOptions
 from adaptsize.typing import BoolArray, FloatArray
 
 #: Margin around the objects in pixels, for finite differences and kinks of the distance.

@@ -25,7 +25,7 @@ from adaptsize.domain_size.request import Request
 from adaptsize.errors import OptionError
 from adaptsize.geometry.distance.signed_distance import signed_distance
 from adaptsize.limiting import FastMarching
-from adaptsize.options import ImageOptions
+from adaptsize.options.sizes import ImageOptions
 from adaptsize.sizes import BoundarySource, RegionSource, size_from_curvature, size_from_feature
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 

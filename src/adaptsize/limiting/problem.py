@@ -12,7 +12,7 @@ from adaptsize._progress import silent
 from adaptsize.background import AnyMesh, CartesianGrid, PartitionedMesh, SimplexMesh
 from adaptsize.limiting.gradient_limit import Slope
 from adaptsize.limiting.periodic import Periodicity
-from adaptsize.options import check_fields
+from adaptsize.options.records import check_fields
 from adaptsize.typing import BoolArray, FloatArray, ProgressCallback
 
 

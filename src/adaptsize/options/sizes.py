@@ -115,7 +115,7 @@ class CapOptions(TypedDict, total=False):
         Number to which parameters that are not given are relaxed.  inf disables this.
     max_memory
         Largest memory of the matrix: 8GB.
-        Parameters that are not given are relaxed.
+        As max_elements; both exclude elements, nodes and dofs.
     degree
         Polynomial degree, for these.
     components

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from adaptsize._size_function import SizeFunction
     from adaptsize.background import SimplexMesh
     from adaptsize.background.image import Image
-    from adaptsize.options import ImageOptions
+    from adaptsize.options.sizes import ImageOptions
     from adaptsize.quality.certificate import MeshCheck, Status
     from adaptsize.quality.conformity import Conformity, SizeLike
 

@@ -12,7 +12,8 @@ from adaptsize._checks import as_number, as_values, refuse_where
 from adaptsize.background import AnyMesh, PartitionedMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.limiting import limit_gradient
-from adaptsize.options import ErrorOptions, HessianOptions, ScaleOptions, checked, with_options
+from adaptsize.options import ErrorOptions, HessianOptions, checked, with_options
+from adaptsize.options.bounds import ScaleOptions
 from adaptsize.sizes.budget import (
     as_goal,
     calibration,

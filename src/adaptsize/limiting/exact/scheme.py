@@ -1,4 +1,4 @@
-"""The exact method: components, lines, meshes, surfaces, grids and periodic cells."""
+"""The exact method as a scheme: how each kind of background is solved, and by components."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace

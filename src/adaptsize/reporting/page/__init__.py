@@ -244,9 +244,8 @@ def _checks(check: MeshCheck) -> str:
     for requirement in check.requirements:
         missed = '<span class="failed">missed</span>'
         state = missed if requirement.status == "missed" else requirement.status
-        rows.append(
-            f"<tr><th>{escape(requirement.name)}</th><td>{state}</td><td>{escape(requirement.text)}</td></tr>"
-        )
+        name, text = escape(requirement.name), escape(requirement.text)
+        rows.append(f"<tr><th>{name}</th><td>{state}</td><td>{text}</td></tr>")
         rows += [_place(place.point, f"{place.value:.4g}") for place in requirement.places]
     rows += [f"<tr><th>note</th><td></td><td>{escape(note)}</td></tr>" for note in check.notes]
     return f'<div class="scroll"><table>{"".join(rows)}</table></div>'

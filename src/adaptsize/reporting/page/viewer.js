@@ -83,7 +83,9 @@
   gl.enable(gl.DEPTH_TEST);
 
   let scene, geometry, marked = null, chosen = false; // whether a reader has chosen the view
-  const view = { turn: Math.atan2(-1, 0.75), rise: Math.asin(0.8 / Math.hypot(0.75, 1, 0.8)), focus: [0, 0, 0], tall: 1 };
+  const from = DATA.seen_from || [0.75, -1, 0.8]; // the direction in which the viewer is at first
+  const view = { turn: Math.atan2(from[1], from[0]), rise: Math.asin(from[2] / Math.hypot(...from)) };
+  Object.assign(view, { focus: [0, 0, 0], tall: 1 });
   const axes = () => {
     if (geometry.flat) return [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
     const [c, s, d, e] = [Math.cos(view.turn), Math.sin(view.turn), Math.cos(view.rise), Math.sin(view.rise)];
