@@ -49,10 +49,7 @@ def again(console: Console, file: Record, given: Given) -> int:
     record, output = read_record(made), given.get("output")
     if not record.keys() >= _KEYS or not record.keys() & {"command", "calls"}:
         raise ValueError(f"{file}: there is no record of adaptsize beside {made.name}")
-    fault = fault_of(record)
-    word = record.get("command", _RECORDED)[0] if not fault else ""
-    if not fault and word not in _RECORDED:
-        fault = f"{word} is no command that writes a record"
+    fault = fault_of(record) or _fault_of_command(record)
     if fault:
         raise ValueError(f"{record_beside(made)}: the record is damaged: {fault}")
     if output is not None and output.exists():
@@ -83,6 +80,12 @@ def again(console: Console, file: Record, given: Given) -> int:
     cause = f" (then {', '.join(changed)})" if changed else ", with the same versions of packages"
     console.print(f"{made.name}: another file{cause}")
     return 1
+
+
+def _fault_of_command(record: Mapping[str, Any]) -> str:
+    """Return why the command of a record is not run; empty if there is none, or no reason."""
+    word = record.get("command", _RECORDED)[0]
+    return "" if word in _RECORDED else f"{word} is no command that writes a record"
 
 
 def _places_of_inputs(record: Mapping[str, Any]) -> dict[str, Path]:
