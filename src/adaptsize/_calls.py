@@ -1,32 +1,46 @@
 """Which calls made a mesh or sizes: what a record of a Python script is written from.
 
 Functions with the decorator `recorded` remember for each result the call that made it, with plain
-arguments: numbers, texts, short arrays, sources, and results of other calls by these.  Nothing is
-kept alive by that, and nothing is stored unless it is requested by ``write(..., record=True)``.
+arguments: numbers, texts, copies of short arrays, sources, and results of other calls by these.
+Meshes and sizes are not kept alive by that.  A result keeps at most `LONGEST` numbers of each call
+that led to it, and at most `MOST_CALLS` of these in a row.  Nothing is written unless it is
+requested by ``write(..., record=True)``.
 """
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import inspect
 import math
+import numbers
 import os
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
-from pathlib import Path
-from typing import Any, TypeVar
+from decimal import Decimal
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-#: Longer arrays and lists are not stored.
+#: Numbers and texts that are stored of one call.
 LONGEST = 1000
+#: Calls in a row, each with the result of the one before, that are stored.
+MOST_CALLS = 500
+#: Lists in lists that are stored.
+_DEEPEST = 10
 #: Calls at each end of a long list that a page or a message shows.
 _SHOWN = 6
 #: Arguments on which no result depends.
 _IGNORED = ("progress", "wants_info")
+#: Attributes of a mesh with fields by their names.
+_FIELDS = ("point_data", "cell_data")
+
+#: The absolute path, the size and the time of change of a file.
+State: TypeAlias = tuple[str, int, int]
 
 
 class UnknownError(ValueError):
@@ -40,9 +54,11 @@ class Call:
     function: str
     """Its public name, such as ``remesh`` or ``SimplexMesh.tag_faces``."""
     arguments: Mapping[str, Any]
-    """Those given: plain values, `Result` and `Unknown`."""
-    files: Mapping[str, tuple[int, int]] = field(default_factory=dict)
-    """Size and time of the change of each file that it read."""
+    """Those given: plain values, `Numbers`, `Result` and `Unknown`."""
+    files: Mapping[str, State] = field(default_factory=dict)
+    """State of each file that it read, by its path as given."""
+    length: int = 1
+    """Calls in the longest row that ends with this one."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +74,28 @@ class Unknown:
     """An argument that cannot be stored."""
 
     text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Numbers:
+    """A read-only copy of an array."""
+
+    values: npt.NDArray[Any]
+
+    @classmethod
+    def of(cls, array: npt.NDArray[Any]) -> Numbers:
+        """Return the copy of an array; long doubles become doubles, which JSON holds."""
+        dtype = np.dtype(float) if array.dtype.itemsize > 8 else array.dtype.newbyteorder("=")
+        values = np.array(array, dtype, subok=False)
+        values.flags.writeable = False
+        return cls(values)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the numbers in a row, their type and the shape, as values of JSON."""
+        flat = self.values.ravel().tolist()
+        plain = [_of_float(one) if isinstance(one, float) else one for one in flat]
+        shape = list(self.values.shape)
+        return {"array": plain, "dtype": self.values.dtype.name, "shape": shape}
 
 
 _KNOWN: dict[int, tuple[weakref.ref[Any], Result]] = {}
@@ -88,19 +126,44 @@ def recorded(name: str, *parts: str, reads: bool = False) -> Callable[[F], F]:
 
         @functools.wraps(function)
         def remembering(*args: Any, **kwargs: Any) -> Any:
-            files = state_of(args[0] if args else kwargs.get(first)) if reads else {}
+            files: dict[str, State] = {}
+            if reads:
+                with contextlib.suppress(Exception):
+                    files = state_of(args[0] if args else kwargs.get(first))
             result = function(*args, **kwargs)
-            given = signature.bind(*args, **kwargs)
-            call = Call(name, dict(_described(given.arguments, signature)), files)
-            _remember(result, Result(call))
-            for part in parts:
-                _remember(getattr(result, part), Result(call, (part,)))
+            with contextlib.suppress(Exception):  # no result is lost for want of its record
+                given = signature.bind(*args, **kwargs)
+                call = call_of(name, dict(_described(given.arguments, signature)), files)
+                _remember(result, Result(call))
+                for part in parts:
+                    _remember(getattr(result, part), Result(call, (part,)))
             return result
 
-        remembering.__recorded__ = name  # type: ignore[attr-defined]
+        remembering.__recorded__ = name, parts, first if reads else ""  # type: ignore[attr-defined]
         return remembering  # type: ignore[return-value]
 
     return decorate
+
+
+def call_of(
+    function: str, arguments: Mapping[str, Any], files: Mapping[str, State] | None = None
+) -> Call:
+    """Return a call with described arguments; results of too many calls become unknown."""
+    before = [one.call.length for value in arguments.values() for one in _results_in(value)]
+    length = 1 + max(before, default=0)
+    if length > MOST_CALLS:
+        arguments = {name: _without_results(value) for name, value in arguments.items()}
+        length = 1
+    return Call(function, arguments, files or {}, length)
+
+
+def _without_results(value: Any) -> Any:
+    """Return a described value with unknown ones instead of results."""
+    if isinstance(value, Result):
+        return Unknown(f"the result of a loop of more than {MOST_CALLS} calls")
+    if isinstance(value, dict):
+        return {key: _without_results(one) for key, one in value.items()}
+    return [_without_results(one) for one in value] if isinstance(value, list) else value
 
 
 def _remember(value: Any, result: Result) -> None:
@@ -111,26 +174,27 @@ def _remember(value: Any, result: Result) -> None:
         return
 
 
-def state_of(path: Any) -> dict[str, tuple[int, int]]:
-    """Return size and time of change of a file, by its path."""
+def state_of(path: Any) -> dict[str, State]:
+    """Return the state of a file, by its path as given; nothing if there is no such file."""
     if not isinstance(path, str | os.PathLike):  # polygons may be arrays
         return {}
     try:
         found = os.stat(path)
     except (OSError, ValueError):  # the function refuses it
         return {}
-    return {str(os.fspath(path)): (found.st_size, found.st_mtime_ns)}
+    return {str(os.fspath(path)): (os.path.abspath(path), found.st_size, found.st_mtime_ns)}
 
 
 def _described(given: Mapping[str, Any], signature: inspect.Signature) -> Iterator[tuple[str, Any]]:
     """Yield names and plain values of arguments; those of ``**options`` by their own names."""
     meshes = [value for value in given.values() if hasattr(value, "point_data")]
+    describe = Describer()
     for name, value in given.items():
         parameter = signature.parameters[name]
         several = value if parameter.kind is parameter.VAR_KEYWORD else {name: value}
         for key, one in several.items():
             if key not in _IGNORED:
-                yield key, _of_mesh(one, meshes) or describe_value(one)
+                yield key, _of_mesh(one, meshes) or describe(one)
 
 
 def _of_mesh(value: Any, meshes: list[Any]) -> Result | None:
@@ -139,56 +203,97 @@ def _of_mesh(value: Any, meshes: list[Any]) -> Result | None:
         return None
     for mesh in meshes:
         origin = origin_of(mesh)
-        for kind in ("point_data", "cell_data"):
+        for kind in _FIELDS:
             for name, array in getattr(mesh, kind, {}).items():
                 if origin is not None and array is value:
                     return Result(origin.call, (*origin.part, kind, name))
     return None
 
 
-def describe_value(value: Any) -> Any:
-    """Return a plain value, a `Result`, or `Unknown`.
+class _TooMuchError(ValueError):
+    """An argument is too long to be stored, or too deep."""
+
+
+class Describer:
+    """Plain values of the arguments of one call, at most `LONGEST` in all.
 
     Examples
     --------
-    >>> describe_value([1, "a", np.array([1.0, 2.0])])
-    [1, 'a', {'array': [1.0, 2.0]}]
-    >>> describe_value(len)
+    >>> describe = Describer()
+    >>> describe([1, "a", 0.5])
+    [1, 'a', 0.5]
+    >>> describe(len)
     Unknown(text='a function')
+    >>> describe(np.zeros(2000))
+    Unknown(text='an array of shape (2000,)')
     """
-    origin = origin_of(value)
-    if origin is not None:
-        return origin
-    match value:
-        case None | bool() | int() | str():
-            return value
-        case float():
-            return value if math.isfinite(value) else {"float": str(value)}
-        case Path():
-            return str(value)
-        case np.generic():
-            return describe_value(value.item())
-        case np.ndarray():
-            return _of_array(value)
-        case list() | tuple() if len(value) <= LONGEST:
-            return [describe_value(one) for one in value]
-        case Mapping() if len(value) <= LONGEST:
-            return {"mapping": [[describe_value(k), describe_value(v)] for k, v in value.items()]}
-    if is_dataclass(value) and type(value).__module__.startswith("adaptsize.sizes"):
-        held = {one.name: describe_value(getattr(value, one.name)) for one in fields(value)}
-        return {"class": type(value).__name__, "fields": held}
-    return Unknown(_kind_of(value))
+
+    def __init__(self) -> None:
+        self._left = LONGEST
+
+    def __call__(self, value: Any) -> Any:
+        """Return a plain value, `Numbers`, a `Result`, or `Unknown`."""
+        left = self._left
+        try:
+            return self._plain(value, 0)
+        except _TooMuchError:
+            text = f"a {type(value).__name__} with too much in it (a record has {LONGEST} numbers)"
+        except Exception:  # of a class from elsewhere
+            text = _kind_of(value)
+        self._left = left
+        return Unknown(f"an array of shape {value.shape}" if _is_array(value) else text)
+
+    def _take(self, count: int, depth: int = 0) -> None:
+        self._left -= count
+        if self._left < 0 or depth > _DEEPEST:
+            raise _TooMuchError
+
+    def _plain(self, value: Any, depth: int) -> Any:
+        origin = origin_of(value)
+        if origin is not None:
+            return origin
+        self._take(value.size if _is_array(value) else 1, depth)
+        if _is_array(value):
+            return Numbers.of(value) if value.dtype.kind in "biuf" else Unknown(_kind_of(value))
+        if value is None or isinstance(value, bool | np.bool_):
+            return None if value is None else bool(value)
+        if isinstance(value, str | os.PathLike):
+            return self._text(os.fspath(value))
+        if isinstance(value, numbers.Integral):
+            return int(value) if abs(int(value)) < 2**63 else Unknown("a very large number")
+        if isinstance(value, numbers.Real | Decimal):  # fractions, too
+            return _of_float(float(value))
+        if isinstance(value, list | tuple):
+            return [self._plain(one, depth + 1) for one in value]
+        if isinstance(value, Mapping):
+            pairs = [[key, one] for key, one in value.items()]
+            return {"mapping": [self._plain(pair, depth + 1) for pair in pairs]}
+        if is_dataclass(value) and type(value).__module__.startswith("adaptsize.sizes"):
+            names = [one.name for one in fields(value)]
+            held = {name: self._plain(getattr(value, name), depth + 1) for name in names}
+            return {"class": type(value).__name__, "fields": held}
+        return Unknown(_kind_of(value))
+
+    def _text(self, value: Any) -> Any:
+        if not isinstance(value, str):
+            return Unknown(_kind_of(value))
+        self._take(len(value) // 100)
+        return str(value)
 
 
-def _of_array(value: np.ndarray[Any, Any]) -> Any:
-    if value.size > LONGEST or value.dtype.kind not in "bif":
-        return Unknown(f"an array of shape {value.shape}")
-    return {"array": describe_value(value.tolist())}
+def _of_float(value: float) -> Any:
+    return float(value) if math.isfinite(value) else {"float": str(float(value))}
+
+
+def _is_array(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and not isinstance(value, np.ma.MaskedArray)
 
 
 def _kind_of(value: Any) -> str:
-    if isinstance(value, list | tuple | Mapping):
-        return f"a {type(value).__name__} of {len(value)}"
+    if _is_array(value):
+        return f"an array of {value.dtype}"
+    if isinstance(value, list | tuple | Mapping | np.ma.MaskedArray):
+        return f"a {type(value).__name__}"
     if callable(value) and not type(value).__module__.startswith("adaptsize"):
         return "a function"
     return f"a {type(value).__name__} that no recorded call returned"
@@ -220,11 +325,13 @@ def in_order(last: Call) -> list[Call]:
 
 def as_steps(last: Call) -> list[dict[str, Any]]:
     """Return the calls that led to the last one in their order, as values of JSON."""
-    numbers = {call: number for number, call in enumerate(in_order(last))}
+    places = {call: number for number, call in enumerate(in_order(last))}
 
     def encoded(value: Any) -> Any:
         if isinstance(value, Result):
-            return {"call": numbers[value.call], "part": list(value.part)}
+            return {"call": places[value.call], "part": list(value.part)}
+        if isinstance(value, Numbers):
+            return value.as_json()
         if isinstance(value, Unknown):
             return {"unknown": value.text}
         if isinstance(value, list):
@@ -236,16 +343,23 @@ def as_steps(last: Call) -> list[dict[str, Any]]:
             "function": call.function,
             "arguments": {name: encoded(value) for name, value in call.arguments.items()},
         }
-        for call in numbers
+        for call in places
     ]
 
 
-def files_of(last: Call) -> dict[str, tuple[int, int]]:
-    """Return size and time of change of the files that led to a call, by their paths."""
-    return {name: state for call in in_order(last) for name, state in call.files.items()}
+def files_of(last: Call) -> dict[str, State | None]:
+    """Return the states of the files that led to a call, by their paths as given.
+
+    They are None for a path by which several states were read.
+    """
+    found: dict[str, State | None] = {}
+    for call in in_order(last):
+        for name, state in call.files.items():
+            found[name] = state if found.get(name, state) == state else None
+    return found
 
 
-def unknowns_of(steps: list[dict[str, Any]]) -> list[str]:
+def unknowns_of(steps: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return a line for each argument of some steps that cannot be stored."""
     lines = []
 
@@ -290,67 +404,129 @@ def text_of(step: Mapping[str, Any]) -> str:
     return f"{step['function']}({', '.join(parts)})"
 
 
-def repeated(steps: list[dict[str, Any]], paths: Mapping[str, str]) -> Any:
+def repeated(steps: Sequence[Mapping[str, Any]], paths: Mapping[str, str]) -> Any:
     """Call the functions of some steps again, and return what the last one returns.
+
+    Nothing but functions whose calls are recorded is called, with nothing but stored values,
+    sources and results of steps before.
 
     Parameters
     ----------
-    steps : list of dict
-        As `as_steps` returns them.
+    steps : sequence of mappings
+        As `as_steps` returns them.  They may come from anywhere.
     paths : mapping of str to str
-        Where the files are now.
+        Where the files are now.  No others are read.
 
     Raises
     ------
     UnknownError
         If an argument was not stored, or a step is none of this package.
     """
-    missing = unknowns_of(steps)
-    if missing:
-        raise UnknownError("; ".join(missing))
-    made: list[Any] = []
+    fault = fault_of_steps(steps) or "; ".join(unknowns_of(steps))
+    if fault:
+        raise UnknownError(fault)
+    if any(step["function"] == "write" for step in steps[:-1]):
+        raise UnknownError("only the last step may write a file")
+    decode = _Decoder(paths)
+    for number, step in enumerate(steps):
+        name = step["function"]
+        function, _, reads = _function_of(name)
+        try:
+            arguments = {key: decode(one) for key, one in step["arguments"].items()}
+            ignored = arguments.keys() & set(_IGNORED)
+            if ignored:
+                raise UnknownError(f"{min(ignored)} is no stored argument")
+            _check_file(step["arguments"].get(reads), paths)
+            decode.made.append((name, function(**arguments)))
+        except (TypeError, AttributeError, LookupError, OverflowError) as error:
+            raise UnknownError(f"call {number} ({name}) cannot be repeated: {error}") from error
+    return decode.made[-1][1]
 
-    def value_of(stored: Any) -> Any:
+
+def fault_of_steps(steps: Any) -> str:
+    """Return in words why values of JSON are no steps; empty if they are."""
+    if not isinstance(steps, list) or not steps:
+        return f"calls must be a list of at least one call, got {steps!r:.80}"
+    for number, step in enumerate(steps):
+        if not (
+            isinstance(step, Mapping)
+            and isinstance(step.get("function"), str)
+            and isinstance(step.get("arguments"), Mapping)
+        ):
+            return f"call {number} must have a function and arguments, got {step!r:.80}"
+    return ""
+
+
+def _check_file(file: Any, paths: Mapping[str, str]) -> None:
+    """Refuse to read a file that is none of the inputs."""
+    if isinstance(file, str) and file not in paths:
+        raise UnknownError(f"{file} is none of the inputs")
+
+
+class _Decoder:
+    """Values from what is stored of them."""
+
+    def __init__(self, paths: Mapping[str, str]) -> None:
+        self._paths = paths
+        self.made: list[tuple[str, Any]] = []
+        """Names of the functions called so far, and what they returned."""
+
+    def __call__(self, stored: Any) -> Any:
+        """Return a value, or raise `UnknownError`."""
         if isinstance(stored, list):
-            return [value_of(one) for one in stored]
+            return [self(one) for one in stored]
         if not isinstance(stored, dict):
-            return paths.get(stored, stored) if isinstance(stored, str) else stored
+            return self._paths.get(stored, stored) if isinstance(stored, str) else stored
         match stored:
-            case {"call": number, "part": part}:
-                return functools.reduce(_part_of, part, made[number])
-            case {"float": text}:
+            case {"call": int(number), "part": list(part)}:
+                return self._result(number, part)
+            case {"float": str(text)}:
                 return float(text)
-            case {"array": values}:
-                return np.array(value_of(values))
-            case {"mapping": pairs}:
-                return {value_of(key): value_of(one) for key, one in pairs}
-            case {"class": name, "fields": held}:
-                return _class_of(name)(**{key: value_of(one) for key, one in held.items()})
-        raise UnknownError(f"{stored} is no stored value")
+            case {"array": list(values), "dtype": str(dtype), "shape": list(shape)}:
+                if np.dtype(dtype).kind not in "biuf":
+                    raise UnknownError(f"{dtype} is no type of numbers")
+                return np.array(self(values), dtype).reshape(shape)
+            case {"mapping": list(pairs)}:
+                return {self(key): self(one) for key, one in pairs}
+            case {"class": str(name), "fields": dict(held)}:
+                return _class_of(name)(**{key: self(one) for key, one in held.items()})
+        raise UnknownError(f"{stored!r:.80} is no stored value")
 
-    for step in steps:
-        if step["function"] == "write" and step is not steps[-1]:
-            raise UnknownError("only the last step may write a file")
-        arguments = {name: value_of(one) for name, one in step["arguments"].items()}
-        made.append(_function_of(step["function"])(**arguments))
-    return made[-1]
+    def _result(self, number: int, part: list[Any]) -> Any:
+        """Return the result of a call before, or one of the parts of it that are recorded."""
+        if not 0 <= number < len(self.made):
+            raise UnknownError(f"call {number} is none of those before")
+        name, value = self.made[number]
+        _, parts, _ = _function_of(name)
+        rest = list(part)
+        if rest and rest[0] in parts:
+            value = getattr(value, rest.pop(0))
+        if len(rest) == 2 and rest[0] in _FIELDS and isinstance(rest[1], str):
+            value = getattr(value, rest[0])[rest[1]]
+        elif rest:
+            raise UnknownError(f"{rest!r:.80} is no recorded part of what {name} returned")
+        if not (_is_array(value) or type(value).__module__.partition(".")[0] == "adaptsize"):
+            raise UnknownError(f"{name} returned no mesh, sizes or image")
+        return value
 
 
-def _part_of(value: Any, name: str) -> Any:
-    return value[name] if isinstance(value, Mapping) else getattr(value, name)
+def _function_of(name: str) -> tuple[Callable[..., Any], tuple[str, ...], str]:
+    """Return a function by its public name, if its calls are recorded.
 
-
-def _function_of(name: str) -> Callable[..., Any]:
-    """Return a function by its public name, if its calls are recorded."""
+    Also which parts of its results are recorded, and which argument is a file that it reads.
+    """
     found: Callable[..., Any] = _public(name)
-    if name != "write" and getattr(found, "__recorded__", None) != name:
+    if name == "write":
+        return found, (), ""
+    recorded_name, parts, reads = getattr(found, "__recorded__", (None, (), ""))
+    if recorded_name != name:
         raise UnknownError(f"{name} is no function whose calls are recorded")
-    return found
+    return found, parts, reads
 
 
 def _class_of(name: str) -> Callable[..., Any]:
-    found = _public(name)
-    if not (isinstance(found, type) and name.endswith("Source")):
+    found = None if "." in name else _public(name)
+    if not (isinstance(found, type) and found.__module__.startswith("adaptsize.sizes")):
         raise UnknownError(f"{name} is no source")
     return found
 
@@ -361,5 +537,5 @@ def _public(name: str) -> Any:
 
     found: Any = adaptsize
     for word in name.split("."):
-        found = getattr(found, word, None)
+        found = None if word.startswith("_") else getattr(found, word, None)
     return found

@@ -12,7 +12,15 @@ from pathlib import Path
 from typing import Any
 
 from adaptsize import __version__
-from adaptsize._calls import Call, as_steps, files_of, state_of, text_of_steps, unknowns_of
+from adaptsize._calls import (
+    Call,
+    as_steps,
+    fault_of_steps,
+    files_of,
+    state_of,
+    text_of_steps,
+    unknowns_of,
+)
 from adaptsize._formats.guards import write_whole
 from adaptsize._formats.text import write_text
 
@@ -63,13 +71,15 @@ def facts_of(path: Path, inputs: Mapping[str, str | None]) -> dict[str, Any]:
     }
 
 
-def record_calls(path: Path, last: Call, **more: Any) -> list[str]:
+def record_calls(path: Path, last: Call, written: Path | None = None, **more: Any) -> list[str]:
     """Write the record of a file that Python code has written, and return what it lacks.
 
     Parameters
     ----------
     path : Path
         The file.
+    written : Path, optional
+        Where its content is until it is renamed.
     last : Call
         The call that wrote it.
     **more
@@ -77,13 +87,17 @@ def record_calls(path: Path, last: Call, **more: Any) -> list[str]:
     """
     steps, unknown = as_steps(last), []
     inputs: dict[str, str | None] = {}
+    places: dict[str, str] = {}
     for name, state in files_of(last).items():
-        file = Path(name)
-        inputs[name] = sha256(file) if state_of(file).get(name) == state else None
+        same = state is not None and state in state_of(state[0]).values()
+        inputs[name] = sha256(Path(state[0])) if state is not None and same else None
+        if state is not None:
+            places[name] = state[0]
         if inputs[name] is None:
             unknown.append(f"{name} is missing, or has changed since it was read")
     unknown += unknowns_of(steps)
-    write_record(path, facts_of(path, inputs) | {"calls": steps, "unknown": unknown} | more)
+    facts = facts_of(written or path, inputs) | {"places": places}
+    write_record(path, facts | {"calls": steps, "unknown": unknown} | more)
     return unknown
 
 
@@ -107,9 +121,50 @@ def read_record(path: Path) -> dict[str, Any]:
     """Return what `write_record` stored beside a file; empty if there is nothing."""
     try:
         found = json.loads(record_beside(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError):  # also of another program
+    except (OSError, ValueError, RecursionError):  # also of another program
         return {}
     return found if isinstance(found, dict) else {}
+
+
+def record_of(path: Path) -> dict[str, Any]:
+    """Return the record of a file; empty if there is none, or only one of another content."""
+    found = read_record(path)
+    if found.get("program") != "adaptsize" or fault_of(found):
+        return {}
+    try:
+        return found if found["sha256"] == sha256(path) else {}
+    except OSError:
+        return {}
+
+
+def is_stale(path: Path) -> bool:
+    """Return whether a record beside a file is that of another content."""
+    return read_record(path).get("program") == "adaptsize" and not record_of(path)
+
+
+def fault_of(record: Mapping[str, Any]) -> str:
+    """Return in words what is wrong with the shape of a record; empty if nothing is."""
+    kinds = {
+        "version": str, "date": str, "folder": str, "sha256": str, "input": str | None,
+        "inputs": dict, "versions": dict, "places": dict,
+        "command": list, "unknown": list, "calls": list,
+    }  # fmt: skip
+    optional = {"versions", "places", "command", "unknown", "calls"}
+    for name, kind in kinds.items():
+        if name not in record and name not in optional:
+            return f"{name} is missing"
+        if name in record and not isinstance(record[name], kind):
+            return f"{name} is {record[name]!r:.80}"
+    of_texts = [record.get("command", []), record.get("unknown", [])]
+    of_texts += [record.get(name, {}).values() for name in ("versions", "places")]
+    for texts in of_texts:
+        if not all(isinstance(text, str) for text in texts):
+            return f"{[*texts]!r:.80} are no texts"
+    if not all(isinstance(known, str | None) for known in record["inputs"].values()):
+        return f"inputs are {record['inputs']!r:.80}"
+    if len(record.get("command", ["", ""])) < 2:
+        return f"command is {record['command']!r}"
+    return fault_of_steps(record["calls"]) if "calls" in record else ""
 
 
 def record_beside(path: Path) -> Path:

@@ -224,7 +224,10 @@ def write(
     record : bool
         Also write ``NAME.json``: the files read, with their SHA-256, the calls that made ``obj``,
         with their options, and the versions of packages.  ``adaptsize again NAME.json`` makes the
-        file again.
+        file again.  Recorded are `read`, `read_cad`, `read_image`, `read_size`, `read_metric`,
+        `polygons`, `size_function`, `remesh`, `remesh_to_elements`, `mesh_image`,
+        `mesh_from_distance`, and the methods ``tag_faces``, ``close_holes`` and ``without_data``;
+        not those of loops, such as `adapt`, `mesh_family` and `limit_gradient`.
 
     Raises
     ------
@@ -238,8 +241,9 @@ def write(
     Warns
     -----
     InputWarning
-        If the file cannot be made again from its record, because an argument was a function, an
-        array of more than 1000 numbers, or a mesh from elsewhere.  The record says which.
+        If the file cannot be made again from its record, because an argument was a function or a
+        mesh from elsewhere, a call had more than 1000 numbers in its arguments, or more than 500
+        calls in a row led to the result.  The record says which.
 
     Notes
     -----
@@ -279,12 +283,20 @@ def write(
     write_to = chosen.writer_of(
         path, obj, fields, as_whole_number("order", order, lower=1, upper=2)
     )
+    lacking: list[str] = []
+
+    def write_both(temporary: Path) -> None:
+        write_to(temporary)
+        if record:  # before the file gets its name: no file is left without its record
+            lacking.extend(_record(path, temporary, given))
+
     try:
-        write_whole(target, write_to)
+        write_whole(target, write_both)
     except (MeshFileError, OSError) as error:
         raise about_file(path, error) from error
-    if record:
-        _record(path, given)
+    if lacking:
+        text = f"{path}.json: the file cannot be made again from it: {'; '.join(lacking)}"
+        warn_caller(text, InputWarning)
 
 
 def _evaluated(obj: Any, fields: Any) -> Any:
@@ -299,19 +311,21 @@ def _evaluated(obj: Any, fields: Any) -> Any:
     }
 
 
-def _record(path: Path, given: Mapping[str, Any]) -> None:
-    """Write the record of a file, and warn if it cannot be made again from that."""
+def _record(path: Path, written: Path, given: Mapping[str, Any]) -> list[str]:
+    """Write the record of a file whose content is written elsewhere; return what it lacks."""
     from adaptsize import _calls, _records
 
-    call = _calls.Call("write", {name: _calls.describe_value(one) for name, one in given.items()})
+    describe = _calls.Describer()
+    call = _calls.call_of("write", {name: describe(one) for name, one in given.items()})
     mesh, origin = writers.parts_of(given["obj"], None)[0], _calls.origin_of(given["obj"])
-    counts = {"n_points": mesh.n_points, "n_cells": mesh.n_cells}
+    more: dict[str, float] = {"n_points": mesh.n_points, "n_cells": mesh.n_cells}
     if origin is not None and origin.call.function in ("remesh", "remesh_to_elements"):
-        counts["tolerance"] = origin.call.arguments.get("tolerance", TOLERANCE)
-    unknown = _records.record_calls(path, call, **counts)
-    if unknown:
-        text = f"{path}.json: the file cannot be made again from it: {'; '.join(unknown)}"
-        warn_caller(text, InputWarning)
+        tolerance = origin.call.arguments.get("tolerance", TOLERANCE)
+        if isinstance(tolerance, _calls.Numbers):
+            tolerance = tolerance.values
+        if not isinstance(tolerance, _calls.Unknown):
+            more["tolerance"] = float(tolerance)
+    return _records.record_calls(path, call, written, **more)
 
 
 @recorded("read_size", reads=True)

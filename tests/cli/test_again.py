@@ -92,3 +92,67 @@ def test_the_record_is_shown(folder, capsys):
     printed = capsys.readouterr()
     assert "made by adaptsize" in printed.err
     assert json.loads(printed.out)["made"]["command"] == ["size", "curved.vtu"]
+
+
+def _with_command(*words):
+    assert call("size", "curved.vtu", "-o", "size.vtu", "-q") == 0
+    path = Path("size.vtu.json")
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"command": list(words)}))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--plot", "victim.png"],
+        ["--plot=victim.png"],
+        ["--plot-causes", "victim.png"],
+        ["--options", "pictures.toml"],
+        ["-o", "victim.png"],
+        ["--options", "pictures.toml", "--plot", "none/victim.png"],
+    ],
+)
+def test_again_writes_no_other_files(folder, words, capsys):
+    victim = folder / "victim.png"
+    victim.write_text("mine")
+    Path("pictures.toml").write_text('plot = "victim.png"\nplot-causes = "new.png"\n')
+    before = {path.name for path in folder.iterdir()} | {"size.vtu", "size.vtu.json"}
+    _with_command("size", "curved.vtu", *words)
+    assert call("again", "size.vtu.json") == 0
+    assert victim.read_text() == "mine"
+    assert {path.name for path in folder.iterdir()} == before
+
+
+def test_an_options_file_with_pictures_draws_them_only_once(folder, capsys):
+    Path("pictures.toml").write_text('hmax = 0.4\nplot = "p.png"\n')
+    assert call("size", "curved.vtu", "--options", "pictures.toml", "-o", "size.vtu") == 0
+    Path("p.png").write_text("mine")
+    assert call("again", "size.vtu.json") == 0
+    assert Path("p.png").read_text() == "mine"
+
+
+@pytest.mark.parametrize("word", ["again", "warmup", "info", "check", "--version", "none"])
+def test_again_runs_only_commands_that_write_records(folder, refused, word):
+    _with_command(word, "curved.vtu")
+    printed = refused("again", "size.vtu.json", code=1)
+    assert (
+        f"size.vtu.json: the record is damaged: {word} is no command that writes a record"
+        in printed
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"command": ["size"]}, "command is ['size']"),
+        ({"command": "size"}, "command is 'size'"),
+        ({"command": ["size", 3]}, "are no texts"),
+        ({"sha256": 3}, "sha256 is 3"),
+    ],
+)
+def test_damaged_records_of_commands_are_refused(folder, refused, change, text):
+    assert call("size", "curved.vtu", "-o", "size.vtu", "-q") == 0
+    path = Path("size.vtu.json")
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    printed = refused("again", path, code=1)
+    assert "size.vtu.json: the record is damaged: " in printed
+    assert text in printed

@@ -2,7 +2,11 @@
 
 import gc
 import json
+import os
+import pickle
 import shutil
+from decimal import Decimal
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +28,17 @@ def folder(tmp_path, monkeypatch):
         shutil.copy(DATA / name, tmp_path)
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture
+def refused(capsys):
+    """A call that fails, and what it prints as an error."""
+
+    def run(*words):
+        assert call(*words) == 1
+        return capsys.readouterr().err
+
+    return run
 
 
 def _sized(mesh):
@@ -152,6 +167,95 @@ def test_a_record_runs_nothing_but_recorded_functions_and_sources(folder, capsys
     assert "SimplexMesh is no source" in capsys.readouterr().err
 
 
+def _pickled(marker):
+    class Attack:
+        def __reduce__(self):
+            return os.mkdir, (str(marker),)
+
+    return pickle.dumps(Attack(), protocol=0)
+
+
+GLOBALS = ["__class__", "without_data", "__globals__"]
+READ = {"function": "read", "arguments": {"path": "curved.vtu"}}
+MESH = {"call": 0, "part": []}
+
+
+@pytest.mark.parametrize(
+    ("step", "text"),
+    [
+        ({"fields": {"mapping": [["h", {"call": 0, "part": GLOBALS}]]}}, "part"),
+        ({"fields": {"call": 0, "part": ["point_data"]}}, "part"),
+        ({"fields": {"call": 0, "part": ["point_data", "none"]}}, "none"),
+        ({"fields": {"call": 0, "part": ["point_data", 3]}}, "part"),
+        ({"obj": {"call": 0, "part": ["without_data"]}}, "part"),
+        ({"obj": {"call": 1, "part": []}}, "call 1 is none of those before"),
+        ({"obj": {"call": -1, "part": []}}, "call -1 is none of those before"),
+        ({"obj": {"call": 7, "part": []}}, "call 7 is none of those before"),
+        ({"progress": MESH}, "progress is no stored argument"),
+        ({"unheard_of": 1}, "cannot be repeated"),
+        ({"order": {"array": [1], "dtype": "O", "shape": []}}, "no type of numbers"),
+        ({"order": {"array": [1], "dtype": "nonsense", "shape": []}}, "cannot be repeated"),
+        ({"order": {"mapping": [[[], 1]]}}, "cannot be repeated"),
+        ({"order": {"class": "PointSource", "fields": {"a": 1}}}, "cannot be repeated"),
+        ({"order": {"class": "io.os", "fields": {}}}, "io.os is no source"),
+        ({"order": {"other": 3}}, "is no stored value"),
+    ],
+)  # fmt: skip
+def test_a_record_reaches_nothing_but_recorded_parts_of_results(folder, refused, step, text):
+    """Not the modules that a mesh leads to, nor a pickle in the coordinates of a mesh."""
+    ads.write("made.vtu", ads.read("curved.vtu"), record=True)
+    path = Path("made.vtu.json")
+    record = json.loads(path.read_text())
+    record["calls"][-1]["arguments"] |= step
+    path.write_text(json.dumps(record))
+    printed = refused("again", path)
+    assert "made.vtu.json: " in printed
+    assert text in printed
+
+
+def test_an_attack_by_a_pickle_runs_nothing(folder, refused):
+    marker = folder / "ran"
+    content = np.frombuffer(_pickled(marker), np.uint8).tolist()
+    pickle.loads(bytes(content))
+    marker.rmdir()  # it would have worked
+    ads.write("made.vtu", ads.read("curved.vtu"), record=True)
+    path = Path("made.vtu.json")
+    record = json.loads(path.read_text())
+    loads = {"call": 0, "part": [*GLOBALS, "inspect", "sys", "modules", "pickle", "loads"]}
+    record["calls"][-1]["arguments"]["fields"] = {"mapping": [["h", loads]]}
+    record["calls"][-1]["arguments"]["obj"] = {
+        "array": content, "dtype": "uint8", "shape": [len(content)]
+    }  # fmt: skip
+    path.write_text(json.dumps(record))
+    assert "no recorded part of what read returned" in refused("again", path)
+    assert not marker.exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"calls": []}, "calls must be a list of at least one call"),
+        ({"calls": {}}, "calls is {}"),
+        ({"calls": [3]}, "call 0 must have a function and arguments, got 3"),
+        ({"calls": [READ]}, "the last call must be that of write"),
+        ({"inputs": []}, "inputs is []"),
+        ({"inputs": {"curved.vtu": 3}}, "inputs are {'curved.vtu': 3}"),
+        ({"unknown": [3]}, "[3] are no texts"),
+        ({"versions": 3}, "versions is 3"),
+        ({"folder": None}, "folder is None"),
+        ({"inputs": {}}, "curved.vtu is none of the inputs"),
+    ],
+)
+def test_damaged_records_are_refused_with_their_names(folder, refused, change, text):
+    ads.write("made.vtu", ads.read("curved.vtu"), record=True)
+    path = Path("made.vtu.json")
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    printed = refused("again", path)
+    assert "made.vtu.json: " in printed
+    assert text in printed
+    assert call("info", "made.vtu") == 0  # it counts for nothing there
+
+
 def test_nothing_is_kept_alive_and_nothing_written_unless_requested(folder):
     before = len(_calls._KNOWN)
     mesh = ads.read("curved.vtu")
@@ -174,12 +278,191 @@ def test_fields_may_be_functions_of_the_points(folder):
 
 def test_long_chains_are_stored_in_order_and_only_the_last_step_writes(folder):
     mesh = ads.read("curved.vtu")
-    for _ in range(2000):
+    for _ in range(_calls.MOST_CALLS - 2):
         mesh = mesh.without_data()
     ads.write("made.vtu", mesh, record=True)
     steps = read_record(Path("made.vtu"))["calls"]
     assert [step["function"] for step in steps[:2]] == ["read", "SimplexMesh.without_data"]
-    assert [step["arguments"]["self"]["call"] for step in steps[1:-1]] == [*range(2000)]
+    before = [step["arguments"]["self"]["call"] for step in steps[1:-1]]
+    assert before == [*range(_calls.MOST_CALLS - 2)]
     assert len(_calls.text_of_steps(steps)) < 1000
     with pytest.raises(_calls.UnknownError, match="only the last step may write"):
         _calls.repeated([steps[0], {"function": "write", "arguments": {}}, steps[1]], {})
+
+
+def test_loops_keep_a_bounded_number_of_calls_and_of_numbers(folder):
+    mesh = ads.read("curved.vtu")
+    for _ in range(4 * _calls.MOST_CALLS):
+        mesh = mesh.without_data()
+        assert _calls.origin_of(mesh).call.length <= _calls.MOST_CALLS
+    assert len(_calls.in_order(_calls.origin_of(mesh).call)) <= _calls.MOST_CALLS
+    with pytest.warns(InputWarning, match="a loop of more than 500 calls"):
+        ads.write("made.vtu", mesh, record=True)
+    points = mesh.points[mesh.cells[:300]].mean(axis=1)
+    size = ads.size_function(mesh, sources=[ads.PointSource(points, 0.1)])
+    (source,) = _calls.origin_of(size).call.arguments["sources"]
+    kept = source["fields"]["points"].values
+    assert kept.nbytes == points.nbytes
+    assert not kept.flags.writeable
+    expected = points.copy()
+    points[:] = 0.0  # as a script may do afterwards
+    np.testing.assert_array_equal(kept, expected)
+    # One budget for all the numbers of a call.
+    describe = _calls.Describer()
+    assert isinstance(describe(np.zeros(600)), _calls.Numbers)
+    assert describe([[0.5] * 300, [0.5] * 300]) == _calls.Unknown(
+        "a list with too much in it (a record has 1000 numbers)"
+    )
+    assert describe(np.zeros((201, 2))) == _calls.Unknown("an array of shape (201, 2)")
+    assert isinstance(describe(np.zeros((200, 2))), _calls.Numbers)
+    assert _calls.Describer()("x" * 200_000).text.startswith("a str with too much in it")
+
+
+def _itself():
+    held = [0.1]
+    held.append(held)
+    return held
+
+
+class _Odd(dict):
+    def items(self):
+        raise KeyError("no items")
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (np.longdouble(0.25), 0.25),
+        (np.float32(0.25), 0.25),
+        (np.int16(3), 3),
+        (np.True_, True),
+        (Fraction(1, 4), 0.25),
+        (Decimal("0.25"), 0.25),
+        (float("inf"), {"float": "inf"}),
+        (2**70, _calls.Unknown("a very large number")),
+        (1j, _calls.Unknown("a complex that no recorded call returned")),
+        (np.datetime64("2020"), _calls.Unknown("a datetime64 that no recorded call returned")),
+        (np.array([1j]), _calls.Unknown("an array of complex128")),
+        (np.ma.masked_array([1.0], [True]), _calls.Unknown("a MaskedArray")),
+        (_Odd(a=1), _calls.Unknown("a _Odd")),
+        (_itself(), _calls.Unknown("a list with too much in it (a record has 1000 numbers)")),
+    ],
+)  # fmt: skip
+def test_values_of_any_type_are_described(value, expected):
+    assert _calls.Describer()(value) == expected
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.arange(6, dtype=np.uint8).reshape(2, 3),
+        np.array([0.1, np.nan, -np.inf], np.float32),
+        np.array([0.1, 0.2], np.longdouble),
+        np.array([1, 2], ">i4"),
+        np.zeros((0, 2)),
+        np.array(True),
+    ],
+)
+def test_stored_arrays_keep_their_type_and_shape(values):
+    stored = json.loads(json.dumps(_calls.Describer()(values).as_json(), allow_nan=False))
+    found = _calls._Decoder({})(stored)
+    wanted = values.astype(float) if values.dtype == np.longdouble else values
+    assert found.dtype.name == wanted.dtype.name
+    assert found.shape == wanted.shape
+    np.testing.assert_array_equal(found, wanted)
+
+
+def _of_long_doubles(mesh):
+    number = np.longdouble(0.2)
+    source = ads.BallSource(mesh.points[3].astype(np.longdouble), np.longdouble(0.2), number)
+    return ads.size_function(mesh, hmax=number, g=number, sources=[source])
+
+
+def test_numbers_of_any_type_can_be_passed_and_are_stored(folder):
+    mesh = ads.read("curved.vtu")
+    ads.write("made.vtu", _of_long_doubles(mesh), record=True)
+    assert call("again", "made.vtu") == 0
+    ring = np.array([[0, 0], [2, 0], [2, 1], [0, 1]], np.longdouble)
+    ads.write("made.vtu", ads.io.polygons(ring), record=True)
+    assert call("again", "made.vtu") == 0
+
+
+def test_bookkeeping_costs_no_result():
+    class Odd:
+        def __fspath__(self):
+            raise KeyError("no path")
+
+        @property
+        def point_data(self):
+            raise ZeroDivisionError
+
+    for reads in (False, True):
+        function = _calls.recorded("f", "missing", reads=reads)(lambda first: 7)
+        for value in (Odd(), _itself(), np.longdouble(1)):
+            assert function(value) == 7
+
+
+def test_pixels_are_stored_with_their_type(folder):
+    pixels = np.zeros((12, 12), np.uint8)
+    pixels[3:9, 2:8] = 1
+    ads.write("made.vtu", ads.mesh_image(pixels), record=True)
+    image = read_record(Path("made.vtu"))["calls"][0]["arguments"]["image"]
+    assert (image["dtype"], image["shape"]) == ("uint8", [12, 12])
+    assert call("again", "made.vtu") == 0
+
+
+@pytest.mark.parametrize("tolerance", [Fraction(1, 500), np.array(0.002), np.float32(0.002), 1])
+def test_the_tolerance_is_stored_as_a_number(folder, capsys, tolerance):
+    mesh = ads.read("curved.vtu").without_data()
+    made = mesh.without_data()
+    describe = _calls.Describer()
+    called = _calls.call_of("remesh", {"mesh": describe(mesh), "tolerance": describe(tolerance)})
+    _calls._remember(made, _calls.Result(called))
+    ads.write("made.vtu", made, record=True)
+    stored = read_record(Path("made.vtu"))["tolerance"]
+    assert isinstance(stored, float)
+    assert stored == float(tolerance)
+    assert call("check", "made.vtu", "--original", "curved.vtu") == 0
+    assert f"with the tolerance {stored:.3g}" in capsys.readouterr().err
+
+
+def test_a_record_that_cannot_be_written_leaves_the_file_as_it_was(folder):
+    mesh = ads.read("curved.vtu")
+    Path("made.vtu").write_text("before")
+    Path("made.vtu.json").mkdir()
+    with pytest.raises(ads.errors.MeshFileError, match="is a directory"):
+        ads.write("made.vtu", mesh, record=True)
+    assert Path("made.vtu").read_text() == "before"
+    assert not [path for path in folder.iterdir() if path.name.startswith(".adaptsize")]
+
+
+def test_a_record_of_another_content_is_not_believed(folder, capsys):
+    mesh = ads.read("curved.vtu")
+    ads.write("made.vtu", mesh.without_data(), record=True)
+    assert call("info", "made.vtu") == 0
+    assert "made by adaptsize" in capsys.readouterr().err
+    ads.write("made.vtu", ads.read("slit.vtu"))
+    assert call("info", "made.vtu") == 0
+    printed = capsys.readouterr().err
+    assert "made by" not in printed
+    assert "made.vtu.json is the record of another content" in printed
+    assert call("check", "made.vtu", "--report", "page.html") == 0
+    assert "input made by" not in Path("page.html").read_text()
+
+
+def test_inputs_are_found_after_the_folder_was_changed(folder, monkeypatch):
+    mesh = ads.read("curved.vtu")
+    (folder / "other").mkdir()
+    monkeypatch.chdir("other")
+    ads.write("made.vtu", mesh, record=True)
+    assert read_record(Path("made.vtu"))["unknown"] == []
+    assert call("again", "made.vtu") == 0
+    # Two contents by one name are not mixed up.
+    shutil.copy(folder / "slit.vtu", "curved.vtu")
+    slit = ads.read("curved.vtu")
+    size = ads.SizeFunction(slit, np.full(slit.n_points, 0.1))
+    _calls._remember(size, _calls.Result(_calls.call_of(
+        "f", {"a": _calls.origin_of(mesh), "b": _calls.origin_of(slit)}
+    )))  # fmt: skip
+    with pytest.warns(InputWarning, match="curved.vtu is missing, or has changed since"):
+        ads.write("made.vtu", size, record=True)

@@ -16,7 +16,14 @@ import typer
 from adaptsize import _calls
 from adaptsize._checks import refusal
 from adaptsize._formats.guards import write_whole
-from adaptsize._records import description, read_record, sha256, versions
+from adaptsize._records import (
+    description,
+    fault_of,
+    read_record,
+    record_beside,
+    sha256,
+    versions,
+)
 from adaptsize.cli.command import command
 from adaptsize.cli.console import Console
 from adaptsize.cli.options import Given, own
@@ -27,32 +34,39 @@ Record = Annotated[
     Path, typer.Argument(metavar="NAME.json", help="The record beside a file, or that file.")
 ]
 _KEYS = {"inputs", "sha256", "version", "input", "date", "folder"}
+#: Commands that write a file with a record.
+_RECORDED = ("remesh", "size", "limit", "family", "adapt", "image")
 
 
 @command(own("Output", "output", Path, "Keep the new file under this name.", short="-o"))
 def again(console: Console, file: Record, given: Given) -> int:
     """Make a file again from the record beside it, and compare the two bit for bit.
 
-    Inputs must be what they were.  The exit code is 1 if the new file differs.
+    Inputs must be what they were.  The exit code is 1 if the new file differs.  No other files are
+    written, whatever the record says.
     """
     made = file.with_suffix("") if file.suffix == ".json" else file
     record, output = read_record(made), given.get("output")
     if not record.keys() >= _KEYS or not record.keys() & {"command", "calls"}:
         raise ValueError(f"{file}: there is no record of adaptsize beside {made.name}")
+    fault = fault_of(record) or _fault_of_command(record)
+    if fault:
+        raise ValueError(f"{record_beside(made)}: the record is damaged: {fault}")
     if output is not None and output.exists():
         raise refusal("output", f"must be a new file, {output} exists")
     if output is not None and not output.parent.is_dir():
         raise ValueError(f"{output}: there is no directory {output.parent}")
-    folder_of_inputs = _folder_with(record)
+    places = _places_of_inputs(record)
     console.say(f"{made.name}: {description(record)}")
     with tempfile.TemporaryDirectory() as folder:
         new = Path(folder) / made.name
-        if "calls" in record:
-            _call(record, folder_of_inputs, new)
-        else:
-            request = TypedCommand(tuple(record["command"]), record["inputs"])
-            words = request.at(folder_of_inputs)
-            _run([*words, "-o", str(Path(folder) / _name_of_output(request, made))], console)
+        try:
+            if "calls" in record:
+                _call(record, places, new)
+            else:
+                _run(record, places, made, Path(folder), console)
+        except (_calls.UnknownError, RecursionError) as error:
+            raise ValueError(f"{record_beside(made)}: {error}") from error
         if not new.is_file():
             raise ValueError(f"{file}: the command has not written {made.name}")
         is_same = sha256(new) == record["sha256"]
@@ -68,29 +82,40 @@ def again(console: Console, file: Record, given: Given) -> int:
     return 1
 
 
-def _folder_with(record: Mapping[str, Any]) -> Path:
-    """Return the folder in which all inputs are what they were: this one, or that of the record."""
+def _fault_of_command(record: Mapping[str, Any]) -> str:
+    """Return why the command of a record is not run; empty if there is none, or no reason."""
+    word = record.get("command", _RECORDED)[0]
+    return "" if word in _RECORDED else f"{word} is no command that writes a record"
+
+
+def _places_of_inputs(record: Mapping[str, Any]) -> dict[str, Path]:
+    """Return where the inputs are what they were.
+
+    That is in this folder, in that of the record, or where they were read.
+    """
     if record.get("unknown"):
         raise ValueError(f"the record does not hold all: {'; '.join(record['unknown'])}")
-    faults = []
-    for folder in (Path(), Path(record["folder"])):
-        wrong = [
-            f"{path} is {'not what it was' if (folder / path).is_file() else 'missing'}"
-            for path, known in record["inputs"].items()
-            if not (folder / path).is_file() or sha256(folder / path) != known
-        ]
-        if not wrong:
-            return folder
-        faults.append(wrong[0])
-    raise ValueError(f"the inputs must be those of the record: {faults[0]}")
+    found = {}
+    for path, known in record["inputs"].items():
+        places = [Path(path), Path(record["folder"], path)]
+        places += [Path(place) for name, place in record.get("places", {}).items() if name == path]
+        files = [place for place in places if place.is_file()]
+        same = [place for place in files if sha256(place) == known]
+        if not same:
+            text = f"{path} is {'not what it was' if files else 'missing'}"
+            raise ValueError(f"the inputs must be those of the record: {text}")
+        found[path] = same[0].absolute()
+    return found
 
 
-def _call(record: Mapping[str, Any], folder: Path, new: Path) -> None:
-    """Make the calls of a record of Python code, with inputs from a folder; write the new file."""
+def _call(record: Mapping[str, Any], places: Mapping[str, Path], new: Path) -> None:
+    """Make the calls of a record of Python code, with inputs at their places, and write."""
     steps = [*record["calls"]]
+    if steps[-1]["function"] != "write":
+        raise _calls.UnknownError("the last call must be that of write")
     last = {**steps[-1]["arguments"], "path": str(new)}
     steps[-1] = {**steps[-1], "arguments": last}
-    _calls.repeated(steps, {path: str(folder / path) for path in record["inputs"]})
+    _calls.repeated(steps, {path: str(place) for path, place in places.items()})
 
 
 def _name_of_output(request: TypedCommand, made: Path) -> str:
@@ -100,17 +125,28 @@ def _name_of_output(request: TypedCommand, made: Path) -> str:
     return made.with_suffix(".mesh").name if made.suffix == ".sol" else made.name
 
 
-def _run(words: list[str], console: Console) -> None:
-    """Run a command; what it prints are messages of this one."""
+def _run(
+    record: Mapping[str, Any],
+    places: Mapping[str, Path],
+    made: Path,
+    folder: Path,
+    console: Console,
+) -> None:
+    """Run the command of a record; what it prints are messages of this one."""
     from typer.main import get_command
 
     from adaptsize.cli.commands import app
 
+    request = TypedCommand(tuple(record["command"]), record["inputs"])
+    output = folder / _name_of_output(request, made)
     general = ["--quiet"] if console.quiet or console.as_json else []
     general += ["--verbose"] if console.verbose else []
     with contextlib.redirect_stdout(sys.stderr):
         get_command(app).main(
-            [*words, *general], prog_name="adaptsize", standalone_mode=False, obj=Console()
+            [*request.at(places), "-o", str(output), *general],
+            prog_name="adaptsize",
+            standalone_mode=False,
+            obj=Console(only=output),
         )
 
 

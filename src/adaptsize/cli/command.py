@@ -5,6 +5,7 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, cast, get_origin
 
 import typer
@@ -12,7 +13,7 @@ from typer.core import TyperCommand
 
 from adaptsize.cli.console import Console
 from adaptsize.cli.options import COMMANDS, commands_with, own
-from adaptsize.cli.provenance import TypedCommand
+from adaptsize.cli.provenance import TypedCommand, writes_file
 from adaptsize.cli.values import given_values
 from adaptsize.options import Option, options_of
 
@@ -109,6 +110,8 @@ def command(
                 console.request = TypedCommand.of(name, values["file"], with_file, every)
             if options:
                 values["given"] = given_values(typed, file, options)
+            if console.only is not None:
+                values |= _writing_only(console.only, values, options)
             if "file" in values:
                 console.record(input=str(values["file"]))
             with console.messages_of_generators():
@@ -123,6 +126,15 @@ def command(
         return run
 
     return decorate
+
+
+def _writing_only(
+    file: Path, values: Mapping[str, Any], options: Mapping[str, Option]
+) -> dict[str, Any]:
+    """Return the output, and the given options without those that name files to write."""
+    given = values["given"].items()
+    kept = {k: v for k, v in given if k not in options or not writes_file(options[k])}
+    return {"output": file, "given": MappingProxyType(kept)}
 
 
 def _listed(listed: tuple[type | Option, ...], without: list[str]) -> dict[str, Option]:

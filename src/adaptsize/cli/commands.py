@@ -12,7 +12,7 @@ import adaptsize as ads
 from adaptsize._checks import refusal
 from adaptsize._defaults import GRADIENT_LIMIT, METRIC_GRADIENT_LIMIT, TOLERANCE
 from adaptsize._messages import Message
-from adaptsize._records import description, how_made, read_record
+from adaptsize._records import description, how_made, is_stale, record_of
 from adaptsize.cli import files
 from adaptsize.cli.again import again
 from adaptsize.cli.command import GroupedCommand, command
@@ -108,8 +108,10 @@ def info(console: Console, file: Input, given: Given) -> int:
         steps.begin("checks")
         summary = summarize(mesh)
     not_joined = [str(found) for found in unconnected(mesh)]
-    made = read_record(file)
-    if made.get("program") == "adaptsize":
+    made = record_of(file)
+    if is_stale(file):
+        console.say(f"{file.name}.json is the record of another content, or damaged: not used")
+    if made:
         console.record(made=made)
         console.say(description(made))
         if how_made(made):
@@ -151,7 +153,7 @@ def check(console: Console, file: Input, given: Given) -> int:
     with console.steps(2) as steps:
         steps.begin("reading")
         mesh = files.read_mesh(file, **reading(given))
-        made = read_record(file)
+        made = record_of(file)
         if made.get("n_cells") == mesh.n_cells and isinstance(made.get("tolerance"), float):
             options = {"tolerance": made["tolerance"]} | options
             console.say(f"{description(made)} with the tolerance {made['tolerance']:.3g}")

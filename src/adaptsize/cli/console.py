@@ -22,11 +22,18 @@ from adaptsize.errors import OptionError
 from adaptsize.typing import ProgressCallback
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from adaptsize.cli.provenance import TypedCommand
 
 
 class Console:
     """The output of one command.
+
+    Parameters
+    ----------
+    only : Path, optional
+        The file that the command writes, and no other, whatever its options are.
 
     Attributes
     ----------
@@ -44,7 +51,8 @@ class Console:
         The command in the form that is stored with what it writes.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, only: Path | None = None) -> None:
+        self.only = only
         self._flags: Mapping[str, str] = {}
         self.as_json = self.quiet = self.verbose = False
         self.warnings: list[str] = []

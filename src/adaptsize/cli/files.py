@@ -16,7 +16,7 @@ from adaptsize._checks import refusal
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._messages import Message
 from adaptsize._progress import Stage
-from adaptsize._records import description, how_made, read_record, write_record
+from adaptsize._records import description, how_made, record_of, write_record
 from adaptsize.cli import tuning
 from adaptsize.cli.console import Console
 from adaptsize.cli.provenance import provenance_of
@@ -321,8 +321,8 @@ def write_report(
 
 def about_record(file: Path) -> dict[str, str]:
     """Return what made a file, for the head of a page, if there is a record of it."""
-    made = read_record(file)
-    if made.get("program") != "adaptsize":
+    made = record_of(file)
+    if not made:
         return {}
     return {"input made by": f"{how_made(made)} ({description(made)})"}
 

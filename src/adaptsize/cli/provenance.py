@@ -32,7 +32,7 @@ class TypedCommand:
         for key, value in typed.items():
             option = options[key]
             is_file = option.type is Path
-            if option.group == "Output" and is_file:
+            if writes_file(option):
                 continue
             for one in value if isinstance(value, list) else [value]:
                 if one is None or one is False:
@@ -41,17 +41,21 @@ class TypedCommand:
                 inputs += [Path(one)] if is_file else list(_files_in(key, str(one)))
         return cls(tuple(words), {str(path): sha256(path) for path in inputs if path.is_file()})
 
-    def at(self, folder: Path) -> list[str]:
-        """Return the words with the paths of inputs from another folder."""
+    def at(self, places: Mapping[str, Path]) -> list[str]:
+        """Return the words with other paths of the inputs."""
         found = list(self.words)
-        for path in self.inputs:
-            whole = str(folder.absolute() / path)
+        for path, place in places.items():
             for k, word in enumerate(found):
                 if word == path:
-                    found[k] = whole
+                    found[k] = str(place)
                 elif word.startswith(f"curve:{path}="):
-                    found[k] = word.replace(path, whole, 1)
+                    found[k] = word.replace(path, str(place), 1)
         return found
+
+
+def writes_file(option: Option) -> bool:
+    """Return whether an option names a file to write, such as a picture or a page."""
+    return option.group == "Output" and option.type is Path
 
 
 def _files_in(name: str, text: str) -> Iterable[Path]:
