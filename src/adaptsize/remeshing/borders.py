@@ -11,7 +11,6 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import regions_beside
 from adaptsize.remeshing.boundary_repair import corners_of
 from adaptsize.remeshing.protocol import NO_TAG
-from adaptsize.remeshing.surface import facets_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 
@@ -89,19 +88,24 @@ class Borders:
         corners = self._curves.points[self._curves.cells[edges]]
         return np.einsum("ij,ijk->ik", weights, corners), distance
 
-    def nodes_off(self, mesh: SimplexMesh, limit: float) -> tuple[IntArray, FloatArray]:
+    @property
+    def are_any(self) -> bool:
+        """Whether there are borders."""
+        return self._curves is not None
+
+    def nodes_off(self, surface: SimplexMesh, limit: float) -> tuple[IntArray, FloatArray]:
         """Return the nodes on borders that are farther away than a limit, and their places."""
-        nodes = np.unique(borders_of(facets_of(mesh)))
-        there, distance = self.nearest(mesh.points[nodes])
+        nodes = np.unique(borders_of(surface))
+        there, distance = self.nearest(surface.points[nodes])
         off = (distance > limit) & np.isfinite(distance)
         return nodes[off], there[off]
 
-    def edges_off(self, mesh: SimplexMesh, limit: float) -> tuple[IntArray, FloatArray]:
+    def edges_off(self, surface: SimplexMesh, limit: float) -> tuple[IntArray, FloatArray]:
         """Return the edges on borders that are too far away between near ends, and their places."""
-        edges = borders_of(facets_of(mesh))
+        edges = borders_of(surface)
         if edges.shape[1] != 2 or self._curves is None or not len(edges):
-            return np.empty((0, 2), np.int32), np.empty((0, mesh.dim))
-        one, other = mesh.points[edges[:, 0]], mesh.points[edges[:, 1]]
+            return np.empty((0, 2), np.int32), np.empty((0, surface.dim))
+        one, other = surface.points[edges[:, 0]], surface.points[edges[:, 1]]
         away = [self.nearest((1.0 - t) * one + t * other)[1] for t in np.linspace(0.0, 1.0, 5)]
         far = (np.maximum(away[0], away[-1]) <= limit) & (np.max(away, axis=0) > limit)
         return edges[far], self.nearest(0.5 * (one + other)[far])[0]

@@ -492,13 +492,17 @@ def _along_borders(mesh: SimplexMesh, borders: Borders, limit: float) -> Simplex
 
     Nodes of borders are moved there, and edges are divided, with ever lower least qualities.
     """
-    for least in (tuning.LEAST_QUALITY, *tuning.LATER_QUALITIES):
-        nodes, there = borders.nodes_off(mesh, limit)
+    for least in (tuning.LEAST_QUALITY, *tuning.LATER_QUALITIES) if borders.are_any else ():
+        surface = facets_of(mesh)
+        nodes, there = borders.nodes_off(surface, limit)
         if len(nodes):
             points = mesh.points.copy()
             _move(points, mesh.cells, nodes, there, least)
-            mesh = mesh.moved(points)
-        mesh = _with_nodes(mesh, *borders.edges_off(mesh, limit), least)
+            mesh, surface = mesh.moved(points), surface.moved(points)
+        edges, middles = borders.edges_off(surface, limit)
+        if not len(nodes) and not len(edges):
+            break
+        mesh = _with_nodes(mesh, edges, middles, least)
     return mesh
 
 
