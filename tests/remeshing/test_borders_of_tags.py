@@ -9,7 +9,7 @@ from shapes import block
 from adaptsize import SimplexMesh
 from adaptsize.quality.boundary import distances_from
 from adaptsize.quality.elements import minimum_angles
-from adaptsize.remeshing.borders import borders_of
+from adaptsize.remeshing.borders import BorderLines, Borders
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.surface import facets_of
 
@@ -36,8 +36,7 @@ def column(n, rise):
 def border(mesh):
     """The line between the tags."""
     sides = SimplexMesh(mesh.points, mesh.tagged_facets, cell_tags=mesh.facet_tags)
-    lines = borders_of(sides)
-    return SimplexMesh(mesh.points, lines)
+    return SimplexMesh(mesh.points, BorderLines.of(sides).edges)
 
 
 RISES = {
@@ -67,3 +66,30 @@ def test_the_line_between_two_tags_of_a_curved_side_stays(rise):
     for pair in ((skin, skins[0]), (skins[0], skin)):
         assert distances_from(*pair).largest <= 1.05 * tolerance
     assert minimum_angles(new).min() > 15.0
+
+
+def test_a_line_is_compared_with_those_between_the_same_tags_only():
+    given = column(8, RISES["slanted"])
+    x, _, z = given.points[given.tagged_facets].mean(axis=1).T
+    tags = np.where((x > 0.0) & (z > 0.5), 2, given.facet_tags)
+    mesh = replace(given, facet_tags=tags)
+    skin = facets_of(mesh)
+    own, alien = Borders(mesh, mesh), Borders(given, mesh)
+    assert not len(own.nodes_off(skin, 1e-9)[0])
+    assert not len(alien.nodes_off(skin, 1e-9)[0])
+    between = BorderLines.of(SimplexMesh(mesh.points, mesh.tagged_facets, cell_tags=tags))
+    nodes = np.unique(between.edges[(between.kinds[:, :2] == [2, 9]).all(axis=1)])
+    others = np.unique(between.edges[(between.kinds[:, :2] == [4, 9]).all(axis=1)])
+    nodes = np.setdiff1d(nodes, others)
+    assert len(nodes) > 3
+    away = alien.nearest_of_nodes(skin, nodes, mesh.points[nodes])[1]
+    assert np.isinf(away[mesh.points[nodes, 2] < 0.9]).all()
+
+
+def test_lines_farther_away_than_an_edge_are_no_aim():
+    given = column(8, RISES["slanted"])
+    middle = block(8).points[given.tagged_facets].mean(axis=1)
+    for height, is_near in ((0.5 + 1.0 / 8.0, True), (0.5 + 3.0 / 8.0, False)):
+        mesh = replace(given, facet_tags=np.where(middle[:, 2] < height, 4, 9))
+        nodes, _ = Borders(given, mesh).nodes_off(facets_of(mesh), 1e-3)
+        assert len(nodes) > 10 if is_near else len(nodes) == 0

@@ -26,8 +26,6 @@ from adaptsize._kernels.star_changes import change_star, drop_of_collapse, drop_
 
 #: Least reduction of the penalty by an operation.
 _GAIN = 1e-4
-#: Rows that an operation needs while it is examined.
-_ROOM = 32
 #: Kinds of operations.  Each has two numbers: the nodes of an edge, of which the first one vanishes
 #: in a collapse; or a cell, and for a face its opposite corner; or a node.
 #: An insertion has a cell and the number of one of its edges and faces, see `insertion`.
@@ -112,7 +110,7 @@ def _insert_best(mesh, c, work):
 
 @lean_kernel
 def repair(mesh, n_cells, work, limits, counts):
-    """Improve cells until no operation does.
+    """Improve cells until no operation does; those for which there is no room are left out.
 
     Nodes are only inserted where nothing else helps.
 
@@ -132,7 +130,7 @@ def repair(mesh, n_cells, work, limits, counts):
     for row in range(n_cells):
         put_in_queue(mesh, row, work)
     most = 1000 + limits[0] * work.waiting.size[0]
-    while work.waiting.size[0] > 0 and counts[0] < most and mesh.cx.n_free[0] >= _ROOM:
+    while work.waiting.size[0] > 0 and counts[0] < most:
         c = pop(work.waiting)
         if mesh.cx.about[c, 1] != CELLS or mesh.angle[c] >= mesh.goal:
             continue

@@ -47,11 +47,16 @@ class Complex(NamedTuple):
 
 
 def new_complex(
-    parts: list[tuple[np.int64, npt.NDArray[np.int32], npt.NDArray[np.int32]]], n_points: int
+    parts: list[tuple[np.int64, npt.NDArray[np.int32], npt.NDArray[np.int32]]],
+    n_points: int,
+    n_more: int,
 ) -> Complex:
-    """Return a complex from levels, their simplices int32[m, k] and labels int32[m]."""
+    """Return a complex from levels, their simplices int32[m, k] and labels int32[m].
+
+    It has room for ``n_points`` points and ``n_more`` simplices more.
+    """
     count = sum(len(simplices) for _, simplices, _ in parts)
-    room = count + len(parts[0][1]) // 4 + 64
+    room = count + n_more
     nodes, about = np.full((room, 4), -1, np.int32), np.full((room, 3), -1, np.int32)
     first = 0
     for level, simplices, label in parts:

@@ -149,8 +149,23 @@ def _drop_face(cavity, f):
 
 
 @lean
-def _take_cell(mesh, cavity, row, new):
-    """Make a cell part of the cavity; return whether there was room."""
+def _face_of(cx, row, v):
+    """Return the nodes of the face of a cell opposite to a place."""
+    a, b, c, d = nodes_of(cx, row)
+    if v == 0:
+        return d, b, c
+    if v == 1:
+        return a, d, c
+    return (a, b, d) if v == 2 else (a, b, c)
+
+
+@lean
+def _take_cell(mesh, cavity, row, new, begins):
+    """Make a cell part of the cavity; return whether there was room.
+
+    Facets inside of it are those that contain the simplex, with which the cavity begins: others
+    would be left without a cell.
+    """
     cx, count = mesh.cx, cavity.counts
     if count[_CELLS] == MOST_IN_CAVITY:
         return False
@@ -159,6 +174,9 @@ def _take_cell(mesh, cavity, row, new):
     for v in range(4):
         f = _face_like(cx, cavity, row, v)
         if f >= 0:
+            a, b, c = _face_of(cx, row, v)
+            if not begins and rows_with(cx, FACETS, a, b, c)[0] > 0:
+                return False
             _drop_face(cavity, f)
             continue
         f = count[_FACES]
@@ -230,7 +248,7 @@ def _begin(mesh, cavity, simplex, n_nodes, new):
     while corner >= 0:
         row = corner // 4
         corner = next_corner(cx, corner)
-        if _contains(cx, row, simplex) and not _take_cell(mesh, cavity, row, new):
+        if _contains(cx, row, simplex) and not _take_cell(mesh, cavity, row, new, True):
             return False
     corner = first_corner(cx, FACETS, a)
     while corner >= 0 and n_nodes < 4:
@@ -266,17 +284,12 @@ def _grow(mesh, cavity, simplex, new):
     if cavity.counts[_FACES] == 0 or cavity.angle[worst] >= 1.25 * mesh.goal:
         return False
     cell, v = np.int64(cavity.faces[worst, 0]), cavity.faces[worst, 1]
-    a, b, c, d = nodes_of(cx, cell)
-    if v == 0:
-        a = d
-    elif v == 1:
-        b = d
-    elif v == 2:
-        c = d
+    a, b, c = _face_of(cx, cell, v)
     count, one, other = rows_with(cx, CELLS, a, b, c)
     facet = rows_with(cx, FACETS, a, b, c)[1]
     if facet < 0:
-        return count == 2 and _take_cell(mesh, cavity, other if one == cell else one, new)
+        behind = other if one == cell else one
+        return count == 2 and _take_cell(mesh, cavity, behind, new, False)
     return (
         count == 1 and _touches_rim(cx, cavity, facet) and _take_facet(mesh, cavity, facet, simplex)
     )
@@ -450,8 +463,25 @@ def _ends_at(cx, cavity, node):
 
 
 @lean
+def _is_on_face(cx, cavity, r):
+    """Return whether an edge of the rim is on a face of the cavity, so that new cells have it."""
+    row, v = cavity.rim[r, 0], cavity.rim[r, 1]
+    a, b = np.int64(cx.nodes[row, (v + 1) % 3]), np.int64(cx.nodes[row, (v + 2) % 3])
+    for f in range(cavity.counts[_FACES]):
+        cell, w = cavity.faces[f, 0], cavity.faces[f, 1]
+        opposite = np.int64(cx.nodes[cell, w])
+        if opposite not in (a, b) and has_node(cx, cell, a) and has_node(cx, cell, b):
+            return True
+    return False
+
+
+@lean
 def _rim_is_simple(cx, cavity, simplex):
-    """Return whether the rim passes each of its nodes once, and the ends of a divided edge."""
+    """Return whether the rim passes each of its nodes once, and the ends of a divided edge.
+
+    Each of its edges must be on a face: cells all around the border line of a facet inside of a
+    region would leave the new facet there without a cell.
+    """
     is_edge = cavity.counts[_NODES] == 2
     for r in range(cavity.counts[_RIM]):
         row, v = cavity.rim[r, 0], cavity.rim[r, 1]
@@ -461,6 +491,8 @@ def _rim_is_simple(cx, cavity, simplex):
                 continue
             if _ends_at(cx, cavity, node) != 2:
                 return False
+        if not _is_on_face(cx, cavity, r):
+            return False
     for k in range(2 if is_edge and cavity.counts[_FIRST] > 0 else 0):
         if _ends_at(cx, cavity, simplex[k]) != cavity.counts[_FIRST]:
             return False
@@ -569,8 +601,8 @@ def _fits(mesh, simplex, new, work):
     """Return whether all that is required of the insertion holds for the cavity as it is."""
     cavity, cx = work.cavity, mesh.cx
     count = cavity.counts
-    more = count[_FACES] + count[_RIM] + 2
-    if cx.n_free[0] < more or not _lengths_fit(mesh, cavity, new):
+    more = count[_FACES] + count[_RIM] - count[_CELLS] - count[_RIM_FACETS] + count[_LINE]
+    if cx.n_free[0] < max(more, 1) or not _lengths_fit(mesh, cavity, new):
         return False
     if count[_RIM_FACETS] > 0 and not (
         _rim_is_simple(cx, cavity, simplex) and _facets_fit(mesh, cavity, new, work)

@@ -117,7 +117,7 @@ def _may_replace(mesh, gone, new, work):
 
     The facets are replaced for the second question, and put back.
     """
-    if not _replaced_fit(mesh, gone, new, work):
+    if mesh.cx.n_free[0] < _THREE or not _replaced_fit(mesh, gone, new, work):
         return False
     cx, level = mesh.cx, mesh.facets
     rows, n_around = (NONE, NONE, NONE), np.int64(0)
@@ -439,7 +439,7 @@ def _list_across(mesh, c, v, work):
 @lean
 def drop_of_face(mesh, c, v, least, work):
     """Return by how much the penalty falls if the face opposite to a corner is removed, or 0."""
-    if _list_across(mesh, c, v, work) == 0:
+    if mesh.cx.n_free[0] == 0 or _list_across(mesh, c, v, work) == 0:
         return 0.0
     return _drop_of_made(mesh, _TWO, _THREE, least, work)
 

@@ -98,7 +98,7 @@ def repaired(
     -------
     SimplexMesh
         With the same regions and tags; ``mesh`` itself if nothing has changed.  No cell is worse
-        than the worst one before.
+        than the worst one before, or than the least angle of wanted nodes.
     """
     kind, goal = _NAMES[_kind_of(mesh)], tuning.GOAL[_NAMES[_kind_of(mesh)]]
     if wanted is None and not (angles_of(mesh) < goal).any():
@@ -456,7 +456,8 @@ def local_mesh(
     if kind == TETRAHEDRA:
         share, some = tuning.ADDED_NODES
         room = some + int(share * mesh.n_points)
-    cx = new_complex(parts, mesh.n_points + room)
+    n_more = mesh.n_cells // 4 + 64 + tuning.ROWS_OF_NODE * room
+    cx = new_complex(parts, mesh.n_points + room, n_more)
     first_facet = 0 if kind == SURFACE else mesh.n_cells
     first_line = mesh.n_cells + (len(skin.facets) if kind == TETRAHEDRA else 0)
     surface, of_facets = follower.sampled(old.facets, groups, skin.facets, first_facet)

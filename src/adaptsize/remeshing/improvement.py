@@ -22,7 +22,7 @@ from adaptsize.background.topology import marked, places_among
 from adaptsize.quality.boundary import FarPlaces, farthest_places
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing import tuning
-from adaptsize.remeshing.borders import Borders, OnBorders
+from adaptsize.remeshing.borders import Borders
 from adaptsize.remeshing.boundary_repair import Wanted, repaired
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.straight_edges import StraightEdges
@@ -57,7 +57,7 @@ def improved(
         With the same regions and tags.
     """
     old = facets_of(given)
-    lines = _Lines(StraightEdges(given), Borders(old))
+    lines = _Lines(StraightEdges(given), Borders(given, mesh))
     mesh = lines.straight.straightened(mesh, tolerance)
     nodes = np.unique(facets_of(mesh).cells)
     distance = _nearest(old, mesh.points[nodes])[1]
@@ -480,9 +480,9 @@ def _pull(
 
     Changes ``points``.
     """
-    there, is_on = _nearest(old, points[nodes])[0], OnBorders.of(facets_of(mesh)).is_on[nodes]
-    places, distance = borders.nearest(points[nodes])
-    is_on &= np.isfinite(distance)
+    there = _nearest(old, points[nodes])[0]
+    places, distance = borders.nearest_of_nodes(facets_of(mesh), nodes, points[nodes])
+    is_on = np.isfinite(distance)
     there[is_on] = places[is_on]
     _move(points, mesh.cells, nodes, there, tuning.LEAST_QUALITY)
 
@@ -492,13 +492,17 @@ def _along_borders(mesh: SimplexMesh, borders: Borders, limit: float) -> Simplex
 
     Nodes of borders are moved there, and edges are divided, with ever lower least qualities.
     """
-    for least in (tuning.LEAST_QUALITY, *tuning.LATER_QUALITIES):
-        nodes, there = borders.nodes_off(mesh, limit)
+    for least in (tuning.LEAST_QUALITY, *tuning.LATER_QUALITIES) if borders.are_any else ():
+        surface = facets_of(mesh)
+        nodes, there = borders.nodes_off(surface, limit)
         if len(nodes):
             points = mesh.points.copy()
             _move(points, mesh.cells, nodes, there, least)
-            mesh = mesh.moved(points)
-        mesh = _with_nodes(mesh, *borders.edges_off(mesh, limit), least)
+            mesh, surface = mesh.moved(points), surface.moved(points)
+        edges, middles = borders.edges_off(surface, limit)
+        if not len(nodes) and not len(edges):
+            break
+        mesh = _with_nodes(mesh, edges, middles, least)
     return mesh
 
 

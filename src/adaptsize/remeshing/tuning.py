@@ -241,6 +241,8 @@ CELLS_PER_BAD_CELL = 40
 #: cells has 25 cells below 15 degrees instead of 59 before sharp edges may be cut off, a scan 3
 #: instead of 4.  Up to 20: 20 and 3, with .5 % more cells.  Half and double of the room: none.
 INSERTED_BELOW, ADDED_NODES = 16.0, (0.02, 64)
+#: Room for cells and facets per node that may be added: 6.6 to 7.2 are needed where all are used.
+ROWS_OF_NODE = 8
 #: Given facets have the direction of new ones if this share agrees, of those whose normals are
 #: parallel up to the angle of this cosine.
 AGREEING, CLEAR_COSINE = 0.95, 0.5
