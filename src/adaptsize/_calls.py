@@ -35,16 +35,12 @@ _DEEPEST = 10
 #: Calls at each end of a long list that a page or a message shows.
 _SHOWN = 6
 #: Arguments on which no result depends.
-_IGNORED = ("progress", "wants_info")
+IGNORED = ("progress", "wants_info")
 #: Attributes of a mesh with fields by their names.
-_FIELDS = ("point_data", "cell_data")
+FIELDS = ("point_data", "cell_data")
 
 #: The absolute path, the size and the time of change of a file.
 State: TypeAlias = tuple[str, int, int]
-
-
-class UnknownError(ValueError):
-    """A call cannot be repeated from its record."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +189,7 @@ def _described(given: Mapping[str, Any], signature: inspect.Signature) -> Iterat
         parameter = signature.parameters[name]
         several = value if parameter.kind is parameter.VAR_KEYWORD else {name: value}
         for key, one in several.items():
-            if key not in _IGNORED:
+            if key not in IGNORED:
                 yield key, _of_mesh(one, meshes) or describe(one)
 
 
@@ -203,7 +199,7 @@ def _of_mesh(value: Any, meshes: list[Any]) -> Result | None:
         return None
     for mesh in meshes:
         origin = origin_of(mesh)
-        for kind in _FIELDS:
+        for kind in FIELDS:
             for name, array in getattr(mesh, kind, {}).items():
                 if origin is not None and array is value:
                     return Result(origin.call, (*origin.part, kind, name))
@@ -241,7 +237,7 @@ class Describer:
         except Exception:  # of a class from elsewhere
             text = _kind_of(value)
         self._left = left
-        return Unknown(f"an array of shape {value.shape}" if _is_array(value) else text)
+        return Unknown(f"an array of shape {value.shape}" if is_array(value) else text)
 
     def _take(self, count: int, depth: int = 0) -> None:
         self._left -= count
@@ -252,8 +248,8 @@ class Describer:
         origin = origin_of(value)
         if origin is not None:
             return origin
-        self._take(value.size if _is_array(value) else 1, depth)
-        if _is_array(value):
+        self._take(value.size if is_array(value) else 1, depth)
+        if is_array(value):
             return Numbers.of(value) if value.dtype.kind in "biuf" else Unknown(_kind_of(value))
         if value is None or isinstance(value, bool | np.bool_):
             return None if value is None else bool(value)
@@ -285,12 +281,13 @@ def _of_float(value: float) -> Any:
     return float(value) if math.isfinite(value) else {"float": str(float(value))}
 
 
-def _is_array(value: Any) -> bool:
+def is_array(value: Any) -> bool:
+    """Return whether a value is an array without a mask."""
     return isinstance(value, np.ndarray) and not isinstance(value, np.ma.MaskedArray)
 
 
 def _kind_of(value: Any) -> str:
-    if _is_array(value):
+    if is_array(value):
         return f"an array of {value.dtype}"
     if isinstance(value, list | tuple | Mapping | np.ma.MaskedArray):
         return f"a {type(value).__name__}"
@@ -404,45 +401,6 @@ def text_of(step: Mapping[str, Any]) -> str:
     return f"{step['function']}({', '.join(parts)})"
 
 
-def repeated(steps: Sequence[Mapping[str, Any]], paths: Mapping[str, str]) -> Any:
-    """Call the functions of some steps again, and return what the last one returns.
-
-    Nothing but functions whose calls are recorded is called, with nothing but stored values,
-    sources and results of steps before.
-
-    Parameters
-    ----------
-    steps : sequence of mappings
-        As `as_steps` returns them.  They may come from anywhere.
-    paths : mapping of str to str
-        Where the files are now.  No others are read.
-
-    Raises
-    ------
-    UnknownError
-        If an argument was not stored, or a step is none of this package.
-    """
-    fault = fault_of_steps(steps) or "; ".join(unknowns_of(steps))
-    if fault:
-        raise UnknownError(fault)
-    if any(step["function"] == "write" for step in steps[:-1]):
-        raise UnknownError("only the last step may write a file")
-    decode = _Decoder(paths)
-    for number, step in enumerate(steps):
-        name = step["function"]
-        function, _, reads = _function_of(name)
-        try:
-            arguments = {key: decode(one) for key, one in step["arguments"].items()}
-            ignored = arguments.keys() & set(_IGNORED)
-            if ignored:
-                raise UnknownError(f"{min(ignored)} is no stored argument")
-            _check_file(step["arguments"].get(reads), paths)
-            decode.made.append((name, function(**arguments)))
-        except (TypeError, AttributeError, LookupError, OverflowError) as error:
-            raise UnknownError(f"call {number} ({name}) cannot be repeated: {error}") from error
-    return decode.made[-1][1]
-
-
 def fault_of_steps(steps: Any) -> str:
     """Return in words why values of JSON are no steps; empty if they are."""
     if not isinstance(steps, list) or not steps:
@@ -455,87 +413,3 @@ def fault_of_steps(steps: Any) -> str:
         ):
             return f"call {number} must have a function and arguments, got {step!r:.80}"
     return ""
-
-
-def _check_file(file: Any, paths: Mapping[str, str]) -> None:
-    """Refuse to read a file that is none of the inputs."""
-    if isinstance(file, str) and file not in paths:
-        raise UnknownError(f"{file} is none of the inputs")
-
-
-class _Decoder:
-    """Values from what is stored of them."""
-
-    def __init__(self, paths: Mapping[str, str]) -> None:
-        self._paths = paths
-        self.made: list[tuple[str, Any]] = []
-        """Names of the functions called so far, and what they returned."""
-
-    def __call__(self, stored: Any) -> Any:
-        """Return a value, or raise `UnknownError`."""
-        if isinstance(stored, list):
-            return [self(one) for one in stored]
-        if not isinstance(stored, dict):
-            return self._paths.get(stored, stored) if isinstance(stored, str) else stored
-        match stored:
-            case {"call": int(number), "part": list(part)}:
-                return self._result(number, part)
-            case {"float": str(text)}:
-                return float(text)
-            case {"array": list(values), "dtype": str(dtype), "shape": list(shape)}:
-                if np.dtype(dtype).kind not in "biuf":
-                    raise UnknownError(f"{dtype} is no type of numbers")
-                return np.array(self(values), dtype).reshape(shape)
-            case {"mapping": list(pairs)}:
-                return {self(key): self(one) for key, one in pairs}
-            case {"class": str(name), "fields": dict(held)}:
-                return _class_of(name)(**{key: self(one) for key, one in held.items()})
-        raise UnknownError(f"{stored!r:.80} is no stored value")
-
-    def _result(self, number: int, part: list[Any]) -> Any:
-        """Return the result of a call before, or one of the parts of it that are recorded."""
-        if not 0 <= number < len(self.made):
-            raise UnknownError(f"call {number} is none of those before")
-        name, value = self.made[number]
-        _, parts, _ = _function_of(name)
-        rest = list(part)
-        if rest and rest[0] in parts:
-            value = getattr(value, rest.pop(0))
-        if len(rest) == 2 and rest[0] in _FIELDS and isinstance(rest[1], str):
-            value = getattr(value, rest[0])[rest[1]]
-        elif rest:
-            raise UnknownError(f"{rest!r:.80} is no recorded part of what {name} returned")
-        if not (_is_array(value) or type(value).__module__.partition(".")[0] == "adaptsize"):
-            raise UnknownError(f"{name} returned no mesh, sizes or image")
-        return value
-
-
-def _function_of(name: str) -> tuple[Callable[..., Any], tuple[str, ...], str]:
-    """Return a function by its public name, if its calls are recorded.
-
-    Also which parts of its results are recorded, and which argument is a file that it reads.
-    """
-    found: Callable[..., Any] = _public(name)
-    if name == "write":
-        return found, (), ""
-    recorded_name, parts, reads = getattr(found, "__recorded__", (None, (), ""))
-    if recorded_name != name:
-        raise UnknownError(f"{name} is no function whose calls are recorded")
-    return found, parts, reads
-
-
-def _class_of(name: str) -> Callable[..., Any]:
-    found = None if "." in name else _public(name)
-    if not (isinstance(found, type) and found.__module__.startswith("adaptsize.sizes")):
-        raise UnknownError(f"{name} is no source")
-    return found
-
-
-def _public(name: str) -> Any:
-    """Return a public object of the package by its name; None if there is none."""
-    import adaptsize
-
-    found: Any = adaptsize
-    for word in name.split("."):
-        found = None if word.startswith("_") else getattr(found, word, None)
-    return found

@@ -14,7 +14,7 @@ import pytest
 from command_line import call
 
 import adaptsize as ads
-from adaptsize import _calls
+from adaptsize import _calls, _repeating
 from adaptsize._records import read_record
 from adaptsize.errors import InputWarning
 
@@ -286,8 +286,8 @@ def test_long_chains_are_stored_in_order_and_only_the_last_step_writes(folder):
     before = [step["arguments"]["self"]["call"] for step in steps[1:-1]]
     assert before == [*range(_calls.MOST_CALLS - 2)]
     assert len(_calls.text_of_steps(steps)) < 1000
-    with pytest.raises(_calls.UnknownError, match="only the last step may write"):
-        _calls.repeated([steps[0], {"function": "write", "arguments": {}}, steps[1]], {})
+    with pytest.raises(_repeating.UnknownError, match="only the last step may write"):
+        _repeating.repeated([steps[0], {"function": "write", "arguments": {}}, steps[1]], {})
 
 
 def test_loops_keep_a_bounded_number_of_calls_and_of_numbers(folder):
@@ -365,7 +365,7 @@ def test_values_of_any_type_are_described(value, expected):
 )
 def test_stored_arrays_keep_their_type_and_shape(values):
     stored = json.loads(json.dumps(_calls.Describer()(values).as_json(), allow_nan=False))
-    found = _calls._Decoder({})(stored)
+    found = _repeating.Decoder({})(stored)
     wanted = values.astype(float) if values.dtype == np.longdouble else values
     assert found.dtype.name == wanted.dtype.name
     assert found.shape == wanted.shape

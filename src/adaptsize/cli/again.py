@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
-from adaptsize import _calls
+from adaptsize import _repeating
 from adaptsize._checks import refusal
 from adaptsize._formats.guards import write_whole
 from adaptsize._records import (
@@ -65,7 +65,7 @@ def again(console: Console, file: Record, given: Given) -> int:
                 _call(record, places, new)
             else:
                 _run(record, places, made, Path(folder), console)
-        except (_calls.UnknownError, RecursionError) as error:
+        except (_repeating.UnknownError, RecursionError) as error:
             raise ValueError(f"{record_beside(made)}: {error}") from error
         if not new.is_file():
             raise ValueError(f"{file}: the command has not written {made.name}")
@@ -112,10 +112,10 @@ def _call(record: Mapping[str, Any], places: Mapping[str, Path], new: Path) -> N
     """Make the calls of a record of Python code, with inputs at their places, and write."""
     steps = [*record["calls"]]
     if steps[-1]["function"] != "write":
-        raise _calls.UnknownError("the last call must be that of write")
+        raise _repeating.UnknownError("the last call must be that of write")
     last = {**steps[-1]["arguments"], "path": str(new)}
     steps[-1] = {**steps[-1], "arguments": last}
-    _calls.repeated(steps, {path: str(place) for path, place in places.items()})
+    _repeating.repeated(steps, {path: str(place) for path, place in places.items()})
 
 
 def _name_of_output(request: TypedCommand, made: Path) -> str:
