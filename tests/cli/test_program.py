@@ -92,11 +92,13 @@ def test_closed_streams_are_no_error():
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals differ")
 def test_a_stopped_command_leaves_nothing(tmp_path):
-    # The writer is slow, and stopped in the middle of the file.
+    # The writer is slow, and stopped in the middle of the file.  A signal just before a long sleep
+    # would take effect after it.
     code = (
         "import sys, time; from adaptsize._formats import vtk; from adaptsize.cli import main\n"
         "def slow(path, *_, **__):\n"
-        "    path.write_text('half'); print('writing', flush=True); time.sleep(60)\n"
+        "    path.write_text('half'); print('writing', flush=True)\n"
+        "    for _ in range(1200): time.sleep(0.05)\n"
         "vtk.write = slow\n"
         "main()"
     )
