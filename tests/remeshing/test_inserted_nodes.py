@@ -11,8 +11,8 @@ from adaptsize._kernels.complexes import CELLS, FACETS
 from adaptsize._kernels.insertion import insert_in_facets
 from adaptsize._kernels.local_mesh import new_work
 from adaptsize.background.topology import regions_beside
-from adaptsize.remeshing import boundary_repair
-from adaptsize.remeshing.boundary_repair import Wanted, repaired
+from adaptsize.remeshing import boundary_repair, tuning
+from adaptsize.remeshing.boundary_repair import Wanted, angles_of, repaired
 
 
 def _jittered(rng, n, more):
@@ -114,6 +114,17 @@ def test_facets_inside_stay_faces_of_cells_with_nodes_wanted_in_them(name, seed,
     ]
     assert checked[0][-1] > 0
     assert _sorted(new.tagged_facets) <= _sorted(new.facets)
+
+
+def test_wanted_nodes_make_no_cell_worse_than_the_worst_one(monkeypatch):
+    mesh = with_ragged_interface(1)
+    mesh = repaired(mesh, mesh, 0.02 * mesh.diagonal)
+    for name in ("GOAL", "LAST_GOAL"):  # no repair afterwards
+        monkeypatch.setattr(tuning, name, {"tetrahedra": 0.1})
+    places = np.einsum("k,nkd->nd", [0.8, 0.15, 0.05], mesh.points[mesh.tagged_facets])
+    wanted = Wanted(places, mesh.tagged_facets, 0.5)
+    new = repaired(mesh, mesh, 0.02, lambda x: np.full(len(x), 0.05), wanted)
+    assert angles_of(new).min() >= angles_of(mesh).min() - 1e-9
 
 
 def test_there_is_room_for_the_nodes_that_may_be_added():

@@ -60,8 +60,9 @@ _LEAST_COSINE = 0.3
 #: First step of the search for a better place, in the mean length of the edges of the simplex; and
 #: number of rounds.
 _STEP, _ROUNDS = 0.3, 3
-#: Edges may become as short as this share of the size.
-_SHORTEST = 0.7
+#: Edges may become as short as this share of the size; and at nodes that the distance of the
+#: boundary needs.
+_SHORTEST, _SHORTEST_WANTED = 0.7, 0.3
 #: Number of simplices of a cell in which a node may be inserted: edges, faces and the cell.
 N_PLACES = 11
 #: Places of the numbers of cells, faces, facets and edges of the rim of a cavity, of facets and
@@ -425,8 +426,8 @@ def _searched(mesh, simplex, n_nodes, new, least, work):
 
 
 @lean
-def _lengths_fit(mesh, cavity, new):
-    """Return whether no edge at the node is too long or too short."""
+def _lengths_fit(mesh, cavity, new, shortest):
+    """Return whether no edge at the node is too long, or shorter than a share of the size."""
     cx, points = mesh.cx, mesh.points
     longest2, shortest2 = 0.0, math.inf
     for k in range(cavity.counts[_CELLS]):
@@ -446,7 +447,7 @@ def _lengths_fit(mesh, cavity, new):
             )
             if length2 > max(limit2, longest2):
                 return False
-            if length2 < min(0.5 * _SHORTEST * _SHORTEST * limit2, shortest2):
+            if length2 < min(0.5 * shortest * shortest * limit2, shortest2):
                 return False
     return True
 
@@ -597,12 +598,12 @@ def _line_fits(mesh, simplex, new, work):
 
 
 @lean
-def _fits(mesh, simplex, new, work):
+def _fits(mesh, simplex, new, shortest, work):
     """Return whether all that is required of the insertion holds for the cavity as it is."""
     cavity, cx = work.cavity, mesh.cx
     count = cavity.counts
     more = count[_FACES] + count[_RIM] - count[_CELLS] - count[_RIM_FACETS] + count[_LINE]
-    if cx.n_free[0] < max(more, 1) or not _lengths_fit(mesh, cavity, new):
+    if cx.n_free[0] < max(more, 1) or not _lengths_fit(mesh, cavity, new, shortest):
         return False
     if count[_RIM_FACETS] > 0 and not (
         _rim_is_simple(cx, cavity, simplex) and _facets_fit(mesh, cavity, new, work)
@@ -639,7 +640,7 @@ def drop_of_insertion(mesh, c, number, least, work):
         return 0.0
     _put(mesh, new, x)
     _set_cavity(mesh, work.cavity, simplex, n_nodes, new, steps)
-    if not _fits(mesh, simplex, new, work):
+    if not _fits(mesh, simplex, new, _SHORTEST, work):
         return 0.0
     work.place[0], work.place[1], work.place[2] = x
     work.choice[0] = steps
@@ -724,7 +725,7 @@ def insert_in_facets(mesh, places, corners, least, work):
             if score <= best:
                 continue
             _set_cavity(mesh, work.cavity, simplex, n_nodes, new, at)
-            if _fits(mesh, simplex, new, work):
+            if _fits(mesh, simplex, new, _SHORTEST_WANTED, work):
                 best, chosen, steps, place = score, number, at, x
         if chosen >= 0:
             simplex, n_nodes = _simplex_of_facet(mesh, row, chosen)

@@ -64,7 +64,8 @@ class Wanted(NamedTuple):
     facets : int32[n, 3]
         The facet of the boundary in which each is to be inserted.
     least : float
-        Least angle of new cells in degrees, unless there are smaller ones around.
+        Least angle of new cells in degrees, unless there are smaller ones around.  In `repaired`,
+        they are no worse than the worst one of the mesh.
     """
 
     places: FloatArray
@@ -98,10 +99,13 @@ def repaired(
     -------
     SimplexMesh
         With the same regions and tags; ``mesh`` itself if nothing has changed.  No cell is worse
-        than the worst one before, or than the least angle of wanted nodes.
+        than the worst one before.
     """
     kind, goal = _NAMES[_kind_of(mesh)], tuning.GOAL[_NAMES[_kind_of(mesh)]]
-    if wanted is None and not (angles_of(mesh) < goal).any():
+    angles = angles_of(mesh)
+    if wanted is not None:
+        wanted = wanted._replace(least=max(wanted.least, float(angles.min())))
+    elif not (angles < goal).any():
         return mesh
     sizes = _lengths_around(mesh) if size is None else size(mesh.points)
     mesh, sizes = _improved(mesh, given, tolerance, sizes, goal, keep_sharp=True, wanted=wanted)
