@@ -91,6 +91,20 @@ def test_nothing_goes_on_after_an_exception():
     assert len(begun) == count
 
 
+def interrupt_first_of(running):
+    """Run chunks, the first of which is interrupted; ``running`` holds those that run."""
+
+    def task(first, last):
+        running.add(first)
+        time.sleep(0.05)
+        running.remove(first)
+        if first == 0:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        Workers(3).in_chunks(task, 30, 1)
+
+
 def test_no_chunk_runs_on_after_several_interrupts(monkeypatch):
     from adaptsize import _workers
 
@@ -103,16 +117,8 @@ def test_no_chunk_runs_on_after_several_interrupts(monkeypatch):
             raise KeyboardInterrupt
         return really_wait(futures)
 
-    def task(first, last):
-        running.add(first)
-        time.sleep(0.05)
-        running.remove(first)
-        if first == 0:
-            raise KeyboardInterrupt
-
     monkeypatch.setattr(_workers, "wait", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        Workers(3).in_chunks(task, 30, 1)
+    interrupt_first_of(running)
     assert len(times) >= 3
     assert not running
 
@@ -129,16 +135,8 @@ def test_no_chunk_runs_on_if_a_second_signal_comes_before_the_first_is_handled(m
             raise KeyboardInterrupt
         really_end(begun)
 
-    def task(first, last):
-        running.add(first)
-        time.sleep(0.05)
-        running.remove(first)
-        if first == 0:
-            raise KeyboardInterrupt
-
     monkeypatch.setattr(_workers, "_end", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        Workers(3).in_chunks(task, 30, 1)
+    interrupt_first_of(running)
     assert calls == [30, 30]
     assert not running
 

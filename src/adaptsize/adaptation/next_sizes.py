@@ -120,11 +120,11 @@ class CycleRequest:
         ValueError
             If the sizes are not finite where there are cells, or an option is out of range.
         """
-        return _checked(mesh, self._for_goal(mesh, factor), factor)
+        return _counted(mesh, self._for_goal(mesh, factor), factor)
 
     def for_number(self, mesh: AnyMesh, number: float, factor: float) -> NextSizes:
         """Return the sizes for a number of regular simplices; see `next`."""
-        return _checked(mesh, self.of_number(mesh, max(number, 1.0)), factor)
+        return _counted(mesh, self.of_number(mesh, max(number, 1.0)), factor)
 
     def _for_goal(self, mesh: AnyMesh, factor: float) -> Requested:
         """Return the sizes for the tolerance, or those for the number if it allows no more."""
@@ -136,7 +136,7 @@ class CycleRequest:
         return self.of_number(mesh, max(target / factor, 1.0))
 
 
-def _checked(mesh: AnyMesh, sizes: Requested, factor: float) -> NextSizes:
+def _counted(mesh: AnyMesh, sizes: Requested, factor: float) -> NextSizes:
     """Return sizes that are finite where there are cells, with the numbers of cells."""
 
     def refuse_free() -> None:

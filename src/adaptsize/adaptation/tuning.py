@@ -29,16 +29,17 @@ BELOW_TOLERANCE = 0.95
 #: a loop for one of 16 000 made 126 000 on the way, and 21 000 in all cycles with 3, 31 000 with 2.
 LARGEST_STEP = 3.0
 #: Exponent of the largest refinement by which sizes may fall on average.  The rest of it is for the
-#: cells with the largest errors: with none left, all others pay for a singular point.  With
-#: max_refine = 2, the loop for 0.02 there took 8 cycles and 1 CPU s to 3 600 triangles, and with an
-#: exponent of 0.5 12 and 1.2 s to 3 200.  Without this bound, 390 000 came of bisection for 0.01.
+#: cells with the largest errors: with none left, all others pay for a singular point.  On an L of 96
+#: triangles (as in docs/measurements/bisection.py) with max_refine = 2 and the tolerance 0.02, Mmg
+#: took 8 cycles and 1 CPU s to 3 600 triangles; 12 and 1.2 s to 3 200 with an exponent of 0.5.
+#: Without this bound, bisection made 390 000 for the tolerance 0.01, and 28 000 with it.
 REFINED_ON_AVERAGE = 0.8
 #: Predicted cells over present ones, or the error over the one to be expected, from which on a
 #: mesh that misses the tolerance is made anew, although it has the sizes.
 FINER = 1.02
 #: A mesh that gains less than this share of the cells that the tolerance needs is made anew for
-#: their number.  Mmg leaves edges that are nearly as long as their sizes: without this, the loop of
-#: an L-shape with the tolerance 0.01 (docs/measurements/bisection.py) took 32 cycles in place of 6.
+#: their number.  Mmg leaves edges that are nearly as long as their sizes: without this, the loop on
+#: that L with the tolerance 0.01 took 32 cycles in place of 6.
 GAINED = 0.5
 #: Edges of more pieces need a new mesh, however few cells they have.
 MOST_PIECES = 3.0

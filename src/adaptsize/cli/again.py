@@ -48,6 +48,9 @@ def again(console: Console, file: Record, given: Given) -> int:
     made = file.with_suffix("") if file.suffix == ".json" else file
     record, output = read_record(made), given.get("output")
     if not record.keys() >= _KEYS or not record.keys() & {"command", "calls"}:
+        beside = record_beside(made)
+        if beside.exists():
+            raise ValueError(f"{beside}: is no record of adaptsize, or a damaged one")
         raise ValueError(f"{file}: there is no record of adaptsize beside {made.name}")
     fault = fault_of(record) or _fault_of_command(record)
     if fault:
