@@ -68,7 +68,7 @@ def test_inputs_that_have_changed_and_records_of_others_are_refused(folder, refu
     (folder / "curved.vtu").unlink()
     assert "curved.vtu is missing" in refused("again", "size.vtu.json", code=1)
     (folder / "other.vtu.json").write_text('{"version": 3}')
-    assert "no record of adaptsize beside other.vtu" in refused("again", "other.vtu.json", code=1)
+    assert "other.vtu.json: is no record of adaptsize" in refused("again", "other.vtu.json", code=1)
     assert "must be a new file" in refused("again", "size.vtu", "-o", "slit.vtu")
     assert "no directory none" in refused("again", "size.vtu", "-o", "none/new.vtu", code=1)
 
