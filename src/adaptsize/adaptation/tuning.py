@@ -30,8 +30,8 @@ BELOW_TOLERANCE = 0.95
 LARGEST_STEP = 3.0
 #: Exponent of the largest refinement by which sizes may fall on average.  The rest of it is for the
 #: cells with the largest errors: with none left, all others pay for a singular point.  On an L of
-#: 96 triangles (as in docs/measurements/bisection.py) with max_refine = 2 and the tolerance 0.02, Mmg
-#: took 8 cycles and 1 CPU s to 3 600 triangles; 12 and 1.2 s to 3 200 with an exponent of 0.5.
+#: 96 triangles (as in docs/measurements/bisection.py) with max_refine = 2 and the tolerance 0.02,
+#: Mmg took 8 cycles and 1 CPU s to 3 600 triangles; 12 and 1.2 s to 3 200 with an exponent of 0.5.
 #: Without this bound, bisection made 390 000 for the tolerance 0.01, and 28 000 with it.
 REFINED_ON_AVERAGE = 0.8
 #: Predicted cells over present ones, or the error over the one to be expected, from which on a
