@@ -237,3 +237,35 @@ def test_a_signal_at_exit_changes_nothing(name):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith("adaptsize ")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="timers of POSIX")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_waits_until_an_import_has_ended(name, tmp_path):
+    # Modules of VTK crash where an exception is raised while they load.
+    module = (
+        "import os, signal, time\n"
+        f"os.kill(os.getpid(), signal.{name})\n"
+        "time.sleep(0.05)\n"
+        "print('imported')\n"
+    )
+    (tmp_path / "interrupted_module.py").write_text(module)
+    code = (
+        "import time\n"
+        "import adaptsize.cli.commands\n"
+        "from adaptsize.cli import entry\n"
+        "class App:\n"
+        "    def main(self, *_, **__):\n"
+        "        import interrupted_module\n"
+        "        time.sleep(10)\n"
+        "import typer.main\n"
+        "typer.main.get_command = lambda app: App()\n"
+        "entry.main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    number = signal.Signals[name]
+    reason = "interrupted" if name == "SIGINT" else f"stopped by {name}"
+    assert (done.returncode, done.stdout) == (128 + number, "imported\n")
+    assert done.stderr == f"adaptsize: {reason}\n"

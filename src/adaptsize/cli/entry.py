@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 import traceback
+import types
 import warnings
 from collections.abc import Iterator, Sequence
 from typing import cast
@@ -140,30 +141,58 @@ def run(arguments: list[str]) -> int:
 
 @contextlib.contextmanager
 def _signals_as_interrupt(received: list[signal.Signals]) -> Iterator[None]:
-    """Raise KeyboardInterrupt on SIGTERM and SIGHUP, so that nothing is left half-written."""
+    """Raise KeyboardInterrupt on signals, so that nothing is left half-written.
+
+    Where there are timers, a signal that arrives during an import waits until that has ended:
+    VTK's modules crash where an exception is raised while they load.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    names = [name for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    numbers = [signal.Signals[name] for name in names]
+    waiting: list[int] = []
 
-    def interrupt(number: int, _frame: object) -> None:
+    def interrupt(number: int, frame: types.FrameType | None) -> None:
+        if "SIGALRM" in handlers and _is_importing(frame):
+            # A thread would not do: a handler that starts one can be interrupted, and never end.
+            waiting.append(number)
+            signal.setitimer(signal.ITIMER_REAL, 0.01)
+        elif number == signal.SIGINT:
+            raise KeyboardInterrupt
         # No second interrupt while files are removed.  Python reports signals that are set to be
         # ignored after they have arrived.
-        if not received:
+        elif not received:
             received.append(signal.Signals(number))
             raise KeyboardInterrupt
 
-    # A signal that is ignored, as SIGHUP under nohup, stays ignored.
-    before = {number: signal.getsignal(number) for number in numbers}
-    changed = {number: old for number, old in before.items() if old is signal.SIG_DFL}
-    for number in changed:
-        signal.signal(number, interrupt)
+    def send_again(_number: int, _frame: object) -> None:
+        if waiting:
+            signal.raise_signal(waiting.pop())
+
+    # A signal that is ignored, as SIGHUP under nohup, or of which another program makes use stays
+    # as it is.
+    handlers = {
+        name: send_again if name == "SIGALRM" else interrupt
+        for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM")
+        if hasattr(signal, name)
+        and signal.getsignal(signal.Signals[name]) in (signal.SIG_DFL, signal.default_int_handler)
+    }
+    before = {name: signal.signal(signal.Signals[name], own) for name, own in handlers.items()}
     try:
         yield
     finally:
-        for number, old in changed.items():
-            signal.signal(number, old)
+        if "SIGALRM" in handlers:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+        for name, old in before.items():
+            signal.signal(signal.Signals[name], old)
+
+
+def _is_importing(frame: types.FrameType | None) -> bool:
+    """Whether what the command runs in this frame is the import of a module."""
+    while frame is not None and frame.f_code is not run.__code__:
+        if frame.f_code.co_filename.startswith("<frozen importlib."):
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _stopped(received: list[signal.Signals]) -> int:
