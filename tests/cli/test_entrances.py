@@ -138,7 +138,7 @@ def corner(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(18))
 def test_the_command_the_function_and_the_accessor_make_the_same(corner, tmp_path, seed):
     """The sizes by random options; of each third one also the mesh."""
     pyvista = pytest.importorskip("pyvista", reason="one of the entrances is PyVista's")

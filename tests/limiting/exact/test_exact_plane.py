@@ -102,12 +102,12 @@ def with_holes_of_cells(seed):
 @pytest.mark.parametrize("share", [0.02, 0.3, 1.0])
 def test_sizes_around_holes_of_one_triangle_are_exact(share):
     n_bent = 0
-    for seed in range(3000, 3200):
+    for seed in range(3000, 3100):
         mesh, _ = with_holes_of_cells(seed)
         h0 = random_bounds(mesh, np.random.default_rng(seed), share)
         h = assert_exact(mesh, h0)
         n_bent += np.count_nonzero(h > straight_sizes(mesh.points, h0, G) + TOLERANCE)
-    assert n_bent > 200
+    assert n_bent > 100
 
 
 def test_holes_in_slits_and_slits_between_holes():
