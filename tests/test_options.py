@@ -122,6 +122,8 @@ def test_a_growth_ratio_is_another_name_of_the_gradient_limit():
         ads.size_function(square, growth=1.2, g=0.2)
     with pytest.raises(ValueError, match=r"growth must be finite and >= 1, got 0.2"):
         ads.size_function(square, growth=0.2)
+    with pytest.raises(ValueError, match=r"g must be at most 1e\+30, got 1e\+31"):
+        ads.size_function(square, growth=1e31)
 
 
 def test_the_number_of_elements_has_one_default_for_each_meaning():

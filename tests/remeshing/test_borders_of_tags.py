@@ -93,3 +93,55 @@ def test_lines_farther_away_than_an_edge_are_no_aim():
         mesh = replace(given, facet_tags=np.where(middle[:, 2] < height, 4, 9))
         nodes, _ = Borders(given, mesh).nodes_off(facets_of(mesh), 1e-3)
         assert len(nodes) > 10 if is_near else len(nodes) == 0
+
+
+def test_nodes_at_which_a_line_turns_stay_and_others_are_put_onto_it():
+    """The line around a cube at half its height turns at four edges."""
+    n = 4
+    mesh = block(n)
+    facets = mesh.facets[mesh.facet_cell_counts == 1]
+    tags = np.where(mesh.points[facets].mean(axis=1)[:, 2] < 0.5, 4, 9)
+    given = replace(mesh, tagged_facets=facets, facet_tags=tags)
+    skin = facets_of(given)
+    nodes = np.unique(border(given).cells)
+    at = skin.points[nodes]
+    assert len(nodes) == 4 * n
+    edges = np.full((len(nodes), 2), -1, np.int32)
+    there, may = Borders(given, given).kept_on(skin, nodes, edges, at + 0.05 * np.eye(3)[2])
+    is_turn = np.isin(at[:, :2], [0.0, 1.0]).all(axis=1)
+    assert is_turn.sum() == 4
+    np.testing.assert_array_equal(may, ~is_turn)
+    np.testing.assert_allclose(there[may], at[may], atol=1e-12)
+
+
+def test_lines_of_a_surface_have_their_own_tags_and_are_compared_by_them():
+    skin = block(4).boundary().mesh
+    middles = skin.points[skin.edges].mean(axis=1)
+    heights = {0.25: 5, 0.5: 6}
+    rows = {
+        h: np.flatnonzero(np.abs(skin.points[skin.edges] - [0, 0, h])[:, :, 2].max(1) < 1e-9)
+        for h in heights
+    }
+    rows = {
+        h: found[np.isin(middles[found, :2], [0.0, 1.0]).any(axis=1)] for h, found in rows.items()
+    }
+    edges = {h: skin.edges[found] for h, found in rows.items()}
+    given = replace(
+        skin,
+        tagged_facets=np.concatenate([*edges.values()]),
+        facet_tags=np.repeat([*heights.values()], [len(one) for one in edges.values()]),
+    )
+    lines = BorderLines.of(given)
+    for h, tag in heights.items():
+        own = lines.rows_of(np.sort(edges[h], axis=1))
+        assert len(own) == 16
+        assert (lines.kinds[own, 2] == tag).all()
+    # The line of one tag where the other one was: what is near is of another tag.
+    swapped = replace(given, facet_tags=11 - given.facet_tags)
+    nodes = np.unique(edges[0.5])
+    one, other = (
+        Borders(old, given).nearest_of_nodes(given, nodes, given.points[nodes])[1]
+        for old in (given, swapped)
+    )
+    np.testing.assert_allclose(one, 0.0, atol=1e-12)
+    assert (other > 0.2).all()

@@ -86,3 +86,9 @@ def test_the_useful_time_grows_with_the_number_of_cells_and_facets(known):
     # Parts of 40 000 elements get an answer within five minutes, also if the first routes fail.
     last = [str(attempt) for attempt in few].index(ALONE)
     assert sum(attempt.seconds for attempt in few[: last + 1]) < 300.0
+
+
+def test_a_fine_given_surface_takes_time_whatever_the_sizes():
+    coarse, fine = plan(SURFACE), plan(replace(SURFACE, n_given=10 * int(SURFACE.n_cells)))
+    for one, other in zip(coarse, fine, strict=True):
+        assert 1.5 * one.seconds < other.seconds

@@ -42,11 +42,11 @@ def hausd_of(make, monkeypatch):
     """The largest distances that Mmg is asked for."""
     asked = []
 
-    def once(mesh, sizes, hausd, *others):
+    def once(_, mesh, sizes, hausd):
         asked.append(hausd)
         return mesh
 
-    monkeypatch.setattr(mmg, "_adapted_once", once)
+    monkeypatch.setattr(mmg._Mmg, "adapt", once)
     make()
     return asked
 

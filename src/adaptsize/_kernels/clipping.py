@@ -21,6 +21,7 @@ import numpy as np
 
 from adaptsize._kernels.compiling import inlined, lean
 from adaptsize._kernels.trees import DEPTH
+from adaptsize._kernels.vectors import cross, dot, minus, triple
 
 # A tetrahedron cut by four planes has at most 8 faces, so 12 corners and 18 edges.  Corners that
 # coincide may be on different sides of a plane by rounding, which adds corners between them: 14
@@ -95,6 +96,51 @@ def new_clipping() -> Clipping:
     )  # fmt: skip
 
 
+@lean
+def set_corners(points, cells, c, start, axes, corners):
+    """Set the corners of a cell, relative to a point."""
+    for v in range(len(axes) + 1):
+        for d in range(len(axes)):
+            corners[v, d] = points[cells[c, v], d] - start[d]
+
+
+@lean
+def set_gradients(x, axes, gradients):
+    """Set the gradients of the barycentric coordinates; return the measure, 0 of a flat cell."""
+    corner = triple(x, 0, 0)
+    e, f = minus(triple(x, 1, 0), corner), minus(triple(x, 2, 0), corner)
+    if len(axes) == 2:
+        twice = e[0] * f[1] - e[1] * f[0]
+        if twice == 0.0:
+            return 0.0
+        gradients[1, 0], gradients[1, 1] = f[1] / twice, -f[0] / twice
+        gradients[2, 0], gradients[2, 1] = -e[1] / twice, e[0] / twice
+        return 0.5 * abs(twice)
+    g = minus(triple(x, 3, 0), corner)
+    rows = (cross(f, g), cross(g, e), cross(e, f))
+    six = dot(e, rows[0])
+    if six == 0.0:
+        return 0.0
+    for v in range(3):
+        for d in range(3):
+            gradients[v + 1, d] = 1.0 / six * rows[v][d]
+    return abs(six) / 6.0
+
+
+@lean
+def set_coordinates(gradients, corners, x, axes, result):
+    """Set the barycentric coordinates of points in a cell, ``result[i, v]`` coordinate v of i."""
+    k = len(axes) + 1
+    for i in range(k):
+        r = minus(triple(x, i, 0), triple(corners, 0, 0))
+        rest = 1.0
+        for v in range(1, k):
+            value = dot(triple(gradients, v, 0), r)
+            result[i, v] = value
+            rest -= value
+        result[i, 0] = rest
+
+
 @inlined
 def _clip_polygon(work, v, n):
     """Cut a polygon of n corners where coordinate v is negative; return how many are left."""
@@ -121,9 +167,22 @@ def _clip_polygon(work, v, n):
 
 
 @lean
-def _turned(h):
+def next_at_corner(h):
     """Return the edge of a corner that follows edge h, in the sense of rotation."""
     return h + 1 if h & 3 < 2 else h - 2
+
+
+@inlined
+def begin_faces(work, n):
+    """Begin to visit the faces of a polyhedron of n corners: those at corner 0 count as seen."""
+    twins, seen = work.twins, work.seen
+    for h in range(4 * n):
+        seen[h] = h & 3 == 3
+    for e in range(3):
+        h = np.int64(e)
+        while not seen[h]:
+            seen[h] = True
+            h = next_at_corner(twins[h])
 
 
 @inlined
@@ -153,7 +212,7 @@ def _clip_polyhedron(work, v, n):
     for new in range(n, total):
         h = twins[4 * new]
         while h < 4 * n:
-            h = twins[_turned(h)]
+            h = twins[next_at_corner(h)]
         twins[4 * new + 2] = h + 1
         twins[h + 1] = 4 * new + 2
     # The last corners take the places of those that are cut off.
@@ -226,14 +285,8 @@ def _polyhedron_integrals(work, n, whole):
     place, twins, seen = work.place, work.twins, work.seen
     o1, o2, o3 = place[0, 1], place[0, 2], place[0, 3]
     volume = f1 = f2 = f3 = s11 = s12 = s13 = s22 = s23 = s33 = 0.0
-    for h in range(4 * n):
-        # Faces at corner 0, from which coordinates are taken, count nothing.
-        seen[h] = h & 3 == 3
-    for e in range(3):
-        h = np.int64(e)
-        while not seen[h]:
-            seen[h] = True
-            h = _turned(twins[h])
+    # Faces at corner 0, from which coordinates are taken, count nothing.
+    begin_faces(work, n)
     for first in range(4, 4 * n):
         if seen[first]:
             continue
@@ -243,7 +296,7 @@ def _polyhedron_integrals(work, n, whole):
         p = h >> 2
         x1, x2, x3 = place[p, 1] - o1, place[p, 2] - o2, place[p, 3] - o3
         while True:
-            h = _turned(h)
+            h = next_at_corner(h)
             seen[h] = True
             h = twins[h]
             p = h >> 2

@@ -53,7 +53,7 @@ def find_hidden(walls, two_sided, ends, strict, hidden, begin, end):
 
     Parameters
     ----------
-    walls : Walls
+    walls : FacetTree
     two_sided : bool[m]
         Facets that hide from both sides.
     ends : tuple of float64[n, 3], float64[n, 3]

@@ -34,6 +34,9 @@ _MARGIN = 1.25
 MOST_NODES, MOST_AROUND = 160, 9
 #: Number of cells, and of facets, that a new node may replace.
 MOST_IN_CAVITY, MOST_FACETS_IN_CAVITY = 64, 24
+#: Places in `Cavity.counts` of the numbers of cells, faces, facets and edges of the rim of a
+#: cavity, of facets and lines that contain the simplex, and of nodes of the simplex.
+N_CELLS, N_FACES, N_FACETS, N_RIM, N_BEGUN, N_LINES, N_NODES = range(7)
 
 
 class LocalMesh(NamedTuple):
@@ -96,7 +99,7 @@ class Cavity(NamedTuple):
     made : int64[f + r, 5]
         New cells and facets, and their labels.
     counts : int64[7]
-        Numbers of these, see `insertion`.
+        Numbers of these, see `N_CELLS`.
     """
 
     cells: npt.NDArray[np.int64]

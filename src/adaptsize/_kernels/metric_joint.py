@@ -62,6 +62,37 @@ _SHORT = 0.99
 YES, NO = np.bool_(True), np.bool_(False)
 
 
+class Matrices(NamedTuple):
+    """Scratch, each float64[dim, dim].
+
+    Parameters
+    ----------
+    p, step
+        P, and its step.
+    outer
+        K_s T_s^-1 K_s^T, or K_s Y_s K_s^T.
+    inverse
+        T_s^-1, or P^-1.
+    residual
+        P^-1 - mu sum_s K_s T_s^-1 K_s^T.
+    product, factor, lower, half
+        Products, and factors with their inverses.
+    base
+        S = R diag(h) of intersecting two by two.
+    """
+
+    p: np.ndarray
+    step: np.ndarray
+    outer: np.ndarray
+    inverse: np.ndarray
+    residual: np.ndarray
+    product: np.ndarray
+    factor: np.ndarray
+    lower: np.ndarray
+    half: np.ndarray
+    base: np.ndarray
+
+
 class Joint(NamedTuple):
     """Metrics to intersect, their intersection, and scratch.
 
@@ -87,7 +118,7 @@ class Joint(NamedTuple):
         Steps of T_s.
     dy : float64[MOST, dim, dim]
         Steps of Y_s.
-    small : float64[10, dim, dim]
+    work : Matrices
     normal : float64[6, 7]
         Equations for the step of P.
     """
@@ -102,7 +133,7 @@ class Joint(NamedTuple):
     y: np.ndarray
     dt: np.ndarray
     dy: np.ndarray
-    small: np.ndarray
+    work: Matrices
     normal: np.ndarray
 
 
@@ -120,7 +151,7 @@ def new_joint(dim: int) -> Joint:
         y=np.empty(square),
         dt=np.empty(square),
         dy=np.empty(square),
-        small=np.empty((10, dim, dim)),
+        work=Matrices(*np.empty((10, dim, dim))),
         normal=np.empty((6, 7)),
     )
 
@@ -146,93 +177,109 @@ def _add_products(axes, b, c, normal):
 
 
 @lean
-def _longest_step(axes, a, da, scratch, c):
-    """Return a step up to 1, most of the way to where a + step da is not definite any more."""
+def _longest_step(axes, a, da, moved, factor):
+    """Return a share of a step up to 1, most of the way to where a + share da is not definite."""
     dim = len(axes)
-    step = 1.0
+    share = 1.0
     for _ in range(100):
         for i in range(dim):
             for j in range(dim):
-                scratch[i, j] = a[i, j] + step * da[i, j]
-        if factorise(dim, scratch, c):
-            return step if step == 1.0 else _SHORT * step
-        step *= _SHORTER
+                moved[i, j] = a[i, j] + share * da[i, j]
+        if factorise(dim, moved, factor):
+            return share if share == 1.0 else _SHORT * share
+        share *= _SHORTER
     return 0.0
 
 
 @lean
-def _improve(axes, count, joint, p, mu, inside):
-    """Take one step of the interior-point method (In/Out: p, joint); return its length up to 1.
+def _fill_equations(axes, count, joint, mu):
+    """Fill the equations for the step of P at a given mu; return False if they have no solution.
 
-    ``inside``: whether the step must keep P, T_s and Y_s definite.
+    With T_s and Y_s eliminated, they are those of the derivative of the first optimality condition.
     """
-    dim = len(axes)
-    small, normal = joint.small, joint.normal
-    half, inverse, b, c, low, product, x = (
-        small[1], small[2], small[3], small[4], small[5], small[6], small[7],
-    )  # fmt: skip
-    m = np.int64(dim * (dim + 1) // 2)
-    for i in range(m):
+    dim, work, normal = len(axes), joint.work, joint.normal
+    inverse, outer, residual = work.inverse, work.outer, work.residual
+    for i in range(dim * (dim + 1) // 2):
         for j in range(7):
             normal[i, j] = 0.0
-    if not invert(axes, p, c, low, inverse):
-        return 0.0
-    _add_products(axes, inverse, inverse, normal)
+    if not invert(axes, work.p, work.factor, work.lower, residual):
+        return False
+    _add_products(axes, residual, residual, normal)
     for s in range(count):
-        if not invert(axes, joint.t[s], c, low, x):
-            return 0.0
-        sandwich(axes, joint.k[s], x, False, half, b)
-        sandwich(axes, joint.k[s], joint.y[s], False, half, product)
-        _add_products(axes, b, product, normal)
+        if not invert(axes, joint.t[s], work.factor, work.lower, inverse):
+            return False
+        sandwich(axes, joint.k[s], inverse, False, work.half, outer)
+        sandwich(axes, joint.k[s], joint.y[s], False, work.half, work.product)
+        _add_products(axes, outer, work.product, normal)
         for i in range(dim):
             for j in range(dim):
-                inverse[i, j] -= mu * b[i, j]
+                residual[i, j] -= mu * outer[i, j]
     row = 0
     for i in range(dim):
         for j in range(i, dim):
-            normal[row, 6] = inverse[i, j] if i == j else 2.0 * inverse[i, j]
+            normal[row, 6] = residual[i, j] if i == j else 2.0 * residual[i, j]
             row += 1
-    if not solve(m, normal):
-        return 0.0
-    row = 0
-    dp = small[8]
-    for i in range(dim):
-        for j in range(i, dim):
-            dp[i, j] = dp[j, i] = normal[row, 6]
-            row += 1
-    step_p = _longest_step(axes, p, dp, b, c) if inside else 1.0
-    step_y = 1.0
-    for s in range(count):
-        t, y, dt, dy = joint.t[s], joint.y[s], joint.dt[s], joint.dy[s]
-        sandwich(axes, joint.k[s], dp, True, half, dt)
-        invert(axes, t, c, low, x)
-        for i in range(dim):
-            for j in range(dim):
-                dt[i, j] = -dt[i, j]
-        multiply(axes, dt, x, (False, False), half)
-        multiply(axes, y, half, (False, False), product)
-        for i in range(dim):
-            for j in range(dim):
-                dy[i, j] = mu * x[i, j] - y[i, j] - 0.5 * (product[i, j] + product[j, i])
-        if inside:
-            step_p = min(step_p, _longest_step(axes, t, dt, b, c))
-            step_y = min(step_y, _longest_step(axes, y, dy, b, c))
-    for i in range(dim):
-        for j in range(dim):
-            p[i, j] += step_p * dp[i, j]
-            for s in range(count):
-                joint.y[s, i, j] += step_y * joint.dy[s, i, j]
-    return min(step_p, step_y)
+    return True
 
 
 @lean
-def _fill_slacks(axes, count, joint, p):
+def _fill_step(axes, s, joint, mu):
+    """Fill the steps of T_s and Y_s that follow from that of P."""
+    dim, work = len(axes), joint.work
+    t, y, dt, dy = joint.t[s], joint.y[s], joint.dt[s], joint.dy[s]
+    inverse, half, product = work.inverse, work.half, work.product
+    sandwich(axes, joint.k[s], work.step, True, half, dt)
+    invert(axes, t, work.factor, work.lower, inverse)
+    for i in range(dim):
+        for j in range(dim):
+            dt[i, j] = -dt[i, j]
+    multiply(axes, dt, inverse, (False, False), half)
+    multiply(axes, y, half, (False, False), product)
+    for i in range(dim):
+        for j in range(dim):
+            dy[i, j] = mu * inverse[i, j] - y[i, j] - 0.5 * (product[i, j] + product[j, i])
+
+
+@lean
+def _improve(axes, count, joint, mu, inside):
+    """Take one step of the interior-point method (In/Out: joint); return its length up to 1.
+
+    ``inside``: whether the step must keep P, T_s and Y_s definite.
+    """
+    dim, work, normal = len(axes), joint.work, joint.normal
+    p, step = work.p, work.step
+    m = np.int64(dim * (dim + 1) // 2)
+    if not _fill_equations(axes, count, joint, mu) or not solve(m, normal):
+        return 0.0
+    row = 0
+    for i in range(dim):
+        for j in range(i, dim):
+            step[i, j] = step[j, i] = normal[row, 6]
+            row += 1
+    share_p = _longest_step(axes, p, step, work.outer, work.factor) if inside else 1.0
+    share_y = 1.0
+    for s in range(count):
+        _fill_step(axes, s, joint, mu)
+        if inside:
+            t, y, dt, dy = joint.t[s], joint.y[s], joint.dt[s], joint.dy[s]
+            share_p = min(share_p, _longest_step(axes, t, dt, work.outer, work.factor))
+            share_y = min(share_y, _longest_step(axes, y, dy, work.outer, work.factor))
+    for i in range(dim):
+        for j in range(dim):
+            p[i, j] += share_p * step[i, j]
+            for s in range(count):
+                joint.y[s, i, j] += share_y * joint.dy[s, i, j]
+    return min(share_p, share_y)
+
+
+@lean
+def _fill_slacks(axes, count, joint):
     """Fill T_s = I - K_s^T P K_s; return the sum of tr(Y_s T_s)."""
     dim = len(axes)
     gap = 0.0
     for s in range(count):
         t = joint.t[s]
-        sandwich(axes, joint.k[s], p, True, joint.small[1], t)
+        sandwich(axes, joint.k[s], joint.work.p, True, joint.work.half, t)
         for i in range(dim):
             for j in range(dim):
                 t[i, j] = (1.0 if i == j else 0.0) - t[i, j]
@@ -271,33 +318,33 @@ def _drop_inactive(axes, count, joint):
 
 
 @lean
-def _optimise(axes, count, joint, p):
-    """Solve for P from the feasible start I / 2 (Out: p).
+def _optimise(axes, count, joint):
+    """Solve for P from the feasible start I / 2 (In/Out: joint).
 
     Metrics that are not active are removed near the solution.  Returns the number of the others.
     """
-    dim = len(axes)
+    dim, p = len(axes), joint.work.p
     for i in range(dim):
         for j in range(dim):
             p[i, j] = 0.5 if i == j else 0.0
             for s in range(count):
                 joint.y[s, i, j] = 1.0 / count if i == j else 0.0
     fall, n = _FALL, count * dim
-    gap = _fill_slacks(axes, count, joint, p)
+    gap = _fill_slacks(axes, count, joint)
     for _ in range(_ITERATIONS):
         if gap < _GAP:
             break
-        step = _improve(axes, count, joint, p, fall * gap / n, YES)
-        gap = _fill_slacks(axes, count, joint, p)
+        step = _improve(axes, count, joint, fall * gap / n, YES)
+        gap = _fill_slacks(axes, count, joint)
         fall = _FALL if step > 0.9 else _FALL_NEAR
     mu = gap / n
     count = _drop_inactive(axes, count, joint)
     for _ in range(_CENTRE):
-        _improve(axes, count, joint, p, mu, YES)
-        _fill_slacks(axes, count, joint, p)
+        _improve(axes, count, joint, mu, YES)
+        _fill_slacks(axes, count, joint)
     # From a point on the path of solutions for mu, a step to mu = 0 has an error of order mu^2.
-    _improve(axes, count, joint, p, 0.0, NO)
-    _fill_slacks(axes, count, joint, p)
+    _improve(axes, count, joint, 0.0, NO)
+    _fill_slacks(axes, count, joint)
     return count
 
 
@@ -308,31 +355,31 @@ def two_by_two(axes, count, joint):
     copy_metric(axes, (joint.h[0], joint.r[0]), 0.0, both)
     for s in range(1, count):
         other = (joint.h[s], joint.r[s])
-        intersect_into(axes, both, other, joint.small[1], joint.small[2])
+        intersect_into(axes, both, other, joint.work.half, joint.work.product)
 
 
 @lean
-def _as_metric(axes, count, joint, p):
+def _as_metric(axes, count, joint):
     """Set the result to P^-1 (In/Out: h_all, r_all), scaled so that no metric exceeds it."""
-    dim = len(axes)
-    base, c, low, g = joint.small[0], joint.small[4], joint.small[5], joint.small[6]
+    dim, work = len(axes), joint.work
+    base, factor, product = work.base, work.factor, work.product
     for i in range(dim):
         for j in range(dim):
-            c[i, j] = 0.0
-    factorise(dim, p, c)
+            factor[i, j] = 0.0
+    factorise(dim, work.p, factor)
     largest = 0.0
     for s in range(count):
-        multiply(axes, joint.k[s], c, (True, False), g)
-        rotate_columns(axes, g, None)
+        multiply(axes, joint.k[s], factor, (True, False), product)
+        rotate_columns(axes, product, None)
         for j in range(dim):
-            largest = max(largest, column_norm(axes, g, j))
-    invert_lower(axes, c, low)
+            largest = max(largest, column_norm(axes, product, j))
+    invert_lower(axes, factor, work.lower)
     fill_factor(axes, joint.h_all, joint.r_all, base)
-    multiply(axes, base, low, (False, True), g)
+    multiply(axes, base, work.lower, (False, True), product)
     for i in range(dim):
         for j in range(dim):
-            g[i, j] *= largest
-    sizes_of_factor(axes, g, joint.h_all, joint.r_all)
+            product[i, j] *= largest
+    sizes_of_factor(axes, product, joint.h_all, joint.r_all)
 
 
 @lean
@@ -341,7 +388,7 @@ def intersect_several(axes, count, joint):
 
     Metrics that are not active are removed.  Returns the number of the others.
     """
-    dim, p = len(axes), joint.small[9]
+    dim = len(axes)
     while True:
         two_by_two(axes, count, joint)
         if count <= 2:
@@ -351,10 +398,10 @@ def intersect_several(axes, count, joint):
             for i in range(dim):
                 for j in range(dim):
                     joint.k[s, i, j] *= joint.h_all[i] / joint.h[s, j]
-        left = _optimise(axes, count, joint, p)
+        left = _optimise(axes, count, joint)
         kept = _drop_inactive(axes, left, joint)
         if kept == left and kept > 2:
-            _as_metric(axes, kept, joint, p)
+            _as_metric(axes, kept, joint)
             return kept
         count = kept
 

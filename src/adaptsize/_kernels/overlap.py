@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.clipping import clip, integrate
+from adaptsize._kernels.clipping import clip, integrate, set_coordinates, set_corners, set_gradients
 from adaptsize._kernels.compiling import inlined, lean, lean_kernel
 from adaptsize._kernels.trees import DEPTH, box_of_cell, cells_of_leaf, leaf_within
-from adaptsize._kernels.vectors import cross, dot, minus, triple
+from adaptsize._kernels.vectors import dot, triple
 
 # A new cell of which a larger share is missing may extend beyond the boundary, or across a slit.
 _COVERED = 1e-12
@@ -44,51 +44,6 @@ class Front(NamedTuple):
     queue: np.ndarray
 
 
-@lean
-def _set_corners(points, cells, c, start, axes, corners):
-    """Set the corners of a cell, relative to a point."""
-    for v in range(len(axes) + 1):
-        for d in range(len(axes)):
-            corners[v, d] = points[cells[c, v], d] - start[d]
-
-
-@lean
-def _set_gradients(x, axes, gradients):
-    """Set the gradients of the barycentric coordinates; return the measure, 0 of a flat cell."""
-    corner = triple(x, 0, 0)
-    e, f = minus(triple(x, 1, 0), corner), minus(triple(x, 2, 0), corner)
-    if len(axes) == 2:
-        twice = e[0] * f[1] - e[1] * f[0]
-        if twice == 0.0:
-            return 0.0
-        gradients[1, 0], gradients[1, 1] = f[1] / twice, -f[0] / twice
-        gradients[2, 0], gradients[2, 1] = -e[1] / twice, e[0] / twice
-        return 0.5 * abs(twice)
-    g = minus(triple(x, 3, 0), corner)
-    rows = (cross(f, g), cross(g, e), cross(e, f))
-    six = dot(e, rows[0])
-    if six == 0.0:
-        return 0.0
-    for v in range(3):
-        for d in range(3):
-            gradients[v + 1, d] = 1.0 / six * rows[v][d]
-    return abs(six) / 6.0
-
-
-@lean
-def _set_coordinates(gradients, corners, x, axes, result):
-    """Set the barycentric coordinates of points in a cell, ``result[i, v]`` coordinate v of i."""
-    k = len(axes) + 1
-    for i in range(k):
-        r = minus(triple(x, i, 0), triple(corners, 0, 0))
-        rest = 1.0
-        for v in range(1, k):
-            value = dot(triple(gradients, v, 0), r)
-            result[i, v] = value
-            rest -= value
-        result[i, 0] = rest
-
-
 @inlined
 def _intersection(old, k, new_measure, work, whole, axes):
     """Return the measure that old cell k and the new cell of the scratch have in common.
@@ -98,7 +53,7 @@ def _intersection(old, k, new_measure, work, whole, axes):
     corners, mixed, place = work.corners, work.mixed, work.place
     dim = len(axes)
     n_corners = dim + 1
-    _set_corners(old.points, old.cells, k, work.start, axes, corners)
+    set_corners(old.points, old.cells, k, work.start, axes, corners)
     # A side of one cell that has all of the other beyond it: nothing to be cut.
     for i in range(1, n_corners):
         gradient = triple(work.gradients, i, 0)
@@ -117,10 +72,10 @@ def _intersection(old, k, new_measure, work, whole, axes):
         highest = max(highest, rest)
     if highest <= 0.0:
         return 0.0
-    measure = _set_gradients(corners, axes, work.old_gradients)
+    measure = set_gradients(corners, axes, work.old_gradients)
     if measure == 0.0:
         return 0.0
-    _set_coordinates(work.old_gradients, corners, work.cut, axes, work.back)
+    set_coordinates(work.old_gradients, corners, work.cut, axes, work.back)
     cuts = 0
     for v in range(n_corners):
         highest, lowest = -math.inf, math.inf
@@ -163,10 +118,10 @@ def _walk(old, neighbours, row, work, axes):
     """Walk from an old cell to the one at the centroid of the new cell; return -1 on failure."""
     k = len(axes) + 1
     for _ in range(DEPTH):
-        _set_corners(old.points, old.cells, row, work.start, axes, work.corners)
-        if _set_gradients(work.corners, axes, work.old_gradients) == 0.0:
+        set_corners(old.points, old.cells, row, work.start, axes, work.corners)
+        if set_gradients(work.corners, axes, work.old_gradients) == 0.0:
             return np.int64(-1)
-        _set_coordinates(work.old_gradients, work.corners, work.cut, axes, work.back)
+        set_coordinates(work.old_gradients, work.corners, work.cut, axes, work.back)
         lowest, side = 0.0, np.int64(-1)
         for v in range(k):
             total = 0.0
@@ -282,8 +237,8 @@ def fill_overlaps(old, front, new, which, work, overlaps, members, axes):
         counts[c] = 0
         for d in range(k - 1):
             work.start[d] = new[0][cells[c, 0], d]
-        _set_corners(new[0], cells, c, work.start, axes, work.cut)
-        size = _set_gradients(work.cut, axes, work.gradients)
+        set_corners(new[0], cells, c, work.start, axes, work.cut)
+        size = set_gradients(work.cut, axes, work.gradients)
         if size == 0.0:
             continue
         at = n = np.int64(0)

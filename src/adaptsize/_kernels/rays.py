@@ -30,7 +30,7 @@ from adaptsize._kernels.vectors import dot, minus, triple
 ALONG = 1e-3
 
 
-class Walls(NamedTuple):
+class FacetTree(NamedTuple):
     """The facets of a boundary in a tree.
 
     Parameters
@@ -172,7 +172,7 @@ def shoot(walls, rule, rays, begin, end):
 
     Parameters
     ----------
-    walls : Walls
+    walls : FacetTree
         Hits as near to each other as the slack are one.
     rule : Rule
     rays : Rays
@@ -213,7 +213,7 @@ def find_entries(walls, two_sided, places, directions, enters):
 
     Parameters
     ----------
-    walls : Walls
+    walls : FacetTree
     two_sided : bool[m]
         As in `Rule`.
     places, directions : float64[n, 3]
@@ -253,7 +253,7 @@ def is_blocked(walls, x, way, length, stack):
 
     Parameters
     ----------
-    walls : Walls
+    walls : FacetTree
     x, way : tuple of 3 float64
         Start and unit direction.
     length : float

@@ -131,7 +131,7 @@ def lower_separations(elements, queries, walls, part, distances):
     ----------
     elements : Elements
     queries : Queries
-    walls : Walls
+    walls : FacetTree
     part : tuple of 2 int
         First and last (exclusive) of the queries to process.
     distances : float64[n]

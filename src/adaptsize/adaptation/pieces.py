@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._kernels.clipping import new_clipping
-from adaptsize._kernels.pieces import fill_pieces
+from adaptsize._kernels.overlap_pieces import fill_pieces
 from adaptsize.adaptation.field_transfer import FieldTransfer
 from adaptsize.background.location import in_space
 from adaptsize.typing import BoolArray, FloatArray, IntArray

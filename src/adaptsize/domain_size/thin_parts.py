@@ -113,11 +113,13 @@ class ThinParts:
         edge, wide = self._strips
         if self.faces.is_rough or len(edge) == 0:
             return 0.0, 0.0
-        ends = self.faces.mesh.points[self.faces.features[edge]]
+        edges, at = np.unique(edge, return_inverse=True)  # most are beside two narrow faces
+        ends = self.faces.mesh.points[self.faces.features[edges]]
         lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         places = (np.arange(4) + 0.5) / 4.0
         points = ends[:, None, 0] + places[:, None] * (ends[:, None, 1] - ends[:, None, 0])
-        h = np.asarray(size(points.reshape(-1, 3))).reshape(len(edge), -1)
+        h = np.asarray(size(points.reshape(-1, 3))).reshape(len(edges), -1)
+        h, lengths = h[at.reshape(-1)], lengths[at.reshape(-1)]
         along = lengths[:, None] / len(places) / h  # edges of the new mesh
         more = np.maximum(1.0 - 0.5 * ELEMENTS_PER_MEASURE[2] * wide[:, None] / h, 0.0)
         facets = float((along * more).sum())

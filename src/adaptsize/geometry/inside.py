@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from adaptsize._kernels import inside as kernels
-from adaptsize._kernels.rays import Walls
+from adaptsize._kernels.rays import FacetTree
 from adaptsize._workers import Workers
 from adaptsize.background import SimplexMesh
 from adaptsize.background._mesh_arrays import read_only
@@ -59,7 +59,7 @@ class Inside:
         return np.asarray((np.linalg.norm(total, axis=1) > _SHEET * every)[piece])
 
     @cached_property
-    def walls(self) -> tuple[Walls, BoolArray]:
+    def walls(self) -> tuple[FacetTree, BoolArray]:
         """The facets in a tree, and which of its rows hide from both sides."""
         walls = WallTree.of(self.faces)
         return walls.tree, self.is_sheet[walls.order]

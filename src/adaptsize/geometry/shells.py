@@ -12,7 +12,7 @@ from adaptsize.typing import BoolArray, FloatArray, IndexArray
 
 #: A volume below this times an area and the diagonal is none, and neither is a difference of areas
 #: below this times their sum.  It is above the rounding of the single precision of STL files.
-_FLAT = 1e-6
+FLAT = 1e-6
 
 
 class Shells(NamedTuple):
@@ -56,7 +56,7 @@ def shells_of(mesh: SimplexMesh) -> Shells:
     for side in (front, back):
         np.minimum.at(lowest, component[kept], volume[side[kept]])
     area = np.bincount(component, mesh.measures)
-    lowest = np.where(lowest < -_FLAT * area * mesh.diagonal, lowest, -np.inf)[component]
+    lowest = np.where(lowest < -FLAT * area * mesh.diagonal, lowest, -np.inf)[component]
     at_front, at_back = volume[front] == lowest, volume[back] == lowest
     return Shells(~kept | (at_front == at_back), kept & at_back & ~at_front)
 
@@ -169,4 +169,4 @@ def _coincide(mesh: SimplexMesh, one: IndexArray, other: IndexArray) -> bool:
     both = float(mesh.measures[cells].sum())
     away = np.abs(cone_measures(mesh, apex)[cells]).sum()
     change = abs(float(mesh.measures[one].sum() - mesh.measures[other].sum()))
-    return bool(away <= _FLAT * both * mesh.diagonal and change <= _FLAT * both)
+    return bool(away <= FLAT * both * mesh.diagonal and change <= FLAT * both)

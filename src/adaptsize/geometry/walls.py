@@ -22,18 +22,18 @@ class WallTree(NamedTuple):
     ----------
     order : LongArray
         Number of the facet in each row.
-    tree : kernels.Walls
+    tree : kernels.FacetTree
     """
 
     order: LongArray
-    tree: kernels.Walls
+    tree: kernels.FacetTree
 
     @classmethod
     def of(cls, faces: Faces) -> WallTree:
         """Return the walls of a boundary in its frame."""
         tree, order = tree_over(faces.frame.of(faces.mesh.points), faces.mesh.cells)
         facets = _facets(faces.corners[order], faces.normals[order])
-        return cls(order, kernels.Walls(facets, tree.boxes, SLACK))
+        return cls(order, kernels.FacetTree(facets, tree.boxes, SLACK))
 
 
 def _facets(corners: FloatArray, normals: FloatArray) -> FloatArray:

@@ -1,4 +1,9 @@
-"""The options of a record, with their texts."""
+"""The options of a record, with their texts.
+
+The texts are in the docstrings of the records, where editors and the documentation show them, and
+not a second time in the declarations.  A docstring is a title, an empty line, and for each option
+its name and indented lines: the first sentence is the text, the others are its details.
+"""
 
 import inspect
 import re

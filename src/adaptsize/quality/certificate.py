@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -339,6 +339,53 @@ def _at_least(share: float, limit: float) -> Status:
     return "near" if share >= (1.0 - NEAR) * limit else "missed"
 
 
+class _Domain(NamedTuple):
+    """The domain that a mesh must fill."""
+
+    boundary: SimplexMesh
+    is_closed: bool
+    diagonal: float
+    solid: Solid | None
+    """What a surface encloses, if the domain is given by one."""
+
+    @classmethod
+    def of(cls, original: SimplexMesh, mesh: SimplexMesh, solid: Solid | None) -> _Domain:
+        """Return the domain of the original; ``solid``: what it encloses, if known."""
+        if mesh.cell_dim == 3 and original.cell_dim == 2:
+            solid = Solid(original) if solid is None else solid
+            return cls(solid.skin, solid.is_closed, original.diagonal, solid)
+        boundary = skin_of(original)[0]
+        return cls(boundary, boundary.is_closed, original.diagonal, solid)
+
+    def left_out(self) -> Iterator[str]:
+        """Yield what of a solid is not compared."""
+        if self.solid is None:
+            return
+        if self.solid.is_divided and not self.solid.skin.is_closed:
+            yield "the topology is not compared: bodies of the original overlap or touch"
+        elif self.is_closed and self.solid.hidden.any():
+            text = "facets of the original are inside of it, and are not compared"
+            yield f"{np.count_nonzero(self.solid.hidden)} {text}"
+
+    def distances(self, skin: SimplexMesh, allowed: float, notes: list[str]) -> list[Distances]:
+        """Return the distances of the boundaries from each other, as far as they are compared."""
+        if self.solid is not None:
+            away, opening = distances_from_solid(skin, self.solid, allowed)
+            notes += [] if opening is None else [str(opening)]
+            return away
+        away = [distances_from(self.boundary, skin)]
+        if self.is_closed:
+            return [*away, distances_from(skin, self.boundary)]
+        notes.append("the original is open: only its distance from the mesh is compared")
+        return away
+
+    def enclosed(self, topology: Topology | None) -> float:
+        """Return the volume or area that it encloses, NaN if unknown."""
+        if self.solid is not None and not np.isnan(self.solid.volume):
+            return self.solid.volume
+        return np.nan if topology is None else topology.enclosed
+
+
 def _same_domain(
     mesh: SimplexMesh,
     original: SimplexMesh,
@@ -348,56 +395,45 @@ def _same_domain(
     solid: Solid | None,
 ) -> Iterator[Requirement]:
     """Yield the requirements that compare two domains; notes say what cannot be compared."""
-    skin, old = skin_of(mesh)[0], skin_of(original)[0]
-    is_closed, enclosed = old.is_closed, np.nan
-    if mesh.cell_dim == 3 and original.cell_dim == 2:
-        solid = Solid(original) if solid is None else solid
-        old, is_closed, enclosed = solid.skin, solid.is_closed, solid.volume
-        if solid.is_divided and not solid.skin.is_closed:
-            notes.append("the topology is not compared: bodies of the original overlap or touch")
-        elif is_closed and solid.hidden.any():
-            text = "facets of the original are inside of it, and are not compared"
-            notes.append(f"{np.count_nonzero(solid.hidden)} {text}")
-    allowed = tolerance * original.diagonal
-    if solid is not None:
-        away, opening = distances_from_solid(skin, solid, allowed)
-        if opening is not None:
-            notes.append(str(opening))
-    else:
-        away = [distances_from(old, skin)]
-        if is_closed:
-            away.append(distances_from(skin, old))
-        else:
-            notes.append("the original is open: only its distance from the mesh is compared")
-    yield _near("boundary", away, allowed, original.diagonal, count)
-    if original.cell_dim == original.dim == mesh.cell_dim:
-        inside = interface_distances(mesh, original)
-        if inside:
-            yield _near("interface", inside, allowed, original.diagonal, count)
-    tagged = original if solid is None else solid.skin
-    yield from _tags(mesh, tagged, allowed, original.diagonal, count, notes)
-    if original.cell_dim == original.dim == mesh.cell_dim:
-        if original.cell_tags is not None and mesh.cell_tags is not None:
+    skin, domain = skin_of(mesh)[0], _Domain.of(original, mesh, solid)
+    diagonal, allowed = domain.diagonal, tolerance * domain.diagonal
+    notes += domain.left_out()
+    away = domain.distances(skin, allowed, notes)
+    yield _near("boundary", away, allowed, diagonal, count)
+    has_inside = original.cell_dim == original.dim == mesh.cell_dim
+    inside = interface_distances(mesh, original) if has_inside else None
+    if inside:
+        yield _near("interface", inside, allowed, diagonal, count)
+    tagged = original if domain.solid is None else domain.solid.skin
+    yield from _tags(mesh, tagged, allowed, diagonal, count, notes)
+    if has_inside and original.cell_tags is not None:
+        if mesh.cell_tags is not None:
             yield _regions(mesh, original, allowed)
-        elif original.cell_tags is not None:
+        else:
             notes.append("regions are not compared: the mesh has none")
-    new_topology, old_topology = topology_of(skin), topology_of(old)
-    if np.isnan(enclosed) and old_topology is not None:
-        enclosed = old_topology.enclosed
-    elif np.isnan(enclosed):
+    # Twice, since the distance is integrated from samples.
+    between = 2.0 * max(found.integral for found in away)
+    explained = min(allowed * float(domain.boundary.measures.sum()), between)
+    yield from _measure_and_topology(mesh, skin, domain, explained, notes)
+
+
+def _measure_and_topology(
+    mesh: SimplexMesh, skin: SimplexMesh, domain: _Domain, explained: float, notes: list[str]
+) -> Iterator[Requirement]:
+    """Yield the requirements on volume and topology; the tolerance explains a change of volume."""
+    new, old = topology_of(skin), topology_of(domain.boundary)
+    enclosed = domain.enclosed(old)
+    if np.isnan(enclosed) and old is None:
         notes.append("volume and topology are not compared: the original is no closed manifold")
         return
-    if enclosed <= _NO_VOLUME * original.diagonal**original.dim:
+    if enclosed <= _NO_VOLUME * domain.diagonal**mesh.dim:
         notes.append("the volume is not compared: the original encloses none")
-    elif np.isfinite(enclosed) and (mesh.cell_dim == mesh.dim or new_topology):
-        # Twice, since the distance is integrated from samples.
-        between = 2.0 * max(found.integral for found in away)
-        explained = min(allowed * float(old.measures.sum()), between)
-        yield _measure(mesh, new_topology, enclosed, explained)
+    elif np.isfinite(enclosed) and (mesh.cell_dim == mesh.dim or new):
+        yield _measure(mesh, new, enclosed, explained)
     else:
         notes.append("the volume is not compared: the original is not consistently oriented")
-    if old_topology is not None:
-        yield _topology(new_topology, old_topology)
+    if old is not None:
+        yield _topology(new, old)
 
 
 def _tags(

@@ -9,9 +9,9 @@ import numpy as np
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import regions_beside
-from adaptsize.remeshing.boundary_repair import corners_of
 from adaptsize.remeshing.preparation import collect_facets, facet_numbers, number_regions
 from adaptsize.remeshing.protocol import NO_TAG
+from adaptsize.remeshing.skins import corners_of
 from adaptsize.remeshing.surface import facets_of
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 

@@ -122,15 +122,42 @@ def adapted(
     BackendError
         If the first run fails.
     """
-    largest = tuning.CORRECTION if largest is None else largest
-    made, options = job_of(problem)
-    best, best_share, elements = made, -1.0, None
-    for times in [] if is_far(problem) else hausd:
+    first, options = job_of(problem)
+    tolerances = [times * problem.tolerance for times in hausd]
+    mmg = _Mmg(options, run, text)
+    best = first
+    if not is_far(problem):
+        largest = tuning.CORRECTION if largest is None else largest
+        best = _best_of_runs(problem, first, tolerances, mmg, factor, largest)
+    if problem.metric is None:
+        return best
+
+    def once(mesh: Arrays, metric: Metric) -> Arrays:
+        return mmg.adapt(mesh, _rows(metric), tolerances[0])
+
+    return in_steps(problem, best, once)
+
+
+def _best_of_runs(
+    problem: MeshingProblem,
+    best: Arrays,
+    tolerances: Sequence[float],
+    mmg: _Mmg,
+    factor: float,
+    largest: float,
+) -> Arrays:
+    """Return the result whose edges and elements follow the sizes best.
+
+    Each run begins with the result of the one before, and with sizes corrected by its edges.  An
+    error ends the runs, unless the first one fails.
+    """
+    made, best_share, elements = best, -1.0, None
+    for tolerance in tolerances:
         sizes = _requested(problem, made["points"], factor)
         if elements is None and problem.metric is None:
             elements = _Elements.of(problem.mesh, sizes / factor)
         try:
-            made = _adapted_once(made, sizes, times * problem.tolerance, options, run, text)
+            made = mmg.adapt(made, sizes, tolerance)
         except BackendError:  # also if the time is over
             if best_share < 0.0:
                 raise
@@ -144,13 +171,7 @@ def adapted(
             break
         if median > 0.0:  # Mmg may return coincident nodes
             factor = float(np.clip(factor / median, 1.0 / largest, largest))
-    if problem.metric is None:
-        return best
-
-    def once(mesh: Arrays, metric: Metric) -> Arrays:
-        return _adapted_once(mesh, _rows(metric), hausd[0] * problem.tolerance, options, run, text)
-
-    return in_steps(problem, best, once)
+    return best
 
 
 def job_of(problem: MeshingProblem) -> tuple[Arrays, dict[str, Any]]:
@@ -167,38 +188,43 @@ def job_of(problem: MeshingProblem) -> tuple[Arrays, dict[str, Any]]:
     return first_mesh(problem), options
 
 
-def _adapted_once(
-    made: Arrays,
-    sizes: FloatArray,
-    hausd: float,
-    options: Mapping[str, Any],
-    run: IsolatedRunner,
-    text: Stage,
-) -> dict[str, npt.NDArray[Any]]:
-    """Run Mmg in a child process, with a gradation that leaves the sizes unchanged.
+class _Mmg(NamedTuple):
+    """Mmg with the options of a problem, in child processes."""
 
-    Raises
-    ------
-    BackendError
-        If Mmg fails, returns no cells, or cells with nodes out of range, as it may for meshes with
-        flaws.
-    """
-    hgrad = -1.0
-    if sizes.ndim == 1:
-        gradient = tuning.LEAST_GRADIENT
-        for i, j in combinations(made["cells"].T, 2):
-            lengths = np.linalg.norm(made["points"][i] - made["points"][j], axis=1)
-            rise = np.abs(sizes[i] - sizes[j]) / np.maximum(lengths, np.finfo(float).tiny)
-            gradient = max(gradient, float(rise.max()))
-        hgrad = float(np.exp(min(gradient, tuning.LARGEST_GRADIENT)))
-    options = {**options, "hausd": hausd, "hgrad": hgrad}
-    new = run(MMG, text, {**made, "sizes": sizes, "corners": _corners(made, options)}, options)
-    if len(new["cells"]) == 0:
-        raise BackendError("mmg returned an empty mesh")
-    # The result is checked as a whole later, but its edges are measured before.
-    if not ((new["cells"] >= 0) & (new["cells"] < len(new["points"]))).all():
-        raise BackendError("mmg returned cells whose nodes do not exist")
-    return new
+    options: Mapping[str, Any]
+    run: IsolatedRunner
+    text: Stage
+
+    def adapt(self, made: Arrays, sizes: FloatArray, hausd: float) -> Arrays:
+        """Run Mmg, with a gradation that leaves the sizes unchanged.
+
+        Raises
+        ------
+        BackendError
+            If Mmg fails, returns no cells, or cells with nodes out of range, as it may for meshes
+            with flaws.
+        """
+        options = {**self.options, "hausd": hausd, "hgrad": _gradation(made, sizes)}
+        arrays = {**made, "sizes": sizes, "corners": _corners(made, options)}
+        new = self.run(MMG, self.text, arrays, options)
+        if len(new["cells"]) == 0:
+            raise BackendError("mmg returned an empty mesh")
+        # The result is checked as a whole later, but its edges are measured before.
+        if not ((new["cells"] >= 0) & (new["cells"] < len(new["points"]))).all():
+            raise BackendError("mmg returned cells whose nodes do not exist")
+        return new
+
+
+def _gradation(made: Arrays, sizes: FloatArray) -> float:
+    """Return Mmg's ``hgrad``: as steep as the sizes at the nodes are, and off for metrics."""
+    if sizes.ndim > 1:
+        return -1.0
+    gradient = tuning.LEAST_GRADIENT
+    for i, j in combinations(made["cells"].T, 2):
+        lengths = np.linalg.norm(made["points"][i] - made["points"][j], axis=1)
+        rise = np.abs(sizes[i] - sizes[j]) / np.maximum(lengths, np.finfo(float).tiny)
+        gradient = max(gradient, float(rise.max()))
+    return float(np.exp(min(gradient, tuning.LARGEST_GRADIENT)))
 
 
 def _requested(problem: MeshingProblem, points: FloatArray, factor: float) -> FloatArray:

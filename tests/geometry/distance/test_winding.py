@@ -6,7 +6,8 @@ from curved_shapes import part_of, smooth_torus
 from width_oracle import winding_number
 
 from adaptsize import SimplexMesh
-from adaptsize.geometry.distance.orientation import is_cycle, oriented
+from adaptsize.geometry.distance import orientation
+from adaptsize.geometry.distance.orientation import is_cycle, oriented, winding_of
 from adaptsize.geometry.distance.winding import WindingNumber
 
 
@@ -53,3 +54,68 @@ def test_cycles_are_distinguished_from_surfaces_with_holes():
     turned = clean.cells.copy()
     turned[5] = turned[5, ::-1]
     assert not is_cycle(SimplexMesh(clean.points, turned))
+
+
+def two_tori(second, n=12):
+    """A torus with another one beside it, oriented as given or inward."""
+    one = torus(n)
+    away, factor, is_inward = second
+    points = one.points * factor + away
+    cells = one.cells[:, ::-1] if is_inward else one.cells
+    return SimplexMesh(np.concatenate([one.points, points]), [*one.cells, *(cells + one.n_points)])
+
+
+CLEAN = {
+    "a torus": torus(12),
+    "two tori": two_tori(([5.0, 0.0, 0.0], 1.0, False)),
+    "a square": SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1], [1, 2], [2, 3], [3, 0]]),
+    "a soup": SimplexMesh(
+        torus(12).points[torus(12).cells].reshape(-1, 3),
+        np.arange(3 * torus(12).n_cells).reshape(-1, 3),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CLEAN)
+def test_clean_surfaces_are_kept_as_they_are_with_the_same_winding_numbers(name, monkeypatch):
+    surface = CLEAN[name]
+    x = np.random.default_rng(481).uniform(-1.5, 1.5, (300, surface.dim))
+    queries = np.concatenate([x, surface.points[surface.cells].mean(axis=1)])
+    winding, rule = winding_of(oriented(surface))
+    wanted = winding(queries)
+    assert np.ptp(wanted) > 0.9
+
+    def refused(_):
+        raise AssertionError("nothing is to be oriented")
+
+    monkeypatch.setattr(orientation, "oriented", refused)
+    found, found_rule = winding_of(surface)
+    assert found_rule == rule
+    assert rule.is_signed
+    np.testing.assert_array_equal(found(queries), wanted)
+
+
+def turned(surface, cells):
+    new = surface.cells.copy()
+    new[cells] = new[cells][:, ::-1]
+    return SimplexMesh(surface.points, new)
+
+
+@pytest.mark.parametrize(
+    "surface",
+    [
+        turned(torus(12), slice(None)),
+        turned(torus(12), [5]),
+        turned(CLEAN["a square"], slice(None)),
+        two_tori(([5.0, 0.0, 0.0], 0.5, True)),
+    ],
+    ids=["inward", "one facet", "clockwise", "one of two"],
+)
+def test_other_surfaces_are_oriented_first(surface):
+    x = np.random.default_rng(482).uniform(-1.5, 1.5, (300, surface.dim))
+    x = np.concatenate([x, x + np.array([5.0, 0.0, 0.0])[: surface.dim]])
+    expected = oriented(surface)
+    assert not np.array_equal(expected.cells, surface.cells)
+    winding, rule = winding_of(surface)
+    np.testing.assert_array_equal(winding(x), WindingNumber(expected)(x))
+    assert rule == orientation.rule_of(expected)

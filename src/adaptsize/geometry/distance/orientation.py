@@ -1,5 +1,7 @@
 """Repair of the orientation of boundaries: all facets have the domain on the same side."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from adaptsize.background import SimplexMesh
@@ -9,7 +11,7 @@ from adaptsize.geometry import tuning
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.distance.winding import Rule, WindingNumber
 from adaptsize.geometry.enclosed import cone_measures
-from adaptsize.geometry.shells import pieces_of, shells_of, surplus_of
+from adaptsize.geometry.shells import FLAT, pieces_of, shells_of, surplus_of
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongArray
 
 # Points closer than this, relative to the diagonal, are one point.
@@ -158,15 +160,16 @@ def _are_sheets(mesh: SimplexMesh, sign: FloatArray, piece: IndexArray) -> BoolA
 
 def winding_of(surface: SimplexMesh) -> tuple[WindingNumber, Rule]:
     """Return the winding number of an oriented surface, and the rule for its solid."""
+    sides = _sides_of(surface)
+    if _are_outward(surface, sides):  # nothing to orient, which takes several times as long
+        return WindingNumber(surface), _rule(sides)
     surface = oriented(surface)
     return WindingNumber(surface), rule_of(surface)
 
 
 def rule_of(surface: SimplexMesh) -> Rule:
     """Return the rule for the solid of an oriented surface."""
-    start, end = _ends_of(surface)
-    is_closed = np.array_equal(start, end)
-    return Rule(is_closed, is_closed and bool((np.diff(start) > 0).all()))
+    return _rule(_sides_of(surface))
 
 
 def is_cycle(surface: SimplexMesh) -> bool:
@@ -174,18 +177,54 @@ def is_cycle(surface: SimplexMesh) -> bool:
 
     Coincident nodes are identified.
     """
-    return np.array_equal(*_ends_of(surface))
+    return _sides_of(surface).are_paired
 
 
-def _ends_of(surface: SimplexMesh) -> tuple[LongArray, LongArray]:
-    """Return the edges of the facets, of segments the nodes, in both directions; sorted."""
+class _Sides(NamedTuple):
+    """The edges of the facets, of segments the nodes, in both directions.
+
+    ``start`` and ``end`` are the sorted keys of the two directions, ``at_start`` and ``at_end`` the
+    facets that have them.
+    """
+
+    start: LongArray
+    end: LongArray
+    at_start: IndexArray
+    at_end: IndexArray
+
+    @property
+    def are_paired(self) -> bool:
+        """Whether each edge has as many facets in the one direction as in the other."""
+        return np.array_equal(self.start, self.end)
+
+
+def _sides_of(surface: SimplexMesh) -> _Sides:
     cells = same_places(surface.points, surface.cells)[surface.cells].astype(np.int64)
-    start, end = cells[:, 0], cells[:, 1]
+    start, end, per_cell = cells[:, 0], cells[:, 1], 1
     if surface.cell_dim == 2:
         after = np.roll(cells, -1, axis=1)
-        n = surface.n_points
-        start, end = cells * n + after, after * n + cells
-    return np.sort(start, axis=None), np.sort(end, axis=None)
+        n, per_cell = surface.n_points, 3
+        start, end = (cells * n + after).ravel(), (after * n + cells).ravel()
+    one, other = np.argsort(start), np.argsort(end)
+    return _Sides(start[one], end[other], one // per_cell, other // per_cell)
+
+
+def _rule(sides: _Sides) -> Rule:
+    is_closed = sides.are_paired
+    return Rule(is_closed, is_closed and bool((np.diff(sides.start) > 0).all()))
+
+
+def _are_outward(surface: SimplexMesh, sides: _Sides) -> bool:
+    """Return whether each edge is in two facets, in both directions, and each piece has a volume.
+
+    `oriented` would turn nothing then.
+    """
+    if not _rule(sides).is_signed:
+        return False
+    piece = components_of(np.column_stack([sides.at_start, sides.at_end]), surface.n_cells)
+    volumes = np.bincount(piece, cone_measures(surface, surface.points.mean(axis=0)))
+    area = np.bincount(piece, surface.measures)
+    return bool((volumes > FLAT * area * surface.diagonal).all())
 
 
 def same_places(points: FloatArray, cells: IntArray) -> IntArray:

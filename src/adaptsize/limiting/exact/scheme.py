@@ -42,7 +42,7 @@ from adaptsize.limiting.exact.solve import solve_on_mesh
 from adaptsize.limiting.periodic import Periodicity
 from adaptsize.limiting.problem import NeedsWholeMesh, PointBounds, Problem, Scheme
 from adaptsize.options import Option
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 # Fewer nodes than this are sorted in less time than a thread takes to start, some .1 ms.
 _MANY = 10_000
@@ -113,7 +113,7 @@ class Exact(Scheme):
     def _on_grid(self, grid: CartesianGrid, problem: Problem) -> ExactSolution:
         """Solve on a grid, by its boxes where h0 is linear on them."""
         if grid.active is not None:
-            return self._on_active(grid, problem)
+            return self._on_active(grid, grid.active, problem)
         if self.face_sources and grid.dim > 1 and _meet(problem.h0):
             return self._on_grid_mesh(grid, problem)
         g, extra = problem.slope.number(self.name), _inside(grid, problem.point_sources)
@@ -222,36 +222,40 @@ class Exact(Scheme):
             links = all_tetrahedra(grid)
         return self._by_components(PartitionedMesh.from_serial(grid.mesh), problem, linear, links)
 
-    def _on_active(self, grid: CartesianGrid, problem: Problem) -> ExactSolution:
+    def _on_active(
+        self, grid: CartesianGrid, is_active: BoolArray, problem: Problem
+    ) -> ExactSolution:
         """Solve on the active nodes of a grid.
 
         The exact method is used on the whole boxes.  On the remaining edges, sizes propagate from
         node to node.  The two alternate until neither lowers a size.
         """
-        assert grid.active is not None  # else the box is convex
-        by_edges = EdgeBased()
+        by_edges, of_nodes = EdgeBased(), replace(self, face_sources=False)
         if grid.n_cells == 0:  # no whole box
             return as_solution(by_edges.solve(problem).h, [])
-        mesh, of_nodes = grid.mesh, replace(self, face_sources=False)
-        solution = self._on_grid_mesh(grid, problem)
-        h, parts, n_later = solution.h, solution.parts, 0
-        unfinished = solution.unfinished
+        solution, n_later = self._on_grid_mesh(grid, problem), 0
         while True:
+            h = solution.h
             along = by_edges.solve(replace(problem, h0=h)).h
-            with np.errstate(invalid="ignore"):
-                lowered = along < h * (1.0 - EQUAL)
+            lowered = _is_lower(along, h)
             if not lowered.any():
                 break
             seeds = np.where(lowered, along, np.inf).ravel()
-            rest = replace(problem, domain=mesh, h0=seeds, point_sources=None)
+            rest = replace(problem, domain=grid.mesh, h0=seeds, point_sources=None)
             more = of_nodes.solve(rest)
-            unfinished = unfinished or more.unfinished
             lower = np.minimum(along, more.h.reshape(h.shape))
             if grid.dim == 3:
-                n_later += int(np.count_nonzero(lower < h * (1.0 - EQUAL)))
-            h, parts = lower, []
-        n_proved = solution.n_proved - int(np.count_nonzero(~grid.active)) - n_later
-        return replace(solution, h=h, unfinished=unfinished, parts=parts, n_proved=max(0, n_proved))
+                n_later += int(np.count_nonzero(_is_lower(lower, h)))
+            unfinished = solution.unfinished or more.unfinished
+            solution = replace(solution, h=lower, unfinished=unfinished, parts=[])
+        n_proved = solution.n_proved - int(np.count_nonzero(~is_active)) - n_later
+        return replace(solution, n_proved=max(0, n_proved))
+
+
+def _is_lower(h: FloatArray, than: FloatArray) -> BoolArray:
+    """Return which sizes are lower than others by more than rounding."""
+    with np.errstate(invalid="ignore"):  # inf and NaN
+        return np.asarray(h < than * (1.0 - EQUAL))
 
 
 def _of_piece(piece: ComponentPiece, part: PartitionedMesh, cells: IntArray) -> IntArray:

@@ -1,10 +1,19 @@
-"""Intersections of pairs of cells, divided into simplices."""
+"""Intersections of the cells of two meshes, divided into simplices: pieces of their overlap.
+
+Where overlap.py integrates over what clipping.py leaves of a cell, quadrature needs its simplices.
+"""
 
 import numpy as np
 
-from adaptsize._kernels.clipping import _turned, clip
+from adaptsize._kernels.clipping import (
+    begin_faces,
+    clip,
+    next_at_corner,
+    set_coordinates,
+    set_corners,
+    set_gradients,
+)
 from adaptsize._kernels.compiling import inlined, lean, lean_kernel
-from adaptsize._kernels.overlap import _set_coordinates, _set_corners, _set_gradients
 
 
 @lean
@@ -42,20 +51,14 @@ def _divide_polyhedron(work, n, p, used, out, axes):
     They connect corner 0 with the triangles of all faces that do not have it.
     """
     twins, seen = work.twins, work.seen
-    for h in range(4 * n):
-        seen[h] = h & 3 == 3
-    for e in range(3):
-        h = np.int64(e)
-        while not seen[h]:
-            seen[h] = True
-            h = _turned(twins[h])
+    begin_faces(work, n)
     for first in range(4, 4 * n):
         if seen[first]:
             continue
         start, h = first >> 2, twins[first]
         x = h >> 2
         while True:
-            h = _turned(h)
+            h = next_at_corner(h)
             seen[h] = True
             h = twins[h]
             y = h >> 2
@@ -97,14 +100,14 @@ def fill_pieces(old, new, pairs, work, out, axes):
         c, row = np.int64(pairs[0][p]), np.int64(pairs[1][p])
         for d in range(k - 1):
             work.start[d] = new[0][new[1][c, 0], d]
-        _set_corners(new[0], new[1], c, work.start, axes, work.cut)
-        _set_corners(old[0], old[1], row, work.start, axes, work.corners)
-        if _set_gradients(work.cut, axes, work.gradients) == 0.0:
+        set_corners(new[0], new[1], c, work.start, axes, work.cut)
+        set_corners(old[0], old[1], row, work.start, axes, work.corners)
+        if set_gradients(work.cut, axes, work.gradients) == 0.0:
             continue
-        if _set_gradients(work.corners, axes, work.old_gradients) == 0.0:
+        if set_gradients(work.corners, axes, work.old_gradients) == 0.0:
             continue
-        _set_coordinates(work.gradients, work.cut, work.corners, axes, work.local)
-        _set_coordinates(work.old_gradients, work.corners, work.cut, axes, work.back)
+        set_coordinates(work.gradients, work.cut, work.corners, axes, work.local)
+        set_coordinates(work.old_gradients, work.corners, work.cut, axes, work.back)
         for i in range(k):
             for v in range(k):
                 work.place[i, v] = work.back[i, v]
