@@ -16,6 +16,8 @@ from adaptsize._workers import Workers, in_all_threads
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.separation import boundary_separation
 from adaptsize.geometry.width import boundary_width
+from adaptsize.limiting import Exact
+from adaptsize.limiting.exact import candidates
 from adaptsize.quality.boundary import farthest_places
 
 
@@ -55,6 +57,26 @@ def test_any_number_of_threads_gives_the_same_bit_for_bit(surface, monkeypatch):
         found[threads] = [np.asarray(one).tobytes() for one in results(surface)]
     assert len(used) > 3  # the main thread, and others
     assert found[1] == found[2] == found[3] == found[8]
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_chunks_of_cells_and_threads_do_not_matter_to_the_last_bit(dim, monkeypatch):
+    """Nodes, edges and faces of steep cells are sources, in a domain with a notch and without."""
+    n = 25 if dim == 2 else 9
+    whole = ads.CartesianGrid([0.0] * dim, 1.0 / (n - 1), (n,) * dim).mesh
+    middle = whole.points[whole.cells].mean(axis=1)
+    notched = ads.SimplexMesh(whole.points, whole.cells[~(middle > 0.5).all(axis=1)])
+    for mesh in (whole, notched):
+        waves = np.sin(9.0 * mesh.points).sum(axis=1)
+        h0 = 0.4 + 0.1 * waves
+        h0[np.random.default_rng(dim).random(mesh.n_points) < 0.2] = np.inf
+        found = []
+        for cells, threads in ((1 << 15, 1), (64, 1), (64, 2), (64, 3), (64, 8)):
+            monkeypatch.setattr(candidates, "_CELLS", cells)
+            fresh = ads.SimplexMesh(mesh.points, mesh.cells)
+            found.append(ads.limit_gradient(fresh, h0, 0.3, method=Exact(threads=threads)))
+        assert all(h.tobytes() == found[0].tobytes() for h in found)
+        assert np.count_nonzero(found[0] < h0) > 50
 
 
 def test_threads_are_started_once_and_by_no_task():

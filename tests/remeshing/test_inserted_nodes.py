@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from adaptsize import SimplexMesh
+from adaptsize import CartesianGrid, SimplexMesh
 from adaptsize._kernels.complexes import CELLS, FACETS
 from adaptsize._kernels.insertion import insert_in_facets
 from adaptsize._kernels.local_mesh import new_work
@@ -84,6 +84,27 @@ def checked(monkeypatch):
     repair = boundary_repair.repair
     monkeypatch.setattr(boundary_repair, "repair", checking)
     return counted
+
+
+def test_insertion_is_only_called_for_cells_that_nothing_else_improves(monkeypatch):
+    """It is compiled for its first cell."""
+    asked, insert = [], boundary_repair.insert_best
+
+    def recorded(local, cell, work):
+        asked.append(float(local.angle[cell]))
+        return insert(local, cell, work)
+
+    monkeypatch.setattr(boundary_repair, "insert_best", recorded)
+    grid = CartesianGrid([0.0] * 3, 1.0, (3, 3, 3)).mesh
+    points = grid.points.copy()
+    points[13, 0] = 0.05  # the node in the middle
+    flat = grid.moved(points)
+    assert angles_of(repaired(flat, grid, 0.1)).min() > angles_of(flat).min()
+    assert asked == []
+    mesh = with_sheet(1)
+    repaired(mesh, mesh, 0.02 * mesh.diagonal)
+    assert asked
+    assert max(asked) < tuning.INSERTED_BELOW
 
 
 MADE = {"sheet": with_sheet, "interface": with_ragged_interface}

@@ -94,9 +94,9 @@ def _apply(mesh, kind, a, b, x, work):
         flip_edge(mesh, a, b, work)
 
 
-@lean
-def _insert_best(mesh, c, work):
-    """Insert the node that reduces the penalty most; return whether there is one."""
+@lean_kernel
+def insert_best(mesh, c, work):
+    """Insert the node in a cell that reduces the penalty most; return whether there is one."""
     best, chosen, steps, x = _GAIN, -1, np.int64(0), (0.0, 0.0, 0.0)
     for number in range(N_PLACES):
         drop = drop_of_insertion(mesh, c, number, best, work)
@@ -109,32 +109,38 @@ def _insert_best(mesh, c, work):
 
 
 @lean_kernel
-def repair(mesh, n_cells, work, limits, counts):
+def repair_waiting(mesh, n_cells, work, limits, counts):
     """Improve cells until no operation does; those for which there is no room are left out.
 
-    Nodes are only inserted where nothing else helps.
+    This ends where nothing but a new node may help, so that insertion is only compiled for it.
 
     Parameters
     ----------
     mesh : LocalMesh
         In/Out.
     n_cells : int
-        Cells, in the first rows.
+        Cells to put in the queue, in the first rows; none to go on after an insertion.
     work : Work
     limits : tuple of int and float
         Number of attempts over that of the cells to improve, beside a thousand; and the angle of
         cells below which nodes are inserted.
     counts : int64[8]
-        Out: number of operations of each kind; of attempts, at 0.
+        Out: number of operations of each kind; of attempts that are left, at 0.
+
+    Returns
+    -------
+    int
+        The cell in which a node may be inserted, or -1 at the end.
     """
     for row in range(n_cells):
         put_in_queue(mesh, row, work)
-    most = 1000 + limits[0] * work.waiting.size[0]
-    while work.waiting.size[0] > 0 and counts[0] < most:
+    if n_cells > 0:
+        counts[0] = 1000 + limits[0] * work.waiting.size[0]
+    while work.waiting.size[0] > 0 and counts[0] > 0:
         c = pop(work.waiting)
         if mesh.cx.about[c, 1] != CELLS or mesh.angle[c] >= mesh.goal:
             continue
-        counts[0] += 1
+        counts[0] -= 1
         best, chosen, x = _GAIN, -1, (0.0, 0.0, 0.0)
         number, kind = 0, 1
         while kind > 0:
@@ -149,5 +155,6 @@ def repair(mesh, n_cells, work, limits, counts):
             kind, a, b = _operation(mesh, c, chosen)
             counts[kind] += 1
             _apply(mesh, kind, a, b, x, work)
-        elif mesh.kind == TETRAHEDRA and mesh.angle[c] < limits[1] and _insert_best(mesh, c, work):
-            counts[INSERTION] += 1
+        elif mesh.kind == TETRAHEDRA and mesh.angle[c] < limits[1]:
+            return c
+    return np.int64(-1)

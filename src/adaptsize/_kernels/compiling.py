@@ -14,6 +14,9 @@ is compiled again, which replaces them.
 numba imports all of its implementations of NumPy before it loads a compiled function, and parts of
 SciPy with them.  Only the compiler needs them, which asks for them itself.  They took .3 s of each
 process, more than numba without them.  So functions are loaded without.
+
+numba compiles a function once for each number that a kernel passes as a literal, and again for
+integers of another width.  Functions that kernels call get all of these as integers of 64 bits.
 """
 
 import contextlib
@@ -24,7 +27,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from numba import njit
+from numba import njit, types
 from numba.core import event
 from numba.core.runtime.nrt import rtsys
 
@@ -139,6 +142,26 @@ def _load_without_compiler(files: Any) -> None:
     files.load_overload = load_overload
 
 
+def _once_for_all_integers(dispatcher: Any) -> Any:
+    """Make a function the same one for literals and for integers of 32 bits."""
+    template = getattr(dispatcher, "get_call_template", None)
+    if template is None:  # not public in numba; it compiles once more then
+        return dispatcher
+
+    def template_of_values(args: Any, kws: Any) -> Any:
+        return template([_wide(one) for one in args], {name: _wide(kws[name]) for name in kws})
+
+    dispatcher.get_call_template = template_of_values
+    return dispatcher
+
+
+def _wide(kind: Any) -> Any:
+    """Return the type of an argument without its value, and 64 bits for signed integers."""
+    kind = types.unliteral(kind)
+    is_short = isinstance(kind, types.Integer) and kind.signed and kind.bitwidth < 64
+    return types.int64 if is_short else kind
+
+
 def _cached(**options: Any) -> Callable[[Any], Any]:
     """Return a decorator like numba's, with a cache that sees changes in all files beside."""
     common = {"cache": True, "nogil": True, "no_cfunc_wrapper": True}
@@ -146,7 +169,7 @@ def _cached(**options: Any) -> Callable[[Any], Any]:
     compiled = _njit(**{**common, **options, **linking})
 
     def decorate(function: Any) -> Any:
-        dispatcher = compiled(function)
+        dispatcher = _once_for_all_integers(compiled(function))
         # Not public in numba: if it is elsewhere in another version, its own stamp stays.
         files = getattr(dispatcher, "_cache", None)
         index = getattr(files, "_cache_file", None)
@@ -175,8 +198,7 @@ lean = _cached(_nrt=False, error_model="numpy", no_cpython_wrapper=True)
 #: them, which took a third of the time of intersections.
 inlined = _cached(_nrt=False, error_model="numpy", no_cpython_wrapper=True, inline="always")
 
-#: For functions with others as free variables, which become part of cached kernels.
-generated = _njit(
+_generated = _njit(
     nogil=True,
     _nrt=False,
     error_model="numpy",
@@ -184,3 +206,8 @@ generated = _njit(
     no_cpython_wrapper=True,
     **OF_PARTS,
 )
+
+
+def generated(function: Any) -> Any:
+    """Decorate a function with others as free variables, which becomes part of cached kernels."""
+    return _once_for_all_integers(_generated(function))

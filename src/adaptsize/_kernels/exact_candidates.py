@@ -85,11 +85,11 @@ def any_edge_exceeds(points, axes, cells, h, g):
 
 
 @lean_kernel
-def mark_steep(points, axes, cells, h0, g, linear, margin, steep, candidate):
-    """Mark steep cells and the nodes that may be sources.
+def mark_steep(points, axes, cells, h0, g, linear, steep, candidate):
+    """Mark steep cells, and their nodes with a bound, which may be sources.
 
-    A node may be one if it has a bound, a steep cell, and no neighbour in a steep cell that
-    dominates it.  Cells without any bound are left out; those with bounds at some nodes are steep.
+    Cells without any bound are left out; those with bounds at some nodes are steep.  Several
+    threads may mark the nodes of different cells.
 
     Parameters
     ----------
@@ -100,15 +100,12 @@ def mark_steep(points, axes, cells, h0, g, linear, margin, steep, candidate):
     g : float64
     linear : bool
         Whether bounds count as linear on cells; if not, gentle cells are no better than others.
-    margin : float
-        A node is dominated if a neighbour allows less than its bound by more than this.
     steep : bool[m]
         Out: steep cells with two bounds or more.
     candidate : bool[n]
-        Out.
+        In/Out: True is entered.
     """
     corners = len(axes) + 1
-    candidate[:] = False
     for c in range(cells.shape[0]):
         n_finite = 0
         for v in range(corners):
@@ -123,6 +120,22 @@ def mark_steep(points, axes, cells, h0, g, linear, margin, steep, candidate):
             if h0[cells[c, v]] < math.inf:
                 candidate[cells[c, v]] = True
         steep[c] = n_finite > 1
+
+
+@lean_kernel
+def drop_dominated(points, axes, cells, h0, g, margin, steep, candidate):
+    """Unmark nodes that a neighbour in a steep cell dominates.
+
+    Parameters
+    ----------
+    points, axes, cells, h0, g, steep
+        As in `mark_steep`.
+    margin : float
+        A node is dominated if a neighbour allows less than its bound by more than this.
+    candidate : bool[n]
+        In/Out: False is entered.
+    """
+    corners = len(axes) + 1
     for c in range(cells.shape[0]):
         if not steep[c]:
             continue

@@ -1,7 +1,8 @@
 """``adaptsize warmup``: compile the kernels before they are needed.
 
-A first ``remesh`` compiles for half a minute.  The kernels that it needs last are compiled in a
-second process meanwhile, which shares the cache (`_kernels/turns.py`).
+A first ``remesh`` compiles for half a minute.  The kernels that the sizes need last, and those that
+are needed after the generator, are compiled in a second process meanwhile, which shares the cache
+(`_kernels/turns.py`).  It goes on while the first one computes, or waits for the generator.
 """
 
 import atexit
@@ -68,7 +69,7 @@ def _end(child: "subprocess.Popen[bytes]") -> None:
 
 
 def compile_last() -> None:
-    """Compile what `remesh` needs after the generator, until the standard input is closed."""
+    """Compile what `remesh` needs later, until the standard input is closed."""
 
     def end_with_caller() -> None:
         sys.stdin.buffer.read()
@@ -181,6 +182,28 @@ def _image(dim: int) -> None:
     ads.mesh_image(np.linalg.norm(axes, axis=0) < 9.0, hmin=4.0, hmax=4.0)
 
 
+def _through_solids() -> None:
+    """Limit sizes on a surface through the solid inside, and find the distances of its features."""
+    import numpy as np
+
+    import adaptsize as ads
+    from adaptsize._defaults import CREASE_ANGLE
+    from adaptsize._workers import Workers
+    from adaptsize.domain_size.on_surface import SurfaceDomain
+    from adaptsize.limiting.inside import limit_inside
+
+    whole = ads.CartesianGrid([0.0] * 3, 1.0, (4, 4, 2)).mesh
+    middle = whole.points[whole.cells].mean(axis=1)
+    mesh = ads.SimplexMesh(whole.points, whole.cells[~(middle[:, :2] > 1.0).all(axis=1)])
+    skin = mesh.boundary().mesh
+    solid = SurfaceDomain(skin, np.arange(skin.n_points), False, CREASE_ANGLE)
+    bound = np.full(skin.n_points, 9.0)
+    bound[np.lexsort(skin.points.T)[-1]] = 0.1  # the end of one arm; the other does not see it
+    within = solid.inside, solid.inside.normals
+    limit_inside(skin, within, bound, (skin.points[:1], bound[:1]), (), 0.2, Workers(1))
+    _ = solid.first_separations
+
+
 def _worst_cells() -> None:
     """Repair tetrahedra that are flat."""
     import adaptsize as ads
@@ -201,8 +224,8 @@ def _distances() -> None:
     distances_from(skin, skin.moved(1.1 * skin.points))
 
 
-#: What `remesh` compiles last, that which takes longest first.
-_LAST = (_worst_cells, _distances)
+#: What `remesh` compiles last, in its order but for what takes longest.
+_LAST = (_through_solids, _worst_cells, _distances)
 _TASKS: dict[str, Callable[[], None]] = {
     "worst cells": _worst_cells,
     "surfaces": _surface,

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.boundary_repair import repair
+from adaptsize._kernels.boundary_repair import INSERTION, insert_best, repair_waiting
 from adaptsize._kernels.complexes import CELLS, FACETS, LINES, Complex, new_complex
 from adaptsize._kernels.insertion import insert_in_facets
 from adaptsize._kernels.local_mesh import (
@@ -32,6 +32,7 @@ from adaptsize._kernels.local_mesh import (
     SURFACE,
     TETRAHEDRA,
     LocalMesh,
+    Work,
     fill_angles,
     new_work,
 )
@@ -166,6 +167,18 @@ def _improved(
         return mesh, sizes
     new, nodes = _result(mesh, local, tags, scale)
     return new, local.size[nodes] / scale
+
+
+def repair(
+    local: LocalMesh, n_cells: int, work: Work, limits: tuple[int, float], counts: LongArray
+) -> None:
+    """Improve the cells in the first rows, and insert nodes where nothing else helps.
+
+    See `repair_waiting` for the parameters.
+    """
+    while (cell := repair_waiting(local, n_cells, work, limits, counts)) >= 0:
+        counts[INSERTION] += insert_best(local, cell, work)
+        n_cells = 0
 
 
 def local_mesh(

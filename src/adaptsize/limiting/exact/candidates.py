@@ -27,6 +27,9 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 #: Sizes that differ by less than this share are equal.
 EQUAL = 1e-12
 
+#: Cells per chunk of a thread, a millisecond.
+_CELLS = 1 << 15
+
 #: Share by which sizes of paths may exceed those along edges of the mesh that they explain.
 TIE = 1e-10
 
@@ -147,11 +150,19 @@ def candidates_of(component: Component) -> tuple[IntArray, BoolArray | None]:
     mesh, cells, h0 = component.mesh, component.cells, component.h0
     if not (kernels.have_neighbours(cells, h0) if component.meet is None else component.meet):
         return np.flatnonzero(np.isfinite(h0)).astype(np.int32), None
-    found = steep, candidate = np.empty(len(cells), np.bool_), np.empty(mesh.n_points, np.bool_)
+    steep, candidate = np.empty(len(cells), np.bool_), np.zeros(mesh.n_points, np.bool_)
     axes = (0,) * mesh.dim
-    kernels.mark_steep(
-        mesh.points, axes, cells, h0, component.g, component.face_sources, component.margin, *found
-    )
+
+    def task(kernel: Callable[..., None], about: float) -> Callable[[int, int], None]:
+        def run(first: int, last: int) -> None:
+            part, own = cells[first:last], steep[first:last]
+            kernel(mesh.points, axes, part, h0, component.g, about, own, candidate)
+
+        return run
+
+    workers = Workers(component.workers.threads)
+    workers.in_chunks(task(kernels.mark_steep, component.face_sources), len(cells), _CELLS)
+    workers.in_chunks(task(kernels.drop_dominated, component.margin), len(cells), _CELLS)
     return np.flatnonzero(candidate).astype(np.int32), steep
 
 
@@ -168,10 +179,9 @@ def sources_on_cells(
     """
     mesh, h0 = component.mesh, component.h0
     h = h + component.margin
-    given = (mesh.points, (0,) * mesh.dim, component.cells, steep, h0, h, component.g)
-    rows = _listed(kernels.list_edges, given)
+    rows = _listed(kernels.list_edges, component, steep, h)
     if mesh.dim == 3:
-        rows = np.concatenate([rows, _listed(kernels.list_faces, given)])
+        rows = np.concatenate([rows, _listed(kernels.list_faces, component, steep, h)])
     if component.merge is not None:
         rows = component.merge(rows)
     named = _chosen(rows, mesh.n_points)
@@ -216,16 +226,26 @@ def _undominated(
     return np.concatenate([named[leads], others])
 
 
-def _listed(kernel, given) -> IntArray:  # type: ignore[no-untyped-def]
-    """Return the edges or faces that a kernel lists."""
-    room = 2 * int(np.count_nonzero(given[3]))  # more where most steep cells have sources
-    while True:
-        rows = np.empty((room, given[0].shape[1] + 1), np.int32)
-        count = kernel(*given, rows)
-        if count <= room:
-            break
-        room = count
-    return rows[:count]
+def _listed(
+    kernel: Callable[..., int], component: Component, steep: BoolArray, h: FloatArray
+) -> IntArray:
+    """Return the edges or faces that a kernel lists, in the order of the cells."""
+    mesh, n = component.mesh, len(steep)
+    found = [np.empty((0, mesh.dim + 1), np.int32)] * max(1, -(-n // _CELLS))
+
+    def task(first: int, last: int) -> None:
+        given = mesh.points, (0,) * mesh.dim, component.cells[first:last], steep[first:last]
+        room = 2 * int(np.count_nonzero(given[3]))  # more where most steep cells have sources
+        while True:
+            rows = np.empty((room, mesh.dim + 1), np.int32)
+            count = kernel(*given, component.h0, h, component.g, rows)
+            if count <= room:
+                break
+            room = count
+        found[first // _CELLS] = rows[:count]
+
+    Workers(component.workers.threads).in_chunks(task, n, _CELLS)
+    return np.concatenate(found)
 
 
 def _chosen(rows: IntArray, n_points: int) -> IntArray:
