@@ -225,19 +225,22 @@ def test_mmg_starts_from_a_surface_of_the_sizes_and_from_the_given_one_if_that_f
 
 
 @pytest.mark.parametrize("is_followed", [False, True])
-def test_rounds_may_give_up_a_mesh_if_another_attempt_follows(is_followed, monkeypatch):
+def test_rounds_have_the_tolerance_and_may_give_up_if_another_attempt_follows(
+    is_followed, monkeypatch
+):
     asked = []
 
-    def as_it_is(mesh, *_, gives_up):
-        asked.append(gives_up)
+    def as_it_is(mesh, surface, tolerance, _, *, gives_up):
+        asked.append((gives_up, tolerance / surface.diagonal))
         return mesh
 
     monkeypatch.setattr(filling, "improved", as_it_is)
-    job = prepared(cylinder(12, 0.3), 0.3, None, checked(RemeshOptions, {}))
-    attempt = replace(plan(job.known())[0], is_followed=is_followed)
+    job = prepared(cylinder(12, 0.3), 0.3, None, checked(RemeshOptions, {"tolerance": 4e-3}))
+    attempt = replace(plan(job.known())[0], is_followed=is_followed, factor=0.5)
     for candidate in job.solve(attempt, RecordingRunner.without()):
         candidate.finish()
-    assert asked == [is_followed, is_followed]  # the filled mesh, and the adapted one
+    expected = (is_followed, pytest.approx(2e-3, rel=1e-9))
+    assert asked == [expected, expected]  # the filled mesh, and the adapted one
 
 
 def test_a_mesh_that_would_take_too_long_is_given_up():
