@@ -22,12 +22,13 @@ from adaptsize.errors import (
 from adaptsize.geometry.enclosed import is_oriented
 from adaptsize.geometry.solid import Solid
 from adaptsize.options import RemeshOptions, checked
-from adaptsize.remeshing import netgen
+from adaptsize.remeshing import filling, netgen
 from adaptsize.remeshing.acceptance import Judge
 from adaptsize.remeshing.filling import adapt_surface, unless_overlapping
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.job import prepared
 from adaptsize.remeshing.mmg import MmgBackend
+from adaptsize.remeshing.planning import plan
 from adaptsize.remeshing.preparation import as_problem
 from adaptsize.remeshing.surface import refine_surface
 
@@ -221,6 +222,25 @@ def test_mmg_starts_from_a_surface_of_the_sizes_and_from_the_given_one_if_that_f
     assert meshes[1].edge_lengths.max() > 1.5 * size
     assert is_adapted == [[True], [False]]
     assert_allclose(found.best.mesh.measures.sum(), enclosed(surface), rtol=0.01)
+
+
+@pytest.mark.parametrize("is_followed", [False, True])
+def test_rounds_have_the_tolerance_and_may_give_up_if_another_attempt_follows(
+    is_followed, monkeypatch
+):
+    asked = []
+
+    def as_it_is(mesh, surface, tolerance, _, *, gives_up):
+        asked.append((gives_up, tolerance / surface.diagonal))
+        return mesh
+
+    monkeypatch.setattr(filling, "improved", as_it_is)
+    job = prepared(cylinder(12, 0.3), 0.3, None, checked(RemeshOptions, {"tolerance": 4e-3}))
+    attempt = replace(plan(job.known())[0], is_followed=is_followed, factor=0.5)
+    for candidate in job.solve(attempt, RecordingRunner.without()):
+        candidate.finish()
+    expected = (is_followed, pytest.approx(2e-3, rel=1e-9))
+    assert asked == [expected, expected]  # the filled mesh, and the adapted one
 
 
 def test_a_mesh_that_would_take_too_long_is_given_up():

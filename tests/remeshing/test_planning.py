@@ -48,6 +48,10 @@ def test_the_route_follows_from_what_is_known(known, expected, reason):
     for attempt in attempts[1:]:
         assert bool(attempt.cures) == (str(attempt) in (ALONE, ON_TETWILD))
         assert ("boundary" in attempt.cures) == (str(attempt) == ALONE)
+    before = [str(attempt) for attempt in attempts].index(ALONE)
+    assert [attempt.is_followed for attempt in attempts] == [
+        number < before for number in range(len(attempts))
+    ]
 
 
 @pytest.mark.parametrize("task", ["tetrahedra", "plane triangles", "surface"])

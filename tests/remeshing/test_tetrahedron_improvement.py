@@ -162,6 +162,34 @@ def test_later_rounds_place_the_nodes_that_would_have_spoilt_cells():
     assert run(flat) is flat  # no nearer
     assert run(flat, thin, high) is high  # a flat cell is no price for an edge, and is avoided
     assert [n for _, n in asked] == [0, 0, 1]
+    slightly = with_tip(flat, corners, 0.0015)
+    assert run(flat, slightly, high) is high  # so little nearer that lower qualities are next
+    assert [least for least, _ in asked] == [0.2, 0.05, 0.01]
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "height", "gives_up", "is_final"),
+    [
+        (0.0164, 0.0, True, True),
+        (0.0164, 0.0, False, False),  # no other mesh would follow
+        (0.0172, 0.0, True, False),  # not that far away
+        (0.014, 0.0065, True, False),  # the first round has brought it nearer
+        (0.014, 0.0035, True, True),
+    ],
+)
+def test_rounds_end_where_the_first_one_leaves_a_place_far_away(
+    tolerance, height, gives_up, is_final
+):
+    flat = block(8)
+    skin = flat.boundary()
+    facets = skin.nodes[skin.mesh.cells]
+    corners = facets[np.flatnonzero((flat.points[facets][:, :, 2] == 1.0).all(axis=1))[7]]
+    high = with_tip(flat, corners, 0.05)
+    after_first = with_tip(flat, corners, height) if height else flat
+    made = iter([after_first, high])
+    old = high.boundary().mesh
+    new = in_rounds(flat, old, tolerance, lambda *_: next(made), gives_up=gives_up)
+    assert new is (after_first if is_final else high)
 
 
 def test_distances_after_changes_are_those_of_the_whole_mesh():

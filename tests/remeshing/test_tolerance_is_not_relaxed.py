@@ -1,14 +1,18 @@
 """Wherever the tolerance is used after the sizes, one that is 5 % larger would be noticed here."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from shapes import block
 
 import adaptsize as ads
 from adaptsize.errors import BackendError
+from adaptsize.options import RemeshOptions, checked
 from adaptsize.remeshing import improvement, job, mmg
 from adaptsize.remeshing.acceptance import Judge
 from adaptsize.remeshing.filling import Filling, adapt_surface
+from adaptsize.remeshing.improvement import _in_rounds as in_rounds
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.planning import Attempt
@@ -36,6 +40,19 @@ def test_what_is_beyond_nine_tenths_of_the_tolerance_is_brought_nearer_too(
     near = lambda place: np.linalg.norm(new.points[new.in_a_cell] - place, axis=1).min()  # noqa: E731
     assert near(ring[47]) < 0.15 * tolerance
     assert (near(ring[23]) < 0.15 * tolerance) == is_served
+
+
+@pytest.mark.parametrize(("share", "goes_on"), [(0.98, False), (1.03, True)])
+def test_rounds_go_on_while_a_place_is_beyond_the_tolerance(share, goes_on):
+    flat, height = block(4), 0.05
+    top = np.flatnonzero(np.abs(flat.points - [0.5, 0.5, 1.0]).max(axis=1) < 1e-9)
+    (node,) = top.tolist()
+    points = flat.points.copy()
+    points[node, 2] += height
+    risen = flat.moved(points)
+    made = iter([flat, risen])
+    new = in_rounds(flat, risen.boundary().mesh, height / share, lambda *_: next(made))
+    assert new is (risen if goes_on else flat)
 
 
 def hausd_of(make, monkeypatch):
@@ -97,3 +114,23 @@ def test_remesh_fills_and_judges_with_the_given_tolerance(monkeypatch):
     judged, allowed, given = asked
     assert judged == 0.004
     assert given == pytest.approx(allowed, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["mmg", "tetwild"])
+def test_the_mesh_of_one_generator_is_improved_with_the_given_tolerance(name, monkeypatch):
+    pytest.importorskip("mmgpy")
+    cube, asked = block(2), []
+
+    def as_it_is(new, given, tolerance, _):
+        asked.append(tolerance / given.diagonal)
+        return new
+
+    for function in ("improved", "improved_soundly"):
+        monkeypatch.setattr(job, function, as_it_is)
+    monkeypatch.setattr(job, "restore", lambda *_: cube)
+    mesh = cube if name == "mmg" else cube.boundary().mesh
+    generator = SimpleNamespace(name=name, solve=lambda *_: {})
+    request = job.prepared(mesh, 0.5, None, checked(RemeshOptions, {"tolerance": 0.004}))
+    (candidate,) = request._alone(Attempt(name, "", 1.0, factor=0.5), generator, RUN)
+    candidate.finish()
+    assert asked == [pytest.approx(0.002, rel=1e-9)]

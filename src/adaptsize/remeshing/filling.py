@@ -83,14 +83,17 @@ class Filling:
             inner = problem.in_volume(inner)
         if inner.is_adapted:
             filled = partial(
-                improved_soundly, inner.mesh, self.surface, problem.tolerance, inner.size
-            )
+                improved_soundly, inner.mesh, self.surface, problem.tolerance, inner.size,
+                gives_up=attempt.is_followed,
+            )  # fmt: skip
             yield Candidate(filled, NOT_ADAPTED)
         raw = backend.solve(inner, run)
 
         def finish() -> SimplexMesh:
             new = restore(raw, inner, backend.name)
-            return improved_soundly(new, self.surface, problem.tolerance, inner.size)
+            return improved_soundly(
+                new, self.surface, problem.tolerance, inner.size, gives_up=attempt.is_followed
+            )
 
         yield Candidate(finish, note)
 
@@ -135,14 +138,20 @@ class Filling:
 
 
 def improved_soundly(
-    mesh: SimplexMesh, surface: SimplexMesh, tolerance: float, size: Size | None
+    mesh: SimplexMesh,
+    surface: SimplexMesh,
+    tolerance: float,
+    size: Size | None,
+    *,
+    gives_up: bool = False,
 ) -> SimplexMesh:
     """Return a mesh that fills a surface with better cells, or as it is if these would overlap.
 
     Nodes that are put onto a surface with walls much thinner than the tolerance may be put onto the
     wrong side, so that the boundary crosses itself although all cells are positive.
     """
-    return unless_overlapping(improved(mesh, surface, tolerance, size), mesh)
+    better = improved(mesh, surface, tolerance, size, gives_up=gives_up)
+    return unless_overlapping(better, mesh)
 
 
 def unless_overlapping(better: SimplexMesh, mesh: SimplexMesh) -> SimplexMesh:

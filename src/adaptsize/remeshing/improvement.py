@@ -36,7 +36,12 @@ _FACTORS = np.sqrt([[2.0, 3.0, 5.0], [7.0, 11.0, 13.0]])
 
 
 def improved(
-    mesh: SimplexMesh, given: SimplexMesh, tolerance: float, size: Size | None = None
+    mesh: SimplexMesh,
+    given: SimplexMesh,
+    tolerance: float,
+    size: Size | None = None,
+    *,
+    gives_up: bool = False,
 ) -> SimplexMesh:
     """Return a mesh with facets within the tolerance and better worst cells, where possible.
 
@@ -50,6 +55,9 @@ def improved(
         Allowed distance of boundary and interfaces, in the unit of the coordinates.
     size : callable, optional
         Requested lengths of edges.
+    gives_up : bool
+        Whether nothing more is done for a mesh whose boundary stays off somewhere, since another
+        mesh will follow.
 
     Returns
     -------
@@ -81,7 +89,7 @@ def improved(
                 return mesh
         return repaired(best.mesh, given, limit, size, wanted)
 
-    return _in_rounds(mesh, old, tolerance, made)
+    return _in_rounds(mesh, old, tolerance, made, gives_up=gives_up)
 
 
 class _Lines(NamedTuple):
@@ -166,6 +174,11 @@ class _Far(NamedTuple):
                     values[rows] = now
         return _Far(mesh.cells, surface, keys, new, lost)
 
+    @property
+    def largest(self) -> float:
+        """The largest distance."""
+        return float(max(self.new.distance.max(), self.lost.distance.max()))
+
     def beyond(self, limit: float) -> float:
         """Return the sum of the distances beyond a limit, less the limit."""
         over = np.concatenate([self.new.distance, self.lost.distance]) - limit
@@ -233,21 +246,24 @@ def _in_rounds(
     old: SimplexMesh,
     tolerance: float,
     made: Callable[[SimplexMesh, _Far, float, _Balls], SimplexMesh],
+    *,
+    gives_up: bool = False,
 ) -> SimplexMesh:
     """Return a mesh brought nearer to the old surface, until it is near.
 
     ``made`` returns a better mesh for a mesh, what is far of it, a least quality of new cells, and
     places to leave as they are.  These are where a round has spoiled cells, which is not kept.
+    A round that brings little nearer is the last one with its quality.
     """
     limit = tuning.AIM * tolerance
-    best = made(
-        mesh,
-        far := _Far.of(mesh, old, limit),
-        tuning.LEAST_QUALITY,
-        spoiled := _Balls.none(mesh.dim),
-    )
+    first = far = _Far.of(mesh, old, limit)
+    best = made(mesh, far, tuning.LEAST_QUALITY, spoiled := _Balls.none(mesh.dim))
     far = far.after(best, old, limit)
     later = list(tuning.LATER_QUALITIES)
+    if gives_up and far.largest > max(
+        tuning.HOPELESS * tolerance, tuning.LITTLE_NEARER * first.largest
+    ):
+        return best
     for _ in range(tuning.MOST_LATER_ROUNDS):
         # Many are far where the sizes are coarse: nothing is divided there.
         if not later or not far.are_few(tolerance):
@@ -261,9 +277,10 @@ def _in_rounds(
             spoiled = spoiled.and_also(_Balls.around(mesh, flat))
             continue
         now = far.after(mesh, old, limit)
-        if now.beyond(tolerance) < far.beyond(tolerance):
+        share = now.beyond(tolerance) / far.beyond(tolerance)
+        if share < 1.0:
             best, far = mesh, now
-        else:
+        if share > tuning.LITTLE_NEARER:
             del later[0]
     return best
 

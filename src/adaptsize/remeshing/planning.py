@@ -84,6 +84,8 @@ class Attempt:
         while there is no mesh, also if the same route has failed with another tolerance.
     is_sized : bool
         Whether the generator gets the sizes.
+    is_followed : bool
+        Whether another attempt is made if the boundary of this mesh is off.
     """
 
     backend: str
@@ -93,6 +95,7 @@ class Attempt:
     factor: float = 1.0
     cures: frozenset[str] = CURABLE
     is_sized: bool = True
+    is_followed: bool = False
 
     @property
     def route(self) -> str:
@@ -135,7 +138,11 @@ def plan(known: Known, *, strict: bool = False) -> list[Attempt]:
         usual = list(_in_surface(known))
     else:
         usual = list(_alone(known, "it fills the surface without a first volume", CURABLE))
-    return list(_strict(known, usual)) if strict else usual
+    attempts = list(_strict(known, usual)) if strict else usual
+    return [
+        replace(one, is_followed=any("boundary" in other.cures for other in attempts[k:]))
+        for k, one in enumerate(attempts, 1)
+    ]
 
 
 def _seconds(rates: tuple[float, float, float], n_cells: float, n_given: float) -> float:

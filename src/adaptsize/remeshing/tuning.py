@@ -212,6 +212,13 @@ LATER_QUALITIES = (0.05, 0.01, 0.002)
 ANGLE_OF_QUALITY = 200.0
 #: Later rounds at most.
 MOST_LATER_ROUNDS = 12
+#: A round that leaves more than this share of what is beyond the tolerance is the last one with its
+#: quality: on a sheet, five of ten rounds had brought less than 2 % nearer each.
+LITTLE_NEARER = 0.9
+#: If another mesh may follow, rounds end where the first one has brought a place farther away than
+#: these tolerances no nearer.  On a sheet whose walls Mmg had joined, such a place stayed 4.9
+#: tolerances away; of six meshes that came within the tolerance, all places were within 3.0 before.
+HOPELESS = 3.0
 #: A round that leaves smaller angles than this, in degrees, and than before, is not kept.
 FLAT_ANGLE = 10.0
 #: Facets are not divided if more than this share of them is beyond the tolerance.
