@@ -285,3 +285,12 @@ SMALLER_TOLERANCE, SMALLEST_TOLERANCE = 0.4, 0.15
 #: crashed in each run at .02 of the diagonal, and not at .005.  A larger tolerance than the second,
 #: over the diagonal, is the likely cause of a failure, and so is a quarter of it.
 TOLERANCE_AFTER_FAILURE, ABSURD_TOLERANCE = 0.25, 0.1
+
+# --- Periodic meshes -------------------------------------------------------------------------
+#: Ways to join the cells at most.  All ten units of the tests need one or two; a square of two
+#: triangles needs three.  Not measured.
+MOST_PERIODIC_TURNS = 4
+#: Distance of the second place around which cells are joined from the first one, over the motions:
+#: the cuts of the first are then inside, wherever they are between 0 and 1 but near 1/4.  Not
+#: measured.
+PERIODIC_SHIFT = 0.25
