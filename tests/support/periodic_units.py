@@ -18,7 +18,7 @@ def _cube(n: int) -> SimplexMesh:
     return CartesianGrid([0.0, 0.0, 0.0], 1.0 / n, (n + 1,) * 3).mesh
 
 
-def _with_sides(mesh: SimplexMesh, tags: np.ndarray | None = None) -> SimplexMesh:
+def _with_sides(mesh: SimplexMesh, tags: np.ndarray) -> SimplexMesh:
     """Return a mesh of which the facets on the sides of the unit box have tags 1, 2, ..."""
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     found, numbers = [], []
@@ -33,17 +33,20 @@ def _with_sides(mesh: SimplexMesh, tags: np.ndarray | None = None) -> SimplexMes
     )  # fmt: skip
 
 
-def _near_lattice(points: np.ndarray, centres: np.ndarray, radius: float) -> np.ndarray:
+def _near_lattice(
+    points: np.ndarray, centres: list[list[float]], radius: float, order: float = 2.0
+) -> np.ndarray:
     """Return which points are in balls around centres or their images."""
-    step = points[:, None] - centres
-    return (np.linalg.norm(step - np.round(step), axis=2) < radius).any(axis=1)
+    step = points[:, None] - np.array(centres)
+    away = np.linalg.norm(step - np.round(step), ord=order, axis=2)
+    return np.asarray((away < radius).any(axis=1))
 
 
 def plane_inclusions() -> Unit:
     """A square with inclusions across its sides and corners, with tags of all sides."""
     mesh = _square(24)
     middles = mesh.points[mesh.cells].mean(axis=1)
-    inside = _near_lattice(middles, np.array([[0.0, 0.0], [0.5, 0.9], [0.1, 0.55]]), 0.17)
+    inside = _near_lattice(middles, [[0.0, 0.0], [0.5, 0.9], [0.1, 0.55]], 0.17)
     return _with_sides(mesh, np.where(inside, 7, 3)), np.eye(2)
 
 
@@ -120,16 +123,16 @@ def sector_with_axis() -> Unit:
 
 
 def box_with_inclusions() -> Unit:
-    """A cube with inclusions across its sides and corners, with tags of all sides."""
-    mesh = _cube(8)
+    """A cube with cubes across its sides and corners, with tags of all sides."""
+    mesh = _cube(6)
     middles = mesh.points[mesh.cells].mean(axis=1)
-    inside = _near_lattice(middles, np.array([[0.0, 0.0, 0.0], [0.5, 0.5, 1.0]]), 0.3)
+    inside = _near_lattice(middles, [[0.0, 0.0, 0.0], [0.5, 0.5, 1.0]], 1.0 / 3.0, np.inf)
     return _with_sides(mesh, np.where(inside, 2, 1)), np.eye(3)
 
 
 def gyroid() -> Unit:
     """The solid between two gyroid surfaces."""
-    mesh = _cube(12)
+    mesh = _cube(6)
     x, y, z = 2.0 * np.pi * mesh.points.T
 
     def level() -> np.ndarray:
@@ -141,13 +144,14 @@ def gyroid() -> Unit:
 
 
 def rotor_sector_in_space() -> Unit:
-    """A third of a ring that is repeated around and along its axis."""
-    mesh, angle = CartesianGrid([0.0, 0.0, 0.0], 1.0 / 6, (7, 7, 7)).mesh, 2.0 * np.pi / 3.0
+    """A sixth of a ring that is repeated around and along its axis."""
+    mesh, angle = CartesianGrid([0.0] * 3, [1.0 / 4, 1.0 / 8, 1.0 / 3], (5, 9, 4)).mesh, np.pi / 3.0
     r, a = 1.0 + mesh.points[:, 0], angle * mesh.points[:, 1]
     points = np.column_stack([r * np.cos(a), r * np.sin(a), mesh.points[:, 2]])
-    turned = np.eye(3, 4)
+    turned, raised = np.eye(3, 4), np.eye(3, 4)
     turned[:2, :2] = _rotation(angle)
-    return SimplexMesh(points, mesh.cells), np.stack([turned, np.eye(3, 4) + [[0] * 4, [0] * 4, [0, 0, 0, 1]]])
+    raised[2, 3] = 1.0
+    return SimplexMesh(points, mesh.cells), np.stack([turned, raised])
 
 
 def column() -> Unit:

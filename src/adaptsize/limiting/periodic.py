@@ -33,6 +33,11 @@ class Periodicity:
     maps: FloatArray
     """float64[k, dim, dim + 1]: the translations or rotations as [R | t]."""
 
+    @property
+    def motions(self) -> FloatArray:
+        """The translations, float64[k, dim], or the rotations [R | t]."""
+        return self.vectors if len(self.vectors) else self.maps
+
     @cached_property
     def classes(self) -> tuple[IntArray, IndexArray]:
         """Nodes that have an image, and for each of them the number of its class."""

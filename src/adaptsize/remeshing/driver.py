@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeVar, cast
 import numpy.typing as npt
 
 from adaptsize._calls import recorded
-from adaptsize._checks import warn_caller
+from adaptsize._checks import refusal, warn_caller
 from adaptsize._progress import reporting
 from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh
@@ -30,7 +30,7 @@ from adaptsize.remeshing.attempts import (
     Budget,
     worst_places,
 )
-from adaptsize.remeshing.delivery import delivered, without_fields
+from adaptsize.remeshing.delivery import warn_of_lacks, without_fields
 from adaptsize.remeshing.in_parts import remesh_parts
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.job import Job, prepared, task_of
@@ -191,6 +191,17 @@ class Remeshed(NamedTuple):
 
     mesh: SimplexMesh
     attempts: Attempts
+    job: Job
+
+    def warn_of_domain(self) -> None:
+        """Warn of what the mesh has lost of the domain."""
+        self.job.warn_of(self.mesh)
+
+    def warn_of_sizes(self) -> None:
+        """Warn of what the mesh lacks of the sizes."""
+        if self.job.requests.required is None:  # beside facets that stay, none can be followed
+            sizes = self.job.requests.sizes
+            warn_of_lacks(self.mesh, sizes.given, sizes.at, sizes.on, sizes.metric, sizes.metric_on)
 
 
 def remeshed(
@@ -203,29 +214,41 @@ def remeshed(
     **options: Unpack[RemeshOptions],
 ) -> Remeshed:
     """Return what `remesh` returns of a mesh in one part, and what was tried."""
+    made = trial(mesh, size, required_facets, periodic, progress=progress, **options)
+    made.warn_of_domain()
+    made.warn_of_sizes()
+    return made
+
+
+def trial(
+    mesh: SimplexMesh,
+    size: SizeLike | Metric | MetricFunction | Callable[[FloatArray], Metric],
+    required_facets: npt.ArrayLike | None = None,
+    periodic: npt.ArrayLike | None = None,
+    *,
+    progress: ProgressCallback | bool | None = None,
+    **options: Unpack[RemeshOptions],
+) -> Remeshed:
+    """Return the same for a mesh that may be thrown away: it is not compared with the request."""
     given = checked(RemeshOptions, options)
+    if periodic is not None:
+        refuse_unperiodic(task_of(mesh, given["target"]), required_facets, given)
     job = prepared(without_fields(as_mesh("mesh", mesh)), size, required_facets, given)
     with reporting(progress) as report:
         if periodic is not None:
-            refuse_unperiodic(job, required_facets, given)
             found = _periodic(job, periodic, given, report)
         else:
             found = job.attempts(IsolatedRunner(job.chosen.name, None, None, report))
     best = _accepted(found, job.requests.task, given)
-    job.warn_of(best.mesh)
-    new = best.mesh
-    if (
-        job.requests.required is None
-    ):  # beside facets that must not change, no sizes can be followed
-        sizes = job.requests.sizes
-        new = delivered(new, sizes.given, sizes.at, sizes.on, sizes.metric, sizes.metric_on)
-    return Remeshed(new, found)
+    return Remeshed(best.mesh, found, job)
 
 
 def _periodic(
     job: Job, motions: npt.ArrayLike, given: RemeshOptions, report: ProgressCallback
 ) -> Attempts:
     """Return the attempts at the last of the meshes that `remesh_periodic` makes."""
+    if job.requests.sizes.metric is not None:
+        raise refusal("periodic", "cannot be combined with a Metric")
     budget, last = Budget(given["timeout"]), [Attempts((), None, is_cut_short=False)]
 
     def one(mesh: SimplexMesh, size: Size, required: IntArray) -> SimplexMesh:

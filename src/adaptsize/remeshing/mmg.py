@@ -124,7 +124,7 @@ def adapted(
     """
     largest = tuning.CORRECTION if largest is None else largest
     made, options = job_of(problem)
-    best, best_share, elements = made, -1.0, None
+    best, best_share, before, elements = made, -1.0, -1.0, None
     for times in [] if is_far(problem) else hausd:
         sizes = _requested(problem, made["points"], factor)
         if elements is None and problem.metric is None:
@@ -142,6 +142,9 @@ def adapted(
             best, best_share = made, share
         if share >= tuning.GOOD_SHARE:
             break
+        if problem.facets.required.any() and share < before + tuning.GAINED_BESIDE_REQUIRED:
+            break  # edges beside facets that stay never follow the sizes
+        before = share
         if median > 0.0:  # Mmg may return coincident nodes
             factor = float(np.clip(factor / median, 1.0 / largest, largest))
     if problem.metric is None:
@@ -191,7 +194,7 @@ def _adapted_once(
             rise = np.abs(sizes[i] - sizes[j]) / np.maximum(lengths, np.finfo(float).tiny)
             gradient = max(gradient, float(rise.max()))
         hgrad = float(np.exp(min(gradient, tuning.LARGEST_GRADIENT)))
-    options = {**options, "hausd": hausd, "hgrad": hgrad}
+    options = {**options, "hausd": hausd, "hgrad": hgrad, "megabytes": _memory(made, sizes)}
     new = run(MMG, text, {**made, "sizes": sizes, "corners": _corners(made, options)}, options)
     if len(new["cells"]) == 0:
         raise BackendError("mmg returned an empty mesh")
@@ -199,6 +202,24 @@ def _adapted_once(
     if not ((new["cells"] >= 0) & (new["cells"] < len(new["points"]))).all():
         raise BackendError("mmg returned cells whose nodes do not exist")
     return new
+
+
+def _memory(made: Arrays, sizes: FloatArray) -> int | None:
+    """Return megabytes that are plenty for small meshes of tetrahedra, None for others.
+
+    By default, Mmg sets up arrays for millions of them, whatever the mesh.
+    """
+    cells, points = made["cells"], made["points"]
+    if cells.shape[1] != 4 or sizes.ndim != 1:
+        return None
+    from adaptsize.sizes.budget import mean_density
+
+    corners = points[cells]
+    volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0
+    number = len(cells) + float((volumes * mean_density(sizes[cells])).sum())
+    if number > tuning.CELLS_WITH_LIMITED_MEMORY:
+        return None
+    return round(tuning.MEGABYTES + tuning.MEGABYTES_PER_CELL * number)
 
 
 def _requested(problem: MeshingProblem, points: FloatArray, factor: float) -> FloatArray:
@@ -275,7 +296,7 @@ def _write_job(folder: Path, arrays: Arrays, options: Mapping[str, Any]) -> list
     ----------
     arrays : points, cells, regions, facets, facet_groups, ridges, corners, sizes
         As in ``MeshingProblem``.
-    options : task, hausd (absolute), hgrad, ridge_angle, n_regions, n_groups,
+    options : task, hausd (absolute), hgrad, megabytes, ridge_angle, n_regions, n_groups,
         required_groups, open_boundaries
     """
     task, points, groups = options["task"], arrays["points"], arrays["facet_groups"]
@@ -306,6 +327,8 @@ def _write_job(folder: Path, arrays: Arrays, options: Mapping[str, Any]) -> list
         "-sol": "in.solb", "-out": _RESULT,
     }  # fmt: skip
     flags = ["-nosizreq"]
+    if options["megabytes"] is not None:
+        settings["-m"] = options["megabytes"]
     if options["open_boundaries"]:
         flags.append("-opnbdy")
     return [_executable(task), *flags, *(str(word) for pair in settings.items() for word in pair)]

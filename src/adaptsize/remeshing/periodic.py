@@ -25,9 +25,8 @@ from adaptsize.errors import BackendError
 from adaptsize.limiting.periodic import as_periodicity, pairs_of
 from adaptsize.options import RemeshOptions
 from adaptsize.remeshing import tuning
-from adaptsize.remeshing.job import Job
 from adaptsize.remeshing.preparation import facet_numbers
-from adaptsize.remeshing.protocol import NO_TAG
+from adaptsize.remeshing.protocol import NO_TAG, Task
 from adaptsize.remeshing.sizing import Size
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
@@ -74,13 +73,11 @@ def remesh_periodic(
 
 
 def refuse_unperiodic(
-    job: Job, required_facets: npt.ArrayLike | None, given: RemeshOptions
+    task: Task, required_facets: npt.ArrayLike | None, given: RemeshOptions
 ) -> None:
     """Refuse what cannot be combined with ``periodic``."""
-    if job.requests.task == "surface to tetrahedra":
+    if task == "surface to tetrahedra":
         raise refusal("periodic", "needs a mesh of the same cells: make tetrahedra first")
-    if job.requests.sizes.metric is not None:
-        raise refusal("periodic", "cannot be combined with a Metric")
     if required_facets is not None or given["strict"]:
         raise refusal("periodic", "cannot be combined with required_facets or strict")
     one_of("backend", given["backend"], ("auto", "mmg"))
@@ -184,9 +181,7 @@ class _Places:
 
     def before(self, place: IndexArray, steps: tuple[int, ...]) -> IndexArray:
         """Return the places fewer steps away, -1 where they are too far."""
-        there = [
-            self.number.get(tuple(np.subtract(one, steps).tolist()), -1) for one in self.steps
-        ]
+        there = [self.number.get(tuple(np.subtract(one, steps).tolist()), -1) for one in self.steps]
         return np.array(there)[place]
 
 
@@ -258,7 +253,7 @@ class JoinedCells:
 
     @cached_property
     def _open(self) -> tuple[IntArray, IndexArray]:
-        """Joined facets that were inside or on a side, and the facets of the cell that they were."""
+        """Joined facets that were inside or on a side, and what they were in the cell."""
         cell, corner = np.nonzero(self.mesh.facet_cell_counts[self.mesh.cell_facets] == 1)
         old = self.cell.mesh.cell_facets[cell, corner]
         is_open = (self.cell.mesh.facet_cell_counts[old] > 1) | self.cell.on_sides[old]

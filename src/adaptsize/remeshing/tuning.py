@@ -48,6 +48,15 @@ FACTOR_OF_ADAPTED = 1.06
 TURNS = 3
 #: The same with a metric: cells of the input are farther from the requested ones.
 TURNS_WITH_METRIC = 6
+#: Beside facets that must stay, another run follows only if this one has brought so many more edges
+#: into the band.  Not measured.
+GAINED_BESIDE_REQUIRED = 0.02
+#: Limit of Mmg's memory for tetrahedra, in megabytes, and how much more each of the present and
+#: requested cells adds.  Mmg sets up arrays that fill what it may use: a run on 384 cells takes
+#: 0.11 instead of 0.51 s.  A cell needs about 0.001 at most.  Half and double: the same meshes.
+MEGABYTES, MEGABYTES_PER_CELL = 150.0, 0.005
+#: From so many cells on, the default is left.  Not measured.
+CELLS_WITH_LIMITED_MEMORY = 200_000.0
 #: Share of edges in the band, and of requested elements, with which no other run follows.  Half:
 #: none.  Double, which is never reached: 98 % in the band of the disc.
 GOOD_SHARE = 0.9
