@@ -121,6 +121,25 @@ def test_layers_end_where_they_are_as_high_as_long():
     assert_allclose(metric.size_along([0.0, 0.0, 1.0])[0], 0.01)
 
 
+@pytest.mark.parametrize("k", [0.25, 1.0])
+def test_the_last_layer_is_bounded_by_the_size_along_the_wall(k):
+    d = np.linspace(0.0, 5.0, 50)
+    along = np.linspace(0.2, 0.8, 50)
+    normals = np.tile([0.6, 0.8], (50, 1))
+    metric = ads.metric_from_layers(
+        d, normals, first_height=0.01, tangential=along, last_over_tangential=k
+    )
+    across = metric.size_along([0.6, 0.8])
+    assert_allclose(across, np.minimum(0.01 + 0.2 * d, k * along), rtol=1e-12)
+    assert_allclose(metric.size_along([-0.8, 0.6]), along, rtol=1e-12)
+
+
+@pytest.mark.parametrize("k", [0.0, 1.5, np.nan])
+def test_a_bad_bound_of_the_last_layer_is_refused(k):
+    with pytest.raises(ValueError, match="last_over_tangential"):
+        ads.metric_from_layers([0.0], [[0, 1]], first_height=0.1, last_over_tangential=k)
+
+
 def tube(n, layers, radius):
     angle, z = np.meshgrid(2 * np.pi * np.arange(n) / n, np.arange(float(layers)))
     x = np.column_stack([radius * np.cos(angle.ravel()), radius * np.sin(angle.ravel()), z.ravel()])

@@ -63,6 +63,7 @@ from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh, interpol
 from adaptsize.background.migration import whole_boundary
 from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import OptionError
+from adaptsize.limiting.periodic import Periodicity, as_periodicity
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, checked, options_of, with_options
 from adaptsize.quality.conformity import Conformity, nodal_metric, size_conformity
@@ -92,6 +93,7 @@ def adapt(
     cell_fields: Fields | None = None,
     project: BoundaryMapLike | None = None,
     original: SimplexMesh | None = None,
+    periodic: npt.ArrayLike | None = None,
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[AdaptOptions],
 ) -> AdaptResult[SimplexMesh, SizeFunction]: ...
@@ -107,6 +109,7 @@ def adapt(
     cell_fields: Fields | None = None,
     project: None = None,
     original: SimplexMesh | None = None,
+    periodic: None = None,
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[AdaptOptions],
 ) -> AdaptResult[PartitionedMesh, FloatArray]: ...
@@ -122,6 +125,7 @@ def adapt(
     cell_fields: Fields | None = None,
     project: BoundaryMapLike | None = None,
     original: SimplexMesh | None = None,
+    periodic: npt.ArrayLike | None = None,
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[AdaptOptions],
 ) -> AnyResult:
@@ -148,6 +152,8 @@ def adapt(
     original : SimplexMesh, optional
         The first mesh of the loop, or its boundary: in space, ``boundary_tolerance`` bounds sizes
         by its curvature.  By default known of meshes of `adapt`.
+    periodic : array_like of float, shape (k, dim) or (k, dim, dim + 1), optional
+        See `remesh` and `limit_gradient`: opposite sides match, and have the same sizes.
     progress : callable, bool or None
         Called with a text and the fraction completed or None.  True shows a progress bar.
     **options
@@ -182,7 +188,7 @@ def adapt(
     mesh = as_mesh("mesh", mesh, PartitionedMesh)
     ranks = mesh.ranks
     cycle = ranks.agree(
-        lambda: _checked(mesh, indicator, h0, (fields, cell_fields), project, options)
+        lambda: _checked(mesh, indicator, h0, (fields, cell_fields), project, periodic, options)
     )
     first = ranks.agree(lambda: _original(mesh, original, project is None))
     request = cycle.request
@@ -274,6 +280,7 @@ def _checked(
     h0: BoundLike | Metric | MetricFunction | None,
     fields: tuple[Fields | None, Fields | None],
     project: BoundaryMapLike | None,
+    periodic: npt.ArrayLike | None,
     options: AdaptOptions,
 ) -> _Checked:
     """Return the checked arguments of this rank."""
@@ -288,7 +295,7 @@ def _checked(
     is_metric = as_anisotropic(given["anisotropic"]) is not False
     bound, backend, projections = None, given["backend"], None
     if isinstance(mesh, PartitionedMesh):
-        _refuse_in_parts(project, h0, given)
+        _refuse_in_parts(project, h0, periodic, given)
         backend = "mmg"
     else:
         if mesh.dim == 2:
@@ -299,6 +306,8 @@ def _checked(
             refuse_surfaces(mesh)
     if given["elements"] is not None and given["nodes"] is not None:
         raise OptionError(Message("{elements} and {nodes} exclude each other: omit one"))
+    if periodic is not None:
+        _refuse_unperiodic(project, backend, is_metric=is_metric)
     request: CycleRequest
     if is_metric and isinstance(mesh, SimplexMesh):
         if indicator is not None:
@@ -307,9 +316,26 @@ def _checked(
     else:
         eta = None if indicator is None else _states(indicator, mesh)
         bound = None if h0 is None else as_bound(cast("BoundLike", h0), mesh)
-        request = size_request(given, eta, bound)
+        request = size_request(given, eta, bound, _cell_of(mesh, periodic))
     generator = _generator(backend, task, is_metric=is_metric)
     return _Checked(request, bound, generator, nodal, by_cell, projections)
+
+
+def _refuse_unperiodic(project: BoundaryMapLike | None, backend: str, *, is_metric: bool) -> None:
+    """Raise a ValueError for what cannot be combined with ``periodic``."""
+    if is_metric:
+        raise refusal("periodic", "cannot be combined with a metric")
+    if project is not None:
+        raise refusal("periodic", "cannot be combined with project, which moves nodes of the sides")
+    if backend == BISECTION:
+        raise refusal("periodic", "cannot be combined with bisection, which divides sides alone")
+
+
+def _cell_of(mesh: AnyMesh, periodic: npt.ArrayLike | None) -> Periodicity | None:
+    """Return how a mesh is repeated, if it is."""
+    if periodic is None or not isinstance(mesh, SimplexMesh):
+        return None
+    return as_periodicity(mesh, periodic)
 
 
 def _generator(backend: str, task: Task, *, is_metric: bool) -> str:
@@ -325,6 +351,7 @@ def _generator(backend: str, task: Task, *, is_metric: bool) -> str:
 def _refuse_in_parts(
     project: BoundaryMapLike | None,
     h0: BoundLike | Metric | MetricFunction | None,
+    periodic: npt.ArrayLike | None,
     given: AdaptOptions,
 ) -> None:
     """Raise a ValueError for what is not available for meshes in parts."""
@@ -333,6 +360,8 @@ def _refuse_in_parts(
             raise ValueError(f"{name} is not available for meshes in parts")
     if project is not None:
         raise ValueError("project is not available for meshes in parts")
+    if periodic is not None:
+        raise ValueError("periodic is not available for meshes in parts")
     if isinstance(h0, Metric | MetricFunction):
         raise ValueError("h0 must be sizes on several ranks, got a metric")
     one_of("backend", given["backend"], ("auto", "mmg"))

@@ -1,6 +1,7 @@
 """A mesh with given sizes, and with a requested number of elements or nodes."""
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ from adaptsize.background.bisection import Resolved
 from adaptsize.errors import BoundaryWarning
 from adaptsize.options import RemeshOptions
 from adaptsize.remeshing import remesh
+from adaptsize.remeshing.driver import trial
 from adaptsize.sizes.search import Search
 from adaptsize.typing import ProgressCallback
 
@@ -29,6 +31,8 @@ class NewMesh:
     moves: BoundaryMoves | None = None
     divided: Resolved | None = None
     """How the cells of the old mesh were bisected, if they were."""
+    warn: Callable[[], object] = lambda: None
+    """Warns of what the mesh lacks of its sizes."""
 
 
 def _without_data(mesh: AnyMesh) -> AnyMesh:
@@ -66,10 +70,14 @@ def make_mesh(
     bare, d = _without_data(mesh), mesh.cell_dim
 
     def make(sizes: NextSizes) -> NewMesh:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", BoundaryWarning)  # the caller measures the distance
-            new = remesh(bare, sizes.requested(mesh), progress=report, **options)
-        return replace(first, mesh=new, sizes=sizes)
+        wanted = sizes.requested(mesh)
+        if isinstance(bare, PartitionedMesh):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", BoundaryWarning)  # the distance is measured below
+                new = remesh(bare, wanted, progress=report, **options)
+            return replace(first, mesh=new, sizes=sizes)
+        made = trial(bare, wanted, periodic=request.motions, progress=report, **options)
+        return replace(first, mesh=made.mesh, sizes=sizes, warn=made.warn_of_sizes)
 
     sizes = first.sizes
     new = make(sizes)
@@ -84,6 +92,7 @@ def make_mesh(
         new = make(sizes)
         search.add(first.sizes.predicted * share, new, goal.of(new), factor=share ** (-1.0 / d))
     best = search.best.result
+    best.warn()
     distance = boundary_distance(mesh, best.mesh)
     return replace(best, n_meshes=len(search.trials), boundary_distance=distance)
 

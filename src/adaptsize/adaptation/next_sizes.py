@@ -27,6 +27,7 @@ from adaptsize.adaptation.need import Requested, count_simplices, present_of, sm
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.errors import OptionError
 from adaptsize.limiting import limit_gradient
+from adaptsize.limiting.periodic import Periodicity
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import AdaptOptions, ErrorOptions
 from adaptsize.quality.by_place import BAND
@@ -50,6 +51,13 @@ class CycleRequest:
     """Complete.  With ``nodes``, ``elements`` is the number expected with it."""
     error: float | None = None
     """Estimated error on the present mesh; None if it is not known."""
+    cell: Periodicity | None = None
+    """How the mesh is repeated, if it is."""
+
+    @property
+    def motions(self) -> FloatArray | None:
+        """Translations or rotations by which the mesh is repeated, if it is."""
+        return None if self.cell is None else self.cell.motions
 
     @property
     def n_states(self) -> int | None:
@@ -167,7 +175,7 @@ class SizeRequest(CycleRequest):
     def for_boundary(self) -> BoundRequest:
         """Return the request that only curved boundaries bound, and not ``hmax`` either."""
         options: AdaptOptions = {**self.options, "hmax": None}
-        return BoundRequest(options=options, h0=None, chords=self.chords)
+        return BoundRequest(options=options, h0=None, chords=self.chords, cell=self.cell)
 
     def at_curves(self, mesh: SimplexMesh) -> BoolArray:
         """Return the nodes at which curved boundaries bound the sizes."""
@@ -178,7 +186,9 @@ class SizeRequest(CycleRequest):
     def _finished(self, mesh: AnyMesh, h: FloatArray) -> FloatArray:
         """Apply bounds and limits."""
         held = self._held(h)
-        return held if self.g is None else limit_gradient(mesh, held, self.g)
+        if self.g is not None:
+            return limit_gradient(mesh, held, self.g, periodic=self.motions)
+        return held if self.cell is None else self.cell.least(held)
 
     def _held(self, h: FloatArray) -> FloatArray:
         """Apply bounds."""
@@ -200,7 +210,8 @@ class BoundRequest(SizeRequest):
         """Return the number of regular simplices of the requested sizes, also between the nodes."""
         if self.g is None or mesh.cell_dim < mesh.dim:
             return super().simplices(mesh)
-        h, info = limit_gradient.with_info(mesh, self._held(_free(mesh)), self.g)
+        held = self._held(_free(mesh))
+        h, info = limit_gradient.with_info(mesh, held, self.g, periodic=self.motions)
         return predict(mesh, SizeFunction(mesh, h, sources=info.sources)).cells
 
     def without_number(self, mesh: AnyMesh) -> FloatArray:
@@ -356,7 +367,10 @@ def bound_by_tolerance(
 
 
 def size_request(
-    options: AdaptOptions, indicator: FloatArray | None, h0: FloatArray | None
+    options: AdaptOptions,
+    indicator: FloatArray | None,
+    h0: FloatArray | None,
+    cell: Periodicity | None = None,
 ) -> SizeRequest:
     """Return a request; raise a ValueError if it is incomplete or contradictory."""
     tolerance = options["tolerance"]
@@ -369,8 +383,8 @@ def size_request(
         raise OptionError(Message("an indicator needs {tolerance} or {elements}, got neither"))
     as_limits(options["hmin"], options["hmax"], allow_inf=True)
     if indicator is None:
-        return BoundRequest(options=options, h0=h0)
-    return ErrorRequest(options=options, h0=h0, indicator=indicator)
+        return BoundRequest(options=options, h0=h0, cell=cell)
+    return ErrorRequest(options=options, h0=h0, indicator=indicator, cell=cell)
 
 
 def decide(mesh: AnyMesh, found: NextSizes, request: CycleRequest) -> Decision:

@@ -64,6 +64,10 @@ SOURCE = own(
     "Sizes", "source", list[str],
     f"{FORMS}; may be repeated.  In the plane without z.  FILE: segments, or a point per line.",
 )  # fmt: skip
+PERIODIC = own(
+    "Mesh generator", "periodic", list[str],
+    "Translation X,Y,Z between matching sides; repeatable.",
+)  # fmt: skip
 PLOT = own("Output", "plot", Path, "Also draw the result (.png).")
 REPORT = own("Output", "report", Path, "Also write a page with the mesh in 3-D (.html).")
 TAGS = own("General", "tags", str, "Cell field with the tags.")

@@ -23,6 +23,7 @@ from adaptsize.cli.options import (
     METRIC,
     OF_POLYGONS,
     ORDER,
+    PERIODIC,
     PLOT,
     READING,
     REPORT,
@@ -63,8 +64,9 @@ _OWN = ("plot", "report", "order", "fields", "close_holes", "faces")
     ),
     own(
         "Mesh generator", "close_holes", bool,
-        "First close the holes of a surface, by nearly plane caps.",
+        "First close the holes of a surface by nearly flat caps.",
     ),
+    PERIODIC,
     ORDER,
     FACES,
     FIELDS,

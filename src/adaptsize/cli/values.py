@@ -25,7 +25,7 @@ def given_values(
 ) -> Given:
     """Return the options that are typed, or in a file, checked; the command line wins.
 
-    Instead of the texts of ``source`` there are ``sources``.
+    Instead of the texts of ``source`` there are ``sources``, and ``periodic`` has numbers.
     """
     given = {} if file is None else read_options(file, options)
     for name, other in (("g", "growth"), ("growth", "g")):
@@ -38,7 +38,20 @@ def given_values(
     }
     if "source" in given:
         given["sources"] = [parse_source(text) for text in given.pop("source")]
+    if "periodic" in given:
+        given["periodic"] = _translations(given["periodic"])
     return MappingProxyType(given)
+
+
+def _translations(texts: list[str]) -> list[list[float]]:
+    """Return the translations that are given as texts."""
+    try:
+        found = [[float(part) for part in text.split(",")] for text in texts]
+    except ValueError as error:
+        raise refusal("periodic", f"must be X,Y or X,Y,Z, got {texts}") from error
+    if len({len(one) for one in found}) > 1:
+        raise refusal("periodic", f"must have as many numbers each time, got {texts}")
+    return found
 
 
 def as_value(option: Option, value: Any) -> Any:

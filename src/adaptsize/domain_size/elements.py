@@ -287,7 +287,9 @@ class Maker:
     ) -> Maker:
         """Return what serves a request as of `mesh_with_sizes`."""
         for_mesh = {name: request[name] for name in options_of(MeshOptions) if name in request}
-        apart = {*for_mesh, *options_of(DetailOptions)}
+        if request.get("periodic") is not None:
+            for_mesh["periodic"] = request["periodic"]
+        apart = {*for_mesh, *options_of(DetailOptions), "periodic"}
         for_sizes = {name: value for name, value in request.items() if name not in apart}
         for_mesh["tolerance"] = request.get("tolerance") or TOLERANCE
         most = request.get("max_elements")
@@ -405,7 +407,8 @@ def reach_number(maker: Maker, goal: tuple[Goal, float], system: tuple[int, int]
     meshes = _Meshes(goal, system, Search.by_meshes(requested, first.mesh.cell_dim))
     meshes.add(first)
     best_before, old = meshes.search.best, maker.mesh
-    if meshes.search.factor is not None and old.dim == old.cell_dim == 2:
+    is_free = maker.for_mesh.get("periodic") is None
+    if meshes.search.factor is not None and old.dim == old.cell_dim == 2 and is_free:
         old = without_order(old, first.size)
         # The first mesh says little about one from this.
         meshes = meshes.begun_again()

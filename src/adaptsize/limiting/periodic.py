@@ -30,6 +30,13 @@ class Periodicity:
     """float64[k, dim]: linearly independent translations; none for rotations."""
     pairs: IntArray
     """int32[n, 2]: nodes and their images."""
+    maps: FloatArray
+    """float64[k, dim, dim + 1]: the translations or rotations as [R | t]."""
+
+    @property
+    def motions(self) -> FloatArray:
+        """The translations, float64[k, dim], or the rotations [R | t]."""
+        return self.vectors if len(self.vectors) else self.maps
 
     @cached_property
     def classes(self) -> tuple[IntArray, IndexArray]:
@@ -100,7 +107,7 @@ def _ends_every_line(
 ) -> bool:
     """Return whether the facets with an image along a vector are all that it crosses."""
     points = domain.points
-    start = _pairs_of(points, points + vector, domain.diagonal)[:, 0]
+    start = pairs_of(points, points + vector, domain.diagonal)[:, 0]
     flux = normals @ vector
     ends = np.isin(facets, start).all(axis=1)
     through, crossed = float(np.abs(flux).sum()), float(np.abs(flux[ends]).sum())
@@ -120,7 +127,7 @@ def as_periodicity(domain: SimplexMesh | CartesianGrid, motions: npt.ArrayLike) 
     given, dim = as_float_array("periodic", motions), domain.dim
     if given.ndim == 3 and given.shape[1:] == (dim, dim + 1) and dim > 1 and len(given):
         _check_rotations(given, domain.diagonal)
-        return Periodicity(domain, np.empty((0, dim)), _kept_pairs(domain, given))
+        return Periodicity(domain, np.empty((0, dim)), _kept_pairs(domain, given), given)
     if given.ndim != 2 or not 1 <= len(given) <= dim or given.shape[1] != dim:
         raise ValueError(
             f"periodic must hold 1 to {dim} translations, of shape (k, {dim}), got shape "
@@ -129,7 +136,16 @@ def as_periodicity(domain: SimplexMesh | CartesianGrid, motions: npt.ArrayLike) 
     refuse_where("periodic", ~np.isfinite(given), given, "must be finite")
     if np.linalg.matrix_rank(given, tol=_SAME * domain.diagonal) < len(given):
         raise ValueError(f"periodic must hold linearly independent vectors, got {given.tolist()}")
-    return Periodicity(domain, given, _kept_pairs(domain, given))
+    return Periodicity(domain, given, _kept_pairs(domain, given), _as_maps(given))
+
+
+def _as_maps(motions: FloatArray) -> FloatArray:
+    """Return translations or rotations as maps [R | t], float64[k, dim, dim + 1]."""
+    if motions.ndim == 3:
+        return motions
+    k, dim = motions.shape
+    same = np.broadcast_to(np.eye(dim), (k, dim, dim))
+    return np.concatenate([same, motions[:, :, None]], axis=2)
 
 
 def _check_rotations(given: FloatArray, diagonal: float) -> None:
@@ -163,7 +179,7 @@ def _checked_pairs(domain: SimplexMesh | CartesianGrid, motions: FloatArray) -> 
     points, outer = domain.points, _on_boundary(domain)
     found = []
     for name, motion, moved, is_given in _images_of(points, motions):
-        pairs = _pairs_of(points, moved, domain.diagonal)
+        pairs = pairs_of(points, moved, domain.diagonal)
         _refuse_overlap(domain, outer, motion, moved, pairs)
         if is_given and len(pairs) == 0:
             raise ValueError(
@@ -191,7 +207,7 @@ def _images_of(
             yield f"periodic[{steps.index(1)}]", shift, points + shift, is_given
 
 
-def _pairs_of(points: FloatArray, moved: FloatArray, diagonal: float) -> IntArray:
+def pairs_of(points: FloatArray, moved: FloatArray, diagonal: float) -> IntArray:
     """Return the nodes that a motion maps to a node, and that node, int32[n, 2]."""
     from scipy.spatial import cKDTree
 

@@ -26,6 +26,7 @@ def metric_from_layers(
     growth: float = 1.2,
     tangential: npt.ArrayLike = np.inf,
     max_aspect: float = 1000.0,
+    last_over_tangential: float = 1.0,
 ) -> Metric:
     r"""Return the metric of layers along a wall, from the distance to it.
 
@@ -53,6 +54,9 @@ def metric_from_layers(
         Size along the wall.
     max_aspect : float, default 1000
         Limit of the aspect ratio, at least 1.
+    last_over_tangential : float, default 1
+        Limit of the height of a layer over ``tangential``, above 0 and at most 1.  Below 1, layers
+        of this height follow the last one that grows: set the distance to inf where they end.
 
     Returns
     -------
@@ -92,11 +96,14 @@ def metric_from_layers(
     first = as_number("first_height", first_height, lower=0.0, strict=True)
     slope = as_number("growth", growth, lower=1.0) - 1.0
     aspect = as_aspect("max_aspect", max_aspect)
+    most = as_number(
+        "last_over_tangential", last_over_tangential, lower=0.0, strict=True, upper=1.0
+    )
     given = as_float_array("tangential", tangential)
     along = as_sizes("tangential", np.broadcast_to(given, d.shape) if given.ndim == 0 else given,
                      d.shape)  # fmt: skip
     across = first + slope * np.where(np.isfinite(d), d, 0.0)
-    across = np.where(np.isfinite(d), np.minimum(across, along), along)
+    across = np.where(np.isfinite(d), np.minimum(across, most * along), along)
     known = np.linalg.norm(n, axis=1) > 0.0
     # The limit is written so that a size without a bound stays without one.
     sizes = np.repeat(np.where(np.isfinite(d), np.minimum(along, aspect * across), along)[:, None],

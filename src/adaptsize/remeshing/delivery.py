@@ -99,15 +99,15 @@ def warn_of_metric(new: SimplexMesh, metric: MetricAt, on: SimplexMesh | None) -
         warn_caller(str(layer), ResolutionWarning)
 
 
-def delivered(
+def warn_of_lacks(
     new: SimplexMesh,
     size: Any,
     wanted: Size,
     old: SimplexMesh,
     metric: MetricAt | None,
     on: SimplexMesh | None,
-) -> SimplexMesh:
-    """Return a mesh, and warn of requests that were not served, and of details that were kept.
+) -> None:
+    """Warn of requests that a mesh does not serve, and of details that were kept.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def delivered(
     """
     if metric is not None:
         warn_of_metric(new, metric, on)
-        return new
+        return
     if np.ndim(size) == 1 and not callable(size) and old.cell_dim == old.dim:
         size = SizeFunction(old, size)
     elif not isinstance(size, SizeFunction):
@@ -141,4 +141,3 @@ def delivered(
     found = unserved(RequestedElements.of(new, size), size)
     for one in found[: tuning.MOST_WARNINGS]:
         warn_caller(str(one), ResolutionWarning)
-    return new

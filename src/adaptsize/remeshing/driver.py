@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple, TypeVar, cast
 
 import numpy.typing as npt
 
 from adaptsize._calls import recorded
-from adaptsize._checks import warn_caller
+from adaptsize._checks import refusal, warn_caller
 from adaptsize._progress import reporting
 from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.errors import (
     BackendError,
     BackendTimeoutError,
+    ConnectionWarning,
     MeshingError,
     ResolutionWarning,
 )
@@ -23,17 +27,17 @@ from adaptsize.options import RemeshOptions, checked, with_options
 from adaptsize.remeshing.attempts import (
     Attempts,
     Best,
+    Budget,
     worst_places,
 )
-from adaptsize.remeshing.delivery import delivered, without_fields
+from adaptsize.remeshing.delivery import warn_of_lacks, without_fields
 from adaptsize.remeshing.in_parts import remesh_parts
 from adaptsize.remeshing.isolation import IsolatedRunner
-from adaptsize.remeshing.job import prepared, task_of
+from adaptsize.remeshing.job import Job, prepared, task_of
+from adaptsize.remeshing.periodic import refuse_unperiodic, remesh_periodic
 from adaptsize.remeshing.protocol import Task
 from adaptsize.remeshing.registry import choose_backend
-from adaptsize.remeshing.sizing import (
-    SizeLike,
-)
+from adaptsize.remeshing.sizing import Size, SizeLike
 from adaptsize.typing import FloatArray, IntArray, ProgressCallback, Unpack
 
 M = TypeVar("M", SimplexMesh, PartitionedMesh, SimplexMesh | PartitionedMesh)
@@ -46,6 +50,7 @@ def remesh(
     size: SizeLike | Metric | MetricFunction | Callable[[FloatArray], Metric],
     *,
     required_facets: npt.ArrayLike | None = None,
+    periodic: npt.ArrayLike | None = None,
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[RemeshOptions],
 ) -> M:
@@ -67,6 +72,9 @@ def remesh(
         `MetricFunction`, or a callable that returns a Metric.  Apply `limit_metric` first.
     required_facets : array_like of int, shape (n, cell_dim), optional
         Facets of ``mesh`` that must not change (Mmg only).
+    periodic : array_like of float, shape (k, dim) or (k, dim, dim + 1), optional
+        Translations or rotations [R | t] by which the domain is repeated, as in `limit_gradient`.
+        Nodes and facets on opposite sides match in the result, as they must in ``mesh`` (Mmg only).
     progress : callable, bool or None
         Called with a text and None while generators work.  True shows a progress bar.
     **options
@@ -160,8 +168,8 @@ def remesh(
     mesh = as_mesh("mesh", mesh, PartitionedMesh)
     if isinstance(mesh, PartitionedMesh):
         given = mesh.ranks.agree(lambda: checked(RemeshOptions, options))
-        if required_facets is not None:
-            raise ValueError("required_facets must be None for meshes in parts")
+        if required_facets is not None or periodic is not None:
+            raise ValueError("required_facets and periodic must be None for meshes in parts")
         with reporting(progress if mesh.ranks.rank == 0 else None) as report:
             of_mmg: RemeshOptions = {**given, "backend": "mmg"}
 
@@ -175,7 +183,7 @@ def remesh(
                 return remeshed(whole, sizes, required_facets, progress=report, **own).mesh
 
             return remesh_parts(mesh, cast(npt.ArrayLike, size), one, given)
-    return remeshed(mesh, size, required_facets, progress=progress, **options).mesh
+    return remeshed(mesh, size, required_facets, periodic, progress=progress, **options).mesh
 
 
 class Remeshed(NamedTuple):
@@ -183,30 +191,78 @@ class Remeshed(NamedTuple):
 
     mesh: SimplexMesh
     attempts: Attempts
+    job: Job
+
+    def warn_of_domain(self) -> None:
+        """Warn of what the mesh has lost of the domain."""
+        self.job.warn_of(self.mesh)
+
+    def warn_of_sizes(self) -> None:
+        """Warn of what the mesh lacks of the sizes."""
+        if self.job.requests.required is None:  # beside facets that stay, none can be followed
+            sizes = self.job.requests.sizes
+            warn_of_lacks(self.mesh, sizes.given, sizes.at, sizes.on, sizes.metric, sizes.metric_on)
 
 
 def remeshed(
     mesh: SimplexMesh,
     size: SizeLike | Metric | MetricFunction | Callable[[FloatArray], Metric],
     required_facets: npt.ArrayLike | None = None,
+    periodic: npt.ArrayLike | None = None,
     *,
     progress: ProgressCallback | bool | None = None,
     **options: Unpack[RemeshOptions],
 ) -> Remeshed:
     """Return what `remesh` returns of a mesh in one part, and what was tried."""
+    made = trial(mesh, size, required_facets, periodic, progress=progress, **options)
+    made.warn_of_domain()
+    made.warn_of_sizes()
+    return made
+
+
+def trial(
+    mesh: SimplexMesh,
+    size: SizeLike | Metric | MetricFunction | Callable[[FloatArray], Metric],
+    required_facets: npt.ArrayLike | None = None,
+    periodic: npt.ArrayLike | None = None,
+    *,
+    progress: ProgressCallback | bool | None = None,
+    **options: Unpack[RemeshOptions],
+) -> Remeshed:
+    """Return the same for a mesh that may be thrown away: it is not compared with the request."""
     given = checked(RemeshOptions, options)
+    if periodic is not None:
+        refuse_unperiodic(task_of(mesh, given["target"]), required_facets, given)
     job = prepared(without_fields(as_mesh("mesh", mesh)), size, required_facets, given)
     with reporting(progress) as report:
-        found = job.attempts(IsolatedRunner(job.chosen.name, None, None, report))
+        if periodic is not None:
+            found = _periodic(job, periodic, given, report)
+        else:
+            found = job.attempts(IsolatedRunner(job.chosen.name, None, None, report))
     best = _accepted(found, job.requests.task, given)
-    job.warn_of(best.mesh)
-    new = best.mesh
-    if (
-        job.requests.required is None
-    ):  # beside facets that must not change, no sizes can be followed
-        sizes = job.requests.sizes
-        new = delivered(new, sizes.given, sizes.at, sizes.on, sizes.metric, sizes.metric_on)
-    return Remeshed(new, found)
+    return Remeshed(best.mesh, found, job)
+
+
+def _periodic(
+    job: Job, motions: npt.ArrayLike, given: RemeshOptions, report: ProgressCallback
+) -> Attempts:
+    """Return the attempts at the last of the meshes that `remesh_periodic` makes."""
+    if job.requests.sizes.metric is not None:
+        raise refusal("periodic", "cannot be combined with a Metric")
+    budget, last = Budget(given["timeout"]), [Attempts((), None, is_cut_short=False)]
+
+    def one(mesh: SimplexMesh, size: Size, required: IntArray) -> SimplexMesh:
+        left = None if given["timeout"] is None else max(budget.left, 1e-3)
+        own: RemeshOptions = {**given, "backend": "mmg", "hmax": math.inf, "timeout": left}
+        with warnings.catch_warnings():  # the caller has been warned of the given mesh
+            warnings.simplefilter("ignore", ConnectionWarning)
+            step = prepared(mesh, size, required, own)
+        last[0] = step.attempts(IsolatedRunner(step.chosen.name, None, None, report))
+        return _accepted(last[0], job.requests.task, own).mesh
+
+    new = remesh_periodic(job.requests.mesh, motions, job.requests.sizes.at, one)
+    best = last[0].best
+    return last[0] if best is None else replace(last[0], best=best._replace(mesh=new))
 
 
 def _accepted(found: Attempts, task: Task, given: RemeshOptions) -> Best:

@@ -151,7 +151,7 @@ def _best_of_runs(
     Each run begins with the result of the one before, and with sizes corrected by its edges.  An
     error ends the runs, unless the first one fails.
     """
-    made, best_share, elements = best, -1.0, None
+    made, best_share, before, elements = best, -1.0, -1.0, None
     for tolerance in tolerances:
         sizes = _requested(problem, made["points"], factor)
         if elements is None and problem.metric is None:
@@ -169,6 +169,9 @@ def _best_of_runs(
             best, best_share = made, share
         if share >= tuning.GOOD_SHARE:
             break
+        if problem.facets.required.any() and share < before + tuning.GAINED_BESIDE_REQUIRED:
+            break  # edges beside facets that stay never follow the sizes
+        before = share
         if median > 0.0:  # Mmg may return coincident nodes
             factor = float(np.clip(factor / median, 1.0 / largest, largest))
     return best
@@ -204,7 +207,12 @@ class _Mmg(NamedTuple):
             If Mmg fails, returns no cells, or cells with nodes out of range, as it may for meshes
             with flaws.
         """
-        options = {**self.options, "hausd": hausd, "hgrad": _gradation(made, sizes)}
+        options = {
+            **self.options,
+            "hausd": hausd,
+            "hgrad": _gradation(made, sizes),
+            "megabytes": _memory(made, sizes),
+        }
         arrays = {**made, "sizes": sizes, "corners": _corners(made, options)}
         new = self.run(MMG, self.text, arrays, options)
         if len(new["cells"]) == 0:
@@ -225,6 +233,24 @@ def _gradation(made: Arrays, sizes: FloatArray) -> float:
         rise = np.abs(sizes[i] - sizes[j]) / np.maximum(lengths, np.finfo(float).tiny)
         gradient = max(gradient, float(rise.max()))
     return float(np.exp(min(gradient, tuning.LARGEST_GRADIENT)))
+
+
+def _memory(made: Arrays, sizes: FloatArray) -> int | None:
+    """Return megabytes that are plenty for small meshes of tetrahedra, None for others.
+
+    By default, Mmg sets up arrays for millions of them, whatever the mesh.
+    """
+    cells, points = made["cells"], made["points"]
+    if cells.shape[1] != 4 or sizes.ndim != 1:
+        return None
+    from adaptsize.sizes.budget import mean_density
+
+    corners = points[cells]
+    volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0
+    number = len(cells) + float((volumes * mean_density(sizes[cells])).sum())
+    if number > tuning.CELLS_WITH_LIMITED_MEMORY:
+        return None
+    return round(tuning.MEGABYTES + tuning.MEGABYTES_PER_CELL * number)
 
 
 def _requested(problem: MeshingProblem, points: FloatArray, factor: float) -> FloatArray:
@@ -301,7 +327,7 @@ def _write_job(folder: Path, arrays: Arrays, options: Mapping[str, Any]) -> list
     ----------
     arrays : points, cells, regions, facets, facet_groups, ridges, corners, sizes
         As in ``MeshingProblem``.
-    options : task, hausd (absolute), hgrad, ridge_angle, n_regions, n_groups,
+    options : task, hausd (absolute), hgrad, megabytes, ridge_angle, n_regions, n_groups,
         required_groups, open_boundaries
     """
     task, points, groups = options["task"], arrays["points"], arrays["facet_groups"]
@@ -332,6 +358,8 @@ def _write_job(folder: Path, arrays: Arrays, options: Mapping[str, Any]) -> list
         "-sol": "in.solb", "-out": _RESULT,
     }  # fmt: skip
     flags = ["-nosizreq"]
+    if options["megabytes"] is not None:
+        settings["-m"] = options["megabytes"]
     if options["open_boundaries"]:
         flags.append("-opnbdy")
     return [_executable(task), *flags, *(str(word) for pair in settings.items() for word in pair)]

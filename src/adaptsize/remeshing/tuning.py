@@ -48,6 +48,15 @@ FACTOR_OF_ADAPTED = 1.06
 TURNS = 3
 #: The same with a metric: cells of the input are farther from the requested ones.
 TURNS_WITH_METRIC = 6
+#: Beside facets that must stay, another run follows only if this one has brought so many more edges
+#: into the band.  Not measured.
+GAINED_BESIDE_REQUIRED = 0.02
+#: Limit of Mmg's memory for tetrahedra, in megabytes, and how much more each of the present and
+#: requested cells adds.  Mmg sets up arrays that fill what it may use: a run on 384 cells takes
+#: 0.11 instead of 0.51 s.  A cell needs about 0.001 at most.  Half and double: the same meshes.
+MEGABYTES, MEGABYTES_PER_CELL = 150.0, 0.005
+#: From so many cells on, the default is left.  Not measured.
+CELLS_WITH_LIMITED_MEMORY = 200_000.0
 #: Share of edges in the band, and of requested elements, with which no other run follows.  Half:
 #: none.  Double, which is never reached: 98 % in the band of the disc.
 GOOD_SHARE = 0.9
@@ -292,3 +301,12 @@ SMALLER_TOLERANCE, SMALLEST_TOLERANCE = 0.4, 0.15
 #: crashed in each run at .02 of the diagonal, and not at .005.  A larger tolerance than the second,
 #: over the diagonal, is the likely cause of a failure, and so is a quarter of it.
 TOLERANCE_AFTER_FAILURE, ABSURD_TOLERANCE = 0.25, 0.1
+
+# --- Periodic meshes -------------------------------------------------------------------------
+#: Ways to join the cells at most.  All ten units of the tests need one or two; a square of two
+#: triangles needs three.  Not measured.
+MOST_PERIODIC_TURNS = 4
+#: Distance of the second place around which cells are joined from the first one, over the motions:
+#: the cuts of the first are then inside, wherever they are between 0 and 1 but near 1/4.  Not
+#: measured.
+PERIODIC_SHIFT = 0.25
