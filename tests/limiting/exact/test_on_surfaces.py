@@ -202,6 +202,19 @@ def test_on_both_sides_of_a_square_paths_cross_one_edge():
     assert_allclose(h[used], (0.1 + G * np.where(is_front, here, there))[used], rtol=1e-13)
 
 
+@pytest.mark.parametrize("aside", [-0.2, 0.0, 0.3])
+def test_behind_a_hole_paths_on_both_sides_leave_its_shadow(aside):
+    """They come from one root, through one edge, and are as if nothing were between them."""
+    source, left, right, back = (aside, 0.0), (-0.5, 1.0), (0.5, 1.0), (0.0, 1.2)
+    points = np.array([source, (10.0, 2.0), (-10.0, 2.0), right, left, back, (0.0, 6.0)])
+    cells = [(0, 1, 3), (0, 3, 4), (0, 4, 2), (3, 1, 5), (4, 5, 2), (5, 1, 2), (2, 1, 6)]
+    mesh = in_space(SimplexMesh(points, cells))
+    h = limit_gradient(mesh, only_at(mesh, [0], 0.1), G, method=NODES)
+    for node in (5, 6):  # around the nearer end of the hole
+        over = [np.hypot(*(points[0] - x)) + np.hypot(*(points[node] - x)) for x in points[3:5]]
+        assert_allclose(h[node], 0.1 + G * min(over), rtol=1e-12)
+
+
 @pytest.mark.parametrize("n_pages", [3, 5])
 def test_sizes_pass_from_each_sheet_of_a_book_into_all_others(n_pages):
     n = 7

@@ -80,7 +80,14 @@ def build_sight(
     )
     boxes = boxes_over(lower, upper, np.zeros(len(order)))
     walls = Walls(np.column_stack(triangles), boxes, slack)
-    return Sight(walls, _stars_at(points, cells, np.unique(facets)))
+    return Sight(walls, _stars_at(points, cells, _nodes_of(facets, len(points))))
+
+
+def _nodes_of(cells: IntArray, n: int) -> IntArray:
+    """Return the nodes of some cells, ascending: faster than by sorting."""
+    used = np.zeros(n, np.bool_)
+    used[cells] = True
+    return np.flatnonzero(used).astype(np.int32)
 
 
 def _stars_at(points: FloatArray, cells: IntArray, nodes: IntArray) -> Stars:
@@ -208,7 +215,7 @@ def find_reflex_edges(
     reflex = np.flatnonzero(turns.is_reflex)[rep]
     normals, outwards = _sides_of(ridges, reflex, points, shapes)
     edges = Edges(origin + lowest[:, None] * along, along, highest - lowest, normals)
-    nodes = np.unique(ridges.ends[turns.is_reflex | turns.is_odd]).astype(np.int32)
+    nodes = _nodes_of(ridges.ends[turns.is_reflex | turns.is_odd], len(points))
     nodes = nodes[along_curve(points[nodes])]
     number = np.zeros(len(points), np.int32)
     number[nodes] = np.arange(len(nodes))
