@@ -11,7 +11,7 @@ CASES = 300
 
 
 def around(angle):
-    """Return unit vectors at angles from the middle of the obstacle, in the plane across its edge."""
+    """Return unit vectors at angles from the middle of the obstacle, across its edge."""
     return np.stack([-np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=-1)
 
 
@@ -49,9 +49,7 @@ def extended(edges, middle):
     """Return the sector of the path that is extended over edge 1, and whether it is of use."""
     one = np.ones(1, np.int32)
     given = one, one, 0 * one, np.array([[0.0, edges.length[1]]])
-    found = (
-        np.empty((1, 2)), np.empty(1), np.empty((1, 9)), np.empty(1, np.bool_), np.empty(1, np.bool_)
-    )  # fmt: skip
+    found = np.empty((1, 2)), np.empty(1), np.empty((1, 9)), *np.empty((2, 1), np.bool_)
     starts = np.zeros((1, 3)), np.zeros(1)
     extend_paths(paths_over(edges), np.array([middle, middle]), given, starts, 1e-12, found)
     return found[2].reshape(3, 3), found[4][0]

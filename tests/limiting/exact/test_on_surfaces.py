@@ -13,6 +13,7 @@ from surface_oracle import distances, limited
 from adaptsize import CartesianGrid, SimplexMesh, SizeFunction, limit_gradient
 from adaptsize._kernels import surface_windows
 from adaptsize.limiting import Exact, tuning
+from adaptsize.limiting.exact import on_surface
 
 G = 0.3
 NODES = Exact(face_sources=False)
@@ -594,6 +595,38 @@ def test_beyond_a_number_of_windows_sizes_are_of_paths_and_the_certificate_holds
         assert_allclose(h[settled], exact[settled], rtol=1e-13)
         roots = info.sources.roots()
         assert set(roots) == {3, 700}
+
+
+@pytest.mark.parametrize("with_another", [False, True])
+def test_narrow_windows_are_dropped_early_where_too_many_are_forecast(with_another, monkeypatch):
+    sphere = random_sphere(1500, 2673)
+    aside = moved(random_sphere(200, 2674), (5.0, 0.0, 0.0))  # without bounds
+    mesh = joined(sphere, aside) if with_another else sphere
+    h0, found, fronts = only_at(mesh, [3], 0.02), [], []
+    forecast, propagate = on_surface._forecast, on_surface._propagate
+
+    def spied_forecast(*args):
+        found.append(forecast(*args))
+        return found[-1]
+
+    def spied_propagate(*args):
+        fronts.append(propagate(*args))
+        return fronts[-1]
+
+    monkeypatch.setattr(on_surface, "_forecast", spied_forecast)
+    monkeypatch.setattr(on_surface, "_propagate", spied_propagate)
+    monkeypatch.setattr(tuning, "LEAST_WINDOWS", 0)
+    monkeypatch.setattr(tuning, "WINDOWS_PER_NODE", 10_000)
+    monkeypatch.setattr(tuning, "FORECASTS", (8, 20))
+    _, info = limit_gradient.with_info(mesh, h0, G)
+    total = fronts[-1][0].tally[surface_windows.DONE]
+    assert info.n_proved == mesh.n_points
+    # The antipode of the source, where paths meet from all sides, costs more than is forecast.
+    assert ((0.3 * total < np.array(found)) & (np.array(found) < total)).all()
+    monkeypatch.setattr(tuning, "WINDOWS_PER_NODE", int(0.9 * min(found) / mesh.n_points))
+    early = limit_gradient.with_info(mesh, h0, G)[1].n_proved
+    monkeypatch.setattr(tuning, "WINDOWS_PER_NODE", 8)
+    assert limit_gradient.with_info(mesh, h0, G)[1].n_proved == early < mesh.n_points
 
 
 @pytest.mark.parametrize("is_wave", [False, True])
