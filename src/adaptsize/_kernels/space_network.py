@@ -43,6 +43,9 @@ def _turned(paths, w, x):
 def _fill_sector(edges, e, ahead, obstacle, sector):
     """Fill where a path over edge e acts, with its directions from both ends of the edge before.
 
+    If it passes the obstacle on one side from one end and on the other side from the other end,
+    it may act everywhere.
+
     Returns whether the inside lies straight ahead from one of these; else it is not shortest there.
     """
     along, sides, is_inside = triple(edges.along, e, 0), (-1, -1), False
@@ -55,8 +58,9 @@ def _fill_sector(edges, e, ahead, obstacle, sector):
         sign = -1.0 if dot(sideways, obstacle) < 0.0 else 1.0
         for d in range(3):
             sector[3 + 3 * end + d] = sign * sideways[d]
-    for d in range(3):
-        sector[d] = edges.normals[e, sides[0], d] if sides[0] == sides[1] else 0.0
+            sector[d] = edges.normals[e, sides[1], d]
+    if sides[0] != sides[1]:
+        sector[:] = 0.0
     return is_inside
 
 
