@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import adaptsize as ads
-from adaptsize import options
-from adaptsize.errors import InputWarning
+from adaptsize import _defaults, options
+from adaptsize.domain_size import goals
+from adaptsize.errors import InputWarning, ResolutionWarning, TooManyElementsError
 from adaptsize.options import (
     AdaptOptions,
     RemeshOptions,
@@ -126,12 +127,29 @@ def test_a_growth_ratio_is_another_name_of_the_gradient_limit():
         ads.size_function(square, growth=1e31)
 
 
-def test_the_number_of_elements_has_one_default_for_each_meaning():
-    """Parameters are relaxed to one number, and no mesh is made beyond the other."""
-    found = {}
-    for record in ENTRANCES.values():
-        option = options_of(record).get("max_elements")
-        if option is not None:
-            found.setdefault(option.text, set()).add((option.default, option.chosen))
-    assert len(found) == 2
-    assert all(len(defaults) == 1 for defaults in found.values())
+def test_the_largest_number_of_elements_is_one_option_everywhere():
+    options = [options_of(record).get("max_elements") for record in ENTRANCES.values()]
+    found = {(one.text, one.details, one.default, one.chosen) for one in options if one is not None}
+    assert len(found) == 1
+
+
+def test_without_a_largest_number_the_same_one_is_refused_everywhere(monkeypatch):
+    monkeypatch.setattr(_defaults, "REFUSED_ABOVE", 2000.0)
+    monkeypatch.setattr(goals, "RELAXED_TO", 300.0)
+    square = ads.SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    disc = {"lower": [-1.1, -1.1], "upper": [1.1, 1.1]}
+    calls = [
+        lambda **most: ads.size_function(square, hmax=0.01, **most),
+        lambda **most: ads.remesh(square, 0.01, backend="mmg", **most),
+        lambda **most: ads.adapt(square, h0=0.01, backend="bisection", **most),
+        lambda **most: ads.mesh_from_distance(lambda x: np.hypot(*x.T) - 1, 0.01, **disc, **most),
+    ]
+    for refused in calls:
+        with pytest.raises(TooManyElementsError, match=r"max_elements = (2e\+03|2000)\b"):
+            refused()
+        with pytest.raises(TooManyElementsError, match=r"max_elements = (3e\+03|3000)\b"):
+            refused(max_elements=3000)
+    # What is given may require more than other parameters are relaxed to.
+    with pytest.warns(ResolutionWarning, match="more than max_elements = 300: hmax controls"):
+        size = ads.size_function(square, hmax=0.05)
+    assert 300 < size.report.n_elements < 2000

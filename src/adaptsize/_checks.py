@@ -410,15 +410,15 @@ def count_text(number: float) -> str:
     return f"{float(f'{number:.2g}'):.0f}"
 
 
-def length_text(length: float, diagonal: float) -> str:
-    """Return a length in the unit of the coordinates, and its share of a diagonal, for a message.
+def length_text(length: float, whole: float, name: str = "diagonal") -> str:
+    """Return a length in the unit of the coordinates, and its share of another, for a message.
 
     Examples
     --------
     >>> length_text(0.5, 1000.0)
     '0.5 (0.0005 of the diagonal)'
     """
-    return f"{length:.3g} ({length / diagonal:.3g} of the diagonal)"
+    return f"{length:.3g} ({length / whole:.3g} of the {name})"
 
 
 def place_text(point: Iterable[float], digits: int = 6) -> str:

@@ -11,10 +11,17 @@ CREASE_ANGLE = 40.0
 CORNER_ANGLE = 30.0
 #: Share of the diagonal by which the boundary of a new mesh may deviate.
 TOLERANCE = 1e-3
-#: Most elements of a mesh whose sizes are chosen by the domain alone.
-MAX_ELEMENTS = 300_000.0
-#: Most elements of a mesh that is made at all.
-LARGEST_MESH = 5e6
+#: Without ``max_elements``: to so many elements are parameters relaxed that are not given.
+RELAXED_TO = 300_000.0
+#: Without ``max_elements``: more elements are refused, whatever requires them.
+REFUSED_ABOVE = 5e6
+
+
+def refused_above(max_elements: float | None) -> float:
+    """Return the number of elements above which no mesh is made."""
+    return REFUSED_ABOVE if max_elements is None else max_elements
+
+
 #: Fields with sizes of a mesh and bounds on them, and what belongs to them after a dot: not for the
 #: next mesh.
 FIELDS_OF_SIZES = ("h", "h0", "metric")

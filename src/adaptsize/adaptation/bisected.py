@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from adaptsize._defaults import refused_above
 from adaptsize._messages import Message
 from adaptsize.adaptation import tuning
 from adaptsize.adaptation.need import smallest
@@ -31,7 +32,7 @@ def divide_cells(mesh: SimplexMesh, first: NewMesh, request: CycleRequest) -> Ne
     TooManyElementsError
         If there would be more cells than ``max_elements``.
     """
-    h, most = smallest(first.sizes.at_nodes), request.options["max_elements"]
+    h, most = smallest(first.sizes.at_nodes), refused_above(request.options["max_elements"])
 
     def made(scale: float) -> NewMesh:
         divided = bisected(mesh, h, scale * tuning.LONGEST_OVER_SIZE, max_cells=most)

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from adaptsize._checks import count_text, warn_caller
+from adaptsize._checks import count_text, length_text, warn_caller
+from adaptsize._defaults import refused_above
 from adaptsize._messages import Message
 from adaptsize._progress import Stage
 from adaptsize._size_function import SizeFunction
@@ -37,14 +38,14 @@ def within_budget(domain: SizedDomain, request: Request) -> SizeFunction:
     Raises
     ------
     TooManyElementsError
-        If a number or a memory is given, and the boundary within the tolerance or the parameters
-        that the request fixes require more.
+        If the boundary within the tolerance or the parameters that the request fixes require more
+        than a given number or memory, or without one more than is made without ``max_elements``.
 
     Warns
     -----
     ResolutionWarning
-        If they require more than the default of ``max_elements``, or do not allow as many elements
-        as requested.
+        If they require more than the parameters are relaxed to without ``max_elements``, or do not
+        allow as many elements as requested.
     InputWarning
         If a source is outside of the part that a surface encloses.
     """
@@ -103,8 +104,12 @@ def _searched(domain: SizedDomain, request: Request) -> Search[SizeFunction]:
 
 
 def _refuse(domain: SizedDomain, request: Request, report: SizeReport) -> None:
-    """Raise if sizes have more elements than allowed by a given number; else warn."""
+    """Raise if sizes have more elements than allowed; warn if only more than relaxed to."""
     if request.is_capped or request.goal is not None:
+        raise TooManyElementsError(_refusal(domain, request, report))
+    most = refused_above(None)
+    if report.n_elements > most:
+        request = replace(request, max_elements=most)
         raise TooManyElementsError(_refusal(domain, request, report))
     warn_caller(_excess(request, report), ResolutionWarning)
 
@@ -142,8 +147,11 @@ def _refusal(domain: SizedDomain, request: Request, report: SizeReport) -> Messa
     Where no tolerance and no length of details would help, something else requires the elements.
     """
     what, wanted = request.goal or ("elements", request.max_elements)
-    offers = []
+    offers, allowed = [], f"{request.tolerance:g}"
     tolerance = tolerance_that_fits(domain, request, report)
+    if isinstance(domain, MeshDomain | SurfaceDomain):
+        whole = domain.mesh.diameter
+        allowed = length_text(request.tolerance * whole, whole, "diameter")
     if tolerance is not None:
         offers.append(Message.name("tolerance", f"{tolerance:g}"))
     detail = detail_that_fits(domain, request)
@@ -157,8 +165,8 @@ def _refusal(domain: SizedDomain, request: Request, report: SizeReport) -> Messa
         needed = f"{system_of(report, *request.system)[1] / 1e9:.2g} GB for the matrix"
         enough = f"{request.options['max_memory']} is"
     return Message(
-        "within the tolerance of {:g} the boundary needs about {}; {} not enough: {}",
-        *(request.tolerance, needed, enough, Message.joined(", or ", offers)),
+        "within the tolerance of {} the boundary needs about {}; {} not enough: {}",
+        *(allowed, needed, enough, Message.joined(", or ", offers)),
     )
 
 

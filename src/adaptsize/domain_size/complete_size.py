@@ -92,7 +92,7 @@ def size_function(
         If the domain is of another kind, needs a box or a grid, is empty or fills the grid, if an
         image is a photo or has no objects, or if an option is out of range.
     TooManyElementsError
-        If the boundary within the tolerance, or given parameters, need more than a given number.
+        If the boundary within the tolerance, or given parameters, need more elements than allowed.
 
     Warns
     -----

@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from adaptsize._defaults import MAX_ELEMENTS
+from adaptsize._defaults import RELAXED_TO
 from adaptsize._messages import Message
 from adaptsize.domain_size.unknowns import as_bytes
 from adaptsize.errors import OptionError
@@ -42,4 +42,4 @@ def largest_number(options: BudgetOptions) -> float:
         return np.inf if elements is None else elements
     if most is not None:
         return most
-    return MAX_ELEMENTS if memory is None else np.inf
+    return RELAXED_TO if memory is None else np.inf

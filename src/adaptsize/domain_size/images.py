@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from adaptsize._calls import recorded
 from adaptsize._checks import check_type
+from adaptsize._defaults import REFUSED_ABOVE
 from adaptsize._progress import reporting
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
@@ -76,7 +77,7 @@ def mesh_image(
     ValueError
         As in `size_function`.
     TooManyElementsError
-        If the given parameters require more elements than `mesh_from_distance` allows.
+        As in `size_function` and `mesh_from_distance`.
 
     Warns
     -----
@@ -113,7 +114,7 @@ def mesh_image(
             labelled.corners(),
             seed=given["seed"],
             max_iter=defaults["max_iter"],
-            max_elements=defaults["max_elements"],
+            max_elements=max(given["max_elements"] or 0.0, REFUSED_ABOVE),
             report=report,
         )
         mesh = _with_tagged_facets(_with_labels(mesh, domain), mask)

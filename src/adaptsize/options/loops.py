@@ -5,9 +5,9 @@ from typing import Annotated, Literal, TypedDict
 
 from adaptsize._defaults import CORNER_ANGLE, GRADIENT_LIMIT, METRIC_GRADIENT_LIMIT, TOLERANCE
 from adaptsize.options.bounds import ClipOptions
-from adaptsize.options.meshes import GeneratorOptions, LimitOptions, PartsOptions
+from adaptsize.options.meshes import GeneratorOptions, PartsOptions
 from adaptsize.options.option import Option
-from adaptsize.options.sizes import NumberOptions
+from adaptsize.options.sizes import LargestOptions, NumberOptions
 from adaptsize.typing import GradientLimit, NodalMethod
 
 
@@ -55,7 +55,7 @@ class NeedOptions(StoppingOptions, total=False):
 
 
 class AdaptOptions(
-    NumberOptions, LimitOptions, GeneratorOptions, StoppingOptions, TransferOptions, PartsOptions,
+    NumberOptions, LargestOptions, GeneratorOptions, StoppingOptions, TransferOptions, PartsOptions,
     ClipOptions, total=False,
 ):  # fmt: skip
     """Adaptation.

@@ -4,9 +4,9 @@ from typing import Annotated, Literal, TypedDict
 
 import numpy as np
 
-from adaptsize._defaults import GRADIENT_LIMIT, LARGEST_MESH, TOLERANCE
+from adaptsize._defaults import GRADIENT_LIMIT, TOLERANCE
 from adaptsize.options.option import Option
-from adaptsize.options.sizes import BudgetOptions, ImageSizeOptions, SizeOptions
+from adaptsize.options.sizes import BudgetOptions, ImageSizeOptions, LargestOptions, SizeOptions
 
 
 class GeneratorOptions(TypedDict, total=False):
@@ -27,16 +27,6 @@ class GeneratorOptions(TypedDict, total=False):
             above=True,
         ),
     ]
-
-
-class LimitOptions(TypedDict, total=False):
-    """Number of elements.
-
-    max_elements
-        If the sizes require more elements than this, no mesh is made.
-    """
-
-    max_elements: Annotated[float, Option(LARGEST_MESH, lower=1.0, inf=True)]
 
 
 class MeshOptions(GeneratorOptions, total=False):
@@ -67,7 +57,7 @@ class PartsOptions(TypedDict, total=False):
     rounds: Annotated[int, Option(2, lower=1.0, upper=20.0)]
 
 
-class RemeshOptions(MeshOptions, LimitOptions, PartsOptions, total=False):
+class RemeshOptions(MeshOptions, LargestOptions, PartsOptions, total=False):
     """Remeshing.
 
     g
@@ -84,7 +74,7 @@ class RemeshOptions(MeshOptions, LimitOptions, PartsOptions, total=False):
     tolerance: Annotated[float, Option(TOLERANCE, above=True, upper=1.0)]
 
 
-class DistanceOptions(LimitOptions, total=False):
+class DistanceOptions(LargestOptions, total=False):
     """Mesh from a distance.
 
     clip

@@ -5,7 +5,7 @@ from typing import Annotated, TypedDict
 
 import numpy.typing as npt
 
-from adaptsize._defaults import CREASE_ANGLE, GRADIENT_LIMIT, MAX_ELEMENTS, TOLERANCE
+from adaptsize._defaults import CREASE_ANGLE, GRADIENT_LIMIT, REFUSED_ABOVE, RELAXED_TO, TOLERANCE
 from adaptsize.options.option import Option
 
 
@@ -106,13 +106,34 @@ class NumberOptions(ElementsOptions, total=False):
     nodes: Annotated[float | None, Option(lower=1.0)]
 
 
-class CapOptions(TypedDict, total=False):
+class LargestOptions(TypedDict, total=False):
+    """Number of elements.
+
+    max_elements
+        Largest number of elements: parameters not given are relaxed to it, and more are refused.
+    """
+
+    max_elements: Annotated[
+        float | None,
+        Option(
+            chosen=f"{RELAXED_TO:.0f} to relax, {REFUSED_ABOVE:.0f} to refuse", lower=1.0, inf=True
+        ),
+    ]
+
+
+class UnknownsOptions(TypedDict, total=False):
     """Number of elements.
 
     dofs
         Requested number of unknowns.
-    max_elements
-        Number to which parameters that are not given are relaxed.  inf disables this.
+    """
+
+    dofs: Annotated[float | None, Option(lower=1.0)]
+
+
+class CapOptions(UnknownsOptions, LargestOptions, total=False):
+    """Number of elements.
+
     max_memory
         Largest memory of the matrix: 8GB.
         As max_elements; both exclude elements, nodes and dofs.
@@ -122,11 +143,6 @@ class CapOptions(TypedDict, total=False):
         Components of the solution, for these.
     """
 
-    dofs: Annotated[float | None, Option(lower=1.0)]
-    max_elements: Annotated[
-        float | None,
-        Option(chosen=f"{MAX_ELEMENTS:.0f}, or inf with max_memory", lower=1.0, inf=True),
-    ]
     max_memory: Annotated[str | None, Option()]
     degree: Annotated[int, Option(1, lower=1.0, upper=20.0)]
     components: Annotated[int, Option(1, lower=1.0, upper=1000.0)]

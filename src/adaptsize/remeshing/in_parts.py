@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_sizes_at, one_of, refuse_where
+from adaptsize._defaults import refused_above
 from adaptsize._messages import Message
 from adaptsize.background import SimplexMesh, interpolate
 from adaptsize.background.migration import (
@@ -47,7 +48,7 @@ def remesh_parts(
     by_name = {name: given[name] for name in ("how", "rounds", "tolerance")}
     ranks.require_equal(**by_name)
     part.require_equal_values("size", h)
-    _refuse_too_many(part, h, given["max_elements"])
+    _refuse_too_many(part, h, refused_above(given["max_elements"]))
     if given["how"] == "gather" or ranks.size == 1:
         new, places = _gathered(part, h, remesh), np.empty((0, part.dim))
     else:

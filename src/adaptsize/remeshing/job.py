@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_index_array, refusal, warn_caller
+from adaptsize._defaults import refused_above
 from adaptsize._messages import Message
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
@@ -96,7 +97,7 @@ def prepared(
         _if_crossed(solid, repaired.mesh),
     )  # fmt: skip
     n_cells = _number_of_cells(mesh, size, requests.to(chosen.name, 1.0))
-    _refuse_too_many(n_cells, given["max_elements"])
+    _refuse_too_many(n_cells, refused_above(given["max_elements"]))
     return Job(requests, chosen, old, solid, n_cells, given, may_be_joined)
 
 
@@ -203,7 +204,7 @@ class Job:
         surface = problem.mesh
         if self.requests.crossed is not None:
             surface = self.requests.frame.mesh(self.requests.crossed.skin)
-        return Filling(problem, surface, self.n_cells, self.given["max_elements"])
+        return Filling(problem, surface, self.n_cells, refused_above(self.given["max_elements"]))
 
     def solve(self, attempt: Attempt, run: IsolatedRunner) -> Iterator[Candidate]:
         """Yield the meshes of an attempt, in the given coordinates."""

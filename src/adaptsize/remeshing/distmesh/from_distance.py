@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from adaptsize._calls import recorded
 from adaptsize._checks import as_near_points, as_number, as_whole_number, place_text, refuse_where
+from adaptsize._defaults import refused_above
 from adaptsize._progress import Stage, reporting
 from adaptsize._with_info import with_info
 from adaptsize.background import SimplexMesh
@@ -149,7 +150,7 @@ def mesh_from_distance(
     requested = size if callable(size) else lambda points: np.full(len(points), number)
     domain = ImplicitDomain(distance, requested, *as_box(lower, upper))
     given = checked(DistanceOptions, options)
-    limit, seed = given["max_elements"], given["seed"]
+    limit, seed = refused_above(given["max_elements"]), given["seed"]
     if not isinstance(seed, np.random.Generator):
         seed = as_whole_number("seed", seed, lower=0, upper=2**53)
     with reporting(progress) as report:
