@@ -59,7 +59,7 @@ def visible(walls, x, origins, cached=None):
     which, sides = np.arange(n), np.full(n, LEFT + RIGHT)
     cached = np.full(CACHED, -1) if cached is None else cached
     places = [np.array(rows, float).reshape(n, 2).T.copy() for rows in (x, origins)]
-    rays = Rays(places[1], sides, which, np.empty(DEPTH, np.int64), np.empty(8), cached)
+    rays = Rays(places[1], sides, which, np.empty(DEPTH, np.int64), np.empty(12), cached)
     m = without_hidden(walls, places[0], rays, n)
     return which[:m].tolist()
 

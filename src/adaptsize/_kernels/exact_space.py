@@ -215,7 +215,8 @@ def _without_unseen(paths, w, n, m, sight, block):
     bends, active = block.bends, block.active
     # Calls stand in loops, since LLVM copies the callee for each of them.
     nodes, first, last, path = block.support, n + 1, n, w
-    for _ in range(2):  # at the base, and at the points
+    # At the base, and at the points, where `_lay` has not done so.
+    for _ in range(1 if n > 0 and not paths.skew[w] else 2):
         m = without_leaving(sight.stars, nodes, (bends, first, last), active, m)
         nodes, first, last = block.nodes, np.int64(0), np.int64(1)
     for level in range(1, n + 1):

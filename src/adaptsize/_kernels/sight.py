@@ -75,7 +75,7 @@ class Rays(NamedTuple):
     which : int64[BLOCK]
         Numbers of points.
     stack : int64[DEPTH]
-    shaft : float64[8]
+    shaft : float64[12]
     cached : int64[CACHED]
         Walls that hid points recently.
     recent : int64[N_RECENT]
@@ -100,7 +100,7 @@ def new_rays() -> Rays:
         np.empty(BLOCK, np.int64),
         np.empty(BLOCK, np.int64),
         np.empty(DEPTH, np.int64),
-        np.empty(8),
+        np.empty(12),
         np.full(CACHED, -1, np.int64),
         np.full(N_RECENT, -1, np.int64),
     )

@@ -157,7 +157,7 @@ class Block(NamedTuple):
     chain : int64[LONGEST + 2]
         Edges of a path, from its end.
     work : float64[4, LONGEST + 2]
-    shaft : float64[12]
+    shaft : float64[18]
     stack : int64[2, DEPTH]
         Boxes of paths, and of triangles.
     queue : int64[2 * BLOCK]
@@ -202,7 +202,7 @@ def new_block() -> Block:
         np.empty(BLOCK),
         np.empty(LONGEST + 2, np.int64),
         np.empty((4, LONGEST + 2)),
-        np.empty(12),
+        np.empty(18),
         np.empty((2, DEPTH), np.int64),
         np.empty(2 * BLOCK, np.int64),
         np.full(CACHED, -1, np.int64),

@@ -179,6 +179,20 @@ def _remember_hidden(relay, field, w, start, count, block):
         block.sizes[i] = field.sizes[y]
 
 
+@lean
+def _along_edges(relay, points, field, x, path, g, start, count, block):
+    """Lower nodes beside x by paths along edges of the mesh, which nothing hides."""
+    for i in range(count):
+        y, square = relay.near[start + i], 0.0
+        for d in range(3):
+            square += (points[y, d] - points[x, d]) ** 2
+        value = field.sizes[x] + g * math.sqrt(square)
+        if value < block.sizes[i]:
+            block.sizes[i], block.path[i] = value, path
+            for d in range(3):
+                block.last[d, i] = points[x, d]
+
+
 @lean_kernel
 def propagate(relay, paths, field, sight, g, faces, block):
     """Hand paths on until no size is lowered any more (In/Out: relay, paths, field).
@@ -198,6 +212,9 @@ def propagate(relay, paths, field, sight, g, faces, block):
             here = min(BLOCK, beside - start)
             _put_near(relay, points, field, offers[0], start, here, block)
             for k in range(n):
+                if k == 1:  # from x itself
+                    _along_edges(relay, points, field, x, offers[1], g, start, here, block)
+                    continue
                 try_path(paths, offers[k], here, sight, g, faces, block)
                 if k == 0:  # all nodes around offer the same one
                     _remember_hidden(relay, field, offers[0], start, here, block)

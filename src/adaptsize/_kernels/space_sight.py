@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.compiling import lean, lean_kernel
+from adaptsize._kernels.compiling import inlined, lean, lean_kernel
 from adaptsize._kernels.local_updates import SPACE
 from adaptsize._kernels.trees import items_of_leaf, leaf_in_shaft, set_shaft
 from adaptsize._kernels.vectors import between, cross, dot
@@ -194,7 +194,7 @@ def _crosses(triangles, t, a, b, i):
     return u >= -nil and v >= -nil and u + v <= 1.0 + nil
 
 
-@lean
+@inlined
 def _separates(triangles, t, shaft):
     """Return whether the two ends of a shaft have points strictly on either side of a triangle."""
     middle_a = middle_b = reach_a = reach_b = 0.0
@@ -231,17 +231,22 @@ def without_hidden(walls, a, b, m, block):
     ``block``: ``active``, ``cached``, and as scratch ``shaft`` and ``stack``.
     """
     active, cached, shaft, stack = block.active, block.cached, block.shaft, block.stack[1]
+    left = m
     for c in range(CACHED):
-        if cached[c] < 0 or m == 0:
+        t = cached[c]
+        if t < 0 or left == 0:
             break
-        left = _without_crossing(walls.triangles, cached[c], (a, b), active, m)
-        if left < m:
-            _put_first(cached, c, cached[c])
-        m = left
-    if m == 0:
+        if c == 0:
+            set_shaft(a, b, active, m, SPACE, walls.slack, shaft)
+        if _separates(walls.triangles, t, shaft):
+            before, left = left, _without_crossing(walls.triangles, t, (a, b), active, left)
+            if left < before:
+                _put_first(cached, c, t)
+    if left == 0:
         return 0
-    set_shaft(a, b, active, m, SPACE, walls.slack, shaft)
-    stack[0], height = 1, np.int64(1)
+    if left < m or cached[0] < 0:
+        set_shaft(a, b, active, left, SPACE, walls.slack, shaft)
+    m, stack[0], height = left, 1, np.int64(1)
     while height > 0:
         leaf, height = leaf_in_shaft(walls.boxes, stack, height, (shaft, SPACE))
         for t in range(*items_of_leaf(leaf, walls.triangles.shape[0])):

@@ -22,6 +22,9 @@ from adaptsize._kernels.vectors import triple
 
 #: Items of a leaf.
 LEAF = 4
+# The inverse of no change: a side that rests reaches nothing further within any time.
+_NEVER = 1e300
+
 #: Rows of a stack on which a depth-first descent finds room, with at most 2^31 leaves.
 DEPTH = 64
 
@@ -181,8 +184,8 @@ def set_shaft(a, b, which, m, axes, slack, shaft):
     axes : tuple of length dim
     slack : float
         Width that is added around the boxes.
-    shaft : float64[4 * dim]
-        Out: lower and upper corner, and their changes.
+    shaft : float64[6 * dim]
+        Out: lower and upper corner, their changes, and the inverses of these.
     """
     dim = len(axes)
     for d in range(dim):
@@ -194,6 +197,15 @@ def set_shaft(a, b, which, m, axes, slack, shaft):
             b_low, b_high = min(b_low, to), max(b_high, to)
         shaft[d], shaft[dim + d] = a_low - slack, a_high + slack
         shaft[2 * dim + d], shaft[3 * dim + d] = b_low - a_low, b_high - a_high
+        # A box that the resting side does not reach is beyond it at all times from 0 to 1.
+        shaft[4 * dim + d] = _inverse(b_low - a_low, _NEVER)
+        shaft[5 * dim + d] = _inverse(b_high - a_high, -_NEVER)
+
+
+@lean
+def _inverse(change, otherwise):
+    """Return 1 / change, ``otherwise`` if it would not be a number."""
+    return 1.0 / change if abs(change) > 1.0 / _NEVER else otherwise
 
 
 @lean
@@ -202,17 +214,19 @@ def _meets_shaft(boxes, b, given):
     shaft, axes = given
     dim, begin, end = len(axes), 0.0, 1.0
     for d in range(dim):
-        # The lower side of the box is below the upper side of the other, and vice versa.
-        for side in range(2):
-            sign = 1.0 - 2.0 * side
-            room = sign * (boxes[b, (1 - side) * dim + d] - shaft[side * dim + d])
-            change = sign * shaft[(2 + side) * dim + d]
-            if change > 0.0:
-                end = min(end, room / change)
-            elif change < 0.0:
-                begin = max(begin, room / change)
-            elif room < 0.0:
-                return False
+        # The upper side of the box is above the lower side of the other, and vice versa.
+        inverse = shaft[4 * dim + d]
+        time = (boxes[b, dim + d] - shaft[d]) * inverse
+        if inverse > 0.0:
+            end = min(end, time)
+        else:
+            begin = max(begin, time)
+        inverse = shaft[5 * dim + d]
+        time = (boxes[b, d] - shaft[dim + d]) * inverse
+        if inverse < 0.0:
+            end = min(end, time)
+        else:
+            begin = max(begin, time)
     return begin <= end
 
 

@@ -1,5 +1,7 @@
 """Whether a flat domain is convex, from the angles by which its boundary turns."""
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +11,7 @@ from adaptsize.geometry.boundary import FlatBoundary, turns_in_plane
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 
 
-def is_convex(points: FloatArray, boundary: FlatBoundary) -> bool:
+def is_convex(points: FloatArray, boundary: FlatBoundary, ridges: Ridges | None = None) -> bool:
     r"""Return whether the domain within a boundary is convex, to rounding.
 
     Folds, cracks, holes and several components are all detected: the domain can only end at a wall,
@@ -21,13 +23,17 @@ def is_convex(points: FloatArray, boundary: FlatBoundary) -> bool:
     curvature is at most :math:`T`, and a curve of total curvature :math:`T < \pi` between two
     points is at most :math:`1 / \cos(T / 2) \approx 1 + T^2 / 8` times as long as the straight
     line (Schmidt, Sitzungsber. Preuss. Akad. Wiss. 1925).
+
+    ``ridges``: those of the boundary of a solid, if they are known.
     """
     if not boundary.is_simple or len(boundary.facets) == 0:
         return False
     in_plane = points.shape[1] == 2
-    angles = (
-        turns_in_plane(points, boundary.facets).angles if in_plane else turns_of(points, boundary)
-    )
+    if in_plane:
+        angles = turns_in_plane(points, boundary.facets).angles
+    else:
+        ridges = ridges_of(boundary.facets, len(points)) if ridges is None else ridges
+        angles = turns_of(points, boundary.facets, ridges)
     # A convex boundary may turn inwards by this sum of angles (radians).
     if not -float(np.minimum(angles, 0.0).sum()) <= 2e-7:  # nan at irregular places
         return False
@@ -90,15 +96,14 @@ def ridges_of(facets: IntArray, n_points: int) -> Ridges:
     return Ridges(edges, sides % len(facets), apex[sides], regular)
 
 
-def turns_of(points: FloatArray, boundary: FlatBoundary) -> FloatArray:
+def turns_of(points: FloatArray, facets: IntArray, ridges: Ridges) -> FloatArray:
     """Return the angle between the two facets at each edge of the boundary of a solid.
 
     Positive where the domain is convex, nan where not two facets meet.
     """
-    corners = points[boundary.facets]
+    corners = points[facets]
     normals = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = norms(normals)
-    ridges = ridges_of(boundary.facets, len(points))
     has_area = (areas > 0.0)[:, None]
     units = np.divide(normals, areas[:, None], out=np.zeros_like(normals), where=has_area)
     normal, other = np.moveaxis(units[ridges.facets], 1, 0)

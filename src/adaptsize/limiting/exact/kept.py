@@ -7,7 +7,7 @@ import numpy as np
 
 from adaptsize.background import SimplexMesh
 from adaptsize.geometry.boundary import FlatBoundary, flat_boundary
-from adaptsize.geometry.convexity import count_corners, is_convex
+from adaptsize.geometry.convexity import Ridges, count_corners, is_convex, ridges_of
 from adaptsize.geometry.plane_boundary import plane_boundary
 from adaptsize.limiting.exact.expansion import Ground, ground_of
 from adaptsize.limiting.exact.obstacles_in_plane import Plane, plane_of
@@ -17,6 +17,8 @@ _BOUNDARIES: WeakKeyDictionary[SimplexMesh, tuple[FlatBoundary, bool]] = WeakKey
 _CORNERS: WeakKeyDictionary[SimplexMesh, int] = WeakKeyDictionary()
 _GROUNDS: WeakKeyDictionary[SimplexMesh, Ground | None] = WeakKeyDictionary()
 _PLANES: WeakKeyDictionary[SimplexMesh, Plane] = WeakKeyDictionary()
+#: Until the solid is known, which needs them once more.
+_RIDGES: WeakKeyDictionary[SimplexMesh, Ridges] = WeakKeyDictionary()
 _SOLIDS: WeakKeyDictionary[SimplexMesh, Solid] = WeakKeyDictionary()
 
 
@@ -24,8 +26,12 @@ def boundary_of(mesh: SimplexMesh, threads: int) -> tuple[FlatBoundary, bool]:
     """Return the walls of a mesh, and whether it is convex."""
     known = _BOUNDARIES.get(mesh)
     if known is None:
-        boundary = flat_boundary(mesh, threads)
-        known = _BOUNDARIES[mesh] = boundary, is_convex(mesh.points, boundary)
+        boundary, ridges = flat_boundary(mesh, threads), None
+        if mesh.dim == 3 and boundary.is_simple and len(boundary.facets):
+            ridges = ridges_of(boundary.facets, mesh.n_points)
+        known = _BOUNDARIES[mesh] = boundary, is_convex(mesh.points, boundary, ridges)
+        if ridges is not None and not known[1]:
+            _RIDGES[mesh] = ridges
     return known
 
 
@@ -56,5 +62,5 @@ def solid_in(mesh: SimplexMesh, boundary: FlatBoundary) -> Solid:
     """Return the solid of a mesh."""
     known = _SOLIDS.get(mesh)
     if known is None:
-        known = _SOLIDS[mesh] = solid_of(mesh, boundary)
+        known = _SOLIDS[mesh] = solid_of(mesh, boundary, ridges=_RIDGES.pop(mesh, None))
     return known

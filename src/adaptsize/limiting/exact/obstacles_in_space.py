@@ -25,20 +25,54 @@ _SLACK = 1e-11
 _NO_VOLUME = 1e-12
 
 
-def build_sight(points: FloatArray, cells: IntArray, facets: IntArray) -> Sight:
+class FacetShapes(NamedTuple):
+    """What is measured at the facets of a boundary."""
+
+    units: FloatArray
+    """float64[f, 3]: unit normals."""
+    areas: FloatArray
+    """float64[f]: twice the areas."""
+    heights: FloatArray
+    """float64[f]: the least heights."""
+    diagonal: float
+    """Of the domain."""
+    rounding: float
+    """The rounding error of a coordinate."""
+
+    @property
+    def thin(self) -> BoolArray:
+        """Facets without an area."""
+        return self.heights <= _NO_VOLUME * self.diagonal
+
+
+def measure_facets(points: FloatArray, facets: IntArray) -> FacetShapes:
+    """Return normals, areas and heights of facets."""
+    corners = points[facets]
+    normals = facet_normals(corners)
+    areas = norms(normals)
+    a, b, c = (norms(corners[:, v] - corners[:, v - 1]) for v in range(3))
+    longest = np.maximum(np.maximum(a, b), c)
+    heights = np.divide(areas, longest, out=np.zeros_like(areas), where=longest > 0.0)
+    normals /= np.maximum(areas, 1e-300)[:, None]
+    rounding = float(np.finfo(float).eps * np.abs(corners).max())
+    return FacetShapes(normals, areas, heights, diagonal_of(points, facets), rounding)
+
+
+def build_sight(
+    points: FloatArray, cells: IntArray, facets: IntArray, shapes: FacetShapes
+) -> Sight:
     """Return the boundary of tetrahedra, for lines of sight."""
-    normals, areas, heights, diagonal, rounding = _facets_of(points, facets)
-    order = np.flatnonzero(heights > _NO_VOLUME * diagonal)
+    order = np.flatnonzero(~shapes.thin)
     order = order[along_curve(points[facets[order]].mean(axis=1))]
-    corners, normals, heights = points[facets[order]], normals[order], heights[order]
-    area, slack = areas[order, None], _SLACK * diagonal
+    corners, units, heights = points[facets[order]], shapes.units[order], shapes.heights[order]
+    area, slack = shapes.areas[order, None], _SLACK * shapes.diagonal
     triangles = [
         corners[:, 0],
-        normals / area,
-        cross(corners[:, 2] - corners[:, 0], normals) / area**2,
-        cross(normals, corners[:, 1] - corners[:, 0]) / area**2,
+        units,
+        cross(corners[:, 2] - corners[:, 0], units) / area,
+        cross(units, corners[:, 1] - corners[:, 0]) / area,
         # The normal of a sliver is uncertain, and so is the side on which a distant point lies.
-        np.maximum(slack, 4.0 * rounding * diagonal / heights),
+        np.maximum(slack, 4.0 * shapes.rounding * shapes.diagonal / heights),
         np.minimum(slack / heights, 1e-3),
     ]
     lower, upper = (
@@ -46,24 +80,14 @@ def build_sight(points: FloatArray, cells: IntArray, facets: IntArray) -> Sight:
     )
     boxes = boxes_over(lower, upper, np.zeros(len(order)))
     walls = Walls(np.column_stack(triangles), boxes, slack)
-    return Sight(walls, _stars_at(points, cells, np.unique(facets)))
+    return Sight(walls, _stars_at(points, cells, _nodes_of(facets, len(points))))
 
 
-def _facets_of(
-    points: FloatArray, facets: IntArray
-) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
-    """Return normals of facets, of the length of twice their areas, these, and the least heights.
-
-    With them the diagonal of the domain, and the rounding error of a coordinate.
-    """
-    corners = points[facets]
-    normals = facet_normals(corners)
-    areas = norms(normals)
-    a, b, c = (norms(corners[:, v] - corners[:, v - 1]) for v in range(3))
-    longest = np.maximum(np.maximum(a, b), c)
-    heights = np.divide(areas, longest, out=np.zeros_like(areas), where=longest > 0.0)
-    rounding = float(np.finfo(float).eps * np.abs(corners).max())
-    return normals, areas, heights, diagonal_of(points, facets), rounding
+def _nodes_of(cells: IntArray, n: int) -> IntArray:
+    """Return the nodes of some cells, ascending: faster than by sorting."""
+    used = np.zeros(n, np.bool_)
+    used[cells] = True
+    return np.flatnonzero(used).astype(np.int32)
 
 
 def _stars_at(points: FloatArray, cells: IntArray, nodes: IntArray) -> Stars:
@@ -76,15 +100,9 @@ def _stars_at(points: FloatArray, cells: IntArray, nodes: IntArray) -> Stars:
     return Stars(points, rows, first, star)
 
 
-class _Ridges(NamedTuple):
-    """Edges of the boundary."""
+class _Turns(NamedTuple):
+    """How the boundary turns at its edges."""
 
-    ends: IntArray
-    """int32[r, 2]"""
-    normals: FloatArray
-    """float64[r, 2, 3]: unit normals of the two facets there."""
-    inner: FloatArray
-    """float64[r, 3]: direction from a reflex edge to the outside."""
     is_reflex: BoolArray
     is_sharp: BoolArray
     """Whether the number of facets is not two, or the two facets are not in one plane."""
@@ -114,39 +132,46 @@ class ReflexEdges(NamedTuple):
     pieces: Pieces
 
 
-def _turns_at(ridges: Ridges, points: FloatArray, facets: IntArray) -> _Ridges:
-    """Return the edges of a boundary and the turn of the boundary at each."""
-    normals, areas, heights, diagonal, rounding = _facets_of(points, facets)
-    thin = heights <= _NO_VOLUME * diagonal
-    units = np.where(thin[:, None], 0.0, normals / np.where(thin, 1.0, areas)[:, None])
-    edges, sides, apex, regular = ridges
-    is_odd = ~regular | thin[sides].any(axis=1)
+def _turns_at(ridges: Ridges, points: FloatArray, shapes: FacetShapes) -> _Turns:
+    """Return the turn of a boundary at each of its edges."""
+    left, right = ridges.facets.T
+    is_odd = ~ridges.regular | shapes.thin[ridges.facets].any(axis=1)
+    to_apex = points[ridges.apex[:, 1]] - points[ridges.ends[:, 0]]
+    rise = np.einsum("ra,ra->r", shapes.units[left], to_apex)
+    height = np.maximum(shapes.heights[left], 1e-300)
+    nil = 16.0 * shapes.rounding * (1.0 + norms(to_apex) / height)
+    is_flat = np.abs(rise) <= nil
+    is_crack = is_flat.copy()
+    flat = np.flatnonzero(is_flat)
+    units = shapes.units[left[flat]], shapes.units[right[flat]]
+    is_crack[flat] = np.einsum("ra,ra->r", *units) < 0.0
+    is_reflex = ((rise > nil) | is_crack) & ~is_odd
+    return _Turns(is_reflex, is_odd | is_crack | ~is_flat, is_odd)
 
-    along = points[edges[:, 1]] - points[edges[:, 0]]
+
+def _sides_of(
+    ridges: Ridges, which: IntArray, points: FloatArray, shapes: FacetShapes
+) -> tuple[FloatArray, FloatArray]:
+    """Return the normals of both facets at some edges, and the direction to the outside."""
+    ends = ridges.ends[which]
+    along = points[ends[:, 1]] - points[ends[:, 0]]
     along /= np.maximum(norms(along), 1e-300)[:, None]
-    to_apex = points[apex] - points[edges[:, :1]]
+    to_apex = points[ridges.apex[which]] - points[ends[:, :1]]
     in_face = to_apex - np.einsum("rsa,ra->rs", to_apex, along)[:, :, None] * along[:, None]
     in_face /= np.maximum(np.linalg.norm(in_face, axis=2), 1e-300)[:, :, None]
-    normal = units[sides]
-    rise = np.einsum("ra,ra->r", normal[:, 0], to_apex[:, 1])
-    reach = norms(to_apex[:, 1])
-    height = np.maximum(heights[sides[:, 0]], 1e-300)
-    nil = 16.0 * rounding * (1.0 + reach / height)
-    is_crack = (np.abs(rise) <= nil) & (np.einsum("ra,ra->r", normal[:, 0], normal[:, 1]) < 0.0)
-    is_reflex = ((rise > nil) | is_crack) & ~is_odd
-    inner = normal.sum(axis=1) + in_face.sum(axis=1)
-    is_sharp = is_odd | is_crack | (np.abs(rise) > nil)
-    return _Ridges(edges, normal, inner, is_reflex, is_sharp, is_odd)
+    normals = shapes.units[ridges.facets[which]]
+    return normals, normals.sum(axis=1) + in_face.sum(axis=1)
 
 
-def _chains_of(points: FloatArray, ridges: _Ridges, slack: float) -> IntArray:
+def _chains_of(points: FloatArray, every: IntArray, turns: _Turns, slack: float) -> IntArray:
     """Return for each reflex edge the number of the straight chain that it belongs to.
 
-    A chain continues through nodes that have no other edge between facets of different planes.
+    ``every``: int32[r, 2], the ends of all edges.  A chain continues through nodes that have no
+    other edge between facets of different planes.
     """
-    ends = ridges.ends[ridges.is_reflex]
+    ends = every[turns.is_reflex]
     n = len(points)
-    sharp = np.bincount(ridges.ends[ridges.is_sharp].ravel(), minlength=n)
+    sharp = np.bincount(every[turns.is_sharp].ravel(), minlength=n)
     reflex = np.bincount(ends.ravel(), minlength=n)
     number = np.tile(np.arange(len(ends)), 2)
     flat = ends.T.ravel()
@@ -171,12 +196,12 @@ def _chains_of(points: FloatArray, ridges: _Ridges, slack: float) -> IntArray:
 
 
 def find_reflex_edges(
-    every: Ridges, points: FloatArray, facets: IntArray, slack: float
+    ridges: Ridges, points: FloatArray, shapes: FacetShapes, slack: float
 ) -> ReflexEdges:
     """Return the reflex edges of a boundary, with straight chains merged, and their nodes."""
-    ridges = _turns_at(every, points, facets)
-    chain = _chains_of(points, ridges, slack)
-    ends = ridges.ends[ridges.is_reflex]
+    turns = _turns_at(ridges, points, shapes)
+    chain = _chains_of(points, ridges.ends, turns, slack)
+    ends = ridges.ends[turns.is_reflex]
     n_edges = chain.max(initial=-1) + 1
     rep = np.zeros(n_edges, np.int64)
     rep[chain[::-1]] = np.arange(len(ends))[::-1]
@@ -187,14 +212,10 @@ def find_reflex_edges(
     lowest, highest = np.full(n_edges, np.inf), np.full(n_edges, -np.inf)
     np.minimum.at(lowest, chain, place.min(axis=1))
     np.maximum.at(highest, chain, place.max(axis=1))
-    reflex = np.flatnonzero(ridges.is_reflex)[rep]
-    edges = Edges(
-        origin + lowest[:, None] * along,
-        along,
-        highest - lowest,
-        np.ascontiguousarray(ridges.normals[reflex]),
-    )
-    nodes = np.unique(ridges.ends[ridges.is_reflex | ridges.is_odd]).astype(np.int32)
+    reflex = np.flatnonzero(turns.is_reflex)[rep].astype(np.int32)
+    normals, outwards = _sides_of(ridges, reflex, points, shapes)
+    edges = Edges(origin + lowest[:, None] * along, along, highest - lowest, normals)
+    nodes = _nodes_of(ridges.ends[turns.is_reflex | turns.is_odd], len(points))
     nodes = nodes[along_curve(points[nodes])]
     number = np.zeros(len(points), np.int32)
     number[nodes] = np.arange(len(nodes))
@@ -207,4 +228,4 @@ def find_reflex_edges(
     spans = np.column_stack([place[first], place[last]])
     both = np.column_stack([corner[first], corner[last]])
     pieces = Pieces(edge[first], both, spans)
-    return ReflexEdges(nodes, edges, ridges.inner[reflex], pieces)
+    return ReflexEdges(nodes, edges, outwards, pieces)

@@ -118,7 +118,9 @@ def _solve(
     nodes = solid.nodes
     nearly = lower + EQUAL * np.abs(lower)
     field.sizes[:] = nearly
-    on_reflex_edge = np.isin(nodes, solid.reflex_edges.nodes)
+    on_reflex_edge = np.zeros(len(lower), np.bool_)
+    on_reflex_edge[solid.reflex_edges.nodes] = True
+    on_reflex_edge = on_reflex_edge[nodes]
     none = network.choice(np.empty(0, np.int32))
     network.lower(nodes[~on_reflex_edge], none, field, workers, nearest)
     hidden = nodes[on_reflex_edge | ((field.path < 0) & (h0 > lower))[nodes]]

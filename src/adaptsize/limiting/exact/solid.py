@@ -9,7 +9,7 @@ from adaptsize._kernels.space_sight import Sight
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.geometry.boundary import FlatBoundary
-from adaptsize.geometry.convexity import ridges_of
+from adaptsize.geometry.convexity import Ridges, ridges_of
 from adaptsize.geometry.flat_faces import with_flat_faces
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.candidates import (
@@ -24,6 +24,7 @@ from adaptsize.limiting.exact.obstacles_in_space import (
     ReflexEdges,
     build_sight,
     find_reflex_edges,
+    measure_facets,
 )
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -50,6 +51,7 @@ def solid_of(
     boundary: FlatBoundary,
     nodes: IntArray | None = None,
     around: IntArray | None = None,
+    ridges: Ridges | None = None,
 ) -> Solid:
     """Return a solid with all nodes of a mesh, or some of them, to solve.
 
@@ -63,12 +65,15 @@ def solid_of(
     around : int32[m, 4], optional
         Tetrahedra that fill the solid, more than once perhaps, with all edges and faces that may be
         sources; by default the cells.
+    ridges : Ridges, optional
+        Those of the boundary, if they are known.
     """
     facets = boundary.facets
-    ridges = ridges_of(facets, mesh.n_points)
+    ridges = ridges_of(facets, mesh.n_points) if ridges is None else ridges
     points = with_flat_faces(mesh.points, facets, ridges)
-    sight = build_sight(points, mesh.cells if around is None else around, facets)
-    reflex_edges = find_reflex_edges(ridges, points, facets, sight.walls.slack)
+    shapes = measure_facets(points, facets)
+    sight = build_sight(points, mesh.cells if around is None else around, facets, shapes)
+    reflex_edges = find_reflex_edges(ridges, points, shapes, sight.walls.slack)
     surface = None if points is mesh.points else SimplexMesh(mesh.points, facets)
     moved = float(np.abs(points - mesh.points).max())
     if nodes is None:
