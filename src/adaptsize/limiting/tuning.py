@@ -50,7 +50,11 @@ MANY_CORNERS = 40
 
 #: Windows per node after which narrow ones are dropped (decision 38), and at least so many in all.
 #: The page of measurements on exact limiting shows the errors after 24 windows per node.
-WINDOWS_PER_NODE, LEAST_WINDOWS = 28, 60_000
+WINDOWS_PER_NODE, LEAST_WINDOWS = 45, 60_000
+#: Windows per node after which their number is forecast.  Narrow ones are dropped at once if it is
+#: above the limit: that costs as much as 12 windows per node.  24 parts with one and five sources
+#: need up to 32; spheres of 8 000 and 32 000 nodes 136 and 281.
+FORECASTS = (8, 28)
 #: Windows that are narrower than this share of their edge are narrow.  Half and double it: the
 #: same page.
 NARROW = 0.4

@@ -1,5 +1,7 @@
 """Sizes on triangles in space: closed forms, an independent twin, and laws of shortest paths."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from curved_shapes import around_prism, prism, sliver_cylinder
@@ -13,6 +15,7 @@ from surface_oracle import distances, limited
 from adaptsize import CartesianGrid, SimplexMesh, SizeFunction, limit_gradient
 from adaptsize._kernels import surface_windows
 from adaptsize.limiting import Exact, tuning
+from adaptsize.limiting.exact import on_surface
 
 G = 0.3
 NODES = Exact(face_sources=False)
@@ -200,6 +203,19 @@ def test_on_both_sides_of_a_square_paths_cross_one_edge():
     there = np.linalg.norm(points[:, None] - mirrored, axis=2).min(axis=1)
     is_front = np.arange(len(points)) < front.n_points
     assert_allclose(h[used], (0.1 + G * np.where(is_front, here, there))[used], rtol=1e-13)
+
+
+@pytest.mark.parametrize("aside", [-0.2, 0.0, 0.3])
+def test_behind_a_hole_paths_on_both_sides_leave_its_shadow(aside):
+    """They come from one root, through one edge, and are as if nothing were between them."""
+    source, left, right, back = (aside, 0.0), (-0.5, 1.0), (0.5, 1.0), (0.0, 1.2)
+    points = np.array([source, (10.0, 2.0), (-10.0, 2.0), right, left, back, (0.0, 6.0)])
+    cells = [(0, 1, 3), (0, 3, 4), (0, 4, 2), (3, 1, 5), (4, 5, 2), (5, 1, 2), (2, 1, 6)]
+    mesh = in_space(SimplexMesh(points, cells))
+    h = limit_gradient(mesh, only_at(mesh, [0], 0.1), G, method=NODES)
+    for node in (5, 6):  # around the nearer end of the hole
+        over = [np.hypot(*(points[0] - x)) + np.hypot(*(points[node] - x)) for x in points[3:5]]
+        assert_allclose(h[node], 0.1 + G * min(over), rtol=1e-12)
 
 
 @pytest.mark.parametrize("n_pages", [3, 5])
@@ -581,6 +597,58 @@ def test_beyond_a_number_of_windows_sizes_are_of_paths_and_the_certificate_holds
         assert_allclose(h[settled], exact[settled], rtol=1e-13)
         roots = info.sources.roots()
         assert set(roots) == {3, 700}
+
+
+@pytest.mark.parametrize("with_another", [False, True])
+def test_narrow_windows_are_dropped_early_where_too_many_are_forecast(with_another, monkeypatch):
+    sphere = random_sphere(1500, 2673)
+    aside = moved(random_sphere(200, 2674), (5.0, 0.0, 0.0))  # without bounds
+    mesh = joined(sphere, aside) if with_another else sphere
+    h0, found, fronts = only_at(mesh, [3], 0.02), [], []
+    forecast, propagate = on_surface._forecast, on_surface._propagate
+
+    def spied_forecast(*args):
+        found.append(forecast(*args))
+        return found[-1]
+
+    def spied_propagate(*args):
+        fronts.append(propagate(*args))
+        return fronts[-1]
+
+    monkeypatch.setattr(on_surface, "_forecast", spied_forecast)
+    monkeypatch.setattr(on_surface, "_propagate", spied_propagate)
+    monkeypatch.setattr(tuning, "LEAST_WINDOWS", 0)
+    monkeypatch.setattr(tuning, "WINDOWS_PER_NODE", 10_000)
+    monkeypatch.setattr(tuning, "FORECASTS", (8, 20))
+    _, info = limit_gradient.with_info(mesh, h0, G)
+    total = fronts[-1][0].tally[surface_windows.DONE]
+    assert info.n_proved == mesh.n_points
+    # The antipode of the source, where paths meet from all sides, costs more than is forecast.
+    assert ((0.3 * total < np.array(found)) & (np.array(found) < total)).all()
+    monkeypatch.setattr(tuning, "WINDOWS_PER_NODE", int(0.9 * min(found) / mesh.n_points))
+    early = limit_gradient.with_info(mesh, h0, G)[1].n_proved
+    monkeypatch.setattr(tuning, "WINDOWS_PER_NODE", 8)
+    assert limit_gradient.with_info(mesh, h0, G)[1].n_proved == early < mesh.n_points
+
+
+def test_windows_leave_the_queue_in_the_order_of_their_sizes():
+    # This, too, changes no size but the number of windows.
+    queue, take = (
+        getattr(kernel, "py_func", kernel)
+        for kernel in (surface_windows._queue, surface_windows._take)
+    )
+    rng = np.random.default_rng(2675)
+    front = SimpleNamespace(key=np.empty(300), item=np.empty(300, int), tally=np.zeros(4, int))
+    inside, sizes = set(), rng.random(900)
+    for k, size in enumerate(sizes):
+        queue(front, size, k)
+        inside.add(k)
+        if len(inside) == 300 or rng.random() < 0.4:
+            least = min(inside, key=sizes.__getitem__)
+            assert take(front) == (sizes[least], least)
+            inside.remove(least)
+    assert len(inside) > 100
+    assert [take(front)[1] for _ in range(len(inside))] == sorted(inside, key=sizes.__getitem__)
 
 
 @pytest.mark.parametrize("is_wave", [False, True])

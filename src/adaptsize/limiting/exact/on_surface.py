@@ -14,7 +14,7 @@ from adaptsize._kernels.topology import join_cells
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
-from adaptsize.background.topology import rings, unique_rows
+from adaptsize.background.topology import components_of, rings, unique_rows
 from adaptsize.limiting import tuning
 from adaptsize.limiting.problem import PointBounds
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
@@ -110,8 +110,7 @@ def limit_on_surface(
     _start(surface, front, mode, bound, waves)
     if at is not None:
         kernels.start_at_points(surface, front, mode, *at)
-    most = max(tuning.WINDOWS_PER_NODE * n, tuning.LEAST_WINDOWS)
-    front, spent = _propagate(surface, front, mode, room, most, report)
+    front, spent = _propagate_exactly(surface, front, mode, room, report)
     gap, exact_to = 0.0, np.inf
     if spent:
         front, gap = _finish_roughly(surface, front, mode, room, report)
@@ -389,6 +388,38 @@ def _enlarged(front: kernels.Front, room: int) -> kernels.Front:
     of_rows = {name: longer(getattr(front, name), more) for name in ("rows", "where", "free")}
     of_queue = {name: longer(getattr(front, name), 2 * more) for name in ("key", "item")}
     return front._replace(**of_rows, **of_queue)
+
+
+def _propagate_exactly(
+    surface: fans.Surface,
+    front: kernels.Front,
+    mode: kernels.Mode,
+    room: int,
+    report: ProgressCallback,
+) -> tuple[kernels.Front, bool]:
+    """Process all windows unless these are too many; return whether any are left."""
+    n, limit = len(front.h), tuning.WINDOWS_PER_NODE
+    spent = True
+    for per_node in (*(w for w in tuning.FORECASTS if w < limit), limit):
+        most = max(per_node * n, tuning.LEAST_WINDOWS)
+        front, spent = _propagate(surface, front, mode, room, most, report)
+        if not spent or _forecast(surface, front) > max(limit * n, tuning.LEAST_WINDOWS):
+            break
+    return front, spent
+
+
+def _forecast(surface: fans.Surface, front: kernels.Front) -> float:
+    """Return how many windows there will be in all.
+
+    On a smooth surface, the front of the windows from one source grows like the distance, and each
+    node costs as many as there are in the front: the power 3/2 of the share of nodes behind it.
+    """
+    cells = surface.cells
+    piece = components_of(np.concatenate([cells[:, :2], cells[:, 1:]]), len(front.h))
+    reached = np.zeros(len(front.h), np.bool_)
+    reached[piece[np.isfinite(front.h)]] = True
+    settled = np.count_nonzero(front.h <= front.key[0]) / np.count_nonzero(reached[piece])
+    return float(front.tally[kernels.DONE] / max(settled, 1e-9) ** 1.5)
 
 
 def _propagate(
