@@ -2,12 +2,24 @@
 
 import numpy as np
 import pytest
+from numba import njit
 from scipy.spatial.transform import Rotation
 
-from adaptsize._kernels.space_network import extend_paths
+from adaptsize._kernels import space_paths
+from adaptsize._kernels.space_network import bound_paths, extend_paths
 from adaptsize._kernels.space_paths import Bases, Edges, Paths
 
 CASES = 300
+
+
+@njit
+def promise_of(boxes, b, x, sizes, count, g):
+    return space_paths.promise_of(boxes, b, x, sizes, count, g)
+
+
+@njit
+def in_sector(paths, w, box, slack):
+    return space_paths.in_sector(paths, w, box, slack)
 
 
 def around(angle):
@@ -87,8 +99,55 @@ def test_a_path_acts_wherever_it_bends_by_half_a_turn_around_the_obstacle(kind):
         product = targets @ sector.T
         acts = (product[:, 0] <= 1e-12) & (product[:, 1:].max(axis=1) >= -1e-12)
         assert acts[reached].all()
+        paths = paths_over(edges)
+        paths.edge[1], paths.sector[1] = 1, sector.ravel()
+        found = [in_sector(paths, 1, np.concatenate([x, x]), 1e-12) for x in targets[:8]]
+        assert found == acts[:8].tolist()
         assert is_of_use or not reached.any()
         n_paths += np.count_nonzero(reached)
         n_left_out += np.count_nonzero(~acts)
     assert n_paths > CASES
     assert kind == "across" or n_left_out > CASES, "other points need no test"
+
+
+def test_boxes_and_least_sizes_of_paths_hold_for_all_places_where_they_bend():
+    rng = np.random.default_rng(2702)
+    for count in (1, 2, 3) * 20:
+        ends = rng.uniform(-1.0, 1.0, (2, 2, 3))
+        length = np.linalg.norm(ends[1] - ends[0], axis=1)
+        along = (ends[1] - ends[0]) / length[:, None]
+        edges = Edges(ends[0], along, length, np.zeros((2, 2, 3)))
+        paths, g = paths_over(edges), rng.uniform(0.1, 1.0)
+        vertices, sizes = rng.uniform(-1.0, 1.0, (3, 3)), rng.random(3)
+        vertices[count:], sizes[count:] = vertices[0], np.inf  # as in tables of sources
+        paths.bases.table[0, :9], paths.bases.table[0, 9:] = vertices.ravel(), sizes
+        paths.image[1], paths.offset[1] = rng.uniform(-1.0, 3.0, 2), 0.2
+        paths.part[1] = np.sort(rng.uniform(0.0, length[0], 2))
+        lower, upper, middle = np.empty((3, 2, 3))
+        value = np.empty(2)
+        bound_paths(paths, np.arange(2, dtype=np.int32), g, lower, upper, middle, value)
+        assert (lower[0] <= vertices).all()
+        assert (vertices <= upper[0]).all()
+        assert value[0] == sizes.min()
+        t = np.linspace(*paths.part[1], 200)
+        places = ends[0, 0] + t[:, None] * along[0]
+        assert (lower[1] - 1e-12 <= places).all()
+        assert (places <= upper[1] + 1e-12).all()
+        at_places = 0.2 + g * np.hypot(t - paths.image[1, 0], paths.image[1, 1])
+        np.testing.assert_allclose(value[1], at_places.min(), rtol=1e-3)
+        assert value[1] <= at_places.min() + 1e-12
+        np.testing.assert_allclose(middle, 0.5 * (lower + upper))
+
+
+def test_a_box_of_paths_is_passed_over_only_if_it_lowers_no_point():
+    rng = np.random.default_rng(2703)
+    for _ in range(50):
+        lower, x, g = rng.uniform(-1.0, 0.0, 3), rng.uniform(-2.0, 2.0, (3, 16)), rng.random()
+        upper, value = lower + rng.random(3), rng.random()
+        gap = np.maximum(0.0, np.maximum(lower[:, None] - x, x - upper[:, None]))
+        bound = value + g * np.linalg.norm(gap, axis=0)
+        sizes = bound * (1.0 + rng.choice([-1e-3, -1e-9, 0.0, 1e-9, 1e-3], 16))
+        box = np.concatenate([lower, upper, [value]])[None]
+        expected = np.count_nonzero(bound[:12] * (1.0 - 1e-10) <= sizes[:12])
+        assert promise_of(box, 0, x, sizes, 12, g) == expected
+    assert promise_of(np.full((1, 7), np.inf), 0, x, sizes, 12, g) == 0

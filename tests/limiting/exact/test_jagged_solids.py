@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from exact_oracle import fine_graph_sizes
 from jagged_solids import jagged_solid, oracle, random_bounds
+from numpy.testing import assert_allclose
+from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from solids_of_cubes import solid_of_cubes
 
@@ -29,6 +31,32 @@ def test_sizes_are_those_of_shortest_paths(seed):
     in_cells = fine_graph_sizes(mesh, h0, G, 4)
     assert (h <= in_cells * (1.0 + 1e-12)).all()
     assert (h >= in_cells * (1.0 - 0.06)).all()  # its paths turn at few places of each cell
+
+
+def test_paths_over_two_edges_that_do_not_meet_are_shortest():
+    """A corridor turns from y to x, and then from x to z."""
+    mesh = solid_of_cubes(
+        lambda m: (m[:, 1:] < 1).all(axis=1) | ((m[:, [0, 2]] < 1).all(axis=1))
+        | ((m[:, 0] > 3) & (m[:, 1] < 1)),
+        (4, 3, 3), 2704,
+    )  # fmt: skip
+    turn = Rotation.random(random_state=2705).as_matrix()
+    start = np.flatnonzero((mesh.points == [0.0, 3.0, 0.0]).all(axis=1))
+    h0 = np.full(mesh.n_points, np.inf)
+    h0[start] = 0.1
+    h, info = limit_gradient.with_info(SimplexMesh(mesh.points @ turn.T, mesh.cells), h0, G)
+    assert info.method == "exact"
+    ends = np.flatnonzero(mesh.points[:, 2] > 1.5)
+    assert len(ends) == 8
+
+    def length(places, end):
+        bends = np.array([[1.0, 1.0, places[0]], [3.0, places[1], 1.0]])
+        path = np.concatenate([mesh.points[start], bends, [end]])
+        return np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+
+    for node in ends:
+        found = minimize(length, [0.5, 0.5], mesh.points[node], bounds=[(0, 1), (0, 1)], tol=1e-15)
+        assert_allclose(h[node], 0.1 + G * found.fun, rtol=1e-9)
 
 
 @pytest.mark.parametrize("method", ["auto", Exact(face_sources=False)])

@@ -1,5 +1,7 @@
 """Sizes on triangles in space: closed forms, an independent twin, and laws of shortest paths."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from curved_shapes import around_prism, prism, sliver_cylinder
@@ -627,6 +629,26 @@ def test_narrow_windows_are_dropped_early_where_too_many_are_forecast(with_anoth
     early = limit_gradient.with_info(mesh, h0, G)[1].n_proved
     monkeypatch.setattr(tuning, "WINDOWS_PER_NODE", 8)
     assert limit_gradient.with_info(mesh, h0, G)[1].n_proved == early < mesh.n_points
+
+
+def test_windows_leave_the_queue_in_the_order_of_their_sizes():
+    # This, too, changes no size but the number of windows.
+    queue, take = (
+        getattr(kernel, "py_func", kernel)
+        for kernel in (surface_windows._queue, surface_windows._take)
+    )
+    rng = np.random.default_rng(2675)
+    front = SimpleNamespace(key=np.empty(300), item=np.empty(300, int), tally=np.zeros(4, int))
+    inside, sizes = set(), rng.random(900)
+    for k, size in enumerate(sizes):
+        queue(front, size, k)
+        inside.add(k)
+        if len(inside) == 300 or rng.random() < 0.4:
+            least = min(inside, key=sizes.__getitem__)
+            assert take(front) == (sizes[least], least)
+            inside.remove(least)
+    assert len(inside) > 100
+    assert [take(front)[1] for _ in range(len(inside))] == sorted(inside, key=sizes.__getitem__)
 
 
 @pytest.mark.parametrize("is_wave", [False, True])

@@ -212,7 +212,7 @@ def find_reflex_edges(
     lowest, highest = np.full(n_edges, np.inf), np.full(n_edges, -np.inf)
     np.minimum.at(lowest, chain, place.min(axis=1))
     np.maximum.at(highest, chain, place.max(axis=1))
-    reflex = np.flatnonzero(turns.is_reflex)[rep]
+    reflex = np.flatnonzero(turns.is_reflex)[rep].astype(np.int32)
     normals, outwards = _sides_of(ridges, reflex, points, shapes)
     edges = Edges(origin + lowest[:, None] * along, along, highest - lowest, normals)
     nodes = _nodes_of(ridges.ends[turns.is_reflex | turns.is_odd], len(points))

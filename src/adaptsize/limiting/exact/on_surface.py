@@ -419,7 +419,7 @@ def _forecast(surface: fans.Surface, front: kernels.Front) -> float:
     reached = np.zeros(len(front.h), np.bool_)
     reached[piece[np.isfinite(front.h)]] = True
     settled = np.count_nonzero(front.h <= front.key[0]) / np.count_nonzero(reached[piece])
-    return float(front.tally[kernels.DONE]) / max(settled, 1e-9) ** 1.5
+    return float(front.tally[kernels.DONE] / max(settled, 1e-9) ** 1.5)
 
 
 def _propagate(
