@@ -17,6 +17,7 @@ from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.planning import Attempt
 from adaptsize.remeshing.preparation import as_problem
+from adaptsize.remeshing.tetwild import TetWildBackend
 
 RUN = IsolatedRunner("mmg", None, None, lambda *_: None)
 
@@ -53,6 +54,29 @@ def test_rounds_go_on_while_a_place_is_beyond_the_tolerance(share, goes_on):
     made = iter([flat, risen])
     new = in_rounds(flat, risen.boundary().mesh, height / share, lambda *_: next(made))
     assert new is (risen if goes_on else flat)
+
+
+def test_rounds_and_borders_have_the_given_tolerance(monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        improvement, "_in_rounds", lambda *given, **_: asked.append(given[2]) or given[0]
+    )
+    monkeypatch.setattr(
+        improvement, "_along_borders", lambda *given: asked.append(given[2]) or given[0]
+    )
+    improved(block(2), block(2), 0.01)
+    assert asked == pytest.approx([0.9 * 0.01, 0.01])
+
+
+def test_ftetwild_is_asked_for_the_tolerance():
+    asked, skin = [], block(2).boundary().mesh
+
+    def run(*given):
+        asked.append(given[3]["epsilon"])
+        return {}
+
+    TetWildBackend().solve(as_problem("surface to tetrahedra", skin, 0.004), run)
+    assert asked == pytest.approx([0.004])
 
 
 def hausd_of(make, monkeypatch):

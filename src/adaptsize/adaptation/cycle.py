@@ -214,7 +214,7 @@ def adapt(
             if made.divided is None:  # no cell is too large
                 decision = decision.without_division()
         elif decision.remesh:
-            made = make_mesh(mesh, made, request, report)
+            made = make_mesh(mesh, made, request, report, first)
         if (
             cycle.project is not None
             and made.mesh is not mesh

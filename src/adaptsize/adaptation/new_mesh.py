@@ -48,14 +48,19 @@ def _without_data(mesh: AnyMesh) -> AnyMesh:
 
 
 def make_mesh(
-    mesh: AnyMesh, first: NewMesh, request: CycleRequest, report: ProgressCallback
+    mesh: AnyMesh,
+    first: NewMesh,
+    request: CycleRequest,
+    report: ProgressCallback,
+    original: SimplexMesh | None = None,
 ) -> NewMesh:
     """Return a mesh with the sizes of ``first``.
 
     If it misses the requested number of elements or nodes, others are made, at most three, and the
     one closest to the request is returned.  A generator leaves edges that are nearly as long as
     their sizes: a mesh that gains too little towards a tolerance is made anew for the predicted
-    number.  Collective.
+    number.  ``original`` is the mesh whose boundary a new one has to keep, by default the present
+    one.  Collective.
     """
     given = request.options
     options: RemeshOptions = {
@@ -68,6 +73,8 @@ def make_mesh(
         "rounds": given["rounds"],
     }
     bare, d = _without_data(mesh), mesh.cell_dim
+    if isinstance(bare, SimplexMesh):
+        bare = bare.with_original(original)
 
     def make(sizes: NextSizes) -> NewMesh:
         wanted = sizes.requested(mesh)

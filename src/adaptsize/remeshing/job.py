@@ -21,6 +21,7 @@ from adaptsize.geometry.planes import is_in_plane
 from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions
+from adaptsize.quality.certificate import NEAR
 from adaptsize.quality.connections import refuse_repeated_cells
 from adaptsize.quality.elements import folded_cells, refuse_folded
 from adaptsize.remeshing import netgen, tuning
@@ -54,6 +55,7 @@ from adaptsize.remeshing.sizing import (
     mean_size,
     metric_on,
 )
+from adaptsize.remeshing.surface import facets_of
 from adaptsize.remeshing.surface_checks import warn_of_surface
 from adaptsize.remeshing.through_surface import refilled
 from adaptsize.sizes import Enclosed, predict
@@ -94,7 +96,7 @@ def prepared(
             wanted, sizes, mesh, given["g"], given["hmax"], metric, metric_on(size, mesh)
         ),
         given["tolerance"], _required(required_facets, mesh, repaired),
-        _if_crossed(solid, repaired.mesh),
+        _if_crossed(solid, repaired.mesh), _first_of_loop(mesh, given["tolerance"] * old.diagonal),
     )  # fmt: skip
     n_cells = _number_of_cells(mesh, size, requests.to(chosen.name, 1.0))
     _refuse_too_many(n_cells, refused_above(given["max_elements"]))
@@ -117,6 +119,8 @@ class Requests:
     """Facets that must not change."""
     crossed: Solid | None = None
     """The solid of a surface to be filled whose facets cross; None where others do not cross."""
+    first: SimplexMesh | None = None
+    """The mesh with which a loop began, whose boundary and interfaces a new mesh has to keep."""
     _made: dict[tuple[bool, float], MeshingProblem] = field(
         default_factory=dict, init=False, repr=False
     )
@@ -133,6 +137,13 @@ class Requests:
                 made = replace(made, enclosing=_enclosing(self.crossed, self.frame))
             self._made[key] = made
         return self._made[key]
+
+    def kept_by(self, problem: MeshingProblem) -> SimplexMesh:
+        """Return the mesh whose boundary and interfaces count, in the coordinates of generators.
+
+        In a loop it is the first one.  If each mesh kept to the one before, they would drift away.
+        """
+        return problem.mesh if self.first is None else self.frame.mesh(self.first)
 
     @property
     def follows_sizes(self) -> bool:
@@ -237,7 +248,8 @@ class Job:
                 return new
             if self.solid is not None:
                 return improved_soundly(new, self.filling.surface, problem.tolerance, problem.size)
-            return improved(new, problem.mesh, problem.tolerance, problem.size)
+            kept = self.requests.kept_by(problem)
+            return improved(new, kept, problem.tolerance, problem.size)
 
         note = self._note_on(new.n_cells) if attempt.is_sized else NOT_ADAPTED
         yield Candidate(finish, note)
@@ -247,6 +259,19 @@ class Job:
         if self.solid is None or self.solid.is_closed or n_cells <= tuning.MANY_MORE * self.n_cells:
             return ""
         return f"{n_cells} elements instead of the predicted {self.n_cells:.3g}: {FILLS_MORE}"
+
+
+def _first_of_loop(mesh: SimplexMesh, tolerance: float) -> SimplexMesh | None:
+    """Return the mesh with which a loop in space began, if it has the same kind of cells.
+
+    None if the boundary or interfaces have been moved since, as onto the true boundary.
+    """
+    first = mesh.original
+    if first is None or first.cell_dim != mesh.cell_dim:
+        return None
+    nodes = np.unique(facets_of(mesh).cells)
+    away = facets_of(first).locator.nearest(mesh.points[nodes])[2]
+    return first if away.max() <= (1.0 + NEAR) * tolerance else None
 
 
 def _if_crossed(solid: Solid | None, mesh: SimplexMesh) -> Solid | None:

@@ -225,8 +225,8 @@ MOST_LATER_ROUNDS = 12
 #: quality: on a sheet, five of ten rounds had brought less than 2 % nearer each.
 LITTLE_NEARER = 0.9
 #: If another mesh may follow, rounds end where the first one has brought a place farther away than
-#: these tolerances no nearer.  On a sheet whose walls Mmg had joined, such a place stayed 4.9
-#: tolerances away; of six meshes that came within the tolerance, all places were within 3.0 before.
+#: these tolerances no nearer.  On a sheet, by Mmg, such a place stayed 4.9 tolerances away;
+#: of six meshes that came within the tolerance, all places were within 3.0 before.
 HOPELESS = 3.0
 #: A round that leaves smaller angles than this, in degrees, and than before, is not kept.
 FLAT_ANGLE = 10.0
