@@ -139,27 +139,27 @@ def test_compilation_leaves_numba_and_the_search_for_garbage_as_they_were():
 
 
 @inner
-def _item(values, i):
-    return values[i]
+def _item(values, i, doubled):
+    return 2.0 * values[i] if doubled else values[i]
 
 
 @kernel
-def _items(values, places, pairs):
-    """Pass a literal, a variable that begins as one, integers of 32 bits, and named arguments."""
-    total, i = _item(values, 0), 0
+def _items(values, places, doubled):
+    """Pass literals, a variable that begins as one, integers of 32 bits, and named arguments."""
+    total, i = _item(values, 0, True), 0
     while i < 2:
-        total += _item(values, i)
+        total += _item(values, i, False)
         i += 1
     for i in places:
-        total += _item(values, i=i)
-    return total + _item(pairs, True)
+        total += _item(values, i=i, doubled=doubled)
+    return total
 
 
 @pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
 def test_functions_are_compiled_once_for_all_integers():
     values = np.array([1.0, 10.0, 100.0])
-    assert _items(values, np.array([2, 1], np.int32), values) == 1.0 + 11.0 + 110.0 + 10.0
-    assert [args[1] for args in _item.signatures] == [numba.int64, numba.boolean]
+    assert _items(values, np.array([2, 1], np.int32), False) == 2.0 + 11.0 + 110.0
+    assert [args[1:] for args in _item.signatures] == [(numba.int64, numba.boolean)]
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -158,8 +158,7 @@ def _once_for_all_integers(dispatcher: Any) -> Any:
 def _wide(kind: Any) -> Any:
     """Return the type of an argument without its value, and 64 bits for signed integers."""
     kind = types.unliteral(kind)
-    is_short = isinstance(kind, types.Integer) and kind.signed and kind.bitwidth < 64
-    return types.int64 if is_short else kind
+    return types.int64 if kind in (types.int8, types.int16, types.int32) else kind
 
 
 def _cached(**options: Any) -> Callable[[Any], Any]:

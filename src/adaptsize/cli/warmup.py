@@ -183,7 +183,7 @@ def _image(dim: int) -> None:
 
 
 def _through_solids() -> None:
-    """Limit sizes on a surface through the solid inside, and find the distances of its features."""
+    """Limit sizes on a surface through the solid inside, and find distances and widths in it."""
     import numpy as np
 
     import adaptsize as ads
@@ -198,10 +198,11 @@ def _through_solids() -> None:
     skin = mesh.boundary().mesh
     solid = SurfaceDomain(skin, np.arange(skin.n_points), False, CREASE_ANGLE)
     bound = np.full(skin.n_points, 9.0)
-    bound[np.lexsort(skin.points.T)[-1]] = 0.1  # the end of one arm; the other does not see it
+    bound[np.lexsort(skin.points.T)[0]] = 0.1  # at the origin, which all others see
     within = solid.inside, solid.inside.normals
     limit_inside(skin, within, bound, (skin.points[:1], bound[:1]), (), 0.2, Workers(1))
-    _ = solid.first_separations
+    skin.locator.weights(skin.points)
+    _ = solid.first_separations, solid.first_samples
 
 
 def _worst_cells() -> None:
