@@ -20,6 +20,7 @@ from adaptsize.background.interfaces import interfaces
 from adaptsize.background.splitting import bisect_edges
 from adaptsize.errors import ResolutionWarning, TooManyElementsError
 from adaptsize.options import AdaptOptions, checked
+from adaptsize.remeshing.driver import Remeshed
 
 
 def test_new_boundary_nodes_are_projected_and_the_area_comes_nearer():
@@ -164,7 +165,9 @@ def test_what_the_boundary_needs_does_not_depend_on_the_nodes_inside(generator):
 
 def test_metrics_with_fewer_elements_than_sizes_are_not_refused(monkeypatch, generator):
     # On the given nodes they need 7 000: so steep metrics are not known between few nodes.
-    monkeypatch.setattr("adaptsize.adaptation.new_mesh.remesh", lambda mesh, size, **options: mesh)
+    monkeypatch.setattr(
+        "adaptsize.adaptation.new_mesh.trial", lambda mesh, size, **options: Remeshed(mesh, None)
+    )
     mesh = ball(150)
     metric = Metric.isotropic(np.full(mesh.n_points, 0.5), 3)
     report = adapt(mesh, h0=metric, elements=4500).report
@@ -174,7 +177,9 @@ def test_metrics_with_fewer_elements_than_sizes_are_not_refused(monkeypatch, gen
 
 
 def test_what_limits_forbid_is_no_reason_to_refuse(monkeypatch, generator):
-    monkeypatch.setattr("adaptsize.adaptation.new_mesh.remesh", lambda mesh, size, **options: mesh)
+    monkeypatch.setattr(
+        "adaptsize.adaptation.new_mesh.trial", lambda mesh, size, **options: Remeshed(mesh, None)
+    )
     result = adapt(ball(60), h0=0.5, elements=100, hmax=0.1, boundary_tolerance=0.05)
     assert result.report.budget_met is False
 
@@ -377,7 +382,9 @@ def test_a_tag_has_one_projection():
 def test_only_projections_for_nodes_that_stay_by_their_kind_are_reported(monkeypatch):
     points = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
     corners = SimplexMesh(points, [[0, 1, 2], [0, 2, 3]])
-    monkeypatch.setattr("adaptsize.adaptation.new_mesh.remesh", lambda *a, **k: corners)
+    monkeypatch.setattr(
+        "adaptsize.adaptation.new_mesh.trial", lambda *a, **k: Remeshed(corners, None)
+    )
     monkeypatch.setattr("adaptsize.remeshing.protocol.find_spec", lambda package: True)
     with pytest.warns(ResolutionWarning, match="project has no effect: no node may move"):
         adapt(structured_square(4, half_width=1.0), h0=1.9, project=lambda x: x, backend="mmg")

@@ -8,6 +8,7 @@ from numpy.testing import assert_array_equal
 from adaptsize import ElementField, SimplexMesh, adapt
 from adaptsize.adaptation import LoopState
 from adaptsize.errors import MeshFileError
+from adaptsize.remeshing.driver import Remeshed
 
 SEED = 52119
 
@@ -63,7 +64,9 @@ def test_mesh_and_fields_come_back(tmp_path):
 
 def test_a_loop_goes_on_with_its_first_mesh(tmp_path, monkeypatch):
     first, second = (tagged(jittered_cube(n, SEED, half_width=1.0)) for n in (3, 4))
-    monkeypatch.setattr("adaptsize.adaptation.new_mesh.remesh", lambda *a, **k: second)
+    monkeypatch.setattr(
+        "adaptsize.adaptation.new_mesh.trial", lambda *a, **k: Remeshed(second, None)
+    )
     monkeypatch.setattr("adaptsize.remeshing.protocol.find_spec", lambda package: True)
     options = {"h0": 0.6, "enough": 1.1, "backend": "mmg", "boundary_tolerance": 0.3}
     result = adapt(first, fields={"x": first.points}, **options)

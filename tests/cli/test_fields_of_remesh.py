@@ -7,7 +7,7 @@ import pytest
 from command_line import call
 from shapes import CORNERS, CUBE_CELLS
 
-from adaptsize import SimplexMesh, read, remesh, transfer_fields, write
+from adaptsize import CartesianGrid, SimplexMesh, read, remesh, transfer_fields, write
 from adaptsize.errors import InputWarning
 
 pytest.importorskip("mmgpy")
@@ -97,3 +97,37 @@ def test_the_function_warns_of_fields_that_it_drops():
     remesh(
         SimplexMesh(SQUARE, CELLS, point_data={"h": np.ones(5), "h0": np.ones(5)}), 0.3
     )  # without a warning
+
+
+def test_sides_of_periodic_files_match(tmp_path):
+    grid = CartesianGrid([0.0, 0.0], 0.1, (11, 11)).mesh
+    write(tmp_path / "in.vtu", grid)
+    output = tmp_path / "out.vtu"
+    words = ("--hmax", "0.06", "--periodic", "1,0", "--periodic", "0,1")
+    assert call("remesh", tmp_path / "in.vtu", "-o", output, *words) == 0
+    new = read(output)
+    assert new.n_points > 200
+    for d in range(2):
+        sides = [np.sort(new.points[new.points[:, d] == x, 1 - d]) for x in (0.0, 1.0)]
+        assert len(sides[0]) > 14
+        np.testing.assert_allclose(sides[0], sides[1], atol=1e-12)
+
+
+def test_adapt_takes_translations(tmp_path):
+    grid = CartesianGrid([0.0, 0.0], 0.1, (11, 11)).mesh
+    eta = np.exp(-5.0 * grid.points[grid.cells].mean(axis=1)[:, 0])
+    write(tmp_path / "in.vtu", grid.with_data(cell_data={"eta": eta}))
+    output = tmp_path / "out.vtu"
+    words = ("--field", "eta", "--elements", "400", "--periodic", "1,0")
+    assert call("adapt", tmp_path / "in.vtu", "-o", output, *words) == 0
+    new = read(output)
+    sides = [np.sort(new.points[np.abs(new.points[:, 0] - x) < 1e-12, 1]) for x in (0.0, 1.0)]
+    np.testing.assert_allclose(sides[0], sides[1], atol=1e-12)
+    assert not np.allclose(np.diff(sides[0]), 0.1)
+
+
+@pytest.mark.parametrize("word", ["1;0", "a,b"])
+def test_a_bad_translation_is_named(tmp_path, capsys, word):
+    write(tmp_path / "in.vtu", plane())
+    assert call("remesh", tmp_path / "in.vtu", "-o", tmp_path / "x.vtu", "--periodic", word) == 2
+    assert "--periodic must be X,Y" in capsys.readouterr().err

@@ -267,7 +267,7 @@ def test_what_remesh_has_compared_is_not_compared_again(capsys, box, monkeypatch
     pytest.importorskip("netgen")
     old = repair_mesh(read(box)).mesh
     size = size_function(old, hmax=0.5)
-    new, attempts = remeshed(old, size, tolerance=2e-3)
+    new, attempts, _ = remeshed(old, size, tolerance=2e-3)
     found = attempts.check
     with_it, without = (
         outcome_of_remeshing(new, old, size, 2e-3, check=check).as_dict() for check in (found, None)

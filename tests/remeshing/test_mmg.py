@@ -10,7 +10,7 @@ from meshes import jittered_square
 from adaptsize import CartesianGrid, SimplexMesh, check_mesh, remesh, size_conformity
 from adaptsize.background.bisection import resolved
 from adaptsize.errors import BackendError, ResolutionWarning
-from adaptsize.remeshing import register_backend, registry
+from adaptsize.remeshing import register_backend, registry, tuning
 from adaptsize.remeshing.mmg import MmgBackend, adapted, job_of
 from adaptsize.remeshing.preparation import as_problem
 
@@ -130,3 +130,34 @@ def test_mmg_runs_once_where_the_sizes_are_there():
 
     adapted(problem, [1.0] * 3, run)
     assert n_runs == 1
+
+
+@pytest.mark.parametrize("size", [0.2, 0.11])
+def test_a_limit_of_the_memory_leaves_the_mesh_as_it_is(monkeypatch, size):
+    pytest.importorskip("mmgpy")
+    mesh = CartesianGrid([0.0] * 3, 0.25, (5, 5, 5)).mesh
+    limited = remesh(mesh, size)
+    monkeypatch.setattr(tuning, "CELLS_WITH_LIMITED_MEMORY", 0.0)
+    free = remesh(mesh, size)
+    np.testing.assert_array_equal(limited.points, free.points)
+    np.testing.assert_array_equal(limited.cells, free.cells)
+
+
+def test_the_limit_of_the_memory_grows_with_the_requested_cells():
+    mesh = CartesianGrid([0.0] * 3, 0.25, (5, 5, 5)).mesh
+    limits = []
+    for size in (0.2, 0.05, 0.02, 0.005):
+        problem = replace(
+            as_problem("tetrahedra", mesh, 1e-3),
+            size=lambda points, size=size: np.full(len(points), size),
+        )
+
+        def run(function, text, arrays, options):
+            limits.append(options["megabytes"])
+            return arrays
+
+        adapted(problem, [0.5], run)
+    few, more, *none = limits
+    assert 150 < few < more
+    assert more > 150 + 0.005 * 8.0 / 0.05**3  # about 8.5 tetrahedra fill the cube of an edge
+    assert none == [None, None]  # more than 200 000

@@ -58,14 +58,14 @@ def test_sides_are_remeshed_and_match(name):
     kind = {"target": "triangles"} if mesh.cell_dim < mesh.dim else {}
     new = remesh(mesh, factor * median_edge(mesh), periodic=motions, **kind)
     assert_sides_match(new, motions)
-    assert_allclose(measure_on_sides(new, motions), measure_on_sides(mesh, motions), rtol=1e-9)
+    assert_allclose(measure_on_sides(new, motions), measure_on_sides(mesh, motions), rtol=1e-5)
     if mesh.cell_dim == mesh.dim:
         assert_allclose(new.measures.sum(), mesh.measures.sum(), rtol=0.01)
     if mesh.dim == 2:  # the sides have the requested sizes, too
         corners = side_facets(new, motions)
         lengths = np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1)
         assert 0.75 < np.median(lengths) / (factor * median_edge(mesh)) < 1.25
-    elif name in ("column", "rotor_sector_in_space"):  # without small features
+    elif name == "column":  # without small features or curved sides
         assert len(side_facets(new, motions)) < 0.95 * len(side_facets(mesh, motions))
 
 

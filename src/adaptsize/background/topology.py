@@ -196,6 +196,9 @@ def regions_beside(
     cell_facets: IntArray, regions: IntArray, n_facets: int
 ) -> tuple[LongArray, LongArray]:
     """Return the lowest and the highest region of the cells at each facet, int64[n_facets]."""
+    if len(regions) and regions.min() == regions.max():  # each facet is that of a cell
+        same = np.full(n_facets, regions[0], np.int64)
+        return same, same.copy()
     order = np.argsort(regions, kind="stable")
     highest, lowest = (np.empty(n_facets, np.int64) for _ in range(2))
     # The last value that is assigned stays.

@@ -64,7 +64,7 @@ _OWN = ("plot", "report", "order", "fields", "close_holes", "faces")
     ),
     own(
         "Mesh generator", "close_holes", bool,
-        "First close the holes of a surface by nearly flat caps.",
+        "First close the holes of a surface by flat caps.",
     ),
     PERIODIC,
     ORDER,

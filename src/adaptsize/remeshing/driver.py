@@ -191,17 +191,20 @@ class Remeshed(NamedTuple):
 
     mesh: SimplexMesh
     attempts: Attempts
-    job: Job
+    job: Job | None = None
+    """The request; None if nothing is to be warned of."""
 
     def warn_of_domain(self) -> None:
         """Warn of what the mesh has lost of the domain."""
-        self.job.warn_of(self.mesh)
+        if self.job is not None:
+            self.job.warn_of(self.mesh)
 
     def warn_of_sizes(self) -> None:
         """Warn of what the mesh lacks of the sizes."""
-        if self.job.requests.required is None:  # beside facets that stay, none can be followed
-            sizes = self.job.requests.sizes
-            warn_of_lacks(self.mesh, sizes.given, sizes.at, sizes.on, sizes.metric, sizes.metric_on)
+        if self.job is None or self.job.requests.required is not None:
+            return  # beside facets that stay, no sizes can be followed
+        sizes = self.job.requests.sizes
+        warn_of_lacks(self.mesh, sizes.given, sizes.at, sizes.on, sizes.metric, sizes.metric_on)
 
 
 def remeshed(

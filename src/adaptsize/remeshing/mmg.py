@@ -243,11 +243,12 @@ def _memory(made: Arrays, sizes: FloatArray) -> int | None:
     cells, points = made["cells"], made["points"]
     if cells.shape[1] != 4 or sizes.ndim != 1:
         return None
-    from adaptsize.sizes.budget import mean_density
+    from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, mean_density
 
     corners = points[cells]
     volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0
-    number = len(cells) + float((volumes * mean_density(sizes[cells])).sum())
+    wanted = ELEMENTS_PER_MEASURE[3] * float((volumes * mean_density(sizes[cells])).sum())
+    number = len(cells) + wanted
     if number > tuning.CELLS_WITH_LIMITED_MEMORY:
         return None
     return round(tuning.MEGABYTES + tuning.MEGABYTES_PER_CELL * number)

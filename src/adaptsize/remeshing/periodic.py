@@ -231,7 +231,7 @@ class JoinedCells:
         found, number = np.unique(np.column_stack([own, self.place]), axis=0, return_inverse=True)
         return found, number.ravel().astype(np.int32)
 
-    def tags(self, joined: SimplexMesh) -> tuple[IndexArray, IntArray, IndexArray]:
+    def tags(self, joined: SimplexMesh) -> tuple[IntArray, IntArray, npt.NDArray[Any]]:
         """Return the facets with tags, their numbers, and what these stand for.
 
         Two sides that are one facet may have two tags: each row of the last array has a place, the
@@ -252,7 +252,7 @@ class JoinedCells:
         return rows, number.ravel().astype(np.int32), found
 
     @cached_property
-    def _open(self) -> tuple[IntArray, IndexArray]:
+    def _open(self) -> tuple[IntArray, IntArray]:
         """Joined facets that were inside or on a side, and what they were in the cell."""
         cell, corner = np.nonzero(self.mesh.facet_cell_counts[self.mesh.cell_facets] == 1)
         old = self.cell.mesh.cell_facets[cell, corner]

@@ -129,12 +129,17 @@ def refine_facets(mesh: SimplexMesh, size: Size, tolerance: float) -> tuple[Simp
 def facets_of(mesh: SimplexMesh) -> SimplexMesh:
     """Return boundary, interfaces and tagged facets of a volume; a surface itself.
 
-    The cell tags number groups of facets with the same tag between the same regions.
+    The cell tags number groups of facets with the same tag between the same regions.  The result is
+    kept with the mesh, as its derived data are.
     """
     if mesh.cell_dim < mesh.dim:
         return mesh
-    found = collect_facets(mesh, number_regions(mesh)[0], None)
-    return SimplexMesh(mesh.points, found.nodes, cell_tags=found.groups)
+    kept = vars(mesh)
+    if "_facets_that_stay" not in kept:
+        found = collect_facets(mesh, number_regions(mesh)[0], None)
+        kept["_facets_that_stay"] = SimplexMesh(mesh.points, found.nodes, cell_tags=found.groups)
+    surface: SimplexMesh = kept["_facets_that_stay"]
+    return surface
 
 
 def sliver_height(mesh: SimplexMesh, size: Size, height: float) -> float:
