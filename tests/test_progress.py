@@ -1,8 +1,12 @@
 """Progress: silence, callbacks, and the bar."""
 
+import sys
+import types
+
 import numpy as np
 import pytest
 
+from adaptsize import CartesianGrid, _progress, check_mesh, size_function
 from adaptsize._progress import Stage, TimeLeft, reporting
 from adaptsize.cli.console import Console
 
@@ -61,3 +65,32 @@ def test_the_time_left_does_not_rise_a_little_but_does_if_a_step_is_much_slower(
     assert left.update(100.0, "limiting", 0.6) == "about 67 s left"
     # Another text is another part of the work, with a share of its own.
     assert left.update(110.0, "width", 0.5) == "about 10 s left"
+
+
+def test_a_notebook_shows_one_line_that_vanishes(monkeypatch, capfd):
+    shown = []
+    line = types.SimpleNamespace(update=lambda data, raw: shown.append(data["text/plain"]))
+    module = types.ModuleType("IPython.display")
+    module.display = lambda data, raw, display_id: line
+    monkeypatch.setitem(sys.modules, "IPython", types.ModuleType("IPython"))
+    monkeypatch.setitem(sys.modules, "IPython.display", module)
+    monkeypatch.setattr(_progress, "_is_notebook", lambda: True)
+    with reporting(True) as report:
+        for k in range(1000):
+            report("limiting", k / 1000)
+        report("meshing", None)
+    assert shown[0] == "limiting  0%"
+    assert shown[-2:] == ["meshing", ""]
+    assert len(shown) < 500
+    assert capfd.readouterr() == ("", "")
+
+
+def test_notebooks_show_what_print_does():
+    shown = []
+    printer = types.SimpleNamespace(text=shown.append)
+    mesh = CartesianGrid([0, 0], 0.5, (3, 3)).mesh
+    size = size_function(mesh, hmax=1.0)
+    for one in (check_mesh(mesh), size.report, size.cost()):
+        one._repr_pretty_(printer, cycle=False)
+        assert shown[-1] == str(one)
+        assert "(" not in shown[-1].split()[0]

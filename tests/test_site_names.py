@@ -22,3 +22,50 @@ def test_written_names_are_those_of_the_reference(monkeypatch):
     for target in found.values():
         module, _, name = target.rpartition(".")
         assert hasattr(importlib.import_module(module), name)
+
+
+def test_names_in_formulas_have_no_backslashes(monkeypatch):
+    pytest.importorskip("sphinx")
+    pytest.importorskip("latex2mathml")
+    monkeypatch.syspath_prepend(DOCS / "_ext")
+    formulas = importlib.import_module("formulas")
+    latex = r"F < \sin(\texttt{corner\_angle}) \, h_0"
+    found = formulas.mathml(latex, display=True)
+    assert ">corner_angle</mtext>" in found
+    assert "\\" not in found
+
+
+def test_tables_with_much_text_are_lists_on_narrow_pages(monkeypatch):
+    pytest.importorskip("sphinx")
+    from docutils import nodes
+
+    monkeypatch.syspath_prepend(DOCS / "_ext")
+    unbroken = importlib.import_module("unbroken")
+
+    def table(*rows):
+        cells = [
+            [nodes.entry("", nodes.paragraph("", cell)) for cell in row.split("|")] for row in rows
+        ]
+        body = nodes.tbody("", *(nodes.row("", *row) for row in cells))
+        return nodes.table("", nodes.tgroup("", body, cols=len(cells[0])))
+
+    words = "name|a default that is chosen|what this option does in one sentence"
+    found = {
+        "options": table(words, words),
+        "two columns": table("name|what this option does in one sentence, and in another one"),
+        "numbers": table("mesh|1 000 000 000 000|2 000 000 000 000 000 000 000 000 000 000 000"),
+        "five columns": table("|".join([words, words])),
+    }
+    document = nodes.document(None, None, "", *found.values())
+    unbroken.keep_together(None, document)
+    stacked = [name for name, one in found.items() if "stacked" in one["classes"]]
+    assert stacked == ["options"]
+
+
+def test_no_line_of_a_page_becomes_a_list_by_its_first_sign():
+    """Such as "+ 1" after a line break in a formula without marks."""
+    for page in DOCS.rglob("*.md"):
+        is_code = False
+        for line in page.read_text().splitlines():
+            is_code ^= line.lstrip().startswith("```")
+            assert is_code or not line.lstrip().startswith(("+ ", "* ")), (page.name, line)

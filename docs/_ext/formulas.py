@@ -12,10 +12,13 @@ from sphinx.writers.html5 import HTML5Translator
 
 # Environments of lines aligned at "&", which Sphinx passes on with their numbers.
 NUMBERED = re.compile(r"\\(begin|end)\{(align|equation|gather)\}")
+# The converter shows the backslash of an underscore in them.
+NAME = re.compile(r"\\texttt\{[^}]*\}")
 
 
 def mathml(latex: str, *, display: bool) -> str:
     """Return the MathML element of a formula."""
+    latex = NAME.sub(lambda name: name[0].replace(r"\_", "_"), latex)
     text = NUMBERED.sub(r"\\\1{\2*}", latex.strip())
     if r"\begin" not in text and ("&" in text or r"\\" in text):
         text = rf"\begin{{aligned}}{text}\end{{aligned}}"

@@ -1,8 +1,12 @@
-"""What stays on one line: numbers such as "10 000" and "7 %", and options such as ``--strict``."""
+"""What stays on one line: numbers such as "10 000" and "7 %", and options such as ``--strict``.
+
+And which tables are lists on narrow pages: those of three or four columns with much text.
+"""
 
 from __future__ import annotations
 
 import re
+from statistics import median
 from typing import Any
 
 from docutils import nodes
@@ -16,6 +20,9 @@ OPTION = re.compile(r"-\S*(?: \S+)?")
 LONGEST_OPTION = 24
 #: A cell with more characters gets room for several words in a line.
 LONG_TEXT = 25
+#: Tables of so many columns are lists on narrow pages if half of the rows have more characters.
+STACKED = (3, 4)
+LONG_ROW = 40
 
 
 def keep_together(app: Sphinx, doctree: nodes.document) -> None:
@@ -35,6 +42,15 @@ def keep_together(app: Sphinx, doctree: nodes.document) -> None:
             entry["classes"].append("number")
         elif len(text) > LONG_TEXT:
             entry["classes"].append("words")
+    for group in doctree.findall(nodes.tgroup):
+        rows = [row for body in group.findall(nodes.tbody) for row in body.findall(nodes.row)]
+        if len(rows[0]) in STACKED and median(map(_length, rows)) > LONG_ROW:
+            group.parent["classes"].append("stacked")
+
+
+def _length(row: nodes.row) -> int:
+    """Return the number of characters in a row, not those of numbers."""
+    return sum(len(entry.astext()) for entry in row if "number" not in entry["classes"])
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

@@ -20,3 +20,14 @@ document.addEventListener("DOMContentLoaded", () => {
   for (const image of document.querySelectorAll("article img"))
     if (!image.closest("a")) image.classList.add("large");
 });
+
+// Rows of tables that are paragraphs on narrow pages have no heads: each cell gets its own.
+document.addEventListener("DOMContentLoaded", () => {
+  for (const table of document.querySelectorAll("table.stacked")) {
+    const heads = [...table.querySelectorAll("thead th")].map((head) => head.textContent.trim());
+    for (const row of table.querySelectorAll("tbody tr"))
+      [...row.cells].forEach((cell, k) => {
+        if (k > 0 && heads[k] && cell.textContent.trim()) cell.dataset.label = heads[k];
+      });
+  }
+});

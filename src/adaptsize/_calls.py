@@ -2,9 +2,10 @@
 
 Functions with the decorator `recorded` remember for each result the call that made it, with plain
 arguments: numbers, texts, copies of short arrays, sources, and results of other calls by these.
-Meshes and sizes are not kept alive by that.  A result keeps at most `LONGEST` numbers of each call
-that led to it, and at most `MOST_CALLS` of these in a row.  Nothing is written unless it is
-requested by ``write(..., record=True)``.
+What a function of the package calls itself is not remembered, and meshes and sizes are not kept
+alive.  A result keeps at most `LONGEST` numbers of each call that led to it, and at most
+`MOST_CALLS` of these in a row.  Nothing is written unless it is requested by
+``write(..., record=True)``.
 """
 
 from __future__ import annotations
@@ -16,10 +17,12 @@ import math
 import numbers
 import os
 import weakref
+import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from contextvars import ContextVar
+from dataclasses import dataclass, field, fields
 from decimal import Decimal
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +41,20 @@ _SHOWN = 6
 IGNORED = ("progress", "wants_info")
 #: Attributes of a mesh with fields by their names.
 FIELDS = ("point_data", "cell_data")
+#: Classes whose objects are stored by their fields, and the modules that have them.
+CLASSES: Mapping[str, str] = {
+    **dict.fromkeys(
+        (
+            "BallSource", "BoundarySource", "BoxSource", "CurveSource", "PointSource",
+            "RegionSource", "CartesianGrid", "SizeFunction",
+        ),
+        "adaptsize",
+    ),
+    **dict.fromkeys(
+        ("EdgeBased", "Exact", "FastMarching", "HamiltonJacobi", "PositiveCoefficient"),
+        "adaptsize.limiting",
+    ),
+}  # fmt: skip
 
 #: The absolute path, the size and the time of change of a file.
 State: TypeAlias = tuple[str, int, int]
@@ -59,7 +76,7 @@ class Call:
 
 @dataclass(frozen=True)
 class Result:
-    """What a call returned, or a part of that: an attribute or a field."""
+    """What a call returned, or a part of that: attributes, places in tuples, names of fields."""
 
     call: Call
     part: tuple[str, ...] = ()
@@ -94,24 +111,53 @@ class Numbers:
         return {"array": plain, "dtype": self.values.dtype.name, "shape": shape}
 
 
-_KNOWN: dict[int, tuple[weakref.ref[Any], Result]] = {}
+class _Known(NamedTuple):
+    """An object that a call returned."""
+
+    object: weakref.ref[Any]
+    result: Result
+    checksum: int | None
+    """Of an array that can be written to."""
+
+
+_KNOWN: dict[int, _Known] = {}
+_IS_INSIDE: ContextVar[bool] = ContextVar("_IS_INSIDE", default=False)
 
 
 def origin_of(value: Any) -> Result | None:
-    """Return the call that returned an object, or None if that is not known."""
+    """Return the call that returned an object, or None if not known, or if it has changed."""
     found = _KNOWN.get(id(value))
-    return None if found is None or found[0]() is not value else found[1]
+    if found is None or found.object() is not value or found.checksum != _checksum(value):
+        return None
+    return found.result
+
+
+def inherit_origin(copy: Any, value: Any) -> None:
+    """Remember for a copy which call returned the original."""
+    origin = origin_of(value)
+    if origin is not None:
+        _remember(copy, origin)
+
+
+def _checksum(value: Any) -> int | None:
+    """Return the checksum of an array that users may modify; None for anything else."""
+    if not (is_array(value) and value.flags.writeable):
+        return None
+    return zlib.crc32(value.tobytes())
 
 
 def recorded(name: str, *parts: str, reads: bool = False) -> Callable[[F], F]:
     """Return a decorator of a function whose calls are remembered with their results.
+
+    That of `with_info` is remembered, too, if the function has it.
 
     Parameters
     ----------
     name : str
         The public name.
     *parts : str
-        Attributes of the result that are results, too.
+        What else in the result is a result, as paths with dots: names of attributes, numbers in
+        tuples; ``*`` is all of a tuple or a mapping.
     reads : bool
         Whether the first argument is a file.
     """
@@ -122,23 +168,95 @@ def recorded(name: str, *parts: str, reads: bool = False) -> Callable[[F], F]:
 
         @functools.wraps(function)
         def remembering(*args: Any, **kwargs: Any) -> Any:
+            if _IS_INSIDE.get():
+                return function(*args, **kwargs)
             files: dict[str, State] = {}
             if reads:
                 with contextlib.suppress(Exception):
                     files = state_of(args[0] if args else kwargs.get(first))
-            result = function(*args, **kwargs)
+            token = _IS_INSIDE.set(True)
+            try:
+                result = function(*args, **kwargs)
+            finally:
+                _IS_INSIDE.reset(token)
             with contextlib.suppress(Exception):  # no result is lost for want of its record
                 given = signature.bind(*args, **kwargs)
                 call = call_of(name, dict(_described(given.arguments, signature)), files)
-                _remember(result, Result(call))
-                for part in parts:
-                    _remember(getattr(result, part), Result(call, (part,)))
+                for path, one in _parts_of(result, parts):
+                    _remember(one, Result(call, path))
             return result
 
-        remembering.__recorded__ = name, parts, first if reads else ""  # type: ignore[attr-defined]
-        return remembering  # type: ignore[return-value]
+        changed: Any = remembering
+        changed.__recorded__ = name, parts, first if reads else ""
+        pair = getattr(function, "with_info", None)
+        if pair is not None:
+            of_pair = ["0", *(f"0.{part}" for part in parts), "1.sources"]
+            changed.with_info = recorded(f"{name}.with_info", *of_pair)(pair)
+        return changed  # type: ignore[no-any-return]
 
     return decorate
+
+
+def _parts_of(result: Any, paths: Sequence[str]) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Yield a result and the parts on some paths, with their fields, each with its place."""
+    for words in ([], *(path.split(".") for path in paths)):
+        for place, value in _along(words, result, ()):
+            yield place, value
+            for kind in FIELDS:
+                held = getattr(value, kind, None)
+                if isinstance(held, Mapping):
+                    yield from _along([kind, "*"], value, place)
+
+
+def _along(
+    words: Sequence[str], value: Any, place: tuple[str, ...]
+) -> Iterator[tuple[tuple[str, ...], Any]]:
+    if not words:
+        yield place, value
+        return
+    keys: Sequence[str] = [words[0]]
+    if keys == ["*"]:
+        keys = [*value] if isinstance(value, Mapping) else [*map(str, range(len(value)))]
+    for key in keys:
+        yield from _along(words[1:], member(value, key), (*place, key))
+
+
+def member(value: Any, key: str) -> Any:
+    """Return what a mapping has by a name, a tuple at a place, or an attribute.
+
+    Examples
+    --------
+    >>> member({"a": (1, 2)}, "a"), member((1, 2), "1"), member(1.5, "real")
+    ((1, 2), 2, 1.5)
+    """
+    if isinstance(value, Mapping):
+        return value[key]
+    if isinstance(value, tuple) and key.isascii() and key.isdecimal():
+        return value[int(key)]
+    return getattr(value, key)
+
+
+def is_part(part: Sequence[Any], paths: Sequence[str]) -> bool:
+    """Return whether a place in a result is a recorded part, or a field of one.
+
+    Examples
+    --------
+    >>> paths = ["meshes.*"]
+    >>> [is_part(p, paths) for p in ([], ["meshes", "0"], ["meshes", "0", "point_data", "h"])]
+    [True, True, True]
+    >>> [is_part(p, paths) for p in (["meshes"], ["sizes", "0"], ["meshes", "0", "points"])]
+    [False, False, False]
+    """
+    if not all(isinstance(word, str) for word in part):
+        return False
+    for words in ([], *(path.split(".") for path in paths)):
+        begin, rest = part[: len(words)], part[len(words) :]
+        fits = len(begin) == len(words) and all(
+            wanted in ("*", word) for wanted, word in zip(words, begin, strict=True)
+        )
+        if fits and (not rest or (len(rest) == 2 and rest[0] in FIELDS)):
+            return True
+    return False
 
 
 def call_of(
@@ -163,11 +281,14 @@ def _without_results(value: Any) -> Any:
 
 
 def _remember(value: Any, result: Result) -> None:
+    if origin_of(value) is not None:  # given, and returned as it was
+        return
     key = id(value)
     try:
-        _KNOWN[key] = weakref.ref(value, lambda _: _KNOWN.pop(key, None)), result
+        known = weakref.ref(value, lambda _: _KNOWN.pop(key, None))
     except TypeError:  # no weak references to it
         return
+    _KNOWN[key] = _Known(known, result, _checksum(value))
 
 
 def state_of(path: Any) -> dict[str, State]:
@@ -183,27 +304,13 @@ def state_of(path: Any) -> dict[str, State]:
 
 def _described(given: Mapping[str, Any], signature: inspect.Signature) -> Iterator[tuple[str, Any]]:
     """Yield names and plain values of arguments; those of ``**options`` by their own names."""
-    meshes = [value for value in given.values() if hasattr(value, "point_data")]
     describe = Describer()
     for name, value in given.items():
         parameter = signature.parameters[name]
         several = value if parameter.kind is parameter.VAR_KEYWORD else {name: value}
         for key, one in several.items():
             if key not in IGNORED:
-                yield key, _of_mesh(one, meshes) or describe(one)
-
-
-def _of_mesh(value: Any, meshes: list[Any]) -> Result | None:
-    """Return an array that is a field of a mesh among the other arguments."""
-    if not isinstance(value, np.ndarray):
-        return None
-    for mesh in meshes:
-        origin = origin_of(mesh)
-        for kind in FIELDS:
-            for name, array in getattr(mesh, kind, {}).items():
-                if origin is not None and array is value:
-                    return Result(origin.call, (*origin.part, kind, name))
-    return None
+                yield key, describe(one)
 
 
 class _TooMuchError(ValueError):
@@ -221,7 +328,7 @@ class Describer:
     >>> describe(len)
     Unknown(text='a function')
     >>> describe(np.zeros(2000))
-    Unknown(text='an array of shape (2000,)')
+    Unknown(text='an array of shape (2000,) that no recorded call returned')
     """
 
     def __init__(self) -> None:
@@ -237,7 +344,7 @@ class Describer:
         except Exception:  # of a class from elsewhere
             text = _kind_of(value)
         self._left = left
-        return Unknown(f"an array of shape {value.shape}" if is_array(value) else text)
+        return Unknown(text)
 
     def _take(self, count: int, depth: int = 0) -> None:
         self._left -= count
@@ -248,6 +355,8 @@ class Describer:
         origin = origin_of(value)
         if origin is not None:
             return origin
+        if is_array(value) and value.size > self._left:
+            return Unknown(f"an array of shape {value.shape} that no recorded call returned")
         self._take(value.size if is_array(value) else 1, depth)
         if is_array(value):
             return Numbers.of(value) if value.dtype.kind in "biuf" else Unknown(_kind_of(value))
@@ -264,7 +373,7 @@ class Describer:
         if isinstance(value, Mapping):
             pairs = [[key, one] for key, one in value.items()]
             return {"mapping": [self._plain(pair, depth + 1) for pair in pairs]}
-        if is_dataclass(value) and type(value).__module__.startswith("adaptsize.sizes"):
+        if type(value).__name__ in CLASSES and type(value).__module__.startswith("adaptsize."):
             names = [one.name for one in fields(value)]
             held = {name: self._plain(getattr(value, name), depth + 1) for name in names}
             return {"class": type(value).__name__, "fields": held}

@@ -1,4 +1,4 @@
-"""Progress of long computations, by a callback or as a bar on the terminal."""
+"""Progress of long computations, by a callback, on the terminal, or in a notebook."""
 
 import inspect
 import time
@@ -43,15 +43,15 @@ class Stage(str):
 def reporting(progress: ProgressCallback | bool | None) -> Iterator[ProgressCallback]:
     """Yield a callback ``(text, share)``.  ``True`` gives a rich bar on standard error.
 
-    The bar is not shown when standard error is not a terminal.  An exception in the
-    callback, including KeyboardInterrupt, propagates to the caller and stops the work.
+    Without a terminal there is none; notebooks show a line, which vanishes at the end.  An
+    exception in the callback, including KeyboardInterrupt, propagates and stops the work.
     """
     if isinstance(progress, np.bool_):
         progress = bool(progress)
     if progress is None or progress is False:
         yield silent
     elif progress is True:
-        with _rich_bar() as callback:
+        with _line_in_notebook() if _is_notebook() else _rich_bar() as callback:
             yield callback
     elif not callable(progress):
         raise ValueError(f"progress must be callable or True or False, got {describe(progress)}")
@@ -113,6 +113,34 @@ class TimeLeft:
 
 def silent(text: str, share: float | None) -> None:
     """Report nothing."""
+
+
+def _is_notebook() -> bool:
+    from rich.console import Console
+
+    return Console(stderr=True).is_jupyter
+
+
+@contextmanager
+def _line_in_notebook() -> Iterator[ProgressCallback]:
+    """Yield a callback that writes a line below the cell, at most ten times a second."""
+    from IPython.display import display
+
+    line = display({"text/plain": ""}, raw=True, display_id=True)
+    shown, last, left = "", -np.inf, TimeLeft(time.monotonic())
+
+    def report(text: str, share: float | None) -> None:
+        nonlocal shown, last
+        now = time.monotonic()
+        words = [text, "" if share is None else f"{share:.0%}", left.update(now, text, share)]
+        if text != shown or now - last > 0.1:
+            shown, last = text, now
+            line.update({"text/plain": "  ".join(filter(None, words))}, raw=True)
+
+    try:
+        yield report
+    finally:
+        line.update({"text/plain": ""}, raw=True)
 
 
 @contextmanager

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from adaptsize._calls import FIELDS, IGNORED, fault_of_steps, is_array, unknowns_of
+from adaptsize._calls import (
+    CLASSES,
+    IGNORED,
+    fault_of_steps,
+    is_array,
+    is_part,
+    member,
+    unknowns_of,
+)
 
 
 class UnknownError(ValueError):
@@ -48,7 +57,9 @@ def repeated(steps: Sequence[Mapping[str, Any]], paths: Mapping[str, str]) -> An
                 raise UnknownError(f"{min(ignored)} is no stored argument")
             _check_file(step["arguments"].get(reads), paths)
             decode.made.append((name, function(**arguments)))
-        except (TypeError, AttributeError, LookupError, OverflowError) as error:
+        except UnknownError:
+            raise
+        except (TypeError, AttributeError, LookupError, OverflowError, ValueError) as error:
             raise UnknownError(f"call {number} ({name}) cannot be repeated: {error}") from error
     return decode.made[-1][1]
 
@@ -94,13 +105,10 @@ class Decoder:
             raise UnknownError(f"call {number} is none of those before")
         name, value = self.made[number]
         _, parts, _ = _function_of(name)
-        rest = list(part)
-        if rest and rest[0] in parts:
-            value = getattr(value, rest.pop(0))
-        if len(rest) == 2 and rest[0] in FIELDS and isinstance(rest[1], str):
-            value = getattr(value, rest[0])[rest[1]]
-        elif rest:
-            raise UnknownError(f"{rest!r:.80} is no recorded part of what {name} returned")
+        if not is_part(part, parts):
+            raise UnknownError(f"{part!r:.80} is no recorded part of what {name} returned")
+        for word in part:
+            value = member(value, word)
         if not (is_array(value) or type(value).__module__.partition(".")[0] == "adaptsize"):
             raise UnknownError(f"{name} returned no mesh, sizes or image")
         return value
@@ -121,9 +129,9 @@ def _function_of(name: str) -> tuple[Callable[..., Any], tuple[str, ...], str]:
 
 
 def _class_of(name: str) -> Callable[..., Any]:
-    found = None if "." in name else _public(name)
-    if not (isinstance(found, type) and found.__module__.startswith("adaptsize.sizes")):
-        raise UnknownError(f"{name} is no source")
+    if name not in CLASSES:
+        raise UnknownError(f"{name} is no class whose objects are stored")
+    found: Callable[..., Any] = getattr(importlib.import_module(CLASSES[name]), name)
     return found
 
 

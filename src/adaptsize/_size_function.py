@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._calls import inherit_origin, recorded
 from adaptsize._checks import (
     as_float_array,
     as_limits,
@@ -136,6 +137,7 @@ class SizeFunction(ReadOnlyState):
             )
         values = as_sizes("values", self.values, self.background.nodal_shape).copy()
         values.flags.writeable = False
+        inherit_origin(values, self.values)
         object.__setattr__(self, "values", values)  # bypasses the frozen dataclass
         one_of("outside", self.outside, ("nearest", "error"))
         hmax = as_number("hmax", self.hmax, lower=0.0, strict=True, allow_inf=True)
@@ -489,6 +491,7 @@ class SizeFunction(ReadOnlyState):
             f"{place_text(points[first])} at a distance of {distances[first]:.4g} from it{more}"
         )
 
+    @recorded("SizeFunction.minimum")
     def minimum(self, other: SizeFunction) -> SizeFunction:
         """Return the smaller of two size functions at the nodes of this background.
 
@@ -510,6 +513,7 @@ class SizeFunction(ReadOnlyState):
         inner = None if self.inner is None else replace(self.inner, aims=None)
         return replace(self, values=smaller, sources=None, hmax=hmax, report=None, inner=inner)
 
+    @recorded("SizeFunction.clip")
     def clip(self, hmin: float | None = None, hmax: float | None = None) -> SizeFunction:
         """Return the size function with its nodal values clipped to two bounds.
 
@@ -532,6 +536,7 @@ class SizeFunction(ReadOnlyState):
         inner = None if self.inner is None else self.inner.clipped(lower, upper)
         return replace(self, values=values, sources=None, hmax=hmax, report=None, inner=inner)
 
+    @recorded("SizeFunction.on")
     def on(self, background: Background) -> SizeFunction:
         """Return the size function sampled at the nodes of another background.
 

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from adaptsize._causes import CAUSES
 from adaptsize._checks import count_text
+from adaptsize._printed import Printed
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
 from adaptsize.limiting.info import LimitingInfo
 from adaptsize.typing import FloatArray, IntArray
@@ -20,7 +21,7 @@ NONE = -1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SizeReport:
+class SizeReport(Printed):
     """Which cause controls the size where, and how much of the domain.
 
     A cause controls a node if the size there is its own bound, or if the size has grown, by the

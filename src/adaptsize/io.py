@@ -224,10 +224,9 @@ def write(
     record : bool
         Also write ``NAME.json``: the files read, with their SHA-256, the calls that made ``obj``,
         with their options, and the versions of packages.  ``adaptsize again NAME.json`` makes the
-        file again.  Recorded are `read`, `read_cad`, `read_image`, `read_size`, `read_metric`,
-        `polygons`, `size_function`, `remesh`, `remesh_to_elements`, `mesh_image`,
-        `mesh_from_distance`, and the methods ``tag_faces``, ``close_holes`` and ``without_data``;
-        not those of loops, such as `adapt`, `mesh_family` and `limit_gradient`.
+        file again.  Recorded are functions that read, that return sizes or limit them, `remesh`,
+        `remesh_to_elements`, `mesh_image`, `mesh_from_distance`, `mesh_family`, `adapt`, and the
+        methods ``tag_faces``, ``close_holes`` and ``without_data``.
 
     Raises
     ------
@@ -241,9 +240,9 @@ def write(
     Warns
     -----
     InputWarning
-        If the file cannot be made again from its record, because an argument was a function or a
-        mesh from elsewhere, a call had more than 1000 numbers in its arguments, or more than 500
-        calls in a row led to the result.  The record says which.
+        If the file cannot be made again from its record, because an argument was a function, or a
+        mesh or more than 1000 numbers from elsewhere, such as errors from a solver, or more than
+        500 calls in a row led to the result.  The record says which.
 
     Notes
     -----

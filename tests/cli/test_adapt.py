@@ -96,3 +96,18 @@ def test_cell_fields_are_listed_or_named_where_the_format_has_none(capsys, solve
 def test_what_does_not_fit_is_refused(refused, solved, words, message):
     assert message in refused("adapt", solved, "-o", solved.with_name("next.vtu"), *words)
     assert not solved.with_name("next.vtu").exists()
+
+
+def test_fields_that_are_not_finite_are_named(solved, capsys, refused):
+    mesh, output = read(solved), solved.with_name("next.vtu")
+    u, eta = mesh.point_data["u"].copy(), mesh.cell_data["eta"].copy()
+    u[5] = eta[[7, 9]] = np.nan
+    write(solved, mesh.with_data(point_data={"u": u}, cell_data={"eta": eta}))
+    arguments = ("adapt", solved, "-o", output, "--elements", "300", "--backend", "bisection")
+    for name, place in (("u", 5), ("eta", 7)):
+        text = f"field '{name}' must be finite, got field '{name}'[{place}] = nan"
+        assert text in refused(*arguments, "--field", name, code=1)
+    write(solved, mesh.with_data(point_data={"u": u}, cell_data={"eta": mesh.cell_data["eta"]}))
+    assert call(*arguments, "--field", "eta") == 0
+    assert "field 'u' is left out: 1 of its values are not finite" in capsys.readouterr().err
+    assert "u" not in read(output).point_data

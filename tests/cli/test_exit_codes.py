@@ -37,7 +37,7 @@ def folder(tmp_path_factory):
 USAGE = {
     "size plane.vtu": "Missing option '-o'",
     "size plane.vtu -o o.vtu --hmxa 3": "No such option",
-    "size plane.vtu -o o.vtu --hmax x": "Invalid value for '--hmax'",
+    "size plane.vtu -o o.vtu --hmax x": "--hmax must be a number, got 'x'; adaptsize size -h pri",
     "size plane.vtu -o o.vtu --hmax -1": "--hmax must be finite and > 0, got -1",
     "size plane.vtu -o o.vtu --hmin 2 --hmax 1": "--hmin must be at most --hmax = 1, got 2",
     "size plane.vtu -o o.vtu -g nan": "--g must be finite and >= 0, got nan",

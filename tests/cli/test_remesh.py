@@ -408,8 +408,8 @@ def test_a_cap_below_what_the_boundary_needs_is_refused_in_one_line(
     write(ball, random_sphere(400, 616))
     text = refused("remesh", ball, "-o", output, "--max-elements", "2000", code=1)
     message = (
-        r"within the tolerance of 0\.001 the boundary needs about \d+ elements; 2000 are not "
-        r"enough: --tolerance 0\.00\d+\n"
+        r"within the tolerance of [\d.]+ \(0\.001 of the diameter\) the boundary needs about \d+ "
+        r"elements; 2000 are not enough: --tolerance 0\.00\d+\n"
     )
     assert re.search(message, text)
     assert no_generator == []

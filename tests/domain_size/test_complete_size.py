@@ -22,6 +22,7 @@ from adaptsize import (
     size_function,
 )
 from adaptsize._causes import Cause
+from adaptsize.domain_size import budget
 from adaptsize.domain_size.bounds import Bounds
 from adaptsize.domain_size.request import Request
 from adaptsize.options import SizeFunctionOptions, checked
@@ -281,3 +282,13 @@ def test_the_default_of_hmin_raises_no_prescribed_size(source):
     size = size_function(square, **options)
     assert size.values.min() == size.report.hmin == 2e-3 < 1e-3 * square.diameter
     assert size_function(square, hmin=0.01, **options).values.min() == 0.01
+
+
+def test_a_folded_plane_mesh_is_refused_before_anything_is_computed(monkeypatch):
+    square = CartesianGrid([0.0, 0.0], 0.25, (5, 5)).mesh
+    points = square.points.copy()
+    points[12] += [0.4, 0.0]
+    folded = SimplexMesh(points, square.cells)
+    monkeypatch.setattr(budget, "_searched", None)
+    with pytest.raises(ValueError, match=r"mesh must not be folded: \d cells .* at \("):
+        size_function(folded)

@@ -78,8 +78,10 @@ def test_a_number_below_what_the_boundary_needs_is_refused_with_a_tolerance_that
         size_function(SPHERE, tolerance=0.7 * offer, **options)
 
 
-def test_only_a_number_that_is_given_is_a_reason_to_refuse():
+def test_without_a_number_more_elements_may_be_required_up_to_five_million():
     with pytest.warns(ResolutionWarning, match="more than max_elements = 300000: hmax controls"):
+        size_function(SPHERE, hmax=0.07, tolerance=np.inf)
+    with pytest.raises(TooManyElementsError, match="more than max_elements = 5000000: hmax contr"):
         size_function(SPHERE, hmax=0.05, tolerance=np.inf)
 
 

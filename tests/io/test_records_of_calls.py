@@ -81,24 +81,102 @@ def _plain():
     ads.write("made.vtu", ads.io.polygons(outline), record=True)
 
 
-@pytest.mark.parametrize("script", [_size, _remesh, _elements, _bounds, _image, _plain])
+def _limited():
+    mesh = ads.read("slit.vtu")
+    h = ads.limit_gradient(mesh, mesh.point_data["h0"], 0.2)
+    ads.write("made.vtu", ads.SizeFunction(mesh, h), fields={"limited": h}, record=True)
+
+
+def _limited_with_info():
+    mesh = ads.read("slit.vtu")
+    method = ads.limiting.Exact(face_sources=False)
+    h, info = ads.limit_gradient.with_info(mesh, mesh.point_data["h0"], 0.2, method=method)
+    size = ads.SizeFunction(mesh, h, sources=info.sources)
+    ads.write("made.vtu", size.clip(hmax=0.2), record=True)
+
+
+def _on_a_grid():
+    grid = ads.CartesianGrid([0.0, 0.0], 0.1, (11, 9))
+    source = ads.PointSource([0.31, 0.22], 0.01)
+    h = ads.limit_gradient(grid, ads.size_from_sources(grid, source), 0.2)
+    ads.write("made.vti", ads.SizeFunction(grid, h), record=True)
+
+
+def _family():
+    family = ads.mesh_family(ads.read("slit.vtu").without_data(), hmax=0.3, levels=2)
+    ads.write("made.vtu", family.meshes[1], fields={"h": family.sizes[1]}, record=True)
+
+
+def _loop():
+    """A loop with the solution of a solver in the first file, and errors estimated from it."""
+    mesh = ads.read("slit.vtu").without_data()
+    ads.write("solved.vtu", mesh, fields={"u": lambda points: np.tanh(9.0 * points[:, 0])})
+    mesh = ads.read("solved.vtu")
+    field = mesh.point_data["u"]
+    for elements in (800, 1000):
+        indicator = ads.zz_indicator(mesh, field)
+        result = ads.adapt(
+            mesh, indicator, elements=elements, fields={"u": field}, backend="bisection"
+        )
+        mesh, field = result.mesh, result.fields["u"]
+    again = ads.size_from_hessian(mesh, field, elements=300)
+    ads.write("made.vtu", mesh.without_data(), fields={"u": field, "next": again}, record=True)
+
+
+SCRIPTS = {
+    _size: "vtu", _remesh: "vtu", _elements: "vtu", _bounds: "vtu", _image: "vtu", _plain: "vtu",
+    _limited: "vtu", _limited_with_info: "vtu", _on_a_grid: "vti", _family: "vtu", _loop: "vtu",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
 def test_what_python_wrote_is_made_again_bit_for_bit(script, folder, capsys):
-    if script in (_remesh, _elements):
+    made = f"made.{SCRIPTS[script]}"
+    if script in (_remesh, _elements, _family):
         pytest.importorskip("mmgpy")
     script()
-    record = read_record(Path("made.vtu"))
+    record = read_record(Path(made))
     assert record["unknown"] == []
     gc.collect()  # nothing is left of the objects
     capsys.readouterr()
-    assert call("again", "made.vtu.json", "--json") == 0
+    assert call("again", f"{made}.json", "--json") == 0
     assert json.loads(capsys.readouterr().out)["same"] is True
     # From elsewhere, with the inputs where they were.
     other = folder / "other"
     other.mkdir()
-    for name in ("made.vtu", "made.vtu.json"):
+    for name in (made, f"{made}.json"):
         shutil.move(name, other)
-    assert call("again", other / "made.vtu", "-o", other / "new.vtu") == 0
-    assert (other / "new.vtu").read_bytes() == (other / "made.vtu").read_bytes()
+    assert call("again", other / made, "-o", other / f"new.{SCRIPTS[script]}") == 0
+    assert (other / f"new.{SCRIPTS[script]}").read_bytes() == (other / made).read_bytes()
+
+
+def test_what_users_have_computed_or_changed_is_said(folder):
+    """Such as the errors of a solver, and sizes that were changed after they were limited."""
+    mesh = ads.read("slit.vtu")
+    errors = np.hypot(*mesh.points[mesh.cells].mean(axis=1).T) + 0.1
+    result = ads.adapt(mesh, errors, elements=9000, backend="bisection")
+    shape = rf"\({mesh.n_cells},\) that no recorded call returned"
+    with pytest.warns(InputWarning, match=f"indicator of adapt is an array of shape {shape}"):
+        ads.write("made.vtu", result.mesh, record=True)
+    h = ads.limit_gradient(mesh, mesh.point_data["h0"], 0.2)
+    kept = ads.SizeFunction(mesh, h)  # it has a copy
+    h *= 2.0
+    assert _calls.origin_of(h) is None
+    assert _calls.origin_of(kept.values).call.function == "limit_gradient"
+    shape = rf"\({mesh.n_points},\) that no recorded call returned"
+    with pytest.warns(InputWarning, match=f"fields of write is an array of shape {shape}"):
+        ads.write("made.vtu", mesh, fields={"h": h}, record=True)
+    limited = ads.limit_gradient(mesh, mesh.point_data["h0"], lambda h: 0.1 + 0.0 * h)
+    with pytest.warns(InputWarning, match="g of limit_gradient is a function"):
+        ads.write("made.vtu", ads.SizeFunction(mesh, limited), record=True)
+
+
+def test_a_mesh_that_is_kept_keeps_its_origin(folder):
+    mesh = ads.read("slit.vtu").without_data()
+    result = ads.adapt(mesh, h0=10.0, backend="bisection")
+    assert result.mesh.n_cells == mesh.n_cells
+    assert not result.remeshed
+    assert _calls.origin_of(mesh).call.function == "SimplexMesh.without_data"
 
 
 def test_check_info_and_report_read_the_record(folder, capsys):
@@ -154,7 +232,11 @@ def test_a_record_runs_nothing_but_recorded_functions_and_sources(folder, capsys
     ads.write("made.vtu", ads.size_function(ads.read("curved.vtu")), record=True)
     path = Path("made.vtu.json")
     record = json.loads(path.read_text())
-    for name in ("io.os.system", "warmup", "report", "SimplexMesh"):
+    for name in (
+        "io.os.system", "warmup", "report", "SimplexMesh", "adapt.__globals__",
+        "limit_gradient.__wrapped__", "limit_gradient.with_info.__globals__", "limit_metric",
+        "limiting.limit.limit_gradient", "SizeFunction.plot", "SizeFunction.clip.__call__",
+    ):  # fmt: skip
         record["calls"][0]["function"] = name
         path.write_text(json.dumps(record))
         assert call("again", path) == 1
@@ -164,7 +246,7 @@ def test_a_record_runs_nothing_but_recorded_functions_and_sources(folder, capsys
     }  # fmt: skip
     path.write_text(json.dumps(record))
     assert call("again", path) == 1
-    assert "SimplexMesh is no source" in capsys.readouterr().err
+    assert "SimplexMesh is no class whose objects are stored" in capsys.readouterr().err
 
 
 def _pickled(marker):
@@ -188,6 +270,15 @@ MESH = {"call": 0, "part": []}
         ({"fields": {"call": 0, "part": ["point_data", "none"]}}, "none"),
         ({"fields": {"call": 0, "part": ["point_data", 3]}}, "part"),
         ({"obj": {"call": 0, "part": ["without_data"]}}, "part"),
+        ({"obj": {"call": 0, "part": [["point_data"], "h"]}}, "part"),
+        ({"obj": {"call": 0, "part": ["*"]}}, "part"),
+        ({"obj": {"call": 0, "part": ["0"]}}, "part"),
+        ({"obj": {"class": "SizeFunction", "fields": {"background": MESH}}}, "cannot be repeated"),
+        (
+            {"obj": {"class": "SizeFunction", "fields": {"background": MESH, "values": "a"}}},
+            "values must be",
+        ),
+        ({"obj": {"class": "MetricFunction", "fields": {}}}, "MetricFunction is no class"),
         ({"obj": {"call": 1, "part": []}}, "call 1 is none of those before"),
         ({"obj": {"call": -1, "part": []}}, "call -1 is none of those before"),
         ({"obj": {"call": 7, "part": []}}, "call 7 is none of those before"),
@@ -197,7 +288,7 @@ MESH = {"call": 0, "part": []}
         ({"order": {"array": [1], "dtype": "nonsense", "shape": []}}, "cannot be repeated"),
         ({"order": {"mapping": [[[], 1]]}}, "cannot be repeated"),
         ({"order": {"class": "PointSource", "fields": {"a": 1}}}, "cannot be repeated"),
-        ({"order": {"class": "io.os", "fields": {}}}, "io.os is no source"),
+        ({"order": {"class": "io.os", "fields": {}}}, "io.os is no class"),
         ({"order": {"other": 3}}, "is no stored value"),
     ],
 )  # fmt: skip
@@ -211,6 +302,75 @@ def test_a_record_reaches_nothing_but_recorded_parts_of_results(folder, refused,
     printed = refused("again", path)
     assert "made.vtu.json: " in printed
     assert text in printed
+
+
+GLOBALS_OF_LOOPS = ["__init__", "__globals__"]
+LOOP = {"mesh": MESH, "h0": 10.0}
+LIMITED = {"background": MESH, "h0": 1.0, "g": 0.2}
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments", "parts"),
+    [
+        (
+            "adapt",
+            LOOP,
+            [
+                ["report"], ["original"], ["plot"], ["fields"], ["fields", "__class__"],
+                ["fields", "none"], ["fields", "x", "ctypes"], ["mesh", "points"],
+                ["mesh", "point_data"], ["mesh", "point_data", "x", "base"], ["__class__"],
+                ["mesh", *GLOBALS_OF_LOOPS], ["mesh", "without_data"], ["size", "plot"],
+            ],
+        ),
+        (
+            "limit_gradient.with_info",
+            LIMITED,
+            [["2"], ["-1"], ["\u0661"], ["1"], ["1", "__class__"], ["1.sources"], [0], ["00", "x"]],
+        ),
+        ("limit_gradient", LIMITED, [["0"], ["base"], ["ctypes"], ["__array_interface__"]]),
+    ],
+)  # fmt: skip
+def test_a_record_reaches_no_other_parts_of_loops(folder, refused, function, arguments, parts):
+    ads.write("made.vtu", ads.read("curved.vtu"), record=True)
+    path = Path("made.vtu.json")
+    record = json.loads(path.read_text())
+    calls = [record["calls"][0], {"function": function, "arguments": arguments}]
+    victim = folder / "victim.png"
+    victim.write_text("mine")
+    refusals = ["recorded part of what", "cannot be repeated", "returned no mesh", "must be"]
+    before = {one.name for one in folder.iterdir()}
+    for part in parts:
+        for name in ("obj", "fields"):
+            stored = {"call": 1, "part": part}
+            given = {
+                "obj": MESH,
+                name: {"mapping": [["h", stored]]} if name == "fields" else stored,
+            }
+            last = {"function": "write", "arguments": {"path": "victim.png", **given}}
+            path.write_text(json.dumps(record | {"calls": [*calls, last]}))
+            printed = refused("again", path)
+            assert any(text in printed for text in refusals)
+    assert victim.read_text() == "mine"
+    assert {one.name for one in folder.iterdir()} == before
+
+
+def test_arguments_of_loops_are_no_functions_of_a_record(folder, refused):
+    """What a loop calls are size functions, which a record makes of numbers only."""
+    ads.write("made.vtu", ads.read("curved.vtu"), record=True)
+    path = Path("made.vtu.json")
+    record = json.loads(path.read_text())
+    for argument in (
+        {"project": "os.system"},
+        {"project": {"call": 0, "part": ["without_data"]}},
+        {"h0": {"call": 0, "part": GLOBALS}},
+        {"h0": {"class": "FieldTransfer", "fields": {}}},
+        {"fields": {"mapping": [["h", {"class": "ElementField", "fields": {}}]]}},
+        {"progress": True},
+    ):
+        step = {"function": "adapt", "arguments": {**LOOP, **argument}}
+        write = {"function": "write", "arguments": {"obj": {"call": 1, "part": ["mesh"]}}}
+        path.write_text(json.dumps(record | {"calls": [record["calls"][0], step, write]}))
+        assert "made.vtu.json: " in refused("again", path)
 
 
 def test_an_attack_by_a_pickle_runs_nothing(folder, refused):
@@ -313,7 +473,9 @@ def test_loops_keep_a_bounded_number_of_calls_and_of_numbers(folder):
     assert describe([[0.5] * 300, [0.5] * 300]) == _calls.Unknown(
         "a list with too much in it (a record has 1000 numbers)"
     )
-    assert describe(np.zeros((201, 2))) == _calls.Unknown("an array of shape (201, 2)")
+    assert describe(np.zeros((201, 2))) == _calls.Unknown(
+        "an array of shape (201, 2) that no recorded call returned"
+    )
     assert isinstance(describe(np.zeros((200, 2))), _calls.Numbers)
     assert _calls.Describer()("x" * 200_000).text.startswith("a str with too much in it")
 
@@ -414,7 +576,7 @@ def test_pixels_are_stored_with_their_type(folder):
 @pytest.mark.parametrize("tolerance", [Fraction(1, 500), np.array(0.002), np.float32(0.002), 1])
 def test_the_tolerance_is_stored_as_a_number(folder, capsys, tolerance):
     mesh = ads.read("curved.vtu").without_data()
-    made = mesh.without_data()
+    made = mesh.with_data(point_data={})
     describe = _calls.Describer()
     called = _calls.call_of("remesh", {"mesh": describe(mesh), "tolerance": describe(tolerance)})
     _calls._remember(made, _calls.Result(called))

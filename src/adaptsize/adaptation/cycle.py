@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, TypeAlias, cast, overload
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._calls import recorded
 from adaptsize._checks import (
     as_plain_array,
     as_values,
@@ -115,6 +116,7 @@ def adapt(
 ) -> AdaptResult[PartitionedMesh, FloatArray]: ...
 
 
+@recorded("adapt", "mesh", "size", "metric", "fields.*", "cell_fields.*")
 @with_options(AdaptOptions)
 def adapt(
     mesh: AnyMesh,

@@ -11,6 +11,7 @@ import numpy as np
 
 from adaptsize._checks import warn_caller
 from adaptsize._messages import Message
+from adaptsize._printed import Printed
 from adaptsize._size_function import SizeFunction
 from adaptsize.adaptation import tuning
 from adaptsize.adaptation._fields import Arrays
@@ -27,7 +28,7 @@ from adaptsize.typing import FloatArray
 
 
 @dataclass(frozen=True)
-class AdaptReport:
+class AdaptReport(Printed):
     """One adaptation cycle: the request, the steps, and the result.
 
     It describes the whole mesh, and is the same on all ranks if that is in parts.

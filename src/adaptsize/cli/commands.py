@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
 
 import adaptsize as ads
-from adaptsize._checks import refusal
+from adaptsize._checks import refusal, refuse_where
 from adaptsize._defaults import GRADIENT_LIMIT, METRIC_GRADIENT_LIMIT, TOLERANCE
 from adaptsize._messages import Message
 from adaptsize._records import description, how_made, is_stale, record_of
@@ -331,9 +333,8 @@ def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> in
         result = ads.adapt(
             mesh,
             indicator,
-            # The sizes that the mesh was made for are replaced.
-            fields={name: v for name, v in mesh.point_data.items() if name != "h"},
-            cell_fields={name: v for name, v in mesh.cell_data.items() if name != field},
+            fields=carried(console, mesh.point_data, "h"),  # which is replaced
+            cell_fields=carried(console, mesh.cell_data, field),
             conservative=mesh.cell_dim == mesh.dim,
             progress=steps.report,
             **of_library(given, "field", "plot", "report"),
@@ -368,6 +369,22 @@ def adapt(console: Console, file: Input, output: MeshOutput, given: Given) -> in
     return 0
 
 
+def carried(
+    console: Console, fields: Mapping[str, FloatArray], apart: str
+) -> dict[str, FloatArray]:
+    """Return the fields that are transferred, but one; warn of those that cannot be."""
+    found = {}
+    for name, values in fields.items():
+        if name == apart:
+            continue
+        bad = int(np.count_nonzero(~np.isfinite(values)))
+        if bad:
+            console.warn(f"field {name!r} is left out: {bad} of its values are not finite")
+        else:
+            found[name] = values
+    return found
+
+
 def indicator_of(mesh: SimplexMesh, name: str) -> FloatArray:
     """Return the error of each cell: a cell field, or estimated from a nodal field.
 
@@ -379,6 +396,9 @@ def indicator_of(mesh: SimplexMesh, name: str) -> FloatArray:
     at_nodes, in_cells = name in mesh.point_data, name in mesh.cell_data
     if at_nodes and in_cells:
         raise ValueError(f"{name!r} is a nodal field and a cell field of the mesh: rename one")
+    for fields in (mesh.point_data, mesh.cell_data):
+        values = fields.get(name, np.zeros(0))
+        refuse_where(f"field {name!r}", ~np.isfinite(values), values, "must be finite")
     if in_cells:
         return mesh.cell_data[name].reshape(mesh.n_cells, -1).squeeze(axis=1)
     if not at_nodes:

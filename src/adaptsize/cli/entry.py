@@ -14,7 +14,10 @@ import traceback
 import types
 import warnings
 from collections.abc import Iterator, Sequence
-from typing import cast
+from typing import TYPE_CHECKING, cast
+
+if TYPE_CHECKING:
+    import typer
 
 DONE, REFUSED, USAGE, INTERRUPTED = 0, 1, 2, 130
 
@@ -123,7 +126,10 @@ def run(arguments: list[str]) -> int:
             return _stopped(received)
         return result if isinstance(result, int) else DONE
     except usage_error as error:
-        error.show(file=sys.stderr)
+        if not arguments:
+            error.show(file=sys.stderr)  # the help
+        else:
+            console.fail(ValueError(_text_of_usage(error, arguments)))
         return USAGE
     except (KeyboardInterrupt, typer.Abort):
         return _stopped(received)
@@ -137,6 +143,29 @@ def run(arguments: list[str]) -> int:
         if debug:
             traceback.print_exc()
         return USAGE if console.fail(error) else REFUSED
+
+
+def _text_of_usage(error: typer.BadParameter, arguments: list[str]) -> str:
+    """Return in one line what is wrong with the words of a command, and where its options are."""
+    text = error.format_message().rstrip(".")
+    context, flags = getattr(error, "ctx", None), getattr(getattr(error, "param", None), "opts", [])
+    # typer's versions have different words for these, not all with the value.
+    kinds = {"integer": "a whole number", "float": "a number", "number": "a number"}
+    wanted = next((kind for word, kind in kinds.items() if f" valid {word}" in text), "")
+    pairs = zip(arguments, [*arguments[1:], ""], strict=False)
+    typed = [value for word, after in pairs for value in _value_of(flags, word, after)]
+    if wanted and typed:
+        text = f"{flags[-1]} must be {wanted}, got {typed[-1]!r}"
+    path = "adaptsize" if context is None else context.command_path
+    return f"{text}; {path} -h prints the help"
+
+
+def _value_of(flags: Sequence[str], word: str, following: str) -> list[str]:
+    """Return the value that a word gives to an option, at most one."""
+    if word in flags:
+        return [following]
+    name, equals, value = word.partition("=")
+    return [value] if equals and name in flags else []
 
 
 @contextlib.contextmanager

@@ -126,7 +126,7 @@ def _shortage(goal: tuple[Goal, float], request: Request, report: SizeReport) ->
 
 def _excess(request: Request, report: SizeReport) -> Message:
     """Return how many elements the sizes require, more than allowed, and why."""
-    name, most = "max_elements", f"{request.max_elements:.6g}"
+    name, most = "max_elements", f"{request.max_elements:.0f}"
     needed = f"{count_text(report.n_elements)} elements"
     if report.n_elements <= (1.0 + tuning.CLOSE) * request.max_elements:
         name, most = "max_memory", str(request.options["max_memory"])

@@ -21,6 +21,7 @@ from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.separation import Separation
 from adaptsize.geometry.walls import WallTree
 from adaptsize.limiting.problem import Scheme
+from adaptsize.quality.elements import refuse_folded
 from adaptsize.sizes import size_from_curvature, size_from_feature
 from adaptsize.sizes.budget import nodal_measures
 from adaptsize.sizes.curvature import radius_at_curves
@@ -149,6 +150,8 @@ def mesh_domain(
         return SurfaceDomain.of(mesh, crease_angle)
     if background is not None and background.dim != mesh.dim:
         raise ValueError(f"background must be {mesh.dim}-D, got {background!r}")
+    if mesh.dim == mesh.cell_dim == 2:
+        refuse_folded(mesh)
     return MeshDomain(mesh, background)
 
 

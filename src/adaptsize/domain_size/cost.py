@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize._checks import as_number, as_whole_number, place_text
+from adaptsize._printed import Printed
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import NONE, SizeReport
 from adaptsize.domain_size.reports import report_of
@@ -24,7 +25,7 @@ class SmallPlace(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Cost:
+class Cost(Printed):
     """The predicted cost of a finite element method on a mesh, and what causes it."""
 
     degree: int

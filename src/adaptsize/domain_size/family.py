@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._calls import recorded
 from adaptsize._checks import as_float_array, as_number, refusal, refuse_where
 from adaptsize._defaults import TOLERANCE
 from adaptsize._size_function import SizeFunction
@@ -187,6 +188,7 @@ def mean_cell_size(mesh: SimplexMesh) -> float:
     return float((mesh.measures.sum() / mesh.n_cells) ** (1.0 / mesh.cell_dim))
 
 
+@recorded("mesh_family", "meshes.*", "sizes.*")
 @with_options(FamilyOptions)
 def mesh_family(
     mesh: SimplexMesh,

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._calls import recorded
 from adaptsize._checks import as_points, as_sizes, describe, one_of, warn_caller
 from adaptsize._messages import Message
 from adaptsize._progress import reporting, silent
@@ -54,6 +55,7 @@ SCHEMES: dict[str, type[Scheme]] = {
 }
 
 
+@recorded("limit_gradient")
 @with_info
 def limit_gradient(
     background: AnyMesh | CartesianGrid | Octree,

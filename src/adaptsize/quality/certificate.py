@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from adaptsize._checks import as_number, as_tolerance, length_text, place_text
+from adaptsize._printed import Printed
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import skin_of
 from adaptsize.background.simplex import as_mesh
@@ -94,7 +95,7 @@ class Requirement:
 
 
 @dataclass(frozen=True)
-class MeshCheck:
+class MeshCheck(Printed):
     """Which requirements a mesh meets.
 
     Attributes

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._calls import recorded
 from adaptsize._checks import as_float_array, as_sizes, as_slope
 from adaptsize._defaults import GRADIENT_LIMIT
 from adaptsize.background import AnyMesh, CartesianGrid, Octree, PartitionedMesh, SimplexMesh
@@ -20,6 +21,7 @@ from adaptsize.sizes.sources import KNOWN, SizeOfPoint, Source, SourcesLike, as_
 from adaptsize.typing import FloatArray
 
 
+@recorded("size_from_sources")
 def size_from_sources(
     background: AnyMesh | CartesianGrid | Octree,
     sources: SourcesLike,

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._calls import recorded
 from adaptsize._checks import describe
 from adaptsize._defaults import CREASE_ANGLE, GRADIENT_LIMIT
 from adaptsize.background import (
@@ -43,6 +44,7 @@ CHORDS = 6.0
 LONGEST_CHORDS = 8.0
 
 
+@recorded("size_from_curvature")
 @with_options(CurvatureOptions)
 def size_from_curvature(
     background: AnyMesh | CartesianGrid | Octree,

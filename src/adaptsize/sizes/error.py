@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._calls import recorded
 from adaptsize._checks import as_number, as_values, refuse_where
 from adaptsize.background import AnyMesh, PartitionedMesh
 from adaptsize.background.simplex import as_mesh
@@ -30,6 +31,7 @@ from adaptsize.typing import FloatArray, Unpack
 Finish = Callable[[FloatArray], FloatArray]
 
 
+@recorded("size_from_error")
 @with_options(ErrorOptions)
 def size_from_error(
     mesh: AnyMesh, indicator: npt.ArrayLike, *, order: float, **options: Unpack[ErrorOptions]
@@ -213,6 +215,7 @@ class _Ratios:
         return scale_to(wanted, float, unlimited, 1.0, d, bounds=self.bounds)
 
 
+@recorded("size_from_hessian")
 @with_options(HessianOptions)
 def size_from_hessian(
     mesh: AnyMesh, values: npt.ArrayLike, **options: Unpack[HessianOptions]

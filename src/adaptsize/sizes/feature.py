@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._calls import recorded
 from adaptsize._checks import describe
 from adaptsize._defaults import CORNER_ANGLE, CREASE_ANGLE
 from adaptsize._progress import reporting
@@ -31,6 +32,7 @@ from adaptsize.sizes.touched import nodes_beside
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback, Unpack
 
 
+@recorded("size_from_feature")
 @with_options(FeatureOptions)
 def size_from_feature(
     background: AnyMesh | CartesianGrid | Octree,

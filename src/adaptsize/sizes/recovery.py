@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._calls import recorded
 from adaptsize._checks import as_float_array, as_values
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.interfaces import divided_by_region
@@ -145,6 +146,7 @@ def recovered_hessian(mesh: AnyMesh, values: npt.ArrayLike) -> FloatArray:
     return second_derivatives(mesh, mesh.ranks.agree(lambda: as_nodal_field(values, mesh)))
 
 
+@recorded("zz_indicator")
 def zz_indicator(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
     r"""Return the Zienkiewicz-Zhu error indicator of a linear finite element solution.
 

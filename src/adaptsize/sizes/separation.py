@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from adaptsize._calls import recorded
 from adaptsize._checks import as_angle, as_number
 from adaptsize._defaults import CORNER_ANGLE, CREASE_ANGLE, TOLERANCE
 from adaptsize._progress import reporting
@@ -17,6 +18,7 @@ from adaptsize.sizes.feature import own_boundary
 from adaptsize.typing import FloatArray, ProgressCallback
 
 
+@recorded("size_from_separation")
 def size_from_separation(
     background: SimplexMesh,
     *,

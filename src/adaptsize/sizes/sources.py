@@ -41,7 +41,8 @@ def _about_sources(check: Callable[[_S, int], _R]) -> Callable[[_S, int], _R]:
         try:
             return check(source, dim)
         except ValueError as error:
-            raise OptionError(str(error), ["sources"]) from error
+            text = f"{source!r:.99}: {error}"
+            raise OptionError(text, ["sources"]) from error
 
     return checked
 
