@@ -32,7 +32,8 @@ def test_wrong_usage_exits_2_and_says_so_on_stderr(capsys, arguments):
     assert call(*arguments) == 2
     printed = capsys.readouterr()
     assert printed.out == ""
-    assert "Error:" in printed.err
+    assert printed.err.startswith("adaptsize: error: ")
+    assert printed.err.count("\n") == 1
 
 
 def test_debug_adds_the_traceback(capsys):

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from adaptsize import PointSource, mesh_image, size_function
 from adaptsize.background import Image
-from adaptsize.errors import InputWarning, ResolutionWarning, TooManyElementsError
+from adaptsize.errors import InputWarning, TooManyElementsError
 
 SHAPE = (100, 80)
 
@@ -211,10 +211,7 @@ def test_bad_input_is_one_clear_line(image, options, message):
 
 
 def test_too_many_elements_are_refused():
-    with (
-        pytest.warns(ResolutionWarning, match="max_elements"),
-        pytest.raises(TooManyElementsError),
-    ):
+    with pytest.raises(TooManyElementsError, match="max_elements"):
         mesh_image(disc(9.0), hmin=1e-3, hmax=1e-3)
 
 
