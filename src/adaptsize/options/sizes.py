@@ -110,7 +110,7 @@ class LargestOptions(TypedDict, total=False):
     """Number of elements.
 
     max_elements
-        Largest number: parameters not given are relaxed to it, and more are refused.
+        Largest number; parameters not given are relaxed to it.
     """
 
     max_elements: Annotated[
