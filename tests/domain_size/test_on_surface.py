@@ -79,7 +79,7 @@ def test_every_kind_of_domain_keeps_to_the_number_of_elements(kind):
         TooManyElementsError,
         match=r"max_elements = 10: hmax controls \d+% of the elements, given parameters: hmax;",
     ):
-        size_function(domain, **options, hmax=1e-2, max_elements=10.0)
+        size_function(domain, **options, hmax=0.05, max_elements=10.0)
 
 
 def test_sources_and_bounds_are_heeded_and_hmin_is_not_undercut():
@@ -109,7 +109,7 @@ def test_sizes_on_a_surface_grow_into_what_it_encloses():
 
 def test_sizes_on_round_surfaces_allow_the_tolerance():
     radius = 10.0
-    mesh = cylinder(60, radius, 20.0)
+    mesh = cylinder(60, radius, 5.0)
     options = {"elements_across": 0, "hmax": 20.0, "g": 9.0}
     for tolerance in (1e-4, 1e-3):
         size = size_function(mesh, tolerance=tolerance, **options)

