@@ -62,6 +62,19 @@ def test_tables_with_much_text_are_lists_on_narrow_pages(monkeypatch):
     assert stacked == ["options"]
 
 
+def test_empty_cells_have_no_line_in_lists(monkeypatch):
+    pytest.importorskip("sphinx")
+    from docutils import nodes
+
+    monkeypatch.syspath_prepend(DOCS / "_ext")
+    unbroken = importlib.import_module("unbroken")
+    cells = [nodes.entry("", nodes.paragraph("", text)) for text in ("name", "", "7", "words")]
+    body = nodes.tbody("", nodes.row("", *cells))
+    document = nodes.document(None, None, "", nodes.table("", nodes.tgroup("", body, cols=4)))
+    unbroken.keep_together(None, document)
+    assert ["empty" in cell["classes"] for cell in cells] == [False, True, False, False]
+
+
 def test_no_line_of_a_page_becomes_a_list_by_its_first_sign():
     """Such as "+ 1" after a line break in a formula without marks."""
     for page in DOCS.rglob("*.md"):

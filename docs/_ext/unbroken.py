@@ -38,6 +38,8 @@ def keep_together(app: Sphinx, doctree: nodes.document) -> None:
             literal["classes"].append("option")
     for entry in doctree.findall(nodes.entry):
         text = entry.astext()
+        if not text.strip():
+            entry["classes"].append("empty")
         if not LETTER.search(text):
             entry["classes"].append("number")
         elif len(text) > LONG_TEXT:
