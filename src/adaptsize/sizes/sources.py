@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import wraps
 from typing import Any, Protocol, TypeAlias, TypeVar, runtime_checkable
 
@@ -89,14 +89,14 @@ class _Rows:
 
     def __repr__(self) -> str:
         """Return the call that makes it, with the shapes of long arrays."""
-        given = (f"{field.name}={_short(getattr(self, field.name))}" for field in fields(self))  # type: ignore[arg-type]
+        given = (f"{name}={_short(value)}" for name, value in vars(self).items())
         return f"{type(self).__name__}({', '.join(given)})"
 
 
-def _short(value: object) -> str:
+def _short(value: Any) -> str:
     """Return a value, or the shape of an array whose text is long."""
     text = repr(value)
-    return text if len(text) <= LONGEST_TEXT else f"<array of shape {np.shape(value)}>"  # type: ignore[arg-type]
+    return text if len(text) <= LONGEST_TEXT else f"<array of shape {np.shape(value)}>"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
