@@ -54,12 +54,27 @@ def test_tables_with_much_text_are_lists_on_narrow_pages(monkeypatch):
         "options": table(words, words),
         "two columns": table("name|what this option does in one sentence, and in another one"),
         "numbers": table("mesh|1 000 000 000 000|2 000 000 000 000 000 000 000 000 000 000 000"),
-        "five columns": table("|".join([words, words])),
+        "five columns": table("name|" + "|".join(["some more words"] * 4)),
+        "five columns of text": table("name|" + "|".join(["what this option does"] * 4)),
+        "seven columns": table("|".join(["a column of many words"] * 7)),
     }
     document = nodes.document(None, None, "", *found.values())
     unbroken.keep_together(None, document)
     stacked = [name for name, one in found.items() if "stacked" in one["classes"]]
-    assert stacked == ["options"]
+    assert stacked == ["options", "five columns of text"]
+
+
+def test_empty_cells_have_no_line_in_lists(monkeypatch):
+    pytest.importorskip("sphinx")
+    from docutils import nodes
+
+    monkeypatch.syspath_prepend(DOCS / "_ext")
+    unbroken = importlib.import_module("unbroken")
+    cells = [nodes.entry("", nodes.paragraph("", text)) for text in ("name", "", "7", "words")]
+    body = nodes.tbody("", nodes.row("", *cells))
+    document = nodes.document(None, None, "", nodes.table("", nodes.tgroup("", body, cols=4)))
+    unbroken.keep_together(None, document)
+    assert ["empty" in cell["classes"] for cell in cells] == [False, True, False, False]
 
 
 def test_no_line_of_a_page_becomes_a_list_by_its_first_sign():

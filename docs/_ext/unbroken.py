@@ -1,11 +1,12 @@
 """What stays on one line: numbers such as "10 000" and "7 %", and options such as ``--strict``.
 
-And which tables are lists on narrow pages: those of three or four columns with much text.
+And which tables are lists on narrow pages: those of three to six columns with much text.
 """
 
 from __future__ import annotations
 
 import re
+from math import inf
 from statistics import median
 from typing import Any
 
@@ -21,8 +22,7 @@ LONGEST_OPTION = 24
 #: A cell with more characters gets room for several words in a line.
 LONG_TEXT = 25
 #: Tables of so many columns are lists on narrow pages if half of the rows have more characters.
-STACKED = (3, 4)
-LONG_ROW = 40
+STACKED = {3: 40, 4: 40, 5: 85, 6: 85}
 
 
 def keep_together(app: Sphinx, doctree: nodes.document) -> None:
@@ -38,13 +38,15 @@ def keep_together(app: Sphinx, doctree: nodes.document) -> None:
             literal["classes"].append("option")
     for entry in doctree.findall(nodes.entry):
         text = entry.astext()
+        if not text.strip():
+            entry["classes"].append("empty")
         if not LETTER.search(text):
             entry["classes"].append("number")
         elif len(text) > LONG_TEXT:
             entry["classes"].append("words")
     for group in doctree.findall(nodes.tgroup):
         rows = [row for body in group.findall(nodes.tbody) for row in body.findall(nodes.row)]
-        if len(rows[0]) in STACKED and median(map(_length, rows)) > LONG_ROW:
+        if median(map(_length, rows)) > STACKED.get(len(rows[0]), inf):
             group.parent["classes"].append("stacked")
 
 

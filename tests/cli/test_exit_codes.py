@@ -56,7 +56,7 @@ USAGE = {
     "size plane.vtu -o o.vtu --source cone:1=2": "--source must be one of point:x,y,z=h",
     "size plane.vtu -o o.vtu --source point:0,0=-1": "--source point:0,0=-1: size must be pos",
     "size plane.vtu -o o.vtu --source point:0,0,0=1": "points of a source must have shape (n, 2)",
-    "size plane.vtu -o o.vtu --source region:7=1": "tags must be among the cell_tags 1, 2, got 7",
+    "size plane.vtu -o o.vtu --source region:7=1": "--source: tags must be among the cell_tags 1",
     "size plane.vtu -o o.vtu --source ball:0,0,0,1=1": "centre must have shape (2,), got (3,)",
     "size plane.vtu -o o.vtu --source box:0,0,0,1,1,1=1": "lower must have shape (2,), got (3,)",
     "size plane.vtu -o o.vtu --source region:hub=1": "among the cell_tags region 1, region 2, got",

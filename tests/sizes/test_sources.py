@@ -134,8 +134,8 @@ def test_never_below_what_a_source_asks_for_and_never_lost(seed, g):
 
 def test_bad_arguments_are_named():
     cases = [
-        (RegionSource(3, 0.1), "tags must be among the cell_tags 1, 5, got 3"),
-        (BoundarySource(0.1, [7, 4]), "tags must be among the facet_tags 7, 8, 9, got 4"),
+        (RegionSource(3, 0.1), "sources: tags must be among the cell_tags 1, 5, got 3"),
+        (BoundarySource(0.1, [7, 4]), "sources: tags must be among the facet_tags 7, 8, 9, got 4"),
         (PointSource([[0.5, 0.5]], [0.1, 0.2]), r"size must have shape \(1,\)"),
         (CurveSource([[0.5, 0.5]], 0.1), "curve must have at least 2 points"),
         (CurveSource(SQUARE, 0.1), "curve must consist of segments in 2-D"),
@@ -150,6 +150,14 @@ def test_bad_arguments_are_named():
     untagged = SimplexMesh(SQUARE.points, SQUARE.cells)
     with pytest.raises(ValueError, match="tags must be region tags of the mesh, which has none"):
         size_from_sources(untagged, RegionSource(1, 0.1))
+
+
+def test_the_text_of_a_source_does_not_list_its_points():
+    assert repr(PointSource([0.0, 1.0], 0.1)) == "PointSource(points=[0.0, 1.0], size=0.1)"
+    many = np.random.default_rng(3).random((500, 2))
+    shown = "<array of shape (500, 2)>"
+    assert repr(PointSource(many, 0.1)) == f"PointSource(points={shown}, size=0.1)"
+    assert repr(CurveSource(many.tolist(), 0.1)) == f"CurveSource(curve={shown}, size=0.1)"
 
 
 def test_sizes_scale_with_the_mesh():

@@ -234,7 +234,7 @@ class Cap:
     def said_of(self, mesh: SimplexMesh) -> Message:
         """Return what a mesh has, and the number that it exceeds."""
         if self.elements is not None and mesh.n_cells / self.elements >= self.load(mesh):
-            text = "{} elements, more than {max_elements} = {:.6g}"
+            text = "{} elements, more than {max_elements} = {:.0f}"
             return Message(text, mesh.n_cells, self.elements)
         need = f"{memory_on(mesh, *self.system) / 1e9:.2g} GB for the matrix"
         return Message("{}, more than {max_memory} = {}", need, self.memory)

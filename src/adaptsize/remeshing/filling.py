@@ -176,7 +176,7 @@ def number_note(inner: MeshingProblem, n_cells: float, max_elements: float) -> s
         return ""
     text = f"about {found:.3g} elements instead of the predicted {n_cells:.3g}: {FILLS_MORE}"
     if found > max_elements:
-        advice = "{}, or raise {max_elements} = {:.3g}"
+        advice = "{}, or raise {max_elements} = {:.0f}"
         raise TooManyElementsError(Message(advice, text, max_elements))
     return text
 

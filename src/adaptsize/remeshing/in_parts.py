@@ -62,7 +62,7 @@ def _refuse_too_many(part: PartitionedMesh, sizes: FloatArray, most: float) -> N
     count = calibration("mmg", part.cell_dim) * count_elements(part, sizes)
     if count > most:
         text = (
-            "the sizes require about {:.3g} elements, more than {max_elements} = {:.3g}; increase "
+            "the sizes require about {:.3g} elements, more than {max_elements} = {:.0f}; increase "
             "the sizes or raise {max_elements}"
         )
         raise TooManyElementsError(Message(text, count, most))

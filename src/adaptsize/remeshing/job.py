@@ -313,7 +313,7 @@ def _refuse_too_many(n_cells: float, most: float) -> None:
     """Raise a TooManyElementsError if too many elements are predicted."""
     if n_cells > most:
         text = (
-            "the sizes require about {:.3g} elements, more than {max_elements} = {:.3g}; increase "
+            "the sizes require about {:.3g} elements, more than {max_elements} = {:.0f}; increase "
             "the sizes or raise {max_elements}"
         )
         raise TooManyElementsError(Message(text, n_cells, most))

@@ -29,6 +29,8 @@ from adaptsize.typing import FloatArray
 
 SizeOfPoint: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 _Mesh: TypeAlias = AnyMesh | CartesianGrid
+#: Longer arrays are shown by their shapes.
+LONGEST_TEXT = 200
 _S = TypeVar("_S")
 _R = TypeVar("_R")
 
@@ -82,8 +84,23 @@ def as_sources(value: Any) -> list[Source | SizeOfPoint]:
     return several
 
 
-@dataclass(frozen=True, eq=False)
-class PointSource(Source):
+class _Rows:
+    """A base of sources with a row for each of many points, which its text does not list."""
+
+    def __repr__(self) -> str:
+        """Return the call that makes it, with the shapes of long arrays."""
+        given = (f"{name}={_short(value)}" for name, value in vars(self).items())
+        return f"{type(self).__name__}({', '.join(given)})"
+
+
+def _short(value: Any) -> str:
+    """Return a value, or the shape of an array whose text is long."""
+    text = repr(value)
+    return text if len(text) <= LONGEST_TEXT else f"<array of shape {np.shape(value)}>"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PointSource(_Rows, Source):
     """Sizes at points, which need not be nodes.
 
     The nodes of the cell around a point x get at most ``size + g |x_i - x|``, those of all cells
@@ -123,8 +140,8 @@ class PointSource(Source):
         return points, _sizes_per_row(self.size, len(points))
 
 
-@dataclass(frozen=True, eq=False)
-class CurveSource(Source):
+@dataclass(frozen=True, eq=False, repr=False)
+class CurveSource(_Rows, Source):
     """Sizes along a curve, which need not follow edges of the mesh.
 
     The nodes of the cells that it passes through get at most ``size + g d`` with their

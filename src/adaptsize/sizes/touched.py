@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_plain_array
 from adaptsize._defaults import TOLERANCE
+from adaptsize._messages import Message
 from adaptsize.background import AnyBackground, AnyMesh, CartesianGrid, Octree, SimplexMesh
 from adaptsize.background.interpolation import places_of
 from adaptsize.background.migration import boundary_facets
@@ -78,7 +79,7 @@ def tagged_nodes(mesh: _Domain, kind: _Kind, tags: Tags) -> IntArray:
     """Return the nodes of cells or facets with some tags.  Refuse tags that do not occur."""
     if isinstance(mesh, CartesianGrid):
         text = f"tags need a SimplexMesh, a grid has none; got {mesh!r}"
-        raise OptionError(text, ["sources"])
+        raise OptionError(Message("{sources}: {}", text))
     local = local_mesh(mesh)
     if local is not None:
         kind = _kind_of(local, kind, tags)
@@ -137,7 +138,7 @@ def _occurring(present: Sequence[dict[int, str]], kind: _Kind, tags: Tags) -> np
     if not present:
         what = "region" if kind == "cell" else "facet"
         text = f"tags must be {what} tags of the mesh, which has none ({name} is None)"
-        raise OptionError(text, ["sources"])
+        raise OptionError(Message("{sources}: {}", text))
     names = {tag: title for part in present for tag, title in part.items()}
     wanted = []
     for given in _several(tags):
@@ -147,7 +148,7 @@ def _occurring(present: Sequence[dict[int, str]], kind: _Kind, tags: Tags) -> np
                 str(names[t] if isinstance(given, str) else t) for t in sorted(names)
             )
             text = f"tags must be among the {name} {listed}, got {given}"
-            raise OptionError(text, ["sources"])
+            raise OptionError(Message("{sources}: {}", text))
         wanted += own
     return np.array(wanted, np.int64)
 

@@ -96,7 +96,7 @@ def sample(domain: ImplicitDomain, rng: np.random.Generator, *, max_elements: fl
             elements = (expected + to_come) / limit * max_elements
             raise TooManyElementsError(
                 Message(
-                    "the sizes require at least {:.3g} elements, more than {max_elements} = {:.3g}"
+                    "the sizes require at least {:.3g} elements, more than {max_elements} = {:.0f}"
                     "; increase the sizes or raise {max_elements}",
                     *(elements, max_elements),
                 )
