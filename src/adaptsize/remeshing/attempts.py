@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -104,7 +105,7 @@ class Budget:
     Attributes
     ----------
     timeout : float or None
-        Seconds for all attempts together.  None: each attempt has its own limit only.
+        Seconds for all attempts together.  None: only each child has limits.
     clock : callable
     """
 
@@ -119,21 +120,19 @@ class Budget:
     def left(self) -> float:
         """Seconds that are left."""
         if self.timeout is None:
-            return float("inf")
+            return math.inf
         return self.start + self.timeout - self.clock()
 
-    def limits(self, attempt: Attempt, *, is_last: bool) -> tuple[float, float]:
-        """Return the limits of an attempt: elapsed seconds, and processor time of each child.
+    def limits(self, attempt: Attempt, *, is_last: bool) -> tuple[float, float, float]:
+        """Return the elapsed seconds of an attempt, and elapsed and processor time of each child.
 
-        An attempt gets no more than is useful, and leaves time to others.  The last one gets all
-        that is left of a time limit.
+        A child gets no more than is useful, and an attempt leaves time to others.  The last one
+        gets all that is left of a time limit.
         """
         if is_last and self.timeout is not None:
-            return self.left, float("inf")
-        useful = tuning.ELAPSED_OVER_PROCESSOR * attempt.seconds
-        return min(
-            useful, self.left if is_last else tuning.SHARE_OF_TIME * self.left
-        ), attempt.seconds
+            return self.left, math.inf, math.inf
+        whole = self.left if is_last else tuning.SHARE_OF_TIME * self.left
+        return whole, tuning.ELAPSED_OVER_PROCESSOR * attempt.seconds, attempt.seconds
 
 
 def best_of(
@@ -179,10 +178,10 @@ def best_of(
         _LOGGER.info("%s: %s", attempt, attempt.reason)
         began = budget.clock()
         is_last = not any(_is_useful(one, best, failed, strict=strict) for one in rest)
-        elapsed, processor = budget.limits(attempt, is_last=is_last)
+        whole, elapsed, processor = budget.limits(attempt, is_last=is_last)
         own = replace(
-            run, backend=attempt.backend, deadline=began + elapsed, seconds=processor,
-            timeout=budget.timeout if is_last and budget.timeout else elapsed,
+            run, backend=attempt.backend, deadline=began + whole, elapsed=elapsed,
+            seconds=processor, timeout=budget.timeout if is_last and budget.timeout else whole,
         )  # fmt: skip
         made, error = _made(attempt, solve, own)
         is_stopped = isinstance(error, BackendTimeoutError)
