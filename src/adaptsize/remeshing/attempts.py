@@ -59,6 +59,8 @@ class Best(NamedTuple):
     """None if the mesh was not compared, since nothing else would have been tried."""
     route: str
     note: str
+    alone: str | None = None
+    """The generator, if a single one has followed the sizes from the given mesh on."""
 
 
 @dataclass(frozen=True)
@@ -239,7 +241,8 @@ def _made(
         note = candidate.note
         if note and error is not None:
             note = f"{note}: {error}"
-        return Best(mesh, None, str(attempt), note), error
+        alone = attempt.backend if attempt.first is None and attempt.is_sized else None
+        return Best(mesh, None, str(attempt), note, alone), error
     return None, error or BackendError(f"{attempt} has made no mesh")
 
 
