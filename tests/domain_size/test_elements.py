@@ -90,7 +90,7 @@ class Generator:
     def __init__(self, ratio, power=1.0):
         self.ratio, self.power, self.wanted = ratio, power, []
         self.mesh, self.listener, self.messages = LINE, Listener(self._said), []
-        self.time = Stopwatch(None)
+        self.time, self.for_mesh = Stopwatch(None), {}
 
     def _said(self, text):
         self.messages.append(text)
