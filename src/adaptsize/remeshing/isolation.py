@@ -24,8 +24,8 @@ from typing import Any, NoReturn
 
 import numpy.typing as npt
 
+from adaptsize import _cores
 from adaptsize._children import how_it_ended, isolated, job_line, pipe_of, start, supervised
-from adaptsize._cores import crowding
 from adaptsize._progress import Stage
 from adaptsize.errors import BackendError, BackendTimeoutError
 from adaptsize.remeshing.protocol import Arrays, Program
@@ -68,7 +68,7 @@ class IsolatedRunner:
     report: Callable[[str, float | None], Any]
     seconds: float = math.inf
     elapsed: float = math.inf
-    crowding: Callable[[], float] = crowding
+    crowding: Callable[[], float] = _cores.crowding
 
     def __call__(
         self, job: Program | str, text: Stage, arrays: Arrays, options: Mapping[str, Any]
