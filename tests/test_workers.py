@@ -239,3 +239,12 @@ def test_threads_are_as_many_as_cores_unless_somebody_asked_for_more(monkeypatch
         assert Workers.of(None).threads == 64
     finally:
         _cores.cores.cache_clear()
+
+
+def test_processes_per_core_are_at_least_one_and_unknown_ones_none(monkeypatch):
+    monkeypatch.setattr(_cores, "cores", lambda: 2)
+    for waiting, expected in ((13.0, 6.5), (2.0, 1.0), (0.1, 1.0)):
+        monkeypatch.setattr(os, "getloadavg", lambda w=waiting: (w, 50.0, 50.0), raising=False)
+        assert _cores.crowding() == expected
+    monkeypatch.delattr(os, "getloadavg")
+    assert _cores.crowding() == 1.0

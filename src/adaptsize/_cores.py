@@ -1,4 +1,4 @@
-"""The number of cores that this process may use."""
+"""The number of cores that this process may use, and how many processes want them."""
 
 import math
 import os
@@ -17,6 +17,18 @@ def cores() -> int:
     allowed = len(affinity(0)) if affinity else os.cpu_count() or 1
     quota = _quota(Path("/proc/self/cgroup"), Path("/sys/fs/cgroup"))
     return allowed if quota >= allowed else max(1, math.ceil(quota))
+
+
+def crowding() -> float:
+    """Return how many processes compute or wait for each core, at least 1.
+
+    It is the mean of the last minute, and 1 where the system does not say.
+    """
+    try:
+        waiting = os.getloadavg()[0]
+    except (AttributeError, OSError):  # not on Windows
+        return 1.0
+    return max(1.0, waiting / cores())
 
 
 def _quota(groups: Path, mounted: Path) -> float:

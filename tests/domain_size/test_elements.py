@@ -147,6 +147,69 @@ def test_no_second_mesh_under_a_cap_where_the_boundary_is_far_away(away, meshes)
         assert "none is made for fewer, since the boundary is too far away" in str(made.excess)
 
 
+class FillingGenerator(Generator):
+    """Makes fewer cells in a curve than predicted, by some generator; then in some other ratio."""
+
+    def __init__(self, ratio, later, alone="tetwild"):
+        super().__init__(ratio)
+        self.mesh, self.alone, self.later = SimplexMesh([[0, 0], [1, 0]], [[0, 1]]), alone, later
+        self.asked = []
+
+    def sized(self):
+        return size_function(SQUARE, elements=1000)
+
+    def by(self, backend):
+        self.asked.append(backend)
+        return self
+
+    def nearest_sized(self, cap, ratio):
+        self.asked.append(ratio)
+        size, self.ratio = size_function(SQUARE, elements=cap.elements / ratio), self.later
+        return size
+
+    def meshed(self, size, old=None):
+        if self.ratio is None:
+            raise BackendError("it failed")
+        best = Best(LINE, Verdict(MeshCheck(()), 20.0, False), "", "", self.alone)
+        return super().meshed(size)._replace(attempts=Attempts((), best, is_cut_short=False))
+
+
+@pytest.mark.parametrize(
+    ("ratio", "later", "alone", "cap", "is_second"),
+    [
+        (0.55, 0.57, "tetwild", 1000.0, True),
+        (0.55, 0.66, "tetwild", 1000.0, False),  # it has too many
+        (0.55, 0.25, "tetwild", 1000.0, False),  # it has even fewer
+        (0.55, None, "tetwild", 1000.0, False),  # it fails
+        (0.88, None, "tetwild", 1000.0, None),  # near what was predicted
+        (0.55, None, None, 1000.0, None),  # Mmg's predictions are right
+        (0.55, None, "tetwild", 1300.0, None),  # fewer were requested
+    ],
+)
+def test_a_generator_that_leaves_much_of_a_cap_unused_makes_a_second_mesh(
+    ratio, later, alone, cap, is_second
+):
+    generator = FillingGenerator(ratio, later, alone)
+    made = within_cap(generator, Cap(cap))
+    factor = ratio if not is_second else later / ratio
+    assert made.mesh.n_cells == pytest.approx(1000 * factor, rel=0.06)
+    said = ["tetwild has made"] if is_second is not None else []
+    assert [str(text)[:16] for text in generator.messages] == said
+    assert generator.asked == (
+        [] if is_second is None else ["tetwild", pytest.approx(ratio, rel=0.06)]
+    )
+    generator = FillingGenerator(0.55, None)
+    generator.mesh = SQUARE  # cells of the same dimension: nothing is filled
+    within_cap(generator, Cap(1000.0))
+    assert generator.asked == []
+
+
+def test_the_second_mesh_is_by_the_generator_that_is_named():
+    maker = Maker.of(SQUARE, {"backend": "auto"}, Listener(), None, is_exact=False)
+    assert maker.by("tetwild").for_mesh == {**maker.for_mesh, "backend": "tetwild"}
+    assert maker.by("tetwild").time is maker.time
+
+
 def test_no_second_mesh_when_the_time_is_over():
     generator = CappedGenerator(1.3)
     generator.sized = lambda: size_function(SQUARE, elements=1000)

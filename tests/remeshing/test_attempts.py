@@ -58,10 +58,11 @@ class Fakes:
             first = False
 
     def solve(self, attempt, run):
-        self.limits[attempt.backend] = run.deadline - self.clock.now, run.seconds
+        deadline = min(run.deadline, self.clock.now + run.elapsed)
+        self.limits[attempt.backend] = deadline - self.clock.now, run.seconds
         seconds, *made = self.stories[attempt.backend]
-        if self.clock.now + seconds > run.deadline:
-            self.clock.now = run.deadline
+        if self.clock.now + seconds > deadline:
+            self.clock.now = deadline
             raise BackendTimeoutError(f"{attempt.backend} was stopped")
         self.clock.now += seconds
         for value in made:
@@ -174,6 +175,22 @@ def test_without_a_time_limit_each_attempt_gets_what_is_useful():
     fakes.run(timeout=1e5, seconds=20.0)
     assert fakes.limits["hang"] == (60.0, 20.0)
     assert fakes.limits["good"] == (pytest.approx(1e5 - 60.0), np.inf)
+
+
+def test_time_between_generators_takes_none_from_those_that_follow():
+    fakes, left = Fakes(good=(50.0, 0.5)), []
+
+    def solve(attempt, run):
+        fakes.clock.now += 1000.0  # kernels are compiled, on a busy machine
+        left.append(run.deadline - fakes.clock.now)
+        return fakes.solve(attempt, run)
+
+    run = IsolatedRunner("none", None, None, lambda *_: None)
+    attempts = list(fakes.plan(seconds=20.0))
+    assert statuses(best_of(attempts, solve, fakes.judge, Budget(None, fakes.clock), run)) == [
+        ("good", "made")
+    ]
+    assert left == [np.inf]
 
 
 def test_attempts_for_failures_only_are_left_out_once_there_is_a_mesh():
@@ -302,7 +319,7 @@ def test_of_a_crash_a_hang_a_bad_and_a_good_mesh_the_good_one_is_returned(fakes,
         for name in ("crash", "hang", "bad", "good", "never")
     ]
     judge = Judge(CUBE, None, lambda x: np.full(len(x), 0.55), 1e-3)
-    run = IsolatedRunner("none", None, None, lambda *_: None)
+    run = IsolatedRunner("none", None, None, lambda *_: None, crowding=lambda: 1.0)
     found = best_of(attempts, solve, judge, Budget(), run)
     assert found.best.mesh.n_cells == CUBE.n_cells
     assert statuses(found) == [

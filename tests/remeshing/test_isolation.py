@@ -14,6 +14,7 @@ from shapes import block
 
 from adaptsize.errors import BackendError, BackendTimeoutError
 from adaptsize.remeshing import register_backend, registry, remesh
+from adaptsize.remeshing.isolation import IsolatedRunner
 
 SUPPORT = Path(__file__).parents[1] / "support"
 
@@ -70,6 +71,20 @@ def test_what_a_generator_has_started_ends_with_it(fake, tmp_path, function, err
     assert time.monotonic() - started < 20.0
     assert len(pid_file.read_text().split()) == 2
     _assert_gone(pid_file)
+
+
+@posix_only
+def test_a_child_that_waits_is_stopped_later_on_a_busy_machine(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(SUPPORT))
+    busy, stopped = iter([3.0, 3.0, 3.0, 0.0]), []
+    run = IsolatedRunner(
+        "fake", None, None, lambda *_: None, seconds=7.0, elapsed=1e3,
+        crowding=lambda: stopped.append(next(busy)) or stopped[-1],
+    )  # fmt: skip
+    options = {"pid_file": str(tmp_path / "pids")}
+    with pytest.raises(BackendTimeoutError, match=r"fake was stopped .* less than 7 s of proc"):
+        run("misbehaving:hang", "faking", {}, options)
+    assert stopped == [3.0, 3.0, 3.0, 0.0]  # asked again and again
 
 
 def test_output_and_files_stay_in_the_child(fake, tmp_path, capfd):

@@ -325,6 +325,10 @@ class Maker:
         self.listener.show(size)
         return size
 
+    def by(self, backend: str) -> Maker:
+        """Return what makes meshes by one generator only, within the same time."""
+        return replace(self, for_mesh={**self.for_mesh, "backend": backend})
+
     def meshed(self, size: SizeFunction, old: SimplexMesh | None = None) -> MadeMesh:
         """Return a mesh of given sizes, from the mesh of the domain or from another one."""
         # A cap is kept unless given parameters forbid it; a requested number is not capped.
@@ -357,10 +361,18 @@ def within_cap(maker: Maker, cap: Cap) -> MadeMesh:
     If the first has more, a second mesh is made for fewer, where the boundary allows; of both, the
     one with fewer elements is returned.  None is made if the time is over, or if the boundary of
     the first is far away: coarser sizes bring it no nearer.
+
+    If the first has much fewer than were predicted within the cap, since a generator has filled a
+    surface in its own way, that makes a second one for more.
     """
     made = maker.meshed(maker.sized())
-    if cap.load(made.mesh) <= tuning.OVER_CAP:
-        return made
+    if cap.load(made.mesh) > tuning.OVER_CAP:
+        return _for_fewer(maker, cap, made)
+    return _for_more(maker, cap, made)
+
+
+def _for_fewer(maker: Maker, cap: Cap, made: MadeMesh) -> MadeMesh:
+    """Return a mesh with fewer elements than one that exceeds a cap, or that with the reason."""
     count, predicted = made.mesh.n_cells, report_of(made.size).n_elements
     first = Message("the mesh has {}", cap.said_of(made.mesh))
     if made.is_off or made.is_cut_short or not (maker.time.left is None or maker.time.left > 0.0):
@@ -382,6 +394,30 @@ def within_cap(maker: Maker, cap: Cap) -> MadeMesh:
     text = "{}, and for fewer {} elements: {}"
     excess = Message(text, first, second.mesh.n_cells, what_controls(report_of(size)))
     return min(made, second, key=lambda one: cap.load(one.mesh))._replace(excess=excess)
+
+
+def _for_more(maker: Maker, cap: Cap, made: MadeMesh) -> MadeMesh:
+    """Return a mesh with more elements than one that leaves much of a cap unused, if it does.
+
+    Predictions are those of Mmg.  In walls thinner than the sizes, fTetWild makes fewer cells.
+    """
+    count, predicted = made.mesh.n_cells, report_of(made.size).n_elements
+    ratio, fills = count / predicted, made.mesh.cell_dim > maker.mesh.cell_dim
+    is_bound = cap.load(made.mesh) > (1.0 - tuning.NEAR) * ratio  # sizes were relaxed to the cap
+    name = None if made.attempts is None or made.attempts.best is None else made.attempts.best.alone
+    is_over = made.is_cut_short or not (maker.time.left is None or maker.time.left > 0.0)
+    if name is None or is_over or not fills or not is_bound or ratio > tuning.UNDER_CAP:
+        return made
+    text = "{} has made {} elements, where {:.0f} were predicted"
+    maker.listener.say(Message(text, name, count, predicted))
+    try:
+        with warnings.catch_warnings(record=True):  # of a mesh that is not written
+            second = maker.by(name).meshed(maker.nearest_sized(cap, ratio))
+    except BackendError:
+        return made
+    is_worse = second.is_cut_short or (second.is_off and not made.is_off)
+    is_nearer = count < second.mesh.n_cells and cap.load(second.mesh) <= tuning.OVER_CAP
+    return second if is_nearer and not is_worse else made
 
 
 def reach_number(maker: Maker, goal: tuple[Goal, float], system: tuple[int, int]) -> MadeMesh:

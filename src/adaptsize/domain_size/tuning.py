@@ -47,6 +47,8 @@ UNUSED = 0.05
 LARGEST_DETAIL = 0.1
 #: Elements of a mesh over the largest number allowed, up to which it is accepted (decision 39).
 OVER_CAP = 1.1
+#: Elements of a mesh over the predicted number, below which a second one is made for a cap.
+UNDER_CAP = 0.85
 #: Nodes that sources may add to a mesh, and their share of the elements allowed.  Before a mesh
 #: generator adapts it, a resolved mesh has a quarter to an eighth of the nodes of the new one.
 MOST_NODES_OF_SOURCES, SHARE_OF_NODES = 400_000, 0.25

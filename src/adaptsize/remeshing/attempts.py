@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -58,6 +59,8 @@ class Best(NamedTuple):
     """None if the mesh was not compared, since nothing else would have been tried."""
     route: str
     note: str
+    alone: str | None = None
+    """The generator, if a single one has followed the sizes from the given mesh on."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,7 @@ class Budget:
     Attributes
     ----------
     timeout : float or None
-        Seconds for all attempts together.  None: each attempt has its own limit only.
+        Seconds for all attempts together.  None: only each child has limits.
     clock : callable
     """
 
@@ -119,21 +122,19 @@ class Budget:
     def left(self) -> float:
         """Seconds that are left."""
         if self.timeout is None:
-            return float("inf")
+            return math.inf
         return self.start + self.timeout - self.clock()
 
-    def limits(self, attempt: Attempt, *, is_last: bool) -> tuple[float, float]:
-        """Return the limits of an attempt: elapsed seconds, and processor time of each child.
+    def limits(self, attempt: Attempt, *, is_last: bool) -> tuple[float, float, float]:
+        """Return the elapsed seconds of an attempt, and elapsed and processor time of each child.
 
-        An attempt gets no more than is useful, and leaves time to others.  The last one gets all
-        that is left of a time limit.
+        A child gets no more than is useful, and an attempt leaves time to others.  The last one
+        gets all that is left of a time limit.
         """
         if is_last and self.timeout is not None:
-            return self.left, float("inf")
-        useful = tuning.ELAPSED_OVER_PROCESSOR * attempt.seconds
-        return min(
-            useful, self.left if is_last else tuning.SHARE_OF_TIME * self.left
-        ), attempt.seconds
+            return self.left, math.inf, math.inf
+        whole = self.left if is_last else tuning.SHARE_OF_TIME * self.left
+        return whole, tuning.ELAPSED_OVER_PROCESSOR * attempt.seconds, attempt.seconds
 
 
 def best_of(
@@ -179,10 +180,10 @@ def best_of(
         _LOGGER.info("%s: %s", attempt, attempt.reason)
         began = budget.clock()
         is_last = not any(_is_useful(one, best, failed, strict=strict) for one in rest)
-        elapsed, processor = budget.limits(attempt, is_last=is_last)
+        whole, elapsed, processor = budget.limits(attempt, is_last=is_last)
         own = replace(
-            run, backend=attempt.backend, deadline=began + elapsed, seconds=processor,
-            timeout=budget.timeout if is_last and budget.timeout else elapsed,
+            run, backend=attempt.backend, deadline=began + whole, elapsed=elapsed,
+            seconds=processor, timeout=budget.timeout if is_last and budget.timeout else whole,
         )  # fmt: skip
         made, error = _made(attempt, solve, own)
         is_stopped = isinstance(error, BackendTimeoutError)
@@ -240,7 +241,8 @@ def _made(
         note = candidate.note
         if note and error is not None:
             note = f"{note}: {error}"
-        return Best(mesh, None, str(attempt), note), error
+        alone = attempt.backend if attempt.first is None and attempt.is_sized else None
+        return Best(mesh, None, str(attempt), note, alone), error
     return None, error or BackendError(f"{attempt} has made no mesh")
 
 

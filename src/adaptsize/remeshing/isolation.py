@@ -24,6 +24,7 @@ from typing import Any, NoReturn
 
 import numpy.typing as npt
 
+from adaptsize import _cores
 from adaptsize._children import how_it_ended, isolated, job_line, pipe_of, start, supervised
 from adaptsize._progress import Stage
 from adaptsize.errors import BackendError, BackendTimeoutError
@@ -54,6 +55,11 @@ class IsolatedRunner:
         in it stops the child.
     seconds : float
         Limit of processor time of each child, where the system has one.
+    elapsed : float
+        Limit of elapsed time of each child on a machine of its own.  It stops those that wait for
+        something, or for which the system has no limit of processor time.
+    crowding : callable
+        Returns how many processes compete for a core, at least 1: the factor of ``elapsed``.
     """
 
     backend: str
@@ -61,6 +67,8 @@ class IsolatedRunner:
     deadline: float | None
     report: Callable[[str, float | None], Any]
     seconds: float = math.inf
+    elapsed: float = math.inf
+    crowding: Callable[[], float] = _cores.crowding
 
     def __call__(
         self, job: Program | str, text: Stage, arrays: Arrays, options: Mapping[str, Any]
@@ -74,7 +82,7 @@ class IsolatedRunner:
         BackendError
             If the child fails, with its last lines.
         BackendTimeoutError
-            If it was stopped at the deadline.
+            If it was stopped at the deadline, or at a limit of its own.
         """
         options = {**options, "verbose": _LOGGER.isEnabledFor(logging.DEBUG)}
         program = _function(job) if isinstance(job, str) else job
@@ -106,14 +114,21 @@ class IsolatedRunner:
             return code
 
     def _wait(self, child: subprocess.Popen[bytes], log: Path, text: Stage) -> None:
+        began = time.monotonic()
         while True:
             self.report(text, None)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 child.wait(0.1)
                 return
-            if self.deadline is not None and time.monotonic() > self.deadline:
+            now = time.monotonic()
+            if self.deadline is not None and now > self.deadline:
                 raise BackendTimeoutError(
                     f"{self.backend} was stopped after the time limit of {self.timeout:.3g} s"
+                )
+            if now - began > self.elapsed * self.crowding():
+                raise BackendTimeoutError(
+                    f"{self.backend} was stopped after {now - began:.3g} s; it usually needs less "
+                    f"than {self.seconds:.3g} s of processor time"
                 )
             if log.stat().st_size > 50_000_000:
                 raise BackendError(f"{self.backend} was stopped: it printed too much")

@@ -279,8 +279,9 @@ OTHER_MEASURE = 0.25
 
 # Attempts and their limits ------------------------------------------------------------------------
 
-#: Elapsed time of an attempt over its processor time at most.  The latter limits attempts where the
-#: system can do that, so that a busy machine makes the same mesh.
+#: Elapsed time of a generator over its processor time at most, times the processes that compete for
+#: each core.  The latter limits generators where the system can do that, so that a busy machine
+#: makes the same mesh: with 13 processes on two cores, a sheet and a lattice had lost theirs.
 ELAPSED_OVER_PROCESSOR = 3.0
 #: Share of the time left that an attempt gets while others may follow.
 SHARE_OF_TIME = 2.0 / 3.0
