@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
-from adaptsize import SimplexMesh
+from adaptsize import SimplexMesh, limit_gradient
 from adaptsize.limiting.gradient_limit import SizeTransform, factors_of, in_space
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
@@ -61,6 +61,27 @@ def test_numbers_give_a_slope_for_all_cells_or_one_for_each(g, values):
     assert_allclose(slope.values, values, rtol=1e-15)
     assert slope.varies == (len(values) > 1)
     assert of_size is None
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("is_closed", [True, False])
+def test_an_array_is_of_the_nodes_of_closed_polylines_and_may_be_of_the_cells_of_others(
+    dim, is_closed
+):
+    n, rng = 9, np.random.default_rng(2731)
+    points, first = rng.random((n, dim)), np.arange(n if is_closed else n - 1)
+    mesh = SimplexMesh(points, np.column_stack([first, (first + 1) % n]))
+    h0, g = np.full(n, np.inf), rng.uniform(0.1, 1.0, mesh.n_cells)
+    h0[3] = 0.2
+    in_cells = 0.5 * (g + np.roll(g, -1)) if is_closed else g
+    rise = in_cells * np.linalg.norm(points[mesh.cells[:, 1]] - points[mesh.cells[:, 0]], axis=1)
+    forth = [rise[np.arange(3, 3 + (i - 3) % n) % n].sum() if is_closed or i >= 3 else np.inf
+             for i in range(n)]  # fmt: skip
+    back = [rise[np.arange(i, i + (3 - i) % n) % n].sum() if is_closed or i <= 3 else np.inf
+            for i in range(n)]  # fmt: skip
+    for method in ("auto", "edge-based", "positive-coefficient"):
+        h = limit_gradient(mesh, h0, g, method=method)
+        assert_allclose(h, 0.2 + np.minimum(forth, back), rtol=1e-12)
 
 
 def test_functions_and_products_give_slope_and_transform():

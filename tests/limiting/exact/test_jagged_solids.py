@@ -129,6 +129,22 @@ def test_paths_propagated_are_never_too_small_and_nearly_shortest(monkeypatch):
     assert above.max() < 0.15
 
 
+def test_paths_propagated_around_one_straight_edge_are_those_by_search(monkeypatch):
+    mesh = solid_of_cubes(lambda m: (m[:, 0] < 1) | (m[:, 1] < 1), (3, 3, 1), 2741)
+    start = np.flatnonzero((mesh.points == [0.0, 3.0, 0.0]).all(axis=1))
+    h0 = np.full(mesh.n_points, np.inf)
+    h0[start] = 0.1
+    every = []
+    for dear, method in ((1e9, "exact"), (-1, "exact (propagated)")):
+        monkeypatch.setattr(paths_in_space, "_DEAR", dear)
+        h, info = limit_gradient.with_info(mesh, h0, G)
+        assert info.method == method
+        assert (info.sources.roots() == start).all()
+        every.append(h)
+    assert np.count_nonzero(every[0] > 0.1 + G * 3.2) > 2, "nodes behind the edge"
+    assert_allclose(every[1], every[0], rtol=1e-12)
+
+
 @pytest.mark.parametrize("node", [46, 69, 138])
 def test_paths_propagated_over_several_edges_bend_between_nodes(node, monkeypatch):
     mesh = _comb()

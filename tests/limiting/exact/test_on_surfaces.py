@@ -602,7 +602,7 @@ def test_beyond_a_number_of_windows_sizes_are_of_paths_and_the_certificate_holds
 @pytest.mark.parametrize("with_another", [False, True])
 def test_narrow_windows_are_dropped_early_where_too_many_are_forecast(with_another, monkeypatch):
     sphere = random_sphere(1500, 2673)
-    aside = moved(random_sphere(200, 2674), (5.0, 0.0, 0.0))  # without bounds
+    aside = moved(random_sphere(1000, 2674), (5.0, 0.0, 0.0))  # without bounds
     mesh = joined(sphere, aside) if with_another else sphere
     h0, found, fronts = only_at(mesh, [3], 0.02), [], []
     forecast, propagate = on_surface._forecast, on_surface._propagate
@@ -620,6 +620,7 @@ def test_narrow_windows_are_dropped_early_where_too_many_are_forecast(with_anoth
     monkeypatch.setattr(tuning, "LEAST_WINDOWS", 0)
     monkeypatch.setattr(tuning, "WINDOWS_PER_NODE", 10_000)
     monkeypatch.setattr(tuning, "FORECASTS", (8, 20))
+    monkeypatch.setattr(tuning, "DROPPING", 0)
     _, info = limit_gradient.with_info(mesh, h0, G)
     total = fronts[-1][0].tally[surface_windows.DONE]
     assert info.n_proved == mesh.n_points
@@ -629,6 +630,10 @@ def test_narrow_windows_are_dropped_early_where_too_many_are_forecast(with_anoth
     early = limit_gradient.with_info(mesh, h0, G)[1].n_proved
     monkeypatch.setattr(tuning, "WINDOWS_PER_NODE", 8)
     assert limit_gradient.with_info(mesh, h0, G)[1].n_proved == early < mesh.n_points
+    # Where few are left by the forecast, they are not dropped before the limit.
+    monkeypatch.setattr(tuning, "WINDOWS_PER_NODE", int(0.9 * min(found) / mesh.n_points))
+    monkeypatch.setattr(tuning, "DROPPING", max(found) / mesh.n_points)
+    assert limit_gradient.with_info(mesh, h0, G)[1].n_proved > early
 
 
 def test_windows_leave_the_queue_in_the_order_of_their_sizes():

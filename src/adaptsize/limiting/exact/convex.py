@@ -143,7 +143,9 @@ def limit_points(
         margin = margin_for(float(bounds.min()), g, float(np.linalg.norm(np.ptp(points, axis=0))))
     nodes = np.flatnonzero(np.isfinite(bounds)).astype(np.int32)
     entries = node_entries(points[nodes], bounds[nodes], nodes)
-    field = field_of_nodes(entries, g, margin, workers, radius)
+    # Sizes inside of surfaces need the code for edges and faces, too: it is not compiled twice.
+    linear = radius is None and points.shape[1] == 3
+    field = field_of_nodes(entries, g, margin, workers, radius, linear=linear)
     wanted = Points(points[:n], along_curve(points[:n]))
     h, source = field.lowered(wanted, bounds[:n], workers)
     return ComponentSolution(h, source, field)

@@ -258,10 +258,16 @@ class ComponentSolution:
 
 
 def field_of_nodes(
-    entries: Entries, g: float, margin: float, workers: Workers, radius: float | None = None
+    entries: Entries,
+    g: float,
+    margin: float,
+    workers: Workers,
+    radius: float | None = None,
+    *,
+    linear: bool = False,
 ) -> ExactField:
     """Return the field of the nodes that keep their bounds in a convex domain or on a sphere."""
-    field = ExactField(g, None, False, [entries], radius)
+    field = ExactField(g, None, linear, [entries], radius)
     field.keep_survivors(margin, workers)
     return field
 

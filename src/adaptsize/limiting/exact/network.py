@@ -114,7 +114,7 @@ class Network:
         peak = np.clip(0.5 * (low + high) + 0.5 * (h[:, 1] - h[:, 0]) / self.g, low, high)
         ceiling = np.minimum(h[:, 0] + self.g * (peak - low), h[:, 1] + self.g * (high - peak))
         places = read_only(edges.start[pieces.edge] + peak[:, None] * edges.along[pieces.edge])
-        order = np.arange(len(places), dtype=np.int32)
+        order = read_only(np.arange(len(places), dtype=np.int32))
         given = (places, order, ceiling * (1.0 - EQUAL), pieces.edge)
         tested = (paths, self.choice(fresh), self.g)
         room = 16 * len(fresh) + 16 * len(places)

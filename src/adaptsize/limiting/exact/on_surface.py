@@ -403,7 +403,8 @@ def _propagate_exactly(
     for per_node in (*(w for w in tuning.FORECASTS if w < limit), limit):
         most = max(per_node * n, tuning.LEAST_WINDOWS)
         front, spent = _propagate(surface, front, mode, room, most, report)
-        if not spent or _forecast(surface, front) > max(limit * n, tuning.LEAST_WINDOWS):
+        dear = max(limit * n, front.tally[kernels.DONE] + tuning.DROPPING * n, tuning.LEAST_WINDOWS)
+        if not spent or _forecast(surface, front) > dear:
             break
     return front, spent
 
