@@ -68,7 +68,8 @@ def remesh_periodic(
         If a mesh cannot be moved back, or if edges on the sides stay far longer than their sizes.
     """
     cell = PeriodicCell(mesh, motions)
-    pending, left = cell.on_sides, math.inf
+    pending, left = cell.on_sides, (math.inf, math.inf)
+    # The number of facets that are left, and the longest edge over its size.
     for turn in range(tuning.MOST_PERIODIC_TURNS):
         cell, pending = cell.divided(pending)
         joined = cell.joined(cell.centre(turn, pending))
@@ -78,15 +79,35 @@ def remesh_periodic(
         if (rows < 0).any():
             raise BackendError("mmg changed a facet of a side that it should keep")
         cell = _paired_again(new, motions, cell.mesh)
-        pending = marked(rows, len(new.facets)) | cell.is_too_long(size)
-        if turn + 1 >= cell.least_turns and (not pending.any() or pending.sum() >= left):
+        long = cell.is_too_long(size)
+        pending, before = marked(rows, len(new.facets)) | long, left
+        left = int(pending.sum()), float(cell.longest(size).max())
+        if turn + 1 >= cell.least_turns and (left[0] == 0 or _is_no_less(left, before)):
             break
-        left = pending.sum()
+        if long.any():
+            # Facets inside that reach from one side to another would be cut again.
+            new = remesh(cell.mesh, size, cell.mesh.facets[cell.on_sides])
+            rows = facet_numbers(new, _same_nodes(cell.mesh, new)[cell.mesh.facets[pending]])
+            cell = _paired_again(new, motions, cell.mesh)
+            pending = marked(rows[rows >= 0], len(new.facets))
     cell.refuse_too_long(size)
     done = remesh(cell.mesh, size, cell.mesh.facets[cell.on_sides])
     if _paired_again(done, motions, cell.mesh).on_sides.sum() != cell.on_sides.sum():
         raise BackendError("mmg changed facets of the sides, which it should keep")
     return done
+
+
+def _is_no_less(now: tuple[float, float], before: tuple[float, float]) -> bool:
+    """Return whether neither of two numbers has become smaller."""
+    return now[0] >= before[0] and now[1] >= before[1]
+
+
+def _same_nodes(old: SimplexMesh, new: SimplexMesh) -> IntArray:
+    """Return the node of a new mesh at the place of each node, -1 if there is none."""
+    from scipy.spatial import cKDTree
+
+    away, where = cKDTree(new.points).query(old.points)
+    return np.where(away <= _SAME * old.diagonal, where, -1).astype(np.int32)
 
 
 def _paired_again(new: SimplexMesh, motions: npt.ArrayLike, old: SimplexMesh) -> PeriodicCell:
@@ -185,7 +206,7 @@ class PeriodicCell:
         found = marked(facet_numbers(new, mesh.facets[marks]), len(new.facets))
         return PeriodicCell(new, self.motions), found
 
-    def _longest(self, size: Size) -> FloatArray:
+    def longest(self, size: Size) -> FloatArray:
         """Return the longest edge of each facet on the sides over its size.
 
         The size of an edge is the largest one at its ends and its middle, so that sizes that jump
@@ -203,13 +224,11 @@ class PeriodicCell:
     def is_too_long(self, size: Size) -> BoolArray:
         """Return which facets on the sides have an edge that is much longer than its size."""
         found = np.flatnonzero(self.on_sides)
-        return marked(
-            found[self._longest(size) > tuning.LONGEST_ON_SIDES], len(self.mesh.facets)
-        )
+        return marked(found[self.longest(size) > tuning.LONGEST_ON_SIDES], len(self.mesh.facets))
 
     def refuse_too_long(self, size: Size) -> None:
         """Raise a BackendError if an edge on the sides is much longer than its size."""
-        longest = self._longest(size)
+        longest = self.longest(size)
         k = int(np.argmax(longest))
         if longest[k] > tuning.LONGEST_ON_SIDES:
             corners = self.mesh.points[self.mesh.facets[self.on_sides][k]]
