@@ -119,9 +119,9 @@ def _paired_again(new: SimplexMesh, motions: npt.ArrayLike, old: SimplexMesh) ->
         away = old.boundary().mesh.locator.nearest(new.points[nodes])[2]
         k = int(np.argmax(away))
         raise BackendError(
-            "mmg moved a node of a side, so that opposite sides no longer match: a node at "
-            f"{new.points[nodes[k]].tolist()} is {away[k]:.3g} away from the boundary.  Give a "
-            f"mesh with smaller cells at the sides ({error})"
+            "opposite sides no longer match after a run of mmg, which moves nodes up to "
+            f"{away[k]:.3g} away from the given boundary, at {new.points[nodes[k]].tolist()}.  "
+            f"Give a mesh with smaller cells at the sides ({error})"
         ) from error
 
 
@@ -235,8 +235,8 @@ class PeriodicCell:
             length = max(np.linalg.norm(a - b) for a, b in combinations(corners, 2))
             raise BackendError(
                 f"edges on periodic sides must have about the requested sizes, but one of length "
-                f"{length:.3g} at {corners.mean(axis=0).tolist()}, {longest[k]:.3g} times its size, "
-                "could not be divided.  Give a mesh with smaller cells at the sides"
+                f"{length:.3g} at {corners.mean(axis=0).tolist()}, {longest[k]:.3g} times its "
+                "size, could not be divided.  Give a mesh with smaller cells at the sides"
             )
 
     @property
@@ -467,7 +467,11 @@ class JoinedCells:
         on_cut = np.unique(self.cut)
         away, where = cKDTree(new.points).query(self.mesh.points[on_cut])
         if len(on_cut) and away.max() > 1e-3 * _SAME * self.mesh.diagonal:
-            raise BackendError("mmg moved a node of a facet that it should keep")
+            k = int(np.argmax(away))
+            raise BackendError(
+                f"mmg moved a node of a facet that it should keep: {away[k]:.3g} away from "
+                f"{self.mesh.points[on_cut[k]].tolist()}, where cells were moved to"
+            )
         kept = np.full(self.mesh.n_points, -1)
         kept[on_cut] = where
         some = kept[joined] >= 0

@@ -303,8 +303,8 @@ SMALLER_TOLERANCE, SMALLEST_TOLERANCE = 0.4, 0.15
 TOLERANCE_AFTER_FAILURE, ABSURD_TOLERANCE = 0.25, 0.1
 
 # --- Periodic meshes -------------------------------------------------------------------------
-#: Ways to join the cells at most.  The turns end before if nothing is left to do, or if a turn leaves
-#: as much as the one before.  The number only limits the time, as what is left is refused.
+#: Ways to join the cells at most.  The turns end before if nothing is left to do, or if a turn
+#: leaves as much as the one before.  The number only limits the time, as what is left is refused.
 MOST_PERIODIC_TURNS = 4
 #: Distance of the second place around which cells are joined from the first one, over the motions.
 #: The cuts of the first are then inside.  Any value between 0 and 1/2 serves, as what stays cut in
