@@ -105,12 +105,12 @@ def rotor_sector() -> Unit:
     return SimplexMesh(points, mesh.cells, cell_tags=magnet.astype(int)), motion[None]
 
 
-def sector_with_axis() -> Unit:
-    """A sixth of a disc, which contains the centre."""
-    n, points, cells = 8, [], []
+def sector(whole: float, n: int) -> Unit:
+    """A sector of a disc with n rings of cells, which contains the centre."""
+    points, cells = [], []
     for i in range(n + 1):
         for j in range(i + 1):
-            angle = np.pi / 3.0 * (j / i if i else 0.0)
+            angle = whole * (j / i if i else 0.0)
             points.append([i / n * np.cos(angle), i / n * np.sin(angle)])
     for i in range(n):
         one, other = i * (i + 1) // 2, (i + 1) * (i + 2) // 2
@@ -118,15 +118,20 @@ def sector_with_axis() -> Unit:
             cells.append([one + j, other + j, other + j + 1])
             if j < i:
                 cells.append([one + j, other + j + 1, one + j + 1])
-    motion = np.column_stack([_rotation(np.pi / 3.0), np.zeros(2)])
+    motion = np.column_stack([_rotation(whole), np.zeros(2)])
     return SimplexMesh(np.array(points), cells), motion[None]
 
 
+def sector_with_axis() -> Unit:
+    """A sixth of a disc."""
+    return sector(np.pi / 3.0, 8)
+
+
 def box_with_inclusions() -> Unit:
-    """A cube with cubes across its sides and corners, with tags of all sides."""
-    mesh = _cube(6)
+    """A cube with a cube across its corners, with tags of all sides."""
+    mesh = _cube(4)
     middles = mesh.points[mesh.cells].mean(axis=1)
-    inside = _near_lattice(middles, [[0.0, 0.0, 0.0], [0.5, 0.5, 1.0]], 1.0 / 3.0, np.inf)
+    inside = _near_lattice(middles, [[0.0, 0.0, 0.0]], 1.0 / 4.0, np.inf)
     return _with_sides(mesh, np.where(inside, 2, 1)), np.eye(3)
 
 

@@ -88,9 +88,19 @@ def unique_rows(rows: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
     unique : int32[u, k]
     number : int32[m]
         ``unique[number]`` are the rows, each sorted.
+
+    Raises
+    ------
+    IndexError
+        If an index is out of range: the kernel would write beyond its arrays.
     """
     rows = np.ascontiguousarray(np.sort(rows, axis=1), dtype=np.int32)
     width = rows.shape[1]
+    if len(rows) and (rows[:, 0].min() < 0 or rows[:, -1].max() >= n_points):
+        raise IndexError(
+            f"rows must hold indices from 0 to {n_points - 1}, got {rows[:, 0].min()} to "
+            f"{rows[:, -1].max()}"
+        )
     # Fewer rows are sorted by numpy: the kernel takes longer to compile.
     if len(rows) < 10_000 and n_points**width < 2**63:
         key = rows.astype(np.int64) @ (n_points ** np.arange(width)[::-1])

@@ -178,33 +178,59 @@ def _checked_pairs(domain: SimplexMesh | CartesianGrid, motions: FloatArray) -> 
     """Return the pairs of nodes and their images, int32[n, 2]; refuse images that do not fit."""
     points, outer = domain.points, _on_boundary(domain)
     found = []
-    for name, motion, moved, is_given in _images_of(points, motions):
-        pairs = pairs_of(points, moved, domain.diagonal)
-        _refuse_overlap(domain, outer, motion, moved, pairs)
-        if is_given and len(pairs) == 0:
+    for steps, whole in combined(_as_maps(motions)):
+        motion, there = (whole if motions.ndim == 3 else whole[:, -1]), moved(whole, points)
+        pairs = pairs_of(points, there, domain.diagonal)
+        _refuse_overlap(domain, outer, motion, there, pairs)
+        if sum(map(abs, steps)) == 1 and len(pairs) == 0:
             raise ValueError(
-                f"{name} = {motion.tolist()} maps no node of the background to another node"
+                f"periodic[{steps.index(1)}] = {motion.tolist()} maps no node of the background "
+                "to another node"
             )
         found.append(pairs)
     return np.concatenate(found)
 
 
-def _images_of(
-    points: FloatArray, motions: FloatArray
-) -> Iterator[tuple[str, FloatArray, FloatArray, bool]]:
-    """Yield each motion with its name, the points that it moves, and whether it was given.
+def combined(maps: FloatArray) -> Iterator[tuple[tuple[int, ...], FloatArray]]:
+    """Yield how often each map is applied, and the map [R | t] of all together.
 
-    Sums of translations are motions, too: each pair of opposite ones once.
+    They are all neighbours of the cell, also across its edges and corners: each map is applied -1,
+    0 or 1 times, one of each two opposite combinations.  Those that lead back to the cell are left
+    out.  Nodes and facets are paired by the same maps.
     """
-    if motions.ndim == 3:
-        for k, motion in enumerate(motions):
-            yield f"periodic[{k}]", motion, points @ motion[:, :-1].T + motion[:, -1], True
-        return
-    for steps in product((-1, 0, 1), repeat=len(motions)):
-        if next((s for s in steps if s), 0) == 1:
-            shift = np.array(steps, dtype=np.float64) @ motions
-            is_given = sum(map(abs, steps)) == 1
-            yield f"periodic[{steps.index(1)}]", shift, points + shift, is_given
+    still = np.eye(maps.shape[1], maps.shape[2])
+    far = max(1.0, float(np.abs(maps[:, :, -1]).max()))
+    scale = np.array([1.0] * maps.shape[1] + [far])
+    for steps in product((-1, 0, 1), repeat=len(maps)):
+        if next((one for one in steps if one), 0) == 1:
+            whole = power(maps, steps)
+            if np.abs((whole - still) / scale).max() > _SAME:
+                yield steps, whole
+
+
+def moved(maps: FloatArray, points: FloatArray) -> FloatArray:
+    """Return the images of points under a map [R | t], or each under its own."""
+    if maps.ndim == 2:
+        return np.asarray(points @ maps[:, :-1].T + maps[:, -1])
+    return np.asarray(np.einsum("nij,nj->ni", maps[:, :, :-1], points) + maps[:, :, -1])
+
+
+def inverse(one: FloatArray) -> FloatArray:
+    """Return the inverse of a rotation and translation [R | t]."""
+    back = one[:, :-1].T
+    return np.column_stack([back, -back @ one[:, -1]])
+
+
+def power(maps: FloatArray, steps: tuple[int, ...]) -> FloatArray:
+    """Return the map that applies each motion so many times."""
+    dim = maps.shape[1]
+    found = np.eye(dim, dim + 1)
+    for one, times in zip(maps, steps, strict=True):
+        each = one if times > 0 else inverse(one)
+        for _ in range(abs(times)):
+            shift = moved(each, found[None, :, -1])[0]
+            found = np.column_stack([each[:, :-1] @ found[:, :-1], shift])
+    return found
 
 
 def pairs_of(points: FloatArray, moved: FloatArray, diagonal: float) -> IntArray:

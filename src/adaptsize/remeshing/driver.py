@@ -261,11 +261,25 @@ def _periodic(
             warnings.simplefilter("ignore", ConnectionWarning)
             step = prepared(mesh, size, required, own)
         last[0] = step.attempts(IsolatedRunner(step.chosen.name, None, None, report))
-        return _accepted(last[0], job.requests.task, own).mesh
+        try:
+            return _accepted(last[0], job.requests.task, given).mesh
+        except BackendError as error:
+            raise _of_periodic(error, last[0], given["timeout"]) from error
 
     new = remesh_periodic(job.requests.mesh, motions, job.requests.sizes.at, one)
     best = last[0].best
     return last[0] if best is None else replace(last[0], best=best._replace(mesh=new))
+
+
+def _of_periodic(error: BackendError, found: Attempts, timeout: float | None) -> BackendError:
+    """Return the error for a mesh that the caller has not seen: cells that were moved."""
+    if isinstance(error, BackendTimeoutError) and timeout is not None:
+        return BackendTimeoutError(f"no periodic mesh within the time limit of {timeout:g} s")
+    why = found.tried[0].text if found.tried else str(error)
+    return BackendError(
+        f"mmg made no periodic mesh of the cells, which were moved so that sides are inside: {why}."
+        "  Smaller cells at the sides of the given mesh may help"
+    )
 
 
 def _accepted(found: Attempts, task: Task, given: RemeshOptions) -> Best:

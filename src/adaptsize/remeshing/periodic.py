@@ -8,10 +8,11 @@ the cells are moved back, and the interior is remeshed, with the sides kept.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import product
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,14 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import first_at_place
 from adaptsize.background.topology import marked
 from adaptsize.errors import BackendError
-from adaptsize.limiting.periodic import as_periodicity, pairs_of
+from adaptsize.limiting.periodic import (
+    as_periodicity,
+    combined,
+    inverse,
+    moved,
+    pairs_of,
+    power,
+)
 from adaptsize.options import RemeshOptions
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing.preparation import facet_numbers
@@ -54,22 +62,82 @@ def remesh_periodic(
     Raises
     ------
     ValueError
-        If the nodes or facets of the sides do not come in pairs, or if motions do not commute.
+        If the nodes or facets of the sides do not come in pairs, if motions do not commute, or if
+        there are two nodes at a place of a cut.
     BackendError
-        If a mesh cannot be moved back.
+        If a mesh cannot be moved back, or if edges on the sides stay far longer than their sizes.
     """
     cell = PeriodicCell(mesh, motions)
-    pending = cell.on_sides
+    pending, left = cell.on_sides, (math.inf, math.inf)
+    # The number of facets that are left, and the longest edge over its size.
     for turn in range(tuning.MOST_PERIODIC_TURNS):
+        cell, pending = cell.divided(pending)
         joined = cell.joined(cell.centre(turn, pending))
+        _refuse_doubled(cell.mesh, joined.is_cut | cell.on_sides)
         new, kept = joined.parted(remesh(joined.mesh, joined.size(size), joined.cut))
-        pending = pending & joined.is_cut
-        rows = kept[mesh.facets[pending]]
-        cell = PeriodicCell(new, motions)
-        mesh, pending = new, marked(facet_numbers(new, rows), len(new.facets))
-        if turn + 1 >= cell.least_turns and not pending.any():
+        rows = facet_numbers(new, kept[cell.mesh.facets[pending & joined.is_cut]])
+        if (rows < 0).any():
+            raise BackendError("mmg changed a facet of a side that it should keep")
+        cell = _paired_again(new, motions, cell.mesh)
+        long = cell.is_too_long(size)
+        pending, before = marked(rows, len(new.facets)) | long, left
+        left = int(pending.sum()), float(cell.longest(size).max())
+        if turn + 1 >= cell.least_turns and (left[0] == 0 or _is_no_less(left, before)):
             break
-    return remesh(mesh, size, mesh.facets[cell.on_sides])
+        if long.any():
+            # Facets inside that reach from one side to another would be cut again.
+            new = remesh(cell.mesh, size, cell.mesh.facets[cell.on_sides])
+            rows = facet_numbers(new, _same_nodes(cell.mesh, new)[cell.mesh.facets[pending]])
+            cell = _paired_again(new, motions, cell.mesh)
+            pending = marked(rows[rows >= 0], len(new.facets))
+    cell.refuse_too_long(size)
+    done = remesh(cell.mesh, size, cell.mesh.facets[cell.on_sides])
+    if _paired_again(done, motions, cell.mesh).on_sides.sum() != cell.on_sides.sum():
+        raise BackendError("mmg changed facets of the sides, which it should keep")
+    return done
+
+
+def _is_no_less(now: tuple[float, float], before: tuple[float, float]) -> bool:
+    """Return whether neither of two numbers has become smaller."""
+    return now[0] >= before[0] and now[1] >= before[1]
+
+
+def _same_nodes(old: SimplexMesh, new: SimplexMesh) -> IntArray:
+    """Return the node of a new mesh at the place of each node, -1 if there is none."""
+    from scipy.spatial import cKDTree
+
+    away, where = cKDTree(new.points).query(old.points)
+    return np.where(away <= _SAME * old.diagonal, where, -1).astype(np.int32)
+
+
+def _paired_again(new: SimplexMesh, motions: npt.ArrayLike, old: SimplexMesh) -> PeriodicCell:
+    """Return the cell of a new mesh, whose nodes must be in pairs as those of the old one."""
+    try:
+        return PeriodicCell(new, motions)
+    except ValueError as error:
+        nodes = np.unique(new.facets[new.facet_cell_counts == 1])
+        away = old.boundary().mesh.locator.nearest(new.points[nodes])[2]
+        k = int(np.argmax(away))
+        raise BackendError(
+            "opposite sides no longer match after a run of mmg, which moves nodes up to "
+            f"{away[k]:.3g} away from the given boundary, at {new.points[nodes[k]].tolist()}.  "
+            f"Give a mesh with smaller cells at the sides ({error})"
+        ) from error
+
+
+def _refuse_doubled(mesh: SimplexMesh, facets: BoolArray) -> None:
+    """Refuse other nodes at the places of nodes of facets: they could not be told apart."""
+    from scipy.spatial import cKDTree
+
+    nodes = np.unique(mesh.facets[facets])
+    away, near = cKDTree(mesh.points).query(mesh.points[nodes], k=2)
+    double = np.flatnonzero(away[:, 1] <= _SAME * mesh.diagonal)
+    if len(double):
+        raise ValueError(
+            "periodic needs one node at each place of the sides and of the facets at which cells "
+            f"are moved, but nodes {np.sort(near[double[0]]).tolist()} are both at "
+            f"{mesh.points[nodes[double[0]]].tolist()}, as on a crack"
+        )
 
 
 def refuse_unperiodic(
@@ -112,6 +180,65 @@ class PeriodicCell:
         rows = np.concatenate([pairs.ravel() for _, pairs in self.pairs])
         return marked(rows, len(self.mesh.facets))
 
+    def divided(self, marks: BoolArray) -> tuple[PeriodicCell, BoolArray]:
+        """Return the cell with at most one facet on a side per mesh cell, and marks of its facets.
+
+        A mesh cell has one place.  With two facets on sides it can be joined to one neighbour only,
+        or to none if they are images of each other.  So it gets a node in its middle.
+        """
+        mesh = self.mesh
+        several = np.flatnonzero(self.on_sides[mesh.cell_facets].sum(axis=1) > 1)
+        if len(several) == 0:
+            return self, marks
+        corners, n = mesh.cells[several], mesh.cells.shape[1]
+        parts = np.repeat(corners[:, None], n, axis=1)
+        parts[:, range(n), range(n)] = mesh.n_points + np.arange(len(several))[:, None]
+        rest = ~marked(several, mesh.n_cells)
+        tags = mesh.cell_tags
+        if tags is not None:
+            tags = np.concatenate([tags[rest], np.repeat(tags[several], n)])
+        new = SimplexMesh(
+            np.concatenate([mesh.points, mesh.points[corners].mean(axis=1)]),
+            np.concatenate([mesh.cells[rest], parts.reshape(-1, n)]),
+            cell_tags=tags, tagged_facets=mesh.tagged_facets, facet_tags=mesh.facet_tags,
+            tag_names=mesh.tag_names,
+        )  # fmt: skip
+        found = marked(facet_numbers(new, mesh.facets[marks]), len(new.facets))
+        return PeriodicCell(new, self.motions), found
+
+    def longest(self, size: Size) -> FloatArray:
+        """Return the longest edge of each facet on the sides over its size.
+
+        The size of an edge is the largest one at its ends and its middle, so that sizes that jump
+        do no harm.
+        """
+        corners = self.mesh.points[self.mesh.facets[self.on_sides]]
+        longest = np.zeros(len(corners))
+        for i, j in combinations(range(corners.shape[1]), 2):
+            ends = corners[:, i], corners[:, j]
+            sizes = [size(points) for points in (*ends, 0.5 * (ends[0] + ends[1]))]
+            length = np.linalg.norm(ends[1] - ends[0], axis=1)
+            longest = np.maximum(longest, length / np.max(sizes, axis=0))
+        return longest
+
+    def is_too_long(self, size: Size) -> BoolArray:
+        """Return which facets on the sides have an edge that is much longer than its size."""
+        found = np.flatnonzero(self.on_sides)
+        return marked(found[self.longest(size) > tuning.LONGEST_ON_SIDES], len(self.mesh.facets))
+
+    def refuse_too_long(self, size: Size) -> None:
+        """Raise a BackendError if an edge on the sides is much longer than its size."""
+        longest = self.longest(size)
+        k = int(np.argmax(longest))
+        if longest[k] > tuning.LONGEST_ON_SIDES:
+            corners = self.mesh.points[self.mesh.facets[self.on_sides][k]]
+            length = max(np.linalg.norm(a - b) for a, b in combinations(corners, 2))
+            raise BackendError(
+                f"edges on periodic sides must have about the requested sizes, but one of length "
+                f"{length:.3g} at {corners.mean(axis=0).tolist()}, {longest[k]:.3g} times its "
+                "size, could not be divided.  Give a mesh with smaller cells at the sides"
+            )
+
     @property
     def least_turns(self) -> int:
         """Number of ways to join the cells so that each edge on the sides is inside once.
@@ -131,7 +258,7 @@ class PeriodicCell:
             return np.asarray(mesh.points[mesh.facets[np.argmax(pending)]].mean(axis=0))
         images = np.bincount(self.label[self.label >= 0])
         most = np.flatnonzero(np.isin(self.label, np.flatnonzero(images == images.max())))
-        steps = np.stack([_moved(one, mesh.points[most]) for one in self.maps]) - mesh.points[most]
+        steps = np.stack([moved(one, mesh.points[most]) for one in self.maps]) - mesh.points[most]
         farthest = int(np.argmax(np.linalg.norm(steps, axis=2).min(axis=0)))
         corner = mesh.points[most[farthest]]
         return np.asarray(corner + tuning.PERIODIC_SHIFT * turn * steps[:, farthest].sum(axis=0))
@@ -140,14 +267,14 @@ class PeriodicCell:
         """Return the cells, each moved to where it is nearest to a point."""
         places = _Places.of(self.maps, self.mesh.diagonal)
         middles = self.mesh.points[self.mesh.cells].mean(axis=1)
-        far = [np.linalg.norm(_moved(one, middles) - centre, axis=1) for one in places.maps]
+        far = [np.linalg.norm(moved(one, middles) - centre, axis=1) for one in places.maps]
         place = np.argmin(far, axis=0)
         owner = _owners(self.mesh)
         for steps, pairs in self.pairs:
             first, second = owner[pairs].T
             # Cells on both sides of a facet are joined, also where the cut crosses the side.
-            moved = places.before(place[first], steps)
-            place[second] = np.where(moved >= 0, moved, place[second])
+            beside = places.before(place[first], steps)
+            place[second] = np.where(beside >= 0, beside, place[second])
         return JoinedCells(self, places, place)
 
 
@@ -170,7 +297,7 @@ class _Places:
         number = {}
         scale = np.array([1.0] * maps.shape[1] + [diagonal])
         for one in every:
-            there = _power(maps, one)
+            there = power(maps, one)
             off = [np.abs((there - other) / scale).max() for other in found]
             same = [k for k, far in enumerate(off) if far < _SAME]
             number[one] = same[0] if same else len(found)
@@ -200,7 +327,7 @@ class JoinedCells:
         n, mesh = len(self.places.maps), self.cell.mesh
         keys = np.unique(mesh.cells.astype(np.int64) * n + self.place[:, None])
         node, place = np.divmod(keys, n)
-        points = _moved(self.places.maps[place], mesh.points[node])
+        points = moved(self.places.maps[place], mesh.points[node])
         joined = np.arange(len(keys))
         some = np.flatnonzero(self.cell.label[node] >= 0)
         joined[some] = some[first_at_place(points[some], _SAME * mesh.diagonal)]
@@ -213,7 +340,7 @@ class JoinedCells:
         n = len(self.places.maps)
         first = np.unique(joined, return_index=True)[1]
         node, place = np.divmod(keys[first], n)
-        points = _moved(self.places.maps[place], old.points[node])
+        points = moved(self.places.maps[place], old.points[node])
         cells = joined[np.searchsorted(keys, old.cells.astype(np.int64) * n + self.place[:, None])]
         bare = SimplexMesh(points, cells)
         if old.tagged_facets is None:
@@ -271,7 +398,7 @@ class JoinedCells:
 
     def size(self, size: Size) -> Size:
         """Return sizes in the joined cells; on joined sides, the smaller ones of both."""
-        joined, back = self.mesh, [_inverse(one) for one in self.places.maps]
+        joined, back = self.mesh, [inverse(one) for one in self.places.maps]
         order = np.argsort(joined.cell_facets, axis=None, kind="stable")
         cells = order // joined.cell_facets.shape[1]
         start = np.cumsum(joined.facet_cell_counts) - joined.facet_cell_counts
@@ -282,7 +409,7 @@ class JoinedCells:
         def there(points: FloatArray, place: IndexArray) -> FloatArray:
             own = np.empty(points.shape)
             for number in np.unique(place):
-                own[place == number] = _moved(back[number], points[place == number])
+                own[place == number] = moved(back[number], points[place == number])
             return size(own)
 
         def own(points: FloatArray) -> FloatArray:
@@ -315,8 +442,8 @@ class JoinedCells:
             new.cells.astype(np.int64) * n + place[:, None], return_inverse=True
         )
         node, there = np.divmod(keys, n)
-        back = np.stack([_inverse(one) for one in self.places.maps])
-        points = _moved(back[there], new.points[node])
+        back = np.stack([inverse(one) for one in self.places.maps])
+        points = moved(back[there], new.points[node])
         at = self._origin(new, keys)
         # Copies of one node on a cut are the node that they were.
         number = np.where(at >= 0, at, old.n_points + np.arange(len(keys)))
@@ -340,7 +467,11 @@ class JoinedCells:
         on_cut = np.unique(self.cut)
         away, where = cKDTree(new.points).query(self.mesh.points[on_cut])
         if len(on_cut) and away.max() > 1e-3 * _SAME * self.mesh.diagonal:
-            raise BackendError("mmg moved a node of a facet that it should keep")
+            k = int(np.argmax(away))
+            raise BackendError(
+                f"mmg moved a node of a facet that it should keep: {away[k]:.3g} away from "
+                f"{self.mesh.points[on_cut[k]].tolist()}, where cells were moved to"
+            )
         kept = np.full(self.mesh.n_points, -1)
         kept[on_cut] = where
         some = kept[joined] >= 0
@@ -377,38 +508,13 @@ class JoinedCells:
         )
 
 
-def _moved(maps: FloatArray, points: FloatArray) -> FloatArray:
-    """Return the images of points under a map [R | t], or each under its own."""
-    if maps.ndim == 2:
-        return np.asarray(points @ maps[:, :-1].T + maps[:, -1])
-    return np.asarray(np.einsum("nij,nj->ni", maps[:, :, :-1], points) + maps[:, :, -1])
-
-
-def _inverse(one: FloatArray) -> FloatArray:
-    """Return the inverse of a rotation and translation [R | t]."""
-    back = one[:, :-1].T
-    return np.column_stack([back, -back @ one[:, -1]])
-
-
-def _power(maps: FloatArray, steps: tuple[int, ...]) -> FloatArray:
-    """Return the map that applies each motion so many times."""
-    dim = maps.shape[1]
-    found = np.eye(dim, dim + 1)
-    for one, times in zip(maps, steps, strict=True):
-        each = one if times > 0 else _inverse(one)
-        for _ in range(abs(times)):
-            shift = _moved(each, found[None, :, -1])[0]
-            found = np.column_stack([each[:, :-1] @ found[:, :-1], shift])
-    return found
-
-
 def _refuse_order(maps: FloatArray, mesh: SimplexMesh) -> None:
     """Refuse motions whose order matters."""
     low = mesh.points.min(axis=0)
     corners = low + mesh.diagonal * np.vstack([np.zeros(mesh.dim), np.eye(mesh.dim)])
     for i, one in enumerate(maps):
         for j, other in enumerate(maps[:i]):
-            there, back = _moved(one, _moved(other, corners)), _moved(other, _moved(one, corners))
+            there, back = moved(one, moved(other, corners)), moved(other, moved(one, corners))
             if np.abs(there - back).max() > _SAME * mesh.diagonal:
                 raise ValueError(
                     f"periodic must hold motions that may be applied in either order, but "
@@ -432,11 +538,8 @@ def _paired_facets(mesh: SimplexMesh, maps: FloatArray) -> Any:
         If facets do not match although their nodes do.
     """
     outer = np.flatnonzero(mesh.facet_cell_counts == 1)
-    for steps in product((-1, 0, 1), repeat=len(maps)):
-        if next((one for one in steps if one), 0) != 1:
-            continue
-        whole = _power(maps, steps)
-        pairs = pairs_of(mesh.points, _moved(whole, mesh.points), mesh.diagonal)
+    for steps, whole in combined(maps):
+        pairs = pairs_of(mesh.points, moved(whole, mesh.points), mesh.diagonal)
         image = np.full(mesh.n_points, -1, np.int32)
         image[pairs[:, 0]] = pairs[:, 1]
         sent = outer[(image[mesh.facets[outer]] >= 0).all(axis=1)]
@@ -451,7 +554,7 @@ def _paired_facets(mesh: SimplexMesh, maps: FloatArray) -> Any:
 
 def _refuse_other_facets(mesh: SimplexMesh, facets: IndexArray, motion: FloatArray) -> None:
     """Refuse facets that lie on a side after the motion but match none there."""
-    middles = _moved(motion, mesh.points[mesh.facets[facets]].mean(axis=1))
+    middles = moved(motion, mesh.points[mesh.facets[facets]].mean(axis=1))
     outer = mesh.boundary().mesh
     away = outer.locator.nearest(middles)[2]
     off = np.flatnonzero(away <= _SAME * mesh.diagonal)

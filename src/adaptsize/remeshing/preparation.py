@@ -221,11 +221,14 @@ def collect_facets(mesh: SimplexMesh, regions: IntArray, required: IntArray | No
 
 def facet_numbers(mesh: SimplexMesh, facets: IntArray) -> npt.NDArray[np.intp]:
     """Return the row of each given facet in ``mesh.facets``, or -1 if it is not among them."""
-    rows = np.concatenate([mesh.facets, facets])
+    exists = ((facets >= 0) & (facets < mesh.n_points)).all(axis=1)
+    rows = np.concatenate([mesh.facets, facets[exists]])
     number = unique_rows(rows, mesh.n_points)[1]
     row_of = np.full(int(number.max()) + 1, -1, np.intp)
     row_of[number[: len(mesh.facets)]] = np.arange(len(mesh.facets))
-    return np.asarray(row_of[number[len(mesh.facets) :]])
+    found = np.full(len(facets), -1, np.intp)
+    found[exists] = row_of[number[len(mesh.facets) :]]
+    return found
 
 
 class Frame(NamedTuple):

@@ -304,10 +304,13 @@ SMALLER_TOLERANCE, SMALLEST_TOLERANCE = 0.4, 0.15
 TOLERANCE_AFTER_FAILURE, ABSURD_TOLERANCE = 0.25, 0.1
 
 # --- Periodic meshes -------------------------------------------------------------------------
-#: Ways to join the cells at most.  All ten units of the tests need one or two; a square of two
-#: triangles needs three.  Not measured.
+#: Ways to join the cells at most.  The turns end before if nothing is left to do, or if a turn
+#: leaves as much as the one before.  The number only limits the time, as what is left is refused.
 MOST_PERIODIC_TURNS = 4
-#: Distance of the second place around which cells are joined from the first one, over the motions:
-#: the cuts of the first are then inside, wherever they are between 0 and 1 but near 1/4.  Not
-#: measured.
+#: Distance of the second place around which cells are joined from the first one, over the motions.
+#: The cuts of the first are then inside.  Any value between 0 and 1/2 serves, as what stays cut in
+#: both is joined by later turns.
 PERIODIC_SHIFT = 0.25
+#: An edge on a side that is longer than so many times its size is an error.  Mmg divides edges that
+#: are longer than 1.4 times their size.
+LONGEST_ON_SIDES = 2.5
