@@ -1,7 +1,6 @@
 """New boundary nodes are projected, and none of them inverts a cell."""
 
 import re
-
 import warnings
 
 import numpy as np

@@ -1,8 +1,8 @@
 """Swapping and smoothing of tetrahedra: no cell becomes worse than the worst."""
 
 import itertools
-from functools import partial
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest

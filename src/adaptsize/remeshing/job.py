@@ -122,8 +122,7 @@ class Requests:
     crossed: Solid | None = None
     """The solid of a surface to be filled whose facets cross; None where others do not cross."""
     first: SimplexMesh | None = None
-    """The mesh with which a loop began, repaired: a new mesh has to keep its boundary and interfaces.
-    """
+    """The mesh with which a loop began, repaired, whose boundary and interfaces have to be kept."""
     _made: dict[tuple[bool, float], MeshingProblem] = field(
         default_factory=dict, init=False, repr=False
     )
