@@ -67,7 +67,7 @@ def test_the_time_left_does_not_rise_a_little_but_does_if_a_step_is_much_slower(
     assert left.update(110.0, "width", 0.5) == "about 10 s left"
 
 
-def test_a_notebook_shows_one_line_that_vanishes(monkeypatch, capfd):
+def test_a_notebook_shows_one_line_that_is_empty_at_the_end(monkeypatch, capfd):
     shown = []
     line = types.SimpleNamespace(update=lambda data, raw: shown.append(data["text/plain"]))
     module = types.ModuleType("IPython.display")

@@ -43,7 +43,7 @@ class Stage(str):
 def reporting(progress: ProgressCallback | bool | None) -> Iterator[ProgressCallback]:
     """Yield a callback ``(text, share)``.  ``True`` gives a rich bar on standard error.
 
-    Without a terminal there is none; notebooks show a line, which vanishes at the end.  An
+    Without a terminal there is none; notebooks show a line, which is empty at the end.  An
     exception in the callback, including KeyboardInterrupt, propagates and stops the work.
     """
     if isinstance(progress, np.bool_):
@@ -123,7 +123,11 @@ def _is_notebook() -> bool:
 
 @contextmanager
 def _line_in_notebook() -> Iterator[ProgressCallback]:
-    """Yield a callback that writes a line below the cell, at most ten times a second."""
+    """Yield a callback that writes a line below the cell.
+
+    Each new text is shown, and the share of the same text at most ten times a second.  In the end
+    the line is empty: a notebook can only remove all that is below a cell.
+    """
     from IPython.display import display
 
     line = display({"text/plain": ""}, raw=True, display_id=True)

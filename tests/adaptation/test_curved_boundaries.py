@@ -1,6 +1,7 @@
 """New boundary nodes are projected, and none of them inverts a cell."""
 
 import re
+import warnings
 
 import numpy as np
 import pytest
@@ -198,7 +199,40 @@ def test_the_first_mesh_of_a_loop_is_handed_on():
     assert_array_equal(handed.size.values, again.size.values)
     away = lambda x: x / np.linalg.norm(x, axis=1)[:, None]  # noqa: E731
     moved = adapt(result.mesh, h0=0.5, boundary_tolerance=2e-2, project=away)
-    assert moved.original is result.mesh
+    # Nodes must not be put back on the boundary before: the loop begins anew.
+    assert moved.original is moved.mesh
+    assert moved.mesh.original is None
+
+
+def test_first_meshes_have_no_first_mesh(monkeypatch, generator):
+    first, second, third = (jittered_cube(n, SEED) for n in (2, 3, 4))
+    made = [third]
+    monkeypatch.setattr(
+        "adaptsize.adaptation.new_mesh.trial", lambda *a, **k: Remeshed(made[0], None)
+    )
+    later = second.with_original(first)
+    result = adapt(third.with_original(None), h0=0.2, boundary_tolerance=0.3, original=later)
+    assert result.remeshed
+    assert_array_equal(result.mesh.original.points, second.points)
+    assert result.mesh.original.original is None
+    assert result.original is result.mesh.original
+    assert later.original is first  # unchanged
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_the_boundary_may_be_close_to_the_first_one(is_known, monkeypatch, generator):
+    first = jittered_cube(3, SEED)
+    shift = 8e-4 * first.diagonal * np.eye(3)[0]
+    old, new = (first.moved(first.points + sign * shift) for sign in (1.0, -1.0))
+    monkeypatch.setattr("adaptsize.adaptation.new_mesh.trial", lambda *a, **k: Remeshed(new, None))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", ResolutionWarning)
+        result = adapt(old.with_original(first if is_known else None), h0=0.2)
+    assert [str(one.message) for one in caught if "boundary" in str(one.message)] == (
+        [] if is_known else [str(caught[-1].message)]
+    )
+    away = result.report.boundary_distance / np.linalg.norm(shift)
+    assert away == pytest.approx(1.0 if is_known else 2.0, rel=1e-6)
 
 
 def test_an_original_without_effect_is_refused(generator):

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -111,6 +112,62 @@ def test_the_best_mesh_is_returned_in_any_order_of_the_attempts(order, strict):
     assert all("SIGSEGV" in one.text for one in found.tried if one.route == "crash")
     assert not found.is_cut_short
     assert json.loads(json.dumps(found.as_list()))[0]["route"] == order[0]
+
+
+@pytest.mark.parametrize(
+    ("follower", "timeout", "expected", "statuses_"),
+    [
+        ((1.0, CRASH), None, 0.9, ["met", "failed"]),
+        ((999.0,), None, 0.9, ["met", "timeout"]),  # longer than its limit
+        ((1.0, 0.5), 4.0, 0.9, ["met", "no time"]),
+        ((1.0, 7.0), None, 0.9, ["met", "missed"]),
+        ((1.0, 0.5), None, 0.5, ["missed", "met"]),  # better: nothing is left to do
+    ],
+)
+def test_a_mesh_given_up_is_completed_if_no_better_one_follows(
+    follower, timeout, expected, statuses_
+):
+    fakes = Fakes(first=(4.0, 5.0), second=follower)
+    finished = CUBE.moved(CUBE.points)
+    fakes.meshes[id(finished)] = finished, 0.9
+    asked, solve = [], fakes.solve
+
+    def solve_and_give_up(attempt, run):
+        if timeout is not None:
+            run = replace(run, deadline=np.inf)
+        for candidate in solve(attempt, run):
+            give_up = attempt.backend == "first"
+            yield candidate._replace(complete=complete if give_up else None)
+
+    def complete():
+        asked.append(fakes.clock.now)
+        return finished
+
+    fakes.solve = solve_and_give_up
+    found = fakes.run(timeout=timeout)
+    assert fakes.value == expected
+    assert [one.status for one in found.tried] == statuses_
+    assert len(asked) == (expected == 0.9)
+    assert found.best.verdict.check.is_met
+
+
+def test_a_mesh_is_not_replaced_by_a_worse_or_failing_completion():
+    failing = BackendError("flat cells")
+    for what in (9.0, failing, None):
+        fakes = Fakes(first=(1.0, 5.0), second=(1.0, CRASH))
+        worse, solve = CUBE.moved(CUBE.points), fakes.solve
+        fakes.meshes[id(worse)] = worse, what
+
+        def complete(what=what, worse=worse):
+            if what is failing:
+                raise failing
+            return None if what is None else worse
+
+        fakes.solve = lambda attempt, run, solve=solve, complete=complete: (
+            candidate._replace(complete=complete) for candidate in solve(attempt, run)
+        )
+        fakes.run()
+        assert fakes.value == 5.0
 
 
 def test_the_best_of_bad_meshes_is_returned():

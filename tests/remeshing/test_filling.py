@@ -230,17 +230,28 @@ def test_rounds_have_the_tolerance_and_may_give_up_if_another_attempt_follows(
 ):
     asked = []
 
-    def as_it_is(mesh, surface, tolerance, _, *, gives_up):
-        asked.append((gives_up, tolerance / surface.diagonal))
+    def as_it_is(mesh, surface, tolerance, _, *, give_up):
+        asked.append((give_up is not None, tolerance / surface.diagonal))
+        if give_up is not None and len(asked) == 2:
+            give_up()
         return mesh
 
     monkeypatch.setattr(filling, "improved", as_it_is)
     job = prepared(cylinder(12, 0.3), 0.3, None, checked(RemeshOptions, {"tolerance": 4e-3}))
     attempt = replace(plan(job.known())[0], is_followed=is_followed, factor=0.5)
-    for candidate in job.solve(attempt, RecordingRunner.without()):
-        candidate.finish()
+    meshes = [
+        (candidate.finish(), candidate.complete)
+        for candidate in job.solve(attempt, RecordingRunner.without())
+    ]
     expected = (is_followed, pytest.approx(2e-3, rel=1e-9))
     assert asked == [expected, expected]  # the filled mesh, and the adapted one
+    if not is_followed:
+        assert [complete for _, complete in meshes] == [None, None]
+        return
+    assert meshes[0][1]() is None  # not given up
+    new = meshes[1][1]()
+    assert asked[2:] == [(False, expected[1])]
+    assert_array_equal(new.points, meshes[1][0].points)
 
 
 def test_a_mesh_that_would_take_too_long_is_given_up():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import Delaunay
 from shapes import block
 from solids import cylinder
 
@@ -13,8 +14,18 @@ from adaptsize.remeshing import job
 pytest.importorskip("mmgpy", reason="the meshes are made by Mmg")
 
 
-def prepared(mesh):
-    return job.prepared(mesh, 0.5, None, checked(RemeshOptions, {}))
+def prepared(mesh, **options):
+    return job.prepared(mesh, 0.5, None, checked(RemeshOptions, options))
+
+
+def ball(n):
+    """Of n nodes on a sphere, and one in the middle."""
+    k = np.arange(n) + 0.5
+    z, turn = 1.0 - 2.0 * k / n, np.pi * (1.0 + 5.0**0.5) * k
+    across = np.sqrt(1.0 - z * z)
+    points = np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
+    points = np.vstack([points, np.zeros(3)])
+    return ads.SimplexMesh(points, Delaunay(points).simplices)
 
 
 def test_a_mesh_of_a_loop_keeps_to_the_first_one_of_the_same_kind():
@@ -41,7 +52,42 @@ def test_a_mesh_whose_boundary_was_moved_does_not_keep_to_the_first_one():
     for factor, kept in ((1.05, first), (1.15, None)):
         shift = factor * 1e-3 * first.diagonal * np.eye(3)[0]
         moved = first.moved(first.points + shift).with_original(first)
-        assert prepared(moved).requests.first is kept
+        found = prepared(moved).requests.first
+        assert (found is None) == (kept is None)
+        if kept is not None:
+            np.testing.assert_array_equal(found.points, first.points)
+            assert prepared(moved, strict=True).requests.first is None  # is compared with ``moved``
+
+
+def test_facets_are_compared_in_both_directions():
+    fine = ball(300)
+    points = np.vstack([fine.points[:300:10], np.zeros(3)])  # all on the fine one
+    coarse = ads.SimplexMesh(points, Delaunay(points).simplices)
+    for mesh, first in ((coarse, fine), (fine, coarse)):
+        for tolerance, is_kept in ((1e-3, False), (0.1, True)):
+            found = prepared(mesh.with_original(first), tolerance=tolerance).requests.first
+            assert (found is not None) == is_kept
+
+
+def test_a_domain_of_which_this_is_a_part_is_not_kept():
+    whole = block(2)
+    tags = (whole.points[whole.cells].mean(axis=1)[:, 0] > 0.5).astype(int)
+    half = ads.SimplexMesh(whole.points, whole.cells[tags == 0])
+    both = ads.SimplexMesh(whole.points, whole.cells, cell_tags=tags)
+    assert prepared(half.with_original(both)).requests.first is None
+    assert prepared(both.with_original(both)).requests.first is not None
+
+
+def test_the_first_surface_is_repaired_once():
+    skin = ball(40).boundary().mesh
+    corners = skin.points[skin.cells].reshape(-1, 3)
+    soup = ads.SimplexMesh(corners, np.arange(len(corners)).reshape(-1, 3))  # as in STL files
+    assert not soup.is_closed
+    one, two = (prepared(skin.with_original(soup), target="triangles").requests for _ in range(2))
+    kept = one.kept_by(one.to("mmg", 1.0))
+    assert kept.is_closed
+    assert kept.n_points == skin.n_points
+    assert two.first is one.first
 
 
 def test_the_boundary_does_not_drift_away_in_a_loop():

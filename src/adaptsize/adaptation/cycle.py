@@ -254,12 +254,18 @@ def _original(mesh: AnyMesh, original: SimplexMesh | None, is_faceted: bool) -> 
 def _with_original(result: AnyResult, mesh: AnyMesh, first: SimplexMesh | None) -> AnyResult:
     """Return a result of which the mesh keeps the first mesh of its loop, in space; collective.
 
-    A mesh in parts keeps the boundary of the first one, the same on all ranks.
+    A mesh in parts keeps the boundary of the first one, the same on all ranks.  Projected nodes
+    would be put back on the first boundary: with them, a loop begins anew.
     """
     if mesh.dim < 3:
         return result
+    if result.report.moves is not None and isinstance(result.mesh, SimplexMesh):
+        bare = result.mesh.with_original(None)
+        return replace(result, mesh=bare, original=bare)
     if first is None:
         first = whole_boundary(mesh).mesh if isinstance(mesh, PartitionedMesh) else mesh
+    if first.original is not None:  # otherwise each mesh would keep all before it in memory
+        first = first.with_original(None)
     if result.mesh is not mesh and result.mesh is not first:  # the caller's mesh is not changed
         result = replace(result, mesh=result.mesh.with_original(first))
     return replace(result, original=first)

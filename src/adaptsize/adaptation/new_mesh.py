@@ -101,6 +101,9 @@ def make_mesh(
     best = search.best.result
     best.warn()
     distance = boundary_distance(mesh, best.mesh)
+    if isinstance(mesh, SimplexMesh) and original is not None:
+        # Kept within the tolerance of the first boundary, a new one may be farther from the old.
+        distance = min(distance, boundary_distance(original, best.mesh))
     return replace(best, n_meshes=len(search.trials), boundary_distance=distance)
 
 

@@ -61,7 +61,8 @@ class AdaptReport(Printed):
         Area or volume.
     boundary_distance : float
         Largest distance of a boundary node of the generated mesh, before projection, from the
-        boundary of the old mesh.
+        boundary of the old mesh or, if that is less and the first mesh of the loop is known, of
+        that one.
     moves : BoundaryMoves or None
         Result of the projection by ``project``.
     lost_tags : tuple of str
@@ -142,7 +143,7 @@ class AdaptReport(Printed):
             lines.append("new mesh: " + _quality(self.after))
             change = self.measure_after / self.measure_before - 1.0
             lines.append(
-                f"boundary within {self.boundary_distance:.2g} of the old one, "
+                f"boundary within {self.boundary_distance:.2g} of the given one, "
                 f"area or volume changed by {change:.1e}"
             )
         if self.moves is not None:
@@ -214,7 +215,7 @@ class AdaptReport(Printed):
             # The text is constant, so that Python shows the warning once.
             warn_caller(
                 Message(
-                    "the boundary of the new mesh is farther from the old one than "
+                    "the boundary of the new mesh is farther from the given one than "
                     "{boundary_tolerance} (see report.boundary_distance), which adds up in a loop; "
                     "pass project= for a curved boundary of a whole mesh, or lower "
                     "{boundary_tolerance}"
@@ -255,7 +256,7 @@ class AdaptResult(Generic[MeshT_co, SizeT_co]):
     original : SimplexMesh or None
         The first mesh of the loop, the curved boundary of which bounds sizes; of meshes in parts
         that boundary; None in the plane.  `adapt` knows it of ``mesh``; pass it as ``original`` if
-        the mesh comes back from another program.
+        the mesh comes back from another program.  A mesh with projected nodes is a first one.
     """
 
     mesh: MeshT_co

@@ -30,6 +30,9 @@ class Candidate(NamedTuple):
     """Returns the mesh, checked and with tags, or raises a BackendError."""
     note: str = ""
     """What a user should know if this mesh is returned."""
+    complete: Callable[[], SimplexMesh | None] | None = None
+    """Returns the mesh with the work that `finish` left undone because another attempt may follow;
+    None if nothing was left."""
 
 
 #: Yields the candidates of an attempt.
@@ -61,6 +64,8 @@ class Best(NamedTuple):
     note: str
     alone: str | None = None
     """The generator, if a single one has followed the sizes from the given mesh on."""
+    complete: Callable[[], SimplexMesh | None] | None = None
+    """As of the candidate."""
 
 
 @dataclass(frozen=True)
@@ -176,6 +181,7 @@ def best_of(
             continue
         if budget.left <= 0.0:
             tried.append(Tried(str(attempt), attempt.reason, "no time", "no time left", 0.0))
+            best = _completed(best, tried, judge, budget)
             return Attempts(tuple(tried), best, is_cut_short=True)
         _LOGGER.info("%s: %s", attempt, attempt.reason)
         began = budget.clock()
@@ -201,6 +207,7 @@ def best_of(
             _record(attempt, verdict, error, budget.clock() - began, made=made is not None)
         )
         _LOGGER.info("%s: %s, %s", attempt, tried[-1].status, tried[-1].text)
+    best = _completed(best, tried, judge, budget)
     return Attempts(tuple(tried), best, is_cut_short=is_stopped and budget.left <= 0.0)
 
 
@@ -242,8 +249,42 @@ def _made(
         if note and error is not None:
             note = f"{note}: {error}"
         alone = attempt.backend if attempt.first is None and attempt.is_sized else None
-        return Best(mesh, None, str(attempt), note, alone), error
+        return Best(mesh, None, str(attempt), note, alone, candidate.complete), error
     return None, error or BackendError(f"{attempt} has made no mesh")
+
+
+def _completed(
+    best: Best | None,
+    tried: list[Tried],
+    judge: Callable[[SimplexMesh], Verdict],
+    budget: Budget,
+) -> Best | None:
+    """Return the best mesh with what was left undone for an attempt that gave no better one.
+
+    That one may have failed, or have been left out.  The record of the mesh is renewed.
+    """
+    if best is None or best.complete is None:
+        return best
+    began = budget.clock()
+    try:
+        mesh = best.complete()
+    except BackendError:  # as it is, the mesh is good enough to be returned
+        return best
+    if mesh is None:
+        return best
+    made = best._replace(mesh=mesh, verdict=judge(mesh), complete=None)
+    assert made.verdict is not None
+    if not _is_better(made, best, strict=False):
+        return best
+    number = [one.route for one in tried].index(best.route)
+    tried[number] = replace(
+        tried[number],
+        status=made.verdict.check.status,
+        text=made.verdict.text,
+        seconds=tried[number].seconds + budget.clock() - began,
+    )
+    _LOGGER.info("%s, completed: %s", best.route, made.verdict.text)
+    return made
 
 
 def _is_better(made: Best, best: Best, *, strict: bool) -> bool:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
 
 from adaptsize._messages import Message
 from adaptsize._progress import Stage
@@ -82,20 +81,28 @@ class Filling:
         if problem.in_volume is not None:
             inner = problem.in_volume(inner)
         if inner.is_adapted:
-            filled = partial(
-                improved_soundly, inner.mesh, self.surface, problem.tolerance, inner.size,
-                gives_up=attempt.is_followed,
-            )  # fmt: skip
-            yield Candidate(filled, NOT_ADAPTED)
+            yield self._improved(lambda: inner.mesh, inner, attempt, NOT_ADAPTED)
         raw = backend.solve(inner, run)
+        yield self._improved(lambda: restore(raw, inner, backend.name), inner, attempt, note)
 
-        def finish() -> SimplexMesh:
-            new = restore(raw, inner, backend.name)
+    def _improved(
+        self, made: Callable[[], SimplexMesh], inner: MeshingProblem, attempt: Attempt, note: str
+    ) -> Candidate:
+        """Return a mesh to be improved, early given up if another attempt may follow."""
+        given_up: list[bool] = []
+
+        def better(give_up: Callable[[], object] | None = None) -> SimplexMesh:
             return improved_soundly(
-                new, self.surface, problem.tolerance, inner.size, gives_up=attempt.is_followed
+                made(), self.surface, inner.tolerance, inner.size, give_up=give_up
             )
 
-        yield Candidate(finish, note)
+        if not attempt.is_followed:
+            return Candidate(better, note)
+        return Candidate(
+            lambda: better(lambda: given_up.append(True)),
+            note,
+            lambda: better() if given_up else None,
+        )
 
     def _in_adapted_surface(self, problem: MeshingProblem, run: IsolatedRunner) -> MeshingProblem:
         """Return the request to adapt what Netgen makes of a surface of the requested sizes."""
@@ -143,14 +150,14 @@ def improved_soundly(
     tolerance: float,
     size: Size | None,
     *,
-    gives_up: bool = False,
+    give_up: Callable[[], object] | None = None,
 ) -> SimplexMesh:
     """Return a mesh that fills a surface with better cells, or as it is if these would overlap.
 
     Nodes that are put onto a surface with walls much thinner than the tolerance may be put onto the
     wrong side, so that the boundary crosses itself although all cells are positive.
     """
-    better = improved(mesh, surface, tolerance, size, gives_up=gives_up)
+    better = improved(mesh, surface, tolerance, size, give_up=give_up)
     return unless_overlapping(better, mesh)
 
 

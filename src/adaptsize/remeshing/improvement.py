@@ -41,7 +41,7 @@ def improved(
     tolerance: float,
     size: Size | None = None,
     *,
-    gives_up: bool = False,
+    give_up: Callable[[], object] | None = None,
 ) -> SimplexMesh:
     """Return a mesh with facets within the tolerance and better worst cells, where possible.
 
@@ -55,9 +55,9 @@ def improved(
         Allowed distance of boundary and interfaces, in the unit of the coordinates.
     size : callable, optional
         Requested lengths of edges.
-    gives_up : bool
-        Whether nothing more is done for a mesh whose boundary stays off somewhere, since another
-        mesh will follow.
+    give_up : callable, optional
+        If it is given, nothing more is done for a mesh whose boundary stays off somewhere, since
+        another mesh may follow.  It is called then.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def improved(
                 return mesh
         return repaired(best.mesh, given, limit, size, wanted)
 
-    return _in_rounds(mesh, old, tolerance, made, gives_up=gives_up)
+    return _in_rounds(mesh, old, tolerance, made, give_up)
 
 
 class _Lines(NamedTuple):
@@ -246,8 +246,7 @@ def _in_rounds(
     old: SimplexMesh,
     tolerance: float,
     made: Callable[[SimplexMesh, _Far, float, _Balls], SimplexMesh],
-    *,
-    gives_up: bool = False,
+    give_up: Callable[[], object] | None = None,
 ) -> SimplexMesh:
     """Return a mesh brought nearer to the old surface, until it is near.
 
@@ -260,9 +259,9 @@ def _in_rounds(
     best = made(mesh, far, tuning.LEAST_QUALITY, spoiled := _Balls.none(mesh.dim))
     far = far.after(best, old, limit)
     later = list(tuning.LATER_QUALITIES)
-    if gives_up and far.largest > max(
-        tuning.HOPELESS * tolerance, tuning.LITTLE_NEARER * first.largest
-    ):
+    hopeless = max(tuning.HOPELESS * tolerance, tuning.LITTLE_NEARER * first.largest)
+    if give_up is not None and far.largest > hopeless and far.are_few(tolerance):
+        give_up()
         return best
     for _ in range(tuning.MOST_LATER_ROUNDS):
         # Many are far where the sizes are coarse: nothing is divided there.

@@ -21,6 +21,7 @@ from adaptsize.geometry.planes import is_in_plane
 from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions
+from adaptsize.quality.boundary import farthest_places
 from adaptsize.quality.certificate import NEAR
 from adaptsize.quality.connections import refuse_repeated_cells
 from adaptsize.quality.elements import folded_cells, refuse_folded
@@ -96,7 +97,8 @@ def prepared(
             wanted, sizes, mesh, given["g"], given["hmax"], metric, metric_on(size, mesh)
         ),
         given["tolerance"], _required(required_facets, mesh, repaired),
-        _if_crossed(solid, repaired.mesh), _first_of_loop(mesh, given["tolerance"] * old.diagonal),
+        _if_crossed(solid, repaired.mesh),
+        _first_of_loop(mesh, old, given) if solid is None else None,
     )  # fmt: skip
     n_cells = _number_of_cells(mesh, size, requests.to(chosen.name, 1.0))
     _refuse_too_many(n_cells, refused_above(given["max_elements"]))
@@ -120,7 +122,7 @@ class Requests:
     crossed: Solid | None = None
     """The solid of a surface to be filled whose facets cross; None where others do not cross."""
     first: SimplexMesh | None = None
-    """The mesh with which a loop began, whose boundary and interfaces a new mesh has to keep."""
+    """The mesh with which a loop began, repaired, whose boundary and interfaces have to be kept."""
     _made: dict[tuple[bool, float], MeshingProblem] = field(
         default_factory=dict, init=False, repr=False
     )
@@ -224,13 +226,20 @@ class Job:
             found = self._alone(attempt, backend, run)
         else:
             found = self.filling.candidates(attempt, backend, run)
-        for finish, note in found:
-            yield Candidate(partial(self._restored, finish, attempt.backend), note)
+        for finish, note, complete in found:
+            last = None if complete is None else partial(self._completed, complete, attempt.backend)
+            yield Candidate(partial(self._restored, finish, attempt.backend), note, last)
 
     def _restored(self, finish: Callable[[], SimplexMesh], backend: str) -> SimplexMesh:
         made = self.requests.frame.restored(finish(), self.requests.mesh)
         refuse_flat(made, backend)
         return made
+
+    def _completed(
+        self, complete: Callable[[], SimplexMesh | None], backend: str
+    ) -> SimplexMesh | None:
+        made = complete()
+        return None if made is None else self._restored(lambda: made, backend)
 
     def _alone(
         self, attempt: Attempt, backend: Backend, run: IsolatedRunner
@@ -261,17 +270,36 @@ class Job:
         return f"{n_cells} elements instead of the predicted {self.n_cells:.3g}: {FILLS_MORE}"
 
 
-def _first_of_loop(mesh: SimplexMesh, tolerance: float) -> SimplexMesh | None:
-    """Return the mesh with which a loop in space began, if it has the same kind of cells.
+def _first_of_loop(mesh: SimplexMesh, old: SimplexMesh, given: RemeshOptions) -> SimplexMesh | None:
+    """Return the repaired mesh with which a loop in space began; ``old`` is ``mesh`` repaired.
 
-    None if the boundary or interfaces have been moved since, as onto the true boundary.
+    None if its cells are of another kind, or if boundary and interfaces of the two are farther from
+    each other than the tolerance: they have been moved since, as onto the true boundary, or one of
+    the two is a part of the other, or too coarse.  With ``strict``, the present mesh alone counts.
     """
     first = mesh.original
-    if first is None or first.cell_dim != mesh.cell_dim:
+    if first is None or first.cell_dim != mesh.cell_dim or given["strict"]:
         return None
-    nodes = np.unique(facets_of(mesh).cells)
-    away = facets_of(first).locator.nearest(mesh.points[nodes])[2]
-    return first if away.max() <= (1.0 + NEAR) * tolerance else None
+    limit = (1.0 + NEAR) * given["tolerance"] * old.diagonal
+    first = _repaired_once(first)
+    there, here = facets_of(first), facets_of(old)
+    both = (there, here), (here, there)
+    for one, other in both:  # takes little time, and finds most of what is far
+        if other.locator.nearest(one.points[one.cells].mean(axis=1))[2].max() > limit:
+            return None
+    for one, other in both:
+        if farthest_places(one, other, limit).distance.max() > limit:
+            return None
+    return first
+
+
+def _repaired_once(mesh: SimplexMesh) -> SimplexMesh:
+    """Return the repaired mesh, which is kept with the given one for the next cycle of its loop."""
+    kept = vars(mesh)
+    if "_repaired" not in kept:
+        kept["_repaired"] = repair_mesh(mesh).mesh
+    repaired: SimplexMesh = kept["_repaired"]
+    return repaired
 
 
 def _if_crossed(solid: Solid | None, mesh: SimplexMesh) -> Solid | None:

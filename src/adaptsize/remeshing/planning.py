@@ -85,7 +85,7 @@ class Attempt:
     is_sized : bool
         Whether the generator gets the sizes.
     is_followed : bool
-        Whether another attempt is made if the boundary of this mesh is off.
+        Whether another attempt may be made if the boundary of this mesh is off.
     """
 
     backend: str
