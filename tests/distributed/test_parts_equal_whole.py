@@ -601,7 +601,7 @@ WRONG = {
     ),
     "tag": (
         lambda m, _: ads.size_from_sources(m, ads.RegionSource(9, 0.1)),
-        "tags must be among the cell_tags 1, 2, got 9",
+        "sources: tags must be among the cell_tags 1, 2, got 9",
     ),
     "fields": (
         lambda m, bad: ads.transfer_fields(m, m, fields={"v" if bad else "u": m.owner}),
