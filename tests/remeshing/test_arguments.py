@@ -68,7 +68,7 @@ def test_a_required_facet_that_is_none_is_refused():
 def test_too_many_elements_are_refused_with_both_numbers():
     with pytest.raises(TooManyElementsError, match=r"about 8\.49e\+09 .* max_elements = 5000000"):
         remesh(CUBE, 1e-3, backend="tetwild")
-    with pytest.raises(TooManyElementsError, match=r"max_elements = 1e\+03"):
+    with pytest.raises(TooManyElementsError, match=r"max_elements = 1000"):
         remesh(CUBE.boundary().mesh, 0.05, backend="tetwild", max_elements=1000)
 
 
