@@ -33,7 +33,7 @@ def test_survives_a_short_attack():
     assert all(f"{name}: " in done.stdout for name in SHARES)
 
 
-@pytest.mark.parametrize(("name", "n"), [("sequences", 3), ("signals", 3)])
+@pytest.mark.parametrize(("name", "n"), [("sequences", 2), ("signals", 2)])
 def test_survives_sequences_of_calls_and_signals(name, n):
     pytest.importorskip("mmgpy")
     done = attack("--only", name, "--start", 5, "--cases", n)
