@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, field, fields
 from decimal import Decimal
-from typing import Any, NamedTuple, TypeAlias, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -143,7 +143,7 @@ def _checksum(value: Any) -> int | None:
     """Return the checksum of an array that users may modify; None for anything else."""
     if not (is_array(value) and value.flags.writeable):
         return None
-    return zlib.crc32(value.tobytes())
+    return zlib.crc32(np.ascontiguousarray(value).data)
 
 
 def recorded(name: str, *parts: str, reads: bool = False) -> Callable[[F], F]:
@@ -192,7 +192,7 @@ def recorded(name: str, *parts: str, reads: bool = False) -> Callable[[F], F]:
         if pair is not None:
             of_pair = ["0", *(f"0.{part}" for part in parts), "1.sources"]
             changed.with_info = recorded(f"{name}.with_info", *of_pair)(pair)
-        return changed  # type: ignore[no-any-return]
+        return cast("F", changed)
 
     return decorate
 

@@ -26,6 +26,7 @@ from adaptsize._checks import (
 )
 from adaptsize._pickling import ReadOnlyState
 from adaptsize.background import CartesianGrid, Octree, SimplexMesh
+from adaptsize.background.interpolation import nodes_in_domain
 from adaptsize.background.simplex import as_mesh, as_own
 from adaptsize.errors import InputWarning, OutsideError
 from adaptsize.typing import Background, FloatArray, Unpack
@@ -346,12 +347,7 @@ class SizeFunction(ReadOnlyState):
 
         background = self.background
         nodes = np.asarray(background.points).reshape(-1, background.dim)
-        counts = np.ones(background.nodal_shape, np.bool_)
-        if isinstance(background, SimplexMesh):
-            counts = background.in_a_cell
-        elif isinstance(background, CartesianGrid) and background.active is not None:
-            counts = background.active
-        used = counts.ravel()
+        used = nodes_in_domain(background)
         h = np.minimum(np.ravel(self.values), self.hmax)
         if self._field is not None:  # sizes at nodes may exceed those that others allow there
             h[used] = self(nodes[used])
@@ -359,7 +355,9 @@ class SizeFunction(ReadOnlyState):
         inner = () if self.inner is None else self.inner.sources
         between = np.concatenate([extra_points(self)[0], *(source.samples for source in inner)])
         sizes = np.concatenate([h[used], self(between)])
-        at = SizesAtPlaces(sizes, np.concatenate([nodes[used], between]), counts)
+        at = SizesAtPlaces(
+            sizes, np.concatenate([nodes[used], between]), used.reshape(background.nodal_shape)
+        )
         return time_step(at, velocity, diffusivity, courant)
 
     def parts(self, *, speed: float = 1.0) -> tuple[Part, ...]:

@@ -13,6 +13,7 @@ from scipy.integrate import quad
 
 from adaptsize import adapt
 from adaptsize.adaptation import new_mesh
+from adaptsize.errors import BackendError
 from adaptsize.remeshing.driver import Remeshed
 from adaptsize.sizes import predict
 from adaptsize.sizes.budget import mean_density
@@ -134,3 +135,28 @@ def test_a_window_of_states_has_the_smallest_sizes_of_all(generator):
     for shape in ((2, 5), (0, mesh.n_cells), (1, 2, mesh.n_cells)):
         with pytest.raises(ValueError, match="indicator must have shape"):
             adapt(mesh, np.zeros(shape), **options)
+
+
+def test_the_time_limit_is_one_for_all_meshes_and_a_failure_leaves_the_mesh_before(
+    monkeypatch, generator
+):
+    given = []
+
+    class Slow(type(generator)):
+        factor = 0.7
+
+        def __call__(self, mesh, size, **options):
+            given.append(options["timeout"])
+            if len(given) == 2:
+                raise BackendError("the time is over")
+            return super().__call__(mesh, size, **options)
+
+    slow = Slow()
+    monkeypatch.setattr(new_mesh, "trial", lambda *a, **k: Remeshed(slow(*a, **k), None))
+    mesh = jittered_square(12, SEED, half_width=1.0)
+    result = adapt(mesh, indicator(mesh), elements=3000, timeout=60.0)
+    assert given[0] == 60.0
+    assert 0.0 < given[1] < 60.0
+    assert len(given) == 2
+    assert result.report.n_meshes == 1
+    assert result.mesh.n_cells == pytest.approx(0.7 * 3000, rel=0.1)

@@ -77,3 +77,17 @@ def test_signed_measures_change_sign_with_odd_renumbering(dim):
         mesh = SimplexMesh(corners, [order])
         assert_allclose(mesh.signed_measures, [sign / np.prod(range(1, dim + 1))], rtol=1e-15)
         assert_allclose(mesh.measures, np.abs(mesh.signed_measures), rtol=1e-14)
+
+
+@pytest.mark.parametrize("n", [20, 40, 3000])
+def test_rows_of_a_hub_are_sorted_as_others(n):
+    rng = np.random.default_rng(n)
+    ring = 1 + rng.permutation(n)
+    cells = np.column_stack([np.zeros(n, int), ring, np.roll(ring, 1)])
+    turned = np.take_along_axis(cells, rng.permuted(np.tile([0, 1, 2], (n, 1)), axis=1), axis=1)
+    twice = np.concatenate([turned, cells[: n // 2]])[rng.permutation(n + n // 2)]
+    mesh = SimplexMesh(rng.random((n + 1, 2)), twice)
+    pairs = np.sort(twice[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    edges, number = np.unique(pairs, axis=0, return_inverse=True)
+    assert np.array_equal(mesh.edges, edges)
+    assert np.array_equal(np.bincount(number.ravel()), mesh.facet_cell_counts)

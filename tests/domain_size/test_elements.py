@@ -9,18 +9,18 @@ from distance_shapes import ball
 from meshes import random_sphere
 
 from adaptsize import SimplexMesh, remesh_to_elements, size_function
+from adaptsize._stopwatch import Stopwatch
 from adaptsize.domain_size.elements import (
     Cap,
     Listener,
     MadeMesh,
     Maker,
-    Stopwatch,
     mesh_with_sizes,
     reach_number,
     within_cap,
 )
 from adaptsize.domain_size.unknowns import memory_on
-from adaptsize.errors import BackendError, ResolutionWarning
+from adaptsize.errors import BackendError, ResolutionWarning, TooManyElementsError
 from adaptsize.quality.certificate import MeshCheck, Requirement
 from adaptsize.remeshing.acceptance import Verdict
 from adaptsize.remeshing.attempts import Attempts, Best
@@ -112,7 +112,7 @@ class Generator:
 class CappedGenerator(Generator):
     """Makes too many cells at a given distance from the boundary, and may fail for fewer."""
 
-    def __init__(self, ratio, away=0.0, *, fails=False):
+    def __init__(self, ratio, away=0.0, *, fails=None):
         super().__init__(ratio)
         self.away, self.fails, self.made = away, fails, 0
 
@@ -125,8 +125,8 @@ class CappedGenerator(Generator):
         self.made += 1
         if self.made > 1:
             size = replace(size, report=replace(size.report, n_elements=1000.0 / self.ratio))
-            if self.fails:
-                raise BackendError("it failed")
+            if self.fails is not None:
+                raise self.fails("it failed")
         requirement = Requirement("boundary", "missed", "", self.away, 1e-3)
         best = Best(LINE, Verdict(MeshCheck((requirement,)), 20.0, False), "", "")
         found = Attempts((), best, is_cut_short=False)
@@ -306,8 +306,9 @@ def test_a_very_small_cap_is_no_error():
     assert np.isfinite(size.report.n_elements)
 
 
-def test_the_first_mesh_is_kept_if_the_second_fails():
-    generator = CappedGenerator(1.3, fails=True)
+@pytest.mark.parametrize("error", [BackendError, TooManyElementsError])
+def test_the_first_mesh_is_kept_if_the_second_fails(error):
+    generator = CappedGenerator(1.3, fails=error)
     generator.sized = lambda: size_function(SQUARE, elements=1000)
     made = within_cap(generator, Cap(1000.0))
     assert made.mesh.n_cells > 1100

@@ -44,6 +44,33 @@ def test_linear_elements_have_their_order_on_four_meshes_and_sizes_are_in_propor
     np.testing.assert_allclose(fine(where) * 2.0**1.5, coarse(where), rtol=1e-12)
 
 
+def test_the_time_limit_is_one_for_all_meshes(monkeypatch):
+    given = []
+
+    def made(mesh, size, timeout, **options):
+        given.append(timeout)
+        return mesh
+
+    monkeypatch.setattr("adaptsize.domain_size.family.remesh", made)
+    square = ads.SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    ads.mesh_family(square, hmax=0.3, levels=3, timeout=60.0)
+    assert given[0] == 60.0
+    assert given[2] < given[1] < 60.0
+
+
+@pytest.mark.parametrize("tolerance", [np.inf, 5.0])
+@pytest.mark.parametrize("make", [ads.mesh_family, ads.remesh_to_elements])
+def test_a_mesh_needs_a_tolerance_and_says_so_before_sizes_are_computed(
+    monkeypatch, make, tolerance
+):
+    for module in ("elements", "family"):
+        monkeypatch.setattr(f"adaptsize.domain_size.{module}.size_function", None)
+    square = ads.SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
+    number = {} if make is ads.mesh_family else {"elements": 1000}
+    with pytest.raises(ValueError, match="tolerance must be"):
+        make(square, **number, tolerance=tolerance)
+
+
 @pytest.mark.parametrize("order", [0.5, 1.7, 4.0])
 def test_order_and_value_of_exact_powers_are_found(order):
     h = np.array([0.3, 0.2, 0.11, 0.07])

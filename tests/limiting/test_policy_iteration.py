@@ -71,3 +71,11 @@ def test_limits_that_vanish_in_rounding_leave_the_equations_solvable(tiny):
     mesh, h0, g = _problem(3, 60_003, stretch=20.0, coincident=60)
     h, _ = _solve(mesh, h0, tiny * g)
     assert_allclose(h, np.full(150, h0.min()), rtol=1e-12)
+
+
+def test_a_limit_that_depends_on_the_size_converges_from_a_smallest_size_of_zero():
+    # The sizes are transformed, and the smallest of them is 0.
+    mesh, h0, _ = _problem(2, 60_005, stretch=10.0)
+    h, info = limit_gradient.with_info(mesh, h0, lambda h: 0.25 + 0.0 * h, method="fast-marching")
+    assert info.converged
+    assert_allclose(h, limit_gradient(mesh, h0, 0.25, method="fast-marching"), rtol=1e-6)

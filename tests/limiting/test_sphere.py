@@ -58,3 +58,10 @@ def test_threads_and_types_do_not_matter_and_inactive_nodes_have_no_effect():
     assert np.isinf(h[~grid.active]).all()
     rest = limit_on_sphere(grid.points[grid.active.ravel()], h0[grid.active].tolist(), 0.1)
     assert_allclose(h[grid.active], rest, rtol=1e-14)
+
+
+def test_no_points_and_bad_threads_are_refused_by_name():
+    with pytest.raises(ValueError, match="h0 must be finite at one node at least"):
+        limit_on_sphere(np.empty((0, 2)), [], 0.2)
+    with pytest.raises(ValueError, match=r"threads must be a whole number, got 1\.5"):
+        limit_on_sphere([[0.0, 0.0]], [1.0], 0.2, threads=1.5)

@@ -106,6 +106,19 @@ def test_what_a_ball_of_the_length_passes_is_kept(name):
     assert str(found) == "no details removed"
 
 
+def test_bodies_and_cavities_of_their_own_are_no_details():
+    others = [block((20.0, 0.0, 0.0), (0.1, 0.1, 0.1)), block((0.0, 3.0, 0.5), (0.2, 0.2, 0.2))]
+    others[1].invert()
+    others.append(
+        trimesh.boolean.difference([block((30, 0, 0), (1, 1, 1)), rod(0.1, 2, (30, 0, 0))])
+    )
+    part = trimesh.util.concatenate([less(rod(0.1, 9.0, (2.0, 1.0, 0.0))), *others])
+    made = remove_details(as_mesh(part), 1.5)
+    assert [detail.kind for detail in made.details] == ["cavity", "cavity"]
+    blocks = trimesh.util.concatenate([block(*PLATE), *others[:2], block((30, 0, 0), (1, 1, 1))])
+    assert volume_of(made.mesh) == pytest.approx(blocks.volume, rel=1e-12)
+
+
 def test_a_ball_on_a_thin_stem_loses_the_stem_only():
     ball = trimesh.creation.icosphere(3, 1.0).apply_translation((0, 0, 4.5))
     mesh = as_mesh(more(rod(0.2, 4.0, (0, 0, 2)), ball))

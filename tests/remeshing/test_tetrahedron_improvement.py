@@ -189,11 +189,11 @@ def test_rounds_end_where_the_first_one_leaves_a_place_far_away(
     after_first = with_tip(flat, corners, height) if height else flat
     made = iter([after_first, high])
     old = high.boundary().mesh
-    told = []
-    give_up = partial(told.append, True) if gives_up else None
+    calls = []
+    give_up = partial(calls.append, True) if gives_up else None
     new = in_rounds(flat, old, tolerance, lambda *_: next(made), give_up)
     assert new is (after_first if is_final else high)
-    assert told == ([True] if is_final else [])
+    assert calls == ([True] if is_final else [])
 
 
 def test_distances_after_changes_are_those_of_the_whole_mesh():

@@ -205,3 +205,10 @@ def test_edges_that_pass_a_box_are_those_that_have_points_in_it(dim):
     assert found[has_points].all()
     # Edges that cut a corner between two of the points.
     assert np.count_nonzero(found & ~has_points) <= 2
+
+
+@pytest.mark.parametrize("place", [np.zeros((1, 2)), [[0.0, 0.0]]])
+def test_a_source_stays_where_it_was_made(place):
+    source = PointSource(place, 0.1)
+    place[0][0] = 1.0
+    assert source.rows(2)[0].tolist() == [[0.0, 0.0]]

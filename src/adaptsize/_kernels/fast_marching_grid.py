@@ -8,7 +8,7 @@ the gradient limit of node k is ``g[k * g_step]``, with g float64[n] or float64[
 0.
 
 Nodes are accepted bucket by bucket: each bucket holds the nodes whose sizes lie within
-half a rise over one cell, and is emptied in any order.  A node that is lowered after it
+one rise over a cell, and is emptied in any order.  A node that is lowered after it
 was accepted is inserted again.  The result is that of a heap, in a quarter of the time.
 """
 

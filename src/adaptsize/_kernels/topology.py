@@ -2,6 +2,9 @@
 
 from adaptsize._kernels.compiling import lean, lean_kernel
 
+#: Buckets with more rows are sorted by a heap.
+_MANY = 64
+
 
 @lean_kernel
 def fill_rings(cells, n_points, ring_ptr, ring):
@@ -42,12 +45,54 @@ def _is_before(rows, a, b):
     return a < b
 
 
+@lean
+def _sift(rows, order, start, there, end):
+    """Let a row of a heap, the last one on top, sink to its place (In/Out: order)."""
+    row = order[start + there]
+    while True:
+        child = 2 * there + 1
+        if child >= end:
+            break
+        if child + 1 < end and _is_before(rows, order[start + child], order[start + child + 1]):
+            child += 1
+        if not _is_before(rows, row, order[start + child]):
+            break
+        order[start + there] = order[start + child]
+        there = child
+    order[start + there] = row
+
+
+@lean
+def _sort_by_heap(rows, order, start, end):
+    """Sort a bucket with many rows (In/Out: order), such as that of the hub of a wheel."""
+    count = end - start
+    for there in range(count // 2 - 1, -1, -1):
+        _sift(rows, order, start, there, count)
+    for last in range(count - 1, 0, -1):
+        row = order[start]
+        order[start] = order[start + last]
+        order[start + last] = row
+        _sift(rows, order, start, 0, last)
+
+
+@lean
+def _sort_by_insertion(rows, order, start, end):
+    """Sort a bucket with few rows (In/Out: order)."""
+    for here in range(start + 1, end):
+        row = order[here]
+        there = here
+        while there > start and _is_before(rows, row, order[there - 1]):
+            order[there] = order[there - 1]
+            there -= 1
+        order[there] = row
+
+
 @lean_kernel
 def group_rows(rows, scratch, first, group):
     """Give each row of sorted indices the number of its group, groups in lexicographic order.
 
-    Rows are dealt into one bucket per first index; the buckets are short in any
-    mesh, so the insertion sort inside them makes the whole linear in practice.
+    Rows are dealt into one bucket per first index.  Most buckets are short, so that the insertion
+    sort inside them makes the whole linear in practice; others are sorted by a heap.
 
     Parameters
     ----------
@@ -80,13 +125,10 @@ def group_rows(rows, scratch, first, group):
 
     n_groups = 0
     for i in range(n_points):
-        for here in range(start[i] + 1, start[i + 1]):
-            row = order[here]
-            there = here
-            while there > start[i] and _is_before(rows, row, order[there - 1]):
-                order[there] = order[there - 1]
-                there -= 1
-            order[there] = row
+        if start[i + 1] - start[i] > _MANY:
+            _sort_by_heap(rows, order, start[i], start[i + 1])
+        else:
+            _sort_by_insertion(rows, order, start[i], start[i + 1])
         for here in range(start[i], start[i + 1]):
             row = order[here]
             same = here > start[i]

@@ -1,17 +1,19 @@
 """A mesh with given sizes, and with a requested number of elements or nodes."""
 
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from adaptsize._stopwatch import Stopwatch
 from adaptsize.adaptation import tuning
 from adaptsize.adaptation.boundary_moves import BoundaryMoves
 from adaptsize.adaptation.next_sizes import CycleRequest, NextSizes
 from adaptsize.adaptation.report import boundary_distance, numbers_of
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.bisection import Resolved
-from adaptsize.errors import BoundaryWarning
+from adaptsize.errors import BackendError, BoundaryWarning
 from adaptsize.options import RemeshOptions
 from adaptsize.remeshing import remesh
 from adaptsize.remeshing.driver import trial
@@ -68,16 +70,18 @@ def make_mesh(
         "target": "triangles" if mesh.cell_dim < mesh.dim else "auto",
         "tolerance": given["boundary_tolerance"],
         "max_elements": given["max_elements"],
-        "timeout": given["timeout"],
         "how": given["how"],
         "rounds": given["rounds"],
     }
-    bare, d = _without_data(mesh), mesh.cell_dim
+    bare, d, time = _without_data(mesh), mesh.cell_dim, Stopwatch(given["timeout"])
     if isinstance(bare, SimplexMesh):
         bare = bare.with_original(original)
 
     def make(sizes: NextSizes) -> NewMesh:
         wanted = sizes.requested(mesh)
+        # The clocks of ranks differ.
+        left = mesh.ranks.allreduce(time.for_next_mesh() or math.inf, "min")
+        options["timeout"] = None if math.isinf(left) else left
         if isinstance(bare, PartitionedMesh):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", BoundaryWarning)  # the distance is measured below
@@ -96,7 +100,10 @@ def make_mesh(
         simplices = first.sizes.simplices * factor**-d
         sizes = request.for_number(mesh, simplices, goal.cells / simplices)
         share = sizes.simplices / first.sizes.simplices
-        new = make(sizes)
+        try:
+            new = make(sizes)
+        except BackendError:  # the meshes before are good
+            break
         search.add(first.sizes.predicted * share, new, goal.of(new), factor=share ** (-1.0 / d))
     best = search.best.result
     best.warn()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Literal, TypeAlias
 
@@ -15,10 +16,22 @@ from adaptsize.background.octree import Octree
 from adaptsize.background.partitioned import AnyMesh, PartitionedMesh
 from adaptsize.background.requests import ask_nearest, boxes_of
 from adaptsize.background.simplex import SimplexMesh, as_mesh
-from adaptsize.typing import FloatArray
+from adaptsize.typing import Background, BoolArray, FloatArray
 
 Outside = Literal["nearest", "nan"]
 AnyBackground: TypeAlias = SimplexMesh | CartesianGrid | Octree
+
+
+def nodes_in_domain(background: Background | PartitionedMesh) -> BoolArray:
+    """Return which nodes are in the domain, bool[n_points]: others say nothing about it.
+
+    Those are inactive nodes of a grid, and nodes of a mesh that are in no cell.
+    """
+    if isinstance(background, SimplexMesh | PartitionedMesh):
+        return background.in_a_cell
+    if isinstance(background, CartesianGrid) and background.active is not None:
+        return background.active.ravel()
+    return np.ones(math.prod(background.nodal_shape), np.bool_)
 
 
 def interpolate(

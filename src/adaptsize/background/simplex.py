@@ -357,7 +357,8 @@ class SimplexMesh(ExchangeMethods, QualityMethods, SurfaceMethods, PictureMethod
     ) -> SimplexMesh:
         """Return the same mesh with these fields and no others."""
         new = replace(self, point_data=point_data, cell_data=cell_data)
-        for name, value in self.__dict__.items():  # values of cached properties
+        # Values of cached properties, to which another thread may add.
+        for name, value in list(self.__dict__.items()):
             new.__dict__.setdefault(name, value)
         return new
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,11 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._calls import recorded
-from adaptsize._checks import checked_before, warn_again, warn_caller
+from adaptsize._checks import as_tolerance, checked_before, warn_again, warn_caller
 from adaptsize._defaults import TOLERANCE
 from adaptsize._messages import Message, message_of
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
+from adaptsize._stopwatch import Stopwatch
 from adaptsize.background import AnyBackground, SimplexMesh
 from adaptsize.background.bisection import resolved
 from adaptsize.background.merging import reordered
@@ -240,24 +240,6 @@ class Cap:
         return Message("{}, more than {max_memory} = {}", need, self.memory)
 
 
-@dataclass
-class Stopwatch:
-    """The time that all meshes of a request have together; it begins with the first."""
-
-    limit: float | None
-    clock: Callable[[], float] = time.monotonic
-    end: float | None = None
-
-    @property
-    def left(self) -> float | None:
-        """Seconds that are left, None without a limit."""
-        if self.limit is None:
-            return None
-        if self.end is None:
-            self.end = self.clock() + self.limit
-        return self.end - self.clock()
-
-
 @dataclass(frozen=True)
 class Maker:
     """Makes sizes and meshes of a domain for several numbers of elements."""
@@ -291,7 +273,8 @@ class Maker:
             for_mesh["periodic"] = request["periodic"]
         apart = {*for_mesh, *options_of(DetailOptions), "periodic"}
         for_sizes = {name: value for name, value in request.items() if name not in apart}
-        for_mesh["tolerance"] = request.get("tolerance") or TOLERANCE
+        # Sizes may do without a tolerance, a mesh keeps to the boundary.
+        for_mesh["tolerance"] = as_tolerance("tolerance", request.get("tolerance") or TOLERANCE)
         most = request.get("max_elements")
         return cls(
             mesh, for_sizes, for_mesh, most, is_exact, listener, progress,
@@ -338,9 +321,7 @@ class Maker:
             limit["max_elements"] = max(
                 self.most or 0.0, of_remeshing.MANY_MORE * report.n_elements
             )
-        left = self.time.left
-        if left is not None:
-            limit["timeout"] = max(left, np.finfo(float).tiny)
+        limit["timeout"] = self.time.for_next_mesh()
         held: Sequence[warnings.WarningMessage] = ()
         try:
             with checked_before(), warnings.catch_warnings(record=True) as held:
@@ -375,7 +356,7 @@ def _for_fewer(maker: Maker, cap: Cap, made: MadeMesh) -> MadeMesh:
     """Return a mesh with fewer elements than one that exceeds a cap, or that with the reason."""
     count, predicted = made.mesh.n_cells, report_of(made.size).n_elements
     first = Message("the mesh has {}", cap.said_of(made.mesh))
-    if made.is_off or made.is_cut_short or not (maker.time.left is None or maker.time.left > 0.0):
+    if made.is_off or made.is_cut_short or maker.time.is_over:
         reason = "the boundary is too far away" if made.is_off else "the time is over"
         text = "{}; none is made for fewer, since {}"
         return made._replace(excess=Message(text, first, reason))
@@ -387,7 +368,7 @@ def _for_fewer(maker: Maker, cap: Cap, made: MadeMesh) -> MadeMesh:
     try:
         with warnings.catch_warnings(record=True):  # of a mesh that is not written
             second = maker.meshed(size)
-    except BackendError as error:
+    except (TooManyElementsError, BackendError) as error:
         return made._replace(excess=Message("{}, and for fewer: {}", first, message_of(error)))
     if cap.load(second.mesh) <= tuning.OVER_CAP:
         return second
@@ -405,7 +386,7 @@ def _for_more(maker: Maker, cap: Cap, made: MadeMesh) -> MadeMesh:
     ratio, fills = count / predicted, made.mesh.cell_dim > maker.mesh.cell_dim
     is_bound = cap.load(made.mesh) > (1.0 - tuning.NEAR) * ratio  # sizes were relaxed to the cap
     name = None if made.attempts is None or made.attempts.best is None else made.attempts.best.alone
-    is_over = made.is_cut_short or not (maker.time.left is None or maker.time.left > 0.0)
+    is_over = made.is_cut_short or maker.time.is_over
     if name is None or is_over or not fills or not is_bound or ratio > tuning.UNDER_CAP:
         return made
     text = "{} has made {} elements, where {:.0f} were predicted"
@@ -413,7 +394,7 @@ def _for_more(maker: Maker, cap: Cap, made: MadeMesh) -> MadeMesh:
     try:
         with warnings.catch_warnings(record=True):  # of a mesh that is not written
             second = maker.by(name).meshed(maker.nearest_sized(cap, ratio))
-    except BackendError:
+    except (TooManyElementsError, BackendError):
         return made
     is_worse = second.is_cut_short or (second.is_off and not made.is_off)
     is_nearer = count < second.mesh.n_cells and cap.load(second.mesh) <= tuning.OVER_CAP

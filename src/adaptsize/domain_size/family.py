@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._calls import recorded
-from adaptsize._checks import as_float_array, as_number, refusal, refuse_where
+from adaptsize._checks import as_float_array, as_number, as_tolerance, refusal, refuse_where
 from adaptsize._defaults import TOLERANCE
 from adaptsize._size_function import SizeFunction
+from adaptsize._stopwatch import Stopwatch
 from adaptsize.background import AnyBackground, SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.domain_size.complete_size import size_function
@@ -252,6 +253,8 @@ def mesh_family(
     given = checked(FamilyOptions, options)
     check_backend(mesh, given["target"], given["backend"])
     levels, ratio = given["levels"], given["ratio"]
+    # Sizes may do without a tolerance, a mesh keeps to the boundary.
+    tolerance = as_tolerance("tolerance", given["tolerance"] or TOLERANCE)
     every: dict[str, Any] = {**given}
     for_mesh = {name: every[name] for name in options_of(MeshOptions)}
     for_sizes = {
@@ -263,8 +266,7 @@ def mesh_family(
         mesh, background=background, sources=sources, h0=h0, progress=progress, **for_sizes
     )
     report = report_of(coarsest)
-    tolerance = given["tolerance"] or TOLERANCE
-    sizes, meshes = [], []
+    sizes, meshes, time = [], [], Stopwatch(for_mesh.pop("timeout"))
     for level in reversed(range(levels)):
         factor = ratio**-level
         size = _scaled(coarsest, factor)
@@ -273,7 +275,7 @@ def mesh_family(
             old = without_order(mesh, size)
         new = remesh(
             old, size, progress=progress, g=report.g * factor, hmax=report.hmax * factor,
-            tolerance=tolerance * factor**2, **for_mesh,
+            tolerance=tolerance * factor**2, timeout=time.for_next_mesh(), **for_mesh,
         )  # fmt: skip
         sizes.append(replace(size, report=None if level else report))
         meshes.append(new)

@@ -21,6 +21,7 @@ from adaptsize._checks import (
 from adaptsize._formats.guards import about_file, write_whole
 from adaptsize._size_function import SizeFunction
 from adaptsize._workers import Workers
+from adaptsize.background.interpolation import nodes_in_domain
 from adaptsize.errors import MeshFileError
 from adaptsize.limiting.exact import limit_points
 from adaptsize.limiting.exact.field import ExactField, node_entries
@@ -119,10 +120,12 @@ def sparse_size(size: SizeFunction, g: float | None = None) -> SparseSize:
     if g is None:
         raise ValueError("g must be given for a size function that is not from size_function")
     limit = as_slope("g", g)
-    values = np.asarray(size.values).ravel()
+    counts = nodes_in_domain(size.background)
+    values = np.asarray(size.values).ravel()[counts]
     hmax = float(size.hmax) if size.g is not None else float(values.max())
     places, sizes = extra_points(size)
-    places = np.concatenate([size.background.points, places])
+    nodes = np.asarray(size.background.points).reshape(-1, size.background.dim)[counts]
+    places = np.concatenate([nodes, places])
     sizes = np.concatenate([values, sizes])
     used = np.flatnonzero(sizes < hmax)
     places, sizes = np.ascontiguousarray(places[used]), sizes[used]

@@ -38,7 +38,7 @@ class PositiveCoefficient(Scheme):
     tol : float, default 1e-3
         The iteration stops when no size decreases faster than ``tol * g`` per unit of time.
     max_iter : int, optional
-        Largest number of steps, by default 20 diagonals over dt, 20000 at most.
+        Largest number of steps, by default 10 diagonals over dt, 20000 at most.
 
     References
     ----------

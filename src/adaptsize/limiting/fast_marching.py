@@ -251,7 +251,7 @@ def _sweep_into_heap(
 def march_grid(problem: Problem, order: int = 1, *, along_edges: bool = False) -> Solution:
     """March on a grid until no node is lowered any more.
 
-    Nodes are accepted in order of size, in buckets of half the rise of a cell; the order within a
+    Nodes are accepted in order of size, in buckets of the rise of a cell; the order within a
     bucket is arbitrary.  The residual is that of the first-order equations; the second-order pass
     is explicit.
     """
@@ -356,7 +356,9 @@ def iterate_policies(
         policy.weight[lower] = offer.weight[lower]
         policy.cost[lower] = offer.cost[lower]
         better = _solve(bounded, policy, n)
-        change = float(np.max((h[bounded] - better) / h[bounded], initial=0.0))
+        # With g(h), sizes are transformed: the smallest is 0, and stays so.
+        drop = (h[bounded] - better) / np.where(h[bounded] > 0.0, h[bounded], np.inf)
+        change = float(np.max(drop, initial=0.0))
         h = np.minimum(h, value)
         h[bounded] = np.minimum(h[bounded], better)
         report("policy iteration", None)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, as_points, as_slope, refuse_where
+from adaptsize._checks import as_number, as_points, as_slope, as_whole_number, refuse_where
 from adaptsize._workers import Workers
 from adaptsize.background import CartesianGrid, SimplexMesh
-from adaptsize.limiting.exact import Exact, limit_points
+from adaptsize.limiting.exact import limit_points
 from adaptsize.limiting.problem import as_nodal_sizes
 from adaptsize.typing import FloatArray
 
@@ -93,11 +93,13 @@ def limit_on_sphere(
         shape = lon_lat.nodal_shape
     active = getattr(lon_lat, "active", None)
     bound = as_nodal_sizes("h0", h0, shape, active)
-    if bound.min() == np.inf:
+    if not np.isfinite(bound).any():
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
     slope = as_slope("g", g)
     r = as_number("radius", radius, lower=0.0, strict=True)
-    workers = Workers.of(Exact(threads=threads).threads)
+    if threads is not None:
+        threads = as_whole_number("threads", threads, lower=1, upper=10_000)
+    workers = Workers.of(threads)
     sizes = bound.reshape(-1)
     h = limit_points(to_sphere(where, r), sizes, len(sizes), slope, workers, r).h.reshape(shape)
     if active is not None:

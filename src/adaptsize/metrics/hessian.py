@@ -15,7 +15,7 @@ from adaptsize.metrics.metric import Metric
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, as_goal, calibration
 from adaptsize.sizes.recovery import recovered_hessian, second_derivatives_of_fits
 from adaptsize.sizes.search import scale_to
-from adaptsize.typing import FloatArray
+from adaptsize.typing import BoolArray, FloatArray
 
 
 def metric_from_hessian(
@@ -116,7 +116,7 @@ def metric_from_hessian(
     aspect = as_aspect("max_aspect", max_aspect)
     goal, wanted = as_goal(tolerance, elements)
     d = mesh.cell_dim
-    steepness, directions = _eigen(second, aspect)
+    steepness, directions = _eigen(second, aspect, mesh.in_a_cell)
     if frames is not None:
         steepness, directions = _in_space(steepness, directions, frames)
     exponent = 0.0 if math.isinf(q) else 1.0 / (2.0 * q + d)
@@ -190,8 +190,11 @@ def _given(mesh: SimplexMesh, hessian: npt.ArrayLike, frames: FloatArray | None)
     return np.asarray(0.5 * (inside + inside.swapaxes(1, 2)))
 
 
-def _eigen(second: FloatArray, aspect: float) -> tuple[FloatArray, FloatArray]:
-    """Return absolute eigenvalues, ascending and limited in their ratio, and eigenvectors."""
+def _eigen(second: FloatArray, aspect: float, counts: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Return absolute eigenvalues, ascending and limited in their ratio, and eigenvectors.
+
+    The largest one of the nodes that count tells what is rounding.
+    """
     values, vectors = np.linalg.eigh(0.5 * (second + second.swapaxes(1, 2)))
     values = np.abs(values)
     order = np.argsort(values, axis=1, kind="stable")
@@ -199,7 +202,7 @@ def _eigen(second: FloatArray, aspect: float) -> tuple[FloatArray, FloatArray]:
     vectors = np.take_along_axis(vectors, order[:, None, :], axis=2)
     largest = values[:, -1:]
     # Second derivatives below this share of the largest one are rounding.
-    values[largest[:, 0] <= max(1e-12 * largest.max(initial=0.0), NEAREST)] = 0.0
+    values[largest[:, 0] <= max(1e-12 * largest[counts].max(initial=0.0), NEAREST)] = 0.0
     return np.maximum(values, largest / aspect**2), vectors
 
 

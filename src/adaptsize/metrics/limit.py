@@ -15,6 +15,7 @@ from adaptsize._with_info import with_info
 from adaptsize._workers import Workers
 from adaptsize.background import AnyBackground, CartesianGrid, Octree, SimplexMesh
 from adaptsize.background._curve import along_curve, boxes_over
+from adaptsize.background.interpolation import nodes_in_domain
 from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics.algebra import AS_UNBOUNDED, UNBOUNDED, power_of_two
 from adaptsize.metrics.metric import Metric
@@ -75,7 +76,7 @@ def limit_metric(
     limited : Metric
         In no direction is a size larger than in ``metric``, or than any grown metric of a node.
         Without a bound only at inactive nodes of a grid, and in the plane in components without
-        any bound.
+        any bound.  Mesh nodes that belong to no cell keep their metrics.
         ``limit_metric.with_info``, with the same arguments, returns the pair ``(limited, info)``
         with a `MetricLimitingInfo`.
 
@@ -138,15 +139,19 @@ def limit_metric(
     slope = as_one_slope(g)
     if threads is not None:
         threads = as_whole_number("threads", threads, lower=1, upper=10_000)
-    sizes = _on_active(background, metric.sizes)
+    counts = nodes_in_domain(background)[:, None]
+    sizes = np.where(counts, metric.sizes, np.inf)
     if not np.isfinite(sizes).any():
         raise ValueError("metric must have a finite size at one node at least, got inf everywhere")
     with reporting(progress) as report:
         field = _Field(points, sizes, metric.directions)
         mesh = background if _is_plane(background) else None
         found, active, n_sources = _limited(field, slope, Workers.of(threads, report), mesh)
-    h = _on_active(background, found.h)
-    limited = Metric.of(h, found.r)
+    # Nodes in no cell keep their metrics, inactive ones have no bound.
+    kept_sizes = metric.sizes if isinstance(background, SimplexMesh) else np.inf
+    h = np.where(counts, found.h, kept_sizes)
+    r = np.where(counts[:, :, None], found.r, metric.directions)
+    limited = Metric.of(h, r)
     # Sizes up to this much larger than the bound count as equal to it.
     kept = (limited.density <= metric.density * (1.0 + 1e-9)) & np.isfinite(sizes).any(axis=1)
     return limited, MetricLimitingInfo(active, kept, n_sources)
@@ -164,13 +169,6 @@ def as_one_slope(g: Any) -> float:
 
 def _is_plane(background: AnyBackground) -> TypeGuard[SimplexMesh]:
     return isinstance(background, SimplexMesh) and background.cell_dim == background.dim == 2
-
-
-def _on_active(background: AnyBackground, sizes: FloatArray) -> FloatArray:
-    """Return sizes without a bound at the inactive nodes of a grid."""
-    if not isinstance(background, CartesianGrid) or background.active is None:
-        return sizes
-    return np.where(background.active.ravel()[:, None], sizes, np.inf)
 
 
 class _Field(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from adaptsize._checks import as_number, as_tolerance, length_text, place_text
+from adaptsize._checks import as_number, as_tolerance, as_whole_number, length_text, place_text
 from adaptsize._printed import Printed
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import skin_of
@@ -250,7 +250,7 @@ def check_mesh(
         as_number(name, value, lower=0.0, upper=1.0)
         for name, value in (("share_in_band", share_in_band), ("share_served", share_served))
     )
-    count = int(as_number("n_places", n_places, lower=0.0))
+    count = as_whole_number("n_places", n_places, lower=0, upper=10**9)
     if original is not None:
         original = as_mesh("original", original)
         if mesh.dim != original.dim or original.cell_dim < mesh.dim - 1:

@@ -181,7 +181,6 @@ def best_of(
             continue
         if budget.left <= 0.0:
             tried.append(Tried(str(attempt), attempt.reason, "no time", "no time left", 0.0))
-            best = _completed(best, tried, judge, budget)
             return Attempts(tuple(tried), best, is_cut_short=True)
         _LOGGER.info("%s: %s", attempt, attempt.reason)
         began = budget.clock()
@@ -261,9 +260,10 @@ def _completed(
 ) -> Best | None:
     """Return the best mesh with what was left undone for an attempt that gave no better one.
 
-    That one may have failed, or have been left out.  The record of the mesh is renewed.
+    That one may have failed, or have been left out.  The record of the mesh is renewed.  Where no
+    time is left, the mesh stays as it is.
     """
-    if best is None or best.complete is None:
+    if best is None or best.complete is None or budget.left <= 0.0:
         return best
     began = budget.clock()
     try:

@@ -163,10 +163,9 @@ class SurfaceWithDetails:
         cut = np.zeros(len(mesh.edges), np.bool_)
         cut[rows_among(np.sort(np.concatenate(edges), axis=1), mesh.edges)] = True
         part = _parts_between(mesh, cut)
-        area = np.bincount(part, mesh.measures)
+        area = np.asarray(np.bincount(part, mesh.measures), np.float64)
         sides = [self._sides(loop, part) for loop in loops]
-        stays = np.zeros(len(area), np.bool_)
-        stays[np.argmax(area)] = True
+        stays = self._largest_in_each_body(part, area)
         for k in np.flatnonzero(~stays).tolist():
             stays[k] = self._is_large(cells[part == k], _caps(loops, sides, k), length)
         new = [cells[stays[part]]]
@@ -180,6 +179,15 @@ class SurfaceWithDetails:
         left = np.concatenate(new)
         made, _ = cut_out(mesh.points, left, cell_tags=tags, tag_names=mesh.tag_names)
         return Simplified(made, details) if made.is_closed else Simplified(mesh, ())
+
+    def _largest_in_each_body(self, part: IndexArray, area: FloatArray) -> BoolArray:
+        """Return which parts are the largest of a connected body: a body is no detail."""
+        body = np.empty(len(area), np.intp)
+        body[part] = _parts_between(self.mesh, np.zeros(len(self.mesh.edges), np.bool_))
+        order = np.lexsort([area, body])
+        largest = np.zeros(len(area), np.bool_)
+        largest[order[np.flatnonzero(np.diff(body[order], append=-1))]] = True
+        return largest
 
     def _loop(self, nodes: IndexArray, cell: int, length: float) -> _Loop | None:
         """Return a loop if it is nearly plane and narrow."""

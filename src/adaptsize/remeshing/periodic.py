@@ -68,8 +68,8 @@ def remesh_periodic(
         If a mesh cannot be moved back, or if edges on the sides stay far longer than their sizes.
     """
     cell = PeriodicCell(mesh, motions)
+    # left: the number of facets still to be divided, and the longest edge over its size.
     pending, left = cell.on_sides, (math.inf, math.inf)
-    # The number of facets that are left, and the longest edge over its size.
     for turn in range(tuning.MOST_PERIODIC_TURNS):
         cell, pending = cell.divided(pending)
         joined = cell.joined(cell.centre(turn, pending))
@@ -126,7 +126,7 @@ def _paired_again(new: SimplexMesh, motions: npt.ArrayLike, old: SimplexMesh) ->
 
 
 def _refuse_doubled(mesh: SimplexMesh, facets: BoolArray) -> None:
-    """Refuse other nodes at the places of nodes of facets: they could not be told apart."""
+    """Refuse other nodes at the places of nodes of facets: they could not be distinguished."""
     from scipy.spatial import cKDTree
 
     nodes = np.unique(mesh.facets[facets])

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from adaptsize._calls import recorded
 from adaptsize._checks import as_number, as_values, refuse_where
 from adaptsize.background import AnyMesh, PartitionedMesh
+from adaptsize.background.interpolation import nodes_in_domain
 from adaptsize.background.simplex import as_mesh
 from adaptsize.limiting import limit_gradient
 from adaptsize.options import ErrorOptions, HessianOptions, checked, with_options
@@ -297,7 +298,8 @@ def size_from_hessian(
     mesh.ranks.require_equal(**given)
     if isinstance(mesh, PartitionedMesh):
         mesh.require_equal_values("values", nodal)
-    ends = np.array([nodal.min(initial=np.inf), -nodal.max(initial=-np.inf)])
+    counted = nodal[nodes_in_domain(mesh)]
+    ends = np.array([counted.min(initial=np.inf), -counted.max(initial=-np.inf)])
     low, minus_high = mesh.ranks.allreduce(ends, "min").tolist()
     hessian, diagonal = second_derivatives(mesh, nodal), mesh.diagonal
     steepest = np.abs(np.linalg.eigvalsh(hessian)).max(axis=1, initial=0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import wraps
@@ -93,6 +94,13 @@ class _Rows:
         return f"{type(self).__name__}({', '.join(given)})"
 
 
+def _keep(source: Any) -> None:
+    """Replace arrays and lists of a frozen source by copies: the caller may change his own."""
+    for name, value in vars(source).items():
+        if isinstance(value, np.ndarray | list):
+            object.__setattr__(source, name, copy.deepcopy(value))
+
+
 def _short(value: Any) -> str:
     """Return a value, or the shape of an array whose text is long."""
     text = repr(value)
@@ -118,7 +126,8 @@ class PointSource(_Rows, Source):
     size: npt.ArrayLike
 
     def __post_init__(self) -> None:
-        """Refuse sizes that are not positive."""
+        """Refuse sizes that are not positive, and keep what is given."""
+        _keep(self)
         _positive(self.size)
 
     def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
@@ -160,7 +169,8 @@ class CurveSource(_Rows, Source):
     size: npt.ArrayLike
 
     def __post_init__(self) -> None:
-        """Refuse sizes that are not positive."""
+        """Refuse sizes that are not positive, and keep what is given."""
+        _keep(self)
         _positive(self.size)
 
     def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
@@ -202,7 +212,8 @@ class BoundarySource(Source):
     tags: Tags | None = None
 
     def __post_init__(self) -> None:
-        """Refuse sizes that are not positive."""
+        """Refuse sizes that are not positive, and keep what is given."""
+        _keep(self)
         _one_size(self.size)
 
     def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
@@ -230,7 +241,8 @@ class RegionSource(Source):
     size: float
 
     def __post_init__(self) -> None:
-        """Refuse sizes that are not positive."""
+        """Refuse sizes that are not positive, and keep what is given."""
+        _keep(self)
         _one_size(self.size)
 
     def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
@@ -258,7 +270,8 @@ class BoxSource(Source):
     size: float
 
     def __post_init__(self) -> None:
-        """Refuse sizes that are not positive."""
+        """Refuse sizes that are not positive, and keep what is given."""
+        _keep(self)
         _one_size(self.size)
 
     def lower_sizes(self, mesh: _Mesh, g: float, h0: FloatArray) -> None:
@@ -299,7 +312,8 @@ class BallSource(Source):
     size: float
 
     def __post_init__(self) -> None:
-        """Refuse sizes that are not positive."""
+        """Refuse sizes that are not positive, and keep what is given."""
+        _keep(self)
         _one_size(self.size)
         as_number("radius", self.radius, lower=0.0)
 
