@@ -222,7 +222,7 @@ class SizeFunction(ReadOnlyState):
         Parameters
         ----------
         g : float, optional
-            The gradient limit, if ``size`` is not from `size_function`.
+            The gradient limit, if this is not from `size_function`.
 
         Returns
         -------
@@ -275,7 +275,7 @@ class SizeFunction(ReadOnlyState):
         Raises
         ------
         ValueError
-            If ``size`` has no report, or an option is out of range.
+            If there is no report, or an option is out of range.
 
         Notes
         -----
@@ -380,7 +380,7 @@ class SizeFunction(ReadOnlyState):
         Raises
         ------
         ValueError
-            If ``size`` has no report, or is on a grid or an octree.
+            If there is no report, or the sizes are on a grid or an octree.
 
         Notes
         -----

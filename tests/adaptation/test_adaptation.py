@@ -100,7 +100,7 @@ ETA = np.ones(MESH.n_cells)
     ("arguments", "message"),
     [
         ({}, "indicator or h0 must be given, got neither"),
-        ({"indicator": ETA}, "an indicator needs tolerance or elements, got neither"),
+        ({"indicator": ETA}, "an indicator needs tolerance, elements or nodes, got none"),
         ({"h0": 0.1, "tolerance": 1.0}, "tolerance needs an indicator"),
         ({"h0": np.full(16, np.inf)}, "h0 must be finite at one node at least"),
         ({"h0": np.full(16, np.inf), "g": None}, "must be finite after limiting"),

@@ -86,10 +86,10 @@ def test_what_a_file_cannot_keep_is_refused(tmp_path):
             LoopState(mesh, {"u": field}).write(tmp_path / "s")
     assert not list(tmp_path.iterdir())
     (tmp_path / "s").write_bytes(b"no state")
-    with pytest.raises(MeshFileError, match="is no state of an adaptive loop"):
+    with pytest.raises(MeshFileError, match="is not the state of an adaptive loop"):
         LoopState.read(tmp_path / "s")
     np.savez(tmp_path / "other.npz", points=mesh.points)
-    with pytest.raises(MeshFileError, match="is no state of an adaptive loop"):
+    with pytest.raises(MeshFileError, match="is not the state of an adaptive loop"):
         LoopState.read(tmp_path / "other.npz")
     with pytest.raises(MeshFileError, match=r"none\.npz: No such file"):
         LoopState.read(tmp_path / "none.npz")
@@ -111,7 +111,7 @@ def test_damaged_files_raise_one_error(tmp_path):
         ("mesh/cells", np.array(3)),
     ):
         np.savez(path, **{**content, name: value})
-        with pytest.raises(MeshFileError, match="is no state of an adaptive loop"):
+        with pytest.raises(MeshFileError, match="is not the state of an adaptive loop"):
             LoopState.read(path)
     n_refused = 0
     for _ in range(300):

@@ -145,6 +145,8 @@ def test_a_prescribed_size_of_a_part_replaces_that_of_its_shape_and_no_other():
     )
     with pytest.raises(ValueError, match=r"size_of must name parts among .*long, short.*; got 'x'"):
         size_function(strip(), size_of={"x": 1.0})
+    with pytest.raises(ValueError, match=r"size_of must name each part once, got \[1, '1'\]"):
+        size_function(strip(), size_of={1: 0.1, "1": 0.2})
 
 
 def test_the_five_smallest_places_are_apart_and_name_their_bound():

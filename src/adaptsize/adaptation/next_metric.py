@@ -119,7 +119,7 @@ def metric_request(
     if not chosen and bound is None:
         raise ValueError("anisotropic needs a field in fields, or a Metric as h0, got neither")
     if chosen and (accuracy, options["elements"], options["nodes"]) == (None, None, None):
-        raise OptionError(Message("fields need {tolerance} or {elements}, got neither"))
+        raise OptionError(Message("fields need {tolerance}, {elements} or {nodes}, got none"))
     if not chosen and accuracy is not None:
         raise OptionError(Message("{tolerance} needs fields whose error it limits, got none"))
     g = METRIC_GRADIENT_LIMIT if isinstance(options["g"], str) else options["g"]

@@ -380,7 +380,9 @@ def size_request(
         raise refusal("tolerance", "needs an indicator, got None")
     goals = (tolerance, options["elements"], options["nodes"])
     if indicator is not None and goals == (None, None, None):
-        raise OptionError(Message("an indicator needs {tolerance} or {elements}, got neither"))
+        raise OptionError(
+            Message("an indicator needs {tolerance}, {elements} or {nodes}, got none")
+        )
     as_limits(options["hmin"], options["hmax"], allow_inf=True)
     if indicator is None:
         return BoundRequest(options=options, h0=h0, cell=cell)

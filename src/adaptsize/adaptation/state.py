@@ -115,7 +115,7 @@ class LoopState:
                     own = {k: parts[f"{k}/{name}"] for k in (p.name for p in fields_of(make))}
                     found[name] = make(**{k: v if v.ndim else v.item() for k, v in own.items()})
         except Exception as error:  # numpy and zipfile raise many kinds for damaged files
-            text = MeshFileError(f"is no state of an adaptive loop: {error!r}")
+            text = MeshFileError(f"is not the state of an adaptive loop: {error!r}")
             raise about_file(source, text) from error
         return cls(mesh, found, _parts(content, "cell_fields/"))
 

@@ -196,6 +196,7 @@ def detail_that_fits(domain: SizedDomain, request: Request) -> float | None:
     known: dict[int, float] = {}
 
     def excess(length: float) -> float:
+        """Return the logarithm of the elements over the allowed ones."""
         simplified = details.removed(length)
         count = len(simplified.details)
         if count not in known:
@@ -203,7 +204,7 @@ def detail_that_fits(domain: SizedDomain, request: Request) -> float | None:
             if count > 0:
                 other = SurfaceDomain.of(simplified.mesh, request.crease_angle)
                 known[count] = _load(report_of(_fully_relaxed(other, request)), request)
-        return known[count] - 1.0
+        return math.log(known[count])
 
     low, high = (
         request.tolerance * domain.mesh.diameter,

@@ -72,10 +72,13 @@ def as_sizes_of_parts(size_of: Any) -> dict[str, float]:
     kinds = str | int | np.integer
     if not isinstance(size_of, Mapping) or not all(isinstance(name, kinds) for name in size_of):
         raise refusal("size_of", f"must be sizes by the names of parts, got {describe(size_of)}")
-    return {
+    sizes = {
         str(name): as_number(f"size_of[{name!r}]", size, lower=0.0, strict=True)
         for name, size in size_of.items()
     }
+    if len(sizes) < len(size_of):
+        raise refusal("size_of", f"must name each part once, got {list(size_of)!r:.200}")
+    return sizes
 
 
 def sizes_of_parts(mesh: object, size_of: Mapping[str, float]) -> FloatArray:

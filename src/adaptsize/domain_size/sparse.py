@@ -102,7 +102,7 @@ class SparseSize:
         except OSError as error:
             raise about_file(source, error) from error
         except (ValueError, KeyError, IndexError, BadZipFile, EOFError) as error:
-            raise MeshFileError(f"{source}: is no table of SparseSize.write: {error}") from error
+            raise MeshFileError(f"{source}: is not a table of SparseSize.write: {error}") from error
         places = as_points("points", as_float_array("points", points))
         largest = as_number("hmax", hmax, lower=0.0, strict=True, allow_inf=True)
         sizes = as_sizes("sizes", sizes, places.shape[:1])

@@ -165,7 +165,7 @@ def refuse_other_than_surface(surface: SimplexMesh) -> None:
         raise ValueError(f"surface must consist of triangles in 3-D, got {surface!r}")
 
 
-def tag_faces(surface: SimplexMesh, angle: float = 40.0) -> SimplexMesh:
+def tag_faces(surface: SimplexMesh, angle: float = CREASE_ANGLE) -> SimplexMesh:
     """Return a surface with a tag for each face; faces are separated by feature edges.
 
     See `SimplexMesh.tag_faces`.

@@ -75,7 +75,7 @@ class HamiltonJacobi(Scheme):
     :math:`O(n^{1 + 1/d})` for n nodes in d dimensions if there are few bounds.  It is near O(n)
     if h0 is nearly limited already, or if ``initial`` is close and the change is local.  A small
     change of a bound does not converge faster than a large one, because it propagates over
-    the same distance.  Fast marching is always O(n log n).  Choose the iteration for a good
+    the same distance.  Fast marching is O(n) on grids.  Choose the iteration for a good
     start, for short paths, or for its second order.  Memory: 3 arrays of the grid at order 1,
     4 at order 2, and one more if g varies.
 

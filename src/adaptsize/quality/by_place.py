@@ -210,8 +210,8 @@ class RequestedElements(NamedTuple):
 
     def only(self, which: npt.NDArray[np.bool_]) -> RequestedElements:
         """Return some of them."""
-        arrays = {name: self._asdict()[name][which] for name in self._fields[:5]}
-        return self._replace(**arrays, together=1)
+        names = ("points", "weights", "sizes", "edges", "cells")
+        return self._replace(**{name: getattr(self, name)[which] for name in names}, together=1)
 
     def served(self, size: object = None, ranks: Communicator | None = None) -> Served | None:
         """Return the shares that are in the mesh, None if nothing is requested; collective.

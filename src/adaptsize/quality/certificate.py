@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from adaptsize._checks import as_number, as_tolerance, as_whole_number, length_text, place_text
+from adaptsize._defaults import TOLERANCE
 from adaptsize._printed import Printed
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import skin_of
@@ -161,7 +162,7 @@ def check_mesh(
     *,
     original: SimplexMesh | None = None,
     size: SizeLike | None = None,
-    tolerance: float = 1e-3,
+    tolerance: float = TOLERANCE,
     share_in_band: float = SHARE_IN_BAND,
     share_served: float = SHARE_SERVED,
     n_places: int = 5,

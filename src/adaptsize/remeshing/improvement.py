@@ -186,8 +186,6 @@ class _Far(NamedTuple):
 
     def beyond_around(self, centres: FloatArray, reach: FloatArray, limit: float) -> FloatArray:
         """Return the sums of the distances beyond a limit in balls, less the limit."""
-        from scipy.spatial import cKDTree  # slow to import
-
         points = np.concatenate([self.new.points, self.lost.points])
         over = np.concatenate([self.new.distance, self.lost.distance]) - limit
         points, over = points[over > 0.0], over[over > 0.0]

@@ -237,8 +237,7 @@ def predict(
     -----
     The integral over a cell of linear sizes is exact up to rounding.  With a callable, cells are
     halved along their longest edges until the sizes are linear up to 2 %, or the edges half as long
-    as the sizes.  The integral over
-    an Enclosed region has a standard error below 1 %.
+    as the sizes.  The integral over an Enclosed region has a standard error below 1 %.
 
     Examples
     --------
