@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay
 
 from adaptsize import CartesianGrid, SimplexMesh
-from adaptsize.limiting import Exact
+from adaptsize.limiting import Exact, FastMarching
 from adaptsize.typing import FloatArray
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
@@ -67,7 +67,7 @@ PERIODIC = {
 OTHERS = named("edge-based", "positive-coefficient")
 ON_GRIDS = {
     **named("edge-based", "fast-marching", "exact"),
-    "fast-marching, order 2": {"method": "fast-marching", "order": 2},
+    "fast-marching, order 2": {"method": FastMarching(order=2)},
 }
 
 
