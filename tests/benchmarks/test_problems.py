@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from _problems import SERIES
+
 from limiting import solve
 
 #: Making these takes long, of any number of nodes.
@@ -21,4 +22,4 @@ def test_each_method_solves_each_problem(name):
             seconds, h = solve(problem, options)
         assert seconds >= 0.0
         assert (np.ravel(h) <= np.ravel(problem.h0)).all()
-        assert np.isfinite(np.ravel(h)[problem.nodes]).any()
+        assert np.isfinite(h).any()
