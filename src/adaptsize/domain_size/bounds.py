@@ -177,7 +177,7 @@ class Bounds:
         points = None if len(asked.sizes) == 0 else (asked.places, asked.sizes)
         h, info = limit_gradient.with_info(
             self.background, asked.nodal, request.g, method="auto" if scheme is None else scheme,
-            point_sources=points, progress=request.report,
+            point_sources=points, progress=request.progress,
         )  # fmt: skip
         roots = None
         if info.sources is not None:
@@ -195,7 +195,7 @@ class Bounds:
         inner = [source.clipped(self.limits[0], np.inf) for source in self.inner]
         grown = limit_inside(
             surface, solid, asked.nodal, (asked.places, asked.sizes), inner, request.g,
-            Workers.of(None, request.report),
+            Workers.of(None, request.progress),
         )  # fmt: skip
         of_inner = asked.causes.index(SOURCES) if self.inner else 0
         more = np.full(len(grown.places) - len(asked.places), of_inner, np.int8)

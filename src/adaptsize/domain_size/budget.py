@@ -274,7 +274,7 @@ def _fully_relaxed(domain: SizedDomain, request: Request) -> SizeFunction:
 
 def _relaxed(domain: SizedDomain, request: Request, relaxation: float) -> SizeFunction:
     """Return the sizes for relaxed parameters, with the predicted numbers of a mesh by Mmg."""
-    request.report(Stage("sizes"), None)
+    request.progress(Stage("sizes"), None)
     size = domain.size_for(replace(request, relaxation=relaxation))
     report, dim = report_of(size), size.background.dim
     found = Prediction(calibration("mmg", dim) * report.n_elements)

@@ -65,7 +65,7 @@ class LevelSet:
         if request.across > 0.0:
             if self._width is None:
                 self._width = size_from_feature(
-                    grid, phi, elements_across=1.0, progress=request.report
+                    grid, phi, elements_across=1.0, progress=request.progress
                 )
             bounds[WIDTH] = self._width / request.across
         limits = request.limits(diameter_of(grid, inside), float(grid.spacing.max()))
@@ -202,7 +202,7 @@ class MeshDomain:
         boundary = skin_of(mesh)[0]
         bounds.nodal = self._bounds(background, boundary, request)
         if not isinstance(background, SimplexMesh):
-            phi = signed_distance(background, boundary, progress=request.report)
+            phi = signed_distance(background, boundary, progress=request.progress)
             if isinstance(background, CartesianGrid):
                 _inside(background, phi)
                 return limited_on_grid(phi, bounds, request)
@@ -221,7 +221,9 @@ class MeshDomain:
             faces = Faces.of(boundary, request.crease_angle)
             found = Separation(faces, CORNER_ANGLE, WallTree.of(faces))
             sampled = found.at_nodes if self.background is None else found.sampled
-            self._features = _Features(*sampled(request.report), faces.is_rough, boundary.diameter)
+            self._features = _Features(
+                *sampled(request.progress), faces.is_rough, boundary.diameter
+            )
         places, distances, is_rough, diameter = self._features
         if request.between(is_rough) == 0.0:
             return [], is_rough
@@ -253,11 +255,11 @@ class MeshDomain:
         """Return the width of the domain, and of each of its regions."""
         angle = request.crease_angle
         width = size_from_feature(
-            background, boundary, elements_across=1.0, progress=request.report, crease_angle=angle
+            background, boundary, elements_across=1.0, progress=request.progress, crease_angle=angle
         )
         if boundary is not None or self.mesh.cell_dim < self.mesh.dim:
             return width
-        return np.minimum(width, width_in_regions(self.mesh, angle, request.report))
+        return np.minimum(width, width_in_regions(self.mesh, angle, request.progress))
 
 
 def _sized(bounds: Bounds, request: Request) -> SizeFunction:

@@ -148,8 +148,8 @@ def _sizes(
     if background is not None:
         check_type("background", background, SimplexMesh, CartesianGrid, Octree)
     given = checked(SizeFunctionOptions, options)
-    with reporting(progress) as report:
-        request = Request.of(given, sources, h0, report)
+    with reporting(progress) as listener:
+        request = Request.of(given, sources, h0, listener)
         domain = as_own(domain)
         refuse_unused(_kind_of(domain), options, " ".join(describe(domain).split()))
         with checked_before():
@@ -173,7 +173,7 @@ def _as_domain(
     if isinstance(domain, SimplexMesh):
         return mesh_domain(domain, background, request.crease_angle)
     if callable(domain):
-        return _implicit_domain(domain, background, box, request.report)
+        return _implicit_domain(domain, background, box, request.progress)
     if background is not None and not isinstance(background, CartesianGrid):
         raise ValueError(
             "background must be a CartesianGrid for a domain that is not a mesh or a function, "
@@ -191,7 +191,7 @@ def _as_domain(
             "domain must be a SimplexMesh, a callable, an Image or an array of numbers, or a tuple "
             f"(CartesianGrid, distances), got {describe(domain)}"
         )
-    return ImageDomain.of(domain, request.options, request.report)
+    return ImageDomain.of(domain, request.options, request.progress)
 
 
 def _implicit_domain(

@@ -94,7 +94,6 @@ class ImplicitDomain:
 
     def _shape(self, tree: Octree, request: Request) -> Shape:
         """Return the domain as seen on an octree."""
-        report = request.report
         values = self.function(tree.points)
         check_signs(values < 0.0, values, tree)
         boundary: Boundary = (
@@ -102,14 +101,16 @@ class ImplicitDomain:
             if self._is_distance
             else ZeroLevelBoundary(self.function, tree, values)
         )
-        nodes = boundary.seen_from(tree.points, report)
+        nodes = boundary.seen_from(tree.points, request.progress)
         # Nodes as deep as rounding are on the boundary.
         inner = inner_cells(tree.mesh, nodes.depth >= -1e-12 * tree.mesh.diagonal)
         edges = tree.mesh.edges
         near = np.unique(edges[-nodes.depth[edges].sum(axis=1) <= tree.mesh.edge_lengths])
         width = np.full(tree.n_points, np.inf)
         seen = Depths(nodes.depth[near], nodes.outward[near])
-        width[near] = width_within(boundary, tree.points[near], seen, tree.diagonal, report)
+        width[near] = width_within(
+            boundary, tree.points[near], seen, tree.diagonal, request.progress
+        )
         reach = np.zeros(inner.mesh.n_points)  # the longest edge at each node
         np.maximum.at(reach, inner.mesh.edges, inner.mesh.edge_lengths[:, None])
         close = nodes.depth[inner.nodes] <= reach

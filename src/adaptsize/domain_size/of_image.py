@@ -144,7 +144,7 @@ class ImageDomain:
         if request.per_radian > 0.0:
             curvature = bounds[CURVATURE] = np.full(shape, np.inf)
             smooth = self.nearest.third > _BESIDE
-            for part, grid, phi, _ in self._each(request.report):
+            for part, grid, phi, _ in self._each(request.progress):
                 found = size_from_curvature(
                     grid,
                     phi,
@@ -157,7 +157,7 @@ class ImageDomain:
                 curvature[part] = np.where(lower, found, curvature[part])
         if request.across > 0.0:
             width = bounds[WIDTH] = np.full(shape, np.inf)
-            for part, _, _, own in self._each(request.report):
+            for part, _, _, own in self._each(request.progress):
                 width[part] = np.minimum(width[part], own / request.across)
         return bounds
 

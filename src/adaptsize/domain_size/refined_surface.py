@@ -149,7 +149,7 @@ class RefinedSurface:
         chosen = np.flatnonzero(is_new & np.isinf(widths[cells]).any(axis=1))
         middles = split.mesh.points[cells[chosen]].mean(axis=1)
         places = self.solid.faces.frame.of(middles)
-        found = self.solid.widths(places, owner[chosen], request.report)
+        found = self.solid.widths(places, owner[chosen], request.progress)
         counts = np.isfinite(found)
         return WIDTH, middles[counts], found[counts]
 

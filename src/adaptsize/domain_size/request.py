@@ -41,7 +41,7 @@ class Request(Parameters):
     """Limit on the number of elements; ``elements`` if that is given."""
     sources: Sequence[Any] = ()
     h0: npt.ArrayLike | Implicit | None = None
-    report: ProgressCallback = silent
+    progress: ProgressCallback = silent
     is_capped: bool = False
     """Whether a largest number or memory is given, not only the default."""
 
@@ -51,7 +51,7 @@ class Request(Parameters):
         options: SizeFunctionOptions,
         sources: SourcesLike | None = (),
         h0: npt.ArrayLike | Implicit | None = None,
-        report: ProgressCallback = silent,
+        progress: ProgressCallback = silent,
     ) -> Request:
         """Return the request after the checks that concern several options."""
         as_limits(options["hmin"], options["hmax"])
@@ -61,7 +61,7 @@ class Request(Parameters):
         known = [] if sources is None else as_sources(sources)
         request = cls(
             options=options, max_elements=largest_number(options), is_capped=is_capped,
-            sources=known, h0=h0, report=report,
+            sources=known, h0=h0, progress=progress,
         )  # fmt: skip
         goal = request.goal
         if request.is_fixed and goal is not None:

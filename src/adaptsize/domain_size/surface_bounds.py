@@ -107,7 +107,7 @@ class FeatureSeparation(SurfaceBound):
         at = np.flatnonzero(row >= 0)
         places = surface.solid.faces.frame.of(split.mesh.points[n + at])
         which = FeaturePoints(places, np.full(len(at), -1), row[at])
-        longer[n:] = surface.solid.separations(at, which, request.report, len(longer) - n)
+        longer[n:] = surface.solid.separations(at, which, request.progress, len(longer) - n)
 
     def sizes(self, measure: FloatArray, solid: SurfaceDomain, request: Request) -> FloatArray:
         """Return sizes between the features."""
@@ -129,7 +129,7 @@ class LocalWidth(SurfaceBound):
     ) -> None:
         """Fill the widths at new nodes, where rays start from."""
         node, places, owners = surface.starts(split)
-        np.minimum.at(longer, node, surface.solid.widths(places, owners, request.report))
+        np.minimum.at(longer, node, surface.solid.widths(places, owners, request.progress))
 
     def sizes(self, measure: FloatArray, solid: SurfaceDomain, request: Request) -> FloatArray:
         """Return the size for the requested number of elements across.
