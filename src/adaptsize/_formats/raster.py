@@ -21,7 +21,7 @@ _NAMES_OF_VALUES = ("labels", "label", "mask", "segmentation", "image", "values"
 _ALIGNED = 1.0 - 1e-6
 
 
-class Image(NamedTuple):
+class ImageArrays(NamedTuple):
     """What `adaptsize.background.image.Image` is made from, and notes for a warning."""
 
     values: npt.NDArray[Any]
@@ -35,7 +35,7 @@ def is_image_file(path: Path) -> bool:
     return _suffix(path) in _LOADERS
 
 
-def load(path: Path, name: str | None) -> Image:
+def load(path: Path, name: str | None) -> ImageArrays:
     """Return the image in a file.
 
     Raises
@@ -61,13 +61,13 @@ def _suffix(path: Path) -> str:
     return "".join(ends) if ends[-1:] == [".gz"] else "".join(ends[-1:])
 
 
-def _load_picture(path: Path, name: str | None) -> Image:
+def _load_picture(path: Path, name: str | None) -> ImageArrays:
     from PIL import Image as pillow
 
     with pillow.open(path) as opened:
         n_frames = getattr(opened, "n_frames", 1)
         notes = [f"only the first of {n_frames} frames is taken"] if n_frames > 1 else []
-        return Image(_upright(_grey(_pixels_of(opened))), notes=notes)
+        return ImageArrays(_upright(_grey(_pixels_of(opened))), notes=notes)
 
 
 def _pixels_of(opened: Any) -> npt.NDArray[Any]:
@@ -100,7 +100,7 @@ def _upright(pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return pixels[::-1].T
 
 
-def _load_tiff(path: Path, name: str | None) -> Image:
+def _load_tiff(path: Path, name: str | None) -> ImageArrays:
     import tifffile
 
     with tifffile.TiffFile(path) as file:
@@ -118,14 +118,14 @@ def _load_tiff(path: Path, name: str | None) -> Image:
         pixels = _grey(pixels)
     pixels = _whole_numbers(np.squeeze(pixels))
     if pixels.ndim == 2:
-        return Image(_upright(pixels), spacing[:2], notes=notes)
+        return ImageArrays(_upright(pixels), spacing[:2], notes=notes)
     if pixels.ndim != 3:
         raise MeshFileError(
             f"holds an array of shape {pixels.shape} (axes {axes}), where one picture or one "
             "stack is required"
         )
     # x right, y down, z from page to page: right-handed
-    return Image(pixels.T, spacing, notes=notes)
+    return ImageArrays(pixels.T, spacing, notes=notes)
 
 
 def _tiff_frames(path: Path) -> npt.NDArray[Any]:
@@ -160,7 +160,7 @@ def _tiff_spacing(file: Any) -> FloatArray:
     return np.abs(spacing)
 
 
-def _load_nifti(path: Path, name: str | None) -> Image:
+def _load_nifti(path: Path, name: str | None) -> ImageArrays:
     import nibabel
 
     file = nibabel.load(path)
@@ -178,7 +178,7 @@ def _load_nifti(path: Path, name: str | None) -> Image:
     return _along_axes(values, affine[:3, : values.ndim], affine[:3, 3])
 
 
-def _load_nrrd(path: Path, name: str | None) -> Image:
+def _load_nrrd(path: Path, name: str | None) -> ImageArrays:
     import nrrd
 
     with path.open("rb") as file:
@@ -202,7 +202,7 @@ def _load_nrrd(path: Path, name: str | None) -> Image:
     return _image_of(values, spacing, np.zeros(values.ndim))
 
 
-def _along_axes(values: npt.NDArray[Any], steps: FloatArray, origin: FloatArray) -> Image:
+def _along_axes(values: npt.NDArray[Any], steps: FloatArray, origin: FloatArray) -> ImageArrays:
     """Return an image with the axes of space, after permutation and mirroring.
 
     ``steps[:, d]`` is the step of axis d in space.  Oblique axes are replaced by the
@@ -229,11 +229,11 @@ def _along_axes(values: npt.NDArray[Any], steps: FloatArray, origin: FloatArray)
 
 def _image_of(
     values: npt.NDArray[Any], spacing: FloatArray, origin: FloatArray, notes: Sequence[str] = ()
-) -> Image:
+) -> ImageArrays:
     """Return an image, without its last axis if that has only one pixel."""
     if values.ndim == 3 and values.shape[2] == 1:
         values, spacing, origin = values[:, :, 0], spacing[:2], origin[:2]
-    return Image(_whole_numbers(values), spacing, origin, notes)
+    return ImageArrays(_whole_numbers(values), spacing, origin, notes)
 
 
 def _whole_numbers(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -245,7 +245,7 @@ def _whole_numbers(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return values
 
 
-def _load_npz(path: Path, name: str | None) -> Image:
+def _load_npz(path: Path, name: str | None) -> ImageArrays:
     """Load the array of the given name, else the only one that can be an image, or a usual name."""
     with np.load(path, allow_pickle=False) as file:
         arrays = {key: file[key] for key in file.files}
@@ -261,14 +261,14 @@ def _load_npz(path: Path, name: str | None) -> Image:
     elif name not in arrays:
         raise MeshFileError(f"has no array {name!r} {listed}")
     extra = {key: arrays[key] for key in ("spacing", "origin") if key in arrays}
-    return Image(arrays[name], **extra)
+    return ImageArrays(arrays[name], **extra)
 
 
-_LOADERS: dict[str, Callable[[Path, str | None], Image]] = {
+_LOADERS: dict[str, Callable[[Path, str | None], ImageArrays]] = {
     **dict.fromkeys((".png", ".bmp", ".gif", ".jpg", ".jpeg", ".pgm"), _load_picture),
     **dict.fromkeys((".tif", ".tiff"), _load_tiff),
     **dict.fromkeys((".nii", ".nii.gz"), _load_nifti),
     **dict.fromkeys((".nrrd", ".nhdr"), _load_nrrd),
-    ".npy": lambda path, name: Image(np.load(path, allow_pickle=False)),
+    ".npy": lambda path, name: ImageArrays(np.load(path, allow_pickle=False)),
     ".npz": _load_npz,
 }

@@ -14,7 +14,7 @@ from adaptsize._size_report import NONE, SizeReport, measure_dim
 from adaptsize._workers import Workers
 from adaptsize.background import AnyBackground, SimplexMesh
 from adaptsize.domain_size.named_parts import sizes_of_parts
-from adaptsize.domain_size.prescribed import PointBounds
+from adaptsize.domain_size.prescribed import BoundsByCause
 from adaptsize.domain_size.request import Request
 from adaptsize.geometry.inside import Inside
 from adaptsize.limiting import limit_gradient
@@ -71,7 +71,7 @@ class Bounds:
     """The smallest and the largest size, finite."""
     weights: FloatArray | None = None
     """Length, area or volume of the domain at each node, 0 outside; None: that of the cells."""
-    points: PointBounds = field(default=())
+    points: BoundsByCause = field(default=())
     """Applied by the exact method at their positions; on surfaces, only inside a solid."""
     is_rough: bool = False
     """Whether the boundary of the domain is."""
@@ -126,7 +126,9 @@ class Bounds:
             return self
         return replace(self, limits=request.not_raised(self.limits, self.nodal[SOURCES]))
 
-    def _between_nodes(self, request: Request, scheme: Scheme | None) -> tuple[Bounds, PointBounds]:
+    def _between_nodes(
+        self, request: Request, scheme: Scheme | None
+    ) -> tuple[Bounds, BoundsByCause]:
         """Return the bounds that the scheme applies at places between the nodes.
 
         On surfaces, and with schemes that know nodes only, those from the shape are bounds at the

@@ -13,7 +13,7 @@ from adaptsize.background.enclosing import enclosing_diameter
 from adaptsize.background.interfaces import skin_of
 from adaptsize.domain_size.bounds import Bounds
 from adaptsize.domain_size.on_surface import SurfaceDomain
-from adaptsize.domain_size.prescribed import PointBounds, bound_at_nodes
+from adaptsize.domain_size.prescribed import BoundsByCause, bound_at_nodes
 from adaptsize.domain_size.request import Request
 from adaptsize.domain_size.resolution import with_sources_resolved
 from adaptsize.geometry.distance.signed_distance import signed_distance
@@ -210,7 +210,7 @@ class MeshDomain:
         bounds.nodal |= request.external(background)
         return _sized(bounds, request)
 
-    def _separated(self, request: Request) -> tuple[PointBounds, bool]:
+    def _separated(self, request: Request) -> tuple[BoundsByCause, bool]:
         """Return the bounds by the separation of features, and whether the boundary is rough."""
         mesh = self.mesh
         disabled = request.options["elements_between"] == 0.0

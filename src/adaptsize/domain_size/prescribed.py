@@ -17,10 +17,10 @@ from adaptsize.typing import FloatArray
 
 Implicit: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
 #: Bounds at points between the nodes: their cause, float64[k, dim] and float64[k].
-PointBounds: TypeAlias = Sequence[tuple[Cause, FloatArray, FloatArray]]
+BoundsByCause: TypeAlias = Sequence[tuple[Cause, FloatArray, FloatArray]]
 
 
-def bounds_at_points(sources: Iterable[Any], dim: int) -> PointBounds:
+def bounds_at_points(sources: Iterable[Any], dim: int) -> BoundsByCause:
     """Return the positions and sizes of the point sources."""
     given = [source for source in sources if isinstance(source, PointSource)]
     return [(SOURCES, *source.rows(dim)) for source in given]

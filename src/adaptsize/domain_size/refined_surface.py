@@ -14,7 +14,7 @@ from adaptsize.background import SimplexMesh
 from adaptsize.background.splitting import SplitMesh, halved_edges, split_edges
 from adaptsize.background.topology import marked, rows_among
 from adaptsize.domain_size.bounds import Bounds
-from adaptsize.domain_size.prescribed import PointBounds
+from adaptsize.domain_size.prescribed import BoundsByCause
 from adaptsize.domain_size.request import Request
 from adaptsize.domain_size.surface_bounds import BOUNDS, BY_CAUSE
 from adaptsize.geometry import tuning
@@ -56,7 +56,7 @@ class RefinedSurface:
     """The facet of the given surface of which each triangle is a part."""
     nodal: dict[Cause, FloatArray]
     """The measures of `BOUNDS` at the nodes, by their causes."""
-    in_facets: PointBounds
+    in_facets: BoundsByCause
     """Widths at points in the facets of the given surface."""
     features: _Marked
     bent: _Marked
@@ -69,7 +69,7 @@ class RefinedSurface:
         faces = solid.faces
         first = {bound.cause: bound.first(solid, request) for bound in BOUNDS}
         nodal = {cause: measure for cause, measure in first.items() if measure is not None}
-        in_facets: PointBounds = []
+        in_facets: BoundsByCause = []
         if WIDTH in nodal:
             _, places, widths = solid.first_samples
             in_facets = [(WIDTH, places, widths)]

@@ -19,8 +19,8 @@ from adaptsize.domain_size.goals import Goal, goal_of, largest_number
 from adaptsize.domain_size.named_parts import as_sizes_of_parts
 from adaptsize.domain_size.parameters import Parameters
 from adaptsize.domain_size.prescribed import (
+    BoundsByCause,
     Implicit,
-    PointBounds,
     bound_at_nodes,
     bounds_at_points,
     bounds_by_sources,
@@ -114,7 +114,7 @@ class Request(Parameters):
             low = min(low, float(sizes.min(initial=np.inf)))
         return low, high
 
-    def points(self, dim: int) -> PointBounds:
+    def points(self, dim: int) -> BoundsByCause:
         """Return the positions and sizes of the point sources."""
         return bounds_at_points(self.sources, dim)
 

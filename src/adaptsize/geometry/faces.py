@@ -70,7 +70,7 @@ class Lists(NamedTuple):
         return Lists.of(self.items, self.of_each(np.arange(len(self.first) - 1))[0], n)
 
 
-class Frame(NamedTuple):
+class BoundaryFrame(NamedTuple):
     """Coordinates of a boundary's own, so that neither its place nor its unit matters.
 
     Parameters
@@ -160,13 +160,13 @@ class Faces:
         )
 
     @cached_property
-    def frame(self) -> Frame:
+    def frame(self) -> BoundaryFrame:
         """The frame in which the boundary has its lower corner at 0 and a size of about 1."""
         used = self.mesh.points[self.mesh.cells].reshape(-1, self.mesh.dim)
         lower = used.min(axis=0)
         largest = float((used - lower).max())
         scale = math.ldexp(1.0, -math.frexp(largest)[1]) if largest > 0.0 else 1.0
-        return Frame(lower, scale)
+        return BoundaryFrame(lower, scale)
 
     @cached_property
     def corner_nodes(self) -> IntArray:

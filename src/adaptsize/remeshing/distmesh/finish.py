@@ -8,7 +8,7 @@ from adaptsize._kernels.swapping import MOST_AROUND, Tetrahedra, new_work, swap
 from adaptsize.background.topology import marked, rings
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.remeshing.distmesh import tuning
-from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, Skin
+from adaptsize.remeshing.distmesh.implicit_domain import BoundaryFacets, DistanceDomain
 from adaptsize.remeshing.distmesh.relaxation import ON_BOUNDARY, triangulate
 from adaptsize.remeshing.taken_back import quality_of, take_back, worst_of_nodes
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
@@ -18,7 +18,7 @@ TOLERANCE = 1e-6
 
 
 def finish(
-    domain: ImplicitDomain, points: FloatArray, *, n_fixed: int, report: ProgressCallback
+    domain: DistanceDomain, points: FloatArray, *, n_fixed: int, report: ProgressCallback
 ) -> tuple[FloatArray, IntArray, IntArray]:
     """Return a mesh of these nodes with its boundary nodes on the boundary of the domain.
 
@@ -61,7 +61,7 @@ def finish(
 
 
 def improved(
-    domain: ImplicitDomain,
+    domain: DistanceDomain,
     points: FloatArray,
     mesh: tuple[IntArray, IntArray],
     h: FloatArray,
@@ -125,10 +125,10 @@ def swapped(points: FloatArray, cells: IntArray) -> IntArray:
 
 
 def _move_nodes(
-    domain: ImplicitDomain,
+    domain: DistanceDomain,
     points: FloatArray,
     cells: IntArray,
-    skin: Skin,
+    skin: BoundaryFacets,
     h: FloatArray,
     nodes: npt.NDArray[np.integer],
     steps: FloatArray,

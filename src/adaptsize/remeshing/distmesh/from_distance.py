@@ -19,7 +19,7 @@ from adaptsize.background.topology import places_among
 from adaptsize.options import DistanceOptions, checked, with_options
 from adaptsize.remeshing.distmesh import tuning
 from adaptsize.remeshing.distmesh.finish import finish
-from adaptsize.remeshing.distmesh.implicit_domain import Field, ImplicitDomain, grid_of
+from adaptsize.remeshing.distmesh.implicit_domain import DistanceDomain, Field, grid_of
 from adaptsize.remeshing.distmesh.nodes import far_from
 from adaptsize.remeshing.distmesh.rejection import sample
 from adaptsize.remeshing.distmesh.relaxation import relax
@@ -148,7 +148,7 @@ def mesh_from_distance(
     if not callable(size):
         number = as_number("size", size, lower=0.0, strict=True)
     requested = size if callable(size) else lambda points: np.full(len(points), number)
-    domain = ImplicitDomain(distance, requested, *as_box(lower, upper))
+    domain = DistanceDomain(distance, requested, *as_box(lower, upper))
     given = checked(DistanceOptions, options)
     limit, seed = refused_above(given["max_elements"]), given["seed"]
     if not isinstance(seed, np.random.Generator):
@@ -167,7 +167,7 @@ def mesh_from_distance(
 
 
 def mesh_of_domain(
-    domain: ImplicitDomain,
+    domain: DistanceDomain,
     fixed: FloatArray,
     *,
     seed: int | np.random.Generator,
@@ -193,7 +193,7 @@ def mesh_of_domain(
     return SimplexMesh(mesh.points, mesh.cells, cell_tags=regions), made
 
 
-def _refuse_cut(domain: ImplicitDomain) -> None:
+def _refuse_cut(domain: DistanceDomain) -> None:
     """Raise a ValueError if the domain extends beyond the box."""
     extent = domain.upper - domain.lower
     counts = np.maximum(2, np.ceil(tuning.SAMPLES_OF_BOX * extent / extent.max()).astype(int) + 1)
@@ -211,7 +211,7 @@ def _refuse_cut(domain: ImplicitDomain) -> None:
         )
 
 
-def _as_fixed(points: npt.ArrayLike | None, domain: ImplicitDomain) -> FloatArray:
+def _as_fixed(points: npt.ArrayLike | None, domain: DistanceDomain) -> FloatArray:
     if points is None:
         return np.empty((0, domain.dim))
     fixed = as_near_points("fixed_points", points, domain.dim)

@@ -20,7 +20,7 @@ Field: TypeAlias = Callable[[FloatArray], Any]
 _STEP = 1e-4
 
 
-class Skin(NamedTuple):
+class BoundaryFacets(NamedTuple):
     """The facets of a mesh on the boundary of its domain, and on interfaces inside."""
 
     facets: IntArray
@@ -35,7 +35,7 @@ class Skin(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ImplicitDomain:
+class DistanceDomain:
     """The points of a box where ``distance`` is negative.
 
     Attributes
@@ -168,12 +168,12 @@ class ImplicitDomain:
         points: FloatArray,
         cells: IntArray,
         regions: IntArray | None = None,
-    ) -> Skin:
+    ) -> BoundaryFacets:
         """Return the facets on the boundary: those that belong to only one cell."""
         facets, cell_facets = facets_of(cells, len(points))
         single = np.bincount(cell_facets.ravel(), minlength=len(facets)) == 1
         facets = np.asarray(facets[single])
-        return Skin(facets, marked(facets, len(points)))
+        return BoundaryFacets(facets, marked(facets, len(points)))
 
     def adjust(self, points: FloatArray, cells: IntArray, regions: IntArray) -> bool:
         """Adjust the boundary to a mesh; return whether nothing was changed."""
@@ -226,7 +226,7 @@ class ImplicitDomain:
             Length of a step below which a point is on the boundary, in sizes.
         max_steps : int
         walls : int32[n, m], optional
-            Of `Skin`, if the domain has interfaces inside.
+            Of `BoundaryFacets`, if the domain has interfaces inside.
         """
         points, active = points.copy(), np.arange(len(points))
         for _ in range(max_steps):

@@ -11,7 +11,7 @@ from adaptsize.background.topology import facets_of, marked
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.labels import Nearest
 from adaptsize.remeshing.distmesh import tuning
-from adaptsize.remeshing.distmesh.implicit_domain import Field, ImplicitDomain, Skin
+from adaptsize.remeshing.distmesh.implicit_domain import BoundaryFacets, DistanceDomain, Field
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 
@@ -38,7 +38,7 @@ class Fields(Protocol):
 
 
 @dataclass(frozen=True)
-class LabelledDomain(ImplicitDomain):
+class LabelledDomain(DistanceDomain):
     """The labels of a box that are not 0, each of which is a region.
 
     A node on facets between regions is on the walls of all the labels around it: on an interface
@@ -82,7 +82,9 @@ class LabelledDomain(ImplicitDomain):
         # A cell of the domain whose centroid is just outside.
         return np.where(near.first == self.outside, near.second, near.first).astype(np.int32)
 
-    def skin(self, points: FloatArray, cells: IntArray, regions: IntArray | None = None) -> Skin:
+    def skin(
+        self, points: FloatArray, cells: IntArray, regions: IntArray | None = None
+    ) -> BoundaryFacets:
         """Return the facets on the boundary and between regions, and the walls of their nodes."""
         n = len(points)
         regions = self.regions(points, cells) if regions is None else regions
@@ -97,7 +99,7 @@ class LabelledDomain(ImplicitDomain):
         place = np.arange(len(nodes)) - start[nodes]
         table = np.full((n, int(place.max(initial=0)) + 1), -1, np.int32)
         table[nodes, place] = walls
-        return Skin(facets, on, table)
+        return BoundaryFacets(facets, on, table)
 
     def _facets(
         self, points: FloatArray, cells: IntArray, regions: IntArray

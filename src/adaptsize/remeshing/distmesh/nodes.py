@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize.remeshing.distmesh import tuning
-from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, Skin
+from adaptsize.remeshing.distmesh.implicit_domain import BoundaryFacets, DistanceDomain
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongArray
 
 
@@ -15,11 +15,11 @@ class Triangulation(NamedTuple):
     points: FloatArray
     """Positions of the nodes at that time."""
     edges: IntArray
-    skin: Skin
+    skin: BoundaryFacets
 
 
 def adapted(
-    domain: ImplicitDomain, points: FloatArray, h: FloatArray, mesh: Triangulation, n_fixed: int
+    domain: DistanceDomain, points: FloatArray, h: FloatArray, mesh: Triangulation, n_fixed: int
 ) -> FloatArray | None:
     """Return the nodes with some removed and some added at the end, or None without changes."""
     edges, on_boundary = mesh.edges, mesh.skin.nodes
@@ -74,7 +74,7 @@ def _chosen(short: IntArray, on_boundary: BoolArray, n_fixed: int) -> LongArray:
     return np.array(gone, np.int64)
 
 
-def uncovered(domain: ImplicitDomain, points: FloatArray) -> FloatArray:
+def uncovered(domain: DistanceDomain, points: FloatArray) -> FloatArray:
     """Return the nodes, and new nodes at probes of the domain that are far from all nodes."""
     from scipy.spatial import cKDTree
 
@@ -99,7 +99,7 @@ def spread(points: FloatArray, h: FloatArray, factor: float) -> FloatArray:
     return points[taken]
 
 
-def far_from(domain: ImplicitDomain, fixed: FloatArray, points: FloatArray) -> FloatArray:
+def far_from(domain: DistanceDomain, fixed: FloatArray, points: FloatArray) -> FloatArray:
     """Return the points that are not too near to the fixed ones."""
     from scipy.spatial import cKDTree
 
@@ -109,7 +109,7 @@ def far_from(domain: ImplicitDomain, fixed: FloatArray, points: FloatArray) -> F
 
 
 def with_corners(
-    domain: ImplicitDomain, points: FloatArray, h: FloatArray, skin_edges: IntArray, n_fixed: int
+    domain: DistanceDomain, points: FloatArray, h: FloatArray, skin_edges: IntArray, n_fixed: int
 ) -> tuple[FloatArray | None, int]:
     """Return the nodes with some moved to corners, or added there.
 
@@ -151,7 +151,7 @@ def with_corners(
 
 
 def _between(
-    domain: ImplicitDomain, points: FloatArray, h: FloatArray, pairs: IntArray
+    domain: DistanceDomain, points: FloatArray, h: FloatArray, pairs: IntArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return where the tangents at two neighbours meet on the boundary, and sizes there."""
     a, b = points[pairs[:, 0]], points[pairs[:, 1]]
@@ -175,7 +175,7 @@ def _between(
 
 
 def _meeting(
-    domain: ImplicitDomain, a: FloatArray, b: FloatArray, size: FloatArray
+    domain: DistanceDomain, a: FloatArray, b: FloatArray, size: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
     """Return where the tangents at a and b meet, and which of them meet near the midpoint."""
     u, v = domain.normals(a, size), domain.normals(b, size)

@@ -21,7 +21,7 @@ import numpy as np
 from adaptsize._messages import Message
 from adaptsize.errors import TooManyElementsError
 from adaptsize.remeshing.distmesh import tuning
-from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, grid_of
+from adaptsize.remeshing.distmesh.implicit_domain import DistanceDomain, grid_of
 from adaptsize.typing import BoolArray, FloatArray, LongArray
 
 #: Edges of a box that holds two points of a lattice whose mean edge is 1.  In space the
@@ -67,7 +67,7 @@ class _Boxes(NamedTuple):
         return np.asarray(self.lower + (self.cells + place) * self.edges)
 
 
-def sample(domain: ImplicitDomain, rng: np.random.Generator, *, max_elements: float) -> Sampling:
+def sample(domain: DistanceDomain, rng: np.random.Generator, *, max_elements: float) -> Sampling:
     """Return random points with the density of the requested size.
 
     Raises
@@ -116,7 +116,7 @@ def sample(domain: ImplicitDomain, rng: np.random.Generator, *, max_elements: fl
     return Sampling(np.concatenate(points), places, measure)
 
 
-def _root(domain: ImplicitDomain) -> _Boxes:
+def _root(domain: DistanceDomain) -> _Boxes:
     """Return the boxes of level 0, which cover the domain.
 
     The smallest size found is the spacing of some level, so a constant size gives the lattice.
@@ -137,7 +137,7 @@ def _root(domain: ImplicitDomain) -> _Boxes:
 
 
 def _leaves(
-    domain: ImplicitDomain, boxes: _Boxes, coarsest: float
+    domain: DistanceDomain, boxes: _Boxes, coarsest: float
 ) -> tuple[_Boxes, BoolArray, float]:
     """Return the boxes that may meet the domain, and which of them are small enough.
 
@@ -159,7 +159,7 @@ def _leaves(
 
 
 def _draw(
-    domain: ImplicitDomain, leaves: _Boxes, rng: np.random.Generator
+    domain: DistanceDomain, leaves: _Boxes, rng: np.random.Generator
 ) -> tuple[FloatArray, float]:
     """Return the points that are kept, and their expected number."""
     points = np.concatenate([leaves.at(place) for place in _PLACES])
@@ -170,7 +170,7 @@ def _draw(
 
 
 def _probe(
-    domain: ImplicitDomain, leaves: _Boxes, rng: np.random.Generator
+    domain: DistanceDomain, leaves: _Boxes, rng: np.random.Generator
 ) -> tuple[FloatArray, float]:
     """Return points inside the domain, and the measure of the domain in these boxes."""
     edges, centres = leaves.edges, leaves.at(0.5)

@@ -24,7 +24,7 @@ import numpy as np
 
 from adaptsize.background.topology import edges_of
 from adaptsize.remeshing.distmesh import tuning
-from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain, Skin
+from adaptsize.remeshing.distmesh.implicit_domain import BoundaryFacets, DistanceDomain
 from adaptsize.remeshing.distmesh.nodes import Triangulation, adapted, uncovered, with_corners
 from adaptsize.typing import BoolArray, FloatArray, IntArray, ProgressCallback
 
@@ -45,7 +45,7 @@ class Relaxed(NamedTuple):
     converged: bool
 
 
-def triangulate(domain: ImplicitDomain, points: FloatArray, h: FloatArray) -> IntArray:
+def triangulate(domain: DistanceDomain, points: FloatArray, h: FloatArray) -> IntArray:
     """Return the Delaunay cells whose centroids lie in the domain, positive, int32[m, dim + 1].
 
     Raises
@@ -69,7 +69,7 @@ def triangulate(domain: ImplicitDomain, points: FloatArray, h: FloatArray) -> In
 
 
 def _are_inside(
-    domain: ImplicitDomain, points: FloatArray, cells: IntArray, h: FloatArray
+    domain: DistanceDomain, points: FloatArray, cells: IntArray, h: FloatArray
 ) -> BoolArray:
     """Return which cells have their centroids deep enough in the domain."""
     corners = points[cells]
@@ -86,7 +86,7 @@ def _are_inside(
 
 
 def relax(
-    domain: ImplicitDomain,
+    domain: DistanceDomain,
     points: FloatArray,
     *,
     n_fixed: int,
@@ -160,7 +160,7 @@ def _forces(points: FloatArray, edges: IntArray, h: FloatArray) -> FloatArray:
 
 
 def _put_back(
-    domain: ImplicitDomain, points: FloatArray, h: FloatArray, skin: Skin, n_fixed: int
+    domain: DistanceDomain, points: FloatArray, h: FloatArray, skin: BoundaryFacets, n_fixed: int
 ) -> FloatArray:
     """Return the nodes, with outside nodes and boundary nodes projected onto the boundary."""
     outside = domain.phi(points) > 0.0

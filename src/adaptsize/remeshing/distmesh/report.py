@@ -16,7 +16,7 @@ from adaptsize.quality.conformity import Conformity
 from adaptsize.quality.elements import minimum_angles
 from adaptsize.remeshing.distmesh import tuning
 from adaptsize.remeshing.distmesh.finish import TOLERANCE
-from adaptsize.remeshing.distmesh.implicit_domain import ImplicitDomain
+from adaptsize.remeshing.distmesh.implicit_domain import DistanceDomain
 from adaptsize.remeshing.distmesh.rejection import Sampling
 from adaptsize.remeshing.distmesh.relaxation import Relaxed
 from adaptsize.typing import IntArray
@@ -91,7 +91,7 @@ class SmoothingReport:
 
 def describe(
     mesh: SimplexMesh,
-    domain: ImplicitDomain,
+    domain: DistanceDomain,
     sampling: Sampling,
     relaxed: Relaxed,
     fixed_nodes: IntArray,
@@ -133,7 +133,7 @@ def describe(
     )
 
 
-def _n_broken(mesh: SimplexMesh, component: npt.NDArray[np.integer], domain: ImplicitDomain) -> int:
+def _n_broken(mesh: SimplexMesh, component: npt.NDArray[np.integer], domain: DistanceDomain) -> int:
     """Return how many pairs of nearby nodes of different components the domain connects."""
     from scipy.spatial import Delaunay
 
