@@ -1,7 +1,7 @@
 """Effect of tuned values at half and at double: elements, trials of searches, errors of distances.
 
 Run ``python benchmarks/tuning.py``, or with ``sizes``, ``search`` or ``geometry`` for a part of it.
-The numbers are quoted in ``adaptsize/domain_size/tuning.py``, ``adaptsize/sizes/search.py`` and
+The numbers are quoted in ``adaptsize/domain_size/tuning.py``, ``adaptsize/sizes/tuning.py`` and
 ``adaptsize/geometry/tuning.py``.
 """
 
@@ -20,6 +20,7 @@ from adaptsize.geometry import tuning as of_geometry
 from adaptsize.geometry.implicit_surface import largest_curvature
 from adaptsize.options import SizeFunctionOptions, checked
 from adaptsize.sizes import search
+from adaptsize.sizes import tuning as of_sizes
 
 SIZES = (
     "PER_RADIAN",
@@ -124,8 +125,8 @@ def searches():
     line = "{0[0]:.2f} trials, {0[1]:.1%} missed".format
     for patience in (1, 3, 6):
         print(f"patience {patience}: {line(trials(patience))}")
-    names = ("_FLAT", "_STALLED", "_LEAST_ORDER", "_LARGEST_ORDER", "_INSIDE")
-    halved_and_doubled(search, names, trials, line)
+    names = ("FLAT_ORDER", "STALLED", "LEAST_ORDER", "LARGEST_ORDER", "INSIDE_BRACKET")
+    halved_and_doubled(of_sizes, names, trials, line)
 
 
 def geometry():

@@ -14,7 +14,8 @@ from adaptsize.adaptation.next_sizes import CycleRequest
 from adaptsize.background import SimplexMesh
 from adaptsize.background.bisection import Resolved, bisected
 from adaptsize.errors import TooManyElementsError
-from adaptsize.sizes.search import ACCEPTED, Search
+from adaptsize.sizes import tuning as of_sizes
+from adaptsize.sizes.search import Search
 
 #: The name among those of mesh generators.
 BISECTION = "bisection"
@@ -41,10 +42,10 @@ def divide_cells(mesh: SimplexMesh, first: NewMesh, request: CycleRequest) -> Ne
     new = made(1.0)
     goal = goal_of(mesh, new, request)
     # Below the largest number there is room for steps: a division adds several cells.
-    room = 0.0 if goal.by_nodes else goal.number * (1.0 + ACCEPTED) / most - 1.0
+    room = 0.0 if goal.by_nodes else goal.number * (1.0 + of_sizes.ACCEPTED) / most - 1.0
     wanted = goal.number / (1.0 + max(room, 0.0))
     search: Search[NewMesh] = Search(
-        wanted, mesh.cell_dim, math.log1p(ACCEPTED), most=tuning.MOST_DIVISIONS, reach=3.0,
+        wanted, mesh.cell_dim, math.log1p(of_sizes.ACCEPTED), most=tuning.MOST_DIVISIONS, reach=3.0,
         bounds=(tuning.LEAST_SCALE, math.inf), resolution=tuning.ACCURACY,
     )  # fmt: skip
     search.add(first.sizes.predicted, new, goal.of(new))

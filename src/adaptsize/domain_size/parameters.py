@@ -9,7 +9,8 @@ import numpy as np
 from adaptsize._defaults import GRADIENT_LIMIT, TOLERANCE
 from adaptsize.domain_size import tuning
 from adaptsize.options import SizeFunctionOptions
-from adaptsize.sizes.curvature import CHORDS, LONGEST_CHORDS, size_of_chords
+from adaptsize.sizes import tuning as of_sizes
+from adaptsize.sizes.curvature import CHORDS, size_of_chords
 from adaptsize.typing import FloatArray
 
 
@@ -126,4 +127,4 @@ class Parameters:
 
 def chords_of(relaxation: float) -> float:
     """Return the squared size over the radius and the tolerance of relaxed parameters."""
-    return min(CHORDS * max(relaxation, 1.0), LONGEST_CHORDS)
+    return min(CHORDS * max(relaxation, 1.0), of_sizes.LONGEST_CHORDS)

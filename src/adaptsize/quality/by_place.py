@@ -17,10 +17,12 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_sizes_at, place_text
 from adaptsize._size_function import SizeFunction
-from adaptsize.background import CartesianGrid, SimplexMesh, tuning
+from adaptsize.background import CartesianGrid, SimplexMesh
+from adaptsize.background import tuning as of_background
 from adaptsize.background.bisection import resolved
 from adaptsize.background.interpolation import places_of
 from adaptsize.metrics import Metric
+from adaptsize.quality import tuning
 from adaptsize.ranks import Communicator, SingleRank
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE
 from adaptsize.typing import BoolArray, FloatArray, IndexArray
@@ -33,12 +35,6 @@ BAND = (np.sqrt(0.5), np.sqrt(2.0))
 MOST_POINTS = 50_000
 #: Cells per node, roughly.
 _CELLS_PER_POINT = 6
-#: In a cell where the size varies less, it is known from that at the corners.
-_ABOUT_THE_SAME = 1.5
-#: Steeper sizes on grids are sampled at the nodes.
-_STEEP = 1.0
-#: Parts into which cells are divided until a metric hardly varies in them, beside one per cell.
-_MOST_PARTS = 100_000
 
 
 def is_in_band(ratio: FloatArray) -> BoolArray:
@@ -335,7 +331,8 @@ def _linear_parts(mesh: SimplexMesh, h: FloatArray, max_parts: float) -> _Parts:
         low, high = sizes.argmin(axis=1), sizes.argmax(axis=1)
         rows = np.arange(len(cells))
         least, largest = sizes[rows, low], sizes[rows, high]
-        split = (largest > _ABOUT_THE_SAME * least) & (longest > tuning.EDGE_OVER_SIZE * least)
+        is_steep = largest > tuning.ABOUT_THE_SAME * least
+        split = is_steep & (longest > of_background.EDGE_OVER_SIZE * least)
         room -= int(split.sum())
         if room < 0:
             split[:] = False
@@ -386,7 +383,7 @@ def _metric_parts(
     corners = mesh.points[mesh.cells[cells]]
     maps, density = maps[mesh.cells[cells]], density[mesh.cells[cells]]
     done: list[_MetricParts] = []
-    room = _MOST_PARTS
+    room = tuning.MOST_PARTS_OF_CELLS
     while len(cells):
         rows, middle = np.arange(len(cells)), corners.mean(axis=1)
         there, here = _maps(metric(middle), k)
@@ -394,9 +391,9 @@ def _metric_parts(
         dense = density.argmax(axis=1)
         lengths = np.maximum(_lengths(edges, maps[rows, dense]), _lengths(edges, there))
         rise = np.abs(density[:, pairs[:, 1]] - density[:, pairs[:, 0]])
-        varies = rise.max(axis=1) > k * np.log(_ABOUT_THE_SAME)
-        is_off = np.abs(here - density.mean(axis=1)) > k * np.log(_ABOUT_THE_SAME)
-        split = (varies | is_off) & (lengths.max(axis=1) > tuning.EDGE_OVER_SIZE)
+        varies = rise.max(axis=1) > k * np.log(tuning.ABOUT_THE_SAME)
+        is_off = np.abs(here - density.mean(axis=1)) > k * np.log(tuning.ABOUT_THE_SAME)
+        split = (varies | is_off) & (lengths.max(axis=1) > of_background.EDGE_OVER_SIZE)
         room -= int(split.sum())
         if room < 0:
             split[:] = False
@@ -457,14 +454,14 @@ def _is_known(
                 reach[:, v] = np.maximum(reach[:, v], lengths[:, column])
         with np.errstate(invalid="ignore"):
             least = (corners - g * reach).max(axis=1)
-        return np.asarray(longest <= tuning.EDGE_OVER_SIZE * least)
+        return np.asarray(longest <= of_background.EDGE_OVER_SIZE * least)
     least = corners.min(axis=1)
     least = np.minimum(least, at(mesh.points[mesh.cells].mean(axis=1)))
     if samples is not None and len(samples):
         cells, _, away = mesh.locator.nearest(samples)
         near = away <= 1e-9 * mesh.diagonal
         np.minimum.at(least, cells[near], at(samples[near]))
-    return np.asarray(longest <= tuning.EDGE_OVER_SIZE * least)
+    return np.asarray(longest <= of_background.EDGE_OVER_SIZE * least)
 
 
 def _function_of(size: object) -> _SizeAt | None:
@@ -486,7 +483,7 @@ def _slope(size: object) -> float | None:
         return size.report.g if exact else None
     if isinstance(size.background, CartesianGrid):
         steepest = _slope_on_grid(size.background, size.values)
-        return steepest if steepest <= _STEEP else None
+        return steepest if steepest <= tuning.STEEP_SIZES else None
     return None
 
 

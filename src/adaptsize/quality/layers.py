@@ -10,12 +10,9 @@ import numpy as np
 from adaptsize._checks import place_text
 from adaptsize.background import SimplexMesh
 from adaptsize.metrics import Metric
+from adaptsize.quality import tuning
 from adaptsize.typing import FloatArray
 
-#: Facets of the boundary at which the size along the normal is so much smaller than the others are
-#: walls with a boundary layer.  Metrics of second derivatives with moderate aspect ratios, such
-#: as 20, ask for no layers there.
-_THIN = 50.0
 #: Factor between the heights, made and requested, that counts as right.
 NEAR = 1.5
 
@@ -58,7 +55,7 @@ def first_layer(mesh: SimplexMesh, metric: Callable[[FloatArray], Metric]) -> Fi
     middles = corners.mean(axis=1)
     there = metric(middles)
     wanted = there.size_along(np.where(area[:, None] > 0.0, normals, 1.0))
-    walls = (wanted <= 1.2 * there.sizes[:, 0]) & (there.sizes[:, 1] >= _THIN * wanted)
+    walls = (wanted <= 1.2 * there.sizes[:, 0]) & (there.sizes[:, 1] >= tuning.THIN_LAYER * wanted)
     walls &= area > 0.0
     if not walls.any():
         return None

@@ -11,13 +11,12 @@ from adaptsize._checks import count_text, place_text
 from adaptsize._size_function import SizeFunction
 from adaptsize._size_report import SizeReport
 from adaptsize.background import SimplexMesh
+from adaptsize.quality import tuning
 from adaptsize.quality.by_place import BAND, RequestedElements, Served, nodes_near
 from adaptsize.typing import Background
 
 #: Share of the elements of a request that must be there.
 SHARE_SERVED = 0.8
-#: Requests for fewer elements are not reported: a few cells more or less decide on them.
-_FEW = 30.0
 
 
 class Unserved(NamedTuple):
@@ -75,7 +74,7 @@ def unserved(
             else []
         )
     too_large = elements.weights[elements.ratios > BAND[1]].sum() * elements.unit
-    if too_large < (1.0 - share) * _FEW:
+    if too_large < (1.0 - share) * tuning.FEW_REQUESTED:
         return []
     names, request_of_node = _requests(size.background, size.report)
     near = nodes_near(size, elements.points[:: elements.together])
@@ -86,7 +85,7 @@ def unserved(
     total = np.bincount(number, weights, count) * elements.unit
     missing = np.where(elements.ratios[known] > BAND[1], weights, 0.0)
     above = np.bincount(number, missing, count) * elements.unit
-    lost = np.flatnonzero((above > (1.0 - share) * total) & (total >= _FEW))
+    lost = np.flatnonzero((above > (1.0 - share) * total) & (total >= tuning.FEW_REQUESTED))
     result = []
     for k in lost.tolist():
         served = elements.only(request == k).served()

@@ -11,14 +11,11 @@ from adaptsize.background.grid import strides_of
 from adaptsize.background.topology import marked
 from adaptsize.geometry.level_sets import as_level_set, curvature_at_nodes
 from adaptsize.options import CurvatureOptions
+from adaptsize.sizes import tuning
 from adaptsize.typing import BoolArray, FloatArray, LongArray
 
-# Curvature is used up to this distance from the boundary, in largest spacings.
-_REACH = 2.0
 # A radius above 10^7 diagonals is a rounding error.
 _FLAT = 1e-7
-# On coarse grids the size could otherwise fall to zero at the next node outside.
-_LEAST_SHARE = 0.5
 
 
 def size_from_distance(
@@ -31,7 +28,9 @@ def size_from_distance(
     phi = as_level_set("boundary", boundary, grid)
     angle = math.radians(given["crease_angle"])
     tolerance = given["tolerance"]
-    within = _REACH * float(grid.spacing.max()) if tolerance is None else tolerance
+    within = (
+        tuning.REACH_OF_CURVATURE * float(grid.spacing.max()) if tolerance is None else tolerance
+    )
     nodes = _nodes_near(grid, phi, within)
     # The mean of two unit vectors with that angle between them is shorter by this much.
     kink = 1.0 - math.cos(0.5 * angle)
@@ -94,7 +93,7 @@ def _sizes_beside_boundary(
     along = _slope_along(grid, nodes, per_size)[outside]
     across = np.sqrt(np.maximum(g**2 - along**2, 0.0))
     h0[outside] -= across * distance[outside]
-    h0 = np.maximum(h0, _LEAST_SHARE * size)
+    h0 = np.maximum(h0, tuning.LEAST_SHARE_OUTSIDE * size)
     is_beside = _are_beside(grid, phi.ravel() <= 0.0, nodes[outside])
     h0[outside] = np.where(is_beside, h0[outside], np.inf)
     return h0

@@ -35,13 +35,6 @@ from adaptsize.typing import FloatArray, IntArray, Unpack
 #: Squared size of a regular triangle over the radius of the sphere through its corners and its
 #: distance from that.
 CHORDS = 6.0
-#: Squared length of an edge over the radius and its distance from an arc.  Generators divide edges
-#: that leave more than the tolerance, so that this is enough where elements are scarce: with the
-#: fewest, on a cylinder, a ring and a sphere, 2110, 4880 and 2470 cells were made, 1.09, .90 and
-#: 1.01 times the predicted ones, and their boundaries were off by .90, .91 and .99 tolerances;
-#: with 6: 2790, 7220 and 3160 cells, and .91, .93 and .99 tolerances.  With 10, 1.37, 1.09 and 1.13
-#: times the predicted cells were made.
-LONGEST_CHORDS = 8.0
 
 
 @recorded("size_from_curvature")

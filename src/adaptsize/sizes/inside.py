@@ -18,6 +18,7 @@ from adaptsize.background._mesh_arrays import read_only
 from adaptsize.geometry.distance.orientation import winding_of
 from adaptsize.limiting.exact.field import ExactField, Points, entries_at
 from adaptsize.limiting.inside import InnerSource
+from adaptsize.sizes import tuning
 from adaptsize.sizes.sources import (
     BallSource,
     BoxSource,
@@ -27,11 +28,6 @@ from adaptsize.sizes.sources import (
     Source,
 )
 from adaptsize.typing import FloatArray, IntArray
-
-#: Samples along the longest side of a box, or the diameter of a ball.
-_PER_SIDE = 5
-#: Samples of a function, above which the lattice is not divided further.
-_MOST_SAMPLES = 200_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +91,10 @@ class InnerBox:
     @property
     def samples(self) -> FloatArray:
         """Places where the size is small: a grid."""
-        axes = [np.linspace(a, b, _PER_SIDE) for a, b in zip(self.lower, self.upper, strict=True)]
+        axes = [
+            np.linspace(a, b, tuning.SAMPLES_PER_SIDE)
+            for a, b in zip(self.lower, self.upper, strict=True)
+        ]
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
@@ -182,7 +181,7 @@ def sampled(function: SizeOfPoint, surface: SimplexMesh, hmax: float) -> InnerFu
         found.append(sizes)
         count += len(points)
         coarse = step > 2.0 * sizes
-        if count + 8 * np.count_nonzero(coarse) > _MOST_SAMPLES:
+        if count + 8 * np.count_nonzero(coarse) > tuning.MOST_SAMPLES_OF_FUNCTION:
             break
         step *= 0.5
         corners = step * (np.indices((2, 2, 2)).reshape(3, -1).T - 0.5)

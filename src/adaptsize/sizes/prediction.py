@@ -15,6 +15,7 @@ from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.bisection import resolved
 from adaptsize.background.simplex import as_mesh, cut_out
 from adaptsize.geometry.solid import Solid
+from adaptsize.sizes import tuning
 from adaptsize.sizes.budget import (
     ELEMENTS_PER_MEASURE,
     calibration,
@@ -26,9 +27,6 @@ from adaptsize.typing import BoolArray, FloatArray
 #: Of a cube with edges of length 1.
 _HALF_DIAGONAL = 0.5 * np.sqrt(3.0)
 
-#: Cells over which sizes are integrated are divided until their edges are this share of the sizes,
-#: or sizes are linear up to the other share, or so many nodes were added.
-_EDGE_OVER_SIZE, _ACCURACY, _MOST_NODES = 0.5, 0.02, 200_000
 
 #: A size as a function of points, float64[n, dim] to float64[n].
 SizeAt: TypeAlias = Callable[[FloatArray], npt.ArrayLike]
@@ -301,9 +299,9 @@ def _integral(mesh: SimplexMesh, size: SizeAt) -> float:
         g=getattr(size, "g", None) or GRADIENT_LIMIT,
         is_proved=getattr(size, "g", None) is not None,
         samples=cast(SimplexMesh, background).points if is_known else None,
-        factor=_EDGE_OVER_SIZE,
-        accuracy=_ACCURACY,
-        max_points=mesh.n_points + _MOST_NODES,
+        factor=tuning.EDGE_OF_INTEGRALS,
+        accuracy=tuning.LINEAR_WITHIN,
+        max_points=mesh.n_points + tuning.MOST_ADDED_NODES,
     ).mesh
     return count_elements(fine, _sizes(size, fine.points)) / ELEMENTS_PER_MEASURE[mesh.cell_dim]
 

@@ -17,6 +17,7 @@ from adaptsize.background.interpolation import cell_gradients
 from adaptsize.background.simplex import as_mesh
 from adaptsize.background.surroundings import surroundings_of
 from adaptsize.background.topology import marked
+from adaptsize.sizes import tuning
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 
 if TYPE_CHECKING:
@@ -250,12 +251,11 @@ def _gradients(mesh: SimplexMesh, nodal: FloatArray) -> FloatArray:
     """Return the gradients of fits around each node, see `recovered_gradient`."""
     near, gradient = nodes_within_an_edge(mesh), np.empty(mesh.points.shape)
     inner = np.flatnonzero(~marked(mesh.facets[mesh.facet_cell_counts == 1], mesh.n_points))
-    # The smallest eigenvalue over the largest of normal matrices in coordinates of unit covariance:
-    # around nodes of good meshes 0.003 to 0.05, below where the nodes nearly lie on a conic.
-    gradient[inner], good = _gradients_of_fits(mesh.points, nodal, near[inner], inner, 3e-3)
+    least = tuning.DETERMINED_WITHIN_AN_EDGE
+    gradient[inner], good = _gradients_of_fits(mesh.points, nodal, near[inner], inner, least)
     others = np.setdiff1d(np.arange(mesh.n_points), inner[good])
     wide = near[others] @ near
-    gradient[others] = _gradients_of_fits(mesh.points, nodal, wide, others, DETERMINED)[0]
+    gradient[others] = _gradients_of_fits(mesh.points, nodal, wide, others, tuning.DETERMINED)[0]
     return gradient
 
 
@@ -303,7 +303,8 @@ def _slopes_of_fits(normal: FloatArray, dim: int, least: float) -> tuple[FloatAr
     )
     linear = normal[~good][:, : dim + 1, : dim + 1]
     inverse[~good] = 0.0
-    inverse[~good, :, : dim + 1] = np.linalg.pinv(linear, rcond=DETERMINED, hermitian=True)[:, 1:]
+    of_linear = np.linalg.pinv(linear, rcond=tuning.DETERMINED, hermitian=True)
+    inverse[~good, :, : dim + 1] = of_linear[:, 1:]
     return np.asarray(inverse), good
 
 
@@ -335,13 +336,6 @@ def as_nodal_field(value: npt.ArrayLike, mesh: AnyMesh) -> FloatArray:
     if mesh.cell_dim != mesh.dim or mesh.dim == 1:
         raise ValueError(f"mesh must consist of triangles in 2-D or tetrahedra, got {mesh!r}")
     return as_values("values", value, (mesh.n_points,))
-
-
-#: Of normal matrices in coordinates of unit covariance, the smallest eigenvalue over the largest.
-DETERMINED = 3e-4
-# Width of the weights in coordinates of unit covariance.  1 smears layers and smooth fields more;
-# 0.5 leaves hardly more nodes than a quadratic needs.
-_WIDTH = 0.7
 
 
 class PatchPart(NamedTuple):
@@ -405,14 +399,14 @@ def _second_derivatives(away: FloatArray, rises: FloatArray, part: PatchPart) ->
     """
     dim = away.shape[1]
     unit, to_unit = in_unit_covariance(away, part)
-    root = np.exp(-0.25 / _WIDTH**2 * (unit**2).sum(axis=0))
+    root = np.exp(-0.25 / tuning.WIDTH_OF_WEIGHTS**2 * (unit**2).sum(axis=0))
     rows = np.vstack([monomials_of(unit), rises]) * root
     products = sums_of_products(rows, part.starts)
     linear, both = products[:, : dim + 1, : dim + 1], products[:, : dim + 1, dim + 1 :]
-    eliminated = np.linalg.pinv(linear, rcond=DETERMINED, hermitian=True) @ both
+    eliminated = np.linalg.pinv(linear, rcond=tuning.DETERMINED, hermitian=True) @ both
     reduced = products[:, dim + 1 :, dim + 1 :] - both.swapaxes(1, 2) @ eliminated
     values, vectors = np.linalg.eigh(reduced[:, :-1, :-1])
-    good = values > DETERMINED * products[:, :1, 0]
+    good = values > tuning.DETERMINED * products[:, :1, 0]
     along = np.einsum("pik,pi->pk", vectors, reduced[:, :-1, -1])
     along = np.where(good, along / np.where(good, values, 1.0), 0.0)
     coefficients = np.einsum("pik,pk->pi", vectors, along)

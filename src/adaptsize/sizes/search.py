@@ -7,39 +7,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
+from adaptsize.sizes import tuning
+
 T = TypeVar("T")
 
-# The effect of other values is that on 400 numbers that fall in eight steps with 0.3 to 1.5 times
-# the expected order, a fifth of them flat (benchmarks/tuning.py): 3.78 trials, and 4.0 % of the
-# searches end without success; with a patience of 1 and 6 these are 19.2 and 1.8 %.
-#: A measured order is used within these multiples of the expected one.  Over a step on which the
-#: sizes hardly change it is near 0, and steps by it would leave the range of the power law.  Half
-#: of the least: 3.81 trials, 3.8 %; double: 3.85, 6.8 %.  Half and double of the largest: the same.
-_LEAST_ORDER, _LARGEST_ORDER = 0.25, 4.0
-#: An order below this share of the expected one is that of sizes which do not change.  Half: the
-#: same; double: 3.75, 5.2 %.
-_FLAT = 0.1
-#: A bracket is halved if that many trials have not made it half as wide.  Half: 3.89 trials;
-#: double: the same.
-_STALLED = 2
-#: Share of a bracket by which its interpolation stays away from both ends.  Half and double: the
-#: same.
-_INSIDE = 0.1
-#: Share of the difference between the measured and the expected order that is believed of meshes.
-#: Details that the sizes do not resolve change the order, between two meshes more than near the
-#: last.  0 and 0.5 gave the same 11 meshes for 8 numbers on discs; double was not tried.
-_TRUST = 0.5
 #: Stands for the logarithm of zero.
 _NOTHING = -700.0
-#: Tolerance over the diameter; within a larger one, a mesh has hardly the shape of the part.
-_LARGEST_TOLERANCE = 0.05
-#: Logarithm of a number over the allowed one, up to which a tolerance is enough.
-_ENOUGH = math.log1p(0.02)
 #: Bound on the logarithm of a scale whose bound is not known.
 _FARTHEST = 40.0
-#: A mesh with a number within this share of the requested one is accepted, except for
-#: tetrahedra in loops of adaptation.
-ACCEPTED = 0.05
 #: Tolerance of the logarithms of the scale, and of the value unless another one is given.
 ACCURACY_OF_SCALE = 2e-4
 
@@ -114,9 +89,9 @@ class Search(Generic[T]):
         cls, wanted: float, cell_dim: int, accepted: float | None = None, most: int = 3
     ) -> Search[T]:
         """Return the search for a number that meshes have, within a share of the wanted one."""
-        accepted = ACCEPTED if accepted is None else accepted
+        accepted = tuning.ACCEPTED if accepted is None else accepted
         above, below = math.log1p(accepted), -math.log1p(-accepted)
-        return cls(wanted, float(cell_dim), above, below, most=most, trust=_TRUST)
+        return cls(wanted, float(cell_dim), above, below, most=most, trust=tuning.TRUST)
 
     @property
     def factor(self) -> float | None:
@@ -178,7 +153,7 @@ class Search(Generic[T]):
             return None
         bracket = self._bracket()
         slope = self._slope()
-        low, high = _LEAST_ORDER * self.order, _LARGEST_ORDER * self.order
+        low, high = tuning.LEAST_ORDER * self.order, tuning.LARGEST_ORDER * self.order
         if bracket is not None:
             is_secant = self.trust == 1.0 and low < slope < high
             return self._inside(bracket, x + y / slope if is_secant else math.nan)
@@ -203,7 +178,7 @@ class Search(Generic[T]):
         if len(self._x) < n:
             return False
         steps = zip(self._x[-n:], self._x[1 - n :], self._y[-n:], self._y[1 - n :], strict=False)
-        return all(abs(d - c) < _FLAT * self.order * abs(b - a) for a, b, c, d in steps)
+        return all(abs(d - c) < tuning.FLAT_ORDER * self.order * abs(b - a) for a, b, c, d in steps)
 
     def _bound(self, y: float) -> float:
         """Return the farthest logarithm of a factor to the side of the wanted number."""
@@ -227,12 +202,13 @@ class Search(Generic[T]):
         self._widths.append(b - a)
         if b - a <= self.resolution or b - a <= 4e-16 * max(abs(a), abs(b)):
             return None
-        before = self._widths[-1 - _STALLED :]
-        if len(before) > _STALLED and b - a > 0.5 * before[0]:
+        before = self._widths[-1 - tuning.STALLED :]
+        if len(before) > tuning.STALLED and b - a > 0.5 * before[0]:
             return 0.5 * (a + b)
         if a < guess < b:
             return guess
-        return a + (b - a) * min(max(c / (c - d), _INSIDE), 1.0 - _INSIDE)
+        away = tuning.INSIDE_BRACKET
+        return a + (b - a) * min(max(c / (c - d), away), 1.0 - away)
 
 
 def scale_to(
@@ -303,19 +279,19 @@ def smallest_tolerance(
     float or None
         None if no tolerance within which a mesh has the shape of the domain is enough.
     """
-    if tolerance >= _LARGEST_TOLERANCE:
+    if tolerance >= tuning.LARGEST_TOLERANCE:
         return None
     search: Search[float] = Search(
-        1.0, 1.2, _ENOUGH, below=0.1, start=tolerance, is_cap=True, resolution=math.log(1.1),
-        bounds=(tolerance, _LARGEST_TOLERANCE),
+        1.0, 1.2, tuning.ENOUGH, below=0.1, start=tolerance, is_cap=True, resolution=math.log(1.1),
+        bounds=(tolerance, tuning.LARGEST_TOLERANCE),
     )  # fmt: skip
     search.add(load, tolerance)
     while (factor := search.factor) is not None:
         search.add(load_of(factor), factor)
-    if search.miss > _ENOUGH:
+    if search.miss > tuning.ENOUGH:
         return None
     offer = rounded_up(search.best.factor)
-    while load_of(offer) > math.exp(_ENOUGH):  # the number falls up to a few per cent
+    while load_of(offer) > math.exp(tuning.ENOUGH):  # the number falls up to a few per cent
         offer = rounded_up(1.05 * offer)
     return offer
 

@@ -19,13 +19,12 @@ from adaptsize.background.interpolation import places_of
 from adaptsize.background.migration import boundary_facets
 from adaptsize.background.partitioned import local_mesh
 from adaptsize.errors import OptionError
+from adaptsize.sizes import tuning
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray, LongArray
 
 # Points within this distance, in diagonals of the mesh, count as inside, and cells whose distances
 # from a point differ by less are equally close.
 _INSIDE = 1e-9
-# So many samples of a curve per spacing of a grid, or mean edge length of the cell that it passes.
-_SAMPLES = 4.0
 
 Nodes: TypeAlias = npt.NDArray[np.integer]
 #: Tags by number or by name.
@@ -157,7 +156,7 @@ def cells_around(domain: _Domain, points: FloatArray) -> Touched:
     """Return the nodes of all cells that contain points, or else are closest; collective."""
     if isinstance(domain, CartesianGrid):
         away = np.linalg.norm(points - np.clip(points, domain.lower, domain.upper), axis=1)
-        spacing = np.full(len(points), float(domain.spacing.min()) / _SAMPLES)
+        spacing = np.full(len(points), float(domain.spacing.min()) / tuning.SAMPLES_PER_LENGTH)
         return Touched(*_corners_around(domain, points), away, spacing)
     inside, local = _INSIDE * domain.diagonal, local_mesh(domain)
     away = np.full(len(points), np.inf)
@@ -171,7 +170,7 @@ def cells_around(domain: _Domain, points: FloatArray) -> Touched:
     lengths = [np.linalg.norm(step, axis=1) for _, step in _edges(corners)]
     widths = np.full(len(points), np.inf)
     np.minimum.at(widths, which, np.mean(lengths, axis=0))
-    spacing = domain.ranks.allreduce(widths, "min") / _SAMPLES
+    spacing = domain.ranks.allreduce(widths, "min") / tuning.SAMPLES_PER_LENGTH
     return Touched(
         np.repeat(which, domain.cell_dim + 1),
         domain.cells[cells].ravel(),
