@@ -157,6 +157,8 @@ def _text_of_usage(error: typer.BadParameter, arguments: list[str]) -> str:
     if wanted and typed:
         text = f"{flags[-1]} must be {wanted}, got {typed[-1]!r}"
     path = "adaptsize" if context is None else context.command_path
+    if context is None and not arguments[0].startswith("-"):
+        path = f"adaptsize {arguments[0]}"  # typer does not say of which command the words are
     return f"{text}; {path} -h prints the help"
 
 

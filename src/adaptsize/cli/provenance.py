@@ -37,7 +37,7 @@ class TypedCommand:
             for one in value if isinstance(value, list) else [value]:
                 if one is None or one is False:
                     continue
-                words += [option.flags[-1]] + ([] if one is True else [str(one)])
+                words += [option.flags[-1]] + ([] if one is True else [typed_text(one)])
                 inputs += [Path(one)] if is_file else list(_files_in(key, str(one)))
         return cls(tuple(words), {str(path): sha256(path) for path in inputs if path.is_file()})
 
@@ -51,6 +51,12 @@ class TypedCommand:
                 elif word.startswith(f"curve:{path}="):
                     found[k] = word.replace(path, str(place), 1)
         return found
+
+
+def typed_text(value: Any) -> str:
+    """Return a value as it would be typed: whole numbers without a fraction."""
+    is_whole = isinstance(value, float) and value.is_integer() and abs(value) < 1e15
+    return str(int(value) if is_whole else value)
 
 
 def writes_file(option: Option) -> bool:

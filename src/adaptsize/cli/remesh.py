@@ -35,6 +35,7 @@ from adaptsize.cli.options import (
     own,
     reading,
 )
+from adaptsize.cli.provenance import typed_text
 from adaptsize.cli.size import as_dict, bounded, print_outcome
 from adaptsize.cli.transfer import with_fields
 from adaptsize.options import RemeshToElementsOptions, options_of
@@ -156,7 +157,9 @@ def _record(
     """Return what else is stored with a mesh, plain values."""
     record: dict[str, Any] = plain(
         {
-            "options": {name: str(value) for name, value in options.items() if name != "sources"},
+            "options": {
+                name: typed_text(value) for name, value in options.items() if name != "sources"
+            },
             "tolerance": tolerance,
             "sizes": sizes,
             "units": {"length": "unit of the coordinates", "tolerance": "diagonal of the input"},
