@@ -1,11 +1,13 @@
-"""Pickles and copies of immutable dataclasses."""
+"""Pickles and copies of immutable dataclasses, and what is kept with them."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+
+T = TypeVar("T")
 
 
 class ReadOnlyState:
@@ -31,4 +33,16 @@ def _read_only(value: Any) -> Any:
         value.flags.writeable = False
     elif isinstance(value, dict):
         return MappingProxyType({key: _read_only(item) for key, item in value.items()})
+    return value
+
+
+def once(owner: object, name: str, compute: Callable[[], T]) -> T:
+    """Return a value that is computed on first use and kept with an immutable object.
+
+    It is derived from the object and the name, as a cached property is.
+    """
+    kept: dict[str, Any] = vars(owner)
+    if name not in kept:
+        kept[name] = compute()
+    value: T = kept[name]
     return value

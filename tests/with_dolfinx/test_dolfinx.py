@@ -26,6 +26,11 @@ def test_adapters(n_ranks):
     assert _run(n_ranks, "tests/with_dolfinx/check_adapters.py").strip() == "all right"
 
 
+@pytest.mark.timeout(1800)  # compiles forms and kernels on first use
+def test_functions_are_fields_of_a_loop():
+    assert _run(1, "tests/with_dolfinx/check_functions.py").strip() == "all right"
+
+
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize(("dim", "cycles"), [(2, 5), (3, 2)])
 def test_conditions_and_materials_stay_in_a_loop_on_two_ranks(dim, cycles):

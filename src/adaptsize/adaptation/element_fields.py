@@ -1,7 +1,7 @@
 """The fields that `adapt` and `transfer_fields` take: their checks, and the transfer of them all.
 
 A field is an array with a row per node, or one of finite elements, whose kind has a file of its
-own: `lagrange_fields.py`, `quadrature_fields.py`, `skfem_fields.py`.
+own: `lagrange_fields.py`, `quadrature_fields.py`, `skfem_fields.py`, `dolfinx_fields.py`.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from adaptsize._checks import as_plain_array, check_type, describe
 from adaptsize.adaptation._fields import Arrays, as_field
+from adaptsize.adaptation.dolfinx_fields import OfDolfinx, is_dolfinx_function
 from adaptsize.adaptation.field_transfer import FieldTransfer
 from adaptsize.adaptation.given_fields import ElementField, QuadratureField
 from adaptsize.adaptation.lagrange import LagrangeSpace
@@ -67,8 +68,8 @@ def as_nodal_fields(fields: Mapping[str, Any] | None, mesh: AnyMesh) -> CheckedF
         if not fits and isinstance(mesh, SimplexMesh) and mesh.cell_dim == mesh.dim:
             raise ValueError(
                 f"{name} must be an array with a row for each of the {mesh.n_points} nodes, an "
-                "ElementField, a function of points, or (basis, x) of "
-                f"scikit-fem, got shape {array.shape}{orders_with(mesh, array.shape)}"
+                "ElementField, a function of points, (basis, x) of scikit-fem, or a Function of "
+                f"DOLFINx, got shape {array.shape}{orders_with(mesh, array.shape)}"
             )
         found.arrays[key] = as_field(name, value, mesh.n_points)
     return found
@@ -105,6 +106,8 @@ def as_element_field(name: str, given: Any, mesh: AnyMesh) -> Checked | None:
         return OfQuadrature(name, given, mesh)
     if is_basis:
         return OfSkfem(name, given, mesh)
+    if is_dolfinx_function(given):
+        return OfDolfinx(name, given, mesh)
     is_function = callable(given.values if isinstance(given, ElementField) else given)
     return OfFunction(name, given, mesh) if is_function else OfElements(name, given, mesh)
 

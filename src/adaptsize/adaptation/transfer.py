@@ -62,8 +62,8 @@ def transfer_fields(
     old, new : SimplexMesh or PartitionedMesh
         Of the same kind.  Meshes in parts are on the same communicator; their parts need not match.
     fields : mapping of str, optional
-        Fields on ``old``: arrays with one row per node, an `ElementField`, a
-        function of points, or ``(basis, x)`` of scikit-fem.
+        Fields on ``old``: arrays with one row per node, an `ElementField`, a function of points,
+        ``(basis, x)`` of scikit-fem, or a ``dolfinx.fem.Function`` of Lagrange elements.
     cell_fields : mapping of str to array_like, optional
         One row per cell.
     progress : callable, bool or None

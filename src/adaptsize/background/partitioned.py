@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, as_plain_array, check_type, of_type
+from adaptsize._pickling import once
 from adaptsize.background.partitioning import joined, parts_of
 from adaptsize.background.simplex import SimplexMesh
 from adaptsize.ranks import Communicator, Ids, SharedNodes, as_communicator, find_shared_nodes, kept
@@ -226,9 +227,7 @@ class PartitionedMesh:
 
     def once(self, name: str, compute: Callable[[], T]) -> T:
         """Return a value that is computed on first use and kept; collective if ``compute`` is."""
-        if name not in self.__dict__:
-            self.__dict__[name] = compute()
-        return self.__dict__[name]  # type: ignore[no-any-return]
+        return once(self, name, compute)
 
     def exchange(self, values: npt.ArrayLike) -> FloatArray:
         """Return nodal values, those of shared nodes as on their owners; collective."""

@@ -12,9 +12,11 @@ from adaptsize._formats import writers
 from adaptsize._formats.blocks import SIMPLEX, UNTAGGED, RawMesh, dimension_of, n_nodes_of
 from adaptsize._formats.for_solvers import groups_of
 from adaptsize._formats.gmsh import text_of_further
+from adaptsize._pickling import once
 from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.distributed import DolfinxMesh, from_dolfinx
 from adaptsize.distributed import to_dolfinx as distributed_to_dolfinx
+from adaptsize.distributed.solvers import nodal_functions
 from adaptsize.errors import MeshFileError
 
 
@@ -349,4 +351,8 @@ def to_dolfinx(mesh: SimplexMesh) -> DolfinxMesh:
 
     See `SimplexMesh.to_dolfinx`.
     """
-    return distributed_to_dolfinx(PartitionedMesh.from_serial(mesh))
+    bare = mesh.without_data()
+    # Fields of DOLFINx that `adapt` returns are on the same mesh of DOLFINx.
+    made = once(mesh, "_dolfinx", lambda: distributed_to_dolfinx(PartitionedMesh.from_serial(bare)))
+    values = {name: np.asarray(field) for name, field in mesh.point_data.items()}
+    return made._replace(functions=nodal_functions(made.mesh, values))

@@ -12,7 +12,13 @@ from adaptsize._checks import as_float_array, check_type, describe
 from adaptsize.background import SimplexMesh
 from adaptsize.background.migration import number_nodes
 from adaptsize.background.partitioned import PartitionedMesh
-from adaptsize.ranks import Communicator, MpiCommunicator, as_communicator, rows_among
+from adaptsize.ranks import (
+    Communicator,
+    MpiCommunicator,
+    SingleRank,
+    as_communicator,
+    rows_among,
+)
 from adaptsize.typing import FloatArray, IntArray, LongArray
 
 #: Entities by their nodes, int32[n, k], and their tags.
@@ -287,6 +293,12 @@ def _function(domain: Any, own: FloatArray, starts: LongArray, comm: Communicato
     dofs, nodes = np.asarray(space.dofmap.list), np.asarray(_dofmap(domain.geometry))
     function.x.array.reshape(-1, *shape)[dofs] = at_nodes[nodes]
     return function
+
+
+def nodal_functions(domain: Any, fields: Mapping[str, FloatArray]) -> dict[str, Any]:
+    """Return values at the nodes of a whole mesh as functions on what `to_dolfinx` made of it."""
+    starts, alone = np.zeros(1, np.int64), SingleRank()
+    return {name: _function(domain, own, starts, alone) for name, own in fields.items()}
 
 
 def _dofmap(geometry: Any) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, refuse_where
+from adaptsize._pickling import once
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background.topology import components_of
 from adaptsize.geometry.boundary import facet_normals, flat_boundary
@@ -166,12 +167,8 @@ def _check_rotations(given: FloatArray, diagonal: float) -> None:
 
 def _kept_pairs(domain: SimplexMesh | CartesianGrid, motions: FloatArray) -> IntArray:
     """Return the pairs of nodes, which are kept with the domain as its derived data are."""
-    kept, key = vars(domain), motions.tobytes()
-    found = kept.get("_periodic_pairs")
-    if found is None or found[0] != key:
-        found = kept["_periodic_pairs"] = key, _checked_pairs(domain, motions)
-    pairs: IntArray = found[1]
-    return pairs
+    name = f"_pairs_by_{motions.tobytes().hex()}"
+    return once(domain, name, lambda: _checked_pairs(domain, motions))
 
 
 def _checked_pairs(domain: SimplexMesh | CartesianGrid, motions: FloatArray) -> IntArray:

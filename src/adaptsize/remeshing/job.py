@@ -13,6 +13,7 @@ import numpy.typing as npt
 from adaptsize._checks import as_index_array, refusal, warn_caller
 from adaptsize._defaults import refused_above
 from adaptsize._messages import Message
+from adaptsize._pickling import once
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import as_mesh
@@ -295,11 +296,7 @@ def _first_of_loop(mesh: SimplexMesh, old: SimplexMesh, given: RemeshOptions) ->
 
 def _repaired_once(mesh: SimplexMesh) -> SimplexMesh:
     """Return the repaired mesh, which is kept with the given one for the next cycle of its loop."""
-    kept = vars(mesh)
-    if "_repaired" not in kept:
-        kept["_repaired"] = repair_mesh(mesh).mesh
-    repaired: SimplexMesh = kept["_repaired"]
-    return repaired
+    return once(mesh, "_repaired", lambda: repair_mesh(mesh).mesh)
 
 
 def _if_crossed(solid: Solid | None, mesh: SimplexMesh) -> Solid | None:

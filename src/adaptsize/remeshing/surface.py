@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._pickling import once
 from adaptsize.background import SimplexMesh
 from adaptsize.background.flipping import flip_edges
 from adaptsize.background.simplex import cut_out
@@ -134,12 +135,12 @@ def facets_of(mesh: SimplexMesh) -> SimplexMesh:
     """
     if mesh.cell_dim < mesh.dim:
         return mesh
-    kept = vars(mesh)
-    if "_facets_that_stay" not in kept:
+
+    def collected() -> SimplexMesh:
         found = collect_facets(mesh, number_regions(mesh)[0], None)
-        kept["_facets_that_stay"] = SimplexMesh(mesh.points, found.nodes, cell_tags=found.groups)
-    surface: SimplexMesh = kept["_facets_that_stay"]
-    return surface
+        return SimplexMesh(mesh.points, found.nodes, cell_tags=found.groups)
+
+    return once(mesh, "_facets_that_stay", collected)
 
 
 def sliver_height(mesh: SimplexMesh, size: Size, height: float) -> float:
