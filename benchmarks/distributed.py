@@ -4,11 +4,13 @@
 
 Prints one row per problem: the largest times of all ranks, the sum of their work, and the sum of
 the bytes that they send.  Work is processor time outside of collective operations, where MPI waits
-busily.  The first call on a mesh also finds the boundary; the second is what later calls cost.
+busily.  The first call on a mesh also finds the boundary; of three later calls
+the least counts.
 """
 
 import argparse
 import time
+from functools import partial
 
 import numpy as np
 from mpi4py import MPI
@@ -72,12 +74,22 @@ def watch(comm: Communicator) -> list[float]:
     return seconds
 
 
+def measured(comm: Communicator, inside: list[float], call) -> tuple[float, float, float]:
+    """Return the processor and wall time of the slowest rank, and the work of all."""
+    comm.allgather(None)  # all begin at the same time
+    inside[0], wall, cpu = 0.0, time.perf_counter(), time.process_time()
+    call()
+    cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+    work = comm.allreduce(cpu - inside[0], "sum")
+    return comm.allreduce(cpu, "max"), comm.allreduce(wall, "max"), work
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--nodes", type=int, default=100_000)
     nodes = parser.parse_args().nodes
     comm = as_communicator(MPI.COMM_WORLD)
-    inside = watch(comm)
+    inside, exact = watch(comm), Exact(face_sources=False, threads=1)
     makers = {"square": (square, 2), "cube": (kuhn_cube, 3)}
     sizes = [(domain, count) for count in (500, nodes) for domain in makers]
     for domain, count in sizes:  # small ones first, silently: kernels are loaded once per process
@@ -91,19 +103,21 @@ def main():
         part = PartitionedMesh.from_serial(whole, slabs, comm)
         for kind in ("two points", "field"):
             h0 = bounds(part.points, kind, 1.0 / n)
-            for call in ("first", "second"):
-                comm.allgather(None)  # all begin at the same time
-                inside[0] = 0.0
-                sent, wall, cpu = comm.traffic.bytes_sent, time.perf_counter(), time.process_time()
-                limit_gradient(part, h0, 0.3, method=Exact(face_sources=False, threads=1))
-                cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
-                work = comm.allreduce(cpu - inside[0], "sum")
-                cpu, wall = comm.allreduce(cpu, "max"), comm.allreduce(wall, "max")
+            limit = partial(limit_gradient, part, h0, 0.3, method=exact)
+            later = []
+            for call in range(4):
+                sent = comm.traffic.bytes_sent
+                cost = measured(comm, inside, limit)
                 sent = comm.allreduce(comm.traffic.bytes_sent - sent, "sum")
-                if comm.rank == 0 and count == nodes:
-                    size = f"{comm.size} ranks, {domain}, {part.n_global_points} nodes"
-                    cost = f"cpu {cpu:.3f} s, wall {wall:.3f} s, work {work:.3f} s, {sent} bytes"
-                    print(f"{size}, {kind}, {call} call: {cost}", flush=True)
+                later += [cost] if call else []
+                if comm.rank == 0 and count == nodes and call in (0, 3):
+                    best = np.min(later, axis=0) if call else cost
+                    size = f"{comm.size} ranks, {domain}, {part.n_global_points} nodes, {kind}"
+                    text = "cpu {:.3f} s, wall {:.3f} s, work {:.3f} s".format(*best)
+                    print(
+                        f"{size}, {'later calls' if call else 'first call'}: {text}, {sent} bytes",
+                        flush=True,
+                    )
 
 
 if __name__ == "__main__":
