@@ -13,12 +13,15 @@ import pytest
 import adaptsize as ads
 from adaptsize import _cores
 from adaptsize._workers import Workers, in_all_threads
+from adaptsize.geometry.boundary import flat_boundary
 from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.separation import boundary_separation
 from adaptsize.geometry.width import boundary_width
 from adaptsize.limiting import Exact
 from adaptsize.limiting.exact import candidates
 from adaptsize.quality.boundary import farthest_places
+from adaptsize.quality.by_place import _edges_of_cells
+from adaptsize.quality.elements import flat_cells, radius_ratios
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +41,44 @@ def results(surface):
     winding = WindingNumber(surface)(points)
     width = boundary_width(surface)
     return [cells, weights, distances, winding, width, *separation, *far]
+
+
+def passes_over_cells(mesh):
+    """Return the boundary, the extent, flat cells, qualities and the conformity of a new mesh."""
+    mesh = ads.SimplexMesh(mesh.points, mesh.cells)
+    boundary = flat_boundary(mesh, numba.get_num_threads())
+    values = 0.05 + (mesh.points**2).sum(axis=1)
+    found = ads.size_conformity(mesh, values)
+    numbers = [value for value in vars(found).values() if isinstance(value, float)]
+    assert len(numbers) > 3
+    qualities = radius_ratios(mesh), _edges_of_cells(mesh)[0], flat_cells(mesh)
+    return [boundary.facets, boundary.cells, mesh.diagonal, *qualities, numbers]
+
+
+@pytest.mark.parametrize("shape", [(240, 240), (27, 28, 27)])
+def test_passes_over_cells_are_the_same_bit_for_bit(shape, monkeypatch):
+    grid = ads.CartesianGrid([0.0] * len(shape), 1.0 / shape[0], shape).mesh
+    points = grid.points + np.random.default_rng(1).uniform(-0.1, 0.1, grid.points.shape) / shape[0]
+    mesh, found, chunks = ads.SimplexMesh(points, grid.cells), {}, []
+    assert mesh.n_cells > 100_000  # more than one thread sums facets
+    in_chunks = Workers.in_chunks
+
+    def watched(self, task, n, *rest):
+        chunks.append((task.__qualname__, self.threads))
+        return in_chunks(self, task, n, *rest)
+
+    monkeypatch.setattr(Workers, "in_chunks", watched)
+    for threads in (1, 2, 3, 8):
+        monkeypatch.setattr(numba, "get_num_threads", lambda threads=threads: threads)
+        found[threads] = [np.asarray(one).tobytes() for one in passes_over_cells(mesh)]
+    for name in ("_sums.<locals>.add", "flat_cells", "_of_cells", "_edges_of_cells"):
+        assert {threads for task, threads in chunks if name in task} == {1, 2, 3, 8}
+    assert found[1] == found[2] == found[3] == found[8]
+
+
+def test_the_diagonal_is_that_of_nodes_in_cells():
+    points = np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 4.0], [50.0, 50.0]])
+    assert ads.SimplexMesh(points, [[0, 1, 2]]).diagonal == 5.0
 
 
 def test_any_number_of_threads_gives_the_same_bit_for_bit(surface, monkeypatch):

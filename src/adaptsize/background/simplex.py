@@ -206,8 +206,9 @@ class SimplexMesh(ExchangeMethods, QualityMethods, SurfaceMethods, PictureMethod
     @cached_property
     def diagonal(self) -> float:
         """Length of the diagonal of the bounding box of the nodes that belong to a cell."""
+        points = self.points if self.in_a_cell.all() else self.points[self.in_a_cell]
         # Several times faster than along an axis.
-        return float(np.linalg.norm([np.ptp(x[self.in_a_cell]) for x in self.points.T]))
+        return float(np.linalg.norm([np.ptp(x) for x in points.T]))
 
     @cached_property
     def diameter(self) -> float:

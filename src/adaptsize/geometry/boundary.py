@@ -14,13 +14,13 @@ The *walls* are defined as follows:
 Nodes in no cell are not in the domain.
 """
 
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from adaptsize._kernels import flat_boundary as kernels
+from adaptsize._workers import Workers
 from adaptsize.background import SimplexMesh
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import have_different_nodes, roots_of, unique_rows
@@ -104,17 +104,22 @@ def _sums(points: FloatArray, cells: IntArray, threads: int) -> tuple[npt.NDArra
     n, m = len(points), len(cells)
     axes = (0,) * points.shape[1]
     # Smallest number of cells for a second thread.
-    parts = np.array_split(read_only(cells), 1 if m < 100_000 else threads)
-    sums = np.zeros((len(parts), n), np.uint64)
+    n_parts = 1 if m < 100_000 else threads
+    step, given = -(-m // n_parts), read_only(cells)
+    sums, found = np.zeros((n_parts, n), np.uint64), np.zeros(n_parts, np.int64)
 
-    def add(part: IntArray, own: npt.NDArray[np.uint64]) -> int:
-        return int(kernels.sum_facets(points, axes, part, own))
+    def add(first: int, last: int) -> None:
+        k = first // step
+        found[k] = kernels.sum_facets(points, axes, given[first:last], sums[k])
 
-    if len(parts) == 1:
-        return sums[0], add(parts[0], sums[0])
-    with ThreadPoolExecutor(threads) as pool:
-        found = list(pool.map(add, parts, sums))
-    return np.sum(sums, axis=0), int(np.bitwise_or.reduce(found))
+    def merge(first: int, last: int) -> None:
+        np.sum(sums[:, first:last], axis=0, out=sums[0, first:last])
+
+    workers = Workers(threads)
+    workers.in_chunks(add, m, step)
+    if n_parts > 1:
+        workers.in_chunks(merge, n)
+    return sums[0], int(np.bitwise_or.reduce(found))
 
 
 def _facets_at(

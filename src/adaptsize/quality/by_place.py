@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import as_sizes_at, place_text
 from adaptsize._size_function import SizeFunction
+from adaptsize._workers import in_all_threads
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background import tuning as of_background
 from adaptsize.background.bisection import resolved
@@ -35,6 +36,8 @@ BAND = (np.sqrt(0.5), np.sqrt(2.0))
 MOST_POINTS = 50_000
 #: Cells per node, roughly.
 _CELLS_PER_POINT = 6
+#: Cells are measured in blocks whose numbers fit into the cache.
+_CELLS_AT_ONCE = 4096
 
 
 def is_in_band(ratio: FloatArray) -> BoolArray:
@@ -274,9 +277,16 @@ class _Parts(NamedTuple):
 def _edges_of_cells(mesh: SimplexMesh) -> tuple[FloatArray, IndexArray]:
     """Return the lengths of the edges of each cell, float64[n_cells, k], and their corners."""
     pairs = np.array(list(combinations(range(mesh.cell_dim + 1), 2)))
-    corners = mesh.points[mesh.cells]
-    with np.errstate(over="ignore"):
-        return np.linalg.norm(corners[:, pairs[:, 0]] - corners[:, pairs[:, 1]], axis=2), pairs
+    lengths = np.empty((mesh.n_cells, len(pairs)))
+
+    def measure(first: int, last: int) -> None:
+        corners = mesh.points[mesh.cells[first:last]]
+        edges = corners[:, pairs[:, 0]] - corners[:, pairs[:, 1]]
+        with np.errstate(over="ignore"):
+            lengths[first:last] = np.linalg.norm(edges, axis=2)
+
+    in_all_threads(measure, mesh.n_cells, _CELLS_AT_ONCE)
+    return lengths, pairs
 
 
 def _mean_edges(mesh: SimplexMesh) -> FloatArray:

@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from adaptsize._checks import check_type, place_text
+from adaptsize._workers import in_all_threads
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh
 from adaptsize.metrics import Metric
@@ -25,13 +26,18 @@ _ROUNDING = 16.0
 
 def flat_cells(mesh: SimplexMesh) -> BoolArray:
     """Return whether each cell has the measure zero, up to the rounding of its coordinates."""
-    corners = mesh.points[mesh.cells]
-    longest = np.zeros(mesh.n_cells)
-    for a, b in combinations(range(mesh.cell_dim + 1), 2):
-        np.maximum(longest, np.linalg.norm(corners[:, a] - corners[:, b], axis=1), out=longest)
-    rounding = _ROUNDING * np.finfo(np.float64).eps * np.abs(corners).max(axis=(1, 2))
-    least = rounding * longest ** (mesh.cell_dim - 1)
-    return np.asarray(factorial(mesh.cell_dim) * mesh.measures <= least)
+    is_flat, measures = np.empty(mesh.n_cells, np.bool_), mesh.measures
+
+    def judge(first: int, last: int) -> None:
+        corners, longest = mesh.points[mesh.cells[first:last]], np.zeros(last - first)
+        for a, b in combinations(range(mesh.cell_dim + 1), 2):
+            np.maximum(longest, np.linalg.norm(corners[:, a] - corners[:, b], axis=1), out=longest)
+        rounding = _ROUNDING * np.finfo(np.float64).eps * np.abs(corners).max(axis=(1, 2))
+        least = rounding * longest ** (mesh.cell_dim - 1)
+        is_flat[first:last] = factorial(mesh.cell_dim) * measures[first:last] <= least
+
+    in_all_threads(judge, mesh.n_cells, _CELLS_AT_ONCE)
+    return is_flat
 
 
 def folded_cells(mesh: SimplexMesh) -> BoolArray:
@@ -98,17 +104,21 @@ def _of_cells(mesh: SimplexMesh, of_triangles: _Formula, of_tetrahedra: _Formula
     check_type("mesh", mesh, SimplexMesh)
     check_cells(mesh)
     formula, values = of_triangles if mesh.cell_dim == 2 else of_tetrahedra, np.zeros(mesh.n_cells)
-    for first in range(0, mesh.n_cells, _CELLS_AT_ONCE):
-        part = slice(first, first + _CELLS_AT_ONCE)
+    all_measures = mesh.measures
+
+    def measure(first: int, last: int) -> None:
+        part = slice(first, last)
         # Each coordinate of a corner is a contiguous row.
         corners = np.ascontiguousarray(mesh.points[mesh.cells[part]].transpose(1, 2, 0))
         corners = corners - corners[0]
         extent = np.abs(corners).max(axis=(0, 1))
         extent[extent == 0.0] = 1.0
         corners /= extent
-        measures = mesh.measures[part] / extent**mesh.cell_dim
+        measures = all_measures[part] / extent**mesh.cell_dim
         with np.errstate(invalid="ignore"):  # 0 / 0
             values[part] = np.where(measures > 0.0, formula(corners, measures), 0.0)
+
+    in_all_threads(measure, mesh.n_cells, _CELLS_AT_ONCE)
     return values
 
 

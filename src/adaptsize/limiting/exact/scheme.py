@@ -7,7 +7,6 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from adaptsize._kernels.exact_candidates import have_neighbours
-from adaptsize._kernels.topology import mark_nodes
 from adaptsize._workers import Workers
 from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
@@ -276,15 +275,14 @@ def _prepared(component: Component) -> tuple[Component, tuple[FlatBoundary, bool
         component = component._replace(
             order=along_curve(mesh.points), meet=have_neighbours(mesh.cells, component.h0)
         )
-        n_used = mark_nodes(mesh.cells, np.zeros(mesh.n_points, np.bool_))
-        return component, boundary_of(mesh, 1), n_used == mesh.n_points
+        return component, boundary_of(mesh, 1), bool(mesh.in_a_cell.all())
     with ThreadPoolExecutor(1) as pool:
         order = pool.submit(along_curve, mesh.points)
         meet = pool.submit(have_neighbours, mesh.cells, component.h0)
-        used = pool.submit(mark_nodes, mesh.cells, np.zeros(mesh.n_points, np.bool_))
+        used = pool.submit(lambda: bool(mesh.in_a_cell.all()))
         boundary = boundary_of(mesh, component.workers.threads)
         component = component._replace(order=order.result(), meet=meet.result())
-        return component, boundary, used.result() == mesh.n_points
+        return component, boundary, used.result()
 
 
 def _inside(background: SimplexMesh | CartesianGrid, given: PointBounds | None) -> Extra | None:
