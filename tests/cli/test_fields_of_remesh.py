@@ -131,3 +131,21 @@ def test_a_bad_translation_is_named(tmp_path, capsys, word):
     write(tmp_path / "in.vtu", plane())
     assert call("remesh", tmp_path / "in.vtu", "-o", tmp_path / "x.vtu", "--periodic", word) == 2
     assert "--periodic must be X,Y" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("word", "code", "text"),
+    [
+        ("1,nan", 2, "--periodic must be finite, got ['1,nan']"),
+        ("5,0", 1, "periodic[0] = [5.0, 0.0] maps no node"),
+        ("1,0,0", 1, "periodic must hold 1 to 2 translations"),
+    ],
+)
+def test_translations_that_do_not_fit_are_refused_before_sizes(tmp_path, capsys, word, code, text):
+    write(tmp_path / "in.vtu", plane())
+    output = tmp_path / "x.vtu"
+    assert call("remesh", tmp_path / "in.vtu", "-o", output, "--periodic", word) == code
+    error = capsys.readouterr().err
+    assert text in error
+    assert error.count("\n") == 1
+    assert not output.exists()
