@@ -149,3 +149,13 @@ def test_translations_that_do_not_fit_are_refused_before_sizes(tmp_path, capsys,
     assert text in error
     assert error.count("\n") == 1
     assert not output.exists()
+
+
+@pytest.mark.parametrize("line", ["remesh", "adapt --elements 50", "limit -g 0.3", "size"])
+def test_a_field_with_nan_is_named_with_its_node(tmp_path, capsys, line):
+    write(tmp_path / "in.vtu", plane(thin=np.array([1.0, 1.0, np.nan, 1.0, np.nan])))
+    command, *words = line.split()
+    output = tmp_path / "x.vtu"
+    assert call(command, tmp_path / "in.vtu", "-o", output, "--field", "thin", *words) == 1
+    assert "got field 'thin'[2] = nan (and 1 more)" in capsys.readouterr().err
+    assert not output.exists()

@@ -267,7 +267,8 @@ class Job:
         """Return a note if an open surface was filled by many more cells than predicted."""
         if self.solid is None or self.solid.is_closed or n_cells <= tuning.MANY_MORE * self.n_cells:
             return ""
-        return f"{n_cells} elements instead of the predicted {count_text(self.n_cells)}: {FILLS_MORE}"
+        predicted = count_text(self.n_cells)
+        return f"{n_cells} elements instead of the predicted {predicted}: {FILLS_MORE}"
 
 
 def _first_of_loop(mesh: SimplexMesh, old: SimplexMesh, given: RemeshOptions) -> SimplexMesh | None:
