@@ -69,6 +69,15 @@ QUERIES = {
     "sizing field": "glossary size-functions",
     "mesh convergence": "mesh-families",
     "second order elements": "files how-to/export",
+    "docker": "install",
+    "conda": "install",
+    "gpu": "install",
+    "license": "install citations",
+    "growth ratio": "glossary limiting",
+    "checkpoint": "adaptive-loops",
+    "mfem": "solvers",
+    "timeout": "troubleshooting",
+    "fort.14": "tutorials/coast",
 }
 OPTIONS = [
     "--headless",
