@@ -128,6 +128,8 @@ def problems_of(page: Path, site: Path) -> list[str]:
     name = page.relative_to(site)
     fetched = [m[0] for m in FETCHED.finditer(text) if not HARMLESS.search(m[0])]
     lines = [f"{name}: fetches {tag[:120]}" for tag in fetched]
+    if "Alias for field number" in text:
+        lines.append(f"{name}: has fields without words")
     tex = LEFT_AS_TEX.search(CODE.sub("", text))
     return [*lines, f"{name}: has TeX {tex[0]!r}"] if tex else lines
 
