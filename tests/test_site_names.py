@@ -97,3 +97,28 @@ def test_no_line_of_a_page_becomes_a_list_by_its_first_sign():
         for line in page.read_text().splitlines():
             is_code ^= line.lstrip().startswith("```")
             assert is_code or not line.lstrip().startswith(("+ ", "* ")), (page.name, line)
+
+
+def test_the_number_of_a_field_is_no_description_of_it(monkeypatch):
+    pytest.importorskip("sphinx")
+    monkeypatch.syspath_prepend(DOCS / "_ext")
+    names = importlib.import_module("names")
+    own, python = ["Radius of the ball."], ["Alias for field number 0"]
+    for lines in (own, python, empty := []):
+        names.drop_aliases(None, "attribute", "radius", None, None, lines)
+    assert (own, python, empty) == (["Radius of the ball."], [], [])
+
+
+@pytest.mark.parametrize("colour", ["k", "black", "#000000", (0.0, 0.0, 0.0)])
+def test_black_lines_are_refused_in_pictures_of_dark_pages(monkeypatch, tmp_path, colour):
+    matplotlib = pytest.importorskip("matplotlib")
+    monkeypatch.syspath_prepend(DOCS.parent / "examples")
+    with matplotlib.rc_context():
+        drawings = importlib.import_module("_gallery")
+        figure, (panel,) = drawings.drawing(1, 1, 100)
+        panel.plot([0, 1], [0, 1], color=drawings.INK)
+        drawings.save_drawing(tmp_path / "ink.png", figure)
+        panel.plot([0, 1], [1, 0], color=colour, label="second order")
+        with pytest.raises(ValueError, match="second order is black, which dark pages hide"):
+            drawings.save_drawing(tmp_path / "black.png", figure)
+    assert [path.name for path in tmp_path.iterdir()] == ["ink.png"]
