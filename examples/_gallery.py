@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
     from adaptsize.plot.scene import Scene
 
@@ -150,8 +151,11 @@ def save_drawing(path: Path, figure: Figure, thumb: Axes | None = None) -> None:
     """Write a figure without the date, so that the same drawing is the same file.
 
     Several panels get the letters (a), (b), ... in front of their titles.  Panel ``thumb`` becomes
-    the thumbnail.
+    the thumbnail.  A black line on the ground of a page is an error: on dark pages it is not seen.
     """
+    for axes in figure.axes:
+        if not (axes.images or axes.collections or axes.patches):
+            refuse_black([*axes.lines])
     panels = [axes for axes in figure.axes if axes.get_title() or axes.get_title("left")]
     for number, axes in enumerate(panels):
         for title in (axes.title, axes._left_title):
@@ -159,6 +163,13 @@ def save_drawing(path: Path, figure: Figure, thumb: Axes | None = None) -> None:
     figure.savefig(path, metadata={"Software": None})
     if thumb is not None:
         save_thumbnail(path, figure, thumb)
+
+
+def refuse_black(lines: Sequence[Line2D]) -> None:
+    """Raise a ValueError if a line is black."""
+    for line in lines:
+        if to_rgb(line.get_color()) == (0.0, 0.0, 0.0):
+            raise ValueError(f"{line.get_label()} is black, which dark pages hide; draw it in INK")
 
 
 def save_thumbnail(path: Path, figure: Figure, panel: Axes) -> None:

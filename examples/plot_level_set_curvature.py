@@ -108,8 +108,8 @@ def draw_orders(panel: Axes, cells: Sequence[int], errors: dict[str, list[float]
     spacing = 2.0 * A / np.array(cells)
     for name, error in errors.items():
         panel.loglog(spacing, error, "o-", color=COLOURS[name], label=name)
-    panel.loglog(spacing, errors["corrected"][-1] * 0.6 * (spacing / spacing[-1]) ** 2, "k:",
-                 label="second order")  # fmt: skip
+    panel.loglog(spacing, errors["corrected"][-1] * 0.6 * (spacing / spacing[-1]) ** 2, ":",
+                 color=INK, label="second order")  # fmt: skip
     panel.set(title="largest relative error of the curvature,\nup to 2 spacings from the boundary",
               xlabel="spacing", ylabel="relative error")  # fmt: skip
     panel.set_xticks(spacing, [f"{s:g}" for s in spacing])

@@ -24,6 +24,8 @@ FETCHED = re.compile(r"<(?:script|link|img|iframe|source)[^>]*?(?:src|href)=\"(h
 #: Links that are not loaded with the page.
 HARMLESS = re.compile(r'rel="(?:canonical|index|search|next|prev|license)"')
 LEFT_AS_TEX = re.compile(r"\\\(|\\\[|\\(?:frac|kappa|sqrt|mathrm|nabla|lvert)\b")
+#: What a reference is called within Sphinx; a summary that cites shows it.
+KEY = re.compile(r"\[R[0-9a-f]{12}-\d+\]")
 CODE = re.compile(r"<(pre|code|script|style|annotation)\b.*?</\1>", re.DOTALL)
 #: The reference has about a hundred pages of one kind; this share is opened.
 OPENED_OF_REFERENCE = 10
@@ -69,6 +71,15 @@ QUERIES = {
     "sizing field": "glossary size-functions",
     "mesh convergence": "mesh-families",
     "second order elements": "files how-to/export",
+    "docker": "install",
+    "conda": "install",
+    "gpu": "install",
+    "license": "install citations",
+    "growth ratio": "glossary limiting",
+    "checkpoint": "adaptive-loops",
+    "mfem": "solvers",
+    "timeout": "troubleshooting",
+    "fort.14": "tutorials/coast",
 }
 OPTIONS = [
     "--headless",
@@ -119,6 +130,10 @@ def problems_of(page: Path, site: Path) -> list[str]:
     name = page.relative_to(site)
     fetched = [m[0] for m in FETCHED.finditer(text) if not HARMLESS.search(m[0])]
     lines = [f"{name}: fetches {tag[:120]}" for tag in fetched]
+    if "Alias for field number" in text:
+        lines.append(f"{name}: has fields without words")
+    if key := KEY.search(text):
+        lines.append(f"{name}: has {key[0]} in place of a reference")
     tex = LEFT_AS_TEX.search(CODE.sub("", text))
     return [*lines, f"{name}: has TeX {tex[0]!r}"] if tex else lines
 

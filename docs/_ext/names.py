@@ -116,7 +116,16 @@ def _is_taken(node: nodes.Node) -> bool:
     return False
 
 
+def drop_aliases(
+    app: Sphinx, what: str, name: str, obj: object, options: Any, lines: list[str]
+) -> None:
+    """Leave out what Python itself says of a field of a tuple: its number."""
+    if lines and lines[0].startswith("Alias for field number"):
+        lines.clear()
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register with Sphinx."""
     app.connect("doctree-read", link_names)
+    app.connect("autodoc-process-docstring", drop_aliases)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

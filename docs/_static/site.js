@@ -27,7 +27,9 @@ document.addEventListener("DOMContentLoaded", () => {
     const heads = [...table.querySelectorAll("thead th")].map((head) => head.textContent.trim());
     for (const row of table.querySelectorAll("tbody tr"))
       [...row.cells].forEach((cell, k) => {
-        if (k > 0 && heads[k] && cell.textContent.trim()) cell.dataset.label = heads[k];
+        const text = cell.textContent.trim();
+        // A name in the first column speaks for itself, a number does not.
+        if (heads[k] && text && (k > 0 || !/[^\d\s.,]/.test(text))) cell.dataset.label = heads[k];
       });
   }
 });

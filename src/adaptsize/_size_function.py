@@ -34,7 +34,7 @@ from adaptsize.typing import Background, FloatArray, Unpack
 if TYPE_CHECKING:
     from adaptsize._size_report import SizeReport
     from adaptsize.domain_size.cost import Cost
-    from adaptsize.domain_size.parts import Part
+    from adaptsize.domain_size.parts import Parts
     from adaptsize.domain_size.sparse import SparseSize
     from adaptsize.limiting.exact.field import ExactField
     from adaptsize.limiting.inside import InnerSizes, SolidField
@@ -360,7 +360,7 @@ class SizeFunction(ReadOnlyState):
         )
         return time_step(at, velocity, diffusivity, courant)
 
-    def parts(self, *, speed: float = 1.0) -> tuple[Part, ...]:
+    def parts(self, *, speed: float = 1.0) -> Parts:
         """Return the width, curvature, size and cost of each region and face of a domain.
 
         Regions are those of ``cell_tags`` of a mesh of full dimension.  Faces are those of
@@ -375,7 +375,7 @@ class SizeFunction(ReadOnlyState):
         Returns
         -------
         tuple of Part
-            Regions first, then faces, by tag.
+            Regions first, then faces, by tag.  It is shown as a table.
 
         Raises
         ------

@@ -56,7 +56,7 @@ def test_what_is_no_number_is_one_line_before_anything_is_read(refused, name, fl
     [
         (["--hmin", "2", "--hmax", "1"], 2, "--hmin must be at most --hmax = 1, got 2"),
         (["--elements", "9e3", "--max-elements", "9e4"], 2, "--elements and --max-elements excl"),
-        (["--field", "h_nan"], 1, "h0 must be positive (inf where there is no bound), got h0[1]"),
+        (["--field", "h_nan"], 1, "field 'h_nan' must not be nan, got field 'h_nan'[1]"),
         (["--field", "none"], 2, "--field must be a nodal field of the mesh (h_nan), got 'none'"),
         (["--crease-angle", "181"], 2, "--crease-angle must be at most 180 degrees, got 181"),
     ],

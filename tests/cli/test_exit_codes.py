@@ -96,7 +96,7 @@ FAILURES = {
     "info broken.vtu": "broken.vtu: ",
     "size plane.vtu -o none/o.vtu": "none/o.vtu: there is no directory none",
     "size plane.vtu -o o.vtu --plot none/o.png": "none/o.png: there is no directory none",
-    "size nan.vtu -o o.vtu --field h0": "h0 must be positive (inf where there is no bound)",
+    "size nan.vtu -o o.vtu --field h0": "field 'h0' must not be nan, got",
     "size plane.vtu -o o.vtu --options none.toml": "none.toml: No such file or directory",
     "size plane.vtu -o o.vtu --options wrong.toml": "wrong.toml: is not TOML",
     "size plane.vtu -o o.vtu --source curve:none.txt=1": "none.txt: No such file or directory",

@@ -131,3 +131,31 @@ def test_a_bad_translation_is_named(tmp_path, capsys, word):
     write(tmp_path / "in.vtu", plane())
     assert call("remesh", tmp_path / "in.vtu", "-o", tmp_path / "x.vtu", "--periodic", word) == 2
     assert "--periodic must be X,Y" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("word", "code", "text"),
+    [
+        ("1,nan", 2, "--periodic must be finite, got ['1,nan']"),
+        ("5,0", 1, "periodic[0] = [5.0, 0.0] maps no node"),
+        ("1,0,0", 1, "periodic must hold 1 to 2 translations"),
+    ],
+)
+def test_translations_that_do_not_fit_are_refused_before_sizes(tmp_path, capsys, word, code, text):
+    write(tmp_path / "in.vtu", plane())
+    output = tmp_path / "x.vtu"
+    assert call("remesh", tmp_path / "in.vtu", "-o", output, "--periodic", word) == code
+    error = capsys.readouterr().err
+    assert text in error
+    assert error.count("\n") == 1
+    assert not output.exists()
+
+
+@pytest.mark.parametrize("line", ["remesh", "adapt --elements 50", "limit -g 0.3", "size"])
+def test_a_field_with_nan_is_named_with_its_node(tmp_path, capsys, line):
+    write(tmp_path / "in.vtu", plane(thin=np.array([1.0, 1.0, np.nan, 1.0, np.nan])))
+    command, *words = line.split()
+    output = tmp_path / "x.vtu"
+    assert call(command, tmp_path / "in.vtu", "-o", output, "--field", "thin", *words) == 1
+    assert "got field 'thin'[2] = nan (and 1 more)" in capsys.readouterr().err
+    assert not output.exists()

@@ -122,6 +122,16 @@ def test_regions_have_the_width_of_the_strip_and_share_all_elements():
     assert_allclose(long.element_share, 0.75, rtol=1e-6)
 
 
+def test_parts_are_shown_as_a_table_with_a_row_for_each():
+    parts = size_function(strip(), hmax=0.5).parts()
+    head, *rows = repr(parts).splitlines()
+    assert head.split()[:2] == ["part", "measure"]
+    assert [row.split()[:2] for row in rows] == [
+        [part.name, f"{part.measure:.4g}"] for part in parts
+    ]
+    assert str(parts) == repr(parts)
+
+
 def test_shares_of_regions_are_those_of_predicted_elements():
     source = PointSource([0.3, 0.5], 0.004)
     size = size_function(strip(), sources=[source], elements_per_radian=0.0, hmax=2.0, g=1.0)

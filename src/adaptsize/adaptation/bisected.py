@@ -55,7 +55,7 @@ def divide_cells(mesh: SimplexMesh, first: NewMesh, request: CycleRequest) -> Ne
     found = [trial for trial in search.trials if _is_within(trial.result.divided, most)]
     if not found:
         text = (
-            "the sizes require more elements than {max_elements} = {:.3g}; increase the sizes or "
+            "the sizes require more elements than {max_elements} = {:.0f}; increase the sizes or "
             "raise {max_elements}"
         )
         raise TooManyElementsError(Message(text, most))

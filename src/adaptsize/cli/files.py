@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 import adaptsize as ads
-from adaptsize._checks import refusal
+from adaptsize._checks import refusal, refuse_where
 from adaptsize._defaults import CREASE_ANGLE
 from adaptsize._messages import Message
 from adaptsize._progress import Stage
@@ -204,6 +204,7 @@ def nodal_field(mesh: SimplexMesh, name: str) -> npt.NDArray[Any]:
         values = values[:, 0]
     if values.ndim != 1:
         raise refusal("field", f"{name!r} must have one number per node, got {values.shape}")
+    refuse_where(f"field {name!r}", np.isnan(values), values, "must not be nan")
     return values
 
 

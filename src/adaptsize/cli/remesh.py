@@ -196,9 +196,21 @@ def _read(console: Console, file: Path, output: Path, given: Given) -> tuple[Sim
         mesh = files.with_named_faces(mesh)
     elif files.by_faces(given):
         mesh = files.with_faces(mesh)
+    if "periodic" in given:
+        _check_translations(mesh, given, is_filled=is_filled)
     files.announce_sizes(console, mesh)
     _say_what_is_not_written(console, output, mesh, target)
     return mesh, target
+
+
+def _check_translations(mesh: SimplexMesh, given: Given, *, is_filled: bool) -> None:
+    """Refuse translations that do not fit to a mesh, before its sizes are computed."""
+    if is_filled:
+        raise refusal("periodic", "needs a mesh of the same cells: make tetrahedra first")
+    from adaptsize.limiting.periodic import as_periodicity
+    from adaptsize.remeshing.preparation import repair_mesh
+
+    as_periodicity(repair_mesh(mesh).mesh, given["periodic"])
 
 
 def _doubt_tolerance(console: Console, tolerance: float, mesh: SimplexMesh) -> None:

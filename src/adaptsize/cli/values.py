@@ -1,5 +1,6 @@
 """Values of options as they are typed, or in a file of options."""
 
+import math
 import sys
 from collections.abc import Mapping
 from difflib import get_close_matches
@@ -51,6 +52,8 @@ def _translations(texts: list[str]) -> list[list[float]]:
         raise refusal("periodic", f"must be X,Y or X,Y,Z, got {texts}") from error
     if len({len(one) for one in found}) > 1:
         raise refusal("periodic", f"must have as many numbers each time, got {texts}")
+    if not all(math.isfinite(number) for one in found for number in one):
+        raise refusal("periodic", f"must be finite, got {texts}")
     return found
 
 

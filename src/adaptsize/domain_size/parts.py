@@ -46,7 +46,16 @@ class Part:
     """Time in which a signal crosses an element of the smallest size."""
 
 
-def parts(size: SizeFunction, *, speed: float = 1.0) -> tuple[Part, ...]:
+class Parts(tuple[Part, ...]):
+    """The parts of a domain, shown as a table with a row for each."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        return table_of(self)
+
+
+def parts(size: SizeFunction, *, speed: float = 1.0) -> Parts:
     """Return the width, curvature, size and cost of each region and face of a domain.
 
     See `SizeFunction.parts`.
@@ -87,7 +96,7 @@ def parts(size: SizeFunction, *, speed: float = 1.0) -> tuple[Part, ...]:
                 smallest**2 / (chords_of(report.relaxation) * radius), share, smallest / speed,
             )
         )  # fmt: skip
-    return tuple(found)
+    return Parts(found)
 
 
 def table_of(found: Sequence[Part]) -> str:

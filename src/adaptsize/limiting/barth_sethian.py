@@ -17,9 +17,9 @@ from adaptsize.options import Option
 
 @dataclass(frozen=True)
 class PositiveCoefficient(Scheme):
-    r"""The scheme of Barth and Sethian [1]_ on :math:`h_t + \max(|\nabla h| - g, 0) = 0`.
+    r"""The scheme of Barth and Sethian on :math:`h_t + \max(|\nabla h| - g, 0) = 0`.
 
-    Each step computes ``h_i - dt R_i / W_i`` with the residuals and weights of the cells.  The
+    Each step [1]_ computes ``h_i - dt R_i / W_i`` with the residuals and weights of the cells.  The
     result is kept above the upstream values.  The scheme works on meshes, and can only lower its
     start: ``initial``, by default the fast marching solution.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
+from adaptsize._checks import count_text
 from adaptsize._messages import Message
 from adaptsize._progress import Stage
 from adaptsize.background import SimplexMesh
@@ -181,7 +182,10 @@ def number_note(inner: MeshingProblem, n_cells: float, max_elements: float) -> s
     found = predict(inner.mesh, inner.sizes, backend="mmg").cells
     if found <= tuning.MANY_MORE * n_cells:
         return ""
-    text = f"about {found:.3g} elements instead of the predicted {n_cells:.3g}: {FILLS_MORE}"
+    text = (
+        f"about {count_text(found)} elements instead of the predicted {count_text(n_cells)}: "
+        f"{FILLS_MORE}"
+    )
     if found > max_elements:
         advice = "{}, or raise {max_elements} = {:.0f}"
         raise TooManyElementsError(Message(advice, text, max_elements))

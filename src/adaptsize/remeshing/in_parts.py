@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_sizes_at, one_of, refuse_where
+from adaptsize._checks import as_sizes_at, count_text, one_of, refuse_where
 from adaptsize._defaults import refused_above
 from adaptsize._messages import Message
 from adaptsize.background import SimplexMesh, interpolate
@@ -62,10 +62,10 @@ def _refuse_too_many(part: PartitionedMesh, sizes: FloatArray, most: float) -> N
     count = calibration("mmg", part.cell_dim) * count_elements(part, sizes)
     if count > most:
         text = (
-            "the sizes require about {:.3g} elements, more than {max_elements} = {:.0f}; increase "
+            "the sizes require about {} elements, more than {max_elements} = {:.0f}; increase "
             "the sizes or raise {max_elements}"
         )
-        raise TooManyElementsError(Message(text, count, most))
+        raise TooManyElementsError(Message(text, count_text(count), most))
 
 
 def _gathered(part: PartitionedMesh, sizes: FloatArray, remesh: Remesh) -> PartitionedMesh:

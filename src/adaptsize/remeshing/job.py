@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_index_array, refusal, warn_caller
+from adaptsize._checks import as_index_array, count_text, refusal, warn_caller
 from adaptsize._defaults import refused_above
 from adaptsize._messages import Message
 from adaptsize._pickling import once
@@ -268,7 +268,8 @@ class Job:
         """Return a note if an open surface was filled by many more cells than predicted."""
         if self.solid is None or self.solid.is_closed or n_cells <= tuning.MANY_MORE * self.n_cells:
             return ""
-        return f"{n_cells} elements instead of the predicted {self.n_cells:.3g}: {FILLS_MORE}"
+        predicted = count_text(self.n_cells)
+        return f"{n_cells} elements instead of the predicted {predicted}: {FILLS_MORE}"
 
 
 def _first_of_loop(mesh: SimplexMesh, old: SimplexMesh, given: RemeshOptions) -> SimplexMesh | None:
@@ -338,10 +339,10 @@ def _refuse_too_many(n_cells: float, most: float) -> None:
     """Raise a TooManyElementsError if too many elements are predicted."""
     if n_cells > most:
         text = (
-            "the sizes require about {:.3g} elements, more than {max_elements} = {:.0f}; increase "
+            "the sizes require about {} elements, more than {max_elements} = {:.0f}; increase "
             "the sizes or raise {max_elements}"
         )
-        raise TooManyElementsError(Message(text, n_cells, most))
+        raise TooManyElementsError(Message(text, count_text(n_cells), most))
 
 
 def _check_metric(metric: MetricAt | None, task: Task, *, strict: bool) -> None:

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptsize._checks import count_text
 from adaptsize._messages import Message
 from adaptsize.errors import TooManyElementsError
 from adaptsize.remeshing.distmesh import tuning
@@ -96,9 +97,9 @@ def sample(domain: DistanceDomain, rng: np.random.Generator, *, max_elements: fl
             elements = (expected + to_come) / limit * max_elements
             raise TooManyElementsError(
                 Message(
-                    "the sizes require at least {:.3g} elements, more than {max_elements} = {:.0f}"
+                    "the sizes require at least {} elements, more than {max_elements} = {:.0f}"
                     "; increase the sizes or raise {max_elements}",
-                    *(elements, max_elements),
+                    *(count_text(elements), max_elements),
                 )
             )
         if len(index) == 0:
