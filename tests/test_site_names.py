@@ -103,7 +103,7 @@ def test_the_number_of_a_field_is_no_description_of_it(monkeypatch):
     pytest.importorskip("sphinx")
     monkeypatch.syspath_prepend(DOCS / "_ext")
     names = importlib.import_module("names")
-    own, python = ["Radius of the ball."], ["Alias for field number 0"]
+    own, python = ["Radius of the ball."], ["", "Alias for field number 0"]
     for lines in (own, python, empty := []):
         names.drop_aliases(None, "attribute", "radius", None, None, lines)
     assert (own, python, empty) == (["Radius of the ball."], [], [])

@@ -63,6 +63,8 @@ QUERIES = {
     "coastline": "tutorials/coast",
     "number of elements": "parameters",
     "mesh quality": "remeshing",
+    "dihedral": "remeshing",
+    "hausdorff": "remeshing",
     "close holes": "how-to/repair",
     "self-intersection": "how-to/repair",
     "thin walls": "width",

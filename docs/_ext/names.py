@@ -120,12 +120,12 @@ def drop_aliases(
     app: Sphinx, what: str, name: str, obj: object, options: Any, lines: list[str]
 ) -> None:
     """Leave out what Python itself says of a field of a tuple: its number."""
-    if lines and lines[0].startswith("Alias for field number"):
+    if any(line.startswith("Alias for field number") for line in lines):
         lines.clear()
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register with Sphinx."""
     app.connect("doctree-read", link_names)
-    app.connect("autodoc-process-docstring", drop_aliases)
+    app.connect("autodoc-process-docstring", drop_aliases, priority=900)  # after numpydoc
     return {"parallel_read_safe": True, "parallel_write_safe": True}

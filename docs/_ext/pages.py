@@ -92,7 +92,7 @@ SEARCHED = {
     "limiting": "growth rate, gradation, gradient limit",
     "mesh-families": "convergence study, mesh convergence, grid convergence index",
     "parameters": "elements_across, elements_per_radian, elements_between, number of elements",
-    "remeshing": "mesh quality",
+    "remeshing": "mesh quality, dihedral angle, Hausdorff distance",
     "sizes": "curvature",
     "solvers": "Jupyter, notebook",
     "troubleshooting": "timeout, out of memory, units",

@@ -57,7 +57,10 @@ def test_a_file_is_made_again_bit_for_bit(name, suffix, folder, capsys):
     other.mkdir()
     shutil.move(output, other)
     shutil.move(f"{output}.json", other)
+    capsys.readouterr()
     assert call("again", other / output, "-o", other / f"new{suffix}") == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert any(line.startswith(f"{output}: ") and "points, " in line for line in lines)
     assert (other / f"new{suffix}").read_bytes() == (other / output).read_bytes()
 
 

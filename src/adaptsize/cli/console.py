@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from adaptsize._messages import Message, message_of
@@ -22,8 +23,6 @@ from adaptsize.errors import OptionError
 from adaptsize.typing import ProgressCallback
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from adaptsize.cli.provenance import TypedCommand
 
 
@@ -81,8 +80,12 @@ class Console:
         self._result.update(result)
 
     def wrote(self, **what: Any) -> None:
-        """Add a file to the list of written files in the JSON object."""
-        self._written.append(what)
+        """Add a file to the list of written files in the JSON object.
+
+        A file of another command, which makes it again in a folder of its own, has a name only.
+        """
+        name = what["file"] if self.only is None else Path(what["file"]).name
+        self._written.append(what | {"file": name})
 
     def say(self, text: str) -> None:
         """Print a message."""
