@@ -14,9 +14,8 @@ from adaptsize._kernels.smoothing import fill_quality, smooth_nodes
 from adaptsize._kernels.swapping import Tetrahedra, new_work, swap
 from adaptsize.background import topology
 from adaptsize.background.topology import regions_beside
-from adaptsize.quality.boundary import distances_from, farthest_places
+from adaptsize.quality.boundary import distances_from
 from adaptsize.quality.elements import minimum_angles
-from adaptsize.remeshing import improvement
 from adaptsize.remeshing.improvement import _Balls as Balls
 from adaptsize.remeshing.improvement import _Far as Far
 from adaptsize.remeshing.improvement import _in_rounds as in_rounds
@@ -230,29 +229,6 @@ def test_distances_after_changes_are_those_of_the_whole_mesh():
     again = found.after(changed, old, 0.01)
     np.testing.assert_array_equal(again.new.distance, found.new.distance)
     np.testing.assert_array_equal(again.lost.distance, found.lost.distance)
-
-
-def test_a_place_far_away_does_not_make_all_others_be_compared_again(monkeypatch):
-    mesh, limit = block(6), 0.01
-    skin = mesh.boundary().mesh
-    tip = (skin.points == [0.5, 0.5, 1.0]).all(axis=1)
-    old = skin.moved(skin.points + 2.0 * tip[:, None] * [0.0, 0.0, 1.0])
-    far = Far.of(mesh, old, limit)
-    dent = 0.02 * (mesh.points == [0.5, 0.5, 0.0]).all(axis=1)[:, None]
-    changed = mesh.moved(mesh.points - dent * [0.0, 0.0, 1.0])
-    whole, compared = Far.of(changed, old, limit), []
-
-    def farthest(part, other, enough):
-        compared.append(part.n_cells)
-        return farthest_places(part, other, enough)
-
-    monkeypatch.setattr(improvement, "farthest_places", farthest)
-    found = far.after(changed, old, limit)
-    np.testing.assert_allclose(found.lost.distance.max(), 2.0, rtol=0.02)
-    for one, other in ((found.new, whole.new), (found.lost, whole.lost)):
-        np.testing.assert_array_equal(one.distance > limit, other.distance > limit)
-    assert compared[0] == 6  # of 432 facets
-    assert compared[1] <= 60
 
 
 def test_balls_contain_what_is_around_cells():

@@ -163,12 +163,8 @@ class _Far(NamedTuple):
         gone = before.points[before.cells[~np.isin(self.keys, keys)]]
         centre = gone.mean(axis=1)
         radius = np.linalg.norm(gone - centre[:, None], axis=2).max(axis=1, initial=0.0)
-        # What is lost within the limit changes only there, also if other places are far away.
-        near, wide = (
-            np.unique(old.locator.within(centre, radius + reach)[1])
-            for reach in (limit, max(float(self.lost.distance.max()), limit))
-        )
-        near = np.union1d(near, wide[self.lost.distance[wide] > limit])
+        reach = radius + max(float(self.lost.distance.max()), limit)
+        near = np.unique(old.locator.within(centre, reach)[1])
         new = FarPlaces(*(values[row] for values in self.new))
         lost = FarPlaces(*(values.copy() for values in self.lost))
         for found, rows, skin, other in ((new, fresh, surface, old), (lost, near, old, surface)):
