@@ -150,10 +150,10 @@ def test_no_second_mesh_under_a_cap_where_the_boundary_is_far_away(away, meshes)
 class FillingGenerator(Generator):
     """Makes fewer cells in a curve than predicted, by some generator; then in some other ratio."""
 
-    def __init__(self, ratio, later, alone="tetwild"):
+    def __init__(self, ratio, later, alone="tetwild", away=(0.0, 0.0)):
         super().__init__(ratio)
         self.mesh, self.alone, self.later = SimplexMesh([[0, 0], [1, 0]], [[0, 1]]), alone, later
-        self.asked = []
+        self.asked, self.away = [], list(away)
 
     def sized(self):
         return size_function(SQUARE, elements=1000)
@@ -170,7 +170,8 @@ class FillingGenerator(Generator):
     def meshed(self, size, old=None):
         if self.ratio is None:
             raise BackendError("it failed")
-        best = Best(LINE, Verdict(MeshCheck(()), 20.0, False), "", "", self.alone)
+        requirement = Requirement("boundary", "missed", "", self.away.pop(0), 1e-3)
+        best = Best(LINE, Verdict(MeshCheck((requirement,)), 20.0, False), "", "", self.alone)
         return super().meshed(size)._replace(attempts=Attempts((), best, is_cut_short=False))
 
 
@@ -202,6 +203,21 @@ def test_a_generator_that_leaves_much_of_a_cap_unused_makes_a_second_mesh(
     generator.mesh = SQUARE  # cells of the same dimension: nothing is filled
     within_cap(generator, Cap(1000.0))
     assert generator.asked == []
+
+
+@pytest.mark.parametrize(
+    ("away", "is_tried", "is_second"),
+    [
+        ((3.9e-3, 3.9e-3), True, True),
+        ((4.1e-3, 0.0), False, False),  # finer sizes bring another surface no nearer
+        ((3.9e-3, 4.1e-3), True, False),
+    ],
+)
+def test_no_cells_are_added_to_a_mesh_of_another_surface(away, is_tried, is_second):
+    generator = FillingGenerator(0.55, 0.57, away=away)
+    made = within_cap(generator, Cap(1000.0))
+    assert bool(generator.asked) == bool(generator.messages) == is_tried
+    assert made.mesh.n_cells == pytest.approx(1000 if is_second else 550, rel=0.06)
 
 
 def test_the_second_mesh_is_by_the_generator_that_is_named():

@@ -135,6 +135,18 @@ def with_tip(mesh, corners, height):
     return ads.SimplexMesh(np.vstack([mesh.points, tip]), cells)
 
 
+def test_nodes_are_put_back_if_they_are_off_by_more_than_half_of_the_tolerance():
+    given, tolerance = block(4), 0.02
+    heights = np.array([-1.2, -0.51, -0.49, -0.2, 0.2, 0.49, 0.51, 1.2])
+    points = given.points.copy()
+    is_on_top = (points[:, 2] == 1.0) & (np.abs(points[:, :2] - 0.5) < 0.3).all(axis=1)
+    nodes = np.flatnonzero(is_on_top)[: len(heights)]
+    points[nodes, 2] += heights * tolerance
+    new = improved(given.moved(points), given, tolerance)
+    left = np.where(np.abs(heights) > 0.5, 0.0, heights)
+    np.testing.assert_allclose(new.points[nodes, 2], 1.0 + left * tolerance, atol=1e-12)
+
+
 def test_later_rounds_place_the_nodes_that_would_have_spoilt_cells():
     flat = block(8)
     skin = flat.boundary()

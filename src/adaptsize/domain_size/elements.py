@@ -340,11 +340,11 @@ def within_cap(maker: Maker, cap: Cap) -> MadeMesh:
     """Return a mesh within a cap, up to 10 %, or one that exceeds it by little.
 
     If the first has more, a second mesh is made for fewer, where the boundary allows; of both, the
-    one with fewer elements is returned.  None is made if the time is over, or if the boundary of
-    the first is far away: coarser sizes bring it no nearer.
+    one with fewer elements is returned.  If it has much fewer than were predicted within the cap,
+    since a generator has filled a surface in its own way, that makes a second one for more.
 
-    If the first has much fewer than were predicted within the cap, since a generator has filled a
-    surface in its own way, that makes a second one for more.
+    None is made if the time is over, or if the boundary of the first is far away: neither coarser
+    nor finer sizes bring it nearer.
     """
     made = maker.meshed(maker.sized())
     if cap.load(made.mesh) > tuning.OVER_CAP:
@@ -386,8 +386,8 @@ def _for_more(maker: Maker, cap: Cap, made: MadeMesh) -> MadeMesh:
     ratio, fills = count / predicted, made.mesh.cell_dim > maker.mesh.cell_dim
     is_bound = cap.load(made.mesh) > (1.0 - tuning.NEAR) * ratio  # sizes were relaxed to the cap
     name = None if made.attempts is None or made.attempts.best is None else made.attempts.best.alone
-    is_over = made.is_cut_short or maker.time.is_over
-    if name is None or is_over or not fills or not is_bound or ratio > tuning.UNDER_CAP:
+    is_last = made.is_off or made.is_cut_short or maker.time.is_over
+    if name is None or is_last or not fills or not is_bound or ratio > tuning.UNDER_CAP:
         return made
     text = "{} has made {} elements, where {:.0f} were predicted"
     maker.listener.say(Message(text, name, count, predicted))
@@ -396,7 +396,7 @@ def _for_more(maker: Maker, cap: Cap, made: MadeMesh) -> MadeMesh:
             second = maker.by(name).meshed(maker.nearest_sized(cap, ratio))
     except (TooManyElementsError, BackendError):
         return made
-    is_worse = second.is_cut_short or (second.is_off and not made.is_off)
+    is_worse = second.is_cut_short or second.is_off
     is_nearer = count < second.mesh.n_cells and cap.load(second.mesh) <= tuning.OVER_CAP
     return second if is_nearer and not is_worse else made
 
