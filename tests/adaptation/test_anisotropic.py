@@ -96,7 +96,7 @@ def test_isotropic_bounds_and_limits_hold():
         ({"anisotropic": True}, "anisotropic needs a field in fields"),
         ({"anisotropic": "w", "elements": 100}, "anisotropic must name fields.*got 'w'"),
         ({"anisotropic": len, "elements": 100}, "anisotropic must be True, False or names"),
-        ({"anisotropic": ["u"]}, "fields need tolerance or elements"),
+        ({"anisotropic": ["u"]}, "fields need tolerance, elements or nodes"),
         ({"h0": Metric.isotropic([1.0], 2)}, "metric must have .* nodes"),
         ({"h0": Metric.isotropic(np.ones(MESH.n_points), 2), "tolerance": 1.0}, "tolerance needs"),
         ({"h0": Metric.isotropic(np.full(MESH.n_points, np.inf), 2)}, "finite size at one node"),
