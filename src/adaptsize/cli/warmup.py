@@ -151,6 +151,7 @@ def _limiting(dim: int) -> None:
         for h0 in (few, 0.1 + 2.0 * np.random.default_rng(1).random(mesh.n_points)):
             _, info = ads.limit_gradient.with_info(mesh, h0, 0.3)
             _ = info.largest_edge_slope, info.cell_gradient_quantiles
+        ads.limit_gradient(mesh, few, 0.3, method="fast-marching")
         size = ads.size_function(mesh) if dim == 2 else np.ones(mesh.n_points)
         ads.size_conformity(mesh, size)
 
@@ -160,13 +161,16 @@ def _surface() -> None:
     import numpy as np
 
     import adaptsize as ads
+    from adaptsize.background.flipping import flip_edges
 
     box = ads.CartesianGrid([0.0] * 3, (2.0, 1.0, 1.0), (2, 2, 2)).mesh
     part = box.boundary().mesh
     size = ads.size_function(part, sources=ads.PointSource([0.0, 0.0, 0.0], 0.1))
     size(part.points)
+    flip_edges(part, np.empty((0, 2), np.int32))
     ads.size_conformity(part, size, surface=part)
     ads.limit_gradient(part, 0.5, 0.25, point_sources=([[0.5, 0.5, 0.0]], [0.1]))
+    _ = ads.CartesianGrid([0.0] * 3, 1.0, (9, 9, 9)).mesh.edges  # as large meshes find them
     points = np.concatenate([part.points, part.points + 0.5])
     both = ads.SimplexMesh(points, np.concatenate([part.cells, part.cells + part.n_points]))
     ads.check_mesh(box, original=both)
