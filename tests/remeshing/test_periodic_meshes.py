@@ -21,6 +21,7 @@ from adaptsize import (
 )
 from adaptsize.background.topology import unique_rows
 from adaptsize.errors import BackendError, BackendTimeoutError
+from adaptsize.remeshing import tuning
 from adaptsize.remeshing.periodic import PeriodicCell, remesh_periodic
 from adaptsize.remeshing.preparation import facet_numbers
 
@@ -169,6 +170,42 @@ def test_rows_of_nodes_that_do_not_exist_have_no_number():
     for few in (rows, np.tile(rows, (3000, 1))):
         with pytest.raises(IndexError, match="indices from 0 to 6399, got -1 to 6400"):
             unique_rows(few, mesh.n_points)
+
+
+def test_boxes_one_cell_across_are_remeshed():
+    """The cuts of moved cells would be all of their boundary: cells are divided first."""
+    box = CartesianGrid([0.0, 0.0, 0.0], 1.0, (2, 2, 3)).mesh
+    outer = box.facets[box.facet_cell_counts == 1]
+    box = replace(
+        box, cell_tags=np.arange(box.n_cells) % 2, tagged_facets=outer,
+        facet_tags=np.arange(len(outer)) % 3,
+    )  # fmt: skip
+    for motions in ([[1.0, 0.0, 0.0]], np.diag([1.0, 1.0, 2.0])):
+        new = remesh(box, 0.3, periodic=motions)
+        assert_sides_match(new, motions)
+        lengths = np.linalg.norm(np.diff(side_facets(new, motions)[:, :2], axis=1), axis=2)
+        assert 0.1 < np.median(lengths) < 0.45
+        for tag in (0, 1):
+            before, after = (m.measures[m.cell_tags == tag].sum() for m in (box, new))
+            assert_allclose(after, before, rtol=0.01)
+        for tag in range(3):
+            areas = [
+                SimplexMesh(m.points, m.tagged_facets[m.facet_tags == tag]).measures.sum()
+                for m in (box, new)
+            ]
+            assert_allclose(areas[1], areas[0], rtol=1e-9)
+
+
+def test_a_wide_layer_one_cell_thick_is_refused_at_once(monkeypatch):
+    monkeypatch.setattr(tuning, "MOST_PERIODIC_CELLS", 300)
+    layer = CartesianGrid([0.0, 0.0, 0.0], 1.0, (5, 5, 2)).mesh
+
+    def no_mesh(mesh, size, kept):
+        raise AssertionError("meshed before the check")
+
+    text = "three cells or more between opposite sides.* dividing all 96 would make more than 300"
+    with pytest.raises(ValueError, match=text):
+        remesh_periodic(layer, [[0.0, 0.0, 1.0]], lambda x: np.full(len(x), 0.5), no_mesh)
 
 
 def test_edges_on_sides_that_stay_too_long_are_an_error():

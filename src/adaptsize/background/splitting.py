@@ -101,6 +101,53 @@ def split_edges(mesh: SimplexMesh, chosen: BoolArray) -> SplitMesh:
     return SplitMesh(new, where, inside, owner)
 
 
+# The octahedron between the middles of a tetrahedron: each diagonal, and the ring around it.  Edges
+# are in the order of `combinations`: 01, 02, 03, 12, 13, 23.
+_DIAGONALS = [[0, 5, 1, 2, 4, 3], [1, 4, 0, 2, 5, 3], [2, 3, 0, 1, 5, 4]]
+
+
+def halve_tetrahedra(mesh: SimplexMesh) -> SimplexMesh:
+    """Return tetrahedra with a new node in the middle of each edge, eight for each; with tags.
+
+    A facet becomes four, the same from both sides.  The octahedron that is left in the middle is
+    cut along its shortest diagonal.
+
+    Examples
+    --------
+    >>> mesh = SimplexMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
+    >>> halve_tetrahedra(mesh).n_cells
+    8
+    """
+    n, middle = mesh.n_points, _edge_numbers(mesh, mesh.cells) + mesh.n_points
+    points = np.concatenate([mesh.points, mesh.points[mesh.edges].mean(axis=1)])
+    parts = []
+    for corner in range(4):
+        part = mesh.cells.copy()
+        for k, pair in enumerate(combinations(range(4), 2)):
+            if corner in pair:
+                part[:, sum(pair) - corner] = middle[:, k]
+        parts.append(part)
+    rings = middle[:, _DIAGONALS]
+    first, last = points[rings[:, :, 0]], points[rings[:, :, 1]]
+    shortest = np.argmin(np.linalg.norm(last - first, axis=2), axis=1)
+    ring = rings[np.arange(mesh.n_cells), shortest]
+    parts += [ring[:, [0, 1, 2 + k, 2 + (k + 1) % 4]] for k in range(4)]
+    cells = np.concatenate(parts).astype(np.int32)
+    facets, tags = mesh.tagged_facets, mesh.facet_tags
+    if facets is not None and tags is not None:
+        # Facets that the mesh does not have stay as they are.
+        number = _edge_numbers(mesh, facets)[:, [2, 1, 0]]
+        known = (number >= 0).all(axis=1)
+        six = np.hstack([facets[known], number[known] + n])
+        facets = np.concatenate([facets[~known], *(six[:, piece] for piece in _PIECES[3])])
+        tags = np.concatenate([tags[~known], *[tags[known]] * len(_PIECES[3])])
+    return SimplexMesh(
+        points, cells,
+        cell_tags=None if mesh.cell_tags is None else np.tile(mesh.cell_tags, 8),
+        tagged_facets=facets, facet_tags=tags, tag_names=mesh.tag_names,
+    )  # fmt: skip
+
+
 def _split(
     mesh: SimplexMesh, points: FloatArray, cells: IntArray, owner: IndexArray, middle: IntArray
 ) -> SimplexMesh:

@@ -21,6 +21,7 @@ import numpy.typing as npt
 from adaptsize._checks import one_of, refusal
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import first_at_place
+from adaptsize.background.splitting import halve_tetrahedra
 from adaptsize.background.topology import marked
 from adaptsize.errors import BackendError
 from adaptsize.limiting.periodic import (
@@ -67,7 +68,7 @@ def remesh_periodic(
     BackendError
         If a mesh cannot be moved back, or if edges on the sides stay far longer than their sizes.
     """
-    cell = PeriodicCell(mesh, motions)
+    cell = PeriodicCell(mesh, motions).with_cells_between()
     # left: the number of facets still to be divided, and the longest edge over its size.
     pending, left = cell.on_sides, (math.inf, math.inf)
     for turn in range(tuning.MOST_PERIODIC_TURNS):
@@ -238,6 +239,43 @@ class PeriodicCell:
                 f"{length:.3g} at {corners.mean(axis=0).tolist()}, {longest[k]:.3g} times its "
                 "size, could not be divided.  Give a mesh with smaller cells at the sides"
             )
+
+    def with_cells_between(self) -> PeriodicCell:
+        """Return the cell with at least three tetrahedra between the sides of each pair.
+
+        Where fewer are, the cuts of the joined cells are nearly all of their boundary, and Mmg
+        changes facets that it should keep.
+        """
+        cell = self
+        while cell.mesh.cell_dim == 3 and cell.is_thin:
+            if 8 * cell.mesh.n_cells > tuning.MOST_PERIODIC_CELLS:
+                raise ValueError(
+                    "periodic needs three cells or more between opposite sides, but there are "
+                    f"fewer, and dividing all {cell.mesh.n_cells} would make more than "
+                    f"{tuning.MOST_PERIODIC_CELLS}.  Give a mesh with smaller cells between them"
+                )
+            cell = PeriodicCell(halve_tetrahedra(cell.mesh), self.motions)
+        return cell
+
+    @property
+    def is_thin(self) -> bool:
+        """Whether two edges or fewer lead from one side of a pair to the other one.
+
+        At the axis of a rotation the sides meet, so that this cannot be avoided.
+        """
+        for one in self.maps:
+            pairs = pairs_of(self.mesh.points, moved(one, self.mesh.points), self.mesh.diagonal)
+            if (pairs[:, 0] == pairs[:, 1]).any():
+                continue
+            near = [self._beside(marked(end, self.mesh.n_points)) for end in pairs.T]
+            if (near[0] & near[1]).any():
+                return True
+        return False
+
+    def _beside(self, nodes: BoolArray) -> BoolArray:
+        """Return the nodes of all edges with one of the given nodes."""
+        edges = self.mesh.edges
+        return marked(edges[nodes[edges].any(axis=1)].ravel(), self.mesh.n_points)
 
     @property
     def least_turns(self) -> int:

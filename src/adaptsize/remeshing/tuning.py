@@ -307,6 +307,9 @@ TOLERANCE_AFTER_FAILURE, ABSURD_TOLERANCE = 0.25, 0.1
 #: Ways to join the cells at most.  The turns end before if nothing is left to do, or if a turn
 #: leaves as much as the one before.  The number only limits the time, as what is left is refused.
 MOST_PERIODIC_TURNS = 4
+#: Tetrahedra are divided to have three between opposite sides while there are at most so many.
+#: Not measured: it limits the time and the memory for a wide layer that is one cell thick.
+MOST_PERIODIC_CELLS = 2_000_000
 #: Distance of the second place around which cells are joined from the first one, over the motions.
 #: The cuts of the first are then inside.  Any value between 0 and 1/2 serves, as what stays cut in
 #: both is joined by later turns.
