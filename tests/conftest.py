@@ -22,6 +22,7 @@ collect_ignore = [
     "distributed/rank_program.py",
     "with_dolfinx/check_adapters.py",
     "with_dolfinx/check_conditions.py",
+    "with_dolfinx/check_functions.py",
 ]
 # Programs that our files are for, most of which are not packages of Python: see `make targets`.
 if not os.environ.get("ADAPTSIZE_TARGETS"):

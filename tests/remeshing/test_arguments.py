@@ -66,7 +66,7 @@ def test_a_required_facet_that_is_none_is_refused():
 
 
 def test_too_many_elements_are_refused_with_both_numbers():
-    with pytest.raises(TooManyElementsError, match=r"about 8\.49e\+09 .* max_elements = 5000000"):
+    with pytest.raises(TooManyElementsError, match=r"about 8500000000 .* max_elements = 5000000"):
         remesh(CUBE, 1e-3, backend="tetwild")
     with pytest.raises(TooManyElementsError, match=r"max_elements = 1000"):
         remesh(CUBE.boundary().mesh, 0.05, backend="tetwild", max_elements=1000)
@@ -159,7 +159,7 @@ def test_a_first_volume_larger_than_the_surface_is_reported_or_refused():
     inner = replace(as_problem("tetrahedra", CUBE, 1e-3), size=lambda x: np.full(len(x), 0.1))
     expected = predict(CUBE, inner.size, backend="mmg").cells  # about 10 000
     assert number_note(inner, expected, 1000) == ""
-    text = r"elements instead of the predicted 1e\+03: the mesh fills more than the surface"
+    text = r"elements instead of the predicted 1000: the mesh fills more than the surface"
     assert re.search(text, number_note(inner, 1000, 1e6))
     with pytest.raises(TooManyElementsError, match=f"{text}.* raise max_elements = 1000"):
         number_note(inner, 1000, 1000)

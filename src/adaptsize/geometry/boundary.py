@@ -105,7 +105,7 @@ def _sums(points: FloatArray, cells: IntArray, threads: int) -> tuple[npt.NDArra
     axes = (0,) * points.shape[1]
     # Smallest number of cells for a second thread.
     n_parts = 1 if m < 100_000 else threads
-    step, given = -(-m // n_parts), read_only(cells)
+    step, given = max(-(-m // n_parts), 1), read_only(cells)  # all cells may be flat
     sums, found = np.zeros((n_parts, n), np.uint64), np.zeros(n_parts, np.int64)
 
     def add(first: int, last: int) -> None:

@@ -73,3 +73,8 @@ def test_sizes_around_folds_are_between_their_bounds(dim, face_sources):
     for seed in range(N_MESHES):
         mesh, h0, rng = with_a_moved_node(dim, seed)
         assert_between_bounds(mesh, h0, rng.choice([0.0, 0.01, 0.3, 1.0]), face_sources)
+
+
+def test_a_mesh_of_flat_cells_only():
+    mesh = SimplexMesh(np.zeros((3, 2)), [[0, 1, 2]])
+    assert limit_gradient(mesh, [1.0, np.inf, np.inf], 0.3).tolist() == [1.0, 1.0, 1.0]
