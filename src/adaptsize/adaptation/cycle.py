@@ -34,6 +34,7 @@ from adaptsize.adaptation.boundary_maps import (
 )
 from adaptsize.adaptation.boundary_moves import move_to_boundary
 from adaptsize.adaptation.boundary_need import refuse_too_few
+from adaptsize.adaptation.common_cells import CommonCells
 from adaptsize.adaptation.element_fields import (
     CheckedFields,
     as_nodal_fields,
@@ -60,6 +61,7 @@ from adaptsize.adaptation.report import (
     total_measure,
     wide_parts,
 )
+from adaptsize.adaptation.transfer import Origin
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh, interpolate
 from adaptsize.background.migration import whole_boundary
 from adaptsize.background.simplex import as_mesh
@@ -81,7 +83,7 @@ _Qualities: TypeAlias = tuple[Conformity, Conformity]
 AnyResult: TypeAlias = "AdaptResult[AnyMesh, SizeFunction | FloatArray]"
 
 
-_OF_WHOLE_MESHES = ("corner_angle", "keep_integral", "anisotropic", "norm", "max_aspect")
+_OF_WHOLE_MESHES = ("corner_angle", "keep_integral", "anisotropic", "norm", "max_aspect", "local")
 
 
 @overload
@@ -326,6 +328,8 @@ def _checked(
         bound = None if h0 is None else as_bound(cast("BoundLike", h0), mesh)
         request = size_request(given, eta, bound, _cell_of(mesh, periodic))
     generator = _generator(backend, task, is_metric=is_metric)
+    if given["local"] and (mesh.dim != 2 or generator != "mmg" or periodic is not None):
+        raise refusal("local", "needs a mesh in the plane that is not periodic, remeshed by Mmg")
     return _Checked(request, bound, generator, nodal, by_cell, projections)
 
 
@@ -413,7 +417,7 @@ def _result(
     sizes, new = made.sizes, made.mesh
     if decision.remesh:
         moved = moved_fields(
-            old, new, fields.nodal, fields.by_cell, request.options, progress, made.divided
+            old, new, fields.nodal, fields.by_cell, request.options, progress, _origin(old, made)
         )
     else:
         moved = kept_fields(fields.nodal, fields.by_cell)
@@ -428,6 +432,14 @@ def _result(
         _report(old, request, decision, replace(made, mesh=new), moved),
         requested if isinstance(requested, MetricFunction) else None,
     )  # fmt: skip
+
+
+def _origin(old: AnyMesh, made: NewMesh) -> Origin | None:
+    """Return what the new cells have in common with the old ones, if fields need no more."""
+    new = made.mesh
+    if made.is_local and isinstance(old, SimplexMesh) and isinstance(new, SimplexMesh):
+        return CommonCells.of(old, new)
+    return made.divided
 
 
 def _report(

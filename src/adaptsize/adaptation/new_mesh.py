@@ -4,21 +4,28 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
+import numpy as np
+
+from adaptsize._defaults import refused_above
+from adaptsize._size_function import SizeFunction
 from adaptsize._stopwatch import Stopwatch
 from adaptsize.adaptation import tuning
 from adaptsize.adaptation.boundary_moves import BoundaryMoves
 from adaptsize.adaptation.next_sizes import CycleRequest, NextSizes
+from adaptsize.adaptation.patch import cells_to_remake, patched
 from adaptsize.adaptation.report import boundary_distance, numbers_of
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.bisection import Resolved
 from adaptsize.errors import BackendError, BoundaryWarning, TooManyElementsError
 from adaptsize.options import RemeshOptions
 from adaptsize.remeshing import remesh
-from adaptsize.remeshing.driver import trial
+from adaptsize.remeshing.boundary_repair import repaired
+from adaptsize.remeshing.driver import Remeshed, trial
 from adaptsize.sizes.search import Search
-from adaptsize.typing import ProgressCallback
+from adaptsize.typing import IntArray, ProgressCallback
 
 
 @dataclass(frozen=True)
@@ -33,6 +40,8 @@ class NewMesh:
     moves: BoundaryMoves | None = None
     divided: Resolved | None = None
     """How the cells of the old mesh were bisected, if they were."""
+    is_local: bool = False
+    """Whether many cells are those of the old mesh."""
     warn: Callable[[], object] = lambda: None
     """Warns of what the mesh lacks of its sizes."""
 
@@ -64,36 +73,11 @@ def make_mesh(
     number.  ``original`` is the mesh whose boundary a new one has to keep, by default the present
     one.  Collective.
     """
-    given = request.options
-    options: RemeshOptions = {
-        "backend": first.backend,
-        "target": "triangles" if mesh.cell_dim < mesh.dim else "auto",
-        "tolerance": given["boundary_tolerance"],
-        "max_elements": given["max_elements"],
-        "how": given["how"],
-        "rounds": given["rounds"],
-    }
-    bare, d, time = _without_data(mesh), mesh.cell_dim, Stopwatch(given["timeout"])
-    if isinstance(bare, SimplexMesh):
-        bare = bare.with_original(original)
-
-    def make(sizes: NextSizes) -> NewMesh:
-        wanted = sizes.requested(mesh)
-        # The clocks of ranks differ.
-        left = mesh.ranks.allreduce(time.for_next_mesh() or math.inf, "min")
-        options["timeout"] = None if math.isinf(left) else left
-        if isinstance(bare, PartitionedMesh):
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", BoundaryWarning)  # the distance is measured below
-                new = remesh(bare, wanted, progress=report, **options)
-            return replace(first, mesh=new, sizes=sizes)
-        made = trial(bare, wanted, periodic=request.motions, progress=report, **options)
-        return replace(first, mesh=made.mesh, sizes=sizes, warn=made.warn_of_sizes)
-
-    sizes = first.sizes
+    d, sizes = mesh.cell_dim, first.sizes
+    make = _Maker(mesh, first, request, report, original)
     new = make(sizes)
     goal = goal_of(mesh, new, request)
-    accepted = tuning.ACCEPTED_IN_SPACE if d == 3 else None
+    accepted = tuning.ACCEPTED_IN_SPACE if d == 3 or new.is_local else None
     search: Search[NewMesh] = Search.by_meshes(goal.number, d, accepted)
     search.add(sizes.predicted, new, goal.of(new))
     while (factor := search.factor) is not None and _is_near(sizes.predicted, goal.cells):
@@ -112,6 +96,79 @@ def make_mesh(
         # Kept within the tolerance of the first boundary, a new one may be farther from the old.
         distance = min(distance, boundary_distance(original, best.mesh))
     return replace(best, n_meshes=len(search.trials), boundary_distance=distance)
+
+
+class _Maker:
+    """Makes meshes of an old one, within one limit of time; collective."""
+
+    def __init__(
+        self,
+        mesh: AnyMesh,
+        first: NewMesh,
+        request: CycleRequest,
+        report: ProgressCallback,
+        original: SimplexMesh | None,
+    ) -> None:
+        given = request.options
+        self.mesh, self.first, self.report, self.motions = mesh, first, report, request.motions
+        self.options: RemeshOptions = {
+            "backend": first.backend,
+            "target": "triangles" if mesh.cell_dim < mesh.dim else "auto",
+            "tolerance": given["boundary_tolerance"],
+            "max_elements": given["max_elements"],
+            "how": given["how"],
+            "rounds": given["rounds"],
+        }
+        self.is_local = given["local"]
+        self.time = Stopwatch(given["timeout"])
+        bare = _without_data(mesh)
+        self.bare = bare.with_original(original) if isinstance(bare, SimplexMesh) else bare
+
+    def __call__(self, sizes: NextSizes) -> NewMesh:
+        """Return a mesh with sizes."""
+        bare, wanted = self.bare, sizes.requested(self.mesh)
+        # The clocks of ranks differ.
+        left = self.mesh.ranks.allreduce(self.time.for_next_mesh() or math.inf, "min")
+        self.options["timeout"] = None if math.isinf(left) else left
+        if isinstance(bare, PartitionedMesh):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", BoundaryWarning)  # it is measured by `make_mesh`
+                new = remesh(bare, wanted, progress=self.report, **self.options)
+            return replace(self.first, mesh=new, sizes=sizes)
+        if self.is_local:
+            made = self._around_misses(bare, sizes)
+            if made is not None:
+                return made
+        whole = trial(bare, wanted, periodic=self.motions, progress=self.report, **self.options)
+        return replace(self.first, mesh=whole.mesh, sizes=sizes, warn=whole.warn_of_sizes)
+
+    def _around_misses(self, mesh: SimplexMesh, sizes: NextSizes) -> NewMesh | None:
+        """Return a mesh in which the cells that have their sizes stay; None if they are too few.
+
+        Neither is there one if it has to be refused, or if the generator fails in the patch.
+        """
+        gone = cells_to_remake(mesh, sizes.at_nodes)
+        is_refused = sizes.predicted > refused_above(self.options["max_elements"])
+        if is_refused or not 0 < np.count_nonzero(gone) <= tuning.MOST_REMADE * mesh.n_cells:
+            return None
+        wanted, found = sizes.requested(self.mesh), list[Remeshed]()
+
+        def remade(part: SimplexMesh, cut: IntArray) -> SimplexMesh:
+            own: RemeshOptions = {**self.options, "max_elements": math.inf}
+            own["tolerance"] = min(1.0, own["tolerance"] * mesh.diagonal / part.diagonal)
+            found.append(trial(part, wanted, cut, progress=self.report, **own))
+            return found[0].mesh
+
+        try:
+            made = patched(mesh, gone, remade)
+        except BackendError:
+            return None
+        if made is None:
+            return None
+        if isinstance(wanted, SizeFunction):
+            made = repaired(made, mesh, self.options["tolerance"] * mesh.diagonal, wanted)
+        warn = partial(found[0].warn_of_sizes, made)
+        return replace(self.first, mesh=made, sizes=sizes, is_local=True, warn=warn)
 
 
 class Goal(NamedTuple):

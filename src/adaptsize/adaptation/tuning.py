@@ -61,6 +61,16 @@ LONGEST_OVER_SIZE = 1.5
 #: smaller ones would leave the limits that the sizes keep.
 MOST_DIVISIONS, LEAST_SCALE = 12, 0.8
 
+# Patches ------------------------------------------------------------------------------------------
+
+#: Length of an edge over its size, the mean of these around a node, and the angle of a triangle in
+#: degrees, with which cells stay if few others have to be remade.
+KEPT_EDGES, KEPT_ON_AVERAGE, KEPT_ANGLE = (0.5, 2.0), (0.75, 1.35), 26.0
+#: Rings of cells around others that are remade with them.
+RINGS_AROUND = 2
+#: Largest share of the cells that is remade alone.
+MOST_REMADE = 0.4
+
 # Moves to the boundary ----------------------------------------------------------------------------
 
 #: Moves are halved down to this share, and left out below.

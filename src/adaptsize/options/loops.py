@@ -84,6 +84,8 @@ class AdaptOptions(
         Norm of the interpolation error of these fields.
     max_aspect
         Limit of the aspect ratio then, see `metric_from_hessian`.
+    local
+        Whether cells of a plane mesh that have their sizes stay if most of them do.
     """
 
     tolerance: Annotated[float | None, Option(above=True)]
@@ -108,3 +110,4 @@ class AdaptOptions(
     ]
     norm: Annotated[float, Option(2.0, lower=1.0, inf=True)]
     max_aspect: Annotated[float, Option(1000.0, lower=1.0, upper=1e15)]
+    local: Annotated[bool, Option(False)]

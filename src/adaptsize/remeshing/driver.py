@@ -199,12 +199,12 @@ class Remeshed(NamedTuple):
         if self.job is not None:
             self.job.warn_of(self.mesh)
 
-    def warn_of_sizes(self) -> None:
-        """Warn of what the mesh lacks of the sizes."""
-        if self.job is None or self.job.requests.required is not None:
+    def warn_of_sizes(self, whole: SimplexMesh | None = None) -> None:
+        """Warn of what the mesh, or the whole of which it is a part, lacks of the sizes."""
+        if self.job is None or (whole is None and self.job.requests.required is not None):
             return  # beside facets that stay, no sizes can be followed
-        sizes = self.job.requests.sizes
-        warn_of_lacks(self.mesh, sizes.given, sizes.at, sizes.on, sizes.metric, sizes.metric_on)
+        mesh, sizes = self.mesh if whole is None else whole, self.job.requests.sizes
+        warn_of_lacks(mesh, sizes.given, sizes.at, sizes.on, sizes.metric, sizes.metric_on)
 
 
 def remeshed(
