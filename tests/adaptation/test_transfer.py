@@ -11,6 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from overlap_twin import common_part, measure
 
 from adaptsize import FieldTransfer, SimplexMesh
+from adaptsize._workers import Workers
+from adaptsize.adaptation import overlaps
 
 SEED = 50671
 
@@ -36,6 +38,31 @@ def test_overlaps_are_those_of_a_slow_twin(dim):
     assert np.count_nonzero(expected) > count
     # Qhull's own precision.
     assert_allclose(FieldTransfer(old, new).overlap.toarray(), expected, atol=1e-14)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("reach", [0.6, 0.0, 9.0], ids=["some", "all", "none"])
+def test_cells_that_both_meshes_have_are_not_intersected(dim, reach, monkeypatch):
+    """With others, they have the same integrals as by intersection."""
+    rng, (old, _) = np.random.default_rng(SEED), pair(dim, (6, 4))
+    inside = np.linalg.norm(old.points, axis=1) < reach
+    step = np.where(inside[:, None], rng.uniform(-0.05, 0.05, old.points.shape), 0.0)
+    order = rng.permutation(old.n_points)  # of the nodes, the corners, and the cells
+    cells = np.argsort(order)[rng.permuted(old.cells, axis=1)[rng.permutation(old.n_cells)]]
+    new = SimplexMesh((old.points + step)[order], cells)
+    found = overlaps.intersections_of(old, new, Workers.of(1))
+    n_common = len(overlaps._common_cells(old, new).new)
+    assert (n_common == 0) == (reach == 9.0)
+    assert (n_common == new.n_cells) == (reach == 0.0)
+    nothing = overlaps._common_cells(old, new.moved(new.points + 7.0))
+    monkeypatch.setattr(overlaps, "_common_cells", lambda old, new: nothing)
+    expected = overlaps.intersections_of(old, new, Workers.of(1))
+    for one, other in zip(found, expected, strict=True):
+        assert_allclose(one.toarray(), other.toarray(), atol=1e-14)
+    assert_allclose(
+        overlaps.measures_of_overlaps(old, new, Workers.of(1)).toarray(),
+        expected.measures.toarray(), atol=1e-14,
+    )  # fmt: skip
 
 
 def fields_on(n, rng):

@@ -34,7 +34,6 @@ from adaptsize.adaptation.boundary_maps import (
 )
 from adaptsize.adaptation.boundary_moves import move_to_boundary
 from adaptsize.adaptation.boundary_need import refuse_too_few
-from adaptsize.adaptation.common_cells import CommonCells
 from adaptsize.adaptation.element_fields import (
     CheckedFields,
     as_nodal_fields,
@@ -61,7 +60,6 @@ from adaptsize.adaptation.report import (
     total_measure,
     wide_parts,
 )
-from adaptsize.adaptation.transfer import Origin
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh, interpolate
 from adaptsize.background.migration import whole_boundary
 from adaptsize.background.simplex import as_mesh
@@ -135,9 +133,8 @@ def adapt(
 ) -> AnyResult:
     """Return the next mesh of an adaptive loop, with the fields of the present mesh on it.
 
-    Sizes come from error indicators, upper bounds, or both, and their gradient is limited.  The
-    domain is remeshed, fields are transferred and tags are kept.  The result is the best of three
-    meshes by the number of elements, or the given one if it already has the sizes.
+    Sizes come from error indicators, upper bounds, or both, and are limited.  Tags are kept.  The
+    mesh is the best of three by the number of elements, or the given one if it has the sizes.
 
     Parameters
     ----------
@@ -165,8 +162,7 @@ def adapt(
     Returns
     -------
     AdaptResult
-        ``mesh``, ``size``, ``fields``, ``cell_fields``, ``remeshed``, ``converged``, ``reason``
-        and ``report``.
+        The mesh, the sizes, the fields, whether it was remeshed or is converged, why, and a report.
 
     Raises
     ------
@@ -329,7 +325,7 @@ def _checked(
         request = size_request(given, eta, bound, _cell_of(mesh, periodic))
     generator = _generator(backend, task, is_metric=is_metric)
     if given["local"] and (mesh.dim != 2 or generator != "mmg" or periodic is not None):
-        raise refusal("local", "needs a mesh in the plane that is not periodic, remeshed by Mmg")
+        raise refusal("local", "needs a mesh in the plane that is not periodic, and Mmg")
     return _Checked(request, bound, generator, nodal, by_cell, projections)
 
 
@@ -417,7 +413,7 @@ def _result(
     sizes, new = made.sizes, made.mesh
     if decision.remesh:
         moved = moved_fields(
-            old, new, fields.nodal, fields.by_cell, request.options, progress, _origin(old, made)
+            old, new, fields.nodal, fields.by_cell, request.options, progress, made.divided
         )
     else:
         moved = kept_fields(fields.nodal, fields.by_cell)
@@ -432,14 +428,6 @@ def _result(
         _report(old, request, decision, replace(made, mesh=new), moved),
         requested if isinstance(requested, MetricFunction) else None,
     )  # fmt: skip
-
-
-def _origin(old: AnyMesh, made: NewMesh) -> Origin | None:
-    """Return what the new cells have in common with the old ones, if fields need no more."""
-    new = made.mesh
-    if made.is_local and isinstance(old, SimplexMesh) and isinstance(new, SimplexMesh):
-        return CommonCells.of(old, new)
-    return made.divided
 
 
 def _report(

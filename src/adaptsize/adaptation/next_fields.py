@@ -11,7 +11,7 @@ import numpy.typing as npt
 from adaptsize.adaptation._fields import Arrays, methods_of
 from adaptsize.adaptation.element_fields import CheckedFields
 from adaptsize.adaptation.field_transfer import integral
-from adaptsize.adaptation.transfer import Origin, transferred
+from adaptsize.adaptation.transfer import transferred
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.background.bisection import Resolved
 from adaptsize.options import AdaptOptions
@@ -58,18 +58,18 @@ def moved_fields(
     by_cell: Arrays,
     options: AdaptOptions,
     progress: ProgressCallback,
-    origin: Origin | None = None,
+    divided: Resolved | None = None,
 ) -> NextFields:
     """Return the fields on a new mesh, with their integrals; collective.
 
-    ``origin`` is what the new cells have in common with the old ones, if it is known.
+    ``divided`` says how the cells of the old mesh were bisected, if they were.
     """
-    nodal, cells = transferred(old, new, fields, by_cell, options, progress, origin)
+    nodal, cells = transferred(old, new, fields, by_cell, options, progress, divided)
     found = NextFields(nodal, cells)
     methods = methods_of(options["method"], fields.arrays, old)
     of_nodes = {name: _HOW[method] for name, method in methods.items()}
     conservative = "conservative" if options["conservative"] else "value at the centroid"
-    if isinstance(origin, Resolved):
+    if divided is not None:
         of_nodes, conservative = dict.fromkeys(methods, _SAME), _SAME
     for name, values in fields.arrays.items():
         if values.dtype.kind in "biu":

@@ -15,7 +15,9 @@ from adaptsize.adaptation import tuning
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background.location import in_space
-from adaptsize.typing import FloatArray, IntArray, LongArray
+from adaptsize.background.merging import merge_equal_points
+from adaptsize.background.topology import marked, unique_rows
+from adaptsize.typing import FloatArray, IndexArray, IntArray, LongArray
 
 
 class Intersections(NamedTuple):
@@ -34,30 +36,77 @@ class Intersections(NamedTuple):
 
 def measures_of_overlaps(old: SimplexMesh, new: AnyMesh, workers: Workers) -> csr_array:
     """Return the measures of the intersections alone, see `intersections_of`."""
-    order = _order_of(new)
-    return _measures(old, order, _in_chunks(old, new, order, workers, products=False))
+    common = _common_cells(old, new)
+    order = _order_of(new, common)
+    parts = _in_chunks(old, new, order, workers, products=False)
+    return _measures(old, new, (order, parts), common)
 
 
 def intersections_of(old: SimplexMesh, new: AnyMesh, workers: Workers) -> Intersections:
     """Return integrals over the intersections of the cells of a mesh and of those of this rank.
 
-    The result does not depend on the number of threads, to the last bit.
+    Cells that are the same in both meshes are not intersected with others.  The result does not
+    depend on the number of threads, to the last bit.
     """
-    order = _order_of(new)
+    common = _common_cells(old, new)
+    order = _order_of(new, common)
     parts = _in_chunks(old, new, order, workers, products=True)
-    shape = (new.n_points, old.n_points)
-    if not parts:
-        return Intersections(_measures(old, order, parts), csr_array(shape))
-    numbers = np.concatenate([part.numbers for part in parts])
-    mixed = _summed(numbers, [part.rows for part in parts], new.n_points)
-    values, nodes = mixed.data * _unit(old), old.locator.node_of_point[mixed.indices]
-    products = csr_array((values, nodes, mixed.indptr), shape=shape)
-    return Intersections(_measures(old, order, parts), products)
+    products = _mass_of_common(old, new, common)
+    if parts:
+        numbers = np.concatenate([part.numbers for part in parts])
+        mixed = _summed(numbers, [part.rows for part in parts], new.n_points)
+        values, nodes = mixed.data * _unit(old), old.locator.node_of_point[mixed.indices]
+        products += csr_array((values, nodes, mixed.indptr), shape=products.shape)
+    return Intersections(_measures(old, new, (order, parts), common), products)
 
 
-def _order_of(new: AnyMesh) -> LongArray:
-    """Return the new cells in an order such that those one after the other are near each other."""
-    return along_curve(new.points[new.cells].mean(axis=1)).astype(np.int64)
+class _Common(NamedTuple):
+    """Cells of two meshes that are the same, with corners in the same order."""
+
+    old: IndexArray
+    """intp[n]"""
+    new: IndexArray
+    old_corners: IntArray
+    """int32[n, k]"""
+    new_corners: IntArray
+
+
+def _common_cells(old: SimplexMesh, new: AnyMesh) -> _Common:
+    """Return the cells with the same corners, to the last bit, in both meshes."""
+    place = merge_equal_points(np.concatenate([old.points, new.points]))[1].astype(np.int32)
+    places = place[: old.n_points], place[old.n_points :]
+    meshes = old, new
+    rows, corners, keys = [], [], []
+    for mesh, own, others in zip(meshes, places, places[::-1], strict=True):
+        in_both = marked(others, len(place))[own]
+        found = np.flatnonzero(in_both[mesh.cells].all(axis=1))
+        order = np.argsort(own[mesh.cells[found]], axis=1)
+        rows.append(found)
+        corners.append(np.take_along_axis(mesh.cells[found], order, axis=1))
+        keys.append(own[corners[-1]])
+    number = unique_rows(np.concatenate(keys), len(place))[1]
+    row_of = np.full(len(number), -1)
+    row_of[number[: len(keys[0])]] = np.arange(len(keys[0]))
+    row = row_of[number[len(keys[0]) :]]
+    are_same = row >= 0
+    row = row[are_same]
+    return _Common(rows[0][row], rows[1][are_same], corners[0][row], corners[1][are_same])
+
+
+def _mass_of_common(old: SimplexMesh, new: AnyMesh, common: _Common) -> csr_array:
+    """Return the part of the mixed mass matrix that belongs to the common cells."""
+    k = old.cells.shape[1]
+    local = (1.0 + np.eye(k)) / (k * (k + 1.0))
+    values = new.measures[common.new][:, None, None] * local
+    rows = np.repeat(common.new_corners, k, axis=1).ravel()
+    columns = np.tile(common.old_corners, (1, k)).ravel()
+    return csr_array((values.ravel(), (rows, columns)), shape=(new.n_points, old.n_points))
+
+
+def _order_of(new: AnyMesh, common: _Common) -> LongArray:
+    """Return the other new cells in an order such that those in succession are near each other."""
+    others = np.flatnonzero(~marked(common.new, new.n_cells))
+    return others[along_curve(new.points[new.cells[others]].mean(axis=1))].astype(np.int64)
 
 
 def _unit(old: SimplexMesh) -> float:
@@ -68,8 +117,8 @@ def _unit(old: SimplexMesh) -> float:
 def _in_chunks(
     old: SimplexMesh, new: AnyMesh, order: LongArray, workers: Workers, *, products: bool
 ) -> list[_Overlaps]:
-    """Return the integrals for all new cells in a given order, for many at a time."""
-    if new.n_cells == 0:
+    """Return the integrals for new cells in a given order, for many at a time."""
+    if len(order) == 0:
         return []
     points, cells = in_space(new.points * old.locator.scale), np.array(new.cells)
     neighbours = _neighbours(old)
@@ -80,19 +129,26 @@ def _in_chunks(
         found[first] = _overlaps_of(old.locator.tree, neighbours, (points, cells), which, products)
 
     text = "overlaps of the cells of two meshes"
-    workers.in_chunks(task, new.n_cells, tuning.CELLS_AT_ONCE[new.dim], text)
+    workers.in_chunks(task, len(order), tuning.CELLS_AT_ONCE[new.dim], text)
     return [found[first] for first in sorted(found)]
 
 
-def _measures(old: SimplexMesh, order: LongArray, parts: list[_Overlaps]) -> csr_array:
+def _measures(
+    old: SimplexMesh, new: AnyMesh, others: tuple[LongArray, list[_Overlaps]], common: _Common
+) -> csr_array:
     """Return the measures in the order of the cells."""
-    shape = (len(order), old.n_cells)
-    if not parts:
-        return csr_array(shape)
-    start = np.concatenate([[0], *(part.counts for part in parts)]).cumsum()
-    old_cells = old.locator.cell_of_row[np.concatenate([part.found for part in parts])]
-    common = np.concatenate([part.measures for part in parts]) * _unit(old)
-    return csr_array((common, old_cells, start), shape=shape)[np.argsort(order)]
+    order, parts = others
+    ones = np.ones(len(common.new), np.int64)
+    start = np.concatenate([[0], *(part.counts for part in parts), ones]).cumsum()
+    found = [old.locator.cell_of_row[part.found] for part in parts]
+    measures = [part.measures * _unit(old) for part in parts]
+    arrays = (
+        np.concatenate([*measures, new.measures[common.new]]),
+        np.concatenate([*found, common.old]),
+        start,
+    )
+    rows = np.argsort(np.concatenate([order, common.new]))
+    return csr_array(arrays, shape=(new.n_cells, old.n_cells))[rows]
 
 
 def _neighbours(mesh: SimplexMesh) -> IntArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,7 +32,7 @@ def cells_to_remake(mesh: SimplexMesh, requested: Requested) -> BoolArray:
     low, high = tuning.KEPT_EDGES
     found = ((pieces < low) | (pieces > high))[mesh.cell_facets].any(axis=1)
     low, high = np.log(tuning.KEPT_ON_AVERAGE)
-    mean = _smoothed(mesh, np.log(pieces))
+    mean = _smoothed(mesh, np.log(np.maximum(pieces, 1e-300)))
     found |= ((mean < low) | (mean > high))[mesh.cells].any(axis=1)
     if not isinstance(requested, Metric):
         found |= minimum_angles(mesh) < tuning.KEPT_ANGLE
@@ -78,7 +79,16 @@ def patched(mesh: SimplexMesh, is_gone: BoolArray, remesh: Remesh) -> SimplexMes
         return None
     is_new = nodes < 0
     nodes[is_new] = mesh.n_points + np.arange(is_new.sum())
-    return joined_pieces([Piece(rest.mesh, rest.global_ids), Piece(after, nodes)])[0]
+    pieces = [Piece(_turned(rest.mesh), rest.global_ids), Piece(after, nodes)]
+    return joined_pieces(pieces)[0]
+
+
+def _turned(mesh: SimplexMesh) -> SimplexMesh:
+    """Return the mesh with triangles of positive orientation."""
+    cells = mesh.cells.copy()
+    inverted = mesh.signed_measures < 0.0
+    cells[inverted] = cells[inverted][:, [0, 2, 1]]
+    return replace(mesh, cells=cells) if inverted.any() else mesh
 
 
 def _old_nodes(new: SimplexMesh, old: SimplexMesh, cut: IntArray) -> LongArray | None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
-from typing import Any, NamedTuple, TypeAlias, get_args
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +17,6 @@ from adaptsize.adaptation._fields import (
     methods_of,
 )
 from adaptsize.adaptation.between_meshes import BetweenMeshes, refuse_surfaces
-from adaptsize.adaptation.common_cells import CommonCells
 from adaptsize.adaptation.element_fields import (
     CheckedFields,
     as_nodal_fields,
@@ -36,9 +34,6 @@ from adaptsize.background.requests import (
 from adaptsize.background.simplex import as_mesh
 from adaptsize.options import TransferOptions, checked, with_options
 from adaptsize.typing import FloatArray, NodalMethod, ProgressCallback, Unpack
-
-#: What the cells of a new mesh have in common with those of an old one.
-Origin: TypeAlias = Resolved | CommonCells
 
 
 class TransferredFields(NamedTuple):
@@ -163,46 +158,34 @@ def transferred(
     by_cell: Arrays,
     given: Mapping[str, Any],
     progress: ProgressCallback | bool | None,
-    origin: Origin | None = None,
+    divided: Resolved | None = None,
 ) -> TransferredFields:
     """Return checked fields on the new mesh; ``given`` has the options of `transfer_fields`.
 
-    ``origin`` is what the new cells have in common with the old ones, if it is known.  If these
-    were bisected, what is linear or constant in them stays the same function, whatever the method.
-    If some of them stayed, fields of arrays are transferred in the patch of the others.
+    ``divided`` says how the cells of the old mesh were bisected, if they were.  What is linear or
+    constant in them stays the same function then, whatever the method.
     """
     nodal, method = fields.arrays, methods_of(given["method"], fields.arrays, old)
     conservative, keep_integral = given["conservative"], given["keep_integral"]
-    if by_cell and conservative and not isinstance(origin, Resolved):
+    if by_cell and conservative and divided is None:
         refuse_surfaces(old)
     if isinstance(old, PartitionedMesh) and isinstance(new, PartitionedMesh):
         return _transferred_in_parts(old, new, nodal, by_cell, method, conservative)
     if not (isinstance(old, SimplexMesh) and isinstance(new, SimplexMesh)):
         raise refusal_of_kinds(old, new)
     transfer = FieldTransfer(old, new, progress=progress)
-    of_elements = fields.on(transfer)
-    if isinstance(origin, Resolved):
+    if divided is not None:
         return TransferredFields(
-            {name: origin.extended(values) for name, values in nodal.items()} | of_elements,
-            {name: values[origin.parents] for name, values in by_cell.items()},
-        )
-    of_cells = partial(FieldTransfer.cells, conservative=conservative, keep_integral=keep_integral)
-    if isinstance(origin, CommonCells):
-        part = FieldTransfer(*origin.patches, progress=progress)
-        return TransferredFields(
-            {
-                name: origin.at_nodes(values, partial(part.nodal, method=method[name]))
-                for name, values in nodal.items()
-            }
-            | of_elements,
-            {
-                name: origin.in_cells(values, partial(of_cells, part))
-                for name, values in by_cell.items()
-            },
+            {name: divided.extended(values) for name, values in nodal.items()}
+            | fields.on(transfer),
+            {name: values[divided.parents] for name, values in by_cell.items()},
         )
     found = {name: transfer.nodal(values, method=method[name]) for name, values in nodal.items()}
-    cells = {name: of_cells(transfer, values) for name, values in by_cell.items()}
-    return TransferredFields(found | of_elements, cells)
+    cells = {
+        name: transfer.cells(values, conservative=conservative, keep_integral=keep_integral)
+        for name, values in by_cell.items()
+    }
+    return TransferredFields(found | fields.on(transfer), cells)
 
 
 def _transferred_in_parts(

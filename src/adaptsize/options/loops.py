@@ -85,7 +85,7 @@ class AdaptOptions(
     max_aspect
         Limit of the aspect ratio then, see `metric_from_hessian`.
     local
-        Whether cells of a plane mesh that have their sizes stay if most of them do.
+        Whether cells in the plane that have their sizes stay, if most have.
     """
 
     tolerance: Annotated[float | None, Option(above=True)]
