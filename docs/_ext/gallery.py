@@ -43,8 +43,8 @@ SUBJECTS = {
         "plot_implicit_background", "plot_mesh_family", "plot_cost",
     ],
     "Adaptive solutions": [
-        "plot_lshape", "plot_fichera", "plot_hot_spot", "plot_front", "plot_goal",
-        "plot_euler_bump",
+        "plot_lshape", "plot_fichera", "plot_hot_spot", "plot_front", "plot_moving_spot",
+        "plot_goal", "plot_euler_bump",
     ],
     "Anisotropic sizes": [
         "plot_metric_gradation", "plot_anisotropic_layers", "plot_boundary_layer",

@@ -41,3 +41,13 @@ def test_a_mesh_for_a_number_that_is_wanted_has_it_better_than_one_for_the_energ
     assert found["error, for the goal"] < 0.1 * found["error, uniform"]
     assert 1.0 < found["bound, for the goal"] / found["error, for the goal"] < 10.0
     assert found["order of the error for the goal"] < -0.8
+
+
+def test_a_spot_is_followed_as_well_by_meshes_that_are_new_around_the_changes_only(run):
+    found = run("plot_moving_spot", elements=3000, end=0.3)
+    few, every = "new around the changes", "all new"
+    assert found[f"nodes that stay, {few}"] > 0.3
+    assert found[f"nodes that stay, {every}"] < 0.05
+    assert found[f"triangles, {few}"] == pytest.approx(3000, rel=0.15)
+    assert found[f"error, {few}"] < 1.15 * found[f"error, {every}"]
+    assert found[f"largest change of heat, {few}"] < 1e-10
