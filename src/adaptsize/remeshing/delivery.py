@@ -35,7 +35,8 @@ def without_fields(mesh: SimplexMesh) -> SimplexMesh:
             "fields=..., cell_fields=...) returns them there, and adapt transfers its fields",
             InputWarning,
         )
-    return mesh.without_data()
+    # What was found of the mesh is kept with it, for the next mesh that is made of it.
+    return mesh.without_data() if mesh.point_data or mesh.cell_data else mesh
 
 
 def warn_of_unconnected(mesh: SimplexMesh) -> None:

@@ -84,7 +84,7 @@ def prepared(
     )
     sizes = cast(SizeLike, size) if metric is None else mean_size(metric, mesh.cell_dim)
     wanted = as_size(sizes, mesh, g=given["g"], hmax=given["hmax"])
-    repaired = repair_mesh(mesh)
+    repaired = _repaired_once(mesh)
     if repaired.repairs:
         warn_caller(repaired.repairs, InputWarning)
     solid, may_be_joined, old = None, False, repaired.mesh
@@ -283,7 +283,7 @@ def _first_of_loop(mesh: SimplexMesh, old: SimplexMesh, given: RemeshOptions) ->
     if first is None or first.cell_dim != mesh.cell_dim or given["strict"]:
         return None
     limit = (1.0 + NEAR) * given["tolerance"] * old.diagonal
-    first = _repaired_once(first)
+    first = _repaired_once(first).mesh
     there, here = facets_of(first), facets_of(old)
     both = (there, here), (here, there)
     for one, other in both:  # takes little time, and finds most of what is far
@@ -295,9 +295,12 @@ def _first_of_loop(mesh: SimplexMesh, old: SimplexMesh, given: RemeshOptions) ->
     return first
 
 
-def _repaired_once(mesh: SimplexMesh) -> SimplexMesh:
-    """Return the repaired mesh, which is kept with the given one for the next cycle of its loop."""
-    return once(mesh, "_repaired", lambda: repair_mesh(mesh).mesh)
+def _repaired_once(mesh: SimplexMesh) -> RepairedMesh:
+    """Return the repaired mesh, which is kept with the given one.
+
+    Loops need it again: of the first mesh in each cycle, of others for the next mesh of a cycle.
+    """
+    return once(mesh, "_repaired", lambda: repair_mesh(mesh))
 
 
 def _if_crossed(solid: Solid | None, mesh: SimplexMesh) -> Solid | None:

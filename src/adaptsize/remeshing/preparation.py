@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._pickling import once
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import first_at_place
 from adaptsize.background.topology import (
@@ -59,7 +60,8 @@ def repair_mesh(mesh: SimplexMesh) -> RepairedMesh:
         inverted = mesh.signed_measures < 0.0
         if mesh.in_a_cell.all() and not inverted.any():
             numbers = np.arange(mesh.n_points, dtype=np.int32)
-            return RepairedMesh(mesh.moved(mesh.points), numbers, numbers)
+            bare = mesh.without_data().with_original(None)
+            return RepairedMesh(bare, numbers, numbers)
         cells[inverted, :2] = cells[inverted, 1::-1]
     tagged = mesh.tagged_facets
     return _without_unused_nodes(
@@ -163,8 +165,15 @@ def as_problem(
     ``tolerance`` is over the diagonal, and ``required`` are facets to keep.
     """
     regions, region_tags = number_regions(mesh)
-    facets = collect_facets(mesh, regions, required)
+    facets = facets_that_stay(mesh) if required is None else collect_facets(mesh, regions, required)
     return MeshingProblem(task, mesh, tolerance * mesh.diagonal, facets, regions, region_tags)
+
+
+def facets_that_stay(mesh: SimplexMesh) -> Facets:
+    """Return boundary, interface and tagged facets, which are kept with the mesh."""
+    return once(
+        mesh, "_facets_that_stay", lambda: collect_facets(mesh, number_regions(mesh)[0], None)
+    )
 
 
 def number_regions(mesh: SimplexMesh) -> tuple[IntArray, IntArray]:
