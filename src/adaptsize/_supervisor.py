@@ -81,7 +81,7 @@ class _Job:
     def kill(self) -> None:
         """Kill the process and its session."""
         for kill in (os.kill, os.killpg):
-            try:
+            try:  # noqa: SIM105 - importing contextlib takes as long as the rest
                 kill(self.number, _KILL)
             except (ProcessLookupError, PermissionError):
                 pass
@@ -154,7 +154,7 @@ def _kill_all(job: Any) -> None:
         with open(children, encoding="ascii") as file:
             numbers = file.read().split()
         for number in numbers:
-            try:
+            try:  # noqa: SIM105
                 os.kill(int(number), _KILL)
             except (ProcessLookupError, PermissionError):
                 pass

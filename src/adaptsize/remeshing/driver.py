@@ -30,7 +30,7 @@ from adaptsize.remeshing.attempts import (
     Budget,
     worst_places,
 )
-from adaptsize.remeshing.delivery import warn_of_lacks, without_fields
+from adaptsize.remeshing.delivery import warn_of_lacks, warn_of_metric, without_fields
 from adaptsize.remeshing.in_parts import remesh_parts
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.job import Job, prepared, task_of
@@ -203,8 +203,13 @@ class Remeshed(NamedTuple):
         """Warn of what the mesh lacks of the sizes."""
         if self.job is None or self.job.requests.required is not None:
             return  # beside facets that stay, no sizes can be followed
-        sizes = self.job.requests.sizes
-        warn_of_lacks(self.mesh, sizes.given, sizes.at, sizes.on, sizes.metric, sizes.metric_on)
+        requests = self.job.requests
+        sizes = requests.sizes
+        if sizes.metric is None:
+            warn_of_lacks(self.mesh, sizes.given, sizes.at, sizes.on)
+        else:
+            served = requests.served_by(self.mesh)
+            warn_of_metric(self.mesh, sizes.metric, sizes.metric_on, served)
 
 
 def remeshed(

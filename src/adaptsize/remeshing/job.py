@@ -23,6 +23,7 @@ from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions
 from adaptsize.quality.boundary import farthest_places
+from adaptsize.quality.by_place import RequestedElements
 from adaptsize.quality.certificate import NEAR
 from adaptsize.quality.connections import refuse_repeated_cells
 from adaptsize.quality.elements import folded_cells, refuse_folded
@@ -62,6 +63,9 @@ from adaptsize.remeshing.surface_checks import warn_of_surface
 from adaptsize.remeshing.through_surface import refilled
 from adaptsize.sizes import Enclosed, predict
 from adaptsize.typing import FloatArray, IntArray
+
+#: Distance of nodes that rounding alone has moved, over the diagonal.
+_SAME_PLACE = 1e-12
 
 
 def prepared(
@@ -147,6 +151,17 @@ class Requests:
         In a loop it is the first one.  If each mesh kept to the one before, they would drift away.
         """
         return problem.mesh if self.first is None else self.frame.mesh(self.first)
+
+    def served_by(self, new: SimplexMesh) -> RequestedElements | None:
+        """Return how a mesh serves the metric, if that was found when it was made."""
+        frame = self.frame
+        for problem in self._made.values():
+            for made, found in problem.served:
+                if np.array_equal(made.cells, new.cells) and np.allclose(
+                    frame.to_own(new.points), made.points, rtol=0.0, atol=_SAME_PLACE
+                ):
+                    return found.scaled(frame.scale, frame.from_own(found.points))
+        return None
 
     @property
     def follows_sizes(self) -> bool:
@@ -329,7 +344,7 @@ def _required(
 def _number_of_cells(mesh: SimplexMesh, size: object, problem: MeshingProblem) -> float:
     """Return the number of cells that the sizes predict."""
     if problem.task != "surface to tetrahedra":
-        return predict(problem.mesh, problem.sizes(problem.mesh.points)).cells
+        return predict(problem.mesh, problem.sizes_at_nodes).cells
     if isinstance(size, SizeFunction) and size.report is not None:
         nodes = size.background.points[: mesh.n_points]  # of its refined copy, the given ones first
         if np.array_equal(nodes, mesh.points):

@@ -15,6 +15,7 @@ from adaptsize.background.merging import first_at_place
 from adaptsize.background.topology import (
     compacted,
     have_different_nodes,
+    marked,
     places_among,
     regions_beside,
     unique_rows,
@@ -24,7 +25,7 @@ from adaptsize.geometry.repair import Repair, repair_triangles
 from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric
 from adaptsize.remeshing.acceptance import refuse_other_domain
-from adaptsize.remeshing.protocol import NO_TAG, Arrays, Facets, MeshingProblem, Task
+from adaptsize.remeshing.protocol import NO_TAG, Arrays, Facets, MeshingProblem, Task, mesh_of
 from adaptsize.remeshing.sizing import MetricAt, Size
 from adaptsize.typing import FloatArray, IndexArray, IntArray
 
@@ -339,10 +340,13 @@ def _checked(raw: Arrays, backend: str) -> tuple[SimplexMesh, IntArray]:
         raise BackendError(f"{backend} returned an empty mesh")
     if cells.min() < 0 or cells.max() >= len(points):
         raise BackendError(f"{backend} returned a mesh with indices out of range")
-    used, local = compacted(cells)
-    if not np.isfinite(points[used]).all():
-        raise BackendError(f"{backend} returned coordinates that are not finite")
-    mesh, new_number = SimplexMesh(points[used], local), places_among(used, len(points))
+    if marked(cells.ravel(), len(points)).all() and np.isfinite(points).all():
+        mesh, new_number = mesh_of(raw), np.arange(len(points), dtype=np.int32)
+    else:
+        used, local = compacted(cells)
+        if not np.isfinite(points[used]).all():
+            raise BackendError(f"{backend} returned coordinates that are not finite")
+        mesh, new_number = SimplexMesh(points[used], local), places_among(used, len(points))
     if mesh.cell_dim < mesh.dim:
         return mesh, new_number
     if mesh.signed_measures.sum() < 0.0:  # some generators use the opposite orientation
