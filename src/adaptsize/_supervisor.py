@@ -107,7 +107,7 @@ def _started(command: list[str], seconds: float) -> Any:
 def _become(command: list[str], seconds: float) -> None:
     """Replace this process by the job."""
     import resource
-    from _signal import SIG_DFL, SIGPIPE, SIGXFSZ, signal
+    from _signal import SIG_DFL, SIGPIPE, SIGXFSZ, signal  # type: ignore[import-not-found]
 
     os.setsid()
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)

@@ -13,7 +13,6 @@ import numpy.typing as npt
 from adaptsize._checks import as_index_array, count_text, refusal, warn_caller
 from adaptsize._defaults import refused_above
 from adaptsize._messages import Message
-from adaptsize._pickling import once
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import as_mesh
@@ -88,7 +87,7 @@ def prepared(
     )
     sizes = cast(SizeLike, size) if metric is None else mean_size(metric, mesh.cell_dim)
     wanted = as_size(sizes, mesh, g=given["g"], hmax=given["hmax"])
-    repaired = _repaired_once(mesh)
+    repaired = repair_mesh(mesh)
     if repaired.repairs:
         warn_caller(repaired.repairs, InputWarning)
     solid, may_be_joined, old = None, False, repaired.mesh
@@ -298,7 +297,7 @@ def _first_of_loop(mesh: SimplexMesh, old: SimplexMesh, given: RemeshOptions) ->
     if first is None or first.cell_dim != mesh.cell_dim or given["strict"]:
         return None
     limit = (1.0 + NEAR) * given["tolerance"] * old.diagonal
-    first = _repaired_once(first).mesh
+    first = repair_mesh(first).mesh
     there, here = facets_of(first), facets_of(old)
     both = (there, here), (here, there)
     for one, other in both:  # takes little time, and finds most of what is far
@@ -308,14 +307,6 @@ def _first_of_loop(mesh: SimplexMesh, old: SimplexMesh, given: RemeshOptions) ->
         if farthest_places(one, other, limit).distance.max() > limit:
             return None
     return first
-
-
-def _repaired_once(mesh: SimplexMesh) -> RepairedMesh:
-    """Return the repaired mesh, which is kept with the given one.
-
-    Loops need it again: of the first mesh in each cycle, of others for the next mesh of a cycle.
-    """
-    return once(mesh, "_repaired", lambda: repair_mesh(mesh))
 
 
 def _if_crossed(solid: Solid | None, mesh: SimplexMesh) -> Solid | None:

@@ -53,7 +53,14 @@ def repair_mesh(mesh: SimplexMesh) -> RepairedMesh:
     vanish by topology, duplicates are removed, and nodes on open edges of other triangles are
     joined with these.  Other meshes keep coincident points, because they form slits.
     Point and cell data are dropped.
+
+    The result is kept with the given mesh.  Loops need it again: of the first mesh in each cycle,
+    and of each mesh for all that a cycle makes of it.
     """
+    return once(mesh, "_repaired", lambda: _repaired(mesh))
+
+
+def _repaired(mesh: SimplexMesh) -> RepairedMesh:
     if mesh.cell_dim == 2 and mesh.dim == 3:
         return _repaired_surface(mesh)
     cells = np.array(mesh.cells)
