@@ -52,7 +52,7 @@ class Unconnected(NamedTuple):
         return _TEXTS[self.kind].format(n=self.number, place=place_text(self.place))
 
 
-def unconnected(mesh: SimplexMesh) -> tuple[Unconnected, ...]:
+def unconnected(mesh: SimplexMesh) -> list[Unconnected]:
     """Return where cells of a plane or solid mesh lie side by side without a common facet.
 
     Surfaces and lines in space have none: bodies may touch.  The result is kept with the mesh.
@@ -66,7 +66,7 @@ def unconnected(mesh: SimplexMesh) -> tuple[Unconnected, ...]:
     ...     found.kind, found.number, found.place.tolist()
     ('parts', 1, [0.5, 0.5])
     """
-    return once(mesh, "_unconnected", lambda: tuple(_unconnected(mesh)))
+    return list(once(mesh, "_unconnected", lambda: tuple(_unconnected(mesh))))
 
 
 def _unconnected(mesh: SimplexMesh) -> list[Unconnected]:
@@ -93,7 +93,7 @@ def _unconnected(mesh: SimplexMesh) -> list[Unconnected]:
     return found
 
 
-def are_doubtful(found: tuple[Unconnected, ...]) -> Iterator[Unconnected]:
+def are_doubtful(found: list[Unconnected]) -> Iterator[Unconnected]:
     """Yield those that are hardly intended: all but slits."""
     return (one for one in found if one.kind != "slits")
 
