@@ -250,6 +250,11 @@ def as_whole_number(name: str, value: Any, *, lower: int, upper: int) -> int:
     return int(number)
 
 
+def as_threads(value: Any) -> int | None:
+    """Return a number of threads; None stands for the default."""
+    return None if value is None else as_whole_number("threads", value, lower=1, upper=10_000)
+
+
 def check_range(name: str, points: FloatArray) -> None:
     """Raise a ValueError unless products of four lengths stay in the range of float64."""
     farthest = max(float(points.max(initial=0.0)), -float(points.min(initial=0.0)))

@@ -13,7 +13,7 @@ from scipy.integrate import quad
 
 from adaptsize import adapt
 from adaptsize.adaptation import new_mesh
-from adaptsize.errors import BackendError
+from adaptsize.errors import BackendError, TooManyElementsError
 from adaptsize.remeshing.driver import Remeshed
 from adaptsize.sizes import predict
 from adaptsize.sizes.budget import mean_density
@@ -137,8 +137,9 @@ def test_a_window_of_states_has_the_smallest_sizes_of_all(generator):
             adapt(mesh, np.zeros(shape), **options)
 
 
+@pytest.mark.parametrize("error", [BackendError, TooManyElementsError])
 def test_the_time_limit_is_one_for_all_meshes_and_a_failure_leaves_the_mesh_before(
-    monkeypatch, generator
+    monkeypatch, generator, error
 ):
     given = []
 
@@ -148,7 +149,7 @@ def test_the_time_limit_is_one_for_all_meshes_and_a_failure_leaves_the_mesh_befo
         def __call__(self, mesh, size, **options):
             given.append(options["timeout"])
             if len(given) == 2:
-                raise BackendError("the time is over")
+                raise error("the time is over")
             return super().__call__(mesh, size, **options)
 
     slow = Slow()

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from adaptsize._checks import describe
+from adaptsize._dolfinx import nodes_of_cells
 from adaptsize.adaptation.field_transfer import FieldTransfer
 from adaptsize.adaptation.given_fields import ElementField
 from adaptsize.adaptation.lagrange import LagrangeSpace
@@ -27,7 +27,13 @@ def is_dolfinx_function(given: object) -> bool:
 
 
 class OfDolfinx:
-    """A checked function of DOLFINx; its values are those of an `ElementField`."""
+    """A checked function of DOLFINx; its values are those of an `ElementField`.
+
+    Raises
+    ------
+    ValueError
+        If it is of another element, on several ranks, on a mesh with other cells, or not finite.
+    """
 
     kind = "a function of DOLFINx"
 
@@ -106,29 +112,28 @@ def _rows_of_dofs(name: str, space: Any, own: LagrangeSpace) -> IndexArray:
     points = space.element.interpolation_points  # a method before DOLFINx 0.10
     points = np.asarray(points() if callable(points) else points)
     at = np.column_stack([1.0 - points.sum(axis=1), points])
-    kind = np.sort(at, axis=1)[:, -1]  # 1 at corners, 1/2 in the middle of edges
-    expected = {0: 1.0 / at.shape[1], 1: 1.0, 2: None}[own.degree]
-    if expected is not None and not np.allclose(kind, expected):
+    width, largest = at.shape[1], at.max(axis=1)
+    # At centroids, corners, and the middles of edges.
+    expected = {0: [1.0 / width], 1: [1.0], 2: [1.0, 0.5]}[own.degree]
+    if not np.isclose(largest[:, None], expected).any(axis=1).all():
         raise ValueError(f"{name} must have its values at nodes, got {describe(space)}")
     if own.degree == 0:
         return np.asarray(own.dofs[cells], np.intp)
-    if own.degree == 2 and not (np.isclose(kind, 1.0) | np.isclose(kind, 0.5)).all():
-        raise ValueError(f"{name} must have its values at nodes, got {describe(space)}")
-    width = at.shape[1]
     pairs = np.zeros((width, width), np.int64)
     first, second = np.triu_indices(width, 1)
     pairs[first, second] = pairs[second, first] = width + np.arange(len(first))
     pairs[np.arange(width), np.arange(width)] = np.arange(width)
     # The corner of a node twice, or both ends of its edge.
     ends = np.argsort(-at, axis=1, kind="stable")[:, :2]
-    ends[np.isclose(kind, 1.0), 1] = ends[np.isclose(kind, 1.0), 0]
+    is_corner = np.isclose(largest, 1.0)
+    ends[is_corner, 1] = ends[is_corner, 0]
     local = pairs[places[:, ends[:, 0]], places[:, ends[:, 1]]]
     return np.asarray(own.dofs[cells[:, None], local], np.intp)
 
 
 def _cells_among(name: str, domain: Any, mesh: SimplexMesh) -> tuple[IndexArray, IntArray]:
     """Return the own number of each cell of DOLFINx, and the own places of its corners."""
-    rows = np.asarray(_nodes_of_cells(domain.geometry))
+    rows = np.asarray(nodes_of_cells(domain.geometry))
     points = np.asarray(domain.geometry.x)[:, : mesh.dim]
     fits = rows.shape == mesh.cells.shape
     if fits:
@@ -152,6 +157,8 @@ def _nodes_among(points: FloatArray, used: IndexArray, mesh: SimplexMesh) -> Ind
 
     Nodes in the same order are the same; otherwise, of several at a place, any.
     """
+    from scipy.spatial import cKDTree  # slow to import
+
     found = np.full(len(points), -1)
     limit, own = _ROUNDING * mesh.diagonal, np.flatnonzero(mesh.in_a_cell)
     if len(used) == len(own) and np.abs(points[used] - mesh.points[own]).max() <= limit:
@@ -160,11 +167,3 @@ def _nodes_among(points: FloatArray, used: IndexArray, mesh: SimplexMesh) -> Ind
     away, nearest = cKDTree(mesh.points[own]).query(points[used])
     found[used] = np.where(away <= limit, own[nearest], -1)
     return found
-
-
-def _nodes_of_cells(geometry: Any) -> Any:
-    """Return the nodes of the cells; ``dofmaps`` became an attribute in DOLFINx 0.11."""
-    maps = getattr(geometry, "dofmaps", None)
-    if maps is None:
-        return geometry.dofmap
-    return maps(0) if callable(maps) else maps[0]

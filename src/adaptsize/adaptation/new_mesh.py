@@ -13,7 +13,7 @@ from adaptsize.adaptation.next_sizes import CycleRequest, NextSizes
 from adaptsize.adaptation.report import boundary_distance, numbers_of
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.bisection import Resolved
-from adaptsize.errors import BackendError, BoundaryWarning
+from adaptsize.errors import BackendError, BoundaryWarning, TooManyElementsError
 from adaptsize.options import RemeshOptions
 from adaptsize.remeshing import remesh
 from adaptsize.remeshing.driver import trial
@@ -102,7 +102,7 @@ def make_mesh(
         share = sizes.simplices / first.sizes.simplices
         try:
             new = make(sizes)
-        except BackendError:  # the meshes before are good
+        except (TooManyElementsError, BackendError):  # the meshes before are good
             break
         search.add(first.sizes.predicted * share, new, goal.of(new), factor=share ** (-1.0 / d))
     best = search.best.result

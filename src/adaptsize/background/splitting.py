@@ -110,7 +110,12 @@ def halve_tetrahedra(mesh: SimplexMesh) -> SimplexMesh:
     """Return tetrahedra with a new node in the middle of each edge, eight for each; with tags.
 
     A facet becomes four, the same from both sides.  The octahedron that is left in the middle is
-    cut along its shortest diagonal.
+    cut along its shortest diagonal [1]_.  Fields are dropped.
+
+    References
+    ----------
+    .. [1] S. Zhang, "Successive subdivisions of tetrahedra and multigrid methods on tetrahedral
+       meshes", Houston Journal of Mathematics 21 (1995) 541-556.
 
     Examples
     --------

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_float_array, check_type, describe
+from adaptsize._dolfinx import nodes_of_cells
 from adaptsize.background import SimplexMesh
 from adaptsize.background.migration import number_nodes
 from adaptsize.background.partitioned import PartitionedMesh
@@ -85,7 +86,7 @@ def from_dolfinx(mesh: Any, *, cell_tags: Any = None, facet_tags: Any = None) ->
     try:
         topology, geometry, comm = mesh.topology, mesh.geometry, as_communicator(mesh.comm)
         kind = topology.cell_name()
-        width = np.asarray(_dofmap(geometry)).shape[1]
+        width = np.asarray(nodes_of_cells(geometry)).shape[1]
     except AttributeError as error:
         raise ValueError(f"mesh must be a dolfinx.mesh.Mesh, got {describe(mesh)}") from error
     if kind not in _KINDS or width != _KINDS[kind] + 1:
@@ -93,7 +94,7 @@ def from_dolfinx(mesh: Any, *, cell_tags: Any = None, facet_tags: Any = None) ->
     dim = _KINDS[kind]
     topology.create_connectivity(dim, 0)
     n_cells = topology.index_map(dim).size_local
-    rows = np.asarray(_dofmap(geometry))[:n_cells]
+    rows = np.asarray(nodes_of_cells(geometry))[:n_cells]
     of_vertices = np.asarray(topology.connectivity(dim, 0).array)[: rows.size].reshape(rows.shape)
     nodes, local = np.unique(rows, return_inverse=True)
     vertices = np.empty(len(nodes), np.int32)
@@ -290,7 +291,7 @@ def _function(domain: Any, own: FloatArray, starts: LongArray, comm: Communicato
     space = dolfinx.fem.functionspace(domain, element)
     function = dolfinx.fem.Function(space)
     # Cells list their dofs and their nodes in the same order.
-    dofs, nodes = np.asarray(space.dofmap.list), np.asarray(_dofmap(domain.geometry))
+    dofs, nodes = np.asarray(space.dofmap.list), np.asarray(nodes_of_cells(domain.geometry))
     function.x.array.reshape(-1, *shape)[dofs] = at_nodes[nodes]
     return function
 
@@ -299,14 +300,6 @@ def nodal_functions(domain: Any, fields: Mapping[str, FloatArray]) -> dict[str, 
     """Return values at the nodes of a whole mesh as functions on what `to_dolfinx` made of it."""
     starts, alone = np.zeros(1, np.int64), SingleRank()
     return {name: _function(domain, own, starts, alone) for name, own in fields.items()}
-
-
-def _dofmap(geometry: Any) -> Any:
-    """Return the nodes of the cells; ``dofmaps`` became an attribute in DOLFINx 0.11."""
-    maps = getattr(geometry, "dofmaps", None)
-    if maps is None:
-        return geometry.dofmap
-    return maps(0) if callable(maps) else maps[0]
 
 
 def _cell_tags(tags: Any, n_cells: int) -> IntArray:

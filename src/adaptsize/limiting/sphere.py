@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from adaptsize._checks import as_number, as_points, as_slope, as_whole_number, refuse_where
+from adaptsize._checks import as_number, as_points, as_slope, as_threads, refuse_where
 from adaptsize._workers import Workers
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.limiting.exact import limit_points
@@ -97,9 +97,7 @@ def limit_on_sphere(
         raise ValueError("h0 must be finite at one node at least, got inf at all of them")
     slope = as_slope("g", g)
     r = as_number("radius", radius, lower=0.0, strict=True)
-    if threads is not None:
-        threads = as_whole_number("threads", threads, lower=1, upper=10_000)
-    workers = Workers.of(threads)
+    workers = Workers.of(as_threads(threads))
     sizes = bound.reshape(-1)
     h = limit_points(to_sphere(where, r), sizes, len(sizes), slope, workers, r).h.reshape(shape)
     if active is not None:

@@ -218,7 +218,8 @@ def _given(mesh: SimplexMesh, hessian: npt.ArrayLike, frames: FloatArray | None)
 def _eigen(second: FloatArray, aspect: float, counts: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Return absolute eigenvalues, ascending and limited in their ratio, and eigenvectors.
 
-    The largest one of the nodes that count tells what is rounding.
+    Those far below the largest one in the domain, at nodes where ``counts`` is True, are rounding
+    errors.
     """
     values, vectors = np.linalg.eigh(0.5 * (second + second.swapaxes(1, 2)))
     values = np.abs(values)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
-from adaptsize._checks import as_plain_array, as_slope, as_whole_number, check_type, describe
+from adaptsize._checks import as_plain_array, as_slope, as_threads, check_type, describe
 from adaptsize._kernels import metric_limit as kernels
 from adaptsize._kernels.metric_sources import Sources, fill_tree, new_scratch
 from adaptsize._progress import reporting
@@ -137,8 +137,7 @@ def limit_metric(
             f"got {metric!r}"
         )
     slope = as_one_slope(g)
-    if threads is not None:
-        threads = as_whole_number("threads", threads, lower=1, upper=10_000)
+    threads = as_threads(threads)
     counts = nodes_in_domain(background)[:, None]
     sizes = np.where(counts, metric.sizes, np.inf)
     if not np.isfinite(sizes).any():

@@ -1,7 +1,7 @@
 """What was tuned in the measures of meshes: values, evidence, and what other values do.
 
-The limits of verdicts, of which users are told, are at the head of their files, as are tolerances
-for rounding and numbers of items in a block.
+The limits of verdicts, which are documented, are at the head of their files, as are tolerances for
+rounding and numbers of items in a block.
 """
 
 #: In a cell where the size varies less than by this factor, it is known from that at the corners.

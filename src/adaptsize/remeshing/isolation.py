@@ -25,7 +25,7 @@ from typing import Any, NoReturn
 import numpy.typing as npt
 
 from adaptsize import _cores
-from adaptsize._children import how_it_ended, isolated, pipe_of, start, supervised
+from adaptsize._children import ends_within, how_it_ended, isolated, pipe_of, start, supervised
 from adaptsize._progress import Stage
 from adaptsize._supervisor import job_line
 from adaptsize.errors import BackendError, BackendTimeoutError
@@ -118,8 +118,7 @@ class IsolatedRunner:
         began = time.monotonic()
         while True:
             self.report(text, None)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                child.wait(0.1)
+            if ends_within(child, 0.1):
                 return
             now = time.monotonic()
             if self.deadline is not None and now > self.deadline:

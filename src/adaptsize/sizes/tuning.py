@@ -33,7 +33,7 @@ LARGEST_TOLERANCE = 0.05
 #: Logarithm of a number over the allowed one, up to which a tolerance is enough.  Not measured.
 ENOUGH = math.log1p(0.02)
 #: A mesh with a number within this share of the requested one is accepted, except for
-#: tetrahedra in loops of adaptation.  Not measured: it is what users are told.
+#: tetrahedra in loops of adaptation.  Not measured: the documentation promises it.
 ACCEPTED = 0.05
 
 # Curvature.
