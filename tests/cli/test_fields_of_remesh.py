@@ -9,6 +9,7 @@ from shapes import CORNERS, CUBE_CELLS
 
 from adaptsize import CartesianGrid, SimplexMesh, read, remesh, transfer_fields, write
 from adaptsize.errors import InputWarning
+from adaptsize.remeshing import preparation
 
 pytest.importorskip("mmgpy")
 
@@ -111,6 +112,22 @@ def test_sides_of_periodic_files_match(tmp_path):
         sides = [np.sort(new.points[new.points[:, d] == x, 1 - d]) for x in (0.0, 1.0)]
         assert len(sides[0]) > 14
         np.testing.assert_allclose(sides[0], sides[1], atol=1e-12)
+
+
+def test_sizes_are_limited_across_periodic_sides(tmp_path, monkeypatch):
+    repaired, repair = [], preparation._repaired
+    monkeypatch.setattr(
+        preparation, "_repaired", lambda mesh: repaired.append(mesh.points) or repair(mesh)
+    )
+    grid = CartesianGrid([0.0, 0.0], 0.1, (11, 11)).mesh
+    write(tmp_path / "in.vtu", grid)
+    output = tmp_path / "out.vtu"
+    words = ("--hmax", "0.2", "--periodic", "1,0", "--source", "point:0.05,0.5=0.01")
+    assert call("remesh", tmp_path / "in.vtu", "-o", output, *words) == 0
+    new = read(output)
+    beside = np.linalg.norm(new.points - [1.0, 0.5], axis=1) < 0.05
+    assert new.point_data["h"][beside].max() < 0.05  # 0.2 if each side is alone
+    assert sum(np.array_equal(points, grid.points) for points in repaired) == 1
 
 
 def test_adapt_takes_translations(tmp_path):

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from adaptsize._checks import describe
 from adaptsize._defaults import METRIC_GRADIENT_LIMIT
 from adaptsize._messages import Message
+from adaptsize._pickling import once
 from adaptsize.adaptation import tuning
 from adaptsize.adaptation.next_sizes import BoundLike, CycleRequest, as_bound
 from adaptsize.background import SimplexMesh
@@ -23,8 +24,8 @@ from adaptsize.metrics import (
     MetricFunction,
     limit_metric,
     metric_from_curvature,
-    metric_from_hessian,
 )
+from adaptsize.metrics.hessian import optimal_metric
 from adaptsize.metrics.limit import as_one_slope
 from adaptsize.options import AdaptOptions
 from adaptsize.quality.conformity import nodal_metric
@@ -82,15 +83,14 @@ class MetricRequest(CycleRequest):
         if not self.fields:
             free = np.full(mesh.n_points, np.inf)
             return Metric.isotropic(free, mesh.dim) if self.bound is None else self.bound
-        parts = [
-            metric_from_hessian(
-                mesh, values, norm=self.options["norm"], max_aspect=self.options["max_aspect"],
-                tolerance=None if number is not None else self.options["tolerance"],
-                elements=number,
-            )
-            for values in self.fields
-        ]  # fmt: skip
-        return reduce(Metric.intersect, parts)
+        norm, aspect = self.options["norm"], self.options["max_aspect"]
+        # Of the present mesh, to which the fields belong.
+        of_goal = once(
+            self, "_of_goal",
+            lambda: [optimal_metric(mesh, v, norm=norm, max_aspect=aspect) for v in self.fields],
+        )  # fmt: skip
+        tolerance = None if number is not None else self.options["tolerance"]
+        return reduce(Metric.intersect, [metric(tolerance, number) for metric in of_goal])
 
     def _finished(self, mesh: SimplexMesh, metric: Metric) -> Metric:
         """Apply bounds and limits."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
-from math import factorial
 from types import ModuleType
 from typing import Any, NamedTuple, TypeVar, cast
 
@@ -416,5 +415,13 @@ def facets_with_normals(
 
 def _signed_measures(corners: FloatArray) -> FloatArray:
     """Return the measures of cells of full dimension, negative if they are inverted."""
-    edges = corners[:, 1:] - corners[:, :1]
-    return np.asarray(np.linalg.det(edges) / factorial(edges.shape[1]))
+    # By hand: a factorization of each small matrix takes ten times as long.
+    edges = [corners[:, v] - corners[:, 0] for v in range(1, corners.shape[1])]
+    rows = [edge.T for edge in edges]
+    if len(rows) == 1:
+        return np.asarray(rows[0][0])
+    if len(rows) == 2:
+        (a, b), (c, d) = rows
+        return np.asarray(0.5 * (a * d - b * c))
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    return np.asarray((a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)) / 6.0)

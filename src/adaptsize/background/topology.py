@@ -32,6 +32,8 @@ class CellTopology:
     @cached_property
     def edges(self) -> IntArray:
         """See `SimplexMesh.edges`."""
+        if self._cells.shape[1] == 3:  # the facets of triangles
+            return self.facets[0]
         return read_only(edges_of(self._cells, self._n_points))
 
     @cached_property

@@ -210,7 +210,7 @@ def _check_translations(mesh: SimplexMesh, given: Given, *, is_filled: bool) -> 
     from adaptsize.limiting.periodic import as_periodicity
     from adaptsize.remeshing.preparation import repair_mesh
 
-    as_periodicity(repair_mesh(mesh).mesh, given["periodic"])
+    as_periodicity(repair_mesh(mesh).mesh, given["periodic"])  # kept with the mesh
 
 
 def _doubt_tolerance(console: Console, tolerance: float, mesh: SimplexMesh) -> None:

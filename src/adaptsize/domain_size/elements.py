@@ -7,6 +7,7 @@ import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ from adaptsize.background.bisection import resolved
 from adaptsize.background.merging import reordered
 from adaptsize.background.simplex import as_mesh
 from adaptsize.domain_size import tuning
+from adaptsize.domain_size.across_sides import limited_across_sides
 from adaptsize.domain_size.budget import predicted_number, what_controls
 from adaptsize.domain_size.complete_size import nearest_size_function, size_function
 from adaptsize.domain_size.goals import Goal, goal_of
@@ -283,9 +285,7 @@ class Maker:
 
     def sized(self, **number: float) -> SizeFunction:
         """Return the sizes for another number than the one in the request, or for that."""
-        return self._shown(
-            size_function(self.mesh, progress=self.progress, **{**self.for_sizes, **number})
-        )
+        return self._shown(self._computed(size_function, {**self.for_sizes, **number}))
 
     def nearest_sized(self, cap: Cap, ratio: float) -> SizeFunction:
         """Return the sizes within a cap, or the nearest that are possible.
@@ -297,12 +297,22 @@ class Maker:
             given["max_elements"] = max(cap.elements / ratio, 1.0)
         if cap.memory is not None:
             given["max_memory"] = f"{as_bytes(cap.memory) / ratio:.0f}B"
-        size = nearest_size_function(self.mesh, progress=self.progress, **given)
+        size = self._computed(nearest_size_function, given)
         report = report_of(size)
         report = replace(
             report, n_elements=ratio * report.n_elements, n_nodes=ratio * report.n_nodes
         )
         return self._shown(replace(size, report=report))
+
+    def _computed(
+        self, compute: Callable[..., SizeFunction], given: Mapping[str, Any]
+    ) -> SizeFunction:
+        """Return sizes, in a periodic domain those that are limited across its sides."""
+        motions = self.for_mesh.get("periodic")
+        compute = partial(compute, self.mesh, progress=self.progress)
+        if motions is None:
+            return compute(**given)
+        return limited_across_sides(self.mesh, motions, compute, given)
 
     def _shown(self, size: SizeFunction) -> SizeFunction:
         self.listener.show(size)

@@ -71,3 +71,16 @@ BLUNTEST_CORNER = -0.7
 #: an edge to its size by less than the second number, if fewer edges than the third share are too
 #: long.  On a public part, edges of slivers were halved in turn without an end.
 PASSES_IN_VAIN, LESS, FEW_LONG = 4, 0.05, 0.01
+
+# Periodic domains ---------------------------------------------------------------------------------
+
+#: Distance over the diagonal within which an image is on the boundary: as nodes coincide.
+ON_SIDE = 1e-7
+#: Sizes on a side that are smaller by less than this share are left to the generator.  Sizes that
+#: are linear between the nodes of two sides differ by as much where these do not match.
+SAME_ACROSS = 0.02
+#: Points at most at which sizes are compared with those at their images.
+MOST_PLACES_ON_SIDES = 100_000
+#: Sizes are computed at most so many times more.  One is enough if a detail is near to one side,
+#: two across a corner.
+MOST_TIMES_ACROSS = 3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
@@ -109,12 +110,33 @@ def metric_from_hessian(
     >>> metric_from_hessian(mesh, hessian=H, tolerance=0.5, norm=np.inf).sizes[0]
     array([0.1, 1. ])
     """
+    goal = optimal_metric(
+        mesh, values, hessian=hessian, norm=norm, hmin=hmin, hmax=hmax, max_aspect=max_aspect,
+        backend=backend,
+    )  # fmt: skip
+    return goal(tolerance, elements)
+
+
+def optimal_metric(
+    mesh: SimplexMesh,
+    values: npt.ArrayLike | None = None,
+    *,
+    hessian: npt.ArrayLike | None = None,
+    norm: float = 2.0,
+    hmin: float | None = None,
+    hmax: float | None = None,
+    max_aspect: float = 1000.0,
+    backend: str | None = None,
+) -> Callable[[float | None, float | None], Metric]:
+    """Return a function of tolerance and elements, one of them None, that returns the metric.
+
+    The second derivatives are recovered once for all goals.  See `metric_from_hessian`.
+    """
     mesh = as_mesh("mesh", mesh)
     frames = _tangents(mesh) if (mesh.cell_dim, mesh.dim) == (2, 3) else None
     second = _second_derivatives(mesh, values, hessian, frames)
     q = as_number("norm", norm, lower=1.0, allow_inf=True)
     aspect = as_aspect("max_aspect", max_aspect)
-    goal, wanted = as_goal(tolerance, elements)
     d = mesh.cell_dim
     steepness, directions = _eigen(second, aspect, mesh.in_a_cell)
     if frames is not None:
@@ -128,19 +150,22 @@ def metric_from_hessian(
     def metric(scale: float) -> Metric:
         return Metric.of(scale * shape, directions).clip(hmin, hmax, aspect)
 
-    if goal == "tolerance":
-        share = 1.0
-        if not math.isinf(q):
-            integral = mesh.measures * (determinant ** (q * exponent))[mesh.cells].mean(axis=1)
-            share = float(integral.sum()) ** (1.0 / q)
-        return metric(math.sqrt(2.0 * wanted / share) if share > 0.0 else 1.0)
-    if not np.isfinite(shape).any():
-        return metric(1.0)
+    def for_goal(tolerance: float | None, elements: float | None) -> Metric:
+        goal, wanted = as_goal(tolerance, elements)
+        if goal == "tolerance":
+            share = 1.0
+            if not math.isinf(q):
+                integral = mesh.measures * (determinant ** (q * exponent))[mesh.cells].mean(axis=1)
+                share = float(integral.sum()) ** (1.0 / q)
+            return metric(math.sqrt(2.0 * wanted / share) if share > 0.0 else 1.0)
+        if not np.isfinite(shape).any():
+            return metric(1.0)
+        once = Metric.of(shape, directions).predicted_elements(mesh)
+        start = (once / wanted) ** (1.0 / d) if once > 0.0 else 1.0
+        wanted /= calibration(backend, d)
+        return scale_to(wanted, metric, lambda m: m.predicted_elements(mesh), start, d)
 
-    once = Metric.of(shape, directions).predicted_elements(mesh)
-    start = (once / wanted) ** (1.0 / d) if once > 0.0 else 1.0
-    wanted /= calibration(backend, d)
-    return scale_to(wanted, metric, lambda m: m.predicted_elements(mesh), start, d)
+    return for_goal
 
 
 def predicted_elements(metric: Metric, mesh: SimplexMesh) -> float:

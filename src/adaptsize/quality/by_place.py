@@ -207,6 +207,10 @@ class RequestedElements(NamedTuple):
         """Return the mean logarithm of edges over sizes, those that are too short counted as 0."""
         return float(np.average(np.log(np.maximum(self.ratios, 1.0)), weights=self.weights))
 
+    def scaled(self, factor: float, points: FloatArray) -> RequestedElements:
+        """Return the same in other coordinates."""
+        return self._replace(points=points, sizes=factor * self.sizes, edges=factor * self.edges)
+
     def only(self, which: npt.NDArray[np.bool_]) -> RequestedElements:
         """Return some of them."""
         names = ("points", "weights", "sizes", "edges", "cells")

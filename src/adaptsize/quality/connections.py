@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import place_text
+from adaptsize._pickling import once
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import place_numbers
 from adaptsize.background.simplex import Boundary
@@ -54,7 +55,7 @@ class Unconnected(NamedTuple):
 def unconnected(mesh: SimplexMesh) -> list[Unconnected]:
     """Return where cells of a plane or solid mesh lie side by side without a common facet.
 
-    Surfaces and lines in space have none: bodies may touch.
+    Surfaces and lines in space have none: bodies may touch.  The result is kept with the mesh.
 
     Examples
     --------
@@ -65,6 +66,10 @@ def unconnected(mesh: SimplexMesh) -> list[Unconnected]:
     ...     found.kind, found.number, found.place.tolist()
     ('parts', 1, [0.5, 0.5])
     """
+    return list(once(mesh, "_unconnected", lambda: tuple(_unconnected(mesh))))
+
+
+def _unconnected(mesh: SimplexMesh) -> list[Unconnected]:
     if mesh.cell_dim < mesh.dim or mesh.dim == 1 or not (mesh.facet_cell_counts == 1).any():
         return []
     boundary = mesh.boundary()
@@ -141,12 +146,18 @@ def _hanging(boundary: SimplexMesh) -> npt.NDArray[np.intp]:
 def repeated_cells(mesh: SimplexMesh) -> npt.NDArray[Any]:
     """Return the cells that have the same nodes as another, and that one, intp[n, 2].
 
+    The result is kept with the mesh.
+
     Examples
     --------
     >>> mesh = SimplexMesh([[0, 0], [1, 0], [0, 1]], [[0, 1, 2], [2, 0, 1]])
     >>> repeated_cells(mesh).tolist()
     [[1, 0]]
     """
+    return once(mesh, "_repeated_cells", lambda: _repeated_cells(mesh))
+
+
+def _repeated_cells(mesh: SimplexMesh) -> npt.NDArray[Any]:
     rows = np.sort(mesh.cells, axis=1)
     number = unique_rows(rows, mesh.n_points)[1]
     first = np.unique(number, return_index=True)[1][number]

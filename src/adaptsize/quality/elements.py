@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from adaptsize._checks import check_type, place_text
+from adaptsize._pickling import once
 from adaptsize._workers import in_all_threads
 from adaptsize.background import AnyMesh, SimplexMesh
 from adaptsize.background.simplex import as_mesh
@@ -41,7 +42,14 @@ def flat_cells(mesh: SimplexMesh) -> BoolArray:
 
 
 def folded_cells(mesh: SimplexMesh) -> BoolArray:
-    """Return which cells are on the same side of a facet as their neighbour there."""
+    """Return which cells are on the same side of a facet as their neighbour there.
+
+    The result is kept with the mesh, as its derived data are.
+    """
+    return once(mesh, "_folded_cells", lambda: _folded_cells(mesh))
+
+
+def _folded_cells(mesh: SimplexMesh) -> BoolArray:
     # The side follows from the sign of the cell and the order of its nodes.
     cells = mesh.cells
     side = np.where(flat_cells(mesh), 0.0, np.sign(mesh.signed_measures))

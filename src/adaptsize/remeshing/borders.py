@@ -9,7 +9,7 @@ import numpy as np
 
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import regions_beside
-from adaptsize.remeshing.preparation import collect_facets, facet_numbers, number_regions
+from adaptsize.remeshing.preparation import facet_numbers, facets_that_stay
 from adaptsize.remeshing.protocol import NO_TAG
 from adaptsize.remeshing.skins import corners_of
 from adaptsize.remeshing.surface import facets_of
@@ -84,7 +84,7 @@ def _tags_of_groups(mesh: SimplexMesh) -> LongArray | None:
     """Return the tags of the groups that `facets_of` numbers, none for a surface with its own."""
     if mesh.cell_dim < mesh.dim:
         return None
-    return collect_facets(mesh, number_regions(mesh)[0], None).tag_of_group
+    return facets_that_stay(mesh).tag_of_group
 
 
 class Borders:

@@ -35,7 +35,8 @@ def without_fields(mesh: SimplexMesh) -> SimplexMesh:
             "fields=..., cell_fields=...) returns them there, and adapt transfers its fields",
             InputWarning,
         )
-    return mesh.without_data()
+    # What was found of the mesh is kept with it, for the next mesh that is made of it.
+    return mesh.without_data() if mesh.point_data or mesh.cell_data else mesh
 
 
 def warn_of_unconnected(mesh: SimplexMesh) -> None:
@@ -77,8 +78,15 @@ def warn_of_details(new: SimplexMesh, size: Size) -> None:
     )
 
 
-def warn_of_metric(new: SimplexMesh, metric: MetricAt, on: SimplexMesh | None) -> None:
-    """Warn of what a mesh lacks of a metric.
+def warn_of_metric(
+    new: SimplexMesh,
+    metric: MetricAt,
+    on: SimplexMesh | None,
+    served: RequestedElements | None = None,
+) -> None:
+    """Warn of what a mesh lacks of a metric; ``on`` is the mesh at whose nodes it is given.
+
+    ``served`` is how the mesh serves it, if that is known.
 
     Warns
     -----
@@ -86,7 +94,9 @@ def warn_of_metric(new: SimplexMesh, metric: MetricAt, on: SimplexMesh | None) -
         If more than 20 % of the requested elements are missing, because cells are too large.  If
         the first layer on a wall is not as high as requested.
     """
-    found = unserved(RequestedElements.of_metric(new, metric, on, tuning.SAMPLE), metric)
+    if served is None:
+        served = RequestedElements.of_metric(new, metric, on, tuning.SAMPLE)
+    found = unserved(served, metric)
     finest = tuning.FINEST["plane triangles"]
     for one in found:
         text = one.missing + (
@@ -99,14 +109,7 @@ def warn_of_metric(new: SimplexMesh, metric: MetricAt, on: SimplexMesh | None) -
         warn_caller(str(layer), ResolutionWarning)
 
 
-def warn_of_lacks(
-    new: SimplexMesh,
-    size: Any,
-    wanted: Size,
-    old: SimplexMesh,
-    metric: MetricAt | None,
-    on: SimplexMesh | None,
-) -> None:
+def warn_of_lacks(new: SimplexMesh, size: Any, wanted: Size, old: SimplexMesh) -> None:
     """Warn of requests that a mesh does not serve, and of details that were kept.
 
     Parameters
@@ -118,10 +121,6 @@ def warn_of_lacks(
         The same, checked.
     old : SimplexMesh
         The mesh of nodal sizes.
-    metric : callable or None
-        If sizes depend on the direction.
-    on : SimplexMesh or None
-        The mesh at whose nodes the metric is given.
 
     Warns
     -----
@@ -129,9 +128,6 @@ def warn_of_lacks(
         For each of the worst requests: what is missing, where, and what helps.  Of edges of a plane
         boundary that are much shorter than their size.
     """
-    if metric is not None:
-        warn_of_metric(new, metric, on)
-        return
     if np.ndim(size) == 1 and not callable(size) and old.cell_dim == old.dim:
         size = SizeFunction(old, size)
     elif not isinstance(size, SizeFunction):

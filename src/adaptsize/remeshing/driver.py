@@ -30,7 +30,7 @@ from adaptsize.remeshing.attempts import (
     Budget,
     worst_places,
 )
-from adaptsize.remeshing.delivery import warn_of_lacks, without_fields
+from adaptsize.remeshing.delivery import warn_of_lacks, warn_of_metric, without_fields
 from adaptsize.remeshing.in_parts import remesh_parts
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.job import Job, prepared, task_of
@@ -203,8 +203,13 @@ class Remeshed(NamedTuple):
         """Warn of what the mesh, or the whole of which it is a part, lacks of the sizes."""
         if self.job is None or (whole is None and self.job.requests.required is not None):
             return  # beside facets that stay, no sizes can be followed
-        mesh, sizes = self.mesh if whole is None else whole, self.job.requests.sizes
-        warn_of_lacks(mesh, sizes.given, sizes.at, sizes.on, sizes.metric, sizes.metric_on)
+        mesh, requests = self.mesh if whole is None else whole, self.job.requests
+        sizes = requests.sizes
+        if sizes.metric is None:
+            warn_of_lacks(mesh, sizes.given, sizes.at, sizes.on)
+        else:
+            served = requests.served_by(mesh)
+            warn_of_metric(mesh, sizes.metric, sizes.metric_on, served)
 
 
 def remeshed(

@@ -3,7 +3,7 @@
 Generators have been observed to crash the interpreter, hang, ignore SIGTERM, replace
 the handler of SIGINT, print, and write files into the working directory.  Therefore each
 call gets a new process in its own session and temporary directory, under a supervisor
-(`adaptsize._children`).  The supervisor ends it with all that it has started, and removes the
+(`adaptsize._supervisor`).  The supervisor ends it with all that it has started, and removes the
 directory, when the time limit is reached or the caller is interrupted, ends or is killed.
 """
 
@@ -25,8 +25,9 @@ from typing import Any, NoReturn
 import numpy.typing as npt
 
 from adaptsize import _cores
-from adaptsize._children import how_it_ended, isolated, job_line, pipe_of, start, supervised
+from adaptsize._children import ends_within, how_it_ended, isolated, pipe_of, start, supervised
 from adaptsize._progress import Stage
+from adaptsize._supervisor import job_line
 from adaptsize.errors import BackendError, BackendTimeoutError
 from adaptsize.remeshing.protocol import Arrays, Program
 
@@ -117,8 +118,7 @@ class IsolatedRunner:
         began = time.monotonic()
         while True:
             self.report(text, None)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                child.wait(0.1)
+            if ends_within(child, 0.1):
                 return
             now = time.monotonic()
             if self.deadline is not None and now > self.deadline:

@@ -13,7 +13,6 @@ import numpy.typing as npt
 from adaptsize._checks import as_index_array, count_text, refusal, warn_caller
 from adaptsize._defaults import refused_above
 from adaptsize._messages import Message
-from adaptsize._pickling import once
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.background.simplex import as_mesh
@@ -23,6 +22,7 @@ from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions
 from adaptsize.quality.boundary import farthest_places
+from adaptsize.quality.by_place import RequestedElements
 from adaptsize.quality.certificate import NEAR
 from adaptsize.quality.connections import refuse_repeated_cells
 from adaptsize.quality.elements import folded_cells, refuse_folded
@@ -62,6 +62,9 @@ from adaptsize.remeshing.surface_checks import warn_of_surface
 from adaptsize.remeshing.through_surface import refilled
 from adaptsize.sizes import Enclosed, predict
 from adaptsize.typing import FloatArray, IntArray
+
+#: Distance of nodes that rounding alone has moved, over the diagonal.
+_SAME_PLACE = 1e-12
 
 
 def prepared(
@@ -147,6 +150,17 @@ class Requests:
         In a loop it is the first one.  If each mesh kept to the one before, they would drift away.
         """
         return problem.mesh if self.first is None else self.frame.mesh(self.first)
+
+    def served_by(self, new: SimplexMesh) -> RequestedElements | None:
+        """Return how a mesh serves the metric, if that was found when it was made."""
+        frame = self.frame
+        for problem in self._made.values():
+            for made, found in problem.served:
+                if np.array_equal(made.cells, new.cells) and np.allclose(
+                    frame.to_own(new.points), made.points, rtol=0.0, atol=_SAME_PLACE
+                ):
+                    return found.scaled(frame.scale, frame.from_own(found.points))
+        return None
 
     @property
     def follows_sizes(self) -> bool:
@@ -283,7 +297,7 @@ def _first_of_loop(mesh: SimplexMesh, old: SimplexMesh, given: RemeshOptions) ->
     if first is None or first.cell_dim != mesh.cell_dim or given["strict"]:
         return None
     limit = (1.0 + NEAR) * given["tolerance"] * old.diagonal
-    first = _repaired_once(first)
+    first = repair_mesh(first).mesh
     there, here = facets_of(first), facets_of(old)
     both = (there, here), (here, there)
     for one, other in both:  # takes little time, and finds most of what is far
@@ -293,11 +307,6 @@ def _first_of_loop(mesh: SimplexMesh, old: SimplexMesh, given: RemeshOptions) ->
         if farthest_places(one, other, limit).distance.max() > limit:
             return None
     return first
-
-
-def _repaired_once(mesh: SimplexMesh) -> SimplexMesh:
-    """Return the repaired mesh, which is kept with the given one for the next cycle of its loop."""
-    return once(mesh, "_repaired", lambda: repair_mesh(mesh).mesh)
 
 
 def _if_crossed(solid: Solid | None, mesh: SimplexMesh) -> Solid | None:
@@ -326,7 +335,7 @@ def _required(
 def _number_of_cells(mesh: SimplexMesh, size: object, problem: MeshingProblem) -> float:
     """Return the number of cells that the sizes predict."""
     if problem.task != "surface to tetrahedra":
-        return predict(problem.mesh, problem.sizes(problem.mesh.points)).cells
+        return predict(problem.mesh, problem.sizes_at_nodes).cells
     if isinstance(size, SizeFunction) and size.report is not None:
         nodes = size.background.points[: mesh.n_points]  # of its refined copy, the given ones first
         if np.array_equal(nodes, mesh.points):

@@ -14,7 +14,7 @@ import numpy as np
 
 from adaptsize.errors import BackendError
 from adaptsize.remeshing import tuning
-from adaptsize.remeshing.protocol import Arrays, MeshingProblem
+from adaptsize.remeshing.protocol import Arrays, MeshingProblem, mesh_of
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -41,13 +41,14 @@ def in_steps(
     mapping of str to array
         If no step serves the metric, the mesh whose edges are least too long on average.
     """
-    metric = problem.directions
-    if (
-        problem.facets.required.any()
-        or _missing(_elements(problem, made, metric)) <= tuning.MISSING
-    ):
+    if problem.facets.required.any():
         return made
-    best, least = made, _elements(problem, made, metric).excess()
+    metric = problem.directions
+    first = _elements(problem, made, metric)
+    if _missing(first) <= tuning.MISSING:
+        problem.served.append((mesh_of(made), first))
+        return made
+    best, least = made, first.excess()
     current: Arrays = first_mesh(problem)
     reached, missing = np.inf, 0.0
     floors, largest = _floors(problem)
@@ -126,11 +127,9 @@ def _floors(problem: MeshingProblem) -> tuple[FloatArray, float]:
 def _elements(
     problem: MeshingProblem, made: Arrays, metric: Callable[[FloatArray], Metric]
 ) -> RequestedElements:
-    from adaptsize.background import SimplexMesh
     from adaptsize.quality.by_place import RequestedElements
 
-    mesh = SimplexMesh(made["points"], made["cells"])
-    return RequestedElements.of_metric(mesh, metric, problem.metric_mesh, tuning.SAMPLE)
+    return RequestedElements.of_metric(mesh_of(made), metric, problem.metric_mesh, tuning.SAMPLE)
 
 
 def _missing(elements: RequestedElements) -> float:

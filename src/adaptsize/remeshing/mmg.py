@@ -41,7 +41,15 @@ from adaptsize.errors import BackendError
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing._medit import read_medit, write_medit
 from adaptsize.remeshing.metric_steps import first_mesh, in_steps, is_far
-from adaptsize.remeshing.protocol import Arrays, Backend, MeshingProblem, Program, Task
+from adaptsize.remeshing.protocol import (
+    Arrays,
+    Backend,
+    Made,
+    MeshingProblem,
+    Program,
+    Task,
+    mesh_of,
+)
 from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -198,7 +206,7 @@ class _Mmg(NamedTuple):
     run: IsolatedRunner
     text: Stage
 
-    def adapt(self, made: Arrays, sizes: FloatArray, hausd: float) -> Arrays:
+    def adapt(self, made: Arrays, sizes: FloatArray, hausd: float) -> Made:
         """Run Mmg, with a gradation that leaves the sizes unchanged.
 
         Raises
@@ -214,7 +222,7 @@ class _Mmg(NamedTuple):
             "megabytes": _memory(made, sizes),
         }
         arrays = {**made, "sizes": sizes, "corners": _corners(made, options)}
-        new = self.run(MMG, self.text, arrays, options)
+        new = Made(self.run(MMG, self.text, arrays, options))
         if len(new["cells"]) == 0:
             raise BackendError("mmg returned an empty mesh")
         # The result is checked as a whole later, but its edges are measured before.
@@ -256,9 +264,11 @@ def _memory(made: Arrays, sizes: FloatArray) -> int | None:
 
 def _requested(problem: MeshingProblem, points: FloatArray, factor: float) -> FloatArray:
     """Return sizes times a factor, float64[n], or rows of the metric, float64[n, 3 or 6]."""
+    is_first = points is problem.mesh.points
     if problem.metric is None:
-        return factor * problem.sizes(points)
-    return _rows(problem.metric(points).scaled(factor))
+        return factor * (problem.sizes_at_nodes if is_first else problem.sizes(points))
+    metric = problem.metric_at_nodes if is_first else problem.metric(points)
+    return _rows(metric.scaled(factor))
 
 
 def _rows(metric: Metric) -> FloatArray:
@@ -272,10 +282,9 @@ def _band_and_median(size: Size, made: Arrays, metric: MetricAt | None) -> tuple
 
     If there are many edges, an even sample of them is taken.
     """
-    from adaptsize.background.topology import edges_of
     from adaptsize.quality.by_place import is_in_band
 
-    edges = edges_of(made["cells"], len(made["points"]))
+    edges = mesh_of(made).edges
     if metric is None:
         ends = made["points"][edges[:: len(edges) // tuning.SAMPLE + 1]]
         ratio = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) / size(ends.mean(axis=1))
@@ -310,10 +319,9 @@ class _Elements(NamedTuple):
 
     def served(self, made: Arrays) -> float:
         """Return the share of them at whose place the cells of a mesh have the size."""
-        from adaptsize.background import SimplexMesh
         from adaptsize.quality.by_place import is_in_band
 
-        mesh = SimplexMesh(made["points"], made["cells"])
+        mesh = mesh_of(made)
         pairs = np.array(list(combinations(range(mesh.cell_dim + 1), 2)))
         ends = mesh.points[mesh.cells[mesh.locator.nearest(self.places)[0]][:, pairs]]
         edges = np.linalg.norm(ends[:, :, 0] - ends[:, :, 1], axis=2).mean(axis=1)

@@ -9,11 +9,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from adaptsize._pickling import once
 from adaptsize.background import SimplexMesh
 from adaptsize.background.merging import first_at_place
 from adaptsize.background.topology import (
     compacted,
     have_different_nodes,
+    marked,
     places_among,
     regions_beside,
     unique_rows,
@@ -23,7 +25,7 @@ from adaptsize.geometry.repair import Repair, repair_triangles
 from adaptsize.geometry.solid import Solid
 from adaptsize.metrics import Metric
 from adaptsize.remeshing.acceptance import refuse_other_domain
-from adaptsize.remeshing.protocol import NO_TAG, Arrays, Facets, MeshingProblem, Task
+from adaptsize.remeshing.protocol import NO_TAG, Arrays, Facets, MeshingProblem, Task, mesh_of
 from adaptsize.remeshing.sizing import MetricAt, Size
 from adaptsize.typing import FloatArray, IndexArray, IntArray
 
@@ -51,7 +53,14 @@ def repair_mesh(mesh: SimplexMesh) -> RepairedMesh:
     vanish by topology, duplicates are removed, and nodes on open edges of other triangles are
     joined with these.  Other meshes keep coincident points, because they form slits.
     Point and cell data are dropped.
+
+    The result is kept with the given mesh.  Loops need it again: of the first mesh in each cycle,
+    and of each mesh for all that a cycle makes of it.
     """
+    return once(mesh, "_repaired", lambda: _repaired(mesh))
+
+
+def _repaired(mesh: SimplexMesh) -> RepairedMesh:
     if mesh.cell_dim == 2 and mesh.dim == 3:
         return _repaired_surface(mesh)
     cells = np.array(mesh.cells)
@@ -59,7 +68,8 @@ def repair_mesh(mesh: SimplexMesh) -> RepairedMesh:
         inverted = mesh.signed_measures < 0.0
         if mesh.in_a_cell.all() and not inverted.any():
             numbers = np.arange(mesh.n_points, dtype=np.int32)
-            return RepairedMesh(mesh.moved(mesh.points), numbers, numbers)
+            bare = mesh.without_data().with_original(None)
+            return RepairedMesh(bare, numbers, numbers)
         cells[inverted, :2] = cells[inverted, 1::-1]
     tagged = mesh.tagged_facets
     return _without_unused_nodes(
@@ -163,8 +173,15 @@ def as_problem(
     ``tolerance`` is over the diagonal, and ``required`` are facets to keep.
     """
     regions, region_tags = number_regions(mesh)
-    facets = collect_facets(mesh, regions, required)
+    facets = facets_that_stay(mesh) if required is None else collect_facets(mesh, regions, required)
     return MeshingProblem(task, mesh, tolerance * mesh.diagonal, facets, regions, region_tags)
+
+
+def facets_that_stay(mesh: SimplexMesh) -> Facets:
+    """Return boundary, interface and tagged facets, which are kept with the mesh."""
+    return once(
+        mesh, "_facets_that_stay", lambda: collect_facets(mesh, number_regions(mesh)[0], None)
+    )
 
 
 def number_regions(mesh: SimplexMesh) -> tuple[IntArray, IntArray]:
@@ -330,10 +347,13 @@ def _checked(raw: Arrays, backend: str) -> tuple[SimplexMesh, IntArray]:
         raise BackendError(f"{backend} returned an empty mesh")
     if cells.min() < 0 or cells.max() >= len(points):
         raise BackendError(f"{backend} returned a mesh with indices out of range")
-    used, local = compacted(cells)
-    if not np.isfinite(points[used]).all():
-        raise BackendError(f"{backend} returned coordinates that are not finite")
-    mesh, new_number = SimplexMesh(points[used], local), places_among(used, len(points))
+    if marked(cells.ravel(), len(points)).all() and np.isfinite(points).all():
+        mesh, new_number = mesh_of(raw), np.arange(len(points), dtype=np.int32)
+    else:
+        used, local = compacted(cells)
+        if not np.isfinite(points[used]).all():
+            raise BackendError(f"{backend} returned coordinates that are not finite")
+        mesh, new_number = SimplexMesh(points[used], local), places_among(used, len(points))
     if mesh.cell_dim < mesh.dim:
         return mesh, new_number
     if mesh.signed_measures.sum() < 0.0:  # some generators use the opposite orientation

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, TypeAlias
@@ -15,6 +16,8 @@ from adaptsize.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:  # the child processes do not need the mesh classes
     from adaptsize.background import SimplexMesh
+    from adaptsize.metrics import Metric
+    from adaptsize.quality.by_place import RequestedElements
     from adaptsize.remeshing.isolation import IsolatedRunner
     from adaptsize.remeshing.sizing import MetricAt
 
@@ -28,6 +31,22 @@ TASKS: Mapping[tuple[int, int, str], Task] = {
     (2, 3, "tetrahedra"): "surface to tetrahedra",
 }
 Arrays: TypeAlias = Mapping[str, npt.NDArray[Any]]
+
+
+class Made(dict[str, npt.NDArray[Any]]):
+    """The arrays of a mesh that a generator has made, and this mesh, whose topology is kept."""
+
+    @cached_property
+    def mesh(self) -> SimplexMesh:
+        """The mesh of the points and cells."""
+        from adaptsize.background import SimplexMesh
+
+        return SimplexMesh(self["points"], self["cells"])
+
+
+def mesh_of(arrays: Arrays) -> SimplexMesh:
+    """Return the mesh of points and cells."""
+    return (arrays if isinstance(arrays, Made) else Made(arrays)).mesh
 
 
 class Program(NamedTuple):
@@ -106,6 +125,8 @@ class MeshingProblem:
         they grow inside.
     enclosing : Enclosing or None
         If facets of a surface to be filled cross, and the boundary of the union is not known.
+    served : list of (SimplexMesh, RequestedElements)
+        Meshes that a generator has made for the metric, and how these serve it.
     """
 
     task: Task
@@ -122,6 +143,7 @@ class MeshingProblem:
     is_adapted: bool = False
     in_volume: Callable[[MeshingProblem], MeshingProblem] | None = None
     enclosing: Enclosing | None = None
+    served: list[tuple[SimplexMesh, RequestedElements]] = field(default_factory=list)
 
     @property
     def sizes(self) -> Callable[[FloatArray], FloatArray]:
@@ -136,6 +158,20 @@ class MeshingProblem:
         if self.metric is None:
             raise ValueError("the request has no metric")
         return self.metric
+
+    @cached_property
+    def metric_at_nodes(self) -> Metric:
+        """The requested metric at the nodes of the mesh."""
+        return self.directions(self.mesh.points)
+
+    @cached_property
+    def sizes_at_nodes(self) -> FloatArray:
+        """The requested edge lengths at the nodes of the mesh, with a metric their means."""
+        from adaptsize.remeshing.sizing import mean_of
+
+        if self.metric is None:
+            return self.sizes(self.mesh.points)
+        return mean_of(self.metric_at_nodes, self.mesh.cell_dim)
 
 
 class Backend(Protocol):

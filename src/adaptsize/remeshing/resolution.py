@@ -8,6 +8,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
+from adaptsize._pickling import once
 from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.background.bisection import resolved
@@ -74,7 +75,9 @@ def as_request(
     is_by_mmg : bool
         Only Mmg rounds edges, unless they are passed as ridges.
     """
-    own, ridges = frame.mesh(mesh), np.empty((0, 2), np.int32)
+    # A mesh has one frame.
+    own = once(mesh, "_in_its_frame", lambda: frame.mesh(mesh))
+    ridges = np.empty((0, 2), np.int32)
     size, known = frame.size(sizes.at), frame.to_own(known_points(sizes.given, mesh.dim))
     if task != "surface to tetrahedra" and required is None:
         if is_by_mmg and task != "plane triangles":

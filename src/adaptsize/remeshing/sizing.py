@@ -217,8 +217,7 @@ def as_metric_at(size: Any, mesh: SimplexMesh, hmax: float) -> MetricAt | None:
     elif not callable(size) or not isinstance(size(mesh.points[:1]), Metric):
         return None
 
-    def metric(points: FloatArray) -> Metric:
-        there = size(points)
+    def checked(there: Metric, points: FloatArray) -> Metric:
         if not isinstance(there, Metric) or there.sizes.shape != points.shape:
             wanted = f"a Metric with {len(points)} nodes in {points.shape[1]}-D"
             raise ValueError(f"size(points) must be {wanted}, got {describe(there)}")
@@ -229,20 +228,23 @@ def as_metric_at(size: Any, mesh: SimplexMesh, hmax: float) -> MetricAt | None:
         refuse_where("size", bad, there.sizes, wanted)
         return there
 
-    metric(mesh.points)
-    return metric
+    is_nodal = isinstance(size, MetricFunction) and np.array_equal(size.mesh.points, mesh.points)
+    at_nodes = size.metric if is_nodal and mesh.in_a_cell.all() else size(mesh.points)
+    checked(at_nodes, mesh.points)
+    return lambda points: checked(size(points), points)
 
 
 def mean_size(metric: MetricAt, cell_dim: int) -> Size:
+    """Return the mean of the sizes as a function of points, see `mean_of`."""
+    return lambda points: mean_of(metric(points), cell_dim)
+
+
+def mean_of(metric: Metric, cell_dim: int) -> FloatArray:
     """Return the geometric mean of the sizes: that of regular cells of the same measure.
 
     On a surface it is the mean of the two smallest, because the largest is that along the normal.
     """
-
-    def size(points: FloatArray) -> FloatArray:
-        return np.asarray(np.exp(np.log(metric(points).sizes[:, :cell_dim]).mean(axis=1)))
-
-    return size
+    return np.asarray(np.exp(np.log(metric.sizes[:, :cell_dim]).mean(axis=1)))
 
 
 def metric_on(size: Any, mesh: SimplexMesh) -> SimplexMesh | None:

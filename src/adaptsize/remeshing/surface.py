@@ -29,7 +29,7 @@ from adaptsize.background.topology import (
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.geometry.creases import folds_of, normals_of, sharp_facets
 from adaptsize.remeshing import tuning
-from adaptsize.remeshing.preparation import collect_facets, number_regions
+from adaptsize.remeshing.preparation import facets_that_stay
 from adaptsize.remeshing.sizing import Size, once_per_point
 from adaptsize.typing import BoolArray, FloatArray, IntArray
 
@@ -137,10 +137,10 @@ def facets_of(mesh: SimplexMesh) -> SimplexMesh:
         return mesh
 
     def collected() -> SimplexMesh:
-        found = collect_facets(mesh, number_regions(mesh)[0], None)
+        found = facets_that_stay(mesh)
         return SimplexMesh(mesh.points, found.nodes, cell_tags=found.groups)
 
-    return once(mesh, "_facets_that_stay", collected)
+    return once(mesh, "_mesh_of_facets_that_stay", collected)
 
 
 def sliver_height(mesh: SimplexMesh, size: Size, height: float) -> float:

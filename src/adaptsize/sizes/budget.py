@@ -65,11 +65,13 @@ def mean_density(corner_sizes: FloatArray) -> FloatArray:
         h = np.where(free, 1.0, corners)
         m = np.sqrt(h.min(axis=0)) * np.sqrt(h.max(axis=0))
         over_m = h / m  # powers of small or large sizes stay in range
-        total = np.zeros(len(m))
+        total, term = np.zeros(len(m)), np.empty(len(m))
         for x, weight in zip(*_GAUSS, strict=True):
             product = np.full(len(m), 2.0 * d * weight * (1.0 - x) ** (d - 1))
             for at_corner in over_m:
-                product /= at_corner * (1.0 - x) + (1.0 + x)
+                np.multiply(at_corner, 1.0 - x, out=term)
+                term += 1.0 + x
+                product /= term
             total += product
         # Larger densities of elements are cut, since powers of tiny sizes overflow.
         total *= np.maximum(m, 1e300 ** (-1.0 / d)) ** -d
