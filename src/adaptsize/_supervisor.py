@@ -76,7 +76,10 @@ class _Job:
 
     def wait(self) -> int:
         """Return the exit code, or that of the signal times -1."""
-        return os.waitstatus_to_exitcode(os.waitpid(self.number, 0)[1])
+        try:
+            return os.waitstatus_to_exitcode(os.waitpid(self.number, 0)[1])
+        except ChildProcessError:  # the other thread has ended it, and will end this process
+            return 1
 
     def kill(self) -> None:
         """Kill the process and its session."""
