@@ -148,6 +148,14 @@ MOST_WARNINGS = 5
 #: Edges of the boundary shorter than this times the size are details of it, if there are that many.
 DETAIL, FEW_DETAILS = 0.125, 5
 
+# Surfaces that cross themselves -------------------------------------------------------------------
+
+#: Where facets of an adapted surface cross, it is made again with this share of the sizes there,
+#: which grow by so much per length, up to so many times.
+SIZE_AT_CROSSINGS, GROWTH_OFF_CROSSINGS, MORE_SURFACES = 0.5, 0.25, 4
+#: Facets that cross others up to which this is tried.
+MOST_CROSSINGS = 100
+
 # Details of surfaces ------------------------------------------------------------------------------
 
 #: Shares of the length: how far a loop may be from a plane; how far points may be from it to be in
