@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import Delaunay
 from shapes import block, facet_areas, joined, two_region_block, two_region_rectangle
 
-from adaptsize import SimplexMesh
+from adaptsize import CartesianGrid, SimplexMesh
 from adaptsize._kernels.local_mesh import new_work
 from adaptsize._kernels.star_changes import _may_vanish as may_vanish
 from adaptsize.background.location import in_space
@@ -418,3 +418,22 @@ def test_a_node_is_inserted_only_if_samples_of_both_surfaces_stay_within_the_tol
     assert 0.49 * height < gap <= height * (1.0 + 1e-9)
     assert with_wanted(mesh, given, 1.01 * gap, place, facet).n_points == mesh.n_points + 1
     assert with_wanted(mesh, given, gap / 1.03, place, facet) is mesh
+
+
+def film(n, thin):
+    """A plate of n x n cells whose middle is much thinner than these."""
+    mesh = CartesianGrid([0.0, 0.0, -0.5], [1.0] * 3, (n + 1, n + 1, 2)).mesh
+    points = mesh.points.copy()
+    away = np.linalg.norm(points[:, :2] - 0.5 * n, axis=1)
+    points[:, 2] *= np.clip(thin + 0.4 * (away - 2.0), thin, 1.0)
+    return mesh.moved(points)
+
+
+@pytest.mark.parametrize("tolerance", [0.3, 0.5])
+def test_nodes_leave_the_surface_where_a_wall_is_much_thinner_than_the_tolerance(tolerance):
+    mesh = film(10, 0.06)
+    new = repaired(mesh, mesh, tolerance)
+    assert minimum_angles(mesh).min() < 4.0
+    assert minimum_angles(new).min() > 15.0
+    assert gap(facets_of(new), facets_of(mesh)) <= tolerance
+    assert overlapping_cells(new) is None

@@ -24,6 +24,7 @@ from adaptsize.geometry.solid import Solid
 from adaptsize.options import RemeshOptions, checked
 from adaptsize.remeshing import filling, netgen
 from adaptsize.remeshing.acceptance import Judge
+from adaptsize.remeshing.crossings import crossing_facets, smaller_at
 from adaptsize.remeshing.filling import adapt_surface, unless_overlapping
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.job import prepared
@@ -359,3 +360,72 @@ def test_an_improvement_that_makes_cells_overlap_is_not_kept():
     assert unless_overlapping(twice, whole) is whole
     assert unless_overlapping(smaller, whole) is smaller
     assert unless_overlapping(twice, twice) is twice
+
+
+def _rotated(n, rows, height):
+    """A closed surface around an axis from its outline: radius and height of each row."""
+    turn = 2.0 * np.pi * np.arange(n) / n
+    circle = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(n)])
+    points = np.concatenate([r * circle + [0.0, 0.0, height * z] for r, z in rows])
+    here, cells = np.arange(n), []
+    for k in range(len(rows)):
+        a, b = here + n * k, (here + 1) % n + n * k
+        c, d = (x + n * ((k + 1) % len(rows) - k) for x in (a, b))
+        cells += [np.column_stack([a, b, d]), np.column_stack([a, d, c])]
+    return SimplexMesh(points, np.concatenate(cells))
+
+
+def shaft_in_bore(gap):
+    """Two tubes with a gap between them."""
+    inner = _rotated(128, [(1.0, 0), (1.0, 1), (0.6, 1), (0.6, 0)], 0.1)
+    outer = [(1.5, 0), (1.5, 1), (1.0 + gap, 1), (1.0 + gap, 0)]
+    return joined(inner, _rotated(128, outer, 0.1))
+
+
+def test_an_adapted_surface_that_crosses_itself_is_made_again_with_smaller_sizes_there():
+    surface, size = shaft_in_bore(0.0015), 0.15
+    run = RecordingRunner.without()
+    with pytest.warns(OpenSurfaceWarning, match="apart"):
+        _, found = attempts_at(surface, size, run)
+    assert [(one.route, one.status) for one in found.tried] == [
+        ("netgen on the adapted surface, then mmg", "met")
+    ]
+    assert len(run.arrays("surface")) > 2  # two for each surface
+    (filled,) = run.arrays("netgen:tetrahedralize")
+    assert not len(crossing_facets(SimplexMesh(filled["points"], filled["faces"])).cells)
+    lengths = found.best.mesh.edge_lengths
+    assert np.median(lengths) == pytest.approx(size, rel=0.4)
+
+
+def test_sizes_at_crossings_are_halved_and_grow_off_them():
+    places = np.array([[0.0, 0.0, 0.0], [99.0, 0.0, 0.0]])
+    size = smaller_at(lambda x: 1.0 + x[:, 0], places)
+    points = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 9.0, 0.0], [99.0, 0.0, 0.0]])
+    assert_allclose(size(points), [0.5, 0.75, 1.0, 0.5 + 0.25 * 99.0])
+
+
+def test_slivers_stay_where_facets_cross_without_them(monkeypatch):
+    """One cube is moved into another one instead of the removal of its slivers."""
+    crossed = joined(cube(), cube([0.5, 0.3, 0.4]))
+    same = np.arange(crossed.n_points)
+    monkeypatch.setattr(filling, "adapt_surface", lambda *_: (apart, np.empty((0, 2), np.int32)))
+    monkeypatch.setattr(filling, "remove_slivers", lambda *_: (crossed, same))
+    apart = joined(cube(), cube([2.0, 0.0, 0.0]))
+    problem = as_problem("surface to tetrahedra", apart, 1e-3)
+    problem = replace(problem, size=lambda x: np.full(len(x), 0.5))
+    surface, _, places = filling._adapted_surface(apart, None, problem, None)
+    assert surface is apart
+    assert len(places) == 0
+
+
+def test_netgen_is_not_run_again_after_its_limit_of_time(monkeypatch):
+    asked = []
+
+    def fill(surface, _run):
+        asked.append(surface.n_cells)
+        raise BackendTimeoutError("too long")
+
+    monkeypatch.setattr(netgen, "fill", fill)
+    _, found = attempts_at(cube(), 0.5, RecordingRunner.without("tetwild:tetrahedralize"))
+    assert [one.status for one in found.tried[:2]] == ["timeout", "timeout"]
+    assert len(asked) == 2

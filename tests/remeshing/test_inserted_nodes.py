@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial import Delaunay
 
 from adaptsize import CartesianGrid, SimplexMesh
+from adaptsize._kernels.boundary_repair import INSERTION, LIFT
 from adaptsize._kernels.complexes import CELLS, FACETS
 from adaptsize._kernels.insertion import insert_in_facets
 from adaptsize._kernels.local_mesh import new_work
@@ -115,7 +116,7 @@ MADE = {"sheet": with_sheet, "interface": with_ragged_interface}
 def test_facets_inside_stay_faces_of_cells_after_a_repair(name, seed, checked):
     mesh = MADE[name](seed)
     new = repaired(mesh, mesh, 0.02 * mesh.diagonal)
-    assert sum(counts[-1] for counts in checked) > 0
+    assert sum(counts[INSERTION] for counts in checked) > 0
     assert _sorted(new.tagged_facets) <= _sorted(new.facets)
     if name == "interface":
         assert _sorted(new.tagged_facets) == _sorted(_between(new))
@@ -133,7 +134,7 @@ def test_facets_inside_stay_faces_of_cells_with_nodes_wanted_in_them(name, seed,
     new = boundary_repair._improved(mesh, mesh, 0.02, sizes, 5.0, keep_sharp=False, wanted=wanted)[
         0
     ]
-    assert checked[0][-1] > 0
+    assert checked[0][INSERTION] > 0
     assert _sorted(new.tagged_facets) <= _sorted(new.facets)
 
 
@@ -158,7 +159,7 @@ def test_there_is_room_for_the_nodes_that_may_be_added():
     sizes = np.full(mesh.n_points, 0.05)
     local, _ = boundary_repair.local_mesh(mesh, mesh, follower, sizes, 20.0, keep_sharp=False)
     room, free = len(local.points) - mesh.n_points, int(local.cx.n_free[0])
-    work, counts = new_work(len(local.points), len(local.angle)), np.zeros(8, np.int64)
+    work, counts = new_work(len(local.points), len(local.angle)), np.zeros(LIFT + 1, np.int64)
     assert insert_in_facets(local, places, facets, 1.0, work) == room > 70
     assert free - local.cx.n_free[0] > mesh.n_cells // 8
     check_rows(local)

@@ -8,7 +8,7 @@ operation by a least amount, so that there is an end.
 import numpy as np
 
 from adaptsize._kernels.compiling import lean, lean_kernel
-from adaptsize._kernels.complexes import CELLS
+from adaptsize._kernels.complexes import CELLS, NONE, nodes_of
 from adaptsize._kernels.heap import pop
 from adaptsize._kernels.insertion import N_PLACES, drop_of_insertion, insert
 from adaptsize._kernels.local_mesh import TETRAHEDRA, put_in_queue
@@ -22,14 +22,21 @@ from adaptsize._kernels.ring_changes import (
     remove_edge,
     remove_face,
 )
-from adaptsize._kernels.star_changes import change_star, drop_of_collapse, drop_of_move
+from adaptsize._kernels.star_changes import (
+    change_star,
+    drop_of_collapse,
+    drop_of_lift,
+    drop_of_move,
+    is_across_wall,
+)
 
 #: Least reduction of the penalty by an operation.
 _GAIN = 1e-4
 #: Kinds of operations.  Each has two numbers: the nodes of an edge, of which the first one vanishes
 #: in a collapse; or a cell, and for a face its opposite corner; or a node.
-#: An insertion has a cell and the number of one of its edges and faces, see `insertion`.
-COLLAPSE, EDGE, FACE, CELL, FLIP, MOVE, INSERTION = range(1, 8)
+#: An insertion has a cell and the number of one of its edges and faces, see `insertion`; a lift has
+#: a node of the boundary.
+COLLAPSE, EDGE, FACE, CELL, FLIP, MOVE, INSERTION, LIFT = range(1, 9)
 
 
 @lean
@@ -95,6 +102,26 @@ def _apply(mesh, kind, a, b, x, work):
 
 
 @lean_kernel
+def lift_best(mesh, c, work):
+    """Lift the node of a cell off the given surface that reduces the penalty most.
+
+    Only cells in walls thinner than the tolerance are looked at: no other operation makes these
+    thicker.  Returns whether there is such a node.
+    """
+    best, chosen, x = _GAIN, NONE, (0.0, 0.0, 0.0)
+    if not is_across_wall(mesh, c):
+        return False
+    for i in nodes_of(mesh.cx, c):
+        drop = drop_of_lift(mesh, i, best, work)
+        if drop > best:
+            best, chosen = drop, i
+            x = (work.place[0], work.place[1], work.place[2])
+    if chosen >= 0:
+        change_star(mesh, chosen, NONE, x, work)
+    return chosen >= 0
+
+
+@lean_kernel
 def insert_best(mesh, c, work):
     """Insert the node in a cell that reduces the penalty most; return whether there is one."""
     best, chosen, steps, x = _GAIN, -1, np.int64(0), (0.0, 0.0, 0.0)
@@ -112,25 +139,26 @@ def insert_best(mesh, c, work):
 def repair_waiting(mesh, n_cells, work, limits, counts):
     """Improve cells until no operation does; those for which there is no room are left out.
 
-    This ends where nothing but a new node may help, so that insertion is only compiled for it.
+    This ends where nothing but a lift or a new node may help, so that these are only compiled for
+    it.
 
     Parameters
     ----------
     mesh : LocalMesh
         In/Out.
     n_cells : int
-        Cells to put in the queue, in the first rows; none to go on after an insertion.
+        Cells to put in the queue, in the first rows; none to go on after a lift or an insertion.
     work : Work
     limits : tuple of int and float
         Number of attempts over that of the cells to improve, beside a thousand; and the angle of
-        cells below which nodes are inserted.
-    counts : int64[8]
+        cells below which nodes are lifted or inserted.
+    counts : int64[9]
         Out: number of operations of each kind; of attempts that are left, at 0.
 
     Returns
     -------
     int
-        The cell in which a node may be inserted, or -1 at the end.
+        The cell of which a node may be lifted or in which one may be inserted, or -1 at the end.
     """
     for row in range(n_cells):
         put_in_queue(mesh, row, work)

@@ -58,6 +58,8 @@ _LEAST_COSINE = 0.3
 _STEP, _ROUNDS = 0.3, 5
 #: Edges may become as short as this share of the size by moves.
 _SHORTEST = 0.7
+#: Normals of the two sides of a wall have a smaller cosine.
+_OPPOSITE = -0.5
 
 
 @lean
@@ -507,3 +509,49 @@ def drop_of_move(mesh, i, least, work):
             break
     _put(points, i, old)
     return drop
+
+
+@lean
+def is_across_wall(mesh, c):
+    """Return whether a cell has nodes on both sides of a wall thinner than the tolerance."""
+    nodes = nodes_of(mesh.cx, c)
+    for v in range(4):
+        for w in range(v):
+            i, j = nodes[v], nodes[w]
+            if not (is_on(mesh.cx, FACETS, i) and is_on(mesh.cx, FACETS, j)):
+                continue
+            at_i, at_j = _place(mesh.points, i), _place(mesh.points, j)
+            n, m = unit(_total_normal(mesh, i, at_i)[0]), unit(_total_normal(mesh, j, at_j)[0])
+            thickness = abs(dot(n, minus(at_i, at_j)))
+            if dot(n, m) < _OPPOSITE and thickness < mesh.samples.tolerance:
+                return True
+    return False
+
+
+@lean
+def drop_of_lift(mesh, i, least, work):
+    """Return by how much the penalty falls if node i leaves the given surface, or 0.
+
+    Steps along the normal to both sides are tested, up to the tolerance; the place of the best is
+    in the work.  Nodes of lines stay on these.
+    """
+    cx, points = mesh.cx, mesh.points
+    if mesh.is_corner[i] or not is_on(cx, FACETS, i) or is_on(cx, LINES, i):
+        return 0.0
+    old, found = _place(points, i), 0.0
+    e, step = unit(_total_normal(mesh, i, old)[0]), mesh.samples.tolerance
+    label, farthest2 = cx.about[first_corner(cx, FACETS, i) // 4, 0], step * step
+    for turn in range(2 * _ROUNDS):
+        s = step if turn % 2 == 0 else -step
+        x = (old[0] + s * e[0], old[1] + s * e[1], old[2] + s * e[2])
+        _put(points, i, x)
+        drop = _drop_around(mesh, i, NONE, max(least, found))
+        # What `_fits` looks at are places between the nodes.
+        is_near = drop > 0.0 and projected(mesh.surface, label, x, farthest2, work.stack)[0]
+        if is_near and _fits(mesh, i, NONE, old, work):
+            found = drop
+            work.place[0], work.place[1], work.place[2] = x
+        if turn % 2 == 1:
+            step *= 0.5
+    _put(points, i, old)
+    return found

@@ -11,8 +11,10 @@ removed.  An operation is applied only if
   the old facets of the given surface is within the tolerance of the new ones,
 * no edge becomes longer than sqrt 2 sizes.
 
-Where none of these improves a bad tetrahedron, a node is inserted in it, or in its faces and edges,
-with the best of the cavities around, see `insertion`.
+Where none of these improves a bad tetrahedron in a wall thinner than the tolerance, a node of it is
+lifted off the given surface, within the tolerance.  Where that does not help either, and elsewhere,
+a node is inserted in it, or in its faces and edges, with the best of the cavities around, see
+`insertion`.
 
 Feature edges are kept as such at first.  Where cells remain bad, sharp edges may be cut off within
 the tolerance.  Edges where regions or facets of different tags meet are always kept.
@@ -24,7 +26,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.boundary_repair import INSERTION, insert_best, repair_waiting
+from adaptsize._kernels.boundary_repair import (
+    INSERTION,
+    LIFT,
+    insert_best,
+    lift_best,
+    repair_waiting,
+)
 from adaptsize._kernels.complexes import CELLS, FACETS, LINES, Complex, new_complex
 from adaptsize._kernels.insertion import insert_in_facets
 from adaptsize._kernels.local_mesh import (
@@ -156,11 +164,11 @@ def _improved(
     points, scale = _in_range(mesh)
     follower = Follower(in_space(given.points * scale), points, tolerance * scale)
     local, tags = local_mesh(mesh, given, follower, sizes * scale, goal, keep_sharp=keep_sharp)
-    counts = np.zeros(8, np.int64)
+    counts = np.zeros(LIFT + 1, np.int64)
     work = new_work(len(local.points), len(local.angle))
     if wanted is not None and local.kind == TETRAHEDRA:
         places, facets = wanted.places * scale, wanted.facets.astype(np.int64)
-        counts[-1] = insert_in_facets(local, places, facets, wanted.least, work)
+        counts[INSERTION] = insert_in_facets(local, places, facets, wanted.least, work)
     limits = (tuning.CELLS_PER_BAD_CELL, tuning.INSERTED_BELOW)
     repair(local, mesh.n_cells, work, limits, counts)
     if not counts[1:].any():
@@ -172,12 +180,15 @@ def _improved(
 def repair(
     local: LocalMesh, n_cells: int, work: Work, limits: tuple[int, float], counts: LongArray
 ) -> None:
-    """Improve the cells in the first rows, and insert nodes where nothing else helps.
+    """Improve the cells in the first rows; lift and insert nodes where nothing else helps.
 
     See `repair_waiting` for the parameters.
     """
     while (cell := repair_waiting(local, n_cells, work, limits, counts)) >= 0:
-        counts[INSERTION] += insert_best(local, cell, work)
+        is_lifted = lift_best(local, cell, work)
+        counts[LIFT] += is_lifted
+        if not is_lifted:
+            counts[INSERTION] += insert_best(local, cell, work)
         n_cells = 0
 
 

@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
+import numpy as np
+
 from adaptsize._checks import count_text
 from adaptsize._messages import Message
 from adaptsize._progress import Stage
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import renumbered_edges
-from adaptsize.errors import BackendError, TooManyElementsError
+from adaptsize.errors import BackendError, BackendTimeoutError, TooManyElementsError
 from adaptsize.quality.boundary import overlapping_cells
 from adaptsize.remeshing import netgen, tuning
 from adaptsize.remeshing.attempts import Candidate
+from adaptsize.remeshing.crossings import crossing_facets, smaller_at
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.isolation import IsolatedRunner
 from adaptsize.remeshing.mmg import adapted
@@ -24,7 +27,7 @@ from adaptsize.remeshing.registry import available_backends
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.surface import refine_surface, remove_slivers, sliver_height
 from adaptsize.sizes import predict
-from adaptsize.typing import IntArray
+from adaptsize.typing import FloatArray, IntArray
 
 _STAGE = Stage("adapting the surface", "Mmg")
 FILLS_MORE = (
@@ -73,10 +76,10 @@ class Filling:
             generator = available_backends()["tetwild"]
             raw = generator.solve(replace(problem, size=None), replace(run, backend="tetwild"))
             inner = _inside(problem, raw, "tetwild")
-            note = number_note(inner, self._n_cells, self._max_elements)
+            if not self.surface.is_closed:  # otherwise the predicted number is that of the inside
+                note = number_note(inner, self._n_cells, self._max_elements)
         elif attempt.first == "netgen":
             inner = self._in_given_surface(problem, run)
-            note = number_note(inner, self._n_cells, self._max_elements)
         else:
             inner = self._in_adapted_surface(problem, run)
         if problem.in_volume is not None:
@@ -106,17 +109,27 @@ class Filling:
         )
 
     def _in_adapted_surface(self, problem: MeshingProblem, run: IsolatedRunner) -> MeshingProblem:
-        """Return the request to adapt what Netgen makes of a surface of the requested sizes."""
-        size, tolerance = problem.sizes, problem.tolerance
-        surface, ridges = self._with_short_edges(problem, tuning.THINNEST[0])
-        surface, ridges = adapt_surface(surface, ridges, size, tolerance, run)
-        # Where feature edges meet at small angles, Mmg makes edges much shorter than the size.
-        # Those shorter than this share of the tolerance are removed.
-        height = sliver_height(surface, size, 0.5 * tolerance)
-        surface, new_node = remove_slivers(surface, height)
-        ridges = renumbered_edges(ridges, new_node)
+        """Return the request to adapt what Netgen makes of a surface of the requested sizes.
+
+        Where facets of that cross each other, it is made again with smaller sizes around them.
+        """
+        given, ridges = self._without_crossings(problem)
+        surface, kept, crossings = _adapted_surface(given, ridges, problem, run)
+        for _ in range(tuning.MORE_SURFACES):
+            if not 0 < len(crossings) <= tuning.MOST_CROSSINGS:
+                break
+            problem = replace(problem, size=smaller_at(problem.sizes, crossings))
+            surface, kept, crossings = _adapted_surface(given, ridges, problem, run)
         raw = netgen.fill(surface, run)
-        return replace(_inside(problem, raw, "netgen"), ridges=ridges, is_adapted=True)
+        return replace(_inside(problem, raw, "netgen"), ridges=kept, is_adapted=True)
+
+    def _without_crossings(self, problem: MeshingProblem) -> tuple[SimplexMesh, IntArray]:
+        """Return the surface with short edges, without its slivers if no facets cross then."""
+        for thinnest in tuning.THINNEST:
+            found = self._with_short_edges(problem, thinnest)
+            if not len(crossing_facets(found[0]).cells):
+                break
+        return found
 
     def _in_given_surface(self, problem: MeshingProblem, run: IsolatedRunner) -> MeshingProblem:
         """Return the request to adapt what Netgen makes of the surface with divided edges.
@@ -127,6 +140,8 @@ class Filling:
             surface, ridges = self._with_short_edges(problem, thinnest)
             try:
                 raw = netgen.fill(surface, run)
+            except BackendTimeoutError:
+                raise  # with more slivers it takes longer
             except BackendError:
                 if thinnest == tuning.THINNEST[-1]:
                     raise
@@ -197,6 +212,25 @@ def _inside(problem: MeshingProblem, raw: Arrays, generator: str) -> MeshingProb
     volume = restore(raw, problem, generator)
     plain = as_problem("tetrahedra", volume, problem.tolerance / volume.diagonal)
     return replace(plain, size=problem.size, size_nodes=problem.size_nodes)
+
+
+def _adapted_surface(
+    surface: SimplexMesh, ridges: IntArray, problem: MeshingProblem, run: IsolatedRunner
+) -> tuple[SimplexMesh, IntArray, FloatArray]:
+    """Return a surface of the requested sizes to be filled, its ridges, and where facets cross."""
+    size, tolerance = problem.sizes, problem.tolerance
+    surface, ridges = adapt_surface(surface, ridges, size, tolerance, run)
+    # Where feature edges meet at small angles, Mmg makes edges much shorter than the size.  Those
+    # shorter than this share of the tolerance are removed, unless facets cross only then.
+    height = sliver_height(surface, size, 0.5 * tolerance)
+    thicker, new_node = remove_slivers(surface, height)
+    crossings = crossing_facets(thicker).places
+    if len(crossings):
+        before = crossing_facets(surface).places
+        if not len(before):
+            return surface, ridges, before
+        crossings = np.concatenate([crossings, before])
+    return thicker, renumbered_edges(ridges, new_node), crossings
 
 
 def adapt_surface(

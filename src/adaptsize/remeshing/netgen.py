@@ -26,7 +26,6 @@ from adaptsize.errors import BackendError
 from adaptsize.geometry.enclosed import enclosed_measure, is_oriented
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing.protocol import Arrays
-from adaptsize.typing import FloatArray
 
 if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
@@ -47,13 +46,14 @@ def fill(surface: SimplexMesh, run: IsolatedRunner) -> Arrays:
         If Netgen is not installed, fails, or makes something else.  If the surface is not closed,
         or crosses itself: then Netgen is not started, since it would fail.
     """
+    from adaptsize.remeshing.crossings import crossing_facets  # not in the child
+
     if not can_fill(surface):
         raise BackendError("netgen cannot fill the surface, which is not closed or not oriented")
-    place = _crossing(surface)
-    if place is not None:
-        raise BackendError(
-            f"netgen cannot fill the surface, which crosses itself at {place_text(place, 4)}"
-        )
+    crossing = crossing_facets(surface)
+    if len(crossing.cells):
+        place = place_text(crossing.places[crossing.depths.argmax()], 4)
+        raise BackendError(f"netgen cannot fill the surface, which crosses itself at {place}")
     seconds = min(run.seconds, tuning.SECONDS + tuning.SECONDS_PER_TRIANGLE * surface.n_cells)
     made = replace(run, backend="netgen", seconds=seconds)(
         "adaptsize.remeshing.netgen:tetrahedralize",
@@ -64,23 +64,6 @@ def fill(surface: SimplexMesh, run: IsolatedRunner) -> Arrays:
     if not _fills(made, surface):
         raise BackendError("netgen returned a mesh whose boundary is not the surface")
     return made
-
-
-def _crossing(surface: SimplexMesh) -> FloatArray | None:
-    """Return the place of the deepest crossing of two triangles, or None.
-
-    It costs .03 s for 20 000 triangles.
-    """
-    from adaptsize._kernels.crossings import find_crossings, new_crossings
-    from adaptsize.background.location import parts_of
-    from adaptsize.geometry.solid import SLACK
-
-    locator, found = surface.locator, new_crossings(surface.n_cells)
-    slack = SLACK * surface.diagonal * locator.scale
-    for first, last in parts_of(surface.n_cells, 1024):
-        find_crossings(locator.tree, slack, first, last, found)
-    deepest = int(found.depth.argmax())
-    return found.place[deepest] / locator.scale if found.depth[deepest] > 0.0 else None
 
 
 def can_fill(surface: SimplexMesh) -> bool:

@@ -8,13 +8,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from adaptsize._checks import as_number, check_type, place_text, warn_caller
-from adaptsize._kernels.crossings import find_crossings, new_crossings
 from adaptsize._messages import Message
 from adaptsize.background import SimplexMesh
-from adaptsize.background.location import parts_of
 from adaptsize.background.simplex import cut_out
 from adaptsize.background.topology import components_of, pairs_of_cells
 from adaptsize.errors import OpenSurfaceWarning
@@ -22,8 +19,8 @@ from adaptsize.geometry.distance.winding import WindingNumber
 from adaptsize.geometry.solid import SLACK as _SLACK
 from adaptsize.geometry.solid import Solid
 from adaptsize.remeshing import tuning
+from adaptsize.remeshing.crossings import crossing_facets
 from adaptsize.remeshing.hole_filling import bodies_of, boundary_loops, fill_loop, merged_surface
-from adaptsize.typing import FloatArray
 
 
 @dataclass(frozen=True)
@@ -66,7 +63,7 @@ def overlapping_bodies(surface: SimplexMesh) -> OverlappingBodies | None:
     See `SimplexMesh.overlapping_bodies`.
     """
     bodies = _Bodies(surface)
-    cells, partners, depths, places = _crossings(bodies.mesh)
+    cells, partners, depths, places = crossing_facets(bodies.mesh)
     both = np.sort(np.column_stack([bodies.number[cells], bodies.number[partners]]), axis=1)
     pairs = {(a, b) for a, b in np.unique(both, axis=0).tolist()}
     deepest = list(zip(depths.tolist(), places, strict=True))
@@ -97,21 +94,6 @@ def _listed(names: list[str]) -> str:
     if len(names) > tuning.MOST_NAMED:
         names = [*names[: tuning.MOST_NAMED], f"{len(names) - tuning.MOST_NAMED} more"]
     return ", ".join(names)
-
-
-def _crossings(
-    mesh: SimplexMesh,
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], FloatArray, FloatArray]:
-    """Return the triangles that cross others, and partner, depth and place of the deepest one."""
-    locator, n = mesh.locator, mesh.n_cells
-    found, slack = new_crossings(n), _SLACK * mesh.diagonal * locator.scale
-    for first, last in parts_of(n, 1024):
-        find_crossings(locator.tree, slack, first, last, found)
-    depths, partners, places = found[:3]
-    rows = np.flatnonzero(depths > 0.0)
-    cells = locator.cell_of_row[rows].astype(np.intp)
-    others = locator.cell_of_row[partners[rows]].astype(np.intp)
-    return cells, others, depths[rows] / locator.scale, places[rows] / locator.scale
 
 
 class _Bodies:

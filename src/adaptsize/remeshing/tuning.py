@@ -148,6 +148,15 @@ MOST_WARNINGS = 5
 #: Edges of the boundary shorter than this times the size are details of it, if there are that many.
 DETAIL, FEW_DETAILS = 0.125, 5
 
+# Surfaces that cross themselves -------------------------------------------------------------------
+
+#: Where facets of an adapted surface cross, it is made again with this share of the sizes there,
+#: which grow by so much per length, up to so many times.  Two public parts needed one and two more
+#: surfaces, a shaft in a bore that is .2 or .4 tolerances wider three.
+SIZE_AT_CROSSINGS, GROWTH_OFF_CROSSINGS, MORE_SURFACES = 0.5, 0.25, 4
+#: Facets that cross others up to which this is tried.  The shaft began with 662.
+MOST_CROSSINGS = 1000
+
 # Details of surfaces ------------------------------------------------------------------------------
 
 #: Shares of the length: how far a loop may be from a plane; how far points may be from it to be in
