@@ -14,6 +14,7 @@ The *walls* are defined as follows:
 Nodes in no cell are not in the domain.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from adaptsize._workers import Workers
 from adaptsize.background import SimplexMesh
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import have_different_nodes, roots_of, unique_rows
-from adaptsize.typing import BoolArray, FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 
 
 class FlatBoundary(NamedTuple):
@@ -51,6 +52,15 @@ class FlatBoundary(NamedTuple):
     has_flat: bool = False
 
 
+class OtherParts(NamedTuple):
+    """What `flat_boundary` needs of the other parts of a mesh."""
+
+    ids: LongArray
+    """int64[n_points]: global numbers of the nodes of this part."""
+    total: Callable[[npt.NDArray[np.uint64]], npt.NDArray[np.uint64]]
+    """Adds to nodal numbers those of the other parts at the same nodes; collective."""
+
+
 def facet_normals(corners: FloatArray) -> FloatArray:
     """Return the normals of segments in the plane, or of triangles, float64[f, dim, dim].
 
@@ -62,20 +72,31 @@ def facet_normals(corners: FloatArray) -> FloatArray:
     return np.asarray(np.cross(edges[:, 0], edges[:, 1]))
 
 
-def flat_boundary(mesh: SimplexMesh, threads: int = 1) -> FlatBoundary:
+def flat_boundary(
+    mesh: SimplexMesh, threads: int = 1, others: OtherParts | None = None
+) -> FlatBoundary:
     """Return the walls of a mesh of triangles in the plane or of tetrahedra.
 
-    O(n_cells); facets inside the mesh are never listed.
+    O(n_cells); facets inside the mesh are never listed.  With ``others``, few facets between two
+    parts are walls: those all of whose nodes are on the boundary of the whole mesh, or at which
+    cells overlap.  Cells with coincident nodes are left as they are then.
     """
-    return _walls(mesh.points, mesh.cells, threads, True)
-
-
-def _walls(points: FloatArray, cells: IntArray, threads: int, may_merge: bool) -> FlatBoundary:
-    n = len(points)
-    sums, found = _sums(points, cells, threads)
-    if found & kernels.HAS_COINCIDENT and may_merge:
+    points, cells = mesh.points, mesh.cells
+    sums, found = _sums(points, cells, threads, None if others is None else others.ids)
+    if others is not None:
+        sums = others.total(sums)
+    elif found & kernels.HAS_COINCIDENT:
         merged, alias = _without_short_edges(points, cells)
-        return _walls(points, merged, 1, False)._replace(alias=alias, has_flat=True)
+        sums, found = _sums(points, merged, 1, None)
+        return _walls(points, merged, sums, found)._replace(alias=alias, has_flat=True)
+    return _walls(points, cells, sums, found)
+
+
+def _walls(
+    points: FloatArray, cells: IntArray, sums: npt.NDArray[np.uint64], found: int
+) -> FlatBoundary:
+    """Return the walls, given the sums and the result of `kernels.sum_facets`."""
+    n = len(points)
     has_flat = bool(found & kernels.HAS_FLAT)
     rows, side, cell = _facets_at(points, cells, sums != 0)
     if len(rows) == 0:  # only folds
@@ -99,7 +120,9 @@ def _walls(points: FloatArray, cells: IntArray, threads: int, may_merge: bool) -
     return FlatBoundary(facets, owner[is_wall], is_simple, has_flat=has_flat)
 
 
-def _sums(points: FloatArray, cells: IntArray, threads: int) -> tuple[npt.NDArray[np.uint64], int]:
+def _sums(
+    points: FloatArray, cells: IntArray, threads: int, ids: LongArray | None
+) -> tuple[npt.NDArray[np.uint64], int]:
     """Return the sums and the result of `kernels.sum_facets`."""
     n, m = len(points), len(cells)
     axes = (0,) * points.shape[1]
@@ -110,7 +133,7 @@ def _sums(points: FloatArray, cells: IntArray, threads: int) -> tuple[npt.NDArra
 
     def add(first: int, last: int) -> None:
         k = first // step
-        found[k] = kernels.sum_facets(points, axes, given[first:last], sums[k])
+        found[k] = kernels.sum_facets(points, axes, given[first:last], ids, sums[k])
 
     def merge(first: int, last: int) -> None:
         np.sum(sums[:, first:last], axis=0, out=sums[0, first:last])

@@ -103,6 +103,8 @@ class Component(NamedTuple):
     """
     merge: Callable[[IntArray], IntArray] | None = None
     """Adds the rows of other processes to those of `kernels.list_edges`; None on a single one."""
+    complete: Callable[[Entries], Entries] | None = None
+    """Adds the nodes that other processes keep to those kept here, where all bounds are few."""
     at_any_price: bool = True
     """As in `Problem`."""
     links: SimplexMesh | None = None

@@ -170,6 +170,8 @@ def solve_by_sight(
     # In the plane, all nodes are kept if no bounds meet.
     if (steep is not None or plane is None) and len(entries.nodes):
         field.keep_survivors(component.margin, workers.part(0.0, 0.1))
+    if component.complete is not None:
+        field.groups[0] = component.complete(field.groups[0])
     if plane is not None:
         field.groups[0] = with_corners(field.groups[0], g, plane, linear, workers.report)
     h, source = h0.copy(), np.full(mesh.n_points, -1, np.int32)
