@@ -27,6 +27,9 @@ from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import have_different_nodes, roots_of, unique_rows
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 
+# Cells per chunk of a thread, a millisecond.
+_CELLS = 1 << 16
+
 
 class FlatBoundary(NamedTuple):
     """The walls of triangles in the plane or of tetrahedra.
@@ -88,17 +91,17 @@ def flat_boundary(
     elif found & kernels.HAS_COINCIDENT:
         merged, alias = _without_short_edges(points, cells)
         sums, found = _sums(points, merged, 1, None)
-        return _walls(points, merged, sums, found)._replace(alias=alias, has_flat=True)
-    return _walls(points, cells, sums, found)
+        return _walls(points, merged, sums, found, threads)._replace(alias=alias, has_flat=True)
+    return _walls(points, cells, sums, found, threads)
 
 
 def _walls(
-    points: FloatArray, cells: IntArray, sums: npt.NDArray[np.uint64], found: int
+    points: FloatArray, cells: IntArray, sums: npt.NDArray[np.uint64], found: int, threads: int
 ) -> FlatBoundary:
     """Return the walls, given the sums and the result of `kernels.sum_facets`."""
     n = len(points)
     has_flat = bool(found & kernels.HAS_FLAT)
-    rows, side, cell = _facets_at(points, cells, sums != 0)
+    rows, side, cell = _facets_at(points, cells, sums != 0, threads)
     if len(rows) == 0:  # only folds
         return FlatBoundary(rows, cell, False, has_flat=has_flat)
     unique, group = unique_rows(rows, n)
@@ -146,18 +149,40 @@ def _sums(
 
 
 def _facets_at(
-    points: FloatArray, cells: IntArray, marked: BoolArray
+    points: FloatArray, cells: IntArray, marked: BoolArray, threads: int
 ) -> tuple[IntArray, npt.NDArray[np.int8], IntArray]:
     """Return the facets all of whose nodes are marked, as from `kernels.list_facets`."""
+    given, axes = read_only(cells), (0,) * points.shape[1]
     room = 64 + 8 * int(np.count_nonzero(marked))  # enough but for piles
-    while True:
-        rows = np.empty((room, points.shape[1]), np.int32)
-        side, cell = np.empty(room, np.int8), np.empty(room, np.int32)
-        axes = (0,) * points.shape[1]
-        count = kernels.list_facets(points, axes, read_only(cells), marked, rows, side, cell)
-        if count <= room:
-            return rows[:count], side[:count], cell[:count]
-        room = count
+    found = [_FacetsAt.of(0, len(axes))] * max(1, -(-len(cells) // _CELLS))
+
+    def task(first: int, last: int) -> None:
+        own = _FacetsAt.of(min(room, (len(axes) + 1) * (last - first)), len(axes))
+        count = kernels.list_facets(points, axes, given[first:last], marked, *own)
+        if count > len(own.cells):
+            own = _FacetsAt.of(count, len(axes))
+            kernels.list_facets(points, axes, given[first:last], marked, *own)
+        own.cells[:count] += first
+        found[first // _CELLS] = _FacetsAt(*(column[:count] for column in own))
+
+    Workers(threads).in_chunks(task, len(cells), _CELLS)
+    rows, side, cell = (np.concatenate(columns) for columns in zip(*found, strict=True))
+    return rows, side, cell
+
+
+class _FacetsAt(NamedTuple):
+    """What `kernels.list_facets` fills."""
+
+    rows: IntArray
+    sides: npt.NDArray[np.int8]
+    cells: IntArray
+
+    @classmethod
+    def of(cls, room: int, dim: int) -> "_FacetsAt":
+        """Return room for some facets."""
+        return cls(
+            np.empty((room, dim), np.int32), np.empty(room, np.int8), np.empty(room, np.int32)
+        )
 
 
 def _without_short_edges(points: FloatArray, cells: IntArray) -> tuple[IntArray, IntArray]:

@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.exact_candidates import have_neighbours
 from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.geometry.convexity import count_corners
@@ -23,7 +22,7 @@ from adaptsize.geometry.plane_boundary import plane_boundary
 from adaptsize.limiting import tuning
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.boundary_of_parts import Skeleton, find_skeleton
-from adaptsize.limiting.exact.candidates import Component, margin_for
+from adaptsize.limiting.exact.candidates import Component, bounds_meet, margin_for
 from adaptsize.limiting.exact.components import ComponentPiece, piece_of
 from adaptsize.limiting.exact.exchange import exchange_rows, of_this_rank, reach_of
 from adaptsize.limiting.exact.field import (
@@ -62,7 +61,7 @@ def solve_piece(part: PartitionedMesh, number: int, component: Component) -> Com
     if skeleton is None:
         raise NeedsWholeMesh
     mesh, comm = piece.mesh, piece.ranks
-    meets = bool(have_neighbours(mesh.cells, component.h0))
+    meets = bounds_meet(mesh.cells, component.h0, threads)
     own_bounds = int(np.count_nonzero(np.isfinite(component.h0)))
     facts = comm.allgather((component.least, meets, own_bounds, len(piece.ids)))
     diagonal = skeleton.diagonal
@@ -75,7 +74,7 @@ def solve_piece(part: PartitionedMesh, number: int, component: Component) -> Com
         kept = np.full(len(piece.nodes), -1, np.int32)
         return ComponentSolution(np.full(len(piece.nodes), least), kept, field, none)
     component = component._replace(
-        order=along_curve(mesh.points),
+        order=along_curve(mesh.points, threads),
         meet=any(one[1] for one in facts),
         margin=margin_for(least, component.g, diagonal),
         merge=partial(_merge_rows, piece),

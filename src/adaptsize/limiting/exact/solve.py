@@ -157,7 +157,9 @@ def solve_by_sight(
 ) -> ComponentSolution:
     """Solve in a convex domain (no ``plane``) or in the plane."""
     mesh, h0, g = component.mesh, component.h0, component.g
-    order = along_curve(mesh.points) if component.order is None else component.order
+    order = component.order
+    if order is None:
+        order = along_curve(mesh.points, component.workers.threads)
     points = Points(mesh.points, order)
     if plane is not None:
         points = points._replace(on_wall=plane.boundary.rows)
