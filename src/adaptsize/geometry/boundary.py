@@ -163,7 +163,7 @@ def _facets_at(
             own = _FacetsAt.of(count, len(axes))
             kernels.list_facets(points, axes, given[first:last], marked, *own)
         own.cells[:count] += first
-        found[first // _CELLS] = _FacetsAt(*(column[:count] for column in own))
+        found[first // _CELLS] = _FacetsAt._make(column[:count] for column in own)
 
     Workers(threads).in_chunks(task, len(cells), _CELLS)
     rows, side, cell = (np.concatenate(columns) for columns in zip(*found, strict=True))

@@ -139,7 +139,7 @@ def margin_for(least: float, g: float, diagonal: float) -> float:
 
 def bounds_meet(cells: IntArray, h0: FloatArray, threads: int) -> bool:
     """Return whether any cell has two nodes with bounds."""
-    found = []
+    found: list[int] = []
 
     def task(first: int, last: int) -> None:
         if not found and kernels.have_neighbours(cells[first:last], h0):
