@@ -9,13 +9,16 @@ import time
 from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 from command_line import call
 from numba.core import event
 
 import adaptsize as ads
 from adaptsize._cores import cores
+from adaptsize._kernels.interpolate import interpolate
 from adaptsize.cli import entry, warmup
+from adaptsize.limiting import inside
 
 DATA = Path(__file__).parents[2] / "data"
 
@@ -171,6 +174,32 @@ def test_the_second_process_compiles_only_what_remesh_needs(tmp_path):
         for task in warmup._LAST:
             task()
     assert names.found == []
+
+
+def test_warmup_compiles_what_carries_sizes_around_corners(monkeypatch):
+    calls, kernel = [], inside.carry
+
+    def carry(*given):
+        calls.append(given)
+        kernel(*given)
+
+    monkeypatch.setattr(inside, "carry", carry)
+    warmup._through_solids()
+    assert len(calls) == 1
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_interpolation_is_compiled_once_for_values_of_any_kind():
+    mesh = ads.CartesianGrid([0.0] * 2, 1.0, (3, 3)).mesh
+    values, points = np.arange(18.0).reshape(9, 2), np.array([[0.5, 1.25]])
+    fixed = values[:, 0].copy()
+    fixed.flags.writeable = False
+    found, counts = [], []
+    for nodal in (fixed, fixed.copy(), values[:, 0]):  # as of size functions, new, a column
+        found.append(mesh.locator.interpolate(nodal, points)[0])
+        counts.append(len(interpolate.signatures))
+    assert found[0] == found[1] == found[2]
+    assert counts[0] == counts[1] == counts[2]
 
 
 def test_the_second_process_ends_when_the_first_one_does(monkeypatch):

@@ -65,8 +65,16 @@ def _has_coincident(points, axes, cells, c):
     return False
 
 
+@lean
+def _random_of(ids, i):
+    """Return 64 bits for a node: for its global number, if ``ids`` has these."""
+    if ids is None:
+        return _random(i)
+    return _random(ids[i])
+
+
 @lean_kernel
-def sum_facets(points, axes, cells, sums):
+def sum_facets(points, axes, cells, ids, sums):
     """Add up, at each node, signed random numbers of the facets there.
 
     At a node, a facet is identified by its other nodes: by r_b in the plane, and by the
@@ -77,6 +85,8 @@ def sum_facets(points, axes, cells, sums):
     points : float64[n, dim]
     axes : tuple of length dim, 2 or 3
     cells : int32[m, dim + 1]
+    ids : None or int64[n]
+        Global numbers of the nodes, for sums that parts of a mesh add up at nodes that they share.
     sums : uint64[n]
         In/Out: zeros; different from 0 then at the nodes of the boundary and of cells without
         measure, which have no orientation.
@@ -101,14 +111,14 @@ def sum_facets(points, axes, cells, sums):
             continue
         if measure < 0.0:
             i, j = j, i
-        a, b, d = _random(i), _random(j), _random(k)
+        a, b, d = _random_of(ids, i), _random_of(ids, j), _random_of(ids, k)
         if len(axes) == 2:
             sums[i] += b - d
             sums[j] += d - a
             sums[k] += a - b
         else:
             m = cells[c, len(axes)]
-            e = _random(m)
+            e = _random_of(ids, m)
             a2, b2 = a ^ (a >> _SHIFT), b ^ (b >> _SHIFT)
             d2, e2 = d ^ (d >> _SHIFT), e ^ (e >> _SHIFT)
             ab, ad, ae = a * b2 - b * a2, a * d2 - d * a2, a * e2 - e * a2

@@ -35,22 +35,15 @@ class Curve(NamedTuple):
 
 
 @lean_kernel
-def sort_along_curve(points, curve, keys, order, counts):
-    """Sort points along a Morton curve, equal keys by their number.
-
-    A key has the bits of the coordinates in turn, the highest first.  Keys are sorted by one digit
-    after another, from the lowest to the highest.
+def fill_keys(points, curve, keys):
+    """Fill the keys of points: the bits of the coordinates in turn, the highest first.
 
     Parameters
     ----------
     points : float64[n, dim]
     curve : Curve
-    keys : int64[2, n]
-        Out: the sorted keys, and scratch.
-    order : int32[2, n]
-        Out: the numbers of the points, and scratch.
-    counts : int64[2^DIGIT]
-        Scratch.
+    keys : int64[n]
+        Out.
     """
     lower, scale, spread = curve.lower, curve.scale, curve.spread
     dim = len(curve.axes)
@@ -61,24 +54,69 @@ def sort_along_curve(points, curve, keys, order, counts):
             along = (points[i, d] - lower[d]) * scale
             x = int(along) if 0.0 <= along < 2.0**BITS else 0
             key |= (spread[x & mask] | (spread[x >> DIGIT] << (DIGIT * dim))) << d
-        keys[0, i] = key
-        order[0, i] = i
+        keys[i] = key
+
+
+@lean_kernel
+def deal(keys, span, shift, places, dealt, order):
+    """Put keys, and their numbers, into buckets by their highest bits.
+
+    Parameters
+    ----------
+    keys : int64[n]
+    span : tuple of int
+        The first and the last key to process.
+    shift : int
+        Number of lower bits.
+    places : int64[n_buckets]
+        In/Out: the next place in each bucket.
+    dealt, order : int64[n], int32[n]
+        Out: keys, and their numbers.
+    """
+    for i in range(span[0], span[1]):
+        b = keys[i] >> shift
+        to = places[b]
+        places[b] = to + 1
+        dealt[to], order[to] = keys[i], i
+
+
+@lean_kernel
+def sort_keys(keys, order, span, bits, counts):
+    """Sort keys by their lower bits, equal ones in their order.
+
+    They are sorted by one digit after another, from the lowest to the highest.
+
+    Parameters
+    ----------
+    keys, order : int64[2, n], int32[2, n]
+        In/Out: keys, and their numbers; the second rows are scratch.
+    span : tuple of int
+        The first and the last key to sort.
+    bits : int
+    counts : int64[2^DIGIT]
+        Scratch.
+    """
+    first, last = span
+    mask = 2**DIGIT - 1
     here = 0
-    for shift in range(0, BITS * dim, DIGIT):  # an even number of digits
+    for shift in range(0, bits, DIGIT):
         for b in range(mask + 1):
             counts[b] = 0
-        for i in range(points.shape[0]):
+        for i in range(first, last):
             counts[(keys[here, i] >> shift) & mask] += 1
-        total = 0
+        total = first
         for b in range(mask + 1):
             total += counts[b]
             counts[b] = total - counts[b]
-        for i in range(points.shape[0]):
+        for i in range(first, last):
             b = (keys[here, i] >> shift) & mask
             to = counts[b]
             counts[b] = to + 1
             keys[1 - here, to], order[1 - here, to] = keys[here, i], order[here, i]
         here = 1 - here
+    if here == 1:
+        for i in range(first, last):
+            keys[0, i], order[0, i] = keys[1, i], order[1, i]
 
 
 @lean_kernel

@@ -4,31 +4,79 @@ from functools import cache, reduce
 
 import numpy as np
 
-from adaptsize._kernels.ordering import BITS, DIGIT, Curve, sort_along_curve, sort_for_tree
+from adaptsize._kernels.ordering import (
+    BITS,
+    DIGIT,
+    Curve,
+    deal,
+    fill_keys,
+    sort_for_tree,
+    sort_keys,
+)
 from adaptsize._kernels.trees import LEAF, Tree, fill_boxes
+from adaptsize._workers import Workers
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.typing import FloatArray, IntArray, LongArray
 
+# Points per chunk of a thread, some milliseconds, and per bucket, which fits into the cache.
+_CHUNK, _BUCKET = 1 << 17, 1 << 14
 
-def along_curve(points: FloatArray) -> IntArray:
+
+def along_curve(points: FloatArray, threads: int = 1) -> IntArray:
     """Return the numbers of points in the order of a Morton curve, int32[n].
 
     The time is 30 ns per point.  Points keep their order if the range of their coordinates, or
-    its inverse, overflows.
+    its inverse, overflows.  The points are put into buckets by the highest bits of their keys, and
+    these are sorted one by one.
     """
     n, dim = points.shape
     if n == 0:
         return np.empty(0, np.int32)
-    lower = [float(points[:, d].min()) for d in range(dim)]
-    width = max(float(points[:, d].max()) - lower[d] for d in range(dim))
-    scale = (2.0**BITS - 1.0) / width if width > 0.0 else 0.0
+    workers, given = Workers(threads), read_only(np.ascontiguousarray(points))
+    chunks = -(-n // _CHUNK)
+    box = np.empty((2, chunks, dim))
+
+    def bound(first: int, last: int) -> None:
+        for d in range(dim):
+            x = given[first:last, d]
+            box[:, first // _CHUNK, d] = x.min(), x.max()
+
+    workers.in_chunks(bound, n, _CHUNK)
+    lower = box[0].min(axis=0)
+    width = float((box[1].max(axis=0) - lower).max())
+    curve = Curve((0,) * dim, lower, _scale(width), _spread(dim))
+    n_bits = max(n // _BUCKET, 1).bit_length() - 1
+    lower_bits = BITS * dim - n_bits
     keys, order = np.empty((2, n), np.int64), np.empty((2, n), np.int32)
-    counts = np.empty(2**DIGIT, np.int64)
-    given = read_only(np.ascontiguousarray(points))
-    curve = Curve((0,) * dim, np.array(lower), scale, _spread(dim))
-    sort_along_curve(given, curve, keys, order, counts)
+    counts = np.empty((chunks, 2**n_bits), np.int64)
+
+    def fill(first: int, last: int) -> None:
+        own = keys[1, first:last]
+        fill_keys(given[first:last], curve, own)
+        counts[first // _CHUNK] = np.bincount(own >> lower_bits, minlength=2**n_bits)
+
+    workers.in_chunks(fill, n, _CHUNK)
+    ends = np.cumsum(counts.T).reshape(counts.T.shape).T
+    places = np.ascontiguousarray(ends - counts)
+    buckets = np.append(0, ends[-1])
+
+    def put(first: int, last: int) -> None:
+        row = places[first // _CHUNK]
+        deal(keys[1], (first, last), lower_bits, row, keys[0], order[0])
+
+    def sort(first: int, last: int) -> None:
+        span = int(buckets[first]), int(buckets[last])
+        sort_keys(keys, order, span, lower_bits, np.empty(2**DIGIT, np.int64))
+
+    workers.in_chunks(put, n, _CHUNK)
+    workers.in_chunks(sort, 2**n_bits, 1)
     found: IntArray = order[0].copy()
     return found
+
+
+def _scale(width: float) -> float:
+    """Return the factor from coordinates to keys."""
+    return (2.0**BITS - 1.0) / width if width > 0.0 else 0.0
 
 
 @cache

@@ -9,8 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_index_array, as_plain_array, check_type, describe, refuse_where
+from adaptsize._workers import in_all_threads
 from adaptsize.typing import FloatArray, IntArray
 
+# Cells per chunk of a thread, a millisecond.
+_CELLS = 1 << 17
 _LEAST_TAG, _LARGEST_TAG = -(2**31), 2**31 - 1
 _TAG_WANTED = f"must fit into 32 bits, from {_LEAST_TAG} to {_LARGEST_TAG}"
 
@@ -48,8 +51,12 @@ def as_cells(value: npt.ArrayLike, points: FloatArray) -> IntArray:
     if len(cells) == 0:
         raise ValueError("cells must hold at least one cell, got an empty array")
     repeated = np.zeros(len(cells), bool)
-    for a, b in combinations(range(cells.shape[1]), 2):
-        repeated |= cells[:, a] == cells[:, b]
+
+    def compare(first: int, last: int) -> None:
+        for a, b in combinations(cells[first:last].T, 2):
+            repeated[first:last] |= a == b
+
+    in_all_threads(compare, len(cells), _CELLS)
     if repeated.any():
         first = int(np.argmax(repeated))
         nodes = cells[first].tolist()

@@ -17,6 +17,7 @@ from adaptsize._kernels.location import Located, list_within, locate, locate_in_
 from adaptsize._kernels.trees import new_stack
 from adaptsize._workers import in_all_threads
 from adaptsize.background._curve import along_curve, tree_over
+from adaptsize.background._mesh_arrays import read_only
 from adaptsize.typing import FloatArray, IntArray, LongArray
 
 if TYPE_CHECKING:
@@ -90,6 +91,8 @@ class Locator(ABC):
         nodal = as_float_array("values", values, (self._mesh.n_points,))
         cells, weights, distances = self.nearest(points)
         result = np.empty(len(cells))
+        # The kernel is compiled once, for read-only values, as those of size functions are.
+        nodal = read_only(np.ascontiguousarray(nodal))
         interpolate(self._mesh.cells, nodal, cells, weights, result)
         return result, distances
 

@@ -307,13 +307,9 @@ class PartitionedMesh:
         weights = 0.5 + (mixed >> np.uint64(11)) * 2.0**-53
         finite = np.isfinite(values[nodes])
         own = np.where(finite, values[nodes], 0.0)
-        sums = np.array(
-            [
-                weights @ (count * own),
-                weights @ (count * ~finite),
-                weights @ np.abs(count * own),
-            ]
-        )
+        # Not ``weights @ ...``: for long vectors that wakes the threads of BLAS, which wait busily.
+        terms = weights * np.array([count * own, count * ~finite, np.abs(count * own)])
+        sums = terms.sum(axis=1)
         balance, of_inf, scale = self.ranks.allreduce(sums, "sum").tolist()
         if abs(balance) <= _ROUNDING * scale and abs(of_inf) < _ROUNDING * self.n_global_points:
             return

@@ -202,7 +202,8 @@ def _through_solids() -> None:
     skin = mesh.boundary().mesh
     solid = SurfaceDomain(skin, np.arange(skin.n_points), False, CREASE_ANGLE)
     bound = np.full(skin.n_points, 9.0)
-    bound[np.lexsort(skin.points.T)[0]] = 0.1  # at the origin, which all others see
+    # At the end of one leg, which the other leg does not see.
+    bound[np.lexsort((-skin.points[:, 0], *skin.points.T[1:]))[0]] = 0.1
     within = solid.inside, solid.inside.normals
     limit_inside(skin, within, bound, (skin.points[:1], bound[:1]), (), 0.2, Workers(1))
     skin.locator.weights(skin.points)

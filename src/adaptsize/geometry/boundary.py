@@ -14,6 +14,7 @@ The *walls* are defined as follows:
 Nodes in no cell are not in the domain.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,10 @@ from adaptsize._workers import Workers
 from adaptsize.background import SimplexMesh
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import have_different_nodes, roots_of, unique_rows
-from adaptsize.typing import BoolArray, FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
+
+# Cells per chunk of a thread, a millisecond.
+_CELLS = 1 << 16
 
 
 class FlatBoundary(NamedTuple):
@@ -51,6 +55,15 @@ class FlatBoundary(NamedTuple):
     has_flat: bool = False
 
 
+class OtherParts(NamedTuple):
+    """What `flat_boundary` needs of the other parts of a mesh."""
+
+    ids: LongArray
+    """int64[n_points]: global numbers of the nodes of this part."""
+    total: Callable[[npt.NDArray[np.uint64]], npt.NDArray[np.uint64]]
+    """Adds to nodal numbers those of the other parts at the same nodes; collective."""
+
+
 def facet_normals(corners: FloatArray) -> FloatArray:
     """Return the normals of segments in the plane, or of triangles, float64[f, dim, dim].
 
@@ -62,22 +75,33 @@ def facet_normals(corners: FloatArray) -> FloatArray:
     return np.asarray(np.cross(edges[:, 0], edges[:, 1]))
 
 
-def flat_boundary(mesh: SimplexMesh, threads: int = 1) -> FlatBoundary:
+def flat_boundary(
+    mesh: SimplexMesh, threads: int = 1, others: OtherParts | None = None
+) -> FlatBoundary:
     """Return the walls of a mesh of triangles in the plane or of tetrahedra.
 
-    O(n_cells); facets inside the mesh are never listed.
+    O(n_cells); facets inside the mesh are never listed.  With ``others``, few facets between two
+    parts are walls: those all of whose nodes are on the boundary of the whole mesh, or at which
+    cells overlap.  Cells with coincident nodes are left as they are then.
     """
-    return _walls(mesh.points, mesh.cells, threads, True)
-
-
-def _walls(points: FloatArray, cells: IntArray, threads: int, may_merge: bool) -> FlatBoundary:
-    n = len(points)
-    sums, found = _sums(points, cells, threads)
-    if found & kernels.HAS_COINCIDENT and may_merge:
+    points, cells = mesh.points, mesh.cells
+    sums, found = _sums(points, cells, threads, None if others is None else others.ids)
+    if others is not None:
+        sums = others.total(sums)
+    elif found & kernels.HAS_COINCIDENT:
         merged, alias = _without_short_edges(points, cells)
-        return _walls(points, merged, 1, False)._replace(alias=alias, has_flat=True)
+        sums, found = _sums(points, merged, 1, None)
+        return _walls(points, merged, sums, found, threads)._replace(alias=alias, has_flat=True)
+    return _walls(points, cells, sums, found, threads)
+
+
+def _walls(
+    points: FloatArray, cells: IntArray, sums: npt.NDArray[np.uint64], found: int, threads: int
+) -> FlatBoundary:
+    """Return the walls, given the sums and the result of `kernels.sum_facets`."""
+    n = len(points)
     has_flat = bool(found & kernels.HAS_FLAT)
-    rows, side, cell = _facets_at(points, cells, sums != 0)
+    rows, side, cell = _facets_at(points, cells, sums != 0, threads)
     if len(rows) == 0:  # only folds
         return FlatBoundary(rows, cell, False, has_flat=has_flat)
     unique, group = unique_rows(rows, n)
@@ -99,7 +123,9 @@ def _walls(points: FloatArray, cells: IntArray, threads: int, may_merge: bool) -
     return FlatBoundary(facets, owner[is_wall], is_simple, has_flat=has_flat)
 
 
-def _sums(points: FloatArray, cells: IntArray, threads: int) -> tuple[npt.NDArray[np.uint64], int]:
+def _sums(
+    points: FloatArray, cells: IntArray, threads: int, ids: LongArray | None
+) -> tuple[npt.NDArray[np.uint64], int]:
     """Return the sums and the result of `kernels.sum_facets`."""
     n, m = len(points), len(cells)
     axes = (0,) * points.shape[1]
@@ -110,7 +136,7 @@ def _sums(points: FloatArray, cells: IntArray, threads: int) -> tuple[npt.NDArra
 
     def add(first: int, last: int) -> None:
         k = first // step
-        found[k] = kernels.sum_facets(points, axes, given[first:last], sums[k])
+        found[k] = kernels.sum_facets(points, axes, given[first:last], ids, sums[k])
 
     def merge(first: int, last: int) -> None:
         np.sum(sums[:, first:last], axis=0, out=sums[0, first:last])
@@ -123,18 +149,40 @@ def _sums(points: FloatArray, cells: IntArray, threads: int) -> tuple[npt.NDArra
 
 
 def _facets_at(
-    points: FloatArray, cells: IntArray, marked: BoolArray
+    points: FloatArray, cells: IntArray, marked: BoolArray, threads: int
 ) -> tuple[IntArray, npt.NDArray[np.int8], IntArray]:
     """Return the facets all of whose nodes are marked, as from `kernels.list_facets`."""
+    given, axes = read_only(cells), (0,) * points.shape[1]
     room = 64 + 8 * int(np.count_nonzero(marked))  # enough but for piles
-    while True:
-        rows = np.empty((room, points.shape[1]), np.int32)
-        side, cell = np.empty(room, np.int8), np.empty(room, np.int32)
-        axes = (0,) * points.shape[1]
-        count = kernels.list_facets(points, axes, read_only(cells), marked, rows, side, cell)
-        if count <= room:
-            return rows[:count], side[:count], cell[:count]
-        room = count
+    found = [_FacetsAt.of(0, len(axes))] * max(1, -(-len(cells) // _CELLS))
+
+    def task(first: int, last: int) -> None:
+        own = _FacetsAt.of(min(room, (len(axes) + 1) * (last - first)), len(axes))
+        count = kernels.list_facets(points, axes, given[first:last], marked, *own)
+        if count > len(own.cells):
+            own = _FacetsAt.of(count, len(axes))
+            kernels.list_facets(points, axes, given[first:last], marked, *own)
+        own.cells[:count] += first
+        found[first // _CELLS] = _FacetsAt._make(column[:count] for column in own)
+
+    Workers(threads).in_chunks(task, len(cells), _CELLS)
+    rows, side, cell = (np.concatenate(columns) for columns in zip(*found, strict=True))
+    return rows, side, cell
+
+
+class _FacetsAt(NamedTuple):
+    """What `kernels.list_facets` fills."""
+
+    rows: IntArray
+    sides: npt.NDArray[np.int8]
+    cells: IntArray
+
+    @classmethod
+    def of(cls, room: int, dim: int) -> "_FacetsAt":
+        """Return room for some facets."""
+        return cls(
+            np.empty((room, dim), np.int32), np.empty(room, np.int8), np.empty(room, np.int32)
+        )
 
 
 def _without_short_edges(points: FloatArray, cells: IntArray) -> tuple[IntArray, IntArray]:

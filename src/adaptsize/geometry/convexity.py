@@ -34,13 +34,38 @@ def is_convex(points: FloatArray, boundary: FlatBoundary, ridges: Ridges | None 
     else:
         ridges = ridges_of(boundary.facets, len(points)) if ridges is None else ridges
         angles = turns_of(points, boundary.facets, ridges)
-    # A convex boundary may turn inwards by this sum of angles (radians).
-    if not -float(np.minimum(angles, 0.0).sum()) <= 2e-7:  # nan at irregular places
+    if inward_turns(angles) > MOST_INWARD:
         return False
     if in_plane:
         return abs(float(angles.sum()) - 2.0 * np.pi) < 1e-3
     corners = points[boundary.facets]
-    a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
+    return surrounds_once(solid_angle(corners, corners.mean(axis=(0, 1))))
+
+
+# Sums of angles in units of 2^-52 do not depend on the order, and so not on the parts of a mesh.
+_UNIT = 2.0**-52
+#: A convex boundary may turn inwards by this sum of angles (2e-7 radians), in these units.
+MOST_INWARD = int(2e-7 / _UNIT)
+
+
+def inward_turns(angles: FloatArray) -> int:
+    """Return the sum of the angles by which a boundary turns inwards, as compared to `MOST_INWARD`.
+
+    Angles that are nan, at irregular places, are too large.
+    """
+    limit = 2.0 * MOST_INWARD
+    inward = np.fmin(np.where(np.isnan(angles), limit, np.rint(-angles / _UNIT)), limit)
+    return int(np.maximum(inward, 0.0).astype(np.int64).sum())
+
+
+def surrounds_once(angle: float) -> bool:
+    """Return whether the solid angle of a closed boundary is that of a sphere."""
+    return abs(angle - 4.0 * np.pi) < 1e-3
+
+
+def solid_angle(corners: FloatArray, middle: FloatArray) -> float:
+    """Return the solid angle of facets, float64[f, 3, 3], seen from a point; nan behind any."""
+    a, b, c = np.moveaxis(corners - middle, 1, 0)
     volume = np.einsum("ij,ij->i", a, cross(b, c))
     la, lb, lc = map(norms, (a, b, c))
     mixed = (
@@ -49,9 +74,8 @@ def is_convex(points: FloatArray, boundary: FlatBoundary, ridges: Ridges | None 
         + np.einsum("ij,ij->i", b, c) * la
         + np.einsum("ij,ij->i", c, a) * lb
     )
-    # Solid angles of the facets, seen from the middle (van Oosterom and Strackee).
-    around = 2.0 * np.arctan2(volume, mixed)
-    return bool((volume >= 0.0).all()) and abs(float(around.sum()) - 4.0 * np.pi) < 1e-3
+    # Van Oosterom and Strackee.
+    return float(2.0 * np.arctan2(volume, mixed).sum()) if (volume >= 0.0).all() else np.nan
 
 
 def count_corners(points: FloatArray, boundary: FlatBoundary) -> int:
@@ -82,18 +106,38 @@ class Ridges(NamedTuple):
     apex: IntArray
     regular: BoolArray
 
+    def only(self, which: BoolArray) -> Ridges:
+        """Return some of the edges."""
+        return Ridges(self.ends[which], self.facets[which], self.apex[which], self.regular[which])
+
 
 def ridges_of(facets: IntArray, n_points: int) -> Ridges:
     """Return the edges of a boundary of triangles."""
     ends = np.concatenate([facets[:, [v, (v + 1) % 3]] for v in range(3)])
     apex = np.concatenate([facets[:, (v + 2) % 3] for v in range(3)])
+    edges, sides, regular = paired(ends, n_points)
+    return Ridges(edges, sides % len(facets), apex[sides], regular)
+
+
+def paired(ends: IntArray, n_points: int) -> tuple[IntArray, LongArray, BoolArray]:
+    """Return the different edges, given in both directions.
+
+    Returns
+    -------
+    edges : int32[r, 2]
+        From the smaller to the larger number.
+    sides : int64[r, 2]
+        The row of each in this direction, and in the other.
+    regular : bool[r]
+        Whether there are just these two.
+    """
     forward = ends[:, 0] < ends[:, 1]
     edges, number = unique_rows(ends, n_points)
     regular = (np.bincount(number) == 2) & (np.bincount(number, weights=forward) == 1.0)
     sides = np.zeros((len(edges), 2), np.int64)
     sides[number[forward], 0] = np.flatnonzero(forward)
     sides[number[~forward], 1] = np.flatnonzero(~forward)
-    return Ridges(edges, sides % len(facets), apex[sides], regular)
+    return edges, sides, regular
 
 
 def turns_of(points: FloatArray, facets: IntArray, ridges: Ridges) -> FloatArray:
@@ -101,21 +145,39 @@ def turns_of(points: FloatArray, facets: IntArray, ridges: Ridges) -> FloatArray
 
     Positive where the domain is convex, nan where not two facets meet.
     """
-    corners = points[facets]
+    units = units_of(points[facets])
+    rise = points[ridges.apex[:, 1]] - points[ridges.ends[:, 0]]
+    return angles_between(units[ridges.facets], rise, ridges.regular)
+
+
+def units_of(corners: FloatArray) -> FloatArray:
+    """Return the unit normals of facets, float64[f, 3]; 0 without area."""
     normals = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = norms(normals)
     has_area = (areas > 0.0)[:, None]
-    units = np.divide(normals, areas[:, None], out=np.zeros_like(normals), where=has_area)
-    normal, other = np.moveaxis(units[ridges.facets], 1, 0)
-    rise = np.einsum("ij,ij->i", normal, points[ridges.apex[:, 1]] - points[ridges.ends[:, 0]])
+    return np.divide(normals, areas[:, None], out=np.zeros_like(normals), where=has_area)
+
+
+def angles_between(units: FloatArray, rise: FloatArray, regular: BoolArray) -> FloatArray:
+    """Return the angles between pairs of facets, as `turns_of` does.
+
+    Parameters
+    ----------
+    units : float64[r, 2, 3]
+        The unit normals of both facets.
+    rise : float64[r, 3]
+        From a node of the edge to the other node of the second facet.
+    regular : bool[r]
+    """
+    normal, other = np.moveaxis(units, 1, 0)
     sine = norms(cross(normal, other))
     cosine = np.einsum("ij,ij->i", normal, other)
     angles = np.arctan2(sine, cosine)
-    angles = np.where(rise > 0.0, -angles, angles)
+    angles = np.where(np.einsum("ij,ij->i", normal, rise) > 0.0, -angles, angles)
     # Coincident facets: the end of a crack, which turns inwards, or a cell without volume.
     # Facets that close up to less than this angle (radians) may lie on each other.
-    bad = ~ridges.regular | ((cosine < 0.0) & (sine < 1e-6))
-    bad |= (areas[ridges.facets] == 0.0).any(axis=1)
+    bad = ~regular | ((cosine < 0.0) & (sine < 1e-6))
+    bad |= (units == 0.0).all(axis=2).any(axis=1)
     return np.where(bad, np.nan, angles)
 
 

@@ -46,6 +46,14 @@ FEW_CORNERS = 64
 #: as fast marching.
 MANY_CORNERS = 40
 
+# Meshes in parts (`exact/in_parts.py`).
+
+#: From so many nodes per bound and rank on, in a convex domain, all ranks get all bounds, and each
+#: computes its sizes once.  Work with it on 2 and 4 ranks, cube of 125 000 nodes with bounds at
+#: random nodes, as a share of that without: .97 and .94 with 4 nodes per bound and rank, .94 and
+#: .91 with 16, .98 and .77 with 64, .89 and .83 with 256.
+FEW_BOUNDS = 16
+
 # Windows on surfaces (`exact/on_surface.py`).
 
 #: Windows per node after which narrow ones are dropped (decision 38), and at least so many in all.

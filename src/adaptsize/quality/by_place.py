@@ -140,23 +140,30 @@ class RequestedElements(NamedTuple):
         .. [1] A. H. Stroud, "Approximate Calculation of Multiple Integrals", Prentice-Hall,
            Englewood Cliffs (1971).
         """
-        none = np.empty(0)
-        sizes, measures, edges, points = none, none, none, np.empty((0, 1))
-        d, cells = 1, np.empty(0, np.intp)
+        d, parts = 1, None
+        sizes, points = np.empty(0), np.empty((0, 1))
         if mesh is not None:
             d = mesh.cell_dim
             h = as_sizes_at("size", size, mesh.points)
             parts = _parts(mesh, size, h, max_points)
             sizes, points = parts.at_quadrature()
-            measures = np.repeat(parts.measures / (d + 1), d + 1)
-            cells = np.repeat(parts.cells, d + 1)
-            edges = _mean_edges(mesh)[cells]
         least = (ranks or SingleRank()).allreduce(float(sizes.min(initial=np.inf)), "min")
-        if np.isinf(least):
-            return cls(points, np.zeros(len(sizes)), sizes, edges, cells, 1.0, d + 1)
+        cells, (weights, edges) = np.empty(len(sizes), np.intp), np.zeros((2, len(sizes)))
+        if mesh is not None and parts is not None:
+            measures, own, means = parts.measures, parts.cells, _of_edges(mesh, np.mean)
+
+            def weigh(first: int, last: int) -> None:
+                rows = slice(first * (d + 1), last * (d + 1))
+                cells[rows] = np.repeat(own[first:last], d + 1)
+                edges[rows] = means[cells[rows]]
+                if least < np.inf:
+                    share = np.repeat(measures[first:last] / (d + 1), d + 1)
+                    with np.errstate(over="ignore", under="ignore"):
+                        weights[rows] = share * (least / sizes[rows]) ** d
+
+            in_all_threads(weigh, len(own), _CELLS_AT_ONCE)
         with np.errstate(over="ignore", under="ignore", divide="ignore"):
-            weights = measures * (least / sizes) ** d
-            unit = ELEMENTS_PER_MEASURE[d] / np.float64(least) ** d
+            unit = ELEMENTS_PER_MEASURE[d] / np.float64(least) ** d if least < np.inf else 1.0
         return cls(points, weights, sizes, edges, cells, float(unit), d + 1)
 
     @classmethod
@@ -190,10 +197,10 @@ class RequestedElements(NamedTuple):
         cells = parts.cells
         if on is not None:
             cells = np.asarray(mesh.locator.nearest(parts.points)[0], np.intp)
-        lengths, pairs = _edges_of_cells(mesh)
+        pairs = _pairs(mesh.cell_dim)
         corners = mesh.points[mesh.cells[cells]]
         there = _lengths(corners[:, pairs[:, 1]] - corners[:, pairs[:, 0]], parts.maps)
-        edges = lengths.mean(axis=1)[cells]
+        edges = _of_edges(mesh, np.mean)[cells]
         unit = step * ELEMENTS_PER_MEASURE[mesh.cell_dim]
         sizes = edges / there.mean(axis=1)
         return cls(parts.points, parts.volumes, sizes, edges, cells, unit, 1, True)
@@ -260,41 +267,53 @@ class _Parts(NamedTuple):
     cells: IndexArray
     """int[n]: the cell of which each is a part."""
 
+    def only(self, which: BoolArray) -> _Parts:
+        """Return some of them."""
+        return _Parts._make(values[which] for values in self)
+
     def at_quadrature(self) -> tuple[FloatArray, FloatArray]:
         """Return sizes and places of the d + 1 points, of equal weight, of a quadrature rule.
 
-        The rule integrates quadratic functions exactly.  The sizes are linear between the centroid
-        and the facets.
+        The rule integrates quadratic functions exactly.  Its points lie on the lines from the
+        centroid to the corners.  The sizes are linear between the centroid and the facets.
         """
-        d = self.sizes.shape[1] - 1
-        s = 1.0 / np.sqrt(d + 2.0)
-        rule = np.full((d + 1, d + 1), (1.0 - s) / (d + 1))
-        np.fill_diagonal(rule, (1.0 + d * s) / (d + 1))
-        linear = self.sizes @ rule  # inf where a corner is
-        bounded = np.isfinite(linear).all(axis=1) & np.isfinite(self.middle)
-        excess = self.middle[bounded] - self.sizes[bounded].mean(axis=1)
-        linear[bounded] += (1.0 - s) * excess[:, None]
-        points = np.einsum("nvd,vk->nkd", self.corners, rule)
-        return linear.ravel(), points.reshape(-1, self.corners.shape[2])
+        s = 1.0 / np.sqrt(self.sizes.shape[1] + 1.0)
+        sizes, points = np.empty_like(self.sizes), np.empty_like(self.corners)
+
+        def fill(first: int, last: int) -> None:
+            own, at_corners = self.sizes[first:last], self.corners[first:last]
+            mean, middle = own.mean(axis=1), self.middle[first:last]
+            bounded = np.isfinite(mean) & np.isfinite(middle)
+            # inf where a corner is
+            sizes[first:last] = s * own + (1.0 - s) * np.where(bounded, middle, mean)[:, None]
+            points[first:last] = (1.0 - s) * at_corners.mean(axis=1)[:, None] + s * at_corners
+
+        in_all_threads(fill, len(sizes), _CELLS_AT_ONCE)
+        return sizes.ravel(), points.reshape(-1, points.shape[2])
 
 
-def _edges_of_cells(mesh: SimplexMesh) -> tuple[FloatArray, IndexArray]:
-    """Return the lengths of the edges of each cell, float64[n_cells, k], and their corners."""
-    pairs = np.array(list(combinations(range(mesh.cell_dim + 1), 2)))
-    lengths = np.empty((mesh.n_cells, len(pairs)))
+def _pairs(cell_dim: int) -> IndexArray:
+    """Return the corners of the edges of a cell, int[k, 2]."""
+    return np.array(list(combinations(range(cell_dim + 1), 2)))
+
+
+def _edges_of_cells(mesh: SimplexMesh, cells: slice) -> FloatArray:
+    """Return the lengths of the edges of some cells, float64[n, k], in the order of `_pairs`."""
+    pairs, corners = _pairs(mesh.cell_dim), mesh.points[mesh.cells[cells]]
+    with np.errstate(over="ignore"):
+        edges = corners[:, pairs[:, 0]] - corners[:, pairs[:, 1]]
+        return np.asarray(np.linalg.norm(edges, axis=2))
+
+
+def _of_edges(mesh: SimplexMesh, summary: Callable[..., FloatArray]) -> FloatArray:
+    """Return a summary of the lengths of the edges of each cell, such as `numpy.mean`."""
+    found = np.empty(mesh.n_cells)
 
     def measure(first: int, last: int) -> None:
-        corners = mesh.points[mesh.cells[first:last]]
-        edges = corners[:, pairs[:, 0]] - corners[:, pairs[:, 1]]
-        with np.errstate(over="ignore"):
-            lengths[first:last] = np.linalg.norm(edges, axis=2)
+        found[first:last] = summary(_edges_of_cells(mesh, slice(first, last)), axis=1)
 
     in_all_threads(measure, mesh.n_cells, _CELLS_AT_ONCE)
-    return lengths, pairs
-
-
-def _mean_edges(mesh: SimplexMesh) -> FloatArray:
-    return np.asarray(_edges_of_cells(mesh)[0].mean(axis=1))
+    return found
 
 
 def _parts(mesh: SimplexMesh, size: object, h: FloatArray, max_points: float) -> _Parts:
@@ -313,8 +332,7 @@ def _parts(mesh: SimplexMesh, size: object, h: FloatArray, max_points: float) ->
     samples = None if g is not None else _nodes_of(size)
     known = _is_known(mesh, h, at, g, samples)
     done, rest = np.flatnonzero(known), np.flatnonzero(~known)
-    own = h[mesh.cells[done]]
-    whole = _Parts(mesh.points[mesh.cells[done]], own, own.mean(axis=1), mesh.measures[done], done)
+    whole = _whole_cells(mesh, h, done)
     if len(rest) == 0:
         return whole
     # Cells without common nodes: none is divided because of another one.
@@ -331,43 +349,72 @@ def _parts(mesh: SimplexMesh, size: object, h: FloatArray, max_points: float) ->
     return _Parts._make(np.concatenate(pair) for pair in zip(whole, divided, strict=True))
 
 
+def _whole_cells(mesh: SimplexMesh, h: FloatArray, cells: IndexArray) -> _Parts:
+    """Return cells as their only parts, in which the size is linear."""
+    n, k, measures = len(cells), mesh.cell_dim + 1, mesh.measures
+    parts = _Parts(np.empty((n, k, mesh.dim)), np.empty((n, k)), np.empty(n), np.empty(n), cells)
+
+    def fill(first: int, last: int) -> None:
+        nodes = mesh.cells[cells[first:last]]
+        parts.corners[first:last], parts.sizes[first:last] = mesh.points[nodes], h[nodes]
+        parts.middle[first:last] = parts.sizes[first:last].mean(axis=1)
+        parts.measures[first:last] = measures[cells[first:last]]
+
+    in_all_threads(fill, n, _CELLS_AT_ONCE)
+    return parts
+
+
 def _linear_parts(mesh: SimplexMesh, h: FloatArray, max_parts: float) -> _Parts:
     """Return parts of cells in which the size is linear, divided until it hardly varies.
 
     Cells with inf at a node have no bound, and are left out.
     """
-    cells = np.flatnonzero(np.isfinite(h[mesh.cells]).all(axis=1))
-    corners, sizes = mesh.points[mesh.cells[cells]], h[mesh.cells[cells]]
-    measures, longest = mesh.measures[cells], _edges_of_cells(mesh)[0][cells].max(axis=1)
-    done: list[_Parts] = []
-    room = max_parts
-    while len(cells):
-        low, high = sizes.argmin(axis=1), sizes.argmax(axis=1)
-        rows = np.arange(len(cells))
-        least, largest = sizes[rows, low], sizes[rows, high]
-        is_steep = largest > tuning.ABOUT_THE_SAME * least
-        split = is_steep & (longest > of_background.EDGE_OVER_SIZE * least)
-        room -= int(split.sum())
+    longest = _of_edges(mesh, np.max)
+    bounded, split = np.empty((2, mesh.n_cells), np.bool_)
+
+    def judge(first: int, last: int) -> None:
+        sizes = h[mesh.cells[first:last]]
+        bounded[first:last] = np.isfinite(sizes).all(axis=1)
+        split[first:last] = bounded[first:last] & _is_coarse(sizes, longest[first:last])
+
+    in_all_threads(judge, mesh.n_cells, _CELLS_AT_ONCE)
+    room = max_parts - int(np.count_nonzero(split))
+    if room < 0:
+        split[:] = False
+    done = [_whole_cells(mesh, h, np.flatnonzero(bounded & ~split))]
+    parts, longest = _whole_cells(mesh, h, np.flatnonzero(split)), longest[split]
+    while len(parts.cells):
+        parts, longest = _halved(parts), np.tile(longest, 2)
+        split = _is_coarse(parts.sizes, longest)
+        room -= int(np.count_nonzero(split))
         if room < 0:
             split[:] = False
-        whole = _Parts(corners, sizes, sizes.mean(axis=1), measures, cells)
-        done.append(_Parts._make(values[~split] for values in whole))
-        # The edge along which the size varies most is halved.
-        rows, low, high = (values[split] for values in (rows, low, high))
-        middle = 0.5 * (corners[rows, low] + corners[rows, high])
-        between = 0.5 * (sizes[rows, low] + sizes[rows, high])
-        halves = []
-        for end in (low, high):
-            own, own_sizes, k = corners[rows], sizes[rows], np.arange(len(rows))
-            own[k, end], own_sizes[k, end] = middle, between
-            halves.append((own, own_sizes))
-        corners, sizes = (np.concatenate(pair) for pair in zip(*halves, strict=True))
-        measures, cells, longest = (
-            np.tile(values[split], 2) for values in (0.5 * measures, cells, longest)
-        )
-    if not done:
-        return _Parts(corners, sizes, sizes.mean(axis=1), measures, cells)
+        done.append(parts.only(~split))
+        parts, longest = parts.only(split), longest[split]
+    if len(done) == 1:
+        return done[0]
     return _Parts._make(np.concatenate(columns) for columns in zip(*done, strict=True))
+
+
+def _is_coarse(sizes: FloatArray, longest: FloatArray) -> BoolArray:
+    """Return in which parts of cells the size varies, given their longest edges."""
+    least, largest = sizes.min(axis=1), sizes.max(axis=1)
+    is_steep = largest > tuning.ABOUT_THE_SAME * least
+    return np.asarray(is_steep & (longest > of_background.EDGE_OVER_SIZE * least))
+
+
+def _halved(parts: _Parts) -> _Parts:
+    """Return the halves of parts, divided at the edge along which the size varies most."""
+    rows, corners, sizes = np.arange(len(parts.cells)), parts.corners, parts.sizes
+    low, high = sizes.argmin(axis=1), sizes.argmax(axis=1)
+    middle = 0.5 * (corners[rows, low] + corners[rows, high])
+    between = 0.5 * (sizes[rows, low] + sizes[rows, high])
+    corners, sizes = np.tile(corners, (2, 1, 1)), np.tile(sizes, (2, 1))
+    for half, end in enumerate((low, high)):
+        new = rows + half * len(rows)
+        corners[new, end], sizes[new, end] = middle, between
+    measures, cells = np.tile(0.5 * parts.measures, 2), np.tile(parts.cells, 2)
+    return _Parts(corners, sizes, sizes.mean(axis=1), measures, cells)
 
 
 class _MetricParts(NamedTuple):
@@ -392,7 +439,7 @@ def _metric_parts(
     the edge that is longest in the metric.
     """
     k = mesh.cell_dim
-    pairs = np.array(list(combinations(range(k + 1), 2)))
+    pairs = _pairs(k)
     maps, density = _maps(metric(mesh.points), k)
     corners = mesh.points[mesh.cells[cells]]
     maps, density = maps[mesh.cells[cells]], density[mesh.cells[cells]]
@@ -459,17 +506,23 @@ def _is_known(
     samples: FloatArray | None,
 ) -> BoolArray:
     """Return in which cells the size is known from that at the corners."""
-    lengths, pairs = _edges_of_cells(mesh)
-    longest, corners = lengths.max(axis=1), h[mesh.cells]
     if g is not None:
-        reach = np.zeros(corners.shape)
-        for column, (i, j) in enumerate(pairs):
-            for v in (i, j):
-                reach[:, v] = np.maximum(reach[:, v], lengths[:, column])
-        with np.errstate(invalid="ignore"):
-            least = (corners - g * reach).max(axis=1)
-        return np.asarray(longest <= of_background.EDGE_OVER_SIZE * least)
-    least = corners.min(axis=1)
+        known, pairs = np.empty(mesh.n_cells, np.bool_), _pairs(mesh.cell_dim)
+
+        def judge(first: int, last: int) -> None:
+            lengths = _edges_of_cells(mesh, slice(first, last))
+            corners = h[mesh.cells[first:last]]
+            reach = np.zeros(corners.shape)
+            for column, (i, j) in enumerate(pairs):
+                for v in (i, j):
+                    reach[:, v] = np.maximum(reach[:, v], lengths[:, column])
+            with np.errstate(invalid="ignore"):
+                least = (corners - g * reach).max(axis=1)
+            known[first:last] = lengths.max(axis=1) <= of_background.EDGE_OVER_SIZE * least
+
+        in_all_threads(judge, mesh.n_cells, _CELLS_AT_ONCE)
+        return known
+    longest, least = _of_edges(mesh, np.max), h[mesh.cells].min(axis=1)
     least = np.minimum(least, at(mesh.points[mesh.cells].mean(axis=1)))
     if samples is not None and len(samples):
         cells, _, away = mesh.locator.nearest(samples)

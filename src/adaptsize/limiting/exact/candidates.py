@@ -103,6 +103,8 @@ class Component(NamedTuple):
     """
     merge: Callable[[IntArray], IntArray] | None = None
     """Adds the rows of other processes to those of `kernels.list_edges`; None on a single one."""
+    complete: Callable[[Entries], Entries] | None = None
+    """Adds the nodes that other processes keep to those kept here, where all bounds are few."""
     at_any_price: bool = True
     """As in `Problem`."""
     links: SimplexMesh | None = None
@@ -135,6 +137,18 @@ def margin_for(least: float, g: float, diagonal: float) -> float:
     return 1e-9 * (least + g * diagonal)
 
 
+def bounds_meet(cells: IntArray, h0: FloatArray, threads: int) -> bool:
+    """Return whether any cell has two nodes with bounds."""
+    found: list[int] = []
+
+    def task(first: int, last: int) -> None:
+        if not found and kernels.have_neighbours(cells[first:last], h0):
+            found.append(first)
+
+    Workers(threads).in_chunks(task, len(cells), _CELLS)
+    return bool(found)
+
+
 def entries_of_nodes(component: Component | ConvexNodes, nodes: IntArray) -> Entries:
     """Return nodes, and sources between nodes, as entries."""
     places = component.places(nodes)
@@ -142,13 +156,14 @@ def entries_of_nodes(component: Component | ConvexNodes, nodes: IntArray) -> Ent
     if extra is not None:
         places = np.concatenate([places, extra.points])
         sizes, nodes = np.concatenate([sizes, extra.sizes]), np.concatenate([nodes, extra.numbers])
-    return node_entries(places, sizes, nodes)
+    return node_entries(places, sizes, nodes, component.workers.threads)
 
 
 def candidates_of(component: Component) -> tuple[IntArray, BoolArray | None]:
     """Return the nodes that may be sources, and the steep cells if bounds meet in any cell."""
     mesh, cells, h0 = component.mesh, component.cells, component.h0
-    if not (kernels.have_neighbours(cells, h0) if component.meet is None else component.meet):
+    threads = component.workers.threads
+    if not (bounds_meet(cells, h0, threads) if component.meet is None else component.meet):
         return np.flatnonzero(np.isfinite(h0)).astype(np.int32), None
     steep, candidate = np.empty(len(cells), np.bool_), np.zeros(mesh.n_points, np.bool_)
     axes = (0,) * mesh.dim
@@ -160,7 +175,7 @@ def candidates_of(component: Component) -> tuple[IntArray, BoolArray | None]:
 
         return run
 
-    workers = Workers(component.workers.threads)
+    workers = Workers(threads)
     workers.in_chunks(task(kernels.mark_steep, component.face_sources), len(cells), _CELLS)
     workers.in_chunks(task(kernels.drop_dominated, component.margin), len(cells), _CELLS)
     return np.flatnonzero(candidate).astype(np.int32), steep

@@ -9,7 +9,7 @@ from adaptsize.background import CartesianGrid, SimplexMesh, topology
 from adaptsize.background.partitioned import AnyMesh, PartitionedMesh, local_mesh
 from adaptsize.limiting.problem import PointBounds, Problem
 from adaptsize.ranks import Communicator, Ids
-from adaptsize.typing import FloatArray, IntArray
+from adaptsize.typing import BoolArray, FloatArray, IntArray
 
 # Points this far outside, relative to the diagonal of the background, count as on the boundary:
 # coordinates in files have seven to nine digits.
@@ -40,6 +40,11 @@ class ComponentPiece(NamedTuple):
     def is_empty(self) -> bool:
         """Whether this rank has no cells of the component."""
         return len(self.ids) == 0
+
+    @property
+    def is_shared(self) -> BoolArray:
+        """bool[n]: which nodes of ``mesh`` other ranks hold, too."""
+        return topology.marked(np.concatenate(self.shared), self.mesh.n_points)
 
     def bounds(self, h0: FloatArray) -> FloatArray:
         """Return the bounds at the nodes of ``mesh``, given those in the part of the rank."""
@@ -79,23 +84,24 @@ def components_of(part: PartitionedMesh) -> Components:
 
 
 def _find_components(part: PartitionedMesh) -> Components:
-    label = part.global_ids[_roots_of(part)]
-    used = np.zeros(part.n_points, np.bool_)
-    used[part.cells] = True
-    label[~used] = -1
+    roots, used = _roots_of(part), part.in_a_cell
+    heads = np.flatnonzero(topology.marked(roots[used], part.n_points))
+    label = np.where(used, part.global_ids[roots], -1)
     received = part.ranks.alltoallv([label[nodes] for nodes in part.shared.nodes])
-    links = [np.column_stack([np.unique(label[used])] * 2)]
+    links = [np.column_stack([part.global_ids[heads]] * 2)]
     for nodes, theirs in zip(part.shared.nodes, received, strict=True):
         both = np.column_stack([label[nodes], theirs])
-        links.append(np.unique(both[(both >= 0).all(axis=1)], axis=0))
+        both = both[(both >= 0).all(axis=1)]
+        repeats = (both[1:] == both[:-1]).all(axis=1)  # nearly all
+        links.append(np.unique(both[np.append(True, ~repeats)[: len(both)]], axis=0))
     every = np.concatenate(part.ranks.allgather(np.concatenate(links)))
     labels, ends = np.unique(every, return_inverse=True)
-    ends = ends.reshape(-1, 2)
-    of_label = topology.components_of(ends, len(labels))
-    number = np.full(part.n_points, -1, np.int32)
-    number[used] = of_label[np.searchsorted(labels, label[used])]
+    of_label = topology.components_of(ends.reshape(-1, 2), len(labels))
+    of_root = np.full(part.n_points, -1, np.int32)
+    of_root[heads] = of_label[np.searchsorted(labels, part.global_ids[heads])]
     # A node without a cell here may have one on another rank.
-    return Components(part.shared.merge(number, np.maximum), int(of_label.max(initial=-1)) + 1)
+    number = part.shared.merge(np.where(used, of_root[roots], np.int32(-1)), np.maximum)
+    return Components(number, int(of_label.max(initial=-1)) + 1)
 
 
 def piece_of(part: PartitionedMesh, component: int) -> ComponentPiece:
@@ -114,7 +120,7 @@ def _find_piece(part: PartitionedMesh, component: int) -> ComponentPiece:
             part.ranks, simplex, part.global_ids[:0], none, [none] * part.ranks.size
         )
     nodes = np.flatnonzero(number == component)
-    nodes = nodes[np.argsort(part.global_ids[nodes])]
+    nodes = nodes[np.argsort(part.global_ids[nodes], kind="stable")]  # fast if sorted
     mesh, ids = part.mesh, part.global_ids[nodes]
     local = topology.places_among(nodes, part.n_points)
     if not np.array_equal(nodes, np.arange(part.n_points)):

@@ -78,9 +78,11 @@ def node_table(places: FloatArray, sizes: FloatArray) -> FloatArray:
 # is never a second one.
 
 
-def node_entries(places: FloatArray, sizes: FloatArray, names: IntArray) -> Entries:
+def node_entries(
+    places: FloatArray, sizes: FloatArray, names: IntArray, threads: int = 1
+) -> Entries:
     """Return nodes as entries."""
-    order = along_curve(places)
+    order = along_curve(places, threads)
     nodes = np.full(places.shape, -1, np.int32)
     nodes[:, 0] = names[order]
     return _with_tree(node_table(places[order], sizes[order]), nodes)

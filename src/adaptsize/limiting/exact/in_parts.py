@@ -15,14 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adaptsize._kernels.exact_candidates import have_neighbours
 from adaptsize.background import PartitionedMesh, SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.geometry.convexity import count_corners
 from adaptsize.geometry.plane_boundary import plane_boundary
+from adaptsize.limiting import tuning
 from adaptsize.limiting.edge_based import limit_along_edges
 from adaptsize.limiting.exact.boundary_of_parts import Skeleton, find_skeleton
-from adaptsize.limiting.exact.candidates import Component, margin_for
+from adaptsize.limiting.exact.candidates import Component, bounds_meet, margin_for
 from adaptsize.limiting.exact.components import ComponentPiece, piece_of
 from adaptsize.limiting.exact.exchange import exchange_rows, of_this_rank, reach_of
 from adaptsize.limiting.exact.field import (
@@ -61,9 +61,11 @@ def solve_piece(part: PartitionedMesh, number: int, component: Component) -> Com
     if skeleton is None:
         raise NeedsWholeMesh
     mesh, comm = piece.mesh, piece.ranks
-    facts = comm.allgather((component.least, bool(have_neighbours(mesh.cells, component.h0))))
-    diagonal = float(np.linalg.norm(np.ptp(skeleton.points, axis=0)))
-    least = min(least for least, _ in facts)
+    meets = bounds_meet(mesh.cells, component.h0, threads)
+    own_bounds = int(np.count_nonzero(np.isfinite(component.h0)))
+    facts = comm.allgather((component.least, meets, own_bounds, len(piece.ids)))
+    diagonal = skeleton.diagonal
+    least = min(one[0] for one in facts)
     if hardly_rises(least, component.g, diagonal):
         none = np.empty((0, mesh.dim))
         field = ExactField(
@@ -72,12 +74,15 @@ def solve_piece(part: PartitionedMesh, number: int, component: Component) -> Com
         kept = np.full(len(piece.nodes), -1, np.int32)
         return ComponentSolution(np.full(len(piece.nodes), least), kept, field, none)
     component = component._replace(
-        order=along_curve(mesh.points),
-        meet=any(meet for _, meet in facts),
+        order=along_curve(mesh.points, threads),
+        meet=any(one[1] for one in facts),
         margin=margin_for(least, component.g, diagonal),
         merge=partial(_merge_rows, piece),
     )
     if skeleton.convex:
+        n_bounds = sum(one[2] for one in facts)
+        if tuning.FEW_BOUNDS * comm.size * n_bounds <= sum(one[3] for one in facts):
+            component = component._replace(complete=partial(_with_all_nodes, piece))
         return _with_others(piece, component, None, skeleton)
     if mesh.dim == 3:
         body = part.once(f"_body_{number}", lambda: find_body(piece, skeleton))
@@ -100,24 +105,40 @@ def solve_piece(part: PartitionedMesh, number: int, component: Component) -> Com
 def _with_others(
     piece: ComponentPiece, component: Component, plane: Plane | None, skeleton: Skeleton
 ) -> ComponentSolution:
-    """Return the sizes in a convex domain (no ``plane``) or in the plane; one exchange."""
+    """Return the sizes in a convex domain (no ``plane``) or in the plane; at most one exchange."""
     mesh, boundary = component.mesh, skeleton.boundary
     if plane is not None:  # its facets are named by local nodes, others do not matter
         boundary = boundary._replace(facets=_local_facets(piece, skeleton))
     found = solve_by_sight(component, plane, boundary)
+    own_nodes = slice(len(piece.nodes))
+    if component.complete is not None and not (component.meet and component.face_sources):
+        return replace(found, h=found.h[own_nodes])
     assert component.order is not None
     order = component.order[:0] if piece.is_empty else component.order
     points, field = Points(mesh.points, order), found.field
     if plane is not None:
         points = points._replace(on_wall=plane.boundary.rows)
     sent = [of_this_rank(entries, mesh.n_points) for entries in field.groups]
+    if component.complete is not None:  # others have the nodes already
+        sent[0] = sent[0].only(np.zeros(len(sent[0].nodes), np.bool_))
     reach = reach_of(points.places, points.order, found.h)
     table = exchange_rows(piece.ranks, sent, [own.table for own in sent], reach, component.g)
     named = np.full((len(table), mesh.dim), -1, np.int32)
     named[:, 0] = np.arange(len(table))
     field.groups.append(sorted_entries(table, named))
     field.lower_by_last(points, found.h, found.source, component.workers)
-    return replace(found, h=found.h[: len(piece.nodes)])
+    return replace(found, h=found.h[own_nodes])
+
+
+def _with_all_nodes(piece: ComponentPiece, entries: Entries) -> Entries:
+    """Return nodes with those that other ranks keep; one gather."""
+    comm, n = piece.ranks, piece.mesh.n_points
+    every = comm.allgather(of_this_rank(entries, n).table)
+    others = np.concatenate([*every[: comm.rank], *every[comm.rank + 1 :]])
+    named = np.full((len(others), entries.nodes.shape[1]), -1, np.int32)
+    named[:, 0] = n  # not of this rank
+    table = np.concatenate([entries.table, others])
+    return sorted_entries(table, np.concatenate([entries.nodes, named]))
 
 
 def _plane_on(piece: ComponentPiece, skeleton: Skeleton) -> Plane:

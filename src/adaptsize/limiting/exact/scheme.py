@@ -6,7 +6,6 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from adaptsize._kernels.exact_candidates import have_neighbours
 from adaptsize._workers import Workers
 from adaptsize.background import AnyMesh, CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
@@ -16,7 +15,13 @@ from adaptsize.background.topology import places_among
 from adaptsize.geometry.boundary import FlatBoundary
 from adaptsize.limiting.edge_based import EdgeBased
 from adaptsize.limiting.exact.boxes import all_tetrahedra, linear_on_boxes
-from adaptsize.limiting.exact.candidates import EQUAL, Component, ConvexNodes, Extra
+from adaptsize.limiting.exact.candidates import (
+    EQUAL,
+    Component,
+    ConvexNodes,
+    Extra,
+    bounds_meet,
+)
 from adaptsize.limiting.exact.components import (
     OUTSIDE,
     ComponentPiece,
@@ -273,14 +278,15 @@ def _prepared(component: Component) -> tuple[Component, tuple[FlatBoundary, bool
     mesh = component.mesh
     if component.workers.threads == 1 or mesh.n_points < _MANY:
         component = component._replace(
-            order=along_curve(mesh.points), meet=have_neighbours(mesh.cells, component.h0)
+            order=along_curve(mesh.points), meet=bounds_meet(mesh.cells, component.h0, 1)
         )
         return component, boundary_of(mesh, 1), bool(mesh.in_a_cell.all())
     with ThreadPoolExecutor(1) as pool:
-        order = pool.submit(along_curve, mesh.points)
-        meet = pool.submit(have_neighbours, mesh.cells, component.h0)
+        threads = component.workers.threads
+        order = pool.submit(along_curve, mesh.points, threads)
+        meet = pool.submit(bounds_meet, mesh.cells, component.h0, threads)
         used = pool.submit(lambda: bool(mesh.in_a_cell.all()))
-        boundary = boundary_of(mesh, component.workers.threads)
+        boundary = boundary_of(mesh, threads)
         component = component._replace(order=order.result(), meet=meet.result())
         return component, boundary, used.result()
 

@@ -157,7 +157,9 @@ def solve_by_sight(
 ) -> ComponentSolution:
     """Solve in a convex domain (no ``plane``) or in the plane."""
     mesh, h0, g = component.mesh, component.h0, component.g
-    order = along_curve(mesh.points) if component.order is None else component.order
+    order = component.order
+    if order is None:
+        order = along_curve(mesh.points, component.workers.threads)
     points = Points(mesh.points, order)
     if plane is not None:
         points = points._replace(on_wall=plane.boundary.rows)
@@ -170,6 +172,8 @@ def solve_by_sight(
     # In the plane, all nodes are kept if no bounds meet.
     if (steep is not None or plane is None) and len(entries.nodes):
         field.keep_survivors(component.margin, workers.part(0.0, 0.1))
+    if component.complete is not None:
+        field.groups[0] = component.complete(field.groups[0])
     if plane is not None:
         field.groups[0] = with_corners(field.groups[0], g, plane, linear, workers.report)
     h, source = h0.copy(), np.full(mesh.n_points, -1, np.int32)
