@@ -160,7 +160,7 @@ def draw(path: Path, loops: dict[str, Loop], width: int) -> None:
     """Draw the new cells among the others, and the errors."""
     figure, (left, right) = drawing(2, 1, width, shape=1.0)
     loop = loops[NAMES[True]]
-    new = is_new(loop)[loop.after.cells].any(axis=1)
+    new = np.asarray(is_new(loop)[loop.after.cells].any(axis=1))
     left.tripcolor(
         *loop.after.points.T, loop.after.cells, facecolors=np.where(new, 0.9, 0.1), cmap="Blues",
         vmin=-0.1, vmax=1.6, edgecolors="0.4", linewidth=0.15,

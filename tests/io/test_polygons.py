@@ -214,6 +214,11 @@ BAD = {
         "end is at (0, 1e-06), 1e-06 away",
     ),
     "none": ([], {}, "outer must have at least one polygon, got none"),
+    "none, with a width": (
+        [],
+        {"least_width": 1},
+        "outer must have at least one polygon, got none",
+    ),
     "number": (3, {}, "outer must be polygons, got 3"),
     "in space": (np.pad(SQUARE, ((0, 0), (0, 1))), {}, "outer must have shape (n, 2), got (4, 3)"),
     "tiny": (1e-70 * SQUARE, {}, "points must have coordinates of 1e-60 to 1e+60 in size"),

@@ -404,6 +404,22 @@ def test_sizes_at_crossings_are_halved_and_grow_off_them():
     assert_allclose(size(points), [0.5, 0.75, 1.0, 0.5 + 0.25 * 99.0])
 
 
+def test_facets_that_an_adapted_surface_crosses_by_very_little_count(monkeypatch):
+    """Netgen fails on them; in files, they are within the rounding of nine digits."""
+    depth = 3e-7
+    crossed = joined(cube(), cube([0.5, 0.3, 1.0 - depth]))
+    assert not len(crossing_facets(crossed).cells)
+    none = np.empty((0, 2), np.int32)
+    same = np.arange(crossed.n_points)
+    monkeypatch.setattr(filling, "adapt_surface", lambda *_: (crossed, none))
+    monkeypatch.setattr(filling, "remove_slivers", lambda *_: (crossed, same))
+    problem = as_problem("surface to tetrahedra", crossed, 1e-3)
+    problem = replace(problem, size=lambda x: np.full(len(x), 0.5))
+    places = filling._adapted_surface(crossed, none, problem, None)[2]
+    assert len(places)
+    assert_allclose(places[:, 2], 1.0, atol=2.0 * depth)
+
+
 def test_slivers_stay_where_facets_cross_without_them(monkeypatch):
     """One cube is moved into another one instead of the removal of its slivers."""
     crossed = joined(cube(), cube([0.5, 0.3, 0.4]))

@@ -27,15 +27,16 @@ class CrossingFacets(NamedTuple):
     places: FloatArray
 
 
-def crossing_facets(surface: SimplexMesh) -> CrossingFacets:
-    """Return the facets that cross others.
+def crossing_facets(surface: SimplexMesh, slack: float = SLACK) -> CrossingFacets:
+    """Return the facets that cross others by more than ``slack`` times the diagonal.
 
-    It costs .03 s for 20 000 triangles.
+    Those of files cross by what the coordinates have been rounded.  It costs .03 s for 20 000
+    triangles.
     """
     locator, n = surface.locator, surface.n_cells
-    found, slack = new_crossings(n), SLACK * surface.diagonal * locator.scale
+    found = new_crossings(n)
     for first, last in parts_of(n, 1024):
-        find_crossings(locator.tree, slack, first, last, found)
+        find_crossings(locator.tree, slack * surface.diagonal * locator.scale, first, last, found)
     depths, partners, places = found[:3]
     rows = np.flatnonzero(depths > 0.0)
     cells = locator.cell_of_row[rows].astype(np.intp)

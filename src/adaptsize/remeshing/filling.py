@@ -224,9 +224,9 @@ def _adapted_surface(
     # shorter than this share of the tolerance are removed, unless facets cross only then.
     height = sliver_height(surface, size, 0.5 * tolerance)
     thicker, new_node = remove_slivers(surface, height)
-    crossings = crossing_facets(thicker).places
+    crossings = crossing_facets(thicker, tuning.SLACK_OF_ADAPTED).places
     if len(crossings):
-        before = crossing_facets(surface).places
+        before = crossing_facets(surface, tuning.SLACK_OF_ADAPTED).places
         if not len(before):
             return surface, ridges, before
         crossings = np.concatenate([crossings, before])

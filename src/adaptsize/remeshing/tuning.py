@@ -151,9 +151,12 @@ DETAIL, FEW_DETAILS = 0.125, 5
 # Surfaces that cross themselves -------------------------------------------------------------------
 
 #: Where facets of an adapted surface cross, it is made again with this share of the sizes there,
-#: which grow by so much per length, up to so many times.  Two public parts needed one and two more
-#: surfaces, a shaft in a bore that is .2 or .4 tolerances wider three.
-SIZE_AT_CROSSINGS, GROWTH_OFF_CROSSINGS, MORE_SURFACES = 0.5, 0.25, 4
+#: which grow by so much per length, up to so many times.  A public part of thin walls needed five
+#: more surfaces and 7 % more facets; with shares of .3 and .1 two, and 38 %.
+SIZE_AT_CROSSINGS, GROWTH_OFF_CROSSINGS, MORE_SURFACES = 0.5, 0.25, 6
+#: Depth of a crossing over the diagonal, up to which it is rounding of what was computed.  Netgen
+#: fails where facets cross by 5e-7.
+SLACK_OF_ADAPTED = 1e-10
 #: Facets that cross others up to which this is tried.  The shaft began with 662.
 MOST_CROSSINGS = 1000
 

@@ -45,6 +45,8 @@ class Outline(NamedTuple):
 
 def outline_of(lines: Sequence[Line], names: list[str], notes: list[str]) -> Outline:
     """Return the segments of all lines, and refuse what are not rings."""
+    if not lines:
+        raise ValueError("outer must have at least one polygon, got none")
     given = np.concatenate([line.points for line in lines])
     check_range("points", given)
     contact = _contact(given)

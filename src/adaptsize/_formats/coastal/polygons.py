@@ -230,8 +230,6 @@ def domain_of(
     """
     import shapely
 
-    if not lines:
-        raise ValueError("outer must have at least one polygon, got none")
     names = sorted({line.name for line in lines if line.name is not None})
     n_notes = len(notes)
     outline = outline_of(lines, names, notes)
