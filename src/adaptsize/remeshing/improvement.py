@@ -258,9 +258,12 @@ def _in_rounds(
     far = far.after(best, old, limit)
     later = list(tuning.LATER_QUALITIES)
     hopeless = max(tuning.HOPELESS * tolerance, tuning.LITTLE_NEARER * first.largest)
-    if give_up is not None and far.largest > hopeless and far.are_few(tolerance):
-        give_up()
-        return best
+    if far.largest > hopeless and far.are_few(tolerance):
+        if give_up is not None:
+            give_up()
+            return best
+        if far.largest > tuning.LOST_FOR_GOOD * tolerance:
+            return best
     for _ in range(tuning.MOST_LATER_ROUNDS):
         # Many are far where the sizes are coarse: nothing is divided there.
         if not later or not far.are_few(tolerance):
