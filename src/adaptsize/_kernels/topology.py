@@ -173,12 +173,7 @@ def join_cells(cells, parent):
 
 @lean_kernel
 def mark_nodes(cells, used):
-    """Mark the nodes of cells (In/Out: used, bool[n_points]); return how many are marked now."""
+    """Mark the nodes of cells (In/Out: used, bool[n_points])."""
     for c in range(cells.shape[0]):
         for v in range(cells.shape[1]):
             used[cells[c, v]] = True
-    count = 0
-    for i in range(used.shape[0]):
-        if used[i]:
-            count += 1
-    return count

@@ -15,7 +15,7 @@ from adaptsize._kernels.ordering import (
 )
 from adaptsize._kernels.trees import LEAF, Tree, fill_boxes
 from adaptsize._workers import Workers
-from adaptsize.background._mesh_arrays import read_only
+from adaptsize.background._mesh_arrays import bounding_box, read_only
 from adaptsize.typing import FloatArray, IntArray, LongArray
 
 # Points per chunk of a thread, some milliseconds, and per bucket, which fits into the cache.
@@ -34,16 +34,8 @@ def along_curve(points: FloatArray, threads: int = 1) -> IntArray:
         return np.empty(0, np.int32)
     workers, given = Workers(threads), read_only(np.ascontiguousarray(points))
     chunks = -(-n // _CHUNK)
-    box = np.empty((2, chunks, dim))
-
-    def bound(first: int, last: int) -> None:
-        for d in range(dim):
-            x = given[first:last, d]
-            box[:, first // _CHUNK, d] = x.min(), x.max()
-
-    workers.in_chunks(bound, n, _CHUNK)
-    lower = box[0].min(axis=0)
-    width = float((box[1].max(axis=0) - lower).max())
+    lower, upper = bounding_box(given, threads)
+    width = float((upper - lower).max())
     curve = Curve((0,) * dim, lower, _scale(width), _spread(dim))
     n_bits = max(n // _BUCKET, 1).bit_length() - 1
     lower_bits = BITS * dim - n_bits

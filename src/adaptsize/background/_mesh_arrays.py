@@ -9,11 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from adaptsize._checks import as_index_array, as_plain_array, check_type, describe, refuse_where
-from adaptsize._workers import in_all_threads
+from adaptsize._workers import Workers, in_all_threads
 from adaptsize.typing import FloatArray, IntArray
 
-# Cells per chunk of a thread, a millisecond.
-_CELLS = 1 << 17
+#: Cells per chunk of a thread where little is done with each, a millisecond.
+CELLS = 1 << 17
+# Points per chunk, which fit into the cache.
+_POINTS = 1 << 14
 _LEAST_TAG, _LARGEST_TAG = -(2**31), 2**31 - 1
 _TAG_WANTED = f"must fit into 32 bits, from {_LEAST_TAG} to {_LARGEST_TAG}"
 
@@ -36,6 +38,24 @@ def read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return view
 
 
+def bounding_box(points: FloatArray, threads: int | None = None) -> tuple[FloatArray, FloatArray]:
+    """Return the lower and the upper corner of the box around points, at least one.
+
+    ``threads``: by default all that numba may use.
+    """
+    n_chunks = -(-len(points) // _POINTS)
+    lower, upper = np.empty((2, n_chunks, points.shape[1]))
+
+    def find(first: int, last: int) -> None:
+        # Along the rows of columns, numpy is several times faster than along an axis.
+        columns, k = points[first:last].T, first // _POINTS
+        lower[k] = [x.min() for x in columns]
+        upper[k] = [x.max() for x in columns]
+
+    Workers.of(threads).in_chunks(find, len(points), _POINTS)
+    return lower.min(axis=0), upper.max(axis=0)
+
+
 def as_cells(value: npt.ArrayLike, points: FloatArray) -> IntArray:
     """Return the checked point indices of simplices, at least one."""
     cells = as_index_array("cells", value, len(points))
@@ -56,7 +76,7 @@ def as_cells(value: npt.ArrayLike, points: FloatArray) -> IntArray:
         for a, b in combinations(cells[first:last].T, 2):
             repeated[first:last] |= a == b
 
-    in_all_threads(compare, len(cells), _CELLS)
+    in_all_threads(compare, len(cells), CELLS)
     if repeated.any():
         first = int(np.argmax(repeated))
         nodes = cells[first].tolist()

@@ -16,6 +16,7 @@ from adaptsize._checks import as_nodes, check_type
 from adaptsize._kernels.simplex import fill_measures
 from adaptsize._kernels.topology import mark_nodes
 from adaptsize._pickling import ReadOnlyState
+from adaptsize._workers import in_all_threads
 from adaptsize.background import _mesh_arrays as arrays
 from adaptsize.background import topology
 from adaptsize.background.enclosing import enclosing_diameter
@@ -28,6 +29,8 @@ from adaptsize.ranks import Communicator, SharedNodes, no_shared_nodes
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 _Result = TypeVar("_Result")
+# Cells per chunk of a thread that measures them, some milliseconds.
+_CELLS_TO_MEASURE = 1 << 14
 _CELL_NAMES = {1: "segments", 2: "triangles", 3: "tetrahedra"}
 
 
@@ -206,8 +209,8 @@ class SimplexMesh(ExchangeMethods, QualityMethods, SurfaceMethods, PictureMethod
     def diagonal(self) -> float:
         """Length of the diagonal of the bounding box of the nodes that belong to a cell."""
         points = self.points if self.in_a_cell.all() else self.points[self.in_a_cell]
-        # Several times faster than along an axis.
-        return float(np.linalg.norm([np.ptp(x) for x in points.T]))
+        lower, upper = arrays.bounding_box(points)
+        return float(np.linalg.norm(upper - lower))
 
     @cached_property
     def diameter(self) -> float:
@@ -221,7 +224,11 @@ class SimplexMesh(ExchangeMethods, QualityMethods, SurfaceMethods, PictureMethod
     def in_a_cell(self) -> BoolArray:
         """Which nodes belong to a cell, bool[n_points]."""
         used = np.zeros(self.n_points, bool)
-        mark_nodes(self.cells, used)
+
+        def mark(first: int, last: int) -> None:
+            mark_nodes(self.cells[first:last], used)  # all threads write the same value
+
+        in_all_threads(mark, self.n_cells, arrays.CELLS)
         return arrays.read_only(used)
 
     @property
@@ -238,7 +245,11 @@ class SimplexMesh(ExchangeMethods, QualityMethods, SurfaceMethods, PictureMethod
     def measures(self) -> FloatArray:
         """Length, area or volume of each cell, float64[n_cells], >= 0."""
         measures = np.empty(self.n_cells)
-        fill_measures(self.points, self.cells, measures)
+
+        def fill(first: int, last: int) -> None:
+            fill_measures(self.points, self.cells[first:last], measures[first:last])
+
+        in_all_threads(fill, self.n_cells, _CELLS_TO_MEASURE)
         return arrays.read_only(measures)
 
     @cached_property

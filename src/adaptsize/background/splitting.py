@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adaptsize.background.simplex import SimplexMesh
-from adaptsize.background.topology import are_among, rows_among
+from adaptsize.background.topology import are_among, ascending, rows_among
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 # Cases of triangles with two new nodes, by how the trapezium is cut.
@@ -230,8 +230,8 @@ def bisect_edges(mesh: SimplexMesh, chosen: BoolArray) -> SplitMesh:
 def _edge_numbers(mesh: SimplexMesh, simplices: IntArray) -> IndexArray:
     """Return the row in ``mesh.edges`` of each edge of each simplex, in order of `combinations`."""
     pairs = np.array(list(combinations(range(simplices.shape[1]), 2)))
-    ends = np.sort(simplices[:, pairs], axis=2)
-    return rows_among(ends.reshape(-1, 2), mesh.edges).reshape(ends.shape[:2])
+    ends = ascending(simplices[:, pairs].reshape(-1, 2))
+    return rows_among(ends, mesh.edges).reshape(len(simplices), len(pairs))
 
 
 def _bisected(simplices: IntArray, middle: IntArray) -> tuple[IntArray, IndexArray]:

@@ -96,7 +96,7 @@ def unique_rows(rows: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
     IndexError
         If an index is out of range: the kernel would write beyond its arrays.
     """
-    rows = np.ascontiguousarray(np.sort(rows, axis=1), dtype=np.int32)
+    rows = ascending(rows)
     width = rows.shape[1]
     if len(rows) and (rows[:, 0].min() < 0 or rows[:, -1].max() >= n_points):
         raise IndexError(
@@ -114,6 +114,27 @@ def unique_rows(rows: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
     order = np.empty(len(rows), np.int32)
     count = group_rows(rows, (start, free, order), first, number)
     return rows[first[:count]], number
+
+
+def ascending(rows: IntArray) -> IntArray:
+    """Return rows of indices, each sorted, int32[m, k].
+
+    Pairs and triples are compared column by column, in a tenth and a third of the time of
+    ``numpy.sort``.
+    """
+    if rows.shape[1] not in (2, 3):
+        return np.ascontiguousarray(np.sort(rows, axis=1), dtype=np.int32)
+    ordered = np.empty(rows.shape, np.int32)
+    a, b, c = rows[:, 0], rows[:, 1], rows[:, -1]
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    if rows.shape[1] == 2:
+        ordered[:, 0], ordered[:, 1] = low, high
+        return ordered
+    middle = np.minimum(high, c)
+    np.minimum(low, c, out=ordered[:, 0], casting="same_kind")
+    np.maximum(low, middle, out=ordered[:, 1], casting="same_kind")
+    np.maximum(high, c, out=ordered[:, 2], casting="same_kind")
+    return ordered
 
 
 def compacted(cells: npt.NDArray[Any]) -> tuple[IntArray, IntArray]:
@@ -265,8 +286,11 @@ def rows_among(edges: IntArray, others: IntArray) -> IndexArray:
     keys, known = (rows.astype(np.int64) @ np.array([width, 1]) for rows in (edges, others))
     if len(known) == 0:
         return np.full(len(keys), -1)
-    order = np.argsort(known)  # np.isin hashes, which takes several times as long
-    row = order[np.searchsorted(known[order], keys).clip(max=len(known) - 1)]
+    if (known[1:] >= known[:-1]).all():  # as the edges of meshes
+        row = np.searchsorted(known, keys).clip(max=len(known) - 1)
+    else:
+        order = np.argsort(known)  # np.isin hashes, which takes several times as long
+        row = order[np.searchsorted(known[order], keys).clip(max=len(known) - 1)]
     return np.where(known[row] == keys, row, -1)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,15 +25,6 @@ from adaptsize.limiting.problem import Scheme
 from adaptsize.sizes import PointSource, size_from_sources
 from adaptsize.sizes.budget import ELEMENTS_PER_MEASURE, count_elements, nodal_measures
 from adaptsize.typing import FloatArray, IntArray
-
-
-class LimitedBounds(NamedTuple):
-    """Sizes from all bounds."""
-
-    h: FloatArray
-    report: SizeReport
-    aims: Aims | None
-    """Of the sizes in a solid."""
 
 
 class _Requested(NamedTuple):
@@ -83,7 +75,7 @@ class Bounds:
     """Whether the bound by curvature, if there is one, keeps edges within the tolerance."""
 
     def limited(self, request: Request, scheme: Scheme | None = None) -> LimitedBounds:
-        """Return the minimum of the bounds, limited as requested, with its report.
+        """Return the minimum of the bounds, limited as requested.
 
         Where the exact method applies, the sources of the sizes determine the causes.  Elsewhere
         the bounds are limited separately by fast marching.  The limited size of a minimum is the
@@ -102,19 +94,7 @@ class Bounds:
             sizes = bounds._limited_inside(bounds.background, bounds.solid, request, asked)
         else:
             sizes = bounds._limited_on_background(request, asked, scheme)
-        if sizes.roots is not None:
-            causes = np.concatenate([asked.cause.ravel(), sizes.cause_at_places])
-            cause = np.append(causes, np.int8(NONE))[sizes.roots]
-        else:
-            constant = asked.causes.index(HMAX)
-            cause = _by_separate_runs(
-                bounds.background, asked.nodal, asked.cause, constant, request.g
-            )
-        report, origin = bounds._report(request, asked.causes, cause, sizes.h), None
-        if sizes.roots is not None and isinstance(bounds.background, SimplexMesh):
-            origin = bounds._origin(sizes.roots.ravel(), cause.ravel(), sizes.places)
-        report = replace(report, info=sizes.info, origin=origin)
-        return LimitedBounds(sizes.h, report, sizes.aims)
+        return LimitedBounds(bounds, request, asked, sizes)
 
     def _with_sizes_of_parts(self, request: Request) -> Bounds:
         size_of = request.options["size_of"]
@@ -283,6 +263,42 @@ class Bounds:
             tolerance=tolerance,
             is_rough=self.is_rough,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class LimitedBounds:
+    """Sizes from all bounds, and, where it is asked for, their report."""
+
+    bounds: Bounds
+    request: Request
+    asked: _Requested
+    sizes: _Sizes
+
+    @property
+    def h(self) -> FloatArray:
+        """The sizes, of the nodal shape."""
+        return self.sizes.h
+
+    @property
+    def aims(self) -> Aims | None:
+        """Those of the sizes in a solid."""
+        return self.sizes.aims
+
+    @cached_property
+    def report(self) -> SizeReport:
+        """The report of the sizes, with the cause of each."""
+        bounds, asked, sizes = self.bounds, self.asked, self.sizes
+        background, origin = bounds.background, None
+        if sizes.roots is not None:
+            causes = np.concatenate([asked.cause.ravel(), sizes.cause_at_places])
+            cause = np.append(causes, np.int8(NONE))[sizes.roots]
+        else:
+            constant, g = asked.causes.index(HMAX), self.request.g
+            cause = _by_separate_runs(background, asked.nodal, asked.cause, constant, g)
+        report = bounds._report(self.request, asked.causes, cause, sizes.h)
+        if sizes.roots is not None and isinstance(background, SimplexMesh):
+            origin = bounds._origin(sizes.roots.ravel(), cause.ravel(), sizes.places)
+        return replace(report, info=sizes.info, origin=origin)
 
 
 def _by_separate_runs(

@@ -130,11 +130,11 @@ def limited_on_grid(
         nodal={**bounds.nodal, **request.external(grid)},
         weights=share * nodal_measures(inner),
     )
-    h, report, _ = of_inner.limited(request, scheme)
+    limited = of_inner.limited(request, scheme)
     nearest = ndimage.distance_transform_edt(
         ~around, sampling=grid.spacing, return_distances=False, return_indices=True
     )
-    return SizeFunction(grid.with_active(None), h[tuple(nearest)], report=report)
+    return SizeFunction(grid.with_active(None), limited.h[tuple(nearest)], report=limited.report)
 
 
 def mesh_domain(
@@ -264,6 +264,7 @@ class MeshDomain:
 
 def _sized(bounds: Bounds, request: Request) -> SizeFunction:
     """Return the limited minimum of the bounds as a size function, with a report."""
-    h, report, _ = bounds.limited(request)
-    sources = None if report.info is None else report.info.sources
-    return SizeFunction(bounds.background, h, sources=sources, report=report)
+    limited = bounds.limited(request)
+    info, report = limited.sizes.info, limited.report
+    sources = None if info is None else info.sources
+    return SizeFunction(bounds.background, limited.h, sources=sources, report=report)

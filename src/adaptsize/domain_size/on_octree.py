@@ -100,9 +100,9 @@ def limited_on_octree(
         bounds[WIDTH] = shape.width[inner.nodes] / request.across
     bounds |= {cause: h[inner.nodes] for cause, h in request.external(shape.tree).items()}
     weights = _measures_inside(inner.mesh, -shape.nodes.depth[inner.nodes])
-    h, report, _ = Bounds(inner.mesh, bounds, limits, weights).limited(request)
-    h = _extrapolated(inner, h, request.g)
-    return h, _on_tree(shape, h, report)
+    limited = Bounds(inner.mesh, bounds, limits, weights).limited(request)
+    h = _extrapolated(inner, limited.h, request.g)
+    return h, _on_tree(shape, h, limited.report)
 
 
 def _extrapolated(inner: InnerCells, h: FloatArray, g: float) -> FloatArray:

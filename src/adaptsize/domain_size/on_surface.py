@@ -98,8 +98,8 @@ class SurfaceDomain:
             max_nodes = min(max_nodes, max(allowed, tuning.FEW_NODES))
         shortest, in_vain = np.inf, 0
         while True:
-            size, mesh = surface.size_for(request), surface.mesh
-            ratio = mesh.edge_lengths / size.values[mesh.edges].min(axis=1)
+            limited, mesh = surface.limited(request), surface.mesh
+            ratio = mesh.edge_lengths / limited.h[mesh.edges].min(axis=1)
             long, room = ratio > 2.0, max_nodes - mesh.n_points
             for power in range(2, 64):
                 if np.count_nonzero(long) <= room:
@@ -109,7 +109,7 @@ class SurfaceDomain:
             shortest = min(shortest, float(ratio.max()))
             is_vain = in_vain > tuning.PASSES_IN_VAIN and long.mean() < tuning.FEW_LONG
             if is_vain or not long.any():
-                return size
+                return surface.size_of(limited)
             surface = surface.split(long, request)
 
     def in_given_order(self, size: SizeFunction) -> SizeFunction:

@@ -13,7 +13,7 @@ from adaptsize._size_function import SizeFunction
 from adaptsize.background import SimplexMesh
 from adaptsize.background.splitting import SplitMesh, halved_edges, split_edges
 from adaptsize.background.topology import marked, rows_among
-from adaptsize.domain_size.bounds import Bounds
+from adaptsize.domain_size.bounds import Bounds, LimitedBounds
 from adaptsize.domain_size.prescribed import BoundsByCause
 from adaptsize.domain_size.request import Request
 from adaptsize.domain_size.surface_bounds import BOUNDS, BY_CAUSE
@@ -84,8 +84,8 @@ class RefinedSurface:
             inner_sources(request.sources, solid.mesh, request.limits(solid.mesh.diameter)[1]),
         )
 
-    def size_for(self, request: Request) -> SizeFunction:
-        """Return the limited sizes, with a report."""
+    def limited(self, request: Request) -> LimitedBounds:
+        """Return the limited sizes at the nodes."""
         mesh, faces = self.mesh, self.solid.faces
         inside = self.solid.inside
         normals = inside.normals_of_parts(mesh, self.owner)
@@ -98,7 +98,7 @@ class RefinedSurface:
             (cause, at, BY_CAUSE[cause].sizes(width, self.solid, request))
             for cause, at, width in self.in_facets
         ]
-        every = Bounds(
+        return Bounds(
             mesh,
             bounds | at_nodes,
             request.limits(faces.mesh.diameter, of_chords=True),
@@ -107,11 +107,17 @@ class RefinedSurface:
             solid=(inside, normals),
             inner=self.sources,
             of_chords=True,
-        )
-        h, report, aims = every.limited(request)
+        ).limited(request)
+
+    def size_of(self, limited: LimitedBounds) -> SizeFunction:
+        """Return the size function of limited sizes, with a report."""
+        report, solid = limited.report, limited.bounds.solid
+        assert solid is not None, "those of a surface have one"
         inner = tuple(source.clipped(report.hmin, np.inf) for source in self.sources)
-        sizes = InnerSizes(inside, normals, aims, inner)
-        return SizeFunction(mesh, h, g=request.g, hmax=report.hmax, report=report, inner=sizes)
+        return SizeFunction(
+            self.mesh, limited.h, g=report.g, hmax=report.hmax, report=report,
+            inner=InnerSizes(*solid, limited.aims, inner),
+        )  # fmt: skip
 
     def split(self, long: BoolArray, request: Request) -> RefinedSurface:
         """Return the surface with some edges halved, with bounds at the new nodes and facets."""

@@ -6,9 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adaptsize._workers import in_all_threads
 from adaptsize.background.topology import unique_rows
 from adaptsize.geometry.boundary import FlatBoundary, turns_in_plane
 from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
+
+# Facets or edges per chunk of a thread, a millisecond.
+_AT_ONCE = 1 << 13
 
 
 def is_convex(points: FloatArray, boundary: FlatBoundary, ridges: Ridges | None = None) -> bool:
@@ -65,17 +69,23 @@ def surrounds_once(angle: float) -> bool:
 
 def solid_angle(corners: FloatArray, middle: FloatArray) -> float:
     """Return the solid angle of facets, float64[f, 3, 3], seen from a point; nan behind any."""
-    a, b, c = np.moveaxis(corners - middle, 1, 0)
-    volume = np.einsum("ij,ij->i", a, cross(b, c))
-    la, lb, lc = map(norms, (a, b, c))
-    mixed = (
-        la * lb * lc
-        + np.einsum("ij,ij->i", a, b) * lc
-        + np.einsum("ij,ij->i", b, c) * la
-        + np.einsum("ij,ij->i", c, a) * lb
-    )
-    # Van Oosterom and Strackee.
-    return float(2.0 * np.arctan2(volume, mixed).sum()) if (volume >= 0.0).all() else np.nan
+    angles, in_front = np.empty(len(corners)), np.empty(len(corners), np.bool_)
+
+    def find(first: int, last: int) -> None:
+        a, b, c = np.moveaxis(corners[first:last] - middle, 1, 0)
+        volume = np.einsum("ij,ij->i", a, cross(b, c))
+        la, lb, lc = map(norms, (a, b, c))
+        mixed = (
+            la * lb * lc
+            + np.einsum("ij,ij->i", a, b) * lc
+            + np.einsum("ij,ij->i", b, c) * la
+            + np.einsum("ij,ij->i", c, a) * lb
+        )
+        angles[first:last] = np.arctan2(volume, mixed)  # Van Oosterom and Strackee
+        in_front[first:last] = volume >= 0.0
+
+    in_all_threads(find, len(corners), _AT_ONCE)
+    return float(2.0 * angles.sum()) if in_front.all() else np.nan
 
 
 def count_corners(points: FloatArray, boundary: FlatBoundary) -> int:
@@ -145,9 +155,19 @@ def turns_of(points: FloatArray, facets: IntArray, ridges: Ridges) -> FloatArray
 
     Positive where the domain is convex, nan where not two facets meet.
     """
-    units = units_of(points[facets])
-    rise = points[ridges.apex[:, 1]] - points[ridges.ends[:, 0]]
-    return angles_between(units[ridges.facets], rise, ridges.regular)
+    units, angles = np.empty((len(facets), 3)), np.empty(len(ridges.ends))
+
+    def turn(first: int, last: int) -> None:
+        units[first:last] = units_of(points[facets[first:last]])
+
+    def find(first: int, last: int) -> None:
+        own = slice(first, last)
+        rise = points[ridges.apex[own, 1]] - points[ridges.ends[own, 0]]
+        angles[own] = angles_between(units[ridges.facets[own]], rise, ridges.regular[own])
+
+    in_all_threads(turn, len(facets), _AT_ONCE)
+    in_all_threads(find, len(angles), _AT_ONCE)
+    return angles
 
 
 def units_of(corners: FloatArray) -> FloatArray:

@@ -16,6 +16,7 @@ from adaptsize._workers import Workers, in_all_threads
 from adaptsize.background import SimplexMesh
 from adaptsize.background._curve import along_curve
 from adaptsize.background._mesh_arrays import read_only
+from adaptsize.background.topology import rings
 from adaptsize.geometry.faces import Faces
 from adaptsize.geometry.inside import NUDGE, ON, Inside, blended
 from adaptsize.limiting import tuning
@@ -225,11 +226,10 @@ def _try_near(
 
 
 def _neighbours(mesh: SimplexMesh) -> tuple[IntArray, IntArray]:
-    """Return the neighbours of each node along edges, as compressed rows."""
-    pairs = np.concatenate([mesh.edges, mesh.edges[:, ::-1]])
-    order = np.argsort(pairs[:, 0], kind="stable")
-    first = np.searchsorted(pairs[order, 0], np.arange(mesh.n_points + 1))
-    return first.astype(np.int32), np.ascontiguousarray(pairs[order, 1])
+    """Return the neighbours of each node along edges, ascending, as compressed rows."""
+    first, edge = rings(mesh.edges, mesh.n_points)
+    node = np.repeat(np.arange(mesh.n_points, dtype=np.int32), np.diff(first))
+    return first, mesh.edges[edge].sum(axis=1, dtype=np.int32) - node
 
 
 def _roots(aims: IntArray, n_places: int) -> IndexArray:

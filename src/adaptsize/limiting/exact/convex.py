@@ -8,6 +8,7 @@ from adaptsize._kernels.ordering import fill_tiles
 from adaptsize._workers import Workers
 from adaptsize.background import CartesianGrid, SimplexMesh
 from adaptsize.background._curve import along_curve
+from adaptsize.background._mesh_arrays import bounding_box
 from adaptsize.limiting.exact.candidates import ConvexNodes, entries_of_nodes, margin_for
 from adaptsize.limiting.exact.field import (
     ComponentSolution,
@@ -140,12 +141,13 @@ def limit_points(
     """
     margin = 0.0
     if radius is None:
-        margin = margin_for(float(bounds.min()), g, float(np.linalg.norm(np.ptp(points, axis=0))))
+        lower, upper = bounding_box(points, workers.threads)
+        margin = margin_for(float(bounds.min()), g, float(np.linalg.norm(upper - lower)))
     nodes = np.flatnonzero(np.isfinite(bounds)).astype(np.int32)
-    entries = node_entries(points[nodes], bounds[nodes], nodes)
+    entries = node_entries(points[nodes], bounds[nodes], nodes, workers.threads)
     # Sizes inside of surfaces need the code for edges and faces, too: it is not compiled twice.
     linear = radius is None and points.shape[1] == 3
     field = field_of_nodes(entries, g, margin, workers, radius, linear=linear)
-    wanted = Points(points[:n], along_curve(points[:n]))
+    wanted = Points(points[:n], along_curve(points[:n], workers.threads))
     h, source = field.lowered(wanted, bounds[:n], workers)
     return ComponentSolution(h, source, field)

@@ -12,11 +12,14 @@ import numpy as np
 from adaptsize._kernels import exact as kernels
 from adaptsize._kernels import exact_plane as plane
 from adaptsize._kernels.sight import Sight, new_rays
-from adaptsize._workers import Workers
+from adaptsize._workers import Workers, in_all_threads
 from adaptsize.background._curve import along_curve, boxes_over
 from adaptsize.background._mesh_arrays import read_only
 from adaptsize.background.topology import unique_rows
 from adaptsize.typing import BoolArray, FloatArray, IntArray
+
+# Entries per chunk of a thread, a part of a millisecond.
+_ENTRIES = 1 << 13
 
 
 class Entries(NamedTuple):
@@ -47,14 +50,23 @@ class Entries(NamedTuple):
 
 
 def _with_tree(table: FloatArray, nodes: IntArray) -> Entries:
+    m, dim = nodes.shape
     entries = Entries(table, np.empty(0), nodes)
-    lower, upper, value = entries.places[:, 0], entries.places[:, 0], entries.sizes[:, 0]
-    for v in range(1, nodes.shape[1]):
-        lower, upper = (
-            np.minimum(lower, entries.places[:, v]),
-            np.maximum(upper, entries.places[:, v]),
-        )
-        value = np.minimum(value, entries.sizes[:, v])
+    places, sizes = entries.places, entries.sizes
+    lower, upper, value = np.empty((m, dim)), np.empty((m, dim)), np.empty(m)
+
+    def bound(first: int, last: int) -> None:
+        own = slice(first, last)
+        lower[own] = upper[own] = places[own, 0]
+        value[own] = sizes[own, 0]
+        for v in range(
+            1, dim
+        ):  # column by column, a third of the time of the minimum along an axis
+            np.minimum(lower[own], places[own, v], out=lower[own])
+            np.maximum(upper[own], places[own, v], out=upper[own])
+            np.minimum(value[own], sizes[own, v], out=value[own])
+
+    in_all_threads(bound, m, _ENTRIES)
     return entries._replace(boxes=boxes_over(lower, upper, value))
 
 
