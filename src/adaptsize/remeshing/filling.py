@@ -16,6 +16,7 @@ from adaptsize.errors import BackendError, BackendTimeoutError, TooManyElementsE
 from adaptsize.quality.boundary import overlapping_cells
 from adaptsize.remeshing import netgen, tuning
 from adaptsize.remeshing.attempts import Candidate
+from adaptsize.remeshing.crossing_repair import repair_crossings
 from adaptsize.remeshing.crossings import crossing_facets, smaller_at
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.isolation import IsolatedRunner
@@ -111,7 +112,8 @@ class Filling:
     def _in_adapted_surface(self, problem: MeshingProblem, run: IsolatedRunner) -> MeshingProblem:
         """Return the request to adapt what Netgen makes of a surface of the requested sizes.
 
-        Where facets of that cross each other, it is made again with smaller sizes around them.
+        Where facets of that cross each other and cannot be repaired, it is made again with smaller
+        sizes around them.
         """
         given, ridges = self._without_crossings(problem)
         surface, kept, crossings = _adapted_surface(given, ridges, problem, run)
@@ -218,18 +220,19 @@ def _adapted_surface(
     surface: SimplexMesh, ridges: IntArray, problem: MeshingProblem, run: IsolatedRunner
 ) -> tuple[SimplexMesh, IntArray, FloatArray]:
     """Return a surface of the requested sizes to be filled, its ridges, and where facets cross."""
-    size, tolerance = problem.sizes, problem.tolerance
+    given, size, tolerance = problem.mesh, problem.sizes, problem.tolerance
     surface, ridges = adapt_surface(surface, ridges, size, tolerance, run)
     # Where feature edges meet at small angles, Mmg makes edges much shorter than the size.  Those
     # shorter than this share of the tolerance are removed, unless facets cross only then.
     height = sliver_height(surface, size, 0.5 * tolerance)
     thicker, new_node = remove_slivers(surface, height)
-    crossings = crossing_facets(thicker, tuning.SLACK_OF_ADAPTED).places
-    if len(crossings):
-        before = crossing_facets(surface, tuning.SLACK_OF_ADAPTED).places
-        if not len(before):
-            return surface, ridges, before
-        crossings = np.concatenate([crossings, before])
+    crossings = np.empty((0, 3))
+    for one, edges in ((thicker, renumbered_edges(ridges, new_node)), (surface, ridges)):
+        repaired, node = repair_crossings(one, given, tolerance)
+        places = crossing_facets(repaired, tuning.SLACK_OF_ADAPTED).places
+        if not len(places):
+            return repaired, renumbered_edges(edges, node), places
+        crossings = np.concatenate([crossings, places])
     return thicker, renumbered_edges(ridges, new_node), crossings
 
 
