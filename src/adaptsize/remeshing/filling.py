@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -49,13 +51,20 @@ class Filling:
     n_cells : float
         Predicted number of cells.
     max_elements : float
+    most : float
+        Number of cells beyond which a mesh is not improved at first, as another one may follow.
     """
 
     def __init__(
-        self, problem: MeshingProblem, surface: SimplexMesh, n_cells: float, max_elements: float
+        self,
+        problem: MeshingProblem,
+        surface: SimplexMesh,
+        n_cells: float,
+        max_elements: float,
+        most: float = math.inf,
     ) -> None:
         self._problem, self.surface = problem, surface
-        self._n_cells, self._max_elements = n_cells, max_elements
+        self._n_cells, self._max_elements, self._most = n_cells, max_elements, most
         self._refined: dict[tuple[float, float], tuple[SimplexMesh, IntArray]] = {}
 
     def candidates(
@@ -93,21 +102,24 @@ class Filling:
     def _improved(
         self, made: Callable[[], SimplexMesh], inner: MeshingProblem, attempt: Attempt, note: str
     ) -> Candidate:
-        """Return a mesh to be improved, early given up if another attempt may follow."""
-        given_up: list[bool] = []
+        """Return a mesh to be improved, early given up if another attempt may follow.
 
-        def better(give_up: Callable[[], object] | None = None) -> SimplexMesh:
-            return improved_soundly(
-                made(), self.surface, inner.tolerance, inner.size, give_up=give_up
-            )
-
-        if not attempt.is_followed:
-            return Candidate(better, note)
-        return Candidate(
-            lambda: better(lambda: given_up.append(True)),
-            note,
-            lambda: better() if given_up else None,
+        A mesh of too many cells is left as it is.
+        """
+        undone: list[bool] = []
+        better = partial(
+            improved_soundly, surface=self.surface, tolerance=inner.tolerance, size=inner.size
         )
+
+        def finish() -> SimplexMesh:
+            mesh = made()
+            if mesh.n_cells > self._most:
+                undone.append(True)
+                return mesh
+            give_up = partial(undone.append, True) if attempt.is_followed else None
+            return better(mesh, give_up=give_up)
+
+        return Candidate(finish, note, lambda: better(made()) if undone else None)
 
     def _in_adapted_surface(self, problem: MeshingProblem, run: IsolatedRunner) -> MeshingProblem:
         """Return the request to adapt what Netgen makes of a surface of the requested sizes.
