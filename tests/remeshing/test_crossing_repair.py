@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from shapes import block
+from shapes import block, joined, moved
 
+from adaptsize import SimplexMesh
 from adaptsize.background.interfaces import skin_of
 from adaptsize.background.splitting import split_edges
 from adaptsize.geometry.enclosed import enclosed_measure, is_oriented
+from adaptsize.quality.boundary import farthest_places
 from adaptsize.remeshing.crossing_repair import _is_near, repair_crossings
 from adaptsize.remeshing.crossings import crossing_facets
 from adaptsize.remeshing.surface import remove_slivers
@@ -70,11 +72,25 @@ def test_short_edges_are_collapsed_where_a_node_cannot_be_put_onto_the_surface()
     assert_allclose(enclosed_measure(repaired), 1.0, rtol=1e-4)
 
 
-def test_what_cannot_be_repaired_within_the_tolerance_stays_as_it_is():
+def test_nodes_farther_off_than_the_tolerance_return_by_steps():
     given, crossed = crossed_beside_an_edge(3.0 * TOLERANCE, TOLERANCE)
-    repaired, new_node = repair_crossings(crossed, given, TOLERANCE)
+    repaired, _ = repair_crossings(crossed, given, TOLERANCE)
+    assert not len(crossing_facets(repaired).cells)
+    assert farthest_places(repaired, given, 0.0).distance.max() < TOLERANCE
+
+
+def test_a_surface_that_cannot_be_repaired_stays_as_it_is():
+    crossed = joined(box(), moved(box(), [0.3, 0.4, 0.6]))
+    repaired, new_node = repair_crossings(crossed, crossed, TOLERANCE)
     assert repaired is crossed
     assert_array_equal(new_node, np.arange(crossed.n_points))
+
+
+def test_what_cannot_be_filled_afterwards_stays_as_it_is():
+    given, crossed = crossed_beside_an_edge(0.3 * TOLERANCE, 0.1 * TOLERANCE)
+    opened = SimplexMesh(crossed.points, crossed.cells[1:])
+    assert len(crossing_facets(opened).cells)
+    assert repair_crossings(opened, given, TOLERANCE)[0] is opened
 
 
 def test_a_surface_without_crossings_stays_as_it_is():

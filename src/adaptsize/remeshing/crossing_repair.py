@@ -2,8 +2,8 @@
 
 Mmg leaves single nodes off the given surface, by less than the tolerance.  Where a wall is thinner
 than that, or facets are narrow beside a feature edge, the facets there cross others.  These nodes
-are moved onto the given surface.  Where this is not enough, short edges around are collapsed
-before.  Nothing else of the surface changes.
+are moved onto the given surface.  Where this is not enough, short edges around are collapsed.
+Nothing else of the surface changes.
 """
 
 import numpy as np
@@ -11,7 +11,9 @@ import numpy as np
 from adaptsize.background import SimplexMesh
 from adaptsize.background.topology import marked
 from adaptsize.geometry.boundary import facet_normals
+from adaptsize.geometry.enclosed import is_oriented
 from adaptsize.quality.boundary import farthest_places
+from adaptsize.quality.certificate import NEAR
 from adaptsize.remeshing import tuning
 from adaptsize.remeshing.crossings import crossing_facets
 from adaptsize.remeshing.surface import remove_slivers
@@ -25,7 +27,8 @@ def repair_crossings(
     """Return an adapted surface whose facets do not cross, and the new node for each node.
 
     It is ``surface`` itself if that has no crossing facets, or if the repair fails: then facets
-    still cross, or one would be farther from the given surface than the tolerance and than before.
+    still cross, the surface would not be closed, or it would be farther from the given one than the
+    tolerance and than before.
 
     Parameters
     ----------
@@ -36,25 +39,35 @@ def repair_crossings(
     tolerance : float
         Allowed distance between both, in the unit of the coordinates.
     """
-    found = crossing_facets(surface, tuning.SLACK_OF_ADAPTED)
     same = np.arange(surface.n_points, dtype=np.int32)
-    if not len(found.cells):
+    new, new_node, changed = surface, same, np.zeros(surface.n_points, np.bool_)
+    for share in (0.0, *tuning.COLLAPSED_AT_CROSSINGS):
+        nodes, where = _nodes_at_crossings(new)
+        if not len(nodes):
+            break
+        changed |= where[new_node]
+        if share > 0.0:
+            new, step = remove_slivers(new, share * tolerance, where)
+            new_node, nodes = step[new_node], np.unique(step[nodes])
+        new = _on_given(new, nodes, given, tolerance)
+    if new is surface or len(_nodes_at_crossings(new)[0]) or not is_oriented(new):
         return surface, same
-    crossing = np.unique(surface.cells[np.concatenate([found.cells, found.others])])
-    where = marked(crossing, surface.n_points)
+    after = new, marked(new_node[changed], new.n_points)
+    return (
+        (new, new_node)
+        if _is_near((surface, changed), after, given, tolerance)
+        else (surface, same)
+    )
+
+
+def _nodes_at_crossings(surface: SimplexMesh) -> tuple[IntArray, BoolArray]:
+    """Return the nodes of the facets that cross, and which nodes are in the rings around them."""
+    found = crossing_facets(surface, tuning.SLACK_OF_ADAPTED)
+    nodes = np.unique(surface.cells[np.concatenate([found.cells, found.others])])
+    where = marked(nodes, surface.n_points)
     for _ in range(tuning.RINGS_AT_CROSSINGS):
         where = marked(surface.cells[where[surface.cells].any(axis=1)], surface.n_points)
-    for share in tuning.COLLAPSED_AT_CROSSINGS:
-        new, new_node = surface, same
-        if share > 0.0:
-            new, new_node = remove_slivers(surface, share * tolerance, where)
-        new = _on_given(new, np.unique(new_node[crossing]), given, tolerance)
-        if len(crossing_facets(new, tuning.SLACK_OF_ADAPTED).cells):
-            continue
-        changed = marked(new_node[where], new.n_points)
-        if _is_near((surface, where), (new, changed), given, tolerance):
-            return new, new_node
-    return surface, same
+    return nodes, where
 
 
 def _on_given(
@@ -62,11 +75,11 @@ def _on_given(
 ) -> SimplexMesh:
     """Return the surface with nodes on the given one, where no triangle becomes flat or turns.
 
-    They are moved to facets within the tolerance that face the same way, since the other side of a
-    thin wall may be nearer.
+    They are moved to the nearest facets that face the same way: the other side of a wall thinner
+    than the tolerance may be nearer.
     """
     points, there = surface.points.copy(), surface.points[nodes]
-    of_node, near = given.locator.within(there, np.full(len(nodes), tolerance))
+    of_node, near = given.locator.within(there, given.locator.nearest(there)[2] + tolerance)
     faces = facet_normals(given.points[given.cells])
     normals = np.zeros_like(points)
     np.add.at(normals, surface.cells, facet_normals(points[surface.cells])[:, None])
@@ -89,9 +102,9 @@ def _is_near(
 ) -> bool:
     """Return whether a changed part keeps the tolerance, or is no farther away than it was.
 
-    This is for both directions: from its facets, and from the given ones around.  What is farther
-    away than the tolerance is brought nearer in the volume, see `improvement`.  Surfaces come with
-    their nodes where something may have changed.
+    This is for both directions: from its facets, and from each of the given ones around.  What is
+    farther away than the tolerance is brought nearer in the volume, see `improvement`.  Surfaces
+    come with their nodes where something may have changed.
     """
     parts = [
         SimplexMesh(mesh.points, mesh.cells[where[mesh.cells].any(axis=1)])
@@ -102,11 +115,15 @@ def _is_near(
     reach = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1) + tolerance
     near = np.unique(given.locator.within(centres, reach)[1])
     around = SimplexMesh(given.points, given.cells[near])
-    was, now = (
-        max(
-            float(farthest_places(one, other, tolerance).distance.max())
-            for one, other in ((part, given), (around, mesh))
+    (old, new), (lost, missed) = (
+        [farthest_places(one, other, tolerance).distance for one, other in pairs]
+        for pairs in (
+            ((parts[0], given), (parts[1], given)),
+            ((around, before[0]), (around, after[0])),
         )
-        for part, (mesh, _) in zip(parts, (before, after), strict=True)
     )
-    return now <= 1.02 * max(tolerance, was)  # distances are certain to 1 %
+    most = 1.0 + NEAR
+    return bool(
+        new.max() <= most * max(tolerance, old.max())
+        and (missed <= most * np.maximum(tolerance, lost)).all()
+    )
