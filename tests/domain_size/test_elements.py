@@ -205,6 +205,35 @@ def test_a_generator_that_leaves_much_of_a_cap_unused_makes_a_second_mesh(
     assert generator.asked == []
 
 
+class ChangingGenerator(FillingGenerator):
+    """Makes too many cells at first, and for fewer by another generator half of the allowed."""
+
+    def __init__(self):
+        super().__init__(1.3, None, alone=None, away=[0.0] * 3)
+        self.per_size = iter([1.3, 0.65, 0.65])
+
+    def nearest_sized(self, cap, ratio):
+        self.asked.append(ratio)
+        size = size_function(SQUARE, elements=cap.elements / ratio)
+        self.alone = "tetwild"
+        return replace(size, report=replace(size.report, n_elements=ratio * size.report.n_elements))
+
+    def meshed(self, size, old=None, most=np.inf):
+        scale = np.prod([one for one in self.asked if one != "tetwild"][-1:])
+        self.ratio = next(self.per_size) / scale
+        return super().meshed(size)
+
+
+def test_a_mesh_for_fewer_that_leaves_much_of_a_cap_unused_is_followed_by_one_for_more():
+    generator = ChangingGenerator()
+    made = within_cap(generator, Cap(1000.0))
+    assert generator.asked == [
+        pytest.approx(1.3, rel=0.06), "tetwild", pytest.approx(0.65, rel=0.06)
+    ]  # fmt: skip
+    assert made.mesh.n_cells == pytest.approx(1000, rel=0.06)
+    assert made.excess is None
+
+
 @pytest.mark.parametrize(
     ("away", "is_tried", "is_second"),
     [

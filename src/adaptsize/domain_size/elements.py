@@ -382,16 +382,21 @@ def within_cap(maker: Maker, cap: Cap) -> MadeMesh:
 
     If the first has more, a second mesh is made for fewer, where the boundary allows; of both, the
     one with fewer elements is returned.  If it has much fewer than were predicted within the cap,
-    since a generator has filled a surface in its own way, that makes a second one for more.
+    since a generator has filled a surface in its own way, that makes another one for more.  This
+    holds for the mesh that is made for fewer, too.
 
     None is made if the time is over, or if the boundary of the first is known to be far away:
     neither coarser nor finer sizes bring it nearer.  A first mesh of too many elements is improved
     and judged only if it is returned.
     """
-    made = maker.meshed(maker.sized(), most=cap.most)
-    if cap.load(made.mesh) > tuning.OVER_CAP:
-        return _for_fewer(maker, cap, made).completed()
-    return _for_more(maker, cap, made)
+    first = maker.meshed(maker.sized(), most=cap.most)
+    if cap.load(first.mesh) <= tuning.OVER_CAP:
+        return _for_more(maker, cap, first)
+    made = _for_fewer(maker, cap, first).completed()
+    if made.size is first.size or made.excess is not None:
+        return made
+    # The second may be by another generator, which the first would also have been left to.
+    return _for_more(maker, cap, made, first.mesh.n_cells / report_of(first.size).n_elements)
 
 
 def _for_fewer(maker: Maker, cap: Cap, made: MadeMesh) -> MadeMesh:
@@ -419,10 +424,11 @@ def _for_fewer(maker: Maker, cap: Cap, made: MadeMesh) -> MadeMesh:
     return min(made, second, key=lambda one: cap.load(one.mesh))._replace(excess=excess)
 
 
-def _for_more(maker: Maker, cap: Cap, made: MadeMesh) -> MadeMesh:
+def _for_more(maker: Maker, cap: Cap, made: MadeMesh, scale: float = 1.0) -> MadeMesh:
     """Return a mesh with more elements than one that leaves much of a cap unused, if it does.
 
-    Predictions are those of Mmg.  In walls thinner than the sizes, fTetWild makes fewer cells.
+    Predictions are those of Mmg, times ``scale``.  In walls thinner than the sizes, fTetWild makes
+    fewer cells.
     """
     count, predicted = made.mesh.n_cells, report_of(made.size).n_elements
     ratio, fills = count / predicted, made.mesh.cell_dim > maker.mesh.cell_dim
@@ -435,7 +441,7 @@ def _for_more(maker: Maker, cap: Cap, made: MadeMesh) -> MadeMesh:
     maker.listener.say(Message(text, name, count, predicted))
     try:
         with warnings.catch_warnings(record=True):  # of a mesh that is not written
-            second = maker.by(name).meshed(maker.nearest_sized(cap, ratio))
+            second = maker.by(name).meshed(maker.nearest_sized(cap, scale * ratio))
     except (TooManyElementsError, BackendError):
         return made
     is_worse = second.is_cut_short or second.is_off
