@@ -14,7 +14,7 @@ from meshes import random_sphere
 from shapes import CORNERS as UNIT
 from shapes import CUBE_CELLS, block
 
-from adaptsize import BoxSource, SimplexMesh, read, remesh, size_function, write
+from adaptsize import BoxSource, SimplexMesh, SizeFunction, read, remesh, size_function, write
 from adaptsize._checks import length_text
 from adaptsize._records import read_record, write_record
 from adaptsize.background.bisection import resolved
@@ -22,6 +22,7 @@ from adaptsize.cli.console import Console
 from adaptsize.cli.size import print_outcome
 from adaptsize.errors import InputWarning
 from adaptsize.quality import check_mesh, size_conformity
+from adaptsize.quality.by_place import RequestedElements
 from adaptsize.remeshing import register_backend, registry
 from adaptsize.remeshing.attempts import Attempts
 from adaptsize.remeshing.driver import Remeshed, remeshed
@@ -267,17 +268,26 @@ def test_what_remesh_has_compared_is_not_compared_again(capsys, box, monkeypatch
     pytest.importorskip("netgen")
     old = repair_mesh(read(box)).mesh
     size = size_function(old, hmax=0.5)
-    new, attempts, _ = remeshed(old, size, tolerance=2e-3)
-    found = attempts.check
+    made = remeshed(old, size, tolerance=2e-3)
+    found = made.attempts.check, made.elements
     with_it, without = (
-        outcome_of_remeshing(new, old, size, 2e-3, check=check).as_dict() for check in (found, None)
+        outcome_of_remeshing(made.mesh, old, size, 2e-3, None, *known).as_dict()
+        for known in (found, (None, None))
     )
-    assert found is not None
+    assert None not in found
     assert with_it.pop("measure_change") == pytest.approx(without.pop("measure_change"), abs=1e-12)
     assert with_it == without
     monkeypatch.setattr("adaptsize.quality.check_mesh", None)
+    compared, compare = [], RequestedElements.of.__func__
+
+    def of(cls, mesh, size, *others):
+        compared.append(type(size))
+        return compare(cls, mesh, size, *others)
+
+    monkeypatch.setattr(RequestedElements, "of", classmethod(of))
     assert call("remesh", box, "-o", box.with_name("new.vtu"), "--hmax", "0.5") == 0
     assert "boundary  " in capsys.readouterr().out
+    assert compared.count(SizeFunction) == 1
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply", ".off"])

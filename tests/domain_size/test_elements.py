@@ -99,7 +99,7 @@ class Generator:
         self.wanted += number.values()
         return size_function(SQUARE, **number)
 
-    def meshed(self, size, old=None):
+    def meshed(self, size, old=None, most=np.inf):
         n = max(round(self.ratio * size.report.n_elements**self.power), 1)
         points = np.column_stack([np.arange(n + 1.0), np.zeros(n + 1)])
         cells = np.column_stack([np.arange(n), np.arange(1, n + 1)])
@@ -121,7 +121,7 @@ class CappedGenerator(Generator):
         report = replace(size.report, n_elements=ratio * size.report.n_elements)
         return replace(size, report=report)
 
-    def meshed(self, size, old=None):
+    def meshed(self, size, old=None, most=np.inf):
         self.made += 1
         if self.made > 1:
             size = replace(size, report=replace(size.report, n_elements=1000.0 / self.ratio))
@@ -167,7 +167,7 @@ class FillingGenerator(Generator):
         size, self.ratio = size_function(SQUARE, elements=cap.elements / ratio), self.later
         return size
 
-    def meshed(self, size, old=None):
+    def meshed(self, size, old=None, most=np.inf):
         if self.ratio is None:
             raise BackendError("it failed")
         requirement = Requirement("boundary", "missed", "", self.away.pop(0), 1e-3)
@@ -205,6 +205,35 @@ def test_a_generator_that_leaves_much_of_a_cap_unused_makes_a_second_mesh(
     assert generator.asked == []
 
 
+class ChangingGenerator(FillingGenerator):
+    """Makes too many cells at first, and for fewer by another generator half of the allowed."""
+
+    def __init__(self):
+        super().__init__(1.3, None, alone=None, away=[0.0] * 3)
+        self.per_size = iter([1.3, 0.65, 0.65])
+
+    def nearest_sized(self, cap, ratio):
+        self.asked.append(ratio)
+        size = size_function(SQUARE, elements=cap.elements / ratio)
+        self.alone = "tetwild"
+        return replace(size, report=replace(size.report, n_elements=ratio * size.report.n_elements))
+
+    def meshed(self, size, old=None, most=np.inf):
+        scale = np.prod([one for one in self.asked if one != "tetwild"][-1:])
+        self.ratio = next(self.per_size) / scale
+        return super().meshed(size)
+
+
+def test_a_mesh_for_fewer_that_leaves_much_of_a_cap_unused_is_followed_by_one_for_more():
+    generator = ChangingGenerator()
+    made = within_cap(generator, Cap(1000.0))
+    assert generator.asked == [
+        pytest.approx(1.3, rel=0.06), "tetwild", pytest.approx(0.65, rel=0.06)
+    ]  # fmt: skip
+    assert made.mesh.n_cells == pytest.approx(1000, rel=0.06)
+    assert made.excess is None
+
+
 @pytest.mark.parametrize(
     ("away", "is_tried", "is_second"),
     [
@@ -231,7 +260,7 @@ def test_no_second_mesh_when_the_time_is_over():
     generator.sized = lambda: size_function(SQUARE, elements=1000)
     meshed = generator.meshed
 
-    def in_time(size):
+    def in_time(size, **_):
         made = meshed(size)
         return made._replace(attempts=replace(made.attempts, is_cut_short=True))
 
@@ -329,6 +358,43 @@ def test_the_first_mesh_is_kept_if_the_second_fails(error):
     made = within_cap(generator, Cap(1000.0))
     assert made.mesh.n_cells > 1100
     assert "more than max_elements = 1000, and for fewer: it failed" in str(made.excess)
+
+
+@pytest.mark.parametrize("fails", [None, BackendError])
+def test_a_first_mesh_beyond_a_cap_is_completed_only_if_it_is_returned(monkeypatch, fails):
+    asked, completed, counts = [], [], iter([1300, 900])
+
+    def mesh_of(count):
+        points = np.column_stack([np.arange(count + 2.0), np.arange(count + 2.0) % 2])
+        return SimplexMesh(points, np.arange(count)[:, None] + [0, 1, 2])
+
+    def remeshed(mesh, size, most, **options):
+        asked.append(most)
+        count = next(counts)
+        warnings.warn(f"of {count} cells", ResolutionWarning, stacklevel=1)
+        if len(asked) == 2 and fails is not None:
+            raise fails("it failed")
+        later = (lambda: None) if count > most else None
+        return Postponed(mesh_of(count), Attempts((), None, is_cut_short=False, later=later))
+
+    class Postponed(Remeshed):
+        def completed(self):
+            completed.append(self.mesh.n_cells)
+            warnings.warn("completed", ResolutionWarning, stacklevel=1)
+            return Remeshed(mesh_of(1299), Attempts((), None, is_cut_short=False))
+
+    monkeypatch.setattr("adaptsize.domain_size.elements.remeshed", remeshed)
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        made = mesh_with_sizes(SQUARE, {"max_elements": 1000, "hmin": 1e-3}, progress=None)
+    assert asked == [pytest.approx(1100.0), np.inf]
+    said = [str(one.message) for one in found]
+    if fails is None:
+        assert (made.mesh.n_cells, completed, said) == (900, [], ["of 900 cells"])
+        return
+    assert (made.mesh.n_cells, completed) == (1299, [1300])
+    assert said == ["of 1300 cells", "completed"]
+    assert "and for fewer: it failed" in str(made.excess)
 
 
 @pytest.mark.parametrize(("ratio", "meshes"), [(1.03, 1), (1.1, 2), (1.3, 2), (0.5, 2)])

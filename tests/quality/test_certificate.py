@@ -5,9 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from meshes import random_sphere
+from numpy.testing import assert_array_equal
 from shapes import block, joined, moved
 
 from adaptsize import SimplexMesh, check_mesh
+from adaptsize.background.simplex import cut_out
+from adaptsize.quality.by_place import is_in_band
+from adaptsize.quality.conformity import edge_ratios
+from adaptsize.quality.walls import across_walls
 
 SQUARE = SimplexMesh([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]])
 CUBE = block(2)
@@ -112,6 +117,41 @@ def test_edges_off_their_size_are_a_fault_with_the_worst_places():
     assert requirement.text == "80.0% within a factor sqrt 2 of the size, 90% required"
     assert requirement.places[0].point == (0.5, 1.0)
     assert requirement.places[0].value == pytest.approx(10.0)
+
+
+def sheet(thickness):
+    """One layer of cells with edges of 1/8 along both sides."""
+    whole = block(8)
+    layer = (whole.points[whole.cells][:, :, 2] <= 0.125).all(axis=1)
+    part, _ = cut_out(whole.points * [1.0, 1.0, 8.0 * thickness], whole.cells[layer])
+    return part
+
+
+def edges_of_check(mesh, size):
+    check = check_mesh(mesh, size=size, share_in_band=0.93)
+    return next(one for one in check.requirements if one.name == "edges")
+
+
+def test_edges_across_a_wall_thinner_than_the_size_do_not_count():
+    thin, size = sheet(0.02), 0.15
+    found = edges_of_check(thin, size)
+    assert found.status == "met"
+    assert "; without " in found.text
+    assert is_in_band(edge_ratios(thin, size)).mean() < 0.9
+    # Those that are too long do, and so do short edges along the sides.
+    for mesh, size in ((sheet(0.5), 0.15), (thin, 0.3)):
+        assert edges_of_check(mesh, size).status == "missed"
+
+
+def test_across_walls_are_edges_between_opposite_sides():
+    thin = sheet(0.02)
+    across = across_walls(thin)
+    ends = thin.points[thin.edges]
+    is_inside = ((ends[:, :, :2] > 0.0) & (ends[:, :, :2] < 1.0)).all(axis=(1, 2))
+    from_below = ends[:, 0, 2] != ends[:, 1, 2]
+    assert_array_equal(across[is_inside], from_below[is_inside])
+    assert not across_walls(thin.boundary().mesh).any()
+    assert not across_walls(block(2))[np.isclose(block(2).edge_lengths, 0.5)].any()
 
 
 def test_of_an_open_surface_only_its_own_distance_counts():

@@ -151,6 +151,31 @@ def test_a_mesh_given_up_is_completed_if_no_better_one_follows(
     assert found.best.verdict.check.is_met == (expected < 1.0)
 
 
+def test_a_mesh_of_too_many_cells_is_judged_later():
+    fakes = Fakes(first=(4.0, 5.0), second=(1.0, 0.5))
+    finished, judged, solve = CUBE.moved(CUBE.points), [], fakes.solve
+    fakes.meshes[id(finished)] = finished, 0.9
+
+    def judge(mesh):
+        judged.append(mesh)
+        return fakes.judge(mesh)
+
+    def solve_and_leave(attempt, run):
+        for candidate in solve(attempt, run):
+            yield candidate._replace(complete=lambda: finished)
+
+    runner = IsolatedRunner("none", None, None, lambda *_: None)
+    given = list(fakes.plan()), solve_and_leave, judge, Budget(None, fakes.clock), runner
+    found = best_of(*given, most=CUBE.n_cells - 1)
+    assert statuses(found) == [("first", "made")]
+    assert found.best.verdict is None
+    assert judged == []
+    whole = found.later()
+    assert (whole.best.mesh, whole.later) == (finished, None)
+    assert statuses(whole) == [("first", "met")]
+    assert best_of(*given, most=CUBE.n_cells).later is None
+
+
 def test_a_mesh_is_not_replaced_by_a_worse_or_failing_completion():
     failing = BackendError("flat cells")
     for what in (9.0, failing, None):

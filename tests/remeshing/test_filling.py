@@ -247,12 +247,36 @@ def test_rounds_have_the_tolerance_and_may_give_up_if_another_attempt_follows(
     expected = (is_followed, pytest.approx(2e-3, rel=1e-9))
     assert asked == [expected, expected]  # the filled mesh, and the adapted one
     if not is_followed:
-        assert [complete for _, complete in meshes] == [None, None]
+        assert [complete() for _, complete in meshes] == [None, None]
         return
     assert meshes[0][1]() is None  # not given up
     new = meshes[1][1]()
     assert asked[2:] == [(False, expected[1])]
     assert_array_equal(new.points, meshes[1][0].points)
+
+
+@pytest.mark.parametrize("backend", ["mmg", "tetwild"])
+def test_a_mesh_of_too_many_cells_is_improved_later(backend, monkeypatch):
+    asked = []
+
+    def as_it_is(mesh, surface, tolerance, size, **_):
+        asked.append(mesh.n_cells)
+        return mesh
+
+    monkeypatch.setattr(filling, "improved", as_it_is)
+    options = checked(RemeshOptions, {"tolerance": 4e-3, "backend": backend})
+    job = prepared(cylinder(12, 0.3), 0.3, None, options)
+    for most in (1.0, 1e9):
+        *_, last = replace(job, most=most).solve(plan(job.known())[0], RecordingRunner.without())
+        mesh = last.finish()
+        before = len(asked)
+        whole = last.complete()
+        if most == 1.0:
+            assert (before, asked) == (0, [mesh.n_cells])
+            assert_array_equal(whole.cells, mesh.cells)
+        else:
+            assert whole is None
+            assert before == 2
 
 
 def test_a_mesh_that_would_take_too_long_is_given_up():

@@ -124,7 +124,9 @@ def remesh(console: Console, file: Input, output: MeshOutput, given: Given) -> i
         steps.begin("checks")
         repaired = repair_mesh(mesh).mesh
         check = None if made.attempts is None else made.attempts.check
-        outcome = outcome_of_remeshing(new, repaired, size, allowed, given.get("elements"), check)
+        outcome = outcome_of_remeshing(
+            new, repaired, size, allowed, given.get("elements"), check, made.elements
+        )
         outcome = replace(outcome, over_cap=made.excess)
         files.draw(console, "size", plot, new)
         files.write_report(console, page, file, new, size, outcome, outcome.check)

@@ -41,10 +41,11 @@ from adaptsize.errors import (
 from adaptsize.options import RemeshToElementsOptions, checked, options_of, with_options
 from adaptsize.options.meshes import DetailOptions, MeshOptions
 from adaptsize.options.sizes import BudgetOptions
+from adaptsize.quality.by_place import RequestedElements
 from adaptsize.remeshing import tuning as of_remeshing
 from adaptsize.remeshing.attempts import Attempts
 from adaptsize.remeshing.details import remove_details
-from adaptsize.remeshing.driver import check_backend, remeshed
+from adaptsize.remeshing.driver import Remeshed, check_backend, remeshed
 from adaptsize.sizes.search import Search, Trial
 from adaptsize.sizes.sources import SourcesLike
 from adaptsize.typing import ProgressCallback, Unpack
@@ -168,6 +169,17 @@ class MadeMesh(NamedTuple):
     """Why the mesh has more elements than allowed; None if it has not."""
     warned: Sequence[warnings.WarningMessage] = ()
     """The warnings of this mesh, which are issued if it is returned."""
+    elements: RequestedElements | None = None
+    """The requested elements at the places of the mesh, if they were found for the warnings."""
+    later: Callable[[], MadeMesh] | None = None
+    """Returns the mesh improved and judged, with further warnings; None if that is done."""
+
+    def completed(self) -> MadeMesh:
+        """Return the mesh improved and judged, if that was postponed."""
+        if self.later is None:
+            return self
+        whole = self.later()
+        return whole._replace(excess=self.excess, warned=[*self.warned, *whole.warned])
 
     @property
     def is_cut_short(self) -> bool:
@@ -225,6 +237,11 @@ class Cap:
     elements: float | None
     memory: str | None = None
     system: tuple[int, int] = (1, 1)
+
+    @property
+    def most(self) -> float:
+        """The number of elements beyond which another mesh is made."""
+        return math.inf if self.elements is None else tuning.OVER_CAP * self.elements
 
     def load(self, mesh: SimplexMesh) -> float:
         """Return the elements or the memory over the allowed one, whichever is more; 0 without."""
@@ -322,8 +339,13 @@ class Maker:
         """Return what makes meshes by one generator only, within the same time."""
         return replace(self, for_mesh={**self.for_mesh, "backend": backend})
 
-    def meshed(self, size: SizeFunction, old: SimplexMesh | None = None) -> MadeMesh:
-        """Return a mesh of given sizes, from the mesh of the domain or from another one."""
+    def meshed(
+        self, size: SizeFunction, old: SimplexMesh | None = None, most: float = math.inf
+    ) -> MadeMesh:
+        """Return a mesh of given sizes, from the mesh of the domain or from another one.
+
+        If it has more than ``most`` elements, it is neither improved nor judged at first.
+        """
         # A cap is kept unless given parameters forbid it; a requested number is not capped.
         report = report_of(size)
         limit: dict[str, Any] = {}
@@ -332,18 +354,27 @@ class Maker:
                 self.most or 0.0, of_remeshing.MANY_MORE * report.n_elements
             )
         limit["timeout"] = self.time.for_next_mesh()
-        held: Sequence[warnings.WarningMessage] = ()
-        try:
-            with checked_before(), warnings.catch_warnings(record=True) as held:
-                warnings.simplefilter("always")
-                new = remeshed(
-                    self.mesh if old is None else old, size, progress=self.progress,
-                    g=report.g, hmax=report.hmax, **{**self.for_mesh, **limit},
-                )  # fmt: skip
-        except Exception:
-            warn_again(held)  # they may say why it has failed
-            raise
-        return MadeMesh(new.mesh, size, new.attempts, warned=held)
+        given = {**self.for_mesh, **limit, "g": report.g, "hmax": report.hmax}
+        if given.get("strict"):
+            most = math.inf  # whether it meets the requirements decides what follows
+        start = self.mesh if old is None else old
+        return _made(
+            size, partial(remeshed, start, size, progress=self.progress, most=most, **given)
+        )
+
+
+def _made(size: SizeFunction, make: Callable[[], Remeshed]) -> MadeMesh:
+    """Return a mesh with its warnings, which are issued now if it fails."""
+    held: Sequence[warnings.WarningMessage] = ()
+    try:
+        with checked_before(), warnings.catch_warnings(record=True) as held:
+            warnings.simplefilter("always")
+            new = make()
+    except Exception:
+        warn_again(held)  # they may say why it has failed
+        raise
+    later = None if new.attempts.later is None else partial(_made, size, new.completed)
+    return MadeMesh(new.mesh, size, new.attempts, warned=held, elements=new.elements, later=later)
 
 
 def within_cap(maker: Maker, cap: Cap) -> MadeMesh:
@@ -351,15 +382,21 @@ def within_cap(maker: Maker, cap: Cap) -> MadeMesh:
 
     If the first has more, a second mesh is made for fewer, where the boundary allows; of both, the
     one with fewer elements is returned.  If it has much fewer than were predicted within the cap,
-    since a generator has filled a surface in its own way, that makes a second one for more.
+    since a generator has filled a surface in its own way, that makes another one for more.  This
+    holds for the mesh that is made for fewer, too.
 
-    None is made if the time is over, or if the boundary of the first is far away: neither coarser
-    nor finer sizes bring it nearer.
+    None is made if the time is over, or if the boundary of the first is known to be far away:
+    neither coarser nor finer sizes bring it nearer.  A first mesh of too many elements is improved
+    and judged only if it is returned.
     """
-    made = maker.meshed(maker.sized())
-    if cap.load(made.mesh) > tuning.OVER_CAP:
-        return _for_fewer(maker, cap, made)
-    return _for_more(maker, cap, made)
+    first = maker.meshed(maker.sized(), most=cap.most)
+    if cap.load(first.mesh) <= tuning.OVER_CAP:
+        return _for_more(maker, cap, first)
+    made = _for_fewer(maker, cap, first).completed()
+    if made.size is first.size or made.excess is not None:
+        return made
+    # The second may be by another generator, which the first would also have been left to.
+    return _for_more(maker, cap, made, first.mesh.n_cells / report_of(first.size).n_elements)
 
 
 def _for_fewer(maker: Maker, cap: Cap, made: MadeMesh) -> MadeMesh:
@@ -387,10 +424,11 @@ def _for_fewer(maker: Maker, cap: Cap, made: MadeMesh) -> MadeMesh:
     return min(made, second, key=lambda one: cap.load(one.mesh))._replace(excess=excess)
 
 
-def _for_more(maker: Maker, cap: Cap, made: MadeMesh) -> MadeMesh:
+def _for_more(maker: Maker, cap: Cap, made: MadeMesh, scale: float = 1.0) -> MadeMesh:
     """Return a mesh with more elements than one that leaves much of a cap unused, if it does.
 
-    Predictions are those of Mmg.  In walls thinner than the sizes, fTetWild makes fewer cells.
+    Predictions are those of Mmg, times ``scale``.  In walls thinner than the sizes, fTetWild makes
+    fewer cells.
     """
     count, predicted = made.mesh.n_cells, report_of(made.size).n_elements
     ratio, fills = count / predicted, made.mesh.cell_dim > maker.mesh.cell_dim
@@ -403,7 +441,7 @@ def _for_more(maker: Maker, cap: Cap, made: MadeMesh) -> MadeMesh:
     maker.listener.say(Message(text, name, count, predicted))
     try:
         with warnings.catch_warnings(record=True):  # of a mesh that is not written
-            second = maker.by(name).meshed(maker.nearest_sized(cap, ratio))
+            second = maker.by(name).meshed(maker.nearest_sized(cap, scale * ratio))
     except (TooManyElementsError, BackendError):
         return made
     is_worse = second.is_cut_short or second.is_off

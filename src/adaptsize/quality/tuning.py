@@ -19,3 +19,5 @@ FEW_REQUESTED = 30.0
 #: walls with a boundary layer.  Metrics of second derivatives with moderate aspect ratios, such
 #: as 20, ask for no layers there.
 THIN_LAYER = 50.0
+#: Outward normals at both ends of an edge across a wall have a smaller cosine.  Not measured.
+OPPOSITE_SIDES = -0.5

@@ -76,6 +76,8 @@ class Attempts:
     best: Best | None
     is_cut_short: bool
     """Whether the time was over before a mesh was accepted."""
+    later: Callable[[], Attempts] | None = field(default=None, compare=False)
+    """Returns the same with the best mesh improved and judged; None if that is done."""
 
     @property
     def check(self) -> MeshCheck | None:
@@ -151,6 +153,7 @@ def best_of(
     *,
     strict: bool = False,
     always: bool = False,
+    most: float = math.inf,
 ) -> Attempts:
     """Return the best mesh of several attempts, which end once a mesh is accepted.
 
@@ -170,6 +173,8 @@ def best_of(
     strict : bool
     always : bool
         Whether a mesh is also judged if no other attempt could follow.
+    most : float
+        A first mesh with more cells ends the attempts without being judged: see `Attempts.later`.
     """
     tried: list[Tried] = []
     failed: dict[str, BackendError] = {}
@@ -192,6 +197,14 @@ def best_of(
         )  # fmt: skip
         made, error = _made(attempt, solve, own)
         is_stopped = isinstance(error, BackendTimeoutError)
+        if made is not None and best is None and made.mesh.n_cells > most:
+            tried.append(_record(attempt, None, error, budget.clock() - began, made=True))
+
+            def later(best: Best = made) -> Attempts:
+                whole = _completed(best, tried, judge, budget)
+                return Attempts(tuple(tried), whole, is_cut_short=False)
+
+            return Attempts(tuple(tried), made, is_cut_short=False, later=later)
         verdict = None
         matters = strict or always or best is not None or any(one.cures for one in rest)
         if made is not None and matters:

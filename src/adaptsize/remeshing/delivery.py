@@ -109,7 +109,7 @@ def warn_of_metric(
         warn_caller(str(layer), ResolutionWarning)
 
 
-def warn_of_lacks(new: SimplexMesh, size: Any, wanted: Size, old: SimplexMesh) -> None:
+def warn_of_lacks(new: SimplexMesh, size: Any, wanted: Size, old: SimplexMesh) -> RequestedElements:
     """Warn of requests that a mesh does not serve, and of details that were kept.
 
     Parameters
@@ -121,6 +121,11 @@ def warn_of_lacks(new: SimplexMesh, size: Any, wanted: Size, old: SimplexMesh) -
         The same, checked.
     old : SimplexMesh
         The mesh of nodal sizes.
+
+    Returns
+    -------
+    RequestedElements
+        Those at the places of the new mesh.
 
     Warns
     -----
@@ -134,6 +139,8 @@ def warn_of_lacks(new: SimplexMesh, size: Any, wanted: Size, old: SimplexMesh) -
         size = wanted
     if new.dim == new.cell_dim == 2:
         warn_of_details(new, wanted)
-    found = unserved(RequestedElements.of(new, size), size)
+    elements = RequestedElements.of(new, size)
+    found = unserved(elements, size)
     for one in found[: tuning.MOST_WARNINGS]:
         warn_caller(str(one), ResolutionWarning)
+    return elements

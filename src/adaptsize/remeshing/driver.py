@@ -24,6 +24,7 @@ from adaptsize.errors import (
 )
 from adaptsize.metrics import Metric, MetricFunction
 from adaptsize.options import RemeshOptions, checked, with_options
+from adaptsize.quality.by_place import RequestedElements
 from adaptsize.remeshing.attempts import (
     Attempts,
     Best,
@@ -193,23 +194,37 @@ class Remeshed(NamedTuple):
     attempts: Attempts
     job: Job | None = None
     """The request; None if nothing is to be warned of."""
+    elements: RequestedElements | None = None
+    """The requested elements at the places of the mesh, if they were found for the warnings."""
+
+    def warned(self) -> Remeshed:
+        """Warn of what the mesh lacks; return it with what was found."""
+        self.warn_of_domain()
+        return self._replace(elements=self.warn_of_sizes())
+
+    def completed(self) -> Remeshed:
+        """Return the mesh improved, judged and with warnings, if that was postponed."""
+        if self.attempts.later is None or self.job is None:
+            return self
+        found = self.attempts.later()
+        best = _accepted(found, self.job.requests.task, self.job.given)
+        return Remeshed(best.mesh, found, self.job).warned()
 
     def warn_of_domain(self) -> None:
         """Warn of what the mesh has lost of the domain."""
         if self.job is not None:
             self.job.warn_of(self.mesh)
 
-    def warn_of_sizes(self, whole: SimplexMesh | None = None) -> None:
+    def warn_of_sizes(self, whole: SimplexMesh | None = None) -> RequestedElements | None:
         """Warn of what the mesh, or the whole of which it is a part, lacks of the sizes."""
         if self.job is None or (whole is None and self.job.requests.required is not None):
-            return  # beside facets that stay, no sizes can be followed
+            return None  # beside facets that stay, no sizes can be followed
         mesh, requests = self.mesh if whole is None else whole, self.job.requests
         sizes = requests.sizes
         if sizes.metric is None:
-            warn_of_lacks(mesh, sizes.given, sizes.at, sizes.on)
-        else:
-            served = requests.served_by(mesh)
-            warn_of_metric(mesh, sizes.metric, sizes.metric_on, served)
+            return warn_of_lacks(mesh, sizes.given, sizes.at, sizes.on)
+        warn_of_metric(mesh, sizes.metric, sizes.metric_on, requests.served_by(mesh))
+        return None
 
 
 def remeshed(
@@ -219,13 +234,16 @@ def remeshed(
     periodic: npt.ArrayLike | None = None,
     *,
     progress: ProgressCallback | bool | None = None,
+    most: float = math.inf,
     **options: Unpack[RemeshOptions],
 ) -> Remeshed:
-    """Return what `remesh` returns of a mesh in one part, and what was tried."""
-    made = trial(mesh, size, required_facets, periodic, progress=progress, **options)
-    made.warn_of_domain()
-    made.warn_of_sizes()
-    return made
+    """Return what `remesh` returns of a mesh in one part, and what was tried.
+
+    If the mesh has more than ``most`` cells, improvement, judgement and warnings are postponed: see
+    `Remeshed.completed`.
+    """
+    made = trial(mesh, size, required_facets, periodic, progress=progress, most=most, **options)
+    return made if made.attempts.later is not None else made.warned()
 
 
 def trial(
@@ -235,6 +253,7 @@ def trial(
     periodic: npt.ArrayLike | None = None,
     *,
     progress: ProgressCallback | bool | None = None,
+    most: float = math.inf,
     **options: Unpack[RemeshOptions],
 ) -> Remeshed:
     """Return the same for a mesh that may be thrown away: it is not compared with the request."""
@@ -242,11 +261,14 @@ def trial(
     if periodic is not None:
         refuse_unperiodic(task_of(mesh, given["target"]), required_facets, given)
     job = prepared(without_fields(as_mesh("mesh", mesh)), size, required_facets, given)
+    job = replace(job, most=most)
     with reporting(progress) as report:
         if periodic is not None:
             found = _periodic(job, periodic, given, report)
         else:
             found = job.attempts(IsolatedRunner(job.chosen.name, None, None, report))
+    if found.later is not None and found.best is not None:
+        return Remeshed(found.best.mesh, found, job)
     best = _accepted(found, job.requests.task, given)
     return Remeshed(best.mesh, found, job)
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from adaptsize.errors import BackendError, BackendTimeoutError, TooManyElementsE
 from adaptsize.quality.boundary import overlapping_cells
 from adaptsize.remeshing import netgen, tuning
 from adaptsize.remeshing.attempts import Candidate
+from adaptsize.remeshing.crossing_repair import repair_crossings
 from adaptsize.remeshing.crossings import crossing_facets, smaller_at
 from adaptsize.remeshing.improvement import improved
 from adaptsize.remeshing.isolation import IsolatedRunner
@@ -48,13 +51,20 @@ class Filling:
     n_cells : float
         Predicted number of cells.
     max_elements : float
+    most : float
+        Number of cells beyond which a mesh is not improved at first, as another one may follow.
     """
 
     def __init__(
-        self, problem: MeshingProblem, surface: SimplexMesh, n_cells: float, max_elements: float
+        self,
+        problem: MeshingProblem,
+        surface: SimplexMesh,
+        n_cells: float,
+        max_elements: float,
+        most: float = math.inf,
     ) -> None:
         self._problem, self.surface = problem, surface
-        self._n_cells, self._max_elements = n_cells, max_elements
+        self._n_cells, self._max_elements, self._most = n_cells, max_elements, most
         self._refined: dict[tuple[float, float], tuple[SimplexMesh, IntArray]] = {}
 
     def candidates(
@@ -92,26 +102,30 @@ class Filling:
     def _improved(
         self, made: Callable[[], SimplexMesh], inner: MeshingProblem, attempt: Attempt, note: str
     ) -> Candidate:
-        """Return a mesh to be improved, early given up if another attempt may follow."""
-        given_up: list[bool] = []
+        """Return a mesh to be improved, early given up if another attempt may follow.
 
-        def better(give_up: Callable[[], object] | None = None) -> SimplexMesh:
-            return improved_soundly(
-                made(), self.surface, inner.tolerance, inner.size, give_up=give_up
-            )
-
-        if not attempt.is_followed:
-            return Candidate(better, note)
-        return Candidate(
-            lambda: better(lambda: given_up.append(True)),
-            note,
-            lambda: better() if given_up else None,
+        A mesh of too many cells is left as it is.
+        """
+        undone: list[bool] = []
+        better = partial(
+            improved_soundly, surface=self.surface, tolerance=inner.tolerance, size=inner.size
         )
+
+        def finish() -> SimplexMesh:
+            mesh = made()
+            if mesh.n_cells > self._most:
+                undone.append(True)
+                return mesh
+            give_up = partial(undone.append, True) if attempt.is_followed else None
+            return better(mesh, give_up=give_up)
+
+        return Candidate(finish, note, lambda: better(made()) if undone else None)
 
     def _in_adapted_surface(self, problem: MeshingProblem, run: IsolatedRunner) -> MeshingProblem:
         """Return the request to adapt what Netgen makes of a surface of the requested sizes.
 
-        Where facets of that cross each other, it is made again with smaller sizes around them.
+        Where facets of that cross each other and cannot be repaired, it is made again with smaller
+        sizes around them.
         """
         given, ridges = self._without_crossings(problem)
         surface, kept, crossings = _adapted_surface(given, ridges, problem, run)
@@ -218,18 +232,19 @@ def _adapted_surface(
     surface: SimplexMesh, ridges: IntArray, problem: MeshingProblem, run: IsolatedRunner
 ) -> tuple[SimplexMesh, IntArray, FloatArray]:
     """Return a surface of the requested sizes to be filled, its ridges, and where facets cross."""
-    size, tolerance = problem.sizes, problem.tolerance
+    given, size, tolerance = problem.mesh, problem.sizes, problem.tolerance
     surface, ridges = adapt_surface(surface, ridges, size, tolerance, run)
     # Where feature edges meet at small angles, Mmg makes edges much shorter than the size.  Those
     # shorter than this share of the tolerance are removed, unless facets cross only then.
     height = sliver_height(surface, size, 0.5 * tolerance)
     thicker, new_node = remove_slivers(surface, height)
-    crossings = crossing_facets(thicker, tuning.SLACK_OF_ADAPTED).places
-    if len(crossings):
-        before = crossing_facets(surface, tuning.SLACK_OF_ADAPTED).places
-        if not len(before):
-            return surface, ridges, before
-        crossings = np.concatenate([crossings, before])
+    crossings = np.empty((0, 3))
+    for one, edges in ((thicker, renumbered_edges(ridges, new_node)), (surface, ridges)):
+        repaired, node = repair_crossings(one, given, tolerance)
+        places = crossing_facets(repaired, tuning.SLACK_OF_ADAPTED).places
+        if not len(places):
+            return repaired, renumbered_edges(edges, node), places
+        crossings = np.concatenate([crossings, places])
     return thicker, renumbered_edges(ridges, new_node), crossings
 
 

@@ -27,7 +27,7 @@ from adaptsize.remeshing.boundary_repair import Wanted, repaired
 from adaptsize.remeshing.sizing import Size
 from adaptsize.remeshing.straight_edges import StraightEdges
 from adaptsize.remeshing.surface import facets_of
-from adaptsize.remeshing.taken_back import take_back, worst_of_nodes
+from adaptsize.remeshing.taken_back import move_nodes, take_back, worst_of_nodes
 from adaptsize.typing import BoolArray, FloatArray, IndexArray, IntArray
 
 #: Of coordinates and of corners, in the keys of facets.  No sum of products of these with whole
@@ -423,7 +423,7 @@ def _with_targets(
         is_taken[ends] = True
     points = mesh.points.copy()
     moved, divided = served & is_corner, served & ~is_corner
-    _move(points, mesh.cells, nodes[moved], there[moved], least)
+    move_nodes(points, mesh.cells, nodes[moved], there[moved], least)
     if moved.any():
         mesh = mesh.moved(points)
     return _with_nodes(mesh, edges[divided], there[divided], least), served
@@ -501,7 +501,7 @@ def _pull(
     places, distance = borders.nearest_of_nodes(facets_of(mesh), nodes, points[nodes])
     is_on = np.isfinite(distance)
     there[is_on] = places[is_on]
-    _move(points, mesh.cells, nodes, there, tuning.LEAST_QUALITY)
+    move_nodes(points, mesh.cells, nodes, there, tuning.LEAST_QUALITY)
 
 
 def _along_borders(mesh: SimplexMesh, borders: Borders, limit: float) -> SimplexMesh:
@@ -514,27 +514,13 @@ def _along_borders(mesh: SimplexMesh, borders: Borders, limit: float) -> Simplex
         nodes, there = borders.nodes_off(surface, limit)
         if len(nodes):
             points = mesh.points.copy()
-            _move(points, mesh.cells, nodes, there, least)
+            move_nodes(points, mesh.cells, nodes, there, least)
             mesh, surface = mesh.moved(points), surface.moved(points)
         edges, middles = borders.edges_off(surface, limit)
         if not len(nodes) and not len(edges):
             break
         mesh = _with_nodes(mesh, edges, middles, least)
     return mesh
-
-
-def _move(
-    points: FloatArray, cells: IntArray, nodes: IntArray, there: FloatArray, least: float
-) -> None:
-    """Move nodes to places, or halfway if cells would become worse than a least quality.
-
-    Changes ``points``.
-    """
-    cells = cells[marked(nodes, len(points))[cells].any(axis=1)]
-    for share in (1.0, 0.5):
-        start, kept = points.copy(), np.minimum(worst_of_nodes(points, cells), least)
-        points[nodes] += share * (there - points[nodes])
-        take_back(points, cells, start, nodes, kept)
 
 
 def _nearest(old: SimplexMesh, points: FloatArray) -> tuple[FloatArray, FloatArray]:

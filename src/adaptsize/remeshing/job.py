@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -187,6 +188,8 @@ class Job:
     given: RemeshOptions
     may_be_joined: bool = False
     """Whether bodies are closer to each other than the tolerance."""
+    most: float = math.inf
+    """Number of cells beyond which a mesh is not improved and judged at first, see `best_of`."""
 
     def attempts(self, run: IsolatedRunner) -> Attempts:
         """Return what was tried, and the best mesh."""
@@ -195,7 +198,7 @@ class Job:
         judge = Judge(self.old, self.solid, compared, given["tolerance"], strict)
         return best_of(
             plan(self.known(), strict=strict), self.solve, judge, Budget(given["timeout"]), run,
-            strict=strict, always=self.solid is not None,
+            strict=strict, always=self.solid is not None, most=self.most,
         )  # fmt: skip
 
     def warn_of(self, new: SimplexMesh) -> None:
@@ -232,7 +235,8 @@ class Job:
         surface = problem.mesh
         if self.requests.crossed is not None:
             surface = self.requests.frame.mesh(self.requests.crossed.skin)
-        return Filling(problem, surface, self.n_cells, refused_above(self.given["max_elements"]))
+        max_elements = refused_above(self.given["max_elements"])
+        return Filling(problem, surface, self.n_cells, max_elements, self.most)
 
     def solve(self, attempt: Attempt, run: IsolatedRunner) -> Iterator[Candidate]:
         """Yield the meshes of an attempt, in the given coordinates."""
@@ -267,7 +271,9 @@ class Job:
         else:
             new = refilled(problem, run)
 
-        def finish() -> SimplexMesh:
+        undone: list[bool] = []
+
+        def better() -> SimplexMesh:
             if problem.metric is not None or problem.facets.required.any():
                 return new
             if self.solid is not None:
@@ -275,8 +281,14 @@ class Job:
             kept = self.requests.kept_by(problem)
             return improved(new, kept, problem.tolerance, problem.size)
 
+        def finish() -> SimplexMesh:
+            if new.n_cells <= self.most:
+                return better()
+            undone.append(True)
+            return new
+
         note = self._note_on(new.n_cells) if attempt.is_sized else NOT_ADAPTED
-        yield Candidate(finish, note)
+        yield Candidate(finish, note, lambda: better() if undone else None)
 
     def _note_on(self, n_cells: int) -> str:
         """Return a note if an open surface was filled by many more cells than predicted."""

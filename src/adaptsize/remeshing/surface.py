@@ -203,7 +203,9 @@ def _ridges(mesh: SimplexMesh, kept: IntArray, size: Size) -> IntArray:
     return mesh.edges[sharp | (kept_now & ~crowded)]
 
 
-def remove_slivers(mesh: SimplexMesh, height: float) -> tuple[SimplexMesh, IntArray]:
+def remove_slivers(
+    mesh: SimplexMesh, height: float, where: BoolArray | None = None
+) -> tuple[SimplexMesh, IntArray]:
     """Return the surface without triangles of less height, where that is possible.
 
     CAD exports have gaps and strips of rounding width.  Between two feature edges so close,
@@ -216,6 +218,8 @@ def remove_slivers(mesh: SimplexMesh, height: float) -> tuple[SimplexMesh, IntAr
         A closed surface.
     height : float
         In the unit of the coordinates.  The surface moves by less than this in each step.
+    where : bool[n_points], optional
+        Only edges and triangles between these nodes are changed.
 
     Returns
     -------
@@ -235,21 +239,22 @@ def remove_slivers(mesh: SimplexMesh, height: float) -> tuple[SimplexMesh, IntAr
     ([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], [0, 1, 2, 3, 0])
     """
     new_node = np.arange(mesh.n_points, dtype=np.int32)
+    where = np.ones(mesh.n_points, np.bool_) if where is None else where
     for _ in range(30):
-        ends = _collapsible(mesh, height)
+        ends = _collapsible(mesh, height, where)
         if len(ends):
             mesh, step = _collapsed(mesh, ends)
-            new_node = step[new_node]
-        flipped = _with_flipped_caps(mesh, height)
+            new_node, where = step[new_node], marked(step[where], mesh.n_points)
+        flipped = _with_flipped_caps(mesh, height, where)
         if len(ends) == 0 and flipped is mesh:
             break
         mesh = flipped
     return mesh, new_node
 
 
-def _collapsible(mesh: SimplexMesh, length: float) -> IntArray:
+def _collapsible(mesh: SimplexMesh, length: float, where: BoolArray) -> IntArray:
     """Return edges to collapse, the node that stays first, far enough from each other."""
-    short = np.flatnonzero(mesh.edge_lengths < length)
+    short = np.flatnonzero((mesh.edge_lengths < length) & where[mesh.edges].all(axis=1))
     ends = _oriented(mesh, mesh.edges[short])
     good = _keeps_topology(mesh, ends) & _keeps_orientation(mesh, ends, length)
     return ends[good][_independent(mesh, ends[good], mesh.edge_lengths[short[good]])]
@@ -265,7 +270,7 @@ def _collapsed(mesh: SimplexMesh, ends: IntArray) -> tuple[SimplexMesh, IntArray
     return smaller, places_among(nodes, mesh.n_points)[target]
 
 
-def _with_flipped_caps(mesh: SimplexMesh, height: float) -> SimplexMesh:
+def _with_flipped_caps(mesh: SimplexMesh, height: float, where: BoolArray) -> SimplexMesh:
     """Flip the longest edges of triangles with a node closer to it than ``height``.
 
     Returns
@@ -276,7 +281,8 @@ def _with_flipped_caps(mesh: SimplexMesh, height: float) -> SimplexMesh:
     corners = mesh.points[mesh.cells]
     sides = np.linalg.norm(np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1), axis=2)
     apex = sides.argmax(axis=1)
-    thin = np.flatnonzero((_heights(corners) < height) & (sides.min(axis=1) >= height))
+    thin = (_heights(corners) < height) & (sides.min(axis=1) >= height)
+    thin = np.flatnonzero(thin & where[mesh.cells].all(axis=1))
     chosen = marked(mesh.cell_facets[thin, apex[thin]], len(mesh.edges))
     places = pairs_of_cells(mesh, chosen & (mesh.facet_cell_counts == 2))
     cells, turn = np.divmod(places, 3)

@@ -7,9 +7,24 @@ import numpy.typing as npt
 
 from adaptsize._kernels.smoothing import fill_quality
 from adaptsize.background._mesh_arrays import read_only
+from adaptsize.background.topology import marked
 from adaptsize.geometry.boundary import facet_normals
 from adaptsize.remeshing import tuning
 from adaptsize.typing import FloatArray, IntArray
+
+
+def move_nodes(
+    points: FloatArray, cells: IntArray, nodes: IntArray, there: FloatArray, least: float
+) -> None:
+    """Move nodes to places, or halfway if cells would become worse than a least quality.
+
+    Changes ``points``.
+    """
+    cells = cells[marked(nodes, len(points))[cells].any(axis=1)]
+    for share in (1.0, 0.5):
+        start, kept = points.copy(), np.minimum(worst_of_nodes(points, cells), least)
+        points[nodes] += share * (there - points[nodes])
+        take_back(points, cells, start, nodes, kept)
 
 
 def take_back(

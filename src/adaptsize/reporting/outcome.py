@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from adaptsize.background import SimplexMesh
     from adaptsize.background.image import Image
     from adaptsize.options.sizes import ImageOptions
+    from adaptsize.quality.by_place import RequestedElements
     from adaptsize.quality.certificate import MeshCheck, Status
     from adaptsize.quality.conformity import Conformity, SizeLike
 
@@ -214,14 +215,15 @@ def outcome_of_remeshing(
     tolerance: float,
     elements: float | None = None,
     check: MeshCheck | None = None,
+    elements_there: RequestedElements | None = None,
 ) -> Outcome:
     """Compare a new mesh with the repaired old one, its sizes, and the number requested.
 
-    ``check`` is what `remesh` has found when it compared the two; this takes longest.
+    ``check`` and ``elements_there`` are what `remesh` has found when it compared them; these take
+    longest.
     """
-    from adaptsize.quality import check_mesh
+    from adaptsize.quality import by_place, check_mesh
     from adaptsize.quality.boundary import region_measures
-    from adaptsize.quality.by_place import RequestedElements
     from adaptsize.quality.certificate import edges_requirement, of_domain, served_requirement
     from adaptsize.quality.conformity import with_served
     from adaptsize.quality.requests import unserved
@@ -231,7 +233,8 @@ def outcome_of_remeshing(
     sizes = new.point_data.get("h", size)
     if check is None:
         check = check_mesh(new, original=old, tolerance=tolerance)
-    elements_there = RequestedElements.of(new, size)
+    if elements_there is None:
+        elements_there = by_place.RequestedElements.of(new, size)
     of_sizes = edges_requirement(new, sizes), *served_requirement(elements_there)
     check = replace(check, requirements=(*of_domain(check), *of_sizes))
     found = with_served(conformity_beside(check, new, sizes, old), elements_there.served(size))
