@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from meshes import structured_square
+from partitions import on_ranks, partition
 
 from adaptsize import adapt
 from adaptsize.sizes.budget import count_elements
@@ -47,6 +48,14 @@ def test_cells_that_stay_are_counted_whatever_their_sizes():
     stays = mesh.points[mesh.cells].mean(axis=1)[:, 0] < 0.0
     new = 0.5 * 0.89 * count_elements(mesh, h)
     assert triangles_by_mmg(mesh, h, stays) == pytest.approx(0.5 * mesh.n_cells + new)
+
+
+def test_parts_count_together():
+    mesh = square()
+    h = 0.03 + 0.1 * np.abs(mesh.points[:, 0])
+    parts = partition(mesh, "random", 3, np.random.default_rng(91))
+    found, _ = on_ranks(mesh, parts, 3, lambda part: triangles_by_mmg(part, h[part.global_ids]))
+    assert found == pytest.approx([triangles_by_mmg(mesh, h)] * 3)
 
 
 @pytest.mark.parametrize("share", [0.8, 0.85, 0.9, 1.1, 1.15, 1.2])

@@ -1,4 +1,4 @@
-"""Number of triangles that Mmg makes of a plane mesh, of which it keeps the cells that fit."""
+"""Number of triangles that Mmg makes of a plane mesh, of which it keeps some cells."""
 
 from __future__ import annotations
 
