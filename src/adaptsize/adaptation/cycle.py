@@ -39,7 +39,7 @@ from adaptsize.adaptation.element_fields import (
     as_nodal_fields,
     methods_of_arrays,
 )
-from adaptsize.adaptation.need import smallest
+from adaptsize.adaptation.need import Requested, smallest
 from adaptsize.adaptation.new_mesh import NewMesh, make_mesh
 from adaptsize.adaptation.next_fields import NextFields, kept_fields, moved_fields
 from adaptsize.adaptation.next_metric import as_anisotropic, metric_request
@@ -48,10 +48,12 @@ from adaptsize.adaptation.next_sizes import (
     CycleRequest,
     Decision,
     NextSizes,
+    SizeRequest,
     as_bound,
     decide,
     size_request,
 )
+from adaptsize.adaptation.patch import remade_alone
 from adaptsize.adaptation.report import (
     AdaptReport,
     AdaptResult,
@@ -73,6 +75,7 @@ from adaptsize.remeshing.protocol import TASKS, Task
 from adaptsize.remeshing.registry import available_backends, choose_backend
 from adaptsize.sizes.budget import calibration, elements_with_nodes
 from adaptsize.sizes.error import as_indicator
+from adaptsize.sizes.made import triangles_by_mmg
 from adaptsize.typing import FloatArray, ProgressCallback, Unpack
 
 Fields: TypeAlias = Mapping[str, Any]
@@ -205,7 +208,8 @@ def adapt(
         # Parts of facets are as far from a curved boundary as the facets, unless they are moved.
         is_faceted = cycle.generator == BISECTION and cycle.project is None
         request = request.within(mesh, math.inf if is_faceted else tolerance, first)
-        sizes = request.next(mesh, calibration(cycle.generator, mesh.cell_dim))
+        factor = calibration(cycle.generator, mesh.cell_dim)
+        sizes = request.next(mesh, factor, _count_of(mesh, request, cycle.generator))
         refuse_too_few(mesh, sizes, request, first)
         decision = decide(mesh, sizes, request)
         made = NewMesh(mesh, sizes, cycle.generator)
@@ -229,6 +233,23 @@ def adapt(
     if ranks.rank == 0:
         result.report.warn(allowed)
     return result
+
+
+def _count_of(
+    mesh: AnyMesh, request: CycleRequest, generator: str
+) -> Callable[[Requested], float] | None:
+    """Return the number of cells that a generator makes of a mesh with sizes, if it is known."""
+    is_known = generator == "mmg" and mesh.dim == 2 and request.cell is None
+    if not is_known or not isinstance(request, SizeRequest):
+        return None
+
+    def made(sizes: Requested) -> float:
+        gone = None
+        if request.options["local"] and isinstance(mesh, SimplexMesh):
+            gone = remade_alone(mesh, sizes)
+        return triangles_by_mmg(mesh, smallest(sizes), None if gone is None else ~gone)
+
+    return made
 
 
 def _original(mesh: AnyMesh, original: SimplexMesh | None, is_faceted: bool) -> SimplexMesh | None:

@@ -272,10 +272,10 @@ class FieldTransfer:
         for j in range(new.shape[1]):
             low, high = old[:, j].min(), old[:, j].max()
             for where in (at_boundary, np.ones_like(at_boundary)):
-                missing = self.old.measures @ old[:, j] - measures @ new[:, j]
+                missing = (self.old.measures * old[:, j]).sum() - (measures * new[:, j]).sum()
                 bound = high if missing > 0.0 else low
                 room = np.where(where, bound - new[:, j], 0.0)
-                total = measures @ room
+                total = (measures * room).sum()
                 if missing != 0.0 and total != 0.0:
                     new[:, j] += min(missing / total, 1.0) * room
             np.clip(new[:, j], low, high, out=new[:, j])

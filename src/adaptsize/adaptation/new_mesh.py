@@ -7,15 +7,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
-import numpy as np
-
 from adaptsize._defaults import refused_above
 from adaptsize._size_function import SizeFunction
 from adaptsize._stopwatch import Stopwatch
 from adaptsize.adaptation import tuning
 from adaptsize.adaptation.boundary_moves import BoundaryMoves
 from adaptsize.adaptation.next_sizes import CycleRequest, NextSizes
-from adaptsize.adaptation.patch import cells_to_remake, patched
+from adaptsize.adaptation.patch import patched, remade_alone
 from adaptsize.adaptation.report import boundary_distance, numbers_of
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.bisection import Resolved
@@ -147,9 +145,8 @@ class _Maker:
 
         Neither is there one if it has to be refused, or if the generator fails in the patch.
         """
-        gone = cells_to_remake(mesh, sizes.at_nodes)
-        is_refused = sizes.predicted > refused_above(self.options["max_elements"])
-        if is_refused or not 0 < np.count_nonzero(gone) <= tuning.MOST_REMADE * mesh.n_cells:
+        gone = remade_alone(mesh, sizes.at_nodes)
+        if gone is None or sizes.predicted > refused_above(self.options["max_elements"]):
             return None
         wanted, found = sizes.requested(self.mesh), list[Remeshed]()
 

@@ -120,15 +120,29 @@ class CycleRequest:
         """Return the sizes for a number of regular simplices."""
         raise NotImplementedError
 
-    def next(self, mesh: AnyMesh, factor: float) -> NextSizes:
+    def next(
+        self, mesh: AnyMesh, factor: float, made: Callable[[Requested], float] | None = None
+    ) -> NextSizes:
         """Return the sizes for a generator that makes ``factor`` cells per predicted cell.
+
+        ``made`` returns the number of cells that it makes of this mesh with sizes, if that is known
+        better.  Sizes for a requested number are then corrected once.
 
         Raises
         ------
         ValueError
             If the sizes are not finite where there are cells, or an option is out of range.
         """
-        return _counted(mesh, self._for_goal(mesh, factor), factor)
+        found = _counted(mesh, self._for_goal(mesh, factor), factor)
+        target = self.options["elements"]
+        if made is None or target is None:
+            return found
+        if abs(found.predicted / target - 1.0) > tuning.REACHED_EXACTLY:
+            return found  # limits do not allow it, or the tolerance needs fewer
+        factor_here = made(found.at_nodes) / found.simplices
+        if abs(factor_here / factor - 1.0) <= tuning.CORRECTED_FROM:
+            return found
+        return self.for_number(mesh, target / factor_here, factor_here)
 
     def for_number(self, mesh: AnyMesh, number: float, factor: float) -> NextSizes:
         """Return the sizes for a number of regular simplices; see `next`."""

@@ -22,6 +22,12 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 Remesh = Callable[[SimplexMesh, IntArray], SimplexMesh]
 
 
+def remade_alone(mesh: SimplexMesh, requested: Requested) -> BoolArray | None:
+    """Return the cells of `cells_to_remake`; None if there are none, or too many."""
+    gone = cells_to_remake(mesh, requested)
+    return gone if 0 < np.count_nonzero(gone) <= tuning.MOST_REMADE * mesh.n_cells else None
+
+
 def cells_to_remake(mesh: SimplexMesh, requested: Requested) -> BoolArray:
     """Return the triangles of a plane mesh that miss their sizes, and those around, bool[n_cells].
 

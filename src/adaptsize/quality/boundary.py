@@ -246,7 +246,7 @@ def _sampled(skin: SimplexMesh, other: SimplexMesh) -> Distances:
     at_nodes = distance[cells].sum(axis=1)
     at_centroids = distance[-skin.n_cells :]
     means = (at_nodes / (n + 1) + (n + 1) * at_centroids) / (n + 2)
-    return Distances(points, distance, float(skin.measures @ means))
+    return Distances(points, distance, float((skin.measures * means).sum()))
 
 
 def _completed(sampled: Distances, far: FarPlaces) -> Distances:

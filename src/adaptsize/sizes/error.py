@@ -201,7 +201,7 @@ class _Ratios:
 
         def gain(scale: float) -> float:
             errors = self._eta[moving] * self(scale)[moving] ** self._order
-            error = math.sqrt(self._ranks.allreduce(float(errors @ errors), "sum"))
+            error = math.sqrt(self._ranks.allreduce(float((errors**2).sum()), "sum"))
             return math.inf if error == 0.0 else 1.0 / float(error)
 
         return scale_to(1.0 / wanted, float, gain, 1.0, self._order, bounds=self.bounds)
