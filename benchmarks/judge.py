@@ -20,7 +20,8 @@ Elsewhere the difference is integrated by points, one at random in each cell of 
 
 A mesh is *met* if it misses none of: the distance (5 % more are allowed), the volume (.5 %, or what
 the tolerance times the area explains), the boundary (each edge in two facets, unless the part has
-such edges), the cells (none inverted, none over others), and the number (10 % above a cap).
+such edges), the cells (none inverted, none over others), the angles (no dihedral angle below 5
+degrees, unless facets of the part meet at such an angle), and the number (10 % above a cap).
 
 libigl makes this quick; where it is absent, NumPy does it for small cases.  ``--python`` names the
 Python of another environment that has it.
@@ -52,6 +53,8 @@ _FRACTION = 0.05
 #: Samples of each surface besides its corners; cells along a side of the grid for volumes.
 _COUNT, _GRID = 60_000, 48
 _DISTANCE, _VOLUME, _OVERLAP, _NUMBER = 1.05, 0.005, 1e-3, 1.1
+#: Of dihedral angles, in degrees.
+_LEAST_ANGLE = 5.0
 #: An exit code 0 is true to here: *near* is within 10 % of the tolerance.
 _NEAR_ENOUGH = 1.1
 
@@ -283,6 +286,27 @@ def boundary_of(points, cells):
     return Surface(points, faces[first[count == 1]])
 
 
+def least_angle_between(surface, least_height):
+    """Return the least angle in degrees at which two facets meet that are high enough."""
+    points, triangles = surface
+    if len(triangles) == 0:
+        return 180.0
+    ends, _, owner = half_edges(triangles)
+    ends, edge, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(edge.ravel(), kind="stable")
+    sides = owner[order[(count[edge.ravel()] == 2)[order]].reshape(-1, 2)]
+    a, b = points[ends[count == 2]].transpose(1, 0, 2)
+    along = (b - a) / np.maximum(np.linalg.norm(b - a, axis=1), 1e-300)[:, None]
+    across = []
+    for side in sides.T:
+        apex = points[triangles[side].sum(axis=1) - ends[count == 2].sum(axis=1)] - a
+        across.append(apex - np.einsum("ij,ij->i", apex, along)[:, None] * along)
+    low = np.minimum(*(np.linalg.norm(one, axis=1) for one in across)) <= least_height
+    sine = np.linalg.norm(np.cross(*across), axis=1)
+    angles = np.degrees(np.arctan2(sine, np.einsum("ij,ij->i", *across)))
+    return float(np.where(low, 180.0, angles).min(initial=180.0))
+
+
 def edges_not_manifold(triangles):
     """Return the number of edges that are not in two facets."""
     _, count = np.unique(half_edges(triangles)[0], axis=0, return_counts=True)
@@ -338,6 +362,7 @@ def judge(part, mesh, tolerance, count=_COUNT, grid=_GRID):
     points = (mesh.points - low) / diagonal
     new = boundary_of(points, mesh.cells)
     found |= _of_cells(mesh._replace(points=points), diagonal)
+    found["least_of_part"] = least_angle_between(surface, tolerance)
     found["edges_not_manifold"] = edges_not_manifold(new.triangles)
     found |= _of_volume(surface, new, found["open_edges_of_part"] == 0, grid, rng)
     found |= _of_distance(surface, new, tolerance, count, rng)
@@ -457,6 +482,7 @@ def missed(found, cap=None, distance=_DISTANCE):
         "volume": off,
         "boundary": found["edges_not_manifold"] > found["odd_edges_of_part"],
         "cells": found.get("inverted", 0) > 0 or found["overlap"] > _OVERLAP,
+        "angles": found.get("least", 180.0) < _LEAST_ANGLE <= found.get("least_of_part", 180.0),
         "number": cap is not None and found["cells"] > _NUMBER * cap,
     }
     return [name for name, is_missed in requirements.items() if is_missed]

@@ -247,10 +247,27 @@ def test_exit_codes_agree_with_the_measures():
     near = good | {"H": 1.08}
     assert is_true(0, near)
     assert is_true(1, near)
-    for bad in ({"H": 1.11}, {"volume_change": -0.02}, {"edges_not_manifold": 2}, {"overlap": 0.1}):
+    bads = [{"H": 1.11}, {"volume_change": -0.02}, {"edges_not_manifold": 2}, {"overlap": 0.1}]
+    for bad in [*bads, {"least": 4.9}]:
         assert not is_true(0, good | bad)
         assert is_true(1, good | bad)
+    assert is_true(0, good | {"least": 5.1})
+    assert is_true(0, good | {"least": 4.9, "least_of_part": 4.9})
     assert not is_true(0, good, cap=80)
     assert is_true(0, good, cap=95)
     assert is_true(1, None) is None
     assert is_true(0, None) is False
+
+
+@pytest.mark.parametrize("height", [0.05, 0.1])
+def test_angles_of_cells_count_unless_facets_of_the_part_meet_at_such_angles(height):
+    wedge = np.array([[0.0, 0, 0], [1, 0, 0], [1, height, 0], [0, 0, 1], [1, 0, 1], [1, height, 1]])
+    cells = np.array([[0, 1, 2, 3], [1, 2, 3, 4], [2, 3, 4, 5]])
+    mesh = Mesh(wedge, cells)
+    found = measured(boundary_of(wedge, cells), mesh, 1e-3)
+    angle = np.degrees(np.arctan(height))
+    assert found["least_of_part"] == pytest.approx(angle)
+    assert missed(found) == []
+    assert missed(found | {"least": 4.0}) == ([] if angle < 5.0 else ["angles"])
+    hidden = measured(boundary_of(wedge, cells), mesh, 0.9)  # lower than the tolerance
+    assert hidden["least_of_part"] > 5.0

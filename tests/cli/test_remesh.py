@@ -3,6 +3,7 @@
 import json
 import re
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -201,6 +202,33 @@ def test_what_is_out_of_bounds_is_a_warning(mesh, size, predicted, change, warne
     assert all(any(text.startswith(part) for text in printed) for part in warned)
     if not warned:
         assert printed == []
+
+
+@pytest.mark.parametrize(("top", "code"), [(0.98, 1), (0.88, 0), (0.6, 0)])
+def test_cells_below_five_degrees_end_with_exit_code_1_and_those_below_ten_with_a_warning(
+    capsys, top, code
+):
+    cube = block(2)
+    points = cube.points.copy()
+    points[(points == 0.5).all(axis=1), 2] = top
+    flat = cube.moved(points).with_data(point_data={"h": np.full(len(points), 0.5)})
+    outcome = outcome_of_remeshing(flat, cube, size_function(cube, hmin=0.5, hmax=0.5), 1e-2)
+    outcome = replace(
+        outcome, check=replace(outcome.check, requirements=outcome.check.requirements[-1:])
+    )
+    console = Console()
+    console.configure("remesh", {"backend": "--backend"}, dict.fromkeys(GENERAL, False))
+    assert print_outcome(console, outcome) == code
+    lines = [line for line in capsys.readouterr().err.splitlines() if "degrees" in line]
+    least, angles = flat.minimum_angles().min(), flat.minimum_angles()
+    assert len(lines) == (least < 10.0)
+    assert (least < 5.0) == (code == 1)
+    if code == 1:
+        n = f"{(angles < 5.0).sum()} of {flat.n_cells}"
+        found = (
+            f"warning: angles: {n} below 5 degrees, the least {least:.2g}, the worst at \\(.*\\)"
+        )
+        assert re.search(f"{found}; smaller sizes there, or --backend tetwild, may help$", lines[0])
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from distance_shapes import ball
-from meshes import random_sphere
+from meshes import random_sphere, with_cracks
 
 from adaptsize import SimplexMesh, remesh_to_elements, size_function
 from adaptsize._stopwatch import Stopwatch
@@ -19,6 +19,7 @@ from adaptsize.domain_size.elements import (
     reach_number,
     within_cap,
 )
+from adaptsize.domain_size.reports import report_of
 from adaptsize.domain_size.unknowns import memory_on
 from adaptsize.errors import BackendError, ResolutionWarning, TooManyElementsError
 from adaptsize.quality.certificate import MeshCheck, Requirement
@@ -52,6 +53,19 @@ def test_the_predicted_number_of_nodes_is_the_requested_one(domain):
     report = size_function(domain, nodes=7_000).report
     assert report.n_nodes == pytest.approx(7_000, rel=0.025)
     assert 1.7 < report.n_elements / report.n_nodes < (2.0 if domain is SQUARE else 6.0)
+
+
+@pytest.mark.filterwarnings("ignore:the surface is open")
+@pytest.mark.parametrize("nodal", [False, True])
+def test_a_surface_with_cracks_gets_the_sizes_of_the_repaired_one(nodal):
+    def sized(surface):
+        request = {"h0": 0.5 + 0.1 * surface.points[:, 0]} if nodal else {}
+        maker = Maker.of(surface, request, Listener(), None, is_exact=False)
+        return report_of(maker.sized()).n_elements
+
+    cracked = with_cracks(sphere(), 8387)
+    assert not cracked.is_closed
+    assert sized(cracked) == pytest.approx(sized(sphere()), rel=1e-3)
 
 
 def test_a_number_that_the_given_sizes_forbid_is_reported_with_the_bound():

@@ -11,6 +11,7 @@ from shapes import block, joined, moved
 from adaptsize import SimplexMesh, check_mesh
 from adaptsize.background.simplex import cut_out
 from adaptsize.quality.by_place import is_in_band
+from adaptsize.quality.certificate import LEAST_ANGLE
 from adaptsize.quality.conformity import edge_ratios
 from adaptsize.quality.walls import across_walls
 
@@ -371,3 +372,54 @@ def test_faults_that_have_no_degree_are_missed():
         ("topology", "missed")
     ]
     assert check.missed[0].value is None
+
+
+def flattened(mesh, middle, top):
+    """Return a mesh with the node at ``middle`` moved to ``top``."""
+    points = mesh.points.copy()
+    points[(points == middle).all(axis=1)] = top
+    return mesh.moved(points)
+
+
+FLAT = flattened(CUBE, [0.5, 0.5, 0.5], [0.5, 0.5, 0.98])
+
+
+def test_tetrahedra_with_small_dihedral_angles_are_missed_with_number_least_and_place():
+    check = check_mesh(FLAT, original=CUBE, size=0.5)
+    angles = check.requirements[-1]
+    below = FLAT.minimum_angles() < LEAST_ANGLE
+    least = FLAT.minimum_angles().min()
+    assert (angles.name, angles.status) == ("angles", "missed")
+    assert angles.text == f"{below.sum()} of {FLAT.n_cells} below 5 degrees, the least {least:.2g}"
+    assert angles.places[0].value == pytest.approx(least)
+    centroids = FLAT.points[FLAT.cells[below]].mean(axis=1)
+    assert all(np.isclose(centroids, place.point).all(axis=1).any() for place in angles.places)
+    assert check.status == "missed"
+    assert "angles" not in missed(CUBE, original=CUBE, size=0.5)
+
+
+def test_small_angles_are_no_fault_of_cells_without_sizes_nor_of_triangles():
+    assert missed(FLAT, original=CUBE) == []
+    flat = SimplexMesh([[0, 0], [1, 0], [0.5, 1e-2]], [[0, 1, 2]])
+    assert "angles" not in missed(flat, size=1.0)
+
+
+@pytest.mark.parametrize(
+    ("angle", "tolerance", "status"),
+    [(3.0, 1e-3, "met"), (4.9, 1e-3, "met"), (10.0, 1e-3, "missed"), (3.0, 1.0, "missed")],
+)
+def test_small_angles_that_the_domain_has_are_met_unless_the_tolerance_hides_them(
+    angle, tolerance, status
+):
+    height = np.tan(np.radians(angle))
+    triangle = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, height, 0.0]])
+    points = np.vstack([triangle, triangle + np.array([0.0, 0.0, 1.0])])
+    inside = np.array([0.01, 0.33, 0.33, 0.33]) @ points[:4]  # close to a facet
+    cells = [[1, 2, 3, 4], [2, 3, 4, 5]] + [np.r_[np.delete(range(4), i), 6] for i in range(4)]
+    wedge = SimplexMesh(np.vstack([points, inside]), cells)
+    for original in (wedge, wedge.boundary().mesh):
+        check = check_mesh(wedge, original=original, size=0.5, tolerance=tolerance)
+        assert wedge.minimum_angles().min() < LEAST_ANGLE
+        angles = next(one for one in check.requirements if one.name == "angles")
+        assert angles.status == status
+        assert ("facets of the original meet" in angles.text) == (status == "met")

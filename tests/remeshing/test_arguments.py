@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from meshes import random_sphere, with_cracks
 from shapes import block, two_region_rectangle
 
 from adaptsize import SimplexMesh, SizeFunction, remesh
@@ -140,6 +141,27 @@ def test_nearly_equal_points_are_joined_where_edges_then_match(apart):
     # Sheets side by side stay two.
     sheets = SimplexMesh([*points[:3], *np.add(points[:3], [0, 0, 1e-5])], [[0, 2, 1], [3, 5, 4]])
     assert repair_mesh(sheets).mesh.n_points == 6
+
+
+def test_cracks_are_closed_although_slivers_have_shorter_edges():
+    cracked = with_cracks(random_sphere(200, 4409), 7121)
+    assert not cracked.is_closed
+    row = int(np.flatnonzero(cracked.facet_cell_counts == 1)[0])
+    a, b = cracked.facets[row]
+    (cell,) = np.flatnonzero((cracked.cell_facets == row).any(axis=1))
+    # A sliver on an open edge, next to its end.
+    points = np.vstack(
+        [cracked.points, cracked.points[a] + 1e-8 * (cracked.points[b] - cracked.points[a])]
+    )
+    old, new = cracked.cells[cell], cracked.n_points
+    cells = [
+        *np.delete(cracked.cells, cell, axis=0),
+        np.where(old == a, new, old),
+        np.where(old == b, new, old),
+    ]
+    repaired = repair_mesh(SimplexMesh(points, cells)).mesh
+    assert repaired.is_closed
+    assert repaired.n_points == 200
 
 
 def test_a_slit_in_tetrahedra_stays_open():

@@ -76,3 +76,19 @@ def random_sphere(n, seed, *, radius=1.0):
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(n, 3))
     return hull(points * (radius / np.linalg.norm(points, axis=1, keepdims=True)))
+
+
+def with_cracks(surface, seed, *, apart=1e-8):
+    """Return a surface of which some nodes are there twice, a little apart, so that edges are open.
+
+    ``apart`` is over the diagonal.
+    """
+    rng = np.random.default_rng(seed)
+    n, cells = surface.n_points, surface.cells.copy()
+    chosen = rng.choice(n, n // 10, replace=False)
+    corner = np.isin(cells, chosen) & (rng.random(cells.shape) < 0.5)
+    cells[corner] += n
+    offsets = apart * surface.diagonal * rng.normal(size=(n, 3))
+    points = np.concatenate([surface.points, surface.points + offsets])
+    used, cells = np.unique(cells, return_inverse=True)
+    return SimplexMesh(points[used], cells.reshape(-1, 3))

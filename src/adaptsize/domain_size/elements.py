@@ -46,6 +46,7 @@ from adaptsize.remeshing import tuning as of_remeshing
 from adaptsize.remeshing.attempts import Attempts
 from adaptsize.remeshing.details import remove_details
 from adaptsize.remeshing.driver import Remeshed, check_backend, remeshed
+from adaptsize.remeshing.preparation import repair_mesh
 from adaptsize.sizes.search import Search, Trial
 from adaptsize.sizes.sources import SourcesLike
 from adaptsize.typing import ProgressCallback, Unpack
@@ -324,12 +325,18 @@ class Maker:
     def _computed(
         self, compute: Callable[..., SizeFunction], given: Mapping[str, Any]
     ) -> SizeFunction:
-        """Return sizes, in a periodic domain those that are limited across its sides."""
-        motions = self.for_mesh.get("periodic")
-        compute = partial(compute, self.mesh, progress=self.progress)
+        """Return sizes, in a periodic domain those that are limited across its sides.
+
+        A surface gets the sizes of the repaired one, which is what is meshed: a crack between
+        facets that nearly meet is no narrow gap.
+        """
+        mesh, motions = self.mesh, self.for_mesh.get("periodic")
+        if mesh.cell_dim == 2 and mesh.dim == 3 and repair_mesh(mesh).repairs:
+            mesh, given = repair_mesh(mesh).mesh, {**given, "h0": _on_repaired(mesh, given)}
+        compute = partial(compute, mesh, progress=self.progress)
         if motions is None:
             return compute(**given)
-        return limited_across_sides(self.mesh, motions, compute, given)
+        return limited_across_sides(mesh, motions, compute, given)
 
     def _shown(self, size: SizeFunction) -> SizeFunction:
         self.listener.show(size)
@@ -375,6 +382,17 @@ def _made(size: SizeFunction, make: Callable[[], Remeshed]) -> MadeMesh:
         raise
     later = None if new.attempts.later is None else partial(_made, size, new.completed)
     return MadeMesh(new.mesh, size, new.attempts, warned=held, elements=new.elements, later=later)
+
+
+def _on_repaired(mesh: SimplexMesh, given: Mapping[str, Any]) -> Any:
+    """Return the bound h0 of a surface at the nodes of the repaired one, where it is nodal."""
+    h0 = given.get("h0")
+    if h0 is None or callable(h0) or np.shape(h0) != (mesh.n_points,):
+        return h0
+    nodes = repair_mesh(mesh).node_map
+    bound = np.full(repair_mesh(mesh).mesh.n_points, np.inf)
+    np.minimum.at(bound, nodes[nodes >= 0], np.asarray(h0, np.float64)[nodes >= 0])
+    return bound
 
 
 def within_cap(maker: Maker, cap: Cap) -> MadeMesh:

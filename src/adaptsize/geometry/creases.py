@@ -112,6 +112,34 @@ def folds_of(surface: SimplexMesh, crease_angle: float) -> Folds:
     return Folds(surface.edges[bent], surface.edges[sharp])
 
 
+def least_angle_between(surface: SimplexMesh, least_height: float) -> tuple[float, FloatArray]:
+    """Return the least angle at which two triangles meet at an edge, and the middle of the edge.
+
+    In degrees, 180 where the surface is flat.  Orientations do not matter: a thin wedge and a
+    narrow groove have the same angle.  Triangles that are lower than ``least_height`` above the
+    edge do not count, nor do edges of other than two triangles.
+    """
+    inner = surface.facet_cell_counts == 2
+    cells, edges = pairs_of_cells(surface, inner) // 3, surface.facets[inner]
+    start, end = surface.points[edges].transpose(1, 0, 2)
+    with np.errstate(invalid="ignore"):  # of no length: of triangles that have no height
+        along = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
+    across, heights = [], []
+    for side in cells.T:
+        opposite = surface.points[surface.cells[side].sum(axis=1) - edges.sum(axis=1)] - start
+        opposite -= np.einsum("ij,ij->i", opposite, along)[:, None] * along
+        across.append(opposite)
+        heights.append(np.linalg.norm(opposite, axis=1))
+    counts = np.flatnonzero(np.minimum(*heights) > max(least_height, 0.0))
+    if len(counts) == 0:
+        return 180.0, np.full(3, np.nan)
+    cosines = np.einsum("ij,ij->i", across[0][counts], across[1][counts])
+    sines = np.linalg.norm(np.cross(across[0][counts], across[1][counts]), axis=1)
+    angles = np.degrees(np.arctan2(sines, cosines))
+    least = int(angles.argmin())
+    return float(angles[least]), surface.points[edges[counts[least]]].mean(axis=0)
+
+
 def tips_of_cones(points: FloatArray, triangles: IntArray, angle: float) -> IndexArray:
     """Return the nodes around which triangles lean as those of a cone, by more than an angle.
 

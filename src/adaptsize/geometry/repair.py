@@ -138,10 +138,12 @@ def _join_twins(points: FloatArray, found: RepairedTriangles) -> float:
         return 0.0
     edges = mesh.facets[mesh.facet_cell_counts == 1]
     ends = points[edges]
-    shortest = float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).min())
+    lengths, most = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1), _ON_EDGE * mesh.diagonal
+    # Edges of slivers, whose ends are nearly equal, too, say nothing of the details of a part.
+    shortest = float(lengths[lengths > most].min(initial=np.inf))
     nodes = np.unique(edges)
     near = np.arange(len(points))
-    within = min(_ON_EDGE * mesh.diagonal, tuning.SHARE_OF_EDGE * shortest)
+    within = min(most, tuning.SHARE_OF_EDGE * shortest)
     near[nodes] = nodes[first_at_place(points[nodes], within)]
     number = unique_rows(near[edges].astype(np.int32), len(points))[1]
     joined = near[edges[np.bincount(number)[number] > 1]]

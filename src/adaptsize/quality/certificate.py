@@ -14,6 +14,7 @@ from adaptsize._printed import Printed
 from adaptsize.background import SimplexMesh
 from adaptsize.background.interfaces import skin_of
 from adaptsize.background.simplex import as_mesh
+from adaptsize.geometry.creases import least_angle_between
 from adaptsize.geometry.solid import Solid
 from adaptsize.quality.boundary import (
     Distances,
@@ -29,7 +30,7 @@ from adaptsize.quality.boundary import (
 from adaptsize.quality.by_place import BAND, RequestedElements, is_in_band
 from adaptsize.quality.conformity import SizeLike, edge_ratios, inverted_cells
 from adaptsize.quality.connections import repeated_cells, unconnected
-from adaptsize.quality.elements import check_cells
+from adaptsize.quality.elements import check_cells, minimum_angles
 from adaptsize.quality.requests import SHARE_SERVED
 from adaptsize.quality.walls import across_walls
 from adaptsize.typing import FloatArray
@@ -38,6 +39,8 @@ from adaptsize.typing import FloatArray
 SHARE_IN_BAND = 0.8
 #: A change of the volume or area up to this share is accepted, whatever the tolerance.
 VOLUME_CHANGE = 0.005
+#: Tetrahedra with a smaller dihedral angle, in degrees, are too flat.  Commands warn below 10.
+LEAST_ANGLE = 5.0
 #: A figure that is beyond its limit by up to this share of the limit is near it.
 NEAR = 0.1
 #: Relative error of sums of volumes.
@@ -55,7 +58,7 @@ class Place:
 
     point: tuple[float, ...]
     value: float
-    """What is wrong there: measure of a cell, distance, or edge length over size."""
+    """What is wrong there: measure or angle of a cell, distance, or edge length over size."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,7 @@ class Requirement:
     ----------
     name : str
         ``"cells"``, ``"facets"``, ``"overlaps"``, ``"boundary"``, ``"interface"``, ``"tags"``,
-        ``"regions"``, ``"measure"``, ``"topology"``, ``"edges"`` or ``"served"``.
+        ``"regions"``, ``"measure"``, ``"topology"``, ``"edges"``, ``"served"`` or ``"angles"``.
     status : {"met", "near", "missed"}
         ``"near"`` if the figure is beyond its limit by at most 10 % of the limit.
     text : str
@@ -201,7 +204,8 @@ def check_mesh(
     -----
     A figure beyond its limit by at most 10 % of the limit is *near*, and *missed* beyond that: of
     distances and changes of volumes above 1.1 times what is allowed, of shares below .9 times what
-    is required.  The first three requirements, missing tags, and the topology are met or missed.
+    is required.  The first three requirements, missing tags, the topology and the angles are met or
+    missed.
 
     The requirements are:
 
@@ -229,6 +233,9 @@ def check_mesh(
     - *edges*: enough of them are near their size.  Those from one side of the boundary to the
       opposite one that are shorter do not count.
     - *served*: at the places of enough of the requested elements, the cells have their size.
+    - *angles*: no tetrahedron has a dihedral angle below 5 degrees, unless facets of ``original``
+      meet at such an angle.  Like the two above, it is compared if ``size`` is given: cells that
+      depend on the direction may be flat.
 
     Notes of the result report cells side by side that are not connected: slits, nodes at one place
     that are not joined, and nodes in the middle of an edge (hanging nodes).
@@ -293,6 +300,7 @@ def checked_mesh(
         requirements += _same_domain(mesh, original, tolerance, count, notes, solid)
     if size is not None:
         requirements += size_requirements(mesh, size, share_in_band, share_served, count)
+        requirements += angles_requirement(mesh, original, tolerance, count)
     return MeshCheck(tuple(requirements), tuple(notes))
 
 
@@ -551,11 +559,11 @@ def edges_requirement(
 
 
 def of_domain(check: MeshCheck) -> tuple[Requirement, ...]:
-    """Return the requirements but for those on the sizes."""
+    """Return the requirements but for those on the sizes and the angles."""
     return tuple(
         requirement
         for requirement in check.requirements
-        if requirement.name not in ("edges", "served")
+        if requirement.name not in ("edges", "served", "angles")
     )
 
 
@@ -593,6 +601,34 @@ def served_requirement(
     worst = worst[np.sort(np.unique(cells, return_index=True)[1])][:count]  # one of each cell
     places = _places(elements.points[worst], ratios[worst], count)
     yield Requirement("served", status, text, found.served, share, places)
+
+
+def angles_requirement(
+    mesh: SimplexMesh, original: SimplexMesh | None, tolerance: float, count: int = 5
+) -> Iterator[Requirement]:
+    """Yield the requirement on the dihedral angles of tetrahedra; of triangles there is none.
+
+    Where facets of the original meet at a smaller angle, further than the tolerance from the edge,
+    no mesh within the tolerance has only larger ones.
+    """
+    if mesh.cell_dim < 3:
+        return
+    angles = minimum_angles(mesh)
+    flat = np.flatnonzero(angles < LEAST_ANGLE)
+    text = f"{len(flat)} of {mesh.n_cells} below {LEAST_ANGLE:g} degrees"
+    if len(flat) == 0:
+        yield Requirement("angles", "met", text)
+        return
+    text += f", the least {angles.min():.2g}"
+    if original is not None:
+        given, at = least_angle_between(skin_of(original)[0], tolerance * original.diagonal)
+        if given < LEAST_ANGLE:
+            text += f", where facets of the original meet at {given:.2g}, at {place_text(at)}"
+            yield Requirement("angles", "met", text)
+            return
+    worst = flat[np.argsort(angles[flat])][:count]
+    centroids = mesh.points[mesh.cells[worst]].mean(axis=1)
+    yield Requirement("angles", "missed", text, places=_places(centroids, angles[worst], count))
 
 
 def _places(points: FloatArray, values: FloatArray, count: int) -> tuple[Place, ...]:

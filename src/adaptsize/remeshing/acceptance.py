@@ -26,6 +26,7 @@ from adaptsize.quality.certificate import (
     NEAR,
     MeshCheck,
     Requirement,
+    angles_requirement,
     checked_mesh,
     size_requirements,
 )
@@ -143,7 +144,10 @@ class Judge:
             size, later = None, self.size
 
         def sizes() -> tuple[Requirement, ...]:
-            return () if later is None else tuple(size_requirements(new, later))
+            if later is None:
+                return ()
+            angles = angles_requirement(new, self.old, self.tolerance)
+            return *size_requirements(new, later), *angles
 
         check = checked_mesh(new, self.old, size, self.tolerance, solid=self.solid)
         allowed = self.tolerance * self.old.diagonal

@@ -32,6 +32,7 @@ _ADVICE = {
     "topology": "walls or gaps as thin as the tolerance may be lost or filled; lower the tolerance",
     "edges": "details of the boundary may not allow it",
     "served": "remesh the new mesh with the same sizes",
+    "angles": Message("smaller sizes there, or {backend:'tetwild'}, may help"),
 }
 
 
@@ -177,7 +178,7 @@ class Outcome:
                 f"{found.n_cells} {self.kind} are {abs(self.excess):.0%} "
                 f"{'more' if self.excess > 0.0 else 'fewer'} than predicted"
             )
-        if self.sharp[0]:
+        if self.sharp[0] and all(one.name != "angles" for one in self.check.failures):
             n, place = self.sharp
             lines.append(
                 f"{n} cell{'s have' if n > 1 else ' has'} an angle below {tuning.SHARP:g} degrees, "
@@ -224,7 +225,12 @@ def outcome_of_remeshing(
     """
     from adaptsize.quality import by_place, check_mesh
     from adaptsize.quality.boundary import region_measures
-    from adaptsize.quality.certificate import edges_requirement, of_domain, served_requirement
+    from adaptsize.quality.certificate import (
+        angles_requirement,
+        edges_requirement,
+        of_domain,
+        served_requirement,
+    )
     from adaptsize.quality.conformity import with_served
     from adaptsize.quality.requests import unserved
 
@@ -236,7 +242,8 @@ def outcome_of_remeshing(
     if elements_there is None:
         elements_there = by_place.RequestedElements.of(new, size)
     of_sizes = edges_requirement(new, sizes), *served_requirement(elements_there)
-    check = replace(check, requirements=(*of_domain(check), *of_sizes))
+    angles = angles_requirement(new, old, tolerance)
+    check = replace(check, requirements=(*of_domain(check), *of_sizes, *angles))
     found = with_served(conformity_beside(check, new, sizes, old), elements_there.served(size))
     same_kind = old.cell_dim == new.cell_dim
     was, made = (region_measures(mesh) if same_kind else {} for mesh in (old, new))
