@@ -248,6 +248,41 @@ def test_a_mesh_for_fewer_that_leaves_much_of_a_cap_unused_is_followed_by_one_fo
     assert made.excess is None
 
 
+class ThinWalls(FillingGenerator):
+    """Makes some cells of those that the sizes have without corrections, in turn."""
+
+    def __init__(self, *per_size):
+        super().__init__(1.0, None, alone=None, away=[0.0] * 4)
+        self.per_size = iter(per_size)
+
+    def nearest_sized(self, cap, ratio):
+        self.asked.append(ratio)
+        size = size_function(SQUARE, elements=cap.elements / ratio)
+        return replace(size, report=replace(size.report, n_elements=ratio * size.report.n_elements))
+
+    def meshed(self, size, old=None, most=np.inf):
+        self.ratio = next(self.per_size) / (self.asked[-1] if self.asked else 1.0)
+        return super().meshed(size)
+
+
+@pytest.mark.parametrize(
+    ("per_size", "count", "asked"),
+    [
+        ((1.6, 1.9, 2.0), 1050, [1.6, 1.9]),
+        ((1.6, 1.9, 2.2), 1160, [1.6, 1.9]),  # no third one for fewer
+        ((1.6, 2.5, 3.1), 1240, [1.6, 2.5]),
+    ],
+)
+def test_a_mesh_for_fewer_that_exceeds_a_cap_is_followed_by_one_for_even_fewer(
+    per_size, count, asked
+):
+    generator = ThinWalls(*per_size)
+    made = within_cap(generator, Cap(1000.0))
+    assert generator.asked == pytest.approx(asked, rel=0.04)
+    assert made.mesh.n_cells == pytest.approx(count, rel=0.04)
+    assert (made.excess is None) == (count < 1100)
+
+
 @pytest.mark.parametrize(
     ("away", "is_tried", "is_second"),
     [
@@ -401,7 +436,7 @@ def test_a_first_mesh_beyond_a_cap_is_completed_only_if_it_is_returned(monkeypat
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
         made = mesh_with_sizes(SQUARE, {"max_elements": 1000, "hmin": 1e-3}, progress=None)
-    assert asked == [pytest.approx(1100.0), np.inf]
+    assert asked == [pytest.approx(1100.0)] * 2
     said = [str(one.message) for one in found]
     if fails is None:
         assert (made.mesh.n_cells, completed, said) == (900, [], ["of 900 cells"])

@@ -398,10 +398,10 @@ def _on_repaired(mesh: SimplexMesh, given: Mapping[str, Any]) -> Any:
 def within_cap(maker: Maker, cap: Cap) -> MadeMesh:
     """Return a mesh within a cap, up to 10 %, or one that exceeds it by little.
 
-    If the first has more, a second mesh is made for fewer, where the boundary allows; of both, the
-    one with fewer elements is returned.  If it has much fewer than were predicted within the cap,
-    since a generator has filled a surface in its own way, that makes another one for more.  This
-    holds for the mesh that is made for fewer, too.
+    If the first has more, up to two are made for fewer, where the boundary allows; of those that
+    exceed the cap, the one with the fewest elements is returned.  If a mesh has much fewer than
+    were predicted within the cap, since a generator has filled a surface in its own way, that makes
+    another one for more.
 
     None is made if the time is over, or if the boundary of the first is known to be far away:
     neither coarser nor finer sizes bring it nearer.  A first mesh of too many elements is improved
@@ -410,36 +410,51 @@ def within_cap(maker: Maker, cap: Cap) -> MadeMesh:
     first = maker.meshed(maker.sized(), most=cap.most)
     if cap.load(first.mesh) <= tuning.OVER_CAP:
         return _for_more(maker, cap, first)
-    made = _for_fewer(maker, cap, first).completed()
-    if made.size is first.size or made.excess is not None:
+    made, ratio = _for_fewer(maker, cap, first)
+    made = made.completed()
+    if made.excess is not None:
         return made
-    # The second may be by another generator, which the first would also have been left to.
-    return _for_more(maker, cap, made, first.mesh.n_cells / report_of(first.size).n_elements)
+    # It may be by another generator, which the first would also have been left to.
+    return _for_more(maker, cap, made, ratio)
 
 
-def _for_fewer(maker: Maker, cap: Cap, made: MadeMesh) -> MadeMesh:
-    """Return a mesh with fewer elements than one that exceeds a cap, or that with the reason."""
-    count, predicted = made.mesh.n_cells, report_of(made.size).n_elements
+def _for_fewer(maker: Maker, cap: Cap, made: MadeMesh) -> tuple[MadeMesh, float]:
+    """Return a mesh with fewer elements than one that exceeds a cap, or the one with the fewest.
+
+    The latter comes with the reason.  Also returned is what was made of each predicted element
+    before the last mesh.  The sizes of each mesh are corrected by what became of those before:
+    where walls are thin, this changes with the sizes.
+    """
+    best, ratio = made, made.mesh.n_cells / report_of(made.size).n_elements
     first = Message("the mesh has {}", cap.said_of(made.mesh))
     if made.is_off or made.is_cut_short or maker.time.is_over:
         reason = "the boundary is too far away" if made.is_off else "the time is over"
         text = "{}; none is made for fewer, since {}"
-        return made._replace(excess=Message(text, first, reason))
+        return made._replace(excess=Message(text, first, reason)), ratio
     text = "{}, where {:.0f} elements were predicted"
-    maker.listener.say(Message(text, first, predicted))
-    size = maker.nearest_sized(cap, count / predicted)
-    if report_of(size).n_elements > (1.0 - tuning.UNUSED) * count:
-        return made._replace(excess=Message("{}: {}", first, what_controls(report_of(size))))
-    try:
-        with warnings.catch_warnings(record=True):  # of a mesh that is not written
-            second = maker.meshed(size)
-    except (TooManyElementsError, BackendError) as error:
-        return made._replace(excess=Message("{}, and for fewer: {}", first, message_of(error)))
-    if cap.load(second.mesh) <= tuning.OVER_CAP:
-        return second
-    text = "{}, and for fewer {} elements: {}"
-    excess = Message(text, first, second.mesh.n_cells, what_controls(report_of(size)))
-    return min(made, second, key=lambda one: cap.load(one.mesh))._replace(excess=excess)
+    maker.listener.say(Message(text, first, report_of(made.size).n_elements))
+    excess = None
+    for _ in range(tuning.MESHES_FOR_FEWER):
+        size = maker.nearest_sized(cap, ratio)
+        asked = report_of(size).n_elements
+        if asked > (1.0 - tuning.UNUSED) * best.mesh.n_cells:
+            excess = excess or Message("{}: {}", first, what_controls(report_of(size)))
+            break
+        try:
+            with warnings.catch_warnings(record=True):  # of a mesh that is not written
+                new = maker.meshed(size, most=cap.most)
+        except (TooManyElementsError, BackendError) as error:
+            excess = excess or Message("{}, and for fewer: {}", first, message_of(error))
+            break
+        if cap.load(new.mesh) <= tuning.OVER_CAP:
+            return new, ratio
+        text = "{}, and for fewer {} elements: {}"
+        excess = Message(text, first, new.mesh.n_cells, what_controls(report_of(size)))
+        best = min(best, new, key=lambda one: cap.load(one.mesh))
+        if maker.time.is_over:
+            break
+        ratio *= new.mesh.n_cells / asked
+    return best._replace(excess=excess), ratio
 
 
 def _for_more(maker: Maker, cap: Cap, made: MadeMesh, scale: float = 1.0) -> MadeMesh:
