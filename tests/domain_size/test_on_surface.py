@@ -1,5 +1,7 @@
 """Sizes chosen from a part, the refined surface they live on, and summaries."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from distance_shapes import ball
@@ -150,10 +152,13 @@ def test_halving_ends_where_it_makes_no_edge_shorter(monkeypatch):
         def __init__(self):
             self.mesh = mesh
 
-        def size_for(self, request):
+        def limited(self, request):
             sizes = np.full(mesh.n_points, 0.5 * mesh.edge_lengths.max())
             sizes[mesh.edges[mesh.edge_lengths.argmax()]] *= 0.9
-            return SizeFunction(mesh, sizes)
+            return SimpleNamespace(h=sizes)
+
+        def size_of(self, limited):
+            return SizeFunction(mesh, limited.h)
 
         def split(self, long, request):
             passes.append(int(long.sum()))

@@ -8,6 +8,7 @@ import sys
 import numba
 import numpy as np
 import pytest
+from numba.core.caching import NullCache
 from numba.core.types.functions import BaseFunction
 
 from adaptsize._kernels import linking
@@ -156,7 +157,8 @@ def _items(values, places, doubled):
 
 
 @pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
-def test_functions_are_compiled_once_for_all_integers():
+def test_functions_are_compiled_once_for_all_integers(monkeypatch):
+    monkeypatch.setattr(_items, "_cache", NullCache())  # what comes from it has not been compiled
     values = np.array([1.0, 10.0, 100.0])
     assert _items(values, np.array([2, 1], np.int32), False) == 2.0 + 11.0 + 110.0
     assert [args[1:] for args in _item.signatures] == [(numba.int64, numba.boolean)]
