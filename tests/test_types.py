@@ -65,6 +65,8 @@ SCRIPT = {
     "values: int = ads.adapt(in_parts, h0=1.0).size": "Incompatible types in assignment",
     "ads.limit_gradient(mesh, 1.0, 0.25, metod='exact')": 'Unexpected keyword argument "metod"',
     "sources = [ads.PointSource([0, 0], 1.0), ads.BoundarySource(1.0)]": "",
+    "mixed = [ads.PointSource([0, 0], 1.0), ads.CurveSource([[0, 0], [1, 0]], 1.0)]": "",
+    "ads.size_from_sources(mesh, mixed)": "",
     "size_function(mesh, sources=sources)": "",
     "size_function(mesh, sources='a.vtu')": 'Argument "sources" to "size_function" has',
     "except_this: type[ValueError] = ads.errors.OptionError": "",

@@ -85,8 +85,8 @@ def as_sources(value: Any) -> list[Source | SizeOfPoint]:
     return several
 
 
-class _Rows:
-    """A base of sources with a row for each of many points, which its text does not list."""
+class _Rows(Source):
+    """A source with a row for each of many points, which its text does not list."""
 
     def __repr__(self) -> str:
         """Return the call that makes it, with the shapes of long arrays."""
@@ -108,7 +108,7 @@ def _short(value: Any) -> str:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PointSource(_Rows, Source):
+class PointSource(_Rows):
     """Sizes at points, which need not be nodes.
 
     The nodes of the cell around a point x get at most ``size + g |x_i - x|``, those of all cells
@@ -150,7 +150,7 @@ class PointSource(_Rows, Source):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CurveSource(_Rows, Source):
+class CurveSource(_Rows):
     """Sizes along a curve, which need not follow edges of the mesh.
 
     The nodes of the cells that it passes through get at most ``size + g d`` with their
