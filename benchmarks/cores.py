@@ -97,9 +97,9 @@ def measured(nodes: float, what: str) -> Callable[[], object]:
     if what == "conformity":
         return lambda: ads.size_conformity(mesh, 0.1 + values)
     if what == "recovery":
-        return lambda: ads.recover_hessian(mesh, values)
+        return lambda: ads.sizes.recovered_hessian(mesh, values)
     new = grid(3, 0.7 * nodes)
-    return lambda: ads.transfer_fields(mesh, new, {"u": values})
+    return lambda: ads.transfer_fields(mesh, new, fields={"u": values})
 
 
 PROBLEMS: dict[str, Callable[[float], Callable[[], object]]] = {

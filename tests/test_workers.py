@@ -120,6 +120,19 @@ def test_chunks_of_cells_and_threads_do_not_matter_to_the_last_bit(dim, monkeypa
         assert np.count_nonzero(found[0] < h0) > 50
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_recovered_derivatives_do_not_depend_on_threads(dim, monkeypatch):
+    n = 60 if dim == 2 else 13
+    mesh = ads.CartesianGrid([0.0] * dim, 1.0 / n, (n + 1,) * dim).mesh
+    values, found = np.sin(9.0 * mesh.points).prod(axis=1), []
+    for threads in (1, 2, 3, 8):
+        monkeypatch.setattr(numba, "get_num_threads", lambda threads=threads: threads)
+        found.append((ads.sizes.recovered_hessian(mesh, values), ads.zz_indicator(mesh, values)))
+    for hessian, indicator in found:
+        assert hessian.tobytes() == found[0][0].tobytes()
+        assert indicator.tobytes() == found[0][1].tobytes()
+
+
 def test_threads_are_started_once_and_by_no_task():
     threads, inner = set(), set()
 

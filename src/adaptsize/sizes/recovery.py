@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from itertools import combinations_with_replacement
+from collections.abc import Callable
+from itertools import combinations_with_replacement, pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from adaptsize._calls import recorded
 from adaptsize._checks import as_float_array, as_values
+from adaptsize._workers import in_all_threads
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh
 from adaptsize.background.interfaces import divided_by_region
 from adaptsize.background.interpolation import cell_gradients
@@ -22,6 +23,9 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray, LongArray
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array  # slow to import
+
+# Pairs of nodes in a part of the work, of which each thread has its own: 24 MB in space.
+_PAIRS_AT_ONCE = 30_000
 
 
 def recovered_gradient(mesh: SimplexMesh, values: npt.ArrayLike) -> FloatArray:
@@ -276,7 +280,8 @@ def _gradients_of_fits(
     """
     dim = points.shape[1]
     gradients, good = np.empty((len(nodes), dim)), np.empty(len(nodes), np.bool_)
-    for part in parts_of(patches):
+
+    def fit(part: PatchPart) -> None:
         away = points[part.members] - points[nodes[part.rows]][part.patch]
         unit, to_unit = in_unit_covariance(away, part)
         monomials = monomials_of(unit)
@@ -285,6 +290,8 @@ def _gradients_of_fits(
         in_unit = np.einsum("pdk,kp->pd", slopes[part.patch], monomials)
         weights = np.einsum("pij,pj->pi", to_unit[part.patch], in_unit)
         gradients[part.rows] = np.add.reduceat(weights * nodal[part.members, None], part.starts)
+
+    for_parts(fit, patches)
     return gradients, good
 
 
@@ -382,12 +389,15 @@ def second_derivatives_of_fits(
     patches = near @ near
     dim = mesh.cell_dim
     hessian = np.empty((mesh.n_points, dim, dim))
-    for part in parts_of(patches):
+
+    def fit(part: PatchPart) -> None:
         away = mesh.points[part.members] - mesh.points[part.rows][part.patch]
         if frames is not None:
             away = np.einsum("pi,pij->pj", away, frames[part.rows][part.patch])
         rises = nodal[part.members] - nodal[part.rows][part.patch]
         hessian[part.rows] = _second_derivatives(away, rises, part)
+
+    for_parts(fit, patches)
     return hessian
 
 
@@ -417,19 +427,32 @@ def _second_derivatives(away: FloatArray, rises: FloatArray, part: PatchPart) ->
     return np.asarray(0.5 * (second + second.swapaxes(1, 2)))
 
 
-def parts_of(patches: csr_array) -> Iterator[PatchPart]:
-    """Yield rows in parts of a bounded number of entries, at least one row each."""
-    indptr = patches.indptr
-    start, n = 0, len(indptr) - 1
-    while start < n:
-        # Parts of 100 000 pairs of nodes take 80 MB in space.
-        stop = int(np.searchsorted(indptr, indptr[start] + 100_000, side="right")) - 1
-        stop = min(max(stop, start + 1), n)
-        first, counts = indptr[start], np.diff(indptr[start : stop + 1])
-        members, patch = patches.indices[first : indptr[stop]], np.arange(stop - start)
-        starts = indptr[start:stop] - first
-        yield PatchPart(slice(start, stop), members, starts, np.repeat(patch, counts))
-        start = stop
+def for_parts(fit: Callable[[PatchPart], None], patches: csr_array) -> None:
+    """Call a function for all rows, in parts, by all threads."""
+    bounds = _bounds_of_parts(patches)
+
+    def task(first: int, last: int) -> None:
+        for start, stop in pairwise(bounds[first : last + 1]):
+            begin, end = patches.indptr[start], patches.indptr[stop]
+            counts = np.diff(patches.indptr[start : stop + 1])
+            patch = np.repeat(np.arange(stop - start), counts)
+            starts = patches.indptr[start:stop] - begin
+            fit(PatchPart(slice(start, stop), patches.indices[begin:end], starts, patch))
+
+    in_all_threads(task, len(bounds) - 1, 1)
+
+
+def _bounds_of_parts(patches: csr_array) -> list[int]:
+    """Return the first row of each part, and the number of rows.
+
+    Parts have a bounded number of entries, and at least one row each.
+    """
+    indptr, bounds = patches.indptr, [0]
+    while bounds[-1] < len(indptr) - 1:
+        most = indptr[bounds[-1]] + _PAIRS_AT_ONCE
+        stop = int(np.searchsorted(indptr, most, side="right")) - 1
+        bounds.append(max(stop, bounds[-1] + 1))
+    return bounds
 
 
 def in_unit_covariance(away: FloatArray, part: PatchPart) -> tuple[FloatArray, FloatArray]:
