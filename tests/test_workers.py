@@ -13,15 +13,33 @@ import pytest
 import adaptsize as ads
 from adaptsize import _cores
 from adaptsize._workers import Workers, in_all_threads
+from adaptsize.background import _mesh_arrays, simplex
+from adaptsize.geometry import convexity, inside
 from adaptsize.geometry.boundary import flat_boundary
+from adaptsize.geometry.convexity import ridges_of, solid_angle, turns_of
 from adaptsize.geometry.distance.winding import WindingNumber
+from adaptsize.geometry.faces import Faces
+from adaptsize.geometry.inside import Inside
 from adaptsize.geometry.separation import boundary_separation
 from adaptsize.geometry.width import boundary_width
 from adaptsize.limiting import Exact
-from adaptsize.limiting.exact import candidates
+from adaptsize.limiting.exact import candidates, field
+from adaptsize.limiting.exact.field import node_entries
 from adaptsize.quality.boundary import farthest_places
 from adaptsize.quality.by_place import _of_edges
 from adaptsize.quality.elements import flat_cells, radius_ratios
+from adaptsize.sizes import recovery
+
+#: Numbers of items in the chunks of passes over a mesh and its boundary.
+CHUNKS = [
+    (_mesh_arrays, "CELLS"),
+    (_mesh_arrays, "_POINTS"),
+    (simplex, "_CELLS_TO_MEASURE"),
+    (convexity, "_AT_ONCE"),
+    (inside, "_CELLS"),
+    (field, "_ENTRIES"),
+    (recovery, "_PAIRS_AT_ONCE"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -131,6 +149,35 @@ def test_recovered_derivatives_do_not_depend_on_threads(dim, monkeypatch):
     for hessian, indicator in found:
         assert hessian.tobytes() == found[0][0].tobytes()
         assert indicator.tobytes() == found[0][1].tobytes()
+
+
+def test_chunks_of_passes_over_a_mesh_and_its_boundary_do_not_matter(monkeypatch):
+    grid = ads.CartesianGrid([0.0] * 3, 1.0 / 8, (9, 9, 9)).mesh
+    shift = np.random.default_rng(3).uniform(-0.03, 0.03, grid.points.shape)
+    found = []
+    for step in (
+        1 << 20,
+        64,
+        50,
+    ):  # with all in one chunk, and in chunks of which the last is short
+        for module, name in CHUNKS:
+            monkeypatch.setattr(module, name, step)
+        mesh = ads.SimplexMesh(grid.points + shift, grid.cells)
+        skin, walls = mesh.boundary().mesh, flat_boundary(mesh)
+        corners = mesh.points[walls.facets]
+        turns = turns_of(mesh.points, walls.facets, ridges_of(walls.facets, mesh.n_points))
+        normals = Inside(Faces.of(skin)).normals
+        names = np.arange(mesh.n_points, dtype=np.int32)
+        boxes = node_entries(mesh.points, mesh.points[:, 0], names).boxes
+        solid = solid_angle(corners, corners.mean(axis=(0, 1)))
+        derivatives = ads.sizes.recovered_hessian(mesh, mesh.points[:, 0] ** 2)
+        of_mesh = mesh.diagonal, mesh.measures, mesh.in_a_cell, derivatives
+        found.append([*of_mesh, turns, normals, boxes, solid])
+    for others in found[1:]:
+        for one, other in zip(found[0], others, strict=True):
+            np.testing.assert_array_equal(one, other)
+    assert np.nanmin(found[0][4]) < 0.0 < np.nanmax(found[0][4])
+    assert found[0][7] == pytest.approx(4.0 * np.pi)
 
 
 def test_threads_are_started_once_and_by_no_task():

@@ -23,7 +23,10 @@ WIDEST = 1800  # pixels
 
 def main(names: list[str]) -> None:
     """Refresh the pictures of the examples with these names, of all if there are none."""
-    for example in gallery.read_examples(ROOT / "examples"):
+    examples = gallery.read_examples(ROOT / "examples")
+    if unknown := set(names) - {example.name for example in examples}:
+        sys.exit(f"no example is called {', '.join(sorted(unknown))}; names are like plot_slit")
+    for example in examples:
         if names and example.name not in names:
             continue
         with tempfile.TemporaryDirectory() as folder:

@@ -70,7 +70,7 @@ MOST_DIVISIONS, LEAST_SCALE = 12, 0.8
 # Cells that stay ----------------------------------------------------------------------------------
 # On the moving spot of docs/measurements/unsteady_loop.py with 8 000 triangles.  The error is
 # 1.51e-3 on new meshes, 99 % of the edges in band.  With these values it is 1.50e-3, and 99 %, in
-# .83 of the time; with 16 000 triangles 1.46e-3 for both, 99 %, and .72.  On a moving front, the
+# .82 to .90 of the time; with 16 000 triangles 1.46e-3 for both, 99 %, .72.  On a moving front, the
 # error is .97 times that on new meshes, 98 % in band; in a metric 1.03 times, 96 % instead of 99 %.
 
 #: Length of an edge over its size, the mean of these around a node, and the angle of a triangle in

@@ -38,12 +38,11 @@ ACCEPTED = 0.05
 
 # Numbers of triangles by Mmg.
 #
-# These values were fitted to 930 meshes of the square, an L and a disc:
-# sizes that grow off points, curves and fronts, waves and constants, with gradients of .1 to .6 and
-# 1000 to 10 000 cells, and the loops of docs/measurements/unsteady_loop.py.  The logarithm of the
-# number made over the one expected has the standard deviation .047 instead of .100, and 79 % of the
-# meshes are within 5 % instead of 42 %; on fifths that were left out of
-# the fit: .050 and 77 %.
+# These values were fitted to 930 meshes of the square, an L and a disc: sizes that grow off points,
+# curves and fronts, waves and constants, with gradients of .1 to .6 and 1000 to 10 000 cells, and
+# the loops of docs/measurements/unsteady_loop.py.  The logarithm of the number made over the
+# predicted one has the standard deviation .047 instead of .100, and 79 % of the meshes are within
+# 5 % instead of 42 %; on fifths that were left out of the fit: .050 and 77 %.
 
 #: Logarithm of the edge of a regular triangle of the same area over the size: cells between the two
 #: in the middle are kept, and none beyond the first and the last.  .05 more or less: 78 to 79 %.
