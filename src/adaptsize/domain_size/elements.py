@@ -433,7 +433,7 @@ def _for_fewer(maker: Maker, cap: Cap, made: MadeMesh) -> tuple[MadeMesh, float]
         return made._replace(excess=Message(text, first, reason)), ratio
     text = "{}, where {:.0f} elements were predicted"
     maker.listener.say(Message(text, first, report_of(made.size).n_elements))
-    excess = None
+    excess, fewest = None, math.inf
     for _ in range(tuning.MESHES_FOR_FEWER):
         size = maker.nearest_sized(cap, ratio)
         asked = report_of(size).n_elements
@@ -449,7 +449,8 @@ def _for_fewer(maker: Maker, cap: Cap, made: MadeMesh) -> tuple[MadeMesh, float]
         if cap.load(new.mesh) <= tuning.OVER_CAP:
             return new, ratio
         text = "{}, and for fewer {} elements: {}"
-        excess = Message(text, first, new.mesh.n_cells, what_controls(report_of(size)))
+        fewest = min(fewest, new.mesh.n_cells)
+        excess = Message(text, first, fewest, what_controls(report_of(size)))
         best = min(best, new, key=lambda one: cap.load(one.mesh))
         if maker.time.is_over:
             break
