@@ -25,6 +25,7 @@ from adaptsize.geometry.width import boundary_width
 from adaptsize.limiting import Exact
 from adaptsize.limiting.exact import candidates, field
 from adaptsize.limiting.exact.field import node_entries
+from adaptsize.quality import conformity
 from adaptsize.quality.boundary import farthest_places
 from adaptsize.quality.by_place import _of_edges
 from adaptsize.quality.elements import flat_cells, radius_ratios
@@ -39,6 +40,7 @@ CHUNKS = [
     (inside, "_CELLS"),
     (field, "_ENTRIES"),
     (recovery, "_PAIRS_AT_ONCE"),
+    (conformity, "_EDGES_AT_ONCE"),
 ]
 
 
@@ -171,12 +173,15 @@ def test_chunks_of_passes_over_a_mesh_and_its_boundary_do_not_matter(monkeypatch
         boxes = node_entries(mesh.points, mesh.points[:, 0], names).boxes
         solid = solid_angle(corners, corners.mean(axis=(0, 1)))
         derivatives = ads.sizes.recovered_hessian(mesh, mesh.points[:, 0] ** 2)
+        ratios = conformity.edge_ratios(mesh, np.where(mesh.points[:, 0] < 0.5, 0.1, np.inf))
         of_mesh = mesh.diagonal, mesh.measures, mesh.in_a_cell, derivatives
-        found.append([*of_mesh, turns, normals, boxes, solid])
+        found.append([*of_mesh, turns, normals, boxes, solid, ratios])
     for others in found[1:]:
         for one, other in zip(found[0], others, strict=True):
             np.testing.assert_array_equal(one, other)
     assert np.nanmin(found[0][4]) < 0.0 < np.nanmax(found[0][4])
+    assert np.isnan(found[0][8]).any()
+    assert np.nanmax(found[0][8]) > 1.0
     assert found[0][7] == pytest.approx(4.0 * np.pi)
 
 

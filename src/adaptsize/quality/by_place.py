@@ -246,10 +246,10 @@ class RequestedElements(NamedTuple):
         return Served(total * self.unit, near / total, above / total, worst)
 
     def _worst(self, ratios: FloatArray) -> WorstPlace | None:
-        counted = np.flatnonzero(self.weights > 0.0)
-        if len(counted) == 0:
+        counted = self.weights > 0.0
+        if not counted.any():
             return None
-        k = counted[ratios[counted].argmax()]
+        k = np.where(counted, ratios, -np.inf).argmax()
         point = tuple(self.points[k].tolist())
         return WorstPlace(point, float(self.sizes[k]), float(self.edges[k]))
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from adaptsize._checks import FARTHEST, as_sizes, as_sizes_at, refuse_where
 from adaptsize._size_function import SizeFunction
+from adaptsize._workers import in_all_threads
 from adaptsize.background import AnyMesh, PartitionedMesh, SimplexMesh, topology
 from adaptsize.background.migration import boundary_facets, is_counted_here
 from adaptsize.background.requests import boxes_of, ranks_within
@@ -34,6 +35,8 @@ from adaptsize.typing import BoolArray, FloatArray, IntArray
 SizeLike: TypeAlias = SizeFunction | Callable[[FloatArray], npt.ArrayLike] | npt.ArrayLike
 
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+#: Some milliseconds.
+_EDGES_AT_ONCE = 1 << 17
 _NO_SIZE = "size must be finite on one edge at least, got inf everywhere"
 
 
@@ -420,8 +423,15 @@ def edge_ratios(mesh: SimplexMesh, size: SizeLike) -> FloatArray:
     finite = np.isfinite(wanted)
     if not finite.any():
         raise ValueError(_NO_SIZE)
-    with np.errstate(over="ignore"):
-        return np.where(finite, mesh.edge_lengths / wanted, np.nan)
+    ratio, lengths = np.full(len(wanted), np.nan), mesh.edge_lengths
+
+    def divide(first: int, last: int) -> None:
+        chunk = slice(first, last)
+        with np.errstate(over="ignore"):
+            np.divide(lengths[chunk], wanted[chunk], out=ratio[chunk], where=finite[chunk])
+
+    in_all_threads(divide, len(ratio), _EDGES_AT_ONCE)
+    return ratio
 
 
 def inverted_cells(mesh: SimplexMesh) -> BoolArray:
@@ -439,7 +449,13 @@ def _size_at_midpoints(mesh: SimplexMesh, size: SizeLike) -> FloatArray:
         midpoints = 0.5 * (mesh.points[i] + mesh.points[j])
         return as_sizes("size(midpoints)", size(midpoints), (len(i),))
     nodal = as_sizes_at("size", size, mesh.points)
-    return np.asarray(0.5 * (nodal[i] + nodal[j]))
+    sizes = np.empty(len(i))
+
+    def average(first: int, last: int) -> None:
+        sizes[first:last] = 0.5 * (nodal[i[first:last]] + nodal[j[first:last]])
+
+    in_all_threads(average, len(i), _EDGES_AT_ONCE)
+    return sizes
 
 
 def _refuse_long(ratio: FloatArray) -> None:
