@@ -17,7 +17,9 @@ square, whose radius grows from 0.3 by 0.02 in each of five cycles, stretched tr
 it has no part in what moves.  *mmgpy*: its `compute_hessian` and `create_metric_from_hessian`, Mmg
 in this process, linear interpolation by SciPy; ``target_error`` is corrected in each cycle, for the
 same number of triangles or, in the row "equal error", for the error of `adapt`.  *FreeFEM*: its
-`adaptmesh`, with ``err`` corrected in the same way, and its own solves, in one process.
+`adaptmesh`, with ``err`` corrected in the same way, and its own solves, in one process.  *NGSolve*:
+its bisection of the cells whose estimator, from the recovered flux, exceeds a quarter of the
+largest, and its own solves.
 Programs that are not installed are left out.
 
 Writes `loops.md` and `loops.json`.
@@ -125,6 +127,50 @@ def corner(method, goal):
             "adaptation",
             lambda: ads.adapt(mesh, eta, backend=backend, **options).mesh,  # noqa: B023
         )
+        cycles += 1
+
+
+def corner_by_ngsolve(goal):
+    """Return the row of NGSolve."""
+    import ngsolve as ng
+    from netgen.geom2d import SplineGeometry
+
+    outline, clock, cycles = SplineGeometry(), Clock(), 0
+    corners = [(-1, -1), (0, -1), (0, 0), (1, 0), (1, 1), (-1, 1)]
+    numbers = [outline.AppendPoint(*corner) for corner in corners]
+    for start, end in zip(numbers, [*numbers[1:], numbers[0]], strict=True):
+        outline.Append(["line", start, end])
+    mesh = ng.Mesh(outline.GenerateMesh(maxh=0.25))
+    angle = ng.atan2(ng.y, ng.x)
+    angle = ng.IfPos(-1e-9 - angle, angle + 2.0 * np.pi, angle)
+    r = ng.sqrt(ng.x**2 + ng.y**2 + 1e-24)
+    exact = r ** (2 / 3) * ng.sin(2.0 / 3.0 * angle)
+    slope = 2 / 3 * r ** (-1 / 3) * ng.CF((-ng.sin(angle / 3), ng.cos(angle / 3)))
+
+    def solved():
+        """Return the squared estimator of each cell, and the error."""
+        space = ng.H1(mesh, order=1, dirichlet=".*")
+        u, v = space.TnT()
+        stiffness = ng.BilinearForm(ng.grad(u) * ng.grad(v) * ng.dx).Assemble()
+        found = ng.GridFunction(space)
+        found.Set(exact, ng.BND)
+        rest = (-stiffness.mat * found.vec).Evaluate()
+        found.vec.data += stiffness.mat.Inverse(space.FreeDofs(), "sparsecholesky") * rest
+        flux = ng.GridFunction(ng.VectorH1(mesh, order=1))
+        flux.Set(ng.grad(found))
+        eta = ng.Integrate((ng.grad(found) - flux) ** 2, mesh, element_wise=True)
+        square = ng.Integrate((ng.grad(found) - slope) ** 2, mesh, order=8)
+        return eta.NumPy(), np.sqrt(square)
+
+    def refine():
+        mesh.ngmesh.Elements2D().NumPy()["refine"] = eta > 0.25 * eta.max()
+        mesh.Refine()
+
+    while True:
+        eta, error = clock.run("solves", solved)
+        if error <= goal:
+            return row("corner", "NGSolve", mesh.nv, error, clock, cycles)
+        clock.run("adaptation", refine)
         cycles += 1
 
 
@@ -359,6 +405,8 @@ def measured(goal, n_spot, n_front):
         rows += [corner(method, goal) for method in ("adapt", "bisection")]
     if FREEFEM:
         rows.append(by_freefem("corner", GOAL=goal))
+    if find_spec("ngsolve") is not None:
+        rows.append(corner_by_ngsolve(goal))
     rows.append(spot("adapt", by_adapt, n_spot))
     if has_mmgpy:
         rows.append(spot("mmgpy", ByMmgpy(is_moved=True, hmax=0.2), n_spot))
