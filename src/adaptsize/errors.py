@@ -4,7 +4,8 @@ Each is derived from a built-in class, so that ``except ValueError`` and the lik
 work without importing this module.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from adaptsize._messages import Message
 
@@ -48,7 +49,22 @@ class OutsideError(ValueError):
 
 
 class TooManyElementsError(ValueError):
-    """The sizes need more elements than ``max_elements`` allows."""
+    """More elements are needed than ``max_elements`` or another option allows.
+
+    ``elements`` is the expected number, None where it is not known.  ``enough`` maps options to the
+    smallest values, in two digits, with which few enough are needed: ``{"tolerance": 0.004}``, say.
+    Each of them is enough alone; it is empty if none is known.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        elements: float | None = None,
+        enough: Mapping[str, float] = MappingProxyType({}),
+    ):
+        super().__init__(message)
+        self.elements = elements
+        self.enough = dict(enough)
 
 
 class BackendError(RuntimeError):

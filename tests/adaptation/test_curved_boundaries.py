@@ -146,9 +146,11 @@ def test_a_number_below_what_the_boundary_needs_is_refused_in_each_cycle(generat
         with pytest.raises(TooManyElementsError, match=message) as caught:
             adapt(mesh, h0=0.5, **{number: few}, original=original, max_refine=99.0)
         texts.append(str(caught.value))
+        offer = caught.value.enough["boundary_tolerance"]
+        assert texts[-1].endswith(f"={offer:g}")
+        assert caught.value.elements > 1.1 * few
     if number == "elements":
         assert texts[0] == texts[1]
-    offer = float(texts[0].rsplit("=", 1)[1])
     with pytest.raises(TooManyElementsError):
         adapt(first, h0=0.5, **{number: few}, boundary_tolerance=0.8 * offer)
 

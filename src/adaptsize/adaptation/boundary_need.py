@@ -85,10 +85,11 @@ def _check(
         "enough",
         *(tolerance, count_text(load * number), what, count_text(number)),
     )
-    offer = smallest_tolerance(tolerance, load, load_of)
+    offer, enough = smallest_tolerance(tolerance, load, load_of), {}
     if offer is not None:
         text = Message("{}: {}", text, Message.name("boundary_tolerance", f"{offer:g}"))
-    raise TooManyElementsError(text)
+        enough["boundary_tolerance"] = offer
+    raise TooManyElementsError(text, load * target, enough)
 
 
 def _halved(mesh: SimplexMesh) -> SimplexMesh:

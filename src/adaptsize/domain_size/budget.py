@@ -106,11 +106,11 @@ def _searched(domain: SizedDomain, request: Request) -> Search[SizeFunction]:
 def _refuse(domain: SizedDomain, request: Request, report: SizeReport) -> None:
     """Raise if sizes have more elements than allowed; warn if only more than relaxed to."""
     if request.is_capped or request.goal is not None:
-        raise TooManyElementsError(_refusal(domain, request, report))
+        raise _refusal(domain, request, report)
     most = refused_above(None)
     if report.n_elements > most:
         request = replace(request, max_elements=most)
-        raise TooManyElementsError(_refusal(domain, request, report))
+        raise _refusal(domain, request, report)
     warn_caller(_excess(request, report), ResolutionWarning)
 
 
@@ -141,33 +141,34 @@ def _excess(request: Request, report: SizeReport) -> Message:
     )
 
 
-def _refusal(domain: SizedDomain, request: Request, report: SizeReport) -> Message:
-    """Return how many elements the boundary within the tolerance needs, and what needs fewer.
+def _refusal(domain: SizedDomain, request: Request, report: SizeReport) -> TooManyElementsError:
+    """Return an error: how many elements the boundary needs, and with what fewer are enough.
 
     Where no tolerance and no length of details would help, something else requires the elements.
     """
     what, wanted = request.goal or ("elements", request.max_elements)
-    offers, allowed = [], f"{request.tolerance:g}"
-    tolerance = tolerance_that_fits(domain, request, report)
+    allowed, found = f"{request.tolerance:g}", report.n_elements
     if isinstance(domain, MeshDomain | SurfaceDomain):
         whole = domain.mesh.diameter
         allowed = length_text(request.tolerance * whole, whole, "diameter")
-    if tolerance is not None:
-        offers.append(Message.name("tolerance", f"{tolerance:g}"))
-    detail = detail_that_fits(domain, request)
-    if detail is not None:
-        offers.append(Message.name("least_detail", f"{detail:g}"))
-    if not offers:
-        return _excess(request, report)
+    offers = {
+        "tolerance": tolerance_that_fits(domain, request, report),
+        "least_detail": detail_that_fits(domain, request),
+    }
+    enough = {name: value for name, value in offers.items() if value is not None}
+    if not enough:
+        return TooManyElementsError(_excess(request, report), found)
+    names = [Message.name(name, f"{value:g}") for name, value in enough.items()]
     needed = f"{count_text(predicted_number(report, what, request.system))} {what}"
-    enough = f"{count_text(wanted)} are"
+    too_few = f"{count_text(wanted)} are"
     if request.goal is None and report.n_elements <= (1.0 + tuning.CLOSE) * request.max_elements:
         needed = f"{system_of(report, *request.system)[1] / 1e9:.2g} GB for the matrix"
-        enough = f"{request.options['max_memory']} is"
-    return Message(
+        too_few = f"{request.options['max_memory']} is"
+    text = Message(
         "within the tolerance of {} the boundary needs about {}; {} not enough: {}",
-        *(allowed, needed, enough, Message.joined(", or ", offers)),
+        *(allowed, needed, too_few, Message.joined(", or ", names)),
     )
+    return TooManyElementsError(text, found, enough)
 
 
 def tolerance_that_fits(domain: SizedDomain, request: Request, report: SizeReport) -> float | None:

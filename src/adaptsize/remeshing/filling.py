@@ -217,7 +217,7 @@ def number_note(inner: MeshingProblem, n_cells: float, max_elements: float) -> s
     )
     if found > max_elements:
         advice = "{}, or raise {max_elements} = {:.0f}"
-        raise TooManyElementsError(Message(advice, text, max_elements))
+        raise TooManyElementsError(Message(advice, text, max_elements), found)
     return text
 
 

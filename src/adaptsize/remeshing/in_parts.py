@@ -65,7 +65,7 @@ def _refuse_too_many(part: PartitionedMesh, sizes: FloatArray, most: float) -> N
             "the sizes require about {} elements, more than {max_elements} = {:.0f}; increase "
             "the sizes or raise {max_elements}"
         )
-        raise TooManyElementsError(Message(text, count_text(count), most))
+        raise TooManyElementsError(Message(text, count_text(count), most), count)
 
 
 def _gathered(part: PartitionedMesh, sizes: FloatArray, remesh: Remesh) -> PartitionedMesh:

@@ -363,7 +363,7 @@ def _refuse_too_many(n_cells: float, most: float) -> None:
             "the sizes require about {} elements, more than {max_elements} = {:.0f}; increase "
             "the sizes or raise {max_elements}"
         )
-        raise TooManyElementsError(Message(text, count_text(n_cells), most))
+        raise TooManyElementsError(Message(text, count_text(n_cells), most), n_cells)
 
 
 def _check_metric(metric: MetricAt | None, task: Task, *, strict: bool) -> None:

@@ -100,7 +100,8 @@ def sample(domain: DistanceDomain, rng: np.random.Generator, *, max_elements: fl
                     "the sizes require at least {} elements, more than {max_elements} = {:.0f}"
                     "; increase the sizes or raise {max_elements}",
                     *(count_text(elements), max_elements),
-                )
+                ),
+                elements,
             )
         if len(index) == 0:
             break
