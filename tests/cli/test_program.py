@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -239,7 +240,16 @@ def test_ctrl_c_during_the_imports_gives_no_traceback(tmp_path):
     assert b"Traceback" not in child.stderr
 
 
-def test_ctrl_c_where_python_ignores_exceptions_interrupts_nevertheless(monkeypatch, capsys):
+@pytest.mark.parametrize("seconds", [0.0, 0.1])
+def test_ctrl_c_where_python_ignores_exceptions_interrupts_nevertheless(
+    monkeypatch, capsys, seconds
+):
+    start = threading.Thread.start
+
+    def start_slowly(self):  # as on a busy machine
+        start(self)
+        time.sleep(seconds)
+
     class Ignored:
         def __del__(self):
             raise KeyboardInterrupt
@@ -249,6 +259,7 @@ def test_ctrl_c_where_python_ignores_exceptions_interrupts_nevertheless(monkeypa
         time.sleep(60)
 
     monkeypatch.setattr(entry, "run", command)
+    monkeypatch.setattr(threading.Thread, "start", start_slowly)
     with pytest.raises(SystemExit) as stop:
         entry.main([])
     assert stop.value.code == entry.INTERRUPTED

@@ -10,6 +10,7 @@ import shlex
 import signal
 import sys
 import threading
+import time
 import traceback
 import types
 import warnings
@@ -73,8 +74,8 @@ def _no_interrupt_is_lost() -> Iterator[None]:
 
     def repeat(unraisable: sys.UnraisableHookArgs) -> None:
         if issubclass(unraisable.exc_type, KeyboardInterrupt):
-            # Here it would be ignored again.
-            threading.Timer(0.01, _interrupt).start()
+            thread = threading.Thread(target=_interrupt_after, args=(repeat.__code__,))
+            thread.start()
         else:
             before(unraisable)
 
@@ -85,12 +86,25 @@ def _no_interrupt_is_lost() -> Iterator[None]:
         sys.unraisablehook = before
 
 
-def _interrupt() -> None:
-    """Interrupt the main thread, also while it waits where the system can do that."""
+def _interrupt_after(code: types.CodeType) -> None:
+    """Interrupt the main thread when it has left a function, in which that would be ignored.
+
+    It also interrupts what waits, where the system can do that.
+    """
+    main = cast("int", threading.main_thread().ident)
+    while _is_in(code, sys._current_frames().get(main)):
+        time.sleep(0.001)
     if sys.platform == "win32":
         _thread.interrupt_main()
     else:
-        signal.pthread_kill(cast("int", threading.main_thread().ident), signal.SIGINT)
+        signal.pthread_kill(main, signal.SIGINT)
+
+
+def _is_in(code: types.CodeType, frame: types.FrameType | None) -> bool:
+    """Return whether a function is among the callers of a frame, or is its own."""
+    while frame is not None and frame.f_code is not code:
+        frame = frame.f_back
+    return frame is not None
 
 
 def run(arguments: list[str]) -> int:
