@@ -14,7 +14,7 @@ from shapes import CORNERS, CUBE_CELLS
 
 from adaptsize import CartesianGrid, SimplexMesh, signed_distance
 from adaptsize.background.merging import first_at_place
-from adaptsize.geometry.distance.orientation import is_cycle
+from adaptsize.geometry.distance.orientation import is_cycle, rule_of
 from adaptsize.geometry.enclosed import cone_measures
 from adaptsize.geometry.solid import Sides, Solid
 
@@ -315,21 +315,56 @@ def test_no_volume_is_given_if_parts_of_a_union_leave_gaps(monkeypatch):
     assert not solid.skin.is_closed
 
 
+def prism(corners, outline, ends):
+    """The surface over an outline in the plane, which is to the right of its segments."""
+    n = len(corners)
+    points = np.concatenate([np.column_stack([corners, np.full(n, z)]) for z in (0.0, 1.0)])
+    i, j = np.array(outline), np.roll(outline, -1)
+    sides = np.concatenate([np.column_stack([j, i, i + n]), np.column_stack([j, i + n, j + n])])
+    return SimplexMesh(points, np.concatenate([ends, np.array(ends)[:, ::-1] + n, sides]))
+
+
 def test_what_is_turned_inside_out_beside_a_solid_is_none():
-    # A prism over two triangles that meet where two sides of one line cross, as in a bow tie.
-    line = np.array([[-1.0, -1.0], [2.0, 2.0], [2.0, -2.0], [-1.0, 1.0]])
-    points = np.concatenate([np.column_stack([line, np.full(4, z)]) for z in (0.0, 1.0)])
-    i, j = np.arange(4), np.roll(np.arange(4), -1)
-    ends = np.array([[0, 1, 2], [0, 2, 3]])
-    sides = np.concatenate([np.column_stack([j, i, i + 4]), np.column_stack([j, i + 4, j + 4])])
-    surface = SimplexMesh(points, np.concatenate([ends, ends[:, ::-1] + 4, sides]))
+    # Over two triangles that meet where two sides of one line cross, as in a bow tie.
+    line = [[-1.0, -1.0], [2.0, 2.0], [2.0, -2.0], [-1.0, 1.0]]
+    surface = prism(line, range(4), [[0, 1, 2], [0, 2, 3]])
     solid = Solid(surface)
     places = np.array([[1.0, 0.1, 0.5], [-0.7, 0.1, 0.5], [0.0, 1.5, 0.5]])
     assert np.rint(solid.winding(places)).tolist() == [1, -1, 0]
     assert solid.contains(places).tolist() == [True, False, False]
     assert solid.volume == pytest.approx(4.0)
-    inside_out = SimplexMesh(points, surface.cells[:, ::-1])
+    inside_out = SimplexMesh(surface.points, surface.cells[:, ::-1])
     assert Solid(inside_out).contains(places).tolist() == [True, False, False]
+
+
+@pytest.mark.parametrize("has_pocket", [False, True])
+@pytest.mark.parametrize("merged", [False, True])
+def test_the_same_holds_if_the_surface_touches_itself(has_pocket, merged):
+    # A bow tie, continued by a square, in which a triangle is cut out up to a point of its side.
+    corners = [[-1, -1], [2, 2], [4, 2], [3, 0], [5, 0], [6, 2], [6, -2], [2, -2], [-1, 1], [4, 2]]
+    of_square = [[1, 2, 3], [1, 3, 7], [3, 6, 7], [3, 4, 6], [4, 5, 6], [9, 5, 4]]
+    outline = [0, 1, 2, 3, 4, 9, 5, 6, 7, 8]
+    surface = prism(np.array(corners, float), outline, [[0, 1, 7], [0, 7, 8], *of_square])
+    points, cells = surface.points, surface.cells
+    if has_pocket:  # of no thickness
+        cells = np.concatenate([cells, cells[:1], cells[:1, ::-1]])
+    if merged:
+        points, which = np.unique(points, axis=0, return_inverse=True)
+        cells = which.reshape(-1)[cells]
+    solid = Solid(SimplexMesh(points, cells))
+    places = [[1.0, 0.1, 0.5], [-0.7, 0.1, 0.5], [4.0, 0.8, 0.5], [3.0, -1.0, 0.5]]
+    assert solid.contains(np.array(places)).tolist() == [True, False, False, True]
+    assert solid.volume == pytest.approx(4.0 + 16.0 - 2.0)
+
+
+def test_facets_of_two_layers_of_a_surface_may_coincide():
+    surface = CartesianGrid([0.0] * 3, 1.0, (6, 6, 2)).mesh.boundary().mesh
+    points = np.array(surface.points)
+    below = surface.cells[(points[surface.cells, 2] == 0.0).all(axis=1)]
+    corner = points[below].mean(axis=1)
+    one, other = (below[np.linalg.norm(corner - [x, x, 0.0], axis=1).argmin()] for x in (1.6, 3.6))
+    points[other] = points[one]
+    assert rule_of(SimplexMesh(points, surface.cells)).is_signed
 
 
 @pytest.mark.parametrize(("gap", "is_crack"), [(1e-6, True), (1e-3, False)])

@@ -1,5 +1,6 @@
 """Repair of the orientation of boundaries: all facets have the domain on the same side."""
 
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -162,14 +163,55 @@ def winding_of(surface: SimplexMesh) -> tuple[WindingNumber, Rule]:
     """Return the winding number of an oriented surface, and the rule for its solid."""
     sides = _sides_of(surface)
     if _are_outward(surface, sides):  # nothing to orient, which takes several times as long
-        return WindingNumber(surface), _rule(sides)
+        return WindingNumber(surface), Rule(is_closed=True, is_signed=True)
     surface = oriented(surface)
     return WindingNumber(surface), rule_of(surface)
 
 
 def rule_of(surface: SimplexMesh) -> Rule:
     """Return the rule for the solid of an oriented surface."""
-    return _rule(_sides_of(surface))
+    sides = _sides_of(surface)
+    is_closed = sides.are_paired
+    return Rule(is_closed, is_closed and (sides.are_single or _are_turned_as_one(surface)))
+
+
+def _are_turned_as_one(surface: SimplexMesh) -> bool:
+    """Return whether edges in two facets connect all facets that others connect.
+
+    Then no piece is oriented otherwise than one that it touches.  Facets with the same nodes do not
+    count: if their normals are opposite, they enclose nothing; else they have the orientation of
+    those around them.
+    """
+    kept, is_alone = _without_opposite(same_places(surface.points, surface.cells)[surface.cells])
+    if not kept.any():
+        return False
+    sides = _sides_of(SimplexMesh(surface.points, surface.cells[kept]))
+    first = np.flatnonzero(np.diff(sides.start, prepend=-1))
+    is_only = first[np.diff(first, append=len(sides.start)) == 1]
+    between = np.column_stack([sides.at_start, sides.at_end])
+    piece = components_of(between[is_only], int(kept.sum()))
+    counted = is_alone[kept][between]
+    least = np.where(counted, piece[between], len(piece)).min(axis=1)
+    most = np.where(counted, piece[between], -1).max(axis=1)
+    # Whichever of the facets of an edge belong together, they are of one piece.
+    return bool((np.maximum.reduceat(most, first) <= np.minimum.reduceat(least, first)).all())
+
+
+def _without_opposite(cells: IntArray) -> tuple[BoolArray, BoolArray]:
+    """Return the cells without pairs of opposite ones, and which of these no other one repeats."""
+    order = np.argsort(cells, axis=1)
+    swaps = sum(order[:, i] > order[:, j] for i, j in combinations(range(cells.shape[1]), 2))
+    sign = np.where(swaps % 2 == 0, 1, -1)
+    nodes = np.take_along_axis(cells, order, axis=1)
+    group = np.unique(nodes, axis=0, return_inverse=True)[1].reshape(-1)
+    balance = np.bincount(group, sign)[group]
+    left = np.flatnonzero(sign * balance > 0)
+    left = left[np.argsort(group[left], kind="stable")]
+    first = np.flatnonzero(np.diff(group[left], prepend=-1))
+    place = np.arange(len(left)) - np.repeat(first, np.diff(first, append=len(left)))
+    kept = np.zeros(len(cells), np.bool_)
+    kept[left[place < np.abs(balance[left])]] = True
+    return kept, np.abs(balance) == 1
 
 
 def is_cycle(surface: SimplexMesh) -> bool:
@@ -197,6 +239,11 @@ class _Sides(NamedTuple):
         """Whether each edge has as many facets in the one direction as in the other."""
         return np.array_equal(self.start, self.end)
 
+    @property
+    def are_single(self) -> bool:
+        """Whether each edge is in two facets, one in each direction."""
+        return self.are_paired and bool((np.diff(self.start) > 0).all())
+
 
 def _sides_of(surface: SimplexMesh) -> _Sides:
     cells = same_places(surface.points, surface.cells)[surface.cells].astype(np.int64)
@@ -209,17 +256,12 @@ def _sides_of(surface: SimplexMesh) -> _Sides:
     return _Sides(start[one], end[other], one // per_cell, other // per_cell)
 
 
-def _rule(sides: _Sides) -> Rule:
-    is_closed = sides.are_paired
-    return Rule(is_closed, is_closed and bool((np.diff(sides.start) > 0).all()))
-
-
 def _are_outward(surface: SimplexMesh, sides: _Sides) -> bool:
     """Return whether each edge is in two facets, in both directions, and each piece has a volume.
 
     `oriented` would turn nothing then.
     """
-    if not _rule(sides).is_signed:
+    if not sides.are_single:
         return False
     piece = components_of(np.column_stack([sides.at_start, sides.at_end]), surface.n_cells)
     volumes = np.bincount(piece, cone_measures(surface, surface.points.mean(axis=0)))
